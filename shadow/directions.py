@@ -1,0 +1,50 @@
+"""The camera frame, and light directions in it.
+
+Camera frame: x to image right, y up, z from the scene toward the camera. A light direction is the unit
+vector from the subject *to* the light; (0, 0, 1) is at the camera. Azimuth (degrees) turns from +z toward
++x, so -40 is a light at image left; elevation (degrees) rises from the horizon toward +y. Directions with
+z > 0 form the frontal hemisphere; lights behind (z < 0) are legal and give rims.
+"""
+
+import numpy as np
+
+OLAT_FRONT = 64  # Section 3: 64 uniformly sampled directions on the hemisphere facing the camera
+OLAT_BEHIND = 32
+
+
+def from_spherical(azimuth, elevation):
+    """Unit vectors (..., 3), float32, of an azimuth and elevation (...) in degrees."""
+    azimuth, elevation = np.radians(np.broadcast_arrays(azimuth, elevation))
+    horizontal = np.cos(elevation)
+    vectors = [horizontal * np.sin(azimuth), np.sin(elevation), horizontal * np.cos(azimuth)]
+    return np.stack(vectors, axis=-1).astype(np.float32)
+
+
+def to_spherical(directions):
+    """Azimuth (...) in [-180, 180] and elevation (...) in [-90, 90], degrees, of vectors (..., 3)."""
+    x, y, z = np.moveaxis(np.asarray(directions, np.float64), -1, 0)
+    return np.degrees(np.arctan2(x, z)), np.degrees(np.arctan2(y, np.hypot(x, z)))
+
+
+def _spiral(count, z):
+    """Directions at heights `z` (count,) above the image plane, turned by the golden angle from one to the
+    next: equal steps of z are equal areas of the sphere (Archimedes), so the spiral is near uniform."""
+    angle = np.pi * (3 - np.sqrt(5)) * np.arange(count)
+    radius = np.sqrt(1 - z**2)
+    return np.stack([radius * np.cos(angle), radius * np.sin(angle), z], axis=-1).astype(np.float32)
+
+
+def olat(behind=False):
+    """The OLAT direction set: (64, 3) on the frontal hemisphere, or (96, 3) with 32 more behind.
+
+    The first 64 are the same either way. Float32 unit vectors, ordered from the camera outward.
+    """
+    front = _spiral(OLAT_FRONT, 1 - (np.arange(OLAT_FRONT) + 0.5) / OLAT_FRONT)
+    if not behind:
+        return front
+    return np.concatenate([front, _spiral(OLAT_BEHIND, -(np.arange(OLAT_BEHIND) + 0.5) / OLAT_BEHIND)])
+
+
+def sweep(frames, elevation=20.0, start=90.0, end=-90.0):
+    """The moving light of Section 4.4: (frames, 3), from image right (azimuth 90) to image left."""
+    return from_spherical(np.linspace(start, end, frames), elevation)

@@ -1,0 +1,96 @@
+"""From a plate of any size to the networks' canvas around the subject, and back.
+
+The networks see people at one scale. Training and inference share this framing: the subject's bounding box
+is centred on a portrait canvas (3:4) and scaled to fill it but for a margin.
+"""
+
+from dataclasses import dataclass
+
+import torch
+import torch.nn.functional as F
+
+MARGIN = 0.06  # of the canvas, on each side
+ASPECT = 0.75  # width over height
+
+
+def canvas_size(height):
+    """(height, width) of the canvas. The height must be a multiple of 128, so that both divide by 32."""
+    if height % 128:
+        raise ValueError(f"size: expected a multiple of 128, got {height}")
+    return height, int(height * ASPECT)
+
+
+def bounding_box(mask, threshold=0.5):
+    """(top, left, bottom, right) in pixels of `mask` (H, W) above `threshold`; bottom, right exclusive."""
+    rows = torch.nonzero((mask > threshold).any(dim=1))[:, 0]
+    columns = torch.nonzero((mask > threshold).any(dim=0))[:, 0]
+    if not len(rows):
+        raise ValueError("mask: is empty, so there is no subject to frame")
+    return int(rows[0]), int(columns[0]), int(rows[-1]) + 1, int(columns[-1]) + 1
+
+
+def affine_sample(tensor, matrix, size, mode="bilinear"):
+    """`tensor` (C, H, W) sampled on a canvas of `size` (h, w); zero beyond its frame.
+
+    `matrix` (2, 3) takes a canvas position (x, y, 1) in pixels to a position in the tensor, pixel centres
+    at half-integers. Reductions are low-pass filtered first, so that fine texture does not alias.
+    """
+    height, width = size
+    y, x = torch.meshgrid(torch.arange(height) + 0.5, torch.arange(width) + 0.5, indexing="ij")
+    grid = torch.stack([x, y, torch.ones_like(x)], dim=-1).to(tensor.device) @ matrix.T.to(tensor)
+    shrink = float(torch.linalg.det(matrix[:, :2]).abs().sqrt())
+    if mode == "bilinear" and shrink > 1.5:
+        reduced = (max(1, round(tensor.shape[-2] / shrink)), max(1, round(tensor.shape[-1] / shrink)))
+        scale = torch.tensor([reduced[1] / tensor.shape[-1], reduced[0] / tensor.shape[-2]]).to(grid)
+        tensor = F.interpolate(tensor[None], reduced, mode="area")[0]
+        grid = grid * scale
+    extent = torch.tensor([tensor.shape[-1], tensor.shape[-2]]).to(grid)
+    grid = grid * 2 / extent - 1
+    return F.grid_sample(tensor[None], grid[None], mode=mode, padding_mode="zeros", align_corners=False)[0]
+
+
+@dataclass(frozen=True)
+class Framing:
+    """Where the canvas lies on the plate: `scale` canvas pixels a plate pixel, around `centre` (x, y)."""
+
+    centre: tuple[float, float]
+    scale: float
+    canvas: tuple[int, int]
+    plate: tuple[int, int]
+
+    @classmethod
+    def around(cls, mask, height):
+        """The framing of the subject that `mask` (H, W) shows, on a canvas of `height` pixels."""
+        top, left, bottom, right = bounding_box(mask)
+        canvas = canvas_size(height)
+        usable = 1 - 2 * MARGIN
+        scale = usable * min(canvas[0] / (bottom - top), canvas[1] / (right - left))
+        return cls(((left + right) / 2, (top + bottom) / 2), scale, canvas, tuple(mask.shape))
+
+    def crop(self, tensor):
+        """(C, H, W) on the plate to (C, h, w) on the canvas; zero beyond the plate."""
+        step = 1 / self.scale
+        offset = [c - n / 2 * step for c, n in zip(self.centre, self.canvas[::-1], strict=True)]
+        return affine_sample(tensor, torch.tensor([[step, 0, offset[0]], [0, step, offset[1]]]), self.canvas)
+
+    def restore(self, tensor, mode="bilinear"):
+        """(C, h, w) on the canvas to (C, H, W) on the plate; zero beyond the canvas."""
+        offset = [n / 2 - c * self.scale for c, n in zip(self.centre, self.canvas[::-1], strict=True)]
+        matrix = torch.tensor([[self.scale, 0, offset[0]], [0, self.scale, offset[1]]])
+        return affine_sample(tensor, matrix, self.plate, mode)
+
+
+def extend(tensor, mask, radius=8):
+    """`tensor` (C, H, W) continued past the edge of `mask` (H, W) by `radius` pixels; zero farther out.
+
+    Values inside are kept. Without this, enlarging a map that is zero outside the subject would draw a dark
+    line along every matte edge (normalised convolution, Knutsson and Westin 1993).
+    """
+    known = (mask > 0.5).to(tensor)[None]
+    filled = tensor * known
+    for _ in range(radius):
+        weight = F.avg_pool2d(known, 3, stride=1, padding=1)
+        around = F.avg_pool2d(filled, 3, stride=1, padding=1) / weight.clamp_min(1e-6)
+        filled = torch.where(known > 0, filled, around)
+        known = (weight > 0).to(tensor)
+    return filled

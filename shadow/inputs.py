@@ -1,0 +1,87 @@
+"""Checks at the public edge: what a caller hands over becomes float32 tensors, or a clear error."""
+
+import numpy as np
+import torch
+
+
+def _tensor(name, value, expected):
+    if isinstance(value, torch.Tensor):
+        tensor = value
+    else:
+        try:
+            tensor = torch.from_numpy(np.ascontiguousarray(value))
+        except (TypeError, ValueError) as error:
+            raise TypeError(f"{name}: expected {expected}, got {type(value).__name__}") from error
+    if tensor.is_complex() or (tensor.dtype == torch.bool and name != "mask"):
+        raise TypeError(f"{name}: expected {expected}, got dtype {tensor.dtype}")
+    return tensor
+
+
+def _finite(name, tensor):
+    if not torch.isfinite(tensor).all():
+        raise ValueError(f"{name}: contains NaN or infinite values")
+    return tensor
+
+
+def image(name, value):
+    """A linear image (H, W, 3), float, as a (3, H, W) float32 tensor."""
+    expected = "a float array of shape (H, W, 3), linear"
+    tensor = _tensor(name, value, expected)
+    if tensor.ndim != 3 or tensor.shape[-1] != 3 or 0 in tensor.shape:
+        raise ValueError(f"{name}: expected {expected}, got shape {tuple(tensor.shape)}")
+    if not tensor.is_floating_point():
+        raise TypeError(f"{name}: expected {expected}, got dtype {tensor.dtype}")
+    return _finite(name, tensor.float()).permute(2, 0, 1)
+
+
+def mask(name, value, size):
+    """A mask (H, W) in [0, 1], float or bool, of the image's size, as a float32 tensor (H, W)."""
+    expected = f"an array of shape {tuple(size)} in [0, 1], the size of the image"
+    tensor = _tensor(name, value, expected)
+    if tuple(tensor.shape) != tuple(size):
+        raise ValueError(f"{name}: expected {expected}, got shape {tuple(tensor.shape)}")
+    if not (tensor.is_floating_point() or tensor.dtype == torch.bool):
+        raise TypeError(f"{name}: expected {expected}, got dtype {tensor.dtype}")
+    tensor = _finite(name, tensor.float())
+    if tensor.min() < 0 or tensor.max() > 1:
+        raise ValueError(f"{name}: expected values in [0, 1], got [{tensor.min():g}, {tensor.max():g}]")
+    if not (tensor > 0.5).any():
+        raise ValueError(f"{name}: is empty (no value above 0.5), so there is no subject")
+    return tensor
+
+
+def directions(name, value):
+    """Light directions (D, 3), any length but zero, as unit float32 vectors."""
+    expected = "light directions of shape (D, 3)"
+    tensor = _tensor(name, value, expected)
+    if tensor.ndim != 2 or tensor.shape[-1] != 3 or len(tensor) == 0:
+        raise ValueError(f"{name}: expected {expected}, got shape {tuple(tensor.shape)}")
+    tensor = _finite(name, tensor.float())
+    length = tensor.norm(dim=-1, keepdim=True)
+    if (length < 1e-6).any():
+        raise ValueError(f"{name}: direction {int((length[:, 0] < 1e-6).nonzero()[0])} has zero length")
+    return tensor / length
+
+
+def normals(name, value, size):
+    """Camera-frame normals (H, W, 3) as a (3, H, W) float32 tensor; zero vectors are left zero."""
+    tensor = image(name, value)
+    if tuple(tensor.shape[1:]) != tuple(size):
+        raise ValueError(f"{name}: expected shape {(*size, 3)}, got {(*tensor.shape[1:], 3)}")
+    return torch.nn.functional.normalize(tensor, dim=0)
+
+
+def visibility(name, value, shape):
+    """Visibility maps (D, H, W) in [0, 1] as a float32 tensor."""
+    tensor = _tensor(name, value, f"a float array of shape {shape} in [0, 1]")
+    if tuple(tensor.shape) != tuple(shape):
+        raise ValueError(f"{name}: expected shape {shape}, got {tuple(tensor.shape)}")
+    tensor = _finite(name, tensor.float())
+    if tensor.min() < 0 or tensor.max() > 1:
+        raise ValueError(f"{name}: expected values in [0, 1], got [{tensor.min():g}, {tensor.max():g}]")
+    return tensor
+
+
+def like(result, original):
+    """`result` as what the caller handed over: a NumPy array, or a tensor on the caller's device."""
+    return result.to(original.device) if isinstance(original, torch.Tensor) else result.cpu().numpy()

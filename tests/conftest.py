@@ -1,0 +1,35 @@
+"""A sphere as a record: every value of it is known in closed form."""
+
+import numpy as np
+import pytest
+
+from shadow import directions
+from shadow.records import Record
+
+
+def sphere(size=96, radius=0.8, behind=True):
+    """A white-to-red unit sphere seen along -z without perspective: it casts no shadow on itself."""
+    step = (np.arange(size) + 0.5) * 2 / size - 1
+    x, y = np.meshgrid(step / radius, -step / radius)
+    mask = x**2 + y**2 < 0.98
+    normals = np.stack([x, y, np.sqrt(np.clip(1 - x**2 - y**2, 0, 1))], axis=-1)[mask]
+    albedo = np.stack(
+        [np.full(len(normals), 0.8), normals[:, 2] * 0.5 + 0.3, np.full(len(normals), 0.4)], axis=1
+    )
+    lights = directions.olat(behind)
+    return Record.of(mask, normals, albedo, normals @ lights.T > 0, lights, {"figure": "sphere"})
+
+
+@pytest.fixture
+def ball():
+    return sphere()
+
+
+@pytest.fixture
+def person():
+    """A linear image (H, W, 3) and a mask (H, W) of a figure that is two boxes: enough to run networks."""
+    rgb = np.random.default_rng(0).uniform(0.05, 0.6, (200, 160, 3)).astype(np.float32)
+    mask = np.zeros((200, 160), np.float32)
+    mask[20:180, 60:100] = 1
+    mask[60:80, 30:130] = 1
+    return rgb, mask

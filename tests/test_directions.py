@@ -1,0 +1,43 @@
+import numpy as np
+import pytest
+
+from shadow import directions
+
+
+@pytest.mark.parametrize(
+    ("azimuth", "elevation", "vector"),
+    [(0, 0, [0, 0, 1]), (90, 0, [1, 0, 0]), (-90, 0, [-1, 0, 0]), (0, 90, [0, 1, 0]), (180, 0, [0, 0, -1])],
+)
+def test_axes(azimuth, elevation, vector):
+    np.testing.assert_allclose(directions.from_spherical(azimuth, elevation), vector, atol=1e-6)
+
+
+def test_spherical_round_trip():
+    azimuth, elevation = np.meshgrid(np.linspace(-170, 170, 12), np.linspace(-80, 80, 9))
+    back = directions.to_spherical(directions.from_spherical(azimuth, elevation))
+    np.testing.assert_allclose(back, [azimuth, elevation], atol=1e-3)
+
+
+def test_olat_set():
+    front, whole = directions.olat(), directions.olat(behind=True)
+    assert front.shape == (64, 3)
+    assert whole.shape == (96, 3)
+    np.testing.assert_array_equal(whole[:64], front)
+    assert (front[:, 2] > 0).all()
+    assert (whole[64:, 2] < 0).all()
+    np.testing.assert_allclose(np.linalg.norm(whole, axis=1), 1, atol=1e-6)
+
+
+def test_olat_is_uniform():
+    front = directions.olat()
+    angles = np.degrees(np.arccos(np.clip(front @ front.T - 2 * np.eye(64), -1, 1)))
+    nearest = angles.min(axis=1)
+    # 64 equal caps of the hemisphere have a radius of 10 degrees.
+    assert nearest.min() > 12
+    assert nearest.max() < 22
+    np.testing.assert_allclose(front.mean(axis=0), [0, 0, 0.5], atol=0.03)
+
+
+def test_sweep_goes_from_right_to_left():
+    path = directions.sweep(5, elevation=0)
+    np.testing.assert_allclose(path[[0, 2, 4]], [[1, 0, 0], [0, 0, 1], [-1, 0, 0]], atol=1e-6)
