@@ -1,0 +1,6 @@
+"""One-light-at-a-time diffuse shading and diffuse albedo of a clothed person, from one image."""
+
+from shading.albedo import infer_albedo
+from shading.diffuse import infer
+
+__all__ = ["infer", "infer_albedo"]

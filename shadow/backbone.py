@@ -1,0 +1,86 @@
+"""The image network that normals, albedo and the visibility field share: one forward for one image."""
+
+import itertools
+
+import torch
+import torch.nn.functional as F
+from torch import nn
+
+EXPOSURE = 0.2  # mean linear luminance inside the mask, after normalisation
+
+
+def encode_image(rgb, mask):
+    """What a network sees: exposure-normalised, display-like encoding, masked, and the mask itself.
+
+    rgb: (B, 3, H, W) linear, >= 0. mask: (B, 1, H, W) in [0, 1]. Returns (B, 4, H, W), the colour in about
+    [0, 2]. Section 3 asks for any overall intensity: dividing by the mean over the mask gives exactly that.
+    """
+    area = mask.sum(dim=(-2, -1), keepdim=True).clamp_min(1)
+    mean = (rgb * mask).sum(dim=(-2, -1), keepdim=True).mean(dim=1, keepdim=True) / area
+    exposed = rgb.clamp_min(0) * (EXPOSURE / mean.clamp_min(1e-6))
+    return torch.cat([(exposed.clamp_max(4) + 1e-4) ** (1 / 2.2) * mask, mask], dim=1)
+
+
+class ChannelNorm(nn.LayerNorm):
+    """Layer normalisation over the channels of each pixel: it cannot see how much background there is,
+    as GroupNorm and InstanceNorm do."""
+
+    def forward(self, x):
+        return super().forward(x.permute(0, 2, 3, 1)).permute(0, 3, 1, 2)
+
+
+class Residual(nn.Module):
+    def __init__(self, channels):
+        super().__init__()
+        self.norm1, self.conv1 = ChannelNorm(channels), nn.Conv2d(channels, channels, 3, padding=1)
+        self.norm2, self.conv2 = ChannelNorm(channels), nn.Conv2d(channels, channels, 3, padding=1)
+
+    def forward(self, x):
+        h = self.conv1(F.silu(self.norm1(x)))
+        return x + self.conv2(F.silu(self.norm2(h)))
+
+
+class Backbone(nn.Module):
+    """U-Net with additive skips (RFB15) and pre-activation residual blocks (HZRS16).
+
+    The image is read at half resolution (2 x 2 pixels unshuffled into channels), so that the top level is
+    affordable on a CPU, and the head writes 2 x 2 pixels back.
+    """
+
+    def __init__(
+        self,
+        in_channels,  # 4 (colour and mask), or 7 with normals
+        out_channels,  # channels of the head, at full resolution
+        widths=(48, 96, 144, 192, 256),  # channels of each level, 1/2 to 1/32
+        encoder=(1, 1, 2, 2, 3),  # residual blocks a level, on the way down
+        decoder=(1, 1, 1, 1),  # residual blocks a level, on the way up
+    ):
+        super().__init__()
+        self.stem = nn.Conv2d(4 * in_channels, widths[0], 3, padding=1)
+        self.encoder = nn.ModuleList(
+            nn.Sequential(*(Residual(c) for _ in range(n))) for c, n in zip(widths, encoder, strict=True)
+        )
+        steps = list(itertools.pairwise(widths))
+        self.down = nn.ModuleList(nn.Conv2d(fine, coarse, 2, stride=2) for fine, coarse in steps)
+        self.up = nn.ModuleList(nn.Conv2d(coarse, fine, 1) for fine, coarse in steps)
+        self.decoder = nn.ModuleList(
+            nn.Sequential(*(Residual(c) for _ in range(n))) for c, n in zip(widths[:-1], decoder, strict=True)
+        )
+        self.norm = ChannelNorm(widths[0])
+        self.head = nn.Conv2d(widths[0], 4 * out_channels, 1)
+        nn.init.zeros_(self.head.weight)  # every network starts at its base: see normals, field, albedo
+        nn.init.zeros_(self.head.bias)
+
+    def forward(self, x):
+        """(B, in_channels, H, W) to (B, out_channels, H, W); H and W multiples of 32."""
+        x = self.stem(F.pixel_unshuffle(x, 2))
+        skips = []
+        for blocks, down in zip(self.encoder, self.down, strict=False):
+            x = blocks(x)
+            skips.append(x)
+            x = down(x)
+        x = self.encoder[-1](x)
+        for blocks, up, skip in zip(reversed(self.decoder), reversed(self.up), reversed(skips), strict=True):
+            x = skip + F.interpolate(up(x), scale_factor=2.0, mode="bilinear")
+            x = blocks(x)
+        return F.pixel_shuffle(self.head(F.silu(self.norm(x))), 2)

@@ -1,0 +1,80 @@
+"""Weights by name: safetensors files shipped in the packages, checked against their sha256.
+
+A file carries what it is: `network` (the class), `config` (its constructor arguments) and `recipe` (how it
+was trained) stand in its metadata as JSON. Tensors are stored as float16 and loaded as float32.
+"""
+
+import functools
+import hashlib
+import json
+import os
+from importlib import resources
+from pathlib import Path
+
+import torch
+from safetensors import SafetensorError, safe_open
+from safetensors.torch import save_file
+
+
+def read(path, checksum=None):
+    """(state, metadata) of a .safetensors file; ValueError if it is damaged."""
+    data = Path(path).read_bytes()
+    if checksum and hashlib.sha256(data).hexdigest() != checksum:
+        raise ValueError(f"weights: {path} is damaged (its sha256 differs); install the package again")
+    try:
+        with safe_open(path, framework="pt") as file:
+            return {key: file.get_tensor(key) for key in file.keys()}, file.metadata() or {}  # noqa: SIM118
+    except SafetensorError as error:
+        raise ValueError(f"weights: {path} is not a safetensors file, or is truncated: {error}") from error
+
+
+@functools.lru_cache(maxsize=8)
+def _load(path, checksum, networks):
+    state, metadata = read(path, checksum)
+    networks = dict(networks)
+    if metadata.get("network") not in networks:
+        raise ValueError(
+            f"weights: {path} holds a {metadata.get('network')!r} network, expected {' or '.join(networks)}"
+        )
+    network = networks[metadata["network"]](**json.loads(metadata["config"]))
+    network.load_state_dict({key: value.float() for key, value in state.items()}, strict=True)
+    return network.eval().requires_grad_(False).to(memory_format=torch.channels_last)
+
+
+def load(name, networks, *, package):
+    """The network `name`, ready for inference on the CPU.
+
+    Parameters
+    ----------
+    name: a name in `<package>/weights/index.json`, or the path of a .safetensors file.
+    networks: {network: class}, the classes that are welcome here.
+    package: "shadow" or "shading".
+
+    Raises
+    ------
+    ValueError: no such name, a damaged file, or a network of another kind.
+    FileNotFoundError: `name` is a path at which there is no file.
+    """
+    kinds = tuple(networks.items())
+    if str(name).endswith(".safetensors"):
+        return _load(Path(name).resolve(strict=True), None, kinds)
+    folder = resources.files(package) / "weights"
+    index = json.loads((folder / "index.json").read_text())
+    if name not in index:
+        raise ValueError(f"model: unknown weights {name!r}, expected a .safetensors path or {sorted(index)}")
+    return _load(Path(str(folder / index[name]["file"])), index[name]["sha256"], kinds)
+
+
+def save(path, network, kind, config, recipe):
+    """Write `network` as float16 safetensors, beside and then renamed, and return its sha256."""
+    path = Path(path)
+    state = {
+        key: value.detach().half() if value.is_floating_point() else value.detach()
+        for key, value in network.state_dict().items()
+    }
+    state = {key: value.cpu().contiguous() for key, value in state.items()}
+    metadata = {"network": kind, "config": json.dumps(config), "recipe": json.dumps(recipe)}
+    beside = path.with_name(path.name + ".part")
+    save_file(state, beside, metadata)
+    os.replace(beside, path)
+    return hashlib.sha256(path.read_bytes()).hexdigest()

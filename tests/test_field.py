@@ -1,0 +1,75 @@
+import pytest
+import torch
+
+from shadow.directions import olat
+from shadow.field import VisibilityField, anchor_weights
+
+
+@pytest.fixture(scope="module")
+def field():
+    return VisibilityField(widths=(8, 8, 8, 8, 8), encoder=(1, 1, 1, 1, 1)).eval()
+
+
+def ball(size=64):
+    x, y = torch.meshgrid(torch.linspace(-1.1, 1.1, size), torch.linspace(1.1, -1.1, size), indexing="xy")
+    z = (1 - x**2 - y**2).clamp_min(0).sqrt()
+    return torch.stack([x, y, z]) * (z > 0), (z > 0).float()
+
+
+def trained(field):
+    """The field with a head that is not zero, as training leaves it."""
+    torch.manual_seed(0)
+    other = VisibilityField(widths=(8, 8, 8, 8, 8), encoder=(1, 1, 1, 1, 1)).eval()
+    torch.nn.init.normal_(other.backbone.head.weight, std=0.5)
+    return other
+
+
+def test_anchor_weights_sum_to_one_and_peak_at_the_anchor():
+    anchors = torch.from_numpy(olat(behind=True))
+    weights = anchor_weights(anchors, anchors)
+    torch.testing.assert_close(weights.sum(dim=-1), torch.ones(96))
+    assert (weights.argmax(dim=-1) == torch.arange(96)).all()
+
+
+def test_untrained_field_is_the_sign_baseline(field):
+    normals, mask = ball()
+    lights = torch.from_numpy(olat(behind=True))
+    maps = field.analyse(torch.rand(3, 64, 64), mask, normals)(lights)
+    cosine = torch.einsum("dc,chw->dhw", lights, normals)
+    clear = (cosine.abs() > 0.02) & (mask > 0)
+    torch.testing.assert_close((maps > 0.5)[clear], (cosine > 0)[clear])
+
+
+def test_maps_are_in_range_and_zero_outside(field):
+    normals, mask = ball()
+    maps = trained(field).analyse(torch.rand(3, 64, 64), mask, normals)(torch.from_numpy(olat()))
+    assert maps.min() >= 0
+    assert maps.max() <= 1
+    assert maps[:, mask == 0].abs().max() == 0
+
+
+def test_a_light_does_not_depend_on_its_company(field):
+    normals, mask = ball()
+    visibility = trained(field).analyse(torch.rand(3, 64, 64), mask, normals)
+    lights = torch.from_numpy(olat())
+    torch.testing.assert_close(visibility(lights)[10:12], visibility(lights[10:12]))
+
+
+def test_neighbouring_lights_have_neighbouring_maps(field):
+    """No flicker: a light that moves by half a degree changes no pixel by much."""
+    from shadow.directions import sweep
+
+    normals, mask = ball()
+    maps = trained(field).analyse(torch.rand(3, 64, 64), mask, normals)(torch.from_numpy(sweep(361)))
+    assert (maps[1:] - maps[:-1]).abs().max() < 0.15
+
+
+def test_exposure_does_not_matter(field):
+    normals, mask = ball()
+    rgb, network, lights = torch.rand(3, 64, 64) + 0.05, trained(field), torch.from_numpy(olat())
+    torch.testing.assert_close(
+        network.analyse(rgb, mask, normals)(lights),
+        network.analyse(rgb * 7, mask, normals)(lights),
+        atol=1e-3,
+        rtol=1e-3,
+    )

@@ -1,0 +1,61 @@
+import json
+
+import pytest
+import torch
+
+from shadow import normals, visibility, weights
+from shadow.normals import NormalsNetwork
+
+SMALL = {"size": 128, "widths": (8, 8), "encoder": (1, 1), "decoder": (1,)}
+
+
+@pytest.fixture
+def saved(tmp_path):
+    torch.manual_seed(0)
+    network = NormalsNetwork(**SMALL)
+    path = tmp_path / "small.safetensors"
+    return network, path, weights.save(path, network, "normals", SMALL, {"steps": 3})
+
+
+def test_round_trip_to_half_precision(saved):
+    network, path, _ = saved
+    back = normals.load(path)
+    assert back.size == 128
+    for key, value in network.state_dict().items():
+        torch.testing.assert_close(back.state_dict()[key], value.half().float(), rtol=0, atol=0)
+    assert not list(path.parent.glob("*.part"))
+
+
+def test_recipe_travels_with_the_weights(saved):
+    _, metadata = weights.read(saved[1])
+    assert json.loads(metadata["recipe"]) == {"steps": 3}
+
+
+def test_damage_is_found(saved):
+    _, path, checksum = saved
+    path.write_bytes(path.read_bytes()[:-100])
+    with pytest.raises(ValueError, match="damaged"):
+        weights.read(path, checksum)
+    with pytest.raises(ValueError, match="not a safetensors file, or is truncated"):
+        normals.load(path)
+
+
+def test_another_network_is_refused(saved):
+    with pytest.raises(ValueError, match="holds a 'normals' network, expected field"):
+        visibility.load(saved[1])
+
+
+def test_a_missing_file_is_named(tmp_path):
+    with pytest.raises(FileNotFoundError):
+        normals.load(tmp_path / "absent.safetensors")
+
+
+@pytest.mark.parametrize("package", ["shadow", "shading"])
+def test_shipped_weights_are_what_the_index_says(package):
+    from importlib import resources
+
+    folder = resources.files(package) / "weights"
+    for name, entry in json.loads((folder / "index.json").read_text()).items():
+        _, metadata = weights.read(folder / entry["file"], entry["sha256"])
+        assert metadata["network"] == name
+        assert json.loads(metadata["recipe"])["images"] > 0
