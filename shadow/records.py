@@ -1,0 +1,313 @@
+"""Training records: one rendered view each, and the random photographs made from them.
+
+A record holds what the virtual light stage saw inside the mask: normals, albedo, and one visibility bit for
+each direction of its set. Photographs are lit from it anew each time it is drawn (Section 3, "Data
+Generation"). On disk a record is one compressed .npz file; a shard is a zip archive of such files.
+"""
+
+import io
+import json
+import os
+import zipfile
+from dataclasses import dataclass, field, replace
+from pathlib import Path
+
+import numpy as np
+import torch
+import torch.nn.functional as F
+
+from shadow.framing import Framing, affine_sample, bounding_box
+
+SHARD_BYTES = 60 * 2**20
+ENCODING = 2.2  # albedo is stored as 8 bits of albedo ** (1 / 2.2), finer in dark cloth
+
+
+@dataclass(frozen=True)
+class Record:
+    """One view, as stored. N pixels lie inside the mask, in row order; D directions.
+
+    The stored types are the record: writing and reading back gives the same arrays. The properties give
+    floats.
+    """
+
+    mask: np.ndarray  # (H, W) bool
+    normals_int8: np.ndarray  # (N, 3) camera-frame normals × 127
+    albedo_uint8: np.ndarray  # (N, 3) encoded albedo × 255
+    visibility_bits: np.ndarray  # (N, ceil(D / 8)) uint8, packed along the directions
+    directions: np.ndarray  # (D, 3) float32 unit vectors, camera frame
+    about: dict = field(default_factory=dict)  # figure, split, view: whatever JSON holds
+
+    @classmethod
+    def of(cls, mask, normals, albedo, visibility, directions, about=None):
+        """From floats inside the mask: normals (N, 3) unit, albedo (N, 3) linear in [0, 1], visibility
+        (N, D) bool."""
+        return cls(
+            mask.astype(bool),
+            np.round(normals * 127).astype(np.int8),
+            np.round(np.clip(albedo, 0, 1) ** (1 / ENCODING) * 255).astype(np.uint8),
+            np.packbits(visibility.astype(bool), axis=1),
+            directions.astype(np.float32),
+            about or {},
+        )
+
+    @property
+    def normals(self):
+        """(N, 3) float32 unit vectors."""
+        vectors = self.normals_int8.astype(np.float32)
+        return vectors / np.linalg.norm(vectors, axis=1, keepdims=True)
+
+    @property
+    def albedo(self):
+        """(N, 3) float32 linear, in [0, 1]."""
+        return (self.albedo_uint8.astype(np.float32) / 255) ** ENCODING
+
+    @property
+    def visibility(self):
+        """(N, D) uint8, 1 = lit."""
+        return np.unpackbits(self.visibility_bits, axis=1, count=len(self.directions))
+
+    def image(self, values):
+        """Values inside the mask (N, C) as an image (C, H, W) float32, zero outside."""
+        canvas = np.zeros((values.shape[1], *self.mask.shape), np.float32)
+        canvas[:, self.mask] = values.T
+        return torch.from_numpy(canvas)
+
+    def cropped(self, height):
+        """The record without the empty margins of its frame, and with every second, third... pixel only if
+        the subject is then still taller than `height`: what costs time and is not seen goes."""
+        top, left, bottom, right = bounding_box(torch.from_numpy(self.mask))
+        stride = max(1, (bottom - top) // height)
+        if stride == 1:
+            return replace(self, mask=self.mask[top:bottom, left:right])
+        order = np.full(self.mask.shape, -1)
+        order[self.mask] = np.arange(len(self.normals_int8))
+        order = order[top:bottom:stride, left:right:stride]
+        kept = order[order >= 0]
+        return replace(
+            self,
+            mask=order >= 0,
+            normals_int8=self.normals_int8[kept],
+            albedo_uint8=self.albedo_uint8[kept],
+            visibility_bits=self.visibility_bits[kept],
+        )
+
+
+def to_bytes(record):
+    stream = io.BytesIO()
+    np.savez_compressed(
+        stream,
+        size=np.array(record.mask.shape),
+        mask=np.packbits(record.mask),
+        normals=record.normals_int8,
+        albedo=record.albedo_uint8,
+        visibility=record.visibility_bits,
+        directions=record.directions,
+        about=np.frombuffer(json.dumps(record.about).encode(), np.uint8),
+    )
+    return stream.getvalue()
+
+
+def from_bytes(data, name="record"):
+    """The record that `to_bytes` wrote; ValueError naming it if it is damaged."""
+    try:
+        with np.load(io.BytesIO(data), allow_pickle=False) as arrays:
+            size = tuple(arrays["size"])
+            return Record(
+                np.unpackbits(arrays["mask"], count=size[0] * size[1]).reshape(size).astype(bool),
+                arrays["normals"],
+                arrays["albedo"],
+                arrays["visibility"],
+                arrays["directions"],
+                json.loads(arrays["about"].tobytes()),
+            )
+    except (ValueError, KeyError, OSError, EOFError, zipfile.BadZipFile) as error:
+        raise ValueError(f"records: {name} is damaged or not a record: {error}") from error
+
+
+def write(path, record):
+    """Write beside, then rename. Returns the bytes on disk."""
+    path, data = Path(path), to_bytes(record)
+    beside = path.with_name(path.name + ".part")
+    beside.write_bytes(data)
+    os.replace(beside, path)
+    return len(data)
+
+
+def pack(folder, out):
+    """Pack the records of `folder` into shards `out`/shard-000.zip, ... of at most 60 MiB each.
+
+    Records are dealt over the shards in a fixed random order, so that any subset of shards is a fair
+    sample. Returns the paths.
+    """
+    files = sorted(Path(folder).glob("*.npz"))
+    if not files:
+        raise ValueError(f"folder: {folder} holds no records (.npz)")
+    order = np.random.default_rng(0).permutation(len(files))
+    Path(out).mkdir(parents=True, exist_ok=True)
+    shards, room = [], 0
+    for file in (files[i] for i in order):
+        size = file.stat().st_size + 2 * len(file.name) + 128  # a zip entry's own bytes
+        if size > room:
+            shards.append([])
+            room = SHARD_BYTES - 1024
+        shards[-1].append(file)
+        room -= size
+    paths = []
+    for number, members in enumerate(shards):
+        path = Path(out) / f"shard-{number:03d}.zip"
+        beside = path.with_name(path.name + ".part")
+        with zipfile.ZipFile(beside, "w", zipfile.ZIP_STORED) as archive:
+            for file in members:
+                archive.write(file, file.name)
+        os.replace(beside, path)
+        paths.append(path)
+    return paths
+
+
+class Records:
+    """The records under some paths, by index: folders of .npz files and .zip shards, or single files."""
+
+    def __init__(self, paths):
+        self.entries = []  # (file, member of the archive or None)
+        for path in map(Path, paths):
+            if not path.exists():
+                raise FileNotFoundError(f"records: there is nothing at {path}")
+            for file in sorted(path.glob("*")) if path.is_dir() else [path]:
+                if file.suffix == ".npz":
+                    self.entries.append((file, None))
+                elif file.suffix == ".zip":
+                    with zipfile.ZipFile(file) as archive:
+                        self.entries += [(file, name) for name in sorted(archive.namelist())]
+        if not self.entries:
+            raise ValueError(f"records: no records (.npz) or shards (.zip) in {', '.join(map(str, paths))}")
+
+    def __len__(self):
+        return len(self.entries)
+
+    def __getitem__(self, index):
+        file, member = self.entries[index]
+        if member is None:
+            return from_bytes(file.read_bytes(), file)
+        with zipfile.ZipFile(file) as archive:
+            return from_bytes(archive.read(member), f"{file}:{member}")
+
+
+def random_lighting(rng, directions):
+    """Weights (D, 3) of a random lighting over `directions` (D, 3): any mixture is weights over the set.
+
+    One to four hard lights, each of its own colour, above an ambient environment that varies slowly with
+    direction. Real photographs go from one to the other, so the share of hard light does too.
+    """
+    hard = np.zeros((len(directions), 3), np.float32)
+    for _ in range(rng.choice([1, 2, 3, 4], p=[0.5, 0.3, 0.12, 0.08])):
+        # Key lights stand above and before the subject more often than not.
+        odds = np.exp(1.0 * directions[:, 2] + 0.7 * directions[:, 1])
+        tint = np.exp(rng.normal(0, 0.15, 3))
+        hard[rng.choice(len(directions), p=odds / odds.sum())] += rng.uniform(0.3, 1.0) * tint
+    axis = rng.normal(size=(3, 3))  # a main direction and two lesser ones
+    axis[0, 1] = abs(axis[0, 1]) + 0.5  # light comes from above more often
+    cosines = directions @ axis.T / np.linalg.norm(axis, axis=1)
+    lobes = rng.uniform(0.05, 0.3) + np.exp(rng.uniform(0, 3, 3) * (cosines - 1))
+    lobes[np.arange(len(directions)) % 3 != rng.integers(3)] = 0  # a third of the samples is enough
+    soft = lobes * rng.uniform(0, 1, 3) @ np.exp(rng.normal(0, 0.12, (3, 3)))
+    soft = soft / soft.sum(axis=0).mean()
+    share = rng.choice([rng.uniform(0.6, 0.95), rng.uniform(0, 0.6), 0.0], p=[0.5, 0.3, 0.2])
+    return (share * hard / hard.sum() * 3 + (1 - share) * 4 * soft).astype(np.float32)
+
+
+def light(record, weights, gloss=0.0, shininess=20.0):
+    """The record photographed under `weights` (D, 3): linear colour (N, 3), direct light only (Section 3).
+
+    `gloss` adds a Blinn-Phong highlight, seen from the camera axis, that the albedo does not explain.
+    """
+    # In torch, whose threads the data loader's workers can limit; BLAS behind NumPy takes every core.
+    normals, visibility = torch.from_numpy(record.normals), torch.from_numpy(record.visibility)
+    lights, power = torch.from_numpy(record.directions), torch.from_numpy(weights)
+    shining = power.any(dim=1)
+    shading = (normals @ lights[shining].T).clamp_min_(0).mul_(visibility[:, shining])
+    colour = torch.from_numpy(record.albedo) * (shading @ power[shining])
+    if gloss > 0:
+        bright = power.sum(dim=1) > 0.1
+        half = F.normalize(lights[bright] + torch.tensor([0.0, 0.0, 1.0]), dim=1)
+        peaks = (normals @ half.T).clamp_min_(0).pow_(shininess).mul_(visibility[:, bright])
+        colour += gloss * (peaks @ power[bright])
+    return colour.numpy()
+
+
+def photograph(rgb, mask, rng):
+    """A linear image (3, H, W) as a camera would deliver it: exposure, white balance, a background shining
+    through the matte's edge, sensor noise, clipping, 8 bits; linear again."""
+    mean = (rgb * mask).sum() / (3 * mask.sum())
+    tint = torch.from_numpy(np.exp(rng.normal(0, 0.08, 3)).astype(np.float32)).view(3, 1, 1)
+    rgb = rgb * tint * (np.exp(rng.uniform(np.log(0.06), np.log(0.6))) / mean.clamp_min(1e-6))
+    if rng.random() < 0.5:
+        behind = torch.from_numpy(rng.uniform(0, 1, 3).astype(np.float32) ** 2).view(3, 1, 1)
+        rgb = torch.lerp(behind, rgb, mask)
+    shot, read = np.exp(rng.uniform(np.log([1e-4, 1e-4]), np.log([2e-2, 4e-3])))
+    noise = torch.from_numpy(rng.standard_normal(rgb.shape, np.float32))
+    if rng.random() < 0.5:  # a camera's noise is blurred by demosaicing and compression
+        noise = F.avg_pool2d(noise, 3, stride=1, padding=1) * 2
+    rgb = rgb + noise * (shot**2 * rgb.clamp_min(0) + read**2).sqrt()
+    encoded = rgb.clamp(0, 1) ** (1 / ENCODING)
+    return ((encoded * 255).round() / 255) ** ENCODING
+
+
+class Sample(dict):
+    """Tensors of one training example, all in the canvas and its (possibly turned) camera frame.
+
+    rgb (3, h, w) linear photograph; mask (1, h, w); normals (3, h, w) unit; albedo (3, h, w) linear;
+    directions (L, 3); visibility (L, h, w) in [0, 1]. Normals, albedo, visibility hold inside the mask.
+    """
+
+
+def sample(record, rng, size, lights=None, augment=True):
+    """A random photograph of the record, with its truth, framed on a canvas of `size` (h, w).
+
+    `lights` directions are drawn from the record's set (all of them, in order, if None). With `augment` the
+    picture is flipped, turned in the image plane, scaled and moved, and normals and directions turn with it.
+    """
+    record = record.cropped(size[0])
+    count = len(record.directions)
+    chosen = np.arange(count) if lights is None else np.sort(rng.choice(count, lights, replace=False))
+    weights = random_lighting(rng, record.directions)
+    gloss = rng.choice([0.0, rng.uniform(0.02, 0.2)], p=[0.7, 0.3])
+    values = [
+        np.ones((record.mask.sum(), 1), np.float32),
+        light(record, weights, gloss, np.exp(rng.uniform(2, 4))),
+        record.normals,
+        record.albedo,
+        record.visibility[:, chosen],
+    ]
+    framing = Framing.around(torch.from_numpy(record.mask), size[0])
+    turn = np.eye(2)  # of the picture, x right and y up
+    scale, shift = 1.0, np.zeros(2)
+    if augment:
+        angle = np.radians(np.clip(rng.normal(0, 12), -40, 40))
+        flip = rng.choice([-1.0, 1.0])
+        turn = np.diag([flip, 1]) @ [[np.cos(angle), -np.sin(angle)], [np.sin(angle), np.cos(angle)]]
+        scale = np.exp(rng.normal(0, 0.08))
+        shift = rng.normal(0, 0.03, 2) * size[0]
+        if rng.random() < 0.15:  # a portrait: the frame cuts the body
+            zoom = rng.uniform(1.3, 2.6)
+            scale *= zoom
+            shift[1] -= (zoom - 1) * rng.uniform(0.2, 0.45) * size[0]  # toward the head
+    # Canvas to record, in pixels with y down: the inverse of turn, then of scale.
+    downward = np.diag([1.0, -1.0])
+    linear = downward @ turn.T @ downward / (scale * framing.scale)
+    offset = np.array(framing.centre) - linear @ (np.array([size[1], size[0]]) / 2 + shift * [1, -1])
+    matrix = torch.from_numpy(np.concatenate([linear, offset[:, None]], axis=1)).float()
+    planes = affine_sample(record.image(np.concatenate(values, axis=1)), matrix, size)
+    mask = planes[:1]
+    straight = planes[1:] / mask.clamp_min(0.02)  # bilinear sampling premultiplied by the mask
+    rgb, normals, albedo, visibility = straight.split([3, 3, 3, len(chosen)])
+    frame = torch.eye(3)
+    frame[:2, :2] = torch.from_numpy(turn)
+    turned = torch.einsum("ij,jhw->ihw", frame, normals)
+    return Sample(
+        rgb=photograph(rgb, mask, rng) if augment else rgb,
+        mask=mask,
+        normals=turned / turned.square().sum(dim=0).clamp_min(1e-12).sqrt(),
+        albedo=albedo.clamp(0, 1),
+        directions=torch.from_numpy(record.directions[chosen]) @ frame.T,
+        visibility=visibility.clamp(0, 1),
+    )

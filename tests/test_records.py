@@ -1,0 +1,132 @@
+import zipfile
+
+import numpy as np
+import pytest
+import torch
+
+from shadow import records
+from shadow.framing import canvas_size
+
+
+def same(a, b):
+    arrays = ("mask", "normals_int8", "albedo_uint8", "visibility_bits", "directions")
+    return a.about == b.about and all(np.array_equal(getattr(a, n), getattr(b, n)) for n in arrays)
+
+
+def test_round_trip_is_exact(ball, tmp_path):
+    size = records.write(tmp_path / "a.npz", ball)
+    assert size == (tmp_path / "a.npz").stat().st_size
+    assert same(records.Records([tmp_path])[0], ball)
+    assert not list(tmp_path.glob("*.part"))
+
+
+def test_stored_precision(ball):
+    step = (np.arange(96) + 0.5) * 2 / 96 - 1
+    x, y = np.meshgrid(step / 0.8, -step / 0.8)
+    truth = np.stack([x, y, np.sqrt(np.clip(1 - x**2 - y**2, 0, 1))], axis=-1)[ball.mask]
+    assert np.degrees(np.arccos(np.clip((ball.normals * truth).sum(axis=1), -1, 1))).max() < 0.6
+    np.testing.assert_array_equal(ball.visibility, truth @ ball.directions.T > 0)
+    np.testing.assert_allclose(ball.albedo[:, 0], 0.8, atol=0.005)
+
+
+@pytest.mark.parametrize("keep", [0, 10, 0.5, 0.95])
+def test_a_truncated_record_is_named(ball, tmp_path, keep):
+    data = records.to_bytes(ball)
+    (tmp_path / "cut.npz").write_bytes(data[: int(keep * len(data)) if keep < 1 else keep])
+    with pytest.raises(ValueError, match=r"cut\.npz is damaged"):
+        records.Records([tmp_path])[0]
+
+
+def test_missing_and_empty_folders(tmp_path):
+    with pytest.raises(FileNotFoundError, match="nothing at"):
+        records.Records([tmp_path / "absent"])
+    with pytest.raises(ValueError, match="no records"):
+        records.Records([tmp_path])
+    with pytest.raises(ValueError, match="holds no records"):
+        records.pack(tmp_path, tmp_path / "out")
+
+
+def test_shards_hold_every_record_once_and_stay_small(ball, tmp_path, monkeypatch):
+    (tmp_path / "views").mkdir()
+    size = records.write(tmp_path / "views" / "00.npz", ball)
+    for number in range(1, 10):
+        records.write(tmp_path / "views" / f"{number:02d}.npz", ball)
+    monkeypatch.setattr(records, "SHARD_BYTES", 4 * size)
+    shards = records.pack(tmp_path / "views", tmp_path / "shards")
+    assert all(path.stat().st_size <= 4 * size for path in shards)
+    names = [name for path in shards for name in zipfile.ZipFile(path).namelist()]
+    assert sorted(names) == [f"{number:02d}.npz" for number in range(10)]
+    found = records.Records([tmp_path / "shards"])
+    assert len(found) == 10
+    assert same(found[7], ball)
+
+
+def test_light_is_lambert_times_visibility(ball):
+    weights = np.zeros((96, 3), np.float32)
+    weights[5] = [1, 0.5, 0.25]
+    shading = np.maximum(ball.normals @ ball.directions[5], 0) * ball.visibility[:, 5]
+    expected = ball.albedo * shading[:, None] * weights[5]
+    np.testing.assert_allclose(records.light(ball, weights), expected, atol=1e-5)
+
+
+def test_light_is_linear(ball):
+    rng = np.random.default_rng(0)
+    a, b = (records.random_lighting(rng, ball.directions) for _ in range(2))
+    np.testing.assert_allclose(
+        records.light(ball, a + 2 * b),
+        records.light(ball, a) + 2 * records.light(ball, b),
+        rtol=1e-4,
+        atol=1e-5,
+    )
+
+
+def test_random_lighting_is_never_dark():
+    from shadow.directions import olat
+
+    rng = np.random.default_rng(0)
+    for _ in range(50):
+        weights = records.random_lighting(rng, olat(behind=True))
+        assert np.isfinite(weights).all()
+        assert (weights >= 0).all()
+        assert weights.sum() > 1
+
+
+@pytest.mark.parametrize("seed", range(12))
+def test_normals_and_lights_turn_with_the_picture(ball, seed):
+    """A flipped, turned, scaled sphere is still a sphere: its normals follow from its outline, and where it
+    is lit follows from them and the turned lights."""
+    view = records.sample(ball, np.random.default_rng(seed), canvas_size(128), lights=8)
+    inside = (view["mask"][0] > 0.99) & (view["normals"][2] > 0.5)
+    y, x = torch.nonzero(inside, as_tuple=True)
+    normals = view["normals"][:, inside]
+    # The outline gives x and y up to a common scale and the centre: a linear fit must explain them.
+    ones = torch.ones_like(x)
+    for axis, position in ((0, x), (1, -y)):
+        system = torch.stack([position, ones], dim=1).float()
+        fit = torch.linalg.lstsq(system, normals[axis, :, None]).solution
+        assert fit[0] > 0
+        assert (system @ fit - normals[axis, :, None]).abs().max() < 0.06
+    cosine = view["directions"] @ normals
+    certain = cosine.abs() > 0.1
+    lit = view["visibility"][:, inside]
+    torch.testing.assert_close(lit[certain].round(), (cosine > 0).float()[certain])
+
+
+def test_without_augmentation_the_camera_frame_is_kept(ball):
+    view = records.sample(ball, np.random.default_rng(0), canvas_size(128), augment=False)
+    np.testing.assert_allclose(view["directions"], ball.directions, atol=1e-6)
+    inside = view["mask"][0] > 0.99
+    left, right = view["normals"][0][:, :60][inside[:, :60]], view["normals"][0][:, 132 - 96 :]
+    assert left.mean() < 0 < right[inside[:, 132 - 96 :]].mean()
+    top = view["normals"][1][:40][inside[:40]]
+    assert top.mean() > 0
+
+
+def test_samples_are_deterministic_and_finite(ball):
+    first, again = (records.sample(ball, np.random.default_rng(3), canvas_size(128), 5) for _ in range(2))
+    for key, value in first.items():
+        assert torch.isfinite(value).all(), key
+        torch.testing.assert_close(value, again[key], rtol=0, atol=0)
+    assert first["rgb"].min() >= 0
+    assert first["rgb"].max() <= 1
+    assert first["visibility"].shape == (5, 128, 96)
