@@ -1,0 +1,53 @@
+"""A figure: one static, posed, coloured surface that stands on the stage."""
+
+from collections.abc import Callable
+from dataclasses import dataclass
+
+import numpy as np
+
+Albedo = Callable[[np.ndarray, np.ndarray], np.ndarray]
+
+
+@dataclass(frozen=True)
+class Figure:
+    """A person ready to be rendered.
+
+    vertices: (V, 3) float32 metres, y up, facing +z, the lowest point at y = 0, pelvis about x = z = 0.
+    faces: (F, 3) int32 vertex indices, counter-clockwise seen from outside.
+    normals: (V, 3) float32 unit shading normals; a vertex is repeated where the surface has a crease.
+    albedo: (face index (N,), barycentric (N, 3)) -> (N, 3) float32 linear Rec.709 in [0, 1].
+    name: what the records call it.
+    """
+
+    vertices: np.ndarray
+    faces: np.ndarray
+    normals: np.ndarray
+    albedo: Albedo
+    name: str
+
+
+def vertex_normals(vertices: np.ndarray, faces: np.ndarray) -> np.ndarray:
+    """Area-weighted unit normals (V, 3) of a mesh; a vertex without area gets +y."""
+    a, b, c = (vertices[faces[:, k]] for k in range(3))
+    area = np.cross(b - a, c - a)
+    normals = np.stack(
+        [sum(np.bincount(faces[:, k], area[:, axis], len(vertices)) for k in range(3)) for axis in range(3)],
+        axis=1,
+    )
+    return unit(normals)
+
+
+def unit(vectors: np.ndarray) -> np.ndarray:
+    """Vectors (..., 3) scaled to length 1; the zero vector becomes +y."""
+    length = np.linalg.norm(vectors, axis=-1, keepdims=True)
+    return np.where(length > 1e-12, vectors / np.maximum(length, 1e-12), np.array([0.0, 1.0, 0.0]))
+
+
+def interpolate(values: np.ndarray, faces: np.ndarray, barycentric: np.ndarray) -> np.ndarray:
+    """Vertex values (V, C) at surface points: faces (N, 3) vertex indices, barycentric (N, 3) -> (N, C)."""
+    corners = values[faces]
+    return (
+        corners[:, 0] * barycentric[:, :1]
+        + corners[:, 1] * barycentric[:, 1:2]
+        + corners[:, 2] * barycentric[:, 2:]
+    )

@@ -1,0 +1,471 @@
+"""Garments: cut from the tights of a person at rest, let out, draped on the posed body, creased and hemmed.
+
+A cut is a scalar over the rest surface whose zero line is the seam; below the hips a hem can be let down as a
+tube about the legs (skirts, coats). Layers are sewn from the inside out, and each one becomes an obstacle to
+the next.
+"""
+
+from dataclasses import dataclass, field
+
+import numpy as np
+from scipy.sparse import csr_matrix, vstack
+from scipy.spatial import cKDTree
+
+from shadow.lightstage.anatomy import REGIONS, Person
+from shadow.lightstage.cloth import border_chains, clip, drape, fold_noise, line, stretch, strip, subdivide
+from shadow.lightstage.fabric import Fabric
+from shadow.lightstage.figure import unit, vertex_normals
+
+ARMS, LEGS = (1, 2), (3, 4)
+
+
+@dataclass
+class Part:
+    """A finished piece: posed vertices, faces, unposed positions for the fabric, and the region of each vertex
+    (an index into REGIONS) that its garment coordinates run along."""
+
+    vertices: np.ndarray
+    faces: np.ndarray
+    rest: np.ndarray
+    region: np.ndarray
+    fabric: Fabric
+
+
+@dataclass
+class Fit:
+    """How a garment is cut and let out. Lengths in metres, shares along a limb in [0, 1].
+
+    sleeve: share of the arm covered, None for a sleeveless cut at the shoulder; leg: share of the leg.
+    top, bottom: heights of the rest body between which the trunk is covered. neck: neckline drop in metres
+    below the throat; vee: how much deeper at the front, as a V. ease: metres off the body; fill in [0, 1]:
+    1 hangs straight from the chest, 0 follows the waist; sleeve_width, leg_width: radius at the hem over
+    the limb's near its root, never below the limb's own there. below: length let down under `bottom`; flare: metres outwards a metre down.
+    open_front: half width of the gap of an open jacket at the hem, 0 if closed. held: edges that stay in place,
+    of "waist", "hem", "neck". weight, bending: as in `drape`; slack: cloth length over the cut's. wrinkles:
+    metres of fine creases; thickness: metres of an edge. collar: its height, and its kind, "stand", "fold" or
+    "hood". buttons: whether the front has them.
+    """
+
+    top: float = 9.0
+    bottom: float = -9.0
+    neck: float | None = None
+    vee: float = 0.0
+    sleeve: float | None = None
+    leg: float | None = None
+    ease: float = 0.008
+    fill: float = 0.5
+    sleeve_width: float = 0.0
+    leg_width: float = 0.0
+    below: float = 0.0
+    flare: float = 0.1
+    open_front: float = 0.0
+    held: tuple[str, ...] = field(default=())
+    weight: float = 1.0
+    bending: float = 0.3
+    wrinkles: float = 0.001
+    slack: float = 1.0
+    collar: float = 0.0
+    collar_kind: str = "stand"
+    buttons: bool = False
+    thickness: float = 0.004
+
+
+class Wardrobe:
+    """Dresses one person; keeps the obstacles that the next layer meets and which skin is covered."""
+
+    def __init__(self, person: Person, rng: np.random.Generator) -> None:
+        self.person, self.rng = person, rng
+        tights = person.base.tights
+        self.membership = person.membership(tights.weights)
+        self.covered = np.zeros(len(self.membership), bool)
+        self.parts: list[Part] = []
+        self.obstacles: list[tuple[np.ndarray, np.ndarray, np.ndarray]] = []
+        posed = person.posed(tights.weights, person.tights_rest)
+        self._obstruct(posed, vertex_normals(posed, tights.faces), self.membership)
+
+    def _obstruct(self, points: np.ndarray, normals: np.ndarray, membership: np.ndarray) -> None:
+        self.obstacles.append((points, normals, membership))
+
+    def _meets(self, region: np.ndarray) -> list[tuple[np.ndarray, np.ndarray, np.ndarray]]:
+        """For each region of the cloth the obstacles that it can touch: limbs meet their own limb only, so that
+        an arm at the side does not push the shirt into the trunk."""
+        points, normals, member = (np.concatenate([layer[k] for layer in self.obstacles]) for k in range(3))
+        groups = []
+        for k in np.unique(region):
+            if k == 0:
+                near = member[:, ARMS].sum(axis=1) < 0.6
+            elif k in ARMS:
+                near = member[:, k] > 0.1
+            else:
+                near = (member[:, k] > 0.05) | (member[:, 0] > 0.5)
+            groups.append((np.flatnonzero(region == k), points[near], normals[near]))
+        return groups
+
+    def cut(self, fit: Fit) -> np.ndarray:
+        """The scalar (V,) over the tights that is positive where the garment is."""
+        person, rest = self.person, self.person.tights_rest
+        x, y, z = rest.T
+        arm = self.membership[:, ARMS].sum(axis=1)
+        inside = np.where(arm > 0.5, 1.0, np.minimum(fit.top - y, y - fit.bottom))
+        if fit.neck is not None:
+            throat = person.skeleton.head("neck01")
+            slope = 0.55 * (z - throat[2])
+            front = np.clip((z - throat[2]) / 0.05, 0, 1)
+            neckline = throat[1] + 0.035 - fit.neck * front - (y + slope)
+            wedge = np.where(z > throat[2], np.abs(x) * 1.6 - (y - (throat[1] - fit.vee)), 1.0)
+            inside = np.minimum(inside, neckline)
+            if fit.vee:
+                inside = np.minimum(inside, wedge * 0.5)
+        for k in ARMS:
+            mine = self.membership[:, k] > 0.3
+            if fit.sleeve is None:
+                inside = np.minimum(inside, (0.45 - self.membership[:, k]) * 0.1)
+            else:
+                along, _, _ = person.limb_coordinates(k, rest)
+                inside = np.where(mine, np.minimum(inside, (fit.sleeve - along) * 0.5), inside)
+        for k in LEGS:
+            if fit.leg is not None:
+                along, _, _ = person.limb_coordinates(k, rest)
+                mine = self.membership[:, k] > 0.5
+                inside = np.where(mine, np.minimum(inside, (fit.leg - along) * 0.8), inside)
+        if fit.open_front:
+            low, high = max(fit.bottom, -0.1), person.skeleton.head("neck01")[1]
+            gap = fit.open_front * (0.6 + 0.4 * np.clip((y - low) / (high - low), 0, 1))
+            inside = np.where((z > 0) & (arm < 0.5), np.minimum(inside, np.abs(x) - gap), inside)
+        return inside
+
+    def let_out(self, fit: Fit) -> np.ndarray:
+        """Rest positions (V, 3) of the tights let out to the fit."""
+        person, rest = self.person, self.person.tights_rest.copy()
+        trunk = np.clip(1 - 1.6 * self.membership[:, ARMS].sum(axis=1), 0, 1)
+        chest = person.skeleton.head("spine01")[1]
+        centre = person.skeleton.head("spine03")[2]
+        if fit.fill:
+            if "hem" in fit.held:
+                trunk = trunk * np.clip((rest[:, 1] - fit.bottom) / 0.1, 0, 1)
+            rest = rest + (self._straight(rest, chest, centre) - rest) * (fit.fill * trunk)[:, None]
+        for k, width in (*((k, fit.sleeve_width) for k in ARMS), *((k, fit.leg_width) for k in LEGS)):
+            if width == 0:
+                continue
+            along, axis, _ = person.limb_coordinates(k, rest)
+            member = self.membership[:, k]
+            mine = member > 0.5
+            radial = rest - axis
+            radius = np.linalg.norm(radial, axis=1)
+            bins = np.clip((along * 24).astype(int), 0, 24)
+            mean = np.bincount(bins[mine], radius[mine], 25) / np.maximum(
+                np.bincount(bins[mine], minlength=25), 1
+            )
+            mean = np.where(mean > 0, mean, mean[mean > 0].mean())
+            reference = mean[5]
+            own = np.interp(along * 24, np.arange(25) + 0.5, mean)
+            goal = np.maximum(own * 1.03, reference * (1 + (width - 1) * np.clip(along, 0, 1)))
+            blend = np.clip((along - 0.08) / 0.3, 0, 1) * np.clip((member - 0.3) / 0.5, 0, 1)
+            rest = rest + radial * ((goal / own - 1) * blend)[:, None]
+        ease = np.full(len(rest), fit.ease)
+        if "hem" in fit.held:  # tucked in: flat under the waistband
+            ease *= np.clip((person.tights_rest[:, 1] - fit.bottom) / 0.1, 0.15, 1)
+        return rest + person.tights_normals * ease[:, None]
+
+    def _straight(self, rest: np.ndarray, chest: float, centre: float) -> np.ndarray:
+        """The trunk without a waist: each half width is carried down from the widest point above it."""
+        x, y, z = rest.T
+        trunk = self.membership[:, 0] > 0.6
+        height = np.linspace(chest, -0.05, 26)
+        scaled = rest.copy()
+        for axis, sign, origin in ((0, 1, 0.0), (0, -1, 0.0), (2, 1, centre), (2, -1, centre)):
+            out = sign * (rest[:, axis] - origin)
+            row = np.digitize(-y, -height)
+            widest = np.full(27, 1e-3)
+            np.maximum.at(widest, row[trunk], out[trunk])
+            widest[0] = widest[1]
+            goal = np.maximum.accumulate(widest)
+            ratio = np.interp(-y, -height, (goal / widest)[1:])
+            here = (out > 0) & (y < chest + 0.05)
+            scaled[here, axis] = origin + sign * out[here] * np.clip(ratio[here], 1, 1.6)
+        return scaled
+
+    def wear(self, fit: Fit, fabric: Fabric) -> Part:
+        """Cut, let out, drape, crease and hem one garment; it is kept in `parts`."""
+        person, tights = self.person, self.person.base.tights
+        inside = self.cut(fit)
+        # Sleeves and trouser legs slide and can be looked into, so more is kept there than on the trunk.
+        limbs = 0.13 * self.membership[:, ARMS].sum(axis=1) + 0.08 * self.membership[:, LEGS].sum(axis=1)
+        limbs *= 1 + max(fit.sleeve_width, fit.leg_width) - 0.7 * (fit.leg_width > 0)
+        tucking = "waist" in fit.held
+        self._hide_under(inside - limbs, margin=0.015 if tucking else 0.13 if fit.open_front else 0.05)
+        self.covered |= inside - limbs > 0.035
+        faces, rows = clip(tights.faces, inside)
+        rest, weights, uncut = rows @ self.let_out(fit), rows @ tights.weights, rows @ person.tights_rest
+        region = np.argmax(rows @ self.membership, axis=1)
+        if fit.below:
+            faces, rest, weights, region = self._let_down(fit, faces, rest, weights, region, uncut)
+        start = person.posed(weights, rest)
+        held = self._held(fit, rest)
+        layer = 0.0025 + fit.thickness * 0.6 + 2.5 * fit.wrinkles
+        posed = drape(
+            start,
+            faces,
+            rest * fit.slack,
+            self._meets(region),
+            held,
+            gap=layer,
+            weight=fit.weight,
+            bending=fit.bending,
+        )
+        membership = person.membership(weights)
+        normals = vertex_normals(posed, faces)
+        # What is tucked in does not push the waistband out.
+        outside = rest[:, 1] > fit.bottom + 0.06 if "hem" in fit.held else np.ones(len(rest), bool)
+        outer = posed + normals * 1.5 * fit.wrinkles
+        self._obstruct(outer[outside], normals[outside], membership[outside])
+
+        fine, step = subdivide(faces, len(posed))
+        # Patterns follow the body's own shape, which is smooth, and the tube below it.
+        rest = np.concatenate([uncut, rest[len(uncut) :]])
+        posed, rest, membership = step @ posed, step @ rest, step @ membership
+        region = np.argmax(membership, axis=1)
+        if fit.below:
+            region = np.where(rest[:, 1] < fit.bottom, 0, region)
+        posed = posed + vertex_normals(posed, fine) * self._wrinkles(fit, rest, region)[:, None]
+        hanging = fit.below > 0.15 or fit.open_front > 0
+        wide = max(fit.sleeve_width, fit.leg_width) > 0.85
+        vertices, lined, source = line(posed, fine, fit.thickness, 0.35 if wide or hanging else 0.12)
+        part = Part(vertices, lined, rest[source], region[source], fabric)
+        self.parts.append(part)
+        if fit.buttons:
+            self._buttons(fit, posed, fine, rest)
+        if fit.collar:
+            self._collar(fit, posed, fine, rest, fabric)
+        return part
+
+    def _collar(
+        self, fit: Fit, posed: np.ndarray, faces: np.ndarray, rest: np.ndarray, fabric: Fabric
+    ) -> None:
+        """Sew a band to the neckline: standing, or folded down over the shoulders; a hood is a folded collar that
+        is deep at the back."""
+        throat = self.person.skeleton.head("neck01")
+        chain = max(border_chains(faces), key=lambda c: rest[c, 1].max())
+        chain = stretch(chain, rest[chain, 1] > throat[1] - 0.16)
+        closed = chain[0] == chain[-1]
+        ring = chain[:-1] if closed else chain
+        if len(ring) < 8:
+            return
+        names = self.person.base.names
+        chest = self.person.transforms[names.index("spine01"), :, :3]
+        up = unit(chest @ np.array([0.0, 1.0, 0.12]))
+        here = posed[ring]
+        centre = here.mean(axis=0)
+        out = here - centre
+        out = unit(out - (out @ up)[:, None] * up)
+        back = np.clip(0.5 - 0.5 * out @ (chest @ np.array([0.0, 0.0, 1.0])), 0, 1)[:, None]
+        tall = fit.collar
+        wave = 1 + 0.1 * fold_noise(rest[ring], self.rng, 0.15)[:, None]
+        # Metres outwards and upwards of each ring of the band.
+        profile = {
+            "stand": [(0.001, 0.35), (0.002, 0.7), (0.004, 1.0), (0.001, 1.04), (-0.003, 1.0), (-0.004, 0.3)],
+            "fold": [
+                (-0.002, 0.5),
+                (0.0, 0.95),
+                (0.005, 1.06),
+                (0.011, 0.95),
+                (0.016, 0.5),
+                (0.022, -0.05),
+                (0.026, -0.3),
+                (0.02, -0.28),
+            ],
+            "hood": [
+                (0.01, 0.5),
+                (0.03, 0.95),
+                (0.055, 0.9),
+                (0.075, 0.5),
+                (0.075, 0.0),
+                (0.06, -0.4),
+                (0.03, -0.5),
+            ],
+        }[fit.collar_kind]
+        share = 0.25 + 0.75 * back**1.5 if fit.collar_kind == "hood" else 1.0
+        rings = [here] + [
+            here
+            + out * metres * (share if fit.collar_kind == "hood" else 1) * wave
+            + up * tall * height * share
+            for metres, height in profile
+        ]
+        rings = np.stack(rings)
+        band = strip(rings, closed)
+        if fit.collar_kind != "stand":
+            band = band[:, ::-1]  # folded outwards, the inner side shows
+        vertices, band, source = line(rings.reshape(-1, 3), band, 0.0025, 1.0)
+        source = np.tile(ring, len(rings))[source]
+        self.parts.append(Part(vertices, band, rest[source], np.zeros(len(source), int), fabric))
+
+    def _buttons(self, fit: Fit, posed: np.ndarray, faces: np.ndarray, rest: np.ndarray) -> None:
+        """Small discs down the front, beside the gap of an open one."""
+        normals = vertex_normals(posed, faces)
+        front = np.flatnonzero(rest[:, 2] > 0)
+        angle = np.linspace(0, 2 * np.pi, 14, endpoint=False)
+        radius = self.rng.uniform(0.005, 0.009)
+        # From the rim at the cloth up over the edge to a slightly sunken middle.
+        profile = [(1.0, -0.002), (1.0, 0.002), (0.8, 0.003), (0.4, 0.0022), (0.02, 0.0022)]
+        disc = np.stack([[(r * np.cos(a), r * np.sin(a), h / radius) for a in angle] for r, h in profile]) * radius
+        disc_faces = strip(disc, closed=True)[:, ::-1]
+        low, high = fit.bottom - fit.below * 0.7, self.person.skeleton.head("neck01")[1] - fit.vee - 0.03
+        fabric = Fabric.plain(self.rng.choice([0.03, 0.3, 0.7]) * np.ones(3))
+        for height in np.arange(high, low, -self.rng.uniform(0.07, 0.11)):
+            aim = np.array([fit.open_front + 0.016 if fit.open_front else 0.0, height])
+            off = np.linalg.norm(rest[front][:, :2] - aim, axis=1)
+            at = front[np.argmin(off)]
+            if off.min() > 0.012:
+                continue
+            normal = normals[at]
+            side = unit(np.cross([0.0, 1.0, 0.0], normal))
+            axes = np.stack([side, np.cross(normal, side), normal])
+            points = posed[at] + disc.reshape(-1, 3) @ axes
+            self.parts.append(Part(points, disc_faces, np.tile(rest[at], (len(points), 1)),
+                                   np.zeros(len(points), int), fabric))
+
+    def shoes(self, fit: Fit, sole: float, fabric: Fabric) -> None:
+        """Shoes or boots from the feet of the tights; `fit.leg` is the share of the leg they start at.
+
+        sole: metres of sole under the foot.
+        """
+        person, tights = self.person, self.person.base.tights
+        rest = person.tights_rest
+        inside = np.full(len(rest), -1.0)
+        for k in LEGS:
+            along, _, _ = person.limb_coordinates(k, rest)
+            mine = self.membership[:, k] > 0.5
+            inside[mine] = (along[mine] - fit.leg) * 0.8
+        self.covered |= inside > 0.015
+        faces, rows = clip(tights.faces, inside)
+        faces, step = subdivide(faces, rows.shape[0])
+        rows = step @ rows
+        shaped = rest + person.tights_normals * fit.ease
+        ground = rest[:, 1].min()
+        shaped = rows @ shaped
+        # The sole: a flat slab that stands out a little all round.
+        low = np.clip((ground + 0.022 - shaped[:, 1]) / 0.012, 0, 1)
+        sideways = vertex_normals(shaped, faces) * [1, 0, 1]
+        shaped = shaped + sideways * (0.005 * np.clip(low * 2, 0, 1))[:, None]
+        shaped[:, 1] = np.where(
+            low > 0, np.minimum(shaped[:, 1], ground + 0.022 - low * (0.022 + sole)), shaped[:, 1]
+        )
+        weights = rows @ tights.weights
+        posed = person.posed(weights, shaped)
+        membership = person.membership(weights)
+        posed += (
+            vertex_normals(posed, faces)
+            * (fit.wrinkles * fold_noise(shaped, self.rng, 0.03) * (low == 0))[:, None]
+        )
+        self._obstruct(posed, vertex_normals(posed, faces), membership)
+        vertices, lined, source = line(posed, faces, fit.thickness, 0.04)
+        region = np.argmax(membership, axis=1)
+        self.parts.append(Part(vertices, lined, shaped[source], region[source], fabric))
+
+    def _hide_under(self, inside: np.ndarray, margin: float) -> None:
+        """Remove what lies `margin` metres inside a garment about to be worn: nobody sees it, and it cannot come
+        through. `inside` is that garment's cut."""
+        tree = cKDTree(self.person.tights_rest)
+        for part in self.parts:
+            hidden = inside[tree.query(part.rest)[1]] > margin
+            part.faces = part.faces[~hidden[part.faces].all(axis=1)]
+
+    def _held(self, fit: Fit, rest: np.ndarray) -> np.ndarray:
+        held = np.zeros(len(rest))
+        if "waist" in fit.held:
+            held = np.maximum(held, np.clip(1 - (fit.top - rest[:, 1]) / 0.05, 0, 1))
+        if "hem" in fit.held:
+            held = np.maximum(held, np.clip(1 - (rest[:, 1] - fit.bottom) / 0.04, 0, 1))
+        if "neck" in fit.held:
+            throat = self.person.skeleton.head("neck01")
+            held = np.maximum(held, np.clip((rest[:, 1] - throat[1] + 0.06) / 0.05, 0, 0.9))
+        return held
+
+    def _wrinkles(self, fit: Fit, rest: np.ndarray, region: np.ndarray) -> np.ndarray:
+        """Fine creases (V,) in metres on top of the draped folds: across limbs, strongest where they bend."""
+        person, rng = self.person, self.rng
+        size = np.full(len(rest), 0.5)
+        across = rest.copy()
+        for k in (*ARMS, *LEGS):
+            mine = region == k
+            if not mine.any():
+                continue
+            along, axis, metres = person.limb_coordinates(k, rest[mine])
+            middle = np.linalg.norm(np.diff(person.polyline(k), axis=0)[0])
+            size[mine] += 0.3 + 1.2 * np.exp(-(((metres - middle) / 0.09) ** 2)) + 0.7 * np.exp(-((along / 0.15) ** 2))
+            across[mine] = axis + (rest[mine] - axis) * 0.4
+        waist = person.skeleton.head("spine04")[1]
+        size += np.where(region == 0, 0.6 * np.exp(-(((rest[:, 1] - waist) / 0.08) ** 2)), 0)
+        patches = 0.5 + 0.5 * np.clip(fold_noise(rest, rng, 0.2), -1, 1)
+        # Creases are ridges more than waves.
+        creases = 1 - np.abs(fold_noise(across, rng, rng.uniform(0.04, 0.075))) * 1.2
+        creases += 0.4 * fold_noise(across, rng, 0.024) + 0.15 * fold_noise(across, rng, 0.012)
+        # Long folds run where the cloth is pulled or hangs: some slanting direction over the trunk.
+        pull = unit(np.array([rng.normal() * 0.6, 1.0, rng.normal() * 0.6]))
+        trunk = rest - 0.8 * (rest @ pull)[:, None] * pull
+        folds = fold_noise(trunk, rng, rng.uniform(0.05, 0.11)) * np.where(region == 0, 1.0, 0.6)
+        return fit.wrinkles * (1.6 * size * patches * creases + 2.2 * (1 - patches) * folds)
+
+    def _let_down(
+        self, fit: Fit, faces: np.ndarray, rest: np.ndarray, weights: csr_matrix, region: np.ndarray,
+        uncut: np.ndarray,
+    ) -> tuple[np.ndarray, np.ndarray, csr_matrix, np.ndarray]:
+        """Continue the lowest border of a garment downwards as a tube about the legs, in vertical folds.
+
+        uncut: where the vertices were on the body before the garment was let out."""
+        base = self.person.base
+        chain = min(border_chains(faces), key=lambda chain: uncut[chain, 1].min())
+        if fit.open_front:
+            chain = stretch(chain, uncut[chain, 1] < fit.bottom + 0.004)
+        closed = chain[0] == chain[-1]
+        ring = chain[:-1] if closed else chain
+        skirt = self.person.rest[base.skirt]
+        centre = np.array([0.0, 0.0, skirt[:, 2].mean()])
+        out = (rest[ring] - centre) * [1, 0, 1]
+        radius = np.linalg.norm(out, axis=1)
+        out = out / radius[:, None]
+        angle = np.arctan2(out[:, 0], out[:, 2])
+        tree = cKDTree(skirt)
+        skirt_out = (skirt - centre) * [1, 0, 1]
+        skirt_radius, skirt_angle = (
+            np.linalg.norm(skirt_out, axis=1),
+            np.arctan2(skirt[:, 0], skirt[:, 2] - centre[2]),
+        )
+        by_angle = cKDTree(np.stack([np.cos(skirt_angle) * 0.3, np.sin(skirt_angle) * 0.3, skirt[:, 1]], 1))
+        pitch = 0.017
+        # Folds widen from nothing at the hip towards the hem.
+        folds = np.cos(angle * self.rng.integers(7, 15) + 1.5 * np.sin(angle * 2 + self.rng.uniform(0, 6)))
+        folds *= self.rng.uniform(0.0, 0.05) + 0.08 * fit.flare
+        count = max(2, round(fit.below / pitch))
+        points, rows, bands, previous = [rest], [weights], [faces], ring
+        grown, first = radius, len(rest)
+        for k in range(1, count + 1):
+            y = fit.bottom - k * fit.below / count
+            _, near = by_angle.query(
+                np.stack([np.cos(angle) * 0.3, np.sin(angle) * 0.3, np.full(len(angle), y)], 1), k=3
+            )
+            needed = skirt_radius[near].mean(axis=1) + fit.ease if y > -0.12 else grown
+            grown = np.maximum(grown, needed) + fit.flare * fit.below / count
+            depth = min(1.0, k * fit.below / count / 0.5)
+            here = centre + out * (grown * (1 + folds * depth))[:, None]
+            here[:, 1] = y
+            _, near = tree.query(here, k=4)
+            average = csr_matrix(
+                (np.full(near.size, 0.25), (np.repeat(np.arange(len(near)), 4), near.ravel())),
+                (len(near), len(skirt)),
+            )
+            points.append(here)
+            rows.append(average @ base.weights[base.skirt])
+            ring_now = first + (k - 1) * len(ring) + np.arange(len(ring))
+            a, b, c, d = previous, np.roll(previous, -1), ring_now, np.roll(ring_now, -1)
+            # The chain runs with the cloth on its left, so the band takes it the other way round.
+            quads = np.stack([np.stack([b, a, c], 1), np.stack([b, c, d], 1)])
+            bands.append((quads if closed else quads[:, :-1]).reshape(-1, 3))
+            previous = ring_now
+        added = sum(map(len, points)) - len(rest)
+        return (
+            np.concatenate(bands),
+            np.concatenate(points),
+            vstack(rows, format="csr"),
+            np.concatenate([np.where(rest[:, 1] < fit.bottom + 0.05, 0, region), np.zeros(added, int)]),
+        )

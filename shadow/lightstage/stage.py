@@ -1,0 +1,184 @@
+"""The virtual light stage: cameras around a figure, and ray-traced truth for every direction of the set.
+
+No path tracer is needed for visibility: the hit points of the camera rays, then one shadow ray to each
+light (Section 3, "Data Generation"), through Embree.
+"""
+
+import hashlib
+import os
+from concurrent.futures import ProcessPoolExecutor, as_completed
+from dataclasses import asdict, dataclass
+from functools import partial
+from pathlib import Path
+
+import numpy as np
+from embreex.mesh_construction import TriangleMesh
+from embreex.rtcore_scene import EmbreeScene
+from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeRemainingColumn
+
+from shadow import directions, records
+from shadow.lightstage import bodies, scans
+
+OFFSET = 0.002  # metres: shadow rays start above the surface, or they would hit it
+
+
+@dataclass(frozen=True)
+class View:
+    """A camera that looks at the figure's vertical axis. The defaults are those of Section 3."""
+
+    azimuth: float = 0.0  # degrees around the figure, from its front toward its left hand
+    distance: float = 1.75  # metres from the axis
+    height: float = 0.9  # metres above the floor
+    pitch: float = 0.0  # degrees, positive looks up
+    fov: float = 70.0  # degrees, of the square image
+
+    def rotation(self):
+        """World to camera (3, 3)."""
+        a, p = np.radians([self.azimuth, self.pitch])
+        around = [[np.cos(a), 0, -np.sin(a)], [0, 1, 0], [np.sin(a), 0, np.cos(a)]]
+        tilt = [[1, 0, 0], [0, np.cos(p), np.sin(p)], [0, -np.sin(p), np.cos(p)]]
+        return np.array(tilt) @ np.array(around)
+
+    def position(self):
+        """The camera in the world (3,)."""
+        a = np.radians(self.azimuth)
+        return np.array([self.distance * np.sin(a), self.height, self.distance * np.cos(a)])
+
+
+def views(count, figure=None, rng=None):
+    """`count` views evenly around the subject: those of Section 3, or with `rng` jittered around `figure`.
+
+    Jitter is of angle, camera height and distance; a longer distance comes with a longer lens, and the
+    camera is tilted and framed so that the whole figure is seen, as a photographer would.
+    """
+    angles = 360 / count * np.arange(count)
+    if rng is None:
+        return [View(float(angle)) for angle in angles]
+    top = figure.vertices[:, 1].max()
+    reach = max(top / 2, np.linalg.norm(figure.vertices[:, [0, 2]], axis=1).max())
+    jittered = []
+    for angle in angles + rng.uniform(0, 360):
+        angle += rng.uniform(-0.5, 0.5) * 360 / count
+        distance, height = rng.uniform(1.75, 5.0), np.clip(rng.normal(1.0, 0.35), 0.3, 2.0)
+        pitch = np.degrees(np.arctan2(top / 2 - height, distance))
+        fov = 2 * np.degrees(np.arctan(reach * rng.uniform(1.1, 1.3) / (distance - 0.2)))
+        jittered.append(View(*(float(value) for value in (angle % 360, distance, height, pitch, fov))))
+    return jittered
+
+
+def render(figure, view, size, lights):
+    """Ray-trace one view of a figure.
+
+    Parameters
+    ----------
+    figure: Figure, in metres.
+    view: View.
+    size: pixels of the square image's side.
+    lights: (D, 3) unit directions in the camera frame.
+
+    Returns
+    -------
+    Record. Visibility is zero where the geometric or the shading normal faces away from the light, so that
+    smooth normals cannot leak light through a coarse surface.
+
+    Raises
+    ------
+    ValueError: the camera sees nothing of the figure.
+    """
+    rotation = view.rotation()
+    vertices = ((figure.vertices - view.position()) @ rotation.T).astype(np.float32)
+    scene = EmbreeScene()
+    TriangleMesh(scene, vertices[figure.faces])
+
+    step = (np.arange(size) + 0.5) * 2 / size - 1
+    extent = np.tan(np.radians(view.fov) / 2)
+    x, y = np.meshgrid(step * extent, -step * extent)
+    rays = np.stack([x, y, -np.ones_like(x)], axis=-1).reshape(-1, 3).astype(np.float32)
+    hit = scene.run(np.zeros_like(rays), rays, output=True)
+    seen = hit["primID"] >= 0
+    if not seen.any():
+        raise ValueError(f"view: the camera sees nothing of {figure.name} from {view}")
+    face, u, v = hit["primID"][seen], hit["u"][seen], hit["v"][seen]
+    barycentric = np.stack([1 - u - v, u, v], axis=1)
+    corners = vertices[figure.faces[face]]
+    position = np.einsum("nk,nkc->nc", barycentric, corners)
+    geometric = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
+    geometric /= np.linalg.norm(geometric, axis=1, keepdims=True).clip(1e-12)
+    shading = np.einsum("nk,nkc->nc", barycentric, figure.normals[figure.faces[face]] @ rotation.T)
+    # The far side of a shell, seen through an open hem, faces the camera as the near side does.
+    flip = np.where((geometric * rays[seen]).sum(axis=1) > 0, -1.0, 1.0)[:, None]
+    geometric, shading = geometric * flip, shading * flip
+    length = np.linalg.norm(shading, axis=1, keepdims=True)
+    shading = np.where(length > 1e-6, shading / length.clip(1e-6), geometric)
+
+    lit = (geometric @ lights.T > 0) & (shading @ lights.T > 0)
+    pixel, index = np.nonzero(lit)
+    origins = (position + OFFSET * geometric).astype(np.float32)[pixel]
+    occluded = scene.run(origins, lights.astype(np.float32)[index], query="OCCLUDED")
+    lit[pixel, index] = occluded != 0  # Embree sets the geometry of an occluded ray to 0
+    about = {"figure": figure.name, "view": asdict(view)}
+    mask = seen.reshape(size, size)
+    return records.Record.of(mask, shading, figure.albedo(face, barycentric), lit, lights, about)
+
+
+def _seed(*parts):
+    return int.from_bytes(hashlib.sha256(repr(parts).encode()).digest()[:8])
+
+
+def _render_figure(source, out, split, view_count, size, behind, jitter):
+    """All the views of one figure: (records written, bytes written)."""
+    os.environ["OMP_NUM_THREADS"] = "1"
+    name = f"body-{split}-{source:06d}" if isinstance(source, int) else f"scan-{Path(source).stem}"
+    paths = [out / f"{name}-{index:02d}.npz" for index in range(view_count)]
+    if all(path.exists() for path in paths):
+        return 0, 0
+    figure = bodies.body(source, split) if isinstance(source, int) else scans.load(source)
+    rng = np.random.default_rng(_seed(name)) if jitter else None
+    lights = directions.olat(behind)
+    sizes = [
+        records.write(path, render(figure, view, size, lights))
+        for path, view in zip(paths, views(view_count, figure, rng), strict=True)
+        if not path.exists()
+    ]
+    return len(sizes), sum(sizes)
+
+
+def render_all(
+    sources, out, *, split="training", views=9, size=512, behind=False, jitter=False, processes=None
+):
+    """Render records of bodies (seeds) and scans (paths) into the folder `out`, one process a core.
+
+    Views that are there already are left: an interrupted run goes on where it stopped. The result depends
+    on the arguments alone, not on the order or the number of processes.
+
+    Parameters
+    ----------
+    sources: seeds (int) and mesh paths.
+    split: "training", "validation" or "generalisation", of the bodies; a scan's split is its list.
+    views: views a figure, evenly around it (Section 3: 9).
+    size: pixels of the square image's side (Section 3: 512).
+    behind: 32 directions behind the subject as well as the 64 of the frontal hemisphere.
+    jitter: vary camera height, distance and field of view.
+    processes: default one a core.
+
+    Returns
+    -------
+    (records written, bytes written), and the errors by source.
+    """
+    out = Path(out)
+    out.mkdir(parents=True, exist_ok=True)
+    work = partial(
+        _render_figure, out=out, split=split, view_count=views, size=size, behind=behind, jitter=jitter
+    )
+    written, size_on_disk, errors = 0, 0, {}
+    columns = TextColumn("{task.description}"), BarColumn(), MofNCompleteColumn(), TimeRemainingColumn()
+    with ProcessPoolExecutor(processes or os.cpu_count()) as pool, Progress(*columns) as progress:
+        task = progress.add_task("rendering", total=len(sources))
+        for future in as_completed(jobs := {pool.submit(work, source): source for source in sources}):
+            try:
+                count, size_of_views = future.result()
+                written, size_on_disk = written + count, size_on_disk + size_of_views
+            except ValueError as error:  # a mesh that cannot be read must not stop the night's run
+                errors[jobs[future]] = error
+            progress.advance(task)
+    return written, size_on_disk, errors

@@ -1,0 +1,138 @@
+import numpy as np
+import pytest
+import trimesh
+
+from shadow import directions, records
+from shadow.lightstage import scans, stage
+from shadow.lightstage.figure import Figure
+
+LIGHTS = directions.olat(behind=True)
+
+
+def figure(mesh, name="test"):
+    grey = lambda face, barycentric: np.full((len(face), 3), 0.5, np.float32)  # noqa: E731
+    normals = mesh.vertex_normals.astype(np.float32)
+    return Figure(mesh.vertices.astype(np.float32), mesh.faces.astype(np.int32), normals, grey, name)
+
+
+@pytest.fixture(scope="module")
+def ball():
+    mesh = trimesh.creation.icosphere(subdivisions=5, radius=0.5)
+    mesh.apply_translation([0, 0.9, 0])
+    return figure(mesh)
+
+
+def test_default_camera_is_that_of_section_3(ball):
+    record = stage.render(ball, stage.View(), 128, LIGHTS)
+    rows, columns = np.nonzero(record.mask)
+    assert (rows.min() + rows.max()) / 2 == pytest.approx(63.5, abs=0.5)
+    # The outline of a sphere of radius r at distance d is at tan(asin(r / d)).
+    expected = np.tan(np.arcsin(0.5 / 1.75)) / np.tan(np.radians(35)) * 64
+    assert (columns.max() - columns.min() + 1) / 2 == pytest.approx(expected, abs=1)
+
+
+def test_normals_are_in_the_camera_frame(ball):
+    for view in stage.views(4):
+        record = stage.render(ball, view, 96, LIGHTS)
+        image = record.image(record.normals)
+        rows, columns = np.nonzero(record.mask)
+        middle = int(rows.mean())
+        assert image[0, middle, columns.max() - 1] > 0.7
+        assert image[0, middle, columns.min() + 1] < -0.7
+        assert image[1, rows.min() + 1, int(columns.mean())] > 0.7
+        assert image[2, middle, int(columns.mean())] > 0.98
+
+
+def test_azimuth_goes_toward_the_left_hand_of_the_figure():
+    box = trimesh.creation.box([0.4, 1.8, 0.4])
+    marker = trimesh.creation.box([0.3, 0.3, 0.3])
+    marker.apply_translation([0.5, 0, 0])  # the figure faces +z, so its left hand is at +x
+    both = trimesh.util.concatenate([box, marker])
+    both.apply_translation([0, 0.9, 0])
+    front, left = (
+        stage.render(figure(both), stage.View(azimuth=a), 96, LIGHTS).mask.any(axis=0) for a in (0, 90)
+    )
+    assert front[60:].sum() > front[:36].sum()
+    assert abs(left[48:].sum() - left[:48].sum()) <= 1
+
+
+def test_a_sphere_shadows_itself_only_where_it_turns_away(ball):
+    record = stage.render(ball, stage.View(), 128, LIGHTS)
+    cosine = record.normals @ LIGHTS.T
+    clear = abs(cosine) > 0.05
+    np.testing.assert_array_equal(record.visibility[clear], (cosine > 0)[clear])
+
+
+def test_an_occluder_casts_a_shadow_on_the_side_away_from_the_light():
+    wall = trimesh.creation.box([1.2, 1.2, 0.02])
+    bar = trimesh.creation.box([0.05, 1.2, 0.05])
+    bar.apply_translation([0, 0, 0.3])
+    both = trimesh.util.concatenate([wall, bar])
+    both.apply_translation([0, 0.9, 0])
+    light = directions.from_spherical([-45], [0])  # from image left
+    record = stage.render(figure(both), stage.View(), 256, light)
+    lit = record.image(record.visibility)[0].numpy()
+    row = lit[128]
+    shadow = np.flatnonzero((row == 0) & record.mask[128])
+    wall_right = np.flatnonzero(record.mask[128]).max()
+    assert len(shadow) > 3
+    assert shadow.min() > 128  # right of the bar
+    assert shadow.max() < wall_right - 5  # and not everywhere
+
+
+def test_smooth_normals_leak_no_light():
+    """A coarse sphere with smooth normals: no pixel is lit whose facet faces away."""
+    mesh = trimesh.creation.icosphere(subdivisions=1, radius=0.5)
+    mesh.apply_translation([0, 0.9, 0])
+    smooth, flat = figure(mesh), mesh.copy()
+    flat.unmerge_vertices()
+    smooth_record = stage.render(smooth, stage.View(), 96, LIGHTS)
+    flat_record = stage.render(figure(flat), stage.View(), 96, LIGHTS)
+    geometric = flat_record.normals @ LIGHTS.T
+    assert smooth_record.visibility[geometric < -0.02].max() == 0
+
+
+def test_a_camera_that_sees_nothing_is_an_error(ball):
+    with pytest.raises(ValueError, match="sees nothing"):
+        stage.render(ball, stage.View(height=50), 32, LIGHTS)
+
+
+def test_jittered_views_show_the_whole_figure(ball):
+    rng = np.random.default_rng(0)
+    for view in stage.views(6, ball, rng):
+        mask = stage.render(ball, view, 64, LIGHTS[:1]).mask
+        assert mask.sum() == mask[1:-1, 1:-1].sum()
+
+
+@pytest.fixture(scope="module")
+def mesh_file(tmp_path_factory):
+    path = tmp_path_factory.mktemp("meshes") / "capsule.ply"
+    mesh = trimesh.creation.capsule(height=1.2, radius=0.25)
+    mesh.apply_transform(trimesh.transformations.rotation_matrix(np.pi / 2, [1, 0, 0]))
+    mesh.export(path)
+    return path
+
+
+def test_rendering_resumes_and_is_deterministic(mesh_file, tmp_path):
+    arguments = {"views": 2, "size": 64, "behind": True, "jitter": True}
+    written, size, errors = stage.render_all([str(mesh_file)], tmp_path / "a", processes=1, **arguments)
+    assert (written, errors) == (2, {})
+    assert size == sum(path.stat().st_size for path in (tmp_path / "a").iterdir())
+    assert stage.render_all([str(mesh_file)], tmp_path / "a", processes=1, **arguments)[0] == 0
+    stage.render_all([str(mesh_file)], tmp_path / "b", processes=2, **arguments)
+    for path in (tmp_path / "a").iterdir():
+        assert path.read_bytes() == (tmp_path / "b" / path.name).read_bytes()
+    (tmp_path / "a" / "scan-capsule-01.npz").unlink()
+    assert stage.render_all([str(mesh_file)], tmp_path / "a", processes=1, **arguments)[0] == 1
+    assert len(records.Records([tmp_path / "a"])) == 2
+
+
+def test_a_broken_mesh_is_reported_and_the_rest_rendered(mesh_file, tmp_path):
+    broken = tmp_path / "broken.glb"
+    broken.write_bytes(b"not a mesh")
+    written, _, errors = stage.render_all(
+        [str(broken), str(mesh_file)], tmp_path / "out", views=1, size=32, processes=1
+    )
+    assert written == 1
+    assert list(errors) == [str(broken)]
+    assert scans.load(mesh_file).vertices[:, 1].min() == pytest.approx(0, abs=1e-5)
