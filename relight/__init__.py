@@ -1,0 +1,31 @@
+"""Relight a photographed person: exactly linear in the lights, composited in scene-linear colour.
+
+Images at the public edge are (H, W, 3|4). Integer dtypes are sRGB-encoded with straight alpha; floating
+dtypes are scene-linear Rec.709 with premultiplied alpha.
+"""
+
+from importlib import import_module
+
+_EXPORTS = {
+    "DirectionalLight": "relight.lights",
+    "Subject": "relight.subject",
+    "apply": "relight.composite",
+    "over": "relight.composite",
+    "read": "relight.image",
+    "read_layers": "relight.image",
+    "read_mask": "relight.image",
+    "write": "relight.image",
+}
+
+__all__ = list(_EXPORTS)
+
+
+def __getattr__(name):
+    """Import what is asked for when it is asked for (PEP 562), so that `relight --help` answers at once."""
+    if name not in _EXPORTS:
+        raise AttributeError(f"module {__name__!r} has no attribute {name!r}")
+    return getattr(import_module(_EXPORTS[name]), name)
+
+
+def __dir__():
+    return __all__

@@ -1,0 +1,205 @@
+"""The command line. Each command reads its files, calls one public function, and writes what it returns.
+
+Heavy modules are imported inside the commands, so that `relight --help` answers at once.
+"""
+
+from enum import StrEnum
+from pathlib import Path
+from typing import Annotated
+
+import typer
+from rich.console import Console
+from typer.core import TyperGroup
+
+
+class _OneLineErrors(TyperGroup):
+    """Bad input is one line and exit code 2; anything else is a bug and keeps its trace."""
+
+    def invoke(self, ctx):
+        try:
+            return super().invoke(ctx)
+        except (OSError, TypeError, ValueError) as error:
+            typer.echo(f"relight: {error}", err=True)
+            raise typer.Exit(2) from error
+
+
+app = typer.Typer(cls=_OneLineErrors, no_args_is_help=True, pretty_exceptions_enable=False)
+console = Console(stderr=True)
+
+
+@app.callback()
+def main():
+    """Relight a photographed person, light by light, in scene-linear colour."""
+
+
+@app.command()
+def apply(
+    image: Annotated[Path, typer.Argument(help="The photograph: PNG, JPEG, TIFF, OpenEXR...")],
+    light: Annotated[
+        list[str],
+        typer.Option(
+            help="A light, as key:azimuth=-40,elevation=30,intensity=2,colour=1/0.9/0.8; also "
+            "direction=x/y/z, exposure (stops), temperature (kelvin), angle (degrees, soft). Repeatable."
+        ),
+    ],
+    output: Annotated[
+        list[Path],
+        typer.Option("-o", "--output", help="File to write; .exr keeps each light as a layer. Repeatable."),
+    ],
+    mask: Annotated[Path | None, typer.Option(help="The matte, unless the image has alpha.")] = None,
+    background: Annotated[
+        str | None, typer.Option(help="An image of any size, or a linear colour such as 0.2/0.2/0.2.")
+    ] = None,
+    colour_space: Annotated[
+        str | None,
+        typer.Option(help="The photograph's, if its file does not say: sRGB, lin_rec709, ACEScg..."),
+    ] = None,
+):
+    """Relight the person in IMAGE and write the picture."""
+    from relight import image as images
+    from relight.composite import render
+    from relight.lights import DirectionalLight
+
+    lights = [DirectionalLight.parse(text) for text in light]
+    for path in output:
+        images.check_writable(path)
+    plate = images.read(image, colour_space=colour_space)
+    matte = None if mask is None else images.read_mask(mask)
+    backdrop = None if background is None else _background(background)
+    with console.status("Relighting"):
+        picture, layers = render(plate, lights, background=backdrop, mask=matte)
+    for path in output:
+        with console.status(f"Writing {path}"):
+            images.write(path, picture, layers=layers if path.suffix.lower() == ".exr" else None)
+        console.print(f"{path}")
+
+
+def _background(text):
+    """An image's path, or a colour as r/g/b."""
+    from relight import image as images
+
+    try:
+        return tuple(map(float, text.split("/")))
+    except ValueError:
+        return images.read(text)
+
+
+@app.command()
+def stage(
+    records: Annotated[Path, typer.Argument(help="Folder of records, one file a view.")],
+    bodies: Annotated[
+        str | None, typer.Option(help="Render clothed bodies of these seeds: FIRST:LAST, last exclusive.")
+    ] = None,
+    split: Annotated[
+        str, typer.Option(help="The bodies' split: training, validation or generalisation.")
+    ] = "training",
+    scan: Annotated[
+        list[Path] | None, typer.Option(help="Render this mesh or scan (OBJ, PLY, GLB). Repeatable.")
+    ] = None,
+    scan_list: Annotated[
+        Path | None, typer.Option(help="Render the meshes that this text file names, one a line, beside it.")
+    ] = None,
+    views: Annotated[int, typer.Option(min=1, help="Views a figure.")] = 9,
+    size: Annotated[int, typer.Option(min=16, help="Pixels of the image's side.")] = 512,
+    behind: Annotated[bool, typer.Option(help="32 directions behind the subject too.")] = False,
+    jitter: Annotated[bool, typer.Option(help="Vary camera height, distance and field of view.")] = False,
+    processes: Annotated[int | None, typer.Option(min=1, help="Default: one a core.")] = None,
+    pack: Annotated[
+        Path | None, typer.Option(help="Then pack the records into shards of at most 60 MiB in this folder.")
+    ] = None,
+    sheet: Annotated[Path | None, typer.Option(help="Then draw a contact sheet of them (PNG).")] = None,
+):
+    """Render training records on the virtual light stage, pack them, or draw them for the eye."""
+    from shadow import pictures
+    from shadow import records as record_files
+    from shadow.lightstage.stage import render_all
+
+    sources = [] if bodies is None else list(_seeds(bodies))
+    sources += [str(path) for path in scan or []]
+    if scan_list is not None:
+        names = scan_list.read_text().split("\n")
+        sources += [str(scan_list.parent / name.strip()) for name in names if name.strip()]
+    if sources:
+        written, on_disk, errors = render_all(
+            sources, records, split=split, views=views, size=size, behind=behind, jitter=jitter,
+            processes=processes,
+        )  # fmt: skip
+        console.print(f"{written} records, {on_disk // max(1, written)} bytes a view")
+        for source, error in errors.items():
+            console.print(f"{source}: {error}")
+        if errors:
+            raise typer.Exit(1)
+    elif pack is None and sheet is None:
+        raise ValueError("nothing to do: expected --bodies, --scan, --scan-list, --pack or --sheet")
+    if pack is not None:
+        for path in record_files.pack(records, pack):
+            console.print(f"{path}: {path.stat().st_size} bytes")
+    if sheet is not None:
+        pictures.contact_sheet([records], sheet)
+        console.print(f"{sheet}")
+
+
+def _seeds(text):
+    first, _, last = text.partition(":")
+    try:
+        return range(int(first), int(last))
+    except ValueError as error:
+        raise ValueError(f"--bodies: expected FIRST:LAST, e.g. 0:100, got {text!r}") from error
+
+
+class Network(StrEnum):
+    normals = "normals"
+    albedo = "albedo"
+    shadow = "shadow"
+
+
+@app.command()
+def train(
+    network: Network,
+    records: Annotated[list[Path], typer.Option(help="Records or shards to train on. Repeatable.")],
+    out: Annotated[Path, typer.Option(help="Folder of the run; a run found there is resumed.")],
+    steps: Annotated[int, typer.Option(min=1, help="Mini-batches in all.")],
+    size: Annotated[int, typer.Option(help="Height of the canvas in pixels, a multiple of 128.")] = 256,
+    batch: Annotated[int, typer.Option(min=1, help="Photographs a mini-batch.")] = 8,
+    learning_rate: Annotated[float, typer.Option(help="At its peak.")] = 1e-3,
+    seed: Annotated[int, typer.Option(help="Of photographs and weights.")] = 0,
+    init: Annotated[
+        Path | None, typer.Option(help="Weights to start from: the same network's, or another's backbone.")
+    ] = None,
+    normals: Annotated[
+        str, typer.Option(help="The normals network that albedo and shadow take their input from.")
+    ] = "normals",
+    validation: Annotated[
+        list[Path] | None, typer.Option(help="Records to score at each checkpoint. Repeatable.")
+    ] = None,
+    workers: Annotated[int | None, typer.Option(min=0, help="Processes that make photographs.")] = None,
+    minutes: Annotated[float, typer.Option(min=0, help="Between checkpoints.")] = 5,
+):
+    """Train a network, or go on with a run that was interrupted."""
+    from shading.training import ALBEDO
+    from shadow.training import NORMALS, SHADOW, Recipe, fit
+
+    task = {Network.normals: NORMALS, Network.albedo: ALBEDO, Network.shadow: SHADOW}[network]
+    recipe = Recipe(steps=steps, size=size, batch=batch, learning_rate=learning_rate, seed=seed)
+    path = fit(
+        task, recipe, records, out, validation=validation, init=init, estimator=normals, workers=workers,
+        checkpoint_minutes=minutes,
+    )  # fmt: skip
+    console.print(f"{path}")
+
+
+@app.command()
+def evaluate(
+    records: Annotated[list[Path], typer.Option(help="Records or shards to score on. Repeatable.")],
+    model: Annotated[str, typer.Option(help="Visibility weights: a name, or a file.")] = "field",
+    normals: Annotated[str, typer.Option(help="Normals weights: a name, or a file.")] = "normals",
+    seed: Annotated[int, typer.Option(help="Of the lightings the records are photographed under.")] = 0,
+    limit: Annotated[int | None, typer.Option(min=2, help="Score this many records, spread evenly.")] = None,
+):
+    """Print RMSE, PSNR and Dice of the visibility maps (Section 4.1) beside the sign(N·L) baselines."""
+    from shadow import evaluation
+
+    scores, angle = evaluation.evaluate(
+        records, model=model, normals_model=normals, seed=seed, limit=limit
+    )  # fmt: skip
+    print(evaluation.report(scores, angle))

@@ -1,0 +1,318 @@
+"""Images in and out through OpenImageIO: alpha, colour, layers, and files that are whole or not there.
+
+Inside, an image is (H, W, 3) or (H, W, 4) float32: linear Rec.709, premultiplied. A file of integers is
+sRGB-encoded with straight alpha, a file of floats scene-linear and premultiplied, unless it says otherwise.
+"""
+
+import os
+import secrets
+from pathlib import Path
+
+import numpy as np
+import OpenImageIO as oiio
+
+from relight import colour
+
+DEPTHS = {  # what each format is written as: the first is the default
+    ".exr": ("half", "float"),
+    ".hdr": ("float",),
+    ".jpeg": ("uint8",),
+    ".jpg": ("uint8",),
+    ".png": ("uint8", "uint16"),
+    ".tif": ("uint16", "uint8", "float"),
+    ".tiff": ("uint16", "uint8", "float"),
+}
+HALF_MAX = 65504.0
+REC709 = (0.64, 0.33, 0.30, 0.60, 0.15, 0.06, 0.3127, 0.3290)  # chromaticities of R, G, B and white
+
+
+def scene_linear(name, image):
+    """An image at the public edge to linear Rec.709, premultiplied.
+
+    Parameters
+    ----------
+    name: what to call it in an error.
+    image: (H, W, 3) or (H, W, 4). uint8 and uint16 are sRGB-encoded with straight alpha; floating dtypes
+        are scene-linear Rec.709 with premultiplied alpha.
+
+    Returns
+    -------
+    (H, W, 3) or (H, W, 4) float32, colour unbounded, alpha in [0, 1].
+
+    Raises
+    ------
+    TypeError: another dtype. ValueError: another shape, NaN or infinite values, alpha outside [0, 1].
+    """
+    pixels = np.asarray(image)
+    if pixels.dtype not in (np.uint8, np.uint16) and not np.issubdtype(pixels.dtype, np.floating):
+        raise TypeError(f"{name}: expected uint8, uint16 or a floating dtype, got {pixels.dtype}")
+    if pixels.ndim != 3 or pixels.shape[-1] not in (3, 4) or 0 in pixels.shape:
+        raise ValueError(f"{name}: expected shape (H, W, 3) or (H, W, 4), got {pixels.shape}")
+    integer = np.issubdtype(pixels.dtype, np.integer)
+    linear = _linear(pixels, straight=integer, space=colour.SRGB if integer else colour.LINEAR)
+    if not np.isfinite(linear).all():
+        raise ValueError(f"{name}: contains NaN or infinite values")
+    if linear.shape[-1] == 4:
+        alpha = linear[..., 3]
+        if alpha.min() < -1e-3 or alpha.max() > 1 + 1e-3:  # filtering overshoots a little
+            raise ValueError(f"{name}: expected alpha in [0, 1], got [{alpha.min():g}, {alpha.max():g}]")
+        linear = np.concatenate([linear[..., :3], alpha[..., None].clip(0, 1)], axis=-1)
+    return linear
+
+
+def _linear(pixels, *, straight, space):
+    """Pixels (H, W, 3|4) of a colour space, with straight or premultiplied alpha, to linear premultiplied."""
+    if pixels.shape[-1] == 3:
+        return colour.decode(pixels, space)
+    rgb, alpha = pixels[..., :3], pixels[..., 3:]
+    if np.issubdtype(pixels.dtype, np.integer):
+        alpha = alpha / np.float32(np.iinfo(pixels.dtype).max)
+    if not straight and colour.resolve(space) == colour.resolve(colour.LINEAR):
+        return np.asarray(pixels, np.float32)
+    if not straight:  # the encoding was applied before the alpha: take the alpha out first
+        scale = np.iinfo(pixels.dtype).max if np.issubdtype(pixels.dtype, np.integer) else 1
+        rgb = np.divide(rgb / np.float32(scale), alpha, out=np.zeros(rgb.shape, np.float32), where=alpha > 0)
+    return np.concatenate([colour.decode(rgb, space) * alpha, alpha], axis=-1, dtype=np.float32)
+
+
+def read(path, *, colour_space=None):
+    """Read an image.
+
+    Parameters
+    ----------
+    path: a file that OpenImageIO reads: PNG, JPEG, TIFF, OpenEXR, HDR and others.
+    colour_space: the file's colour space ("sRGB", "lin_rec709", "ACEScg"... as in OpenColorIO's built-in
+        configuration), where it does not say, or says what is wrong.
+
+    Returns
+    -------
+    (H, W, 3), or (H, W, 4) if there is alpha: float32, linear Rec.709, premultiplied, unbounded. Grey becomes
+    three equal channels. The picture stands upright (Exif orientation) and fills its display window.
+
+    Raises
+    ------
+    FileNotFoundError: no such file. ValueError: not an image, truncated, NaN or infinite values, an unknown
+    colour space, or primaries other than Rec.709 of which the colour space is not given.
+    """
+    pixels, spec = _load(path)
+    names = list(spec.channelnames)
+    colours = [names.index(c) for c in "RGB" if c in names] or [names.index(c) for c in "Y" if c in names]
+    if len(colours) not in (1, 3):
+        raise ValueError(f"{path}: expected channels R, G, B or Y, with or without A; got {', '.join(names)}")
+    rgb = np.broadcast_to(pixels[..., colours], (*pixels.shape[:2], 3))
+    if "A" in names:
+        rgb = np.concatenate([rgb, pixels[..., [names.index("A")]]], axis=-1)
+    space = _declared_space(path, spec, pixels.dtype) if colour_space is None else colour_space
+    linear = _linear(rgb, straight=bool(spec.get_int_attribute("oiio:UnassociatedAlpha")), space=space)
+    if not np.isfinite(linear).all():
+        raise ValueError(f"{path}: contains NaN or infinite values")
+    return linear
+
+
+def read_layers(path):
+    """Read the named layers of an OpenEXR file: {name: (H, W, C) float32}, as written, in the file's order.
+
+    A layer holds the channels `name.*`; the channels without a name, the beauty, are `read`'s. Empty if there
+    are no layers. Raises as `read` does.
+    """
+    pixels, spec = _load(path)
+    channels = {}
+    for index, channel in enumerate(spec.channelnames):
+        layer, dot, _ = channel.rpartition(".")
+        if dot:
+            channels.setdefault(layer, []).append(index)
+    return {layer: np.asarray(pixels[..., indices], np.float32) for layer, indices in channels.items()}
+
+
+def read_mask(path):
+    """Read a matte: (H, W) float32 in [0, 1], from the alpha channel unless it is opaque, else from grey.
+
+    A matte is coverage, not colour: its values are taken as they are stored. Raises as `read` does, and
+    ValueError for a picture that is neither transparent nor grey.
+    """
+    pixels, spec = _load(path)
+    if np.issubdtype(pixels.dtype, np.integer):
+        pixels = pixels / np.float32(np.iinfo(pixels.dtype).max)
+    if not np.isfinite(pixels).all():
+        raise ValueError(f"{path}: contains NaN or infinite values")
+    alpha = spec.alpha_channel
+    if alpha >= 0 and pixels[..., alpha].min() < 1:
+        matte = pixels[..., alpha]
+    else:
+        matte = pixels[..., 0]
+        if np.ptp(np.delete(pixels, alpha, axis=-1) if alpha >= 0 else pixels, axis=-1).max() > 0.01:
+            raise ValueError(
+                f"{path}: expected a mask (grey, or with transparency), got an opaque colour image"
+            )
+    return np.clip(matte, 0, 1, dtype=np.float32)
+
+
+def _load(path):
+    """All pixels (H, W, C) of a file, uint8 and uint16 as they are and float32 otherwise, and its spec."""
+    path = Path(path)
+    if not path.exists():
+        raise FileNotFoundError(f"{path}: no such file")
+    hints = oiio.ImageSpec()
+    hints.attribute("oiio:UnassociatedAlpha", 1)  # or encoded values would come premultiplied
+    file = oiio.ImageInput.open(str(path), hints)
+    if file is None:
+        raise ValueError(f"{path}: cannot be read as an image: {oiio.geterror().strip()}")
+    spec = file.spec()
+    if spec.deep:
+        raise ValueError(f"{path}: is a deep image, expected a flat one")
+    native = str(spec.format)
+    pixels = file.read_image(native if native in ("uint8", "uint16") else "float")
+    problem = file.geterror()  # a truncated JPEG returns a picture *and* an error
+    file.close()
+    if pixels is None or problem:
+        raise ValueError(f"{path}: is damaged or truncated: {problem.strip()}")
+    return _upright(_in_display_window(pixels, spec), spec), spec
+
+
+def _in_display_window(pixels, spec):
+    """Crop overscan and pad with nothing, so that the picture is what its display window shows."""
+    left, top = spec.x - spec.full_x, spec.y - spec.full_y
+    if (left, top, spec.width, spec.height) == (0, 0, spec.full_width, spec.full_height):
+        return pixels
+    window = np.zeros((spec.full_height, spec.full_width, spec.nchannels), pixels.dtype)
+    rows = slice(max(top, 0), max(top + spec.height, 0))
+    columns = slice(max(left, 0), max(left + spec.width, 0))
+    inside = window[rows, columns]
+    inside[:] = pixels[max(-top, 0) :, max(-left, 0) :][: inside.shape[0], : inside.shape[1]]
+    return window
+
+
+def _upright(pixels, spec):
+    """Turn the picture as its Exif orientation asks."""
+    orientation = spec.get_int_attribute("Orientation", 1)
+    if orientation == 1:
+        return pixels
+    lying = oiio.ImageBuf(np.ascontiguousarray(pixels))
+    lying.orientation = orientation
+    upright = oiio.ImageBufAlgo.reorient(lying)
+    return upright.get_pixels(upright.spec().format)
+
+
+def _declared_space(path, spec, dtype):
+    """The colour space that a file declares, or its dtype implies."""
+    declared = spec.get_string_attribute("oiio:ColorSpace")
+    if declared:
+        return declared
+    primaries = spec.getattribute("chromaticities")
+    if primaries is not None and not np.allclose(primaries, REC709, atol=2e-3):
+        raise ValueError(
+            f"{path}: has primaries other than Rec.709; say which with colour_space, e.g. 'ACEScg'"
+        )
+    return colour.SRGB if np.issubdtype(dtype, np.integer) else colour.LINEAR
+
+
+def check_writable(path):
+    """The depths that `path` can be written with, default first; raises as `write` does if there are none."""
+    path = Path(path)
+    depths = DEPTHS.get(path.suffix.lower())
+    if depths is None:
+        raise ValueError(f"{path}: expected a file name that ends in {', '.join(DEPTHS)}")
+    if not path.parent.is_dir():
+        raise FileNotFoundError(f"{path}: the folder {path.parent} does not exist")
+    return depths
+
+
+def write(path, image, *, layers=None, depth=None):
+    """Write an image. The file appears when it is complete; an error leaves what was there before.
+
+    Parameters
+    ----------
+    path: its suffix is the format: .exr, .hdr, .jpg, .png, .tif. Its folder must exist.
+    image: (H, W, 3|4), integers sRGB with straight alpha, floats linear Rec.709 premultiplied.
+    layers: {name: (H, W) or (H, W, 1|3|4) float}, for .exr: written as `name.R` ... `name.A`, or `name.Y`,
+        behind the image's own R, G, B, A. Values are kept as they are.
+    depth: "uint8", "uint16", "half" or "float", as the format allows. Unless given: half for .exr, uint8 for
+        .png and .jpg, uint16 for .tif, float for .hdr.
+
+    Floats are written scene-linear and premultiplied. Integers are written for display, sRGB-encoded with
+    straight alpha: light above 1 is clipped (see `relight.colour.encode`).
+
+    Raises
+    ------
+    TypeError, ValueError: wrong shape, dtype, suffix or depth; NaN or infinite values; values that half
+    cannot hold; alpha that is not 1 in a format without alpha; layers outside .exr.
+    OSError: the folder does not exist or the file cannot be written.
+    """
+    path = Path(path)
+    depths = check_writable(path)
+    depth = depth or depths[0]
+    if depth not in depths:
+        raise ValueError(f"depth: expected {' or '.join(depths)} for {path.suffix}, got {depth!r}")
+    pixels = scene_linear("image", image)
+    if pixels.shape[-1] == 4 and path.suffix.lower() in (".hdr", ".jpeg", ".jpg"):
+        if pixels[..., 3].min() < 1:
+            raise ValueError(f"{path}: {path.suffix} holds no alpha; put the image over a background first")
+        pixels = pixels[..., :3]
+    names = list("RGBA"[: pixels.shape[-1]])
+    if depth.startswith("uint"):
+        pixels = _encoded(pixels)
+    if layers:
+        if path.suffix.lower() != ".exr":
+            raise ValueError(f"{path}: layers need a .exr file")
+        stacks = [_layer(name, layer, pixels.shape[:2]) for name, layer in layers.items()]
+        names += [f"{name}.{c}" for name, stack in zip(layers, stacks, strict=True) for c in _suffixes(stack)]
+        pixels = np.concatenate([pixels, *stacks], axis=-1)
+    if depth == "half" and np.abs(pixels).max() > HALF_MAX:
+        raise ValueError(f"{path}: values above {HALF_MAX:g} do not fit half; write it with depth='float'")
+    spec = oiio.ImageSpec(pixels.shape[1], pixels.shape[0], pixels.shape[2], depth)
+    spec.channelnames = names
+    spec.alpha_channel = names.index("A") if "A" in names else -1
+    spec.attribute("Software", "relight")
+    spec.attribute("compression", "zip" if path.suffix.lower() in (".exr", ".tif", ".tiff") else "")
+    if depth.startswith("uint"):
+        spec.attribute("oiio:ColorSpace", "srgb_rec709_scene")
+        spec.attribute("oiio:UnassociatedAlpha", 1)
+    else:
+        spec.attribute("oiio:ColorSpace", "lin_rec709_scene")
+        spec.attribute("chromaticities", oiio.TypeDesc("float[8]"), REC709)
+    _save(path, pixels, spec)
+
+
+def _encoded(pixels):
+    """Linear premultiplied (H, W, 3|4) to sRGB with straight alpha, float32 in [0, 1]."""
+    if pixels.shape[-1] == 3:
+        return colour.encode(pixels)
+    rgb, alpha = pixels[..., :3], pixels[..., 3:]
+    straight = np.divide(rgb, alpha, out=np.zeros_like(rgb), where=alpha > 0)
+    return np.concatenate([colour.encode(straight), alpha], axis=-1)
+
+
+def _suffixes(stack):
+    return {1: "Y", 3: "RGB", 4: "RGBA"}[stack.shape[-1]]
+
+
+def _layer(name, layer, size):
+    """A layer as (H, W, 1|3|4) float32, checked."""
+    if not isinstance(name, str) or not name:
+        raise TypeError(f"layers: expected names that are non-empty strings, got {name!r}")
+    stack = np.asarray(layer)
+    if not np.issubdtype(stack.dtype, np.floating):
+        raise TypeError(f"layers[{name!r}]: expected a floating dtype, got {stack.dtype}")
+    stack = stack[..., None] if stack.ndim == 2 else stack
+    if stack.ndim != 3 or stack.shape[:2] != size or stack.shape[-1] not in (1, 3, 4):
+        raise ValueError(f"layers[{name!r}]: expected shape {size} or {(*size, '1|3|4')}, got {stack.shape}")
+    if not np.isfinite(stack).all():
+        raise ValueError(f"layers[{name!r}]: contains NaN or infinite values")
+    return stack.astype(np.float32)
+
+
+def _save(path, pixels, spec):
+    """Write beside, flush to the disk, then rename: a reader finds the old file or the new one, whole."""
+    beside = path.with_name(f".{path.stem}-{secrets.token_hex(4)}{path.suffix}")
+    try:
+        file = oiio.ImageOutput.create(str(beside))
+        if file is None:
+            raise OSError(f"{path}: cannot be written: {oiio.geterror().strip()}")
+        written = file.open(str(beside), spec) and file.write_image(np.ascontiguousarray(pixels))
+        if not (file.close() and written):
+            raise OSError(f"{path}: cannot be written: {file.geterror().strip()}")
+        with beside.open("rb+") as whole:
+            os.fsync(whole.fileno())
+        os.replace(beside, path)
+    finally:
+        beside.unlink(missing_ok=True)

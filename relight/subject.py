@@ -1,0 +1,246 @@
+"""The analysed person: albedo, normals, visibility and shading, ready for any number of lights."""
+
+from functools import cached_property
+
+import numpy as np
+import OpenImageIO as oiio
+import torch
+import torch.nn.functional as F
+
+from relight.image import scene_linear
+from relight.upsampling import JointBilateral
+from shading import albedo as albedo_module
+from shading.diffuse import base
+from shadow import inputs
+from shadow import normals as normals_module
+from shadow import visibility as visibility_module
+from shadow.framing import Framing, bounding_box, extend
+
+CLEAN = 0.98  # coverage above which a photograph's pixel holds no background to speak of
+FAINT = 0.05  # coverage below which premultiplied colour is too coarse to divide by
+REACH = 16  # canvas pixels that maps are continued beyond the matte, for hair and soft edges
+DARK = 1e-3  # squared albedo at which the photographed shading is as much guess as measurement
+DEEPEST = 0.02  # least photographed shading, as a share of the mean: bounds the noise that delighting lifts
+BATCH = 64  # directions at a time
+
+
+class Subject:
+    """A person in an image, analysed once; then each light costs a weighted sum and no network.
+
+    The networks run when the subject is made, so that bad input fails there and relighting takes a
+    predictable time. They see a canvas around the person; what they find is brought back to the plate's own
+    pixels, guided by its colours, while texture comes from the plate itself.
+
+    Parameters
+    ----------
+    image: (H, W, 3|4). Integers are sRGB-encoded with straight alpha; floats linear Rec.709, premultiplied.
+    mask: (H, W) in [0, 1], or uint8 or uint16 over the full range: the matte of the person. Needed unless the
+        image has alpha, which it replaces. Pixels that a mask covers in part are taken to show the background
+        too, so their colour is continued from inside.
+    albedo: (H, W, 3) to use instead of inferring it; integers sRGB, floats linear in [0, 1].
+    normals: (H, W, 3) camera-frame normals (x right, y up, z to the camera) to use instead of inferring them.
+
+    Raises
+    ------
+    TypeError: a dtype that is not welcome. ValueError: wrong shapes, NaN or infinite values, values out of
+    range, neither mask nor alpha, an empty mask.
+    """
+
+    def __init__(self, image, mask=None, albedo=None, normals=None):
+        pixels = scene_linear("image", image)
+        alpha = _matte(pixels, mask)
+        self._size = tuple(alpha.shape)
+        given_albedo = None if albedo is None else _given_albedo(albedo, self._size)
+        given_normals = None if normals is None else inputs.normals("normals", normals, self._size)
+
+        top, left, bottom, right = bounding_box(alpha, threshold=0)
+        box = np.s_[..., top:bottom, left:right]
+        alpha = alpha[box]
+        foreground = _foreground(pixels[top:bottom, left:right], alpha, photographed=mask is not None)
+        self._pixels = (alpha > 0).flatten().nonzero()[:, 0]  # in the box
+        self._where = (
+            (self._pixels // (right - left) + top) * self._size[1] + self._pixels % (right - left) + left
+        )
+        self._alpha = alpha.flatten()[self._pixels]
+
+        field = visibility_module.load()
+        framing = Framing.around(alpha, field.size)
+        framed_mask = framing.crop(alpha[None])[0].clamp(0, 1)
+        framed = _crop(framing, foreground)
+        self._known = framed_mask > 0.5
+        if given_normals is None:
+            self._normals = normals_module.load().analyse(framed, framed_mask)
+        else:
+            self._normals = F.normalize(framing.crop(given_normals[box]), dim=0)
+        self._visibility = field.analyse(framed, framed_mask, self._normals)
+
+        exposure = 0.2 / framed[:, self._known].mean().clamp_min(1e-6)
+        guide, framed_guide = (_display(colour * exposure) for colour in (foreground, framed))
+        self._enlarge = JointBilateral(framing, guide, framed_guide, self._known, self._pixels)
+        if given_albedo is None:
+            framed_albedo = albedo_module.load().analyse(framed, framed_mask, self._normals)
+            light = self._to_plate(_photographed_shading(framed, framed_albedo, self._known))
+            self._albedo = (foreground.flatten(1)[:, self._pixels].T / light).clamp(0, 1)
+        else:
+            self._albedo = given_albedo[box].flatten(1)[:, self._pixels].T
+
+    def relit(self, lights):
+        """The person in new light.
+
+        Parameters
+        ----------
+        lights: a light, or any number of them; none gives black.
+
+        Returns
+        -------
+        (H, W, 4) float32, linear Rec.709, premultiplied, never clipped. Exactly linear: the colour of
+        `relit(a + b)` is that of `relit(a)` plus that of `relit(b)`, and twice the intensity gives twice the
+        colour, to float32 rounding. Alpha is the matte.
+        """
+        shading = torch.zeros(3, *self._known.shape)
+        for light in _as_lights(lights):
+            directions, intensities = (torch.from_numpy(samples) for samples in light.samples())
+            for batch, power in zip(directions.split(BATCH), intensities.split(BATCH), strict=True):
+                shading += torch.einsum("dhw,dc->chw", self._shading(batch), power)
+        colour = self._albedo * self._to_plate(shading)
+        return self._scatter(
+            torch.cat([colour, torch.ones_like(colour[:, :1])], dim=1) * self._alpha[:, None]
+        )
+
+    def layers(self, lights):
+        """The person in each light alone: {name: (H, W, 4)}, lights without a name as `light1`, `light2`...
+
+        Each is a complete premultiplied picture and carries the matte as its alpha. The colours of all layers
+        sum to the colour of `relit(lights)`; the alpha, which is the same person's coverage, does not add up.
+        ValueError if two lights have one name.
+        """
+        lights = _as_lights(lights)
+        names = [light.name or f"light{number}" for number, light in enumerate(lights, 1)]
+        if len(set(names)) < len(names):
+            raise ValueError(f"lights: expected different names, got {', '.join(names)}")
+        return {name: self.relit(light) for name, light in zip(names, lights, strict=True)}
+
+    @cached_property
+    def albedo(self):
+        """(H, W, 3) float32 linear Rec.709 in [0, 1]: the plate's texture without its light; zero outside."""
+        return self._scatter(self._albedo)
+
+    @cached_property
+    def normals(self):
+        """(H, W, 3) float32 unit vectors in the camera frame, at the networks' detail; zero outside."""
+        return self._scatter(F.normalize(self._to_plate(self._normals), dim=1))
+
+    def visibility(self, directions):
+        """Self-shadow maps (D, H, W) float32 in [0, 1]: 1 = lit, zero outside the matte.
+
+        `directions` (D, 3) point toward the lights. Raises TypeError or ValueError for a wrong shape or
+        dtype, NaN or infinite values, or a direction of zero length.
+        """
+        maps = self._visibility(inputs.directions("directions", directions))
+        return np.ascontiguousarray(self._scatter(self._to_plate(maps)).transpose(2, 0, 1))
+
+    def shading(self, directions):
+        """Diffuse shading (D, H, W) float32 in [0, 1] by one unit light at a time, zero outside the matte.
+
+        `directions` (D, 3) point toward the lights. Linear; 1 is a surface that faces an unoccluded light.
+        Raises as `visibility` does.
+        """
+        maps = self._shading(inputs.directions("directions", directions))
+        return np.ascontiguousarray(self._scatter(self._to_plate(maps)).transpose(2, 0, 1))
+
+    def _shading(self, directions):
+        """Base shading (Section 4.4) on the canvas: (D, h, w)."""
+        return base(self._normals, self._visibility(directions), directions)
+
+    def _to_plate(self, maps):
+        """Canvas maps (C, h, w) to the subject's pixels on the plate (P, C)."""
+        return self._enlarge(extend(maps, self._known, REACH))
+
+    def _scatter(self, values):
+        """The subject's pixels (P, C) to an image (H, W, C) that is zero elsewhere."""
+        image = torch.zeros(self._size[0] * self._size[1], values.shape[1])
+        image[self._where] = values
+        return image.view(*self._size, -1).numpy()
+
+
+def _as_lights(lights):
+    """One light or an iterable of lights as a list."""
+    lights = [lights] if hasattr(lights, "samples") else lights
+    try:
+        lights = list(lights)
+    except TypeError as error:
+        raise TypeError(f"lights: expected lights, got {type(lights).__name__}") from error
+    for light in lights:
+        if not hasattr(light, "samples"):
+            raise TypeError(f"lights: expected lights, e.g. DirectionalLight, got {type(light).__name__}")
+    return lights
+
+
+def _matte(pixels, mask):
+    """The subject's coverage (H, W), from the mask if given, else from the alpha channel."""
+    if mask is not None:
+        mask = np.asarray(mask)
+        if mask.dtype in (np.uint8, np.uint16):
+            mask = mask / np.float32(np.iinfo(mask.dtype).max)
+        return inputs.mask("mask", mask, pixels.shape[:2])
+    if pixels.shape[-1] == 3:
+        raise ValueError("mask: the image has no alpha channel, so give the person's matte as a mask")
+    if pixels[..., 3].min() == 1:
+        raise ValueError("mask: the image is opaque everywhere, so give the person's matte as a mask")
+    return inputs.mask("image's alpha", pixels[..., 3], pixels.shape[:2])
+
+
+def _given_albedo(albedo, size):
+    """The caller's albedo as (3, H, W) in [0, 1], checked."""
+    pixels = scene_linear("albedo", albedo)
+    if pixels.shape != (*size, 3):
+        raise ValueError(f"albedo: expected shape {(*size, 3)}, the size of the image, got {pixels.shape}")
+    if pixels.min() < 0 or pixels.max() > 1:
+        raise ValueError(f"albedo: expected values in [0, 1], got [{pixels.min():g}, {pixels.max():g}]")
+    return torch.from_numpy(pixels).permute(2, 0, 1)
+
+
+def _foreground(pixels, alpha, photographed):
+    """The person's own colour (3, H, W), not premultiplied, continued beyond the matte's edge.
+
+    Premultiplied colour is divided by its alpha where there is enough of it. In a photograph with a separate
+    mask, partly covered pixels show the background as well: only nearly covered ones are trusted. The rest is
+    filled from those by push-pull (Gortler et al. 1996), so that no background, and no black, gets in.
+    """
+    rgb, own_alpha = pixels[..., :3], pixels[..., 3:]
+    matte = alpha.numpy()[..., None]
+    known = matte >= (min(CLEAN, matte.max()) if photographed else FAINT)
+    if own_alpha.size:
+        known &= own_alpha >= FAINT
+        rgb = np.divide(rgb, own_alpha, out=np.zeros_like(rgb), where=known)
+    if not known.any():
+        raise ValueError("mask: the image is transparent where the mask shows a subject")
+    trusted = np.concatenate([rgb * known, known], axis=-1, dtype=np.float32)
+    filled = oiio.ImageBufAlgo.fillholes_pushpull(oiio.ImageBuf(np.ascontiguousarray(trusted))).get_pixels(
+        "float"
+    )[..., :3]
+    return torch.from_numpy(np.where(known, rgb, filled).clip(0)).permute(2, 0, 1)
+
+
+def _crop(framing, colour):
+    """Plate colour (3, H, W) on the canvas, as a mean over what the plate covers: no black at its frame."""
+    covered = framing.crop(torch.ones_like(colour[:1]))
+    return framing.crop(colour) / covered.clamp_min(1e-6) * (covered > 0)
+
+
+def _display(colour):
+    """Exposed linear colour as the eye spaces it, for comparing: about [0, 1]."""
+    return colour.clamp(0, 4) ** (1 / 2.2)
+
+
+def _photographed_shading(framed, albedo, known):
+    """The light that the person was photographed in, on the canvas (3, h, w): image over albedo.
+
+    Least squares of image = shading · albedo over 3 x 3 pixels, drawn toward the mean light where the albedo
+    is too dark to tell. Positive everywhere on the subject.
+    """
+    mean = framed[:, known].mean(dim=1) / albedo[:, known].mean(dim=1).clamp_min(1e-6)
+    mean = mean.clamp_min(1e-6)[:, None, None]
+    around = F.avg_pool2d(torch.stack([framed * albedo, albedo**2]) * known, 3, stride=1, padding=1)
+    shading = (around[0] + DARK * mean) / (around[1] + DARK)
+    return torch.maximum(shading, DEEPEST * mean)

@@ -1,0 +1,97 @@
+import subprocess
+import sys
+
+import numpy as np
+import pytest
+from typer.testing import CliRunner
+
+import relight
+from relight.cli import app
+
+LIGHTS = [
+    "--light",
+    "key:azimuth=-40,elevation=30,intensity=2,colour=1/0.9/0.8",
+    "--light",
+    "fill:azimuth=60,intensity=0.5",
+]
+
+
+@pytest.fixture
+def photo(tmp_path):
+    """A photograph (opaque) and its matte, as files."""
+    y, x = np.mgrid[:96, :80]
+    mask = (np.hypot((x - 40) * 1.5, y - 48) < 40).astype(np.float32)
+    image = np.stack([0.2 + 0.5 * mask, 0.3 + 0 * mask, 0.6 - 0.4 * mask], axis=-1)
+    relight.write(tmp_path / "photo.png", image)
+    relight.write(tmp_path / "mask.png", mask[..., None].repeat(3, -1))
+    return [str(tmp_path / "photo.png"), "--mask", str(tmp_path / "mask.png")]
+
+
+def run(*arguments):
+    return CliRunner().invoke(app, [str(argument) for argument in arguments])
+
+
+def test_apply_writes_every_output(tmp_path, photo):
+    picture, preview = tmp_path / "out.exr", tmp_path / "out.png"
+    result = run("apply", *photo, *LIGHTS, "-o", picture, "-o", preview)
+    assert result.exit_code == 0, result.output
+    beauty, layers = relight.read(picture), relight.read_layers(picture)
+    assert beauty.shape == (96, 80, 4)
+    assert set(layers) == {"C_key", "C_fill"}
+    np.testing.assert_allclose(sum(layer[..., :3] for layer in layers.values()), beauty[..., :3], atol=5e-3)
+    assert relight.read(preview).shape == (96, 80, 4)
+
+
+def test_apply_equals_the_library(tmp_path, photo):
+    assert run("apply", *photo, *LIGHTS, "-o", tmp_path / "out.exr").exit_code == 0
+    image, mask = relight.read(photo[0]), relight.read_mask(photo[2])
+    lights = [relight.DirectionalLight.parse(text) for text in LIGHTS[1::2]]
+    expected = relight.apply(image, lights, mask=mask)
+    np.testing.assert_allclose(relight.read(tmp_path / "out.exr"), expected, atol=2e-3)
+
+
+def test_background_is_an_image_or_a_colour(tmp_path, photo):
+    relight.write(tmp_path / "bg.exr", np.full((20, 30, 3), 0.5, np.float32))
+    for background in (tmp_path / "bg.exr", "0.5/0.5/0.5"):
+        result = run("apply", *photo, *LIGHTS, "--background", background, "-o", tmp_path / "o.exr")
+        assert result.exit_code == 0, result.output
+        picture = relight.read(tmp_path / "o.exr")
+        assert picture.shape == (96, 80, 3)
+        np.testing.assert_allclose(picture[0, 0], 0.5, atol=1e-3)
+        layers = relight.read_layers(tmp_path / "o.exr")
+        assert set(layers) == {"C_key", "C_fill", "C_background"}
+        total = sum(layer[..., :3] for layer in layers.values())
+        np.testing.assert_allclose(total, picture, atol=5e-3)
+
+
+@pytest.mark.parametrize(
+    ("change", "message"),
+    [
+        ({"--mask": None}, "mask: the image has no alpha channel, so give the person's matte"),
+        ({"--mask": "gone.png"}, "gone.png: no such file"),
+        ({"--light": "key:azimut=3"}, "'azimut=3' is not understood"),
+        ({"--background": "gone.exr"}, "gone.exr: no such file"),
+        ({"--background": "1/2"}, "background: expected an image or three finite numbers"),
+        ({"--colour-space": "bogus"}, "colour_space: unknown 'bogus'"),
+        ({"-o": "out.gif"}, "out.gif: expected a file name that ends in"),
+        ({"-o": "none/out.exr"}, "the folder none does not exist"),
+    ],
+)
+def test_bad_input_is_one_line(tmp_path, monkeypatch, photo, change, message):
+    monkeypatch.chdir(tmp_path)
+    options = {"--mask": photo[2], "--light": "azimuth=10", "-o": "out.exr"} | change
+    arguments = [part for option, value in options.items() if value is not None for part in (option, value)]
+    result = run("apply", photo[0], *arguments)
+    assert result.exit_code == 2
+    assert message in result.output
+    assert result.output.startswith("relight: ")
+    assert result.output.count("\n") == 1
+    assert not (tmp_path / "out.exr").exists()
+
+
+def test_help_does_not_load_the_networks():
+    program = "import sys, relight.cli; sys.exit(any(m in sys.modules for m in ('torch', 'colour')))"
+    assert subprocess.run([sys.executable, "-c", program], check=False).returncode == 0
+    result = run("--help")
+    assert result.exit_code == 0
+    assert "apply" in result.output

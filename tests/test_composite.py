@@ -1,0 +1,121 @@
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+import relight
+from relight.composite import cover, over, render
+
+LIGHTS = [
+    relight.DirectionalLight(azimuth=-40, elevation=30, intensity=2, colour=(1, 0.9, 0.8), name="key"),
+    relight.DirectionalLight(azimuth=70, intensity=0.5),
+]
+
+
+def person(height=160, width=120):
+    """A flat figure with a soft edge: (H, W, 4) linear, premultiplied."""
+    y, x = np.mgrid[:height, :width] / (height, width)[0]
+    distance = np.hypot((x - width / height / 2) * 2.2, y - 0.5)
+    alpha = np.clip((0.4 - distance) * 40, 0, 1)[..., None]
+    return np.concatenate([alpha * (0.5, 0.4, 0.3), alpha], axis=-1).astype(np.float32)
+
+
+def test_over_along_a_soft_edge_is_exact():
+    alpha = np.linspace(0, 1, 256, dtype=np.float32)[None, :, None].repeat(4, 0)
+    front, back = np.array([0.8, 0.1, 4.0], np.float32), np.array([0.05, 0.9, 0.2], np.float32)
+    result = over(np.concatenate([front * alpha, alpha], axis=-1), back)
+    np.testing.assert_allclose(result, alpha * front + (1 - alpha) * back, atol=1e-6)
+    assert result.dtype == np.float32
+
+
+def test_over_takes_integers_as_srgb():
+    front = np.zeros((4, 4, 4), np.uint8)
+    back = np.full((4, 4, 3), 128, np.uint8)
+    np.testing.assert_allclose(over(front, back), 0.2158605, atol=1e-5)
+
+
+def test_a_background_is_covered_and_centred():
+    wide = np.zeros((50, 400, 3), np.float32)
+    wide[:, 175:225] = 1  # the middle square
+    np.testing.assert_allclose(cover(wide, (80, 80)), 1, atol=1e-5)
+    tall = np.zeros((400, 50, 3), np.float32)
+    tall[175:225] = 1
+    np.testing.assert_allclose(cover(tall, (20, 20)), 1, atol=1e-5)
+    assert cover(wide, (33, 77)).shape == (33, 77, 3)
+
+
+def test_a_lamp_in_the_background_gets_no_dark_ring():
+    lamp = np.full((64, 64, 3), 0.1, np.float32)
+    lamp[32, 32] = 1000
+    assert cover(lamp, (200, 200)).min() > 0.0999
+    assert cover(lamp, (30, 30)).min() > 0.0999
+
+
+@pytest.mark.parametrize(
+    ("foreground", "background", "message"),
+    [
+        (np.zeros((4, 4, 3)), (0, 0, 0), r"foreground: expected shape \(H, W, 4\)"),
+        (np.zeros((4, 4, 4)), (0, 0), "background: expected an image or three finite numbers"),
+        (np.zeros((4, 4, 4)), (0, np.nan, 0), "background: expected an image or three finite"),
+        (np.zeros((4, 4, 4)), np.zeros((4, 4)), r"background: expected shape \(H, W, 3\)"),
+        (np.zeros((4, 4, 4)), np.full((4, 4, 3), np.inf), "background: contains NaN or infinite"),
+    ],
+)
+def test_over_names_what_is_wrong(foreground, background, message):
+    with pytest.raises(ValueError, match=message):
+        over(foreground, background)
+
+
+def test_apply_keeps_alpha_or_fills_the_frame():
+    image = person()
+    picture = relight.apply(image, LIGHTS)
+    assert picture.shape == (160, 120, 4)
+    np.testing.assert_allclose(picture[..., 3], image[..., 3], atol=1e-6)
+    filled = relight.apply(image, LIGHTS, background=np.full((30, 90, 3), 0.25, np.float32))
+    assert filled.shape == (160, 120, 3)
+    outside = image[..., 3] == 0
+    np.testing.assert_allclose(filled[outside], 0.25, atol=1e-5)
+    expected = picture[..., :3] + (1 - picture[..., 3:]) * 0.25
+    np.testing.assert_allclose(filled, expected, atol=1e-5)
+
+
+def test_render_layers_sum_to_the_picture():
+    image = person()
+    picture, layers = render(image, LIGHTS)
+    assert list(layers) == ["C_key", "C_light2"]
+    np.testing.assert_allclose(picture, relight.apply(image, LIGHTS), atol=1e-5)
+    np.testing.assert_allclose(sum(layer[..., :3] for layer in layers.values()), picture[..., :3], atol=1e-6)
+    for layer in layers.values():
+        np.testing.assert_array_equal(layer[..., 3], picture[..., 3])
+    filled, layers = render(image, LIGHTS, background=(0.2, 0.3, 0.4))
+    np.testing.assert_allclose(filled, over(picture, (0.2, 0.3, 0.4)), atol=1e-6)
+    np.testing.assert_allclose(sum(layer[..., :3] for layer in layers.values()), filled, atol=1e-6)
+
+
+def test_render_names_what_is_wrong():
+    with pytest.raises(ValueError, match="lights: expected at least one"):
+        render(person(), [])
+    light = relight.DirectionalLight(name="background")
+    with pytest.raises(ValueError, match="'background' names the background's layer"):
+        render(person(), [light], background=(0, 0, 0))
+
+
+@settings(max_examples=12, deadline=None)
+@given(
+    height=st.integers(24, 200),
+    width=st.integers(24, 200),
+    dtype=st.sampled_from([np.uint8, np.uint16, np.float16, np.float32, np.float64]),
+    alpha=st.booleans(),
+    background=st.sampled_from([None, (0.1, 0.2, 0.3), np.ones((7, 5, 3), np.uint8)]),
+)
+def test_apply_takes_every_shape_and_dtype(height, width, dtype, alpha, background):
+    image = person(height, width)
+    mask = None if alpha else image[..., 3]
+    image = image if alpha else image[..., :3] + 0.1
+    if np.issubdtype(dtype, np.integer):
+        image = image * np.iinfo(dtype).max
+    result = relight.apply(image.astype(dtype), LIGHTS, mask=mask, background=background)
+    assert result.shape == (height, width, 4 if background is None else 3)
+    assert result.dtype == np.float32
+    assert np.isfinite(result).all()
+    assert result.min() >= 0

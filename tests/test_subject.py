@@ -1,0 +1,320 @@
+import numpy as np
+import pytest
+import torch
+
+import relight
+from relight import subject as subject_module
+
+LEFT = relight.DirectionalLight(azimuth=-60, name="left")
+RIGHT = relight.DirectionalLight(azimuth=60, intensity=0.7, colour=(0.2, 0.6, 1.0), name="right")
+ABOVE = relight.DirectionalLight(elevation=70, angle=30, intensity=3, name="above")
+
+
+def ball(height, width, centre=(0.5, 0.5), radius=0.35, soft=1.0):
+    """Coverage (H, W) and camera-frame normals (H, W, 3) of a ball; sizes as shares of the height, `soft` in
+    pixels."""
+    y, x = np.mgrid[:height, :width] + 0.5
+    x, y = (x - centre[0] * width) / (radius * height), (centre[1] * height - y) / (radius * height)
+    squared = x**2 + y**2
+    normals = np.stack([x, y, np.sqrt(np.clip(1 - squared, 0, None))], axis=-1)
+    coverage = np.clip((1 - np.sqrt(squared)) * radius * height / soft + 0.5, 0, 1)
+    return coverage.astype(np.float32), (normals * (squared < 1)[..., None]).astype(np.float32)
+
+
+def image_of(coverage, colour=(0.5, 0.4, 0.3)):
+    coverage = coverage[..., None]
+    return np.concatenate([coverage * colour, coverage], axis=-1).astype(np.float32)
+
+
+@pytest.fixture(scope="module")
+def sphere():
+    coverage, normals = ball(200, 160)
+    return relight.Subject(image_of(coverage), normals=normals)
+
+
+class Delighter:
+    """Stands in for the albedo network: knows the answer."""
+
+    def __init__(self, answer):
+        self.answer = answer
+
+    def analyse(self, rgb, mask, normals):
+        return self.answer(rgb, mask)
+
+
+# Linearity
+
+
+def test_light_adds(sphere):
+    both = sphere.relit([LEFT, RIGHT])[..., :3]
+    separate = sphere.relit([LEFT])[..., :3] + sphere.relit(RIGHT)[..., :3]
+    np.testing.assert_allclose(both, separate, rtol=1e-5, atol=1e-6)
+    assert both.max() > 0.01
+
+
+@pytest.mark.parametrize("factor", [0.25, 2.0, 1024.0])
+def test_light_scales_and_is_never_clipped(sphere, factor):
+    once = sphere.relit(relight.DirectionalLight(azimuth=30, angle=20))
+    scaled = sphere.relit(relight.DirectionalLight(azimuth=30, angle=20, intensity=factor))
+    np.testing.assert_allclose(scaled[..., :3], factor * once[..., :3], rtol=1e-6)
+    np.testing.assert_array_equal(scaled[..., 3], once[..., 3])
+    assert factor < 1024 or scaled.max() > 10
+
+
+def test_no_light_is_black(sphere):
+    dark = sphere.relit([])
+    assert (dark[..., :3] == 0).all()
+    np.testing.assert_array_equal(dark[..., 3], sphere.relit(LEFT)[..., 3])
+
+
+def test_layers_sum_to_the_picture(sphere):
+    lights = [LEFT, RIGHT, relight.DirectionalLight()]
+    layers, picture = sphere.layers(lights), sphere.relit(lights)
+    assert list(layers) == ["left", "right", "light3"]
+    np.testing.assert_allclose(
+        sum(layer[..., :3] for layer in layers.values()), picture[..., :3], rtol=1e-5, atol=1e-6
+    )
+    for layer in layers.values():
+        np.testing.assert_array_equal(layer[..., 3], picture[..., 3])
+    with pytest.raises(ValueError, match="lights: expected different names, got left, left"):
+        sphere.layers([LEFT, LEFT])
+
+
+def test_the_picture_is_albedo_times_shading(sphere):
+    shading = sphere.shading([LEFT.direction, RIGHT.direction])
+    power = np.concatenate([light.samples()[1] for light in (LEFT, RIGHT)])
+    expected = sphere.albedo * np.einsum("dhw,dc->hwc", shading, power)
+    picture = sphere.relit([LEFT, RIGHT])
+    np.testing.assert_allclose(picture[..., :3], expected * picture[..., 3:], rtol=1e-4, atol=1e-6)
+
+
+# Axes, ranges and shapes
+
+
+def test_a_light_brightens_its_side():
+    coverage, normals = ball(200, 200)
+    subject = relight.Subject(image_of(coverage), normals=normals, albedo=np.full((200, 200, 3), 0.5))
+    left, above = subject.relit(LEFT)[..., :3], subject.relit(relight.DirectionalLight(elevation=60))[..., :3]
+    assert left[:, :100].mean() > 2 * left[:, 100:].mean()
+    assert above[:100].mean() > 1.5 * above[100:].mean()
+
+
+def test_what_a_subject_knows_is_at_plate_size(sphere):
+    directions = np.array([[0, 0, 1], [-1, 0, 1], [0, 3, 0.5], [0, 0, -1.0]])
+    outside = sphere.relit(LEFT)[..., 3] == 0
+    visibility, shading = sphere.visibility(directions), sphere.shading(directions)
+    assert visibility.shape == shading.shape == (4, 200, 160)
+    for maps in (visibility, shading):
+        assert maps.dtype == np.float32
+        assert maps.min() >= 0
+        assert maps.max() <= 1 + 1e-6
+        assert (maps[:, outside] == 0).all()
+    assert shading[0].max() > 0
+    length = np.linalg.norm(sphere.normals, axis=-1)
+    np.testing.assert_allclose(length[~outside], 1, atol=1e-5)
+    assert (length[outside] == 0).all()
+    assert sphere.albedo.shape == (200, 160, 3)
+    assert (sphere.albedo[outside] == 0).all()
+    assert sphere.albedo.min() >= 0
+    assert sphere.albedo.max() <= 1
+
+
+def test_given_normals_and_albedo_are_used():
+    coverage, normals = ball(400, 300, radius=0.35)
+    albedo = np.random.default_rng(0).random((400, 300, 3), np.float32)
+    subject = relight.Subject(image_of(coverage), albedo=albedo, normals=normals)
+    covered = coverage > 0
+    np.testing.assert_array_equal(subject.albedo[covered], albedo[covered])
+    inside = ball(400, 300, radius=0.3)[0] == 1
+    agreement = (subject.normals * normals).sum(axis=-1)[inside]
+    assert agreement.min() > 0.98
+
+
+@pytest.mark.parametrize("size", [(1080, 1920), (40, 30), (17, 90)])
+def test_any_plate_size(size):
+    coverage, normals = ball(*size)
+    picture = relight.Subject(image_of(coverage), normals=normals).relit([LEFT, ABOVE])
+    assert picture.shape == (*size, 4)
+    assert np.isfinite(picture).all()
+    np.testing.assert_array_equal(picture[..., 3], coverage)
+    assert picture[..., :3].max() > 0
+
+
+def test_a_portrait_crop_is_not_darkened_at_the_frame(monkeypatch):
+    coverage, _ = ball(250, 170, centre=(0.5, 1.0), radius=0.9)  # cut by three sides of the frame
+    assert coverage[-1].min() == 1
+    grey = Delighter(lambda rgb, mask: torch.full_like(rgb, 0.5))
+    monkeypatch.setattr(subject_module.albedo_module, "load", lambda: grey)
+    subject = relight.Subject(image_of(coverage), normals=np.full((250, 170, 3), (0.0, 0.0, 1.0)))
+    # One colour in one light, so one albedo. Black from beyond the frame would pass for shadow.
+    np.testing.assert_allclose(subject.albedo[coverage > 0.5], 0.5, atol=0.01)
+    np.testing.assert_allclose(subject.normals[-1], np.full((170, 3), (0, 0, 1)), atol=1e-4)
+
+
+def test_a_transparent_corner_far_from_the_subject_is_harmless():
+    coverage, _ = ball(200, 160, radius=0.2)
+    coverage[:3, :3] = 0.2
+    picture = relight.Subject(image_of(coverage)).relit(LEFT)
+    assert np.isfinite(picture).all()
+    np.testing.assert_array_equal(picture[..., 3], coverage)
+
+
+# Quality at the plate's resolution
+
+
+def test_soft_edges_hold_neither_background_nor_black(monkeypatch):
+    coverage, normals = ball(480, 360, soft=16)
+    front, back = np.array([0.5, 0.4, 0.3]), np.array([0.02, 0.9, 0.05])
+    photo = (coverage[..., None] * front + (1 - coverage[..., None]) * back).astype(np.float32)
+    grey = Delighter(lambda rgb, mask: torch.full_like(rgb, 0.5) * (mask > 0))
+    monkeypatch.setattr(subject_module.albedo_module, "load", lambda: grey)
+    subject = relight.Subject(photo, mask=coverage, normals=normals)
+    covered = coverage > 0
+    # One colour in one light: the albedo is 0.5 to the last pixel of the edge, no green, no dark rim.
+    np.testing.assert_allclose(subject.albedo[covered], 0.5, atol=0.02)
+    picture = subject.relit(relight.DirectionalLight())
+    filled = relight.over(picture, back)
+    colour = picture[..., :3] / np.maximum(picture[..., 3:], 1e-6)
+    edge = (coverage > 0.02) & (coverage < 0.98)
+    assert np.ptp(colour[edge], axis=-1).max() < 0.05
+    expected = colour * coverage[..., None] + back * (1 - coverage[..., None])
+    np.testing.assert_allclose(filled, expected, atol=1e-5)
+
+
+def test_straight_and_premultiplied_sources_agree():
+    coverage, normals = ball(200, 160, soft=8)
+    premultiplied = image_of(coverage)
+    codes = np.full((200, 160, 4), 188, np.uint8)  # straight: one colour everywhere, transparent or not
+    linear = ((188 / 255 + 0.055) / 1.055) ** 2.4
+    premultiplied[..., :3] = coverage[..., None] * linear
+    codes[..., 3] = np.round(coverage * 255)
+    from_floats = relight.Subject(premultiplied, normals=normals).relit(LEFT)
+    from_codes = relight.Subject(codes, normals=normals).relit(LEFT)
+    np.testing.assert_allclose(from_codes, from_floats, atol=5e-3)
+
+
+def test_albedo_keeps_texture_and_loses_the_light(monkeypatch):
+    height, width = 1280, 960  # four plate pixels and more to a canvas pixel
+    coverage, normals = ball(height, width)
+    y, x = np.mgrid[:height, :width]
+    albedo = (0.4 + 0.2 * np.sign(np.sin(x * 1.1)) * np.sign(np.sin(y * 0.9)))[..., None] * (1, 0.8, 0.6)
+    light = 0.15 + 0.85 * np.clip(normals @ (0.6, 0.3, 0.74), 0, None)[..., None] * (1.0, 0.9, 0.7)
+    photo = np.concatenate([albedo * light, np.ones((height, width, 1))], -1) * coverage[..., None]
+    truth = torch.tensor([0.4, 0.32, 0.24])[:, None, None]  # the network sees the cloth but no threads
+    monkeypatch.setattr(
+        subject_module.albedo_module, "load", lambda: Delighter(lambda rgb, mask: truth * (mask > 0))
+    )
+    subject = relight.Subject(photo.astype(np.float32), normals=normals)
+    inside = ball(height, width, radius=0.33)[0] == 1
+    error = subject.albedo[inside] - albedo[inside]
+    assert np.sqrt((error**2).mean()) < 0.03
+    texture = np.corrcoef(subject.albedo[inside][:, 0], albedo[inside][:, 0])[0, 1]
+    remains = np.corrcoef(subject.albedo[inside][:, 0], light[inside][:, 0])[0, 1]
+    assert texture > 0.98
+    assert abs(remains) < 0.1
+
+
+def test_shading_edges_follow_the_plate_at_large_sizes():
+    height, width, edge = 1280, 960, 503  # the edge between a lit and an averted half, off the canvas grid
+    coverage = np.zeros((height, width), np.float32)
+    coverage[100:-100, 150:-150] = 1
+    right = np.arange(width) >= edge
+    normals = np.where(right[None, :, None], (0.9, 0, 0.436), (-0.9, 0, 0.436)) * np.ones((height, 1, 1))
+    colour = np.where(right[None, :, None], (0.6, 0.1, 0.1), (0.1, 0.3, 0.6)) * np.ones((height, 1, 1))
+    image = np.concatenate([colour, np.ones((height, width, 1))], axis=-1) * coverage[..., None]
+    subject = relight.Subject(
+        image.astype(np.float32), normals=normals, albedo=np.full((height, width, 3), 0.5)
+    )
+    across = subject.normals[640, :, 0]
+    assert across[edge - 3] < -0.8  # within 3 plate pixels; a canvas pixel is 5 and a bicubic ramp 15
+    assert across[edge + 3] > 0.8
+
+
+def test_black_and_extreme_plates_stay_finite():
+    coverage, normals = ball(120, 90)
+    for value in (0.0, 1e-8, 1e4):
+        image = image_of(coverage, (value, value, value))
+        subject = relight.Subject(image, normals=normals)
+        assert np.isfinite(subject.albedo).all()
+        assert np.isfinite(subject.relit(LEFT)).all()
+
+
+def test_maps_are_continued_under_a_wide_soft_edge():
+    coverage, _ = ball(480, 360, radius=0.3, soft=60)
+    facing = np.where(coverage[..., None] > 0.5, (0.6, 0.0, 0.8), 0)  # known inside only
+    normals = relight.Subject(image_of(coverage), normals=facing).normals
+    np.testing.assert_allclose(normals[coverage > 0] @ (0.6, 0, 0.8), 1, atol=1e-3)
+
+
+def test_noise_in_the_black_is_not_lifted_to_white(monkeypatch):
+    coverage, normals = ball(240, 180)
+    photo = image_of(coverage, (0.5, 0.5, 0.5))
+    photo[:120, :, :3] = 0
+    photo[80, 90, :3] = 2e-4  # a hot pixel in the deepest shadow
+    grey = Delighter(lambda rgb, mask: torch.full_like(rgb, 0.5) * (mask > 0))
+    monkeypatch.setattr(subject_module.albedo_module, "load", lambda: grey)
+    albedo = relight.Subject(photo, normals=normals).albedo
+    assert 0 < albedo[80, 90].max() < 0.03  # the mean light is 0.5: lifted 100 times at most
+    assert albedo[200, 90].min() > 0.4
+
+
+# Mattes and errors
+
+
+def test_a_mask_replaces_the_alpha_and_may_be_integer():
+    coverage, normals = ball(120, 90)
+    smaller = ball(120, 90, radius=0.25)[0]
+    picture = relight.Subject(image_of(coverage), mask=smaller, normals=normals).relit(LEFT)
+    np.testing.assert_array_equal(picture[..., 3], smaller)
+    codes = np.round(smaller * 255).astype(np.uint8)
+    picture = relight.Subject(image_of(coverage), mask=codes, normals=normals).relit(LEFT)
+    np.testing.assert_allclose(picture[..., 3], smaller, atol=1 / 255)
+    whole = relight.Subject(image_of(coverage), mask=smaller > 0.5, normals=normals).relit(LEFT)
+    assert set(np.unique(whole[..., 3])) == {0, 1}
+
+
+COVERAGE, NORMALS = ball(60, 45)
+IMAGE = image_of(COVERAGE)
+
+
+@pytest.mark.parametrize(
+    ("arguments", "error", "message"),
+    [
+        ({"image": IMAGE[..., :3]}, ValueError, "mask: the image has no alpha channel"),
+        ({"image": np.ones((60, 45, 4))}, ValueError, "mask: the image is opaque everywhere"),
+        ({"image": IMAGE * 0}, ValueError, "image's alpha: is empty"),
+        ({"image": IMAGE * np.nan}, ValueError, "image: contains NaN or infinite"),
+        ({"image": IMAGE[..., 0]}, ValueError, r"image: expected shape \(H, W, 3\) or"),
+        ({"image": IMAGE.astype(int)}, TypeError, "image: expected uint8, uint16 or a floating dtype"),
+        ({"mask": COVERAGE[:30]}, ValueError, r"mask: expected an array of shape \(60, 45\)"),
+        ({"mask": COVERAGE * 2}, ValueError, r"mask: expected values in \[0, 1\]"),
+        ({"mask": COVERAGE * np.nan}, ValueError, "mask: contains NaN"),
+        ({"mask": COVERAGE * 0}, ValueError, "mask: is empty"),
+        ({"mask": COVERAGE.astype(int)}, TypeError, "mask: expected an array"),
+        ({"mask": 1 - COVERAGE, "image": IMAGE}, ValueError, "transparent where the mask shows"),
+        ({"albedo": IMAGE}, ValueError, r"albedo: expected shape \(60, 45, 3\)"),
+        ({"albedo": IMAGE[:9, :, :3]}, ValueError, r"albedo: expected shape \(60, 45, 3\)"),
+        ({"albedo": IMAGE[..., :3] + np.inf}, ValueError, "albedo: contains NaN or infinite"),
+        ({"albedo": IMAGE[..., :3] - 1}, ValueError, r"albedo: expected values in \[0, 1\]"),
+        ({"normals": NORMALS[:9]}, ValueError, r"normals: expected shape \(60, 45, 3\)"),
+        ({"normals": NORMALS * np.nan}, ValueError, "normals: contains NaN"),
+        ({"normals": "up"}, TypeError, "normals: expected a float array"),
+    ],
+)
+def test_bad_arguments_are_named(arguments, error, message):
+    with pytest.raises(error, match=message), np.errstate(invalid="ignore"):
+        relight.Subject(**({"image": IMAGE} | arguments))
+
+
+@pytest.mark.parametrize("lights", [3, "key", [LEFT, (0, 0, 1)]])
+def test_only_lights_light(sphere, lights):
+    with pytest.raises(TypeError, match="lights: expected lights"):
+        sphere.relit(lights)
+
+
+@pytest.mark.parametrize("ask", ["visibility", "shading"])
+def test_bad_directions_are_named(sphere, ask):
+    with pytest.raises(ValueError, match="directions: direction 1 has zero length"):
+        getattr(sphere, ask)([[0.0, 0, 1], [0, 0, 0]])
+    with pytest.raises(ValueError, match=r"directions: expected light directions of shape \(D, 3\)"):
+        getattr(sphere, ask)([0.0, 0, 1])
