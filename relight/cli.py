@@ -203,3 +203,7 @@ def evaluate(
         records, model=model, normals_model=normals, seed=seed, limit=limit
     )  # fmt: skip
     print(evaluation.report(scores, angle))
+
+
+if __name__ == "__main__":
+    app()

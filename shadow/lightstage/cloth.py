@@ -217,10 +217,10 @@ def drape(
     ]
     position = start.astype(np.float32)
     previous = position.copy()
-    fall = np.float32(-0.0006 * weight)
+    fall = np.float32(-0.0003 * weight)
     planes: list[tuple[np.ndarray, np.ndarray, np.ndarray]] = []
     for step in range(steps):
-        velocity = (position - previous) * np.float32(0.85)
+        velocity = (position - previous) * np.float32(0.8)
         velocity[:, 1] += fall
         previous = position
         position = position + free * velocity
@@ -262,8 +262,8 @@ def fold_noise(points: np.ndarray, rng: np.random.Generator, wavelength: float, 
 def line(
     vertices: np.ndarray, faces: np.ndarray, thickness: float, depth: float
 ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """Give cloth an inner side up to `depth` metres from its borders, so that an edge has thickness and whoever
-    looks into a sleeve or under a hem finds cloth.
+    """Give cloth an inner side up to `depth` metres from its borders, so that an edge has thickness and
+    whoever looks into a sleeve or under a hem finds cloth.
 
     Returns vertices, faces and, for each vertex, the old vertex that it comes from.
     """
@@ -307,8 +307,8 @@ def strip(rings: np.ndarray, closed: bool) -> np.ndarray:
 
 
 def stretch(chain: np.ndarray, wanted: np.ndarray) -> np.ndarray:
-    """The longest run of wanted vertices along a chain of `border_chains`; a loop may be entered anywhere, and
-    stays a loop if all of it is wanted."""
+    """The longest run of wanted vertices along a chain of `border_chains`; a loop may be entered anywhere,
+    and stays a loop if all of it is wanted."""
     if wanted.all():
         return chain
     loop = chain[:-1] if chain[0] == chain[-1] else chain

@@ -1,8 +1,8 @@
 """What cloth, hair, leather and skin reflect: albedo evaluated where a ray hits, so patterns stay sharp.
 
-A fabric sees garment coordinates: u around the limb or trunk and v along it, in metres of the unposed garment,
-and the unposed position itself for noise and prints. Sleeves and legs have coordinates of their own, so patterns
-break at the seams as sewn cloth does.
+A fabric sees garment coordinates: u around the limb or trunk and v along it, in metres of the unposed
+garment, and the unposed position itself for noise and prints. Sleeves and legs have coordinates of their
+own, so patterns break at the seams as sewn cloth does.
 """
 
 from collections.abc import Callable

@@ -11,8 +11,18 @@ import numpy as np
 from scipy.sparse import csr_matrix, vstack
 from scipy.spatial import cKDTree
 
-from shadow.lightstage.anatomy import REGIONS, Person
-from shadow.lightstage.cloth import border_chains, clip, drape, fold_noise, line, stretch, strip, subdivide
+from shadow.lightstage.anatomy import Person
+from shadow.lightstage.cloth import (
+    border_chains,
+    clip,
+    drape,
+    edges_of,
+    fold_noise,
+    line,
+    stretch,
+    strip,
+    subdivide,
+)
 from shadow.lightstage.fabric import Fabric
 from shadow.lightstage.figure import unit, vertex_normals
 
@@ -21,8 +31,8 @@ ARMS, LEGS = (1, 2), (3, 4)
 
 @dataclass
 class Part:
-    """A finished piece: posed vertices, faces, unposed positions for the fabric, and the region of each vertex
-    (an index into REGIONS) that its garment coordinates run along."""
+    """A finished piece: posed vertices, faces, unposed positions for the fabric, and the region of each
+    vertex (an index into REGIONS) that its garment coordinates run along."""
 
     vertices: np.ndarray
     faces: np.ndarray
@@ -39,11 +49,11 @@ class Fit:
     top, bottom: heights of the rest body between which the trunk is covered. neck: neckline drop in metres
     below the throat; vee: how much deeper at the front, as a V. ease: metres off the body; fill in [0, 1]:
     1 hangs straight from the chest, 0 follows the waist; sleeve_width, leg_width: radius at the hem over
-    the limb's near its root, never below the limb's own there. below: length let down under `bottom`; flare: metres outwards a metre down.
-    open_front: half width of the gap of an open jacket at the hem, 0 if closed. held: edges that stay in place,
-    of "waist", "hem", "neck". weight, bending: as in `drape`; slack: cloth length over the cut's. wrinkles:
-    metres of fine creases; thickness: metres of an edge. collar: its height, and its kind, "stand", "fold" or
-    "hood". buttons: whether the front has them.
+    the limb's near its root, never below the limb's own there. below: length let down under `bottom`;
+    flare: metres outwards a metre down. open_front: half width of the gap of an open jacket at the hem, 0
+    if closed. held: edges that stay in place, of "waist", "hem", "neck". weight, bending: as in `drape`;
+    slack: cloth length over the cut's. wrinkles: metres of fine creases; thickness: metres of an edge.
+    collar: its height, and its kind, "stand", "fold" or "hood". buttons: whether the front has them.
     """
 
     top: float = 9.0
@@ -79,21 +89,25 @@ class Wardrobe:
         self.membership = person.membership(tights.weights)
         self.covered = np.zeros(len(self.membership), bool)
         self.parts: list[Part] = []
-        self.obstacles: list[tuple[np.ndarray, np.ndarray, np.ndarray]] = []
+        self.obstacles: list[tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]] = []
         posed = person.posed(tights.weights, person.tights_rest)
-        self._obstruct(posed, vertex_normals(posed, tights.faces), self.membership)
+        between = self._between_legs(person.tights_rest, tights.faces)
+        self.obstacles.append((posed, vertex_normals(posed, tights.faces), self.membership, between))
 
-    def _obstruct(self, points: np.ndarray, normals: np.ndarray, membership: np.ndarray) -> None:
-        self.obstacles.append((points, normals, membership))
+    def _between_legs(self, rest: np.ndarray, faces: np.ndarray) -> np.ndarray:
+        """Whether each vertex faces the other leg or buttock: cloth about both legs spans that gap."""
+        low = rest[:, 1] < self.person.skeleton.head("upperleg01.L")[1] + 0.12
+        return low & (np.sign(rest[:, 0]) * vertex_normals(rest, faces)[:, 0] < -0.2)
 
     def _meets(self, region: np.ndarray) -> list[tuple[np.ndarray, np.ndarray, np.ndarray]]:
-        """For each region of the cloth the obstacles that it can touch: limbs meet their own limb only, so that
-        an arm at the side does not push the shirt into the trunk."""
+        """For each region of the cloth the obstacles that it can touch: limbs meet their own limb only, so
+        that an arm at the side does not push the shirt into the trunk."""
         points, normals, member = (np.concatenate([layer[k] for layer in self.obstacles]) for k in range(3))
+        between = np.concatenate([layer[3] for layer in self.obstacles])
         groups = []
         for k in np.unique(region):
             if k == 0:
-                near = member[:, ARMS].sum(axis=1) < 0.6
+                near = (member[:, ARMS].sum(axis=1) < 0.6) & ~between
             elif k in ARMS:
                 near = member[:, k] > 0.1
             else:
@@ -136,7 +150,8 @@ class Wardrobe:
 
     def let_out(self, fit: Fit) -> np.ndarray:
         """Rest positions (V, 3) of the tights let out to the fit."""
-        person, rest = self.person, self.person.tights_rest.copy()
+        person, rest = self.person, self._bridged()
+        normals = vertex_normals(rest, person.base.tights.faces)
         trunk = np.clip(1 - 1.6 * self.membership[:, ARMS].sum(axis=1), 0, 1)
         chest = person.skeleton.head("spine01")[1]
         centre = person.skeleton.head("spine03")[2]
@@ -165,11 +180,29 @@ class Wardrobe:
         ease = np.full(len(rest), fit.ease)
         if "hem" in fit.held:  # tucked in: flat under the waistband
             ease *= np.clip((person.tights_rest[:, 1] - fit.bottom) / 0.1, 0.15, 1)
-        return rest + person.tights_normals * ease[:, None]
+        rest = rest + normals * ease[:, None]
+        # Neither half crosses the middle, however deep the cleft that it was let out from.
+        half = person.tights_rest[:, 0]
+        rest[:, 0] = np.sign(half) * np.maximum(np.sign(half) * rest[:, 0], 0.6 * np.abs(half))
+        return rest
+
+    def _bridged(self) -> np.ndarray:
+        """The tights (V, 3) with their hollows filled, as cloth spans them: each vertex moves outwards, never
+        inwards, to the mean of its neighbours."""
+        tights, rest = self.person.base.tights, self.person.tights_rest.copy()
+        edges, _, _ = edges_of(tights.faces)
+        both = np.concatenate([edges, edges[:, ::-1]])
+        mean = csr_matrix((np.ones(len(both)), (both[:, 0], both[:, 1])), (len(rest), len(rest)))
+        degree = np.asarray(mean.sum(axis=1))
+        normals = self.person.tights_normals
+        for _ in range(25):
+            outwards = ((mean @ rest / degree - rest) * normals).sum(axis=1)
+            rest += normals * np.maximum(outwards, 0)[:, None]
+        return rest
 
     def _straight(self, rest: np.ndarray, chest: float, centre: float) -> np.ndarray:
         """The trunk without a waist: each half width is carried down from the widest point above it."""
-        x, y, z = rest.T
+        y = rest[:, 1]
         trunk = self.membership[:, 0] > 0.6
         height = np.linspace(chest, -0.05, 26)
         scaled = rest.copy()
@@ -202,14 +235,14 @@ class Wardrobe:
             faces, rest, weights, region = self._let_down(fit, faces, rest, weights, region, uncut)
         start = person.posed(weights, rest)
         held = self._held(fit, rest)
-        layer = 0.0025 + fit.thickness * 0.6 + 2.5 * fit.wrinkles
+        gap = 0.0025 + fit.thickness * 0.6 + 2.5 * fit.wrinkles
         posed = drape(
             start,
             faces,
             rest * fit.slack,
             self._meets(region),
             held,
-            gap=layer,
+            gap=gap,
             weight=fit.weight,
             bending=fit.bending,
         )
@@ -218,7 +251,8 @@ class Wardrobe:
         # What is tucked in does not push the waistband out.
         outside = rest[:, 1] > fit.bottom + 0.06 if "hem" in fit.held else np.ones(len(rest), bool)
         outer = posed + normals * 1.5 * fit.wrinkles
-        self._obstruct(outer[outside], normals[outside], membership[outside])
+        layer = (outer, normals, membership, self._between_legs(rest, faces))
+        self.obstacles.append(tuple(column[outside] for column in layer))
 
         fine, step = subdivide(faces, len(posed))
         # Patterns follow the body's own shape, which is smooth, and the tube below it.
@@ -242,8 +276,8 @@ class Wardrobe:
     def _collar(
         self, fit: Fit, posed: np.ndarray, faces: np.ndarray, rest: np.ndarray, fabric: Fabric
     ) -> None:
-        """Sew a band to the neckline: standing, or folded down over the shoulders; a hood is a folded collar that
-        is deep at the back."""
+        """Sew a band to the neckline: standing, or folded down over the shoulders; a hood is a folded
+        collar that is deep at the back."""
         throat = self.person.skeleton.head("neck01")
         chain = max(border_chains(faces), key=lambda c: rest[c, 1].max())
         chain = stretch(chain, rest[chain, 1] > throat[1] - 0.16)
@@ -307,7 +341,10 @@ class Wardrobe:
         radius = self.rng.uniform(0.005, 0.009)
         # From the rim at the cloth up over the edge to a slightly sunken middle.
         profile = [(1.0, -0.002), (1.0, 0.002), (0.8, 0.003), (0.4, 0.0022), (0.02, 0.0022)]
-        disc = np.stack([[(r * np.cos(a), r * np.sin(a), h / radius) for a in angle] for r, h in profile]) * radius
+        disc = (
+            np.stack([[(r * np.cos(a), r * np.sin(a), h / radius) for a in angle] for r, h in profile])
+            * radius
+        )
         disc_faces = strip(disc, closed=True)[:, ::-1]
         low, high = fit.bottom - fit.below * 0.7, self.person.skeleton.head("neck01")[1] - fit.vee - 0.03
         fabric = Fabric.plain(self.rng.choice([0.03, 0.3, 0.7]) * np.ones(3))
@@ -321,8 +358,15 @@ class Wardrobe:
             side = unit(np.cross([0.0, 1.0, 0.0], normal))
             axes = np.stack([side, np.cross(normal, side), normal])
             points = posed[at] + disc.reshape(-1, 3) @ axes
-            self.parts.append(Part(points, disc_faces, np.tile(rest[at], (len(points), 1)),
-                                   np.zeros(len(points), int), fabric))
+            self.parts.append(
+                Part(
+                    points,
+                    disc_faces,
+                    np.tile(rest[at], (len(points), 1)),
+                    np.zeros(len(points), int),
+                    fabric,
+                )
+            )
 
     def shoes(self, fit: Fit, sole: float, fabric: Fabric) -> None:
         """Shoes or boots from the feet of the tights; `fit.leg` is the share of the leg they start at.
@@ -357,14 +401,15 @@ class Wardrobe:
             vertex_normals(posed, faces)
             * (fit.wrinkles * fold_noise(shaped, self.rng, 0.03) * (low == 0))[:, None]
         )
-        self._obstruct(posed, vertex_normals(posed, faces), membership)
+        between = self._between_legs(shaped, faces)
+        self.obstacles.append((posed, vertex_normals(posed, faces), membership, between))
         vertices, lined, source = line(posed, faces, fit.thickness, 0.04)
         region = np.argmax(membership, axis=1)
         self.parts.append(Part(vertices, lined, shaped[source], region[source], fabric))
 
     def _hide_under(self, inside: np.ndarray, margin: float) -> None:
-        """Remove what lies `margin` metres inside a garment about to be worn: nobody sees it, and it cannot come
-        through. `inside` is that garment's cut."""
+        """Remove what lies `margin` metres inside a garment about to be worn: nobody sees it, and it cannot
+        come through. `inside` is that garment's cut."""
         tree = cKDTree(self.person.tights_rest)
         for part in self.parts:
             hidden = inside[tree.query(part.rest)[1]] > margin
@@ -392,7 +437,9 @@ class Wardrobe:
                 continue
             along, axis, metres = person.limb_coordinates(k, rest[mine])
             middle = np.linalg.norm(np.diff(person.polyline(k), axis=0)[0])
-            size[mine] += 0.3 + 1.2 * np.exp(-(((metres - middle) / 0.09) ** 2)) + 0.7 * np.exp(-((along / 0.15) ** 2))
+            size[mine] += (
+                0.3 + 1.2 * np.exp(-(((metres - middle) / 0.09) ** 2)) + 0.7 * np.exp(-((along / 0.15) ** 2))
+            )
             across[mine] = axis + (rest[mine] - axis) * 0.4
         waist = person.skeleton.head("spine04")[1]
         size += np.where(region == 0, 0.6 * np.exp(-(((rest[:, 1] - waist) / 0.08) ** 2)), 0)
@@ -407,7 +454,12 @@ class Wardrobe:
         return fit.wrinkles * (1.6 * size * patches * creases + 2.2 * (1 - patches) * folds)
 
     def _let_down(
-        self, fit: Fit, faces: np.ndarray, rest: np.ndarray, weights: csr_matrix, region: np.ndarray,
+        self,
+        fit: Fit,
+        faces: np.ndarray,
+        rest: np.ndarray,
+        weights: csr_matrix,
+        region: np.ndarray,
         uncut: np.ndarray,
     ) -> tuple[np.ndarray, np.ndarray, csr_matrix, np.ndarray]:
         """Continue the lowest border of a garment downwards as a tube about the legs, in vertical folds.
@@ -424,7 +476,18 @@ class Wardrobe:
         out = (rest[ring] - centre) * [1, 0, 1]
         radius = np.linalg.norm(out, axis=1)
         out = out / radius[:, None]
-        angle = np.arctan2(out[:, 0], out[:, 2])
+        # Even out the directions along the border: where it turned back on itself, in the cleft of the seat,
+        # the tube would be cut open.
+        angle = np.unwrap(np.arctan2(out[:, 0], out[:, 2]))
+        around = 2 * np.pi * np.sign(angle[-1] - angle[0])
+        for _ in range(30):
+            ahead, behind = np.roll(angle, -1), np.roll(angle, 1)
+            ahead[-1], behind[0] = ahead[-1] + around, behind[0] - around
+            if closed:
+                angle = (ahead + behind) / 2 * 0.5 + angle * 0.5
+            else:
+                angle[1:-1] = (ahead + behind)[1:-1] / 4 + angle[1:-1] * 0.5
+        out = np.stack([np.sin(angle), np.zeros(len(angle)), np.cos(angle)], axis=1)
         tree = cKDTree(skirt)
         skirt_out = (skirt - centre) * [1, 0, 1]
         skirt_radius, skirt_angle = (
@@ -445,14 +508,19 @@ class Wardrobe:
                 np.stack([np.cos(angle) * 0.3, np.sin(angle) * 0.3, np.full(len(angle), y)], 1), k=3
             )
             needed = skirt_radius[near].mean(axis=1) + fit.ease if y > -0.12 else grown
-            grown = np.maximum(grown, needed) + fit.flare * fit.below / count
+            # It grows no faster than it falls: a shelf at the hip would crumple.
+            grown = (
+                grown + np.clip(needed - grown, 0, 0.8 * fit.below / count) + fit.flare * fit.below / count
+            )
             depth = min(1.0, k * fit.below / count / 0.5)
             here = centre + out * (grown * (1 + folds * depth))[:, None]
             here[:, 1] = y
-            _, near = tree.query(here, k=4)
+            # A wide average: between the legs the cloth follows both, not one up to the middle line.
+            distance, near = tree.query(here, k=60)
+            share = np.exp(-((distance / 0.07) ** 2)) + 1e-6
+            share /= share.sum(axis=1, keepdims=True)
             average = csr_matrix(
-                (np.full(near.size, 0.25), (np.repeat(np.arange(len(near)), 4), near.ravel())),
-                (len(near), len(skirt)),
+                (share.ravel(), (np.repeat(np.arange(len(near)), 60), near.ravel())), (len(near), len(skirt))
             )
             points.append(here)
             rows.append(average @ base.weights[base.skirt])

@@ -40,8 +40,8 @@ class Skull:
         _, near = cKDTree(unit(offset)).query(self.direction, k=10)
         near = np.linalg.norm(offset, axis=1)[near]
         radius = near.max(axis=1)
-        # Average over neighbouring directions: the gap that the ears left closes smoothly. Brow and temples have
-        # no such gap, and hair must lie close there.
+        # Average over neighbouring directions: the gap that the ears left closes smoothly. Brow and temples
+        # have no such gap, and hair must lie close there.
         _, around = cKDTree(self.direction).query(self.direction, k=24)
         for _ in range(2):
             radius = np.maximum(radius[around].mean(axis=1), radius * 0.97)
@@ -139,7 +139,8 @@ def _curtain(
     fabric: Fabric,
     length: float,
 ) -> None:
-    """Let the border of the hair behind the temples fall to `length` metres, and drape it over the shoulders."""
+    """Let the border of the hair behind the temples fall to `length` metres, and drape it over the
+    shoulders."""
     chain = max(border_chains(faces), key=len)
     chain = stretch(chain, skull.around(raised[chain]) > 72)
     here = raised[chain]
@@ -147,14 +148,16 @@ def _curtain(
     outward = unit((here - skull.centre) * [1, 0, 1])
     sideways = np.abs(outward[:, :1])
     fall = np.linspace(0, 1, count + 1)[1:]
-    # The back falls its whole length; the sides end above the shoulders, or they would lie on them like a cape.
+    # The back falls its whole length; the sides end above the shoulders, or they would lie on them like a
+    # cape.
     behind = np.clip((skull.around(here) - 100) / 35, 0, 1)[:, None]
     side_length = min(length, rng.uniform(0.11, 0.17))
     down = side_length + (length - side_length) * behind * behind * (3 - 2 * behind)
     ragged = 1 + 0.06 * fold_noise(here, rng, 0.03)[:, None]
     rings = [here]
     for f in fall:
-        # Ears and cheeks are wider than the skull behind them: step out first, then fall, gathering at the neck.
+        # Ears and cheeks are wider than the skull behind them: step out first, then fall, gathering at the
+        # neck.
         ring = here + outward * (0.012 * min(1, 4 * f) * sideways) - np.array([0, 1.0, 0]) * f * down * ragged
         ring[:, 0] *= 1 - 0.25 * np.clip((f * down[:, 0] - 0.08) / 0.2, 0, 1)
         rings.append(ring)
@@ -172,7 +175,9 @@ def _curtain(
     head = np.asarray(body.weights @ np.isin(np.arange(len(person.base.names)), skull.neck_and_head()))
     skin = person.posed(body.weights, body.rows @ person.rest)
     normal = vertex_normals(skin, body.faces)
-    layers = [(skin[head > 0.5], normal[head > 0.5])] + [(p, n) for p, n, _ in wardrobe.obstacles]
+    layers = [(skin[head > 0.5], normal[head > 0.5])] + [
+        (points, normals) for points, normals, *_ in wardrobe.obstacles
+    ]
     obstacle = tuple(np.concatenate(column) for column in zip(*layers, strict=True))
     falling = np.arange(len(raised), len(rest))
     posed = drape(start, faces, rest, [(falling, *obstacle)], held, gap=0.008, bending=0.5, weight=0.8)

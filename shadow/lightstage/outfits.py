@@ -1,7 +1,7 @@
 """What people wear together: draws an outfit and dresses a person in it, inside out.
 
-Common cuts are worn in every split. Reserved cuts and hair: a long sleeveless coat and curls in validation only; a
-full-length robe, afro hair and helmets in generalisation only.
+Common cuts are worn in every split. Reserved cuts and hair: a long sleeveless coat and curls in validation
+only; a full-length robe, afro hair and helmets in generalisation only.
 """
 
 import numpy as np
@@ -67,8 +67,8 @@ class _Tailor:
         common = dict(
             ease=0.004 + 0.018 * loose * rng.uniform(0.6, 1.2),
             fill=np.clip(loose + rng.normal() * 0.25, 0, 1),
-            slack=1 + 0.05 * loose * rng.random(),
-            wrinkles=0.0011 * self.crumpled * (0.5 + loose),
+            slack=1 + (0.01 + 0.05 * loose) * rng.random(),
+            wrinkles=0.0014 * self.crumpled * (0.5 + loose),
             bending=rng.choice([0.05, 0.15, 0.3, 0.6]),
             thickness=rng.uniform(0.003, 0.006),
         )
@@ -109,9 +109,7 @@ class _Tailor:
         jeans = rng.random() < 0.4
         only = fabric.denim if jeans else (fabric.plain if rng.random() < 0.6 else None)
         self.wardrobe.wear(
-            self.fit(
-                loose * 0.7, top=self.waist, leg=leg, leg_width=width, fill=0.0, held=("waist",)
-            ),
+            self.fit(loose * 0.7, top=self.waist, leg=leg, leg_width=width, fill=0.0, held=("waist",)),
             self.cloth(only),
         )
 
@@ -167,7 +165,9 @@ class _Tailor:
         choices = dict(
             neck=rng.uniform(0.01, 0.05),
             sleeve=sleeve,
-            sleeve_width=rng.uniform(0.85, 1.3) if kind == "t-shirt" else 0.5 + 0.45 * loose + 0.1 * rng.random(),
+            sleeve_width=rng.uniform(0.85, 1.3)
+            if kind == "t-shirt"
+            else 0.5 + 0.45 * loose + 0.1 * rng.random(),
             held=("neck",),
         )
         if kind == "shirt":
@@ -176,6 +176,7 @@ class _Tailor:
                 collar=rng.uniform(0.028, 0.04),
                 collar_kind="fold",
                 vee=rng.choice([0, 0.06, 0.1]),
+                buttons=True,
             )
             if rng.random() < 0.2:
                 choices |= dict(collar_kind="stand")
@@ -251,7 +252,9 @@ class _Tailor:
                 }[kind],
             )
         if rng.random() < (0.35 if kind == "hoodie" else 0.65):
-            choices |= dict(buttons=kind != "hoodie" and rng.random() < 0.6, open_front=rng.uniform(0.02, 0.11), neck=0.02)
+            choices |= dict(
+                buttons=kind != "hoodie" and rng.random() < 0.6, open_front=rng.uniform(0.02, 0.11), neck=0.02
+            )
         leather = kind == "jacket" and rng.random() < 0.25
         cloth = fabric.leather(rng) if leather else self.cloth(fabric.plain if rng.random() < 0.6 else None)
         self.wardrobe.wear(self.fit(loose, **choices), cloth)

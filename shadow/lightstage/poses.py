@@ -1,8 +1,9 @@
 """Poses: how people stand, walk, sit and gesture, as rotations of the bones.
 
-A rotation here is about world-like axes of the rest pose (x to the person's left, y up, z forward) and rides on
-the bone's parent. Arms and legs are posed by where they go: an upper and a lower direction, or a point that the
-hand reaches for, in the frame of the chest (arms) or of the pelvis (legs). So elbows and knees stay hinges.
+A rotation here is about world-like axes of the rest pose (x to the person's left, y up, z forward) and
+rides on the bone's parent. Arms and legs are posed by where they go: an upper and a lower direction, or a
+point that the hand reaches for, in the frame of the chest (arms) or of the pelvis (legs). So elbows and
+knees stay hinges.
 """
 
 from dataclasses import dataclass
@@ -61,8 +62,8 @@ def between(a: np.ndarray, b: np.ndarray) -> np.ndarray:
 def reach(
     start: np.ndarray, target: np.ndarray, upper: float, lower: float, hint: np.ndarray
 ) -> tuple[np.ndarray, np.ndarray]:
-    """Directions of the two bones of a limb (lengths in metres) that brings its end to the target, bending the
-    joint between towards `hint`."""
+    """Directions of the two bones of a limb (lengths in metres) that brings its end to the target, bending
+    the joint between towards `hint`."""
     gap = target - start
     distance = np.clip(np.linalg.norm(gap), abs(upper - lower) * 1.05 + 0.02, (upper + lower) * 0.995)
     forward = unit(gap)
@@ -73,7 +74,8 @@ def reach(
 
 
 def _limb(rest: np.ndarray, upper: np.ndarray, lower: np.ndarray, hinge: np.ndarray) -> tuple:
-    """Rotations of a limb's (upper bone, its twist, lower bone) taking the rest joints (3, 3) to the directions.
+    """Rotations of a limb's (upper bone, its twist, lower bone) taking the rest joints (3, 3) to the
+    directions.
 
     hinge: the axis about which the middle joint bends at rest; it stays the bending axis when posed.
     """
@@ -184,7 +186,8 @@ class Posing:
             self.rotations[f"finger1-{joint}.{side}"] = turn(axis, min(curl, 50) * 0.5)
 
     def leg(self, side: str, pitch: float, knee: float, out: float = 4, yaw: float = 6) -> None:
-        """pitch lifts the thigh forward, knee bends, out swings the leg sideways, yaw turns it outwards: degrees."""
+        """pitch lifts the thigh forward, knee bends, out swings the leg sideways, yaw turns it outwards:
+        degrees."""
         joints = self.joints("leg", side)
         sign = SIDES[side]
         facing = turn((0, 1, 0), sign * yaw)
@@ -232,7 +235,18 @@ def draw(skeleton: Skeleton, rng: np.random.Generator) -> Posing:
     legs = rng.choice(
         ["sit", "kneel", "run", "lunge", "lift", "wide", "walk"]
         if lively
-        else ["stand", "stand", "stand", "contrapposto", "contrapposto", "contrapposto", "walk", "walk", "wide", "sit"]
+        else [
+            "stand",
+            "stand",
+            "stand",
+            "contrapposto",
+            "contrapposto",
+            "contrapposto",
+            "walk",
+            "walk",
+            "wide",
+            "sit",
+        ]
     )
     _LEGS[legs](pose)
     _torso(pose, lively)

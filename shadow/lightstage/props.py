@@ -1,4 +1,4 @@
-"""Things that people carry: bags on a strap, backpacks, scarves, belts, sticks, phones, boxes."""
+"""Things that people carry: bags on a strap, backpacks, scarves, sticks, phones, boxes."""
 
 import numpy as np
 import trimesh
@@ -12,13 +12,12 @@ from shadow.lightstage.garments import Part, Wardrobe
 
 def carry(wardrobe: Wardrobe, rng: np.random.Generator, split: str) -> None:
     """Give the person a few things, most often none."""
-    cloth = lambda only=None: fabric.draw(rng, split, only)  # noqa: E731
     if rng.random() < 0.10:
         shoulder_bag(wardrobe, rng, fabric.leather(rng))
     elif rng.random() < 0.08:
-        backpack(wardrobe, rng, cloth(fabric.plain))
+        backpack(wardrobe, rng, fabric.draw(rng, split, fabric.plain))
     if rng.random() < 0.07:
-        scarf(wardrobe, rng, cloth())
+        scarf(wardrobe, rng, fabric.draw(rng, split))
     if rng.random() < 0.14:
         hold(wardrobe, rng, str(rng.choice(["stick", "phone", "box"])), fabric.leather(rng))
 
@@ -28,7 +27,14 @@ def _bone(wardrobe: Wardrobe, name: str) -> np.ndarray:
     return person.transforms[person.base.names.index(name)]
 
 
-def _add(wardrobe: Wardrobe, vertices: np.ndarray, faces: np.ndarray, rest: np.ndarray, cloth: Fabric) -> None:
+def _place(points: np.ndarray, bone: np.ndarray) -> np.ndarray:
+    """Rest points (..., 3) where a bone's transform (3, 4) takes them."""
+    return points @ bone[:, :3].T + bone[:, 3]
+
+
+def _add(
+    wardrobe: Wardrobe, vertices: np.ndarray, faces: np.ndarray, rest: np.ndarray, cloth: Fabric
+) -> None:
     wardrobe.parts.append(Part(vertices, faces, rest, np.zeros(len(vertices), int), cloth))
 
 
@@ -41,7 +47,9 @@ def _box(size: np.ndarray, rounded: float = 0.0) -> tuple[np.ndarray, np.ndarray
     return point * size / 2, np.asarray(ball.faces)
 
 
-def _ribbon(path: np.ndarray, outward: np.ndarray, width: float, thickness: float) -> tuple[np.ndarray, np.ndarray]:
+def _ribbon(
+    path: np.ndarray, outward: np.ndarray, width: float, thickness: float
+) -> tuple[np.ndarray, np.ndarray]:
     """A band of a flat cross-section along a path (N, 3), its face turned to `outward` (N, 3)."""
     along = unit(np.gradient(path, axis=0))
     side = unit(np.cross(along, outward))
@@ -56,7 +64,9 @@ def _ribbon(path: np.ndarray, outward: np.ndarray, width: float, thickness: floa
     return vertices, faces
 
 
-def _wrap(wardrobe: Wardrobe, path: np.ndarray, centre: np.ndarray, lift: float) -> tuple[np.ndarray, np.ndarray]:
+def _wrap(
+    wardrobe: Wardrobe, path: np.ndarray, centre: np.ndarray, lift: float
+) -> tuple[np.ndarray, np.ndarray]:
     """Lay a path (N, 3) on the outermost cloth of the trunk: per point the farthest surface from the axis."""
     points, normals, member = (np.concatenate([layer[k] for layer in wardrobe.obstacles]) for k in range(3))
     trunk = member[:, 0] > 0.6
@@ -81,11 +91,11 @@ def shoulder_bag(wardrobe: Wardrobe, rng: np.random.Generator, cloth: Fabric) ->
     """A bag at the hip, its strap across the trunk from the other shoulder."""
     head = wardrobe.person.skeleton.head
     side = rng.choice([-1.0, 1.0])
-    place = lambda p, bone: p @ bone[:, :3].T + bone[:, 3]  # noqa: E731
     chest, pelvis = _bone(wardrobe, "spine02"), _bone(wardrobe, "root")
-    # The plane through one shoulder beside the neck and the other hip; rays in it from the middle of the trunk.
-    shoulder = place(head("clavicle.L") * [0, 1, 1] + [-side * 0.075, 0.05, 0], chest)
-    hip = place(head("upperleg01.L") * [side, 1, 1] + [side * 0.03, 0.03, 0], pelvis)
+    # The plane through one shoulder beside the neck and the other hip; rays in it from the middle of the
+    # trunk.
+    shoulder = _place(head("clavicle.L") * [0, 1, 1] + [-side * 0.075, 0.05, 0], chest)
+    hip = _place(head("upperleg01.L") * [side, 1, 1] + [side * 0.03, 0.03, 0], pelvis)
     middle = (shoulder + hip) / 2
     forward = chest[:, :3] @ np.array([0, 0, 1.0])
     angle = np.linspace(0, 2 * np.pi, 80)
@@ -97,7 +107,7 @@ def shoulder_bag(wardrobe: Wardrobe, rng: np.random.Generator, cloth: Fabric) ->
     points, faces = _box(size, 0.3)
     hip = head("upperleg01.L") * [side, 1, 1] + [side * (0.12 + size[0] / 2), -0.02, -0.02]
     points = points + 0.004 * fold_noise(points, rng, 0.1)[:, None]
-    _add(wardrobe, place(points + hip, pelvis), faces, points, cloth)
+    _add(wardrobe, _place(points + hip, pelvis), faces, points, cloth)
 
 
 def backpack(wardrobe: Wardrobe, rng: np.random.Generator, cloth: Fabric) -> None:
@@ -117,7 +127,9 @@ def backpack(wardrobe: Wardrobe, rng: np.random.Generator, cloth: Fabric) -> Non
         middle = np.array([0.0, head("spine01")[1] - 0.05, head("spine01")[2]])
         axis = middle + np.stack([side * (0.095 + 0.12 * low), -0.1 * low, -0.02 * low], 1)
         path = axis + np.stack([side * 0.08 * low, 0.12 * np.cos(angle), 0.12 * np.sin(angle)], 1)
-        laid, facing = _wrap(wardrobe, path @ chest[:, :3].T + chest[:, 3], axis @ chest[:, :3].T + chest[:, 3], 0.005)
+        laid, facing = _wrap(
+            wardrobe, path @ chest[:, :3].T + chest[:, 3], axis @ chest[:, :3].T + chest[:, 3], 0.005
+        )
         vertices, faces = _ribbon(laid, facing, 0.045, 0.006)
         _add(wardrobe, vertices, faces, vertices, cloth)
 
@@ -127,21 +139,36 @@ def scarf(wardrobe: Wardrobe, rng: np.random.Generator, cloth: Fabric) -> None:
     neck = wardrobe.person.skeleton.head("neck01")
     bone = _bone(wardrobe, "neck01")
     for turn in range(2):
-        angle, around = np.meshgrid(np.linspace(0, 2 * np.pi, 96, endpoint=False),
-                                    np.linspace(0, 2 * np.pi, 28, endpoint=False), indexing="ij")
+        angle, around = np.meshgrid(
+            np.linspace(0, 2 * np.pi, 96, endpoint=False),
+            np.linspace(0, 2 * np.pi, 28, endpoint=False),
+            indexing="ij",
+        )
         radius = 0.085 + 0.012 * turn
-        shape = np.stack([np.sin(angle) * radius, np.full(angle.shape, 0.035 - 0.03 * turn), np.cos(angle) * radius * 1.1], -1)
+        shape = np.stack(
+            [np.sin(angle) * radius, np.full(angle.shape, 0.035 - 0.03 * turn), np.cos(angle) * radius * 1.1],
+            -1,
+        )
         shape[..., 1] -= 0.035 * np.cos(angle) + 0.008 * np.sin(angle + 3 * turn)
-        bulge = (0.024 + 0.006 * turn) * (1 + 0.16 * fold_noise(
-            np.stack([around * 0.03, angle * 0.012, angle * 0], -1).reshape(-1, 3), rng, 0.05).reshape(angle.shape))
+        bulge = (0.024 + 0.006 * turn) * (
+            1
+            + 0.16
+            * fold_noise(
+                np.stack([around * 0.03, angle * 0.012, angle * 0], -1).reshape(-1, 3), rng, 0.05
+            ).reshape(angle.shape)
+        )
         out = unit(shape * [1, 0, 1])
         spoke = out * np.cos(around)[..., None] + np.array([0, 1.0, 0]) * np.sin(around)[..., None]
         points = (shape + spoke * bulge[..., None]).reshape(-1, 3) + neck + [0, 0.01, 0.012]
         ids = np.arange(96 * 28).reshape(96, 28)
         a, b = ids, np.roll(ids, -1, axis=1)
         c, d = np.roll(ids, -1, axis=0), np.roll(np.roll(ids, -1, axis=0), -1, axis=1)
-        faces = np.concatenate([np.stack([a.ravel(), c.ravel(), b.ravel()], 1), np.stack([b.ravel(), c.ravel(), d.ravel()], 1)])
-        middle = np.repeat(shape.reshape(96, 28, 3)[:, :1], 28, axis=1).reshape(-1, 3) + neck + [0, 0.01, 0.012]
+        faces = np.concatenate(
+            [np.stack([a.ravel(), c.ravel(), b.ravel()], 1), np.stack([b.ravel(), c.ravel(), d.ravel()], 1)]
+        )
+        middle = (
+            np.repeat(shape.reshape(96, 28, 3)[:, :1], 28, axis=1).reshape(-1, 3) + neck + [0, 0.01, 0.012]
+        )
         if (vertex_normals(points, faces) * (points - middle)).sum() < 0:
             faces = faces[:, ::-1]
         _add(wardrobe, points @ bone[:, :3].T + bone[:, 3], faces, points, cloth)
@@ -156,8 +183,11 @@ def hold(wardrobe: Wardrobe, rng: np.random.Generator, thing: str, cloth: Fabric
     across = unit(head(f"finger2-1.{side}") - head(f"finger5-1.{side}"))
     palm = (1 if side == "L" else -1) * unit(np.cross(along, across))
     axes = np.stack([across, along, palm])
-    size = {"stick": np.array([rng.uniform(0.5, 1.1), 0.022, 0.022]), "phone": np.array([0.15, 0.075, 0.009]),
-            "box": np.array([0.2, 0.14, 0.12]) * rng.uniform(0.7, 1.5)}[thing]
+    size = {
+        "stick": np.array([rng.uniform(0.5, 1.1), 0.022, 0.022]),
+        "phone": np.array([0.15, 0.075, 0.009]),
+        "box": np.array([0.2, 0.14, 0.12]) * rng.uniform(0.7, 1.5),
+    }[thing]
     points, faces = _box(size, {"stick": 0.6, "phone": 0.1, "box": 0.0}[thing])
     offset = {"stick": 0.03, "phone": 0.03, "box": 0.03 + size[2] / 2}[thing]
     placed = points @ axes + knuckle + palm * offset + along * (0.02 if thing != "box" else 0.0)

@@ -16,8 +16,8 @@ def load(path: str | Path) -> Figure:
 
     path: any file that trimesh reads (OBJ, PLY, GLB, ...), in metres, y up, the person facing +z.
     The base colour texture is read bilinearly and taken as sRGB; without one, vertex colours (sRGB), a plain
-    material colour (linear in glTF, sRGB elsewhere), or a 0.5 grey. Smooth normals stored in the file are kept.
-    The figure is moved to stand on y = 0 with the middle of its bounding box at x = z = 0.
+    material colour (linear in glTF, sRGB elsewhere), or a 0.5 grey. Smooth normals stored in the file are
+    kept. The figure is moved to stand on y = 0 with the middle of its bounding box at x = z = 0.
     Raises ValueError, naming the path, for a file that cannot be read or holds no triangles.
     """
     path = Path(path)

@@ -1,0 +1,37 @@
+"""How the bundled photograph was made: a body of the generalisation split on the virtual light stage.
+
+python examples/make_person.py [seed] [file]
+
+Needs the extra `stage`. Rendered at twice the size and averaged, so that the matte has soft edges.
+"""
+
+import sys
+from pathlib import Path
+
+import numpy as np
+
+import relight
+from shadow import directions, records
+from shadow.lightstage import bodies, stage
+
+SIZE = 1024
+seed = int(sys.argv[1]) if len(sys.argv) > 1 else 4
+path = Path(sys.argv[2]) if len(sys.argv) > 2 else Path(__file__).with_name("person.png")
+
+lights = directions.olat(behind=True)
+view = stage.View(azimuth=8, distance=3.5, height=1.2, pitch=-5, fov=34)
+record = stage.render(bodies.body(seed, "generalisation"), view, 2 * SIZE, lights)
+
+# A lamp at upper right and a soft room: the old light that relighting has to take out again.
+weights = np.full((len(lights), 3), 0.6 / len(lights), np.float32) * (1 + lights[:, 1:2])
+weights[(lights @ directions.from_spherical(35, 35)).argmax()] += [0.75, 0.7, 0.62]
+colour = record.image(records.light(record, weights)).numpy()
+premultiplied = np.concatenate([colour, record.mask[None]]).transpose(1, 2, 0)  # black where nobody is
+pixels = premultiplied.reshape(SIZE, 2, SIZE, 2, 4).mean(axis=(1, 3), dtype=np.float32)
+rows, columns = (np.flatnonzero(pixels[..., 3].any(axis=axis)) for axis in (1, 0))
+margin = SIZE // 20
+box = np.s_[
+    max(rows[0] - margin, 0) : rows[-1] + margin, max(columns[0] - 2 * margin, 0) : columns[-1] + 2 * margin
+]
+relight.write(path, np.ascontiguousarray(pixels[box]))
+print(f"wrote {path}")

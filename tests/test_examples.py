@@ -1,0 +1,63 @@
+"""What the README and the examples promise, run as a reader would run it."""
+
+import os
+import re
+import shlex
+import subprocess
+import sys
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+import relight
+
+ROOT = Path(__file__).parent.parent
+README = (ROOT / "README.md").read_text()
+
+
+def run(*command, cwd=ROOT):
+    done = subprocess.run(
+        [sys.executable, *command],
+        cwd=cwd,
+        env={**os.environ, "PYTHONPATH": str(ROOT)},
+        capture_output=True,
+        text=True,
+        check=False,
+    )
+    assert done.returncode == 0, done.stderr
+    assert "leaked" not in done.stderr
+    return done.stdout
+
+
+@pytest.mark.parametrize("example", ["simple.py", "layers.py"])
+def test_examples_run(example, tmp_path):
+    person = relight.read(ROOT / "examples" / "person.png")
+    relight.write(tmp_path / "small.png", np.ascontiguousarray(person[::3, ::3]))
+    run(ROOT / "examples" / example, tmp_path / "small.png", tmp_path / "out")
+    names = {path.suffix for path in (tmp_path / "out").iterdir()}
+    assert names == {".exr", ".png"}
+
+
+def test_the_readme_command_relights_the_bundled_person(tmp_path):
+    command = re.search(r"bin/relight (apply .*?)\n```", README, re.DOTALL).group(1)
+    arguments = shlex.split(command.replace("\\\n", " ").replace("examples/", f"{ROOT}/examples/"))
+    run("-m", "relight.cli", *arguments, cwd=tmp_path)
+    picture = relight.read(tmp_path / "relit.exr")
+    layers = relight.read_layers(tmp_path / "relit.exr")
+    assert set(layers) == {"C_key", "C_rim", "C_background"}
+    total = sum(layer[..., :3] for layer in layers.values())
+    np.testing.assert_allclose(total, picture[..., :3], atol=3e-3)
+    assert relight.read(tmp_path / "relit.png").shape == picture.shape
+
+
+def test_the_readme_python_runs(tmp_path):
+    code = re.search(r"```python\n(.*?)```", README, re.DOTALL).group(1)
+    (tmp_path / "readme.py").write_text(code.replace("examples/", f"{ROOT}/examples/"))
+    run("readme.py", cwd=tmp_path)
+    assert set(relight.read_layers(tmp_path / "relit.exr")) == {"C_key", "C_rim"}
+
+
+def test_ci_runs_the_readme_test_command():
+    command = re.search(r"## Run the tests\s+```sh\n(.*?)\n```", README, re.DOTALL).group(1)
+    assert command in (ROOT / ".ci" / "run").read_text()
