@@ -15,7 +15,7 @@ from shadow import directions, records
 from shadow.lightstage import bodies, stage
 
 SIZE = 1024
-seed = int(sys.argv[1]) if len(sys.argv) > 1 else 4
+seed = int(sys.argv[1]) if len(sys.argv) > 1 else 13
 path = Path(sys.argv[2]) if len(sys.argv) > 2 else Path(__file__).with_name("person.png")
 
 lights = directions.olat(behind=True)
