@@ -112,18 +112,66 @@ def _load_start(network, path, kind):
         warm_start(network, path)
 
 
-class _Average:
-    """Exponential moving average of the parameters; young averages forget faster."""
+class _State:
+    """A run between two steps: the network, its exponential moving average, the optimiser, the clock."""
 
-    def __init__(self, network, decay):
-        self.decay = decay
-        self.state = {key: value.detach().clone() for key, value in network.state_dict().items()}
+    def __init__(self, task, recipe, out, device, init):
+        torch.manual_seed(recipe.seed)
+        self.task, self.recipe, self.out, self.device = task, recipe, out, device
+        self.config = {"size": recipe.size}
+        network = task.network(**self.config)
+        if init:
+            _load_start(network, init, task.kind)
+        self.network = network.to(device, memory_format=torch.channels_last)
+        matrices = [p for p in network.parameters() if p.ndim > 1]
+        vectors = [p for p in network.parameters() if p.ndim <= 1]  # biases and norms: no weight decay
+        self.optimiser = torch.optim.AdamW(
+            [
+                {"params": matrices, "weight_decay": recipe.weight_decay},
+                {"params": vectors, "weight_decay": 0},
+            ],
+            betas=(0.9, 0.98),
+        )
+        self.average = {key: value.detach().clone() for key, value in network.state_dict().items()}
+        self.step, self.seconds = 0, 0.0
+        self.checkpoint = out / "checkpoint.pt"
+        if self.checkpoint.exists():
+            saved = torch.load(self.checkpoint, map_location=device, weights_only=True)
+            self.network.load_state_dict(saved["network"])
+            self.optimiser.load_state_dict(saved["optimiser"])
+            self.average, self.step, self.seconds = saved["average"], saved["step"], saved["seconds"]
 
-    @torch.no_grad()
-    def update(self, network, step):
-        decay = min(self.decay, (1 + step) / (10 + step))
-        for key, value in network.state_dict().items():
-            self.state[key].lerp_(value, 1 - decay)
+    def update(self, loss):
+        """One step down the gradient of `loss`."""
+        for group in self.optimiser.param_groups:
+            group["lr"] = learning_rate(self.recipe, self.step)
+        self.optimiser.zero_grad(set_to_none=True)
+        loss.backward()
+        nn.utils.clip_grad_norm_(self.network.parameters(), self.recipe.clip)
+        self.optimiser.step()
+        # A young average forgets faster.
+        decay = min(self.recipe.average, (1 + self.step) / (10 + self.step))
+        with torch.no_grad():
+            for key, value in self.network.state_dict().items():
+                self.average[key].lerp_(value, 1 - decay)
+        self.step += 1
+
+    def averaged(self):
+        """The network with the averaged parameters: what is scored and shipped."""
+        network = self.task.network(**self.config).to(self.device, memory_format=torch.channels_last)
+        network.load_state_dict(self.average)
+        return network.eval()
+
+    def save(self, facts):
+        """The checkpoint, and the averaged weights with the recipe and `facts`."""
+        beside = self.checkpoint.with_name("checkpoint.pt.part")
+        saved = {"network": self.network.state_dict(), "optimiser": self.optimiser.state_dict()}
+        clock = {"step": self.step, "seconds": self.seconds}
+        torch.save({**saved, **clock, "average": self.average}, beside)
+        os.replace(beside, self.checkpoint)
+        recipe = {**asdict(self.recipe), "hours": round(self.seconds / 3600, 3), **facts}
+        path = self.out / f"{self.task.kind}.safetensors"
+        weights.save(path, self.averaged(), self.task.kind, self.config, recipe)
 
 
 def _prepare(batch, device, estimator):
@@ -135,8 +183,18 @@ def _prepare(batch, device, estimator):
     return batch
 
 
-def fit(task, recipe, records, out, *, validation=None, init=None, estimator="normals", workers=None,
-        checkpoint_minutes=5.0):  # fmt: skip
+def fit(
+    task,
+    recipe,
+    records,
+    out,
+    *,
+    validation=None,
+    init=None,
+    estimator="normals",
+    workers=None,
+    checkpoint_minutes=5.0,
+):
     """Train a network; resumes from `out`/checkpoint.pt if there is one.
 
     Parameters
@@ -149,6 +207,7 @@ def fit(task, recipe, records, out, *, validation=None, init=None, estimator="no
     estimator: the normals network (name or path) where the task takes estimated normals as input. The
         weights record which, since training and testing on different normals costs accuracy (Table 3).
     workers: processes that make photographs; default 1 on a CPU, 12 on a GPU.
+    checkpoint_minutes: between checkpoints; one that is due waits for the next log line.
 
     Returns
     -------
@@ -159,112 +218,71 @@ def fit(task, recipe, records, out, *, validation=None, init=None, estimator="no
     FileNotFoundError, ValueError: no records, damaged weights, another architecture; a loss that is not
         finite stops the run with its step, the last checkpoint intact.
     """
-    distributed = int(os.environ.get("WORLD_SIZE", 1)) > 1
-    device = (
-        torch.device("cuda", int(os.environ.get("LOCAL_RANK", 0))) if torch.cuda.is_available() else "cpu"
-    )
-    device = torch.device(device)
-    if distributed:
-        dist.init_process_group("nccl" if device.type == "cuda" else "gloo")
-    rank, world = (dist.get_rank(), dist.get_world_size()) if distributed else (0, 1)
-    out = Path(out)
+    device, rank, world = _place()
+    out, source, size = Path(out), Records(records), canvas_size(recipe.size)
     out.mkdir(parents=True, exist_ok=True)
-    torch.manual_seed(recipe.seed)
-    config = {"size": recipe.size}
-    network = task.network(**config)
-    if init:
-        _load_start(network, init, task.kind)
-    network = network.to(device, memory_format=torch.channels_last)
+    state = _State(task, recipe, out, device, init)
+    model = nn.parallel.DistributedDataParallel(state.network) if world > 1 else state.network
     estimate = normals.load(estimator).to(device) if task.needs_normals else None
-    decayed = [p for p in network.parameters() if p.ndim > 1]
-    plain = [p for p in network.parameters() if p.ndim <= 1]
-    groups = [{"params": decayed, "weight_decay": recipe.weight_decay}, {"params": plain, "weight_decay": 0}]
-    optimiser = torch.optim.AdamW(groups, lr=recipe.learning_rate, betas=(0.9, 0.98))
-    average = _Average(network, recipe.average)
-    start, seconds, checkpoint = 0, 0.0, out / "checkpoint.pt"
-    if checkpoint.exists():
-        saved = torch.load(checkpoint, map_location=device, weights_only=True)
-        network.load_state_dict(saved["network"])
-        optimiser.load_state_dict(saved["optimiser"])
-        average.state = saved["average"]
-        start, seconds = saved["step"], saved["seconds"]
-    model = nn.parallel.DistributedDataParallel(network) if distributed else network
-    source = Records(records)
-    size = canvas_size(recipe.size)
-    photographs = _Photographs(
-        source, recipe.seed + 7919 * rank, size, task.lights, start * recipe.batch,
-        (recipe.steps - start) * recipe.batch,
-    )  # fmt: skip
-    workers = (12 if device.type == "cuda" else 1) if workers is None else workers
-    loader = DataLoader(photographs, recipe.batch, num_workers=workers, pin_memory=device.type == "cuda",
-                        worker_init_fn=_one_thread, persistent_workers=workers > 0)  # fmt: skip
-    autocast = torch.autocast(device.type, torch.bfloat16)
-
-    def save(step):
-        beside = checkpoint.with_name("checkpoint.pt.part")
-        state = {
-            "network": network.state_dict(),
-            "optimiser": optimiser.state_dict(),
-            "average": average.state,
-        }
-        torch.save({**state, "step": step, "seconds": seconds}, beside)
-        os.replace(beside, checkpoint)
-        averaged = task.network(**config).to(device, memory_format=torch.channels_last)
-        averaged.load_state_dict(average.state)
-        facts = {**asdict(recipe), "steps_done": step, "images": step * recipe.batch * world,
-                 "hours": round(seconds / 3600, 3), "records": len(source)}  # fmt: skip
-        if task.needs_normals:
-            facts["normals"] = Path(estimator).stem
-        if init:
-            facts["init"] = Path(init).stem
-        weights.save(out / f"{task.kind}.safetensors", averaged, task.kind, config, facts)
-        scores = {}
-        if validation:
-            scores = _validate(task, averaged, Records(validation), size, device, estimate, autocast,
-                               out / f"samples-{step:06d}.png")  # fmt: skip
-        return scores
-
-    def log(step, loss, **facts):
-        row = {"step": step, "images": step * recipe.batch * world, "seconds": round(seconds, 1),
-               "loss": round(loss, 5), **{key: round(value, 5) for key, value in facts.items()}}  # fmt: skip
-        with open(out / "log.jsonl", "a") as file:
-            file.write(json.dumps(row) + "\n")
-
+    facts = {"init": Path(init).stem} if init else {}
+    if task.needs_normals:
+        facts["normals"] = Path(estimator).stem
+    done, left = state.step * recipe.batch, (recipe.steps - state.step) * recipe.batch
+    # Each process draws its own photographs: the seeds lie further apart than any number of processes.
+    photographs = _Photographs(source, recipe.seed + 7919 * rank, size, task.lights, done, left)
+    loader = DataLoader(
+        photographs,
+        recipe.batch,
+        num_workers=(12 if device.type == "cuda" else 1) if workers is None else workers,
+        pin_memory=device.type == "cuda",
+        worker_init_fn=_one_thread,
+    )
     columns = TextColumn("{task.description}"), BarColumn(), MofNCompleteColumn(), TimeRemainingColumn()
-    saved_at, losses = time.monotonic(), []
     with Progress(*columns, disable=rank > 0) as progress:
-        bar = progress.add_task(task.kind, total=recipe.steps, completed=start)
-        tick = time.monotonic()
-        for step, batch in enumerate(loader, start):
+        bar = progress.add_task(task.kind, total=recipe.steps, completed=state.step)
+        saved_at = tick = time.monotonic()
+        losses = []
+        for batch in loader:
             batch = _prepare(batch, device, estimate)
-            for group in optimiser.param_groups:
-                group["lr"] = learning_rate(recipe, step)
-            with autocast:
+            with torch.autocast(device.type, torch.bfloat16):
                 loss = task.loss(model, batch)
-            optimiser.zero_grad(set_to_none=True)
-            loss.backward()
-            nn.utils.clip_grad_norm_(network.parameters(), recipe.clip)
-            optimiser.step()
-            average.update(network, step)
+            state.update(loss)
             losses.append(loss.detach())
             now = time.monotonic()
-            seconds, tick = seconds + now - tick, now
-            last = step + 1 == recipe.steps
-            if (step + 1) % LOG_EVERY == 0 or last:
-                mean = torch.stack(losses).mean().item()
-                losses = []
-                if not math.isfinite(mean):
-                    raise ValueError(f"training: the loss at step {step + 1} is not finite")
-                progress.update(bar, completed=step + 1, description=f"{task.kind} {mean:.4f}")
-                due = last or now - saved_at > 60 * checkpoint_minutes
+            state.seconds, tick = state.seconds + now - tick, now
+            last = state.step == recipe.steps
+            if state.step % LOG_EVERY and not last:
+                continue
+            row = {"step": state.step, "images": state.step * recipe.batch * world}
+            row |= {"seconds": round(state.seconds, 1), "loss": round(torch.stack(losses).mean().item(), 5)}
+            losses = []
+            if not math.isfinite(row["loss"]):
+                raise ValueError(f"training: the loss at step {state.step} is not finite")
+            progress.update(bar, completed=state.step, description=f"{task.kind} {row['loss']:.4f}")
+            if last or now - saved_at > 60 * checkpoint_minutes:
                 if rank == 0:
-                    log(step + 1, mean, **(save(step + 1) if due else {}))
-                if due:
-                    saved_at = time.monotonic()
-                tick = time.monotonic()
-    if distributed:
+                    state.save({**facts, "images": row["images"], "records": len(source)})
+                    if validation:
+                        picture = out / f"samples-{state.step:06d}.png"
+                        row |= _validate(task, state.averaged(), Records(validation), size, estimate, picture)
+                saved_at = time.monotonic()
+            if rank == 0:
+                with open(out / "log.jsonl", "a") as file:
+                    file.write(json.dumps(row) + "\n")
+            tick = time.monotonic()
+    if world > 1:
         dist.destroy_process_group()
     return out / f"{task.kind}.safetensors"
+
+
+def _place():
+    """(device, rank, number of processes): one process, or as many as torchrun started."""
+    gpu = f"cuda:{os.environ.get('LOCAL_RANK', 0)}"
+    device = torch.device(gpu if torch.cuda.is_available() else "cpu")
+    if int(os.environ.get("WORLD_SIZE", 1)) == 1:
+        return device, 0, 1
+    dist.init_process_group("nccl" if device.type == "cuda" else "gloo")
+    return device, dist.get_rank(), dist.get_world_size()
 
 
 def _one_thread(_worker):
@@ -272,19 +290,19 @@ def _one_thread(_worker):
 
 
 @torch.no_grad()
-def _validate(task, network, records, size, device, estimate, autocast, picture):
+def _validate(task, network, records, size, estimate, picture):
     """Mean scores on a fixed choice of photographs, and a picture of the first four."""
-    network.eval()
+    device = next(network.parameters()).device
     count = min(VALIDATION_SAMPLES, len(records))
     photographs = _Photographs(records, 1, size, task.lights, 0, count, augment=False)
     scores = []
     for batch in DataLoader(photographs, 4):
         batch = _prepare(batch, device, estimate)
-        with autocast:
+        with torch.autocast(device.type, torch.bfloat16):
             scores.append(task.score(network, batch))
             if len(scores) == 1:
                 pictures.write_grid(picture, task.show(network, batch))
-    return {key: float(np.mean([score[key] for score in scores])) for key in scores[0]}
+    return {key: round(float(np.mean([score[key] for score in scores])), 5) for key in scores[0]}
 
 
 def _masked_mean(values, mask):

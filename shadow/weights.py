@@ -37,7 +37,10 @@ def _load(path, checksum, networks):
             f"weights: {path} holds a {metadata.get('network')!r} network, expected {' or '.join(networks)}"
         )
     network = networks[metadata["network"]](**json.loads(metadata["config"]))
-    network.load_state_dict({key: value.float() for key, value in state.items()}, strict=True)
+    try:
+        network.load_state_dict({key: value.float() for key, value in state.items()}, strict=True)
+    except RuntimeError as error:
+        raise ValueError(f"weights: {path} does not fit this version's network: {error}") from error
     return network.eval().requires_grad_(False).to(memory_format=torch.channels_last)
 
 

@@ -45,6 +45,13 @@ def test_another_network_is_refused(saved):
         visibility.load(saved[1])
 
 
+def test_weights_of_another_shape_are_refused(saved):
+    network, path, _ = saved
+    weights.save(path.with_name("wide.safetensors"), network, "normals", {**SMALL, "widths": (8, 16)}, {})
+    with pytest.raises(ValueError, match="does not fit"):
+        normals.load(path.with_name("wide.safetensors"))
+
+
 def test_a_missing_file_is_named(tmp_path):
     with pytest.raises(FileNotFoundError):
         normals.load(tmp_path / "absent.safetensors")
