@@ -1,4 +1,5 @@
 import ast
+import tomllib
 from pathlib import Path
 
 import pytest
@@ -31,3 +32,13 @@ def test_the_light_stage_is_not_needed_at_run_time():
                 top_level = ast.parse(path.read_text()).body
                 names = [ast.unparse(node) for node in top_level if isinstance(node, ast.ImportFrom)]
                 assert not any("lightstage" in name for name in names), path
+
+
+def test_every_package_and_weight_file_is_installed():
+    setuptools = tomllib.loads((ROOT / "pyproject.toml").read_text())["tool"]["setuptools"]
+    folders = {path.parent.relative_to(ROOT) for package in LOWER for path in (ROOT / package).rglob("*.py")}
+    assert {".".join(folder.parts) for folder in folders} == set(setuptools["packages"])
+    for package in ("shadow", "shading"):
+        patterns = setuptools["package-data"][package]
+        for path in (ROOT / package / "weights").iterdir():
+            assert any(path.relative_to(ROOT / package).match(pattern) for pattern in patterns), path
