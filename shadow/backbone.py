@@ -71,16 +71,32 @@ class Backbone(nn.Module):
         nn.init.zeros_(self.head.weight)  # every network starts at its base: see normals, field, albedo
         nn.init.zeros_(self.head.bias)
 
-    def forward(self, x):
-        """(B, in_channels, H, W) to (B, out_channels, H, W); H and W multiples of 32."""
+    def forward(self, x, blocks=None):
+        """(B, in_channels, H, W) to (B, out_channels, H, W); H and W multiples of 32.
+
+        With `blocks`, to what `take_blocks` takes of it, (B, out_channels, 4, P), and at less cost.
+        """
         x = self.stem(F.pixel_unshuffle(x, 2))
         skips = []
-        for blocks, down in zip(self.encoder, self.down, strict=False):
-            x = blocks(x)
+        for residuals, down in zip(self.encoder, self.down, strict=False):
+            x = residuals(x)
             skips.append(x)
             x = down(x)
         x = self.encoder[-1](x)
-        for blocks, up, skip in zip(reversed(self.decoder), reversed(self.up), reversed(skips), strict=True):
+        for residuals, up, skip in zip(reversed(self.decoder), reversed(self.up), reversed(skips), strict=True):
             x = skip + F.interpolate(up(x), scale_factor=2.0, mode="bilinear")
-            x = blocks(x)
-        return F.pixel_shuffle(self.head(F.silu(self.norm(x))), 2)
+            x = residuals(x)
+        x = F.silu(self.norm(x))
+        if blocks is None:
+            return F.pixel_shuffle(self.head(x), 2)
+        return self.head(_gather(x, blocks)[..., None]).unflatten(1, (-1, 4))[..., 0]
+
+
+def take_blocks(image, blocks):
+    """The 2 x 2 pixels of each block: (B, C, H, W) to (B, C, 4, P); `blocks` (B, P) count in row order."""
+    return _gather(F.pixel_unshuffle(image, 2), blocks).unflatten(1, (-1, 4))
+
+
+def _gather(image, index):
+    """(B, C, H, W) and (B, P) to (B, C, P)."""
+    return image.flatten(2).gather(2, index[:, None].expand(-1, image.shape[1], -1))

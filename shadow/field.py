@@ -13,7 +13,7 @@ import torch
 import torch.nn.functional as F
 from torch import nn
 
-from shadow.backbone import Backbone, encode_image
+from shadow.backbone import Backbone, encode_image, take_blocks
 from shadow.directions import olat
 
 LIT = 3.0  # cast logit of the untrained field: sigmoid(3) = 0.95, lit
@@ -41,9 +41,11 @@ class VisibilityField(nn.Module):
         self.register_buffer("anchors", torch.from_numpy(olat(behind=True)), persistent=False)
         self.backbone = Backbone(7, len(self.anchors) + 4, **backbone)
 
-    def forward(self, image, normals):
-        """Encoded image and mask (B, 4, H, W) and normals (B, 3, H, W) to FieldMaps."""
-        maps = self.backbone(torch.cat([image, normals], dim=1)).float()
+    def forward(self, image, normals, blocks=None):
+        """Encoded image and mask (B, 4, H, W) and normals (B, 3, H, W) to FieldMaps; or to what
+        `take_blocks` takes of them, which saves the training the memory of all lights at all pixels."""
+        maps = self.backbone(torch.cat([image, normals], dim=1), blocks).float()
+        normals = normals if blocks is None else take_blocks(normals, blocks)
         cast, correction, log_sharpness = maps.split([len(self.anchors), 3, 1], dim=1)
         gate_normals = F.normalize(normals + correction, dim=1)
         return FieldMaps(cast, gate_normals, SHARPNESS * log_sharpness.clamp(-3, 3).exp())

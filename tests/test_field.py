@@ -1,6 +1,7 @@
 import pytest
 import torch
 
+from shadow.backbone import take_blocks
 from shadow.directions import olat
 from shadow.field import VisibilityField, anchor_weights
 
@@ -73,3 +74,16 @@ def test_exposure_does_not_matter(field):
         atol=1e-3,
         rtol=1e-3,
     )
+
+
+def test_blocks_are_what_the_whole_map_holds(field):
+    """Training looks at chosen 2 x 2 blocks: the same numbers as in the full maps, in the same places."""
+    network = trained(field)
+    normals, _ = ball()
+    image, blocks = torch.rand(1, 4, 64, 64), torch.tensor([[0, 33, 1023, 500]])
+    whole, chosen = network(image, normals[None]), network(image, normals[None], blocks)
+    for full, part in zip(whole, chosen, strict=True):
+        torch.testing.assert_close(take_blocks(full, blocks), part)
+    y, x = divmod(500, 32)
+    corner = whole.cast[:, :, 2 * y : 2 * y + 2, 2 * x : 2 * x + 2]
+    torch.testing.assert_close(chosen.cast[..., 3], corner.flatten(2))
