@@ -221,7 +221,7 @@ def fit(
         finite stops the run with its step, the last checkpoint intact.
     """
     device, rank, world = _place()
-    out, source, size = Path(out), Records(records), canvas_size(recipe.size)
+    out, size, source = Path(out), canvas_size(recipe.size), Records(records)
     out.mkdir(parents=True, exist_ok=True)
     state = _State(task, recipe, out, device, init)
     model = nn.parallel.DistributedDataParallel(state.network) if world > 1 else state.network

@@ -3,6 +3,7 @@ import sys
 
 import numpy as np
 import pytest
+import trimesh
 from typer.testing import CliRunner
 
 import relight
@@ -95,3 +96,50 @@ def test_help_does_not_load_the_networks():
     result = run("--help")
     assert result.exit_code == 0
     assert "apply" in result.output
+
+
+def test_from_a_mesh_to_weights_and_their_score(tmp_path):
+    """The whole workshop, small: render, pack, draw, train two networks, score them."""
+    mesh = trimesh.creation.capsule(height=1.2, radius=0.25)
+    mesh.apply_transform(trimesh.transformations.rotation_matrix(np.pi / 2, [1, 0, 0]))
+    mesh.export(tmp_path / "capsule.ply")
+    (tmp_path / "list.txt").write_text("capsule.ply\n")
+    records, shards = tmp_path / "records", tmp_path / "shards"
+    result = run(
+        *("stage", records, "--scan-list", tmp_path / "list.txt", "--views", 2, "--size", 64, "--behind"),
+        *("--processes", 1, "--pack", shards, "--sheet", tmp_path / "sheet.png"),
+    )
+    assert result.exit_code == 0, result.output
+    assert "2 records" in result.output
+    assert relight.read(tmp_path / "sheet.png").max() > 0.5
+    common = ["--records", shards, "--steps", 1, "--size", 128, "--batch", 2, "--workers", 0]
+    result = run("train", "normals", *common, "--out", tmp_path / "normals")
+    assert result.exit_code == 0, result.output
+    normals = tmp_path / "normals" / "normals.safetensors"
+    result = run(
+        *("train", "shadow", *common, "--out", tmp_path / "field", "--init", normals, "--normals", normals)
+    )
+    assert result.exit_code == 0, result.output
+    field = tmp_path / "field" / "field.safetensors"
+    result = run("evaluate", "--records", shards, "--model", field, "--normals", normals)
+    assert result.exit_code == 0, result.output
+    assert "| field | 0." in result.output
+    assert "| sign(N·L), true normals | 0." in result.output
+
+
+@pytest.mark.parametrize(
+    ("arguments", "message"),
+    [
+        (["stage", "records"], "nothing to do"),
+        (["stage", "records", "--bodies", "three"], "expected FIRST:LAST"),
+        (["stage", "records", "--pack", "shards"], "holds no records"),
+        (["evaluate", "--records", "absent"], "nothing at absent"),
+        (["train", "normals", "--records", "absent", "--out", "run", "--steps", "1"], "nothing at absent"),
+        (["train", "normals", "--records", ".", "--out", "run", "--steps", "1", "--size", "99"], "multiple"),
+    ],
+)
+def test_the_workshop_names_bad_input(arguments, message, tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    result = run(*arguments)
+    assert result.exit_code == 2
+    assert message in result.output
