@@ -4,29 +4,43 @@ from shading.albedo import AlbedoNetwork
 from shadow import pictures
 from shadow.training import Task
 
+ABSOLUTE = 0.2  # weight of the error in overall colour and brightness
+
 
 def _encoded(albedo):
     return albedo.clamp_min(1e-4) ** (1 / 2.2)
 
 
+def _aligned(estimate, truth, inside):
+    """The estimate, each channel scaled to the truth's mean inside the mask.
+
+    Exposure and the colour of the light cannot be told from those of the albedo (image = albedo × light), and
+    without this their error drowns that of the shadows left behind.
+    """
+    means = [(image * inside).sum(dim=(-2, -1), keepdim=True) for image in (truth, estimate)]
+    return estimate * (means[0] / means[1].clamp_min(1e-3)).detach().clamp(0.2, 5)
+
+
 def albedo_loss(network, batch):
-    """L1 of the encoded albedo and of its gradients, which hold texture and refuse shadow edges."""
+    """L1 of the aligned encoded albedo and of its gradients, which hold texture and refuse shadow edges; and
+    a little L1 of the albedo as it is."""
+    inside, truth = (batch["mask"] > 0.9).float(), _encoded(batch["albedo"])
     estimate = network(batch["image"], batch["estimated_normals"])
-    inside = (batch["mask"] > 0.9).float()
-    difference = (estimate - _encoded(batch["albedo"])) * inside
+    difference = (_aligned(estimate, truth, inside) - truth) * inside
     across = (difference[..., 1:] - difference[..., :-1]) * inside[..., 1:] * inside[..., :-1]
     down = (difference[..., 1:, :] - difference[..., :-1, :]) * inside[..., 1:, :] * inside[..., :-1, :]
-    return (difference.abs().sum() + across.abs().sum() + down.abs().sum()) / (3 * inside.sum()).clamp_min(1)
+    absolute = ABSOLUTE * (estimate - truth) * inside
+    total = sum(error.abs().sum() for error in (difference, across, down, absolute))
+    return total / (3 * inside.sum()).clamp_min(1)
 
 
 def _albedo_score(network, batch):
-    """L1 of the encoded albedo, beside that of the photograph itself."""
-    inside, truth = batch["mask"] > 0.9, _encoded(batch["albedo"])
+    """L1 of the aligned encoded albedo, beside that of the photograph itself."""
+    inside, truth = (batch["mask"] > 0.9).float(), _encoded(batch["albedo"])
     estimate = network(batch["image"], batch["estimated_normals"])
-    area = 3 * inside.sum()
     return {
-        "l1": float(((estimate - truth).abs() * inside).sum() / area),
-        "l1_photograph": float(((batch["image"][:, :3] - truth).abs() * inside).sum() / area),
+        name: float(((_aligned(image, truth, inside) - truth).abs() * inside).sum() / (3 * inside.sum()))
+        for name, image in (("l1", estimate), ("l1_photograph", batch["image"][:, :3]))
     }
 
 
