@@ -22,9 +22,10 @@ lights = directions.olat(behind=True)
 view = stage.View(azimuth=8, distance=3.5, height=1.2, pitch=-5, fov=34)
 record = stage.render(bodies.body(seed, "generalisation"), view, 2 * SIZE, lights)
 
-# A lamp at upper right and a soft room: the old light that relighting has to take out again.
+# A large softbox at upper right and a pale room: the old light that relighting has to take out again.
 weights = np.full((len(lights), 3), 0.6 / len(lights), np.float32) * (1 + lights[:, 1:2])
-weights[(lights @ directions.from_spherical(35, 35)).argmax()] += [0.75, 0.7, 0.62]
+softbox = np.exp(8 * (lights @ directions.from_spherical(40, 35) - 1))
+weights += np.float32([1.25, 1.2, 1.12]) * (softbox / softbox.sum())[:, None]
 colour = record.image(records.light(record, weights)).numpy()
 premultiplied = np.concatenate([colour, record.mask[None]]).transpose(1, 2, 0)  # black where nobody is
 pixels = premultiplied.reshape(SIZE, 2, SIZE, 2, 4).mean(axis=(1, 3), dtype=np.float32)
