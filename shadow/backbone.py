@@ -83,8 +83,8 @@ class Backbone(nn.Module):
             skips.append(x)
             x = down(x)
         x = self.encoder[-1](x)
-        for residuals, up, skip in zip(reversed(self.decoder), reversed(self.up), reversed(skips), strict=True):
-            x = skip + F.interpolate(up(x), scale_factor=2.0, mode="bilinear")
+        for residuals, up in zip(reversed(self.decoder), reversed(self.up), strict=True):
+            x = skips.pop() + F.interpolate(up(x), scale_factor=2.0, mode="bilinear")
             x = residuals(x)
         x = F.silu(self.norm(x))
         if blocks is None:
