@@ -4,9 +4,9 @@ import torch
 from torch import nn
 
 from shadow import inputs, weights
-from shadow import normals as normals_module
 from shadow.backbone import Backbone, encode_image
 from shadow.framing import Framing, extend
+from shadow.normals import on_canvas
 
 
 class AlbedoNetwork(nn.Module):
@@ -60,11 +60,7 @@ def infer_albedo(rgb, mask, *, normals=None, model="albedo"):
     network = load(model).to(image.device)
     framing = Framing.around(matte, network.size)
     framed, framed_mask = framing.crop(image), framing.crop(matte[None])[0]
-    if normals is None:
-        surface = normals_module.load().to(image.device).analyse(framed, framed_mask)
-    else:
-        given = inputs.normals("normals", normals, image.shape[1:]).to(image.device)
-        surface = torch.nn.functional.normalize(framing.crop(given), dim=0)
+    surface = on_canvas(normals, framing, framed, framed_mask)
     albedo = network.analyse(framed, framed_mask, surface)
     restored = framing.restore(extend(albedo, framed_mask)).clamp(0, 1) * (matte > 0)
     return inputs.like(restored.permute(1, 2, 0), rgb)

@@ -35,6 +35,15 @@ def load(name="normals"):
     return weights.load(name, {"normals": NormalsNetwork}, package="shadow")
 
 
+def on_canvas(given, framing, framed, framed_mask):
+    """Unit normals (3, h, w) on the canvas: the plate's (H, W, 3) if given, else inferred from the framed rgb
+    (3, h, w) and mask (h, w)."""
+    if given is None:
+        return load().to(framed.device).analyse(framed, framed_mask)
+    surface = inputs.normals("normals", given, framing.plate).to(framed.device)
+    return F.normalize(framing.crop(surface), dim=0)
+
+
 def infer_normals(rgb, mask, *, model="normals"):
     """Surface normals of the person in an image.
 

@@ -3,9 +3,9 @@
 import torch
 
 from shadow import inputs, weights
-from shadow import normals as normals_module
 from shadow.field import VisibilityField
 from shadow.framing import Framing, extend
+from shadow.normals import on_canvas
 
 
 def load(name="field"):
@@ -60,11 +60,7 @@ def infer(rgb, mask, directions, *, normals=None, model="field"):
     network = load(model).to(image.device)
     framing = Framing.around(matte, network.size)
     framed, framed_mask = framing.crop(image), framing.crop(matte[None])[0]
-    if normals is None:
-        surface = normals_module.load().to(image.device).analyse(framed, framed_mask)
-    else:
-        given = inputs.normals("normals", normals, image.shape[1:]).to(image.device)
-        surface = torch.nn.functional.normalize(framing.crop(given), dim=0)
+    surface = on_canvas(normals, framing, framed, framed_mask)
     maps = network.analyse(framed, framed_mask, surface)(lights)
     visibility = framing.restore(extend(maps, framed_mask)).clamp(0, 1) * (matte > 0)
     return inputs.like(visibility, rgb)
