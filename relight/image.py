@@ -106,7 +106,7 @@ def read(path, *, colour_space=None):
     linear = _linear(rgb, straight=bool(spec.get_int_attribute("oiio:UnassociatedAlpha")), space=space)
     if not np.isfinite(linear).all():
         raise ValueError(f"{path}: contains NaN or infinite values")
-    return linear
+    return np.ascontiguousarray(linear)  # as other libraries want it
 
 
 def read_layers(path):

@@ -387,3 +387,8 @@ def test_a_write_that_openimageio_refuses_is_an_oserror(tmp_path, monkeypatch):
     with pytest.raises(OSError, match=r"a\.png: cannot be written: disk full"):
         relight.write(tmp_path / "a.png", PREMULTIPLIED)
     assert os.listdir(tmp_path) == []
+
+
+def test_what_is_read_is_contiguous(tmp_path):
+    relight.write(tmp_path / "a.png", np.random.default_rng(0).random((5, 7, 4), np.float32))
+    assert relight.read(tmp_path / "a.png").flags.c_contiguous
