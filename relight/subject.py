@@ -18,7 +18,7 @@ from shadow.framing import Framing, bounding_box, extend
 
 CLEAN = 0.98  # coverage above which a photograph's pixel holds no background to speak of
 FAINT = 0.05  # coverage below which premultiplied colour is too coarse to divide by
-REACH = 16  # canvas pixels that maps are continued beyond the matte, for hair and soft edges
+REACH = 20  # canvas pixels that maps are continued beyond the matte, for hair and soft edges
 DARK = 1e-3  # squared albedo at which the photographed shading is as much guess as measurement
 DEEPEST = 0.02  # least photographed shading, as a share of the mean: bounds the noise that delighting lifts
 BATCH = 64  # directions at a time
@@ -54,6 +54,9 @@ class Subject:
         given_normals = None if normals is None else inputs.normals("normals", normals, self._size)
 
         top, left, bottom, right = bounding_box(alpha, threshold=0)
+        # An empty pixel around it, unless the plate ends there: so the framing sees which sides are cut.
+        top, left = max(top - 1, 0), max(left - 1, 0)
+        bottom, right = min(bottom + 1, self._size[0]), min(right + 1, self._size[1])
         box = np.s_[..., top:bottom, left:right]
         alpha = alpha[box]
         foreground = _foreground(pixels[top:bottom, left:right], alpha, photographed=mask is not None)

@@ -1,11 +1,13 @@
 """From a plate of any size to the networks' canvas around the subject, and back.
 
 The networks see people at one scale. Training and inference share this framing: the subject's bounding box
-is centred on a portrait canvas (3:4) and scaled to fill it but for a margin.
+is centred on a portrait canvas (3:4) and scaled to fill it but for a margin, which a side that the plate's
+frame cuts has not.
 """
 
 from dataclasses import dataclass
 
+import numpy as np
 import torch
 import torch.nn.functional as F
 
@@ -62,10 +64,17 @@ class Framing:
     def around(cls, mask, height):
         """The framing of the subject that `mask` (H, W) shows, on a canvas of `height` pixels."""
         top, left, bottom, right = bounding_box(mask)
-        canvas = canvas_size(height)
-        usable = 1 - 2 * MARGIN
-        scale = usable * min(canvas[0] / (bottom - top), canvas[1] / (right - left))
-        return cls(((left + right) / 2, (top + bottom) / 2), scale, canvas, tuple(mask.shape))
+        canvas, plate = canvas_size(height), tuple(mask.shape)
+        # Where the plate's frame cuts the subject, so does the canvas's: with a margin there, the networks
+        # would see a body that ends, and round it off.
+        low, cut_low = np.array([top, left]), np.array([top, left]) == 0
+        high, cut_high = np.array([bottom, right]), np.array([bottom, right]) == plate
+        usable = 1 - MARGIN * (2 - cut_low - cut_high)
+        scale = float((usable * canvas / (high - low)).min())
+        half = np.array(canvas) / scale / 2
+        centre = np.where(cut_low & ~cut_high, half, (low + high) / 2)
+        centre = np.where(cut_high & ~cut_low, np.array(plate) - half, centre)
+        return cls((float(centre[1]), float(centre[0])), scale, canvas, plate)
 
     def crop(self, tensor):
         """(C, H, W) on the plate to (C, h, w) on the canvas; zero beyond the plate."""

@@ -74,18 +74,19 @@ class Record:
 
     def cropped(self, height):
         """The record without the empty margins of its frame, and with every second, third... pixel only if
-        the subject is then still taller than `height`: what costs time and is not seen goes."""
+        the subject is then still taller than `height`: what costs time and is not seen goes. One empty pixel
+        stays around it, which says that no frame cuts the subject."""
         top, left, bottom, right = bounding_box(torch.from_numpy(self.mask))
         stride = max(1, (bottom - top) // height)
         if stride == 1:
-            return replace(self, mask=self.mask[top:bottom, left:right])
+            return replace(self, mask=np.pad(self.mask[top:bottom, left:right], 1))
         order = np.full(self.mask.shape, -1)
         order[self.mask] = np.arange(len(self.normals_int8))
         order = order[top:bottom:stride, left:right:stride]
         kept = order[order >= 0]
         return replace(
             self,
-            mask=order >= 0,
+            mask=np.pad(order >= 0, 1),
             normals_int8=self.normals_int8[kept],
             albedo_uint8=self.albedo_uint8[kept],
             visibility_bits=self.visibility_bits[kept],

@@ -23,7 +23,7 @@ def test_canvas_sizes():
         canvas_size(200)
 
 
-@pytest.mark.parametrize("box", [(10, 30, 190, 90), (80, 10, 130, 190), (0, 0, 200, 200)])
+@pytest.mark.parametrize("box", [(10, 30, 190, 90), (80, 10, 130, 190), (1, 1, 199, 199)])
 def test_subject_fills_the_canvas_but_for_the_margin(box):
     framing = Framing.around(person(200, 200, box), 256)
     top, left, bottom, right = bounding_box(framing.crop(person(200, 200, box)[None])[0])
@@ -50,3 +50,15 @@ def test_extend_keeps_the_inside_and_continues_outside():
     torch.testing.assert_close(extended[:, 10:30, 10:30], values[:, 10:30, 10:30])
     torch.testing.assert_close(extended[:, 5:35, 15:25], torch.full((2, 30, 10), 0.7))
     assert extended[:, :4].abs().max() == 0
+
+
+@pytest.mark.parametrize(
+    "box", [(60, 50, 200, 150), (0, 50, 120, 150), (60, 0, 160, 60), (60, 140, 160, 200)]
+)
+def test_a_side_cut_by_the_frame_has_no_margin(box):
+    """As in training: the canvas cuts a portrait where the plate does."""
+    mask = person(200, 200, box)
+    framed = Framing.around(mask, 256).crop(mask[None])[0] > 0.5
+    top, left, bottom, right = bounding_box(framed)
+    touches = [box[0] == 0, box[1] == 0, box[2] == 200, box[3] == 200]
+    assert [top == 0, left == 0, bottom == 256, right == 192] == touches
