@@ -4,7 +4,7 @@ import torch
 from torch import nn
 
 from shadow import inputs, weights
-from shadow.backbone import Backbone, encode_image
+from shadow.backbone import ENCODING, Backbone, encode_image
 from shadow.framing import Framing, extend
 from shadow.normals import on_canvas
 
@@ -20,7 +20,8 @@ class AlbedoNetwork(nn.Module):
     def forward(self, image, normals):
         """Encoded image and mask (B, 4, H, W) and normals (B, 3, H, W) to *encoded* albedo (B, 3, H, W).
 
-        The encoding is `albedo ** (1 / 2.2)`, in which errors look alike in dark and bright cloth.
+        The encoding is that of the image, `albedo ** (1 / ENCODING)`, in which errors look alike in dark and
+        bright cloth.
         """
         return image[:, :3] + self.backbone(torch.cat([image, normals], dim=1)).float()
 
@@ -28,7 +29,7 @@ class AlbedoNetwork(nn.Module):
     def analyse(self, rgb, mask, normals):
         """Framed rgb (3, h, w), mask (h, w), normals (3, h, w) to linear albedo (3, h, w) in [0, 1]."""
         encoded = self(encode_image(rgb[None], mask[None, None]), normals[None])[0]
-        return encoded.clamp(0, 1) ** 2.2 * (mask > 0)
+        return encoded.clamp(0, 1) ** ENCODING * (mask > 0)
 
 
 def load(name="albedo"):

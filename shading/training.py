@@ -2,13 +2,14 @@
 
 from shading.albedo import AlbedoNetwork
 from shadow import pictures
+from shadow.backbone import ENCODING
 from shadow.training import Task
 
 ABSOLUTE = 0.2  # weight of the error in overall colour and brightness
 
 
 def _encoded(albedo):
-    return albedo.clamp_min(1e-4) ** (1 / 2.2)
+    return albedo.clamp_min(1e-4) ** (1 / ENCODING)
 
 
 def _aligned(estimate, truth, inside):

@@ -6,6 +6,7 @@ import torch
 import torch.nn.functional as F
 from torch import nn
 
+ENCODING = 2.2  # exponent of the display-like encoding that images and albedo are seen in
 EXPOSURE = 0.2  # mean linear luminance inside the mask, after normalisation
 
 
@@ -18,7 +19,7 @@ def encode_image(rgb, mask):
     area = mask.sum(dim=(-2, -1), keepdim=True).clamp_min(1)
     mean = (rgb * mask).sum(dim=(-2, -1), keepdim=True).mean(dim=1, keepdim=True) / area
     exposed = rgb.clamp_min(0) * (EXPOSURE / mean.clamp_min(1e-6))
-    return torch.cat([(exposed.clamp_max(4) + 1e-4) ** (1 / 2.2) * mask, mask], dim=1)
+    return torch.cat([(exposed.clamp_max(4) + 1e-4) ** (1 / ENCODING) * mask, mask], dim=1)
 
 
 class ChannelNorm(nn.LayerNorm):

@@ -8,7 +8,6 @@ import torch
 from rich.progress import track
 
 from shadow import metrics, normals, visibility
-from shadow.backbone import encode_image
 from shadow.framing import canvas_size
 from shadow.records import Records, photograph, sample
 
@@ -51,16 +50,15 @@ def evaluate(paths, *, model="field", normals_model="normals", seed=0, limit=Non
     """
     network, surface = visibility.load(model), normals.load(normals_model)
     found = Records(paths)
-    chosen = np.linspace(0, len(found) - 1, min(limit or len(found), len(found))).round().astype(int)
     errors, dices, angles = {}, {}, []
-    for index in track([int(i) for i in chosen], "evaluating"):
+    for index in track(found.spread(limit or len(found)), "evaluating"):
         rng = np.random.default_rng((seed, index))
         view = sample(found[index], rng, canvas_size(network.size), augment=False)
         rgb, mask = photograph(view["rgb"], view["mask"], rng), view["mask"][0]
         inside = mask > 0.5
         frontal = view["directions"][:, 2] > FRONTAL
         lights, truth = view["directions"][frontal], (view["visibility"][frontal] > 0.5).float()
-        estimated = surface(encode_image(rgb[None], mask[None, None]))[0] * (mask > 0)
+        estimated = surface.analyse(rgb, mask)
         angles.append(float(metrics.angular_error(estimated, view["normals"], inside)))
         maps = {
             "field": network.analyse(rgb, mask, estimated)(lights) > 0.5,

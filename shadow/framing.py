@@ -31,7 +31,7 @@ def bounding_box(mask, threshold=0.5):
     return int(rows[0]), int(columns[0]), int(rows[-1]) + 1, int(columns[-1]) + 1
 
 
-def affine_sample(tensor, matrix, size, mode="bilinear"):
+def affine_sample(tensor, matrix, size):
     """`tensor` (C, H, W) sampled on a canvas of `size` (h, w); zero beyond its frame.
 
     `matrix` (2, 3) takes a canvas position (x, y, 1) in pixels to a position in the tensor, pixel centres
@@ -41,14 +41,14 @@ def affine_sample(tensor, matrix, size, mode="bilinear"):
     y, x = torch.meshgrid(torch.arange(height) + 0.5, torch.arange(width) + 0.5, indexing="ij")
     grid = torch.stack([x, y, torch.ones_like(x)], dim=-1).to(tensor.device) @ matrix.T.to(tensor)
     shrink = float(torch.linalg.det(matrix[:, :2]).abs().sqrt())
-    if mode == "bilinear" and shrink > 1.5:
+    if shrink > 1.5:
         reduced = (max(1, round(tensor.shape[-2] / shrink)), max(1, round(tensor.shape[-1] / shrink)))
         scale = torch.tensor([reduced[1] / tensor.shape[-1], reduced[0] / tensor.shape[-2]]).to(grid)
         tensor = F.interpolate(tensor[None], reduced, mode="area")[0]
         grid = grid * scale
     extent = torch.tensor([tensor.shape[-1], tensor.shape[-2]]).to(grid)
     grid = grid * 2 / extent - 1
-    return F.grid_sample(tensor[None], grid[None], mode=mode, padding_mode="zeros", align_corners=False)[0]
+    return F.grid_sample(tensor[None], grid[None], padding_mode="zeros", align_corners=False)[0]
 
 
 @dataclass(frozen=True)
@@ -82,11 +82,11 @@ class Framing:
         offset = [c - n / 2 * step for c, n in zip(self.centre, self.canvas[::-1], strict=True)]
         return affine_sample(tensor, torch.tensor([[step, 0, offset[0]], [0, step, offset[1]]]), self.canvas)
 
-    def restore(self, tensor, mode="bilinear"):
+    def restore(self, tensor):
         """(C, h, w) on the canvas to (C, H, W) on the plate; zero beyond the canvas."""
         offset = [n / 2 - c * self.scale for c, n in zip(self.centre, self.canvas[::-1], strict=True)]
         matrix = torch.tensor([[self.scale, 0, offset[0]], [0, self.scale, offset[1]]])
-        return affine_sample(tensor, matrix, self.plate, mode)
+        return affine_sample(tensor, matrix, self.plate)
 
 
 def extend(tensor, mask, radius=8):

@@ -12,12 +12,10 @@ from shadow.framing import Framing, extend
 class NormalsNetwork(nn.Module):
     """RGB and mask to camera-frame normals. An untrained network says that all faces the camera."""
 
-    in_channels, out_channels = 4, 3
-
     def __init__(self, size=256, **backbone):
         super().__init__()
         self.size = size  # canvas height that the network was trained for
-        self.backbone = Backbone(self.in_channels, self.out_channels, **backbone)
+        self.backbone = Backbone(4, 3, **backbone)
 
     def forward(self, image):
         """Encoded image and mask (B, 4, H, W) to unit normals (B, 3, H, W)."""

@@ -57,5 +57,4 @@ def record_row(record, size=(256, 192), seed=0):
 def contact_sheet(paths, out, count=10, seed=0):
     """Draw `count` records found under `paths`, a row each, spread over the whole set, as a PNG at `out`."""
     found = records.Records(paths)
-    chosen = np.linspace(0, len(found) - 1, min(count, len(found))).round().astype(int)
-    write_grid(out, [record_row(found[int(i)], seed=seed + int(i)) for i in chosen])
+    write_grid(out, [record_row(found[index], seed=seed + index) for index in found.spread(count)])

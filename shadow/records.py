@@ -185,6 +185,10 @@ class Records:
     def __len__(self):
         return len(self.entries)
 
+    def spread(self, count):
+        """Indices of `count` records, or of all if there are fewer, spread evenly over the whole."""
+        return np.linspace(0, len(self) - 1, min(count, len(self))).round().astype(int).tolist()
+
     def __getitem__(self, index):
         file, member = self.entries[index]
         if member is None:

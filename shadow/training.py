@@ -41,7 +41,7 @@ class Task:
     loss: Callable  # (network, batch) -> scalar
     score: Callable  # (network, batch) -> {metric: mean over the batch}
     show: Callable  # (network, batch) -> rows of pictures
-    lights: int  # directions a sample carries; 0 where the network knows no lights
+    lights: int  # directions a sample carries; 1 where the network looks at none
     needs_normals: bool  # batch["estimated_normals"] from a trained normals network
 
 
