@@ -103,6 +103,9 @@ def stage(
     size: Annotated[int, typer.Option(min=16, help="Pixels of the image's side.")] = 512,
     behind: Annotated[bool, typer.Option(help="32 directions behind the subject too.")] = False,
     jitter: Annotated[bool, typer.Option(help="Vary camera height, distance and field of view.")] = False,
+    shading: Annotated[
+        bool, typer.Option(help="Trace the bounce light too, for path-traced shading.")
+    ] = False,
     processes: Annotated[int | None, typer.Option(min=1, help="Default: one a core.")] = None,
     pack: Annotated[
         Path | None, typer.Option(help="Then pack the records into shards of at most 60 MiB in this folder.")
@@ -122,7 +125,7 @@ def stage(
     if sources:
         written, on_disk, errors = render_all(
             sources, records, split=split, views=views, size=size, behind=behind, jitter=jitter,
-            processes=processes,
+            bounced=shading, processes=processes,
         )  # fmt: skip
         console.print(f"{written} records, {on_disk // max(1, written)} bytes a view")
         for source, error in errors.items():

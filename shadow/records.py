@@ -1,8 +1,9 @@
 """Training records: one rendered view each, and the random photographs made from them.
 
-A record holds what the virtual light stage saw inside the mask: normals, albedo, and one visibility bit for
-each direction of its set. Photographs are lit from it anew each time it is drawn (Section 3, "Data
-Generation"). On disk a record is one compressed .npz file; a shard is a zip archive of such files.
+A record holds what the virtual light stage saw inside the mask: normals, albedo, one visibility bit for
+each direction of its set and, if it was asked to, the light that bounced there. Photographs are lit from it
+anew each time it is drawn (Section 3, "Data Generation"). On disk a record is one compressed .npz file; a
+shard is a zip archive of such files.
 """
 
 import io
@@ -19,6 +20,7 @@ import torch.nn.functional as F
 from shadow.framing import Framing, affine_sample, bounding_box
 
 SHARD_BYTES = 60 * 2**20
+BOUNCE_RANK = 8  # patterns of bounce light over the lights of a view: they keep 96 % of it
 ENCODING = 2.2  # albedo is stored as 8 bits of albedo ** (1 / 2.2), finer in dark cloth
 
 
@@ -36,11 +38,13 @@ class Record:
     visibility_bits: np.ndarray  # (N, ceil(D / 8)) uint8, packed along the directions
     directions: np.ndarray  # (D, 3) float32 unit vectors, camera frame
     about: dict = field(default_factory=dict)  # figure, split, view: whatever JSON holds
+    bounce_float16: np.ndarray | None = None  # (N, K) and
+    bounce_patterns: np.ndarray | None = None  # (K, D, 3): their product is the bounce light, or neither is
 
     @classmethod
-    def of(cls, mask, normals, albedo, visibility, directions, about=None):
+    def of(cls, mask, normals, albedo, visibility, directions, about=None, bounce=None):
         """From floats inside the mask: normals (N, 3) unit, albedo (N, 3) linear in [0, 1], visibility
-        (N, D) bool."""
+        (N, D) bool, bounce light in factors (N, K) and (K, D, 3)."""
         return cls(
             mask.astype(bool),
             np.round(normals * 127).astype(np.int8),
@@ -48,6 +52,7 @@ class Record:
             np.packbits(visibility.astype(bool), axis=1),
             directions.astype(np.float32),
             about or {},
+            *(() if bounce is None else (bounce[0].astype(np.float16), bounce[1].astype(np.float32))),
         )
 
     @property
@@ -65,6 +70,16 @@ class Record:
     def visibility(self):
         """(N, D) uint8, 1 = lit."""
         return np.unpackbits(self.visibility_bits, axis=1, count=len(self.directions))
+
+    @property
+    def bounce(self):
+        """Bounce light in factors, (N, K) and (K, D, 3) float32: zero if none was traced."""
+        if self.bounce_float16 is None:
+            return (
+                np.zeros((len(self.normals_int8), BOUNCE_RANK), np.float32),
+                np.zeros((BOUNCE_RANK, len(self.directions), 3), np.float32),
+            )
+        return self.bounce_float16.astype(np.float32), self.bounce_patterns
 
     def image(self, values):
         """Values inside the mask (N, C) as an image (C, H, W) float32, zero outside."""
@@ -90,11 +105,13 @@ class Record:
             normals_int8=self.normals_int8[kept],
             albedo_uint8=self.albedo_uint8[kept],
             visibility_bits=self.visibility_bits[kept],
+            bounce_float16=None if self.bounce_float16 is None else self.bounce_float16[kept],
         )
 
 
 def to_bytes(record):
     stream = io.BytesIO()
+    bounce = {"bounce": record.bounce_float16, "bounce_patterns": record.bounce_patterns}
     np.savez_compressed(
         stream,
         size=np.array(record.mask.shape),
@@ -104,6 +121,7 @@ def to_bytes(record):
         visibility=record.visibility_bits,
         directions=record.directions,
         about=np.frombuffer(json.dumps(record.about).encode(), np.uint8),
+        **({} if record.bounce_float16 is None else bounce),
     )
     return stream.getvalue()
 
@@ -120,6 +138,8 @@ def from_bytes(data, name="record"):
                 arrays["visibility"],
                 arrays["directions"],
                 json.loads(arrays["about"].tobytes()),
+                arrays.get("bounce"),
+                arrays.get("bounce_patterns"),
             )
     except (ValueError, KeyError, OSError, EOFError, zipfile.BadZipFile) as error:
         raise ValueError(f"records: {name} is damaged or not a record: {error}") from error
@@ -221,7 +241,8 @@ def random_lighting(rng, directions):
 
 
 def light(record, weights, gloss=0.0, shininess=20.0):
-    """The record photographed under `weights` (D, 3): linear colour (N, 3), direct light only (Section 3).
+    """The record photographed under `weights` (D, 3): linear colour (N, 3), by direct light (Section 3) and, if
+    that was traced, by what bounces of it.
 
     `gloss` adds a Blinn-Phong highlight, seen from the camera axis, that the albedo does not explain.
     """
@@ -230,7 +251,9 @@ def light(record, weights, gloss=0.0, shininess=20.0):
     lights, power = torch.from_numpy(record.directions), torch.from_numpy(weights)
     shining = power.any(dim=1)
     shading = (normals @ lights[shining].T).clamp_min_(0).mul_(visibility[:, shining])
-    colour = torch.from_numpy(record.albedo) * (shading @ power[shining])
+    strength, patterns = map(torch.from_numpy, record.bounce)
+    bounced = (strength @ torch.einsum("kdc,dc->kc", patterns, power)).clamp_min_(0)
+    colour = torch.from_numpy(record.albedo) * (shading @ power[shining] + bounced)
     if gloss > 0:
         bright = power.sum(dim=1) > 0.1
         half = F.normalize(lights[bright] + torch.tensor([0.0, 0.0, 1.0]), dim=1)
