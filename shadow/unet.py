@@ -1,4 +1,4 @@
-"""The paper's U-Net (Section 3, Table 1): one forward for one image and one light.
+"""The paper's network (Section 3, Table 1): a U-Net, one forward for one image and one light.
 
 Table 1 fixes the kernels, the five strides and the 512 channels at 1/32 of the image. Widths and sets a block
 it leaves open: these, and the decoder as the encoder's mirror, meet all four parameter counts of Table 4.
@@ -8,7 +8,10 @@ import torch
 import torch.nn.functional as F
 from torch import nn
 
+from shadow.backbone import encode_image
+
 WIDTHS = (64, 128, 192, 256, 512)  # channels of the blocks, 1/2 to 1/32
+LIGHTS_AT_ONCE = 8  # forwards that run together at inference: 1 GB of activations on a canvas of 512 x 384
 
 
 class ConvSet(nn.Sequential):
@@ -99,3 +102,40 @@ class UNet(nn.Module):
             x = F.interpolate(x, scale_factor=2.0, mode="bilinear")
         x = self.head(x)
         return x if self.linear else torch.tanh(x)
+
+
+class PerLight(nn.Module):
+    """The paper's visibility network (Section 3): colour, normals and a light's direction in, its map out."""
+
+    def __init__(self, size=256, latent="resb7", normals=True, **unet):
+        super().__init__()
+        self.size = size  # canvas height that the network was trained for
+        self.normals = normals  # or colour and direction alone: the ablation of Table 3
+        self.unet = UNet(9 if normals else 6, 1, latent, **unet)
+
+    def forward(self, image, normals, directions):
+        """Encoded image and mask (B, 4, H, W), normals (B, 3, H, W) and unit directions (B, D, 3) to maps
+        (B, D, H, W) in [-1, 1]: -1 is shadow and 1 is light, the ends of tanh."""
+        masked = torch.cat([image[:, :3], normals], dim=1) if self.normals else image[:, :3]
+        lights = directions.shape[1]
+        masked = masked[:, None].expand(-1, lights, -1, -1, -1)
+        broadcast = directions[..., None, None].expand(-1, -1, -1, *image.shape[-2:])
+        maps = self.unet(torch.cat([masked, broadcast], dim=2).flatten(0, 1))
+        return maps.float().unflatten(0, (-1, lights))[:, :, 0]
+
+    @torch.no_grad()
+    def analyse(self, rgb, mask, normals):
+        """Framed rgb (3, h, w), mask (h, w) and normals (3, h, w) to a function of directions.
+
+        The function takes unit directions (D, 3) and returns their visibility (D, h, w) in [0, 1], zero
+        outside the mask; it runs the network once for each.
+        """
+        image = encode_image(rgb[None], mask[None, None])
+
+        def visibility(directions):
+            with torch.no_grad():
+                batches = directions.split(LIGHTS_AT_ONCE)
+                maps = torch.cat([self(image, normals[None], batch[None])[0] for batch in batches])
+                return (maps + 1) / 2 * (mask > 0)
+
+        return visibility

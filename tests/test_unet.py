@@ -1,7 +1,8 @@
 import pytest
 import torch
 
-from shadow.unet import LATENTS, UNet
+from shadow.directions import olat
+from shadow.unet import LATENTS, LIGHTS_AT_ONCE, PerLight, UNet
 
 TABLE_4 = {"resb3": 24.8e6, "resb7": 45.8e6, "resb11": 83.5e6, "attention": 39.0e6}
 
@@ -67,6 +68,29 @@ def test_the_light_is_seen_away_from_the_border():
         first = network.encoder[0](image)
         change = (network.encoder[0](other) - first)[..., 32:-32, 32:-32].abs().mean()
     assert change > 0.1 * first.abs().mean()
+
+
+@pytest.mark.parametrize("normals", [True, False])
+def test_any_number_of_lights_in_batches(normals):
+    torch.manual_seed(0)
+    network = PerLight(normals=normals, widths=SMALL)
+    rgb, mask = torch.rand(3, 128, 96), (torch.rand(128, 96) > 0.3).float()
+    lights = torch.from_numpy(olat()[: LIGHTS_AT_ONCE + 2])
+    visibility = network.analyse(rgb, mask, torch.nn.functional.normalize(torch.randn(3, 128, 96), dim=0))
+    maps = visibility(lights)
+    assert maps.shape == (LIGHTS_AT_ONCE + 2, 128, 96)
+    assert 0 <= maps.min() < maps.max() <= 1
+    assert (maps * (1 - mask)).max() == 0
+    torch.testing.assert_close(visibility(lights[-1:]), maps[-1:], atol=1e-4, rtol=1e-4)
+
+
+def test_exposure_does_not_matter():
+    torch.manual_seed(0)
+    network = PerLight(widths=SMALL)
+    rgb, mask, normals = torch.rand(3, 128, 96), torch.ones(128, 96), torch.rand(3, 128, 96)
+    lights = torch.from_numpy(olat()[:1])
+    dim, bright = (network.analyse(exposure * rgb, mask, normals)(lights) for exposure in (0.1, 3))
+    torch.testing.assert_close(dim, bright, atol=1e-4, rtol=1e-4)
 
 
 def test_bad_latent_is_named():
