@@ -156,21 +156,57 @@ class Network(StrEnum):
     shadow = "shadow"
 
 
+class Model(StrEnum):
+    field = "field"
+    resb3 = "resb3"
+    resb7 = "resb7"
+    resb11 = "resb11"
+    attention = "attention"
+
+
+class Preset(StrEnum):
+    fast = "fast"
+    paper = "paper"
+
+
 @app.command()
 def train(
     network: Network,
     records: Annotated[list[Path], typer.Option(help="Records or shards to train on. Repeatable.")],
     out: Annotated[Path, typer.Option(help="Folder of the run; a run found there is resumed.")],
-    steps: Annotated[int, typer.Option(min=1, help="Mini-batches in all.")],
-    size: Annotated[int, typer.Option(help="Height of the canvas in pixels, a multiple of 128.")] = 256,
-    batch: Annotated[int, typer.Option(min=1, help="Photographs a mini-batch.")] = 8,
-    learning_rate: Annotated[float, typer.Option(help="At its peak.")] = 1e-3,
+    model: Annotated[
+        Model, typer.Option(help="Of shadow: our one-pass field, or the paper's per-light network by latent.")
+    ] = Model.field,
+    no_normals: Annotated[
+        bool, typer.Option("--no-normals", help="A per-light network that sees colour only (Table 3).")
+    ] = False,
+    preset: Annotated[
+        Preset, typer.Option(help="Where the options below start from: our recipe, or the paper's.")
+    ] = Preset.fast,
+    steps: Annotated[
+        int | None, typer.Option(min=1, help="Mini-batches in all; --preset paper: 31 epochs.")
+    ] = None,
+    size: Annotated[
+        int | None, typer.Option(help="Height of the canvas in pixels, a multiple of 128 [256; paper: 512].")
+    ] = None,
+    batch: Annotated[
+        int | None, typer.Option(min=1, help="Photographs a mini-batch [8; per-light: 2; paper: 1].")
+    ] = None,
+    lights: Annotated[
+        int | None, typer.Option(min=1, help="Lights a photograph [field: 20; per-light: 4; paper: 1].")
+    ] = None,
+    learning_rate: Annotated[
+        float | None, typer.Option(help="At its peak [1e-3; per-light: 5e-4; paper: 5e-6].")
+    ] = None,
     seed: Annotated[int, typer.Option(help="Of photographs and weights.")] = 0,
     init: Annotated[
         Path | None, typer.Option(help="Weights to start from: the same network's, or another's backbone.")
     ] = None,
     normals: Annotated[
-        str, typer.Option(help="The normals network that albedo and shadow take their input from.")
+        str,
+        typer.Option(
+            help="The normals network that albedo and shadow take their input from; true: the records' own."
+        ),
     ] = "normals",
     validation: Annotated[
         list[Path] | None, typer.Option(help="Records to score at each checkpoint. Repeatable.")
@@ -180,10 +216,18 @@ def train(
 ):
     """Train a network, or go on with a run that was interrupted."""
     from shading.training import ALBEDO
-    from shadow.training import NORMALS, SHADOW, Recipe, fit
+    from shadow import training
+    from shadow.training import NORMALS, SHADOW, fit
 
     task = {Network.normals: NORMALS, Network.albedo: ALBEDO, Network.shadow: SHADOW}[network]
-    recipe = Recipe(steps=steps, size=size, batch=batch, learning_rate=learning_rate, seed=seed)
+    if model is not Model.field and network is Network.shadow:
+        task = training.per_light(model.value, with_normals=not no_normals)
+    elif model is not Model.field or no_normals:
+        raise ValueError("--model and --no-normals: are for the per-light networks of `relight train shadow`")
+    recipe = training.preset(
+        preset, task, records, steps=steps, size=size, batch=batch, lights=lights,
+        learning_rate=learning_rate, seed=seed,
+    )  # fmt: skip
     path = fit(
         task, recipe, records, out, validation=validation, init=init, estimator=normals, workers=workers,
         checkpoint_minutes=minutes,
