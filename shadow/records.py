@@ -241,8 +241,8 @@ def random_lighting(rng, directions):
 
 
 def light(record, weights, gloss=0.0, shininess=20.0):
-    """The record photographed under `weights` (D, 3): linear colour (N, 3), by direct light (Section 3) and, if
-    that was traced, by what bounces of it.
+    """The record photographed under `weights` (D, 3): linear colour (N, 3), by direct light (Section 3) and,
+    if that was traced, by what bounces of it.
 
     `gloss` adds a Blinn-Phong highlight, seen from the camera axis, that the albedo does not explain.
     """
