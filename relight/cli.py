@@ -152,8 +152,11 @@ def _seeds(text):
 
 class Network(StrEnum):
     normals = "normals"
-    albedo = "albedo"
     shadow = "shadow"
+    shading = "shading"
+
+
+ABLATIONS = {"baseline": "baseline", "none": None}  # --visibility, of Table 6
 
 
 class Model(StrEnum):
@@ -175,10 +178,10 @@ def train(
     records: Annotated[list[Path], typer.Option(help="Records or shards to train on. Repeatable.")],
     out: Annotated[Path, typer.Option(help="Folder of the run; a run found there is resumed.")],
     model: Annotated[
-        Model, typer.Option(help="Of shadow: our one-pass field, or the paper's per-light network by latent.")
+        Model, typer.Option(help="Our one-pass field, or the paper's per-light network by latent.")
     ] = Model.field,
     no_normals: Annotated[
-        bool, typer.Option("--no-normals", help="A per-light network that sees colour only (Table 3).")
+        bool, typer.Option("--no-normals", help="A network that sees no normals (Tables 3 and 6).")
     ] = False,
     preset: Annotated[
         Preset, typer.Option(help="Where the options below start from: our recipe, or the paper's.")
@@ -205,9 +208,15 @@ def train(
     normals: Annotated[
         str,
         typer.Option(
-            help="The normals network that albedo and shadow take their input from; true: the records' own."
+            help="The normals network that shadow and shading take their input from; true: the records' own."
         ),
     ] = "normals",
+    visibility: Annotated[
+        str,
+        typer.Option(
+            help="The field that shading takes its input from; baseline: sign(N·L); none (Table 6)."
+        ),
+    ] = "field",
     validation: Annotated[
         list[Path] | None, typer.Option(help="Records to score at each checkpoint. Repeatable.")
     ] = None,
@@ -215,24 +224,40 @@ def train(
     minutes: Annotated[float, typer.Option(min=0, help="Between checkpoints.")] = 5,
 ):
     """Train a network, or go on with a run that was interrupted."""
-    from shading.training import ALBEDO
     from shadow import training
-    from shadow.training import NORMALS, SHADOW, fit
 
-    task = {Network.normals: NORMALS, Network.albedo: ALBEDO, Network.shadow: SHADOW}[network]
-    if model is not Model.field and network is Network.shadow:
-        task = training.per_light(model.value, with_normals=not no_normals)
-    elif model is not Model.field or no_normals:
-        raise ValueError("--model and --no-normals: are for the per-light networks of `relight train shadow`")
+    task = _task(network, model, not no_normals, visibility)
     recipe = training.preset(
         preset, task, records, steps=steps, size=size, batch=batch, lights=lights,
         learning_rate=learning_rate, seed=seed,
     )  # fmt: skip
-    path = fit(
-        task, recipe, records, out, validation=validation, init=init, estimator=normals, workers=workers,
+    path = training.fit(
+        task, recipe, records, out, validation=validation, init=init, estimator=normals,
+        visibility="field" if visibility in ABLATIONS else visibility, workers=workers,
         checkpoint_minutes=minutes,
     )  # fmt: skip
     console.print(f"{path}")
+
+
+def _task(network, model, with_normals, visibility):
+    """What `train` trains."""
+    from shading.training import per_light_task, shading_task
+    from shadow.training import NORMALS, SHADOW, per_light
+
+    one_pass = model is Model.field
+    if network is Network.normals and one_pass and with_normals:
+        return NORMALS
+    if network is Network.shading and one_pass:
+        return shading_task(with_normals, ABLATIONS.get(visibility, "inferred"))
+    if network is Network.shading and with_normals and visibility not in ABLATIONS:
+        return per_light_task(model.value)
+    if network is Network.shadow and one_pass and with_normals:
+        return SHADOW
+    if network is Network.shadow and not one_pass:
+        return per_light(model.value, with_normals)
+    raise ValueError(
+        f"train {network}: there is no such network with these of --model, --no-normals and --visibility"
+    )
 
 
 @app.command()

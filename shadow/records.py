@@ -21,6 +21,7 @@ from shadow.framing import Framing, affine_sample, bounding_box
 
 SHARD_BYTES = 60 * 2**20
 BOUNCE_RANK = 8  # patterns of bounce light over the lights of a view: they keep 96 % of it
+LUMINANCE = np.float32([0.2126, 0.7152, 0.0722])  # of linear Rec.709 (ITU-R BT.709)
 ENCODING = 2.2  # albedo is stored as 8 bits of albedo ** (1 / 2.2), finer in dark cloth
 
 
@@ -284,26 +285,33 @@ class Sample(dict):
     """Tensors of one training example, all in the canvas and its (possibly turned) camera frame.
 
     rgb (3, h, w) linear photograph; mask (1, h, w); normals (3, h, w) unit; albedo (3, h, w) linear;
-    directions (L, 3); visibility (L, h, w) in [0, 1]. Normals, albedo, visibility hold inside the mask.
+    directions (L, 3); visibility (L, h, w) in [0, 1]; weights (L, 3), what each direction shone with in the
+    photograph. Bounce light, in Rec.709 luminance, is bounce_patterns (L, K) times bounce (K, h, w). What is
+    not the photograph's holds inside the mask.
     """
 
 
 def sample(record, rng, size, lights=None, augment=True):
     """A random photograph of the record, with its truth, framed on a canvas of `size` (h, w).
 
-    `lights` directions are drawn from the record's set (all of them, in order, if None). With `augment` the
+    `lights` directions are drawn from the record's set (all of them, in order, if None), first of all from
+    those that light the photograph. With `augment` the
     picture is flipped, turned in the image plane, scaled and moved, and normals and directions turn with it.
     """
     record = record.cropped(size[0])
     count = len(record.directions)
-    chosen = np.arange(count) if lights is None else np.sort(rng.choice(count, lights, replace=False))
     weights = random_lighting(rng, record.directions)
+    shuffled = rng.permutation(count)
+    shining = weights.any(axis=1)[shuffled]
+    chosen = np.sort(np.concatenate([shuffled[shining], shuffled[~shining]])[:lights])
     gloss = rng.choice([0.0, rng.uniform(0.02, 0.2)], p=[0.7, 0.3])
+    bounce, patterns = record.bounce
     values = [
         np.ones((record.mask.sum(), 1), np.float32),
         light(record, weights, gloss, np.exp(rng.uniform(2, 4))),
         record.normals,
         record.albedo,
+        bounce,
         record.visibility[:, chosen],
     ]
     framing = Framing.around(torch.from_numpy(record.mask), size[0])
@@ -327,7 +335,7 @@ def sample(record, rng, size, lights=None, augment=True):
     planes = affine_sample(record.image(np.concatenate(values, axis=1)), matrix, size)
     mask = planes[:1]
     straight = planes[1:] / mask.clamp_min(0.02)  # bilinear sampling premultiplied by the mask
-    rgb, normals, albedo, visibility = straight.split([3, 3, 3, len(chosen)])
+    rgb, normals, albedo, bounce, visibility = straight.split([3, 3, 3, bounce.shape[1], len(chosen)])
     frame = torch.eye(3)
     frame[:2, :2] = torch.from_numpy(turn)
     turned = torch.einsum("ij,jhw->ihw", frame, normals)
@@ -338,4 +346,7 @@ def sample(record, rng, size, lights=None, augment=True):
         albedo=albedo.clamp(0, 1),
         directions=torch.from_numpy(record.directions[chosen]) @ frame.T,
         visibility=visibility.clamp(0, 1),
+        weights=torch.from_numpy(weights[chosen]),
+        bounce=bounce,
+        bounce_patterns=torch.from_numpy(patterns[:, chosen] @ LUMINANCE).T.contiguous(),
     )

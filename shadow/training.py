@@ -11,6 +11,7 @@ import time
 from collections.abc import Callable
 from dataclasses import asdict, dataclass, field
 from pathlib import Path
+from typing import NamedTuple
 
 import numpy as np
 import torch
@@ -47,6 +48,7 @@ class Task:
     needs_normals: bool  # batch["estimated_normals"] from a trained normals network
     config: dict = field(default_factory=dict)  # what the network is built with, beside its size
     recipe: dict = field(default_factory=dict)  # what it needs other than Recipe says
+    needs_visibility: bool = False  # batch["visibility_network"], a trained field, and its "visibility_maps"
 
 
 @dataclass(frozen=True)
@@ -226,22 +228,34 @@ class _State:
         weights.save(path, self.averaged(), self.task.kind, self.config, recipe)
 
 
-def _estimator(task, name, device):
-    """What gives a batch its `estimated_normals`, or None where the task looks at none."""
-    if not task.needs_normals:
-        return None
-    if name == TRUE_NORMALS:
-        return lambda batch: batch["normals"]
-    network = normals.load(name).to(device)
-    return lambda batch: network(batch["image"])
+class _Auxiliary(NamedTuple):
+    """Trained networks that a task takes its input from, or None."""
+
+    normals: Callable | None  # of a batch
+    visibility: VisibilityField | None
 
 
-def _prepare(batch, device, estimate):
+def _auxiliary(task, normals_name, visibility_name, device):
+    surface = field = None
+    if task.needs_normals and normals_name == TRUE_NORMALS:
+        surface = lambda batch: batch["normals"]  # noqa: E731
+    elif task.needs_normals:
+        network = normals.load(normals_name).to(device)
+        surface = lambda batch: network(batch["image"])  # noqa: E731
+    if task.needs_visibility:
+        field = weights.load(visibility_name, {"field": VisibilityField}, package="shadow").to(device)
+    return _Auxiliary(surface, field)
+
+
+def _prepare(batch, device, auxiliary):
     batch = {key: value.to(device, non_blocking=True) for key, value in batch.items()}
     batch["image"] = encode_image(batch["rgb"], batch["mask"]).contiguous(memory_format=torch.channels_last)
-    if estimate is not None:
-        with torch.no_grad():
-            batch["estimated_normals"] = estimate(batch) * (batch["mask"] > 0)
+    with torch.no_grad():
+        if auxiliary.normals is not None:
+            batch["estimated_normals"] = auxiliary.normals(batch) * (batch["mask"] > 0)
+        if auxiliary.visibility is not None:
+            batch["visibility_network"] = auxiliary.visibility
+            batch["visibility_maps"] = auxiliary.visibility(batch["image"], batch["estimated_normals"])
     return batch
 
 
@@ -254,6 +268,7 @@ def fit(
     validation=None,
     init=None,
     estimator="normals",
+    visibility="field",
     workers=None,
     checkpoint_minutes=5.0,
 ):
@@ -269,6 +284,7 @@ def fit(
     estimator: the normals network (name or path) where the task takes estimated normals as input, or "true"
         for those of the records. The weights record which, since training and testing on different normals
         costs accuracy (Table 3).
+    visibility: the visibility field (name or path) where the task takes its maps as input, recorded likewise.
     workers: processes that make photographs; default 1 on a CPU, 12 on a GPU.
     checkpoint_minutes: between checkpoints; one that is due waits for the next log line.
 
@@ -286,10 +302,12 @@ def fit(
     out.mkdir(parents=True, exist_ok=True)
     state = _State(task, recipe, out, device, init)
     model = nn.parallel.DistributedDataParallel(state.network) if world > 1 else state.network
-    estimate = _estimator(task, estimator, device)
+    auxiliary = _auxiliary(task, estimator, visibility, device)
     facts = {"init": Path(init).stem} if init else {}
     if task.needs_normals:
         facts["normals"] = Path(estimator).stem
+    if task.needs_visibility:
+        facts["visibility"] = Path(visibility).stem
     done, left = state.step * recipe.batch, (recipe.steps - state.step) * recipe.batch
     # Each process draws its own photographs: the seeds lie further apart than any number of processes.
     lights = recipe.lights or task.lights
@@ -307,8 +325,8 @@ def fit(
         saved_at = tick = time.monotonic()
         losses = []
         for batch in loader:
-            batch = _prepare(batch, device, estimate)
             with torch.autocast(device.type, torch.bfloat16, enabled=recipe.bfloat16):
+                batch = _prepare(batch, device, auxiliary)
                 loss = task.loss(model, batch)
             state.update(loss)
             losses.append(loss.detach())
@@ -328,7 +346,9 @@ def fit(
                     state.save({**facts, "images": row["images"], "records": len(source)})
                     if validation:
                         picture = out / f"samples-{state.step:06d}.png"
-                        row |= _validate(task, state.averaged(), Records(validation), size, estimate, picture)
+                        row |= _validate(
+                            task, state.averaged(), Records(validation), size, auxiliary, picture
+                        )
                 saved_at = time.monotonic()
             if rank == 0:
                 with open(out / "log.jsonl", "a") as file:
@@ -354,15 +374,15 @@ def _one_thread(_worker):
 
 
 @torch.no_grad()
-def _validate(task, network, records, size, estimate, picture):
+def _validate(task, network, records, size, auxiliary, picture):
     """Mean scores on a fixed choice of photographs, and a picture of the first four."""
     device = next(network.parameters()).device
     count = min(VALIDATION_SAMPLES, len(records))
     photographs = _Photographs(records, 1, size, task.lights, 0, count, augment=False)
     scores = []
     for batch in DataLoader(photographs, 4):
-        batch = _prepare(batch, device, estimate)
         with torch.autocast(device.type, torch.bfloat16):
+            batch = _prepare(batch, device, auxiliary)
             scores.append(task.score(network, batch))
             if len(scores) == 1:
                 pictures.write_grid(picture, task.show(network, batch))
@@ -395,6 +415,12 @@ def _normals_show(network, batch):
         ]
 
 
+def random_blocks(mask):
+    """BLOCKS random 2 x 2 pixel blocks (B, BLOCKS) of masks (B, 1, H, W), for `take_blocks`."""
+    inside = F.max_pool2d((mask > 0.5).float(), 2).flatten(1)
+    return torch.multinomial(inside, BLOCKS, replacement=True)
+
+
 def visibility_loss(network, batch):
     """Binary cross-entropy of the product's probability, and the gate's normals kept near the true ones.
 
@@ -402,8 +428,7 @@ def visibility_loss(network, batch):
     little, and features times lights at every pixel would cost as much as the network.
     """
     field = network.module if isinstance(network, nn.parallel.DistributedDataParallel) else network
-    inside = F.max_pool2d((batch["mask"] > 0.5).float(), 2).flatten(1)
-    blocks = torch.multinomial(inside, BLOCKS, replacement=True)
+    blocks = random_blocks(batch["mask"])
     maps = network(batch["image"], batch["estimated_normals"], blocks)
     truth, surface, mask = (take_blocks(batch[key], blocks) for key in ("visibility", "normals", "mask"))
     log_lit = field.log_visibility(maps, batch["directions"]).clamp_max(-1e-5)

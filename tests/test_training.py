@@ -7,7 +7,8 @@ import torch
 from conftest import sphere
 
 import shadow
-from shading.training import ALBEDO
+from shading import diffuse
+from shading.training import per_light_task, shading_task
 from shadow import normals, records, training, visibility, weights
 from shadow.directions import from_spherical
 from shadow.field import VisibilityField
@@ -79,8 +80,29 @@ def test_field_starts_from_the_normals_and_records_them(folder, tmp_path):
     assert isinstance(visibility.load(path), VisibilityField)
     recipe = json.loads(weights.read(path)[1]["recipe"])
     assert recipe["normals"] == recipe["init"] == "normals"
-    albedo = run(ALBEDO, folder, tmp_path / "albedo", 2, init=estimator, estimator=str(estimator))
-    assert weights.read(albedo)[1]["network"] == "albedo"
+
+
+@pytest.mark.parametrize(
+    ("task", "kind"),
+    [
+        (shading_task(), diffuse.ShadingField),
+        (shading_task(normals=False, visibility=None), diffuse.ShadingField),
+        (shading_task(visibility="baseline"), diffuse.ShadingField),
+        (per_light_task("resb3"), diffuse.PerLightShading),
+    ],
+)
+def test_shading_networks_are_trained_on_a_field_and_record_it(folder, tmp_path, task, kind):
+    field = run(SHADOW, folder, tmp_path / "field", 1)
+    options = {"visibility": str(field), "validation": [folder]}
+    recipe = Recipe(steps=2, size=128, batch=2, lights=3, warm_up=2)
+    path = fit(task, recipe, [folder], tmp_path / "shading", workers=0, **options)
+    network = diffuse.load(path)
+    assert isinstance(network, kind)
+    assert json.loads(weights.read(path)[1]["recipe"])["visibility"] == "field"
+    assert network.visibility == task.config["visibility"] if kind is diffuse.ShadingField else True
+    row = json.loads((tmp_path / "shading" / "log.jsonl").read_text().splitlines()[-1])
+    assert 0 < row["rmse"] < 1
+    assert (tmp_path / "shading" / "samples-000002.png").exists()
 
 
 def test_warm_start_keeps_the_features(tmp_path):
