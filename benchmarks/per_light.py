@@ -9,13 +9,22 @@ import time
 from pathlib import Path
 
 import torch
-from lights import seconds
 
 import relight
 from shadow import inputs, normals, visibility
 from shadow.directions import olat
 from shadow.framing import Framing
 from shadow.unet import PerLight
+
+REPEATS = 7
+
+
+def seconds(function, repeats):
+    """The mean of several calls: 64 forwards in a row are a mean too."""
+    start = time.perf_counter()
+    for _ in range(repeats):
+        function()
+    return (time.perf_counter() - start) / repeats
 
 
 def main(path, mask=None):
@@ -35,10 +44,8 @@ def main(path, mask=None):
         def maps(network):
             return network.analyse(framed, framed_mask, surface.analyse(framed, framed_mask))(lights)
 
-        ours = seconds(lambda: maps(field))
-        start = time.perf_counter()
-        maps(per_light)  # once: 64 forwards are their own average
-        theirs = time.perf_counter() - start
+        maps(field)  # warms up
+        ours, theirs = seconds(lambda: maps(field), REPEATS), seconds(lambda: maps(per_light), 1)
         size = " x ".join(map(str, framing.canvas))
         print(f"{size}: field {ours:.3f} s; resb7 {theirs:.1f} s; ratio {theirs / ours:.0f}", flush=True)
 

@@ -7,7 +7,8 @@ import trimesh
 from typer.testing import CliRunner
 
 import relight
-from relight.cli import app
+from relight.cli import Model, app
+from shadow import visibility
 
 LIGHTS = [
     "--light",
@@ -88,6 +89,10 @@ def test_bad_input_is_one_line(tmp_path, monkeypatch, photo, change, message):
     assert result.output.startswith("relight: ")
     assert result.output.count("\n") == 1
     assert not (tmp_path / "out.exr").exists()
+
+
+def test_every_visibility_network_can_be_trained():
+    assert {model.value for model in Model} == set(visibility.NETWORKS)
 
 
 def test_help_does_not_load_the_networks():
