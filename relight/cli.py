@@ -260,13 +260,22 @@ def _task(network, model, with_normals, visibility):
     )
 
 
-@app.command()
-def evaluate(
-    records: Annotated[list[Path], typer.Option(help="Records or shards to score on. Repeatable.")],
+evaluate = typer.Typer(no_args_is_help=True, help="Score networks on records that they were not trained on.")
+app.add_typer(evaluate, name="evaluate")
+
+ScoredRecords = Annotated[list[Path], typer.Option(help="Records or shards to score on. Repeatable.")]
+NormalsWeights = Annotated[str, typer.Option(help="Normals weights: a name, or a file.")]
+LightingSeed = Annotated[int, typer.Option(help="Of the lightings the records are photographed under.")]
+Limit = Annotated[int | None, typer.Option(min=1, help="Score this many records, spread evenly.")]
+
+
+@evaluate.command("visibility")
+def evaluate_visibility(
+    records: ScoredRecords,
     model: Annotated[str, typer.Option(help="Visibility weights: a name, or a file.")] = "field",
-    normals: Annotated[str, typer.Option(help="Normals weights: a name, or a file.")] = "normals",
-    seed: Annotated[int, typer.Option(help="Of the lightings the records are photographed under.")] = 0,
-    limit: Annotated[int | None, typer.Option(min=2, help="Score this many records, spread evenly.")] = None,
+    normals: NormalsWeights = "normals",
+    seed: LightingSeed = 0,
+    limit: Limit = None,
 ):
     """Print RMSE, PSNR and Dice of the visibility maps (Section 4.1) beside the sign(N·L) baselines."""
     from shadow import evaluation
@@ -275,6 +284,38 @@ def evaluate(
         records, model=model, normals_model=normals, seed=seed, limit=limit
     )  # fmt: skip
     print(evaluation.report(scores, angle))
+
+
+@evaluate.command("tables")
+def evaluate_tables(
+    records: ScoredRecords,
+    out: Annotated[Path, typer.Option(help="Folder for report.md, report.json and their pictures.")],
+    model: Annotated[
+        list[str] | None,
+        typer.Option(
+            help="A network, as NAME=FILE. Names: ours (instead of the shipped field), without-normals, "
+            "mixed, resb3, resb7, resb11, attention, or any other for a row more of Table 2. Repeatable."
+        ),
+    ] = None,
+    soft: Annotated[
+        Path | None,
+        typer.Option(help="Folder of another method's soft maps, <record>_<light>.png or .npy (Table 5)."),
+    ] = None,
+    normals: NormalsWeights = "normals",
+    seed: LightingSeed = 0,
+    limit: Limit = None,
+):
+    """Write the paper's Tables 2 to 5 and Figures 2 and 4, measured on these records, beside its figures."""
+    from shadow import report
+
+    models = {}
+    for text in model or []:
+        name, _, file = text.partition("=")
+        if not file or name in models:
+            raise ValueError(f"--model: expected NAME=FILE, each name once, got {text!r}")
+        models[name] = file
+    path = report.write(records, out, models=models, normals_model=normals, soft=soft, seed=seed, limit=limit)
+    console.print(f"{path}")
 
 
 if __name__ == "__main__":

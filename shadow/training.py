@@ -159,10 +159,13 @@ def warm_start(network, path):
 def _load_start(network, path, kind):
     """Weights to start from: all of the same kind of network, or the backbone of another."""
     state, metadata = weights.read(path)
-    if metadata.get("network") == kind:
-        network.load_state_dict({key: value.float() for key, value in state.items()})
-    else:
+    if metadata.get("network") != kind:
         warm_start(network, path)
+        return
+    try:
+        network.load_state_dict({key: value.float() for key, value in state.items()})
+    except RuntimeError as error:
+        raise ValueError(f"init: {path} has another architecture: {error}") from error
 
 
 class _State:

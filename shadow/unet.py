@@ -110,6 +110,7 @@ class PerLight(nn.Module):
     def __init__(self, size=256, latent="resb7", normals=True, **unet):
         super().__init__()
         self.size = size  # canvas height that the network was trained for
+        self.latent = latent
         self.normals = normals  # or colour and direction alone: the ablation of Table 3
         self.unet = UNet(9 if normals else 6, 1, latent, **unet)
 

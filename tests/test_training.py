@@ -190,3 +190,10 @@ def test_a_network_without_that_backbone_is_refused(tmp_path):
     weights.save(tmp_path / "n.safetensors", NormalsNetwork(size=128), "normals", {"size": 128}, {})
     with pytest.raises(ValueError, match=r"init: .* is a 'normals' network"):
         warm_start(PerLight(widths=(8, 8, 8, 8, 8)), tmp_path / "n.safetensors")
+
+
+def test_weights_for_another_input_are_refused(folder, tmp_path):
+    task, config = small("resb3"), {"latent": "resb3", "normals": False, "widths": [8, 8, 16, 16, 32]}
+    weights.save(tmp_path / "colour.safetensors", PerLight(**config), "resb3", config, {})
+    with pytest.raises(ValueError, match=r"init: .* has another architecture"):
+        run(task, folder, tmp_path / "run", 1, init=tmp_path / "colour.safetensors", estimator="true")
