@@ -6,7 +6,7 @@ from torch import nn
 from shadow import inputs, weights
 from shadow.backbone import ENCODING, Backbone, encode_image
 from shadow.framing import Framing, extend
-from shadow.normals import on_canvas
+from shadow.normals import on_canvas, resolve
 
 
 class AlbedoNetwork(nn.Module):
@@ -44,7 +44,8 @@ def infer_albedo(rgb, mask, *, normals=None, model="albedo"):
     ----------
     rgb: (H, W, 3) float, linear Rec.709, any size and exposure; NumPy or torch.
     mask: (H, W) in [0, 1], the matte of the person.
-    normals: (H, W, 3) camera-frame normals to use instead of inferring them.
+    normals: (H, W, 3) camera-frame normals to use instead of inferring them with the shipped network; or
+        anything else that `shadow.normals.load` takes.
     model: name of shipped weights, or the path of a checkpoint.
 
     Returns
@@ -61,7 +62,7 @@ def infer_albedo(rgb, mask, *, normals=None, model="albedo"):
     network = load(model).to(image.device)
     framing = Framing.around(matte, network.size)
     framed, framed_mask = framing.crop(image), framing.crop(matte[None])[0]
-    surface = on_canvas(normals, framing, framed, framed_mask)
+    surface = on_canvas(resolve(normals, image, matte, network), framing, framed, framed_mask)
     albedo = network.analyse(framed, framed_mask, surface)
     restored = framing.restore(extend(albedo, framed_mask)).clamp(0, 1) * (matte > 0)
     return inputs.like(restored.permute(1, 2, 0), rgb)
