@@ -75,13 +75,15 @@ def load(source="normals", *, axes=CAMERA):
     FileNotFoundError: no such file. ValueError: no such weights, a damaged file, another kind of network,
     unknown axes, or axes of a network, whose convention is known.
     """
-    if not isinstance(source, str | os.PathLike):
-        if hasattr(source, "analyse"):
-            return source
+    a_file, loaded = isinstance(source, str | os.PathLike), hasattr(source, "analyse")
+    if not a_file and not loaded:
         name = getattr(source, "__name__", "a function") if callable(source) else "another program"
         return GivenNormals(source, axes, weights.Origin(name, None, {}))
     if axes != CAMERA:
-        raise ValueError(f"axes: those of {source} are known; expected none, got {axes!r}")
+        known = source if a_file else type(source).__name__
+        raise ValueError(f"axes: those of {known} are known; expected none, got {axes!r}")
+    if loaded:
+        return source
     if Path(source).suffix in ("", ".safetensors"):
         return weights.load(source, {"normals": NormalsNetwork}, package="shadow")
     if Path(source).suffix == ".pt":
@@ -127,7 +129,7 @@ def resolve(given, rgb, mask, network, *more):
 
 def _warn_if_others(network, source):
     used, own = getattr(source, "origin", None), getattr(network, "origin", None)
-    if used is None or own is None or "normals" not in own.recipe:
+    if used is None or own is None or own.recipe.get("normals") is None:
         return
     name, checksum = own.recipe["normals"], own.recipe.get("normals_sha256")
     same = name == used.name if checksum is None else checksum == used.sha256

@@ -98,6 +98,7 @@ def test_a_function_sees_the_photograph_of_a_premultiplied_plate():
     ("source", "axes", "message"),
     [
         ("normals", "+x-y-z", "axes: those of normals are known"),
+        (NormalsNetwork(**SMALL), "+x-y-z", "axes: those of NormalsNetwork are known"),
         ("normals.png", "+x+y+z", "relight.read_normals reads images"),
         ("unheard-of", "+x+y+z", "unknown weights 'unheard-of'"),
         ("field", "+x+y+z", "holds a 'field' network, expected normals"),
@@ -170,6 +171,17 @@ def test_weights_are_known_by_their_contents_not_their_name(person, tmp_path):
     silent(lambda: shadow.infer(rgb, mask, olat()[:1], model=field, normals=renamed))
     with pytest.warns(UserWarning, match=rf"'normals' \({checksum[:8]}\) and is given those of 'normals' \("):
         shadow.infer(rgb, mask, olat()[:1], model=field)
+
+
+@pytest.mark.parametrize("recipe", [{}, {"normals": None}])
+def test_a_network_that_was_trained_with_none_says_nothing(person, tmp_path, recipe):
+    rgb, mask = person
+    save(tmp_path / "field.safetensors", "field", recipe)
+    silent(
+        lambda: shadow.infer(
+            rgb, mask, olat()[:1], model=tmp_path / "field.safetensors", normals=normals.load(leaning)
+        )
+    )
 
 
 def test_a_sequence_warns_once(person):
