@@ -9,8 +9,7 @@ import torch.nn.functional as F
 
 from relight.image import scene_linear
 from relight.upsampling import JointBilateral
-from shading import albedo as albedo_module
-from shading.diffuse import base
+from shading import diffuse
 from shadow import inputs
 from shadow import normals as normals_module
 from shadow import visibility as visibility_module
@@ -52,10 +51,9 @@ class Subject:
         alpha = _matte(pixels, mask)
         self._size = tuple(alpha.shape)
         given_albedo = None if albedo is None else _given_albedo(albedo, self._size)
-        field = visibility_module.load()
-        networks = [field] if albedo is not None else [field, albedo_module.load()]
+        field, shader = visibility_module.load(), diffuse.load()
         photograph = None if normals is None else _photograph(pixels)
-        surface = normals_module.resolve(normals, photograph, alpha, *networks)
+        surface = normals_module.resolve(normals, photograph, alpha, field, shader)
 
         top, left, bottom, right = bounding_box(alpha, threshold=0)
         # An empty pixel around it, unless the plate ends there: so the framing sees which sides are cut.
@@ -78,13 +76,14 @@ class Subject:
             surface = surface[box]
         self._normals = normals_module.on_canvas(surface, framing, framed, framed_mask)
         self._visibility = field.analyse(framed, framed_mask, self._normals)
+        analysed = shader.analyse(framed, framed_mask, self._normals, self._visibility)
+        self._shading = analysed.shading
 
         exposure = 0.2 / framed[:, self._known].mean().clamp_min(1e-6)
         guide, framed_guide = (_display(colour * exposure) for colour in (foreground, framed))
         self._enlarge = JointBilateral(framing, guide, framed_guide, self._known, self._pixels)
         if given_albedo is None:
-            framed_albedo = networks[1].analyse(framed, framed_mask, self._normals)
-            light = self._to_plate(_photographed_shading(framed, framed_albedo, self._known))
+            light = self._to_plate(_photographed_shading(framed, analysed.albedo, self._known))
             self._albedo = (foreground.flatten(1)[:, self._pixels].T / light).clamp(0, 1)
         else:
             self._albedo = given_albedo[box].flatten(1)[:, self._pixels].T
@@ -152,10 +151,6 @@ class Subject:
         """
         maps = self._shading(inputs.directions("directions", directions))
         return np.ascontiguousarray(self._scatter(self._to_plate(maps)).transpose(2, 0, 1))
-
-    def _shading(self, directions):
-        """Base shading (Section 4.4) on the canvas: (D, h, w)."""
-        return base(self._normals, self._visibility(directions), directions)
 
     def _to_plate(self, maps):
         """Canvas maps (C, h, w) to the subject's pixels on the plate (P, C)."""
