@@ -326,14 +326,47 @@ def evaluate_tables(
     """Write the paper's Tables 2 to 5 and Figures 2 and 4, measured on these records, beside its figures."""
     from shadow import report
 
+    path = report.write(
+        records, out, models=_named(model), normals_model=normals, soft=soft, seed=seed, limit=limit
+    )
+    console.print(f"{path}")
+
+
+@evaluate.command("shading")
+def evaluate_shading(
+    records: ScoredRecords,
+    model: Annotated[
+        list[str] | None,
+        typer.Option(
+            help="A network, as ROW=FILE. Rows of Table 6: ours (instead of the shipped one), w/o normals, "
+            "w/o visibility, w/o both, baseline visibility; or any other. Repeatable."
+        ),
+    ] = None,
+    figure: Annotated[Path | None, typer.Option(help="PNG to draw Figure 6 into.")] = None,
+    normals: NormalsWeights = "normals",
+    field: Annotated[str, typer.Option(help="Visibility weights: a name, or a file.")] = "field",
+    seed: LightingSeed = 0,
+    limit: Limit = None,
+):
+    """Print Table 6: RMSE and SSIM of the shading against path-traced truth; and the albedo's errors."""
+    from shading import evaluation
+
+    tallies, delights = evaluation.evaluate(
+        records, models=_named(model), out=figure, normals_model=normals, field_model=field, seed=seed,
+        limit=limit,
+    )  # fmt: skip
+    print(evaluation.report(tallies, delights))
+
+
+def _named(texts):
+    """NAME=FILE options as a dictionary."""
     models = {}
-    for text in model or []:
+    for text in texts or []:
         name, _, file = text.partition("=")
         if not file or name in models:
             raise ValueError(f"--model: expected NAME=FILE, each name once, got {text!r}")
         models[name] = file
-    path = report.write(records, out, models=models, normals_model=normals, soft=soft, seed=seed, limit=limit)
-    console.print(f"{path}")
+    return models
 
 
 if __name__ == "__main__":

@@ -165,7 +165,7 @@ def test_from_a_mesh_to_weights_and_their_score(tmp_path):
         (["evaluate", "tables", "--records", "absent", "--out", "report"], "nothing at absent"),
         (["evaluate", "tables", "--records", ".", "--out", "r", "--model", "ours"], "expected NAME=FILE"),
         (["train", "normals", "--records", ".", "--out", "run"], "steps: expected a number"),
-        (["train", "normals", "--records", ".", "--out", "run", "--no-normals"], "are for the per-light"),
+        (["train", "normals", "--records", ".", "--out", "run", "--no-normals"], "no such network"),
         (["train", "normals", "--records", "absent", "--out", "run", "--steps", "1"], "nothing at absent"),
         (["train", "normals", "--records", ".", "--out", "run", "--steps", "1", "--size", "99"], "multiple"),
     ],
