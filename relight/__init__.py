@@ -14,6 +14,7 @@ _EXPORTS = {
     "read": "relight.image",
     "read_layers": "relight.image",
     "read_mask": "relight.image",
+    "read_normals": "relight.image",
     "write": "relight.image",
 }
 

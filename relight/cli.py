@@ -54,6 +54,13 @@ def apply(
         str | None,
         typer.Option(help="The photograph's, if its file does not say: sRGB, lin_rec709, ACEScg..."),
     ] = None,
+    normals: Annotated[
+        Path | None,
+        typer.Option(help="Use these camera-frame normals: an image, or a network (PIFuHD's .pt)."),
+    ] = None,
+    axes: Annotated[
+        str, typer.Option(help="What that image's channels are measured along; OpenCV's are +x-y-z.")
+    ] = "+x+y+z",
 ):
     """Relight the person in IMAGE and write the picture."""
     from relight import image as images
@@ -66,8 +73,9 @@ def apply(
     plate = images.read(image, colour_space=colour_space)
     matte = None if mask is None else images.read_mask(mask)
     backdrop = None if background is None else _background(background)
+    surface = None if normals is None else _normals(normals, axes)
     with console.status("Relighting"):
-        picture, layers = render(plate, lights, background=backdrop, mask=matte)
+        picture, layers = render(plate, lights, background=backdrop, mask=matte, normals=surface)
     for path in output:
         with console.status(f"Writing {path}"):
             images.write(path, picture, layers=layers if path.suffix.lower() == ".exr" else None)
@@ -82,6 +90,16 @@ def _background(text):
         return tuple(map(float, text.split("/")))
     except ValueError:
         return images.read(text)
+
+
+def _normals(path, axes):
+    """Normals that a file holds, or a network in it makes."""
+    from relight import image as images
+    from shadow.normals import load
+
+    if path.suffix in (".pt", ".safetensors"):
+        return load(path, axes=axes)
+    return load(images.read_normals(path, axes=axes))
 
 
 @app.command()

@@ -37,7 +37,8 @@ class Subject:
         image has alpha, which it replaces. Pixels that a mask covers in part are taken to show the background
         too, so their colour is continued from inside.
     albedo: (H, W, 3) to use instead of inferring it; integers sRGB, floats linear in [0, 1].
-    normals: (H, W, 3) camera-frame normals (x right, y up, z to the camera) to use instead of inferring them.
+    normals: (H, W, 3) camera-frame normals (x right, y up, z to the camera) to use instead of inferring them;
+        or anything else that `shadow.normals.load` takes, such as a PIFuHD checkpoint.
 
     Raises
     ------
@@ -50,7 +51,9 @@ class Subject:
         alpha = _matte(pixels, mask)
         self._size = tuple(alpha.shape)
         given_albedo = None if albedo is None else _given_albedo(albedo, self._size)
-        given_normals = None if normals is None else inputs.normals("normals", normals, self._size)
+        field, shader = visibility_module.load(), diffuse.load()
+        photograph = None if normals is None else _photograph(pixels)
+        surface = normals_module.resolve(normals, photograph, alpha, field, shader)
 
         top, left, bottom, right = bounding_box(alpha, threshold=0)
         # An empty pixel around it, unless the plate ends there: so the framing sees which sides are cut.
@@ -65,17 +68,15 @@ class Subject:
         )
         self._alpha = alpha.flatten()[self._pixels]
 
-        field = visibility_module.load()
         framing = Framing.around(alpha, field.size)
         framed_mask = framing.crop(alpha[None])[0].clamp(0, 1)
         framed = _crop(framing, foreground)
         self._known = framed_mask > 0.5
-        if given_normals is None:
-            self._normals = normals_module.load().analyse(framed, framed_mask)
-        else:
-            self._normals = F.normalize(framing.crop(given_normals[box]), dim=0)
+        if isinstance(surface, torch.Tensor):
+            surface = surface[box]
+        self._normals = normals_module.on_canvas(surface, framing, framed, framed_mask)
         self._visibility = field.analyse(framed, framed_mask, self._normals)
-        analysed = diffuse.load().analyse(framed, framed_mask, self._normals, self._visibility)
+        analysed = shader.analyse(framed, framed_mask, self._normals, self._visibility)
         self._shading = analysed.shading
 
         exposure = 0.2 / framed[:, self._known].mean().clamp_min(1e-6)
@@ -187,6 +188,12 @@ def _matte(pixels, mask):
     if pixels[..., 3].min() == 1:
         raise ValueError("mask: the image is opaque everywhere, so give the person's matte as a mask")
     return inputs.mask("image's alpha", pixels[..., 3], pixels.shape[:2])
+
+
+def _photograph(pixels):
+    """The plate's colour (3, H, W), its own alpha, if any, taken out: what a foreign normals network sees."""
+    rgb = torch.from_numpy(np.ascontiguousarray(pixels)).permute(2, 0, 1)
+    return rgb[:3] / rgb[3:].clamp_min(FAINT) if len(rgb) == 4 else rgb
 
 
 def _given_albedo(albedo, size):

@@ -2,6 +2,7 @@ import subprocess
 import sys
 
 import numpy as np
+import OpenImageIO as oiio
 import pytest
 import trimesh
 from typer.testing import CliRunner
@@ -52,6 +53,25 @@ def test_apply_equals_the_library(tmp_path, photo):
     np.testing.assert_allclose(relight.read(tmp_path / "out.exr"), expected, atol=2e-3)
 
 
+@pytest.mark.filterwarnings("ignore:the network")
+def test_apply_takes_normals_of_any_axes(tmp_path, photo):
+    """A flat wall, turned to image left: it catches the light there and none from image right."""
+    codes = np.broadcast_to(np.float32([0.1, 0.5, 0.8]), (96, 80, 3))
+    spec = oiio.ImageSpec(80, 96, 3, "uint8")
+    for name, flip in (("camera.png", 1), ("opencv.png", -1)):
+        file = oiio.ImageOutput.create(str(tmp_path / name))
+        file.open(str(tmp_path / name), spec)
+        file.write_image(np.ascontiguousarray((codes - 0.5) * (1, flip, flip) + 0.5))
+        file.close()
+    for name, axes in (("camera.png", "+x+y+z"), ("opencv.png", "+x-y-z")):
+        arguments = ["--normals", tmp_path / name, "--axes", axes, "-o", tmp_path / "o.exr"]
+        result = run("apply", *photo, "--light", "azimuth=-60", "--light", "azimuth=60", *arguments)
+        assert result.exit_code == 0, result.output
+        layers = relight.read_layers(tmp_path / "o.exr")
+        assert layers["C_light1"][48, 40, :3].max() > 0.05
+        assert layers["C_light2"][48, 40, :3].max() < 1e-3
+
+
 def test_background_is_an_image_or_a_colour(tmp_path, photo):
     relight.write(tmp_path / "bg.exr", np.full((20, 30, 3), 0.5, np.float32))
     for background in (tmp_path / "bg.exr", "0.5/0.5/0.5"):
@@ -75,6 +95,9 @@ def test_background_is_an_image_or_a_colour(tmp_path, photo):
         ({"--background": "gone.exr"}, "gone.exr: no such file"),
         ({"--background": "1/2"}, "background: expected an image or three finite numbers"),
         ({"--colour-space": "bogus"}, "colour_space: unknown 'bogus'"),
+        ({"--normals": "gone.exr"}, "gone.exr: no such file"),
+        ({"--normals": "gone.pt"}, "gone.pt"),
+        ({"--normals": "gone.pt", "--axes": "+x-y-z"}, "axes: those of gone.pt are known"),
         ({"-o": "out.gif"}, "out.gif: expected a file name that ends in"),
         ({"-o": "none/out.exr"}, "the folder none does not exist"),
     ],
