@@ -13,8 +13,10 @@ _EXPORTS = {
     "over": "relight.composite",
     "read": "relight.image",
     "read_layers": "relight.image",
+    "read_lights": "relight.lightfile",
     "read_mask": "relight.image",
     "write": "relight.image",
+    "write_lights": "relight.lightfile",
 }
 
 __all__ = list(_EXPORTS)

@@ -65,12 +65,23 @@ def test_background_is_an_image_or_a_colour(tmp_path, photo):
         np.testing.assert_allclose(total, picture, atol=5e-3)
 
 
+def test_lights_come_from_a_file_and_go_to_one(tmp_path, photo):
+    lights = tmp_path / "lights.yaml"
+    first, again = tmp_path / "first.exr", tmp_path / "again.exr"
+    assert run("apply", *photo, *LIGHTS, "--save-lights", lights, "-o", first).exit_code == 0
+    assert relight.read_lights(lights) == [relight.DirectionalLight.parse(text) for text in LIGHTS[1::2]]
+    assert run("apply", *photo, "--lights", lights, "-o", again).exit_code == 0
+    np.testing.assert_array_equal(relight.read(first), relight.read(again))
+
+
 @pytest.mark.parametrize(
     ("change", "message"),
     [
         ({"--mask": None}, "mask: the image has no alpha channel, so give the person's matte"),
         ({"--mask": "gone.png"}, "gone.png: no such file"),
         ({"--light": "key:azimut=3"}, "'azimut=3' is not understood"),
+        ({"--light": None}, "no light: expected --light or --lights"),
+        ({"--lights": "gone.yaml"}, "gone.yaml: no such file"),
         ({"--background": "gone.exr"}, "gone.exr: no such file"),
         ({"--background": "1/2"}, "background: expected an image or three finite numbers"),
         ({"--colour-space": "bogus"}, "colour_space: unknown 'bogus'"),
