@@ -8,6 +8,7 @@ from importlib import import_module
 
 _EXPORTS = {
     "DirectionalLight": "relight.lights",
+    "EnvironmentLight": "relight.environment",
     "Subject": "relight.subject",
     "apply": "relight.composite",
     "over": "relight.composite",

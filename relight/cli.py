@@ -47,6 +47,13 @@ def apply(
             "(degrees, soft). Repeatable."
         ),
     ] = None,
+    environment: Annotated[
+        list[str] | None,
+        typer.Option(
+            help="Light from a latitude-longitude map, as studio.exr,rotation=90,intensity=2; its centre is "
+            "at the camera. Repeatable."
+        ),
+    ] = None,
     lights: Annotated[Path | None, typer.Option(help="A lights file, YAML or JSON.")] = None,
     save_lights: Annotated[
         Path | None, typer.Option(help="Write all these lights to a lights file, for next time.")
@@ -63,13 +70,15 @@ def apply(
     """Relight the person in IMAGE and write the picture."""
     from relight import image as images
     from relight.composite import render
+    from relight.environment import EnvironmentLight
     from relight.lightfile import read_lights, write_lights
     from relight.lights import DirectionalLight
 
     lighting = [] if lights is None else read_lights(lights)
     lighting += [DirectionalLight.parse(text) for text in light or []]
+    lighting += [EnvironmentLight.parse(text) for text in environment or []]
     if not lighting:
-        raise ValueError("no light: expected --light or --lights")
+        raise ValueError("no light: expected --light, --environment or --lights")
     for path in output:
         images.check_writable(path)
     if save_lights is not None:

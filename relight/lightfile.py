@@ -10,21 +10,28 @@
         azimuth: 140
         temperature: 9000
         angle: 20
+      - name: sky
+        type: environment
+        image: sky.exr
+        rotation: 90
 
-Each light has the parameters of its class, by name, and `type: directional` unless that is what it is anyway.
+Each light has the parameters of its class, by name; its type is "directional" unless it says so. The file of
+an environment's image is looked for beside the lights file.
 """
 
 import json
+import os
 import re
 import reprlib
 from pathlib import Path
 
 import yaml
 
+from relight.environment import EnvironmentLight
 from relight.files import replacing
-from relight.lights import DirectionalLight, parameters
+from relight.lights import REQUIRED, DirectionalLight, parameters
 
-TYPES = {"directional": DirectionalLight}
+TYPES = {"directional": DirectionalLight, "environment": EnvironmentLight}
 SUFFIXES = (".yaml", ".yml", ".json")
 MERGE = "tag:yaml.org,2002:merge"
 
@@ -35,7 +42,7 @@ def read_lights(path):
     Parameters
     ----------
     path: a .yaml, .yml or .json file: `lights`, a list, each a mapping of a light's parameters (see
-        `relight.DirectionalLight`), with `type` where it is not "directional".
+        `relight.DirectionalLight` and `relight.EnvironmentLight`), with `type: environment` where it is one.
 
     Raises
     ------
@@ -51,14 +58,16 @@ def write_lights(path, lights):
     Parameters
     ----------
     path: .yaml, .yml or .json. Its folder must exist.
-    lights: any number of lights. Directions are written as azimuth and elevation, rounded to 1e-4 degrees.
+    lights: any number of lights. Directions are written as azimuth and elevation, rounded to 1e-4 degrees; an
+        environment's image by its path, relative to the lights file unless it is absolute.
 
     Raises
     ------
-    ValueError: another suffix. TypeError: not lights. OSError: the file cannot be written.
+    ValueError: another suffix, an environment that is an array and no file. TypeError: not lights.
+    OSError: the file cannot be written.
     """
     path = _lights_path(path)
-    document = {"lights": [_entry(light) for light in lights]}
+    document = {"lights": [_entry(path, light) for light in lights]}
     if path.suffix.lower() == ".json":
         text = json.dumps(document, indent=2) + "\n"
     else:
@@ -113,20 +122,29 @@ def _light(path, number, entry):
     for key in arguments:
         if key not in known:
             raise ValueError(f"{where}: {key}: not known; expected {', '.join(known)}")
+    for key, default in known.items():
+        if default is REQUIRED and key not in arguments:
+            raise ValueError(f"{where}: {key}: is missing")
+    if "image" in arguments:
+        if not isinstance(arguments["image"], str):
+            raise ValueError(f"{where}: image: expected a file, got {reprlib.repr(arguments['image'])}")
+        arguments["image"] = Path(path).parent / arguments["image"]
     try:
         return TYPES[kind](**arguments)
     except (OSError, TypeError, ValueError) as error:
         raise ValueError(f"{where}: {error}") from error
 
 
-def _entry(light):
-    """A light's mapping in a file: what is not the default, its name first."""
+def _entry(path, light):
+    """A light's mapping in the file `path`: what is not the default, its name first."""
     kinds = {kind for kind, cls in TYPES.items() if isinstance(light, cls)}
     if not kinds:
         raise TypeError(f"lights: expected lights, e.g. DirectionalLight, got {type(light).__name__}")
     settings = light.settings()
     entry = {"name": settings.pop("name")} if "name" in settings else {}
     entry |= {"type": kinds.pop()} if kinds != {"directional"} else {}
+    if "image" in settings and not Path(settings["image"]).is_absolute():
+        settings["image"] = Path(os.path.relpath(settings["image"], path.parent)).as_posix()
     return entry | {key: _plain(value) for key, value in settings.items()}
 
 

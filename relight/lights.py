@@ -30,7 +30,7 @@ def _numbers(name, value, count):
     return numbers
 
 
-def _number(name, value, low=-math.inf, high=math.inf):
+def checked_number(name, value, low=-math.inf, high=math.inf):
     """`value` as one finite float in [low, high]."""
     (number,) = _numbers(name, (value,), 1)
     if not low <= number <= high:
@@ -57,13 +57,13 @@ class Light:
         if locus not in colours.LOCI:
             raise ValueError(f"locus: expected {' or '.join(colours.LOCI)}, got {reprlib.repr(locus)}")
         if temperature is not None:
-            temperature = _number("temperature", temperature, *colours.LOCI[locus])
+            temperature = checked_number("temperature", temperature, *colours.LOCI[locus])
         if name is not None and (not isinstance(name, str) or not name):
             raise TypeError(f"name: expected a non-empty string, got {reprlib.repr(name)}")
         values = {
-            "intensity": _number("intensity", intensity, 0),
+            "intensity": checked_number("intensity", intensity, 0),
             "colour": colour,
-            "exposure": _number("exposure", exposure, -64, 64),
+            "exposure": checked_number("exposure", exposure, -64, 64),
             "temperature": temperature,
             "locus": locus,
             "name": name,
@@ -128,8 +128,8 @@ class DirectionalLight(Light):
         name=None,
     ):
         if direction is None:
-            azimuth = _number("azimuth", 0.0 if azimuth is None else azimuth)
-            elevation = _number("elevation", 0.0 if elevation is None else elevation, -90, 90)
+            azimuth = checked_number("azimuth", 0.0 if azimuth is None else azimuth)
+            elevation = checked_number("elevation", 0.0 if elevation is None else elevation, -90, 90)
             direction = from_spherical(azimuth, elevation)
         elif azimuth is not None or elevation is not None:
             raise ValueError("direction: give either a direction or an azimuth and elevation, not both")
@@ -139,7 +139,7 @@ class DirectionalLight(Light):
             raise ValueError("direction: has zero length")
         self._set(
             direction=tuple(component / length for component in direction),
-            angle=_number("angle", angle, 0, 180),
+            angle=checked_number("angle", angle, 0, 180),
             intensity=intensity,
             colour=colour,
             exposure=exposure,

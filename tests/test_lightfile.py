@@ -1,6 +1,7 @@
 import json
 import os
 
+import numpy as np
 import pytest
 import yaml
 
@@ -69,7 +70,7 @@ def test_yaml_as_people_write_it(tmp_path):
         ("lights: [{azimuth: 1, azimuth: 2}]", "is not a lights file: 'azimuth' is there twice"),
         ("lights: [{azimuth: 1", "is not a lights file: while parsing"),
         ("lights: !!python/object:os.system {}", "is not a lights file: could not determine a constructor"),
-        ("[" * 5000, "is not a lights file"),
+        ("[" * 1100, "is not a lights file"),
     ],
 )
 def test_mistakes_are_named(tmp_path, text, message):
@@ -99,6 +100,38 @@ def test_what_is_no_lights_file_is_refused(tmp_path):
     (tmp_path / "l.yaml").write_bytes(b"\xff\xfe\x00lights")
     with pytest.raises(ValueError, match=r"l\.yaml: is not a lights file"):
         relight.read_lights(tmp_path / "l.yaml")
+
+
+def test_an_environment_is_looked_for_beside_the_lights_file(tmp_path, monkeypatch):
+    (tmp_path / "show").mkdir()
+    relight.write(tmp_path / "show" / "sky.exr", np.ones((4, 8, 3), np.float32))
+    (tmp_path / "show" / "l.yaml").write_text(
+        "lights: [{type: environment, image: sky.exr, rotation: 90, name: sky}]"
+    )
+    (light,) = relight.read_lights(tmp_path / "show" / "l.yaml")
+    assert light == relight.EnvironmentLight(tmp_path / "show" / "sky.exr", rotation=90, name="sky")
+    monkeypatch.chdir(tmp_path)
+    relight.write_lights("rig.json", [relight.EnvironmentLight("show/sky.exr", rotation=90)])
+    assert json.loads((tmp_path / "rig.json").read_text()) == {
+        "lights": [{"type": "environment", "image": "show/sky.exr", "rotation": 90}]
+    }
+    assert relight.read_lights("rig.json")[0].rotation == 90
+    relight.write_lights("rig.json", [light])  # from an absolute path, which stays one
+    assert relight.read_lights("rig.json") == [light]
+    with pytest.raises(ValueError, match="image: the environment is an array; write it to a file"):
+        relight.write_lights("rig.json", [relight.EnvironmentLight(np.ones((4, 8, 3)))])
+    for text, message in [
+        ("{type: environment}", "light 1: image: is missing"),
+        ("{type: environment, image: 3}", "light 1: image: expected a file, got 3"),
+        ("{type: environment, image: gone.exr}", "light 1: .*gone.exr: no such file"),
+        (
+            "{type: environment, image: show/sky.exr, azimuth: 3}",
+            "light 1: azimuth: not known; expected image",
+        ),
+    ]:
+        (tmp_path / "l.yaml").write_text(f"lights: [{text}]")
+        with pytest.raises(ValueError, match=rf"l\.yaml: {message}"):
+            relight.read_lights(tmp_path / "l.yaml")
 
 
 def test_a_failing_write_keeps_the_old_file(tmp_path, monkeypatch):
