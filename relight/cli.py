@@ -64,11 +64,22 @@ def apply(
     ] = None,
     colour_space: Annotated[
         str | None,
-        typer.Option(help="The photograph's, if its file does not say: sRGB, lin_rec709, ACEScg..."),
+        typer.Option(
+            help="The photograph's, if its file does not say: sRGB, lin_rec709, ACEScg, Rec.2020..."
+        ),
     ] = None,
+    view: Annotated[
+        str | None,
+        typer.Option(
+            help="View transform of PNG, JPEG and TIFF, e.g. aces, from OpenColorIO's built-in configuration "
+            "or $OCIO. Without one they are sRGB, with highlights rolled off."
+        ),
+    ] = None,
+    exposure: Annotated[float, typer.Option(help="Of PNG, JPEG and TIFF, in stops.")] = 0.0,
 ):
     """Relight the person in IMAGE and write the picture."""
     from relight import image as images
+    from relight.colour import find_view
     from relight.composite import render
     from relight.environment import EnvironmentLight
     from relight.lightfile import read_lights, write_lights
@@ -81,6 +92,8 @@ def apply(
         raise ValueError("no light: expected --light, --environment or --lights")
     for path in output:
         images.check_writable(path)
+    if view is not None:
+        find_view(view)  # before the work, not after it
     if save_lights is not None:
         write_lights(save_lights, lighting)
     plate = images.read(image, colour_space=colour_space)
@@ -90,7 +103,8 @@ def apply(
         picture, layers = render(plate, lighting, background=backdrop, mask=matte)
     for path in output:
         with console.status(f"Writing {path}"):
-            images.write(path, picture, layers=layers if path.suffix.lower() == ".exr" else None)
+            groups = layers if path.suffix.lower() == ".exr" else None
+            images.write(path, picture, layers=groups, view=view, exposure=exposure)
         console.print(f"{path}")
 
 
