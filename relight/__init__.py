@@ -11,6 +11,7 @@ _EXPORTS = {
     "EnvironmentLight": "relight.environment",
     "Subject": "relight.subject",
     "apply": "relight.composite",
+    "key": "relight.matte",
     "over": "relight.composite",
     "read": "relight.image",
     "read_layers": "relight.image",

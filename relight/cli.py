@@ -18,7 +18,7 @@ class _OneLineErrors(TyperGroup):
     def invoke(self, ctx):
         try:
             return super().invoke(ctx)
-        except (OSError, TypeError, ValueError) as error:
+        except (ImportError, OSError, TypeError, ValueError) as error:
             typer.echo(f"relight: {error}", err=True)
             raise typer.Exit(2) from error
 
@@ -30,6 +30,11 @@ console = Console(stderr=True)
 @app.callback()
 def main():
     """Relight a photographed person, light by light, in scene-linear colour."""
+
+
+class Screen(StrEnum):
+    green = "green"
+    blue = "blue"
 
 
 @app.command()
@@ -59,6 +64,10 @@ def apply(
         Path | None, typer.Option(help="Write all these lights to a lights file, for next time.")
     ] = None,
     mask: Annotated[Path | None, typer.Option(help="The matte, unless the image has alpha.")] = None,
+    key: Annotated[
+        Screen | None,
+        typer.Option(help="Cut the person out of a screen; a mask then says where there is one."),
+    ] = None,
     background: Annotated[
         str | None, typer.Option(help="An image of any size, or a linear colour such as 0.2/0.2/0.2.")
     ] = None,
@@ -98,6 +107,10 @@ def apply(
         write_lights(save_lights, lighting)
     plate = images.read(image, colour_space=colour_space)
     matte = None if mask is None else images.read_mask(mask)
+    if key is not None:
+        from relight.matte import key as cut_out
+
+        plate, matte = cut_out(plate, key, mask=matte), None
     backdrop = None if background is None else _background(background)
     with console.status("Relighting"):
         picture, layers = render(plate, lighting, background=backdrop, mask=matte)

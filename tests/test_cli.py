@@ -76,6 +76,17 @@ def test_an_environment_lights(tmp_path, photo):
     assert set(relight.read_layers(tmp_path / "out.exr")) == {"C_environment"}
 
 
+def test_a_green_screen_is_keyed(tmp_path):
+    y, x = np.mgrid[:96, :80]
+    person = (np.hypot((x - 40) * 1.5, y - 48) < 40)[..., None]
+    relight.write(tmp_path / "studio.png", np.where(person, (0.5, 0.4, 0.3), (0.05, 0.4, 0.08)))
+    result = run("apply", tmp_path / "studio.png", "--key", "green", *LIGHTS, "-o", tmp_path / "out.exr")
+    assert result.exit_code == 0, result.output
+    np.testing.assert_allclose(relight.read(tmp_path / "out.exr")[..., 3], person[..., 0], atol=0.02)
+    result = run("apply", tmp_path / "studio.png", "--key", "blue", *LIGHTS, "-o", tmp_path / "out.exr")
+    assert (result.exit_code, result.output) == (2, "relight: image: shows no blue screen\n")
+
+
 def test_lights_come_from_a_file_and_go_to_one(tmp_path, photo):
     lights = tmp_path / "lights.yaml"
     first, again = tmp_path / "first.exr", tmp_path / "again.exr"
