@@ -14,7 +14,7 @@ from shading.diffuse import base
 from shadow import inputs
 from shadow import normals as normals_module
 from shadow import visibility as visibility_module
-from shadow.framing import Framing, bounding_box, extend
+from shadow.framing import Extension, Framing, bounding_box
 
 CLEAN = 0.98  # coverage above which a photograph's pixel holds no background to speak of
 FAINT = 0.05  # coverage below which premultiplied colour is too coarse to divide by
@@ -71,6 +71,7 @@ class Subject:
         framed_mask = framing.crop(alpha[None])[0].clamp(0, 1)
         framed = _crop(framing, foreground)
         self._known = framed_mask > 0.5
+        self._extend = Extension(framed_mask, REACH)
         if given_normals is None:
             self._normals = normals_module.load().analyse(framed, framed_mask)
         else:
@@ -100,15 +101,16 @@ class Subject:
         `relit(a + b)` is that of `relit(a)` plus that of `relit(b)`, and twice the intensity gives twice the
         colour, to float32 rounding. Alpha is the matte.
         """
-        shading = torch.zeros(3, *self._known.shape)
+        shading = torch.zeros(self._known.numel(), 3)
         for light in _as_lights(lights):
             directions, intensities = (torch.from_numpy(samples) for samples in light.samples())
             for batch, power in zip(directions.split(BATCH), intensities.split(BATCH), strict=True):
-                shading += torch.einsum("dhw,dc->chw", self._shading(batch), power)
-        colour = self._albedo * self._to_plate(shading)
-        return self._scatter(
-            torch.cat([colour, torch.ones_like(colour[:, :1])], dim=1) * self._alpha[:, None]
-        )
+                shading.addmm_(self._shading(batch).flatten(1).T, power)
+        shading = shading.T.unflatten(1, self._known.shape)  # a view: channels lie together, for the lookup
+        picture = torch.empty(len(self._pixels), 4)
+        torch.mul(self._to_plate(shading), self._texture, out=picture[:, :3])
+        picture[:, 3] = self._alpha
+        return self._scatter(picture)
 
     def layers(self, lights):
         """The person in each light alone: {name: (H, W, 4)}, lights without a name as `light1`, `light2`...
@@ -151,19 +153,24 @@ class Subject:
         maps = self._shading(inputs.directions("directions", directions))
         return np.ascontiguousarray(self._scatter(self._to_plate(maps)).transpose(2, 0, 1))
 
+    @cached_property
+    def _texture(self):
+        """The albedo of the subject's pixels, premultiplied (P, 3)."""
+        return self._albedo * self._alpha[:, None]
+
     def _shading(self, directions):
         """Base shading (Section 4.4) on the canvas: (D, h, w)."""
         return base(self._normals, self._visibility(directions), directions)
 
     def _to_plate(self, maps):
         """Canvas maps (C, h, w) to the subject's pixels on the plate (P, C)."""
-        return self._enlarge(extend(maps, self._known, REACH))
+        return self._enlarge(self._extend(maps))
 
     def _scatter(self, values):
         """The subject's pixels (P, C) to an image (H, W, C) that is zero elsewhere."""
-        image = torch.zeros(self._size[0] * self._size[1], values.shape[1])
-        image[self._where] = values
-        return image.view(*self._size, -1).numpy()
+        image = np.zeros((self._size[0] * self._size[1], values.shape[1]), np.float32)
+        torch.from_numpy(image).index_copy_(0, self._where, values)
+        return image.reshape(*self._size, -1)
 
 
 def _as_lights(lights):
