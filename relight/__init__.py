@@ -8,13 +8,16 @@ from importlib import import_module
 
 _EXPORTS = {
     "DirectionalLight": "relight.lights",
+    "EnvironmentLight": "relight.environment",
     "Subject": "relight.subject",
     "apply": "relight.composite",
     "over": "relight.composite",
     "read": "relight.image",
     "read_layers": "relight.image",
+    "read_lights": "relight.lightfile",
     "read_mask": "relight.image",
     "write": "relight.image",
+    "write_lights": "relight.lightfile",
 }
 
 __all__ = list(_EXPORTS)

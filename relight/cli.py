@@ -35,17 +35,29 @@ def main():
 @app.command()
 def apply(
     image: Annotated[Path, typer.Argument(help="The photograph: PNG, JPEG, TIFF, OpenEXR...")],
-    light: Annotated[
-        list[str],
-        typer.Option(
-            help="A light, as key:azimuth=-40,elevation=30,intensity=2,colour=1/0.9/0.8; also "
-            "direction=x/y/z, exposure (stops), temperature (kelvin), angle (degrees, soft). Repeatable."
-        ),
-    ],
     output: Annotated[
         list[Path],
         typer.Option("-o", "--output", help="File to write; .exr keeps each light as a layer. Repeatable."),
     ],
+    light: Annotated[
+        list[str] | None,
+        typer.Option(
+            help="A light, as key:azimuth=-40,elevation=30,intensity=2,colour=1/0.9/0.8; also "
+            "direction=x/y/z, exposure (stops), temperature (kelvin), locus (planckian, daylight), angle "
+            "(degrees, soft). Repeatable."
+        ),
+    ] = None,
+    environment: Annotated[
+        list[str] | None,
+        typer.Option(
+            help="Light from a latitude-longitude map, as studio.exr,rotation=90,intensity=2; its centre is "
+            "at the camera. Repeatable."
+        ),
+    ] = None,
+    lights: Annotated[Path | None, typer.Option(help="A lights file, YAML or JSON.")] = None,
+    save_lights: Annotated[
+        Path | None, typer.Option(help="Write all these lights to a lights file, for next time.")
+    ] = None,
     mask: Annotated[Path | None, typer.Option(help="The matte, unless the image has alpha.")] = None,
     background: Annotated[
         str | None, typer.Option(help="An image of any size, or a linear colour such as 0.2/0.2/0.2.")
@@ -58,16 +70,24 @@ def apply(
     """Relight the person in IMAGE and write the picture."""
     from relight import image as images
     from relight.composite import render
+    from relight.environment import EnvironmentLight
+    from relight.lightfile import read_lights, write_lights
     from relight.lights import DirectionalLight
 
-    lights = [DirectionalLight.parse(text) for text in light]
+    lighting = [] if lights is None else read_lights(lights)
+    lighting += [DirectionalLight.parse(text) for text in light or []]
+    lighting += [EnvironmentLight.parse(text) for text in environment or []]
+    if not lighting:
+        raise ValueError("no light: expected --light, --environment or --lights")
     for path in output:
         images.check_writable(path)
+    if save_lights is not None:
+        write_lights(save_lights, lighting)
     plate = images.read(image, colour_space=colour_space)
     matte = None if mask is None else images.read_mask(mask)
     backdrop = None if background is None else _background(background)
     with console.status("Relighting"):
-        picture, layers = render(plate, lights, background=backdrop, mask=matte)
+        picture, layers = render(plate, lighting, background=backdrop, mask=matte)
     for path in output:
         with console.status(f"Writing {path}"):
             images.write(path, picture, layers=layers if path.suffix.lower() == ".exr" else None)

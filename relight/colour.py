@@ -21,7 +21,7 @@ atexit.register(vars(sys.modules["colour.io.image"]).clear)
 
 LINEAR = "lin_rec709"
 SRGB = "sRGB"
-KELVIN = (1000.0, 40000.0)
+LOCI = {"planckian": (1000.0, 40000.0), "daylight": (4000.0, 25000.0)}  # kelvin; CIE 015 for daylight
 ROWS = 64
 
 
@@ -88,16 +88,24 @@ def encode(rgb):
 
 
 @functools.cache
-def temperature(kelvin):
-    """Linear Rec.709 colour (three floats) of a black body, scaled to luminance 1, as UsdLux does.
+def temperature(kelvin, locus="planckian"):
+    """Linear Rec.709 colour (three floats) of a colour temperature, scaled to luminance 1, as UsdLux does.
 
-    `kelvin` in [1000, 40000], else ValueError. Planck's law through the CIE 1931 2 degree observer; candle
-    light is redder than Rec.709 can hold and loses its negative blue.
+    Parameters
+    ----------
+    kelvin: correlated colour temperature, in the range that `LOCI` gives for the locus, else ValueError.
+    locus: "planckian", a black body: Planck's law through the CIE 1931 2 degree observer. Or "daylight": the
+        CIE daylight locus (CIE 015, method of Judd et al. 1964), on which 6504 K is D65, Rec.709's white.
+
+    Candle light is redder than Rec.709 can hold and loses its negative blue.
     """
-    low, high = KELVIN
+    low, high = LOCI[locus]
     if not low <= kelvin <= high:
-        raise ValueError(f"temperature: expected {low:g} to {high:g} kelvin, got {kelvin:g}")
-    tristimulus = colour.sd_to_XYZ(colour.sd_blackbody(kelvin))
+        raise ValueError(f"temperature: expected {low:g} to {high:g} kelvin on this locus, got {kelvin:g}")
+    if locus == "daylight":
+        tristimulus = colour.xy_to_XYZ(colour.temperature.CCT_to_xy_CIE_D(kelvin))
+    else:
+        tristimulus = colour.sd_to_XYZ(colour.sd_blackbody(kelvin))
     rgb = np.maximum(colour.XYZ_to_RGB(tristimulus / tristimulus[1], "ITU-R BT.709"), 0)
     return tuple((rgb / luminance(rgb)).tolist())
 

@@ -4,14 +4,13 @@ Inside, an image is (H, W, 3) or (H, W, 4) float32: linear Rec.709, premultiplie
 sRGB-encoded with straight alpha, a file of floats scene-linear and premultiplied, unless it says otherwise.
 """
 
-import os
-import secrets
 from pathlib import Path
 
 import numpy as np
 import OpenImageIO as oiio
 
 from relight import colour
+from relight.files import replacing
 
 DEPTHS = {  # what each format is written as: the first is the default
     ".exr": ("half", "float"),
@@ -302,17 +301,11 @@ def _layer(name, layer, size):
 
 
 def _save(path, pixels, spec):
-    """Write beside, flush to the disk, then rename: a reader finds the old file or the new one, whole."""
-    beside = path.with_name(f".{path.stem}-{secrets.token_hex(4)}{path.suffix}")
-    try:
+    """Write a file that is whole or not there."""
+    with replacing(path) as beside:
         file = oiio.ImageOutput.create(str(beside))
         if file is None:
             raise OSError(f"{path}: cannot be written: {oiio.geterror().strip()}")
         written = file.open(str(beside), spec) and file.write_image(np.ascontiguousarray(pixels))
         if not (file.close() and written):
             raise OSError(f"{path}: cannot be written: {file.geterror().strip()}")
-        with beside.open("rb+") as whole:
-            os.fsync(whole.fileno())
-        os.replace(beside, path)
-    finally:
-        beside.unlink(missing_ok=True)

@@ -65,12 +65,35 @@ def test_background_is_an_image_or_a_colour(tmp_path, photo):
         np.testing.assert_allclose(total, picture, atol=5e-3)
 
 
+def test_an_environment_lights(tmp_path, photo):
+    sky = np.full((16, 32, 3), 0.5, np.float32)
+    relight.write(tmp_path / "sky.exr", sky)
+    light = f"{tmp_path / 'sky.exr'},intensity=2,rotation=30"
+    assert run("apply", *photo, "--environment", light, "-o", tmp_path / "out.exr").exit_code == 0
+    image, mask = relight.read(photo[0]), relight.read_mask(photo[2])
+    expected = relight.apply(image, relight.EnvironmentLight(sky, intensity=2, rotation=30), mask=mask)
+    np.testing.assert_allclose(relight.read(tmp_path / "out.exr"), expected, atol=2e-3)
+    assert set(relight.read_layers(tmp_path / "out.exr")) == {"C_environment"}
+
+
+def test_lights_come_from_a_file_and_go_to_one(tmp_path, photo):
+    lights = tmp_path / "lights.yaml"
+    first, again = tmp_path / "first.exr", tmp_path / "again.exr"
+    assert run("apply", *photo, *LIGHTS, "--save-lights", lights, "-o", first).exit_code == 0
+    assert relight.read_lights(lights) == [relight.DirectionalLight.parse(text) for text in LIGHTS[1::2]]
+    assert run("apply", *photo, "--lights", lights, "-o", again).exit_code == 0
+    np.testing.assert_array_equal(relight.read(first), relight.read(again))
+
+
 @pytest.mark.parametrize(
     ("change", "message"),
     [
         ({"--mask": None}, "mask: the image has no alpha channel, so give the person's matte"),
         ({"--mask": "gone.png"}, "gone.png: no such file"),
         ({"--light": "key:azimut=3"}, "'azimut=3' is not understood"),
+        ({"--light": None}, "no light: expected --light, --environment or --lights"),
+        ({"--environment": "gone.exr,rotation=3"}, "gone.exr: no such file"),
+        ({"--lights": "gone.yaml"}, "gone.yaml: no such file"),
         ({"--background": "gone.exr"}, "gone.exr: no such file"),
         ({"--background": "1/2"}, "background: expected an image or three finite numbers"),
         ({"--colour-space": "bogus"}, "colour_space: unknown 'bogus'"),
