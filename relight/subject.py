@@ -7,6 +7,7 @@ import OpenImageIO as oiio
 import torch
 import torch.nn.functional as F
 
+from relight.colour import luminance
 from relight.image import scene_linear
 from relight.upsampling import JointBilateral
 from shading import albedo as albedo_module
@@ -101,14 +102,8 @@ class Subject:
         `relit(a + b)` is that of `relit(a)` plus that of `relit(b)`, and twice the intensity gives twice the
         colour, to float32 rounding. Alpha is the matte.
         """
-        shading = torch.zeros(self._known.numel(), 3)
-        for light in _as_lights(lights):
-            directions, intensities = (torch.from_numpy(samples) for samples in light.samples())
-            for batch, power in zip(directions.split(BATCH), intensities.split(BATCH), strict=True):
-                shading.addmm_(self._shading(batch).flatten(1).T, power)
-        shading = shading.T.unflatten(1, self._known.shape)  # a view: channels lie together, for the lookup
         picture = torch.empty(len(self._pixels), 4)
-        torch.mul(self._to_plate(shading), self._texture, out=picture[:, :3])
+        torch.mul(self._lighting(lights), self._texture, out=picture[:, :3])
         picture[:, 3] = self._alpha
         return self._scatter(picture)
 
@@ -119,11 +114,28 @@ class Subject:
         sum to the colour of `relit(lights)`; the alpha, which is the same person's coverage, does not add up.
         ValueError if two lights have one name.
         """
-        lights = _as_lights(lights)
-        names = [light.name or f"light{number}" for number, light in enumerate(lights, 1)]
-        if len(set(names)) < len(names):
-            raise ValueError(f"lights: expected different names, got {', '.join(names)}")
-        return {name: self.relit(light) for name, light in zip(names, lights, strict=True)}
+        return {name: self.relit(light) for name, light in by_name(lights).items()}
+
+    def lighting(self, lights):
+        """What the lights would do to a white person: (H, W, 3) float32, linear, zero outside the matte.
+
+        The colour of `relit(lights)` is `albedo × lighting(lights) × alpha`: with the albedo, what a
+        compositor needs to grade light and colour apart. Raises as `relit` does.
+        """
+        return self._scatter(self._lighting(lights))
+
+    def unshadowed(self, light):
+        """The share of a light that no part of the person blocks: (H, W) float32 in [0, 1], zero outside.
+
+        Of a hard light its visibility; of a soft one or an environment the mean over its directions, weighted
+        by their luminance.
+        """
+        directions, powers = light.samples()
+        weights = luminance(powers).clip(0)
+        weights = weights / max(weights.sum(), 1e-9)
+        shape = self._known.shape
+        maps = _weighted_sum(self._visibility, [(directions, weights[:, None])], shape, channels=1)
+        return self._scatter(self._to_plate(maps))[..., 0]
 
     @cached_property
     def albedo(self):
@@ -162,6 +174,11 @@ class Subject:
         """Base shading (Section 4.4) on the canvas: (D, h, w)."""
         return base(self._normals, self._visibility(directions), directions)
 
+    def _lighting(self, lights):
+        """Σ intensity · shading of the subject's pixels (P, 3)."""
+        samples = [light.samples() for light in as_lights(lights)]
+        return self._to_plate(_weighted_sum(self._shading, samples, self._known.shape, channels=3))
+
     def _to_plate(self, maps):
         """Canvas maps (C, h, w) to the subject's pixels on the plate (P, C)."""
         return self._enlarge(self._extend(maps))
@@ -173,7 +190,7 @@ class Subject:
         return image.reshape(*self._size, -1)
 
 
-def _as_lights(lights):
+def as_lights(lights):
     """One light or an iterable of lights as a list."""
     lights = [lights] if hasattr(lights, "samples") else lights
     try:
@@ -184,6 +201,29 @@ def _as_lights(lights):
         if not hasattr(light, "samples"):
             raise TypeError(f"lights: expected lights, e.g. DirectionalLight, got {type(light).__name__}")
     return lights
+
+
+def by_name(lights):
+    """{name: light}, those without a name as `light1`, `light2`...; ValueError if two have one name."""
+    lights = as_lights(lights)
+    names = [light.name or f"light{number}" for number, light in enumerate(lights, 1)]
+    if len(set(names)) < len(names):
+        raise ValueError(f"lights: expected different names, got {', '.join(names)}")
+    return dict(zip(names, lights, strict=True))
+
+
+def _weighted_sum(maps, samples, shape, channels):
+    """Σ power · maps(direction) on the canvas: (channels, h, w).
+
+    `samples` are directions (D, 3) and powers (D, channels); `maps` takes directions to (D, h, w). The
+    result's channels lie together in memory, as the lookup of the enlargement wants them.
+    """
+    total = torch.zeros(shape.numel(), channels)
+    for directions, powers in samples:
+        batches = (torch.from_numpy(np.float32(values)).split(BATCH) for values in (directions, powers))
+        for batch, power in zip(*batches, strict=True):
+            total.addmm_(maps(batch).flatten(1).T, power)
+    return total.T.unflatten(1, shape)
 
 
 def _matte(pixels, mask):
