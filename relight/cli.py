@@ -69,16 +69,27 @@ def apply(
     ] = None,
     colour_space: Annotated[
         str | None,
-        typer.Option(help="The photograph's, if its file does not say: sRGB, lin_rec709, ACEScg..."),
+        typer.Option(
+            help="The photograph's, if its file does not say: sRGB, lin_rec709, ACEScg, Rec.2020..."
+        ),
     ] = None,
     layers: Annotated[
         str | None,
         typer.Option(help="More layers of the .exr: any of albedo,N,visibility,shading."),
     ] = None,
+    view: Annotated[
+        str | None,
+        typer.Option(
+            help="View transform of PNG, JPEG and TIFF, e.g. aces, from OpenColorIO's built-in configuration "
+            "or $OCIO. Without one they are sRGB, with highlights rolled off."
+        ),
+    ] = None,
+    exposure: Annotated[float, typer.Option(help="Of PNG, JPEG and TIFF, in stops.")] = 0.0,
 ):
     """Relight the person in IMAGE and write the picture."""
     from relight import image as images
     from relight import nuke
+    from relight.colour import find_view
     from relight.composite import render
     from relight.environment import EnvironmentLight
     from relight.lightfile import read_lights, write_lights
@@ -94,6 +105,8 @@ def apply(
         raise ValueError(f"{scripts[0]}: a Nuke script needs an .exr to read; add one with -o")
     for path in pictures:
         images.check_writable(path)
+    if view is not None:
+        find_view(view)  # before the work, not after it
     if save_lights is not None:
         write_lights(save_lights, lighting)
     plate = images.read(image, colour_space=colour_space)
@@ -105,7 +118,8 @@ def apply(
         )  # fmt: skip
     for path in pictures:
         with console.status(f"Writing {path}"):
-            images.write(path, picture, layers=stack if path.suffix.lower() == ".exr" else None)
+            groups = stack if path.suffix.lower() == ".exr" else None
+            images.write(path, picture, layers=groups, view=view, exposure=exposure)
         console.print(f"{path}")
     source = next((path for path in pictures if path.suffix.lower() == ".exr"), None)
     for path in scripts:

@@ -23,7 +23,7 @@ DEPTHS = {  # what each format is written as: the first is the default
     ".tiff": ("uint16", "uint8", "float"),
 }
 HALF_MAX = 65504.0
-REC709 = (0.64, 0.33, 0.30, 0.60, 0.15, 0.06, 0.3127, 0.3290)  # chromaticities of R, G, B and white
+ICC_SPACES = {"Display P3": "srgb_p3d65_scene", "Adobe RGB (1998)": "g22_adobergb_scene"}
 
 
 def scene_linear(name, image):
@@ -67,6 +67,8 @@ def _linear(pixels, *, straight, space):
     rgb, alpha = pixels[..., :3], pixels[..., 3:]
     if np.issubdtype(pixels.dtype, np.integer):
         alpha = alpha / np.float32(np.iinfo(pixels.dtype).max)
+    if not straight and not isinstance(space, str):  # other primaries, but linear
+        return np.concatenate([colour.decode(rgb, space), alpha], axis=-1, dtype=np.float32)
     if not straight and colour.resolve(space) == colour.resolve(colour.LINEAR):
         return np.asarray(pixels, np.float32)
     if not straight:  # the encoding was applied before the alpha: take the alpha out first
@@ -81,8 +83,9 @@ def read(path, *, colour_space=None):
     Parameters
     ----------
     path: a file that OpenImageIO reads: PNG, JPEG, TIFF, OpenEXR, HDR and others.
-    colour_space: the file's colour space ("sRGB", "lin_rec709", "ACEScg"... as in OpenColorIO's built-in
-        configuration), where it does not say, or says what is wrong.
+    colour_space: the file's colour space ("sRGB", "lin_rec709", "ACEScg", "Rec.2020"...: `relight.colour`)
+        where it does not say, or says what is wrong. A file says it by `oiio:ColorSpace` or what OpenImageIO
+        takes for it, its chromaticities, or an ICC profile of sRGB, Display P3 or Adobe RGB.
 
     Returns
     -------
@@ -92,7 +95,7 @@ def read(path, *, colour_space=None):
     Raises
     ------
     FileNotFoundError: no such file. ValueError: not an image, truncated, NaN or infinite values, an unknown
-    colour space, or primaries other than Rec.709 of which the colour space is not given.
+    colour space or profile.
     """
     pixels, spec = _load(path)
     names = list(spec.channelnames)
@@ -103,7 +106,10 @@ def read(path, *, colour_space=None):
     if "A" in names:
         rgb = np.concatenate([rgb, pixels[..., [names.index("A")]]], axis=-1)
     space = _declared_space(path, spec, pixels.dtype) if colour_space is None else colour_space
-    linear = _linear(rgb, straight=bool(spec.get_int_attribute("oiio:UnassociatedAlpha")), space=space)
+    try:
+        linear = _linear(rgb, straight=bool(spec.get_int_attribute("oiio:UnassociatedAlpha")), space=space)
+    except ValueError as error:
+        raise ValueError(f"{path}: {error}") from error
     if not np.isfinite(linear).all():
         raise ValueError(f"{path}: contains NaN or infinite values")
     return np.ascontiguousarray(linear)  # as other libraries want it
@@ -194,16 +200,22 @@ def _upright(pixels, spec):
 
 
 def _declared_space(path, spec, dtype):
-    """The colour space that a file declares, or its dtype implies."""
+    """The colour space that a file declares, or its dtype implies: a name, or chromaticities."""
+    integer = np.issubdtype(dtype, np.integer)
+    profile = spec.get_string_attribute("ICCProfile:profile_description")
+    if integer and profile and spec.nchannels >= 3:
+        if "sRGB" in profile:
+            return colour.SRGB
+        if profile not in ICC_SPACES:
+            raise ValueError(f"{path}: has the colour profile {profile!r}; say which colour_space that is")
+        return ICC_SPACES[profile]
     declared = spec.get_string_attribute("oiio:ColorSpace")
-    if declared:
+    if declared not in ("", "unknown"):  # a colorInteropID may say that the writer did not know
         return declared
     primaries = spec.getattribute("chromaticities")
-    if primaries is not None and not np.allclose(primaries, REC709, atol=2e-3):
-        raise ValueError(
-            f"{path}: has primaries other than Rec.709; say which with colour_space, e.g. 'ACEScg'"
-        )
-    return colour.SRGB if np.issubdtype(dtype, np.integer) else colour.LINEAR
+    if primaries is not None and not integer:
+        return tuple(primaries)
+    return colour.SRGB if integer else colour.LINEAR
 
 
 def check_writable(path):
@@ -217,7 +229,7 @@ def check_writable(path):
     return depths
 
 
-def write(path, image, *, layers=None, depth=None, metadata=None):
+def write(path, image, *, layers=None, depth=None, metadata=None, view=None, exposure=0.0, white=None):
     """Write an image. The file appears when it is complete; an error leaves what was there before.
 
     Parameters
@@ -229,9 +241,10 @@ def write(path, image, *, layers=None, depth=None, metadata=None):
     depth: "uint8", "uint16", "half" or "float", as the format allows. Unless given: half for .exr, uint8 for
         .png and .jpg, uint16 for .tif, float for .hdr.
     metadata: {name: text, number or tuple of numbers} for the file's header.
+    view, exposure, white: how integers show what may be brighter than a display; see `relight.colour.encode`.
 
-    Floats are written scene-linear and premultiplied. Integers are written for display, sRGB-encoded with
-    straight alpha: light above 1 is clipped (see `relight.colour.encode`).
+    Floats are written scene-linear Rec.709 and premultiplied. Integers are written for display, with straight
+    alpha: unless there is a `view`, sRGB, in which light up to 1 is exact and brighter highlights roll off.
 
     Raises
     ------
@@ -251,7 +264,7 @@ def write(path, image, *, layers=None, depth=None, metadata=None):
         pixels = pixels[..., :3]
     names = list("RGBA"[: pixels.shape[-1]])
     if depth.startswith("uint"):
-        pixels = _encoded(pixels)
+        pixels = _encoded(pixels, view, exposure, white)
     if layers and path.suffix.lower() != ".exr":
         raise ValueError(f"{path}: layers need a .exr file")
     stacks = {name: _layer(name, layer, pixels.shape[:2]) for name, layer in (layers or {}).items()}
@@ -263,11 +276,12 @@ def write(path, image, *, layers=None, depth=None, metadata=None):
     spec.attribute("Software", f"relight {__version__}")
     spec.attribute("compression", "zip" if path.suffix.lower() in (".exr", ".tif", ".tiff") else "")
     if depth.startswith("uint"):
-        spec.attribute("oiio:ColorSpace", "srgb_rec709_scene")
+        if view is None or "srgb" in " ".join(colour.find_view(view)[1:]).lower():
+            spec.attribute("oiio:ColorSpace", "srgb_rec709_scene")
         spec.attribute("oiio:UnassociatedAlpha", 1)
     else:
         spec.attribute("oiio:ColorSpace", "lin_rec709_scene")
-        spec.attribute("chromaticities", oiio.TypeDesc("float[8]"), REC709)
+        spec.attribute("chromaticities", oiio.TypeDesc("float[8]"), colour.REC709)
     for name, value in (metadata or {}).items():
         if isinstance(value, tuple):
             spec.attribute(name, oiio.TypeDesc(f"float[{len(value)}]"), value)
@@ -276,13 +290,17 @@ def write(path, image, *, layers=None, depth=None, metadata=None):
     _save(path, pixels, spec)
 
 
-def _encoded(pixels):
-    """Linear premultiplied (H, W, 3|4) to sRGB with straight alpha, float32 in [0, 1]."""
+def _encoded(pixels, view, exposure, white):
+    """Linear premultiplied (H, W, 3|4) to a display's encoding with straight alpha, float32 in [0, 1]."""
     if pixels.shape[-1] == 3:
-        return colour.encode(pixels)
+        return colour.encode(pixels, view=view, exposure=exposure, white=white)
     rgb, alpha = pixels[..., :3], pixels[..., 3:]
     straight = np.divide(rgb, alpha, out=np.zeros_like(rgb), where=alpha > 0)
-    return np.concatenate([colour.encode(straight), alpha], axis=-1)
+    if white is None:  # the brightest that shows: dividing by a faint alpha can make anything of it
+        white = max(1.0, float(rgb.max()) * 2.0**exposure)
+    return np.concatenate(
+        [colour.encode(straight, view=view, exposure=exposure, white=white), alpha], axis=-1
+    )
 
 
 def _channels(name, stack):

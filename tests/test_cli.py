@@ -96,6 +96,8 @@ def test_lights_come_from_a_file_and_go_to_one(tmp_path, photo):
         ({"--lights": "gone.yaml"}, "gone.yaml: no such file"),
         ({"--background": "gone.exr"}, "gone.exr: no such file"),
         ({"--background": "1/2"}, "background: expected an image or three finite numbers"),
+        ({"--view": "acid"}, "view: expected one of ACES 2.0"),
+        ({"--exposure": "99", "-o": "out.png"}, "exposure: expected -64 to 64 stops, got 99"),
         ({"--colour-space": "bogus"}, "colour_space: unknown 'bogus'"),
         ({"-o": "out.gif"}, "out.gif: expected a file name that ends in"),
         ({"-o": "none/out.exr"}, "the folder none does not exist"),
