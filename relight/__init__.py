@@ -11,6 +11,7 @@ __version__ = "0.1.0"
 _EXPORTS = {
     "DirectionalLight": "relight.lights",
     "EnvironmentLight": "relight.environment",
+    "MovingLight": "relight.animation",
     "Subject": "relight.subject",
     "apply": "relight.composite",
     "over": "relight.composite",

@@ -192,12 +192,16 @@ class Subject:
 
 def as_lights(lights):
     """One light or an iterable of lights as a list."""
-    lights = [lights] if hasattr(lights, "samples") else lights
+    lights = [lights] if hasattr(lights, "samples") or hasattr(lights, "at") else lights
     try:
         lights = list(lights)
     except TypeError as error:
         raise TypeError(f"lights: expected lights, got {type(lights).__name__}") from error
     for light in lights:
+        if hasattr(light, "at"):
+            raise TypeError(
+                f"lights: {light.name or 'a light'} moves; give the light of one frame, light.at(frame)"
+            )
         if not hasattr(light, "samples"):
             raise TypeError(f"lights: expected lights, e.g. DirectionalLight, got {type(light).__name__}")
     return lights
