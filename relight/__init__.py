@@ -6,9 +6,12 @@ dtypes are scene-linear Rec.709 with premultiplied alpha.
 
 from importlib import import_module
 
+__version__ = "0.1.0"
+
 _EXPORTS = {
     "DirectionalLight": "relight.lights",
     "EnvironmentLight": "relight.environment",
+    "MovingLight": "relight.animation",
     "Subject": "relight.subject",
     "apply": "relight.composite",
     "key": "relight.matte",
@@ -19,6 +22,7 @@ _EXPORTS = {
     "read_mask": "relight.image",
     "write": "relight.image",
     "write_lights": "relight.lightfile",
+    "write_olat": "relight.olat",
 }
 
 __all__ = list(_EXPORTS)

@@ -9,6 +9,7 @@ from typing import Annotated
 
 import typer
 from rich.console import Console
+from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeRemainingColumn
 from typer.core import TyperGroup
 
 
@@ -42,7 +43,11 @@ def apply(
     image: Annotated[Path, typer.Argument(help="The photograph: PNG, JPEG, TIFF, OpenEXR...")],
     output: Annotated[
         list[Path],
-        typer.Option("-o", "--output", help="File to write; .exr keeps each light as a layer. Repeatable."),
+        typer.Option(
+            "-o",
+            "--output",
+            help="File to write; .exr keeps each light as a layer, .nk rebuilds the mix in Nuke. Repeatable.",
+        ),
     ],
     light: Annotated[
         list[str] | None,
@@ -77,6 +82,10 @@ def apply(
             help="The photograph's, if its file does not say: sRGB, lin_rec709, ACEScg, Rec.2020..."
         ),
     ] = None,
+    layers: Annotated[
+        str | None,
+        typer.Option(help="More layers of the .exr: any of albedo,N,visibility,shading."),
+    ] = None,
     view: Annotated[
         str | None,
         typer.Option(
@@ -88,6 +97,7 @@ def apply(
 ):
     """Relight the person in IMAGE and write the picture."""
     from relight import image as images
+    from relight import nuke
     from relight.colour import find_view
     from relight.composite import render
     from relight.environment import EnvironmentLight
@@ -99,7 +109,10 @@ def apply(
     lighting += [EnvironmentLight.parse(text) for text in environment or []]
     if not lighting:
         raise ValueError("no light: expected --light, --environment or --lights")
-    for path in output:
+    pictures, scripts = _by_kind(output)
+    if scripts and not any(path.suffix.lower() == ".exr" for path in pictures):
+        raise ValueError(f"{scripts[0]}: a Nuke script needs an .exr to read; add one with -o")
+    for path in pictures:
         images.check_writable(path)
     if view is not None:
         find_view(view)  # before the work, not after it
@@ -113,12 +126,30 @@ def apply(
         plate, matte = cut_out(plate, key, mask=matte), None
     backdrop = None if background is None else _background(background)
     with console.status("Relighting"):
-        picture, layers = render(plate, lighting, background=backdrop, mask=matte)
-    for path in output:
+        picture, stack = render(
+            plate, lighting, background=backdrop, mask=matte, passes=_words(layers)
+        )  # fmt: skip
+    for path in pictures:
         with console.status(f"Writing {path}"):
-            groups = layers if path.suffix.lower() == ".exr" else None
+            groups = stack if path.suffix.lower() == ".exr" else None
             images.write(path, picture, layers=groups, view=view, exposure=exposure)
         console.print(f"{path}")
+    source = next((path for path in pictures if path.suffix.lower() == ".exr"), None)
+    for path in scripts:
+        groups = {name.removeprefix("C_"): (source, name) for name in stack if name.startswith("C_")}
+        nuke.write_script(path, groups, picture.shape[:2])
+        console.print(f"{path}")
+
+
+def _by_kind(outputs):
+    """Pictures, and Nuke scripts."""
+    scripts = [path for path in outputs if path.suffix.lower() == ".nk"]
+    return [path for path in outputs if path not in scripts], scripts
+
+
+def _words(text):
+    """`albedo,N` as a list."""
+    return [word.strip() for word in (text or "").split(",") if word.strip()]
 
 
 def _background(text):
@@ -129,6 +160,49 @@ def _background(text):
         return tuple(map(float, text.split("/")))
     except ValueError:
         return images.read(text)
+
+
+@app.command()
+def olat(
+    image: Annotated[Path, typer.Argument(help="The photograph: PNG, JPEG, TIFF, OpenEXR...")],
+    output: Annotated[
+        list[Path],
+        typer.Option(
+            "-o",
+            "--output",
+            help="An .exr, of which each light is a layer, or one a light, such as olat.%04d.exr; and a .nk, "
+            "if wanted, to mix them in Nuke.",
+        ),
+    ],
+    mask: Annotated[Path | None, typer.Option(help="The matte, unless the image has alpha.")] = None,
+    behind: Annotated[bool, typer.Option(help="32 directions behind the person too.")] = False,
+    colour_space: Annotated[
+        str | None,
+        typer.Option(help="The photograph's, if its file does not say: sRGB, lin_rec709, ACEScg..."),
+    ] = None,
+):
+    """Write the person in IMAGE in one light at a time, from 64 directions, and a file of the directions."""
+    from relight import image as images
+    from relight.olat import write_olat
+
+    pictures, scripts = _by_kind(output)
+    if len(pictures) != 1 or len(scripts) > 1:
+        raise ValueError("-o: expected one .exr and at most one .nk")
+    plate = images.read(image, colour_space=colour_space)
+    matte = None if mask is None else images.read_mask(mask)
+    with _progress() as progress:
+        task = progress.add_task("Lights", total=None)
+        paths = write_olat(
+            pictures[0], plate, matte, behind=behind, script=next(iter(scripts), None),
+            progress=lambda done, total: progress.update(task, completed=done, total=total),
+        )  # fmt: skip
+    console.print(f"{paths[0]}" if len(paths) < 4 else f"{paths[0]} ... {len(paths)} files")
+
+
+def _progress():
+    """A bar with the time left."""
+    columns = (TextColumn("{task.description}"), BarColumn(), MofNCompleteColumn(), TimeRemainingColumn())
+    return Progress(*columns, console=console)
 
 
 @app.command()

@@ -3,6 +3,7 @@
 import numpy as np
 import OpenImageIO as oiio
 
+from relight import layers
 from relight.image import scene_linear
 from relight.subject import Subject
 
@@ -32,27 +33,40 @@ def apply(image, lights, *, background=None, mask=None, albedo=None, normals=Non
     return picture if background is None else over(picture, background)
 
 
-def render(image, lights, *, background=None, mask=None, albedo=None, normals=None):
-    """As `apply`, and the same picture light by light.
+def render(image, lights, *, background=None, mask=None, albedo=None, normals=None, passes=()):
+    """As `apply`, and the same picture in layers: see `render_subject`. Raises as `apply` does too."""
+    subject = Subject(image, mask, albedo=albedo, normals=normals)
+    return render_subject(subject, lights, background=background, passes=passes)
+
+
+def render_subject(subject, lights, *, background=None, passes=()):
+    """A picture of an analysed person, and its layers.
+
+    Parameters
+    ----------
+    subject: relight.Subject.
+    lights: one light or more.
+    background: as of `apply`.
+    passes: further layers, of relight.layers.PASSES.
 
     Returns
     -------
-    The picture, as `apply` returns it, and its layers {"C_<light>": (H, W, 4)}, ready for `write`. Over a
-    background there is one more, "C_background" (H, W, 3), what is seen of it: the layers' colours sum to the
-    picture's. Raises as `apply` does, and ValueError if two lights have one name.
+    The picture, as `apply` returns it, and its layers, ready for `write`: light groups "C_<light>" (H, W, 4)
+    whose colours, as half floats, sum to the picture's; over a background one more, "C_background" (H, W, 3),
+    what is seen of it; and the passes (see `relight.layers.passes`).
+
+    Raises
+    ------
+    ValueError: no light, two lights of one name, an unknown pass.
     """
-    groups = Subject(image, mask, albedo=albedo, normals=normals).layers(lights)
-    layers = {f"C_{name}": layer for name, layer in groups.items()}
-    if not layers:
-        raise ValueError("lights: expected at least one")
-    picture = sum(layers.values())
-    picture[..., 3] = next(iter(layers.values()))[..., 3]  # coverage does not add up
+    picture, groups = layers.light_groups(subject, lights)
+    further = layers.passes(subject, lights, passes)
     if background is None:
-        return picture, layers
-    if "C_background" in layers:
+        return picture, groups | further
+    if "C_background" in groups:
         raise ValueError("lights: 'background' names the background's layer; give the light another name")
-    layers["C_background"] = over(picture * (0, 0, 0, 1), background)
-    return over(picture, background), layers
+    groups["C_background"] = layers.half(over(picture * (0, 0, 0, 1), background))
+    return picture[..., :3] + groups["C_background"], groups | further
 
 
 def over(foreground, background):

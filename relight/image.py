@@ -4,12 +4,13 @@ Inside, an image is (H, W, 3) or (H, W, 4) float32: linear Rec.709, premultiplie
 sRGB-encoded with straight alpha, a file of floats scene-linear and premultiplied, unless it says otherwise.
 """
 
+import itertools
 from pathlib import Path
 
 import numpy as np
 import OpenImageIO as oiio
 
-from relight import colour
+from relight import __version__, colour
 from relight.files import replacing
 
 DEPTHS = {  # what each format is written as: the first is the default
@@ -228,18 +229,18 @@ def check_writable(path):
     return depths
 
 
-def write(path, image, *, layers=None, depth=None, view=None, exposure=0.0, white=None):
+def write(path, image, *, layers=None, depth=None, metadata=None, view=None, exposure=0.0, white=None):
     """Write an image. The file appears when it is complete; an error leaves what was there before.
 
     Parameters
     ----------
     path: its suffix is the format: .exr, .hdr, .jpg, .png, .tif. Its folder must exist.
     image: (H, W, 3|4), integers sRGB with straight alpha, floats linear Rec.709 premultiplied.
-    layers: {name: (H, W) or (H, W, 1|3|4) float}, for .exr: written as `name.R` ... `name.A`, or `name.Y`,
-        behind the image's own R, G, B, A. Values are kept as they are.
+    layers: {name: (H, W) or (H, W, 1|3|4) float}, for .exr: written as `name.R` ... `name.A`, or `name.Y`, or
+        `N.X` ... `N.Z` for normals, behind the image's own R, G, B, A. Values are kept as they are.
     depth: "uint8", "uint16", "half" or "float", as the format allows. Unless given: half for .exr, uint8 for
         .png and .jpg, uint16 for .tif, float for .hdr.
-
+    metadata: {name: text, number or tuple of numbers} for the file's header.
     view, exposure, white: how integers show what may be brighter than a display; see `relight.colour.encode`.
 
     Floats are written scene-linear Rec.709 and premultiplied. Integers are written for display, with straight
@@ -264,18 +265,15 @@ def write(path, image, *, layers=None, depth=None, view=None, exposure=0.0, whit
     names = list("RGBA"[: pixels.shape[-1]])
     if depth.startswith("uint"):
         pixels = _encoded(pixels, view, exposure, white)
-    if layers:
-        if path.suffix.lower() != ".exr":
-            raise ValueError(f"{path}: layers need a .exr file")
-        stacks = [_layer(name, layer, pixels.shape[:2]) for name, layer in layers.items()]
-        names += [f"{name}.{c}" for name, stack in zip(layers, stacks, strict=True) for c in _suffixes(stack)]
-        pixels = np.concatenate([pixels, *stacks], axis=-1)
-    if depth == "half" and np.abs(pixels).max() > HALF_MAX:
-        raise ValueError(f"{path}: values above {HALF_MAX:g} do not fit half; write it with depth='float'")
+    if layers and path.suffix.lower() != ".exr":
+        raise ValueError(f"{path}: layers need a .exr file")
+    stacks = {name: _layer(name, layer, pixels.shape[:2]) for name, layer in (layers or {}).items()}
+    names += [f"{name}.{channel}" for name, stack in stacks.items() for channel in _channels(name, stack)]
+    pixels = _joined(path, [pixels, *stacks.values()], np.float16 if depth == "half" else np.float32)
     spec = oiio.ImageSpec(pixels.shape[1], pixels.shape[0], pixels.shape[2], depth)
     spec.channelnames = names
     spec.alpha_channel = names.index("A") if "A" in names else -1
-    spec.attribute("Software", "relight")
+    spec.attribute("Software", f"relight {__version__}")
     spec.attribute("compression", "zip" if path.suffix.lower() in (".exr", ".tif", ".tiff") else "")
     if depth.startswith("uint"):
         if view is None or "srgb" in " ".join(colour.find_view(view)[1:]).lower():
@@ -284,6 +282,11 @@ def write(path, image, *, layers=None, depth=None, view=None, exposure=0.0, whit
     else:
         spec.attribute("oiio:ColorSpace", "lin_rec709_scene")
         spec.attribute("chromaticities", oiio.TypeDesc("float[8]"), colour.REC709)
+    for name, value in (metadata or {}).items():
+        if isinstance(value, tuple):
+            spec.attribute(name, oiio.TypeDesc(f"float[{len(value)}]"), value)
+        else:
+            spec.attribute(name, value)
     _save(path, pixels, spec)
 
 
@@ -300,12 +303,13 @@ def _encoded(pixels, view, exposure, white):
     )
 
 
-def _suffixes(stack):
-    return {1: "Y", 3: "RGB", 4: "RGBA"}[stack.shape[-1]]
+def _channels(name, stack):
+    """Names of a layer's channels: colour, one value, or the axes of the normals."""
+    return "XYZ" if name == "N" and stack.shape[-1] == 3 else {1: "Y", 3: "RGB", 4: "RGBA"}[stack.shape[-1]]
 
 
 def _layer(name, layer, size):
-    """A layer as (H, W, 1|3|4) float32, checked."""
+    """A layer as (H, W, 1|3|4), checked."""
     if not isinstance(name, str) or not name:
         raise TypeError(f"layers: expected names that are non-empty strings, got {name!r}")
     stack = np.asarray(layer)
@@ -316,7 +320,20 @@ def _layer(name, layer, size):
         raise ValueError(f"layers[{name!r}]: expected shape {size} or {(*size, '1|3|4')}, got {stack.shape}")
     if not np.isfinite(stack).all():
         raise ValueError(f"layers[{name!r}]: contains NaN or infinite values")
-    return stack.astype(np.float32)
+    return stack
+
+
+def _joined(path, stacks, dtype):
+    """All channels (H, W, C) of a file in one array of the file's own depth, to hold them only once."""
+    channels = np.cumsum([0] + [stack.shape[-1] for stack in stacks])
+    joined = np.empty((*stacks[0].shape[:2], channels[-1]), dtype)
+    for stack, (first, last) in zip(stacks, itertools.pairwise(channels), strict=True):
+        if dtype == np.float16 and max(stack.max(), -stack.min()) > HALF_MAX:
+            raise ValueError(
+                f"{path}: values above {HALF_MAX:g} do not fit half; write it with depth='float'"
+            )
+        joined[..., first:last] = stack
+    return joined
 
 
 def _save(path, pixels, spec):

@@ -16,7 +16,12 @@
         rotation: 90
 
 Each light has the parameters of its class, by name; its type is "directional" unless it says so. The file of
-an environment's image is looked for beside the lights file.
+an environment's image is looked for beside the lights file. In place of a value may stand keyframes by frame,
+and `orbit: 200` turns a light once around the subject in 200 frames (see `relight.MovingLight`):
+
+      - name: sun
+        azimuth: {1: -90, 100: 60}
+        elevation: {1: 5, 50: 40, 100: 10}
 """
 
 import json
@@ -27,6 +32,7 @@ from pathlib import Path
 
 import yaml
 
+from relight.animation import MovingLight
 from relight.environment import EnvironmentLight
 from relight.files import replacing
 from relight.lights import REQUIRED, DirectionalLight, parameters
@@ -42,7 +48,8 @@ def read_lights(path):
     Parameters
     ----------
     path: a .yaml, .yml or .json file: `lights`, a list, each a mapping of a light's parameters (see
-        `relight.DirectionalLight` and `relight.EnvironmentLight`), with `type: environment` where it is one.
+        `relight.DirectionalLight`, `relight.EnvironmentLight` and `relight.MovingLight`), with
+        `type: environment` where it is one.
 
     Raises
     ------
@@ -120,8 +127,8 @@ def _light(path, number, entry):
     arguments = {key: value for key, value in entry.items() if key != "type"}
     known = parameters(TYPES[kind])
     for key in arguments:
-        if key not in known:
-            raise ValueError(f"{where}: {key}: not known; expected {', '.join(known)}")
+        if key not in known and key != "orbit":
+            raise ValueError(f"{where}: {key}: not known; expected {', '.join(known)}, orbit")
     for key, default in known.items():
         if default is REQUIRED and key not in arguments:
             raise ValueError(f"{where}: {key}: is missing")
@@ -130,6 +137,8 @@ def _light(path, number, entry):
             raise ValueError(f"{where}: image: expected a file, got {reprlib.repr(arguments['image'])}")
         arguments["image"] = Path(path).parent / arguments["image"]
     try:
+        if "orbit" in arguments or any(isinstance(value, dict) for value in arguments.values()):
+            return MovingLight(TYPES[kind], **arguments)
         return TYPES[kind](**arguments)
     except (OSError, TypeError, ValueError) as error:
         raise ValueError(f"{where}: {error}") from error
@@ -137,7 +146,8 @@ def _light(path, number, entry):
 
 def _entry(path, light):
     """A light's mapping in the file `path`: what is not the default, its name first."""
-    kinds = {kind for kind, cls in TYPES.items() if isinstance(light, cls)}
+    made = light.kind if isinstance(light, MovingLight) else type(light)
+    kinds = {kind for kind, cls in TYPES.items() if issubclass(made, cls)}
     if not kinds:
         raise TypeError(f"lights: expected lights, e.g. DirectionalLight, got {type(light).__name__}")
     settings = light.settings()
@@ -152,6 +162,8 @@ def _plain(value):
     """40 rather than 40.0, as a person would write it."""
     if isinstance(value, tuple):
         return tuple(map(_plain, value))
+    if isinstance(value, dict):
+        return {_plain(frame): _plain(setting) for frame, setting in value.items()}
     return int(value) if isinstance(value, float) and value.is_integer() else value
 
 

@@ -112,6 +112,8 @@ def test_lights_come_from_a_file_and_go_to_one(tmp_path, photo):
         ({"--colour-space": "bogus"}, "colour_space: unknown 'bogus'"),
         ({"-o": "out.gif"}, "out.gif: expected a file name that ends in"),
         ({"-o": "none/out.exr"}, "the folder none does not exist"),
+        ({"-o": "out.nk"}, "out.nk: a Nuke script needs an .exr to read"),
+        ({"--layers": "N,depth"}, "layers: expected any of albedo, N, visibility, shading, got 'depth'"),
     ],
 )
 def test_bad_input_is_one_line(tmp_path, monkeypatch, photo, change, message):
@@ -124,6 +126,23 @@ def test_bad_input_is_one_line(tmp_path, monkeypatch, photo, change, message):
     assert result.output.startswith("relight: ")
     assert result.output.count("\n") == 1
     assert not (tmp_path / "out.exr").exists()
+
+
+def test_apply_writes_layers_and_a_nuke_script(tmp_path, photo):
+    outputs = ["-o", tmp_path / "out.exr", "-o", tmp_path / "out.nk"]
+    result = run("apply", *photo, *LIGHTS, *outputs, "--layers", "albedo, N")
+    assert result.exit_code == 0, result.output
+    assert set(relight.read_layers(tmp_path / "out.exr")) == {"C_key", "C_fill", "albedo", "N"}
+    assert "\n name Multiply_fill\n" in (tmp_path / "out.nk").read_text()
+
+
+def test_olat_writes_passes_and_their_directions(tmp_path, photo):
+    result = run("olat", *photo, "-o", tmp_path / "o.exr", "-o", tmp_path / "o.nk")
+    assert result.exit_code == 0, result.output
+    assert len(relight.read_layers(tmp_path / "o.exr")) == len(relight.read_lights(tmp_path / "o.json")) == 64
+    result = run("olat", *photo, "-o", tmp_path / "o.nk")
+    assert result.exit_code == 2
+    assert "expected one .exr and at most one .nk" in result.output
 
 
 def test_help_does_not_load_the_networks():
