@@ -16,11 +16,13 @@ _EXPORTS = {
     "apply": "relight.composite",
     "key": "relight.matte",
     "over": "relight.composite",
+    "place": "relight.composite",
     "read": "relight.image",
     "read_layers": "relight.image",
     "read_lights": "relight.lightfile",
     "read_mask": "relight.image",
     "write": "relight.image",
+    "write_mask": "relight.image",
     "write_lights": "relight.lightfile",
     "write_olat": "relight.olat",
 }

@@ -77,6 +77,24 @@ def _linear(pixels, *, straight, space):
     return np.concatenate([colour.decode(rgb, space) * alpha, alpha], axis=-1, dtype=np.float32)
 
 
+def coverage(name, mask):
+    """A matte at the public edge as (H, W) float32 in [0, 1].
+
+    `mask` is floating in [0, 1], or uint8 or uint16 over the full range. TypeError for another dtype,
+    ValueError for another shape, NaN or values out of range; `name` is what the error calls it.
+    """
+    matte = np.asarray(mask)
+    if matte.dtype not in (np.uint8, np.uint16) and not np.issubdtype(matte.dtype, np.floating):
+        raise TypeError(f"{name}: expected uint8, uint16 or a floating dtype, got {matte.dtype}")
+    if matte.ndim != 2 or 0 in matte.shape:
+        raise ValueError(f"{name}: expected shape (H, W), got {matte.shape}")
+    if np.issubdtype(matte.dtype, np.integer):
+        return matte / np.float32(np.iinfo(matte.dtype).max)
+    if not (matte.min() >= 0 and matte.max() <= 1):
+        raise ValueError(f"{name}: expected values in [0, 1], got [{matte.min():g}, {matte.max():g}]")
+    return matte.astype(np.float32)
+
+
 def read(path, *, colour_space=None):
     """Read an image.
 
@@ -288,6 +306,33 @@ def write(path, image, *, layers=None, depth=None, metadata=None, view=None, exp
         else:
             spec.attribute(name, value)
     _save(path, pixels, spec)
+
+
+def write_mask(path, mask, *, depth=None):
+    """Write a matte as a grey image, which `read_mask` reads back: coverage as it is, no colour encoding.
+
+    Parameters
+    ----------
+    path: .png, .tif or .exr. Its folder must exist.
+    mask: (H, W) in [0, 1], or uint8 or uint16 over the full range.
+    depth: as of `write`, but 16 bits unless given.
+
+    Raises
+    ------
+    TypeError, ValueError: wrong shape, dtype or values, a format that may lose some. OSError: as of `write`.
+    """
+    path = Path(path)
+    depths = check_writable(path)
+    if path.suffix.lower() not in (".exr", ".png", ".tif", ".tiff"):
+        raise ValueError(f"{path}: expected .png, .tif or .exr for a matte")
+    depth = depth or {".exr": "half"}.get(path.suffix.lower(), "uint16")
+    if depth not in depths:
+        raise ValueError(f"depth: expected {' or '.join(depths)} for {path.suffix}, got {depth!r}")
+    matte = coverage("mask", mask)
+    spec = oiio.ImageSpec(matte.shape[1], matte.shape[0], 1, depth)
+    spec.channelnames = ["Y"]
+    spec.attribute("Software", f"relight {__version__}")
+    _save(path, matte[..., None], spec)
 
 
 def _encoded(pixels, view, exposure, white):

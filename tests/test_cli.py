@@ -8,6 +8,7 @@ from typer.testing import CliRunner
 
 import relight
 from relight.cli import app
+from relight.composite import place
 
 LIGHTS = [
     "--light",
@@ -76,6 +77,22 @@ def test_an_environment_lights(tmp_path, photo):
     assert set(relight.read_layers(tmp_path / "out.exr")) == {"C_environment"}
 
 
+def test_the_person_stands_in_the_environment(tmp_path, photo):
+    relight.write(tmp_path / "sky.exr", np.full((16, 32, 3), 0.5, np.float32))
+    result = run(
+        *("apply", *photo, "--environment", tmp_path / "sky.exr", "--background", "environment"),
+        *("--size", "100x60", "--scale", 0.5, "--offset", "20/-5", "--save-matte", tmp_path / "matte.png"),
+        *("-o", tmp_path / "out.exr"),
+    )
+    assert result.exit_code == 0, result.output
+    picture, matte = relight.read(tmp_path / "out.exr"), relight.read_mask(tmp_path / "matte.png")
+    assert picture.shape == (60, 100, 3)
+    expected = place(relight.read_mask(photo[2]), (60, 100), scale=0.5, offset=(20, -5))
+    np.testing.assert_allclose(matte, expected, atol=1e-4)
+    np.testing.assert_allclose(picture[matte == 0], 0.5, atol=1e-3)
+    assert np.abs(picture[matte == 1] - 0.5).max() > 0.05
+
+
 def test_a_green_screen_is_keyed(tmp_path):
     y, x = np.mgrid[:96, :80]
     person = (np.hypot((x - 40) * 1.5, y - 48) < 40)[..., None]
@@ -107,6 +124,13 @@ def test_lights_come_from_a_file_and_go_to_one(tmp_path, photo):
         ({"--lights": "gone.yaml"}, "gone.yaml: no such file"),
         ({"--background": "gone.exr"}, "gone.exr: no such file"),
         ({"--background": "1/2"}, "background: expected an image or three finite numbers"),
+        ({"--background": "environment"}, "expected an environment among the lights"),
+        ({"--size": "100"}, "--size: expected WIDTHxHEIGHT or background, got '100'"),
+        ({"--size": "background"}, "--size background: expected --background with an image"),
+        ({"--offset": "1"}, "offset: expected two whole numbers, got (1,)"),
+        ({"--offset": "a/b"}, "--offset: expected RIGHT/UP in pixels"),
+        ({"--scale": "0"}, "scale: expected a finite number > 0"),
+        ({"--save-matte": "matte.gif"}, "matte.gif: expected a file name that ends in"),
         ({"--view": "acid"}, "view: expected one of ACES 2.0"),
         ({"--exposure": "99", "-o": "out.png"}, "exposure: expected -64 to 64 stops, got 99"),
         ({"--colour-space": "bogus"}, "colour_space: unknown 'bogus'"),

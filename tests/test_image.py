@@ -306,6 +306,40 @@ def test_masks_from_alpha_and_from_opaque_grey(tmp_path):
         relight.read_mask(tmp_path / "c.png")
 
 
+@pytest.mark.parametrize(
+    ("name", "tolerance"), [("m.png", 1e-5), ("m.tif", 1e-5), ("m.exr", 5e-4), ("M.TIFF", 1e-5)]
+)
+def test_masks_are_written_and_read_back(tmp_path, name, tolerance):
+    relight.write_mask(tmp_path / name, STRAIGHT[..., 3])
+    np.testing.assert_allclose(relight.read_mask(tmp_path / name), STRAIGHT[..., 3], atol=tolerance)
+    codes = (STRAIGHT[..., 3] * 255).astype(np.uint8)
+    relight.write_mask(tmp_path / name, codes)
+    np.testing.assert_allclose(relight.read_mask(tmp_path / name), codes / 255, atol=tolerance)
+
+
+@pytest.mark.parametrize(
+    ("name", "mask", "arguments", "error", "message"),
+    [
+        ("m.jpg", STRAIGHT[..., 3], {}, ValueError, "expected .png, .tif or .exr for a matte"),
+        (
+            "m.png",
+            STRAIGHT[..., 3],
+            {"depth": "half"},
+            ValueError,
+            "depth: expected uint8 or uint16 for .png",
+        ),
+        ("m.png", STRAIGHT, {}, ValueError, r"mask: expected shape \(H, W\), got \(24, 32, 4\)"),
+        ("m.png", STRAIGHT[..., 3] + 1, {}, ValueError, r"mask: expected values in \[0, 1\]"),
+        ("m.png", np.full((3, 3), np.nan), {}, ValueError, r"mask: expected values in \[0, 1\]"),
+        ("m.png", np.zeros((3, 3), int), {}, TypeError, "mask: expected uint8, uint16 or a floating dtype"),
+    ],
+)
+def test_bad_masks_are_named(tmp_path, name, mask, arguments, error, message):
+    with pytest.raises(error, match=message):
+        relight.write_mask(tmp_path / name, mask, **arguments)
+    assert os.listdir(tmp_path) == []
+
+
 # Layers
 
 
