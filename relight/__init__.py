@@ -6,16 +6,26 @@ dtypes are scene-linear Rec.709 with premultiplied alpha.
 
 from importlib import import_module
 
+__version__ = "0.1.0"
+
 _EXPORTS = {
     "DirectionalLight": "relight.lights",
+    "EnvironmentLight": "relight.environment",
+    "MovingLight": "relight.animation",
     "Subject": "relight.subject",
     "apply": "relight.composite",
+    "key": "relight.matte",
     "over": "relight.composite",
+    "place": "relight.composite",
     "read": "relight.image",
     "read_layers": "relight.image",
+    "read_lights": "relight.lightfile",
     "read_mask": "relight.image",
     "read_normals": "relight.image",
     "write": "relight.image",
+    "write_mask": "relight.image",
+    "write_lights": "relight.lightfile",
+    "write_olat": "relight.olat",
 }
 
 __all__ = list(_EXPORTS)

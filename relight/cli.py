@@ -9,6 +9,7 @@ from typing import Annotated
 
 import typer
 from rich.console import Console
+from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeRemainingColumn
 from typer.core import TyperGroup
 
 
@@ -18,13 +19,14 @@ class _OneLineErrors(TyperGroup):
     def invoke(self, ctx):
         try:
             return super().invoke(ctx)
-        except (OSError, TypeError, ValueError) as error:
+        except (ImportError, OSError, TypeError, ValueError) as error:
             typer.echo(f"relight: {error}", err=True)
             raise typer.Exit(2) from error
 
 
 app = typer.Typer(cls=_OneLineErrors, no_args_is_help=True, pretty_exceptions_enable=False)
 console = Console(stderr=True)
+ENVIRONMENT = "environment"  # as a background
 
 
 @app.callback()
@@ -32,27 +34,93 @@ def main():
     """Relight a photographed person, light by light, in scene-linear colour."""
 
 
+class Placement(StrEnum):
+    fit = "fit"
+    fill = "fill"
+    centre = "centre"
+
+
+class Screen(StrEnum):
+    green = "green"
+    blue = "blue"
+
+
 @app.command()
 def apply(
     image: Annotated[Path, typer.Argument(help="The photograph: PNG, JPEG, TIFF, OpenEXR...")],
-    light: Annotated[
-        list[str],
-        typer.Option(
-            help="A light, as key:azimuth=-40,elevation=30,intensity=2,colour=1/0.9/0.8; also "
-            "direction=x/y/z, exposure (stops), temperature (kelvin), angle (degrees, soft). Repeatable."
-        ),
-    ],
     output: Annotated[
         list[Path],
-        typer.Option("-o", "--output", help="File to write; .exr keeps each light as a layer. Repeatable."),
+        typer.Option(
+            "-o",
+            "--output",
+            help="File to write; .exr keeps each light as a layer, .nk rebuilds the mix in Nuke. Repeatable.",
+        ),
     ],
-    mask: Annotated[Path | None, typer.Option(help="The matte, unless the image has alpha.")] = None,
-    background: Annotated[
-        str | None, typer.Option(help="An image of any size, or a linear colour such as 0.2/0.2/0.2.")
+    light: Annotated[
+        list[str] | None,
+        typer.Option(
+            help="A light, as key:azimuth=-40,elevation=30,intensity=2,colour=1/0.9/0.8; also "
+            "direction=x/y/z, exposure (stops), temperature (kelvin), locus (planckian, daylight), angle "
+            "(degrees, soft). Repeatable."
+        ),
     ] = None,
+    environment: Annotated[
+        list[str] | None,
+        typer.Option(
+            help="Light from a latitude-longitude map, as studio.exr,rotation=90,intensity=2; its centre is "
+            "at the camera. Repeatable."
+        ),
+    ] = None,
+    lights: Annotated[Path | None, typer.Option(help="A lights file, YAML or JSON.")] = None,
+    save_lights: Annotated[
+        Path | None, typer.Option(help="Write all these lights to a lights file, for next time.")
+    ] = None,
+    mask: Annotated[Path | None, typer.Option(help="The matte, unless the image has alpha.")] = None,
+    key: Annotated[
+        Screen | None,
+        typer.Option(help="Cut the person out of a screen; a mask then says where there is one."),
+    ] = None,
+    background: Annotated[
+        str | None,
+        typer.Option(
+            help="An image of any size, a linear colour such as 0.2/0.2/0.2, or environment: what a camera "
+            "sees of it."
+        ),
+    ] = None,
+    field_of_view: Annotated[
+        float, typer.Option(help="Of that camera, vertical, in degrees.", show_default=True)
+    ] = 40.0,
+    size: Annotated[
+        str | None,
+        typer.Option(
+            help="The picture's, as 1920x1080, or background for its own. Default: the photograph's."
+        ),
+    ] = None,
+    placement: Annotated[
+        Placement, typer.Option(help="How the photograph lies in a picture of another size.")
+    ] = Placement.fit,
+    scale: Annotated[float, typer.Option(help="Of the photograph, on top of that.")] = 1.0,
+    offset: Annotated[str, typer.Option(help="Of the photograph: RIGHT/UP in pixels.")] = "0/0",
     colour_space: Annotated[
         str | None,
-        typer.Option(help="The photograph's, if its file does not say: sRGB, lin_rec709, ACEScg..."),
+        typer.Option(
+            help="The photograph's, if its file does not say: sRGB, lin_rec709, ACEScg, Rec.2020..."
+        ),
+    ] = None,
+    layers: Annotated[
+        str | None,
+        typer.Option(help="More layers of the .exr: any of albedo,N,visibility,shading."),
+    ] = None,
+    view: Annotated[
+        str | None,
+        typer.Option(
+            help="View transform of PNG, JPEG and TIFF, e.g. aces, from OpenColorIO's built-in configuration "
+            "or $OCIO. Without one they are sRGB, with highlights rolled off."
+        ),
+    ] = None,
+    exposure: Annotated[float, typer.Option(help="Of PNG, JPEG and TIFF, in stops.")] = 0.0,
+    save_matte: Annotated[
+        Path | None, typer.Option(help="Write the matte alone, grey: PNG, TIFF or OpenEXR.")
     ] = None,
     normals: Annotated[
         Path | None,
@@ -64,22 +132,109 @@ def apply(
 ):
     """Relight the person in IMAGE and write the picture."""
     from relight import image as images
+    from relight import nuke
+    from relight.colour import find_view
     from relight.composite import render
-    from relight.lights import DirectionalLight
+    from relight.lightfile import write_lights
 
-    lights = [DirectionalLight.parse(text) for text in light]
-    for path in output:
+    lighting = _lighting(lights, light, environment)
+    pictures, scripts = _by_kind(output)
+    if scripts and not any(path.suffix.lower() == ".exr" for path in pictures):
+        raise ValueError(f"{scripts[0]}: a Nuke script needs an .exr to read; add one with -o")
+    for path in [*pictures, save_matte] if save_matte else pictures:
         images.check_writable(path)
+    if view is not None:
+        find_view(view)  # before the work, not after it
+    if save_lights is not None:
+        write_lights(save_lights, lighting)
     plate = images.read(image, colour_space=colour_space)
     matte = None if mask is None else images.read_mask(mask)
-    backdrop = None if background is None else _background(background)
+    if key is not None:
+        from relight.matte import key as cut_out
+
+        plate, matte = cut_out(plate, key, mask=matte), None
+    backdrop = None if background in (None, ENVIRONMENT) else _background(background)
+    plate, matte = _placed(plate, matte, size, backdrop, mode=placement, scale=scale, offset=offset)
+    if background == ENVIRONMENT:
+        backdrop = _seen(lighting, plate.shape[:2], field_of_view)
     surface = None if normals is None else _normals(normals, axes)
     with console.status("Relighting"):
-        picture, layers = render(plate, lights, background=backdrop, mask=matte, normals=surface)
-    for path in output:
+        picture, stack = render(
+            plate, lighting, background=backdrop, mask=matte, normals=surface, passes=_words(layers)
+        )  # fmt: skip
+    for path in pictures:
         with console.status(f"Writing {path}"):
-            images.write(path, picture, layers=layers if path.suffix.lower() == ".exr" else None)
+            groups = stack if path.suffix.lower() == ".exr" else None
+            images.write(path, picture, layers=groups, view=view, exposure=exposure)
         console.print(f"{path}")
+    if save_matte is not None:
+        images.write_mask(save_matte, plate[..., 3] if matte is None else matte)
+        console.print(f"{save_matte}")
+    source = next((path for path in pictures if path.suffix.lower() == ".exr"), None)
+    for path in scripts:
+        groups = {name.removeprefix("C_"): (source, name) for name in stack if name.startswith("C_")}
+        nuke.write_script(path, groups, picture.shape[:2])
+        console.print(f"{path}")
+
+
+def _by_kind(outputs):
+    """Pictures, and Nuke scripts."""
+    scripts = [path for path in outputs if path.suffix.lower() == ".nk"]
+    return [path for path in outputs if path not in scripts], scripts
+
+
+def _words(text):
+    """`albedo,N` as a list."""
+    return [word.strip() for word in (text or "").split(",") if word.strip()]
+
+
+def _lighting(path, lights, environments):
+    """The lights of a file and of the options."""
+    from relight.environment import EnvironmentLight
+    from relight.lightfile import read_lights
+    from relight.lights import DirectionalLight
+
+    lighting = [] if path is None else read_lights(path)
+    lighting += [DirectionalLight.parse(text) for text in lights or []]
+    lighting += [EnvironmentLight.parse(text) for text in environments or []]
+    if not lighting:
+        raise ValueError("no light: expected --light, --environment or --lights")
+    return lighting
+
+
+def _placed(plate, matte, size, background, *, mode, scale, offset):
+    """Photograph and matte in the frame that the options ask for."""
+    from relight.composite import place
+
+    try:
+        moved = tuple(map(int, offset.split("/")))
+    except ValueError as error:
+        raise ValueError(f"--offset: expected RIGHT/UP in pixels, such as 120/-40, got {offset!r}") from error
+    if size is None and scale == 1 and moved == (0, 0):
+        return plate, matte
+    frame = plate.shape[:2]
+    if size == "background":
+        if getattr(background, "ndim", 0) != 3:
+            raise ValueError("--size background: expected --background with an image")
+        frame = background.shape[:2]
+    elif size is not None:
+        try:
+            width, height = map(int, size.lower().split("x"))
+        except ValueError as error:
+            raise ValueError(f"--size: expected WIDTHxHEIGHT or background, got {size!r}") from error
+        frame = height, width
+    moves = {"mode": mode, "scale": scale, "offset": moved}
+    return place(plate, frame, **moves), None if matte is None else place(matte, frame, **moves)
+
+
+def _seen(lighting, size, field_of_view):
+    """What a camera sees of the environments among the lights."""
+    from relight.environment import EnvironmentLight
+
+    skies = [light for light in lighting if isinstance(light, EnvironmentLight)]
+    if not skies:
+        raise ValueError("--background environment: expected an environment among the lights")
+    return sum(sky.view(size, field_of_view) for sky in skies)
 
 
 def _background(text):
@@ -100,6 +255,49 @@ def _normals(path, axes):
     if path.suffix in (".pt", ".safetensors"):
         return load(path, axes=axes)
     return load(images.read_normals(path, axes=axes))
+
+
+@app.command()
+def olat(
+    image: Annotated[Path, typer.Argument(help="The photograph: PNG, JPEG, TIFF, OpenEXR...")],
+    output: Annotated[
+        list[Path],
+        typer.Option(
+            "-o",
+            "--output",
+            help="An .exr, of which each light is a layer, or one a light, such as olat.%04d.exr; and a .nk, "
+            "if wanted, to mix them in Nuke.",
+        ),
+    ],
+    mask: Annotated[Path | None, typer.Option(help="The matte, unless the image has alpha.")] = None,
+    behind: Annotated[bool, typer.Option(help="32 directions behind the person too.")] = False,
+    colour_space: Annotated[
+        str | None,
+        typer.Option(help="The photograph's, if its file does not say: sRGB, lin_rec709, ACEScg..."),
+    ] = None,
+):
+    """Write the person in IMAGE in one light at a time, from 64 directions, and a file of the directions."""
+    from relight import image as images
+    from relight.olat import write_olat
+
+    pictures, scripts = _by_kind(output)
+    if len(pictures) != 1 or len(scripts) > 1:
+        raise ValueError("-o: expected one .exr and at most one .nk")
+    plate = images.read(image, colour_space=colour_space)
+    matte = None if mask is None else images.read_mask(mask)
+    with _progress() as progress:
+        task = progress.add_task("Lights", total=None)
+        paths = write_olat(
+            pictures[0], plate, matte, behind=behind, script=next(iter(scripts), None),
+            progress=lambda done, total: progress.update(task, completed=done, total=total),
+        )  # fmt: skip
+    console.print(f"{paths[0]}" if len(paths) < 4 else f"{paths[0]} ... {len(paths)} files")
+
+
+def _progress():
+    """A bar with the time left."""
+    columns = (TextColumn("{task.description}"), BarColumn(), MofNCompleteColumn(), TimeRemainingColumn())
+    return Progress(*columns, console=console)
 
 
 @app.command()

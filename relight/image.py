@@ -4,14 +4,14 @@ Inside, an image is (H, W, 3) or (H, W, 4) float32: linear Rec.709, premultiplie
 sRGB-encoded with straight alpha, a file of floats scene-linear and premultiplied, unless it says otherwise.
 """
 
-import os
-import secrets
+import itertools
 from pathlib import Path
 
 import numpy as np
 import OpenImageIO as oiio
 
-from relight import colour
+from relight import __version__, colour
+from relight.files import replacing
 from shadow.directions import CAMERA, from_axes
 
 DEPTHS = {  # what each format is written as: the first is the default
@@ -24,7 +24,7 @@ DEPTHS = {  # what each format is written as: the first is the default
     ".tiff": ("uint16", "uint8", "float"),
 }
 HALF_MAX = 65504.0
-REC709 = (0.64, 0.33, 0.30, 0.60, 0.15, 0.06, 0.3127, 0.3290)  # chromaticities of R, G, B and white
+ICC_SPACES = {"Display P3": "srgb_p3d65_scene", "Adobe RGB (1998)": "g22_adobergb_scene"}
 
 
 def scene_linear(name, image):
@@ -68,6 +68,8 @@ def _linear(pixels, *, straight, space):
     rgb, alpha = pixels[..., :3], pixels[..., 3:]
     if np.issubdtype(pixels.dtype, np.integer):
         alpha = alpha / np.float32(np.iinfo(pixels.dtype).max)
+    if not straight and not isinstance(space, str):  # other primaries, but linear
+        return np.concatenate([colour.decode(rgb, space), alpha], axis=-1, dtype=np.float32)
     if not straight and colour.resolve(space) == colour.resolve(colour.LINEAR):
         return np.asarray(pixels, np.float32)
     if not straight:  # the encoding was applied before the alpha: take the alpha out first
@@ -76,14 +78,33 @@ def _linear(pixels, *, straight, space):
     return np.concatenate([colour.decode(rgb, space) * alpha, alpha], axis=-1, dtype=np.float32)
 
 
+def coverage(name, mask):
+    """A matte at the public edge as (H, W) float32 in [0, 1].
+
+    `mask` is floating in [0, 1], or uint8 or uint16 over the full range. TypeError for another dtype,
+    ValueError for another shape, NaN or values out of range; `name` is what the error calls it.
+    """
+    matte = np.asarray(mask)
+    if matte.dtype not in (np.uint8, np.uint16) and not np.issubdtype(matte.dtype, np.floating):
+        raise TypeError(f"{name}: expected uint8, uint16 or a floating dtype, got {matte.dtype}")
+    if matte.ndim != 2 or 0 in matte.shape:
+        raise ValueError(f"{name}: expected shape (H, W), got {matte.shape}")
+    if np.issubdtype(matte.dtype, np.integer):
+        return matte / np.float32(np.iinfo(matte.dtype).max)
+    if not (matte.min() >= 0 and matte.max() <= 1):
+        raise ValueError(f"{name}: expected values in [0, 1], got [{matte.min():g}, {matte.max():g}]")
+    return matte.astype(np.float32)
+
+
 def read(path, *, colour_space=None):
     """Read an image.
 
     Parameters
     ----------
     path: a file that OpenImageIO reads: PNG, JPEG, TIFF, OpenEXR, HDR and others.
-    colour_space: the file's colour space ("sRGB", "lin_rec709", "ACEScg"... as in OpenColorIO's built-in
-        configuration), where it does not say, or says what is wrong.
+    colour_space: the file's colour space ("sRGB", "lin_rec709", "ACEScg", "Rec.2020"...: `relight.colour`)
+        where it does not say, or says what is wrong. A file says it by `oiio:ColorSpace` or what OpenImageIO
+        takes for it, its chromaticities, or an ICC profile of sRGB, Display P3 or Adobe RGB.
 
     Returns
     -------
@@ -93,7 +114,7 @@ def read(path, *, colour_space=None):
     Raises
     ------
     FileNotFoundError: no such file. ValueError: not an image, truncated, NaN or infinite values, an unknown
-    colour space, or primaries other than Rec.709 of which the colour space is not given.
+    colour space or profile.
     """
     pixels, spec = _load(path)
     names = list(spec.channelnames)
@@ -104,7 +125,10 @@ def read(path, *, colour_space=None):
     if "A" in names:
         rgb = np.concatenate([rgb, pixels[..., [names.index("A")]]], axis=-1)
     space = _declared_space(path, spec, pixels.dtype) if colour_space is None else colour_space
-    linear = _linear(rgb, straight=bool(spec.get_int_attribute("oiio:UnassociatedAlpha")), space=space)
+    try:
+        linear = _linear(rgb, straight=bool(spec.get_int_attribute("oiio:UnassociatedAlpha")), space=space)
+    except ValueError as error:
+        raise ValueError(f"{path}: {error}") from error
     if not np.isfinite(linear).all():
         raise ValueError(f"{path}: contains NaN or infinite values")
     return np.ascontiguousarray(linear)  # as other libraries want it
@@ -239,16 +263,22 @@ def _upright(pixels, spec):
 
 
 def _declared_space(path, spec, dtype):
-    """The colour space that a file declares, or its dtype implies."""
+    """The colour space that a file declares, or its dtype implies: a name, or chromaticities."""
+    integer = np.issubdtype(dtype, np.integer)
+    profile = spec.get_string_attribute("ICCProfile:profile_description")
+    if integer and profile and spec.nchannels >= 3:
+        if "sRGB" in profile:
+            return colour.SRGB
+        if profile not in ICC_SPACES:
+            raise ValueError(f"{path}: has the colour profile {profile!r}; say which colour_space that is")
+        return ICC_SPACES[profile]
     declared = spec.get_string_attribute("oiio:ColorSpace")
-    if declared:
+    if declared not in ("", "unknown"):  # a colorInteropID may say that the writer did not know
         return declared
     primaries = spec.getattribute("chromaticities")
-    if primaries is not None and not np.allclose(primaries, REC709, atol=2e-3):
-        raise ValueError(
-            f"{path}: has primaries other than Rec.709; say which with colour_space, e.g. 'ACEScg'"
-        )
-    return colour.SRGB if np.issubdtype(dtype, np.integer) else colour.LINEAR
+    if primaries is not None and not integer:
+        return tuple(primaries)
+    return colour.SRGB if integer else colour.LINEAR
 
 
 def check_writable(path):
@@ -262,20 +292,22 @@ def check_writable(path):
     return depths
 
 
-def write(path, image, *, layers=None, depth=None):
+def write(path, image, *, layers=None, depth=None, metadata=None, view=None, exposure=0.0, white=None):
     """Write an image. The file appears when it is complete; an error leaves what was there before.
 
     Parameters
     ----------
     path: its suffix is the format: .exr, .hdr, .jpg, .png, .tif. Its folder must exist.
     image: (H, W, 3|4), integers sRGB with straight alpha, floats linear Rec.709 premultiplied.
-    layers: {name: (H, W) or (H, W, 1|3|4) float}, for .exr: written as `name.R` ... `name.A`, or `name.Y`,
-        behind the image's own R, G, B, A. Values are kept as they are.
+    layers: {name: (H, W) or (H, W, 1|3|4) float}, for .exr: written as `name.R` ... `name.A`, or `name.Y`, or
+        `N.X` ... `N.Z` for normals, behind the image's own R, G, B, A. Values are kept as they are.
     depth: "uint8", "uint16", "half" or "float", as the format allows. Unless given: half for .exr, uint8 for
         .png and .jpg, uint16 for .tif, float for .hdr.
+    metadata: {name: text, number or tuple of numbers} for the file's header.
+    view, exposure, white: how integers show what may be brighter than a display; see `relight.colour.encode`.
 
-    Floats are written scene-linear and premultiplied. Integers are written for display, sRGB-encoded with
-    straight alpha: light above 1 is clipped (see `relight.colour.encode`).
+    Floats are written scene-linear Rec.709 and premultiplied. Integers are written for display, with straight
+    alpha: unless there is a `view`, sRGB, in which light up to 1 is exact and brighter highlights roll off.
 
     Raises
     ------
@@ -295,44 +327,79 @@ def write(path, image, *, layers=None, depth=None):
         pixels = pixels[..., :3]
     names = list("RGBA"[: pixels.shape[-1]])
     if depth.startswith("uint"):
-        pixels = _encoded(pixels)
-    if layers:
-        if path.suffix.lower() != ".exr":
-            raise ValueError(f"{path}: layers need a .exr file")
-        stacks = [_layer(name, layer, pixels.shape[:2]) for name, layer in layers.items()]
-        names += [f"{name}.{c}" for name, stack in zip(layers, stacks, strict=True) for c in _suffixes(stack)]
-        pixels = np.concatenate([pixels, *stacks], axis=-1)
-    if depth == "half" and np.abs(pixels).max() > HALF_MAX:
-        raise ValueError(f"{path}: values above {HALF_MAX:g} do not fit half; write it with depth='float'")
+        pixels = _encoded(pixels, view, exposure, white)
+    if layers and path.suffix.lower() != ".exr":
+        raise ValueError(f"{path}: layers need a .exr file")
+    stacks = {name: _layer(name, layer, pixels.shape[:2]) for name, layer in (layers or {}).items()}
+    names += [f"{name}.{channel}" for name, stack in stacks.items() for channel in _channels(name, stack)]
+    pixels = _joined(path, [pixels, *stacks.values()], np.float16 if depth == "half" else np.float32)
     spec = oiio.ImageSpec(pixels.shape[1], pixels.shape[0], pixels.shape[2], depth)
     spec.channelnames = names
     spec.alpha_channel = names.index("A") if "A" in names else -1
-    spec.attribute("Software", "relight")
+    spec.attribute("Software", f"relight {__version__}")
     spec.attribute("compression", "zip" if path.suffix.lower() in (".exr", ".tif", ".tiff") else "")
     if depth.startswith("uint"):
-        spec.attribute("oiio:ColorSpace", "srgb_rec709_scene")
+        if view is None or "srgb" in " ".join(colour.find_view(view)[1:]).lower():
+            spec.attribute("oiio:ColorSpace", "srgb_rec709_scene")
         spec.attribute("oiio:UnassociatedAlpha", 1)
     else:
         spec.attribute("oiio:ColorSpace", "lin_rec709_scene")
-        spec.attribute("chromaticities", oiio.TypeDesc("float[8]"), REC709)
+        spec.attribute("chromaticities", oiio.TypeDesc("float[8]"), colour.REC709)
+    for name, value in (metadata or {}).items():
+        if isinstance(value, tuple):
+            spec.attribute(name, oiio.TypeDesc(f"float[{len(value)}]"), value)
+        else:
+            spec.attribute(name, value)
     _save(path, pixels, spec)
 
 
-def _encoded(pixels):
-    """Linear premultiplied (H, W, 3|4) to sRGB with straight alpha, float32 in [0, 1]."""
+def write_mask(path, mask, *, depth=None):
+    """Write a matte as a grey image, which `read_mask` reads back: coverage as it is, no colour encoding.
+
+    Parameters
+    ----------
+    path: .png, .tif or .exr. Its folder must exist.
+    mask: (H, W) in [0, 1], or uint8 or uint16 over the full range.
+    depth: as of `write`, but 16 bits unless given.
+
+    Raises
+    ------
+    TypeError, ValueError: wrong shape, dtype or values, a format that may lose some. OSError: as of `write`.
+    """
+    path = Path(path)
+    depths = check_writable(path)
+    if path.suffix.lower() not in (".exr", ".png", ".tif", ".tiff"):
+        raise ValueError(f"{path}: expected .png, .tif or .exr for a matte")
+    depth = depth or {".exr": "half"}.get(path.suffix.lower(), "uint16")
+    if depth not in depths:
+        raise ValueError(f"depth: expected {' or '.join(depths)} for {path.suffix}, got {depth!r}")
+    matte = coverage("mask", mask)
+    spec = oiio.ImageSpec(matte.shape[1], matte.shape[0], 1, depth)
+    spec.channelnames = ["Y"]
+    spec.attribute("Software", f"relight {__version__}")
+    _save(path, matte[..., None], spec)
+
+
+def _encoded(pixels, view, exposure, white):
+    """Linear premultiplied (H, W, 3|4) to a display's encoding with straight alpha, float32 in [0, 1]."""
     if pixels.shape[-1] == 3:
-        return colour.encode(pixels)
+        return colour.encode(pixels, view=view, exposure=exposure, white=white)
     rgb, alpha = pixels[..., :3], pixels[..., 3:]
     straight = np.divide(rgb, alpha, out=np.zeros_like(rgb), where=alpha > 0)
-    return np.concatenate([colour.encode(straight), alpha], axis=-1)
+    if white is None:  # the brightest that shows: dividing by a faint alpha can make anything of it
+        white = max(1.0, float(rgb.max()) * 2.0**exposure)
+    return np.concatenate(
+        [colour.encode(straight, view=view, exposure=exposure, white=white), alpha], axis=-1
+    )
 
 
-def _suffixes(stack):
-    return {1: "Y", 3: "RGB", 4: "RGBA"}[stack.shape[-1]]
+def _channels(name, stack):
+    """Names of a layer's channels: colour, one value, or the axes of the normals."""
+    return "XYZ" if name == "N" and stack.shape[-1] == 3 else {1: "Y", 3: "RGB", 4: "RGBA"}[stack.shape[-1]]
 
 
 def _layer(name, layer, size):
-    """A layer as (H, W, 1|3|4) float32, checked."""
+    """A layer as (H, W, 1|3|4), checked."""
     if not isinstance(name, str) or not name:
         raise TypeError(f"layers: expected names that are non-empty strings, got {name!r}")
     stack = np.asarray(layer)
@@ -343,21 +410,28 @@ def _layer(name, layer, size):
         raise ValueError(f"layers[{name!r}]: expected shape {size} or {(*size, '1|3|4')}, got {stack.shape}")
     if not np.isfinite(stack).all():
         raise ValueError(f"layers[{name!r}]: contains NaN or infinite values")
-    return stack.astype(np.float32)
+    return stack
+
+
+def _joined(path, stacks, dtype):
+    """All channels (H, W, C) of a file in one array of the file's own depth, to hold them only once."""
+    channels = np.cumsum([0] + [stack.shape[-1] for stack in stacks])
+    joined = np.empty((*stacks[0].shape[:2], channels[-1]), dtype)
+    for stack, (first, last) in zip(stacks, itertools.pairwise(channels), strict=True):
+        if dtype == np.float16 and max(stack.max(), -stack.min()) > HALF_MAX:
+            raise ValueError(
+                f"{path}: values above {HALF_MAX:g} do not fit half; write it with depth='float'"
+            )
+        joined[..., first:last] = stack
+    return joined
 
 
 def _save(path, pixels, spec):
-    """Write beside, flush to the disk, then rename: a reader finds the old file or the new one, whole."""
-    beside = path.with_name(f".{path.stem}-{secrets.token_hex(4)}{path.suffix}")
-    try:
+    """Write a file that is whole or not there."""
+    with replacing(path) as beside:
         file = oiio.ImageOutput.create(str(beside))
         if file is None:
             raise OSError(f"{path}: cannot be written: {oiio.geterror().strip()}")
         written = file.open(str(beside), spec) and file.write_image(np.ascontiguousarray(pixels))
         if not (file.close() and written):
             raise OSError(f"{path}: cannot be written: {file.geterror().strip()}")
-        with beside.open("rb+") as whole:
-            os.fsync(whole.fileno())
-        os.replace(beside, path)
-    finally:
-        beside.unlink(missing_ok=True)

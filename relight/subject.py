@@ -7,13 +7,14 @@ import OpenImageIO as oiio
 import torch
 import torch.nn.functional as F
 
+from relight.colour import luminance
 from relight.image import scene_linear
 from relight.upsampling import JointBilateral
 from shading import diffuse
 from shadow import inputs
 from shadow import normals as normals_module
 from shadow import visibility as visibility_module
-from shadow.framing import Framing, bounding_box, extend
+from shadow.framing import Extension, Framing, bounding_box
 
 CLEAN = 0.98  # coverage above which a photograph's pixel holds no background to speak of
 FAINT = 0.05  # coverage below which premultiplied colour is too coarse to divide by
@@ -72,6 +73,7 @@ class Subject:
         framed_mask = framing.crop(alpha[None])[0].clamp(0, 1)
         framed = _crop(framing, foreground)
         self._known = framed_mask > 0.5
+        self._extend = Extension(framed_mask, REACH)
         if isinstance(surface, torch.Tensor):
             surface = surface[box]
         self._normals = normals_module.on_canvas(surface, framing, framed, framed_mask)
@@ -101,15 +103,10 @@ class Subject:
         `relit(a + b)` is that of `relit(a)` plus that of `relit(b)`, and twice the intensity gives twice the
         colour, to float32 rounding. Alpha is the matte.
         """
-        shading = torch.zeros(3, *self._known.shape)
-        for light in _as_lights(lights):
-            directions, intensities = (torch.from_numpy(samples) for samples in light.samples())
-            for batch, power in zip(directions.split(BATCH), intensities.split(BATCH), strict=True):
-                shading += torch.einsum("dhw,dc->chw", self._shading(batch), power)
-        colour = self._albedo * self._to_plate(shading)
-        return self._scatter(
-            torch.cat([colour, torch.ones_like(colour[:, :1])], dim=1) * self._alpha[:, None]
-        )
+        picture = torch.empty(len(self._pixels), 4)
+        torch.mul(self._lighting(lights), self._texture, out=picture[:, :3])
+        picture[:, 3] = self._alpha
+        return self._scatter(picture)
 
     def layers(self, lights):
         """The person in each light alone: {name: (H, W, 4)}, lights without a name as `light1`, `light2`...
@@ -118,11 +115,28 @@ class Subject:
         sum to the colour of `relit(lights)`; the alpha, which is the same person's coverage, does not add up.
         ValueError if two lights have one name.
         """
-        lights = _as_lights(lights)
-        names = [light.name or f"light{number}" for number, light in enumerate(lights, 1)]
-        if len(set(names)) < len(names):
-            raise ValueError(f"lights: expected different names, got {', '.join(names)}")
-        return {name: self.relit(light) for name, light in zip(names, lights, strict=True)}
+        return {name: self.relit(light) for name, light in by_name(lights).items()}
+
+    def lighting(self, lights):
+        """What the lights would do to a white person: (H, W, 3) float32, linear, zero outside the matte.
+
+        The colour of `relit(lights)` is `albedo × lighting(lights) × alpha`: with the albedo, what a
+        compositor needs to grade light and colour apart. Raises as `relit` does.
+        """
+        return self._scatter(self._lighting(lights))
+
+    def unshadowed(self, light):
+        """The share of a light that no part of the person blocks: (H, W) float32 in [0, 1], zero outside.
+
+        Of a hard light its visibility; of a soft one or an environment the mean over its directions, weighted
+        by their luminance.
+        """
+        directions, powers = light.samples()
+        weights = luminance(powers).clip(0)
+        weights = weights / max(weights.sum(), 1e-9)
+        shape = self._known.shape
+        maps = _weighted_sum(self._visibility, [(directions, weights[:, None])], shape, channels=1)
+        return self._scatter(self._to_plate(maps))[..., 0]
 
     @cached_property
     def albedo(self):
@@ -152,28 +166,65 @@ class Subject:
         maps = self._shading(inputs.directions("directions", directions))
         return np.ascontiguousarray(self._scatter(self._to_plate(maps)).transpose(2, 0, 1))
 
+    @cached_property
+    def _texture(self):
+        """The albedo of the subject's pixels, premultiplied (P, 3)."""
+        return self._albedo * self._alpha[:, None]
+
+    def _lighting(self, lights):
+        """Σ intensity · shading of the subject's pixels (P, 3)."""
+        samples = [light.samples() for light in as_lights(lights)]
+        return self._to_plate(_weighted_sum(self._shading, samples, self._known.shape, channels=3))
+
     def _to_plate(self, maps):
         """Canvas maps (C, h, w) to the subject's pixels on the plate (P, C)."""
-        return self._enlarge(extend(maps, self._known, REACH))
+        return self._enlarge(self._extend(maps))
 
     def _scatter(self, values):
         """The subject's pixels (P, C) to an image (H, W, C) that is zero elsewhere."""
-        image = torch.zeros(self._size[0] * self._size[1], values.shape[1])
-        image[self._where] = values
-        return image.view(*self._size, -1).numpy()
+        image = np.zeros((self._size[0] * self._size[1], values.shape[1]), np.float32)
+        torch.from_numpy(image).index_copy_(0, self._where, values)
+        return image.reshape(*self._size, -1)
 
 
-def _as_lights(lights):
+def as_lights(lights):
     """One light or an iterable of lights as a list."""
-    lights = [lights] if hasattr(lights, "samples") else lights
+    lights = [lights] if hasattr(lights, "samples") or hasattr(lights, "at") else lights
     try:
         lights = list(lights)
     except TypeError as error:
         raise TypeError(f"lights: expected lights, got {type(lights).__name__}") from error
     for light in lights:
+        if hasattr(light, "at"):
+            raise TypeError(
+                f"lights: {light.name or 'a light'} moves; give the light of one frame, light.at(frame)"
+            )
         if not hasattr(light, "samples"):
             raise TypeError(f"lights: expected lights, e.g. DirectionalLight, got {type(light).__name__}")
     return lights
+
+
+def by_name(lights):
+    """{name: light}, those without a name as `light1`, `light2`...; ValueError if two have one name."""
+    lights = as_lights(lights)
+    names = [light.name or f"light{number}" for number, light in enumerate(lights, 1)]
+    if len(set(names)) < len(names):
+        raise ValueError(f"lights: expected different names, got {', '.join(names)}")
+    return dict(zip(names, lights, strict=True))
+
+
+def _weighted_sum(maps, samples, shape, channels):
+    """Σ power · maps(direction) on the canvas: (channels, h, w).
+
+    `samples` are directions (D, 3) and powers (D, channels); `maps` takes directions to (D, h, w). The
+    result's channels lie together in memory, as the lookup of the enlargement wants them.
+    """
+    total = torch.zeros(shape.numel(), channels)
+    for directions, powers in samples:
+        batches = (torch.from_numpy(np.float32(values)).split(BATCH) for values in (directions, powers))
+        for batch, power in zip(*batches, strict=True):
+            total.addmm_(maps(batch).flatten(1).T, power)
+    return total.T.unflatten(1, shape)
 
 
 def _matte(pixels, mask):

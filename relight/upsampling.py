@@ -6,7 +6,7 @@ import torch.nn.functional as F
 SIGMA = 0.1  # guide difference (display-encoded) at which a canvas pixel counts 60 % of an equal one
 FLOOR = 1e-3  # least range weight: where no neighbour looks alike, the nearest decide
 UNKNOWN = 1e-4  # weight of canvas pixels off the subject: they count where nothing else is near
-STRIP = 1 << 18  # plate pixels at a time, to bound the memory
+STRIP = 1 << 14  # plate pixels at a time, to bound the memory
 
 
 class JointBilateral:
@@ -45,18 +45,19 @@ class JointBilateral:
                 difference = (canvas_guide[index] - here).square_().sum(dim=1)
                 alike = (difference * (-0.5 / SIGMA**2)).exp_().clamp_min_(FLOOR)
                 weights[:, tap] = spatial[:, tap] * alike * trust[index]
-            # Half precision holds 16 weights a pixel in the room of 8 maps; sums are made exact below.
-            self.strips.append((nearest, (weights / weights.sum(dim=1, keepdim=True)).half()))
+            # Half precision holds 16 weights a pixel in the room of 8 maps; dividing by their rounded sum
+            # keeps constants exact.
+            weights = (weights / weights.sum(dim=1, keepdim=True)).half()
+            self.strips.append((nearest, weights, weights.float().sum(dim=1, keepdim=True)))
 
     def __call__(self, maps):
         """Canvas maps (C, h, w) to the plate's pixels (P, C)."""
         table = maps.flatten(1).T.contiguous()
         enlarged = []
-        for nearest, weights in self.strips:
-            weights = weights.float()
-            weights /= weights.sum(dim=1, keepdim=True)
+        for nearest, weights, total in self.strips:
             indices = nearest[:, None] + self.offsets
-            enlarged.append(F.embedding_bag(indices, table, per_sample_weights=weights, mode="sum"))
+            mean = F.embedding_bag(indices, table, per_sample_weights=weights.float(), mode="sum")
+            enlarged.append(mean.div_(total))
         return torch.cat(enlarged)
 
 

@@ -67,10 +67,14 @@ class VisibilityField(nn.Module):
         The function takes unit directions (D, 3) and returns their visibility (D, h, w) in [0, 1], zero
         outside the mask; it runs no network.
         """
+        inside = mask > 0  # a light costs the subject's pixels only, some quarter of the canvas
         maps = self(encode_image(rgb[None], mask[None, None]), normals[None])
+        maps = FieldMaps(*(canvas[..., inside][..., None] for canvas in maps))
 
         def visibility(directions):
             with torch.no_grad():
-                return self.log_visibility(maps, directions[None])[0].exp() * (mask > 0)
+                canvas = rgb.new_zeros(len(directions), *mask.shape)
+                canvas[:, inside] = self.log_visibility(maps, directions[None])[0, ..., 0].exp()
+                return canvas
 
         return visibility

@@ -89,17 +89,41 @@ class Framing:
         return affine_sample(tensor, matrix, self.plate)
 
 
-def extend(tensor, mask, radius=8):
-    """`tensor` (C, H, W) continued past the edge of `mask` (H, W) by `radius` pixels; zero farther out.
+class Extension:
+    """Continues canvas maps past the edge of `mask` (h, w) by `radius` pixels; zero farther out.
 
     Values inside are kept. Without this, enlarging a map that is zero outside the subject would draw a dark
-    line along every matte edge (normalised convolution, Knutsson and Westin 1993).
+    line along every matte edge (normalised convolution, Knutsson and Westin 1993). Ring after ring, a pixel
+    is the mean of those next to it that are known by then. Which those are depends on the mask alone: it is
+    worked out once, and a call touches only the rings.
     """
-    known = (mask > 0.5).to(tensor)[None]
-    filled = tensor * known
-    for _ in range(radius):
-        weight = F.avg_pool2d(known, 3, stride=1, padding=1)
-        around = F.avg_pool2d(filled, 3, stride=1, padding=1) / weight.clamp_min(1e-6)
-        filled = torch.where(known > 0, filled, around)
-        known = (weight > 0).to(tensor)
-    return filled
+
+    def __init__(self, mask, radius=8):
+        self.known = mask > 0.5
+        height, width = mask.shape
+        step = torch.arange(-1, 2, device=mask.device)
+        known = self.known
+        self.rings = []  # pixels (n,), their neighbours (n, 9) and the neighbours' weights (n, 9)
+        for _ in range(radius):
+            reached = F.max_pool2d(known[None].float(), 3, stride=1, padding=1)[0] > 0
+            y, x = (reached & ~known).nonzero(as_tuple=True)
+            # A neighbour beyond the canvas is taken to be the pixel itself, which is not known yet.
+            rows, columns = (y[:, None] + step)[:, :, None], (x[:, None] + step)[:, None, :]
+            beyond = (rows < 0) | (rows >= height) | (columns < 0) | (columns >= width)
+            ring = y * width + x
+            neighbours = torch.where(beyond, ring[:, None, None], rows * width + columns).flatten(1)
+            weights = known.flatten()[neighbours].float()
+            self.rings.append((ring, neighbours, weights / weights.sum(dim=1, keepdim=True)))
+            known = reached
+
+    def __call__(self, maps):
+        """Canvas maps (C, h, w) to the same, continued."""
+        table = (maps * self.known).flatten(1).T.contiguous()
+        for ring, neighbours, weights in self.rings:
+            table[ring] = F.embedding_bag(neighbours, table, per_sample_weights=weights, mode="sum")
+        return table.T.view(maps.shape)
+
+
+def extend(maps, mask, radius=8):
+    """Canvas maps (C, h, w) continued past the edge of `mask` (h, w), as `Extension` does."""
+    return Extension(mask, radius)(maps)

@@ -9,6 +9,7 @@ from typer.testing import CliRunner
 
 import relight
 from relight.cli import Model, app
+from relight.composite import place
 from shadow import visibility
 
 LIGHTS = [
@@ -86,20 +87,81 @@ def test_background_is_an_image_or_a_colour(tmp_path, photo):
         np.testing.assert_allclose(total, picture, atol=5e-3)
 
 
+def test_an_environment_lights(tmp_path, photo):
+    sky = np.full((16, 32, 3), 0.5, np.float32)
+    relight.write(tmp_path / "sky.exr", sky)
+    light = f"{tmp_path / 'sky.exr'},intensity=2,rotation=30"
+    assert run("apply", *photo, "--environment", light, "-o", tmp_path / "out.exr").exit_code == 0
+    image, mask = relight.read(photo[0]), relight.read_mask(photo[2])
+    expected = relight.apply(image, relight.EnvironmentLight(sky, intensity=2, rotation=30), mask=mask)
+    np.testing.assert_allclose(relight.read(tmp_path / "out.exr"), expected, atol=2e-3)
+    assert set(relight.read_layers(tmp_path / "out.exr")) == {"C_environment"}
+
+
+def test_the_person_stands_in_the_environment(tmp_path, photo):
+    relight.write(tmp_path / "sky.exr", np.full((16, 32, 3), 0.5, np.float32))
+    result = run(
+        *("apply", *photo, "--environment", tmp_path / "sky.exr", "--background", "environment"),
+        *("--size", "100x60", "--scale", 0.5, "--offset", "20/-5", "--save-matte", tmp_path / "matte.png"),
+        *("-o", tmp_path / "out.exr"),
+    )
+    assert result.exit_code == 0, result.output
+    picture, matte = relight.read(tmp_path / "out.exr"), relight.read_mask(tmp_path / "matte.png")
+    assert picture.shape == (60, 100, 3)
+    expected = place(relight.read_mask(photo[2]), (60, 100), scale=0.5, offset=(20, -5))
+    np.testing.assert_allclose(matte, expected, atol=1e-4)
+    np.testing.assert_allclose(picture[matte == 0], 0.5, atol=1e-3)
+    assert np.abs(picture[matte == 1] - 0.5).max() > 0.05
+
+
+def test_a_green_screen_is_keyed(tmp_path):
+    y, x = np.mgrid[:96, :80]
+    person = (np.hypot((x - 40) * 1.5, y - 48) < 40)[..., None]
+    relight.write(tmp_path / "studio.png", np.where(person, (0.5, 0.4, 0.3), (0.05, 0.4, 0.08)))
+    result = run("apply", tmp_path / "studio.png", "--key", "green", *LIGHTS, "-o", tmp_path / "out.exr")
+    assert result.exit_code == 0, result.output
+    np.testing.assert_allclose(relight.read(tmp_path / "out.exr")[..., 3], person[..., 0], atol=0.02)
+    result = run("apply", tmp_path / "studio.png", "--key", "blue", *LIGHTS, "-o", tmp_path / "out.exr")
+    assert (result.exit_code, result.output) == (2, "relight: image: shows no blue screen\n")
+
+
+def test_lights_come_from_a_file_and_go_to_one(tmp_path, photo):
+    lights = tmp_path / "lights.yaml"
+    first, again = tmp_path / "first.exr", tmp_path / "again.exr"
+    assert run("apply", *photo, *LIGHTS, "--save-lights", lights, "-o", first).exit_code == 0
+    assert relight.read_lights(lights) == [relight.DirectionalLight.parse(text) for text in LIGHTS[1::2]]
+    assert run("apply", *photo, "--lights", lights, "-o", again).exit_code == 0
+    np.testing.assert_array_equal(relight.read(first), relight.read(again))
+
+
 @pytest.mark.parametrize(
     ("change", "message"),
     [
         ({"--mask": None}, "mask: the image has no alpha channel, so give the person's matte"),
         ({"--mask": "gone.png"}, "gone.png: no such file"),
         ({"--light": "key:azimut=3"}, "'azimut=3' is not understood"),
+        ({"--light": None}, "no light: expected --light, --environment or --lights"),
+        ({"--environment": "gone.exr,rotation=3"}, "gone.exr: no such file"),
+        ({"--lights": "gone.yaml"}, "gone.yaml: no such file"),
         ({"--background": "gone.exr"}, "gone.exr: no such file"),
         ({"--background": "1/2"}, "background: expected an image or three finite numbers"),
+        ({"--background": "environment"}, "expected an environment among the lights"),
+        ({"--size": "100"}, "--size: expected WIDTHxHEIGHT or background, got '100'"),
+        ({"--size": "background"}, "--size background: expected --background with an image"),
+        ({"--offset": "1"}, "offset: expected two whole numbers, got (1,)"),
+        ({"--offset": "a/b"}, "--offset: expected RIGHT/UP in pixels"),
+        ({"--scale": "0"}, "scale: expected a finite number > 0"),
+        ({"--save-matte": "matte.gif"}, "matte.gif: expected a file name that ends in"),
+        ({"--view": "acid"}, "view: expected one of ACES 2.0"),
+        ({"--exposure": "99", "-o": "out.png"}, "exposure: expected -64 to 64 stops, got 99"),
         ({"--colour-space": "bogus"}, "colour_space: unknown 'bogus'"),
         ({"--normals": "gone.exr"}, "gone.exr: no such file"),
         ({"--normals": "gone.pt"}, "gone.pt"),
         ({"--normals": "gone.pt", "--axes": "+x-y-z"}, "axes: those of gone.pt are known"),
         ({"-o": "out.gif"}, "out.gif: expected a file name that ends in"),
         ({"-o": "none/out.exr"}, "the folder none does not exist"),
+        ({"-o": "out.nk"}, "out.nk: a Nuke script needs an .exr to read"),
+        ({"--layers": "N,depth"}, "layers: expected any of albedo, N, visibility, shading, got 'depth'"),
     ],
 )
 def test_bad_input_is_one_line(tmp_path, monkeypatch, photo, change, message):
@@ -116,6 +178,23 @@ def test_bad_input_is_one_line(tmp_path, monkeypatch, photo, change, message):
 
 def test_every_visibility_network_can_be_trained():
     assert {model.value for model in Model} == set(visibility.NETWORKS)
+
+
+def test_apply_writes_layers_and_a_nuke_script(tmp_path, photo):
+    outputs = ["-o", tmp_path / "out.exr", "-o", tmp_path / "out.nk"]
+    result = run("apply", *photo, *LIGHTS, *outputs, "--layers", "albedo, N")
+    assert result.exit_code == 0, result.output
+    assert set(relight.read_layers(tmp_path / "out.exr")) == {"C_key", "C_fill", "albedo", "N"}
+    assert "\n name Multiply_fill\n" in (tmp_path / "out.nk").read_text()
+
+
+def test_olat_writes_passes_and_their_directions(tmp_path, photo):
+    result = run("olat", *photo, "-o", tmp_path / "o.exr", "-o", tmp_path / "o.nk")
+    assert result.exit_code == 0, result.output
+    assert len(relight.read_layers(tmp_path / "o.exr")) == len(relight.read_lights(tmp_path / "o.json")) == 64
+    result = run("olat", *photo, "-o", tmp_path / "o.nk")
+    assert result.exit_code == 2
+    assert "expected one .exr and at most one .nk" in result.output
 
 
 def test_help_does_not_load_the_networks():

@@ -20,8 +20,107 @@ def test_every_16_bit_code_survives():
     np.testing.assert_array_equal(np.round(encoded * 65535).astype(np.uint16), codes)
 
 
-def test_encode_clips_to_the_display():
-    np.testing.assert_array_equal(colour.encode(np.array([[[-1.0, 0.0, 8.0]]])), [[[0, 0, 1]]])
+def grey(values):
+    """Values as an image (1, N, 3)."""
+    return np.asarray(values, np.float32)[None, :, None].repeat(3, -1)
+
+
+def srgb(value):
+    return 1.055 * value ** (1 / 2.4) - 0.055  # IEC 61966-2-1
+
+
+def test_encode_stays_in_the_display():
+    encoded = colour.encode(np.array([[[-1.0, 0.0, 8.0]]]))
+    np.testing.assert_allclose(encoded, [[[0, 0, 1]]], atol=1e-7)
+
+
+def test_a_picture_that_a_display_can_show_is_shown_as_it_is():
+    ramp = np.linspace(0.01, 1, 50)
+    np.testing.assert_allclose(colour.encode(grey(ramp))[0, :, 0], srgb(ramp), atol=1e-6)
+
+
+def test_highlights_roll_off():
+    light = np.concatenate([np.linspace(0.01, 1, 50), np.linspace(1.01, 8, 50)])
+    encoded = colour.encode(grey(light))[0, :, 0]
+    low = light <= colour.KNEE
+    np.testing.assert_allclose(encoded[low], srgb(light[low]), atol=1e-6)
+    assert (np.diff(encoded) > 1e-4).all()  # no two lights become one: nothing is clipped
+    assert encoded[-1] == pytest.approx(1)
+    assert encoded[49] > 0.9  # white stays light, however bright the lamp
+
+
+def test_the_roll_off_sets_in_without_a_jump():
+    ramp = np.linspace(0, 1, 50)
+    still, moved = (colour.encode(grey([*ramp, top]))[0, :-1, 0] for top in (1, 1.001))
+    np.testing.assert_allclose(still, moved, atol=1e-3)
+
+
+def test_a_given_white_fixes_the_curve_over_a_sequence():
+    bright, dark = (colour.encode(grey([0.5, 0.9, top]), white=4)[0, :2, 0] for top in (0.9, 9))
+    np.testing.assert_array_equal(bright, dark)
+    assert colour.encode(grey([4.0]), white=4)[0, 0, 0] == pytest.approx(1)
+
+
+def test_exposure_is_in_stops():
+    light = grey([0.02, 0.1, 0.4])
+    np.testing.assert_allclose(colour.encode(light, exposure=1), colour.encode(light * 2), atol=1e-6)
+    np.testing.assert_allclose(
+        colour.encode(light, exposure=-1, view="aces"), colour.encode(light / 2, view="aces"), atol=1e-5
+    )
+
+
+def test_views_of_the_built_in_configuration(monkeypatch):
+    monkeypatch.delenv("OCIO", raising=False)
+    light = grey([0.0, 0.18, 1.0, 16.0])
+    plain = colour.encode(light, view="Un-tone-mapped")[0, :, 0]
+    np.testing.assert_allclose(plain, [0, srgb(0.18), 1, 1], atol=1e-4)
+    aces = colour.encode(light, view="aces")[0, :, 0]
+    assert (np.diff(aces) > 0.01).all()
+    assert aces[2] < 0.8  # of 1, ACES keeps a third for highlights
+    for view, message in [("acid", "'acid'"), ("raw-ish", "ACES 2.0"), ("", "''")]:
+        with pytest.raises(ValueError, match=f"view: expected one of .*{message}"):
+            colour.encode(light, view=view)
+
+
+CONFIGURATION = """ocio_profile_version: 2
+roles: {aces_interchange: ACES, default: ACES, scene_linear: ACES}
+file_rules: [!<Rule> {name: Default, colorspace: default}]
+displays: {Screen: [!<View> {name: Negative, colorspace: shown}]}
+colorspaces:
+  - !<ColorSpace> {name: ACES, encoding: scene-linear}
+  - !<ColorSpace>
+    name: shown
+    from_scene_reference: !<MatrixTransform> {matrix: [-1, 0, 0, 0, 0, -1, 0, 0, 0, 0, -1, 0, 0, 0, 0, 1], offset: [1, 1, 1, 0]}
+  - !<ColorSpace>
+    name: Camera
+    to_scene_reference: !<MatrixTransform> {matrix: [2, 0, 0, 0, 0, 2, 0, 0, 0, 0, 2, 0, 0, 0, 0, 1]}
+"""  # noqa: E501
+
+
+def test_the_studios_own_configuration(tmp_path, monkeypatch):
+    (tmp_path / "config.ocio").write_text(CONFIGURATION)
+    monkeypatch.setenv("OCIO", str(tmp_path / "config.ocio"))
+    np.testing.assert_allclose(colour.encode(grey([0.25]), view="neg"), 0.75, atol=1e-4)
+    np.testing.assert_allclose(colour.decode(grey([0.25]), "Camera"), 0.5, atol=1e-4)
+    np.testing.assert_allclose(colour.decode(grey([0.25]), "ACEScg"), 0.25, atol=1e-4)  # the built-in one's
+    monkeypatch.setenv("OCIO", str(tmp_path / "gone.ocio"))
+    assert colour.decode(grey([1]), "sRGB")[0, 0, 0] == 1
+    with pytest.raises(ValueError, match=r"OCIO: cannot read the configuration '.*gone\.ocio'"):
+        colour.encode(grey([0.25]), view="aces")
+
+
+@pytest.mark.parametrize(
+    ("arguments", "message"),
+    [
+        ({"exposure": np.nan}, "exposure: expected -64 to 64 stops, got nan"),
+        ({"exposure": 65}, "exposure: expected -64 to 64 stops, got 65"),
+        ({"white": 0.5}, "white: expected a finite number >= 1, got 0.5"),
+        ({"white": np.inf}, "white: expected a finite number >= 1"),
+    ],
+)
+def test_encode_names_what_is_wrong(arguments, message):
+    with pytest.raises(ValueError, match=message):
+        colour.encode(grey([0.5]), **arguments)
 
 
 def test_linear_is_left_alone():
@@ -33,6 +132,27 @@ def test_white_stays_white_from_other_primaries():
     np.testing.assert_allclose(colour.decode(np.ones((2, 2, 3), np.float32), "ACEScg"), 1, atol=1e-3)
     green = colour.decode(np.array([[[0.0, 1.0, 0.0]]], np.float32), "ACEScg")
     assert green[0, 0, 0] < -0.3  # outside Rec.709, and not clipped
+
+
+@pytest.mark.parametrize(
+    ("space", "chromaticities"),
+    [
+        ("ACEScg", (0.713, 0.293, 0.165, 0.830, 0.128, 0.044, 0.32168, 0.33767)),
+        ("ACES2065-1", (0.7347, 0.2653, 0, 1, 0.0001, -0.077, 0.32168, 0.33767)),
+        ("Rec.2020", (0.708, 0.292, 0.170, 0.797, 0.131, 0.046, 0.3127, 0.3290)),
+        ("lin_rec709", colour.REC709),
+    ],
+)
+def test_chromaticities_say_what_the_name_says(space, chromaticities):
+    pixels = np.random.default_rng(0).random((8, 8, 3), np.float32)
+    by_name, by_numbers = colour.decode(pixels, space), colour.decode(pixels, chromaticities)
+    np.testing.assert_allclose(by_numbers, by_name, atol=1e-5)
+
+
+@pytest.mark.parametrize("chromaticities", [(0,) * 8, (0.3,) * 8, (np.nan,) * 8, (0.64, 0.33)])
+def test_chromaticities_that_span_nothing(chromaticities):
+    with pytest.raises(ValueError, match=r"chromaticities: .* span no colours"):
+        colour.decode(np.zeros((1, 1, 3), np.float32), chromaticities)
 
 
 def test_unknown_space_is_named():

@@ -6,8 +6,10 @@ import OpenImageIO as oiio
 import pytest
 from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
+from PIL import Image, ImageCms
 
 import relight
+from relight import colour
 from relight.image import scene_linear
 
 RNG = np.random.default_rng(3)
@@ -128,9 +130,27 @@ def test_floats_keep_light_beyond_white_and_below_black(tmp_path):
     np.testing.assert_allclose(relight.read(tmp_path / "a.exr"), image, rtol=1e-3)
 
 
-def test_display_files_clip(tmp_path):
-    relight.write(tmp_path / "a.png", np.array([[[-0.5, 100.0, 0.0]]]))
-    np.testing.assert_array_equal(relight.read(tmp_path / "a.png"), [[[0, 1, 0]]])
+def test_display_files_roll_highlights_off(tmp_path):
+    image = np.array([[[-0.5, 100.0, 0.0]] * 2, [[1.0, 2.0, 4.0]] * 2], np.float32)
+    relight.write(tmp_path / "a.png", image, depth="uint16")
+    shown = relight.read(tmp_path / "a.png")
+    np.testing.assert_allclose(shown[0, 0], [0, 1, 0], atol=1e-5)
+    assert (np.diff(shown[1, 0]) > 0.03).all()
+    faint = np.array([[[0.5, 0.5, 0.5, 1.0], [0.9, 0.9, 0.9, 0.001]]], np.float32)  # its own colour: 900
+    relight.write(tmp_path / "b.png", faint, depth="uint16")
+    np.testing.assert_allclose(relight.read(tmp_path / "b.png")[0, 0], faint[0, 0], atol=1e-4)
+
+
+def test_a_view_is_for_display_files(tmp_path):
+    for name in ("a.png", "a.jpg", "a.exr"):
+        relight.write(tmp_path / name, PREMULTIPLIED[..., :3], view="aces", exposure=1)
+    np.testing.assert_allclose(relight.read(tmp_path / "a.exr"), PREMULTIPLIED[..., :3], atol=1e-3)
+    shown = colour.encode(PREMULTIPLIED[..., :3], view="aces", exposure=1)
+    stored = oiio.ImageInput.open(str(tmp_path / "a.png")).read_image("float")
+    np.testing.assert_allclose(stored, shown, atol=0.6 / 255)
+    with pytest.raises(ValueError, match="view: expected one of"):
+        relight.write(tmp_path / "b.png", PREMULTIPLIED, view="acid")
+    assert not (tmp_path / "b.png").exists()
 
 
 def test_files_say_what_they_are(tmp_path):
@@ -207,12 +227,61 @@ def test_colour_space_can_be_declared_and_is_honoured(tmp_path):
         relight.read(tmp_path / "s.exr", colour_space="bogus")
 
 
-def test_other_primaries_must_be_declared(tmp_path):
+def test_primaries_of_a_file_are_honoured(tmp_path):
     ap1 = (0.713, 0.293, 0.165, 0.830, 0.128, 0.044, 0.32168, 0.33767)
-    store(tmp_path / "aces.exr", np.ones((2, 2, 3), np.float32), "half", chromaticities=ap1)
-    with pytest.raises(ValueError, match=r"primaries other than Rec\.709; say which with colour_space"):
-        relight.read(tmp_path / "aces.exr")
-    np.testing.assert_allclose(relight.read(tmp_path / "aces.exr", colour_space="ACEScg"), 1, atol=1e-3)
+    store(tmp_path / "p.exr", PREMULTIPLIED, "float", chromaticities=ap1)
+    store(tmp_path / "n.exr", PREMULTIPLIED, "float", oiio__ColorSpace="ACEScg")
+    store(tmp_path / "u.exr", PREMULTIPLIED, "float")
+    expected = relight.read(tmp_path / "u.exr", colour_space="ACEScg")
+    for name in ("p.exr", "n.exr"):
+        read = relight.read(tmp_path / name)
+        np.testing.assert_allclose(read, expected, atol=1e-5)
+        np.testing.assert_allclose(read[..., 3], PREMULTIPLIED[..., 3], atol=1e-6)
+    assert np.abs(expected - PREMULTIPLIED).max() > 0.1
+    store(tmp_path / "z.exr", PREMULTIPLIED, "float", chromaticities=(0.3,) * 8)
+    with pytest.raises(ValueError, match=r"z\.exr: chromaticities: .* span no colours"):
+        relight.read(tmp_path / "z.exr")
+    store(tmp_path / "c.exr", PREMULTIPLIED, "float", colorInteropID="studio:camera")
+    with pytest.raises(ValueError, match=r"c\.exr: colour_space: unknown 'studio:camera'"):
+        relight.read(tmp_path / "c.exr")
+    store(tmp_path / "c.exr", PREMULTIPLIED, "float", colorInteropID="unknown", chromaticities=ap1)
+    np.testing.assert_allclose(relight.read(tmp_path / "c.exr"), expected, atol=1e-5)
+
+
+@pytest.mark.parametrize(
+    ("description", "space"),
+    [
+        ("sRGB built-in", "sRGB"),
+        ("Display P3", "srgb_p3d65_scene"),
+        ("Adobe RGB (1998)", "g22_adobergb_scene"),
+    ],
+)
+@pytest.mark.parametrize("name", ["a.png", "a.jpg", "a.tif"])
+def test_colour_profiles_of_photographs_are_honoured(tmp_path, name, description, space):
+    pixels = np.broadcast_to(np.uint8([200, 120, 40]), (16, 16, 3))
+    profile = icc_profile(description)
+    Image.fromarray(pixels).save(tmp_path / name, icc_profile=profile)
+    bare = relight.read(tmp_path / name, colour_space=space)
+    np.testing.assert_array_equal(relight.read(tmp_path / name), bare)
+    assert space == "sRGB" or np.abs(bare - scene_linear("a", pixels)).max() > 0.02
+
+
+def test_an_unknown_profile_is_named(tmp_path):
+    Image.new("RGB", (8, 8)).save(tmp_path / "a.png", icc_profile=icc_profile("My Scanner 3"))
+    with pytest.raises(
+        ValueError, match=r"a\.png: has the colour profile 'My Scanner 3'; say which colour_sp"
+    ):
+        relight.read(tmp_path / "a.png")
+    assert relight.read(tmp_path / "a.png", colour_space="sRGB").shape == (8, 8, 3)
+
+
+def icc_profile(description):
+    """Pillow's sRGB profile under another description; it overwrites what follows if it is longer."""
+    data = ImageCms.ImageCmsProfile(ImageCms.createProfile("sRGB")).tobytes()
+    old, new = ("sRGB built-in".encode("utf-16-be"), description.encode("utf-16-be"))
+    start = data.index(old)
+    length = len(new).to_bytes(4, "big")
+    return data[: start - 8] + length + data[start - 4 : start] + new + data[start + len(new) :]
 
 
 # Masks
@@ -298,6 +367,40 @@ def test_bad_normal_maps_are_named(tmp_path):
         relight.read_normals(tmp_path / "n.exr", layer="N")
     with pytest.raises(ValueError, match="axes: expected each of x, y and z once"):
         relight.read_normals(tmp_path / "n.exr", axes="+x+y+y")
+
+
+@pytest.mark.parametrize(
+    ("name", "tolerance"), [("m.png", 1e-5), ("m.tif", 1e-5), ("m.exr", 5e-4), ("M.TIFF", 1e-5)]
+)
+def test_masks_are_written_and_read_back(tmp_path, name, tolerance):
+    relight.write_mask(tmp_path / name, STRAIGHT[..., 3])
+    np.testing.assert_allclose(relight.read_mask(tmp_path / name), STRAIGHT[..., 3], atol=tolerance)
+    codes = (STRAIGHT[..., 3] * 255).astype(np.uint8)
+    relight.write_mask(tmp_path / name, codes)
+    np.testing.assert_allclose(relight.read_mask(tmp_path / name), codes / 255, atol=tolerance)
+
+
+@pytest.mark.parametrize(
+    ("name", "mask", "arguments", "error", "message"),
+    [
+        ("m.jpg", STRAIGHT[..., 3], {}, ValueError, "expected .png, .tif or .exr for a matte"),
+        (
+            "m.png",
+            STRAIGHT[..., 3],
+            {"depth": "half"},
+            ValueError,
+            "depth: expected uint8 or uint16 for .png",
+        ),
+        ("m.png", STRAIGHT, {}, ValueError, r"mask: expected shape \(H, W\), got \(24, 32, 4\)"),
+        ("m.png", STRAIGHT[..., 3] + 1, {}, ValueError, r"mask: expected values in \[0, 1\]"),
+        ("m.png", np.full((3, 3), np.nan), {}, ValueError, r"mask: expected values in \[0, 1\]"),
+        ("m.png", np.zeros((3, 3), int), {}, TypeError, "mask: expected uint8, uint16 or a floating dtype"),
+    ],
+)
+def test_bad_masks_are_named(tmp_path, name, mask, arguments, error, message):
+    with pytest.raises(error, match=message):
+        relight.write_mask(tmp_path / name, mask, **arguments)
+    assert os.listdir(tmp_path) == []
 
 
 # Layers

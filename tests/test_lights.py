@@ -52,6 +52,25 @@ def test_a_soft_light_stays_in_its_cone_and_keeps_its_irradiance(azimuth, elevat
     np.testing.assert_allclose(facing @ intensities, (1, 0.5, 0.25), rtol=1e-4)
 
 
+def test_a_temperature_is_of_a_black_body_or_of_daylight():
+    _, body = DirectionalLight(temperature=6504).samples()
+    _, sky = DirectionalLight(temperature=6504, locus="daylight").samples()
+    np.testing.assert_allclose(sky, 1, atol=2e-3)  # D65 is Rec.709's white
+    assert sky[0, 1] > body[0, 1] + 0.01  # the daylight locus runs on the green side of the Planckian
+
+
+def test_settings_make_the_light_again():
+    for light in (
+        DirectionalLight(azimuth=-40, elevation=30, intensity=2, colour=(1, 0.9, 0.8), name="key"),
+        DirectionalLight(
+            azimuth=179.9, elevation=-90, temperature=5600, locus="daylight", angle=3, exposure=-1
+        ),
+        DirectionalLight(),
+    ):
+        assert DirectionalLight(**light.settings()) == light
+    assert DirectionalLight((0, 0, -2), angle=5).settings() == {"azimuth": 180, "elevation": 0, "angle": 5}
+
+
 def test_a_soft_light_is_even_and_repeatable():
     light = DirectionalLight((0.2, 0.5, 1), angle=60)
     directions, _ = light.samples()
@@ -90,6 +109,12 @@ def test_lights_are_values():
         ({"colour": 1}, TypeError, "colour: expected 3 numbers"),
         ({"exposure": math.nan}, ValueError, "exposure: expected 1 finite"),
         ({"temperature": 100}, ValueError, "temperature: expected 1000 to 40000, got 100"),
+        ({"temperature": 3000, "locus": "daylight"}, ValueError, "temperature: expected 4000 to 25000"),
+        ({"locus": "tungsten"}, ValueError, "locus: expected planckian or daylight, got 'tungsten'"),
+        ({"intensity": "2"}, TypeError, "intensity: expected 1 number, got '2'"),
+        ({"intensity": True}, TypeError, "intensity: expected 1 number, got True"),
+        ({"intensity": 10**400}, TypeError, "intensity: expected 1 number"),
+        ({"direction": "123"}, TypeError, "direction: expected 3 numbers, got '123'"),
         ({"angle": 181}, ValueError, "angle: expected 0 to 180, got 181"),
         ({"name": ""}, TypeError, "name: expected a non-empty string"),
         ({"name": 3}, TypeError, "name: expected a non-empty string"),
@@ -113,19 +138,20 @@ def test_parse():
         name="key",
     )
     assert DirectionalLight.parse("direction=1/2/3") == DirectionalLight((1, 2, 3))
+    assert DirectionalLight.parse("temperature=5000,locus=daylight").locus == "daylight"
     assert DirectionalLight.parse("front:") == DirectionalLight(name="front")
 
 
 @pytest.mark.parametrize(
     ("text", "message"),
     [
-        ("key:azimut=3", "'azimut=3' is not understood; expected name:parameter=value"),
+        ("key:azimut=3", "'azimut=3' is not understood; expected parameter=value"),
         ("key:azimuth", "'azimuth' is not understood"),
         ("key:azimuth=1,azimuth=2", "'azimuth=2' is twice"),
         ("key:azimuth=left", "azimuth expects a number, got 'left'"),
         ("key:azimuth=1/2", "azimuth expects one number"),
         ("key:colour=1/2", "colour: expected 3 finite numbers"),
-        ("key:name=2", "'name=2' is"),
+        ("key:name=2", "name='2' is twice"),
         (":azimuth=2", "name: expected a non-empty string"),
         ("key:intensity=-2", "intensity: expected 0 to inf"),
     ],

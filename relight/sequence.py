@@ -1,0 +1,61 @@
+"""Frame sequences: file names with a frame number, `plate.%04d.exr` or `plate.####.exr`."""
+
+import re
+from dataclasses import dataclass
+from pathlib import Path
+
+TOKEN = re.compile(r"%0?(?P<printf>\d*)d|(?P<hashes>#+)")
+
+
+@dataclass(frozen=True)
+class Sequence:
+    """The files of a sequence: `before`, the frame number with at least `digits` digits, `after`."""
+
+    folder: Path
+    before: str
+    digits: int
+    after: str
+
+    @classmethod
+    def of(cls, path):
+        """The sequence that `path` names, or None if it names a single file.
+
+        The frame number is `%04d` (or `%d`) or `####`, one `#` a digit, once in the file's name. A file of
+        that very name is what it is.
+
+        Raises ValueError if there are two frame numbers.
+        """
+        path = Path(path)
+        tokens = list(TOKEN.finditer(path.name))
+        if not tokens or path.is_file():
+            return None
+        if len(tokens) > 1:
+            raise ValueError(f"{path}: expected one frame number, such as %04d or ####, got {len(tokens)}")
+        token = tokens[0]
+        digits = len(token["hashes"]) if token["hashes"] else int(token["printf"] or 1)
+        return cls(path.parent, path.name[: token.start()], max(digits, 1), path.name[token.end() :])
+
+    def __str__(self):
+        return str(self.folder / f"{self.before}{self.printf}{self.after}")
+
+    @property
+    def printf(self):
+        """The frame number as C and Nuke write it."""
+        return f"%0{self.digits}d"
+
+    def path(self, number):
+        """The file of a frame."""
+        return self.folder / f"{self.before}{number:0{self.digits}d}{self.after}"
+
+    def beside(self, suffix):
+        """The one file of another kind that goes with the sequence: `plate.json` with `plate.%04d.exr`."""
+        return self.folder / f"{self.before.rstrip('._-') or 'frames'}{suffix}"
+
+    def numbers(self):
+        """The frames that are on the disk, in order."""
+        if not self.folder.is_dir():
+            return []
+        name = re.compile(rf"{re.escape(self.before)}(\d{{{self.digits},}}){re.escape(self.after)}")
+        found = (name.fullmatch(path.name) for path in self.folder.iterdir())
+        numbers = {int(match[1]) for match in found if match}
+        return sorted(number for number in numbers if self.path(number).is_file())
