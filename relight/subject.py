@@ -10,8 +10,7 @@ import torch.nn.functional as F
 from relight.colour import luminance
 from relight.image import scene_linear
 from relight.upsampling import JointBilateral
-from shading import albedo as albedo_module
-from shading.diffuse import base
+from shading import diffuse
 from shadow import inputs
 from shadow import normals as normals_module
 from shadow import visibility as visibility_module
@@ -78,13 +77,14 @@ class Subject:
         else:
             self._normals = F.normalize(framing.crop(given_normals[box]), dim=0)
         self._visibility = field.analyse(framed, framed_mask, self._normals)
+        analysed = diffuse.load().analyse(framed, framed_mask, self._normals, self._visibility)
+        self._shading = analysed.shading
 
         exposure = 0.2 / framed[:, self._known].mean().clamp_min(1e-6)
         guide, framed_guide = (_display(colour * exposure) for colour in (foreground, framed))
         self._enlarge = JointBilateral(framing, guide, framed_guide, self._known, self._pixels)
         if given_albedo is None:
-            framed_albedo = albedo_module.load().analyse(framed, framed_mask, self._normals)
-            light = self._to_plate(_photographed_shading(framed, framed_albedo, self._known))
+            light = self._to_plate(_photographed_shading(framed, analysed.albedo, self._known))
             self._albedo = (foreground.flatten(1)[:, self._pixels].T / light).clamp(0, 1)
         else:
             self._albedo = given_albedo[box].flatten(1)[:, self._pixels].T
@@ -169,10 +169,6 @@ class Subject:
     def _texture(self):
         """The albedo of the subject's pixels, premultiplied (P, 3)."""
         return self._albedo * self._alpha[:, None]
-
-    def _shading(self, directions):
-        """Base shading (Section 4.4) on the canvas: (D, h, w)."""
-        return base(self._normals, self._visibility(directions), directions)
 
     def _lighting(self, lights):
         """Σ intensity · shading of the subject's pixels (P, 3)."""

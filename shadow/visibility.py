@@ -6,11 +6,15 @@ from shadow import inputs, weights
 from shadow.field import VisibilityField
 from shadow.framing import Framing, extend
 from shadow.normals import on_canvas
+from shadow.unet import LATENTS, PerLight
+
+NETWORKS = {"field": VisibilityField} | dict.fromkeys(LATENTS, PerLight)
 
 
 def load(name="field"):
-    """The shipped visibility network, or one trained by `relight train shadow` (a .safetensors path)."""
-    return weights.load(name, {"field": VisibilityField}, package="shadow")
+    """The shipped visibility network, or one trained by `relight train shadow` (a .safetensors path): the
+    field or the paper's per-light network, whichever the file says."""
+    return weights.load(name, NETWORKS, package="shadow")
 
 
 def baseline(normals, directions):
@@ -43,12 +47,13 @@ def infer(rgb, mask, directions, *, normals=None, model="field"):
     mask: (H, W) in [0, 1], the matte of the person.
     directions: (D, 3) toward the lights, camera frame, any length but zero.
     normals: (H, W, 3) camera-frame normals to use instead of inferring them.
-    model: name of shipped weights, or the path of a checkpoint.
+    model: name of shipped weights, or the path of a checkpoint of either kind of network.
 
     Returns
     -------
     (D, H, W) float32 in [0, 1], 1 = lit, zero outside the mask; binary = `> 0.5`. NumPy or torch, as `rgb`
-    was, on its device. The cost hardly depends on D (one network pass), the memory does: 4 D H W bytes.
+    was, on its device. With the field the cost hardly depends on D (one network pass), with a per-light
+    network it is D passes; the memory is 4 D H W bytes.
 
     Raises
     ------

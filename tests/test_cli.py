@@ -7,7 +7,8 @@ import trimesh
 from typer.testing import CliRunner
 
 import relight
-from relight.cli import app
+from relight.cli import Model, app
+from shadow import visibility
 
 LIGHTS = [
     "--light",
@@ -145,6 +146,10 @@ def test_olat_writes_passes_and_their_directions(tmp_path, photo):
     assert "expected one .exr and at most one .nk" in result.output
 
 
+def test_every_visibility_network_can_be_trained():
+    assert {model.value for model in Model} == set(visibility.NETWORKS)
+
+
 def test_help_does_not_load_the_networks():
     program = "import sys, relight.cli; sys.exit(any(m in sys.modules for m in ('torch', 'colour')))"
     assert subprocess.run([sys.executable, "-c", program], check=False).returncode == 0
@@ -176,7 +181,7 @@ def test_from_a_mesh_to_weights_and_their_score(tmp_path):
     )
     assert result.exit_code == 0, result.output
     field = tmp_path / "field" / "field.safetensors"
-    result = run("evaluate", "--records", shards, "--model", field, "--normals", normals)
+    result = run("evaluate", "visibility", "--records", shards, "--model", field, "--normals", normals)
     assert result.exit_code == 0, result.output
     assert "| field | 0." in result.output
     assert "| sign(N·L), true normals | 0." in result.output
@@ -188,7 +193,11 @@ def test_from_a_mesh_to_weights_and_their_score(tmp_path):
         (["stage", "records"], "nothing to do"),
         (["stage", "records", "--bodies", "three"], "expected FIRST:LAST"),
         (["stage", "records", "--pack", "shards"], "holds no records"),
-        (["evaluate", "--records", "absent"], "nothing at absent"),
+        (["evaluate", "visibility", "--records", "absent"], "nothing at absent"),
+        (["evaluate", "tables", "--records", "absent", "--out", "report"], "nothing at absent"),
+        (["evaluate", "tables", "--records", ".", "--out", "r", "--model", "ours"], "expected NAME=FILE"),
+        (["train", "normals", "--records", ".", "--out", "run"], "steps: expected a number"),
+        (["train", "normals", "--records", ".", "--out", "run", "--no-normals"], "are for the per-light"),
         (["train", "normals", "--records", "absent", "--out", "run", "--steps", "1"], "nothing at absent"),
         (["train", "normals", "--records", ".", "--out", "run", "--steps", "1", "--size", "99"], "multiple"),
     ],
