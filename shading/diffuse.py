@@ -94,16 +94,23 @@ class ShadingField(nn.Module):
     def analyse(self, rgb, mask, normals, visibility):
         """Framed rgb (3, h, w), mask (h, w), normals (3, h, w), and visibility, a function of unit directions
         (D, 3) to maps (D, h, w), to Diffuse. Its shading runs no network but that function."""
+        inside = mask > 0  # a light costs the subject's pixels only, some quarter of the canvas
         guides = visibility(self.anchors)[None, :, ::2, ::2]
         maps = self(encode_image(rgb[None], mask[None, None]), normals[None], guides)
+        albedo = maps.albedo[0].clamp(0, 1) ** ENCODING * inside
+        maps = ShadingMaps(*(canvas[..., inside][..., None] for canvas in maps))
+        surface = normals[None, :, inside][..., None]
 
         def shading(directions, seen=None):
             with torch.no_grad():
                 seen = visibility(directions) if seen is None else seen
-                linear = self.shading(maps, normals[None], seen[None], directions[None])[0]
-                return linear.clamp(0, 1) * (mask > 0)
+                seen = seen[None, :, inside][..., None]
+                canvas = rgb.new_zeros(len(directions), *mask.shape)
+                linear = self.shading(maps, surface, seen, directions[None])[0, ..., 0]
+                canvas[:, inside] = linear.clamp(0, 1)
+                return canvas
 
-        return Diffuse(shading, maps.albedo[0].clamp(0, 1) ** ENCODING * (mask > 0))
+        return Diffuse(shading, albedo)
 
 
 class PerLightShading(nn.Module):
