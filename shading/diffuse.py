@@ -97,18 +97,20 @@ class ShadingField(nn.Module):
         inside = mask > 0  # a light costs the subject's pixels only, some quarter of the canvas
         guides = visibility(self.anchors)[None, :, ::2, ::2]
         maps = self(encode_image(rgb[None], mask[None, None]), normals[None], guides)
-        there = ShadingMaps(*(canvas[..., inside][..., None] for canvas in maps))
+        albedo = maps.albedo[0].clamp(0, 1) ** ENCODING * inside
+        maps = ShadingMaps(*(canvas[..., inside][..., None] for canvas in maps))
         surface = normals[None, :, inside][..., None]
 
         def shading(directions, seen=None):
             with torch.no_grad():
                 seen = visibility(directions) if seen is None else seen
-                linear = self.shading(there, surface, seen[None, :, inside][..., None], directions[None])
+                seen = seen[None, :, inside][..., None]
                 canvas = rgb.new_zeros(len(directions), *mask.shape)
-                canvas[:, inside] = linear[0, ..., 0].clamp(0, 1)
+                linear = self.shading(maps, surface, seen, directions[None])[0, ..., 0]
+                canvas[:, inside] = linear.clamp(0, 1)
                 return canvas
 
-        return Diffuse(shading, maps.albedo[0].clamp(0, 1) ** ENCODING * (mask > 0))
+        return Diffuse(shading, albedo)
 
 
 class PerLightShading(nn.Module):
