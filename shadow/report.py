@@ -272,7 +272,7 @@ All figures are in [report.json](report.json).
 
 {table_4}
 
-Time: one light on that canvas, the network alone, on {figures["device"]} ({figures["threads"]} threads);
+Time: one light on that canvas, the network alone, on {figures["device"]} (threads: {figures["threads"]});
 the paper's is for 512 × 512 on an RTX 2080. Ours answers for all {len(figures["figure2"]["lights"])} lights
 in {figures["table4"][-1]["milliseconds_all"]:.1f} ms.
 
