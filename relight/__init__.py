@@ -14,6 +14,7 @@ _EXPORTS = {
     "MovingLight": "relight.animation",
     "Subject": "relight.subject",
     "apply": "relight.composite",
+    "fit_lights": "relight.fitting",
     "key": "relight.matte",
     "over": "relight.composite",
     "place": "relight.composite",

@@ -11,9 +11,11 @@ from relight.colour import luminance
 from relight.image import scene_linear
 from relight.upsampling import JointBilateral
 from shading import diffuse
+from shading.albedo import solve_lighting
 from shadow import inputs
 from shadow import normals as normals_module
 from shadow import visibility as visibility_module
+from shadow.directions import olat
 from shadow.framing import Extension, Framing, bounding_box
 
 CLEAN = 0.98  # coverage above which a photograph's pixel holds no background to speak of
@@ -63,13 +65,14 @@ class Subject:
         box = np.s_[..., top:bottom, left:right]
         alpha = alpha[box]
         foreground = _foreground(pixels[top:bottom, left:right], alpha, photographed=mask is not None)
+        self._box, self._matte = np.s_[top:bottom, left:right], alpha
         self._pixels = (alpha > 0).flatten().nonzero()[:, 0]  # in the box
         self._where = (
             (self._pixels // (right - left) + top) * self._size[1] + self._pixels % (right - left) + left
         )
         self._alpha = alpha.flatten()[self._pixels]
 
-        framing = Framing.around(alpha, field.size)
+        self._framing = framing = Framing.around(alpha, field.size)
         framed_mask = framing.crop(alpha[None])[0].clamp(0, 1)
         framed = _crop(framing, foreground)
         self._known = framed_mask > 0.5
@@ -87,8 +90,10 @@ class Subject:
         if given_albedo is None:
             light = self._to_plate(_photographed_shading(framed, analysed.albedo, self._known))
             self._albedo = (foreground.flatten(1)[:, self._pixels].T / light).clamp(0, 1)
+            self._framed_albedo = analysed.albedo
         else:
             self._albedo = given_albedo[box].flatten(1)[:, self._pixels].T
+            self._framed_albedo = _crop(framing, given_albedo[box])
 
     def relit(self, lights):
         """The person in new light.
@@ -124,6 +129,20 @@ class Subject:
         compositor needs to grade light and colour apart. Raises as `relit` does.
         """
         return self._scatter(self._lighting(lights))
+
+    def fitted(self, image):
+        """The lighting in which the person looks most like `image`, see `relight.fit_lights`.
+
+        Returns directions (96, 3), `shadow.directions.olat(behind=True)`, and their intensities (96, 3) >= 0.
+        """
+        pixels = scene_linear("image", image)
+        if pixels.shape[:2] != self._size:
+            raise ValueError(f"image: expected the subject's size {self._size}, got {pixels.shape[:2]}")
+        foreground = _foreground(pixels[self._box], self._matte, photographed=pixels.shape[-1] == 3)
+        framed, directions = _crop(self._framing, foreground), torch.from_numpy(olat(behind=True))
+        shading = self._shading(directions)
+        powers = solve_lighting(framed, self._framed_albedo, shading, self._known.float())
+        return directions.numpy(), powers.numpy()
 
     def unshadowed(self, light):
         """The share of a light that no part of the person blocks: (H, W) float32 in [0, 1], zero outside.
