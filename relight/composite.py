@@ -24,7 +24,8 @@ def apply(image, lights, *, background=None, mask=None, albedo=None, normals=Non
         relight.EnvironmentLight, as a camera sees it (see `over`). None keeps the alpha.
     mask: (H, W) in [0, 1], the matte of the person; needed unless the image has alpha.
     albedo: (H, W, 3) to use instead of inferring it.
-    normals: (H, W, 3) camera-frame normals to use instead of inferring them.
+    normals: (H, W, 3) camera-frame normals to use instead of inferring them; or anything else that
+        `shadow.normals.load` takes.
 
     Returns
     -------

@@ -12,6 +12,7 @@ import OpenImageIO as oiio
 
 from relight import __version__, colour
 from relight.files import replacing
+from shadow.directions import CAMERA, from_axes
 
 DEPTHS = {  # what each format is written as: the first is the default
     ".exr": ("half", "float"),
@@ -168,6 +169,50 @@ def read_mask(path):
                 f"{path}: expected a mask (grey, or with transparency), got an opaque colour image"
             )
     return np.clip(matte, 0, 1, dtype=np.float32)
+
+
+def read_normals(path, *, axes=CAMERA, layer=None):
+    """Read a normal map: unit vectors, as they are stored. No colour space is applied to them.
+
+    Parameters
+    ----------
+    path: integers (PNG, TIFF) hold n = 2v - 1, v over their full range; floats (OpenEXR) n itself, signed.
+    axes: what the file's first, second and third channel are measured along: "+x+y+z" is the camera frame (x
+        right, y up, z to the camera), "+x-y-z" OpenCV's; see `shadow.directions.from_axes`. Normals in world
+        space have to be turned by the camera's rotation first.
+    layer: of an OpenEXR file, such as "N"; unless given, the channels R, G, B or X, Y, Z without a layer.
+
+    Returns
+    -------
+    (H, W, 3) float32 in the camera frame; zero where the file holds no normal: black, white or mid-grey.
+
+    Raises
+    ------
+    As `read` does, and ValueError for other channels, no such layer, unknown axes, or floats that are encoded
+    as integers should be.
+    """
+    pixels, _, names = _load(path)
+    prefix = "" if layer is None else f"{layer}."
+    for channels in ("RGB", "XYZ", "rgb", "xyz"):
+        if all(prefix + channel in names for channel in channels):
+            break
+    else:
+        wanted = f"{prefix}R, {prefix}G, {prefix}B or {prefix}X, {prefix}Y, {prefix}Z"
+        raise ValueError(f"{path}: expected channels {wanted}; got {', '.join(names)}")
+    stored = pixels[..., [names.index(prefix + channel) for channel in channels]]
+    vectors = stored.astype(np.float32)
+    if np.issubdtype(stored.dtype, np.integer):
+        vectors = vectors * (2 / np.iinfo(stored.dtype).max) - 1
+    if not np.isfinite(vectors).all():
+        raise ValueError(f"{path}: contains NaN or infinite values")
+    length = np.linalg.norm(vectors, axis=-1, keepdims=True)
+    known = (length > 0.5) & (length < 1.5)  # black and white decode to 1.73, mid-grey to 0
+    if not known.any():
+        raise ValueError(f"{path}: holds no vector of about unit length, expected normals")
+    if vectors.min() >= 0 and np.median(length[known]) > 1.05:
+        raise ValueError(f"{path}: holds floats in [0, 1], expected signed normals: decode it, n = 2v - 1")
+    unit = np.divide(vectors, length, out=np.zeros_like(vectors), where=known)
+    return unit @ from_axes(axes).T
 
 
 def _load(path, wanted=None):

@@ -10,11 +10,12 @@ import torch.nn.functional as F
 from relight.colour import luminance
 from relight.image import scene_linear
 from relight.upsampling import JointBilateral
-from shading import albedo as albedo_module
-from shading.diffuse import base
+from shading import diffuse
+from shading.albedo import solve_lighting
 from shadow import inputs
 from shadow import normals as normals_module
 from shadow import visibility as visibility_module
+from shadow.directions import olat
 from shadow.framing import Extension, Framing, bounding_box
 
 CLEAN = 0.98  # coverage above which a photograph's pixel holds no background to speak of
@@ -39,7 +40,8 @@ class Subject:
         image has alpha, which it replaces. Pixels that a mask covers in part are taken to show the background
         too, so their colour is continued from inside.
     albedo: (H, W, 3) to use instead of inferring it; integers sRGB, floats linear in [0, 1].
-    normals: (H, W, 3) camera-frame normals (x right, y up, z to the camera) to use instead of inferring them.
+    normals: (H, W, 3) camera-frame normals (x right, y up, z to the camera) to use instead of inferring them;
+        or anything else that `shadow.normals.load` takes, such as a PIFuHD checkpoint.
 
     Raises
     ------
@@ -52,7 +54,9 @@ class Subject:
         alpha = _matte(pixels, mask)
         self._size = tuple(alpha.shape)
         given_albedo = None if albedo is None else _given_albedo(albedo, self._size)
-        given_normals = None if normals is None else inputs.normals("normals", normals, self._size)
+        field, shader = visibility_module.load(), diffuse.load()
+        photograph = None if normals is None else _photograph(pixels)
+        surface = normals_module.resolve(normals, photograph, alpha, field, shader)
 
         top, left, bottom, right = bounding_box(alpha, threshold=0)
         # An empty pixel around it, unless the plate ends there: so the framing sees which sides are cut.
@@ -61,33 +65,35 @@ class Subject:
         box = np.s_[..., top:bottom, left:right]
         alpha = alpha[box]
         foreground = _foreground(pixels[top:bottom, left:right], alpha, photographed=mask is not None)
+        self._box, self._matte = np.s_[top:bottom, left:right], alpha
         self._pixels = (alpha > 0).flatten().nonzero()[:, 0]  # in the box
         self._where = (
             (self._pixels // (right - left) + top) * self._size[1] + self._pixels % (right - left) + left
         )
         self._alpha = alpha.flatten()[self._pixels]
 
-        field = visibility_module.load()
-        framing = Framing.around(alpha, field.size)
+        self._framing = framing = Framing.around(alpha, field.size)
         framed_mask = framing.crop(alpha[None])[0].clamp(0, 1)
         framed = _crop(framing, foreground)
         self._known = framed_mask > 0.5
         self._extend = Extension(framed_mask, REACH)
-        if given_normals is None:
-            self._normals = normals_module.load().analyse(framed, framed_mask)
-        else:
-            self._normals = F.normalize(framing.crop(given_normals[box]), dim=0)
+        if isinstance(surface, torch.Tensor):
+            surface = surface[box]
+        self._normals = normals_module.on_canvas(surface, framing, framed, framed_mask)
         self._visibility = field.analyse(framed, framed_mask, self._normals)
+        analysed = shader.analyse(framed, framed_mask, self._normals, self._visibility)
+        self._shading = analysed.shading
 
         exposure = 0.2 / framed[:, self._known].mean().clamp_min(1e-6)
         guide, framed_guide = (_display(colour * exposure) for colour in (foreground, framed))
         self._enlarge = JointBilateral(framing, guide, framed_guide, self._known, self._pixels)
         if given_albedo is None:
-            framed_albedo = albedo_module.load().analyse(framed, framed_mask, self._normals)
-            light = self._to_plate(_photographed_shading(framed, framed_albedo, self._known))
+            light = self._to_plate(_photographed_shading(framed, analysed.albedo, self._known))
             self._albedo = (foreground.flatten(1)[:, self._pixels].T / light).clamp(0, 1)
+            self._framed_albedo = analysed.albedo
         else:
             self._albedo = given_albedo[box].flatten(1)[:, self._pixels].T
+            self._framed_albedo = _crop(framing, given_albedo[box])
 
     def relit(self, lights):
         """The person in new light.
@@ -123,6 +129,20 @@ class Subject:
         compositor needs to grade light and colour apart. Raises as `relit` does.
         """
         return self._scatter(self._lighting(lights))
+
+    def fitted(self, image):
+        """The lighting in which the person looks most like `image`, see `relight.fit_lights`.
+
+        Returns directions (96, 3), `shadow.directions.olat(behind=True)`, and their intensities (96, 3) >= 0.
+        """
+        pixels = scene_linear("image", image)
+        if pixels.shape[:2] != self._size:
+            raise ValueError(f"image: expected the subject's size {self._size}, got {pixels.shape[:2]}")
+        foreground = _foreground(pixels[self._box], self._matte, photographed=pixels.shape[-1] == 3)
+        framed, directions = _crop(self._framing, foreground), torch.from_numpy(olat(behind=True))
+        shading = self._shading(directions)
+        powers = solve_lighting(framed, self._framed_albedo, shading, self._known.float())
+        return directions.numpy(), powers.numpy()
 
     def unshadowed(self, light):
         """The share of a light that no part of the person blocks: (H, W) float32 in [0, 1], zero outside.
@@ -169,10 +189,6 @@ class Subject:
     def _texture(self):
         """The albedo of the subject's pixels, premultiplied (P, 3)."""
         return self._albedo * self._alpha[:, None]
-
-    def _shading(self, directions):
-        """Base shading (Section 4.4) on the canvas: (D, h, w)."""
-        return base(self._normals, self._visibility(directions), directions)
 
     def _lighting(self, lights):
         """Σ intensity · shading of the subject's pixels (P, 3)."""
@@ -242,6 +258,12 @@ def _matte(pixels, mask):
     if pixels[..., 3].min() == 1:
         raise ValueError("mask: the image is opaque everywhere, so give the person's matte as a mask")
     return inputs.mask("image's alpha", pixels[..., 3], pixels.shape[:2])
+
+
+def _photograph(pixels):
+    """The plate's colour (3, H, W), its own alpha, if any, taken out: what a foreign normals network sees."""
+    rgb = torch.from_numpy(np.ascontiguousarray(pixels)).permute(2, 0, 1)
+    return rgb[:3] / rgb[3:].clamp_min(FAINT) if len(rgb) == 4 else rgb
 
 
 def _given_albedo(albedo, size):

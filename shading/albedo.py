@@ -1,50 +1,28 @@
-"""Diffuse albedo of the photographed subject (delighting)."""
+"""Diffuse albedo of the photographed subject (delighting), and the light that it was photographed in."""
 
+import numpy as np
 import torch
-from torch import nn
+import torch.nn.functional as F
+from scipy.optimize import nnls
 
-from shadow import inputs, weights
-from shadow.backbone import ENCODING, Backbone, encode_image
-from shadow.framing import Framing, extend
-from shadow.normals import on_canvas
+from shading import diffuse
+from shadow import inputs
+from shadow.directions import olat
+from shadow.framing import extend
 
-
-class AlbedoNetwork(nn.Module):
-    """RGB, mask and normals to albedo, as a correction of the encoded image: untrained, albedo = image."""
-
-    def __init__(self, size=256, **backbone):
-        super().__init__()
-        self.size = size  # canvas height that the network was trained for
-        self.backbone = Backbone(7, 3, **backbone)
-
-    def forward(self, image, normals):
-        """Encoded image and mask (B, 4, H, W) and normals (B, 3, H, W) to *encoded* albedo (B, 3, H, W).
-
-        The encoding is that of the image, `albedo ** (1 / ENCODING)`, in which errors look alike in dark and
-        bright cloth.
-        """
-        return image[:, :3] + self.backbone(torch.cat([image, normals], dim=1)).float()
-
-    @torch.no_grad()
-    def analyse(self, rgb, mask, normals):
-        """Framed rgb (3, h, w), mask (h, w), normals (3, h, w) to linear albedo (3, h, w) in [0, 1]."""
-        encoded = self(encode_image(rgb[None], mask[None, None]), normals[None])[0]
-        return encoded.clamp(0, 1) ** ENCODING * (mask > 0)
+FIT_HEIGHT = 64  # pixels of the picture that the lighting is solved on: light has no finer detail
+SPREAD = 0.02  # share of the squared light that keeps the solution from one lamp where several would do
 
 
-def load(name="albedo"):
-    """The shipped albedo network, or one trained by `relight train albedo` (a .safetensors path)."""
-    return weights.load(name, {"albedo": AlbedoNetwork}, package="shading")
-
-
-def infer_albedo(rgb, mask, *, normals=None, model="albedo"):
+def infer_albedo(rgb, mask, *, normals=None, model="shading"):
     """Diffuse albedo of the person in an image, without the light it was photographed in.
 
     Parameters
     ----------
     rgb: (H, W, 3) float, linear Rec.709, any size and exposure; NumPy or torch.
     mask: (H, W) in [0, 1], the matte of the person.
-    normals: (H, W, 3) camera-frame normals to use instead of inferring them.
+    normals: (H, W, 3) camera-frame normals to use instead of inferring them with the shipped network; or
+        anything else that `shadow.normals.load` takes.
     model: name of shipped weights, or the path of a checkpoint.
 
     Returns
@@ -54,14 +32,68 @@ def infer_albedo(rgb, mask, *, normals=None, model="albedo"):
 
     Raises
     ------
-    TypeError, ValueError: wrong shape or dtype, NaN or infinite values, an empty mask.
+    TypeError, ValueError: wrong shape or dtype, NaN or infinite values, an empty mask, a model that infers no
+    albedo.
     """
-    image = inputs.image("rgb", rgb)
-    matte = inputs.mask("mask", mask, image.shape[1:]).to(image.device)
-    network = load(model).to(image.device)
-    framing = Framing.around(matte, network.size)
-    framed, framed_mask = framing.crop(image), framing.crop(matte[None])[0]
-    surface = on_canvas(normals, framing, framed, framed_mask)
-    albedo = network.analyse(framed, framed_mask, surface)
+    framing, _, framed_mask, analysed = diffuse.analyse(rgb, mask, normals=normals, model=model)
+    return _like_image(_albedo(analysed, model), framing, framed_mask, rgb, mask)
+
+
+def infer_lighting(rgb, mask, *, normals=None, model="shading"):
+    """The light that the person was photographed in, and the albedo that goes with it.
+
+    Image = albedo × Σ weight × shading: with the inferred albedo and the shadings of a fixed set of lights,
+    the weights are a non-negative least-squares problem (Lawson and Hanson 1974), one for each colour.
+
+    Parameters
+    ----------
+    As `infer_albedo`.
+
+    Returns
+    -------
+    directions: (96, 3) float32 unit vectors, `shadow.directions.olat(behind=True)`.
+    weights: (96, 3) float32, >= 0: linear Rec.709 intensity of each of these lights.
+    albedo: (H, W, 3) float32 linear in [0, 1], as `infer_albedo` gives it, scaled so that the three of them
+        make up the image's exposure and white balance.
+
+    Raises
+    ------
+    As `infer_albedo`.
+    """
+    framing, framed, framed_mask, analysed = diffuse.analyse(rgb, mask, normals=normals, model=model)
+    directions = torch.from_numpy(olat(behind=True)).to(framed.device)
+    albedo = _albedo(analysed, model)
+    weights = solve_lighting(framed, albedo, analysed.shading(directions), framed_mask)
+    restored = _like_image(albedo, framing, framed_mask, rgb, mask)
+    return inputs.like(directions, rgb), inputs.like(weights, rgb), restored
+
+
+def solve_lighting(image, albedo, shading, mask):
+    """Non-negative weights (D, 3) with which the shadings (D, h, w) of D lights, times the albedo (3, h, w),
+    make the linear image (3, h, w) inside the mask (h, w), in the sense of least squares."""
+    step = max(1, mask.shape[0] // FIT_HEIGHT)
+    inside = F.avg_pool2d((mask > 0.5).float()[None], step)[0] > 0.5
+
+    def pixels(maps):
+        return F.avg_pool2d(maps, step)[:, inside].double().cpu().numpy()
+
+    weights = []
+    for colour, paint in zip(image, albedo, strict=True):
+        explained, observed = pixels(shading * paint).T, pixels(colour[None])[0]
+        ridge = SPREAD * np.sqrt((explained**2).sum(axis=0).mean())
+        system = np.concatenate([explained, ridge * np.eye(len(shading))])
+        weights.append(nnls(system, np.concatenate([observed, np.zeros(len(shading))]))[0])
+    return torch.from_numpy(np.stack(weights, axis=1)).to(image)
+
+
+def _albedo(analysed, model):
+    if analysed.albedo is None:
+        raise ValueError(f"model: {model!r} infers shading only, expected one that infers albedo as well")
+    return analysed.albedo
+
+
+def _like_image(albedo, framing, framed_mask, rgb, mask):
+    """Albedo (3, h, w) on the canvas as the caller's (H, W, 3)."""
+    matte = inputs.mask("mask", mask, framing.plate).to(albedo.device)
     restored = framing.restore(extend(albedo, framed_mask)).clamp(0, 1) * (matte > 0)
     return inputs.like(restored.permute(1, 2, 0), rgb)

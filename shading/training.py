@@ -1,15 +1,22 @@
 """Losses of the shading networks, for the shared fit loop."""
 
-from shading.albedo import AlbedoNetwork
-from shadow import pictures
-from shadow.backbone import ENCODING
-from shadow.training import Task
+import functools
 
-ABSOLUTE = 0.2  # weight of the error in overall colour and brightness
+import torch
+
+from shading.diffuse import PerLightShading, ShadingField, base
+from shadow import metrics, pictures
+from shadow.backbone import ENCODING, take_blocks
+from shadow.training import Task, random_blocks
+
+SOFT = 0.15  # shading error below which the loss is square: what is uncertain is shaded by its mean
+SHADING = 5.0  # weight of the error in the shading
+ABSOLUTE = 0.2  # weight of the error in the albedo's overall colour and brightness
+AGREEMENT = 0.5  # weight of the error in the photograph that albedo and shading make together
 
 
-def _encoded(albedo):
-    return albedo.clamp_min(1e-4) ** (1 / ENCODING)
+def _encoded(linear):
+    return linear.clamp_min(1e-4) ** (1 / ENCODING)
 
 
 def _aligned(estimate, truth, inside):
@@ -22,38 +29,134 @@ def _aligned(estimate, truth, inside):
     return estimate * (means[0] / means[1].clamp_min(1e-3)).detach().clamp(0.2, 5)
 
 
-def albedo_loss(network, batch):
-    """L1 of the aligned encoded albedo and of its gradients, which hold texture and refuse shadow edges; and
-    a little L1 of the albedo as it is."""
-    inside, truth = (batch["mask"] > 0.9).float(), _encoded(batch["albedo"])
-    estimate = network(batch["image"], batch["estimated_normals"])
+def true_shading(batch, take=lambda image: image):
+    """Path-traced shading (B, L, H, W) of the batch's directions, at most 1, where `take` takes it."""
+    normals, visibility, bounce = (take(batch[key]) for key in ("normals", "visibility", "bounce"))
+    indirect = torch.einsum("blk,bkhw->blhw", batch["bounce_patterns"], bounce).clamp_min(0)
+    return (base(normals, visibility, batch["directions"]) + indirect).clamp_max(1)
+
+
+def _shading_error(estimate, truth, inside):
+    """L1, square near zero. Below zero is right where the truth is zero: there the shading is held to 0."""
+    difference = torch.where((estimate < 0) & (truth < 1e-3), 0.0, estimate - truth)
+    error = (difference.square() + SOFT**2).sqrt() - SOFT
+    return (error * inside).sum() / (inside.sum() * error.shape[1]).clamp_min(1)
+
+
+def _albedo_error(estimate, truth, inside):
+    """L1 of the aligned encoded albedo and of its differences between neighbours, which hold texture and
+    refuse shadow edges; and a little L1 of the albedo as it is. Of 2 x 2 blocks (B, 3, 4, P)."""
     difference = (_aligned(estimate, truth, inside) - truth) * inside
-    across = (difference[..., 1:] - difference[..., :-1]) * inside[..., 1:] * inside[..., :-1]
-    down = (difference[..., 1:, :] - difference[..., :-1, :]) * inside[..., 1:, :] * inside[..., :-1, :]
-    absolute = ABSOLUTE * (estimate - truth) * inside
-    total = sum(error.abs().sum() for error in (difference, across, down, absolute))
+    top, bottom, left, right = (0, 1), (2, 3), (0, 2), (1, 3)
+    whole = inside.amin(dim=2, keepdim=True)
+    edges = [difference[:, :, a] - difference[:, :, b] for a, b in ((top, bottom), (left, right))]
+    total = difference.abs().sum() + ABSOLUTE * ((estimate - truth) * inside).abs().sum()
+    total = total + sum((edge * whole).abs().sum() for edge in edges)
     return total / (3 * inside.sum()).clamp_min(1)
 
 
-def _albedo_score(network, batch):
-    """L1 of the aligned encoded albedo, beside that of the photograph itself."""
-    inside, truth = (batch["mask"] > 0.9).float(), _encoded(batch["albedo"])
-    estimate = network(batch["image"], batch["estimated_normals"])
-    return {
-        name: float(((_aligned(image, truth, inside) - truth).abs() * inside).sum() / (3 * inside.sum()))
-        for name, image in (("l1", estimate), ("l1_photograph", batch["image"][:, :3]))
+def shading_loss(network, batch):
+    """Errors of shading and albedo, and of the photograph that they make under the lighting it was taken in:
+    what one takes for shadow the other must not take for paint."""
+    model = getattr(network, "module", network)
+    field, seen = batch["visibility_network"], batch["visibility_maps"]
+    with torch.no_grad():
+        anchors = model.anchors.expand(len(batch["rgb"]), -1, -1)
+        guides = field.log_visibility(seen.at(lambda image: image[..., ::2, ::2]), anchors).exp()
+    blocks = random_blocks(batch["mask"])
+    take = functools.partial(take_blocks, blocks=blocks)
+    maps = network(batch["image"], batch["estimated_normals"], guides, blocks)
+    inside = (take(batch["mask"]) > 0.5).float()
+    visible = field.log_visibility(seen.at(take), batch["directions"]).exp()
+    estimate = model.shading(maps, take(batch["estimated_normals"]), visible, batch["directions"])
+    shading, albedo = true_shading(batch, take), take(batch["albedo"])
+    photographs = [
+        _encoded(paint * torch.einsum("blhw,blc->bchw", light.clamp(0, 1), batch["weights"]))
+        for paint, light in (
+            (maps.albedo.clamp(0, 1.5) ** ENCODING, estimate),
+            (albedo, shading),
+        )
+    ]
+    agreement = ((_aligned(*photographs, inside) - photographs[1]) * inside).abs().sum()
+    return (
+        SHADING * _shading_error(estimate, shading, inside)
+        + _albedo_error(maps.albedo, _encoded(albedo), inside)
+        + AGREEMENT * agreement / (3 * inside.sum()).clamp_min(1)
+    )
+
+
+def _diffuse(network, batch):
+    """Diffuse of each photograph of the batch."""
+    field, maps = batch["visibility_network"], batch["visibility_maps"]
+    for i in range(len(batch["rgb"])):
+        mine = type(maps)(*(image[i : i + 1] for image in maps))
+        visibility = lambda lights, mine=mine: field.log_visibility(mine, lights[None])[0].exp()  # noqa: E731
+        yield (
+            network.analyse(batch["rgb"][i], batch["mask"][i, 0], batch["estimated_normals"][i], visibility),
+            visibility,
+        )
+
+
+def _shading_score(network, batch):
+    """RMSE of the shading beside that of the base image; L1 of the aligned encoded albedo beside that of the
+    photograph itself."""
+    inside, truth = batch["mask"] > 0.5, true_shading(batch)
+    analysed = list(_diffuse(network, batch))
+    shading = torch.stack(
+        [each.shading(lights) for (each, _), lights in zip(analysed, batch["directions"], strict=True)]
+    )
+    visible = torch.stack([v(lights) for (_, v), lights in zip(analysed, batch["directions"], strict=True)])
+    direct = base(batch["estimated_normals"], visible, batch["directions"])
+    scores = {
+        "rmse": float(metrics.rmse(shading, truth, inside).mean()),
+        "rmse_base": float(metrics.rmse(direct, truth, inside).mean()),
     }
+    paint, within = _encoded(batch["albedo"]), inside.float()
+    images = {"l1_photograph": batch["image"][:, :3]}
+    if analysed[0][0].albedo is not None:
+        images["l1"] = _encoded(torch.stack([each.albedo for each, _ in analysed]))
+    for name, image in images.items():
+        error = (_aligned(image, paint, within) - paint).abs() * within
+        scores[name] = float(error.sum() / (3 * within.sum()))
+    return scores
 
 
-def _albedo_show(network, batch):
-    estimate = network(batch["image"], batch["estimated_normals"]).clamp(0, 1)
-    for i in range(len(estimate)):
+def _shading_show(network, batch):
+    truth = true_shading(batch)
+    for i, (each, _) in enumerate(_diffuse(network, batch)):
         seen = batch["mask"][i] > 0.5
-        yield [
-            pictures.show_linear(batch["rgb"][i] * seen),
-            estimate[i] * seen,
-            pictures.show_linear(batch["albedo"][i] * seen),
-        ]
+        columns = [pictures.show_linear(batch["rgb"][i] * seen)]
+        if each.albedo is not None:
+            columns += [pictures.show_linear(image * seen) for image in (each.albedo, batch["albedo"][i])]
+        shading = each.shading(batch["directions"][i])
+        for light in range(0, len(shading), max(1, len(shading) // 3)):
+            for image in (shading, truth[i]):
+                columns.append(pictures.show_linear((image[light] * seen).expand(3, -1, -1)))
+        yield columns
 
 
-ALBEDO = Task("albedo", AlbedoNetwork, albedo_loss, _albedo_score, _albedo_show, 1, True)
+def shading_task(normals=True, visibility="inferred"):
+    """The one-pass residual field; with other arguments, the ablations of Table 6."""
+    config = {"normals": normals, "visibility": visibility}
+    return Task(
+        "shading", ShadingField, shading_loss, _shading_score, _shading_show, 40, True, config, {}, True
+    )
+
+
+def per_light_loss(network, batch):
+    """L1 of the linear shading (Sections 3 and 4.4)."""
+    field, seen = batch["visibility_network"], batch["visibility_maps"]
+    with torch.no_grad():
+        visible = field.log_visibility(seen, batch["directions"]).exp()
+    estimate = network(batch["image"], batch["estimated_normals"], visible, batch["directions"])
+    inside = (batch["mask"] > 0.5).float()
+    return _shading_error(estimate, true_shading(batch), inside)
+
+
+def per_light_task(latent="resb7"):
+    """The paper's network, one forward a light."""
+    recipe = {"batch": 2, "lights": 4, "learning_rate": 5e-4}
+    return Task(
+        "shading-per-light", PerLightShading, per_light_loss, _shading_score, _shading_show, 20, True,
+        {"latent": latent}, recipe, True,
+    )  # fmt: skip

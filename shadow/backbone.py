@@ -55,9 +55,10 @@ class Backbone(nn.Module):
         widths=(48, 96, 144, 192, 256),  # channels of each level, 1/2 to 1/32
         encoder=(1, 1, 2, 2, 3),  # residual blocks a level, on the way down
         decoder=(1, 1, 1, 1),  # residual blocks a level, on the way up
+        guides=0,  # channels of a second input, at half resolution
     ):
         super().__init__()
-        self.stem = nn.Conv2d(4 * in_channels, widths[0], 3, padding=1)
+        self.stem = nn.Conv2d(4 * in_channels + guides, widths[0], 3, padding=1)
         self.encoder = nn.ModuleList(
             nn.Sequential(*(Residual(c) for _ in range(n))) for c, n in zip(widths, encoder, strict=True)
         )
@@ -72,12 +73,14 @@ class Backbone(nn.Module):
         nn.init.zeros_(self.head.weight)  # every network starts at its base: see normals, field, albedo
         nn.init.zeros_(self.head.bias)
 
-    def forward(self, x, blocks=None):
-        """(B, in_channels, H, W) to (B, out_channels, H, W); H and W multiples of 32.
+    def forward(self, x, blocks=None, guides=None):
+        """(B, in_channels, H, W) and guides (B, guides, H/2, W/2), if any, to (B, out_channels, H, W); H and
+        W multiples of 32.
 
         With `blocks`, to what `take_blocks` takes of it, (B, out_channels, 4, P), and at less cost.
         """
-        x = self.stem(F.pixel_unshuffle(x, 2))
+        x = F.pixel_unshuffle(x, 2)
+        x = self.stem(x if guides is None else torch.cat([x, guides], dim=1))
         skips = []
         for residuals, down in zip(self.encoder, self.down, strict=False):
             x = residuals(x)

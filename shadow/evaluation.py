@@ -1,17 +1,20 @@
-"""Scores of the visibility and normals networks on records, as Section 4.1 measures them."""
+"""Scores of the visibility and normals networks on records, as Section 4 measures them."""
 
-from dataclasses import dataclass
-from statistics import mean, stdev
+from dataclasses import dataclass, field, replace
+from pathlib import Path
 
 import numpy as np
+import OpenImageIO as oiio
 import torch
 from rich.progress import track
 
 from shadow import metrics, normals, visibility
+from shadow.backbone import ENCODING, EXPOSURE
 from shadow.framing import canvas_size
 from shadow.records import Records, photograph, sample
 
 FRONTAL = 1e-6  # the paper's 64 lights are those before the subject: z > 0
+TRUE, ESTIMATED = "sign(N·L), true normals", "sign(N·L), estimated normals"
 
 
 @dataclass(frozen=True)
@@ -19,23 +22,98 @@ class Score:
     """Mean and standard deviation over the maps, as the paper prints them."""
 
     rmse: tuple[float, float]
-    psnr: float
     dice: tuple[float, float]
 
+    @property
+    def psnr(self):
+        """Of the mean RMSE, in dB (Section 4.1)."""
+        return float(metrics.psnr(torch.tensor(self.rmse[0])))
 
-def _score(errors, dices):
-    rmse = mean(errors)
-    psnr = float(metrics.psnr(torch.tensor(rmse)))
-    return Score((rmse, stdev(errors)), psnr, (mean(dices), stdev(dices)))
+
+@dataclass(frozen=True)
+class View:
+    """A record photographed under one random lighting and framed on a canvas, with the truth of its frontal
+    lights."""
+
+    rgb: torch.Tensor  # (3, h, w) linear photograph
+    scene: torch.Tensor  # (3, h, w) the same before it met a camera
+    mask: torch.Tensor  # (h, w)
+    normals: torch.Tensor  # (3, h, w) true
+    lights: torch.Tensor  # (D, 3)
+    visibility: torch.Tensor  # (D, h, w) 0 or 1
+
+    @classmethod
+    def of(cls, record, seed, height):
+        """The view of `record` on a canvas of `height` pixels; `seed` decides its lighting and camera."""
+        rng = np.random.default_rng(seed)
+        drawn = sample(record, rng, canvas_size(height), augment=False)
+        frontal = drawn["directions"][:, 2] > FRONTAL
+        lit = (drawn["visibility"][frontal] > 0.5).float()
+        rgb = photograph(drawn["rgb"], drawn["mask"], rng)
+        place = torch.device("cuda" if torch.cuda.is_available() else "cpu")
+        tensors = (rgb, drawn["rgb"], drawn["mask"][0], drawn["normals"], drawn["directions"][frontal], lit)
+        return cls(*(tensor.to(place) for tensor in tensors))
+
+    def sign(self, surface):
+        """The baseline of Section 4.1 from normals (3, h, w): (D, h, w) bool."""
+        return torch.einsum("dc,chw->dhw", self.lights, surface) > 0
 
 
-@torch.no_grad()
+@dataclass(frozen=True)
+class Tally:
+    """RMSE and Dice of one map after the other. A map is one light of one record."""
+
+    rmse: list[float] = field(default_factory=list)
+    dice: list[float] = field(default_factory=list)
+    lights: list[list[float]] = field(default_factory=list)
+
+    def add(self, binary, view, chosen=slice(None)):
+        """Score binary maps (D, h, w) against the view's, all or the `chosen` lights'."""
+        estimate, truth, inside = binary[chosen].float(), view.visibility[chosen], view.mask > 0.5
+        self.rmse.extend(metrics.rmse(estimate, truth, inside).tolist())
+        self.dice.extend(metrics.dice(estimate, truth, inside).tolist())
+        self.lights.extend(view.lights[chosen].tolist())
+
+    def score(self):
+        """The Score of all maps."""
+        return Score(*((float(np.mean(x)), float(np.std(x))) for x in (self.rmse, self.dice)))
+
+    def by_light(self):
+        """Directions (D, 3), and mean and standard deviation (D,) of the RMSE of each (Figure 2)."""
+        lights, index = np.unique(np.round(self.lights, 4), axis=0, return_inverse=True)
+        groups = [np.array(self.rmse)[index.ravel() == i] for i in range(len(lights))]
+        return lights, np.array([g.mean() for g in groups]), np.array([g.std() for g in groups])
+
+
+def compare(records, networks, surface, *, seed=0, limit=None):
+    """Tally every network of `networks` {name: network} on records, and both sign(N·L) baselines.
+
+    Every record is photographed once under a random lighting fixed by `seed`, framed on each network's
+    canvas, and asked for all its frontal lights; maps are binary, metrics masked. The baselines are on the
+    canvas of the first network. `surface` is the normals network.
+
+    Returns {name: Tally} and the mean angular error of the estimated normals in degrees.
+    """
+    tallies = {name: Tally() for name in (*networks, ESTIMATED, TRUE)}
+    first, angles = next(iter(networks.values())), []
+    for index in track(records.spread(limit or len(records)), "evaluating"):
+        record, views = records[index], {}
+        for name, network in networks.items():
+            if network.size not in views:
+                view = View.of(record, (seed, index), network.size)
+                views[network.size] = view, surface.to(view.rgb.device).analyse(view.rgb, view.mask)
+            view, estimated = views[network.size]
+            network.to(view.rgb.device)
+            tallies[name].add(network.analyse(view.rgb, view.mask, estimated)(view.lights) > 0.5, view)
+        view, estimated = views[first.size]
+        tallies[ESTIMATED].add(view.sign(estimated), view)
+        tallies[TRUE].add(view.sign(view.normals), view)
+        angles.append(float(metrics.angular_error(estimated, view.normals, view.mask > 0.5)))
+    return tallies, float(np.mean(angles))
+
+
 def evaluate(paths, *, model="field", normals_model="normals", seed=0, limit=None):
-    """Score visibility on records against sign(N·L) from estimated and from true normals (Table 2).
-
-    Every record is photographed once under a random lighting fixed by `seed`, framed on the network's
-    canvas, and asked for all its frontal lights; maps are binary, metrics masked. A map is one light of one
-    record, and the means and deviations are over maps.
+    """Score visibility on records against sign(N·L) from estimated and from true normals, see `compare`.
 
     Parameters
     ----------
@@ -49,26 +127,8 @@ def evaluate(paths, *, model="field", normals_model="normals", seed=0, limit=Non
     angular error of the normals in degrees.
     """
     network, surface = visibility.load(model), normals.load(normals_model)
-    found = Records(paths)
-    errors, dices, angles = {}, {}, []
-    for index in track(found.spread(limit or len(found)), "evaluating"):
-        rng = np.random.default_rng((seed, index))
-        view = sample(found[index], rng, canvas_size(network.size), augment=False)
-        rgb, mask = photograph(view["rgb"], view["mask"], rng), view["mask"][0]
-        inside = mask > 0.5
-        frontal = view["directions"][:, 2] > FRONTAL
-        lights, truth = view["directions"][frontal], (view["visibility"][frontal] > 0.5).float()
-        estimated = surface.analyse(rgb, mask)
-        angles.append(float(metrics.angular_error(estimated, view["normals"], inside)))
-        maps = {
-            "field": network.analyse(rgb, mask, estimated)(lights) > 0.5,
-            "sign(N·L), estimated normals": torch.einsum("dc,chw->dhw", lights, estimated) > 0,
-            "sign(N·L), true normals": torch.einsum("dc,chw->dhw", lights, view["normals"]) > 0,
-        }
-        for name, binary in maps.items():
-            errors.setdefault(name, []).extend(metrics.rmse(binary.float(), truth, inside).tolist())
-            dices.setdefault(name, []).extend(metrics.dice(binary.float(), truth, inside).tolist())
-    return {name: _score(errors[name], dices[name]) for name in errors}, mean(angles)
+    tallies, angle = compare(Records(paths), {"field": network}, surface, seed=seed, limit=limit)
+    return {name: tally.score() for name, tally in tallies.items()}, angle
 
 
 def report(scores, angle):
@@ -80,3 +140,95 @@ def report(scores, angle):
             f"| {name} | {rmse:.3f} ({rmse_sd:.3f}) | {score.psnr:.2f} | {dice:.3f} ({dice_sd:.3f}) |"
         )
     return "\n".join([*rows, "", f"Estimated normals: mean angular error {angle:.1f} degrees."])
+
+
+def intensity_sweep(records, network, surface, levels, *, seed=0, limit=None):
+    """Figure 4: (ours, baseline), Tallies of the network and of sign(N·L), for each intensity of the input.
+
+    At level 1 the mean inside the mask is that of a normal exposure, 0.2 of white. A camera stands between:
+    8 bits, display-encoded, clipped at white. Normals are estimated anew from what it delivers.
+    """
+    tallies = [(Tally(), Tally()) for _ in levels]
+    for index in track(records.spread(limit or len(records)), "intensities"):
+        view = View.of(records[index], (seed, index), network.size)
+        device = view.rgb.device
+        exposed = view.scene * (EXPOSURE * view.mask.sum() * 3 / (view.scene * view.mask).sum())
+        for level, (ours, baseline) in zip(levels, tallies, strict=True):
+            encoded = (level * exposed).clamp(0, 1) ** (1 / ENCODING)
+            rgb = ((encoded * 255).round() / 255) ** ENCODING
+            estimated = surface.to(device).analyse(rgb, view.mask)
+            ours.add(network.to(device).analyse(rgb, view.mask, estimated)(view.lights) > 0.5, view)
+            baseline.add(view.sign(estimated), view)
+    return tallies
+
+
+def against_soft_maps(records, folder, network, surface, *, seed=0, limit=None):
+    """Table 5: soft visibility maps of another method, made binary by Otsu's threshold, scored beside ours.
+
+    A map is a file of `folder` named <record>_<light>: the record's file name, and the number of the light in
+    its direction set (`shadow.directions.olat`) with two digits, as in body-000007-02_13.png; .npy (H, W) or
+    an image whose first channel counts; as large as the record, brighter where lit, on any scale.
+
+    Returns {figure: (theirs, ours)}, Tallies of the frontal lights that there are files for. ValueError if
+    there are none, or one has another size.
+    """
+    found, tallies = _soft_maps(folder), {}
+    for index in track(records.spread(limit or len(records)), "soft maps"):
+        file, member = records.entries[index]
+        name = Path(member or file).stem
+        record = records[index]
+        bits, known = np.zeros_like(record.visibility), np.zeros(len(record.directions), bool)
+        for light in found.get(name, {}):
+            path = found[name][light]
+            if light >= len(known):
+                raise ValueError(f"soft: {path}: the record has {len(known)} lights, counted from 0")
+            grey = _grey(path)
+            if grey.shape != record.mask.shape:
+                raise ValueError(f"soft: {path}: expected size {record.mask.shape}, got {grey.shape}")
+            bits[:, light], known[light] = _binary(grey[record.mask]), True
+        chosen = torch.from_numpy(known[record.directions[:, 2] > FRONTAL])
+        if not chosen.any():
+            continue
+        # Framed as a record, theirs is resampled just as the truth is.
+        packed = np.packbits(bits, axis=1)
+        view = View.of(record, (seed, index), network.size)
+        other = View.of(replace(record, visibility_bits=packed), (seed, index), network.size)
+        theirs, ours = tallies.setdefault(record.about.get("figure", name), (Tally(), Tally()))
+        theirs.add(other.visibility, view, chosen)
+        device = view.rgb.device
+        estimated = surface.to(device).analyse(view.rgb, view.mask)
+        ours.add(network.to(device).analyse(view.rgb, view.mask, estimated)(view.lights) > 0.5, view, chosen)
+    if not tallies:
+        raise ValueError(f"soft: expected maps of these records in {folder}, such as {name}_07.png")
+    return tallies
+
+
+def _soft_maps(folder):
+    """{record: {light: path}} of the files in a folder."""
+    found = {}
+    for path in sorted(Path(folder).iterdir()):
+        record, _, light = path.stem.rpartition("_")
+        if record and light.isdigit():
+            found.setdefault(record, {})[int(light)] = path
+    return found
+
+
+def _binary(grey):
+    """Lit or not, by Otsu's threshold; all alike are lit, unless they are zero."""
+    return grey > (0 if grey.min() == grey.max() else metrics.otsu(torch.from_numpy(grey)))
+
+
+def _grey(path):
+    """(H, W) float32 of a .npy file or an image's first channel."""
+    if path.suffix == ".npy":
+        grey = np.load(path, allow_pickle=False).astype(np.float32)
+        if grey.ndim != 2:
+            raise ValueError(f"soft: {path}: expected an array (H, W), got shape {grey.shape}")
+    else:
+        image = oiio.ImageBuf(str(path))
+        if image.has_error:
+            raise ValueError(f"soft: {path} is not an image: {image.geterror()}")
+        grey = np.ascontiguousarray(image.get_pixels("float")[..., 0])
+    if not np.isfinite(grey).all():
+        raise ValueError(f"soft: {path} contains NaN or infinite values")
+    return grey

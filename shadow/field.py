@@ -33,6 +33,10 @@ class FieldMaps(NamedTuple):
     normals: torch.Tensor  # (B, 3, H, W) unit normals that gate the attached shadow
     sharpness: torch.Tensor  # (B, 1, H, W) slope of the gate: low where the normals are uncertain
 
+    def at(self, take):
+        """The maps where `take` takes them from (B, C, H, W)."""
+        return FieldMaps(*(take(image) for image in self))
+
 
 class VisibilityField(nn.Module):
     def __init__(self, size=256, **backbone):

@@ -5,6 +5,11 @@ masked pixels only (Section 4.1).
 """
 
 import torch
+from kornia.metrics import ssim as ssim_map
+
+from shadow.framing import bounding_box
+
+WINDOW = 11  # pixels of SSIM's Gaussian window, sigma 1.5
 
 
 def _masked_mean(values, mask):
@@ -34,3 +39,31 @@ def angular_error(estimate, truth, mask):
     sine = torch.linalg.cross(estimate, truth, dim=-3).norm(dim=-3)
     cosine = (estimate * truth).sum(dim=-3)
     return torch.rad2deg(_masked_mean(torch.atan2(sine, cosine), mask))  # atan2 is exact near 0, acos is not
+
+
+def ssim(estimate, truth, mask):
+    """Structural similarity in the mask's bounding box (Section 4.4), higher is better: the mean over the
+    windows that lie in it (Wang et al. 2004: 11 x 11 Gaussian windows, sigma 1.5; values range over 1).
+
+    estimate, truth: (..., H, W). mask: (H, W). ValueError if the box is smaller than a window.
+    """
+    top, left, bottom, right = bounding_box(mask)
+    if min(bottom - top, right - left) < WINDOW:
+        raise ValueError(f"mask: its bounding box is smaller than {WINDOW} x {WINDOW} pixels, SSIM's window")
+    size = (bottom - top, right - left)
+    boxes = (image[..., top:bottom, left:right].reshape(-1, 1, *size) for image in (estimate, truth))
+    return ssim_map(*boxes, WINDOW, padding="valid").mean(dim=(1, 2, 3)).view(estimate.shape[:-2])
+
+
+def otsu(values):
+    """Otsu's threshold of grey values of any shape, from a histogram of 256 bins: the one with the largest
+    variance between the classes `<=` and `>` it (Section 4.3). Of constant values, that value."""
+    low, high = float(values.min()), float(values.max())
+    if low == high:
+        return low
+    counts = torch.histc(values.float(), 256, low, high).double()
+    centres = low + (torch.arange(256, dtype=torch.float64) + 0.5) * (high - low) / 256
+    below, total = counts.cumsum(0), (counts * centres).cumsum(0)
+    above = below[-1] - below
+    difference = total / below - (total[-1] - total) / above.clamp_min(1)
+    return float(centres[(below * above * difference.square())[:-1].argmax()])

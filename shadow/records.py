@@ -1,8 +1,9 @@
 """Training records: one rendered view each, and the random photographs made from them.
 
-A record holds what the virtual light stage saw inside the mask: normals, albedo, and one visibility bit for
-each direction of its set. Photographs are lit from it anew each time it is drawn (Section 3, "Data
-Generation"). On disk a record is one compressed .npz file; a shard is a zip archive of such files.
+A record holds what the virtual light stage saw inside the mask: normals, albedo, one visibility bit for
+each direction of its set and, if it was asked to, the light that bounced there. Photographs are lit from it
+anew each time it is drawn (Section 3, "Data Generation"). On disk a record is one compressed .npz file; a
+shard is a zip archive of such files.
 """
 
 import io
@@ -19,6 +20,8 @@ import torch.nn.functional as F
 from shadow.framing import Framing, affine_sample, bounding_box
 
 SHARD_BYTES = 60 * 2**20
+BOUNCE_RANK = 8  # patterns of bounce light over the lights of a view: they keep 96 % of it
+LUMINANCE = np.float32([0.2126, 0.7152, 0.0722])  # of linear Rec.709 (ITU-R BT.709)
 ENCODING = 2.2  # albedo is stored as 8 bits of albedo ** (1 / 2.2), finer in dark cloth
 
 
@@ -36,11 +39,13 @@ class Record:
     visibility_bits: np.ndarray  # (N, ceil(D / 8)) uint8, packed along the directions
     directions: np.ndarray  # (D, 3) float32 unit vectors, camera frame
     about: dict = field(default_factory=dict)  # figure, split, view: whatever JSON holds
+    bounce_float16: np.ndarray | None = None  # (N, K) and
+    bounce_patterns: np.ndarray | None = None  # (K, D, 3): their product is the bounce light, or neither is
 
     @classmethod
-    def of(cls, mask, normals, albedo, visibility, directions, about=None):
+    def of(cls, mask, normals, albedo, visibility, directions, about=None, bounce=None):
         """From floats inside the mask: normals (N, 3) unit, albedo (N, 3) linear in [0, 1], visibility
-        (N, D) bool."""
+        (N, D) bool, bounce light in factors (N, K) and (K, D, 3)."""
         return cls(
             mask.astype(bool),
             np.round(normals * 127).astype(np.int8),
@@ -48,6 +53,7 @@ class Record:
             np.packbits(visibility.astype(bool), axis=1),
             directions.astype(np.float32),
             about or {},
+            *(() if bounce is None else (bounce[0].astype(np.float16), bounce[1].astype(np.float32))),
         )
 
     @property
@@ -65,6 +71,16 @@ class Record:
     def visibility(self):
         """(N, D) uint8, 1 = lit."""
         return np.unpackbits(self.visibility_bits, axis=1, count=len(self.directions))
+
+    @property
+    def bounce(self):
+        """Bounce light in factors, (N, K) and (K, D, 3) float32: zero if none was traced."""
+        if self.bounce_float16 is None:
+            return (
+                np.zeros((len(self.normals_int8), BOUNCE_RANK), np.float32),
+                np.zeros((BOUNCE_RANK, len(self.directions), 3), np.float32),
+            )
+        return self.bounce_float16.astype(np.float32), self.bounce_patterns
 
     def image(self, values):
         """Values inside the mask (N, C) as an image (C, H, W) float32, zero outside."""
@@ -90,11 +106,13 @@ class Record:
             normals_int8=self.normals_int8[kept],
             albedo_uint8=self.albedo_uint8[kept],
             visibility_bits=self.visibility_bits[kept],
+            bounce_float16=None if self.bounce_float16 is None else self.bounce_float16[kept],
         )
 
 
 def to_bytes(record):
     stream = io.BytesIO()
+    bounce = {"bounce": record.bounce_float16, "bounce_patterns": record.bounce_patterns}
     np.savez_compressed(
         stream,
         size=np.array(record.mask.shape),
@@ -104,6 +122,7 @@ def to_bytes(record):
         visibility=record.visibility_bits,
         directions=record.directions,
         about=np.frombuffer(json.dumps(record.about).encode(), np.uint8),
+        **({} if record.bounce_float16 is None else bounce),
     )
     return stream.getvalue()
 
@@ -120,6 +139,8 @@ def from_bytes(data, name="record"):
                 arrays["visibility"],
                 arrays["directions"],
                 json.loads(arrays["about"].tobytes()),
+                arrays.get("bounce"),
+                arrays.get("bounce_patterns"),
             )
     except (ValueError, KeyError, OSError, EOFError, zipfile.BadZipFile) as error:
         raise ValueError(f"records: {name} is damaged or not a record: {error}") from error
@@ -221,7 +242,8 @@ def random_lighting(rng, directions):
 
 
 def light(record, weights, gloss=0.0, shininess=20.0):
-    """The record photographed under `weights` (D, 3): linear colour (N, 3), direct light only (Section 3).
+    """The record photographed under `weights` (D, 3): linear colour (N, 3), by direct light (Section 3) and,
+    if that was traced, by what bounces of it.
 
     `gloss` adds a Blinn-Phong highlight, seen from the camera axis, that the albedo does not explain.
     """
@@ -230,7 +252,9 @@ def light(record, weights, gloss=0.0, shininess=20.0):
     lights, power = torch.from_numpy(record.directions), torch.from_numpy(weights)
     shining = power.any(dim=1)
     shading = (normals @ lights[shining].T).clamp_min_(0).mul_(visibility[:, shining])
-    colour = torch.from_numpy(record.albedo) * (shading @ power[shining])
+    strength, patterns = map(torch.from_numpy, record.bounce)
+    bounced = (strength @ torch.einsum("kdc,dc->kc", patterns, power)).clamp_min_(0)
+    colour = torch.from_numpy(record.albedo) * (shading @ power[shining] + bounced)
     if gloss > 0:
         bright = power.sum(dim=1) > 0.1
         half = F.normalize(lights[bright] + torch.tensor([0.0, 0.0, 1.0]), dim=1)
@@ -261,26 +285,34 @@ class Sample(dict):
     """Tensors of one training example, all in the canvas and its (possibly turned) camera frame.
 
     rgb (3, h, w) linear photograph; mask (1, h, w); normals (3, h, w) unit; albedo (3, h, w) linear;
-    directions (L, 3); visibility (L, h, w) in [0, 1]. Normals, albedo, visibility hold inside the mask.
+    directions (L, 3); visibility (L, h, w) in [0, 1]; weights (L, 3), what each direction shone with in the
+    photograph. Bounce light, in Rec.709 luminance, is bounce_patterns (L, K) times bounce (K, h, w). What is
+    not the photograph's holds inside the mask.
     """
 
 
 def sample(record, rng, size, lights=None, augment=True):
     """A random photograph of the record, with its truth, framed on a canvas of `size` (h, w).
 
-    `lights` directions are drawn from the record's set (all of them, in order, if None). With `augment` the
+    `lights` directions are drawn from the record's set (all of them, in order, if None), those that light the
+    photograph among them if there is room. With `augment` the
     picture is flipped, turned in the image plane, scaled and moved, and normals and directions turn with it.
     """
     record = record.cropped(size[0])
     count = len(record.directions)
-    chosen = np.arange(count) if lights is None else np.sort(rng.choice(count, lights, replace=False))
     weights = random_lighting(rng, record.directions)
+    chosen, shining = rng.permutation(count), weights.any(axis=1)
+    if lights is not None and shining.sum() <= lights:
+        chosen = chosen[np.argsort(~shining[chosen], kind="stable")]
+    chosen = np.sort(chosen[:lights])
     gloss = rng.choice([0.0, rng.uniform(0.02, 0.2)], p=[0.7, 0.3])
+    bounce, patterns = record.bounce
     values = [
         np.ones((record.mask.sum(), 1), np.float32),
         light(record, weights, gloss, np.exp(rng.uniform(2, 4))),
         record.normals,
         record.albedo,
+        bounce,
         record.visibility[:, chosen],
     ]
     framing = Framing.around(torch.from_numpy(record.mask), size[0])
@@ -304,7 +336,7 @@ def sample(record, rng, size, lights=None, augment=True):
     planes = affine_sample(record.image(np.concatenate(values, axis=1)), matrix, size)
     mask = planes[:1]
     straight = planes[1:] / mask.clamp_min(0.02)  # bilinear sampling premultiplied by the mask
-    rgb, normals, albedo, visibility = straight.split([3, 3, 3, len(chosen)])
+    rgb, normals, albedo, bounce, visibility = straight.split([3, 3, 3, bounce.shape[1], len(chosen)])
     frame = torch.eye(3)
     frame[:2, :2] = torch.from_numpy(turn)
     turned = torch.einsum("ij,jhw->ihw", frame, normals)
@@ -315,4 +347,7 @@ def sample(record, rng, size, lights=None, augment=True):
         albedo=albedo.clamp(0, 1),
         directions=torch.from_numpy(record.directions[chosen]) @ frame.T,
         visibility=visibility.clamp(0, 1),
+        weights=torch.from_numpy(weights[chosen]),
+        bounce=bounce,
+        bounce_patterns=torch.from_numpy(patterns[:, chosen] @ LUMINANCE).T.contiguous(),
     )

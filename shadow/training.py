@@ -1,4 +1,4 @@
-"""The fit loop, shared by every network of the project, and the losses of the normals and the field.
+"""The fit loop, shared by every network of the project, and the losses of normals and visibility.
 
 On one machine: `relight train ...`. On several GPUs: `torchrun --nproc-per-node 4 -m relight.cli train ...`;
 the mini-batch is then per GPU.
@@ -9,8 +9,9 @@ import math
 import os
 import time
 from collections.abc import Callable
-from dataclasses import asdict, dataclass
+from dataclasses import asdict, dataclass, field
 from pathlib import Path
+from typing import NamedTuple
 
 import numpy as np
 import torch
@@ -26,9 +27,11 @@ from shadow.field import VisibilityField
 from shadow.framing import canvas_size
 from shadow.normals import NormalsNetwork
 from shadow.records import Records, sample
+from shadow.unet import PerLight
 
 VALIDATION_SAMPLES = 32
 BLOCKS = 1024  # of 2 x 2 pixels of a photograph, that the visibility loss looks at
+TRUE_NORMALS = "true"  # instead of a normals network: the records' own (the "mixed" row of Table 3)
 LOG_EVERY = 50  # steps; a checkpoint that is due waits for the next
 
 
@@ -43,6 +46,9 @@ class Task:
     show: Callable  # (network, batch) -> rows of pictures
     lights: int  # directions a sample carries; 1 where the network looks at none
     needs_normals: bool  # batch["estimated_normals"] from a trained normals network
+    config: dict = field(default_factory=dict)  # what the network is built with, beside its size
+    recipe: dict = field(default_factory=dict)  # what it needs other than Recipe says
+    needs_visibility: bool = False  # batch["visibility_network"], a trained field, and its "visibility_maps"
 
 
 @dataclass(frozen=True)
@@ -52,12 +58,53 @@ class Recipe:
     steps: int
     size: int = 256  # canvas height in pixels
     batch: int = 8
+    lights: int | None = None  # directions a photograph is asked for; the task's own number if None
     learning_rate: float = 1e-3
     warm_up: int = 200  # steps
+    cosine: bool = True  # the rate falls to zero as half a cosine; else it stays
+    betas: tuple[float, float] = (0.9, 0.98)  # of AdamW, which without weight decay is Adam
     weight_decay: float = 0.02
-    clip: float = 1.0  # norm of the gradient
-    average: float = 0.999  # decay of the exponential moving average
+    clip: float | None = 1.0  # norm of the gradient
+    average: float = 0.999  # decay of the exponential moving average; 0 keeps the last weights
+    bfloat16: bool = True  # activations; parameters are float32 either way
     seed: int = 0
+
+
+# Section 3, "Training and Implementation Details".
+PAPER_EPOCHS = 31
+PAPER = {
+    "size": 512,
+    "batch": 1,
+    "lights": 1,
+    "learning_rate": 5e-6,
+    "warm_up": 0,
+    "cosine": False,
+    "betas": (0.9, 0.999),
+    "weight_decay": 0.0,
+    "clip": None,
+    "average": 0.0,
+    "bfloat16": False,
+}
+
+
+def preset(name, task, records, **changes):
+    """The Recipe of a preset for a task, with `changes` (those that are None change nothing).
+
+    "paper" is Section 3's: Adam at a constant 5e-6, one map a step, float32, and 31 epochs over the maps of
+    `records` (paths; as many maps each as the first has) unless `steps` says otherwise. "fast" is ours: AdamW
+    at a far higher rate that warms up and falls, bfloat16, and several lights of several photographs in a
+    step; its `steps` must be given.
+    """
+    if name not in ("paper", "fast"):
+        raise ValueError(f"preset: expected paper or fast, got {name!r}")
+    chosen = PAPER if name == "paper" else task.recipe
+    chosen = chosen | {key: value for key, value in changes.items() if value is not None}
+    if "steps" not in chosen:
+        if name == "fast":
+            raise ValueError("steps: expected a number, since preset 'fast' has none of its own")
+        source = Records(records)
+        chosen["steps"] = PAPER_EPOCHS * len(source) * len(source[0].directions) // chosen["batch"]
+    return Recipe(**chosen)
 
 
 class _Photographs(Dataset):
@@ -80,8 +127,10 @@ class _Photographs(Dataset):
 
 
 def learning_rate(recipe, step):
-    """Linear warm-up, then half a cosine to zero."""
-    rise = min(1.0, (step + 1) / recipe.warm_up)
+    """Linear warm-up, then half a cosine to zero, or constant."""
+    rise = min(1.0, (step + 1) / max(1, recipe.warm_up))
+    if not recipe.cosine:
+        return recipe.learning_rate * rise
     return recipe.learning_rate * rise * 0.5 * (1 + math.cos(math.pi * min(1.0, step / recipe.steps)))
 
 
@@ -90,8 +139,10 @@ def warm_start(network, path):
 
     Input channels that the other network lacks start at zero, so the features start as they were.
     """
-    state, _ = weights.read(path)
+    state, metadata = weights.read(path)
     own = network.state_dict()
+    if not any(key.startswith("backbone.") for key in own):
+        raise ValueError(f"init: {path} is a {metadata.get('network')!r} network, of another architecture")
     for key, value in state.items():
         if not key.startswith("backbone.") or key.startswith("backbone.head."):
             continue
@@ -108,10 +159,13 @@ def warm_start(network, path):
 def _load_start(network, path, kind):
     """Weights to start from: all of the same kind of network, or the backbone of another."""
     state, metadata = weights.read(path)
-    if metadata.get("network") == kind:
-        network.load_state_dict({key: value.float() for key, value in state.items()})
-    else:
+    if metadata.get("network") != kind:
         warm_start(network, path)
+        return
+    try:
+        network.load_state_dict({key: value.float() for key, value in state.items()})
+    except RuntimeError as error:
+        raise ValueError(f"init: {path} has another architecture: {error}") from error
 
 
 class _State:
@@ -120,7 +174,7 @@ class _State:
     def __init__(self, task, recipe, out, device, init):
         torch.manual_seed(recipe.seed)
         self.task, self.recipe, self.out, self.device = task, recipe, out, device
-        self.config = {"size": recipe.size}
+        self.config = {"size": recipe.size, **task.config}
         network = task.network(**self.config)
         if init:
             _load_start(network, init, task.kind)
@@ -132,7 +186,7 @@ class _State:
                 {"params": matrices, "weight_decay": recipe.weight_decay},
                 {"params": vectors, "weight_decay": 0},
             ],
-            betas=(0.9, 0.98),
+            betas=recipe.betas,
         )
         self.average = {key: value.detach().clone() for key, value in network.state_dict().items()}
         self.step, self.seconds = 0, 0.0
@@ -149,7 +203,8 @@ class _State:
             group["lr"] = learning_rate(self.recipe, self.step)
         self.optimiser.zero_grad(set_to_none=True)
         loss.backward()
-        nn.utils.clip_grad_norm_(self.network.parameters(), self.recipe.clip)
+        if self.recipe.clip is not None:
+            nn.utils.clip_grad_norm_(self.network.parameters(), self.recipe.clip)
         self.optimiser.step()
         # A young average forgets faster.
         decay = min(self.recipe.average, (1 + self.step) / (10 + self.step))
@@ -176,12 +231,34 @@ class _State:
         weights.save(path, self.averaged(), self.task.kind, self.config, recipe)
 
 
-def _prepare(batch, device, estimator):
+class _Auxiliary(NamedTuple):
+    """Trained networks that a task takes its input from, or None."""
+
+    normals: Callable | None  # of a batch
+    visibility: VisibilityField | None
+
+
+def _auxiliary(task, normals_name, visibility_name, device):
+    surface = field = None
+    if task.needs_normals and normals_name == TRUE_NORMALS:
+        surface = lambda batch: batch["normals"]  # noqa: E731
+    elif task.needs_normals:
+        network = normals.load(normals_name).to(device)
+        surface = lambda batch: network(batch["image"])  # noqa: E731
+    if task.needs_visibility:
+        field = weights.load(visibility_name, {"field": VisibilityField}, package="shadow").to(device)
+    return _Auxiliary(surface, field)
+
+
+def _prepare(batch, device, auxiliary):
     batch = {key: value.to(device, non_blocking=True) for key, value in batch.items()}
     batch["image"] = encode_image(batch["rgb"], batch["mask"]).contiguous(memory_format=torch.channels_last)
-    if estimator is not None:
-        with torch.no_grad():
-            batch["estimated_normals"] = estimator(batch["image"]) * (batch["mask"] > 0)
+    with torch.no_grad():
+        if auxiliary.normals is not None:
+            batch["estimated_normals"] = auxiliary.normals(batch) * (batch["mask"] > 0)
+        if auxiliary.visibility is not None:
+            batch["visibility_network"] = auxiliary.visibility
+            batch["visibility_maps"] = auxiliary.visibility(batch["image"], batch["estimated_normals"])
     return batch
 
 
@@ -194,6 +271,7 @@ def fit(
     validation=None,
     init=None,
     estimator="normals",
+    visibility="field",
     workers=None,
     checkpoint_minutes=5.0,
 ):
@@ -206,8 +284,10 @@ def fit(
     out: folder for checkpoint.pt, log.jsonl, samples-*.png and <kind>.safetensors (the averaged weights).
     validation: paths of records to score on at every checkpoint; never trained on.
     init: .safetensors to start from: of the same kind, or of another network with the same backbone.
-    estimator: the normals network (name or path) where the task takes estimated normals as input. The
-        weights record which, since training and testing on different normals costs accuracy (Table 3).
+    estimator: the normals network (name or path) where the task takes estimated normals as input, or "true"
+        for those of the records. The weights record which, since training and testing on different normals
+        costs accuracy (Table 3).
+    visibility: the visibility field (name or path) where the task takes its maps as input, recorded likewise.
     workers: processes that make photographs; default 1 on a CPU, 12 on a GPU.
     checkpoint_minutes: between checkpoints; one that is due waits for the next log line.
 
@@ -225,13 +305,18 @@ def fit(
     out.mkdir(parents=True, exist_ok=True)
     state = _State(task, recipe, out, device, init)
     model = nn.parallel.DistributedDataParallel(state.network) if world > 1 else state.network
-    estimate = normals.load(estimator).to(device) if task.needs_normals else None
+    auxiliary = _auxiliary(task, estimator, visibility, device)
     facts = {"init": Path(init).stem} if init else {}
     if task.needs_normals:
         facts["normals"] = Path(estimator).stem
+        if estimator != TRUE_NORMALS:
+            facts["normals_sha256"] = normals.load(estimator).origin.sha256
+    if task.needs_visibility:
+        facts["visibility"] = Path(visibility).stem
     done, left = state.step * recipe.batch, (recipe.steps - state.step) * recipe.batch
     # Each process draws its own photographs: the seeds lie further apart than any number of processes.
-    photographs = _Photographs(source, recipe.seed + 7919 * rank, size, task.lights, done, left)
+    lights = recipe.lights or task.lights
+    photographs = _Photographs(source, recipe.seed + 7919 * rank, size, lights, done, left)
     loader = DataLoader(
         photographs,
         recipe.batch,
@@ -245,8 +330,8 @@ def fit(
         saved_at = tick = time.monotonic()
         losses = []
         for batch in loader:
-            batch = _prepare(batch, device, estimate)
-            with torch.autocast(device.type, torch.bfloat16):
+            with torch.autocast(device.type, torch.bfloat16, enabled=recipe.bfloat16):
+                batch = _prepare(batch, device, auxiliary)
                 loss = task.loss(model, batch)
             state.update(loss)
             losses.append(loss.detach())
@@ -266,7 +351,9 @@ def fit(
                     state.save({**facts, "images": row["images"], "records": len(source)})
                     if validation:
                         picture = out / f"samples-{state.step:06d}.png"
-                        row |= _validate(task, state.averaged(), Records(validation), size, estimate, picture)
+                        row |= _validate(
+                            task, state.averaged(), Records(validation), size, auxiliary, picture
+                        )
                 saved_at = time.monotonic()
             if rank == 0:
                 with open(out / "log.jsonl", "a") as file:
@@ -292,15 +379,15 @@ def _one_thread(_worker):
 
 
 @torch.no_grad()
-def _validate(task, network, records, size, estimate, picture):
+def _validate(task, network, records, size, auxiliary, picture):
     """Mean scores on a fixed choice of photographs, and a picture of the first four."""
     device = next(network.parameters()).device
     count = min(VALIDATION_SAMPLES, len(records))
     photographs = _Photographs(records, 1, size, task.lights, 0, count, augment=False)
     scores = []
     for batch in DataLoader(photographs, 4):
-        batch = _prepare(batch, device, estimate)
         with torch.autocast(device.type, torch.bfloat16):
+            batch = _prepare(batch, device, auxiliary)
             scores.append(task.score(network, batch))
             if len(scores) == 1:
                 pictures.write_grid(picture, task.show(network, batch))
@@ -333,6 +420,12 @@ def _normals_show(network, batch):
         ]
 
 
+def random_blocks(mask):
+    """BLOCKS random 2 x 2 pixel blocks (B, BLOCKS) of masks (B, 1, H, W), for `take_blocks`."""
+    inside = F.max_pool2d((mask > 0.5).float(), 2).flatten(1)
+    return torch.multinomial(inside, BLOCKS, replacement=True)
+
+
 def visibility_loss(network, batch):
     """Binary cross-entropy of the product's probability, and the gate's normals kept near the true ones.
 
@@ -340,8 +433,7 @@ def visibility_loss(network, batch):
     little, and features times lights at every pixel would cost as much as the network.
     """
     field = network.module if isinstance(network, nn.parallel.DistributedDataParallel) else network
-    inside = F.max_pool2d((batch["mask"] > 0.5).float(), 2).flatten(1)
-    blocks = torch.multinomial(inside, BLOCKS, replacement=True)
+    blocks = random_blocks(batch["mask"])
     maps = network(batch["image"], batch["estimated_normals"], blocks)
     truth, surface, mask = (take_blocks(batch[key], blocks) for key in ("visibility", "normals", "mask"))
     log_lit = field.log_visibility(maps, batch["directions"]).clamp_max(-1e-5)
@@ -352,18 +444,28 @@ def visibility_loss(network, batch):
     return _masked_mean(entropy, inside) + 0.3 * _masked_mean((drift + 1e-4).sqrt(), inside)
 
 
+def per_light_loss(network, batch):
+    """L1 (Section 3) inside the mask, of maps whose shadow is -1 and light is 1."""
+    maps = network(batch["image"], batch.get("estimated_normals"), batch["directions"])
+    return _masked_mean((maps - (2 * batch["visibility"] - 1)).abs(), batch["mask"] > 0.5)
+
+
 def _visibility(network, batch):
-    return network.log_visibility(
-        network(batch["image"], batch["estimated_normals"]), batch["directions"]
-    ).exp()
+    # A network that looks at no normals is as well served by these.
+    surfaces = batch.get("estimated_normals", batch["normals"])
+    views = zip(batch["rgb"], batch["mask"][:, 0], surfaces, batch["directions"], strict=True)
+    return torch.stack([network.analyse(rgb, mask, n)(lights) for rgb, mask, n, lights in views])
 
 
 def _visibility_score(network, batch):
     """RMSE and Dice of binary maps, beside sign(N·L) from the same estimated normals."""
     inside, truth = batch["mask"] > 0.5, (batch["visibility"] > 0.5).float()
-    sign = torch.einsum("bdc,bchw->bdhw", batch["directions"], batch["estimated_normals"]) > 0
+    estimates = {"": _visibility(network, batch) > 0.5}
+    if "estimated_normals" in batch:
+        cosine = torch.einsum("bdc,bchw->bdhw", batch["directions"], batch["estimated_normals"])
+        estimates["_baseline"] = cosine > 0
     scores = {}
-    for name, estimate in (("", _visibility(network, batch) > 0.5), ("_baseline", sign)):
+    for name, estimate in estimates.items():
         scores["rmse" + name] = float(metrics.rmse(estimate.float(), truth, inside).mean())
         scores["dice" + name] = float(metrics.dice(estimate.float(), truth, inside).mean())
     return scores
@@ -382,3 +484,11 @@ def _visibility_show(network, batch):
 
 NORMALS = Task("normals", NormalsNetwork, normals_loss, _normals_score, _normals_show, 1, False)
 SHADOW = Task("field", VisibilityField, visibility_loss, _visibility_score, _visibility_show, 20, True)
+
+
+def per_light(latent, with_normals=True):
+    """The task of the paper's per-light network with this latent transformation (Section 4.2)."""
+    config = {"latent": latent, "normals": with_normals}
+    score, show = _visibility_score, _visibility_show
+    recipe = {"batch": 2, "lights": 4, "learning_rate": 5e-4}
+    return Task(latent, PerLight, per_light_loss, score, show, 20, with_normals, config, recipe)

@@ -2,13 +2,15 @@ import subprocess
 import sys
 
 import numpy as np
+import OpenImageIO as oiio
 import pytest
 import trimesh
 from typer.testing import CliRunner
 
 import relight
-from relight.cli import app
+from relight.cli import Model, app
 from relight.composite import place
+from shadow import visibility
 
 LIGHTS = [
     "--light",
@@ -50,6 +52,25 @@ def test_apply_equals_the_library(tmp_path, photo):
     lights = [relight.DirectionalLight.parse(text) for text in LIGHTS[1::2]]
     expected = relight.apply(image, lights, mask=mask)
     np.testing.assert_allclose(relight.read(tmp_path / "out.exr"), expected, atol=2e-3)
+
+
+@pytest.mark.filterwarnings("ignore:the network")
+def test_apply_takes_normals_of_any_axes(tmp_path, photo):
+    """A flat wall, turned to image left: it catches the light there and none from image right."""
+    codes = np.broadcast_to(np.float32([0.1, 0.5, 0.8]), (96, 80, 3))
+    spec = oiio.ImageSpec(80, 96, 3, "uint8")
+    for name, flip in (("camera.png", 1), ("opencv.png", -1)):
+        file = oiio.ImageOutput.create(str(tmp_path / name))
+        file.open(str(tmp_path / name), spec)
+        file.write_image(np.ascontiguousarray((codes - 0.5) * (1, flip, flip) + 0.5))
+        file.close()
+    for name, axes in (("camera.png", "+x+y+z"), ("opencv.png", "+x-y-z")):
+        arguments = ["--normals", tmp_path / name, "--axes", axes, "-o", tmp_path / "o.exr"]
+        result = run("apply", *photo, "--light", "azimuth=-60", "--light", "azimuth=60", *arguments)
+        assert result.exit_code == 0, result.output
+        layers = relight.read_layers(tmp_path / "o.exr")
+        assert layers["C_light1"][48, 40, :3].max() > 0.05
+        assert layers["C_light2"][48, 40, :3].max() < 1e-3
 
 
 def test_background_is_an_image_or_a_colour(tmp_path, photo):
@@ -134,6 +155,9 @@ def test_lights_come_from_a_file_and_go_to_one(tmp_path, photo):
         ({"--view": "acid"}, "view: expected one of ACES 2.0"),
         ({"--exposure": "99", "-o": "out.png"}, "exposure: expected -64 to 64 stops, got 99"),
         ({"--colour-space": "bogus"}, "colour_space: unknown 'bogus'"),
+        ({"--normals": "gone.exr"}, "gone.exr: no such file"),
+        ({"--normals": "gone.pt"}, "gone.pt"),
+        ({"--normals": "gone.pt", "--axes": "+x-y-z"}, "axes: those of gone.pt are known"),
         ({"-o": "out.gif"}, "out.gif: expected a file name that ends in"),
         ({"-o": "none/out.exr"}, "the folder none does not exist"),
         ({"-o": "out.nk"}, "out.nk: a Nuke script needs an .exr to read"),
@@ -150,6 +174,10 @@ def test_bad_input_is_one_line(tmp_path, monkeypatch, photo, change, message):
     assert result.output.startswith("relight: ")
     assert result.output.count("\n") == 1
     assert not (tmp_path / "out.exr").exists()
+
+
+def test_every_visibility_network_can_be_trained():
+    assert {model.value for model in Model} == set(visibility.NETWORKS)
 
 
 def test_apply_writes_layers_and_a_nuke_script(tmp_path, photo):
@@ -200,7 +228,7 @@ def test_from_a_mesh_to_weights_and_their_score(tmp_path):
     )
     assert result.exit_code == 0, result.output
     field = tmp_path / "field" / "field.safetensors"
-    result = run("evaluate", "--records", shards, "--model", field, "--normals", normals)
+    result = run("evaluate", "visibility", "--records", shards, "--model", field, "--normals", normals)
     assert result.exit_code == 0, result.output
     assert "| field | 0." in result.output
     assert "| sign(N·L), true normals | 0." in result.output
@@ -212,7 +240,11 @@ def test_from_a_mesh_to_weights_and_their_score(tmp_path):
         (["stage", "records"], "nothing to do"),
         (["stage", "records", "--bodies", "three"], "expected FIRST:LAST"),
         (["stage", "records", "--pack", "shards"], "holds no records"),
-        (["evaluate", "--records", "absent"], "nothing at absent"),
+        (["evaluate", "visibility", "--records", "absent"], "nothing at absent"),
+        (["evaluate", "tables", "--records", "absent", "--out", "report"], "nothing at absent"),
+        (["evaluate", "tables", "--records", ".", "--out", "r", "--model", "ours"], "expected NAME=FILE"),
+        (["train", "normals", "--records", ".", "--out", "run"], "steps: expected a number"),
+        (["train", "normals", "--records", ".", "--out", "run", "--no-normals"], "no such network"),
         (["train", "normals", "--records", "absent", "--out", "run", "--steps", "1"], "nothing at absent"),
         (["train", "normals", "--records", ".", "--out", "run", "--steps", "1", "--size", "99"], "multiple"),
     ],

@@ -1,6 +1,8 @@
 import numpy as np
+import pytest
 import torch
-from skimage.metrics import peak_signal_noise_ratio
+from skimage.filters import threshold_otsu
+from skimage.metrics import peak_signal_noise_ratio, structural_similarity
 
 from shadow import metrics
 
@@ -49,3 +51,33 @@ def test_angular_error():
     mask = torch.ones(4, 4)
     np.testing.assert_allclose(metrics.angular_error(estimate, truth, mask), 30, rtol=1e-5)
     assert metrics.angular_error(truth, truth, mask) == 0
+
+
+def test_ssim_of_the_bounding_box_agrees_with_scikit_image():
+    random = np.random.default_rng(6)
+    truth = torch.from_numpy(random.random((2, 3, 40, 50), np.float32))
+    estimate = (truth + 0.3 * torch.from_numpy(random.standard_normal(truth.shape, np.float32))).clamp(0, 1)
+    mask = torch.zeros(40, 50, dtype=torch.bool)
+    mask[5:30, 20] = mask[12, 9:44] = True  # a cross, whose box is rows 5 to 29 and columns 9 to 43
+    box = (..., slice(5, 30), slice(9, 44))
+    options = {"gaussian_weights": True, "sigma": 1.5, "use_sample_covariance": False, "data_range": 1}
+    pairs = zip(estimate[box].flatten(0, 1).numpy(), truth[box].flatten(0, 1).numpy(), strict=True)
+    expected = np.reshape([structural_similarity(*pair, **options) for pair in pairs], (2, 3))
+    scores = metrics.ssim(estimate, truth, mask)
+    np.testing.assert_allclose(scores, expected, atol=1e-4)
+    assert metrics.ssim(truth[0, 0], truth[0, 0], mask) == pytest.approx(1)
+    with pytest.raises(ValueError, match="smaller than 11 x 11"):
+        metrics.ssim(truth, truth, mask & (torch.arange(50) < 19))
+
+
+@pytest.mark.parametrize("spread", [0.02, 0.1, 0.3])
+def test_otsu_agrees_with_scikit_image(spread):
+    random = np.random.default_rng(7)
+    centres = random.choice([0.25, 0.7], size=(60, 40), p=[0.3, 0.7])
+    grey = (centres + spread * random.standard_normal((60, 40))).astype(np.float32)
+    assert metrics.otsu(torch.from_numpy(grey)) == pytest.approx(threshold_otsu(grey), abs=1e-4)
+
+
+def test_otsu_of_two_values_separates_them_and_of_one_is_it():
+    assert 0 <= metrics.otsu(torch.tensor([0.0, 0, 1, 1, 1])) < 1
+    assert metrics.otsu(torch.full((3, 3), 0.4)) == pytest.approx(0.4)

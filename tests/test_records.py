@@ -1,3 +1,4 @@
+import dataclasses
 import zipfile
 
 import numpy as np
@@ -18,6 +19,22 @@ def test_round_trip_is_exact(ball, tmp_path):
     assert size == (tmp_path / "a.npz").stat().st_size
     assert same(records.Records([tmp_path])[0], ball)
     assert not list(tmp_path.glob("*.part"))
+
+
+def test_bounce_light_is_kept_with_its_pixels(ball, tmp_path):
+    rng = np.random.default_rng(0)
+    factors = rng.random((len(ball.normals_int8), 8)), rng.random((8, len(ball.directions), 3))
+    lit = dataclasses.replace(
+        ball, bounce_float16=factors[0].astype(np.float16), bounce_patterns=factors[1].astype(np.float32)
+    )
+    records.write(tmp_path / "a.npz", lit)
+    back = records.Records([tmp_path])[0]
+    np.testing.assert_array_equal(back.bounce[0], lit.bounce_float16)
+    np.testing.assert_array_equal(back.bounce[1], lit.bounce_patterns)
+    small = back.cropped(20)
+    assert len(small.bounce[0]) == small.mask.sum() < len(lit.bounce[0])
+    assert set(map(bytes, small.bounce_float16)) <= set(map(bytes, lit.bounce_float16))
+    assert not ball.bounce[0].any()
 
 
 def test_stored_precision(ball):

@@ -136,3 +136,19 @@ def test_a_broken_mesh_is_reported_and_the_rest_rendered(mesh_file, tmp_path):
     assert written == 1
     assert list(errors) == [str(broken)]
     assert scans.load(mesh_file).vertices[:, 1].min() == pytest.approx(0, abs=1e-5)
+
+
+def test_bounce_light_is_recorded_on_request():
+    wall = trimesh.creation.box([0.6, 0.6, 0.02])
+    floor = trimesh.creation.box([0.6, 0.02, 0.6])
+    floor.apply_translation([0, -0.3, 0.3])
+    both = trimesh.util.concatenate([wall, floor])
+    both.apply_translation([0, 0.9, 0])
+    record = stage.render(figure(both), stage.View(height=1.1, pitch=-20), 64, LIGHTS, bounced=True)
+    assert record.bounce_float16.shape == (record.mask.sum(), records.BOUNCE_RANK)
+    light = np.zeros((len(LIGHTS), 3), np.float32)
+    light[0] = 1
+    direct = stage.render(figure(both), stage.View(height=1.1, pitch=-20), 64, LIGHTS)
+    more = records.light(record, light) - records.light(direct, light)
+    assert more.min() >= 0
+    assert more.mean() > 0.005

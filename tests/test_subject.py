@@ -4,6 +4,7 @@ import torch
 
 import relight
 from relight import subject as subject_module
+from shading import diffuse
 
 LEFT = relight.DirectionalLight(azimuth=-60, name="left")
 RIGHT = relight.DirectionalLight(azimuth=60, intensity=0.7, colour=(0.2, 0.6, 1.0), name="right")
@@ -33,13 +34,13 @@ def sphere():
 
 
 class Delighter:
-    """Stands in for the albedo network: knows the answer."""
+    """Stands in for the shading network: knows the albedo."""
 
     def __init__(self, answer):
         self.answer = answer
 
-    def analyse(self, rgb, mask, normals):
-        return self.answer(rgb, mask)
+    def analyse(self, rgb, mask, normals, visibility):
+        return diffuse.Diffuse(visibility, self.answer(rgb, mask))
 
 
 # Linearity
@@ -144,7 +145,7 @@ def test_a_portrait_crop_is_not_darkened_at_the_frame(monkeypatch):
     coverage, _ = ball(250, 170, centre=(0.5, 1.0), radius=0.9)  # cut by three sides of the frame
     assert coverage[-1].min() == 1
     grey = Delighter(lambda rgb, mask: torch.full_like(rgb, 0.5))
-    monkeypatch.setattr(subject_module.albedo_module, "load", lambda: grey)
+    monkeypatch.setattr(subject_module.diffuse, "load", lambda: grey)
     subject = relight.Subject(image_of(coverage), normals=np.full((250, 170, 3), (0.0, 0.0, 1.0)))
     # One colour in one light, so one albedo. Black from beyond the frame would pass for shadow.
     np.testing.assert_allclose(subject.albedo[coverage > 0.5], 0.5, atol=0.01)
@@ -167,7 +168,7 @@ def test_soft_edges_hold_neither_background_nor_black(monkeypatch):
     front, back = np.array([0.5, 0.4, 0.3]), np.array([0.02, 0.9, 0.05])
     photo = (coverage[..., None] * front + (1 - coverage[..., None]) * back).astype(np.float32)
     grey = Delighter(lambda rgb, mask: torch.full_like(rgb, 0.5) * (mask > 0))
-    monkeypatch.setattr(subject_module.albedo_module, "load", lambda: grey)
+    monkeypatch.setattr(subject_module.diffuse, "load", lambda: grey)
     subject = relight.Subject(photo, mask=coverage, normals=normals)
     covered = coverage > 0
     # One colour in one light: the albedo is 0.5 to the last pixel of the edge, no green, no dark rim.
@@ -202,7 +203,7 @@ def test_albedo_keeps_texture_and_loses_the_light(monkeypatch):
     photo = np.concatenate([albedo * light, np.ones((height, width, 1))], -1) * coverage[..., None]
     truth = torch.tensor([0.4, 0.32, 0.24])[:, None, None]  # the network sees the cloth but no threads
     monkeypatch.setattr(
-        subject_module.albedo_module, "load", lambda: Delighter(lambda rgb, mask: truth * (mask > 0))
+        subject_module.diffuse, "load", lambda: Delighter(lambda rgb, mask: truth * (mask > 0))
     )
     subject = relight.Subject(photo.astype(np.float32), normals=normals)
     inside = ball(height, width, radius=0.33)[0] == 1
@@ -252,7 +253,7 @@ def test_noise_in_the_black_is_not_lifted_to_white(monkeypatch):
     photo[:120, :, :3] = 0
     photo[80, 90, :3] = 2e-4  # a hot pixel in the deepest shadow
     grey = Delighter(lambda rgb, mask: torch.full_like(rgb, 0.5) * (mask > 0))
-    monkeypatch.setattr(subject_module.albedo_module, "load", lambda: grey)
+    monkeypatch.setattr(subject_module.diffuse, "load", lambda: grey)
     albedo = relight.Subject(photo, normals=normals).albedo
     assert 0 < albedo[80, 90].max() < 0.03  # the mean light is 0.5: lifted 100 times at most
     assert albedo[200, 90].min() > 0.4
@@ -298,7 +299,9 @@ IMAGE = image_of(COVERAGE)
         ({"albedo": IMAGE[..., :3] - 1}, ValueError, r"albedo: expected values in \[0, 1\]"),
         ({"normals": NORMALS[:9]}, ValueError, r"normals: expected shape \(60, 45, 3\)"),
         ({"normals": NORMALS * np.nan}, ValueError, "normals: contains NaN"),
-        ({"normals": "up"}, TypeError, "normals: expected a float array"),
+        ({"normals": "up"}, ValueError, "unknown weights 'up'"),
+        ({"normals": "up.exr"}, ValueError, "relight.read_normals reads images"),
+        ({"normals": -NORMALS}, ValueError, "normals: point away from the camera"),
     ],
 )
 def test_bad_arguments_are_named(arguments, error, message):

@@ -6,11 +6,15 @@ import pytest
 import torch
 from conftest import sphere
 
-from shading.training import ALBEDO
+import shadow
+from shading import diffuse
+from shading.training import per_light_task, shading_task
 from shadow import normals, records, training, visibility, weights
+from shadow.directions import from_spherical
 from shadow.field import VisibilityField
 from shadow.normals import NormalsNetwork
-from shadow.training import NORMALS, SHADOW, Recipe, fit, learning_rate, warm_start
+from shadow.training import NORMALS, SHADOW, Recipe, fit, learning_rate, per_light, preset, warm_start
+from shadow.unet import PerLight
 
 
 @pytest.fixture(scope="module")
@@ -76,8 +80,29 @@ def test_field_starts_from_the_normals_and_records_them(folder, tmp_path):
     assert isinstance(visibility.load(path), VisibilityField)
     recipe = json.loads(weights.read(path)[1]["recipe"])
     assert recipe["normals"] == recipe["init"] == "normals"
-    albedo = run(ALBEDO, folder, tmp_path / "albedo", 2, init=estimator, estimator=str(estimator))
-    assert weights.read(albedo)[1]["network"] == "albedo"
+
+
+@pytest.mark.parametrize(
+    ("task", "kind"),
+    [
+        (shading_task(), diffuse.ShadingField),
+        (shading_task(normals=False, visibility=None), diffuse.ShadingField),
+        (shading_task(visibility="baseline"), diffuse.ShadingField),
+        (per_light_task("resb3"), diffuse.PerLightShading),
+    ],
+)
+def test_shading_networks_are_trained_on_a_field_and_record_it(folder, tmp_path, task, kind):
+    field = run(SHADOW, folder, tmp_path / "field", 1)
+    options = {"visibility": str(field), "validation": [folder]}
+    recipe = Recipe(steps=2, size=128, batch=2, lights=3, warm_up=2)
+    path = fit(task, recipe, [folder], tmp_path / "shading", workers=0, **options)
+    network = diffuse.load(path)
+    assert isinstance(network, kind)
+    assert json.loads(weights.read(path)[1]["recipe"])["visibility"] == "field"
+    assert network.visibility == task.config["visibility"] if kind is diffuse.ShadingField else True
+    row = json.loads((tmp_path / "shading" / "log.jsonl").read_text().splitlines()[-1])
+    assert 0 < row["rmse"] < 1
+    assert (tmp_path / "shading" / "samples-000002.png").exists()
 
 
 def test_warm_start_keeps_the_features(tmp_path):
@@ -106,3 +131,69 @@ def test_a_loss_that_is_not_finite_stops_the_run(folder, tmp_path):
     with pytest.raises(ValueError, match=r"loss at step .* is not finite"):
         run(broken, folder, tmp_path, 2)
     assert not (tmp_path / "normals.safetensors").exists()
+
+
+def small(latent, **options):
+    """The per-light task with a U-Net of few channels."""
+    task = per_light(latent, **options)
+    return replace(task, config={**task.config, "widths": [8, 8, 16, 16, 32]})
+
+
+def test_per_light_network_learns_which_side_is_lit(folder, tmp_path):
+    recipe = Recipe(steps=90, size=128, batch=2, lights=3, learning_rate=3e-3, warm_up=10)
+    path = fit(small("resb3"), recipe, [folder], tmp_path, estimator="true", workers=0)
+    network = visibility.load(path)
+    assert isinstance(network, PerLight)
+    assert network.normals
+    assert json.loads(weights.read(path)[1]["recipe"])["normals"] == "true"
+    ball = sphere()
+    rgb, surface = (ball.image(values).permute(1, 2, 0).numpy() for values in (ball.albedo, ball.normals))
+    lights = from_spherical([-70, 70], [0, 0])
+    left, right = shadow.infer(rgb, ball.mask, lights, normals=surface, model=path)
+    half = rgb.shape[1] // 2
+    assert left[:, :half].sum() > 1.2 * left[:, half:].sum()
+    assert right[:, half:].sum() > 1.2 * right[:, :half].sum()
+
+
+def test_per_light_network_without_normals(folder, tmp_path):
+    path = run(small("attention", with_normals=False), folder, tmp_path, 1, validation=[folder])
+    network, recipe = visibility.load(path), json.loads(weights.read(path)[1]["recipe"])
+    assert not network.normals
+    assert "normals" not in recipe
+    row = json.loads((tmp_path / "log.jsonl").read_text())
+    assert "dice" in row
+    assert "dice_baseline" not in row
+
+
+def test_the_papers_recipe(folder, tmp_path):
+    recipe = preset("paper", per_light("resb7"), [folder])
+    assert (recipe.batch, recipe.lights, recipe.learning_rate, recipe.size) == (1, 1, 5e-6, 512)
+    assert recipe.steps == 31 * 4 * 96  # epochs, records, maps each
+    assert learning_rate(recipe, 0) == learning_rate(recipe, recipe.steps - 1) == 5e-6
+    recipe = replace(recipe, steps=2, size=128)
+    path = fit(small("resb7"), recipe, [folder], tmp_path, estimator="true", workers=0)
+    last = torch.load(tmp_path / "checkpoint.pt", weights_only=True)["network"]
+    for key, value in weights.read(path)[0].items():
+        torch.testing.assert_close(value, last[key].half(), msg=key)
+
+
+def test_presets_take_changes_and_name_what_is_missing(folder):
+    assert preset("fast", SHADOW, [folder], steps=5, batch=None) == Recipe(steps=5)
+    assert preset("fast", per_light("resb3"), [folder], steps=5, lights=7).lights == 7
+    with pytest.raises(ValueError, match="steps: expected a number"):
+        preset("fast", SHADOW, [folder])
+    with pytest.raises(ValueError, match="preset: expected paper or fast"):
+        preset("slow", SHADOW, [folder])
+
+
+def test_a_network_without_that_backbone_is_refused(tmp_path):
+    weights.save(tmp_path / "n.safetensors", NormalsNetwork(size=128), "normals", {"size": 128}, {})
+    with pytest.raises(ValueError, match=r"init: .* is a 'normals' network"):
+        warm_start(PerLight(widths=(8, 8, 8, 8, 8)), tmp_path / "n.safetensors")
+
+
+def test_weights_for_another_input_are_refused(folder, tmp_path):
+    task, config = small("resb3"), {"latent": "resb3", "normals": False, "widths": [8, 8, 16, 16, 32]}
+    weights.save(tmp_path / "colour.safetensors", PerLight(**config), "resb3", config, {})
+    with pytest.raises(ValueError, match=r"init: .* has another architecture"):
+        run(task, folder, tmp_path / "run", 1, init=tmp_path / "colour.safetensors", estimator="true")

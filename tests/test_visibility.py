@@ -45,17 +45,6 @@ def test_torch_in_torch_out(person):
     np.testing.assert_allclose(as_torch, as_numpy, atol=1e-6)
 
 
-def test_shading_is_the_base_image(person):
-    rgb, mask = person
-    lights = olat()[:5]
-    normals = shadow.infer_normals(rgb, mask)
-    lit = np.ones((5, *mask.shape), np.float32)
-    expected = np.maximum(np.einsum("dc,hwc->dhw", lights, normals), 0)
-    np.testing.assert_allclose(
-        shading.infer(rgb, mask, lights, normals=normals, visibility=lit), expected, atol=1e-5
-    )
-
-
 def test_given_normals_are_used(person):
     rgb, mask = person
     sideways = np.zeros_like(rgb)

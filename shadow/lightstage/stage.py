@@ -1,7 +1,8 @@
 """The virtual light stage: cameras around a figure, and ray-traced truth for every direction of the set.
 
 No path tracer is needed for visibility: the hit points of the camera rays, then one shadow ray to each
-light (Section 3, "Data Generation"), through Embree.
+light (Section 3, "Data Generation"). Path-traced shading is direct light, which normals and visibility
+give, and the bounce light of bounce.py.
 """
 
 import hashlib
@@ -12,14 +13,11 @@ from functools import partial
 from pathlib import Path
 
 import numpy as np
-from embreex.mesh_construction import TriangleMesh
-from embreex.rtcore_scene import EmbreeScene
 from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeRemainingColumn
 
 from shadow import directions, records
-from shadow.lightstage import bodies, scans
-
-OFFSET = 0.002  # metres: shadow rays start above the surface, or they would hit it
+from shadow.lightstage import bodies, bounce, scans
+from shadow.lightstage.scene import Scene
 
 
 @dataclass(frozen=True)
@@ -66,7 +64,16 @@ def views(count, figure=None, rng=None):
     return jittered
 
 
-def render(figure, view, size, lights):
+def camera_rays(view, size):
+    """Origins and directions (size * size, 3), in row order, of the pixels' centres in the camera frame."""
+    extent = np.tan(np.radians(view.fov) / 2)
+    step = extent * ((np.arange(size) + 0.5) * 2 / size - 1)
+    x, y = np.meshgrid(step, -step)
+    rays = np.stack([x, y, -np.ones_like(x)], axis=-1).reshape(-1, 3)
+    return np.zeros_like(rays), rays
+
+
+def render(figure, view, size, lights, bounced=False):
     """Ray-trace one view of a figure.
 
     Parameters
@@ -75,6 +82,7 @@ def render(figure, view, size, lights):
     view: View.
     size: pixels of the square image's side.
     lights: (D, 3) unit directions in the camera frame.
+    bounced: trace the light that the figure throws on itself as well, which path-traced shading needs.
 
     Returns
     -------
@@ -85,47 +93,31 @@ def render(figure, view, size, lights):
     ------
     ValueError: the camera sees nothing of the figure.
     """
-    rotation = view.rotation()
-    vertices = ((figure.vertices - view.position()) @ rotation.T).astype(np.float32)
-    scene = EmbreeScene()
-    TriangleMesh(scene, vertices[figure.faces])
-
-    step = (np.arange(size) + 0.5) * 2 / size - 1
-    extent = np.tan(np.radians(view.fov) / 2)
-    x, y = np.meshgrid(step * extent, -step * extent)
-    rays = np.stack([x, y, -np.ones_like(x)], axis=-1).reshape(-1, 3).astype(np.float32)
-    hit = scene.run(np.zeros_like(rays), rays, output=True)
-    seen = hit["primID"] >= 0
+    scene = Scene(figure, view.rotation(), view.position())
+    seen, surface = scene.trace(*camera_rays(view, size))
     if not seen.any():
         raise ValueError(f"view: the camera sees nothing of {figure.name} from {view}")
-    face, u, v = hit["primID"][seen], hit["u"][seen], hit["v"][seen]
-    barycentric = np.stack([1 - u - v, u, v], axis=1)
-    corners = vertices[figure.faces[face]]
-    position = np.einsum("nk,nkc->nc", barycentric, corners)
-    geometric = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
-    geometric /= np.linalg.norm(geometric, axis=1, keepdims=True).clip(1e-12)
-    shading = np.einsum("nk,nkc->nc", barycentric, figure.normals[figure.faces[face]] @ rotation.T)
-    # The far side of a shell, seen through an open hem, faces the camera as the near side does.
-    flip = np.where((geometric * rays[seen]).sum(axis=1) > 0, -1.0, 1.0)[:, None]
-    geometric, shading = geometric * flip, shading * flip
-    length = np.linalg.norm(shading, axis=1, keepdims=True)
-    shading = np.where(length > 1e-6, shading / length.clip(1e-6), geometric)
-
-    lit = (geometric @ lights.T > 0) & (shading @ lights.T > 0)
-    pixel, index = np.nonzero(lit)
-    origins = (position + OFFSET * geometric).astype(np.float32)[pixel]
-    occluded = scene.run(origins, lights.astype(np.float32)[index], query="OCCLUDED")
-    lit[pixel, index] = occluded != 0  # Embree sets the geometry of an occluded ray to 0
     about = {"figure": figure.name, "view": asdict(view)}
-    mask = seen.reshape(size, size)
-    return records.Record.of(mask, shading, figure.albedo(face, barycentric), lit, lights, about)
+    mask, lit = seen.reshape(size, size), scene.visibility(surface, lights)
+    indirect = _bounce(scene, surface, mask, lights, _seed(figure.name, view)) if bounced else None
+    return records.Record.of(mask, surface.normal, surface.albedo, lit, lights, about, indirect)
+
+
+def _bounce(scene, surface, mask, lights, seed):
+    """Bounce light in factors, (N, K) and (K, D, 3), traced at a quarter of the pixels: it is smooth."""
+    quarter = np.zeros_like(mask)
+    quarter[::2, ::2] = True
+    sparse = surface.take(quarter[mask])
+    shading = bounce.bounce(scene, sparse, lights, np.random.default_rng(seed))
+    strength, patterns = bounce.factors(shading)
+    return bounce.spread(strength, sparse, surface, mask), patterns
 
 
 def _seed(*parts):
     return int.from_bytes(hashlib.sha256(repr(parts).encode()).digest()[:8])
 
 
-def _render_figure(source, out, split, view_count, size, behind, jitter):
+def _render_figure(source, out, split, view_count, size, behind, jitter, bounced):
     """All the views of one figure: (records written, bytes written)."""
     os.environ["OMP_NUM_THREADS"] = "1"
     name = f"body-{split}-{source:06d}" if isinstance(source, int) else f"scan-{Path(source).stem}"
@@ -136,7 +128,7 @@ def _render_figure(source, out, split, view_count, size, behind, jitter):
     rng = np.random.default_rng(_seed(name)) if jitter else None
     lights = directions.olat(behind)
     sizes = [
-        records.write(path, render(figure, view, size, lights))
+        records.write(path, render(figure, view, size, lights, bounced))
         for path, view in zip(paths, views(view_count, figure, rng), strict=True)
         if not path.exists()
     ]
@@ -144,7 +136,16 @@ def _render_figure(source, out, split, view_count, size, behind, jitter):
 
 
 def render_all(
-    sources, out, *, split="training", views=9, size=512, behind=False, jitter=False, processes=None
+    sources,
+    out,
+    *,
+    split="training",
+    views=9,
+    size=512,
+    behind=False,
+    jitter=False,
+    bounced=False,
+    processes=None,
 ):
     """Render records of bodies (seeds) and scans (paths) into the folder `out`, one process a core.
 
@@ -159,6 +160,7 @@ def render_all(
     size: pixels of the square image's side (Section 3: 512).
     behind: 32 directions behind the subject as well as the 64 of the frontal hemisphere.
     jitter: vary camera height, distance and field of view.
+    bounced: bounce light too, for path-traced shading.
     processes: default one a core.
 
     Returns
@@ -168,7 +170,14 @@ def render_all(
     out = Path(out)
     out.mkdir(parents=True, exist_ok=True)
     work = partial(
-        _render_figure, out=out, split=split, view_count=views, size=size, behind=behind, jitter=jitter
+        _render_figure,
+        out=out,
+        split=split,
+        view_count=views,
+        size=size,
+        behind=behind,
+        jitter=jitter,
+        bounced=bounced,
     )
     written, size_on_disk, errors = 0, 0, {}
     columns = TextColumn("{task.description}"), BarColumn(), MofNCompleteColumn(), TimeRemainingColumn()

@@ -1,0 +1,57 @@
+"""64 visibility maps by the one-pass field against 64 forwards of the paper's per-light network (ResB 7), the
+normals network counted on both sides: ratios within one run, so that they hold on any machine.
+
+python benchmarks/per_light.py [image] [mask]
+"""
+
+import sys
+import time
+from pathlib import Path
+
+import torch
+
+import relight
+from shadow import inputs, normals, visibility
+from shadow.directions import olat
+from shadow.framing import Framing
+from shadow.unet import PerLight
+
+REPEATS = 7
+
+
+def seconds(function, repeats):
+    """The mean of several calls: 64 forwards in a row are a mean too."""
+    start = time.perf_counter()
+    for _ in range(repeats):
+        function()
+    return (time.perf_counter() - start) / repeats
+
+
+def main(path, mask=None):
+    image = relight.read(path)
+    alpha = image[..., 3] if mask is None else relight.read_mask(mask)
+    matte = inputs.mask("mask", alpha, image.shape[:2])
+    rgb = torch.from_numpy(image[..., :3].copy()).permute(2, 0, 1)
+    lights = torch.from_numpy(olat())
+    surface, field = normals.load(), visibility.load()
+    per_light = PerLight(latent="resb7").eval().to(memory_format=torch.channels_last)  # untrained: as fast
+    print(f"{len(lights)} lights, {torch.get_num_threads()} threads")
+
+    def compare(height):
+        framing = Framing.around(matte, height)
+        framed, framed_mask = framing.crop(rgb), framing.crop(matte[None])[0]
+
+        def maps(network):
+            return network.analyse(framed, framed_mask, surface.analyse(framed, framed_mask))(lights)
+
+        maps(field)  # warms up
+        ours, theirs = seconds(lambda: maps(field), REPEATS), seconds(lambda: maps(per_light), 1)
+        size = " x ".join(map(str, framing.canvas))
+        print(f"{size}: field {ours:.3f} s; resb7 {theirs:.1f} s; ratio {theirs / ours:.0f}", flush=True)
+
+    compare(field.size)
+    compare(512)  # the paper's
+
+
+if __name__ == "__main__":
+    main(*sys.argv[1:] or [Path(__file__).parents[1] / "examples" / "person.png"])
