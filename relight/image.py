@@ -116,17 +116,16 @@ def read(path, *, colour_space=None):
     FileNotFoundError: no such file. ValueError: not an image, truncated, NaN or infinite values, an unknown
     colour space or profile.
     """
-    pixels, spec = _load(path)
-    names = list(spec.channelnames)
+    pixels, spec, names = _load(path, wanted="RGBAY")
     colours = [names.index(c) for c in "RGB" if c in names] or [names.index(c) for c in "Y" if c in names]
     if len(colours) not in (1, 3):
         raise ValueError(f"{path}: expected channels R, G, B or Y, with or without A; got {', '.join(names)}")
-    rgb = np.broadcast_to(pixels[..., colours], (*pixels.shape[:2], 3))
-    if "A" in names:
-        rgb = np.concatenate([rgb, pixels[..., [names.index("A")]]], axis=-1)
+    alpha = [names.index("A")] if "A" in names else []
+    if [*colours, *alpha] != list(range(len(names))) or len(colours) == 1:
+        pixels = pixels[..., [*(colours * 3)[:3], *alpha]]
     space = _declared_space(path, spec, pixels.dtype) if colour_space is None else colour_space
     try:
-        linear = _linear(rgb, straight=bool(spec.get_int_attribute("oiio:UnassociatedAlpha")), space=space)
+        linear = _linear(pixels, straight=bool(spec.get_int_attribute("oiio:UnassociatedAlpha")), space=space)
     except ValueError as error:
         raise ValueError(f"{path}: {error}") from error
     if not np.isfinite(linear).all():
@@ -140,9 +139,9 @@ def read_layers(path):
     A layer holds the channels `name.*`; the channels without a name, the beauty, are `read`'s. Empty if there
     are no layers. Raises as `read` does.
     """
-    pixels, spec = _load(path)
+    pixels, _, names = _load(path)
     channels = {}
-    for index, channel in enumerate(spec.channelnames):
+    for index, channel in enumerate(names):
         layer, dot, _ = channel.rpartition(".")
         if dot:
             channels.setdefault(layer, []).append(index)
@@ -155,7 +154,7 @@ def read_mask(path):
     A matte is coverage, not colour: its values are taken as they are stored. Raises as `read` does, and
     ValueError for a picture that is neither transparent nor grey.
     """
-    pixels, spec = _load(path)
+    pixels, spec, _ = _load(path)
     if np.issubdtype(pixels.dtype, np.integer):
         pixels = pixels / np.float32(np.iinfo(pixels.dtype).max)
     if not np.isfinite(pixels).all():
@@ -192,15 +191,15 @@ def read_normals(path, *, axes=CAMERA, layer=None):
     As `read` does, and ValueError for other channels, no such layer, unknown axes, or floats that are encoded
     as integers should be.
     """
-    pixels, spec = _load(path)
+    pixels, _, names = _load(path)
     prefix = "" if layer is None else f"{layer}."
     for channels in ("RGB", "XYZ", "rgb", "xyz"):
-        if all(prefix + channel in spec.channelnames for channel in channels):
+        if all(prefix + channel in names for channel in channels):
             break
     else:
         wanted = f"{prefix}R, {prefix}G, {prefix}B or {prefix}X, {prefix}Y, {prefix}Z"
-        raise ValueError(f"{path}: expected channels {wanted}; got {', '.join(spec.channelnames)}")
-    stored = pixels[..., [spec.channelnames.index(prefix + channel) for channel in channels]]
+        raise ValueError(f"{path}: expected channels {wanted}; got {', '.join(names)}")
+    stored = pixels[..., [names.index(prefix + channel) for channel in channels]]
     vectors = stored.astype(np.float32)
     if np.issubdtype(stored.dtype, np.integer):
         vectors = vectors * (2 / np.iinfo(stored.dtype).max) - 1
@@ -216,8 +215,9 @@ def read_normals(path, *, axes=CAMERA, layer=None):
     return unit @ from_axes(axes).T
 
 
-def _load(path):
-    """All pixels (H, W, C) of a file, uint8 and uint16 as they are and float32 otherwise, and its spec."""
+def _load(path, wanted=None):
+    """Pixels (H, W, C) of a file, uint8 and uint16 as they are and float32 otherwise, its spec, and the names
+    of the channels: all, or no more than lie from the first to the last of those `wanted`."""
     path = Path(path)
     if not path.exists():
         raise FileNotFoundError(f"{path}: no such file")
@@ -229,13 +229,16 @@ def _load(path):
     spec = file.spec()
     if spec.deep:
         raise ValueError(f"{path}: is a deep image, expected a flat one")
+    names = list(spec.channelnames)
+    found = [index for index, name in enumerate(names) if wanted is None or name in wanted]
+    first, last = (found[0], found[-1] + 1) if found else (0, len(names))
     native = str(spec.format)
-    pixels = file.read_image(native if native in ("uint8", "uint16") else "float")
+    pixels = file.read_image(0, 0, first, last, native if native in ("uint8", "uint16") else "float")
     problem = file.geterror()  # a truncated JPEG returns a picture *and* an error
     file.close()
     if pixels is None or problem:
         raise ValueError(f"{path}: is damaged or truncated: {problem.strip()}")
-    return _upright(_in_display_window(pixels, spec), spec), spec
+    return _upright(_in_display_window(pixels, spec), spec), spec, names[first:last]
 
 
 def _in_display_window(pixels, spec):
@@ -243,7 +246,7 @@ def _in_display_window(pixels, spec):
     left, top = spec.x - spec.full_x, spec.y - spec.full_y
     if (left, top, spec.width, spec.height) == (0, 0, spec.full_width, spec.full_height):
         return pixels
-    window = np.zeros((spec.full_height, spec.full_width, spec.nchannels), pixels.dtype)
+    window = np.zeros((spec.full_height, spec.full_width, pixels.shape[-1]), pixels.dtype)
     rows = slice(max(top, 0), max(top + spec.height, 0))
     columns = slice(max(left, 0), max(left + spec.width, 0))
     inside = window[rows, columns]
