@@ -1,5 +1,6 @@
 """The analysed person: albedo, normals, visibility and shading, ready for any number of lights."""
 
+import copy
 from functools import cached_property
 
 import numpy as np
@@ -7,8 +8,10 @@ import OpenImageIO as oiio
 import torch
 import torch.nn.functional as F
 
+from relight import temporal
 from relight.colour import luminance
 from relight.image import scene_linear
+from relight.temporal import Canvas
 from relight.upsampling import JointBilateral
 from shading import diffuse
 from shading.albedo import solve_lighting
@@ -75,25 +78,46 @@ class Subject:
         self._framing = framing = Framing.around(alpha, field.size)
         framed_mask = framing.crop(alpha[None])[0].clamp(0, 1)
         framed = _crop(framing, foreground)
-        self._known = framed_mask > 0.5
-        self._extend = Extension(framed_mask, REACH)
+        known = framed_mask > 0.5
         if isinstance(surface, torch.Tensor):
             surface = surface[box]
-        self._normals = normals_module.on_canvas(surface, framing, framed, framed_mask)
-        self._visibility = field.analyse(framed, framed_mask, self._normals)
-        analysed = shader.analyse(framed, framed_mask, self._normals, self._visibility)
-        self._shading = analysed.shading
+        surface = normals_module.on_canvas(surface, framing, framed, framed_mask)
+        visibility = field.analyse(framed, framed_mask, surface)
+        analysed = shader.analyse(framed, framed_mask, surface, visibility)
 
-        exposure = 0.2 / framed[:, self._known].mean().clamp_min(1e-6)
+        exposure = 0.2 / framed[:, known].mean().clamp_min(1e-6)
         guide, framed_guide = (_display(colour * exposure) for colour in (foreground, framed))
-        self._enlarge = JointBilateral(framing, guide, framed_guide, self._known, self._pixels)
+        self._extend = Extension(framed_mask, REACH)
+        self._enlarge = JointBilateral(framing, guide, framed_guide, known, self._pixels)
         if given_albedo is None:
-            light = self._to_plate(_photographed_shading(framed, analysed.albedo, self._known))
-            self._albedo = (foreground.flatten(1)[:, self._pixels].T / light).clamp(0, 1)
+            light = _photographed_shading(framed, analysed.albedo, known)
+            self._colour = foreground.flatten(1)[:, self._pixels].T
             self._framed_albedo = analysed.albedo
         else:
+            light = None
             self._albedo = given_albedo[box].flatten(1)[:, self._pixels].T
             self._framed_albedo = _crop(framing, given_albedo[box])
+        on_plate = framing.shifted(left, top, self._size)
+        self._use(Canvas(on_plate, known, framed_guide, surface, visibility, analysed.shading, light))
+
+    def _use(self, canvas):
+        """Take what the networks found from `canvas`."""
+        self._canvas = canvas
+        if canvas.light is not None:
+            self._albedo = (self._colour / self._to_plate(canvas.light)).clamp(0, 1)
+
+    def steadied(self, around):
+        """The same person with the trembling of the networks taken out, for sequences.
+
+        `around` are the subjects of a few frames before and after, as they were made. Where these agree, the
+        maps become their mean; where something moves, as a shadow does, each frame keeps its own. See
+        `relight.temporal`.
+        """
+        steady = copy.copy(self)
+        for name in ("albedo", "normals", "_texture"):
+            steady.__dict__.pop(name, None)
+        steady._use(temporal.steadied(self._canvas, [subject._canvas for subject in around]))
+        return steady
 
     def relit(self, lights):
         """The person in new light.
@@ -140,8 +164,8 @@ class Subject:
             raise ValueError(f"image: expected the subject's size {self._size}, got {pixels.shape[:2]}")
         foreground = _foreground(pixels[self._box], self._matte, photographed=pixels.shape[-1] == 3)
         framed, directions = _crop(self._framing, foreground), torch.from_numpy(olat(behind=True))
-        shading = self._shading(directions)
-        powers = solve_lighting(framed, self._framed_albedo, shading, self._known.float())
+        shading, known = self._canvas.shading(directions), self._canvas.known.float()
+        powers = solve_lighting(framed, self._framed_albedo, shading, known)
         return directions.numpy(), powers.numpy()
 
     def unshadowed(self, light):
@@ -153,8 +177,8 @@ class Subject:
         directions, powers = light.samples()
         weights = luminance(powers).clip(0)
         weights = weights / max(weights.sum(), 1e-9)
-        shape = self._known.shape
-        maps = _weighted_sum(self._visibility, [(directions, weights[:, None])], shape, channels=1)
+        shape = self._canvas.known.shape
+        maps = _weighted_sum(self._canvas.visibility, [(directions, weights[:, None])], shape, channels=1)
         return self._scatter(self._to_plate(maps))[..., 0]
 
     @cached_property
@@ -165,7 +189,7 @@ class Subject:
     @cached_property
     def normals(self):
         """(H, W, 3) float32 unit vectors in the camera frame, at the networks' detail; zero outside."""
-        return self._scatter(F.normalize(self._to_plate(self._normals), dim=1))
+        return self._scatter(F.normalize(self._to_plate(self._canvas.normals), dim=1))
 
     def visibility(self, directions):
         """Self-shadow maps (D, H, W) float32 in [0, 1]: 1 = lit, zero outside the matte.
@@ -173,7 +197,7 @@ class Subject:
         `directions` (D, 3) point toward the lights. Raises TypeError or ValueError for a wrong shape or
         dtype, NaN or infinite values, or a direction of zero length.
         """
-        maps = self._visibility(inputs.directions("directions", directions))
+        maps = self._canvas.visibility(inputs.directions("directions", directions))
         return np.ascontiguousarray(self._scatter(self._to_plate(maps)).transpose(2, 0, 1))
 
     def shading(self, directions):
@@ -182,7 +206,7 @@ class Subject:
         `directions` (D, 3) point toward the lights. Linear; 1 is a surface that faces an unoccluded light.
         Raises as `visibility` does.
         """
-        maps = self._shading(inputs.directions("directions", directions))
+        maps = self._canvas.shading(inputs.directions("directions", directions))
         return np.ascontiguousarray(self._scatter(self._to_plate(maps)).transpose(2, 0, 1))
 
     @cached_property
@@ -193,7 +217,8 @@ class Subject:
     def _lighting(self, lights):
         """Σ intensity · shading of the subject's pixels (P, 3)."""
         samples = [light.samples() for light in as_lights(lights)]
-        return self._to_plate(_weighted_sum(self._shading, samples, self._known.shape, channels=3))
+        canvas = self._canvas
+        return self._to_plate(_weighted_sum(canvas.shading, samples, canvas.known.shape, channels=3))
 
     def _to_plate(self, maps):
         """Canvas maps (C, h, w) to the subject's pixels on the plate (P, C)."""

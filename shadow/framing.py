@@ -5,7 +5,7 @@ is centred on a portrait canvas (3:4) and scaled to fill it but for a margin, wh
 frame cuts has not.
 """
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 import torch
@@ -75,6 +75,17 @@ class Framing:
         centre = np.where(cut_low & ~cut_high, half, (low + high) / 2)
         centre = np.where(cut_high & ~cut_low, np.array(plate) - half, centre)
         return cls((float(centre[1]), float(centre[0])), scale, canvas, plate)
+
+    def shifted(self, left, top, plate):
+        """The same canvas on a larger plate, in which this one's begins at (left, top)."""
+        return replace(self, centre=(self.centre[0] + left, self.centre[1] + top), plate=plate)
+
+    def onto(self, other):
+        """(2, 3) that takes a position on this canvas to the position on another canvas of the same plate."""
+        scale = other.scale / self.scale
+        here, there = (torch.tensor(framing.canvas[::-1]) / 2 for framing in (self, other))
+        moved = (torch.tensor(self.centre) - torch.tensor(other.centre)) * other.scale
+        return torch.cat([torch.eye(2) * scale, (moved + there - here * scale)[:, None]], dim=1)
 
     def crop(self, tensor):
         """(C, H, W) on the plate to (C, h, w) on the canvas; zero beyond the plate."""

@@ -43,6 +43,20 @@ def test_crop_and_restore_are_inverse(size):
     assert (back - plate)[:, top:bottom, left:right].abs().max() < 0.02
 
 
+def test_onto_takes_one_canvas_to_another():
+    first = Framing((90.0, 120.0), 0.8, (256, 192), (240, 200))
+    second = Framing((100.0, 110.0), 1.1, (128, 96), (240, 200))
+    plate = torch.tensor([70.0, 95.0])
+    here, there = (
+        (plate - torch.tensor(framing.centre)) * framing.scale + torch.tensor(framing.canvas[::-1]) / 2
+        for framing in (first, second)
+    )
+    matrix = first.onto(second)
+    torch.testing.assert_close(matrix[:, :2] @ here + matrix[:, 2], there)
+    torch.testing.assert_close(first.onto(first), torch.tensor([[1.0, 0, 0], [0, 1, 0]]))
+    assert first.shifted(5, 7, (300, 300)).centre == (95, 127)
+
+
 def test_extend_keeps_the_inside_and_continues_outside():
     mask = person(40, 40, (10, 10, 30, 30))
     values = torch.full((2, 40, 40), 0.7) * mask

@@ -1,0 +1,116 @@
+"""Steadier frames: what the networks found in one, averaged with the frames around it where they agree.
+
+The networks see each frame by itself, and what they find trembles a little as the person moves across their
+canvas. A bilateral filter in time takes that out: of the frames before and after, moved to where the person
+is now, each pixel counts as much as its shading is alike under lights from all over. Trembling is small and
+averages out; a shadow that moves, or a limb, is a large change and keeps its own frame's maps. (Tomasi and
+Manduchi 1998, for the filter; Kuglin and Hines 1975, phase correlation, for the motion.)
+
+The weights do not depend on the lights that the person is relit with, so relighting stays linear in them.
+"""
+
+from collections.abc import Callable
+from typing import NamedTuple
+
+import torch
+import torch.nn.functional as F
+
+from shadow.directions import olat
+from shadow.framing import Framing, affine_sample
+
+AROUND = 2  # frames before and after that take part
+ALIKE = 0.07  # difference in shading at which a frame counts 60 % of one that is equal
+PROBES = torch.from_numpy(olat())[::4]  # lights under which frames are compared
+REFINEMENTS = 3  # steps of the motion below a pixel
+SMOOTH = 5  # canvas pixels over which they are
+
+
+class Canvas(NamedTuple):
+    """What the networks found of one frame, on their canvas of h x w pixels."""
+
+    framing: Framing  # where the canvas lies on the plate
+    known: torch.Tensor  # (h, w) bool: shows the subject
+    image: torch.Tensor  # (3, h, w) the photograph, display-encoded, in about [0, 1]
+    normals: torch.Tensor  # (3, h, w) unit vectors
+    visibility: Callable  # unit directions (D, 3) to maps (D, h, w) in [0, 1]
+    shading: Callable  # likewise
+    light: torch.Tensor | None  # (3, h, w) in which it was photographed; None if the albedo is given
+
+
+def steadied(canvas, around, alike=ALIKE):
+    """A frame's canvas, averaged with those of the frames `around` it as far as they are `alike`."""
+    probed = canvas.shading(PROBES)
+    seen = [(canvas, None, torch.ones(1, *canvas.known.shape))]
+    for other in around:
+        matrix = _motion(canvas, other)
+        seen.append((other, matrix, _weight(canvas, probed, other, matrix, alike)))
+    total = sum(weight for _, _, weight in seen)
+
+    def mean(maps):
+        """The weighted mean of maps (C, h, w), which are taken from each canvas by `maps`."""
+        return sum(weight * _moved(maps(frame), matrix) for frame, matrix, weight in seen) / total
+
+    return canvas._replace(
+        normals=F.normalize(mean(lambda frame: frame.normals), dim=0),
+        visibility=lambda directions: mean(lambda frame: frame.visibility(directions)),
+        shading=lambda directions: mean(lambda frame: frame.shading(directions)),
+        light=None if canvas.light is None else mean(lambda frame: frame.light),
+    )
+
+
+def _moved(maps, matrix):
+    """Maps (C, h, w) of another canvas where they belong on this one."""
+    return maps if matrix is None else affine_sample(maps, matrix, maps.shape[1:])
+
+
+def _motion(canvas, other):
+    """(2, 3) from a position on the canvas to where the same part of the person is on the other."""
+    here, there = canvas.image * canvas.known, other.image * other.known
+
+    def error(matrix):
+        return float((_moved(there, matrix) - here).abs().mean())
+
+    still = canvas.framing.onto(other.framing)
+    jump = _translated(still, _shift(here, _moved(there, still)))
+    best = min((still, jump), key=error)
+    for _ in range(REFINEMENTS):
+        best = min((best, _translated(best, _step(here, _moved(there, best)))), key=error)
+    return best
+
+
+def _translated(matrix, shift):
+    """The matrix after a shift (2,) on the canvas that it comes from."""
+    return torch.cat([matrix[:, :2], matrix[:, 2:] + matrix[:, :2] @ shift[:, None]], dim=1)
+
+
+def _shift(first, second):
+    """(x, y) in whole pixels by which the content moved from one image (C, h, w) to the next."""
+    cross = (torch.fft.rfft2(first).conj() * torch.fft.rfft2(second)).sum(dim=0)
+    peaks = torch.fft.irfft2(cross / cross.abs().clamp_min(1e-9), s=first.shape[-2:])
+    height, width = peaks.shape
+    row, column = divmod(int(peaks.argmax()), width)
+    return torch.tensor(
+        [
+            (column + width // 2) % width - width // 2,
+            (row + height // 2) % height - height // 2,
+        ]
+    ).float()
+
+
+def _step(first, second):
+    """(x, y) by which the content moved, where that is less than a pixel (Lucas and Kanade 1981)."""
+    gradients = torch.stack(torch.gradient(second, dim=(2, 1))).flatten(1)
+    normal = gradients @ gradients.T + 1e-6 * torch.eye(2)
+    return torch.linalg.solve(normal, gradients @ (first - second).flatten()).clamp(-1, 1)
+
+
+def _weight(canvas, probed, other, matrix, alike):
+    """The weight (1, h, w) of another frame at each pixel: 1 where its shading is equal, 0 where unknown."""
+    known = (_moved(other.known[None].float(), matrix) > 0.99) & canvas.known
+    difference = (_moved(other.shading(PROBES), matrix) - probed).abs().amax(dim=0, keepdim=True)
+    squared = _blurred(difference**2 * known) / _blurred(known.float()).clamp_min(1e-3)
+    return known * torch.exp(-squared / (2 * alike**2))
+
+
+def _blurred(image):
+    return F.avg_pool2d(image, SMOOTH, stride=1, padding=SMOOTH // 2)
