@@ -304,6 +304,7 @@ def _progress():
 
 app.command()(workshop.stage)
 app.command()(workshop.train)
+app.command()(workshop.shrink)
 app.add_typer(workshop.evaluate, name="evaluate")
 
 

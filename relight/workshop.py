@@ -187,6 +187,16 @@ def _task(network, model, with_normals, visibility):
     )
 
 
+def shrink(
+    weights: Annotated[Path, typer.Argument(help="Weights that `train` wrote.")],
+    out: Annotated[Path, typer.Argument(help="File to write, half as large.")],
+):
+    """Store a network's weights in 8 bits, to ship them."""
+    from shadow.weights import shrink
+
+    console.print(f"{out} sha256 {shrink(weights, out)}")
+
+
 evaluate = typer.Typer(no_args_is_help=True, help="Score networks on records that they were not trained on.")
 
 ScoredRecords = Annotated[list[Path], typer.Option(help="Records or shards to score on. Repeatable.")]
