@@ -1,4 +1,5 @@
-"""What the virtual light stage costs on one core: seconds a view, and shadow rays against camera rays.
+"""What the virtual light stage costs on one core: seconds a view, shadow rays against camera rays, and bounce
+light against a path tracer.
 
 OMP_NUM_THREADS=1 python benchmarks/stage.py [mesh]
 """
@@ -10,6 +11,7 @@ import numpy as np
 
 from shadow import directions
 from shadow.lightstage import bodies, scans, stage
+from shadow.lightstage.pathtracer import path_trace
 
 SIZE = 512
 
@@ -34,3 +36,7 @@ camera, _ = seconds(lambda: stage.render(figure, stage.View(), SIZE, np.float32(
 view, record = seconds(lambda: stage.render(figure, stage.View(), SIZE, directions.olat()))
 print(f"{SIZE} x {SIZE}, {record.mask.sum()} pixels of the subject: camera rays and surface {camera:.2f} s,")
 print(f"with 64 visibility maps {view:.2f} s, ratio {view / camera:.2f}")
+bounced, _ = seconds(lambda: stage.render(figure, stage.View(), SIZE, directions.olat(), bounced=True), 1)
+traced, _ = seconds(lambda: path_trace(figure, stage.View(), SIZE, directions.olat()[20]), 1)
+print(f"with bounce light too {bounced:.2f} s; Mitsuba's path tracer, 32 samples, one light: {traced:.2f} s,")
+print(f"so {64 * traced / bounced:.0f} times as long for all 64")

@@ -26,11 +26,18 @@ class _OneLineErrors(TyperGroup):
 
 app = typer.Typer(cls=_OneLineErrors, no_args_is_help=True, pretty_exceptions_enable=False)
 console = Console(stderr=True)
+ENVIRONMENT = "environment"  # as a background
 
 
 @app.callback()
 def main():
     """Relight a photographed person, light by light, in scene-linear colour."""
+
+
+class Placement(StrEnum):
+    fit = "fit"
+    fill = "fill"
+    centre = "centre"
 
 
 class Screen(StrEnum):
@@ -74,8 +81,26 @@ def apply(
         typer.Option(help="Cut the person out of a screen; a mask then says where there is one."),
     ] = None,
     background: Annotated[
-        str | None, typer.Option(help="An image of any size, or a linear colour such as 0.2/0.2/0.2.")
+        str | None,
+        typer.Option(
+            help="An image of any size, a linear colour such as 0.2/0.2/0.2, or environment: what a camera "
+            "sees of it."
+        ),
     ] = None,
+    field_of_view: Annotated[
+        float, typer.Option(help="Of that camera, vertical, in degrees.", show_default=True)
+    ] = 40.0,
+    size: Annotated[
+        str | None,
+        typer.Option(
+            help="The picture's, as 1920x1080, or background for its own. Default: the photograph's."
+        ),
+    ] = None,
+    placement: Annotated[
+        Placement, typer.Option(help="How the photograph lies in a picture of another size.")
+    ] = Placement.fit,
+    scale: Annotated[float, typer.Option(help="Of the photograph, on top of that.")] = 1.0,
+    offset: Annotated[str, typer.Option(help="Of the photograph: RIGHT/UP in pixels.")] = "0/0",
     colour_space: Annotated[
         str | None,
         typer.Option(
@@ -94,25 +119,29 @@ def apply(
         ),
     ] = None,
     exposure: Annotated[float, typer.Option(help="Of PNG, JPEG and TIFF, in stops.")] = 0.0,
+    save_matte: Annotated[
+        Path | None, typer.Option(help="Write the matte alone, grey: PNG, TIFF or OpenEXR.")
+    ] = None,
+    normals: Annotated[
+        Path | None,
+        typer.Option(help="Use these camera-frame normals: an image, or a network (PIFuHD's .pt)."),
+    ] = None,
+    axes: Annotated[
+        str, typer.Option(help="What that image's channels are measured along; OpenCV's are +x-y-z.")
+    ] = "+x+y+z",
 ):
     """Relight the person in IMAGE and write the picture."""
     from relight import image as images
     from relight import nuke
     from relight.colour import find_view
     from relight.composite import render
-    from relight.environment import EnvironmentLight
-    from relight.lightfile import read_lights, write_lights
-    from relight.lights import DirectionalLight
+    from relight.lightfile import write_lights
 
-    lighting = [] if lights is None else read_lights(lights)
-    lighting += [DirectionalLight.parse(text) for text in light or []]
-    lighting += [EnvironmentLight.parse(text) for text in environment or []]
-    if not lighting:
-        raise ValueError("no light: expected --light, --environment or --lights")
+    lighting = _lighting(lights, light, environment)
     pictures, scripts = _by_kind(output)
     if scripts and not any(path.suffix.lower() == ".exr" for path in pictures):
         raise ValueError(f"{scripts[0]}: a Nuke script needs an .exr to read; add one with -o")
-    for path in pictures:
+    for path in [*pictures, save_matte] if save_matte else pictures:
         images.check_writable(path)
     if view is not None:
         find_view(view)  # before the work, not after it
@@ -124,16 +153,23 @@ def apply(
         from relight.matte import key as cut_out
 
         plate, matte = cut_out(plate, key, mask=matte), None
-    backdrop = None if background is None else _background(background)
+    backdrop = None if background in (None, ENVIRONMENT) else _background(background)
+    plate, matte = _placed(plate, matte, size, backdrop, mode=placement, scale=scale, offset=offset)
+    if background == ENVIRONMENT:
+        backdrop = _seen(lighting, plate.shape[:2], field_of_view)
+    surface = None if normals is None else _normals(normals, axes)
     with console.status("Relighting"):
         picture, stack = render(
-            plate, lighting, background=backdrop, mask=matte, passes=_words(layers)
+            plate, lighting, background=backdrop, mask=matte, normals=surface, passes=_words(layers)
         )  # fmt: skip
     for path in pictures:
         with console.status(f"Writing {path}"):
             groups = stack if path.suffix.lower() == ".exr" else None
             images.write(path, picture, layers=groups, view=view, exposure=exposure)
         console.print(f"{path}")
+    if save_matte is not None:
+        images.write_mask(save_matte, plate[..., 3] if matte is None else matte)
+        console.print(f"{save_matte}")
     source = next((path for path in pictures if path.suffix.lower() == ".exr"), None)
     for path in scripts:
         groups = {name.removeprefix("C_"): (source, name) for name in stack if name.startswith("C_")}
@@ -152,6 +188,55 @@ def _words(text):
     return [word.strip() for word in (text or "").split(",") if word.strip()]
 
 
+def _lighting(path, lights, environments):
+    """The lights of a file and of the options."""
+    from relight.environment import EnvironmentLight
+    from relight.lightfile import read_lights
+    from relight.lights import DirectionalLight
+
+    lighting = [] if path is None else read_lights(path)
+    lighting += [DirectionalLight.parse(text) for text in lights or []]
+    lighting += [EnvironmentLight.parse(text) for text in environments or []]
+    if not lighting:
+        raise ValueError("no light: expected --light, --environment or --lights")
+    return lighting
+
+
+def _placed(plate, matte, size, background, *, mode, scale, offset):
+    """Photograph and matte in the frame that the options ask for."""
+    from relight.composite import place
+
+    try:
+        moved = tuple(map(int, offset.split("/")))
+    except ValueError as error:
+        raise ValueError(f"--offset: expected RIGHT/UP in pixels, such as 120/-40, got {offset!r}") from error
+    if size is None and scale == 1 and moved == (0, 0):
+        return plate, matte
+    frame = plate.shape[:2]
+    if size == "background":
+        if getattr(background, "ndim", 0) != 3:
+            raise ValueError("--size background: expected --background with an image")
+        frame = background.shape[:2]
+    elif size is not None:
+        try:
+            width, height = map(int, size.lower().split("x"))
+        except ValueError as error:
+            raise ValueError(f"--size: expected WIDTHxHEIGHT or background, got {size!r}") from error
+        frame = height, width
+    moves = {"mode": mode, "scale": scale, "offset": moved}
+    return place(plate, frame, **moves), None if matte is None else place(matte, frame, **moves)
+
+
+def _seen(lighting, size, field_of_view):
+    """What a camera sees of the environments among the lights."""
+    from relight.environment import EnvironmentLight
+
+    skies = [light for light in lighting if isinstance(light, EnvironmentLight)]
+    if not skies:
+        raise ValueError("--background environment: expected an environment among the lights")
+    return sum(sky.view(size, field_of_view) for sky in skies)
+
+
 def _background(text):
     """An image's path, or a colour as r/g/b."""
     from relight import image as images
@@ -160,6 +245,16 @@ def _background(text):
         return tuple(map(float, text.split("/")))
     except ValueError:
         return images.read(text)
+
+
+def _normals(path, axes):
+    """Normals that a file holds, or a network in it makes."""
+    from relight import image as images
+    from shadow.normals import load
+
+    if path.suffix in (".pt", ".safetensors"):
+        return load(path, axes=axes)
+    return load(images.read_normals(path, axes=axes))
 
 
 @app.command()
@@ -429,14 +524,47 @@ def evaluate_tables(
     """Write the paper's Tables 2 to 5 and Figures 2 and 4, measured on these records, beside its figures."""
     from shadow import report
 
+    path = report.write(
+        records, out, models=_named(model), normals_model=normals, soft=soft, seed=seed, limit=limit
+    )
+    console.print(f"{path}")
+
+
+@evaluate.command("shading")
+def evaluate_shading(
+    records: ScoredRecords,
+    model: Annotated[
+        list[str] | None,
+        typer.Option(
+            help="A network, as ROW=FILE. Rows of Table 6: ours (instead of the shipped one), w/o normals, "
+            "w/o visibility, w/o both, baseline visibility; or any other. Repeatable."
+        ),
+    ] = None,
+    figure: Annotated[Path | None, typer.Option(help="PNG to draw Figure 6 into.")] = None,
+    normals: NormalsWeights = "normals",
+    field: Annotated[str, typer.Option(help="Visibility weights: a name, or a file.")] = "field",
+    seed: LightingSeed = 0,
+    limit: Limit = None,
+):
+    """Print Table 6: RMSE and SSIM of the shading against path-traced truth; and the albedo's errors."""
+    from shading import evaluation
+
+    tallies, delights = evaluation.evaluate(
+        records, models=_named(model), out=figure, normals_model=normals, field_model=field, seed=seed,
+        limit=limit,
+    )  # fmt: skip
+    print(evaluation.report(tallies, delights))
+
+
+def _named(texts):
+    """NAME=FILE options as a dictionary."""
     models = {}
-    for text in model or []:
+    for text in texts or []:
         name, _, file = text.partition("=")
         if not file or name in models:
             raise ValueError(f"--model: expected NAME=FILE, each name once, got {text!r}")
         models[name] = file
-    path = report.write(records, out, models=models, normals_model=normals, soft=soft, seed=seed, limit=limit)
-    console.print(f"{path}")
+    return models
 
 
 if __name__ == "__main__":

@@ -1,11 +1,16 @@
 """A relit person over a background."""
 
+import operator
+
 import numpy as np
 import OpenImageIO as oiio
 
 from relight import layers
-from relight.image import scene_linear
+from relight.environment import EnvironmentLight
+from relight.image import coverage, scene_linear
 from relight.subject import Subject
+
+FARTHEST = 65536  # pixels: beyond any plate, within what an image can be
 
 
 def apply(image, lights, *, background=None, mask=None, albedo=None, normals=None):
@@ -15,10 +20,12 @@ def apply(image, lights, *, background=None, mask=None, albedo=None, normals=Non
     ----------
     image: (H, W, 3|4). Integers are sRGB-encoded with straight alpha; floats linear Rec.709, premultiplied.
     lights: a light, or any number of them.
-    background: image of any size, fitted to cover the frame, or a linear (r, g, b); None keeps the alpha.
+    background: image of any size, fitted to cover the frame; a linear (r, g, b); or a
+        relight.EnvironmentLight, as a camera sees it (see `over`). None keeps the alpha.
     mask: (H, W) in [0, 1], the matte of the person; needed unless the image has alpha.
     albedo: (H, W, 3) to use instead of inferring it.
-    normals: (H, W, 3) camera-frame normals to use instead of inferring them.
+    normals: (H, W, 3) camera-frame normals to use instead of inferring them; or anything else that
+        `shadow.normals.load` takes.
 
     Returns
     -------
@@ -75,8 +82,9 @@ def over(foreground, background):
     Parameters
     ----------
     foreground: (H, W, 4), integers sRGB with straight alpha, floats linear premultiplied.
-    background: (h, w, 3|4) alike, of any size: scaled to cover the frame and cropped about its centre; or a
-        linear (r, g, b). Its own alpha, if any, is over black.
+    background: (h, w, 3|4) alike, of any size: scaled to cover the frame and cropped about its centre; its
+        own alpha, if any, is over black. Or a linear (r, g, b). Or a relight.EnvironmentLight: what of it a
+        camera sees behind the person (`EnvironmentLight.view`).
 
     Returns
     -------
@@ -89,7 +97,9 @@ def over(foreground, background):
     front = scene_linear("foreground", foreground)
     if front.shape[-1] != 4:
         raise ValueError(f"foreground: expected shape (H, W, 4), got {front.shape}")
-    if np.ndim(background) == 1:
+    if isinstance(background, EnvironmentLight):
+        back = background.view(front.shape[:2])
+    elif np.ndim(background) == 1:
         colour = np.asarray(background)
         if (
             colour.shape != (3,)
@@ -103,6 +113,61 @@ def over(foreground, background):
     return front[..., :3] + (1 - front[..., 3:]) * back
 
 
+def place(image, size, *, mode="fit", scale=1.0, offset=(0, 0)):
+    """An image in a frame of another size, such as a background's: before analysis, or after relighting.
+
+    Parameters
+    ----------
+    image: (h, w, 3|4), integers sRGB with straight alpha, floats linear premultiplied; or a mask (h, w).
+    size: (H, W) of the frame in pixels.
+    mode: "fit", as large as the frame shows all of it; "fill", as large as leaves none of the frame empty;
+        "centre", at its own size. Always about the centre of the frame.
+    scale: > 0, on top of that.
+    offset: (right, up) in whole pixels of the frame.
+
+    Returns
+    -------
+    (H, W, 3|4) or (H, W) float32: zero where the image is not, cropped where it does not fit. At its own size
+    its pixels are kept as they are.
+
+    Raises
+    ------
+    TypeError, ValueError: as of `over`, an empty frame, an unknown mode, a scale or offset out of range.
+    """
+    flat = np.ndim(image) == 2
+    pixels = coverage("image", image)[..., None] if flat else scene_linear("image", image)
+    (rows, columns), (height, width) = pixels.shape[:2], _whole("size", size, 1)
+    right, up = _whole("offset", offset, -FARTHEST)
+    ratios = (height / rows, width / columns)
+    if mode not in ("fit", "fill", "centre"):
+        raise ValueError(f"mode: expected fit, fill or centre, got {mode!r}")
+    if not 0 < scale < np.inf:
+        raise ValueError(f"scale: expected a finite number > 0, got {scale!r}")
+    scale *= {"fit": min(ratios), "fill": max(ratios), "centre": 1.0}[mode]
+    shown = max(1, round(rows * scale)), max(1, round(columns * scale))
+    if max(shown) > FARTHEST:
+        raise ValueError(f"scale: makes the image {shown[1]} x {shown[0]} pixels; expected up to {FARTHEST}")
+    pixels = _resized(pixels, shown)
+    if flat or pixels.shape[-1] == 4:
+        np.clip(pixels[..., -1], 0, 1, out=pixels[..., -1])  # the filter's rounding
+    frame = np.zeros((height, width, pixels.shape[-1]), np.float32)
+    top, left = (height - shown[0]) // 2 - up, (width - shown[1]) // 2 + right
+    inside = frame[max(top, 0) : max(top + shown[0], 0), max(left, 0) : max(left + shown[1], 0)]
+    inside[:] = pixels[max(-top, 0) :, max(-left, 0) :][: inside.shape[0], : inside.shape[1]]
+    return frame[..., 0] if flat else frame
+
+
+def _whole(name, values, low):
+    """Two whole numbers from `low` to FARTHEST."""
+    try:
+        first, second = (operator.index(value) for value in values)
+    except (TypeError, ValueError) as error:
+        raise TypeError(f"{name}: expected two whole numbers, got {values!r}") from error
+    if min(first, second) < low or max(first, second) > FARTHEST:
+        raise ValueError(f"{name}: expected {low} to {FARTHEST} pixels, got {values!r}")
+    return first, second
+
+
 def cover(image, size):
     """`image` (h, w, C) float32, scaled to cover `size` (H, W) and cropped about its centre: (H, W, C)."""
     (height, width), (rows, columns) = size, image.shape[:2]
@@ -110,8 +175,15 @@ def cover(image, size):
     shown = max(1, round(height / scale)), max(1, round(width / scale))
     top, left = (rows - shown[0]) // 2, (columns - shown[1]) // 2
     crop = np.ascontiguousarray(image[top : top + shown[0], left : left + shown[1]])
-    if shown == (height, width):
-        return crop
+    return _resized(crop, size)
+
+
+def _resized(image, size):
+    """`image` (h, w, C) float32 at `size` (H, W): itself if that is its size."""
+    if image.shape[:2] == tuple(size):
+        return image
     # Blackman-Harris has no negative lobes: a lamp in the background gets no dark ring.
-    region = oiio.ROI(0, width, 0, height, 0, 1, 0, image.shape[2])
-    return oiio.ImageBufAlgo.resize(oiio.ImageBuf(crop), "blackman-harris", roi=region).get_pixels("float")
+    region = oiio.ROI(0, size[1], 0, size[0], 0, 1, 0, image.shape[2])
+    source = oiio.ImageBuf(np.ascontiguousarray(image, np.float32))
+    resized = oiio.ImageBufAlgo.resize(source, "blackman-harris", roi=region).get_pixels("float")
+    return resized.reshape(*size, image.shape[2])

@@ -12,6 +12,9 @@ from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
+import OpenImageIO as oiio
+import torch
+import torch.nn.functional as F
 
 from relight import image as images
 from relight.lights import Light, checked_number, parse_settings
@@ -20,6 +23,9 @@ from shadow.directions import from_spherical
 LAMPS = 256  # directions at most: irradiance within 0.5 % (RMS) of that of all the map's pixels
 ROWS = 256  # of the grid that is divided among the lamps; finer maps are summed to it
 FEWEST_ROWS = 64  # coarser maps are repeated to it, so that a lamp is never a big pixel's centre
+FIELD_OF_VIEW = 40.0  # degrees, vertical: a person head to foot from three metres
+SMOOTH = 4  # samples a map pixel that a cubic-like filter makes; between those, linear will do
+MARGIN = 3  # pixels around a view, for the filter
 NEGATIVE = 0.01  # share of the mean below zero that filters and conversions may leave
 
 
@@ -103,6 +109,30 @@ class EnvironmentLight(Light):
         axes = from_spherical([turn + 90, 0, turn], [0, 90, 0])  # where x, y and z of the map point
         return directions @ axes, (intensities * self.power).astype(np.float32)
 
+    def view(self, size, field_of_view=FIELD_OF_VIEW):
+        """What a level camera sees of it behind the person: (H, W, 3) float32, linear Rec.709, unbounded.
+
+        Parameters
+        ----------
+        size: (H, W) in pixels.
+        field_of_view: the camera's vertical one in degrees, above 0 and up to 170.
+
+        The camera looks along -z, from where the light comes that is behind the person: for a map turned by
+        `rotation` of 0, its left and right edges meet in the middle of the view. The light's intensity and
+        colour apply. Raises ValueError for an empty size or a field of view out of range.
+        """
+        height, width = size
+        field_of_view = checked_number("field_of_view", field_of_view, 1e-3, 170)
+        if min(height, width) < 1:
+            raise ValueError(f"size: expected (height, width) of at least 1, got {size}")
+        half = np.tan(np.radians(field_of_view / 2))
+        y = (half - (np.arange(height) + 0.5) * 2 * half / height)[:, None]
+        x = (np.arange(width) + 0.5) * 2 * half / height - half * width / height
+        turn = np.degrees(np.arctan(x)) + self.rotation % 360  # rightward from the seam, along the map
+        elevation = np.degrees(np.arctan2(y, np.hypot(x, 1)))
+        seen = self.image.at(turn, elevation, 2 * np.degrees(half) / height)
+        return seen * self.power.astype(np.float32)
+
 
 class Panorama:
     """A latitude-longitude map: `pixels` (H, 2 H, 3) float32, linear Rec.709, and the `path` it is from."""
@@ -130,6 +160,30 @@ class Panorama:
 
     def __repr__(self):
         return f"Panorama({str(self.path) if self.path else self.pixels.shape})"
+
+    def at(self, column, elevation, spacing):
+        """Radiance (H, W, 3) at map positions: degrees (W,) from the left edge, and degrees up (H, W).
+
+        `spacing` in degrees is about that of the samples: a finer map is averaged to it first, so that no
+        pixel flickers, and a coarser one is smoothed, so that none shows.
+        """
+        degrees = 180 / len(self.pixels)
+        zoom = min(degrees / spacing, SMOOTH)
+        margin = int(np.ceil(MARGIN * max(1, 1 / zoom)))
+        left, right = (int(np.floor(edge / degrees)) for edge in (column.min(), column.max()))
+        top, bottom = (int(np.floor((90 - edge) / degrees)) for edge in (elevation.max(), elevation.min()))
+        columns = np.arange(left - margin, right + margin + 1) % self.pixels.shape[1]
+        rows = np.arange(top - margin, bottom + margin + 1).clip(0, len(self.pixels) - 1)
+        part = np.ascontiguousarray(self.pixels[rows][:, columns])
+        fine = tuple(max(1, round(count * zoom)) for count in part.shape[:2])
+        region = oiio.ROI(0, fine[1], 0, fine[0], 0, 1, 0, 3)
+        part = oiio.ImageBufAlgo.resize(oiio.ImageBuf(part), "blackman-harris", roi=region)
+        x = (column / degrees - (left - margin)) / len(columns) * 2 - 1
+        y = ((90 - elevation) / degrees - (top - margin)) / len(rows) * 2 - 1
+        grid = np.stack([np.broadcast_to(x, y.shape), y], axis=-1)
+        fine = torch.from_numpy(part.get_pixels("float").reshape(*fine, 3)).permute(2, 0, 1)
+        seen = F.grid_sample(fine[None], torch.from_numpy(np.float32(grid))[None], align_corners=False)
+        return seen[0].permute(1, 2, 0).numpy()
 
     @functools.cached_property
     def lamps(self):

@@ -12,6 +12,7 @@ import OpenImageIO as oiio
 
 from relight import __version__, colour
 from relight.files import replacing
+from shadow.directions import CAMERA, from_axes
 
 DEPTHS = {  # what each format is written as: the first is the default
     ".exr": ("half", "float"),
@@ -77,6 +78,24 @@ def _linear(pixels, *, straight, space):
     return np.concatenate([colour.decode(rgb, space) * alpha, alpha], axis=-1, dtype=np.float32)
 
 
+def coverage(name, mask):
+    """A matte at the public edge as (H, W) float32 in [0, 1].
+
+    `mask` is floating in [0, 1], or uint8 or uint16 over the full range. TypeError for another dtype,
+    ValueError for another shape, NaN or values out of range; `name` is what the error calls it.
+    """
+    matte = np.asarray(mask)
+    if matte.dtype not in (np.uint8, np.uint16) and not np.issubdtype(matte.dtype, np.floating):
+        raise TypeError(f"{name}: expected uint8, uint16 or a floating dtype, got {matte.dtype}")
+    if matte.ndim != 2 or 0 in matte.shape:
+        raise ValueError(f"{name}: expected shape (H, W), got {matte.shape}")
+    if np.issubdtype(matte.dtype, np.integer):
+        return matte / np.float32(np.iinfo(matte.dtype).max)
+    if not (matte.min() >= 0 and matte.max() <= 1):
+        raise ValueError(f"{name}: expected values in [0, 1], got [{matte.min():g}, {matte.max():g}]")
+    return matte.astype(np.float32)
+
+
 def read(path, *, colour_space=None):
     """Read an image.
 
@@ -97,17 +116,16 @@ def read(path, *, colour_space=None):
     FileNotFoundError: no such file. ValueError: not an image, truncated, NaN or infinite values, an unknown
     colour space or profile.
     """
-    pixels, spec = _load(path)
-    names = list(spec.channelnames)
+    pixels, spec, names = _load(path, wanted="RGBAY")
     colours = [names.index(c) for c in "RGB" if c in names] or [names.index(c) for c in "Y" if c in names]
     if len(colours) not in (1, 3):
         raise ValueError(f"{path}: expected channels R, G, B or Y, with or without A; got {', '.join(names)}")
-    rgb = np.broadcast_to(pixels[..., colours], (*pixels.shape[:2], 3))
-    if "A" in names:
-        rgb = np.concatenate([rgb, pixels[..., [names.index("A")]]], axis=-1)
+    alpha = [names.index("A")] if "A" in names else []
+    if [*colours, *alpha] != list(range(len(names))) or len(colours) == 1:
+        pixels = pixels[..., [*(colours * 3)[:3], *alpha]]
     space = _declared_space(path, spec, pixels.dtype) if colour_space is None else colour_space
     try:
-        linear = _linear(rgb, straight=bool(spec.get_int_attribute("oiio:UnassociatedAlpha")), space=space)
+        linear = _linear(pixels, straight=bool(spec.get_int_attribute("oiio:UnassociatedAlpha")), space=space)
     except ValueError as error:
         raise ValueError(f"{path}: {error}") from error
     if not np.isfinite(linear).all():
@@ -121,9 +139,9 @@ def read_layers(path):
     A layer holds the channels `name.*`; the channels without a name, the beauty, are `read`'s. Empty if there
     are no layers. Raises as `read` does.
     """
-    pixels, spec = _load(path)
+    pixels, _, names = _load(path)
     channels = {}
-    for index, channel in enumerate(spec.channelnames):
+    for index, channel in enumerate(names):
         layer, dot, _ = channel.rpartition(".")
         if dot:
             channels.setdefault(layer, []).append(index)
@@ -136,7 +154,7 @@ def read_mask(path):
     A matte is coverage, not colour: its values are taken as they are stored. Raises as `read` does, and
     ValueError for a picture that is neither transparent nor grey.
     """
-    pixels, spec = _load(path)
+    pixels, spec, _ = _load(path)
     if np.issubdtype(pixels.dtype, np.integer):
         pixels = pixels / np.float32(np.iinfo(pixels.dtype).max)
     if not np.isfinite(pixels).all():
@@ -153,8 +171,53 @@ def read_mask(path):
     return np.clip(matte, 0, 1, dtype=np.float32)
 
 
-def _load(path):
-    """All pixels (H, W, C) of a file, uint8 and uint16 as they are and float32 otherwise, and its spec."""
+def read_normals(path, *, axes=CAMERA, layer=None):
+    """Read a normal map: unit vectors, as they are stored. No colour space is applied to them.
+
+    Parameters
+    ----------
+    path: integers (PNG, TIFF) hold n = 2v - 1, v over their full range; floats (OpenEXR) n itself, signed.
+    axes: what the file's first, second and third channel are measured along: "+x+y+z" is the camera frame (x
+        right, y up, z to the camera), "+x-y-z" OpenCV's; see `shadow.directions.from_axes`. Normals in world
+        space have to be turned by the camera's rotation first.
+    layer: of an OpenEXR file, such as "N"; unless given, the channels R, G, B or X, Y, Z without a layer.
+
+    Returns
+    -------
+    (H, W, 3) float32 in the camera frame; zero where the file holds no normal: black, white or mid-grey.
+
+    Raises
+    ------
+    As `read` does, and ValueError for other channels, no such layer, unknown axes, or floats that are encoded
+    as integers should be.
+    """
+    pixels, _, names = _load(path)
+    prefix = "" if layer is None else f"{layer}."
+    for channels in ("RGB", "XYZ", "rgb", "xyz"):
+        if all(prefix + channel in names for channel in channels):
+            break
+    else:
+        wanted = f"{prefix}R, {prefix}G, {prefix}B or {prefix}X, {prefix}Y, {prefix}Z"
+        raise ValueError(f"{path}: expected channels {wanted}; got {', '.join(names)}")
+    stored = pixels[..., [names.index(prefix + channel) for channel in channels]]
+    vectors = stored.astype(np.float32)
+    if np.issubdtype(stored.dtype, np.integer):
+        vectors = vectors * (2 / np.iinfo(stored.dtype).max) - 1
+    if not np.isfinite(vectors).all():
+        raise ValueError(f"{path}: contains NaN or infinite values")
+    length = np.linalg.norm(vectors, axis=-1, keepdims=True)
+    known = (length > 0.5) & (length < 1.5)  # black and white decode to 1.73, mid-grey to 0
+    if not known.any():
+        raise ValueError(f"{path}: holds no vector of about unit length, expected normals")
+    if vectors.min() >= 0 and np.median(length[known]) > 1.05:
+        raise ValueError(f"{path}: holds floats in [0, 1], expected signed normals: decode it, n = 2v - 1")
+    unit = np.divide(vectors, length, out=np.zeros_like(vectors), where=known)
+    return unit @ from_axes(axes).T
+
+
+def _load(path, wanted=None):
+    """Pixels (H, W, C) of a file, uint8 and uint16 as they are and float32 otherwise, its spec, and the names
+    of the channels: all, or no more than lie from the first to the last of those `wanted`."""
     path = Path(path)
     if not path.exists():
         raise FileNotFoundError(f"{path}: no such file")
@@ -166,13 +229,16 @@ def _load(path):
     spec = file.spec()
     if spec.deep:
         raise ValueError(f"{path}: is a deep image, expected a flat one")
+    names = list(spec.channelnames)
+    found = [index for index, name in enumerate(names) if wanted is None or name in wanted]
+    first, last = (found[0], found[-1] + 1) if found else (0, len(names))
     native = str(spec.format)
-    pixels = file.read_image(native if native in ("uint8", "uint16") else "float")
+    pixels = file.read_image(0, 0, first, last, native if native in ("uint8", "uint16") else "float")
     problem = file.geterror()  # a truncated JPEG returns a picture *and* an error
     file.close()
     if pixels is None or problem:
         raise ValueError(f"{path}: is damaged or truncated: {problem.strip()}")
-    return _upright(_in_display_window(pixels, spec), spec), spec
+    return _upright(_in_display_window(pixels, spec), spec), spec, names[first:last]
 
 
 def _in_display_window(pixels, spec):
@@ -180,7 +246,7 @@ def _in_display_window(pixels, spec):
     left, top = spec.x - spec.full_x, spec.y - spec.full_y
     if (left, top, spec.width, spec.height) == (0, 0, spec.full_width, spec.full_height):
         return pixels
-    window = np.zeros((spec.full_height, spec.full_width, spec.nchannels), pixels.dtype)
+    window = np.zeros((spec.full_height, spec.full_width, pixels.shape[-1]), pixels.dtype)
     rows = slice(max(top, 0), max(top + spec.height, 0))
     columns = slice(max(left, 0), max(left + spec.width, 0))
     inside = window[rows, columns]
@@ -288,6 +354,33 @@ def write(path, image, *, layers=None, depth=None, metadata=None, view=None, exp
         else:
             spec.attribute(name, value)
     _save(path, pixels, spec)
+
+
+def write_mask(path, mask, *, depth=None):
+    """Write a matte as a grey image, which `read_mask` reads back: coverage as it is, no colour encoding.
+
+    Parameters
+    ----------
+    path: .png, .tif or .exr. Its folder must exist.
+    mask: (H, W) in [0, 1], or uint8 or uint16 over the full range.
+    depth: as of `write`, but 16 bits unless given.
+
+    Raises
+    ------
+    TypeError, ValueError: wrong shape, dtype or values, a format that may lose some. OSError: as of `write`.
+    """
+    path = Path(path)
+    depths = check_writable(path)
+    if path.suffix.lower() not in (".exr", ".png", ".tif", ".tiff"):
+        raise ValueError(f"{path}: expected .png, .tif or .exr for a matte")
+    depth = depth or {".exr": "half"}.get(path.suffix.lower(), "uint16")
+    if depth not in depths:
+        raise ValueError(f"depth: expected {' or '.join(depths)} for {path.suffix}, got {depth!r}")
+    matte = coverage("mask", mask)
+    spec = oiio.ImageSpec(matte.shape[1], matte.shape[0], 1, depth)
+    spec.channelnames = ["Y"]
+    spec.attribute("Software", f"relight {__version__}")
+    _save(path, matte[..., None], spec)
 
 
 def _encoded(pixels, view, exposure, white):

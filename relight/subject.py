@@ -14,9 +14,11 @@ from relight.image import scene_linear
 from relight.temporal import Canvas
 from relight.upsampling import JointBilateral
 from shading import diffuse
+from shading.albedo import solve_lighting
 from shadow import inputs
 from shadow import normals as normals_module
 from shadow import visibility as visibility_module
+from shadow.directions import olat
 from shadow.framing import Extension, Framing, bounding_box
 
 CLEAN = 0.98  # coverage above which a photograph's pixel holds no background to speak of
@@ -41,7 +43,8 @@ class Subject:
         image has alpha, which it replaces. Pixels that a mask covers in part are taken to show the background
         too, so their colour is continued from inside.
     albedo: (H, W, 3) to use instead of inferring it; integers sRGB, floats linear in [0, 1].
-    normals: (H, W, 3) camera-frame normals (x right, y up, z to the camera) to use instead of inferring them.
+    normals: (H, W, 3) camera-frame normals (x right, y up, z to the camera) to use instead of inferring them;
+        or anything else that `shadow.normals.load` takes, such as a PIFuHD checkpoint.
 
     Raises
     ------
@@ -54,7 +57,9 @@ class Subject:
         alpha = _matte(pixels, mask)
         self._size = tuple(alpha.shape)
         given_albedo = None if albedo is None else _given_albedo(albedo, self._size)
-        given_normals = None if normals is None else inputs.normals("normals", normals, self._size)
+        field, shader = visibility_module.load(), diffuse.load()
+        photograph = None if normals is None else _photograph(pixels)
+        surface = normals_module.resolve(normals, photograph, alpha, field, shader)
 
         top, left, bottom, right = bounding_box(alpha, threshold=0)
         # An empty pixel around it, unless the plate ends there: so the framing sees which sides are cut.
@@ -63,36 +68,39 @@ class Subject:
         box = np.s_[..., top:bottom, left:right]
         alpha = alpha[box]
         foreground = _foreground(pixels[top:bottom, left:right], alpha, photographed=mask is not None)
+        self._box, self._matte = np.s_[top:bottom, left:right], alpha
         self._pixels = (alpha > 0).flatten().nonzero()[:, 0]  # in the box
         self._where = (
             (self._pixels // (right - left) + top) * self._size[1] + self._pixels % (right - left) + left
         )
         self._alpha = alpha.flatten()[self._pixels]
 
-        field = visibility_module.load()
-        framing = Framing.around(alpha, field.size)
+        self._framing = framing = Framing.around(alpha, field.size)
         framed_mask = framing.crop(alpha[None])[0].clamp(0, 1)
         framed = _crop(framing, foreground)
         known = framed_mask > 0.5
-        if given_normals is None:
-            surface = normals_module.load().analyse(framed, framed_mask)
-        else:
-            surface = F.normalize(framing.crop(given_normals[box]), dim=0)
+        if isinstance(surface, torch.Tensor):
+            surface = surface[box]
+        surface = normals_module.on_canvas(surface, framing, framed, framed_mask)
         visibility = field.analyse(framed, framed_mask, surface)
-        analysed = diffuse.load().analyse(framed, framed_mask, surface, visibility)
+        analysed = shader.analyse(framed, framed_mask, surface, visibility)
 
         exposure = 0.2 / framed[:, known].mean().clamp_min(1e-6)
         guide, framed_guide = (_display(colour * exposure) for colour in (foreground, framed))
         self._extend = Extension(framed_mask, REACH)
         self._enlarge = JointBilateral(framing, guide, framed_guide, known, self._pixels)
         if given_albedo is None:
-            light = _photographed_shading(framed, analysed.albedo, known)
+            light, found = _photographed_shading(framed, analysed.albedo, known), analysed.albedo
             self._colour = foreground.flatten(1)[:, self._pixels].T
         else:
-            light = None
+            light, found = None, _crop(framing, given_albedo[box])
             self._albedo = given_albedo[box].flatten(1)[:, self._pixels].T
-        on_plate = framing.shifted(left, top, self._size)
-        self._use(Canvas(on_plate, known, framed_guide, surface, visibility, analysed.shading, light))
+        self._use(
+            Canvas(
+                framing.shifted(left, top, self._size), known, framed_guide,
+                surface, visibility, analysed.shading, found, light,
+            )
+        )  # fmt: skip
 
     def _use(self, canvas):
         """Take what the networks found from `canvas`."""
@@ -147,6 +155,20 @@ class Subject:
         compositor needs to grade light and colour apart. Raises as `relit` does.
         """
         return self._scatter(self._lighting(lights))
+
+    def fitted(self, image):
+        """The lighting in which the person looks most like `image`, see `relight.fit_lights`.
+
+        Returns directions (96, 3), `shadow.directions.olat(behind=True)`, and their intensities (96, 3) >= 0.
+        """
+        pixels = scene_linear("image", image)
+        if pixels.shape[:2] != self._size:
+            raise ValueError(f"image: expected the subject's size {self._size}, got {pixels.shape[:2]}")
+        foreground = _foreground(pixels[self._box], self._matte, photographed=pixels.shape[-1] == 3)
+        framed, directions = _crop(self._framing, foreground), torch.from_numpy(olat(behind=True))
+        shading, canvas = self._canvas.shading(directions), self._canvas
+        powers = solve_lighting(framed, canvas.albedo, shading, canvas.known.float())
+        return directions.numpy(), powers.numpy()
 
     def unshadowed(self, light):
         """The share of a light that no part of the person blocks: (H, W) float32 in [0, 1], zero outside.
@@ -263,6 +285,12 @@ def _matte(pixels, mask):
     if pixels[..., 3].min() == 1:
         raise ValueError("mask: the image is opaque everywhere, so give the person's matte as a mask")
     return inputs.mask("image's alpha", pixels[..., 3], pixels.shape[:2])
+
+
+def _photograph(pixels):
+    """The plate's colour (3, H, W), its own alpha, if any, taken out: what a foreign normals network sees."""
+    rgb = torch.from_numpy(np.ascontiguousarray(pixels)).permute(2, 0, 1)
+    return rgb[:3] / rgb[3:].clamp_min(FAINT) if len(rgb) == 4 else rgb
 
 
 def _given_albedo(albedo, size):

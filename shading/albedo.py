@@ -21,7 +21,8 @@ def infer_albedo(rgb, mask, *, normals=None, model="shading"):
     ----------
     rgb: (H, W, 3) float, linear Rec.709, any size and exposure; NumPy or torch.
     mask: (H, W) in [0, 1], the matte of the person.
-    normals: (H, W, 3) camera-frame normals to use instead of inferring them.
+    normals: (H, W, 3) camera-frame normals to use instead of inferring them with the shipped network; or
+        anything else that `shadow.normals.load` takes.
     model: name of shipped weights, or the path of a checkpoint.
 
     Returns

@@ -18,7 +18,7 @@ from shadow.backbone import ENCODING, Backbone, encode_image, take_blocks
 from shadow.directions import olat
 from shadow.field import anchor_weights
 from shadow.framing import Framing, extend
-from shadow.normals import on_canvas
+from shadow.normals import on_canvas, resolve
 from shadow.unet import LIGHTS_AT_ONCE, UNet
 
 
@@ -163,8 +163,9 @@ def analyse(rgb, mask, *, normals=None, model="shading"):
     network = load(model).to(image.device)
     framing = Framing.around(matte, network.size)
     framed, framed_mask = framing.crop(image), framing.crop(matte[None])[0]
-    surface = on_canvas(normals, framing, framed, framed_mask)
-    visibility = visibility_module.load().to(image.device).analyse(framed, framed_mask, surface)
+    field = visibility_module.load().to(image.device)
+    surface = on_canvas(resolve(normals, image, matte, network, field), framing, framed, framed_mask)
+    visibility = field.analyse(framed, framed_mask, surface)
     return framing, framed, framed_mask, network.analyse(framed, framed_mask, surface, visibility)
 
 
@@ -176,7 +177,8 @@ def infer(rgb, mask, directions, *, normals=None, visibility=None, model="shadin
     rgb: (H, W, 3) float, linear Rec.709, any size and exposure; NumPy or torch.
     mask: (H, W) in [0, 1], the matte of the person.
     directions: (D, 3) toward the lights, camera frame, any length but zero.
-    normals: (H, W, 3) camera-frame normals to use instead of inferring them.
+    normals: (H, W, 3) camera-frame normals to use instead of inferring them with the shipped network; or
+        anything else that `shadow.normals.load` takes.
     visibility: (D, H, W) in [0, 1] to use instead of inferring it, in the base image.
     model: name of shipped weights, or the path of a checkpoint.
 

@@ -9,7 +9,8 @@ from shadow import metrics, pictures
 from shadow.backbone import ENCODING, take_blocks
 from shadow.training import Task, random_blocks
 
-SOFT = 0.03  # shading error below which the loss is square, since noise and half-tones are there
+SOFT = 0.15  # shading error below which the loss is square: what is uncertain is shaded by its mean
+SHADING = 5.0  # weight of the error in the shading
 ABSOLUTE = 0.2  # weight of the error in the albedo's overall colour and brightness
 AGREEMENT = 0.5  # weight of the error in the photograph that albedo and shading make together
 
@@ -78,7 +79,7 @@ def shading_loss(network, batch):
     ]
     agreement = ((_aligned(*photographs, inside) - photographs[1]) * inside).abs().sum()
     return (
-        2 * _shading_error(estimate, shading, inside)
+        SHADING * _shading_error(estimate, shading, inside)
         + _albedo_error(maps.albedo, _encoded(albedo), inside)
         + AGREEMENT * agreement / (3 * inside.sum()).clamp_min(1)
     )

@@ -6,8 +6,11 @@ vector from the subject *to* the light; (0, 0, 1) is at the camera. Azimuth (deg
 z > 0 form the frontal hemisphere; lights behind (z < 0) are legal and give rims.
 """
 
+import re
+
 import numpy as np
 
+CAMERA = "+x+y+z"  # the camera frame itself, as `axes` names it
 OLAT_FRONT = 64  # Section 3: 64 uniformly sampled directions on the hemisphere facing the camera
 OLAT_BEHIND = 32
 
@@ -24,6 +27,23 @@ def to_spherical(directions):
     """Azimuth (...) in [-180, 180] and elevation (...) in [-90, 90], degrees, of vectors (..., 3)."""
     x, y, z = np.moveaxis(np.asarray(directions, np.float64), -1, 0)
     return np.degrees(np.arctan2(x, z)), np.degrees(np.arctan2(y, np.hypot(x, z)))
+
+
+def from_axes(axes):
+    """(3, 3) float32 matrix that takes vectors of another axis convention to the camera frame.
+
+    `axes` names the axis, of the camera frame, that each of a vector's three components is measured along:
+    "+x+y+z" is the camera frame itself; "+x-y-z", x right, y down, z into the scene, is OpenCV's; "+x-y+z" is
+    a normal map with its green turned over. ValueError if it is none of the 48.
+    """
+    found = re.fullmatch(3 * "([+-])([xyz])", axes) if isinstance(axes, str) else None
+    if found is None or len(set(found.groups()[1::2])) < 3:
+        raise ValueError(f"axes: expected each of x, y and z once, signed, such as '+x-y-z'; got {axes!r}")
+    matrix = np.zeros((3, 3), np.float32)
+    for component in range(3):
+        sign, axis = found.groups()[2 * component : 2 * component + 2]
+        matrix["xyz".index(axis), component] = float(sign + "1")
+    return matrix
 
 
 def _spiral(count, z):

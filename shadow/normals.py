@@ -1,11 +1,16 @@
-"""Surface normals of the photographed person, in the camera frame."""
+"""Surface normals of the photographed person, in the camera frame: our network's, or from elsewhere."""
+
+import os
+import warnings
+from pathlib import Path
 
 import torch
 import torch.nn.functional as F
 from torch import nn
 
-from shadow import inputs, weights
+from shadow import inputs, pifuhd, weights
 from shadow.backbone import Backbone, encode_image
+from shadow.directions import CAMERA, from_axes
 from shadow.framing import Framing, extend
 
 
@@ -28,18 +33,125 @@ class NormalsNetwork(nn.Module):
         return self(encode_image(rgb[None], mask[None, None]))[0] * (mask > 0)
 
 
-def load(name="normals"):
-    """The shipped normals network, or one trained by `relight train normals` (a .safetensors path)."""
-    return weights.load(name, {"normals": NormalsNetwork}, package="shadow")
+class GivenNormals:
+    """Normals that something else made: an array, or a function of the image."""
+
+    def __init__(self, values, axes=CAMERA, origin=None):
+        self.values, self.matrix, self.origin = values, torch.from_numpy(from_axes(axes)), origin
+
+    def analyse(self, rgb, mask):
+        """rgb (3, H, W), linear, and mask (H, W) to unit normals (3, H, W), zero outside the mask."""
+        values = self.values
+        if callable(values):
+            values = values(rgb.permute(1, 2, 0).contiguous().cpu().numpy(), mask.cpu().numpy())
+        given = inputs.normals("normals", values, mask.shape).to(mask.device)
+        vectors = torch.einsum("ij,jhw->ihw", self.matrix.to(mask.device), given) * (mask > 0)
+        if vectors[2].sum() < 0:
+            raise ValueError("normals: point away from the camera; say their convention with axes")
+        return vectors
+
+
+def load(source="normals", *, axes=CAMERA):
+    """Where normals come from, for `infer_normals` and for whatever takes `normals`.
+
+    Parameters
+    ----------
+    source: one of
+        - our network: "normals", the shipped one, or the .safetensors file of `relight train normals`;
+        - PIFuHD's front-normal generator: the path of your own checkpoint, a .pt file (see `shadow.pifuhd`);
+        - a function (rgb, mask) -> (H, W, 3), of float32 NumPy arrays: the photograph (H, W, 3), linear
+          Rec.709, and the matte (H, W) in [0, 1];
+        - an array (H, W, 3) of the photograph's size, such as `relight.read_normals` reads from an image.
+    axes: of the function's or the array's vectors: "+x+y+z" is the camera frame (x right, y up, z to the
+        camera), "+x-y-z" OpenCV's; see `shadow.directions.from_axes`.
+
+    Returns
+    -------
+    An object with `analyse(rgb, mask)`: tensors (3, H, W), linear, and (H, W) to unit normals (3, H, W) in
+    the camera frame, zero outside the mask. That of our network wants both framed on its canvas.
+
+    Raises
+    ------
+    FileNotFoundError: no such file. ValueError: no such weights, a damaged file, another kind of network,
+    unknown axes, or axes of a network, whose convention is known.
+    """
+    a_file, loaded = isinstance(source, str | os.PathLike), hasattr(source, "analyse")
+    if not a_file and not loaded:
+        name = getattr(source, "__name__", "a function") if callable(source) else "another program"
+        return GivenNormals(source, axes, weights.Origin(name, None, {}))
+    if axes != CAMERA:
+        known = source if a_file else type(source).__name__
+        raise ValueError(f"axes: those of {known} are known; expected none, got {axes!r}")
+    if loaded:
+        return source
+    if Path(source).suffix in ("", ".safetensors"):
+        return weights.load(source, {"normals": NormalsNetwork}, package="shadow")
+    if Path(source).suffix == ".pt":
+        return pifuhd.load(source)
+    raise ValueError(
+        f"normals: expected a name, a .safetensors or a .pt, got {source}; relight.read_normals reads images"
+    )
+
+
+def on_plate(network, rgb, mask):
+    """Unit normals (3, H, W), zero outside the mask, of a linear photograph (3, H, W) and its matte (H, W).
+
+    `network` is what `load` returns; ours sees the person on its canvas.
+    """
+    if isinstance(network, nn.Module):
+        network = network.to(rgb.device)
+    if not isinstance(network, NormalsNetwork):
+        return network.analyse(rgb, mask)
+    framing = Framing.around(mask, network.size)
+    framed_mask = framing.crop(mask[None])[0]
+    framed = network.analyse(framing.crop(rgb), framed_mask)
+    return F.normalize(framing.restore(extend(framed, framed_mask)), dim=0) * (mask > 0)
+
+
+def resolve(given, rgb, mask, network, *more):
+    """What a caller gave as `normals`, for `on_canvas`: (3, H, W) on the plate, or our network, yet to run.
+
+    Warns if `network`, on whose canvas they are wanted, or one of `more` that take them too, was trained with
+    other normals. A bare array does not say where it comes from, `infer_normals` perhaps: it passes.
+    """
+    if given is None:
+        source = load()
+    elif callable(given) or hasattr(given, "analyse") or isinstance(given, str | os.PathLike):
+        source = load(given)
+    else:
+        source = GivenNormals(given)
+    for trained in (network, *more):
+        _warn_if_others(trained, source)
+    if isinstance(source, NormalsNetwork) and source.size == network.size:
+        return source
+    return on_plate(source, rgb, mask)
+
+
+def _warn_if_others(network, source):
+    used, own = getattr(source, "origin", None), getattr(network, "origin", None)
+    if used is None or own is None or own.recipe.get("normals") is None:
+        return
+    name, checksum = own.recipe["normals"], own.recipe.get("normals_sha256")
+    same = name == used.name if checksum is None else checksum == used.sha256
+    if same:
+        return
+    warnings.warn(
+        f"the network {own.name!r} was trained with the normals of {_called(name, checksum)} and is given "
+        f"those of {_called(used.name, used.sha256)}: other errors than it has learned to expect (Table 3)",
+        stacklevel=4,
+    )
+
+
+def _called(name, checksum):
+    return repr(name) if checksum is None else f"{name!r} ({checksum[:8]})"
 
 
 def on_canvas(given, framing, framed, framed_mask):
-    """Unit normals (3, h, w) on the canvas: the plate's (H, W, 3) if given, else inferred from the framed rgb
-    (3, h, w) and mask (h, w)."""
-    if given is None:
-        return load().to(framed.device).analyse(framed, framed_mask)
-    surface = inputs.normals("normals", given, framing.plate).to(framed.device)
-    return F.normalize(framing.crop(surface), dim=0)
+    """Unit normals (3, h, w) on the canvas, of what `resolve` returns: by our network from the framed rgb
+    (3, h, w) and mask (h, w), or the plate's own (3, H, W)."""
+    if isinstance(given, NormalsNetwork):
+        return given.to(framed.device).analyse(framed, framed_mask)
+    return F.normalize(framing.crop(given), dim=0)
 
 
 def infer_normals(rgb, mask, *, model="normals"):
@@ -49,7 +161,7 @@ def infer_normals(rgb, mask, *, model="normals"):
     ----------
     rgb: (H, W, 3) float, linear Rec.709, any size and exposure; NumPy or torch.
     mask: (H, W) in [0, 1], the matte of the person.
-    model: name of shipped weights, or the path of a checkpoint.
+    model: name of shipped weights, path of a checkpoint, or anything else that `shadow.normals.load` takes.
 
     Returns
     -------
@@ -62,9 +174,4 @@ def infer_normals(rgb, mask, *, model="normals"):
     """
     image = inputs.image("rgb", rgb)
     matte = inputs.mask("mask", mask, image.shape[1:]).to(image.device)
-    network = load(model).to(image.device)
-    framing = Framing.around(matte, network.size)
-    framed_mask = framing.crop(matte[None])[0]
-    framed = network.analyse(framing.crop(image), framed_mask)
-    normals = F.normalize(framing.restore(extend(framed, framed_mask)), dim=0) * (matte > 0)
-    return inputs.like(normals.permute(1, 2, 0), rgb)
+    return inputs.like(on_plate(load(model), image, matte).permute(1, 2, 0), rgb)

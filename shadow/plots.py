@@ -18,6 +18,11 @@ def _colour(values):
     return mapped.get_pixels(oiio.FLOAT).reshape(*np.shape(values), 3) ** DISPLAY
 
 
+def heat(values):
+    """Values (H, W) in [0, 1] as a picture (3, H, W)."""
+    return torch.from_numpy(_colour(values.clamp(0, 1).numpy())).permute(2, 0, 1).float()
+
+
 def _reduced(fine):
     """(FINE h, FINE w, 3) averaged to (h, w, 3)."""
     height, width, _ = fine.shape

@@ -294,16 +294,17 @@ class Sample(dict):
 def sample(record, rng, size, lights=None, augment=True):
     """A random photograph of the record, with its truth, framed on a canvas of `size` (h, w).
 
-    `lights` directions are drawn from the record's set (all of them, in order, if None), first of all from
-    those that light the photograph. With `augment` the
+    `lights` directions are drawn from the record's set (all of them, in order, if None), those that light the
+    photograph among them if there is room. With `augment` the
     picture is flipped, turned in the image plane, scaled and moved, and normals and directions turn with it.
     """
     record = record.cropped(size[0])
     count = len(record.directions)
     weights = random_lighting(rng, record.directions)
-    shuffled = rng.permutation(count)
-    shining = weights.any(axis=1)[shuffled]
-    chosen = np.sort(np.concatenate([shuffled[shining], shuffled[~shining]])[:lights])
+    chosen, shining = rng.permutation(count), weights.any(axis=1)
+    if lights is not None and shining.sum() <= lights:
+        chosen = chosen[np.argsort(~shining[chosen], kind="stable")]
+    chosen = np.sort(chosen[:lights])
     gloss = rng.choice([0.0, rng.uniform(0.02, 0.2)], p=[0.7, 0.3])
     bounce, patterns = record.bounce
     values = [

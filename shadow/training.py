@@ -309,6 +309,8 @@ def fit(
     facts = {"init": Path(init).stem} if init else {}
     if task.needs_normals:
         facts["normals"] = Path(estimator).stem
+        if estimator != TRUE_NORMALS:
+            facts["normals_sha256"] = normals.load(estimator).origin.sha256
     if task.needs_visibility:
         facts["visibility"] = Path(visibility).stem
     done, left = state.step * recipe.batch, (recipe.steps - state.step) * recipe.batch

@@ -5,7 +5,7 @@ import torch
 from shadow import inputs, weights
 from shadow.field import VisibilityField
 from shadow.framing import Framing, extend
-from shadow.normals import on_canvas
+from shadow.normals import on_canvas, resolve
 from shadow.unet import LATENTS, PerLight
 
 NETWORKS = {"field": VisibilityField} | dict.fromkeys(LATENTS, PerLight)
@@ -46,7 +46,8 @@ def infer(rgb, mask, directions, *, normals=None, model="field"):
     rgb: (H, W, 3) float, linear Rec.709, any size and exposure; NumPy or torch.
     mask: (H, W) in [0, 1], the matte of the person.
     directions: (D, 3) toward the lights, camera frame, any length but zero.
-    normals: (H, W, 3) camera-frame normals to use instead of inferring them.
+    normals: (H, W, 3) camera-frame normals to use instead of inferring them with the shipped network; or
+        anything else that `shadow.normals.load` takes.
     model: name of shipped weights, or the path of a checkpoint of either kind of network.
 
     Returns
@@ -65,7 +66,7 @@ def infer(rgb, mask, directions, *, normals=None, model="field"):
     network = load(model).to(image.device)
     framing = Framing.around(matte, network.size)
     framed, framed_mask = framing.crop(image), framing.crop(matte[None])[0]
-    surface = on_canvas(normals, framing, framed, framed_mask)
+    surface = on_canvas(resolve(normals, image, matte, network), framing, framed, framed_mask)
     maps = network.analyse(framed, framed_mask, surface)(lights)
     visibility = framing.restore(extend(maps, framed_mask)).clamp(0, 1) * (matte > 0)
     return inputs.like(visibility, rgb)

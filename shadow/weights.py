@@ -10,10 +10,25 @@ import json
 import os
 from importlib import resources
 from pathlib import Path
+from typing import NamedTuple
 
 import torch
 from safetensors import SafetensorError, safe_open
 from safetensors.torch import save_file
+
+
+class Origin(NamedTuple):
+    """Where a network's parameters come from: `network.origin` of whatever was loaded from a file."""
+
+    name: str  # of the file, without its suffix
+    sha256: str | None  # of the file, which tells it from another of the same name
+    recipe: dict  # how it was trained, as the file says
+
+
+def sha256(path):
+    """Hexadecimal sha256 of a file."""
+    with open(path, "rb") as file:
+        return hashlib.file_digest(file, "sha256").hexdigest()
 
 
 def read(path, checksum=None):
@@ -41,6 +56,8 @@ def _load(path, checksum, networks):
         network.load_state_dict({key: value.float() for key, value in state.items()}, strict=True)
     except RuntimeError as error:
         raise ValueError(f"weights: {path} does not fit this version's network: {error}") from error
+    recipe = json.loads(metadata.get("recipe", "{}"))
+    network.origin = Origin(path.stem, checksum or sha256(path), recipe)
     return network.eval().requires_grad_(False).to(memory_format=torch.channels_last)
 
 
@@ -80,4 +97,4 @@ def save(path, network, kind, config, recipe):
     beside = path.with_name(path.name + ".part")
     save_file(state, beside, metadata)
     os.replace(beside, path)
-    return hashlib.sha256(path.read_bytes()).hexdigest()
+    return sha256(path)

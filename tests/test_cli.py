@@ -2,12 +2,14 @@ import subprocess
 import sys
 
 import numpy as np
+import OpenImageIO as oiio
 import pytest
 import trimesh
 from typer.testing import CliRunner
 
 import relight
 from relight.cli import Model, app
+from relight.composite import place
 from shadow import visibility
 
 LIGHTS = [
@@ -52,6 +54,25 @@ def test_apply_equals_the_library(tmp_path, photo):
     np.testing.assert_allclose(relight.read(tmp_path / "out.exr"), expected, atol=2e-3)
 
 
+@pytest.mark.filterwarnings("ignore:the network")
+def test_apply_takes_normals_of_any_axes(tmp_path, photo):
+    """A flat wall, turned to image left: it catches the light there and none from image right."""
+    codes = np.broadcast_to(np.float32([0.1, 0.5, 0.8]), (96, 80, 3))
+    spec = oiio.ImageSpec(80, 96, 3, "uint8")
+    for name, flip in (("camera.png", 1), ("opencv.png", -1)):
+        file = oiio.ImageOutput.create(str(tmp_path / name))
+        file.open(str(tmp_path / name), spec)
+        file.write_image(np.ascontiguousarray((codes - 0.5) * (1, flip, flip) + 0.5))
+        file.close()
+    for name, axes in (("camera.png", "+x+y+z"), ("opencv.png", "+x-y-z")):
+        arguments = ["--normals", tmp_path / name, "--axes", axes, "-o", tmp_path / "o.exr"]
+        result = run("apply", *photo, "--light", "azimuth=-60", "--light", "azimuth=60", *arguments)
+        assert result.exit_code == 0, result.output
+        layers = relight.read_layers(tmp_path / "o.exr")
+        assert layers["C_light1"][48, 40, :3].max() > 0.05
+        assert layers["C_light2"][48, 40, :3].max() < 1e-3
+
+
 def test_background_is_an_image_or_a_colour(tmp_path, photo):
     relight.write(tmp_path / "bg.exr", np.full((20, 30, 3), 0.5, np.float32))
     for background in (tmp_path / "bg.exr", "0.5/0.5/0.5"):
@@ -75,6 +96,22 @@ def test_an_environment_lights(tmp_path, photo):
     expected = relight.apply(image, relight.EnvironmentLight(sky, intensity=2, rotation=30), mask=mask)
     np.testing.assert_allclose(relight.read(tmp_path / "out.exr"), expected, atol=2e-3)
     assert set(relight.read_layers(tmp_path / "out.exr")) == {"C_environment"}
+
+
+def test_the_person_stands_in_the_environment(tmp_path, photo):
+    relight.write(tmp_path / "sky.exr", np.full((16, 32, 3), 0.5, np.float32))
+    result = run(
+        *("apply", *photo, "--environment", tmp_path / "sky.exr", "--background", "environment"),
+        *("--size", "100x60", "--scale", 0.5, "--offset", "20/-5", "--save-matte", tmp_path / "matte.png"),
+        *("-o", tmp_path / "out.exr"),
+    )
+    assert result.exit_code == 0, result.output
+    picture, matte = relight.read(tmp_path / "out.exr"), relight.read_mask(tmp_path / "matte.png")
+    assert picture.shape == (60, 100, 3)
+    expected = place(relight.read_mask(photo[2]), (60, 100), scale=0.5, offset=(20, -5))
+    np.testing.assert_allclose(matte, expected, atol=1e-4)
+    np.testing.assert_allclose(picture[matte == 0], 0.5, atol=1e-3)
+    assert np.abs(picture[matte == 1] - 0.5).max() > 0.05
 
 
 def test_a_green_screen_is_keyed(tmp_path):
@@ -108,9 +145,19 @@ def test_lights_come_from_a_file_and_go_to_one(tmp_path, photo):
         ({"--lights": "gone.yaml"}, "gone.yaml: no such file"),
         ({"--background": "gone.exr"}, "gone.exr: no such file"),
         ({"--background": "1/2"}, "background: expected an image or three finite numbers"),
+        ({"--background": "environment"}, "expected an environment among the lights"),
+        ({"--size": "100"}, "--size: expected WIDTHxHEIGHT or background, got '100'"),
+        ({"--size": "background"}, "--size background: expected --background with an image"),
+        ({"--offset": "1"}, "offset: expected two whole numbers, got (1,)"),
+        ({"--offset": "a/b"}, "--offset: expected RIGHT/UP in pixels"),
+        ({"--scale": "0"}, "scale: expected a finite number > 0"),
+        ({"--save-matte": "matte.gif"}, "matte.gif: expected a file name that ends in"),
         ({"--view": "acid"}, "view: expected one of ACES 2.0"),
         ({"--exposure": "99", "-o": "out.png"}, "exposure: expected -64 to 64 stops, got 99"),
         ({"--colour-space": "bogus"}, "colour_space: unknown 'bogus'"),
+        ({"--normals": "gone.exr"}, "gone.exr: no such file"),
+        ({"--normals": "gone.pt"}, "gone.pt"),
+        ({"--normals": "gone.pt", "--axes": "+x-y-z"}, "axes: those of gone.pt are known"),
         ({"-o": "out.gif"}, "out.gif: expected a file name that ends in"),
         ({"-o": "none/out.exr"}, "the folder none does not exist"),
         ({"-o": "out.nk"}, "out.nk: a Nuke script needs an .exr to read"),
@@ -129,6 +176,10 @@ def test_bad_input_is_one_line(tmp_path, monkeypatch, photo, change, message):
     assert not (tmp_path / "out.exr").exists()
 
 
+def test_every_visibility_network_can_be_trained():
+    assert {model.value for model in Model} == set(visibility.NETWORKS)
+
+
 def test_apply_writes_layers_and_a_nuke_script(tmp_path, photo):
     outputs = ["-o", tmp_path / "out.exr", "-o", tmp_path / "out.nk"]
     result = run("apply", *photo, *LIGHTS, *outputs, "--layers", "albedo, N")
@@ -144,10 +195,6 @@ def test_olat_writes_passes_and_their_directions(tmp_path, photo):
     result = run("olat", *photo, "-o", tmp_path / "o.nk")
     assert result.exit_code == 2
     assert "expected one .exr and at most one .nk" in result.output
-
-
-def test_every_visibility_network_can_be_trained():
-    assert {model.value for model in Model} == set(visibility.NETWORKS)
 
 
 def test_help_does_not_load_the_networks():
@@ -197,7 +244,7 @@ def test_from_a_mesh_to_weights_and_their_score(tmp_path):
         (["evaluate", "tables", "--records", "absent", "--out", "report"], "nothing at absent"),
         (["evaluate", "tables", "--records", ".", "--out", "r", "--model", "ours"], "expected NAME=FILE"),
         (["train", "normals", "--records", ".", "--out", "run"], "steps: expected a number"),
-        (["train", "normals", "--records", ".", "--out", "run", "--no-normals"], "are for the per-light"),
+        (["train", "normals", "--records", ".", "--out", "run", "--no-normals"], "no such network"),
         (["train", "normals", "--records", "absent", "--out", "run", "--steps", "1"], "nothing at absent"),
         (["train", "normals", "--records", ".", "--out", "run", "--steps", "1", "--size", "99"], "multiple"),
     ],

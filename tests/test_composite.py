@@ -4,7 +4,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 import relight
-from relight.composite import cover, over, render
+from relight.composite import cover, over, place, render
 
 LIGHTS = [
     relight.DirectionalLight(azimuth=-40, elevation=30, intensity=2, colour=(1, 0.9, 0.8), name="key"),
@@ -64,6 +64,63 @@ def test_a_lamp_in_the_background_gets_no_dark_ring():
 def test_over_names_what_is_wrong(foreground, background, message):
     with pytest.raises(ValueError, match=message):
         over(foreground, background)
+
+
+def test_place_at_its_own_size_keeps_pixels():
+    image = person(40, 30)
+    np.testing.assert_array_equal(place(image, (40, 30)), image)
+    framed = place(image, (60, 80), mode="centre", offset=(5, 2))
+    np.testing.assert_array_equal(framed[8:48, 30:60], image)  # right is +columns, up is -rows
+    framed[8:48, 30:60] = 0
+    assert framed.max() == 0
+    mask = image[..., 3]
+    np.testing.assert_array_equal(place(mask, (60, 80), mode="centre")[10:50, 25:55], mask)
+
+
+def test_place_fits_fills_and_scales():
+    white = np.ones((40, 20, 4), np.float32)
+    fitted = place(white, (80, 200))
+    assert (fitted[..., 3].sum(), fitted[:, 80:120, 3].min()) == pytest.approx((80 * 40, 1))
+    assert place(white, (80, 200), mode="fill").min() == pytest.approx(1)
+    half = place(white, (80, 200), scale=0.5)
+    assert half[20:60, 90:110].min() == pytest.approx(1, abs=1e-5)
+    assert half[..., 3].sum() == pytest.approx(40 * 20, rel=1e-4)
+    twice = place(white, (40, 20), mode="centre", scale=2)
+    assert twice.shape == (40, 20, 4)
+    assert place(white, (40, 20), offset=(500, -500)).max() == 0
+
+
+def test_place_keeps_edges_premultiplied():
+    image = person(160, 120)
+    small = place(image, (64, 64), scale=0.9)
+    soft = (small[..., 3] > 0.02) & (small[..., 3] < 0.98)
+    np.testing.assert_allclose(
+        small[soft][:, :3], small[soft][:, 3:] * np.float32((0.5, 0.4, 0.3)), atol=1e-3
+    )
+
+
+@pytest.mark.parametrize(
+    ("arguments", "error", "message"),
+    [
+        ({"mode": "stretch"}, ValueError, "mode: expected fit, fill or centre, got 'stretch'"),
+        ({"scale": 0}, ValueError, "scale: expected a finite number > 0, got 0"),
+        ({"scale": np.nan}, ValueError, "scale: expected a finite number > 0"),
+        ({"scale": 1e6}, ValueError, r"scale: makes the image \d+ x \d+ pixels"),
+        ({"offset": (0.5, 0)}, TypeError, "offset: expected two whole numbers"),
+        ({"offset": 3}, TypeError, "offset: expected two whole numbers"),
+        ({"size": (0, 5)}, ValueError, "size: expected 1 to 65536 pixels"),
+        ({"image": np.zeros((4, 4, 2))}, ValueError, "image: expected shape"),
+        ({"image": np.full((4, 4), 2.0)}, ValueError, r"image: expected values in \[0, 1\]"),
+    ],
+)
+def test_place_names_what_is_wrong(arguments, error, message):
+    with pytest.raises(error, match=message):
+        place(**{"image": person(40, 30), "size": (20, 20)} | arguments)
+
+
+def test_the_environment_itself_is_a_background():
+    sky = relight.EnvironmentLight(np.full((8, 16, 3), 0.25, np.float32), intensity=2)
+    np.testing.assert_allclose(over(np.zeros((6, 4, 4), np.float32), sky), 0.5, rtol=1e-5)
 
 
 def test_apply_keeps_alpha_or_fills_the_frame():

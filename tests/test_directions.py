@@ -18,6 +18,23 @@ def test_spherical_round_trip():
     np.testing.assert_allclose(back, [azimuth, elevation], atol=1e-3)
 
 
+def test_axis_conventions():
+    toward_camera, up = np.float32([0, 0, 1]), np.float32([0, 1, 0])
+    np.testing.assert_array_equal(directions.from_axes(directions.CAMERA), np.eye(3))
+    # OpenCV: y down, z into the scene. What faces its camera has z = -1, what faces up y = -1.
+    np.testing.assert_array_equal(directions.from_axes("+x-y-z") @ [0, 0, -1], toward_camera)
+    np.testing.assert_array_equal(directions.from_axes("+x-y-z") @ [0, -1, 0], up)
+    # A world with z up, seen along its +y: facing the camera is -y.
+    np.testing.assert_array_equal(directions.from_axes("+x-z+y") @ [0, -1, 0], toward_camera)
+    np.testing.assert_array_equal(directions.from_axes("+x-z+y") @ [0, 0, 1], up)
+
+
+@pytest.mark.parametrize("axes", ["xyz", "+x+y", "+x+y+x", "+X+Y+Z", "+x+y+z ", "", None])
+def test_unknown_axes_are_named(axes):
+    with pytest.raises(ValueError, match="axes: expected each of x, y and z once, signed"):
+        directions.from_axes(axes)
+
+
 def test_olat_set():
     front, whole = directions.olat(), directions.olat(behind=True)
     assert front.shape == (64, 3)

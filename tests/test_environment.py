@@ -140,6 +140,54 @@ def test_half_a_turn_swaps_the_rims(person):
     assert left > 3 * right
 
 
+def bearings():
+    """A map that says where it is: red is the azimuth's sine, green its cosine, blue the elevation's sine."""
+    directions = pixel_directions(256, 512)
+    level = directions / np.maximum(np.hypot(directions[..., :1], directions[..., 2:]), 1e-6)
+    return np.stack([level[..., 0], level[..., 2], directions[..., 1]], axis=-1).astype(np.float32) + 1
+
+
+@pytest.mark.parametrize("rotation", [0, 30, -100, 180, 360])
+def test_the_camera_sees_what_is_behind_the_subject(rotation):
+    light = EnvironmentLight(bearings(), rotation=rotation, intensity=2)
+    size, half = (90, 120), np.tan(np.radians(50 / 2))
+    picture = light.view(size, 50) / 2 - 1
+    row, column = np.mgrid[:90, :120]
+    x, y = (column + 0.5 - 60) / 45 * half, (45 - row - 0.5) / 45 * half
+    azimuth = np.arctan2(x, -1) - np.radians(rotation)  # in the map
+    np.testing.assert_allclose(picture[..., 0], np.sin(azimuth), atol=0.02)
+    np.testing.assert_allclose(picture[..., 1], np.cos(azimuth), atol=0.02)
+    np.testing.assert_allclose(picture[..., 2], y / np.sqrt(x**2 + y**2 + 1), atol=0.02)
+
+
+def test_what_a_camera_sees_is_what_lights():
+    pixels = np.full((ROWS, COLUMNS, 3), 0.1, np.float32)
+    pixels[ROWS // 2 - 6 : ROWS // 2 - 4, 4:6] = 50  # behind, a little to image right, a little up
+    light = EnvironmentLight(pixels)
+    directions, intensities = light.samples()
+    lamp = directions[intensities[:, 0] > intensities.max() / 2].mean(axis=0)
+    picture = light.view((200, 200), 60)[..., 0] > 25
+    row, column = np.argwhere(picture).mean(axis=0)
+    seen = np.array([(column - 99.5) / 100, (99.5 - row) / 100]) * np.tan(np.radians(30))
+    np.testing.assert_allclose(seen, lamp[:2] / -lamp[2], atol=0.01)
+
+
+def test_a_view_neither_flickers_nor_shows_pixels():
+    fine = np.zeros((256, 512, 3), np.float32)
+    fine[::2] = 1
+    np.testing.assert_allclose(EnvironmentLight(fine).view((12, 12), 120)[3:9], 0.5, atol=0.06)
+    coarse = np.random.default_rng(0).random((16, 32, 3), np.float32)
+    assert np.abs(np.diff(EnvironmentLight(coarse).view((300, 300), 40), axis=0)).max() < 0.04
+
+
+def test_view_names_what_is_wrong():
+    light = EnvironmentLight(np.ones((4, 8, 3)))
+    with pytest.raises(ValueError, match=r"field_of_view: expected 0\.001 to 170, got 180"):
+        light.view((9, 9), 180)
+    with pytest.raises(ValueError, match="size: expected"):
+        light.view((0, 9))
+
+
 def test_a_map_is_a_file_or_an_array(tmp_path):
     pixels = np.clip(studio(), 0, None)
     relight.write(tmp_path / "map.exr", pixels, depth="float")

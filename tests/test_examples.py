@@ -39,6 +39,22 @@ def test_examples_run(example, tmp_path):
     assert names == {".exr", ".png"}
 
 
+def test_spherical_harmonics_lose_less_with_each_order(tmp_path):
+    person = relight.read(ROOT / "examples" / "person.png")
+    relight.write(tmp_path / "small.png", np.ascontiguousarray(person[::4, ::4]))
+    printed = run(ROOT / "examples" / "spherical_harmonics.py", tmp_path / "small.png", tmp_path)
+    rows = re.findall(r"\| order (\d) \| (\d+) \| (\d+)° \| ([\d.]+) \| \d+° \|", printed)
+    assert [(int(order), int(count)) for order, count, _, _ in rows] == [
+        (n, (n + 1) ** 2) for n in range(2, 9)
+    ]
+    widths, errors = ([float(row[column]) for row in rows] for column in (2, 3))
+    # The kernel is that of the addition theorem, sum of (2n + 1) / 4π P_n: its width follows from the order.
+    np.testing.assert_allclose(widths, [90, 66, 52, 44, 38, 32, 30], atol=2)
+    assert errors[0] > 0.02
+    assert errors[-1] < errors[0] / 3
+    assert relight.read(tmp_path / "spherical_harmonics.png").max() > 0.5
+
+
 def test_the_readme_command_relights_the_bundled_person(tmp_path):
     command = re.search(r"bin/relight (apply .*?)\n```", README, re.DOTALL).group(1)
     arguments = shlex.split(command.replace("\\\n", " ").replace("examples/", f"{ROOT}/examples/"))

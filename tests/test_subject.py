@@ -299,7 +299,9 @@ IMAGE = image_of(COVERAGE)
         ({"albedo": IMAGE[..., :3] - 1}, ValueError, r"albedo: expected values in \[0, 1\]"),
         ({"normals": NORMALS[:9]}, ValueError, r"normals: expected shape \(60, 45, 3\)"),
         ({"normals": NORMALS * np.nan}, ValueError, "normals: contains NaN"),
-        ({"normals": "up"}, TypeError, "normals: expected a float array"),
+        ({"normals": "up"}, ValueError, "unknown weights 'up'"),
+        ({"normals": "up.exr"}, ValueError, "relight.read_normals reads images"),
+        ({"normals": -NORMALS}, ValueError, "normals: point away from the camera"),
     ],
 )
 def test_bad_arguments_are_named(arguments, error, message):

@@ -140,7 +140,7 @@ def small(latent, **options):
 
 
 def test_per_light_network_learns_which_side_is_lit(folder, tmp_path):
-    recipe = Recipe(steps=40, size=128, batch=2, lights=3, learning_rate=5e-3, warm_up=2)
+    recipe = Recipe(steps=90, size=128, batch=2, lights=3, learning_rate=3e-3, warm_up=10)
     path = fit(small("resb3"), recipe, [folder], tmp_path, estimator="true", workers=0)
     network = visibility.load(path)
     assert isinstance(network, PerLight)

@@ -1,0 +1,168 @@
+"""Table 6 and Figure 6: shading against path-traced truth; and what old light is left in the albedo."""
+
+from dataclasses import dataclass, field
+
+import numpy as np
+import torch
+from rich.progress import track
+
+from shading import diffuse
+from shading.training import true_shading
+from shadow import metrics, normals, pictures, plots, visibility
+from shadow.backbone import ENCODING
+from shadow.evaluation import FRONTAL
+from shadow.framing import canvas_size
+from shadow.records import Records, photograph, sample
+
+BASE = "base image"
+ROWS = {  # of Table 6: what each network must be, and what the paper prints
+    "baseline visibility": ((True, "baseline"), "0.153 (0.024)", "0.702 (0.062)"),
+    "w/o both": ((False, None), "0.140 (0.025)", "0.746 (0.057)"),
+    "w/o visibility": ((True, None), "0.139 (0.023)", "0.734 (0.058)"),
+    "w/o normals": ((False, "inferred"), "0.137 (0.023)", "0.749 (0.056)"),
+    "ours": ((True, "inferred"), "0.135 (0.024)", "0.751 (0.056)"),
+}
+KEY_SHARE = 0.3  # of the photograph's light that one lamp must give, for its shadow to be looked for
+SHOWN = 6  # views of Figure 6
+ERROR_WHITE = 0.5  # absolute error that the heatmaps show as brightest
+
+
+@dataclass(frozen=True)
+class Tally:
+    """One value a map: a map is one light of one record."""
+
+    rmse: list[float] = field(default_factory=list)
+    ssim: list[float] = field(default_factory=list)
+
+    def add(self, estimate, truth, inside):
+        self.rmse.extend(metrics.rmse(estimate, truth, inside).tolist())
+        self.ssim.extend(metrics.ssim(estimate, truth, inside).tolist())
+
+
+@dataclass(frozen=True)
+class Delight:
+    """One value a photograph with a hard shadow: of an image that is taken for the albedo."""
+
+    lit: list[float] = field(default_factory=list)  # L1 of the encoded albedo where the key light falls
+    shadow: list[float] = field(default_factory=list)  # and in its shadow
+    left: list[float] = field(default_factory=list)  # stops by which the shadow is darker than it should be
+
+    def add(self, encoded, truth, lit, shadow):
+        scale = (truth * lit).sum((-2, -1)) / (encoded * lit).sum((-2, -1)).clamp_min(1e-3)
+        encoded = encoded * scale[:, None, None]  # exposure and white balance are nobody's to know
+        error = (encoded - truth).abs().mean(dim=0)
+        stops = ENCODING * torch.log2(encoded.clamp_min(0.02) / truth.clamp_min(0.02)).mean(dim=0)
+        self.lit.append(float(error[lit].mean()))
+        self.shadow.append(float(error[shadow].mean()))
+        self.left.append(float(stops[lit].mean() - stops[shadow].mean()))
+
+
+@torch.no_grad()
+def evaluate(
+    paths, *, models=None, out=None, normals_model="normals", field_model="field", seed=0, limit=None
+):
+    """Score shading networks on records with bounce light, as Table 6 does, and the albedo of "ours".
+
+    Every record is photographed once under a random lighting fixed by `seed`, framed on the canvas, and asked
+    for its frontal lights. RMSE is masked, SSIM is of the mask's bounding box (Section 4.4).
+
+    Parameters
+    ----------
+    paths: record folders or shards, made with `relight stage --shading`.
+    models: {row of Table 6: name or .safetensors path}; "ours" is the shipped one unless given.
+    out: PNG to draw Figure 6 into, or None.
+    normals_model, field_model: names or paths of the networks that all rows take their input from.
+    limit: use this many records, spread evenly.
+
+    Returns
+    -------
+    {row: Tally}, the base image of "ours" among them, and {"photograph" or "albedo": Delight}.
+
+    Raises
+    ------
+    FileNotFoundError, ValueError: no records, records without bounce light, damaged weights, a network that
+    is not what its row says.
+    """
+    networks = {name: diffuse.load(path) for name, path in ({"ours": "shading"} | (models or {})).items()}
+    for name, network in networks.items():
+        inputs = getattr(network, "normals", True), getattr(network, "visibility", "inferred")
+        if name in ROWS and inputs != ROWS[name][0]:
+            raise ValueError(f"model: the network given for {name!r} was not trained as that")
+    surface, seen = normals.load(normals_model), visibility.load(field_model)
+    found = Records(paths)
+    tallies = {name: Tally() for name in (BASE, *networks)}
+    delights = {"photograph": Delight(), "albedo": Delight()}
+    chosen, rows = found.spread(limit or len(found)), []
+    for number, index in enumerate(track(chosen, "evaluating")):
+        record, rng = found[index], np.random.default_rng((seed, index))
+        if record.bounce_float16 is None:
+            raise ValueError("records: made without bounce light; render them with `relight stage --shading`")
+        view = sample(record, rng, canvas_size(networks["ours"].size), augment=False)
+        rgb, mask = photograph(view["rgb"], view["mask"], rng), view["mask"][0]
+        frontal, inside = view["directions"][:, 2] > FRONTAL, mask > 0.5
+        truth = true_shading({key: value[None] for key, value in view.items()})[0]
+        lights, truth = view["directions"][frontal], truth[frontal] * inside
+        estimated = surface.analyse(rgb, mask)
+        visible = seen.analyse(rgb, mask, estimated)
+        maps = {BASE: diffuse.base(estimated[None], visible(lights)[None], lights[None])[0] * inside}
+        for name, network in networks.items():
+            analysed = network.analyse(rgb, mask, estimated, visible)
+            maps[name] = analysed.shading(lights) * inside
+            if name == "ours":
+                _score_albedo(delights, analysed.albedo, view, rgb, inside)
+        for name, shading in maps.items():
+            tallies[name].add(shading, truth, inside)
+        if out is not None and number % max(1, len(chosen) // SHOWN) == 0:
+            rows.append(_figure_row(rgb * inside, truth, maps, (7 * number + 20) % len(lights)))
+    if out is not None:
+        pictures.write_grid(out, rows)
+    return tallies, delights
+
+
+def _score_albedo(delights, albedo, view, rgb, inside):
+    """Tally the albedo, and beside it the photograph, if one lamp of the lighting is strong enough."""
+    power = view["weights"].sum(dim=1)
+    key = int(power.argmax())
+    facing = torch.einsum("c,chw->hw", view["directions"][key], view["normals"]) > 0.1
+    lit = inside & facing & (view["visibility"][key] > 0.9)
+    shadow = inside & facing & (view["visibility"][key] < 0.1)  # cast: the part that has an edge
+    if albedo is None or power[key] < KEY_SHARE * power.sum() or min(lit.sum(), shadow.sum()) < 100:
+        return
+    truth = view["albedo"] ** (1 / ENCODING)
+    for name, image in (("photograph", rgb), ("albedo", albedo)):
+        delights[name].add(image.clamp_min(0) ** (1 / ENCODING), truth, lit, shadow)
+
+
+def _figure_row(photo, truth, maps, light):
+    """Photograph, truth, then each estimate with its absolute error."""
+    columns = [pictures.show_linear(photo), pictures.show_linear(truth[light][None])]
+    for shading in maps.values():
+        error = (shading[light] - truth[light]).abs() / ERROR_WHITE
+        columns += [pictures.show_linear(shading[light][None]), plots.heat(error)]
+    return columns
+
+
+def report(tallies, delights):
+    """The scores as Markdown tables, the paper's beside them."""
+    rows = [
+        "| variant | RMSE ↓ | SSIM ↑ | paper: RMSE | paper: SSIM |",
+        "|---|---|---|---|---|",
+    ]
+    for name in (BASE, *ROWS, *(name for name in tallies if name not in (BASE, *ROWS))):
+        own = ["not trained", "–"]
+        if name in tallies:
+            own = [f"{np.mean(v):.3f} ({np.std(v):.3f})" for v in (tallies[name].rmse, tallies[name].ssim)]
+        paper = ROWS[name][1:] if name in ROWS else ("–", "–")
+        rows.append(f"| {' | '.join((name, *own, *paper))} |")
+    rows += [
+        "",
+        "| taken for the albedo | L1, lit ↓ | L1, in shadow ↓ | shadow left, stops ↓ |",
+        "|---|---|---|---|",
+    ]
+    for name, delight in delights.items():
+        columns = delight.lit, delight.shadow, delight.left
+        cells = (f"{np.mean(values):.3f}" if values else "–" for values in columns)
+        rows.append(f"| {' | '.join((name, *cells))} |")
+    return "\n".join(
+        [*rows, "", f"Albedo: {len(delights['albedo'].lit)} photographs with a hard cast shadow."]
+    )
