@@ -90,15 +90,17 @@ class Subject:
         self._extend = Extension(framed_mask, REACH)
         self._enlarge = JointBilateral(framing, guide, framed_guide, known, self._pixels)
         if given_albedo is None:
-            light = _photographed_shading(framed, analysed.albedo, known)
+            light, found = _photographed_shading(framed, analysed.albedo, known), analysed.albedo
             self._colour = foreground.flatten(1)[:, self._pixels].T
-            self._framed_albedo = analysed.albedo
         else:
-            light = None
+            light, found = None, _crop(framing, given_albedo[box])
             self._albedo = given_albedo[box].flatten(1)[:, self._pixels].T
-            self._framed_albedo = _crop(framing, given_albedo[box])
-        on_plate = framing.shifted(left, top, self._size)
-        self._use(Canvas(on_plate, known, framed_guide, surface, visibility, analysed.shading, light))
+        self._use(
+            Canvas(
+                framing.shifted(left, top, self._size), known, framed_guide,
+                surface, visibility, analysed.shading, found, light,
+            )
+        )  # fmt: skip
 
     def _use(self, canvas):
         """Take what the networks found from `canvas`."""
@@ -164,8 +166,8 @@ class Subject:
             raise ValueError(f"image: expected the subject's size {self._size}, got {pixels.shape[:2]}")
         foreground = _foreground(pixels[self._box], self._matte, photographed=pixels.shape[-1] == 3)
         framed, directions = _crop(self._framing, foreground), torch.from_numpy(olat(behind=True))
-        shading, known = self._canvas.shading(directions), self._canvas.known.float()
-        powers = solve_lighting(framed, self._framed_albedo, shading, known)
+        shading, canvas = self._canvas.shading(directions), self._canvas
+        powers = solve_lighting(framed, canvas.albedo, shading, canvas.known.float())
         return directions.numpy(), powers.numpy()
 
     def unshadowed(self, light):

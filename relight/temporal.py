@@ -34,6 +34,7 @@ class Canvas(NamedTuple):
     normals: torch.Tensor  # (3, h, w) unit vectors
     visibility: Callable  # unit directions (D, 3) to maps (D, h, w) in [0, 1]
     shading: Callable  # likewise
+    albedo: torch.Tensor  # (3, h, w) linear, in [0, 1]
     light: torch.Tensor | None  # (3, h, w) in which it was photographed; None if the albedo is given
 
 
@@ -54,6 +55,7 @@ def steadied(canvas, around, alike=ALIKE):
         normals=F.normalize(mean(lambda frame: frame.normals), dim=0),
         visibility=lambda directions: mean(lambda frame: frame.visibility(directions)),
         shading=lambda directions: mean(lambda frame: frame.shading(directions)),
+        albedo=mean(lambda frame: frame.albedo),
         light=None if canvas.light is None else mean(lambda frame: frame.light),
     )
 

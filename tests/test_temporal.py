@@ -25,7 +25,8 @@ def canvas(shading, image=TEXTURE, framing=None, known=None):
 
     framing = framing or Framing((48.0, 64.0), 1.0, SIZE, SIZE)
     up = torch.tensor([0.0, 0, 1])[:, None, None].expand(3, *SIZE)
-    return Canvas(framing, known, image * known, up, every_light, every_light, maps.expand(3, -1, -1) + 0.1)
+    light = maps.expand(3, -1, -1) + 0.1
+    return Canvas(framing, known, image * known, up, every_light, every_light, image * known, light)
 
 
 def shown(frame):
