@@ -11,6 +11,7 @@ import numpy as np
 import pytest
 
 import relight
+from relight.movie import Movie
 
 ROOT = Path(__file__).parent.parent
 README = (ROOT / "README.md").read_text()
@@ -67,6 +68,18 @@ def test_spherical_harmonics_lose_less_with_each_order(tmp_path):
     assert errors[0] > 0.02
     assert errors[-1] < errors[0] / 3
     assert relight.read(tmp_path / "spherical_harmonics.png").max() > 0.5
+
+
+def test_the_moving_light_runs(tmp_path):
+    printed = run(ROOT / "examples" / "moving_light.py", tmp_path / "m.mp4", "--size", "64", "--step", "90")
+    assert "change a degree" in printed
+    movie = Movie(tmp_path / "m.mp4")
+    assert len(movie.numbers) == 9  # three elevations, from right over the camera to left
+    frames = [movie.read(number) for number in movie.numbers]
+    assert {frame.shape for frame in frames} == {(64, 256, 3)}
+    truth = [frame[:, :64].mean(axis=(0, 2)) for frame in frames]
+    assert truth[0][32:].sum() > truth[0][:32].sum()  # lit from the right
+    assert truth[2][:32].sum() > truth[2][32:].sum()  # then from the left
 
 
 def test_the_readme_command_relights_the_bundled_person(tmp_path):
