@@ -71,7 +71,9 @@ def changes(maps):
     return np.abs(np.diff(maps.reshape(len(ELEVATIONS), frames, -1), axis=1)).mean(axis=2) / options.step
 
 
-inferred = np.concatenate([subject.shading(part)[:, record.mask] for part in np.array_split(lights, 12)])
+inferred = np.concatenate(
+    [subject.shading(part)[:, record.mask] for part in np.array_split(lights, range(64, len(lights), 64))]
+)
 ours, true = changes(inferred), changes(shading.T)
 print(
     f"change a degree, largest of any two neighbouring frames: ours {ours.max():.4f}, truth {true.max():.4f}"
