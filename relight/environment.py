@@ -126,8 +126,8 @@ class EnvironmentLight(Light):
         if min(height, width) < 1:
             raise ValueError(f"size: expected (height, width) of at least 1, got {size}")
         half = np.tan(np.radians(field_of_view / 2))
-        y = (half - (np.arange(height) + 0.5) * 2 * half / height)[:, None]
-        x = (np.arange(width) + 0.5) * 2 * half / height - half * width / height
+        y = np.float32(half - (np.arange(height) + 0.5) * 2 * half / height)[:, None]
+        x = np.float32((np.arange(width) + 0.5) * 2 * half / height - half * width / height)
         turn = np.degrees(np.arctan(x)) + self.rotation % 360  # rightward from the seam, along the map
         elevation = np.degrees(np.arctan2(y, np.hypot(x, 1)))
         seen = self.image.at(turn, elevation, 2 * np.degrees(half) / height)
@@ -156,7 +156,8 @@ class Panorama:
         path = Path(image)
         if not path.exists():
             raise FileNotFoundError(f"{path}: no such file")
-        return _read(path, path.stat().st_mtime_ns)
+        file = path.stat()
+        return _read(path, (file.st_dev, file.st_ino, file.st_size, file.st_mtime_ns))
 
     def __repr__(self):
         return f"Panorama({str(self.path) if self.path else self.pixels.shape})"
@@ -196,8 +197,8 @@ class Panorama:
 
 
 @functools.lru_cache(maxsize=2)
-def _read(path, modified):
-    """A file's map; `modified` is there to tell a file that has changed."""
+def _read(path, state):
+    """A file's map; `state` is there to tell a file that has changed."""
     return Panorama(images.read(path), path)
 
 

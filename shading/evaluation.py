@@ -15,6 +15,7 @@ from shadow.framing import canvas_size
 from shadow.records import Records, photograph, sample
 
 BASE = "base image"
+BINARY = "base image, binary visibility"  # as the paper's maps are
 ROWS = {  # of Table 6: what each network must be, and what the paper prints
     "baseline visibility": ((True, "baseline"), "0.153 (0.024)", "0.702 (0.062)"),
     "w/o both": ((False, None), "0.140 (0.025)", "0.746 (0.057)"),
@@ -76,7 +77,7 @@ def evaluate(
 
     Returns
     -------
-    {row: Tally}, the base image of "ours" among them, and {"photograph" or "albedo": Delight}.
+    {row: Tally}, the base image that "ours" starts from among them, and {"photograph" or "albedo": Delight}.
 
     Raises
     ------
@@ -88,9 +89,9 @@ def evaluate(
         inputs = getattr(network, "normals", True), getattr(network, "visibility", "inferred")
         if name in ROWS and inputs != ROWS[name][0]:
             raise ValueError(f"model: the network given for {name!r} was not trained as that")
-    surface, seen = normals.load(normals_model), visibility.load(field_model)
+    surface, field_network = normals.load(normals_model), visibility.load(field_model)
     found = Records(paths)
-    tallies = {name: Tally() for name in (BASE, *networks)}
+    tallies = {name: Tally() for name in (BASE, BINARY, *networks)}
     delights = {"photograph": Delight(), "albedo": Delight()}
     chosen, rows = found.spread(limit or len(found)), []
     for number, index in enumerate(track(chosen, "evaluating")):
@@ -103,8 +104,12 @@ def evaluate(
         truth = true_shading({key: value[None] for key, value in view.items()})[0]
         lights, truth = view["directions"][frontal], truth[frontal] * inside
         estimated = surface.analyse(rgb, mask)
-        visible = seen.analyse(rgb, mask, estimated)
-        maps = {BASE: diffuse.base(estimated[None], visible(lights)[None], lights[None])[0] * inside}
+        visible = field_network.analyse(rgb, mask, estimated)
+        soft = visible(lights)
+        maps = {
+            name: diffuse.base(estimated[None], seen[None], lights[None])[0] * inside
+            for name, seen in ((BASE, soft), (BINARY, (soft > 0.5).float()))
+        }
         for name, network in networks.items():
             analysed = network.analyse(rgb, mask, estimated, visible)
             maps[name] = analysed.shading(lights) * inside
@@ -148,7 +153,7 @@ def report(tallies, delights):
         "| variant | RMSE ↓ | SSIM ↑ | paper: RMSE | paper: SSIM |",
         "|---|---|---|---|---|",
     ]
-    for name in (BASE, *ROWS, *(name for name in tallies if name not in (BASE, *ROWS))):
+    for name in dict.fromkeys((BASE, BINARY, *ROWS, *tallies)):
         own = ["not trained", "–"]
         if name in tallies:
             own = [f"{np.mean(v):.3f} ({np.std(v):.3f})" for v in (tallies[name].rmse, tallies[name].ssim)]

@@ -8,8 +8,9 @@ import trimesh
 from typer.testing import CliRunner
 
 import relight
-from relight.cli import Model, app
+from relight.cli import app
 from relight.composite import place
+from relight.workshop import Model
 from shadow import visibility
 
 LIGHTS = [

@@ -39,6 +39,20 @@ def test_examples_run(example, tmp_path):
     assert names == {".exr", ".png"}
 
 
+def test_the_environment_example_turns_its_sky(tmp_path):
+    person = relight.read(ROOT / "examples" / "person.png")
+    relight.write(tmp_path / "small.png", np.ascontiguousarray(person[::4, ::4]))
+    run(ROOT / "examples" / "environment.py", tmp_path / "small.png", tmp_path / "out")
+    (sky,) = relight.read_lights(tmp_path / "out" / "sky.yaml")
+    picture = relight.read(tmp_path / "out" / "environment.exr")
+    small = relight.read(tmp_path / "small.png")
+    np.testing.assert_allclose(
+        picture, relight.apply(small, sky, background=sky.view(small.shape[:2], 35)), rtol=2e-3, atol=2e-3
+    )
+    triptych = relight.read(tmp_path / "out" / "environment.png")
+    assert triptych.shape == (small.shape[0], 3 * small.shape[1], 3)
+
+
 def test_spherical_harmonics_lose_less_with_each_order(tmp_path):
     person = relight.read(ROOT / "examples" / "person.png")
     relight.write(tmp_path / "small.png", np.ascontiguousarray(person[::4, ::4]))

@@ -26,6 +26,22 @@ def test_round_trip_to_half_precision(saved):
     assert not list(path.parent.glob("*.part"))
 
 
+def test_shrunk_weights_are_half_as_large_and_nearly_the_same(saved, tmp_path):
+    network, path, _ = saved
+    small = tmp_path / "shrunk.safetensors"
+    checksum = weights.shrink(path, small)
+    assert weights.sha256(small) == checksum
+    back = normals.load(small)
+    assert json.loads(weights.read(small)[1]["recipe"]) == {"steps": 3}
+    for key, value in network.state_dict().items():
+        step = value.abs().amax(dim=(1, 2, 3), keepdim=True) / 127 if value.ndim == 4 else torch.tensor(1e-3)
+        assert ((back.state_dict()[key] - value).abs() <= 0.51 * step + 1e-3).all(), key
+    wide = NormalsNetwork(size=128)
+    weights.save(path, wide, "normals", {"size": 128}, {})
+    weights.shrink(path, small)
+    assert small.stat().st_size < 0.55 * path.stat().st_size
+
+
 def test_recipe_travels_with_the_weights(saved):
     _, metadata = weights.read(saved[1])
     assert json.loads(metadata["recipe"]) == {"steps": 3}
