@@ -432,7 +432,7 @@ def _joined(path, stacks, dtype):
 def _save(path, pixels, spec):
     """Write a file that is whole or not there."""
     with replacing(path) as beside:
-        file = oiio.ImageOutput.create(str(beside))
+        file = oiio.ImageOutput.create(str(path))  # by its suffix
         if file is None:
             raise OSError(f"{path}: cannot be written: {oiio.geterror().strip()}")
         written = file.open(str(beside), spec) and file.write_image(np.ascontiguousarray(pixels))
