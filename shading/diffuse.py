@@ -107,7 +107,7 @@ class ShadingField(nn.Module):
                 seen = seen[None, :, inside][..., None]
                 canvas = rgb.new_zeros(len(directions), *mask.shape)
                 linear = self.shading(maps, surface, seen, directions[None])[0, ..., 0]
-                canvas[:, inside] = linear.clamp(0, 1)
+                canvas[:, inside] = linear.clamp(0, 1).float()
                 return canvas
 
         return Diffuse(shading, albedo)

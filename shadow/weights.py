@@ -24,7 +24,7 @@ class Origin(NamedTuple):
     """Where a network's parameters come from: `network.origin` of whatever was loaded from a file."""
 
     name: str  # of the file, without its suffix
-    sha256: str | None  # of the file, which tells it from another of the same name
+    sha256: str | None  # of the file, or of the one it was shrunk from: tells it from another of the same name
     recipe: dict  # how it was trained, as the file says
 
 
@@ -62,7 +62,8 @@ def _load(path, checksum, networks):
     except RuntimeError as error:
         raise ValueError(f"weights: {path} does not fit this version's network: {error}") from error
     recipe = json.loads(metadata.get("recipe", "{}"))
-    network.origin = Origin(path.stem, checksum or sha256(path), recipe)
+    identity = metadata.get("shrunk_from") or checksum or sha256(path)
+    network.origin = Origin(path.stem, identity, recipe)
     return network.eval().requires_grad_(False).to(memory_format=torch.channels_last)
 
 
@@ -114,7 +115,7 @@ def shrink(source, target):
             continue
         scale = value.float().abs().amax(dim=(1, 2, 3), keepdim=True).clamp_min(1e-12) / 127
         small[key], small[key + SCALE] = (value.float() / scale).round().to(torch.int8), scale
-    return _write(target, small, metadata)
+    return _write(target, small, metadata | {"shrunk_from": sha256(source)})
 
 
 def _write(path, state, metadata):

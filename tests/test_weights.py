@@ -32,6 +32,7 @@ def test_shrunk_weights_are_half_as_large_and_nearly_the_same(saved, tmp_path):
     checksum = weights.shrink(path, small)
     assert weights.sha256(small) == checksum
     back = normals.load(small)
+    assert back.origin.sha256 == normals.load(path).origin.sha256  # still the same normals
     assert json.loads(weights.read(small)[1]["recipe"]) == {"steps": 3}
     for key, value in network.state_dict().items():
         step = value.abs().amax(dim=(1, 2, 3), keepdim=True) / 127 if value.ndim == 4 else torch.tensor(1e-3)
