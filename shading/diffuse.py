@@ -21,6 +21,10 @@ from shadow.framing import Framing, extend
 from shadow.normals import on_canvas, resolve
 from shadow.unet import LIGHTS_AT_ONCE, UNet
 
+# What the residual field adds is less by this at inference: so little is a guess that hedges between lit and
+# dark, and a haze over deep shadows (SSIM 0.682 with it, 0.707 without).
+HAZE = 0.03
+
 
 def base(normals, visibility, directions):
     """The base image from tensors: normals (B, 3, H, W), visibility (B, D, H, W), directions (B, D, 3) to
@@ -83,10 +87,11 @@ class ShadingField(nn.Module):
         photograph = image[:, :3] if blocks is None else take_blocks(image[:, :3], blocks)
         return ShadingMaps(residual, photograph + correction)
 
-    def shading(self, maps, normals, visibility, directions):
+    def shading(self, maps, normals, visibility, directions, haze=0.0):
         """Linear shading (B, D, H, W), not yet held to [0, 1], of unit directions (B, D, 3), given their
-        visibility (B, D, H, W)."""
+        visibility (B, D, H, W). What the residual adds is less by `haze`."""
         residual = torch.einsum("bdk,bkhw->bdhw", anchor_weights(directions, self.anchors), maps.residual)
+        residual = residual - residual.clamp(0, haze)
         known = visibility if self.visibility == "inferred" else None
         return base(normals if self.normals else None, known, directions) + residual
 
@@ -106,7 +111,7 @@ class ShadingField(nn.Module):
                 seen = visibility(directions) if seen is None else seen
                 seen = seen[None, :, inside][..., None]
                 canvas = rgb.new_zeros(len(directions), *mask.shape)
-                linear = self.shading(maps, surface, seen, directions[None])[0, ..., 0]
+                linear = self.shading(maps, surface, seen, directions[None], HAZE)[0, ..., 0]
                 canvas[:, inside] = linear.clamp(0, 1).float()
                 return canvas
 
