@@ -19,6 +19,7 @@ _EXPORTS = {
     "over": "relight.composite",
     "place": "relight.composite",
     "read": "relight.image",
+    "render_video": "relight.video",
     "read_layers": "relight.image",
     "read_lights": "relight.lightfile",
     "read_mask": "relight.image",

@@ -4,12 +4,13 @@ import bisect
 import inspect
 import itertools
 import math
+import re
 import reprlib
 from dataclasses import dataclass
 
 import numpy as np
 
-from relight.lights import DirectionalLight, Light, parse_settings
+from relight.lights import DirectionalLight, Light
 
 ORBITS = ("azimuth", "rotation")  # what an orbit turns: a lamp around the subject, an environment around it
 
@@ -86,17 +87,14 @@ def lights_at(lights, frame):
     return [light.at(frame) if isinstance(light, MovingLight) else light for light in lights]
 
 
-def parse(text):
-    """A light from text, as `DirectionalLight.parse` reads it; with `orbit=200` in it, one that moves."""
-    name, colon, settings = text.rpartition(":")
-    orbits = [part for part in settings.split(",") if part.partition("=")[0].strip() == "orbit"]
-    if not orbits:
-        return DirectionalLight.parse(text)
-    others = [part for part in settings.split(",") if part and part not in orbits]
+def parse(text, kind=DirectionalLight):
+    """A light from text, as the `parse` of its kind reads it; with `orbit=200` in it, one that moves."""
+    orbit = re.search(r"(?:^|(?<=[,:]))\s*orbit\s*=([^,]*)(?:,|$)", text)
+    if orbit is None:
+        return kind.parse(text)
+    light = kind.parse((text[: orbit.start()] + text[orbit.end() :]).rstrip(","))
     try:
-        (orbit,) = (float(part.partition("=")[2]) for part in orbits)
-        arguments = parse_settings(DirectionalLight, others) | ({"name": name} if colon else {})
-        return MovingLight(orbit=orbit, **arguments)
+        return MovingLight(kind, orbit=float(orbit[1]), **light.settings())
     except (TypeError, ValueError) as error:
         raise ValueError(f"light {text!r}: {error}") from error
 

@@ -47,6 +47,44 @@ class Screen(StrEnum):
     blue = "blue"
 
 
+LightOption = Annotated[
+    list[str] | None,
+    typer.Option(
+        help="A light, as key:azimuth=-40,elevation=30,intensity=2,colour=1/0.9/0.8; also "
+        "direction=x/y/z, exposure (stops), temperature (kelvin), locus (planckian, daylight), angle "
+        "(degrees, soft). Repeatable."
+    ),
+]
+EnvironmentOption = Annotated[
+    list[str] | None,
+    typer.Option(
+        help="Light from a latitude-longitude map, as studio.exr,rotation=90,intensity=2; its centre is "
+        "at the camera. Repeatable."
+    ),
+]
+LightsOption = Annotated[Path | None, typer.Option(help="A lights file, YAML or JSON.")]
+KeyOption = Annotated[
+    Screen | None,
+    typer.Option(help="Cut the person out of a screen; a mask then says where there is one."),
+]
+ColourSpaceOption = Annotated[
+    str | None,
+    typer.Option(help="The photograph's, if its file does not say: sRGB, lin_rec709, ACEScg, Rec.2020..."),
+]
+LayersOption = Annotated[
+    str | None,
+    typer.Option(help="More layers of the .exr: any of albedo,N,visibility,shading."),
+]
+ViewOption = Annotated[
+    str | None,
+    typer.Option(
+        help="View transform of what is for display, e.g. aces, from OpenColorIO's built-in configuration "
+        "or $OCIO. Without one that is sRGB, with highlights rolled off."
+    ),
+]
+ExposureOption = Annotated[float, typer.Option(help="Of what is for display, in stops.")]
+
+
 @app.command()
 def apply(
     image: Annotated[Path, typer.Argument(help="The photograph: PNG, JPEG, TIFF, OpenEXR...")],
@@ -58,30 +96,14 @@ def apply(
             help="File to write; .exr keeps each light as a layer, .nk rebuilds the mix in Nuke. Repeatable.",
         ),
     ],
-    light: Annotated[
-        list[str] | None,
-        typer.Option(
-            help="A light, as key:azimuth=-40,elevation=30,intensity=2,colour=1/0.9/0.8; also "
-            "direction=x/y/z, exposure (stops), temperature (kelvin), locus (planckian, daylight), angle "
-            "(degrees, soft). Repeatable."
-        ),
-    ] = None,
-    environment: Annotated[
-        list[str] | None,
-        typer.Option(
-            help="Light from a latitude-longitude map, as studio.exr,rotation=90,intensity=2; its centre is "
-            "at the camera. Repeatable."
-        ),
-    ] = None,
-    lights: Annotated[Path | None, typer.Option(help="A lights file, YAML or JSON.")] = None,
+    light: LightOption = None,
+    environment: EnvironmentOption = None,
+    lights: LightsOption = None,
     save_lights: Annotated[
         Path | None, typer.Option(help="Write all these lights to a lights file, for next time.")
     ] = None,
     mask: Annotated[Path | None, typer.Option(help="The matte, unless the image has alpha.")] = None,
-    key: Annotated[
-        Screen | None,
-        typer.Option(help="Cut the person out of a screen; a mask then says where there is one."),
-    ] = None,
+    key: KeyOption = None,
     background: Annotated[
         str | None,
         typer.Option(
@@ -103,24 +125,10 @@ def apply(
     ] = Placement.fit,
     scale: Annotated[float, typer.Option(help="Of the photograph, on top of that.")] = 1.0,
     offset: Annotated[str, typer.Option(help="Of the photograph: RIGHT/UP in pixels.")] = "0/0",
-    colour_space: Annotated[
-        str | None,
-        typer.Option(
-            help="The photograph's, if its file does not say: sRGB, lin_rec709, ACEScg, Rec.2020..."
-        ),
-    ] = None,
-    layers: Annotated[
-        str | None,
-        typer.Option(help="More layers of the .exr: any of albedo,N,visibility,shading."),
-    ] = None,
-    view: Annotated[
-        str | None,
-        typer.Option(
-            help="View transform of PNG, JPEG and TIFF, e.g. aces, from OpenColorIO's built-in configuration "
-            "or $OCIO. Without one they are sRGB, with highlights rolled off."
-        ),
-    ] = None,
-    exposure: Annotated[float, typer.Option(help="Of PNG, JPEG and TIFF, in stops.")] = 0.0,
+    colour_space: ColourSpaceOption = None,
+    layers: LayersOption = None,
+    view: ViewOption = None,
+    exposure: ExposureOption = 0.0,
     save_matte: Annotated[
         Path | None, typer.Option(help="Write the matte alone, grey: PNG, TIFF or OpenEXR.")
     ] = None,
@@ -192,13 +200,13 @@ def _words(text):
 
 def _lighting(path, lights, environments):
     """The lights of a file and of the options."""
+    from relight.animation import parse
     from relight.environment import EnvironmentLight
     from relight.lightfile import read_lights
-    from relight.lights import DirectionalLight
 
     lighting = [] if path is None else read_lights(path)
-    lighting += [DirectionalLight.parse(text) for text in lights or []]
-    lighting += [EnvironmentLight.parse(text) for text in environments or []]
+    lighting += [parse(text) for text in lights or []]
+    lighting += [parse(text, EnvironmentLight) for text in environments or []]
     if not lighting:
         raise ValueError("no light: expected --light, --environment or --lights")
     return lighting
@@ -273,10 +281,7 @@ def olat(
     ],
     mask: Annotated[Path | None, typer.Option(help="The matte, unless the image has alpha.")] = None,
     behind: Annotated[bool, typer.Option(help="32 directions behind the person too.")] = False,
-    colour_space: Annotated[
-        str | None,
-        typer.Option(help="The photograph's, if its file does not say: sRGB, lin_rec709, ACEScg..."),
-    ] = None,
+    colour_space: ColourSpaceOption = None,
 ):
     """Write the person in IMAGE in one light at a time, from 64 directions, and a file of the directions."""
     from relight import image as images
@@ -300,6 +305,106 @@ def _progress():
     """A bar with the time left."""
     columns = (TextColumn("{task.description}"), BarColumn(), MofNCompleteColumn(), TimeRemainingColumn())
     return Progress(*columns, console=console)
+
+
+@app.command()
+def video(
+    source: Annotated[
+        str,
+        typer.Argument(help="A photograph; a sequence such as plate.%04d.exr or plate.####.exr; a movie."),
+    ],
+    output: Annotated[
+        list[Path],
+        typer.Option(
+            "-o",
+            "--output",
+            help="A sequence such as relit.%04d.exr (.exr keeps each light as a layer); a movie, .mp4 "
+            "or .mov; a .nk, to mix the .exr in Nuke. Repeatable.",
+        ),
+    ],
+    light: LightOption = None,
+    environment: EnvironmentOption = None,
+    lights: LightsOption = None,
+    frames: Annotated[
+        str | None,
+        typer.Option(help="FIRST-LAST. Default: the source's, or from first to last keyframe of the lights."),
+    ] = None,
+    mask: Annotated[
+        str | None, typer.Option(help="The matte, unless the source has alpha: a file, sequence or movie.")
+    ] = None,
+    key: KeyOption = None,
+    background: Annotated[
+        str | None,
+        typer.Option(
+            help="A file, sequence or movie; a linear colour such as 0.2/0.2/0.2; or environment: what a "
+            "camera sees of it."
+        ),
+    ] = None,
+    colour_space: ColourSpaceOption = None,
+    layers: LayersOption = None,
+    rate: Annotated[float | None, typer.Option(help="Frames a second. Default: the source's, or 24.")] = None,
+    steady: Annotated[
+        bool, typer.Option(help="Average what is found of a moving person over frames, where it is alike.")
+    ] = True,
+    view: ViewOption = None,
+    exposure: ExposureOption = 0.0,
+    white: Annotated[
+        float, typer.Option(min=1, help="Light that shows as white in all frames; what is below rolls off.")
+    ] = 4.0,
+    resume: Annotated[bool, typer.Option("--resume", help="Keep the frames that are there.")] = False,
+):
+    """Relight a person frame by frame: lights that move (orbit=200, or a lights file), a person that does."""
+    from relight.video import render_video
+
+    lighting = _lighting(lights, light, environment)
+    with _progress() as progress:
+        tasks = {}
+
+        def report(done, total, what):
+            if what not in tasks:
+                tasks[what] = progress.add_task(what, total=total)
+            progress.update(tasks[what], completed=done)
+
+        try:
+            problems = render_video(
+                source, lighting, output, frames=_span(frames), mask=mask, key=key,
+                background=_backdrop(background, lighting), colour_space=colour_space, passes=_words(layers),
+                steady=steady, rate=rate, view=view, exposure=exposure, white=white, resume=resume,
+                progress=report,
+            )  # fmt: skip
+        except KeyboardInterrupt as interruption:
+            console.print("interrupted; the same command with --resume goes on")
+            raise typer.Exit(130) from interruption
+    for number, problem in problems.items():
+        console.print(f"frame {number}: {problem}")
+    for path in output:
+        console.print(f"{path}")
+    if problems:
+        raise typer.Exit(1)
+
+
+def _span(text):
+    """`1-200` as (1, 200)."""
+    if text is None:
+        return None
+    first, _, last = text.partition("-")
+    try:
+        return int(first), int(last or first)
+    except ValueError as error:
+        raise ValueError(f"--frames: expected FIRST-LAST, such as 1-200, got {text!r}") from error
+
+
+def _backdrop(text, lighting):
+    """A file's path, a colour as r/g/b, or the environment among the lights."""
+    if text == ENVIRONMENT:
+        skies = [light for light in lighting if hasattr(getattr(light, "kind", light), "view")]
+        if len(skies) != 1:
+            raise ValueError(f"--background environment: expected one among the lights, got {len(skies)}")
+        return skies[0]
+    try:
+        return None if text is None else tuple(map(float, text.split("/")))
+    except ValueError:
+        return text
 
 
 app.command()(workshop.stage)

@@ -53,9 +53,7 @@ def passes(subject, lights, names):
     -------
     {layer name: array}, float32. Raises ValueError for other names.
     """
-    for name in names:
-        if name not in PASSES:
-            raise ValueError(f"layers: expected any of {', '.join(PASSES)}, got {name!r}")
+    check(names)
     layers = {"albedo": subject.albedo} if "albedo" in names else {}
     layers |= {"N": subject.normals} if "N" in names else {}
     lights = by_name(lights)
@@ -64,6 +62,13 @@ def passes(subject, lights, names):
     if "shading" in names:
         layers |= {f"shading_{name}": subject.lighting(light) for name, light in lights.items()}
     return layers
+
+
+def check(names):
+    """ValueError unless all names are passes'."""
+    for name in names:
+        if name not in PASSES:
+            raise ValueError(f"layers: expected any of {', '.join(PASSES)}, got {name!r}")
 
 
 def half(values):

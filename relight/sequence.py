@@ -59,3 +59,31 @@ class Sequence:
         found = (name.fullmatch(path.name) for path in self.folder.iterdir())
         numbers = {int(match[1]) for match in found if match}
         return sorted(number for number in numbers if self.path(number).is_file())
+
+
+class Still:
+    """One picture for all frames."""
+
+    numbers = rate = None
+
+    def __init__(self, picture):
+        self.picture = picture
+
+    def read(self, number):
+        return self.picture
+
+
+class Files:
+    """The frames of a sequence, by `read`, a function of a path."""
+
+    rate = None
+
+    def __init__(self, sequence, read):
+        self.sequence = sequence
+        self.numbers = sequence.numbers()
+        self._read = read
+        if not self.numbers:
+            raise FileNotFoundError(f"{sequence}: no such frames")
+
+    def read(self, number):
+        return self._read(self.sequence.path(number))

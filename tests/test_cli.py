@@ -10,6 +10,7 @@ from typer.testing import CliRunner
 import relight
 from relight.cli import app
 from relight.composite import place
+from relight.movie import Movie
 from relight.workshop import Model
 from shadow import visibility
 
@@ -196,6 +197,44 @@ def test_olat_writes_passes_and_their_directions(tmp_path, photo):
     result = run("olat", *photo, "-o", tmp_path / "o.nk")
     assert result.exit_code == 2
     assert "expected one .exr and at most one .nk" in result.output
+
+
+def test_video_relights_frame_by_frame(tmp_path, photo):
+    (tmp_path / "lights.yaml").write_text("lights: [{name: sun, azimuth: {1: -60, 3: 60}}]")
+    outputs = ["-o", tmp_path / "r.%02d.exr", "-o", tmp_path / "r.mp4", "-o", tmp_path / "r.nk"]
+    lights = ["--lights", tmp_path / "lights.yaml", "--light", "key:orbit=8,elevation=20"]
+    result = run("video", *photo, *lights, *outputs, "--background", "0.1/0.1/0.1", "--rate", "25")
+    assert result.exit_code == 0, result.output
+    first, last = (relight.read_layers(tmp_path / f"r.{n}.exr") for n in ("01", "03"))
+    assert set(first) == {"C_sun", "C_key", "C_background"}
+    assert first["C_sun"][:, :40].sum() > first["C_sun"][:, 40:].sum()
+    assert last["C_sun"][:, :40].sum() < last["C_sun"][:, 40:].sum()
+    movie = Movie(tmp_path / "r.mp4")
+    assert (movie.rate, list(movie.numbers)) == (25, [1, 2, 3])
+    assert "last 3\n" in (tmp_path / "r.nk").read_text()
+
+
+def test_video_names_what_is_wrong(tmp_path, photo):
+    for option, message in (
+        (["--frames", "one"], "--frames: expected FIRST-LAST, such as 1-200, got 'one'"),
+        ([], "frames: expected (first, last), as neither source nor lights say how many"),
+        (["--frames", "1-2", "--background", "environment"], "expected one among the lights, got 0"),
+    ):
+        result = run("video", *photo, *LIGHTS, "-o", tmp_path / "r.%d.exr", *option)
+        assert result.exit_code == 2
+        assert message in result.output
+
+
+def test_video_reports_broken_frames(tmp_path):
+    alpha = np.zeros((24, 20, 4), np.float32)
+    alpha[4:20, 4:16] = 0.5, 0.4, 0.3, 1
+    for number in (1, 2, 3):
+        relight.write(tmp_path / f"p.{number}.png", alpha)
+    (tmp_path / "p.2.png").write_bytes(b"broken")
+    result = run("video", tmp_path / "p.#.png", "--light", "azimuth=20", "-o", tmp_path / "r.#.png")
+    assert result.exit_code == 1
+    assert "frame 2: " in result.output
+    assert (tmp_path / "r.3.png").exists()
 
 
 def test_help_does_not_load_the_networks():

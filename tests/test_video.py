@@ -1,0 +1,306 @@
+import tracemalloc
+
+import numpy as np
+import pytest
+
+import relight
+from relight import video
+from relight.movie import Movie, write_movie
+from relight.subject import by_name
+
+RISING = relight.MovingLight(intensity={1: 0.1, 5: 0.5}, name="key")
+STILL = relight.DirectionalLight(intensity=0.5, name="key")
+HEIGHT, WIDTH = 12, 16
+
+
+def person(column=4, value=1.0):
+    """Somebody four pixels wide, (H, W, 4)."""
+    image = np.zeros((HEIGHT, WIDTH, 4), np.float32)
+    image[2:10, column : column + 4] = (value, value, value, 1)
+    return image
+
+
+class Stub:
+    """Stands in for Subject: as bright as the image times the lights' intensities."""
+
+    made, steadied_by = [], []
+
+    def __init__(self, image, mask=None):
+        alpha = image[..., 3] if mask is None else mask
+        self.image = np.concatenate([image[..., :3] * alpha[..., None], alpha[..., None]], axis=-1)
+        self.albedo = self.normals = image[..., :3]
+        Stub.made.append(self)
+
+    def layers(self, lights):
+        gains = {name: np.float32([light.intensity] * 3 + [1]) for name, light in by_name(lights).items()}
+        return {name: self.image * gain for name, gain in gains.items()}
+
+    def lighting(self, lights):
+        return self.albedo
+
+    def unshadowed(self, light):
+        return self.image[..., 3]
+
+    def steadied(self, around):
+        Stub.steadied_by.append(len(around))
+        return self
+
+
+@pytest.fixture
+def stub(monkeypatch):
+    monkeypatch.setattr(video, "Subject", Stub)
+    Stub.made, Stub.steadied_by = [], []
+    return Stub
+
+
+@pytest.fixture
+def plates(tmp_path):
+    """Five frames, 101 to 105, of somebody who walks and grows brighter."""
+    (tmp_path / "plates").mkdir()
+    for number in range(101, 106):
+        relight.write(tmp_path / "plates" / f"p.{number:04d}.exr", person(number - 99, 0.1 * (number - 100)))
+    return tmp_path / "plates" / "p.####.exr"
+
+
+def brightness(path):
+    picture = relight.read(path)
+    return float(picture[..., 0].max())
+
+
+# What moves
+
+
+def test_a_moving_light_on_a_still(stub, tmp_path):
+    steps = []
+    problems = video.render_video(
+        person(), RISING, tmp_path / "r.%03d.exr", progress=lambda *step: steps.append(step)
+    )
+    assert problems == {}
+    assert sorted(path.name for path in tmp_path.iterdir()) == [f"r.{n:03d}.exr" for n in range(1, 6)]
+    found = [brightness(tmp_path / f"r.{n:03d}.exr") for n in range(1, 6)]
+    np.testing.assert_allclose(found, [0.1, 0.2, 0.3, 0.4, 0.5], rtol=1e-3)
+    assert len(stub.made) == 1
+    assert steps == [(n, 5, "Relighting") for n in range(1, 6)]
+    assert set(relight.read_layers(tmp_path / "r.002.exr")) == {"C_key"}
+
+
+def test_a_still_light_on_somebody_who_moves(stub, plates, tmp_path):
+    video.render_video(plates, STILL, tmp_path / "r.%04d.exr", passes=["N", "visibility"])
+    for number in range(101, 106):
+        picture = relight.read(tmp_path / f"r.{number:04d}.exr")
+        np.testing.assert_allclose(picture, person(number - 99, 0.05 * (number - 100)), atol=1e-3)
+    assert len(stub.made) == 5
+    assert stub.steadied_by == [2, 3, 4, 3, 2]
+    assert set(relight.read_layers(tmp_path / "r.0101.exr")) == {"C_key", "N", "visibility_key"}
+
+
+def test_both_move_and_nothing_is_steadied_unless_asked(stub, plates, tmp_path):
+    light = relight.MovingLight(intensity={101: 1, 105: 5})
+    video.render_video(plates, light, tmp_path / "r.%04d.png", steady=False, frames=(102, 104), white=1)
+    assert stub.steadied_by == []
+    found = [brightness(tmp_path / f"r.{n:04d}.png") for n in (102, 103, 104)]
+    np.testing.assert_allclose(found, [0.4, 0.9, 1.0], atol=0.01)
+    assert len(list(tmp_path.glob("r.*"))) == 3
+
+
+def test_mattes_and_backgrounds_move_too(stub, plates, tmp_path):
+    for number in range(101, 106):
+        relight.write_mask(tmp_path / f"m.{number:04d}.png", person(number - 99)[..., 3])
+        relight.write(tmp_path / f"b.{number:04d}.exr", np.full((HEIGHT, WIDTH, 3), number - 100, np.float32))
+    video.render_video(
+        plates,
+        STILL,
+        tmp_path / "r.%04d.exr",
+        mask=tmp_path / "m.%04d.png",
+        background=tmp_path / "b.%04d.exr",
+    )
+    for number in (101, 105):
+        picture = relight.read(tmp_path / f"r.{number:04d}.exr")
+        assert picture.shape == (HEIGHT, WIDTH, 3)
+        np.testing.assert_allclose(picture[0, 0], number - 100, rtol=1e-3)
+        np.testing.assert_allclose(picture[5, number - 98], 0.05 * (number - 100), rtol=1e-2)
+
+
+def test_a_movie_in_and_a_movie_out(stub, tmp_path):
+    write_movie(tmp_path / "in.mov", [person(n, 0.5) for n in (2, 4, 6)], rate=25, white=1)
+    write_movie(tmp_path / "matte.mp4", [person(n)[..., 3:].repeat(3, -1) for n in (2, 4, 6)], white=1)
+    outputs = [tmp_path / "out.mp4", tmp_path / "out.mov"]
+    video.render_video(tmp_path / "in.mov", STILL, outputs[1], white=1)
+    video.render_video(
+        tmp_path / "in.mov",
+        STILL,
+        outputs[0],
+        mask=tmp_path / "matte.mp4",
+        background=(0.1, 0.1, 0.1),
+        white=1,
+    )
+    clear, filled = map(Movie, reversed(outputs))
+    assert clear.rate == filled.rate == 25
+    np.testing.assert_allclose(clear.read(2), person(4, 0.25), atol=0.02)
+    assert filled.read(3).shape == (HEIGHT, WIDTH, 3)
+    np.testing.assert_allclose(filled.read(3)[5, 8], 0.25, atol=0.05)
+    np.testing.assert_allclose(filled.read(3)[0, 0], 0.1, atol=0.02)
+    assert sorted(path.name for path in tmp_path.iterdir()) == ["in.mov", "matte.mp4", "out.mov", "out.mp4"]
+
+
+def test_an_environment_turns_behind(stub, tmp_path):
+    sky = np.zeros((16, 32, 3), np.float32)
+    sky[:, :4] = 1  # behind, to the right of the seam
+    light = relight.MovingLight(relight.EnvironmentLight, image=sky, rotation={1: 0, 2: 90}, name="sky")
+    video.render_video(person(), light, tmp_path / "r.%d.exr", background=light)
+    assert relight.read(tmp_path / "r.1.exr")[0].max() > 0.5
+    assert relight.read(tmp_path / "r.2.exr")[0].max() < 0.1
+
+
+def test_nobody_there_is_an_empty_frame(stub, plates, tmp_path):
+    relight.write(plates.with_name("p.0103.exr"), person() * 0)
+    problems = video.render_video(plates, STILL, tmp_path / "r.%04d.exr", passes=("albedo", "shading"))
+    assert problems == {}
+    assert (relight.read(tmp_path / "r.0103.exr") == 0).all()
+    layers = [set(relight.read_layers(tmp_path / f"r.{n}.exr")) for n in ("0102", "0103")]
+    assert layers[0] == layers[1]
+
+
+def test_a_nuke_script_reads_the_frames(stub, plates, tmp_path):
+    video.render_video(
+        plates, STILL, [tmp_path / "r.%04d.exr", tmp_path / "r.nk"], background=(0, 0, 1), rate=25
+    )
+    script = (tmp_path / "r.nk").read_text()
+    assert ' file "r.%04d.exr"\n first 101\n last 105\n' in script
+    assert "name Multiply_key" in script
+    assert "name Multiply_background" in script
+    assert " fps 25\n" in script
+
+
+def test_frames_are_the_same_as_one_by_one(tmp_path):
+    """With the networks: what is written is what Subject makes of each frame."""
+    y, x = np.mgrid[:60, :50]
+    frames = []
+    for number in (1, 2):
+        alpha = (np.hypot(x - 20 - 3 * number, y - 30) < 18).astype(np.float32)[..., None]
+        frames.append(np.concatenate([alpha * (0.5, 0.4, 0.3), alpha], axis=-1).astype(np.float32))
+        relight.write(tmp_path / f"p.{number}.exr", frames[-1])
+    light = relight.DirectionalLight(azimuth=-40, elevation=20, name="key")
+    for steady in (False, True):
+        video.render_video(tmp_path / "p.%d.exr", light, tmp_path / f"{steady}.%d.exr", steady=steady)
+    first, second = map(relight.Subject, frames)
+    for name, subject in (("False.2", second), ("True.2", second.steadied([first]))):
+        np.testing.assert_allclose(
+            relight.read(tmp_path / f"{name}.exr"), subject.relit(light), rtol=2e-3, atol=1e-5
+        )
+
+
+# What goes wrong
+
+
+def test_a_broken_frame_is_reported_and_the_rest_is_done(stub, plates, tmp_path):
+    broken = plates.with_name("p.0103.exr")
+    whole = broken.read_bytes()
+    broken.write_bytes(whole[: len(whole) // 2])
+    plates.with_name("p.0105.exr").unlink()
+    relight.write(plates.with_name("p.0106.exr"), person(value=0.6))
+    outputs = [tmp_path / "r.%04d.exr", tmp_path / "r.mov"]
+    problems = video.render_video(plates, STILL, outputs)
+    assert list(problems) == [103, 105]
+    assert "p.0103.exr: " in problems[103]
+    assert "p.0105.exr: no such file" in problems[105]
+    assert sorted(path.name for path in tmp_path.glob("r.0*")) == [
+        f"r.{n:04d}.exr" for n in (101, 102, 104, 106)
+    ]
+    movie = Movie(tmp_path / "r.mov")
+    assert len(movie.numbers) == 6
+    np.testing.assert_array_equal(movie.read(3), movie.read(2))  # held
+
+    broken.write_bytes(whole)
+    relight.write(plates.with_name("p.0105.exr"), person(value=0.5))
+    stub.made.clear()
+    assert video.render_video(plates, STILL, outputs, resume=True) == {}
+    assert len(stub.made) == 6  # those around, to steady it
+    np.testing.assert_allclose(Movie(tmp_path / "r.mov").read(3)[5, 5, 0], 0.15, atol=0.02)
+    assert not (tmp_path / "r.mov.frames").exists()
+    assert (tmp_path / "r.0103.exr").exists()
+
+
+@pytest.mark.parametrize("output", ["r.%04d.exr", "r.mov"])
+def test_an_interruption_loses_nothing(stub, plates, tmp_path, output):
+    video.render_video(plates, STILL, tmp_path / f"whole_{output}")
+
+    def interrupt(done, total, what):
+        if done == 3:
+            raise KeyboardInterrupt
+
+    with pytest.raises(KeyboardInterrupt):
+        video.render_video(plates, STILL, tmp_path / output, progress=interrupt)
+    stub.made.clear()
+    steps = []
+    video.render_video(
+        plates, STILL, tmp_path / output, resume=True, progress=lambda *step: steps.append(step)
+    )
+    assert len(stub.made) == 4  # 104, 105, and 102, 103 to steady them
+    assert steps[0] == (1, 5, "Relighting")
+    if output.endswith("mov"):
+        movies = [Movie(tmp_path / name) for name in (output, f"whole_{output}")]
+        for number in range(1, 6):
+            np.testing.assert_array_equal(*(movie.read(number) for movie in movies))
+        assert not (tmp_path / "r.mov.frames").exists()
+    else:
+        for number in range(101, 106):
+            pictures = [relight.read(tmp_path / f"{start}r.{number:04d}.exr") for start in ("", "whole_")]
+            np.testing.assert_array_equal(*pictures)
+    stub.made.clear()
+    video.render_video(plates, STILL, tmp_path / output, resume=True)
+    assert stub.made == []  # nothing is missing
+    video.render_video(plates, STILL, tmp_path / output, steady=False)
+    assert len(stub.made) == 5  # not asked to resume
+
+
+def test_memory_is_flat_over_a_thousand_frames(stub, tmp_path):
+    (tmp_path / "plates").mkdir()
+    plate = tmp_path / "plates" / "p.0001.png"
+    relight.write(plate, person().repeat(4, axis=0).repeat(4, axis=1))  # 48 KiB as floats
+    for number in range(2, 1001):
+        (plate.with_name(f"p.{number:04d}.png")).hardlink_to(plate)
+    used = {}
+
+    def measure(done, total, what):
+        stub.made.clear()  # the test's own list
+        stub.steadied_by.clear()
+        if done in (100, 1000):
+            used[done] = tracemalloc.get_traced_memory()[0]
+
+    tracemalloc.start()
+    video.render_video(plate.with_name("p.%04d.png"), STILL, tmp_path / "r.%04d.png", progress=measure)
+    tracemalloc.stop()
+    assert used[1000] - used[100] < 5e6  # a picture kept for each frame would be 44 MB
+
+
+@pytest.mark.parametrize(
+    ("arguments", "error", "message"),
+    [
+        ({}, ValueError, r"frames: expected \(first, last\), as neither"),
+        ({"frames": (5, 3)}, ValueError, r"frames: expected \(first, last\) with"),
+        ({"source": "gone.%04d.exr"}, FileNotFoundError, r"gone\.%04d\.exr: no such frames"),
+        ({"source": "gone.mov"}, FileNotFoundError, r"gone\.mov: no such file"),
+        ({"outputs": "r.mp4"}, ValueError, r"r\.mp4: \.mp4 holds no alpha; give a background"),
+        ({"outputs": "r.exr"}, ValueError, r"r\.exr: expected a movie, or a frame number in the name"),
+        ({"outputs": "r.%04d.gif"}, ValueError, "expected a file name that ends in"),
+        ({"outputs": "r.nk"}, ValueError, r"r\.nk: a Nuke script needs a sequence of \.exr"),
+        ({"outputs": "none/r.%04d.exr"}, FileNotFoundError, "the folder none does not exist"),
+        ({"outputs": "none/r.mov"}, FileNotFoundError, "the folder none does not exist"),
+        ({"passes": ["depth"]}, ValueError, "layers: expected any of"),
+        ({"lights": [STILL, STILL]}, ValueError, "lights: expected different names"),
+        ({"lights": []}, ValueError, "lights: expected at least one"),
+        ({"source": person() * 0}, ValueError, "none of 2 frames could be made; frame 1: .* is empty"),
+        ({"outputs": "r.%04d.png", "source": "r.%04d.png"}, ValueError, "is the source"),
+    ],
+)
+def test_bad_arguments_are_named(tmp_path, monkeypatch, arguments, error, message):
+    monkeypatch.chdir(tmp_path)
+    if arguments.get("outputs") == "r.%04d.png":
+        relight.write("r.0001.png", person())
+    before = list(tmp_path.iterdir())
+    frames = {} if not arguments else {"frames": (1, 2)}
+    arguments = {"source": person(), "lights": STILL, "outputs": "r.%04d.exr"} | frames | arguments
+    with pytest.raises(error, match=message):
+        video.render_video(**arguments)
+    assert list(tmp_path.iterdir()) == before
