@@ -24,7 +24,7 @@ class Origin(NamedTuple):
     """Where a network's parameters come from: `network.origin` of whatever was loaded from a file."""
 
     name: str  # of the file, without its suffix
-    sha256: str | None  # of the file, or of the one it was shrunk from: tells it from another of the same name
+    sha256: str | None  # of the file, or of the one it was shrunk from; tells it from others of its name
     recipe: dict  # how it was trained, as the file says
 
 
