@@ -72,7 +72,7 @@ def render_subject(subject, lights, *, background=None, passes=()):
         return picture, groups | further
     if "C_background" in groups:
         raise ValueError("lights: 'background' names the background's layer; give the light another name")
-    groups["C_background"] = layers.half(over(picture * (0, 0, 0, 1), background))
+    groups["C_background"] = layers.half(_behind(picture, background))
     return picture[..., :3] + groups["C_background"], groups | further
 
 
@@ -97,6 +97,11 @@ def over(foreground, background):
     front = scene_linear("foreground", foreground)
     if front.shape[-1] != 4:
         raise ValueError(f"foreground: expected shape (H, W, 4), got {front.shape}")
+    return front[..., :3] + _behind(front, background)
+
+
+def _behind(front, background):
+    """What is seen of a background (H, W, 3) behind a premultiplied picture (H, W, 4); see `over`."""
     if isinstance(background, EnvironmentLight):
         back = background.view(front.shape[:2])
     elif np.ndim(background) == 1:
@@ -110,7 +115,7 @@ def over(foreground, background):
         back = colour.astype(np.float32)
     else:
         back = cover(scene_linear("background", background)[..., :3], front.shape[:2])
-    return front[..., :3] + (1 - front[..., 3:]) * back
+    return (1 - front[..., 3:]) * back
 
 
 def place(image, size, *, mode="fit", scale=1.0, offset=(0, 0)):

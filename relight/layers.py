@@ -25,12 +25,14 @@ def light_groups(subject, lights):
     ------
     ValueError: no light, or two of one name. TypeError: not lights.
     """
-    layers = subject.layers(lights)
-    if not layers:
+    groups = {}
+    for name, light in by_name(lights).items():
+        layer = subject.relit(light)
+        groups[f"C_{name}"] = half(layer)
+    if not groups:
         raise ValueError("lights: expected at least one")
-    groups = {f"C_{name}": half(layer) for name, layer in layers.items()}
     picture = sum(groups.values())
-    picture[..., 3] = next(iter(layers.values()))[..., 3]  # coverage does not add up
+    picture[..., 3] = layer[..., 3]  # coverage does not add up
     return picture, groups
 
 
