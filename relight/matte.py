@@ -11,6 +11,7 @@ SCREENS = {"green": 1, "blue": 2}  # the channel that gives the screen away
 SATURATED = 0.3  # least difference of a screen's channel to the others, as a share of it
 BARE = 0.85  # of the screen's difference: above it no one is there
 SOLID = 0.8  # coverage above which, away from any edge, it is complete: spill and folds make no holes
+GRAIN = 3.0  # medians of the screen's grain, 2 standard deviations, that count as nobody; twice it is kept
 EDGE = 1 / 40  # widest soft edge, as a share of the side of a square of the person's area
 
 
@@ -67,6 +68,9 @@ def key(image, screen="green", *, mask=None):
         raise ValueError(f"image: shows nobody before the {screen} screen")
     person = _continued(pixels, solid)
     alpha = ((behind - observed) / (behind - np.minimum(_difference(person, channel), behind / 2))).clip(0, 1)
+    if bare.any():  # what is not above the screen's grain is screen
+        grain = GRAIN * np.median(np.abs(observed - calm)[bare] / behind[bare])
+        alpha *= (alpha / max(grain, 1e-6) - 1).clip(0, 1)
     alpha[bare] = 0
     alpha[solid] = 1
     if inside is not None:
