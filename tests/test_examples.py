@@ -70,6 +70,26 @@ def test_spherical_harmonics_lose_less_with_each_order(tmp_path):
     assert relight.read(tmp_path / "spherical_harmonics.png").max() > 0.5
 
 
+def test_a_light_goes_around_in_a_movie(tmp_path):
+    person = relight.read(ROOT / "examples" / "person.png")
+    relight.write(tmp_path / "small.png", np.ascontiguousarray(person[::4, ::4]))
+    run(ROOT / "examples" / "video.py", tmp_path / "small.png", tmp_path / "m.mp4", "4")
+    movie = Movie(tmp_path / "m.mp4")
+    assert len(movie.numbers) == 4
+    first, second = (movie.read(number) for number in (1, 2))
+    assert np.abs(first - second).max() > 0.05  # it moves
+
+
+def test_light_groups_add_up_in_the_file(tmp_path):
+    person = relight.read(ROOT / "examples" / "person.png")
+    relight.write(tmp_path / "small.png", np.ascontiguousarray(person[::3, ::3]))
+    printed = run(ROOT / "examples" / "light_groups.py", tmp_path / "small.png", tmp_path / "out")
+    assert float(printed.split()[-1]) < 2e-3
+    layers = relight.read_layers(tmp_path / "out" / "groups.exr")
+    assert {"C_key", "C_rim", "C_fill", "albedo", "N"} <= set(layers)
+    assert (tmp_path / "out" / "groups.nk").read_text().count("Multiply {") == 3
+
+
 def test_the_moving_light_runs(tmp_path):
     printed = run(ROOT / "examples" / "moving_light.py", tmp_path / "m.mp4", "--size", "64", "--step", "90")
     assert "change a degree" in printed
