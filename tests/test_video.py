@@ -6,7 +6,6 @@ import pytest
 import relight
 from relight import video
 from relight.movie import Movie, write_movie
-from relight.subject import by_name
 
 RISING = relight.MovingLight(intensity={1: 0.1, 5: 0.5}, name="key")
 STILL = relight.DirectionalLight(intensity=0.5, name="key")
@@ -31,9 +30,8 @@ class Stub:
         self.albedo = self.normals = image[..., :3]
         Stub.made.append(self)
 
-    def layers(self, lights):
-        gains = {name: np.float32([light.intensity] * 3 + [1]) for name, light in by_name(lights).items()}
-        return {name: self.image * gain for name, gain in gains.items()}
+    def relit(self, light):
+        return self.image * np.float32([light.intensity] * 3 + [1])
 
     def lighting(self, lights):
         return self.albedo
