@@ -225,20 +225,35 @@ def _load(path, wanted=None):
     hints.attribute("oiio:UnassociatedAlpha", 1)  # or encoded values would come premultiplied
     file = oiio.ImageInput.open(str(path), hints)
     if file is None:
-        raise ValueError(f"{path}: cannot be read as an image: {oiio.geterror().strip()}")
+        raise ValueError(f"{path}: cannot be read as an image: {_problem(oiio)}")
     spec = file.spec()
     if spec.deep:
         raise ValueError(f"{path}: is a deep image, expected a flat one")
-    names = list(spec.channelnames)
+    try:
+        names = list(spec.channelnames)
+    except UnicodeDecodeError as error:
+        raise ValueError(f"{path}: is damaged: its channels' names are garbled") from error
     found = [index for index, name in enumerate(names) if wanted is None or name in wanted]
     first, last = (found[0], found[-1] + 1) if found else (0, len(names))
     native = str(spec.format)
-    pixels = file.read_image(0, 0, first, last, native if native in ("uint8", "uint16") else "float")
-    problem = file.geterror()  # a truncated JPEG returns a picture *and* an error
-    file.close()
-    if pixels is None or problem:
-        raise ValueError(f"{path}: is damaged or truncated: {problem.strip()}")
-    return _upright(_in_display_window(pixels, spec), spec), spec, names[first:last]
+    try:
+        pixels = file.read_image(0, 0, first, last, native if native in ("uint8", "uint16") else "float")
+        problem = _problem(file)  # a truncated JPEG returns a picture *and* an error
+        file.close()
+        if pixels is None or problem:
+            raise ValueError(f"{path}: is damaged or truncated: {problem}")
+        return _upright(_in_display_window(pixels, spec), spec), spec, names[first:last]
+    except MemoryError as error:
+        size = f"{spec.full_width} x {spec.full_height}"
+        raise ValueError(f"{path}: is damaged, or too large to read: it says {size} pixels") from error
+
+
+def _problem(source):
+    """OpenImageIO's account of an error, which quotes what may be garbled."""
+    try:
+        return source.geterror().strip()
+    except UnicodeDecodeError:
+        return "what it holds is garbled"
 
 
 def _in_display_window(pixels, spec):
@@ -276,6 +291,8 @@ def _declared_space(path, spec, dtype):
             raise ValueError(f"{path}: has the colour profile {profile!r}; say which colour_space that is")
         return ICC_SPACES[profile]
     declared = spec.get_string_attribute("oiio:ColorSpace")
+    if not declared.isprintable():
+        raise ValueError(f"{path}: is damaged: the name of its colour space is garbled")
     if declared not in ("", "unknown"):  # a colorInteropID may say that the writer did not know
         return declared
     primaries = spec.getattribute("chromaticities")

@@ -516,6 +516,46 @@ def test_truncated_files_never_give_half_a_picture(whole_files, tmp_path, name, 
         np.testing.assert_array_equal(picture, relight.read(whole_files / name))
 
 
+@settings(max_examples=80, deadline=None, suppress_health_check=[HealthCheck.function_scoped_fixture])
+@given(
+    name=st.sampled_from(["a.png", "a.tif", "a.exr", "a.jpg", "a.hdr"]),
+    edits=st.lists(st.tuples(st.floats(0, 1), st.integers(0, 255)), min_size=1, max_size=8),
+    header=st.booleans(),
+)
+def test_corrupted_files_are_a_picture_or_an_error(whole_files, tmp_path, name, edits, header):
+    data = bytearray((whole_files / name).read_bytes())
+    for position, value in edits:
+        data[int(position * (min(400, len(data)) if header else len(data) - 1))] = value
+    (tmp_path / name).write_bytes(data)
+    for function in (relight.read, relight.read_mask, relight.read_layers):
+        try:
+            found = function(tmp_path / name)
+        except ValueError as error:
+            assert str(tmp_path / name) in str(error)  # noqa: PT017
+            continue
+        for pixels in found.values() if isinstance(found, dict) else [found]:
+            assert pixels.dtype == np.float32
+            assert function is relight.read_layers or np.isfinite(pixels).all()
+
+
+@pytest.mark.parametrize(
+    ("text", "garbled"),
+    [(b"lin_rec709_scene", b"lin\xff\xfe09_scene"), (b"\0A\0", b"\0\xff\0"), (b"zip", b"\xff\xfe\xfd")],
+)
+def test_garbled_names_are_an_error(whole_files, tmp_path, text, garbled):
+    data = (whole_files / "a.exr").read_bytes().replace(text, garbled)
+    (tmp_path / "a.exr").write_bytes(data)
+    with contextlib.suppress(ValueError):
+        assert relight.read(tmp_path / "a.exr").shape[:2] == (24, 32)
+
+
+def test_a_size_beyond_memory_is_an_error(tmp_path):
+    huge = {"x": 0, "y": 0, "full_x": 0, "full_y": 0, "full_width": 1 << 20, "full_height": 1 << 20}
+    store(tmp_path / "h.exr", STRAIGHT, "half", **huge)
+    with pytest.raises(ValueError, match=r"h\.exr: is damaged, or too large to read: it says 1048576 x"):
+        relight.read(tmp_path / "h.exr")
+
+
 # Whole files or none
 
 
