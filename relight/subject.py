@@ -106,7 +106,8 @@ class Subject:
         """Take what the networks found from `canvas`."""
         self._canvas = canvas
         if canvas.light is not None:
-            self._albedo = (self._colour / self._to_plate(canvas.light)).clamp(0, 1)
+            light = self._to_plate(canvas.light).clamp_min(1e-30)  # farther out than maps reach, it is zero
+            self._albedo = (self._colour / light).clamp(0, 1)
 
     def steadied(self, around):
         """The same person with the trembling of the networks taken out, for sequences.

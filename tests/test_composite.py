@@ -1,10 +1,19 @@
+import itertools
+
 import numpy as np
 import pytest
-from hypothesis import given, settings
+import torch
+from hypothesis import event, given, settings
 from hypothesis import strategies as st
+from hypothesis.extra import numpy as hnp
 
 import relight
 from relight.composite import cover, over, place, render
+from shading import diffuse
+from shading.diffuse import ShadingField
+from shadow import normals, visibility
+from shadow.field import VisibilityField
+from shadow.normals import NormalsNetwork
 
 LIGHTS = [
     relight.DirectionalLight(azimuth=-40, elevation=30, intensity=2, colour=(1, 0.9, 0.8), name="key"),
@@ -157,7 +166,22 @@ def test_render_names_what_is_wrong():
         render(person(), [light], background=(0, 0, 0))
 
 
-@settings(max_examples=12, deadline=None)
+@pytest.fixture(scope="module")
+def small_networks():
+    """Networks with random weights, quick to run: for what must hold whatever they say."""
+    torch.manual_seed(0)
+    widths = {"size": 128, "widths": (8, 8, 8, 8, 8)}
+    networks = NormalsNetwork(**widths), VisibilityField(**widths), ShadingField(**widths)
+    for parameter in itertools.chain(*(network.parameters() for network in networks)):
+        torch.nn.init.normal_(parameter, std=0.1)
+    with pytest.MonkeyPatch.context() as patch:
+        for module, network in zip((normals, visibility, diffuse), networks, strict=True):
+            patch.setattr(module, "load", lambda *_, network=network, **__: network)
+        yield
+
+
+@pytest.mark.usefixtures("small_networks")
+@settings(max_examples=25, deadline=None)
 @given(
     height=st.integers(24, 200),
     width=st.integers(24, 200),
@@ -176,3 +200,59 @@ def test_apply_takes_every_shape_and_dtype(height, width, dtype, alpha, backgrou
     assert result.dtype == np.float32
     assert np.isfinite(result).all()
     assert result.min() >= 0
+
+
+WRONG = [-1.0, -1e-5, 1e-30, 1.5, 60000, np.nan, np.inf]
+
+
+def mostly(usual, *others):
+    """Three times in four the usual, else one of the others."""
+    return st.integers(0, 3).flatmap(lambda number: st.one_of(*others) if number == 3 else usual)
+
+
+@st.composite
+def nearly_images(draw, channels):
+    """Somebody's picture or matte of any size and dtype, in which a few values may be wrong."""
+    height, width = draw(st.integers(1, 30)), draw(st.integers(1, 30))
+    image = person(height, width)[..., channels].astype(draw(st.sampled_from([np.float32, np.float64])))
+    wrong = st.lists(st.tuples(st.floats(0, 1), st.sampled_from(WRONG)), min_size=1, max_size=3)
+    for position, value in draw(mostly(st.just([]), wrong)):
+        image.reshape(-1)[int(position * (image.size - 1))] = value
+    dtype = draw(st.sampled_from([None, None, np.uint8, np.uint16, np.float16]))
+    if dtype not in (np.uint8, np.uint16):
+        return image if dtype is None else image.astype(dtype)
+    return (np.nan_to_num(image).clip(0, 1) * np.iinfo(dtype).max).astype(dtype)
+
+
+def anything():
+    """Arrays that are no images, most of them."""
+    shapes = st.lists(st.integers(0, 5), max_size=4).map(tuple)
+    return hnp.arrays(hnp.scalar_dtypes(), shapes)
+
+
+@pytest.mark.usefixtures("small_networks")
+@settings(max_examples=60, deadline=None)
+@given(
+    image=mostly(nearly_images(slice(4)), nearly_images(slice(3)), anything()),
+    mask=mostly(st.none(), nearly_images(3), anything()),
+    background=mostly(
+        st.sampled_from([None, (0.1, 0.2, 0.3), np.ones((2, 3, 3))]),
+        st.sampled_from([(1, 2), "blue", np.full(3, np.nan)]),
+        anything(),
+    ),
+    lights=mostly(
+        st.sampled_from([LIGHTS, LIGHTS[0]]),
+        st.just([]),
+        st.sampled_from([None, [3], "key", relight.MovingLight(orbit=9)]),
+    ),
+)
+def test_apply_gives_a_picture_or_names_what_is_wrong(image, mask, background, lights):
+    try:
+        result = relight.apply(image, lights, mask=mask, background=background)
+    except (TypeError, ValueError) as error:
+        assert str(error).startswith(("image", "mask", "lights", "background"))  # noqa: PT017
+        return
+    event("relit")
+    assert result.shape == (*image.shape[:2], 4 if background is None else 3)
+    assert result.dtype == np.float32
+    assert np.isfinite(result).all()

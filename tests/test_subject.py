@@ -155,9 +155,14 @@ def test_a_portrait_crop_is_not_darkened_at_the_frame(monkeypatch):
 def test_a_transparent_corner_far_from_the_subject_is_harmless():
     coverage, _ = ball(200, 160, radius=0.2)
     coverage[:3, :3] = 0.2
-    picture = relight.Subject(image_of(coverage)).relit(LEFT)
-    assert np.isfinite(picture).all()
-    np.testing.assert_array_equal(picture[..., 3], coverage)
+    black = image_of(coverage)
+    black[:3, :3, :3] = 0
+    for image in (image_of(coverage), black):
+        subject = relight.Subject(image)
+        picture = subject.relit(LEFT)
+        assert np.isfinite(subject.albedo).all()
+        assert np.isfinite(picture).all()
+        np.testing.assert_array_equal(picture[..., 3], coverage)
 
 
 # Quality at the plate's resolution
