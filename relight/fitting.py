@@ -21,8 +21,9 @@ def fit_lights(image, subject=None):
 
     Returns
     -------
-    DirectionalLights, the strongest first, named `fit1`, `fit2`...; none of a black picture. What lights an
-    albedo of 0 to 1 can explain: exposure and white balance are in the lights, not in the albedo.
+    DirectionalLights, the strongest first, named `fit1`, `fit2`...; none of a black picture. The exposure is
+    in the lights. The picture's white balance is in the albedo: together the lights are about white, whatever
+    colour each has.
 
     Raises
     ------

@@ -27,8 +27,9 @@ def infer_albedo(rgb, mask, *, normals=None, model="shading"):
 
     Returns
     -------
-    (H, W, 3) float32 linear Rec.709 in [0, 1], zero outside the mask; at the network's resolution, enlarged.
-    `relight.Subject` brings the plate's own texture back. NumPy or torch, as `rgb` was, on its device.
+    (H, W, 3) float32 linear Rec.709 in [0, 1], zero outside the mask, in the photograph's white balance; at
+    the network's resolution, enlarged. `relight.Subject` brings the plate's own texture back. NumPy or torch,
+    as `rgb` was, on its device.
 
     Raises
     ------

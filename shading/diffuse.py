@@ -102,7 +102,7 @@ class ShadingField(nn.Module):
         inside = mask > 0  # a light costs the subject's pixels only, some quarter of the canvas
         guides = visibility(self.anchors)[None, :, ::2, ::2]
         maps = self(encode_image(rgb[None], mask[None, None]), normals[None], guides)
-        albedo = maps.albedo[0].clamp(0, 1) ** ENCODING * inside
+        albedo = _balanced(maps.albedo[0].clamp(0, 1) ** ENCODING * inside, rgb, mask > 0.5)
         maps = ShadingMaps(*(canvas[..., inside][..., None] for canvas in maps))
         surface = normals[None, :, inside][..., None]
 
@@ -116,6 +116,18 @@ class ShadingField(nn.Module):
                 return canvas
 
         return Diffuse(shading, albedo)
+
+
+def _balanced(albedo, photograph, known):
+    """The albedo (3, h, w) with the overall tint that the photograph has where it is `known`.
+
+    Nobody can tell from one picture the tint of the light from that of all paint. A plate is balanced by its
+    photographer, and the network's guess is worse than that even on photographs of random balance: see the
+    model card.
+    """
+    sums = [image[:, known].sum(dim=1).clamp_min(1e-6) for image in (albedo, photograph)]
+    share, wanted = (channels / channels.sum() for channels in sums)
+    return (albedo * (wanted / share)[:, None, None]).clamp(0, 1)
 
 
 class PerLightShading(nn.Module):

@@ -43,6 +43,15 @@ def test_lighting_of_a_photograph(person):
     np.testing.assert_allclose(brighter, 4 * powers, rtol=0.05, atol=0.02 * powers.max())
 
 
+def test_the_albedo_has_the_photographs_balance(person):
+    rgb, mask = person
+    for tint in ((1, 1, 1), (1.4, 1, 0.6)):
+        photograph = rgb * np.float32(tint)
+        paint = shading.infer_albedo(photograph, mask)
+        shares = [image[mask > 0.99].sum(axis=0) for image in (photograph, paint)]
+        np.testing.assert_allclose(*(share / share.sum() for share in shares), atol=0.01)
+
+
 def test_a_network_without_albedo_is_refused(person, tmp_path):
     network = diffuse.PerLightShading(128, "resb3")
     path = tmp_path / "per-light.safetensors"
