@@ -123,9 +123,40 @@ def with_true_shadows():
         print(f"turning, true shadows: {name:24s} response {response:.3f}")
 
 
+def with_our_networks():
+    """A turning body photographed under a softbox, relit by one light, against its true shading.
+
+    Flicker is how much the error changes from frame to frame: what truly moves is not counted.
+    """
+    from shadow import records
+    from shadow.lightstage import bodies, stage
+
+    lights = directions.olat(behind=True)
+    softbox = np.exp(8 * (lights @ directions.from_spherical(40, 35) - 1))
+    powers = 0.6 / len(lights) * (1 + lights[:, 1]) + 1.2 * softbox / softbox.sum()
+    powers = np.append(powers, 0).astype(np.float32)[:, None].repeat(3, axis=1)  # the new light is off
+    figure, to_light = bodies.body(5, "generalisation"), LIGHT.samples()[0]
+    subjects, truth = [], []
+    for t in range(FRAMES):
+        view = stage.View(azimuth=-10 + 1.5 * t, distance=3.5, height=1.2, pitch=-5, fov=34)
+        record = stage.render(figure, view, 512, np.concatenate([lights, to_light]))
+        colour = record.image(records.light(record, powers))
+        photograph = np.concatenate([colour, record.mask[None]]).transpose(1, 2, 0).astype(np.float32)
+        subjects.append(relight.Subject(np.ascontiguousarray(photograph)))
+        direct = (record.normals @ to_light[0]).clip(0) * record.visibility[:, -1]
+        truth.append(record.image(direct[:, None])[0].numpy())
+    for name, frames in (("as found", subjects), ("steadied", list(steadied(subjects)))):
+        errors = np.array([s.lighting(LIGHT)[..., 0] / 2 for s in frames]) - np.array(truth)
+        inside = np.array([s.albedo.any(axis=-1) for s in subjects])
+        both = inside[1:] & inside[:-1]
+        flicker, rmse = np.abs(np.diff(errors, axis=0))[both].mean(), np.sqrt((errors[inside] ** 2).mean())
+        print(f"turning, our networks: {name:12s} flicker of the error {flicker:.4f}, RMSE {rmse:.4f}")
+
+
 if __name__ == "__main__":
     torch.set_num_threads(1)
     if sys.argv[1:] == ["--turning"]:
         with_true_shadows()
+        with_our_networks()
     else:
         under_a_still_light()

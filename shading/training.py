@@ -3,13 +3,14 @@
 import functools
 
 import torch
+import torch.nn.functional as F
 
 from shading.diffuse import PerLightShading, ShadingField, base
 from shadow import metrics, pictures
 from shadow.backbone import ENCODING, take_blocks
 from shadow.training import Task, random_blocks
 
-SOFT = 0.15  # shading error below which the loss is square: what is uncertain is shaded by its mean
+SOFT = 0.05  # shading error below which the loss is square; beyond, it seeks the median: lit or dark, no haze
 SHADING = 5.0  # weight of the error in the shading
 ABSOLUTE = 0.2  # weight of the error in the albedo's overall colour and brightness
 AGREEMENT = 0.5  # weight of the error in the photograph that albedo and shading make together
@@ -37,21 +38,32 @@ def true_shading(batch, take=lambda image: image):
 
 
 def _shading_error(estimate, truth, inside):
-    """L1, square near zero. Below zero is right where the truth is zero: there the shading is held to 0."""
+    """L1, square near zero, of the shading and of its differences between neighbours, which are the shadows'
+    edges. Of 2 x 2 blocks (B, L, 4, ...). Below zero is right where the truth is 0: there it is held to 0."""
     difference = torch.where((estimate < 0) & (truth < 1e-3), 0.0, estimate - truth)
-    error = (difference.square() + SOFT**2).sqrt() - SOFT
-    return (error * inside).sum() / (inside.sum() * error.shape[1]).clamp_min(1)
+    total = (_soft(difference) * inside).sum()
+    whole = inside.amin(dim=2, keepdim=True)
+    total = total + sum((_soft(edge) * whole).sum() for edge in _edges(difference))
+    return total / (inside.sum() * truth.shape[1]).clamp_min(1)
+
+
+def _soft(error):
+    return (error.square() + SOFT**2).sqrt() - SOFT
+
+
+def _edges(blocks):
+    """Differences between columns, and between rows, of 2 x 2 blocks (B, C, 4, ...): (B, C, 2, ...)."""
+    top, bottom, left, right = (0, 1), (2, 3), (0, 2), (1, 3)
+    return [blocks[:, :, a] - blocks[:, :, b] for a, b in ((top, bottom), (left, right))]
 
 
 def _albedo_error(estimate, truth, inside):
     """L1 of the aligned encoded albedo and of its differences between neighbours, which hold texture and
     refuse shadow edges; and a little L1 of the albedo as it is. Of 2 x 2 blocks (B, 3, 4, P)."""
     difference = (_aligned(estimate, truth, inside) - truth) * inside
-    top, bottom, left, right = (0, 1), (2, 3), (0, 2), (1, 3)
     whole = inside.amin(dim=2, keepdim=True)
-    edges = [difference[:, :, a] - difference[:, :, b] for a, b in ((top, bottom), (left, right))]
     total = difference.abs().sum() + ABSOLUTE * ((estimate - truth) * inside).abs().sum()
-    total = total + sum((edge * whole).abs().sum() for edge in edges)
+    total = total + sum((edge * whole).abs().sum() for edge in _edges(difference))
     return total / (3 * inside.sum()).clamp_min(1)
 
 
@@ -149,8 +161,8 @@ def per_light_loss(network, batch):
     with torch.no_grad():
         visible = field.log_visibility(seen, batch["directions"]).exp()
     estimate = network(batch["image"], batch["estimated_normals"], visible, batch["directions"])
-    inside = (batch["mask"] > 0.5).float()
-    return _shading_error(estimate, true_shading(batch), inside)
+    maps = estimate, true_shading(batch), (batch["mask"] > 0.5).float()
+    return _shading_error(*(F.pixel_unshuffle(image, 2).unflatten(1, (-1, 4)) for image in maps))
 
 
 def per_light_task(latent="resb7"):
