@@ -10,6 +10,7 @@ import os
 import time
 from collections.abc import Callable
 from dataclasses import asdict, dataclass, field
+from functools import partial
 from pathlib import Path
 from typing import NamedTuple
 
@@ -243,11 +244,19 @@ def _auxiliary(task, normals_name, visibility_name, device):
     if task.needs_normals and normals_name == TRUE_NORMALS:
         surface = lambda batch: batch["normals"]  # noqa: E731
     elif task.needs_normals:
-        network = normals.load(normals_name).to(device)
-        surface = lambda batch: network(batch["image"])  # noqa: E731
+        surface = partial(_estimated, normals.load(normals_name).to(device))
     if task.needs_visibility:
         field = weights.load(visibility_name, {"field": VisibilityField}, package="shadow").to(device)
     return _Auxiliary(surface, field)
+
+
+def _estimated(network, batch):
+    """Normals (B, 3, H, W) of the batch's photographs: by our network all at once, by another one by one."""
+    if isinstance(network, NormalsNetwork):
+        return network(batch["image"])
+    views = zip(batch["rgb"], batch["mask"][:, 0], strict=True)
+    with torch.autocast(batch["rgb"].device.type, enabled=False):
+        return torch.stack([network.analyse(rgb, mask) for rgb, mask in views])
 
 
 def _prepare(batch, device, auxiliary):
@@ -284,9 +293,9 @@ def fit(
     out: folder for checkpoint.pt, log.jsonl, samples-*.png and <kind>.safetensors (the averaged weights).
     validation: paths of records to score on at every checkpoint; never trained on.
     init: .safetensors to start from: of the same kind, or of another network with the same backbone.
-    estimator: the normals network (name or path) where the task takes estimated normals as input, or "true"
-        for those of the records. The weights record which, since training and testing on different normals
-        costs accuracy (Table 3).
+    estimator: the normals network where the task takes estimated normals as input, a name or path as
+        `shadow.normals.load` takes it (PIFuHD's too), or "true" for those of the records. The weights record
+        which, since training and testing on different normals costs accuracy (Table 3).
     visibility: the visibility field (name or path) where the task takes its maps as input, recorded likewise.
     workers: processes that make photographs; default 1 on a CPU, 12 on a GPU.
     checkpoint_minutes: between checkpoints; one that is due waits for the next log line.

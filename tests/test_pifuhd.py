@@ -2,14 +2,16 @@
 
 import argparse
 import os
+import warnings
 
 import numpy as np
 import pytest
 import torch
 import torch.nn.functional as F
+from conftest import sphere
 
 import shadow
-from shadow import normals, pifuhd
+from shadow import normals, pifuhd, records, training, visibility
 from shadow.pifuhd import FrontNormals
 
 BLOCKS = range(16, 25)
@@ -193,3 +195,19 @@ def test_the_generators_of_icon_and_econ_are_refused(tmp_path, key):
     torch.save({key: parameters}, tmp_path / "normal.pt")
     with pytest.raises(ValueError, match=r"takes 6 channels, expected 3.* ICON and ECON"):
         pifuhd.load(tmp_path / "normal.pt")
+
+
+def test_our_networks_learn_from_its_normals(checkpoint, tmp_path):
+    records.write(tmp_path / "ball.npz", sphere())
+    recipe = training.Recipe(steps=1, size=128, batch=2)
+    with warnings.catch_warnings():
+        warnings.simplefilter("error")
+        path = training.fit(
+            training.SHADOW, recipe, [tmp_path], tmp_path / "out", estimator=str(checkpoint), workers=0
+        )
+        field = visibility.load(path)
+        rgb, mask = np.full((128, 96, 3), 0.2, np.float32), np.ones((128, 96), np.float32)
+        visibility.infer(rgb, mask, [[0, 0, 1]], normals=checkpoint, model=path)
+    assert field.origin.recipe["normals"] == "pifuhd"
+    with pytest.warns(UserWarning, match="'pifuhd'"):
+        visibility.infer(rgb, mask, [[0, 0, 1]], model=path)
