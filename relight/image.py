@@ -11,8 +11,8 @@ import numpy as np
 import OpenImageIO as oiio
 
 from relight import __version__, colour
-from relight.files import replacing
 from shadow.directions import CAMERA, from_axes
+from shadow.files import replacing
 
 DEPTHS = {  # what each format is written as: the first is the default
     ".exr": ("half", "float"),

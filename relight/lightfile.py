@@ -34,8 +34,8 @@ import yaml
 
 from relight.animation import MovingLight
 from relight.environment import EnvironmentLight
-from relight.files import replacing
 from relight.lights import REQUIRED, DirectionalLight, parameters
+from shadow.files import replacing
 
 TYPES = {"directional": DirectionalLight, "environment": EnvironmentLight}
 SUFFIXES = (".yaml", ".yml", ".json")

@@ -14,8 +14,8 @@ from av.video.reformatter import ColorPrimaries, ColorRange, Colorspace, ColorTr
 
 from relight import colour as colours
 from relight.colour import colour
-from relight.files import replacing
 from relight.image import scene_linear
+from shadow.files import replacing
 
 WRITTEN = (".mov", ".mp4")
 READ = (*WRITTEN, ".avi", ".m4v", ".mkv", ".mxf", ".webm")

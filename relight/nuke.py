@@ -8,7 +8,7 @@ import os
 import re
 from pathlib import Path
 
-from relight.files import replacing
+from shadow.files import replacing
 
 STEP = 110  # width of a column in the node graph
 

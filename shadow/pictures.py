@@ -1,13 +1,11 @@
 """Contact sheets: what a person looks at to judge records and networks."""
 
-import os
-from pathlib import Path
-
 import numpy as np
 import OpenImageIO as oiio
 import torch
 
 from shadow import records
+from shadow.files import replacing
 
 DISPLAY = 1 / 2.2
 
@@ -26,15 +24,11 @@ def write_grid(path, rows):
     """Write rows of equally large (3, H, W) pictures in [0, 1] as one 8-bit PNG."""
     grid = torch.cat([torch.cat(list(row), dim=2) for row in rows], dim=1)
     pixels = np.ascontiguousarray((grid.clamp(0, 1) * 255).round().byte().permute(1, 2, 0).cpu().numpy())
-    beside = Path(path).with_name(".part-" + Path(path).name)
-    output = oiio.ImageOutput.create(str(beside))
+    output = oiio.ImageOutput.create("png")
     spec = oiio.ImageSpec(pixels.shape[1], pixels.shape[0], 3, "uint8")
-    if output is None or not output.open(str(beside), spec) or not output.write_image(pixels):
-        raise OSError(
-            f"path: cannot write {path}: {oiio.geterror() if output is None else output.geterror()}"
-        )
-    output.close()
-    os.replace(beside, path)
+    with replacing(path) as beside:
+        if not (output.open(str(beside), spec) and output.write_image(pixels) and output.close()):
+            raise OSError(f"path: cannot write {path}: {output.geterror()}")
 
 
 def record_row(record, size=(256, 192), seed=0):

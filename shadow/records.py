@@ -8,7 +8,6 @@ shard is a zip archive of such files.
 
 import io
 import json
-import os
 import zipfile
 from dataclasses import dataclass, field, replace
 from pathlib import Path
@@ -17,6 +16,7 @@ import numpy as np
 import torch
 import torch.nn.functional as F
 
+from shadow.files import replacing
 from shadow.framing import Framing, affine_sample, bounding_box
 
 SHARD_BYTES = 60 * 2**20
@@ -147,11 +147,10 @@ def from_bytes(data, name="record"):
 
 
 def write(path, record):
-    """Write beside, then rename. Returns the bytes on disk."""
-    path, data = Path(path), to_bytes(record)
-    beside = path.with_name(path.name + ".part")
-    beside.write_bytes(data)
-    os.replace(beside, path)
+    """Write a record's file. Returns the bytes on disk."""
+    data = to_bytes(record)
+    with replacing(path) as beside:
+        beside.write_bytes(data)
     return len(data)
 
 
@@ -177,11 +176,9 @@ def pack(folder, out):
     paths = []
     for number, members in enumerate(shards):
         path = Path(out) / f"shard-{number:03d}.zip"
-        beside = path.with_name(path.name + ".part")
-        with zipfile.ZipFile(beside, "w", zipfile.ZIP_STORED) as archive:
+        with replacing(path) as beside, zipfile.ZipFile(beside, "w", zipfile.ZIP_STORED) as archive:
             for file in members:
                 archive.write(file, file.name)
-        os.replace(beside, path)
         paths.append(path)
     return paths
 

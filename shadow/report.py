@@ -1,7 +1,6 @@
 """The paper's tables and figures on any records, as a Markdown report beside its figures in JSON."""
 
 import json
-import os
 import time
 from pathlib import Path
 from statistics import median
@@ -11,6 +10,7 @@ import torch
 
 from shadow import evaluation, normals, plots, visibility, weights
 from shadow.evaluation import ESTIMATED, TRUE, Score, View
+from shadow.files import replacing
 from shadow.framing import canvas_size
 from shadow.records import Records
 from shadow.training import TRUE_NORMALS
@@ -89,15 +89,14 @@ def write(paths, out, *, models=None, normals_model="normals", soft=None, seed=0
         "figure2": _figure_2(out / "figure-2.png", tallies["ours"]),
         "figure4": _figure_4(out / "figure-4.png", records, ours, surface, seed, limit),
     }
-    _replace(out / "report.json", json.dumps(figures, indent=1, ensure_ascii=False) + "\n")
-    _replace(out / "report.md", _markdown(figures))
+    texts = {
+        "report.json": json.dumps(figures, indent=1, ensure_ascii=False) + "\n",
+        "report.md": _markdown(figures),
+    }
+    for name, text in texts.items():
+        with replacing(out / name) as beside:
+            beside.write_text(text)
     return out / "report.md"
-
-
-def _replace(path, text):
-    beside = path.with_name(path.name + ".part")
-    beside.write_text(text)
-    os.replace(beside, path)
 
 
 def _check(name, network, model):

@@ -25,6 +25,7 @@ from torch.utils.data import DataLoader, Dataset
 from shadow import metrics, normals, pictures, weights
 from shadow.backbone import encode_image, take_blocks
 from shadow.field import VisibilityField
+from shadow.files import replacing
 from shadow.framing import canvas_size
 from shadow.normals import NormalsNetwork
 from shadow.records import Records, sample
@@ -222,11 +223,10 @@ class _State:
 
     def save(self, facts):
         """The checkpoint, and the averaged weights with the recipe and `facts`."""
-        beside = self.checkpoint.with_name("checkpoint.pt.part")
         saved = {"network": self.network.state_dict(), "optimiser": self.optimiser.state_dict()}
         clock = {"step": self.step, "seconds": self.seconds}
-        torch.save({**saved, **clock, "average": self.average}, beside)
-        os.replace(beside, self.checkpoint)
+        with replacing(self.checkpoint) as beside:
+            torch.save({**saved, **clock, "average": self.average}, beside)
         recipe = {**asdict(self.recipe), "hours": round(self.seconds / 3600, 3), **facts}
         path = self.out / f"{self.task.kind}.safetensors"
         weights.save(path, self.averaged(), self.task.kind, self.config, recipe)

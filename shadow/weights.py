@@ -8,14 +8,15 @@ may be stored as int8 with a scale for each output channel, in half the room.
 import functools
 import hashlib
 import json
-import os
 from importlib import resources
 from pathlib import Path
 from typing import NamedTuple
 
 import torch
 from safetensors import SafetensorError, safe_open
-from safetensors.torch import save_file
+from safetensors.torch import save as to_bytes
+
+from shadow.files import replacing
 
 SCALE = ".scale"  # what the key of an int8 tensor's scales ends in
 
@@ -92,7 +93,7 @@ def load(name, networks, *, package):
 
 
 def save(path, network, kind, config, recipe):
-    """Write `network` as float16 safetensors, beside and then renamed, and return its sha256."""
+    """Write `network` as float16 safetensors and return the file's sha256."""
     state = {
         key: value.detach().half() if value.is_floating_point() else value.detach()
         for key, value in network.state_dict().items()
@@ -119,9 +120,8 @@ def shrink(source, target):
 
 
 def _write(path, state, metadata):
-    """Write tensors and metadata beside, then rename; returns the file's sha256."""
-    path = Path(path)
-    beside = path.with_name(path.name + ".part")
-    save_file({key: value.cpu().contiguous() for key, value in state.items()}, beside, metadata)
-    os.replace(beside, path)
+    """Write tensors and metadata; returns the file's sha256."""
+    data = to_bytes({key: value.cpu().contiguous() for key, value in state.items()}, metadata)
+    with replacing(path) as beside:
+        beside.write_bytes(data)
     return sha256(path)

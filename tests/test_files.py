@@ -10,8 +10,8 @@ import numpy as np
 import pytest
 
 import relight
-from relight import files
-from relight.files import replacing
+from shadow import files
+from shadow.files import replacing
 
 
 def without_unnamed_files(monkeypatch):
