@@ -12,9 +12,9 @@ from scipy.sparse import identity
 from shadow.lightstage import outfits, poses
 from shadow.lightstage.anatomy import REGIONS, Person, mannequin
 from shadow.lightstage.cloth import compact
-from shadow.lightstage.fabric import Fabric, Noise
+from shadow.lightstage.fabric import Fabric, Noise, Part
 from shadow.lightstage.figure import Figure, interpolate, unit, vertex_normals
-from shadow.lightstage.garments import Part, Wardrobe
+from shadow.lightstage.garments import Wardrobe
 from shadow.lightstage.poses import Skeleton
 
 SPLITS = ("training", "validation", "generalisation")

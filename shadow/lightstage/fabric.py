@@ -30,6 +30,18 @@ class Fabric:
         return np.clip(self.pattern(u, v, rest), DARKEST, BRIGHTEST)
 
 
+@dataclass
+class Part:
+    """A finished piece: posed vertices, faces, unposed positions for the fabric, and the region of each
+    vertex (an index into REGIONS) that its garment coordinates run along."""
+
+    vertices: np.ndarray
+    faces: np.ndarray
+    rest: np.ndarray
+    region: np.ndarray
+    fabric: Fabric
+
+
 class Noise:
     """Value noise over space, trilinear with smooth steps, in [0, 1]; one lattice, read at any wavelength."""
 

@@ -11,6 +11,7 @@ import numpy as np
 from scipy.sparse import csr_matrix, vstack
 from scipy.spatial import cKDTree
 
+from shadow.lightstage import trimmings
 from shadow.lightstage.anatomy import Person
 from shadow.lightstage.cloth import (
     border_chains,
@@ -20,25 +21,12 @@ from shadow.lightstage.cloth import (
     fold_noise,
     line,
     stretch,
-    strip,
     subdivide,
 )
-from shadow.lightstage.fabric import Fabric
+from shadow.lightstage.fabric import Fabric, Part
 from shadow.lightstage.figure import unit, vertex_normals
 
 ARMS, LEGS = (1, 2), (3, 4)
-
-
-@dataclass
-class Part:
-    """A finished piece: posed vertices, faces, unposed positions for the fabric, and the region of each
-    vertex (an index into REGIONS) that its garment coordinates run along."""
-
-    vertices: np.ndarray
-    faces: np.ndarray
-    rest: np.ndarray
-    region: np.ndarray
-    fabric: Fabric
 
 
 @dataclass
@@ -268,105 +256,13 @@ class Wardrobe:
         part = Part(vertices, lined, rest[source], region[source], fabric)
         self.parts.append(part)
         if fit.buttons:
-            self._buttons(fit, posed, fine, rest)
+            low = fit.bottom - fit.below * 0.7
+            high = person.skeleton.head("neck01")[1] - fit.vee - 0.03
+            self.parts += trimmings.buttons((posed, fine, rest), low, high, fit.open_front, self.rng)
         if fit.collar:
-            self._collar(fit, posed, fine, rest, fabric)
+            cut = fit.collar, fit.collar_kind
+            self.parts += trimmings.collar(person, (posed, fine, rest), *cut, fabric, self.rng)
         return part
-
-    def _collar(
-        self, fit: Fit, posed: np.ndarray, faces: np.ndarray, rest: np.ndarray, fabric: Fabric
-    ) -> None:
-        """Sew a band to the neckline: standing, or folded down over the shoulders; a hood is a folded
-        collar that is deep at the back."""
-        throat = self.person.skeleton.head("neck01")
-        chain = max(border_chains(faces), key=lambda c: rest[c, 1].max())
-        chain = stretch(chain, rest[chain, 1] > throat[1] - 0.16)
-        closed = chain[0] == chain[-1]
-        ring = chain[:-1] if closed else chain
-        if len(ring) < 8:
-            return
-        names = self.person.base.names
-        chest = self.person.transforms[names.index("spine01"), :, :3]
-        up = unit(chest @ np.array([0.0, 1.0, 0.12]))
-        here = posed[ring]
-        centre = here.mean(axis=0)
-        out = here - centre
-        out = unit(out - (out @ up)[:, None] * up)
-        back = np.clip(0.5 - 0.5 * out @ (chest @ np.array([0.0, 0.0, 1.0])), 0, 1)[:, None]
-        tall = fit.collar
-        wave = 1 + 0.1 * fold_noise(rest[ring], self.rng, 0.15)[:, None]
-        # Metres outwards and upwards of each ring of the band.
-        profile = {
-            "stand": [(0.001, 0.35), (0.002, 0.7), (0.004, 1.0), (0.001, 1.04), (-0.003, 1.0), (-0.004, 0.3)],
-            "fold": [
-                (-0.002, 0.5),
-                (0.0, 0.95),
-                (0.005, 1.06),
-                (0.011, 0.95),
-                (0.016, 0.5),
-                (0.022, -0.05),
-                (0.026, -0.3),
-                (0.02, -0.28),
-            ],
-            "hood": [
-                (0.01, 0.5),
-                (0.03, 0.95),
-                (0.055, 0.9),
-                (0.075, 0.5),
-                (0.075, 0.0),
-                (0.06, -0.4),
-                (0.03, -0.5),
-            ],
-        }[fit.collar_kind]
-        share = 0.25 + 0.75 * back**1.5 if fit.collar_kind == "hood" else 1.0
-        rings = [here] + [
-            here
-            + out * metres * (share if fit.collar_kind == "hood" else 1) * wave
-            + up * tall * height * share
-            for metres, height in profile
-        ]
-        rings = np.stack(rings)
-        band = strip(rings, closed)
-        if fit.collar_kind != "stand":
-            band = band[:, ::-1]  # folded outwards, the inner side shows
-        vertices, band, source = line(rings.reshape(-1, 3), band, 0.0025, 1.0)
-        source = np.tile(ring, len(rings))[source]
-        self.parts.append(Part(vertices, band, rest[source], np.zeros(len(source), int), fabric))
-
-    def _buttons(self, fit: Fit, posed: np.ndarray, faces: np.ndarray, rest: np.ndarray) -> None:
-        """Small discs down the front, beside the gap of an open one."""
-        normals = vertex_normals(posed, faces)
-        front = np.flatnonzero(rest[:, 2] > 0)
-        angle = np.linspace(0, 2 * np.pi, 14, endpoint=False)
-        radius = self.rng.uniform(0.005, 0.009)
-        # From the rim at the cloth up over the edge to a slightly sunken middle.
-        profile = [(1.0, -0.002), (1.0, 0.002), (0.8, 0.003), (0.4, 0.0022), (0.02, 0.0022)]
-        disc = (
-            np.stack([[(r * np.cos(a), r * np.sin(a), h / radius) for a in angle] for r, h in profile])
-            * radius
-        )
-        disc_faces = strip(disc, closed=True)[:, ::-1]
-        low, high = fit.bottom - fit.below * 0.7, self.person.skeleton.head("neck01")[1] - fit.vee - 0.03
-        fabric = Fabric.plain(self.rng.choice([0.03, 0.3, 0.7]) * np.ones(3))
-        for height in np.arange(high, low, -self.rng.uniform(0.07, 0.11)):
-            aim = np.array([fit.open_front + 0.016 if fit.open_front else 0.0, height])
-            off = np.linalg.norm(rest[front][:, :2] - aim, axis=1)
-            at = front[np.argmin(off)]
-            if off.min() > 0.012:
-                continue
-            normal = normals[at]
-            side = unit(np.cross([0.0, 1.0, 0.0], normal))
-            axes = np.stack([side, np.cross(normal, side), normal])
-            points = posed[at] + disc.reshape(-1, 3) @ axes
-            self.parts.append(
-                Part(
-                    points,
-                    disc_faces,
-                    np.tile(rest[at], (len(points), 1)),
-                    np.zeros(len(points), int),
-                    fabric,
-                )
-            )
 
     def shoes(self, fit: Fit, sole: float, fabric: Fabric) -> None:
         """Shoes or boots from the feet of the tights; `fit.leg` is the share of the leg they start at.

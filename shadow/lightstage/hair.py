@@ -6,9 +6,9 @@ from scipy.spatial import cKDTree
 
 from shadow.lightstage.anatomy import Person
 from shadow.lightstage.cloth import border_chains, clip, drape, fold_noise, line, stretch, strip
-from shadow.lightstage.fabric import Fabric
+from shadow.lightstage.fabric import Fabric, Part
 from shadow.lightstage.figure import unit, vertex_normals
-from shadow.lightstage.garments import Part, Wardrobe
+from shadow.lightstage.garments import Wardrobe
 
 # The hairline: metres above the eyes at degrees around the head from the face to the nape.
 AROUND = np.array([0, 35, 55, 68, 82, 92, 112, 130, 180])

@@ -5,9 +5,9 @@ import trimesh
 
 from shadow.lightstage import fabric
 from shadow.lightstage.cloth import fold_noise, strip
-from shadow.lightstage.fabric import Fabric
+from shadow.lightstage.fabric import Fabric, Part
 from shadow.lightstage.figure import unit, vertex_normals
-from shadow.lightstage.garments import Part, Wardrobe
+from shadow.lightstage.garments import Wardrobe
 
 
 def carry(wardrobe: Wardrobe, rng: np.random.Generator, split: str) -> None:
