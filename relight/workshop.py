@@ -168,8 +168,8 @@ def train(
 
 def _task(network, model, with_normals, visibility):
     """What `train` trains."""
-    from shading.training import per_light_task, shading_task
-    from shadow.training import NORMALS, SHADOW, per_light
+    from shading.tasks import per_light_task, shading_task
+    from shadow.tasks import NORMALS, SHADOW, per_light
 
     one_pass = model is Model.field
     if network is Network.normals and one_pass and with_normals:

@@ -11,7 +11,7 @@ import torch.nn.functional as F
 from conftest import sphere
 
 import shadow
-from shadow import normals, pifuhd, records, training, visibility
+from shadow import normals, pifuhd, records, tasks, training, visibility
 from shadow.pifuhd import FrontNormals
 
 BLOCKS = range(16, 25)
@@ -203,7 +203,7 @@ def test_our_networks_learn_from_its_normals(checkpoint, tmp_path):
     with warnings.catch_warnings():
         warnings.simplefilter("error")
         path = training.fit(
-            training.SHADOW, recipe, [tmp_path], tmp_path / "out", estimator=str(checkpoint), workers=0
+            tasks.SHADOW, recipe, [tmp_path], tmp_path / "out", estimator=str(checkpoint), workers=0
         )
         field = visibility.load(path)
         rgb, mask = np.full((128, 96, 3), 0.2, np.float32), np.ones((128, 96), np.float32)

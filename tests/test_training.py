@@ -8,12 +8,13 @@ from conftest import sphere
 
 import shadow
 from shading import diffuse
-from shading.training import per_light_task, shading_task
+from shading.tasks import per_light_task, shading_task
 from shadow import normals, records, training, visibility, weights
 from shadow.directions import from_spherical
 from shadow.field import VisibilityField
 from shadow.normals import NormalsNetwork
-from shadow.training import NORMALS, SHADOW, Recipe, fit, learning_rate, per_light, preset, warm_start
+from shadow.tasks import NORMALS, SHADOW, per_light
+from shadow.training import Recipe, fit, learning_rate, preset, warm_start
 from shadow.unet import PerLight
 
 

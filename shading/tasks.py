@@ -8,7 +8,8 @@ import torch.nn.functional as F
 from shading.diffuse import PerLightShading, ShadingField, base
 from shadow import metrics, pictures
 from shadow.backbone import ENCODING, take_blocks
-from shadow.training import Task, random_blocks
+from shadow.tasks import random_blocks
+from shadow.training import Task
 
 SOFT = 0.05  # shading error below which the loss is square; beyond, it seeks the median: lit or dark, no haze
 SHADING = 5.0  # weight of the error in the shading
