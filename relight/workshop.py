@@ -168,7 +168,7 @@ def train(
 
 def _task(network, model, with_normals, visibility):
     """What `train` trains."""
-    from shading.tasks import per_light_task, shading_task
+    from shading.training import per_light_task, shading_task
     from shadow.tasks import NORMALS, SHADOW, per_light
 
     one_pass = model is Model.field

@@ -7,7 +7,7 @@ import torch
 from rich.progress import track
 
 from shading import diffuse
-from shading.tasks import true_shading
+from shading.training import true_shading
 from shadow import metrics, normals, pictures, plots, visibility
 from shadow.backbone import ENCODING
 from shadow.evaluation import FRONTAL

@@ -8,7 +8,7 @@ from conftest import sphere
 
 import shadow
 from shading import diffuse
-from shading.tasks import per_light_task, shading_task
+from shading.training import per_light_task, shading_task
 from shadow import normals, records, training, visibility, weights
 from shadow.directions import from_spherical
 from shadow.field import VisibilityField
