@@ -22,8 +22,8 @@ from shadow.normals import on_canvas, resolve
 from shadow.unet import LIGHTS_AT_ONCE, UNet
 
 # What the residual field adds is less by this at inference: so little is a guess that hedges between lit and
-# dark, and a haze over deep shadows (SSIM 0.682 with it, 0.707 without).
-HAZE = 0.03
+# dark, and a haze over deep shadows (SSIM 0.737 with it, 0.741 without, on 16 validation views).
+HAZE = 0.01
 
 
 def base(normals, visibility, directions):
