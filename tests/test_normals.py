@@ -148,9 +148,8 @@ def test_normals_that_were_inferred_before_are_no_foreigners(person):
 def test_other_normals_warn_naming_both(person, tmp_path):
     rgb, mask = person
     checksum = save(tmp_path / "mine.safetensors", "normals")
-    theirs = (
-        rf"'field' was trained with the normals of 'normals' and is given those of 'mine' \({checksum[:8]}\)"
-    )
+    own = normals.load().origin.sha256
+    theirs = rf"of 'normals' \({own[:8]}\) and is given those of 'mine' \({checksum[:8]}\)"
     with pytest.warns(UserWarning, match=theirs):
         shadow.infer(rgb, mask, olat()[:1], normals=tmp_path / "mine.safetensors")
     with pytest.warns(UserWarning, match="'field' was trained .* given those of 'leaning'"):
