@@ -164,6 +164,8 @@ def apply(
 
         plate, matte = cut_out(plate, key, mask=matte), None
     backdrop = None if background in (None, ENVIRONMENT) else _background(background)
+    if isinstance(backdrop, str):
+        backdrop = images.read(backdrop)
     plate, matte = _placed(plate, matte, size, backdrop, mode=placement, scale=scale, offset=offset)
     if background == ENVIRONMENT:
         backdrop = _seen(lighting, plate.shape[:2], field_of_view)
@@ -248,13 +250,11 @@ def _seen(lighting, size, field_of_view):
 
 
 def _background(text):
-    """An image's path, or a colour as r/g/b."""
-    from relight import image as images
-
+    """A colour as r/g/b, or the text as it is: a file's path."""
     try:
         return tuple(map(float, text.split("/")))
     except ValueError:
-        return images.read(text)
+        return text
 
 
 def _normals(path, axes):
@@ -401,10 +401,7 @@ def _backdrop(text, lighting):
         if len(skies) != 1:
             raise ValueError(f"--background environment: expected one among the lights, got {len(skies)}")
         return skies[0]
-    try:
-        return None if text is None else tuple(map(float, text.split("/")))
-    except ValueError:
-        return text
+    return None if text is None else _background(text)
 
 
 app.command()(workshop.stage)

@@ -11,8 +11,8 @@ import numpy as np
 import OpenImageIO as oiio
 
 from relight import __version__, colour
+from shadow import files
 from shadow.directions import CAMERA, from_axes
-from shadow.files import replacing
 
 DEPTHS = {  # what each format is written as: the first is the default
     ".exr": ("half", "float"),
@@ -303,13 +303,7 @@ def _declared_space(path, spec, dtype):
 
 def check_writable(path):
     """The depths that `path` can be written with, default first; raises as `write` does if there are none."""
-    path = Path(path)
-    depths = DEPTHS.get(path.suffix.lower())
-    if depths is None:
-        raise ValueError(f"{path}: expected a file name that ends in {', '.join(DEPTHS)}")
-    if not path.parent.is_dir():
-        raise FileNotFoundError(f"{path}: the folder {path.parent} does not exist")
-    return depths
+    return DEPTHS[files.check_writable(path, DEPTHS).suffix.lower()]
 
 
 def write(path, image, *, layers=None, depth=None, metadata=None, view=None, exposure=0.0, white=None):
@@ -448,7 +442,7 @@ def _joined(path, stacks, dtype):
 
 def _save(path, pixels, spec):
     """Write a file that is whole or not there."""
-    with replacing(path) as beside:
+    with files.replacing(path) as beside:
         file = oiio.ImageOutput.create(str(path))  # by its suffix
         if file is None:
             raise OSError(f"{path}: cannot be written: {oiio.geterror().strip()}")

@@ -15,7 +15,7 @@ from av.video.reformatter import ColorPrimaries, ColorRange, Colorspace, ColorTr
 from relight import colour as colours
 from relight.colour import colour
 from relight.image import scene_linear
-from shadow.files import replacing
+from shadow import files
 
 WRITTEN = (".mov", ".mp4")
 READ = (*WRITTEN, ".avi", ".m4v", ".mkv", ".mxf", ".webm")
@@ -141,7 +141,7 @@ def write_movie(path, frames, *, rate=24, view=None, exposure=0.0, white=WHITE):
     """
     path = check_writable(path)
     rate = _fraction(rate)
-    with replacing(path) as beside:
+    with files.replacing(path) as beside:
         try:
             kind = path.suffix[1:].lower()
             with av.open(str(beside), "w", format=kind, options={"movflags": "faststart"}) as file:
@@ -163,12 +163,7 @@ def write_movie(path, frames, *, rate=24, view=None, exposure=0.0, white=WHITE):
 
 def check_writable(path):
     """`path` as a Path; raises as `write_movie` does if a movie cannot be written there."""
-    path = Path(path)
-    if path.suffix.lower() not in WRITTEN:
-        raise ValueError(f"{path}: expected a file name that ends in {', '.join(WRITTEN)}")
-    if not path.parent.is_dir():
-        raise FileNotFoundError(f"{path}: the folder {path.parent} does not exist")
-    return path
+    return files.check_writable(path, WRITTEN)
 
 
 def _fraction(rate):

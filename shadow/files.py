@@ -34,6 +34,16 @@ def replacing(path):
             os.close(unnamed)
 
 
+def check_writable(path, suffixes):
+    """`path` as a Path. ValueError if it ends in none of `suffixes`, FileNotFoundError without its folder."""
+    path = Path(path)
+    if path.suffix.lower() not in suffixes:
+        raise ValueError(f"{path}: expected a file name that ends in {', '.join(suffixes)}")
+    if not path.parent.is_dir():
+        raise FileNotFoundError(f"{path}: the folder {path.parent} does not exist")
+    return path
+
+
 def _unnamed(folder):
     """The descriptor of a new file without a name, or None where there are none."""
     try:
