@@ -27,6 +27,7 @@ from shadow.field import VisibilityField
 from shadow.files import replacing
 from shadow.framing import canvas_size
 from shadow.normals import NormalsNetwork
+from shadow.optimiser import Optimiser
 from shadow.records import Records, sample
 
 VALIDATION_SAMPLES = 32
@@ -61,6 +62,7 @@ class Recipe:
     learning_rate: float = 1e-3
     warm_up: int = 200  # steps
     cosine: bool = True  # the rate falls to zero as half a cosine; else it stays
+    optimiser: str = "muon"  # or "adam": see shadow.optimiser
     betas: tuple[float, float] = (0.9, 0.98)  # of AdamW, which without weight decay is Adam
     weight_decay: float = 0.02
     clip: float | None = 1.0  # norm of the gradient
@@ -78,6 +80,7 @@ PAPER = {
     "learning_rate": 5e-6,
     "warm_up": 0,
     "cosine": False,
+    "optimiser": "adam",
     "betas": (0.9, 0.999),
     "weight_decay": 0.0,
     "clip": None,
@@ -90,7 +93,7 @@ def preset(name, task, records, **changes):
     """The Recipe of a preset for a task, with `changes` (those that are None change nothing).
 
     "paper" is Section 3's: Adam at a constant 5e-6, one map a step, float32, and 31 epochs over the maps of
-    `records` (paths; as many maps each as the first has) unless `steps` says otherwise. "fast" is ours: AdamW
+    `records` (paths; as many maps each as the first has) unless `steps` says otherwise. "fast" is ours: Muon
     at a far higher rate that warms up and falls, bfloat16, and several lights of several photographs in a
     step; its `steps` must be given.
     """
@@ -178,15 +181,7 @@ class _State:
         if init:
             _load_start(network, init, task.kind)
         self.network = network.to(device, memory_format=torch.channels_last)
-        matrices = [p for p in network.parameters() if p.ndim > 1]
-        vectors = [p for p in network.parameters() if p.ndim <= 1]  # biases and norms: no weight decay
-        self.optimiser = torch.optim.AdamW(
-            [
-                {"params": matrices, "weight_decay": recipe.weight_decay},
-                {"params": vectors, "weight_decay": 0},
-            ],
-            betas=recipe.betas,
-        )
+        self.optimiser = Optimiser(self.network, recipe)
         self.average = {key: value.detach().clone() for key, value in network.state_dict().items()}
         self.step, self.seconds = 0, 0.0
         self.checkpoint = out / "checkpoint.pt"
@@ -198,13 +193,10 @@ class _State:
 
     def update(self, loss):
         """One step down the gradient of `loss`."""
-        for group in self.optimiser.param_groups:
-            group["lr"] = learning_rate(self.recipe, self.step)
-        self.optimiser.zero_grad(set_to_none=True)
         loss.backward()
         if self.recipe.clip is not None:
             nn.utils.clip_grad_norm_(self.network.parameters(), self.recipe.clip)
-        self.optimiser.step()
+        self.optimiser.step(learning_rate(self.recipe, self.step))
         # A young average forgets faster.
         decay = min(self.recipe.average, (1 + self.step) / (10 + self.step))
         with torch.no_grad():

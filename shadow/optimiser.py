@@ -1,0 +1,62 @@
+"""The optimiser of the fit loop: Adam as in the paper, or Muon, which learns more from a photograph."""
+
+import torch
+from torch import nn
+
+THIN = 32  # of a matrix with fewer rows or columns, such as a head's, there is little to orthogonalise
+
+
+class Optimiser:
+    """AdamW, or, if the recipe says "muon", Muon for matrices and AdamW for the other parameters.
+
+    Muon (Jordan et al. 2024, kellerjordan.github.io/posts/muon) makes all singular values of a matrix's step
+    alike; a convolution is a matrix of as many rows as it has output channels. The steps are scaled to the
+    size of Adam's (LSY*25, "Muon is Scalable for LLM Training"), so that one learning rate serves both. With
+    Muon, `network` must be in channels-last memory, where a convolution's weights are such a matrix.
+    """
+
+    def __init__(self, network, recipe):
+        if recipe.optimiser not in ("adam", "muon"):
+            raise ValueError(f"optimiser: expected adam or muon, got {recipe.optimiser!r}")
+        muon = recipe.optimiser == "muon"
+        self.weights, matrices, vectors = [], [], []
+        for parameter in network.parameters():
+            if muon and min(len(parameter), parameter[0].numel()) >= THIN:
+                self.weights.append(parameter)
+            else:
+                (matrices if parameter.ndim > 1 else vectors).append(parameter)
+        # torch's Muon takes two-dimensional parameters: these share the memory of the weights.
+        self.views = [nn.Parameter(_rows(weight.detach()).view(len(weight), -1)) for weight in self.weights]
+        decay = recipe.weight_decay
+        groups = [
+            {"params": matrices, "weight_decay": decay},
+            {"params": vectors, "weight_decay": 0},  # biases and norms
+        ]
+        self.parts = [torch.optim.AdamW([group for group in groups if group["params"]], betas=recipe.betas)]
+        if self.views:
+            settings = {"weight_decay": decay, "adjust_lr_fn": "match_rms_adamw"}
+            self.parts.append(torch.optim.Muon(self.views, **settings))
+
+    def step(self, learning_rate):
+        """One step down the gradients, which are then gone."""
+        for weight, view in zip(self.weights, self.views, strict=True):
+            view.grad = None if weight.grad is None else _rows(weight.grad).reshape(view.shape)
+        for part in self.parts:
+            for group in part.param_groups:
+                group["lr"] = learning_rate
+            part.step()
+            part.zero_grad(set_to_none=True)
+        for weight in self.weights:
+            weight.grad = None
+
+    def state_dict(self):
+        return {"parts": [part.state_dict() for part in self.parts]}
+
+    def load_state_dict(self, state):
+        for part, saved in zip(self.parts, state["parts"], strict=True):
+            part.load_state_dict(saved)
+
+
+def _rows(weight):
+    """A convolution's (out, in, h, w) as (out, h, w, in), the order of channels-last memory."""
+    return weight if weight.ndim == 2 else weight.permute(0, 2, 3, 1)

@@ -1,0 +1,76 @@
+"""The optimiser: which parameters get which step, and that the steps are those of torch's own classes."""
+
+import pytest
+import torch
+from torch import nn
+
+from shadow.optimiser import Optimiser
+from shadow.training import Recipe
+
+RECIPE = Recipe(steps=1, weight_decay=0.0)
+
+
+def network():
+    torch.manual_seed(0)
+    layers = nn.Conv2d(32, 40, 3), nn.LayerNorm(40), nn.Linear(40, 48), nn.Linear(48, 3)
+    return nn.ModuleList(layers).to(memory_format=torch.channels_last)
+
+
+def descend(module, optimiser, steps=2, seed=1):
+    torch.manual_seed(seed)
+    for _ in range(steps):
+        for parameter in module.parameters():
+            parameter.grad = torch.randn_like(parameter)
+        optimiser.step(1e-2)
+        assert all(parameter.grad is None for parameter in module.parameters())
+
+
+def test_a_convolution_steps_alike_along_all_its_singular_vectors():
+    layers = network()
+    before = layers[0].weight.detach().clone()
+    descend(layers, Optimiser(layers, RECIPE), steps=1)
+    step = (layers[0].weight.detach() - before).flatten(1)
+    sizes = torch.linalg.svdvals(step)
+    assert sizes.min() > 0.5 * sizes.max()
+    rms = 0.2 * 1e-2  # of an entry of Adam's step, about
+    assert step.square().mean().sqrt() == pytest.approx(rms, rel=0.3)
+
+
+def test_matrices_step_as_torchs_muon_and_the_rest_as_its_adamw():
+    ours, theirs = network(), network()
+    descend(ours, Optimiser(ours, RECIPE))
+    muon = torch.optim.Muon([theirs[2].weight], lr=1e-2, weight_decay=0, adjust_lr_fn="match_rms_adamw")
+    rest = [theirs[0].bias, *theirs[1].parameters(), theirs[2].bias, *theirs[3].parameters()]
+    adam = torch.optim.AdamW(rest, lr=1e-2, betas=RECIPE.betas, weight_decay=0)
+    torch.manual_seed(1)
+    for _ in range(2):
+        for parameter in theirs.parameters():
+            parameter.grad = torch.randn_like(parameter)
+        muon.step()
+        adam.step()
+    for layer in (1, 2, 3):
+        for name, value in ours[layer].named_parameters():
+            torch.testing.assert_close(value, theirs[layer].get_parameter(name), msg=f"{layer} {name}")
+
+
+def test_its_state_goes_on_where_it_was():
+    whole, cut = network(), network()
+    first = Optimiser(cut, RECIPE)
+    descend(whole, (through := Optimiser(whole, RECIPE)))
+    descend(cut, first)
+    second = Optimiser(cut, RECIPE)
+    second.load_state_dict(first.state_dict())
+    descend(whole, through, seed=2)
+    descend(cut, second, seed=2)
+    for a, b in zip(whole.parameters(), cut.parameters(), strict=True):
+        torch.testing.assert_close(a, b, rtol=0, atol=0)
+
+
+def test_weights_that_it_could_not_reach_are_refused():
+    with pytest.raises(RuntimeError, match="view"):
+        Optimiser(nn.Conv2d(32, 40, 3), RECIPE)
+
+
+def test_an_unknown_optimiser_is_refused():
+    with pytest.raises(ValueError, match="optimiser: expected adam or muon"):
+        Optimiser(network(), Recipe(steps=1, optimiser="sgd"))
