@@ -19,7 +19,7 @@ from torch.nn import functional
 
 import relight
 from relight import temporal
-from shadow import directions
+from shadow import directions, visibility
 from shadow.framing import Framing, affine_sample
 
 HEIGHT, WIDTH, FRAMES = 720, 480, 9
@@ -99,7 +99,7 @@ def with_true_shadows():
         view = stage.View(azimuth=-10 + 1.5 * t, distance=3.5, height=1.2, pitch=-5, fov=34)
         record = stage.render(figure, view, 320, lights.numpy())
         mask = torch.from_numpy(np.asarray(record.mask, np.float32))
-        framing = Framing.around(mask, 256)
+        framing = Framing.around(mask, visibility.load().size)
         known = framing.crop(mask[None])[0] > 0.5
         shadows = framing.crop(record.image(record.visibility).float()) * known
         grain = functional.avg_pool2d(torch.randn(shadows.shape, generator=random), 5, stride=1, padding=2)

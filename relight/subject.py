@@ -23,7 +23,7 @@ from shadow.framing import Extension, Framing, bounding_box
 
 CLEAN = 0.98  # coverage above which a photograph's pixel holds no background to speak of
 FAINT = 0.05  # coverage below which premultiplied colour is too coarse to divide by
-REACH = 20  # canvas pixels that maps are continued beyond the matte, for hair and soft edges
+REACH = 0.08  # of the canvas, how far maps are continued beyond the matte: for hair and soft edges
 DARK = 1e-3  # squared albedo at which the photographed shading is as much guess as measurement
 DEEPEST = 0.02  # least photographed shading, as a share of the mean: bounds the noise that delighting lifts
 BATCH = 64  # directions at a time

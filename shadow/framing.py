@@ -101,7 +101,7 @@ class Framing:
 
 
 class Extension:
-    """Continues canvas maps past the edge of `mask` (h, w) by `radius` pixels; zero farther out.
+    """Continues canvas maps past the edge of `mask` (h, w) by `reach` of its height; zero farther out.
 
     Values inside are kept. Without this, enlarging a map that is zero outside the subject would draw a dark
     line along every matte edge (normalised convolution, Knutsson and Westin 1993). Ring after ring, a pixel
@@ -109,13 +109,13 @@ class Extension:
     worked out once, and a call touches only the rings.
     """
 
-    def __init__(self, mask, radius=8):
+    def __init__(self, mask, reach=1 / 32):
         self.known = mask > 0.5
         height, width = mask.shape
         step = torch.arange(-1, 2, device=mask.device)
         known = self.known
         self.rings = []  # pixels (n,), their neighbours (n, 9) and the neighbours' weights (n, 9)
-        for _ in range(radius):
+        for _ in range(round(reach * len(mask))):
             reached = F.max_pool2d(known[None].float(), 3, stride=1, padding=1)[0] > 0
             y, x = (reached & ~known).nonzero(as_tuple=True)
             # A neighbour beyond the canvas is taken to be the pixel itself, which is not known yet.
@@ -135,6 +135,6 @@ class Extension:
         return table.T.view(maps.shape)
 
 
-def extend(maps, mask, radius=8):
+def extend(maps, mask, reach=1 / 32):
     """Canvas maps (C, h, w) continued past the edge of `mask` (h, w), as `Extension` does."""
-    return Extension(mask, radius)(maps)
+    return Extension(mask, reach)(maps)
