@@ -3,7 +3,7 @@
 import torch
 from torch import nn
 
-THIN = 32  # of a matrix with fewer rows or columns, such as a head's, there is little to orthogonalise
+THIN = 32  # of a matrix with fewer rows or columns there is little to orthogonalise
 
 
 class Optimiser:
@@ -20,8 +20,10 @@ class Optimiser:
             raise ValueError(f"optimiser: expected adam or muon, got {recipe.optimiser!r}")
         muon = recipe.optimiser == "muon"
         self.weights, matrices, vectors = [], [], []
-        for parameter in network.parameters():
-            if muon and min(len(parameter), parameter[0].numel()) >= THIN:
+        for name, parameter in network.named_parameters():
+            # Muon's authors leave the last layer to Adam; by Muon, one that starts at zero grows slowly.
+            last = "head" in name.split(".")
+            if muon and not last and min(len(parameter), parameter[0].numel()) >= THIN:
                 self.weights.append(parameter)
             else:
                 (matrices if parameter.ndim > 1 else vectors).append(parameter)

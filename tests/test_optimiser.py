@@ -53,6 +53,14 @@ def test_matrices_step_as_torchs_muon_and_the_rest_as_its_adamw():
             torch.testing.assert_close(value, theirs[layer].get_parameter(name), msg=f"{layer} {name}")
 
 
+def test_the_last_layer_steps_by_adam():
+    layers = nn.ModuleDict({"body": nn.Linear(48, 48), "head": nn.Linear(48, 48)})
+    before = layers.head.weight.detach().clone()
+    descend(layers, Optimiser(layers, RECIPE), steps=1)
+    step = layers.head.weight.detach() - before
+    torch.testing.assert_close(step.abs(), torch.full_like(step, 1e-2), rtol=0.01, atol=0)  # Adam's first
+
+
 def test_its_state_goes_on_where_it_was():
     whole, cut = network(), network()
     first = Optimiser(cut, RECIPE)
