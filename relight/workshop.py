@@ -34,6 +34,9 @@ def stage(
     shading: Annotated[
         bool, typer.Option(help="Trace the bounce light too, for path-traced shading.")
     ] = False,
+    relief: Annotated[
+        bool, typer.Option("--relief", help="Raise the folds that are only painted on a scan.")
+    ] = False,
     processes: Annotated[int | None, typer.Option(min=1, help="Default: one a core.")] = None,
     pack: Annotated[
         Path | None, typer.Option(help="Then pack the records into shards of at most 60 MiB in this folder.")
@@ -53,7 +56,7 @@ def stage(
     if sources:
         written, on_disk, errors = render_all(
             sources, records, split=split, views=views, size=size, behind=behind, jitter=jitter,
-            bounced=shading, processes=processes,
+            bounced=shading, raised=relief, processes=processes,
         )  # fmt: skip
         console.print(f"{written} records, {on_disk // max(1, written)} bytes a view")
         for source, error in errors.items():

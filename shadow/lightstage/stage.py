@@ -16,7 +16,7 @@ import numpy as np
 from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeRemainingColumn
 
 from shadow import directions, records
-from shadow.lightstage import bodies, bounce, scans
+from shadow.lightstage import bodies, bounce, relief, scans
 from shadow.lightstage.scene import Scene
 
 
@@ -117,7 +117,7 @@ def _seed(*parts):
     return int.from_bytes(hashlib.sha256(repr(parts).encode()).digest()[:8])
 
 
-def _render_figure(source, out, split, view_count, size, behind, jitter, bounced):
+def _render_figure(source, out, split, view_count, size, behind, jitter, bounced, raised):
     """All the views of one figure: (records written, bytes written)."""
     os.environ["OMP_NUM_THREADS"] = "1"
     name = f"body-{split}-{source:06d}" if isinstance(source, int) else f"scan-{Path(source).stem}"
@@ -127,11 +127,11 @@ def _render_figure(source, out, split, view_count, size, behind, jitter, bounced
     figure = bodies.body(source, split) if isinstance(source, int) else scans.load(source)
     rng = np.random.default_rng(_seed(name)) if jitter else None
     lights = directions.olat(behind)
-    sizes = [
-        records.write(path, render(figure, view, size, lights, bounced))
-        for path, view in zip(paths, views(view_count, figure, rng), strict=True)
-        if not path.exists()
-    ]
+    sizes = []
+    for path, view in zip(paths, views(view_count, figure, rng), strict=True):
+        if not path.exists():
+            record = render(figure, view, size, lights, bounced)
+            sizes.append(records.write(path, relief.raise_folds(record) if raised else record))
     return len(sizes), sum(sizes)
 
 
@@ -145,6 +145,7 @@ def render_all(
     behind=False,
     jitter=False,
     bounced=False,
+    raised=False,
     processes=None,
 ):
     """Render records of bodies (seeds) and scans (paths) into the folder `out`, one process a core.
@@ -161,6 +162,7 @@ def render_all(
     behind: 32 directions behind the subject as well as the 64 of the frontal hemisphere.
     jitter: vary camera height, distance and field of view.
     bounced: bounce light too, for path-traced shading.
+    raised: the fine contrast of the albedo as relief, see relief.py; of scans whose folds are only painted.
     processes: default one a core.
 
     Returns
@@ -178,6 +180,7 @@ def render_all(
         behind=behind,
         jitter=jitter,
         bounced=bounced,
+        raised=raised,
     )
     written, size_on_disk, errors = 0, 0, {}
     columns = TextColumn("{task.description}"), BarColumn(), MofNCompleteColumn(), TimeRemainingColumn()

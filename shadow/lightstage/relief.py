@@ -1,0 +1,60 @@
+"""Folds that an artist painted into a scan's texture, raised from its surface instead.
+
+The textures of posed avatars hold folds that their meshes lack. A network that learns from them as they are
+learns that what looks like a fold is flat.
+"""
+
+from dataclasses import replace
+
+import numpy as np
+import torch
+import torch.nn.functional as F
+from kornia.filters import gaussian_blur2d, guided_blur
+
+from shadow.framing import bounding_box
+
+WINDOW = 1 / 27  # of the subject's height: wider than a fold, narrower than a garment
+EDGE = 0.01  # variance of the encoded albedo above which a contrast is the edge of something
+PAINT = 0.25  # log contrast beyond which a dark spot is rather a print, a seam or an eyebrow than a fold
+LEAST_Z = 0.05  # of a unit normal that stays visible
+
+
+def raise_folds(record, height=1.0):
+    """The record with the fine contrast of its albedo as relief: dark is deep (after Langer and Zucker 1994).
+
+    `height` is how far a log unit of contrast stands out, in windows. The albedo loses what the normals gain,
+    so that a photograph still shows a fold there, but lit by its lights. What turns away from a light gets
+    dark; what turns toward it from the dark stays so, and the shadows that folds cast are not traced. Bounce
+    light, if there is any, stays that of the smooth surface.
+    """
+    mask = torch.from_numpy(record.mask)
+    top, _, bottom, _ = bounding_box(mask)
+    window = 2 * round((bottom - top) * WINDOW / 2) + 1
+    paint = record.image(record.albedo_uint8.astype(np.float32) / 255)[None]
+    smooth = guided_blur(paint, paint, window, EDGE)
+    contrast = torch.log((paint.mean(1, True) + 0.02) / (smooth.mean(1, True) + 0.02))
+    contrast = contrast * torch.exp(-((contrast / PAINT) ** 2)) * mask
+    share = gaussian_blur2d(mask[None, None].float(), 5, (1.0, 1.0)).clamp_min(1e-3)
+    contrast = gaussian_blur2d(contrast, 5, (1.0, 1.0)) / share  # without the grain of the texture
+    slope = height * window * _gradient(contrast, mask)[:, record.mask].T
+    normals = torch.from_numpy(record.normals)
+    normals = normals - torch.cat([slope, torch.zeros(len(slope), 1)], dim=1) * normals[:, 2:]
+    normals[:, 2].clamp_min_(LEAST_Z)
+    normals = F.normalize(normals, dim=1).numpy()
+    lit = record.visibility * (normals @ record.directions.T > 0)
+    flat = record.albedo_uint8 * np.exp(-contrast[0, 0].numpy()[record.mask])[:, None]
+    return replace(
+        record,
+        normals_int8=np.round(normals * 127).astype(np.int8),
+        albedo_uint8=np.round(flat.clip(0, 255)).astype(np.uint8),
+        visibility_bits=np.packbits(lit.astype(bool), axis=1),
+        about=record.about | {"relief": height},
+    )
+
+
+def _gradient(image, mask):
+    """Per pixel toward image right and up, (2, H, W) of (1, 1, H, W); zero at the edge of `mask`."""
+    right = F.pad(image[0, 0, 1:-1, 2:] - image[0, 0, 1:-1, :-2], (1, 1, 1, 1)) / 2
+    up = F.pad(image[0, 0, :-2, 1:-1] - image[0, 0, 2:, 1:-1], (1, 1, 1, 1)) / 2
+    inner = -F.max_pool2d(-F.pad(mask[None].float(), (1, 1, 1, 1)), 3, stride=1)[0]
+    return torch.stack([right, up]) * inner
