@@ -30,7 +30,7 @@ class FieldMaps(NamedTuple):
     """What the image alone decides; everything about a light is a dot product with these."""
 
     cast: torch.Tensor  # (B, K, H, W) cast-shadow logit of each anchor direction, relative to LIT
-    normals: torch.Tensor  # (B, 3, H, W) unit normals that gate the attached shadow
+    normals: torch.Tensor  # (B, 3, H, W) the unit normals given, which gate the attached shadow
     sharpness: torch.Tensor  # (B, 1, H, W) slope of the gate: low where the normals are uncertain
 
     def at(self, take):
@@ -43,16 +43,15 @@ class VisibilityField(nn.Module):
         super().__init__()
         self.size = size  # canvas height that the network was trained for
         self.register_buffer("anchors", torch.from_numpy(olat(behind=True)), persistent=False)
-        self.backbone = Backbone(7, len(self.anchors) + 4, **backbone)
+        self.backbone = Backbone(7, len(self.anchors) + 1, **backbone)
 
     def forward(self, image, normals, blocks=None):
         """Encoded image and mask (B, 4, H, W) and normals (B, 3, H, W) to FieldMaps; or to what
         `take_blocks` takes of them, which saves the training the memory of all lights at all pixels."""
         maps = self.backbone(torch.cat([image, normals], dim=1), blocks).float()
         normals = normals if blocks is None else take_blocks(normals, blocks)
-        cast, correction, log_sharpness = maps.split([len(self.anchors), 3, 1], dim=1)
-        gate_normals = F.normalize(normals + correction, dim=1)
-        return FieldMaps(cast, gate_normals, SHARPNESS * log_sharpness.clamp(-3, 3).exp())
+        cast, log_sharpness = maps.split([len(self.anchors), 1], dim=1)
+        return FieldMaps(cast, normals, SHARPNESS * log_sharpness.clamp(-3, 3).exp())
 
     def log_visibility(self, maps, directions):
         """Logarithm of the visibility (B, D, H, W) of unit directions (B, D, 3)."""

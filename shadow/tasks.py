@@ -48,7 +48,7 @@ def random_blocks(mask):
 
 
 def visibility_loss(network, batch):
-    """Binary cross-entropy of the product's probability, and the gate's normals kept near the true ones.
+    """Binary cross-entropy of the product's probability.
 
     On a random choice of 2 x 2 pixel blocks inside the mask: the background teaches nothing, neighbours teach
     little, and features times lights at every pixel would cost as much as the network.
@@ -56,13 +56,11 @@ def visibility_loss(network, batch):
     field = network.module if isinstance(network, nn.parallel.DistributedDataParallel) else network
     blocks = random_blocks(batch["mask"])
     maps = network(batch["image"], batch["estimated_normals"], blocks)
-    truth, surface, mask = (take_blocks(batch[key], blocks) for key in ("visibility", "normals", "mask"))
+    truth, mask = (take_blocks(batch[key], blocks) for key in ("visibility", "mask"))
     log_lit = field.log_visibility(maps, batch["directions"]).clamp_max(-1e-5)
     log_dark = torch.log(-torch.expm1(log_lit))
     entropy = -(truth * log_lit + (1 - truth) * log_dark)
-    drift = (maps.normals - surface).square().sum(dim=1, keepdim=True)
-    inside = mask > 0.5
-    return _masked_mean(entropy, inside) + 0.3 * _masked_mean((drift + 1e-4).sqrt(), inside)
+    return _masked_mean(entropy, mask > 0.5)
 
 
 def per_light_loss(network, batch):
