@@ -4,14 +4,12 @@ The textures of posed avatars hold folds that their meshes lack. A network that 
 learns that what looks like a fold is flat.
 """
 
-from dataclasses import replace
-
-import numpy as np
 import torch
 import torch.nn.functional as F
 from kornia.filters import gaussian_blur2d, guided_blur
 
 from shadow.framing import bounding_box
+from shadow.records import ENCODING, Record
 
 WINDOW = 1 / 27  # of the subject's height: wider than a fold, narrower than a garment
 EDGE = 0.01  # variance of the encoded albedo above which a contrast is the edge of something
@@ -30,7 +28,7 @@ def raise_folds(record, height=1.0):
     mask = torch.from_numpy(record.mask)
     top, _, bottom, _ = bounding_box(mask)
     window = 2 * round((bottom - top) * WINDOW / 2) + 1
-    paint = record.image(record.albedo_uint8.astype(np.float32) / 255)[None]
+    paint = record.image(record.albedo ** (1 / ENCODING))[None]
     smooth = guided_blur(paint, paint, window, EDGE)
     contrast = torch.log((paint.mean(1, True) + 0.02) / (smooth.mean(1, True) + 0.02))
     contrast = contrast * torch.exp(-((contrast / PAINT) ** 2)) * mask
@@ -42,13 +40,15 @@ def raise_folds(record, height=1.0):
     normals[:, 2].clamp_min_(LEAST_Z)
     normals = F.normalize(normals, dim=1).numpy()
     lit = record.visibility * (normals @ record.directions.T > 0)
-    flat = record.albedo_uint8 * np.exp(-contrast[0, 0].numpy()[record.mask])[:, None]
-    return replace(
-        record,
-        normals_int8=np.round(normals * 127).astype(np.int8),
-        albedo_uint8=np.round(flat.clip(0, 255)).astype(np.uint8),
-        visibility_bits=np.packbits(lit.astype(bool), axis=1),
-        about=record.about | {"relief": height},
+    kept = torch.exp(-ENCODING * contrast[0, 0])[mask].numpy()
+    return Record.of(
+        record.mask,
+        normals,
+        record.albedo * kept[:, None],
+        lit,
+        record.directions,
+        record.about | {"relief": height},
+        None if record.bounce_float16 is None else record.bounce,
     )
 
 
