@@ -6,7 +6,7 @@ learns that what looks like a fold is flat.
 
 import torch
 import torch.nn.functional as F
-from kornia.filters import gaussian_blur2d, guided_blur
+from kornia.filters import gaussian_blur2d, guided_blur, spatial_gradient
 
 from shadow.framing import bounding_box
 from shadow.records import ENCODING, Record
@@ -34,7 +34,9 @@ def raise_folds(record, height=1.0):
     contrast = contrast * torch.exp(-((contrast / PAINT) ** 2)) * mask
     share = gaussian_blur2d(mask[None, None].float(), 5, (1.0, 1.0)).clamp_min(1e-3)
     contrast = gaussian_blur2d(contrast, 5, (1.0, 1.0)) / share  # without the grain of the texture
-    slope = height * window * _gradient(contrast, mask)[:, record.mask].T
+    right_down = spatial_gradient(contrast, "diff")[0, 0]
+    inner = 1 - F.max_pool2d(1 - mask[None].float(), 3, stride=1, padding=1)
+    slope = height * window * (right_down * inner)[:, mask].T * torch.tensor([1, -1])
     normals = torch.from_numpy(record.normals)
     normals = normals - torch.cat([slope, torch.zeros(len(slope), 1)], dim=1) * normals[:, 2:]
     normals[:, 2].clamp_min_(LEAST_Z)
@@ -50,11 +52,3 @@ def raise_folds(record, height=1.0):
         record.about | {"relief": height},
         None if record.bounce_float16 is None else record.bounce,
     )
-
-
-def _gradient(image, mask):
-    """Per pixel toward image right and up, (2, H, W) of (1, 1, H, W); zero at the edge of `mask`."""
-    right = F.pad(image[0, 0, 1:-1, 2:] - image[0, 0, 1:-1, :-2], (1, 1, 1, 1)) / 2
-    up = F.pad(image[0, 0, :-2, 1:-1] - image[0, 0, 2:, 1:-1], (1, 1, 1, 1)) / 2
-    inner = -F.max_pool2d(-F.pad(mask[None].float(), (1, 1, 1, 1)), 3, stride=1)[0]
-    return torch.stack([right, up]) * inner
