@@ -48,6 +48,8 @@ def stage(
     from shadow import records as record_files
     from shadow.lightstage.stage import render_all
 
+    if relief and bodies is not None:
+        raise ValueError("--relief: expected scans, got --bodies, whose folds are not painted")
     sources = [] if bodies is None else list(_seeds(bodies))
     sources += [str(path) for path in scan or []]
     if scan_list is not None:

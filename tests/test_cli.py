@@ -278,6 +278,7 @@ def test_from_a_mesh_to_weights_and_their_score(tmp_path):
     ("arguments", "message"),
     [
         (["stage", "records"], "nothing to do"),
+        (["stage", "records", "--bodies", "0:1", "--relief"], "--relief: expected scans"),
         (["stage", "records", "--bodies", "three"], "expected FIRST:LAST"),
         (["stage", "records", "--pack", "shards"], "holds no records"),
         (["evaluate", "visibility", "--records", "absent"], "nothing at absent"),

@@ -127,6 +127,17 @@ def test_rendering_resumes_and_is_deterministic(mesh_file, tmp_path):
     assert len(records.Records([tmp_path / "a"])) == 2
 
 
+def test_folds_are_raised_if_asked(mesh_file, tmp_path):
+    for raised in (False, True):
+        stage.render_all(
+            [str(mesh_file)], tmp_path / str(raised), raised=raised, views=1, size=64, processes=1
+        )
+    plain, relief = (records.Records([tmp_path / name])[0] for name in ("False", "True"))
+    assert "relief" not in plain.about
+    assert relief.about["relief"] == 1
+    np.testing.assert_array_equal(relief.mask, plain.mask)
+
+
 def test_a_broken_mesh_is_reported_and_the_rest_rendered(mesh_file, tmp_path):
     broken = tmp_path / "broken.glb"
     broken.write_bytes(b"not a mesh")
