@@ -1,5 +1,6 @@
 import numpy as np
 import pytest
+import torch
 import trimesh
 
 from shadow import directions, records
@@ -127,7 +128,8 @@ def test_rendering_resumes_and_is_deterministic(mesh_file, tmp_path):
     assert len(records.Records([tmp_path / "a"])) == 2
 
 
-def test_folds_are_raised_if_asked(mesh_file, tmp_path):
+def test_folds_are_raised_if_asked_also_after_torch_has_started_threads(mesh_file, tmp_path):
+    torch.rand(2000, 2000).exp().sum()  # many threads, which no forked process inherits
     for raised in (False, True):
         stage.render_all(
             [str(mesh_file)], tmp_path / str(raised), raised=raised, views=1, size=64, processes=1

@@ -13,6 +13,7 @@ from functools import partial
 from pathlib import Path
 
 import numpy as np
+import torch
 from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeRemainingColumn
 
 from shadow import directions, records
@@ -184,7 +185,10 @@ def render_all(
     )
     written, size_on_disk, errors = 0, 0, {}
     columns = TextColumn("{task.description}"), BarColumn(), MofNCompleteColumn(), TimeRemainingColumn()
-    with ProcessPoolExecutor(processes or os.cpu_count()) as pool, Progress(*columns) as progress:
+    # One thread each: a forked process that inherits torch's threads waits for them forever, since a fork
+    # copies none, and there is a process a core anyway. DataLoader's workers do the same.
+    pool = ProcessPoolExecutor(processes or os.cpu_count(), initializer=torch.set_num_threads, initargs=(1,))
+    with pool, Progress(*columns) as progress:
         task = progress.add_task("rendering", total=len(sources))
         for future in as_completed(jobs := {pool.submit(work, source): source for source in sources}):
             try:
