@@ -22,8 +22,8 @@ def fit_lights(image, subject=None):
     Returns
     -------
     DirectionalLights, the strongest first, named `fit1`, `fit2`...; none of a black picture. The exposure is
-    in the lights. The picture's white balance is in the albedo: together the lights are about white, whatever
-    colour each has.
+    in the lights. The colours of a subject's own photograph are in its albedo: together such lights are about
+    white, whatever colour each has.
 
     Raises
     ------

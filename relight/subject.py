@@ -338,13 +338,14 @@ def _display(colour):
 
 
 def _photographed_shading(framed, albedo, known):
-    """The light that the person was photographed in, on the canvas (3, h, w): image over albedo.
+    """The light that the person was photographed in, on the canvas (1, h, w): image over albedo.
 
-    Least squares of image = shading · albedo over 3 x 3 pixels, drawn toward the mean light where the albedo
-    is too dark to tell. Positive everywhere on the subject.
+    It has no colour, since the albedo has the photograph's. Least squares of image = shading · albedo over
+    3 x 3 pixels, drawn toward the mean light where the albedo is too dark to tell. Positive everywhere on the
+    subject.
     """
-    mean = framed[:, known].mean(dim=1) / albedo[:, known].mean(dim=1).clamp_min(1e-6)
-    mean = mean.clamp_min(1e-6)[:, None, None]
-    around = F.avg_pool2d(torch.stack([framed * albedo, albedo**2]) * known, 3, stride=1, padding=1)
-    shading = (around[0] + DARK * mean) / (around[1] + DARK)
+    mean = (framed[:, known].mean() / albedo[:, known].mean().clamp_min(1e-6)).clamp_min(1e-6)
+    products = torch.stack([framed * albedo, albedo**2]).mean(dim=1)
+    around = F.avg_pool2d(products * known, 3, stride=1, padding=1)
+    shading = (around[:1] + DARK * mean) / (around[1:] + DARK)
     return torch.maximum(shading, DEEPEST * mean)

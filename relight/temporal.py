@@ -35,7 +35,7 @@ class Canvas(NamedTuple):
     visibility: Callable  # unit directions (D, 3) to maps (D, h, w) in [0, 1]
     shading: Callable  # likewise
     albedo: torch.Tensor  # (3, h, w) linear, in [0, 1]
-    light: torch.Tensor | None  # (3, h, w) in which it was photographed; None if the albedo is given
+    light: torch.Tensor | None  # (1, h, w) in which it was photographed; None if the albedo is given
 
 
 def steadied(canvas, around, alike=ALIKE):

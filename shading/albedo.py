@@ -27,9 +27,9 @@ def infer_albedo(rgb, mask, *, normals=None, model="shading"):
 
     Returns
     -------
-    (H, W, 3) float32 linear Rec.709 in [0, 1], zero outside the mask, in the photograph's white balance; at
-    the network's resolution, enlarged. `relight.Subject` brings the plate's own texture back. NumPy or torch,
-    as `rgb` was, on its device.
+    (H, W, 3) float32 linear Rec.709 in [0, 1], zero outside the mask, in the photograph's colours; at the
+    network's resolution, enlarged. `relight.Subject` brings the plate's own texture back. NumPy or torch, as
+    `rgb` was, on its device.
 
     Raises
     ------
@@ -53,9 +53,10 @@ def infer_lighting(rgb, mask, *, normals=None, model="shading"):
     Returns
     -------
     directions: (96, 3) float32 unit vectors, `shadow.directions.olat(behind=True)`.
-    weights: (96, 3) float32, >= 0: linear Rec.709 intensity of each of these lights.
+    weights: (96, 3) float32, >= 0: linear Rec.709 intensity of each of these lights. What colour they had is
+        in the albedo, which has the photograph's: together they are about white.
     albedo: (H, W, 3) float32 linear in [0, 1], as `infer_albedo` gives it, scaled so that the three of them
-        make up the image's exposure and white balance.
+        make up the image's exposure.
 
     Raises
     ------

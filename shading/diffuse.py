@@ -19,11 +19,13 @@ from shadow.directions import olat
 from shadow.field import anchor_weights
 from shadow.framing import Framing, extend
 from shadow.normals import on_canvas, resolve
+from shadow.records import LUMINANCE
 from shadow.unet import LIGHTS_AT_ONCE, UNet
 
 # What the residual field adds is less by this at inference: so little is a guess that hedges between lit and
 # dark, and a haze over deep shadows (SSIM 0.737 with it, 0.741 without, on 16 validation views).
 HAZE = 0.01
+BLACK = 0.01  # of the photograph's mean luminance: too dark to have a colour
 
 
 def base(normals, visibility, directions):
@@ -102,7 +104,8 @@ class ShadingField(nn.Module):
         inside = mask > 0  # a light costs the subject's pixels only, some quarter of the canvas
         guides = visibility(self.anchors)[None, :, ::2, ::2]
         maps = self(encode_image(rgb[None], mask[None, None]), normals[None], guides)
-        albedo = _balanced(maps.albedo[0].clamp(0, 1) ** ENCODING * inside, rgb, mask > 0.5)
+        albedo = maps.albedo[0].clamp(0, 1) ** ENCODING
+        albedo = _in_the_colours_of(rgb.clamp_min(0), albedo, inside) * inside
         maps = ShadingMaps(*(canvas[..., inside][..., None] for canvas in maps))
         surface = normals[None, :, inside][..., None]
 
@@ -118,16 +121,16 @@ class ShadingField(nn.Module):
         return Diffuse(shading, albedo)
 
 
-def _balanced(albedo, photograph, known):
-    """The albedo (3, h, w) with the overall tint that the photograph has where it is `known`.
+def _in_the_colours_of(photograph, albedo, inside):
+    """The albedo (3, h, w), as light as it is, in the photograph's colours; in its own where that is black.
 
-    Nobody can tell from one picture the tint of the light from that of all paint. A plate is balanced by its
-    photographer, and the network's guess is worse than that even on photographs of random balance: see the
-    model card.
+    Nobody can tell from one picture the tint of the light from that of all paint, and from pixel to pixel the
+    network takes no tint of the light away, but fades hair and skin: see the model card.
     """
-    sums = [image[:, known].sum(dim=1).clamp_min(1e-6) for image in (albedo, photograph)]
-    share, wanted = (channels / channels.sum() for channels in sums)
-    return (albedo * (wanted / share)[:, None, None]).clamp(0, 1)
+    luminance = torch.from_numpy(LUMINANCE).to(albedo.device)
+    light, seen = (torch.einsum("c,chw->hw", luminance, image) for image in (albedo, photograph))
+    black = (BLACK * seen[inside].mean()).clamp_min(1e-12)
+    return ((light * photograph + black * albedo) / (seen + black)).clamp(0, 1)
 
 
 class PerLightShading(nn.Module):
