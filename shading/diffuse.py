@@ -14,7 +14,7 @@ from torch import nn
 
 from shadow import inputs, weights
 from shadow import visibility as visibility_module
-from shadow.backbone import ENCODING, Backbone, encode_image, take_blocks
+from shadow.backbone import ENCODING, EXPOSURE, Backbone, encode_image, take_blocks
 from shadow.directions import olat
 from shadow.field import anchor_weights
 from shadow.framing import Framing, extend
@@ -25,7 +25,7 @@ from shadow.unet import LIGHTS_AT_ONCE, UNet
 # What the residual field adds is less by this at inference: so little is a guess that hedges between lit and
 # dark, and a haze over deep shadows (SSIM 0.737 with it, 0.741 without, on 16 validation views).
 HAZE = 0.01
-BLACK = 0.01  # of the photograph's mean luminance: too dark to have a colour
+BLACK = 0.01 * EXPOSURE  # luminance of an exposed photograph that is too dark to have a colour
 
 
 def base(normals, visibility, directions):
@@ -103,9 +103,10 @@ class ShadingField(nn.Module):
         (D, 3) to maps (D, h, w), to Diffuse. Its shading runs no network but that function."""
         inside = mask > 0  # a light costs the subject's pixels only, some quarter of the canvas
         guides = visibility(self.anchors)[None, :, ::2, ::2]
-        maps = self(encode_image(rgb[None], mask[None, None]), normals[None], guides)
-        albedo = maps.albedo[0].clamp(0, 1) ** ENCODING
-        albedo = _in_the_colours_of(rgb.clamp_min(0), albedo, inside) * inside
+        image = encode_image(rgb[None], mask[None, None])
+        maps = self(image, normals[None], guides)
+        photograph, albedo = image[0, :3] ** ENCODING, maps.albedo[0].clamp(0, 1) ** ENCODING
+        albedo = _in_the_colours_of(photograph, albedo) * inside
         maps = ShadingMaps(*(canvas[..., inside][..., None] for canvas in maps))
         surface = normals[None, :, inside][..., None]
 
@@ -121,16 +122,16 @@ class ShadingField(nn.Module):
         return Diffuse(shading, albedo)
 
 
-def _in_the_colours_of(photograph, albedo, inside):
-    """The albedo (3, h, w), as light as it is, in the photograph's colours; in its own where that is black.
+def _in_the_colours_of(photograph, albedo):
+    """The albedo (3, h, w), as light as it is, in the colours of the exposed photograph (3, h, w).
 
-    Nobody can tell from one picture the tint of the light from that of all paint, and from pixel to pixel the
-    network takes no tint of the light away, but fades hair and skin: see the model card.
+    Where that is black it keeps its own. Nobody can tell from one picture the tint of the light from that of
+    all paint, and from pixel to pixel the network takes no tint of the light away, but fades hair and skin:
+    see the model card.
     """
     luminance = torch.from_numpy(LUMINANCE).to(albedo.device)
     light, seen = (torch.einsum("c,chw->hw", luminance, image) for image in (albedo, photograph))
-    black = (BLACK * seen[inside].mean()).clamp_min(1e-12)
-    return ((light * photograph + black * albedo) / (seen + black)).clamp(0, 1)
+    return ((light * photograph + BLACK * albedo) / (seen + BLACK)).clamp(0, 1)
 
 
 class PerLightShading(nn.Module):

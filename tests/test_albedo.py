@@ -56,7 +56,7 @@ def test_the_albedo_has_the_photographs_colours(person):
 def test_what_is_black_in_the_photograph_has_the_colour_that_the_network_gives_it():
     photograph, albedo = torch.full((3, 4, 4), 0.5), torch.rand(3, 4, 4)
     photograph[:, :, :2] = 0
-    paint = diffuse._in_the_colours_of(photograph, albedo, torch.ones(4, 4, dtype=torch.bool))
+    paint = diffuse._in_the_colours_of(photograph, albedo)
     torch.testing.assert_close(paint[:, :, :2], albedo[:, :, :2])
     luminance = torch.from_numpy(records.LUMINANCE)
     grey = torch.einsum("c,chw->hw", luminance, albedo)[:, 2:].expand(3, -1, -1)
