@@ -14,7 +14,7 @@ import OpenImageIO as oiio
 import torch
 
 import relight
-from shadow import inputs, normals, visibility
+from shadow import inputs, visibility
 from shadow.directions import olat
 from shadow.framing import Framing
 
@@ -48,15 +48,16 @@ def main(path, mask=None):
     alpha = image[..., 3] if mask is None else relight.read_mask(mask)
     matte = inputs.mask("mask", alpha, image.shape[:2])
 
-    field, surface = visibility.load(), normals.load()
+    field = visibility.load()
     framing = Framing.around(matte, field.size)
     rgb = framing.crop(torch.from_numpy(image[..., :3].copy()).permute(2, 0, 1))
     framed_mask = framing.crop(matte[None])[0]
-    framed_normals = surface.analyse(rgb, framed_mask)
     lights = torch.from_numpy(olat())
 
-    one = seconds(lambda: field.analyse(rgb, framed_mask, framed_normals)(lights[:1]))
-    all_lights = seconds(lambda: field.analyse(rgb, framed_mask, framed_normals)(lights))
+    one, all_lights = (
+        seconds(lambda chosen=chosen: field.analyse(rgb, framed_mask)[1](chosen))
+        for chosen in (lights[:1], lights)
+    )
     print(
         f"1 visibility map: {one:.3f} s; {len(lights)} maps: {all_lights:.3f} s; ratio {all_lights / one:.2f}"
     )

@@ -79,10 +79,8 @@ class Subject:
         framed_mask = framing.crop(alpha[None])[0].clamp(0, 1)
         framed = _crop(framing, foreground)
         known = framed_mask > 0.5
-        if isinstance(surface, torch.Tensor):
-            surface = surface[box]
-        surface = normals_module.on_canvas(surface, framing, framed, framed_mask)
-        visibility = field.analyse(framed, framed_mask, surface)
+        surface = normals_module.on_canvas(None if surface is None else surface[box], framing)
+        surface, visibility = field.analyse(framed, framed_mask, surface)
         analysed = shader.analyse(framed, framed_mask, surface, visibility)
 
         exposure = 0.2 / framed[:, known].mean().clamp_min(1e-6)

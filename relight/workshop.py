@@ -84,7 +84,6 @@ def _seeds(text):
 
 
 class Network(StrEnum):
-    normals = "normals"
     shadow = "shadow"
     shading = "shading"
 
@@ -138,15 +137,17 @@ def train(
         Path | None, typer.Option(help="Weights to start from: the same network's, or another's backbone.")
     ] = None,
     normals: Annotated[
-        str,
+        str | None,
         typer.Option(
-            help="The normals network that shadow and shading take their input from; true: the records' own."
+            help="Normals to learn with: a field, a PIFuHD checkpoint; true: the records' own [shadow: its "
+            "own; shading and per-light networks: those of --visibility]."
         ),
-    ] = "normals",
+    ] = None,
     visibility: Annotated[
         str,
         typer.Option(
-            help="The field that shading takes its input from; baseline: sign(N·L); none (Table 6)."
+            help="The field that shading and per-light networks take their input from; baseline: sign(N·L); "
+            "none (Table 6)."
         ),
     ] = "field",
     validation: Annotated[
@@ -174,11 +175,9 @@ def train(
 def _task(network, model, with_normals, visibility):
     """What `train` trains."""
     from shading.training import per_light_task, shading_task
-    from shadow.tasks import NORMALS, SHADOW, per_light
+    from shadow.tasks import SHADOW, per_light
 
     one_pass = model is Model.field
-    if network is Network.normals and one_pass and with_normals:
-        return NORMALS
     if network is Network.shading and one_pass:
         return shading_task(with_normals, ABLATIONS.get(visibility, "inferred"))
     if network is Network.shading and with_normals and visibility not in ABLATIONS:
@@ -205,7 +204,10 @@ def shrink(
 evaluate = typer.Typer(no_args_is_help=True, help="Score networks on records that they were not trained on.")
 
 ScoredRecords = Annotated[list[Path], typer.Option(help="Records or shards to score on. Repeatable.")]
-NormalsWeights = Annotated[str, typer.Option(help="Normals weights: a name, or a file.")]
+NormalsWeights = Annotated[
+    str | None,
+    typer.Option(help="A field's name or file: its normals, not the tested one's own."),
+]
 LightingSeed = Annotated[int, typer.Option(help="Of the lightings the records are photographed under.")]
 Limit = Annotated[int | None, typer.Option(min=1, help="Score this many records, spread evenly.")]
 
@@ -214,7 +216,7 @@ Limit = Annotated[int | None, typer.Option(min=1, help="Score this many records,
 def evaluate_visibility(
     records: ScoredRecords,
     model: Annotated[str, typer.Option(help="Visibility weights: a name, or a file.")] = "field",
-    normals: NormalsWeights = "normals",
+    normals: NormalsWeights = None,
     seed: LightingSeed = 0,
     limit: Limit = None,
 ):
@@ -242,7 +244,7 @@ def evaluate_tables(
         Path | None,
         typer.Option(help="Folder of another method's soft maps, <record>_<light>.png or .npy (Table 5)."),
     ] = None,
-    normals: NormalsWeights = "normals",
+    normals: NormalsWeights = None,
     seed: LightingSeed = 0,
     limit: Limit = None,
 ):
@@ -266,7 +268,7 @@ def evaluate_shading(
         ),
     ] = None,
     figure: Annotated[Path | None, typer.Option(help="PNG to draw Figure 6 into.")] = None,
-    normals: NormalsWeights = "normals",
+    normals: NormalsWeights = None,
     field: Annotated[str, typer.Option(help="Visibility weights: a name, or a file.")] = "field",
     seed: LightingSeed = 0,
     limit: Limit = None,

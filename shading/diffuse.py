@@ -185,8 +185,8 @@ def analyse(rgb, mask, *, normals=None, model="shading"):
     framing = Framing.around(matte, network.size)
     framed, framed_mask = framing.crop(image), framing.crop(matte[None])[0]
     field = visibility_module.load().to(image.device)
-    surface = on_canvas(resolve(normals, image, matte, network, field), framing, framed, framed_mask)
-    visibility = field.analyse(framed, framed_mask, surface)
+    surface = on_canvas(resolve(normals, image, matte, field, network), framing)
+    surface, visibility = field.analyse(framed, framed_mask, surface)
     return framing, framed, framed_mask, network.analyse(framed, framed_mask, surface, visibility)
 
 

@@ -59,9 +59,7 @@ class Delight:
 
 
 @torch.no_grad()
-def evaluate(
-    paths, *, models=None, out=None, normals_model="normals", field_model="field", seed=0, limit=None
-):
+def evaluate(paths, *, models=None, out=None, normals_model=None, field_model="field", seed=0, limit=None):
     """Score shading networks on records with bounce light, as Table 6 does, and the albedo of "ours".
 
     Every record is photographed once under a random lighting fixed by `seed`, framed on the canvas, and asked
@@ -72,7 +70,8 @@ def evaluate(
     paths: record folders or shards, made with `relight stage --shading`.
     models: {row of Table 6: name or .safetensors path}; "ours" is the shipped one unless given.
     out: PNG to draw Figure 6 into, or None.
-    normals_model, field_model: names or paths of the networks that all rows take their input from.
+    field_model, normals_model: names or paths of the field that all rows take their visibility from, and of
+        what they take their normals from, if not the same.
     limit: use this many records, spread evenly.
 
     Returns
@@ -89,7 +88,8 @@ def evaluate(
         inputs = getattr(network, "normals", True), getattr(network, "visibility", "inferred")
         if name in ROWS and inputs != ROWS[name][0]:
             raise ValueError(f"model: the network given for {name!r} was not trained as that")
-    surface, field_network = normals.load(normals_model), visibility.load(field_model)
+    field = visibility.load(field_model)
+    elsewhere = None if normals_model is None else normals.load(normals_model)
     found = Records(paths)
     tallies = {name: Tally() for name in (BASE, BINARY, *networks)}
     delights = {"photograph": Delight(), "albedo": Delight()}
@@ -103,8 +103,8 @@ def evaluate(
         frontal, inside = view["directions"][:, 2] > FRONTAL, mask > 0.5
         truth = true_shading({key: value[None] for key, value in view.items()})[0]
         lights, truth = view["directions"][frontal], truth[frontal] * inside
-        estimated = surface.analyse(rgb, mask)
-        visible = field_network.analyse(rgb, mask, estimated)
+        given = None if elsewhere is None else elsewhere.normals(rgb, mask)
+        estimated, visible = field.analyse(rgb, mask, given)
         soft = visible(lights)
         maps = {
             name: diffuse.base(estimated[None], seen[None], lights[None])[0] * inside

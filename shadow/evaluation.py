@@ -1,4 +1,4 @@
-"""Scores of the visibility and normals networks on records, as Section 4 measures them."""
+"""Scores of visibility networks, and of the normals they take, on records, as Section 4 measures them."""
 
 from dataclasses import dataclass, field, replace
 from pathlib import Path
@@ -10,6 +10,7 @@ from rich.progress import track
 
 from shadow import metrics, normals, visibility
 from shadow.backbone import ENCODING, EXPOSURE
+from shadow.field import VisibilityField
 from shadow.framing import canvas_size
 from shadow.records import Records, photograph, sample
 
@@ -54,6 +55,11 @@ class View:
         tensors = (rgb, drawn["rgb"], drawn["mask"][0], drawn["normals"], drawn["directions"][frontal], lit)
         return cls(*(tensor.to(place) for tensor in tensors))
 
+    def binary(self, network, surface):
+        """Maps (D, h, w) bool of a visibility network that is given normals (3, h, w)."""
+        _, visibility = network.to(self.rgb.device).analyse(self.rgb, self.mask, surface)
+        return visibility(self.lights) > 0.5
+
     def sign(self, surface):
         """The baseline of Section 4.1 from normals (3, h, w): (D, h, w) bool."""
         return torch.einsum("dc,chw->dhw", self.lights, surface) > 0
@@ -90,7 +96,7 @@ def compare(records, networks, surface, *, seed=0, limit=None):
 
     Every record is photographed once under a random lighting fixed by `seed`, framed on each network's
     canvas, and asked for all its frontal lights; maps are binary, metrics masked. The baselines are on the
-    canvas of the first network. `surface` is the normals network.
+    canvas of the first network. All are given the normals of `surface`, which is a field.
 
     Returns {name: Tally} and the mean angular error of the estimated normals in degrees.
     """
@@ -101,10 +107,9 @@ def compare(records, networks, surface, *, seed=0, limit=None):
         for name, network in networks.items():
             if network.size not in views:
                 view = View.of(record, (seed, index), network.size)
-                views[network.size] = view, surface.to(view.rgb.device).analyse(view.rgb, view.mask)
+                views[network.size] = view, surface.to(view.rgb.device).normals(view.rgb, view.mask)
             view, estimated = views[network.size]
-            network.to(view.rgb.device)
-            tallies[name].add(network.analyse(view.rgb, view.mask, estimated)(view.lights) > 0.5, view)
+            tallies[name].add(view.binary(network, estimated), view)
         view, estimated = views[first.size]
         tallies[ESTIMATED].add(view.sign(estimated), view)
         tallies[TRUE].add(view.sign(view.normals), view)
@@ -112,13 +117,21 @@ def compare(records, networks, surface, *, seed=0, limit=None):
     return tallies, float(np.mean(angles))
 
 
-def evaluate(paths, *, model="field", normals_model="normals", seed=0, limit=None):
+def normals_of(network, model=None):
+    """The field whose normals a visibility network is tested with: `model`, a name or path, if there is one,
+    else its own, or the shipped one if it has none."""
+    if model is None and isinstance(network, VisibilityField):
+        return network
+    return normals.load(model or "field")
+
+
+def evaluate(paths, *, model="field", normals_model=None, seed=0, limit=None):
     """Score visibility on records against sign(N·L) from estimated and from true normals, see `compare`.
 
     Parameters
     ----------
     paths: record folders or shards.
-    model, normals_model: names of shipped weights or .safetensors paths.
+    model, normals_model: names of shipped weights or .safetensors paths; see `normals_of`.
     limit: use this many records, spread evenly.
 
     Returns
@@ -126,7 +139,8 @@ def evaluate(paths, *, model="field", normals_model="normals", seed=0, limit=Non
     {"field": Score, "sign(N·L), estimated normals": Score, "sign(N·L), true normals": Score}, and the mean
     angular error of the normals in degrees.
     """
-    network, surface = visibility.load(model), normals.load(normals_model)
+    network = visibility.load(model)
+    surface = normals_of(network, normals_model)
     tallies, angle = compare(Records(paths), {"field": network}, surface, seed=seed, limit=limit)
     return {name: tally.score() for name, tally in tallies.items()}, angle
 
@@ -155,9 +169,9 @@ def intensity_sweep(records, network, surface, levels, *, seed=0, limit=None):
         exposed = view.scene * (EXPOSURE * view.mask.sum() * 3 / (view.scene * view.mask).sum())
         for level, (ours, baseline) in zip(levels, tallies, strict=True):
             encoded = (level * exposed).clamp(0, 1) ** (1 / ENCODING)
-            rgb = ((encoded * 255).round() / 255) ** ENCODING
-            estimated = surface.to(device).analyse(rgb, view.mask)
-            ours.add(network.to(device).analyse(rgb, view.mask, estimated)(view.lights) > 0.5, view)
+            seen = replace(view, rgb=((encoded * 255).round() / 255) ** ENCODING)
+            estimated = surface.to(device).normals(seen.rgb, view.mask)
+            ours.add(seen.binary(network, estimated), view)
             baseline.add(view.sign(estimated), view)
     return tallies
 
@@ -195,9 +209,8 @@ def against_soft_maps(records, folder, network, surface, *, seed=0, limit=None):
         other = View.of(replace(record, visibility_bits=packed), (seed, index), network.size)
         theirs, ours = tallies.setdefault(record.about.get("figure", name), (Tally(), Tally()))
         theirs.add(other.visibility, view, chosen)
-        device = view.rgb.device
-        estimated = surface.to(device).analyse(view.rgb, view.mask)
-        ours.add(network.to(device).analyse(view.rgb, view.mask, estimated)(view.lights) > 0.5, view, chosen)
+        estimated = surface.to(view.rgb.device).normals(view.rgb, view.mask)
+        ours.add(view.binary(network, estimated), view, chosen)
     if not tallies:
         raise ValueError(f"soft: expected maps of these records in {folder}, such as {name}_07.png")
     return tallies

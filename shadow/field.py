@@ -1,10 +1,10 @@
-"""The one-pass visibility field: one forward gives visibility for every light direction.
+"""The one-pass network: one forward gives the surface normals, and visibility for every light direction.
 
 visibility(p, L) = attached(N(p)·L) × cast(w(L)·f(p))
 
-`attached` is the surface turning away, from the normals; `cast` is an occluder in between, learned. Feature
-k of f is the logit of anchor direction k, and w(L) interpolates between the anchors near L. The head starts
-at zero: the untrained field is the sign(N·L) baseline of Section 4.1, and training adds cast shadow.
+`attached` is the surface turning away, from the normals; `cast` is an occluder in between. Feature k of f is
+the logit of anchor direction k, and w(L) interpolates between the anchors near L. The head starts at zero:
+all faces the camera and nothing casts a shadow.
 """
 
 from typing import NamedTuple
@@ -13,7 +13,7 @@ import torch
 import torch.nn.functional as F
 from torch import nn
 
-from shadow.backbone import Backbone, encode_image, take_blocks
+from shadow.backbone import Backbone, encode_image
 from shadow.directions import olat
 
 LIT = 3.0  # cast logit of the untrained field: sigmoid(3) = 0.95, lit
@@ -29,8 +29,8 @@ def anchor_weights(directions, anchors):
 class FieldMaps(NamedTuple):
     """What the image alone decides; everything about a light is a dot product with these."""
 
+    normals: torch.Tensor  # (B, 3, H, W) unit normals, which gate the attached shadow
     cast: torch.Tensor  # (B, K, H, W) cast-shadow logit of each anchor direction, relative to LIT
-    normals: torch.Tensor  # (B, 3, H, W) the unit normals given, which gate the attached shadow
     sharpness: torch.Tensor  # (B, 1, H, W) slope of the gate: low where the normals are uncertain
 
     def at(self, take):
@@ -43,15 +43,16 @@ class VisibilityField(nn.Module):
         super().__init__()
         self.size = size  # canvas height that the network was trained for
         self.register_buffer("anchors", torch.from_numpy(olat(behind=True)), persistent=False)
-        self.backbone = Backbone(7, len(self.anchors) + 1, **backbone)
+        self.backbone = Backbone(4, 3 + len(self.anchors) + 1, **backbone)
 
-    def forward(self, image, normals, blocks=None):
-        """Encoded image and mask (B, 4, H, W) and normals (B, 3, H, W) to FieldMaps; or to what
-        `take_blocks` takes of them, which saves the training the memory of all lights at all pixels."""
-        maps = self.backbone(torch.cat([image, normals], dim=1), blocks).float()
-        normals = normals if blocks is None else take_blocks(normals, blocks)
-        cast, log_sharpness = maps.split([len(self.anchors), 1], dim=1)
-        return FieldMaps(cast, normals, SHARPNESS * log_sharpness.clamp(-3, 3).exp())
+    def forward(self, image, blocks=None):
+        """Encoded image and mask (B, 4, H, W) to FieldMaps; or to what `take_blocks` takes of them, which
+        saves the training the memory of all lights at all pixels."""
+        maps = self.backbone(image, blocks).float()
+        surface, cast, log_sharpness = maps.split([3, len(self.anchors), 1], dim=1)
+        toward_camera = torch.tensor([0.0, 0.0, 1.0], device=image.device).view(1, 3, 1, 1)
+        normals = F.normalize(surface + toward_camera, dim=1)
+        return FieldMaps(normals, cast, SHARPNESS * log_sharpness.clamp(-3, 3).exp())
 
     def log_visibility(self, maps, directions):
         """Logarithm of the visibility (B, D, H, W) of unit directions (B, D, 3)."""
@@ -60,15 +61,24 @@ class VisibilityField(nn.Module):
         return F.logsigmoid(attached) + F.logsigmoid(cast + LIT)
 
     @torch.no_grad()
-    def analyse(self, rgb, mask, normals):
-        """Framed rgb (3, h, w), mask (h, w) and normals (3, h, w) to a function of directions.
+    def normals(self, rgb, mask):
+        """Framed rgb (3, h, w), linear, and mask (h, w) to unit normals (3, h, w), zero outside the mask."""
+        return self(encode_image(rgb[None], mask[None, None])).normals[0] * (mask > 0)
+
+    @torch.no_grad()
+    def analyse(self, rgb, mask, normals=None):
+        """Framed rgb (3, h, w), linear, and mask (h, w) to unit normals (3, h, w), zero outside the mask, and
+        to a function of directions. Normals (3, h, w) that are given take the place of the network's own.
 
         The function takes unit directions (D, 3) and returns their visibility (D, h, w) in [0, 1], zero
         outside the mask; it runs no network.
         """
         inside = mask > 0  # a light costs the subject's pixels only, some quarter of the canvas
-        maps = self(encode_image(rgb[None], mask[None, None]), normals[None])
-        maps = FieldMaps(*(canvas[..., inside][..., None] for canvas in maps))
+        maps = self(encode_image(rgb[None], mask[None, None]))
+        if normals is not None:
+            maps = maps._replace(normals=normals[None])
+        surface = maps.normals[0] * inside
+        maps = maps.at(lambda canvas: canvas[..., inside][..., None])
 
         def visibility(directions):
             with torch.no_grad():
@@ -76,4 +86,4 @@ class VisibilityField(nn.Module):
                 canvas[:, inside] = self.log_visibility(maps, directions[None])[0, ..., 0].exp()
                 return canvas
 
-        return visibility
+        return surface, visibility

@@ -1,4 +1,4 @@
-"""Surface normals of the photographed person, in the camera frame: our network's, or from elsewhere."""
+"""Surface normals of the photographed person, in the camera frame: the field's own, or from elsewhere."""
 
 import os
 import warnings
@@ -9,28 +9,9 @@ import torch.nn.functional as F
 from torch import nn
 
 from shadow import inputs, pifuhd, weights
-from shadow.backbone import Backbone, encode_image
 from shadow.directions import CAMERA, from_axes
+from shadow.field import VisibilityField
 from shadow.framing import Framing, extend
-
-
-class NormalsNetwork(nn.Module):
-    """RGB and mask to camera-frame normals. An untrained network says that all faces the camera."""
-
-    def __init__(self, size=256, **backbone):
-        super().__init__()
-        self.size = size  # canvas height that the network was trained for
-        self.backbone = Backbone(4, 3, **backbone)
-
-    def forward(self, image):
-        """Encoded image and mask (B, 4, H, W) to unit normals (B, 3, H, W)."""
-        toward_camera = torch.tensor([0.0, 0.0, 1.0], device=image.device).view(1, 3, 1, 1)
-        return F.normalize(self.backbone(image).float() + toward_camera, dim=1)
-
-    @torch.no_grad()
-    def analyse(self, rgb, mask):
-        """Framed rgb (3, h, w), linear, and mask (h, w) to unit normals (3, h, w), zero outside the mask."""
-        return self(encode_image(rgb[None], mask[None, None]))[0] * (mask > 0)
 
 
 class GivenNormals:
@@ -39,7 +20,7 @@ class GivenNormals:
     def __init__(self, values, axes=CAMERA, origin=None):
         self.values, self.matrix, self.origin = values, torch.from_numpy(from_axes(axes)), origin
 
-    def analyse(self, rgb, mask):
+    def normals(self, rgb, mask):
         """rgb (3, H, W), linear, and mask (H, W) to unit normals (3, H, W), zero outside the mask."""
         values = self.values
         if callable(values):
@@ -51,13 +32,14 @@ class GivenNormals:
         return vectors
 
 
-def load(source="normals", *, axes=CAMERA):
+def load(source="field", *, axes=CAMERA):
     """Where normals come from, for `infer_normals` and for whatever takes `normals`.
 
     Parameters
     ----------
     source: one of
-        - our network: "normals", the shipped one, or the .safetensors file of `relight train normals`;
+        - the visibility field's own: "field", the shipped one, or the .safetensors file of `relight train
+          shadow`;
         - PIFuHD's front-normal generator: the path of your own checkpoint, a .pt file (see `shadow.pifuhd`);
         - a function (rgb, mask) -> (H, W, 3), of float32 NumPy arrays: the photograph (H, W, 3), linear
           Rec.709, and the matte (H, W) in [0, 1];
@@ -67,15 +49,15 @@ def load(source="normals", *, axes=CAMERA):
 
     Returns
     -------
-    An object with `analyse(rgb, mask)`: tensors (3, H, W), linear, and (H, W) to unit normals (3, H, W) in
-    the camera frame, zero outside the mask. That of our network wants both framed on its canvas.
+    An object with `normals(rgb, mask)`: tensors (3, H, W), linear, and (H, W) to unit normals (3, H, W) in
+    the camera frame, zero outside the mask. That of a field wants both framed on its canvas.
 
     Raises
     ------
     FileNotFoundError: no such file. ValueError: no such weights, a damaged file, another kind of network,
     unknown axes, or axes of a network, whose convention is known.
     """
-    a_file, loaded = isinstance(source, str | os.PathLike), hasattr(source, "analyse")
+    a_file, loaded = isinstance(source, str | os.PathLike), _says_normals(source)
     if not a_file and not loaded:
         name = getattr(source, "__name__", "a function") if callable(source) else "another program"
         return GivenNormals(source, axes, weights.Origin(name, None, {}))
@@ -85,7 +67,7 @@ def load(source="normals", *, axes=CAMERA):
     if loaded:
         return source
     if Path(source).suffix in ("", ".safetensors"):
-        return weights.load(source, {"normals": NormalsNetwork}, package="shadow")
+        return weights.load(source, {"field": VisibilityField}, package="shadow")
     if Path(source).suffix == ".pt":
         return pifuhd.load(source)
     raise ValueError(
@@ -93,38 +75,42 @@ def load(source="normals", *, axes=CAMERA):
     )
 
 
-def on_plate(network, rgb, mask):
+def _says_normals(source):
+    return callable(getattr(source, "normals", None))
+
+
+def on_plate(source, rgb, mask):
     """Unit normals (3, H, W), zero outside the mask, of a linear photograph (3, H, W) and its matte (H, W).
 
-    `network` is what `load` returns; ours sees the person on its canvas.
+    `source` is what `load` returns; a field sees the person on its canvas.
     """
-    if isinstance(network, nn.Module):
-        network = network.to(rgb.device)
-    if not isinstance(network, NormalsNetwork):
-        return network.analyse(rgb, mask)
-    framing = Framing.around(mask, network.size)
+    if isinstance(source, nn.Module):
+        source = source.to(rgb.device)
+    if not isinstance(source, VisibilityField):
+        return source.normals(rgb, mask)
+    framing = Framing.around(mask, source.size)
     framed_mask = framing.crop(mask[None])[0]
-    framed = network.analyse(framing.crop(rgb), framed_mask)
+    framed = source.normals(framing.crop(rgb), framed_mask)
     return F.normalize(framing.restore(extend(framed, framed_mask)), dim=0) * (mask > 0)
 
 
 def resolve(given, rgb, mask, network, *more):
-    """What a caller gave as `normals`, for `on_canvas`: (3, H, W) on the plate, or our network, yet to run.
+    """What a caller gave as `normals`, for `on_canvas`: (3, H, W) on the plate, or None where the visibility
+    network `network` is a field and its own are wanted.
 
-    Warns if `network`, on whose canvas they are wanted, or one of `more` that take them too, was trained with
-    other normals. A bare array does not say where it comes from, `infer_normals` perhaps: it passes.
+    Warns if `network`, or one of `more` that take the same normals, was trained with others. A bare array
+    does not say where it comes from, `infer_normals` perhaps: it passes.
     """
     if given is None:
-        source = load()
-    elif callable(given) or hasattr(given, "analyse") or isinstance(given, str | os.PathLike):
+        source = network if isinstance(network, VisibilityField) else load()
+    elif callable(given) or _says_normals(given) or isinstance(given, str | os.PathLike):
         source = load(given)
     else:
         source = GivenNormals(given)
     for trained in (network, *more):
         _warn_if_others(trained, source)
-    if isinstance(source, NormalsNetwork) and source.size == network.size:
-        return source
-    return on_plate(source, rgb, mask)
+    same = getattr(source, "origin", source) == getattr(network, "origin", network)
+    return None if same else on_plate(source, rgb, mask)
 
 
 def _warn_if_others(network, source):
@@ -146,15 +132,12 @@ def _called(name, checksum):
     return repr(name) if checksum is None else f"{name!r} ({checksum[:8]})"
 
 
-def on_canvas(given, framing, framed, framed_mask):
-    """Unit normals (3, h, w) on the canvas, of what `resolve` returns: by our network from the framed rgb
-    (3, h, w) and mask (h, w), or the plate's own (3, H, W)."""
-    if isinstance(given, NormalsNetwork):
-        return given.to(framed.device).analyse(framed, framed_mask)
-    return F.normalize(framing.crop(given), dim=0)
+def on_canvas(given, framing):
+    """Unit normals (3, h, w) on the canvas, of what `resolve` returns; None stays None."""
+    return None if given is None else F.normalize(framing.crop(given), dim=0)
 
 
-def infer_normals(rgb, mask, *, model="normals"):
+def infer_normals(rgb, mask, *, model="field"):
     """Surface normals of the person in an image.
 
     Parameters

@@ -68,7 +68,7 @@ class FrontNormals(nn.Module):
         return self.model(image)
 
     @torch.no_grad()
-    def analyse(self, rgb, mask):
+    def normals(self, rgb, mask):
         """rgb (3, H, W), linear, and mask (H, W) to unit normals (3, H, W), zero outside the mask.
 
         Any size; the person is framed here. The generator learned from pictures as they are displayed, so 1

@@ -8,7 +8,7 @@ from statistics import median
 import numpy as np
 import torch
 
-from shadow import evaluation, normals, plots, visibility, weights
+from shadow import evaluation, plots, visibility, weights
 from shadow.evaluation import ESTIMATED, TRUE, Score, View
 from shadow.files import replacing
 from shadow.framing import canvas_size
@@ -37,7 +37,7 @@ RELIGHTING4D = {  # theirs (Relighting4D), ours, on subjects of the People Snaps
 }
 
 
-def write(paths, out, *, models=None, normals_model="normals", soft=None, seed=0, limit=None):
+def write(paths, out, *, models=None, normals_model=None, soft=None, seed=0, limit=None):
     """Write `out`/report.md, report.json, figure-2.png and figure-4.png.
 
     Parameters
@@ -47,7 +47,8 @@ def write(paths, out, *, models=None, normals_model="normals", soft=None, seed=0
     models: {name: shipped name or .safetensors path}. "ours" (the shipped field unless given) is the network
         of Tables 2, 3 and 5 and of the figures; "without-normals" and "mixed" are the rows of Table 3;
         "resb3", "resb7", "resb11", "attention" those of Table 4; any other name is a row more of Table 2.
-    normals_model: the normals network that all of them are tested with.
+    normals_model: the field whose normals all of them are tested with, see `evaluation.normals_of`; that of
+        "ours" if None.
     soft: folder of another method's soft maps for Table 5, see `evaluation.against_soft_maps`.
     seed: of the lightings the records are photographed under. limit: use this many records, spread evenly.
 
@@ -61,11 +62,12 @@ def write(paths, out, *, models=None, normals_model="normals", soft=None, seed=0
         maps that fit no record.
     """
     models = {"ours": "field"} | (models or {})
-    records, surface = Records(paths), normals.load(normals_model)
+    records = Records(paths)
     networks = {name: visibility.load(model) for name, model in models.items()}
     for name, network in networks.items():
         _check(name, network, models[name])
     ours, out = networks["ours"], Path(out)
+    surface = evaluation.normals_of(ours, normals_model)
     out.mkdir(parents=True, exist_ok=True)
 
     table_5 = _table_5(records, soft, ours, surface, seed, limit) if soft else []  # bad maps show at once
@@ -78,7 +80,7 @@ def write(paths, out, *, models=None, normals_model="normals", soft=None, seed=0
         "seed": seed,
         "canvas": canvas_size(ours.size),
         "models": {name: str(model) for name, model in models.items()},
-        "normals": str(normals_model),
+        "normals": str(normals_model or surface.origin.name),
         "normals_error": angle,  # degrees
         "device": torch.cuda.get_device_name() if torch.cuda.is_available() else "a CPU",
         "threads": torch.get_num_threads(),
@@ -188,7 +190,7 @@ def _milliseconds(network, view, lights):
     times = []
     for _ in range(1 + REPEATS):  # the first allocates
         start = time.perf_counter()
-        network.analyse(view.rgb, view.mask, view.normals)(lights).sum().item()  # waits for a GPU
+        network.analyse(view.rgb, view.mask, view.normals)[1](lights).sum().item()  # waits for a GPU
         times.append(1000 * (time.perf_counter() - start))
     return median(times[1:])
 

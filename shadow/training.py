@@ -26,12 +26,11 @@ from shadow.backbone import encode_image
 from shadow.field import VisibilityField
 from shadow.files import replacing
 from shadow.framing import canvas_size
-from shadow.normals import NormalsNetwork
 from shadow.optimiser import Optimiser
 from shadow.records import Records, sample
 
 VALIDATION_SAMPLES = 32
-TRUE_NORMALS = "true"  # instead of a normals network: the records' own (the "mixed" row of Table 3)
+TRUE_NORMALS = "true"  # instead of estimated ones: the records' own (the "mixed" row of Table 3)
 LOG_EVERY = 50  # steps; a checkpoint that is due waits for the next
 
 
@@ -45,7 +44,7 @@ class Task:
     score: Callable  # (network, batch) -> {metric: mean over the batch}
     show: Callable  # (network, batch) -> rows of pictures
     lights: int  # directions a sample carries; 1 where the network looks at none
-    needs_normals: bool  # batch["estimated_normals"] from a trained normals network
+    needs_normals: bool  # batch["estimated_normals"], a trained field's or from elsewhere
     config: dict = field(default_factory=dict)  # what the network is built with, beside its size
     recipe: dict = field(default_factory=dict)  # what it needs other than Recipe says
     needs_visibility: bool = False  # batch["visibility_network"], a trained field, and its "visibility_maps"
@@ -224,39 +223,43 @@ class _State:
 class _Auxiliary(NamedTuple):
     """Trained networks that a task takes its input from, or None."""
 
-    normals: Callable | None  # of a batch
-    visibility: VisibilityField | None
+    normals: Callable | None  # of a batch; None where the field's own will do
+    field: VisibilityField | None
 
 
-def _auxiliary(task, normals_name, visibility_name, device):
+def _auxiliary(task, estimator, visibility, device):
+    """`estimator`: as `fit` takes it, but None only where no normals are wanted."""
     surface = field = None
-    if task.needs_normals and normals_name == TRUE_NORMALS:
-        surface = lambda batch: batch["normals"]  # noqa: E731
-    elif task.needs_normals:
-        surface = partial(_estimated, normals.load(normals_name).to(device))
     if task.needs_visibility:
-        field = weights.load(visibility_name, {"field": VisibilityField}, package="shadow").to(device)
+        field = weights.load(visibility, {"field": VisibilityField}, package="shadow").to(device)
+    if estimator == TRUE_NORMALS:
+        surface = lambda batch: batch["normals"]  # noqa: E731
+    elif estimator is not None and (source := normals.load(estimator).to(device)) is not field:
+        surface = partial(_estimated, source)
     return _Auxiliary(surface, field)
 
 
-def _estimated(network, batch):
+def _estimated(source, batch):
     """Normals (B, 3, H, W) of the batch's photographs: by our network all at once, by another one by one."""
-    if isinstance(network, NormalsNetwork):
-        return network(batch["image"])
+    if isinstance(source, VisibilityField):
+        return source(batch["image"]).normals
     views = zip(batch["rgb"], batch["mask"][:, 0], strict=True)
     with torch.autocast(batch["rgb"].device.type, enabled=False):
-        return torch.stack([network.analyse(rgb, mask) for rgb, mask in views])
+        return torch.stack([source.normals(rgb, mask) for rgb, mask in views])
 
 
 def _prepare(batch, device, auxiliary):
     batch = {key: value.to(device, non_blocking=True) for key, value in batch.items()}
     batch["image"] = encode_image(batch["rgb"], batch["mask"]).contiguous(memory_format=torch.channels_last)
     with torch.no_grad():
-        if auxiliary.normals is not None:
-            batch["estimated_normals"] = auxiliary.normals(batch) * (batch["mask"] > 0)
-        if auxiliary.visibility is not None:
-            batch["visibility_network"] = auxiliary.visibility
-            batch["visibility_maps"] = auxiliary.visibility(batch["image"], batch["estimated_normals"])
+        surface = None if auxiliary.normals is None else auxiliary.normals(batch)
+        if auxiliary.field is not None:
+            maps = auxiliary.field(batch["image"])
+            surface = maps.normals if surface is None else surface
+            batch["visibility_network"] = auxiliary.field
+            batch["visibility_maps"] = maps._replace(normals=surface)
+        if surface is not None:
+            batch["estimated_normals"] = surface * (batch["mask"] > 0)
     return batch
 
 
@@ -268,7 +271,7 @@ def fit(
     *,
     validation=None,
     init=None,
-    estimator="normals",
+    estimator=None,
     visibility="field",
     workers=None,
     checkpoint_minutes=5.0,
@@ -282,9 +285,10 @@ def fit(
     out: folder for checkpoint.pt, log.jsonl, samples-*.png and <kind>.safetensors (the averaged weights).
     validation: paths of records to score on at every checkpoint; never trained on.
     init: .safetensors to start from: of the same kind, or of another network with the same backbone.
-    estimator: the normals network where the task takes estimated normals as input, a name or path as
-        `shadow.normals.load` takes it (PIFuHD's too), or "true" for those of the records. The weights record
-        which, since training and testing on different normals costs accuracy (Table 3).
+    estimator: whose normals the network takes: a name or path as `shadow.normals.load` takes it (PIFuHD's
+        too), or "true" for those of the records. If None, a visibility field's gate takes its own, and other
+        networks those of `visibility`. The weights record which, since training and testing on different
+        normals costs accuracy (Table 3).
     visibility: the visibility field (name or path) where the task takes its maps as input, recorded likewise.
     workers: processes that make photographs; default 1 on a CPU, 12 on a GPU.
     checkpoint_minutes: between checkpoints; one that is due waits for the next log line.
@@ -298,6 +302,8 @@ def fit(
     FileNotFoundError, ValueError: no records, damaged weights, another architecture; a loss that is not
         finite stops the run with its step, the last checkpoint intact.
     """
+    if task.needs_normals and estimator is None:
+        estimator = visibility
     device, rank, world = _place()
     out, size, source = Path(out), canvas_size(recipe.size), Records(records)
     out.mkdir(parents=True, exist_ok=True)
@@ -305,7 +311,7 @@ def fit(
     model = nn.parallel.DistributedDataParallel(state.network) if world > 1 else state.network
     auxiliary = _auxiliary(task, estimator, visibility, device)
     facts = {"init": Path(init).stem} if init else {}
-    if task.needs_normals:
+    if estimator is not None:
         facts["normals"] = Path(estimator).stem
         if estimator != TRUE_NORMALS:
             facts["normals_sha256"] = normals.load(estimator).origin.sha256
@@ -328,6 +334,8 @@ def fit(
         saved_at = tick = time.monotonic()
         losses = []
         for batch in loader:
+            # What a loss leaves to chance is the step's alone: a resumed run ends where a whole one does.
+            torch.manual_seed(recipe.seed + 7919 * rank + 104729 * state.step)
             with torch.autocast(device.type, torch.bfloat16, enabled=recipe.bfloat16):
                 batch = _prepare(batch, device, auxiliary)
                 loss = task.loss(model, batch)

@@ -125,18 +125,20 @@ class PerLight(nn.Module):
         return maps.float().unflatten(0, (-1, lights))[:, :, 0]
 
     @torch.no_grad()
-    def analyse(self, rgb, mask, normals):
-        """Framed rgb (3, h, w), mask (h, w) and normals (3, h, w) to a function of directions.
+    def analyse(self, rgb, mask, normals=None):
+        """Framed rgb (3, h, w), linear, mask (h, w) and normals (3, h, w), which may be None if the network
+        takes none, to these normals and a function of directions.
 
         The function takes unit directions (D, 3) and returns their visibility (D, h, w) in [0, 1], zero
         outside the mask; it runs the network once for each.
         """
         image = encode_image(rgb[None], mask[None, None])
+        surface = None if normals is None else normals[None]
 
         def visibility(directions):
             with torch.no_grad():
                 batches = directions.split(LIGHTS_AT_ONCE)
-                maps = torch.cat([self(image, normals[None], batch[None])[0] for batch in batches])
+                maps = torch.cat([self(image, surface, batch[None])[0] for batch in batches])
                 return (maps + 1) / 2 * (mask > 0)
 
-        return visibility
+        return normals, visibility

@@ -46,8 +46,8 @@ def infer(rgb, mask, directions, *, normals=None, model="field"):
     rgb: (H, W, 3) float, linear Rec.709, any size and exposure; NumPy or torch.
     mask: (H, W) in [0, 1], the matte of the person.
     directions: (D, 3) toward the lights, camera frame, any length but zero.
-    normals: (H, W, 3) camera-frame normals to use instead of inferring them with the shipped network; or
-        anything else that `shadow.normals.load` takes.
+    normals: (H, W, 3) camera-frame normals to use instead of the field's own (for a per-light network, the
+        shipped field's); or anything else that `shadow.normals.load` takes.
     model: name of shipped weights, or the path of a checkpoint of either kind of network.
 
     Returns
@@ -66,7 +66,7 @@ def infer(rgb, mask, directions, *, normals=None, model="field"):
     network = load(model).to(image.device)
     framing = Framing.around(matte, network.size)
     framed, framed_mask = framing.crop(image), framing.crop(matte[None])[0]
-    surface = on_canvas(resolve(normals, image, matte, network), framing, framed, framed_mask)
-    maps = network.analyse(framed, framed_mask, surface)(lights)
-    visibility = framing.restore(extend(maps, framed_mask)).clamp(0, 1) * (matte > 0)
-    return inputs.like(visibility, rgb)
+    surface = on_canvas(resolve(normals, image, matte, network), framing)
+    _, visibility = network.analyse(framed, framed_mask, surface)
+    maps = framing.restore(extend(visibility(lights), framed_mask)).clamp(0, 1) * (matte > 0)
+    return inputs.like(maps, rgb)

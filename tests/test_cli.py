@@ -260,15 +260,14 @@ def test_from_a_mesh_to_weights_and_their_score(tmp_path):
     assert "2 records" in result.output
     assert relight.read(tmp_path / "sheet.png").max() > 0.5
     common = ["--records", shards, "--steps", 1, "--size", 128, "--batch", 2, "--workers", 0]
-    result = run("train", "normals", *common, "--out", tmp_path / "normals")
-    assert result.exit_code == 0, result.output
-    normals = tmp_path / "normals" / "normals.safetensors"
-    result = run(
-        *("train", "shadow", *common, "--out", tmp_path / "field", "--init", normals, "--normals", normals)
-    )
+    result = run("train", "shadow", *common, "--out", tmp_path / "field")
     assert result.exit_code == 0, result.output
     field = tmp_path / "field" / "field.safetensors"
-    result = run("evaluate", "visibility", "--records", shards, "--model", field, "--normals", normals)
+    result = run(
+        "train", "shading", *common, "--out", tmp_path / "shading", "--init", field, "--visibility", field
+    )
+    assert result.exit_code == 0, result.output
+    result = run("evaluate", "visibility", "--records", shards, "--model", field)
     assert result.exit_code == 0, result.output
     assert "| field | 0." in result.output
     assert "| sign(N·L), true normals | 0." in result.output
@@ -284,10 +283,10 @@ def test_from_a_mesh_to_weights_and_their_score(tmp_path):
         (["evaluate", "visibility", "--records", "absent"], "nothing at absent"),
         (["evaluate", "tables", "--records", "absent", "--out", "report"], "nothing at absent"),
         (["evaluate", "tables", "--records", ".", "--out", "r", "--model", "ours"], "expected NAME=FILE"),
-        (["train", "normals", "--records", ".", "--out", "run"], "steps: expected a number"),
-        (["train", "normals", "--records", ".", "--out", "run", "--no-normals"], "no such network"),
-        (["train", "normals", "--records", "absent", "--out", "run", "--steps", "1"], "nothing at absent"),
-        (["train", "normals", "--records", ".", "--out", "run", "--steps", "1", "--size", "99"], "multiple"),
+        (["train", "shadow", "--records", ".", "--out", "run"], "steps: expected a number"),
+        (["train", "shadow", "--records", ".", "--out", "run", "--no-normals"], "no such network"),
+        (["train", "shadow", "--records", "absent", "--out", "run", "--steps", "1"], "nothing at absent"),
+        (["train", "shadow", "--records", ".", "--out", "run", "--steps", "1", "--size", "99"], "multiple"),
     ],
 )
 def test_the_workshop_names_bad_input(arguments, message, tmp_path, monkeypatch):

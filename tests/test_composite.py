@@ -11,9 +11,8 @@ import relight
 from relight.composite import cover, over, place, render
 from shading import diffuse
 from shading.diffuse import ShadingField
-from shadow import normals, visibility
+from shadow import visibility
 from shadow.field import VisibilityField
-from shadow.normals import NormalsNetwork
 
 LIGHTS = [
     relight.DirectionalLight(azimuth=-40, elevation=30, intensity=2, colour=(1, 0.9, 0.8), name="key"),
@@ -171,11 +170,11 @@ def small_networks():
     """Networks with random weights, quick to run: for what must hold whatever they say."""
     torch.manual_seed(0)
     widths = {"size": 128, "widths": (8, 8, 8, 8, 8)}
-    networks = NormalsNetwork(**widths), VisibilityField(**widths), ShadingField(**widths)
+    networks = VisibilityField(**widths), ShadingField(**widths)
     for parameter in itertools.chain(*(network.parameters() for network in networks)):
         torch.nn.init.normal_(parameter, std=0.1)
     with pytest.MonkeyPatch.context() as patch:
-        for module, network in zip((normals, visibility, diffuse), networks, strict=True):
+        for module, network in zip((visibility, diffuse), networks, strict=True):
             patch.setattr(module, "load", lambda *_, network=network, **__: network)
         yield
 

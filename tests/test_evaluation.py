@@ -3,9 +3,8 @@ import OpenImageIO as oiio
 import pytest
 from conftest import sphere
 
-from shadow import evaluation, normals, records, visibility, weights
+from shadow import evaluation, records, visibility, weights
 from shadow.field import VisibilityField
-from shadow.normals import NormalsNetwork
 
 
 @pytest.fixture(scope="module")
@@ -16,16 +15,12 @@ def folder(tmp_path_factory):
     records.write(path / "b.npz", sphere(radius=0.9))
     config = {"size": 128}
     weights.save(path / "field.safetensors", VisibilityField(**config), "field", config, {})
-    weights.save(path / "normals.safetensors", NormalsNetwork(**config), "normals", config, {})
     return path
 
 
 def test_scores_of_a_sphere_and_untrained_weights(folder):
-    scores, angle = evaluation.evaluate(
-        [folder / "a.npz", folder / "b.npz"],
-        model=folder / "field.safetensors",
-        normals_model=folder / "normals.safetensors",
-    )
+    paths = [folder / "a.npz", folder / "b.npz"]
+    scores, angle = evaluation.evaluate(paths, model=folder / "field.safetensors")
     true, estimated = scores["sign(N·L), true normals"], scores["sign(N·L), estimated normals"]
     assert true.rmse[0] < 0.12  # a sphere casts no shadow: only the edge pixels of the terminator differ
     assert true.dice[0] > 0.98
@@ -38,16 +33,17 @@ def test_scores_of_a_sphere_and_untrained_weights(folder):
 
 
 def test_the_score_does_not_depend_on_chance(folder):
-    arguments = {"model": folder / "field.safetensors", "normals_model": folder / "normals.safetensors"}
-    first, again = (evaluation.evaluate([folder / "a.npz"], **arguments) for _ in range(2))
+    first, again = (
+        evaluation.evaluate([folder / "a.npz"], model=folder / "field.safetensors") for _ in range(2)
+    )
     assert first == again
 
 
 @pytest.fixture
 def stage(folder):
-    """One sphere's records, the field, the normals network."""
-    models = visibility.load(folder / "field.safetensors"), normals.load(folder / "normals.safetensors")
-    return records.Records([folder / "a.npz"]), *models
+    """One sphere's records, the field, and where all take their normals from."""
+    field = visibility.load(folder / "field.safetensors")
+    return records.Records([folder / "a.npz"]), field, evaluation.normals_of(field)
 
 
 def test_each_light_has_its_own_mean(stage):

@@ -32,26 +32,34 @@ def test_anchor_weights_sum_to_one_and_peak_at_the_anchor():
     assert (weights.argmax(dim=-1) == torch.arange(96)).all()
 
 
-def test_untrained_field_is_the_sign_baseline(field):
+def test_untrained_field_faces_the_camera_and_is_the_sign_baseline(field):
     normals, mask = ball()
     lights = torch.from_numpy(olat(behind=True))
-    maps = field.analyse(torch.rand(3, 64, 64), mask, normals)(lights)
+    own, _ = field.analyse(torch.rand(3, 64, 64), mask)
+    torch.testing.assert_close(own, mask * torch.tensor([0.0, 0.0, 1.0]).view(3, 1, 1))
+    given, visibility = field.analyse(torch.rand(3, 64, 64), mask, normals)
+    torch.testing.assert_close(given, normals)
+    maps = visibility(lights)
     cosine = torch.einsum("dc,chw->dhw", lights, normals)
     clear = (cosine.abs() > 0.02) & (mask > 0)
     torch.testing.assert_close((maps > 0.5)[clear], (cosine > 0)[clear])
 
 
 def test_maps_are_in_range_and_zero_outside(field):
-    normals, mask = ball()
-    maps = trained(field).analyse(torch.rand(3, 64, 64), mask, normals)(torch.from_numpy(olat()))
+    _, mask = ball()
+    own, visibility = trained(field).analyse(torch.rand(3, 64, 64), mask)
+    length = own.norm(dim=0)
+    torch.testing.assert_close(length[mask > 0], torch.ones(int(mask.sum())))
+    assert length[mask == 0].max() == 0
+    maps = visibility(torch.from_numpy(olat()))
     assert maps.min() >= 0
     assert maps.max() <= 1
     assert maps[:, mask == 0].abs().max() == 0
 
 
 def test_a_light_does_not_depend_on_its_company(field):
-    normals, mask = ball()
-    visibility = trained(field).analyse(torch.rand(3, 64, 64), mask, normals)
+    _, mask = ball()
+    _, visibility = trained(field).analyse(torch.rand(3, 64, 64), mask)
     lights = torch.from_numpy(olat())
     torch.testing.assert_close(visibility(lights)[10:12], visibility(lights[10:12]))
 
@@ -60,28 +68,27 @@ def test_neighbouring_lights_have_neighbouring_maps(field):
     """No flicker: a light that moves by half a degree changes no pixel by much."""
     from shadow.directions import sweep
 
-    normals, mask = ball()
-    maps = trained(field).analyse(torch.rand(3, 64, 64), mask, normals)(torch.from_numpy(sweep(361)))
+    _, mask = ball()
+    _, visibility = trained(field).analyse(torch.rand(3, 64, 64), mask)
+    maps = visibility(torch.from_numpy(sweep(361)))
     assert (maps[1:] - maps[:-1]).abs().max() < 0.15
 
 
 def test_exposure_does_not_matter(field):
-    normals, mask = ball()
+    _, mask = ball()
     rgb, network, lights = torch.rand(3, 64, 64) + 0.05, trained(field), torch.from_numpy(olat())
-    torch.testing.assert_close(
-        network.analyse(rgb, mask, normals)(lights),
-        network.analyse(rgb * 7, mask, normals)(lights),
-        atol=1e-3,
-        rtol=1e-3,
+    (normals, visibility), (brighter, the_same) = (
+        network.analyse(exposure * rgb, mask) for exposure in (1, 7)
     )
+    torch.testing.assert_close(brighter, normals, atol=1e-3, rtol=1e-3)
+    torch.testing.assert_close(the_same(lights), visibility(lights), atol=1e-3, rtol=1e-3)
 
 
 def test_blocks_are_what_the_whole_map_holds(field):
     """Training looks at chosen 2 x 2 blocks: the same numbers as in the full maps, in the same places."""
     network = trained(field)
-    normals, _ = ball()
     image, blocks = torch.rand(1, 4, 64, 64), torch.tensor([[0, 33, 1023, 500]])
-    whole, chosen = network(image, normals[None]), network(image, normals[None], blocks)
+    whole, chosen = network(image), network(image, blocks)
     for full, part in zip(whole, chosen, strict=True):
         torch.testing.assert_close(take_blocks(full, blocks), part)
     y, x = divmod(500, 32)

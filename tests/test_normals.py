@@ -10,17 +10,16 @@ import shadow
 from shadow import normals, visibility, weights
 from shadow.directions import olat
 from shadow.field import VisibilityField
-from shadow.normals import NormalsNetwork
 
 SMALL = {"size": 128, "widths": (8, 8, 8, 8, 8), "encoder": (1, 1, 1, 1, 1)}
 
 
-def save(path, kind, recipe=None, seed=0):
-    """Small weights with random parameters; their sha256."""
+def save(path, recipe=None, seed=0):
+    """A small field with random parameters; its sha256."""
     torch.manual_seed(seed)
-    network = {"normals": NormalsNetwork, "field": VisibilityField}[kind](**SMALL)
+    network = VisibilityField(**SMALL)
     torch.nn.init.normal_(network.backbone.head.weight, std=0.1)
-    return weights.save(path, network, kind, SMALL, recipe or {})
+    return weights.save(path, network, "field", SMALL, recipe or {})
 
 
 def leaning(rgb, mask):
@@ -54,8 +53,8 @@ def test_functions_and_arrays_in_any_convention(person, source, axes):
 def test_whatever_takes_normals_takes_every_source(person, tmp_path):
     rgb, mask = person
     lights, field, mine = olat()[-3:], tmp_path / "field.safetensors", tmp_path / "mine.safetensors"
-    save(field, "field")
-    save(mine, "normals")
+    save(field)
+    save(mine, seed=1)
     array = shadow.infer_normals(rgb, mask, model=leaning)
     expected = shadow.infer(rgb, mask, lights, model=field, normals=array)
     for source in (leaning, normals.load(leaning), normals.load(array)):
@@ -65,10 +64,10 @@ def test_whatever_takes_normals_takes_every_source(person, tmp_path):
         shadow.infer(rgb, mask, lights, model=field, normals=source) for source in (mine, normals.load(mine))
     )
     np.testing.assert_array_equal(by_path, loaded)
-    by_name, by_default = (
-        shadow.infer(rgb, mask, lights, model=field, normals=source) for source in ("normals", None)
+    by_path_of_its_own, by_default = (
+        shadow.infer(rgb, mask, lights, model=field, normals=source) for source in (field, None)
     )
-    np.testing.assert_array_equal(by_name, by_default)
+    np.testing.assert_array_equal(by_path_of_its_own, by_default)
     assert abs(by_path - expected).max() > 0.1
     albedo = shading.infer_albedo(rgb, mask, normals=array)
     np.testing.assert_allclose(shading.infer_albedo(rgb, mask, normals=leaning), albedo, atol=1e-5)
@@ -97,11 +96,10 @@ def test_a_function_sees_the_photograph_of_a_premultiplied_plate():
 @pytest.mark.parametrize(
     ("source", "axes", "message"),
     [
-        ("normals", "+x-y-z", "axes: those of normals are known"),
-        (NormalsNetwork(**SMALL), "+x-y-z", "axes: those of NormalsNetwork are known"),
+        ("field", "+x-y-z", "axes: those of field are known"),
+        (VisibilityField(**SMALL), "+x-y-z", "axes: those of VisibilityField are known"),
         ("normals.png", "+x+y+z", "relight.read_normals reads images"),
         ("unheard-of", "+x+y+z", "unknown weights 'unheard-of'"),
-        ("field", "+x+y+z", "holds a 'field' network, expected normals"),
         (leaning, "xyz", "axes: expected each of x, y and z once"),
     ],
 )
@@ -147,34 +145,36 @@ def test_normals_that_were_inferred_before_are_no_foreigners(person):
 
 def test_other_normals_warn_naming_both(person, tmp_path):
     rgb, mask = person
-    checksum = save(tmp_path / "mine.safetensors", "normals")
+    checksum = save(tmp_path / "mine.safetensors")
     own = normals.load().origin.sha256
-    theirs = rf"of 'normals' \({own[:8]}\) and is given those of 'mine' \({checksum[:8]}\)"
+    theirs = rf"of 'field' \({own[:8]}\) and is given those of 'mine' \({checksum[:8]}\)"
     with pytest.warns(UserWarning, match=theirs):
-        shadow.infer(rgb, mask, olat()[:1], normals=tmp_path / "mine.safetensors")
-    with pytest.warns(UserWarning, match="'field' was trained .* given those of 'leaning'"):
+        shading.infer(rgb, mask, olat()[:1], normals=tmp_path / "mine.safetensors")
+    with pytest.warns(UserWarning, match="'shading' was trained .* given those of 'leaning'"):
         shading.infer_albedo(rgb, mask, normals=leaning)
-    with pytest.warns(UserWarning, match="'field' was trained .* given those of 'another program'") as caught:
+    with pytest.warns(UserWarning, match="'shading' was trained .* of 'another program'") as caught:
         relight.Subject(rgb, mask, normals=normals.load(leaning(rgb, mask)))
     assert all(warning.filename == __file__ for warning in caught)
 
 
 def test_weights_are_known_by_their_contents_not_their_name(person, tmp_path):
-    """A field trained with its own normals: called `normals` like the shipped ones, and renamed later."""
+    """A field trained with another's normals: called `field` like the shipped one, and renamed later."""
     rgb, mask = person
-    mine, field = tmp_path / "normals.safetensors", tmp_path / "field.safetensors"
-    checksum = save(mine, "normals")
-    save(field, "field", {"normals": "normals", "normals_sha256": checksum})
-    renamed = mine.rename(tmp_path / "renamed.safetensors")
-    silent(lambda: shadow.infer(rgb, mask, olat()[:1], model=field, normals=renamed))
-    with pytest.warns(UserWarning, match=rf"'normals' \({checksum[:8]}\) and is given those of 'normals' \("):
-        shadow.infer(rgb, mask, olat()[:1], model=field)
+    theirs, mine = tmp_path / "field.safetensors", tmp_path / "mine.safetensors"
+    checksum = save(theirs, seed=1)
+    save(mine, {"normals": "field", "normals_sha256": checksum})
+    renamed = theirs.rename(tmp_path / "renamed.safetensors")
+    silent(lambda: shadow.infer(rgb, mask, olat()[:1], model=mine, normals=renamed))
+    with pytest.warns(UserWarning, match=rf"'field' \({checksum[:8]}\) and is given those of 'field' \("):
+        shadow.infer(rgb, mask, olat()[:1], model=mine, normals="field")
+    with pytest.warns(UserWarning, match=rf"'field' \({checksum[:8]}\) and is given those of 'mine' \("):
+        shadow.infer(rgb, mask, olat()[:1], model=mine)
 
 
 @pytest.mark.parametrize("recipe", [{}, {"normals": None}])
-def test_a_network_that_was_trained_with_none_says_nothing(person, tmp_path, recipe):
+def test_a_field_that_learned_with_its_own_says_nothing(person, tmp_path, recipe):
     rgb, mask = person
-    save(tmp_path / "field.safetensors", "field", recipe)
+    save(tmp_path / "field.safetensors", recipe)
     silent(
         lambda: shadow.infer(
             rgb, mask, olat()[:1], model=tmp_path / "field.safetensors", normals=normals.load(leaning)
@@ -184,8 +184,8 @@ def test_a_network_that_was_trained_with_none_says_nothing(person, tmp_path, rec
 
 def test_each_network_of_a_subject_speaks_for_itself(person, tmp_path):
     rgb, mask = (torch.from_numpy(array) for array in person)
-    save(tmp_path / "one.safetensors", "field", {"normals": "pifuhd"})
-    save(tmp_path / "two.safetensors", "field", {"normals": "leaning"})
+    save(tmp_path / "one.safetensors", {"normals": "pifuhd"})
+    save(tmp_path / "two.safetensors", {"normals": "leaning"})
     field, agreeing = (visibility.load(tmp_path / f"{name}.safetensors") for name in ("one", "two"))
     image = rgb.permute(2, 0, 1)
     with pytest.warns(UserWarning, match="'one' was trained with the normals of 'pifuhd'") as caught:

@@ -116,7 +116,7 @@ def test_it_sees_the_displayed_picture_on_grey_and_black_beyond_the_frame():
     rgb[0], mask = 4.0, torch.zeros(90, 60)
     mask[30:, 20:50] = 1  # cut by the lower edge
     network = Painter(2)
-    vectors = network.analyse(rgb, mask)
+    vectors = network.normals(rgb, mask)
     seen = network.seen[0]
     assert seen.shape == (3, 512, 512)
     torch.testing.assert_close(seen[:, 256, 256], torch.tensor([1.0, 0.0, 0.0]), atol=1e-4, rtol=0)  # clipped

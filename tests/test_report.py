@@ -8,7 +8,6 @@ from conftest import sphere
 
 from shadow import records, report, weights
 from shadow.field import VisibilityField
-from shadow.normals import NormalsNetwork
 from shadow.unet import LATENTS, PerLight
 
 SMALL = {"size": 128, "widths": [8, 8, 16, 16, 32]}
@@ -21,7 +20,6 @@ def folder(tmp_path_factory):
     records.write(path / "a.npz", sphere())
     config = {"size": 128}
     weights.save(path / "field.safetensors", VisibilityField(**config), "field", config, {})
-    weights.save(path / "normals.safetensors", NormalsNetwork(**config), "normals", config, {})
     for name, config, recipe in (
         ("resb3", {"latent": "resb3", **SMALL}, {"normals": "normals"}),
         ("colour", {"latent": "resb3", "normals": False, **SMALL}, {}),
@@ -40,8 +38,7 @@ def quick(monkeypatch):
 
 def write(folder, out, models=(), **options):
     files = {name: folder / f"{file}.safetensors" for name, file in {"ours": "field", **dict(models)}.items()}
-    normals = folder / "normals.safetensors"
-    return report.write([folder / "a.npz"], out, models=files, normals_model=normals, **options)
+    return report.write([folder / "a.npz"], out, models=files, **options)
 
 
 def test_every_table_and_figure(folder, tmp_path):

@@ -8,7 +8,6 @@ from conftest import sphere
 from shading import diffuse, evaluation
 from shadow import records, weights
 from shadow.field import VisibilityField
-from shadow.normals import NormalsNetwork
 
 
 @pytest.fixture(scope="module")
@@ -26,7 +25,6 @@ def folder(tmp_path_factory):
         records.write(path / "views" / f"{number}.npz", lit)
     for name, network, config in (
         ("field", VisibilityField, {}),
-        ("normals", NormalsNetwork, {}),
         ("shading", diffuse.ShadingField, {}),
         ("blind", diffuse.ShadingField, {"normals": False, "visibility": None}),
     ):
@@ -41,7 +39,6 @@ def run(folder, **models):
         [folder / "views"],
         models={"ours": folder / "shading.safetensors"} | models,
         out=folder / "figure.png",
-        normals_model=folder / "normals.safetensors",
         field_model=folder / "field.safetensors",
     )
 

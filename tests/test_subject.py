@@ -5,6 +5,7 @@ import torch
 import relight
 from relight import subject as subject_module
 from shading import diffuse
+from shadow.backbone import Backbone
 
 LEFT = relight.DirectionalLight(azimuth=-60, name="left")
 RIGHT = relight.DirectionalLight(azimuth=60, intensity=0.7, colour=(0.2, 0.6, 1.0), name="right")
@@ -41,6 +42,27 @@ class Delighter:
 
     def analyse(self, rgb, mask, normals, visibility):
         return diffuse.Diffuse(visibility, self.answer(rgb, mask))
+
+
+# Cost
+
+
+def test_the_analysis_is_two_passes_and_lights_cost_none():
+    passes = []
+
+    def count(module, *_):
+        if isinstance(module, Backbone):
+            passes.append(module)
+
+    hook = torch.nn.modules.module.register_module_forward_hook(count)
+    try:
+        subject = relight.Subject(image_of(ball(200, 160)[0]))
+        assert len(passes) == 2
+        subject.relit([LEFT, RIGHT, ABOVE])
+        subject.visibility(np.eye(3))
+        assert len(passes) == 2
+    finally:
+        hook.remove()
 
 
 # Linearity

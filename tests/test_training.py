@@ -12,8 +12,7 @@ from shading.training import per_light_task, shading_task
 from shadow import normals, records, training, visibility, weights
 from shadow.directions import from_spherical
 from shadow.field import VisibilityField
-from shadow.normals import NormalsNetwork
-from shadow.tasks import NORMALS, SHADOW, per_light
+from shadow.tasks import SHADOW, per_light
 from shadow.training import Recipe, fit, learning_rate, preset, warm_start
 from shadow.unet import PerLight
 
@@ -41,7 +40,7 @@ def test_learning_rate_warms_up_and_falls_to_zero():
 
 
 def test_normals_of_a_sphere_are_learned(folder, tmp_path):
-    path = run(NORMALS, folder, tmp_path, 12, validation=[folder])
+    path = run(SHADOW, folder, tmp_path, 12, validation=[folder])
     rows = [json.loads(line) for line in (tmp_path / "log.jsonl").read_text().splitlines()]
     assert rows[-1]["images"] == 24
     untrained = 45  # degrees: a visible hemisphere against normals that all face the camera is 45 on average
@@ -51,7 +50,7 @@ def test_normals_of_a_sphere_are_learned(folder, tmp_path):
 
 
 def test_an_interrupted_run_ends_where_an_uninterrupted_one_does(folder, tmp_path, monkeypatch):
-    whole = run(NORMALS, folder, tmp_path / "whole", 4)
+    whole = run(SHADOW, folder, tmp_path / "whole", 4)
     recipe = Recipe(steps=4, size=128, batch=2, learning_rate=3e-3, warm_up=2)
 
     class Interrupt(Exception):
@@ -64,23 +63,35 @@ def test_an_interrupted_run_ends_where_an_uninterrupted_one_does(folder, tmp_pat
         calls += 1
         if calls == 4:
             raise Interrupt
-        return NORMALS.loss(network, batch)
+        return SHADOW.loss(network, batch)
 
     monkeypatch.setattr(training, "LOG_EVERY", 1)
     with pytest.raises(Interrupt):
-        fit(replace(NORMALS, loss=interrupted), recipe, [folder], tmp_path / "cut", workers=0,
+        fit(replace(SHADOW, loss=interrupted), recipe, [folder], tmp_path / "cut", workers=0,
             checkpoint_minutes=0)  # fmt: skip
-    resumed = fit(NORMALS, recipe, [folder], tmp_path / "cut", workers=0)
+    resumed = fit(SHADOW, recipe, [folder], tmp_path / "cut", workers=0)
     for (key, a), b in zip(weights.read(whole)[0].items(), weights.read(resumed)[0].values(), strict=True):
         torch.testing.assert_close(a, b, msg=key)
 
 
-def test_field_starts_from_the_normals_and_records_them(folder, tmp_path):
-    estimator = run(NORMALS, folder, tmp_path / "normals", 2)
-    path = run(SHADOW, folder, tmp_path / "field", 2, init=estimator, estimator=str(estimator))
-    assert isinstance(visibility.load(path), VisibilityField)
+def test_a_field_may_take_other_normals_in_its_gate_and_records_them(folder, tmp_path):
+    first = run(SHADOW, folder, tmp_path / "first", 2)
+    assert isinstance(visibility.load(first), VisibilityField)
+    assert "normals" not in json.loads(weights.read(first)[1]["recipe"])
+    other = first.rename(tmp_path / "other.safetensors")
+    path = run(SHADOW, folder, tmp_path / "field", 2, init=other, estimator=str(other), validation=[folder])
     recipe = json.loads(weights.read(path)[1]["recipe"])
-    assert recipe["normals"] == recipe["init"] == "normals"
+    assert recipe["normals"] == recipe["init"] == "other"
+    assert recipe["normals_sha256"] == weights.sha256(other)
+    row = json.loads((tmp_path / "field" / "log.jsonl").read_text())
+    assert row["angle"] == pytest.approx(_angle(other, folder, tmp_path), abs=0.05)  # of the given normals
+
+
+def _angle(path, folder, out):
+    """The validation angle of a field's own normals."""
+    still = replace(SHADOW, loss=lambda network, batch: 0 * SHADOW.loss(network, batch))
+    run(still, folder, out / "still", 1, init=path, validation=[folder])
+    return json.loads((out / "still" / "log.jsonl").read_text())["angle"]
 
 
 @pytest.mark.parametrize(
@@ -109,9 +120,9 @@ def test_shading_networks_are_trained_on_a_field_and_record_it(folder, tmp_path,
 def test_warm_start_keeps_the_features(tmp_path):
     torch.manual_seed(0)
     config = {"size": 128}
-    source, target = NormalsNetwork(**config), VisibilityField(**config)
-    weights.save(tmp_path / "n.safetensors", source, "normals", config, {})
-    warm_start(target, tmp_path / "n.safetensors")
+    source, target = VisibilityField(**config), diffuse.ShadingField(**config, visibility=None)
+    weights.save(tmp_path / "field.safetensors", source, "field", config, {})
+    warm_start(target, tmp_path / "field.safetensors")
     image = torch.rand(1, 4, 32, 32)
     stem, wider = source.backbone.half().float().stem, target.backbone.stem
     unshuffled = torch.nn.functional.pixel_unshuffle(image, 2)
@@ -121,17 +132,17 @@ def test_warm_start_keeps_the_features(tmp_path):
 
 
 def test_another_architecture_is_refused(tmp_path):
-    small = NormalsNetwork(size=128, widths=(8, 8, 8, 8, 8))
-    weights.save(tmp_path / "n.safetensors", small, "normals", {"size": 128}, {})
+    narrow = VisibilityField(size=128, widths=(8, 8, 8, 8, 8))
+    weights.save(tmp_path / "narrow.safetensors", narrow, "field", {"size": 128}, {})
     with pytest.raises(ValueError, match="another architecture"):
-        warm_start(VisibilityField(), tmp_path / "n.safetensors")
+        warm_start(VisibilityField(), tmp_path / "narrow.safetensors")
 
 
 def test_a_loss_that_is_not_finite_stops_the_run(folder, tmp_path):
-    broken = replace(NORMALS, loss=lambda network, batch: NORMALS.loss(network, batch) * float("nan"))
+    broken = replace(SHADOW, loss=lambda network, batch: SHADOW.loss(network, batch) * float("nan"))
     with pytest.raises(ValueError, match=r"loss at step .* is not finite"):
         run(broken, folder, tmp_path, 2)
-    assert not (tmp_path / "normals.safetensors").exists()
+    assert not (tmp_path / "field.safetensors").exists()
 
 
 def small(latent, **options):
@@ -188,9 +199,9 @@ def test_presets_take_changes_and_name_what_is_missing(folder):
 
 
 def test_a_network_without_that_backbone_is_refused(tmp_path):
-    weights.save(tmp_path / "n.safetensors", NormalsNetwork(size=128), "normals", {"size": 128}, {})
-    with pytest.raises(ValueError, match=r"init: .* is a 'normals' network"):
-        warm_start(PerLight(widths=(8, 8, 8, 8, 8)), tmp_path / "n.safetensors")
+    weights.save(tmp_path / "field.safetensors", VisibilityField(size=128), "field", {"size": 128}, {})
+    with pytest.raises(ValueError, match=r"init: .* is a 'field' network"):
+        warm_start(PerLight(widths=(8, 8, 8, 8, 8)), tmp_path / "field.safetensors")
 
 
 def test_weights_for_another_input_are_refused(folder, tmp_path):

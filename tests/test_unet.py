@@ -76,7 +76,7 @@ def test_any_number_of_lights_in_batches(normals):
     network = PerLight(normals=normals, widths=SMALL)
     rgb, mask = torch.rand(3, 128, 96), (torch.rand(128, 96) > 0.3).float()
     lights = torch.from_numpy(olat()[: LIGHTS_AT_ONCE + 2])
-    visibility = network.analyse(rgb, mask, torch.nn.functional.normalize(torch.randn(3, 128, 96), dim=0))
+    _, visibility = network.analyse(rgb, mask, torch.nn.functional.normalize(torch.randn(3, 128, 96), dim=0))
     maps = visibility(lights)
     assert maps.shape == (LIGHTS_AT_ONCE + 2, 128, 96)
     assert 0 <= maps.min() < maps.max() <= 1
@@ -89,7 +89,7 @@ def test_exposure_does_not_matter():
     network = PerLight(widths=SMALL)
     rgb, mask, normals = torch.rand(3, 128, 96), torch.ones(128, 96), torch.rand(3, 128, 96)
     lights = torch.from_numpy(olat()[:1])
-    dim, bright = (network.analyse(exposure * rgb, mask, normals)(lights) for exposure in (0.1, 3))
+    dim, bright = (network.analyse(exposure * rgb, mask, normals)[1](lights) for exposure in (0.1, 3))
     torch.testing.assert_close(dim, bright, atol=1e-4, rtol=1e-4)
 
 

@@ -3,8 +3,9 @@ import json
 import pytest
 import torch
 
-from shadow import normals, visibility, weights
-from shadow.normals import NormalsNetwork
+from shading import diffuse
+from shadow import visibility, weights
+from shadow.field import VisibilityField
 
 SMALL = {"size": 128, "widths": (8, 8), "encoder": (1, 1), "decoder": (1,)}
 
@@ -12,14 +13,14 @@ SMALL = {"size": 128, "widths": (8, 8), "encoder": (1, 1), "decoder": (1,)}
 @pytest.fixture
 def saved(tmp_path):
     torch.manual_seed(0)
-    network = NormalsNetwork(**SMALL)
+    network = VisibilityField(**SMALL)
     path = tmp_path / "small.safetensors"
-    return network, path, weights.save(path, network, "normals", SMALL, {"steps": 3})
+    return network, path, weights.save(path, network, "field", SMALL, {"steps": 3})
 
 
 def test_round_trip_to_half_precision(saved):
     network, path, _ = saved
-    back = normals.load(path)
+    back = visibility.load(path)
     assert back.size == 128
     for key, value in network.state_dict().items():
         torch.testing.assert_close(back.state_dict()[key], value.half().float(), rtol=0, atol=0)
@@ -31,14 +32,14 @@ def test_shrunk_weights_are_half_as_large_and_nearly_the_same(saved, tmp_path):
     small = tmp_path / "shrunk.safetensors"
     checksum = weights.shrink(path, small)
     assert weights.sha256(small) == checksum
-    back = normals.load(small)
-    assert back.origin.sha256 == normals.load(path).origin.sha256  # still the same normals
+    back = visibility.load(small)
+    assert back.origin.sha256 == visibility.load(path).origin.sha256  # still the same weights
     assert json.loads(weights.read(small)[1]["recipe"]) == {"steps": 3}
     for key, value in network.state_dict().items():
         step = value.abs().amax(dim=(1, 2, 3), keepdim=True) / 127 if value.ndim == 4 else torch.tensor(1e-3)
         assert ((back.state_dict()[key] - value).abs() <= 0.51 * step + 1e-3).all(), key
-    wide = NormalsNetwork(size=128)
-    weights.save(path, wide, "normals", {"size": 128}, {})
+    wide = VisibilityField(size=128)
+    weights.save(path, wide, "field", {"size": 128}, {})
     weights.shrink(path, small)
     assert small.stat().st_size < 0.55 * path.stat().st_size
 
@@ -54,24 +55,24 @@ def test_damage_is_found(saved):
     with pytest.raises(ValueError, match="damaged"):
         weights.read(path, checksum)
     with pytest.raises(ValueError, match="not a safetensors file, or is truncated"):
-        normals.load(path)
+        visibility.load(path)
 
 
 def test_another_network_is_refused(saved):
-    with pytest.raises(ValueError, match="holds a 'normals' network, expected field"):
-        visibility.load(saved[1])
+    with pytest.raises(ValueError, match="holds a 'field' network, expected shading"):
+        diffuse.load(saved[1])
 
 
 def test_weights_of_another_shape_are_refused(saved):
     network, path, _ = saved
-    weights.save(path.with_name("wide.safetensors"), network, "normals", {**SMALL, "widths": (8, 16)}, {})
+    weights.save(path.with_name("wide.safetensors"), network, "field", {**SMALL, "widths": (8, 16)}, {})
     with pytest.raises(ValueError, match="does not fit"):
-        normals.load(path.with_name("wide.safetensors"))
+        visibility.load(path.with_name("wide.safetensors"))
 
 
 def test_a_missing_file_is_named(tmp_path):
     with pytest.raises(FileNotFoundError):
-        normals.load(tmp_path / "absent.safetensors")
+        visibility.load(tmp_path / "absent.safetensors")
 
 
 @pytest.mark.parametrize("package", ["shadow", "shading"])
