@@ -206,7 +206,7 @@ evaluate = typer.Typer(no_args_is_help=True, help="Score networks on records tha
 ScoredRecords = Annotated[list[Path], typer.Option(help="Records or shards to score on. Repeatable.")]
 NormalsWeights = Annotated[
     str | None,
-    typer.Option(help="A field's name or file: its normals, not the tested one's own."),
+    typer.Option(help="Whose normals, if not the tested field's own: a name, or a file."),
 ]
 LightingSeed = Annotated[int, typer.Option(help="Of the lightings the records are photographed under.")]
 Limit = Annotated[int | None, typer.Option(min=1, help="Score this many records, spread evenly.")]

@@ -1,4 +1,4 @@
-"""The image network that normals, albedo and the visibility field share: one forward for one image."""
+"""The image network that the visibility field and the shading field share: one forward for one image."""
 
 import itertools
 
@@ -70,7 +70,7 @@ class Backbone(nn.Module):
         )
         self.norm = ChannelNorm(widths[0])
         self.head = nn.Conv2d(widths[0], 4 * out_channels, 1)
-        nn.init.zeros_(self.head.weight)  # every network starts at its base: see normals, field, albedo
+        nn.init.zeros_(self.head.weight)  # every network starts at its base: see field.py, diffuse.py
         nn.init.zeros_(self.head.bias)
 
     def forward(self, x, blocks=None, guides=None):

@@ -96,7 +96,7 @@ def compare(records, networks, surface, *, seed=0, limit=None):
 
     Every record is photographed once under a random lighting fixed by `seed`, framed on each network's
     canvas, and asked for all its frontal lights; maps are binary, metrics masked. The baselines are on the
-    canvas of the first network. All are given the normals of `surface`, which is a field.
+    canvas of the first network. All are given the normals of `surface`, see `normals_of`.
 
     Returns {name: Tally} and the mean angular error of the estimated normals in degrees.
     """
@@ -118,8 +118,8 @@ def compare(records, networks, surface, *, seed=0, limit=None):
 
 
 def normals_of(network, model=None):
-    """The field whose normals a visibility network is tested with: `model`, a name or path, if there is one,
-    else its own, or the shipped one if it has none."""
+    """Whose normals a visibility network is tested with: those of `model`, a name or path as
+    `shadow.normals.load` takes it, if there is one; else its own, or the shipped field's if it has none."""
     if model is None and isinstance(network, VisibilityField):
         return network
     return normals.load(model or "field")

@@ -47,8 +47,8 @@ def write(paths, out, *, models=None, normals_model=None, soft=None, seed=0, lim
     models: {name: shipped name or .safetensors path}. "ours" (the shipped field unless given) is the network
         of Tables 2, 3 and 5 and of the figures; "without-normals" and "mixed" are the rows of Table 3;
         "resb3", "resb7", "resb11", "attention" those of Table 4; any other name is a row more of Table 2.
-    normals_model: the field whose normals all of them are tested with, see `evaluation.normals_of`; that of
-        "ours" if None.
+    normals_model: whose normals all of them are tested with, see `evaluation.normals_of`; those of "ours" if
+        None.
     soft: folder of another method's soft maps for Table 5, see `evaluation.against_soft_maps`.
     seed: of the lightings the records are photographed under. limit: use this many records, spread evenly.
 

@@ -10,6 +10,7 @@ import shadow
 from shadow import normals, visibility, weights
 from shadow.directions import olat
 from shadow.field import VisibilityField
+from shadow.unet import PerLight
 
 SMALL = {"size": 128, "widths": (8, 8, 8, 8, 8), "encoder": (1, 1, 1, 1, 1)}
 
@@ -106,6 +107,13 @@ def test_a_function_sees_the_photograph_of_a_premultiplied_plate():
 def test_bad_sources_are_named(source, axes, message):
     with pytest.raises(ValueError, match=message):
         normals.load(source, axes=axes)
+
+
+def test_a_network_that_says_no_normals_is_refused(tmp_path):
+    config = {"latent": "resb3", "widths": [8, 8, 16, 16, 32]}
+    weights.save(tmp_path / "maps.safetensors", PerLight(**config), "resb3", config, {})
+    with pytest.raises(ValueError, match="holds a 'resb3' network, expected field"):
+        normals.load(tmp_path / "maps.safetensors")
 
 
 @pytest.mark.parametrize(
