@@ -15,6 +15,7 @@ from pathlib import Path
 import numpy as np
 import torch
 import torch.nn.functional as F
+from kornia.enhance import jpeg_codec_differentiable
 
 from shadow.files import replacing
 from shadow.framing import Framing, affine_sample, bounding_box
@@ -278,13 +279,30 @@ def photograph(rgb, mask, rng):
     return ((encoded * 255).round() / 255) ** ENCODING
 
 
+def compress(rgb, quality):
+    """A linear image (3, H, W) after a JPEG file of this quality in [1, 100]; sides are multiples of 16."""
+    encoded = rgb.clamp(0, 1) ** (1 / ENCODING)
+    return jpeg_codec_differentiable(encoded[None], torch.tensor([float(quality)]))[0].clamp(0, 1) ** ENCODING
+
+
+def rough_matte(mask, rng):
+    """A matte (1, H, W) as somebody's tool cuts it: here inside the subject's edge, there outside, by up to a
+    hundredth of the height; the edge soft or hard, and what is thinner than that lost or filled."""
+    reach = 2 * round(rng.uniform(0.004, 0.012) * mask.shape[1]) + 1
+    soft = F.avg_pool2d(mask, reach, stride=1, padding=reach // 2, count_include_pad=False)
+    level = torch.from_numpy(rng.uniform(0.15, 0.85, (1, 1, 9, 7)).astype(np.float32))
+    level = F.interpolate(level, mask.shape[1:], mode="bilinear", align_corners=True)[0]
+    return ((soft - level) * np.exp(rng.uniform(np.log(3.5), np.log(12))) + 0.5).clamp(0, 1)
+
+
 class Sample(dict):
     """Tensors of one training example, all in the canvas and its (possibly turned) camera frame.
 
-    rgb (3, h, w) linear photograph; mask (1, h, w); normals (3, h, w) unit; albedo (3, h, w) linear;
-    directions (L, 3); visibility (L, h, w) in [0, 1]; weights (L, 3), what each direction shone with in the
-    photograph. Bounce light, in Rec.709 luminance, is bounce_patterns (L, K) times bounce (K, h, w). What is
-    not the photograph's holds inside the mask.
+    rgb (3, h, w) linear photograph; matte (1, h, w), which a network is given with it; mask (1, h, w), where
+    the subject is and the matte says so; normals (3, h, w) unit; albedo (3, h, w) linear; directions (L, 3);
+    visibility (L, h, w) in [0, 1]; weights (L, 3), what each direction shone with in the photograph. Bounce
+    light, in Rec.709 luminance, is bounce_patterns (L, K) times bounce (K, h, w). What is not the
+    photograph's holds inside the mask.
     """
 
 
@@ -337,9 +355,17 @@ def sample(record, rng, size, lights=None, augment=True):
     frame = torch.eye(3)
     frame[:2, :2] = torch.from_numpy(turn)
     turned = torch.einsum("ij,jhw->ihw", frame, normals)
+    matte = mask
+    if augment:
+        rgb = photograph(rgb, mask, rng)
+        if rng.random() < 0.3:
+            rgb = compress(rgb, rng.uniform(30, 95))
+        if rng.random() < 0.3:
+            matte = rough_matte(mask, rng)
     return Sample(
-        rgb=photograph(rgb, mask, rng) if augment else rgb,
-        mask=mask,
+        rgb=rgb,
+        matte=matte,
+        mask=torch.minimum(mask, matte),
         normals=turned / turned.square().sum(dim=0).clamp_min(1e-12).sqrt(),
         albedo=albedo.clamp(0, 1),
         directions=torch.from_numpy(record.directions[chosen]) @ frame.T,

@@ -243,14 +243,14 @@ def _estimated(source, batch):
     """Normals (B, 3, H, W) of the batch's photographs: by our network all at once, by another one by one."""
     if isinstance(source, VisibilityField):
         return source(batch["image"]).normals
-    views = zip(batch["rgb"], batch["mask"][:, 0], strict=True)
+    views = zip(batch["rgb"], batch["matte"][:, 0], strict=True)
     with torch.autocast(batch["rgb"].device.type, enabled=False):
         return torch.stack([source.normals(rgb, mask) for rgb, mask in views])
 
 
 def _prepare(batch, device, auxiliary):
     batch = {key: value.to(device, non_blocking=True) for key, value in batch.items()}
-    batch["image"] = encode_image(batch["rgb"], batch["mask"]).contiguous(memory_format=torch.channels_last)
+    batch["image"] = encode_image(batch["rgb"], batch["matte"]).contiguous(memory_format=torch.channels_last)
     with torch.no_grad():
         surface = None if auxiliary.normals is None else auxiliary.normals(batch)
         if auxiliary.field is not None:
@@ -259,7 +259,7 @@ def _prepare(batch, device, auxiliary):
             batch["visibility_network"] = auxiliary.field
             batch["visibility_maps"] = maps._replace(normals=surface)
         if surface is not None:
-            batch["estimated_normals"] = surface * (batch["mask"] > 0)
+            batch["estimated_normals"] = surface * (batch["matte"] > 0)
     return batch
 
 

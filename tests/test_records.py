@@ -1,9 +1,12 @@
 import dataclasses
+import io
 import zipfile
 
 import numpy as np
 import pytest
 import torch
+import torch.nn.functional as F
+from PIL import Image
 
 from shadow import records
 from shadow.framing import canvas_size
@@ -147,3 +150,39 @@ def test_samples_are_deterministic_and_finite(ball):
     assert first["rgb"].min() >= 0
     assert first["rgb"].max() <= 1
     assert first["visibility"].shape == (5, 128, 96)
+
+
+def test_a_rough_matte_is_wrong_at_the_edge_alone(ball):
+    mask = records.sample(ball, np.random.default_rng(0), canvas_size(256), 1, augment=False)["mask"]
+    width = 2 * round(0.012 * 256) + 1
+    core = -F.max_pool2d(-mask, width, stride=1, padding=width // 2)
+    reach = F.max_pool2d(mask, width, stride=1, padding=width // 2)
+    for seed in range(8):
+        matte = records.rough_matte(mask, np.random.default_rng(seed))
+        assert (matte >= core).all()
+        assert (matte[reach == 0] == 0).all()
+        assert 0 < (matte - mask).abs().sum() < 0.1 * mask.sum()
+
+
+def test_compression_is_that_of_a_jpeg_file(ball):
+    """As Pillow's, at the same quality; its chroma is at full resolution."""
+    view = records.sample(ball, np.random.default_rng(0), canvas_size(128), 1, augment=False)
+    rgb = records.photograph(view["rgb"], view["mask"], np.random.default_rng(0))
+    encoded = (rgb ** (1 / records.ENCODING) * 255).round().permute(1, 2, 0).numpy().astype(np.uint8)
+    for quality in (30, 90):
+        file = io.BytesIO()
+        Image.fromarray(encoded).save(file, "JPEG", quality=quality, subsampling=0)
+        reference = np.asarray(Image.open(file)).astype(float)
+        ours = (records.compress(rgb, quality) ** (1 / records.ENCODING) * 255).permute(1, 2, 0).numpy()
+        lost = np.abs(reference - encoded).mean()
+        assert np.abs(ours - reference).mean() < 0.6 * lost
+
+
+@pytest.mark.parametrize("seed", range(6))
+def test_truth_is_asked_for_where_the_matte_shows_the_subject(ball, seed):
+    view = records.sample(ball, np.random.default_rng(seed), canvas_size(128), 3)
+    assert (view["mask"] <= view["matte"]).all()
+    inside = view["mask"] > 0.5
+    assert inside.any()
+    length = view["normals"].square().sum(dim=0)[inside[0]]
+    torch.testing.assert_close(length, torch.ones_like(length))
