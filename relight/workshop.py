@@ -18,8 +18,11 @@ def stage(
     bodies: Annotated[
         str | None, typer.Option(help="Render clothed bodies of these seeds: FIRST:LAST, last exclusive.")
     ] = None,
+    pairs: Annotated[
+        str | None, typer.Option(help="Render two people in touch, of these seeds: FIRST:LAST.")
+    ] = None,
     split: Annotated[
-        str, typer.Option(help="The bodies' split: training, validation or generalisation.")
+        str, typer.Option(help="The bodies' and pairs' split: training, validation or generalisation.")
     ] = "training",
     scan: Annotated[
         list[Path] | None, typer.Option(help="Render this mesh or scan (OBJ, PLY, GLB). Repeatable.")
@@ -46,18 +49,21 @@ def stage(
     """Render training records on the virtual light stage, pack them, or draw them for the eye."""
     from shadow import pictures
     from shadow import records as record_files
-    from shadow.lightstage.stage import render_all
+    from shadow.lightstage.stage import Source, render_all
 
-    if relief and bodies is not None:
-        raise ValueError("--relief: expected scans, got --bodies, whose folds are not painted")
-    sources = [] if bodies is None else list(_seeds(bodies))
-    sources += [str(path) for path in scan or []]
+    if relief and (bodies is not None or pairs is not None):
+        raise ValueError(
+            "--relief: expected scans alone, since folds of --bodies and --pairs are not painted"
+        )
+    sources = [Source.body(seed, split) for seed in _seeds("--bodies", bodies)]
+    sources += [Source.pair(seed, split) for seed in _seeds("--pairs", pairs)]
+    sources += [Source.scan(path) for path in scan or []]
     if scan_list is not None:
         names = scan_list.read_text().split("\n")
-        sources += [str(scan_list.parent / name.strip()) for name in names if name.strip()]
+        sources += [Source.scan(scan_list.parent / name.strip()) for name in names if name.strip()]
     if sources:
         written, on_disk, errors = render_all(
-            sources, records, split=split, views=views, size=size, behind=behind, jitter=jitter,
+            sources, records, views=views, size=size, behind=behind, jitter=jitter,
             bounced=shading, raised=relief, processes=processes,
         )  # fmt: skip
         console.print(f"{written} records, {on_disk // max(1, written)} bytes a view")
@@ -66,7 +72,7 @@ def stage(
         if errors:
             raise typer.Exit(1)
     elif pack is None and sheet is None:
-        raise ValueError("nothing to do: expected --bodies, --scan, --scan-list, --pack or --sheet")
+        raise ValueError("nothing to do: expected --bodies, --pairs, --scan, --scan-list, --pack or --sheet")
     if pack is not None:
         for path in record_files.pack(records, pack):
             console.print(f"{path}: {path.stat().st_size} bytes")
@@ -75,12 +81,14 @@ def stage(
         console.print(f"{sheet}")
 
 
-def _seeds(text):
+def _seeds(option, text):
+    if text is None:
+        return range(0)
     first, _, last = text.partition(":")
     try:
         return range(int(first), int(last))
     except ValueError as error:
-        raise ValueError(f"--bodies: expected FIRST:LAST, e.g. 0:100, got {text!r}") from error
+        raise ValueError(f"{option}: expected FIRST:LAST, e.g. 0:100, got {text!r}") from error
 
 
 class Network(StrEnum):

@@ -278,7 +278,9 @@ def test_from_a_mesh_to_weights_and_their_score(tmp_path):
     [
         (["stage", "records"], "nothing to do"),
         (["stage", "records", "--bodies", "0:1", "--relief"], "--relief: expected scans"),
-        (["stage", "records", "--bodies", "three"], "expected FIRST:LAST"),
+        (["stage", "records", "--pairs", "0:1", "--relief"], "--relief: expected scans"),
+        (["stage", "records", "--bodies", "three"], "--bodies: expected FIRST:LAST"),
+        (["stage", "records", "--pairs", "2"], "--pairs: expected FIRST:LAST"),
         (["stage", "records", "--pack", "shards"], "holds no records"),
         (["evaluate", "visibility", "--records", "absent"], "nothing at absent"),
         (["evaluate", "tables", "--records", "absent", "--out", "report"], "nothing at absent"),

@@ -116,24 +116,24 @@ def mesh_file(tmp_path_factory):
 
 def test_rendering_resumes_and_is_deterministic(mesh_file, tmp_path):
     arguments = {"views": 2, "size": 64, "behind": True, "jitter": True}
-    written, size, errors = stage.render_all([str(mesh_file)], tmp_path / "a", processes=1, **arguments)
+    sources = [stage.Source.scan(mesh_file)]
+    written, size, errors = stage.render_all(sources, tmp_path / "a", processes=1, **arguments)
     assert (written, errors) == (2, {})
     assert size == sum(path.stat().st_size for path in (tmp_path / "a").iterdir())
-    assert stage.render_all([str(mesh_file)], tmp_path / "a", processes=1, **arguments)[0] == 0
-    stage.render_all([str(mesh_file)], tmp_path / "b", processes=2, **arguments)
+    assert stage.render_all(sources, tmp_path / "a", processes=1, **arguments)[0] == 0
+    stage.render_all(sources, tmp_path / "b", processes=2, **arguments)
     for path in (tmp_path / "a").iterdir():
         assert path.read_bytes() == (tmp_path / "b" / path.name).read_bytes()
     (tmp_path / "a" / "scan-capsule-01.npz").unlink()
-    assert stage.render_all([str(mesh_file)], tmp_path / "a", processes=1, **arguments)[0] == 1
+    assert stage.render_all(sources, tmp_path / "a", processes=1, **arguments)[0] == 1
     assert len(records.Records([tmp_path / "a"])) == 2
 
 
 def test_folds_are_raised_if_asked_also_after_torch_has_started_threads(mesh_file, tmp_path):
     torch.rand(2000, 2000).exp().sum()  # many threads, which no forked process inherits
     for raised in (False, True):
-        stage.render_all(
-            [str(mesh_file)], tmp_path / str(raised), raised=raised, views=1, size=64, processes=1
-        )
+        sources = [stage.Source.scan(mesh_file)]
+        stage.render_all(sources, tmp_path / str(raised), raised=raised, views=1, size=64, processes=1)
     plain, relief = (records.Records([tmp_path / name])[0] for name in ("False", "True"))
     assert "relief" not in plain.about
     assert relief.about["relief"] == 1
@@ -143,11 +143,10 @@ def test_folds_are_raised_if_asked_also_after_torch_has_started_threads(mesh_fil
 def test_a_broken_mesh_is_reported_and_the_rest_rendered(mesh_file, tmp_path):
     broken = tmp_path / "broken.glb"
     broken.write_bytes(b"not a mesh")
-    written, _, errors = stage.render_all(
-        [str(broken), str(mesh_file)], tmp_path / "out", views=1, size=32, processes=1
-    )
+    sources = [stage.Source.scan(path) for path in (broken, mesh_file)]
+    written, _, errors = stage.render_all(sources, tmp_path / "out", views=1, size=32, processes=1)
     assert written == 1
-    assert list(errors) == [str(broken)]
+    assert list(errors) == ["scan-broken"]
     assert scans.load(mesh_file).vertices[:, 1].min() == pytest.approx(0, abs=1e-5)
 
 

@@ -5,17 +5,18 @@ and patterns either. Validation adds floral prints; generalisation adds herringb
 """
 
 import zlib
+from dataclasses import dataclass
 
 import numpy as np
 from scipy.sparse import identity
 
 from shadow.lightstage import outfits, poses
-from shadow.lightstage.anatomy import REGIONS, Person, mannequin
+from shadow.lightstage.anatomy import REGIONS, Mannequin, Person, mannequin
 from shadow.lightstage.cloth import compact
 from shadow.lightstage.fabric import Fabric, Noise, Part
 from shadow.lightstage.figure import Figure, interpolate, unit, vertex_normals
 from shadow.lightstage.garments import Wardrobe
-from shadow.lightstage.poses import Skeleton
+from shadow.lightstage.poses import Posing, Skeleton
 
 SPLITS = ("training", "validation", "generalisation")
 
@@ -26,36 +27,55 @@ def body(seed: int, split: str) -> Figure:
     seed: any integer from 0 up. split: "training", "validation" or "generalisation".
     Raises ValueError for any other split or a negative seed.
     """
+    rng = chance(seed, split)
+    shape = Shape.draw(rng)
+    return shape.dressed(poses.draw(shape.skeleton, rng), rng, split, f"{split}-{seed:06d}")
+
+
+def chance(seed: int, split: str, *more: int) -> np.random.Generator:
+    """The generator of a figure's random choices; `more` tells kinds of figures apart."""
     if split not in SPLITS:
         raise ValueError(f"split: expected one of {', '.join(SPLITS)}, got {split!r}")
     if seed < 0:
         raise ValueError(f"seed: expected an integer from 0 up, got {seed}")
-    rng = np.random.default_rng([zlib.crc32(split.encode()), seed])
-    base = mannequin()
-    gender = rng.choice([rng.uniform(0, 0.2), rng.uniform(0.8, 1)])
-    rest, heads = base.shape(
-        dict(
-            gender=gender,
-            age=rng.uniform(0.55, 0.95),
-            muscle=rng.uniform(0.25, 0.8),
-            weight=np.clip(rng.normal(0.5, 0.17), 0.1, 0.98),
-            height=rng.uniform(0.3, 0.75),
-            proportions=rng.uniform(0.3, 0.9),
+    return np.random.default_rng([zlib.crc32(split.encode()), seed, *more])
+
+
+@dataclass(frozen=True)
+class Shape:
+    """Somebody, neither posed nor dressed. rest: (19158, 3) vertices in metres."""
+
+    base: Mannequin
+    rest: np.ndarray
+    skeleton: Skeleton
+    woman: bool
+
+    @classmethod
+    def draw(cls, rng: np.random.Generator) -> "Shape":
+        base = mannequin()
+        gender = rng.choice([rng.uniform(0, 0.2), rng.uniform(0.8, 1)])
+        rest, heads = base.shape(
+            dict(
+                gender=gender,
+                age=rng.uniform(0.55, 0.95),
+                muscle=rng.uniform(0.25, 0.8),
+                weight=np.clip(rng.normal(0.5, 0.17), 0.1, 0.98),
+                height=rng.uniform(0.3, 0.75),
+                proportions=rng.uniform(0.3, 0.9),
+            )
         )
-    )
-    skeleton = Skeleton(heads, base.parents, base.names)
-    pose = poses.draw(skeleton, rng)
-    still = Person(base, skeleton, rest, skeleton.transforms({}))
-    trunk = still.membership(base.tights.weights)[:, 0] > 0.75
-    pose.clear_of(still.tights_rest[trunk], still.tights_normals[trunk], ease=0.012)
-    person = Person(base, skeleton, rest, skeleton.transforms(pose.rotations))
-    wardrobe = Wardrobe(person, rng)
-    outfits.dress(wardrobe, rng, split, woman=gender > 0.5)
-    return _assemble(
-        [_skin(person, wardrobe.covered, rng), _eyes(person, rng), *wardrobe.parts],
-        person,
-        f"{split}-{seed:06d}",
-    )
+        return cls(base, rest, Skeleton(heads, base.parents, base.names), gender > 0.5)
+
+    def dressed(self, pose: Posing, rng: np.random.Generator, split: str, name: str) -> Figure:
+        """The figure in this pose, in clothes that are drawn for it."""
+        still = Person(self.base, self.skeleton, self.rest, self.skeleton.transforms({}))
+        trunk = still.membership(self.base.tights.weights)[:, 0] > 0.75
+        pose.clear_of(still.tights_rest[trunk], still.tights_normals[trunk], ease=0.012)
+        person = Person(self.base, self.skeleton, self.rest, self.skeleton.transforms(pose.rotations))
+        wardrobe = Wardrobe(person, rng)
+        outfits.dress(wardrobe, rng, split, self.woman)
+        parts = [_skin(person, wardrobe.covered, rng), _eyes(person, rng), *wardrobe.parts]
+        return _assemble(parts, person, name)
 
 
 # Skin ------------------------------------------------------------------------------------------------------

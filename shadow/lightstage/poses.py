@@ -268,6 +268,17 @@ def draw(skeleton: Skeleton, rng: np.random.Generator) -> Posing:
     return pose
 
 
+def stand(skeleton: Skeleton, rng: np.random.Generator) -> Posing:
+    """A calm stand, arms hanging, to be changed by who stands beside."""
+    pose = Posing(skeleton, rng)
+    (_stand if rng.random() < 0.5 else _contrapposto)(pose)
+    _torso(pose, lively=False)
+    for side in "LR":
+        _down(pose, side)
+        pose.fingers(side, 22, 1)
+    return pose
+
+
 def _torso(pose: Posing, lively: bool) -> None:
     scale = 2.2 if lively else 1.0
     pose.torso(

@@ -7,6 +7,7 @@ give, and the bounce light of bounce.py.
 
 import hashlib
 import os
+from collections.abc import Callable
 from concurrent.futures import ProcessPoolExecutor, as_completed
 from dataclasses import asdict, dataclass
 from functools import partial
@@ -17,7 +18,8 @@ import torch
 from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeRemainingColumn
 
 from shadow import directions, records
-from shadow.lightstage import bodies, bounce, relief, scans
+from shadow.lightstage import bodies, bounce, pairs, relief, scans
+from shadow.lightstage.figure import Figure
 from shadow.lightstage.scene import Scene
 
 
@@ -118,15 +120,34 @@ def _seed(*parts):
     return int.from_bytes(hashlib.sha256(repr(parts).encode()).digest()[:8])
 
 
-def _render_figure(source, out, split, view_count, size, behind, jitter, bounced, raised):
+@dataclass(frozen=True)
+class Source:
+    """Where a figure comes from. What it is may take a second to make, so a worker does."""
+
+    name: str  # what its records are called
+    load: Callable[[], Figure]
+
+    @classmethod
+    def body(cls, seed, split):
+        return cls(f"body-{split}-{seed:06d}", partial(bodies.body, seed, split))
+
+    @classmethod
+    def pair(cls, seed, split):
+        return cls(f"pair-{split}-{seed:06d}", partial(pairs.pair, seed, split))
+
+    @classmethod
+    def scan(cls, path):
+        return cls(f"scan-{Path(path).stem}", partial(scans.load, path))
+
+
+def _render_figure(source, out, view_count, size, behind, jitter, bounced, raised):
     """All the views of one figure: (records written, bytes written)."""
     os.environ["OMP_NUM_THREADS"] = "1"
-    name = f"body-{split}-{source:06d}" if isinstance(source, int) else f"scan-{Path(source).stem}"
-    paths = [out / f"{name}-{index:02d}.npz" for index in range(view_count)]
+    paths = [out / f"{source.name}-{index:02d}.npz" for index in range(view_count)]
     if all(path.exists() for path in paths):
         return 0, 0
-    figure = bodies.body(source, split) if isinstance(source, int) else scans.load(source)
-    rng = np.random.default_rng(_seed(name)) if jitter else None
+    figure = source.load()
+    rng = np.random.default_rng(_seed(source.name)) if jitter else None
     lights = directions.olat(behind)
     sizes = []
     for path, view in zip(paths, views(view_count, figure, rng), strict=True):
@@ -140,7 +161,6 @@ def render_all(
     sources,
     out,
     *,
-    split="training",
     views=9,
     size=512,
     behind=False,
@@ -149,15 +169,14 @@ def render_all(
     raised=False,
     processes=None,
 ):
-    """Render records of bodies (seeds) and scans (paths) into the folder `out`, one process a core.
+    """Render records of figures into the folder `out`, one process a core.
 
     Views that are there already are left: an interrupted run goes on where it stopped. The result depends
     on the arguments alone, not on the order or the number of processes.
 
     Parameters
     ----------
-    sources: seeds (int) and mesh paths.
-    split: "training", "validation" or "generalisation", of the bodies; a scan's split is its list.
+    sources: Sources.
     views: views a figure, evenly around it (Section 3: 9).
     size: pixels of the square image's side (Section 3: 512).
     behind: 32 directions behind the subject as well as the 64 of the frontal hemisphere.
@@ -168,14 +187,13 @@ def render_all(
 
     Returns
     -------
-    (records written, bytes written), and the errors by source.
+    (records written, bytes written), and the errors by the source's name.
     """
     out = Path(out)
     out.mkdir(parents=True, exist_ok=True)
     work = partial(
         _render_figure,
         out=out,
-        split=split,
         view_count=views,
         size=size,
         behind=behind,
@@ -195,6 +213,6 @@ def render_all(
                 count, size_of_views = future.result()
                 written, size_on_disk = written + count, size_on_disk + size_of_views
             except ValueError as error:  # a mesh that cannot be read must not stop the night's run
-                errors[jobs[future]] = error
+                errors[jobs[future].name] = error
             progress.advance(task)
     return written, size_on_disk, errors
