@@ -11,8 +11,6 @@ from shadow.lightstage.bodies import Shape, chance
 from shadow.lightstage.figure import Figure
 from shadow.lightstage.poses import SIDES, Posing, turn
 
-MIRROR = np.array([-1.0, 1.0, 1.0])
-
 
 def pair(seed: int, split: str) -> Figure:
     """Two clothed people in touch; the same seed and split give the same arrays in any process.
@@ -24,7 +22,7 @@ def pair(seed: int, split: str) -> Figure:
     shapes = [Shape.draw(rng) for _ in range(2)]
     stances = [poses.stand(shape.skeleton, rng) for shape in shapes]
     place = [_beside, _beside, _embracing, _behind][rng.integers(4)]
-    yaw, offset = place(_Stage(shapes, stances), rng)
+    yaw, offset = place(_Couple(shapes, stances), rng)
     name = f"pair-{split}-{seed:06d}"
     first, second = (
         shape.dressed(pose, rng, split, name) for shape, pose in zip(shapes, stances, strict=True)
@@ -32,7 +30,7 @@ def pair(seed: int, split: str) -> Figure:
     return _together(first, second, turn((0, 1, 0), yaw), offset, name)
 
 
-class _Stage:
+class _Couple:
     """The two before they are dressed. Points are those of the rest pose, from the floor up."""
 
     def __init__(self, shapes: list[Shape], stances: list[Posing]) -> None:
@@ -58,47 +56,47 @@ class _Stage:
         pose.fingers(side, 28, 2)
 
 
-def _beside(stage: _Stage, rng: np.random.Generator) -> tuple[float, np.ndarray]:
+def _beside(two: _Couple, rng: np.random.Generator) -> tuple[float, np.ndarray]:
     """Side by side, an arm around the shoulders of who is shorter, or the waist of who is not; often one
     back."""
     side = str(rng.choice(["L", "R"]))  # of the first, where the second stands
     sign, inner = SIDES[side], {"L": "R", "R": "L"}[side]
     yaw = -sign * rng.uniform(-5, 30)
-    apart = stage.shoulder(0)[0] + stage.shoulder(1)[0] + rng.uniform(0.05, 0.12)
+    apart = two.shoulder(0)[0] + two.shoulder(1)[0] + rng.uniform(0.05, 0.12)
     offset = np.array([sign * apart, 0, rng.uniform(-0.06, 0.08)])
-    far = stage.joint(1, f"upperarm01.{side}")
-    waist = stage.joint(1, "spine04") + [sign * 0.15, 0.0, -0.06]
-    if stage.taller() == 0:
-        stage.hold(0, side, far + [sign * 0.02, 0.06, -0.05], yaw, offset, (0.5, 0.2, -1.0))
+    far = two.joint(1, f"upperarm01.{side}")
+    waist = two.joint(1, "spine04") + [sign * 0.15, 0.0, -0.06]
+    if two.taller() == 0:
+        two.hold(0, side, far + [sign * 0.02, 0.06, -0.05], yaw, offset, (0.5, 0.2, -1.0))
     else:
-        stage.hold(0, side, waist, yaw, offset, (0.5, -0.4, -1.0))
+        two.hold(0, side, waist, yaw, offset, (0.5, -0.4, -1.0))
     if rng.random() < 0.6:
-        back = stage.joint(0, "spine04") + [-sign * 0.12, 0.0, -0.08]
-        stage.hold(1, inner, back, yaw, offset, (0.4, -0.5, -1.0))
+        back = two.joint(0, "spine04") + [-sign * 0.12, 0.0, -0.08]
+        two.hold(1, inner, back, yaw, offset, (0.4, -0.5, -1.0))
     return yaw, offset
 
 
-def _embracing(stage: _Stage, rng: np.random.Generator) -> tuple[float, np.ndarray]:
+def _embracing(two: _Couple, rng: np.random.Generator) -> tuple[float, np.ndarray]:
     """Face to face, arms around each other's back, each looking over a shoulder."""
     yaw = 180 + rng.uniform(-15, 15)
     offset = np.array([rng.choice([-1, 1]) * rng.uniform(0.05, 0.1), 0, rng.uniform(0.24, 0.3)])
     for who in (0, 1):
-        over = who == stage.taller()  # whose arms go over the other's
-        back = stage.joint(1 - who, "spine02" if over else "spine04")
+        over = who == two.taller()  # whose arms go over the other's
+        back = two.joint(1 - who, "spine02" if over else "spine04")
         for side in "LR":
-            across = back + MIRROR * [SIDES[side] * rng.uniform(0.02, 0.09), rng.uniform(-0.03, 0.05), -0.15]
-            stage.hold(who, side, across, yaw, offset, (1.0, -0.2 if over else -0.5, 0.0))
+            across = back + [-SIDES[side] * rng.uniform(0.02, 0.09), rng.uniform(-0.03, 0.05), -0.15]
+            two.hold(who, side, across, yaw, offset, (1.0, -0.2 if over else -0.5, 0.0))
     return yaw, offset
 
 
-def _behind(stage: _Stage, rng: np.random.Generator) -> tuple[float, np.ndarray]:
+def _behind(two: _Couple, rng: np.random.Generator) -> tuple[float, np.ndarray]:
     """One behind the other and to one side, with hands on the shoulders of who stands before."""
     yaw = rng.uniform(-20, 20)
     offset = np.array([rng.choice([-1, 1]) * rng.uniform(0.1, 0.28), 0, -rng.uniform(0.26, 0.36)])
     for side in "LR":
         if rng.random() < 0.8:
-            at = stage.joint(0, f"upperarm01.{side}") + [-SIDES[side] * 0.03, 0.06, 0.02]
-            stage.hold(1, side, at, yaw, offset, (1.0, -0.7, 0.0))
+            at = two.joint(0, f"upperarm01.{side}") + [-SIDES[side] * 0.03, 0.06, 0.02]
+            two.hold(1, side, at, yaw, offset, (1.0, -0.7, 0.0))
     return yaw, offset
 
 
