@@ -51,3 +51,18 @@ def interpolate(values: np.ndarray, faces: np.ndarray, barycentric: np.ndarray) 
         + corners[:, 1] * barycentric[:, 1:2]
         + corners[:, 2] * barycentric[:, 2:]
     )
+
+
+def joined(albedos: list[Albedo], face_counts: list[int]) -> Albedo:
+    """One albedo for meshes whose faces follow one another."""
+    ends = np.cumsum(face_counts)
+
+    def albedo(face: np.ndarray, barycentric: np.ndarray) -> np.ndarray:
+        owner = np.searchsorted(ends, face, side="right")
+        colour = np.empty((len(face), 3), np.float32)
+        for k in np.unique(owner):
+            mine = owner == k
+            colour[mine] = albedos[k](face[mine] - (ends[k] - face_counts[k]), barycentric[mine])
+        return colour
+
+    return albedo

@@ -8,7 +8,7 @@ import numpy as np
 
 from shadow.lightstage import poses
 from shadow.lightstage.bodies import Shape, chance
-from shadow.lightstage.figure import Figure
+from shadow.lightstage.figure import Figure, joined
 from shadow.lightstage.poses import SIDES, Posing, turn
 
 
@@ -102,19 +102,11 @@ def _behind(two: _Couple, rng: np.random.Generator) -> tuple[float, np.ndarray]:
 
 def _together(first: Figure, second: Figure, rotation: np.ndarray, offset: np.ndarray, name: str) -> Figure:
     """Both as one figure, the second turned and moved."""
-    count, faces = len(first.vertices), len(first.faces)
     vertices = np.concatenate([first.vertices, second.vertices @ rotation.T + offset]) - offset / 2
-
-    def albedo(face: np.ndarray, barycentric: np.ndarray) -> np.ndarray:
-        colour = np.empty((len(face), 3), np.float32)
-        for figure, start, mine in ((first, 0, face < faces), (second, faces, face >= faces)):
-            colour[mine] = figure.albedo(face[mine] - start, barycentric[mine])
-        return colour
-
     return Figure(
         vertices.astype(np.float32),
-        np.concatenate([first.faces, second.faces + count]).astype(np.int32),
+        np.concatenate([first.faces, second.faces + len(first.vertices)]).astype(np.int32),
         np.concatenate([first.normals, second.normals @ rotation.T]).astype(np.float32),
-        albedo,
+        joined([first.albedo, second.albedo], [len(first.faces), len(second.faces)]),
         name,
     )

@@ -6,7 +6,7 @@ import numpy as np
 import trimesh
 from PIL import Image
 
-from shadow.lightstage.figure import Albedo, Figure, interpolate, unit
+from shadow.lightstage.figure import Albedo, Figure, interpolate, joined, unit
 
 GREY = 0.5  # linear albedo of a mesh that brings no colour
 
@@ -43,7 +43,7 @@ def load(path: str | Path) -> Figure:
         vertices=(vertices - [(low[0] + high[0]) / 2, low[1], (low[2] + high[2]) / 2]).astype(np.float32),
         faces=faces.astype(np.int32),
         normals=np.concatenate([unit(mesh.vertex_normals) for mesh in meshes]).astype(np.float32),
-        albedo=_joined([_mesh_albedo(mesh) for mesh in meshes], [len(mesh.faces) for mesh in meshes]),
+        albedo=joined([_mesh_albedo(mesh) for mesh in meshes], [len(mesh.faces) for mesh in meshes]),
         name=path.stem,
     )
 
@@ -52,21 +52,6 @@ def srgb_to_linear(encoded: np.ndarray) -> np.ndarray:
     """sRGB-encoded values in [0, 1] as linear float32."""
     encoded = np.asarray(encoded, np.float32)
     return np.where(encoded <= 0.04045, encoded / 12.92, ((encoded + 0.055) / 1.055) ** 2.4)
-
-
-def _joined(albedos: list[Albedo], face_counts: list[int]) -> Albedo:
-    """One albedo for meshes whose faces follow one another."""
-    ends = np.cumsum(face_counts)
-
-    def albedo(face: np.ndarray, barycentric: np.ndarray) -> np.ndarray:
-        owner = np.searchsorted(ends, face, side="right")
-        colour = np.empty((len(face), 3), np.float32)
-        for k in np.unique(owner):
-            mine = owner == k
-            colour[mine] = albedos[k](face[mine] - (ends[k] - face_counts[k]), barycentric[mine])
-        return colour
-
-    return albedo
 
 
 def _mesh_albedo(mesh: trimesh.Trimesh) -> Albedo:
