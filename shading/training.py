@@ -105,7 +105,7 @@ def _diffuse(network, batch):
         mine = type(maps)(*(image[i : i + 1] for image in maps))
         visibility = lambda lights, mine=mine: field.log_visibility(mine, lights[None])[0].exp()  # noqa: E731
         yield (
-            network.analyse(batch["rgb"][i], batch["mask"][i, 0], batch["estimated_normals"][i], visibility),
+            network.analyse(batch["rgb"][i], batch["matte"][i, 0], batch["estimated_normals"][i], visibility),
             visibility,
         )
 

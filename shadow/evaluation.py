@@ -55,10 +55,15 @@ class View:
         tensors = (rgb, drawn["rgb"], drawn["mask"][0], drawn["normals"], drawn["directions"][frontal], lit)
         return cls(*(tensor.to(place) for tensor in tensors))
 
-    def binary(self, network, surface):
-        """Maps (D, h, w) bool of a visibility network that is given normals (3, h, w)."""
-        _, visibility = network.to(self.rgb.device).analyse(self.rgb, self.mask, surface)
-        return visibility(self.lights) > 0.5
+    def given(self, surface, network):
+        """Normals (3, h, w) of `surface` for a visibility network, or None if it is the network itself, whose
+        own come with its maps."""
+        return None if surface is network else surface.to(self.rgb.device).normals(self.rgb, self.mask)
+
+    def binary(self, network, given):
+        """Normals (3, h, w), those given or the network's own, and its maps (D, h, w) bool."""
+        surface, visibility = network.to(self.rgb.device).analyse(self.rgb, self.mask, given)
+        return surface, visibility(self.lights) > 0.5
 
     def sign(self, surface):
         """The baseline of Section 4.1 from normals (3, h, w): (D, h, w) bool."""
@@ -105,11 +110,14 @@ def compare(records, networks, surface, *, seed=0, limit=None):
     for index in track(records.spread(limit or len(records)), "evaluating"):
         record, views = records[index], {}
         for name, network in networks.items():
-            if network.size not in views:
+            if network.size in views:
+                view, given = views[network.size]
+            else:
                 view = View.of(record, (seed, index), network.size)
-                views[network.size] = view, surface.to(view.rgb.device).normals(view.rgb, view.mask)
-            view, estimated = views[network.size]
-            tallies[name].add(view.binary(network, estimated), view)
+                given = view.given(surface, network)
+            estimated, binary = view.binary(network, given)
+            views[network.size] = view, estimated
+            tallies[name].add(binary, view)
         view, estimated = views[first.size]
         tallies[ESTIMATED].add(view.sign(estimated), view)
         tallies[TRUE].add(view.sign(view.normals), view)
@@ -165,13 +173,12 @@ def intensity_sweep(records, network, surface, levels, *, seed=0, limit=None):
     tallies = [(Tally(), Tally()) for _ in levels]
     for index in track(records.spread(limit or len(records)), "intensities"):
         view = View.of(records[index], (seed, index), network.size)
-        device = view.rgb.device
         exposed = view.scene * (EXPOSURE * view.mask.sum() * 3 / (view.scene * view.mask).sum())
         for level, (ours, baseline) in zip(levels, tallies, strict=True):
             encoded = (level * exposed).clamp(0, 1) ** (1 / ENCODING)
             seen = replace(view, rgb=((encoded * 255).round() / 255) ** ENCODING)
-            estimated = surface.to(device).normals(seen.rgb, view.mask)
-            ours.add(seen.binary(network, estimated), view)
+            estimated, binary = seen.binary(network, seen.given(surface, network))
+            ours.add(binary, view)
             baseline.add(view.sign(estimated), view)
     return tallies
 
@@ -209,8 +216,7 @@ def against_soft_maps(records, folder, network, surface, *, seed=0, limit=None):
         other = View.of(replace(record, visibility_bits=packed), (seed, index), network.size)
         theirs, ours = tallies.setdefault(record.about.get("figure", name), (Tally(), Tally()))
         theirs.add(other.visibility, view, chosen)
-        estimated = surface.to(view.rgb.device).normals(view.rgb, view.mask)
-        ours.add(view.binary(network, estimated), view, chosen)
+        ours.add(view.binary(network, view.given(surface, network))[1], view, chosen)
     if not tallies:
         raise ValueError(f"soft: expected maps of these records in {folder}, such as {name}_07.png")
     return tallies

@@ -63,7 +63,7 @@ def per_light_loss(network, batch):
 def _analysed(network, batch):
     """The normals (B, 3, H, W), if the network says or takes any, and the visibility (B, D, H, W)."""
     given = batch.get("estimated_normals", [None] * len(batch["rgb"]))
-    views = zip(batch["rgb"], batch["mask"][:, 0], given, batch["directions"], strict=True)
+    views = zip(batch["rgb"], batch["matte"][:, 0], given, batch["directions"], strict=True)
     found = [(network.analyse(rgb, mask, surface), lights) for rgb, mask, surface, lights in views]
     surfaces = [surface for (surface, _), _ in found]
     maps = torch.stack([visibility(lights) for (_, visibility), lights in found])

@@ -43,7 +43,7 @@ class Task:
     loss: Callable  # (network, batch) -> scalar
     score: Callable  # (network, batch) -> {metric: mean over the batch}
     show: Callable  # (network, batch) -> rows of pictures
-    lights: int  # directions a sample carries; 1 where the network looks at none
+    lights: int  # directions a sample carries
     needs_normals: bool  # batch["estimated_normals"], a trained field's or from elsewhere
     config: dict = field(default_factory=dict)  # what the network is built with, beside its size
     recipe: dict = field(default_factory=dict)  # what it needs other than Recipe says
