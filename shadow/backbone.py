@@ -8,6 +8,8 @@ from torch import nn
 
 ENCODING = 2.2  # exponent of the display-like encoding that images and albedo are seen in
 EXPOSURE = 0.2  # mean linear luminance inside the mask, after normalisation
+MARGIN = 8  # pixels of empty canvas that a subject keeps around it
+COARSEST = 32  # pixels that one of the lowest level stands for
 
 
 def encode_image(rgb, mask):
@@ -45,7 +47,8 @@ class Backbone(nn.Module):
     """U-Net with additive skips (RFB15) and pre-activation residual blocks (HZRS16).
 
     The image is read at half resolution (2 x 2 pixels unshuffled into channels), so that the top level is
-    affordable on a CPU, and the head writes 2 x 2 pixels back.
+    affordable on a CPU, and the head writes 2 x 2 pixels back. The empty canvas around the subject, a third
+    or so where somebody stands upright, is not read at all.
     """
 
     def __init__(
@@ -74,12 +77,15 @@ class Backbone(nn.Module):
         nn.init.zeros_(self.head.bias)
 
     def forward(self, x, blocks=None, guides=None):
-        """(B, in_channels, H, W) and guides (B, guides, H/2, W/2), if any, to (B, out_channels, H, W); H and
-        W multiples of 32.
+        """(B, in_channels, H, W), the first four as `encode_image` makes them, and guides (B, guides, H/2,
+        W/2), if any, to (B, out_channels, H, W), zero far from the subjects; H and W multiples of 32.
 
         With `blocks`, to what `take_blocks` takes of it, (B, out_channels, 4, P), and at less cost.
         """
-        x = F.pixel_unshuffle(x, 2)
+        canvas, (rows, columns) = x.shape[2:], windows(x[:, 3])
+        x = F.pixel_unshuffle(x[..., rows, columns], 2)
+        if guides is not None:
+            guides = guides[..., _halved(rows), _halved(columns)]
         x = self.stem(x if guides is None else torch.cat([x, guides], dim=1))
         skips = []
         for residuals, down in zip(self.encoder, self.down, strict=False):
@@ -92,13 +98,41 @@ class Backbone(nn.Module):
             x = residuals(x)
         x = F.silu(self.norm(x))
         if blocks is None:
-            return F.pixel_shuffle(self.head(x), 2)
+            maps = F.pixel_shuffle(self.head(x), 2)
+            beyond = columns.start, canvas[1] - columns.stop, rows.start, canvas[0] - rows.stop
+            return F.pad(maps, beyond)
+        row, column = blocks // (canvas[1] // 2), blocks % (canvas[1] // 2)
+        blocks = (row - rows.start // 2) * x.shape[3] + column - columns.start // 2
         return self.head(_gather(x, blocks)[..., None]).unflatten(1, (-1, 4))[..., 0]
+
+
+def windows(mask):
+    """The rows and columns (slices) that the subjects of masks (B, H, W) need: around all that is above zero,
+    MARGIN to each side or to the canvas's edge.
+
+    They begin and end at multiples of COARSEST, so that the pixels of all levels stay where they are on the
+    canvas: in a video, whose mattes tremble, a window that moved would make the maps tremble.
+    """
+    needed = []
+    for along in (2, 1):
+        seen = mask.amax(dim=(0, along)).nonzero()[:, 0].tolist()
+        extent = mask.shape[3 - along]
+        low, high = (seen[0] - MARGIN, seen[-1] + 1 + MARGIN) if seen else (0, extent)
+        start, stop = low // COARSEST * COARSEST, -(-high // COARSEST) * COARSEST
+        needed.append(slice(max(start, 0), min(stop, extent)))
+    return tuple(needed)
+
+
+def _halved(span):
+    return slice(span.start // 2, span.stop // 2)
 
 
 def take_blocks(image, blocks):
     """The 2 x 2 pixels of each block: (B, C, H, W) to (B, C, 4, P); `blocks` (B, P) count in row order."""
-    return _gather(F.pixel_unshuffle(image, 2), blocks).unflatten(1, (-1, 4))
+    width = image.shape[3]
+    corner = blocks // (width // 2) * 2 * width + blocks % (width // 2) * 2
+    corners = torch.stack([corner, corner + 1, corner + width, corner + width + 1], dim=1)
+    return _gather(image, corners.flatten(1)).unflatten(2, (4, -1))
 
 
 def _gather(image, index):

@@ -9,6 +9,7 @@ import math
 import os
 import time
 from collections.abc import Callable
+from contextlib import nullcontext
 from dataclasses import asdict, dataclass, field
 from functools import partial
 from pathlib import Path
@@ -190,9 +191,8 @@ class _State:
             self.optimiser.load_state_dict(saved["optimiser"])
             self.average, self.step, self.seconds = saved["average"], saved["step"], saved["seconds"]
 
-    def update(self, loss):
-        """One step down the gradient of `loss`."""
-        loss.backward()
+    def update(self):
+        """One step down the gradient."""
         if self.recipe.clip is not None:
             nn.utils.clip_grad_norm_(self.network.parameters(), self.recipe.clip)
         self.optimiser.step(learning_rate(self.recipe, self.step))
@@ -261,6 +261,27 @@ def _prepare(batch, device, auxiliary):
         if surface is not None:
             batch["estimated_normals"] = surface * (batch["matte"] > 0)
     return batch
+
+
+def _gradient(task, model, batch, recipe, device, auxiliary):
+    """Adds the gradient of the mini-batch's mean loss to the parameters; returns the loss.
+
+    On a CPU photograph by photograph, since one alone costs no more than its share of a mini-batch, whose
+    canvas has to hold the widest subject (see `shadow.backbone.windows`).
+    """
+    share = 1 if device.type == "cpu" else recipe.batch
+    parts = list(zip(*(value.split(share) for value in batch.values()), strict=True))
+    total = torch.zeros((), device=device)
+    for number, part in enumerate(parts, 1):
+        # Processes exchange their gradients with the last part only.
+        distributed = isinstance(model, nn.parallel.DistributedDataParallel)
+        with model.no_sync() if distributed and number < len(parts) else nullcontext():
+            with torch.autocast(device.type, torch.bfloat16, enabled=recipe.bfloat16):
+                part = _prepare(dict(zip(batch, part, strict=True)), device, auxiliary)
+                loss = task.loss(model, part) * (len(part["rgb"]) / len(batch["rgb"]))
+            loss.backward()
+        total += loss.detach()
+    return total
 
 
 def fit(
@@ -336,11 +357,8 @@ def fit(
         for batch in loader:
             # What a loss leaves to chance is the step's alone: a resumed run ends where a whole one does.
             torch.manual_seed(recipe.seed + 7919 * rank + 104729 * state.step)
-            with torch.autocast(device.type, torch.bfloat16, enabled=recipe.bfloat16):
-                batch = _prepare(batch, device, auxiliary)
-                loss = task.loss(model, batch)
-            state.update(loss)
-            losses.append(loss.detach())
+            losses.append(_gradient(task, model, batch, recipe, device, auxiliary))
+            state.update()
             now = time.monotonic()
             state.seconds, tick = state.seconds + now - tick, now
             last = state.step == recipe.steps

@@ -1,7 +1,7 @@
 import pytest
 import torch
 
-from shadow.backbone import take_blocks
+from shadow.backbone import encode_image, take_blocks, windows
 from shadow.directions import olat
 from shadow.field import VisibilityField, anchor_weights
 
@@ -94,3 +94,30 @@ def test_blocks_are_what_the_whole_map_holds(field):
     y, x = divmod(500, 32)
     corner = whole.cast[:, :, 2 * y : 2 * y + 2, 2 * x : 2 * x + 2]
     torch.testing.assert_close(chosen.cast[..., 3], corner.flatten(2))
+
+
+def test_windows_hold_the_subjects_and_a_margin():
+    mask = torch.zeros(2, 384, 288)
+    mask[0, 60:300, 100:150] = 1
+    mask[1, 70:310, 120:170] = 0.01  # a soft matte counts
+    assert windows(mask) == (slice(32, 320), slice(64, 192))
+    mask[0, 310:313] = 1  # the margin would be cut
+    assert windows(mask) == (slice(32, 352), slice(0, 288))
+    whole = slice(0, 128), slice(0, 96)
+    assert windows(torch.ones(1, 128, 96)) == windows(torch.zeros(1, 128, 96)) == whole
+
+
+def test_the_empty_canvas_is_not_read(field):
+    """So a subject that stands 32 pixels elsewhere is the same to the network."""
+    network, rgb, mask = trained(field), torch.rand(1, 3, 192, 192), torch.zeros(1, 1, 192, 192)
+    mask[..., 40:100, 50:90] = 1
+    blocks = torch.tensor([[30 * 96 + 30]])
+    moved = (32, 64)
+    maps = network(encode_image(rgb, mask), None)
+    there = network(encode_image(rgb.roll(moved, (2, 3)), mask.roll(moved, (2, 3))), None)
+    for here, image in zip(maps, there, strict=True):
+        torch.testing.assert_close(image, here.roll(moved, (2, 3)))
+    for full, part in zip(maps, network(encode_image(rgb, mask), blocks), strict=True):
+        torch.testing.assert_close(take_blocks(full, blocks), part)
+    assert maps.cast[..., 40:100, 50:90].std() > 0
+    assert (maps.cast[..., 150:, :] == 0).all()
