@@ -34,6 +34,9 @@ def stage(
     size: Annotated[int, typer.Option(min=16, help="Pixels of the image's side.")] = 512,
     behind: Annotated[bool, typer.Option(help="32 directions behind the subject too.")] = False,
     jitter: Annotated[bool, typer.Option(help="Vary camera height, distance and field of view.")] = False,
+    portrait: Annotated[
+        bool, typer.Option("--portrait", help="Jitter, and come close: the frame cuts the figure.")
+    ] = False,
     shading: Annotated[
         bool, typer.Option(help="Trace the bounce light too, for path-traced shading.")
     ] = False,
@@ -64,7 +67,7 @@ def stage(
     if sources:
         written, on_disk, errors = render_all(
             sources, records, views=views, size=size, behind=behind, jitter=jitter,
-            bounced=shading, raised=relief, processes=processes,
+            portrait=portrait, bounced=shading, raised=relief, processes=processes,
         )  # fmt: skip
         console.print(f"{written} records, {on_disk // max(1, written)} bytes a view")
         for source, error in errors.items():

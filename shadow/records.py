@@ -92,18 +92,20 @@ class Record:
     def cropped(self, height):
         """The record without the empty margins of its frame, and with every second, third... pixel only if
         the subject is then still taller than `height`: what costs time and is not seen goes. One empty pixel
-        stays around it, which says that no frame cuts the subject."""
+        stays where there were any, which says that no frame cuts the subject there."""
         top, left, bottom, right = bounding_box(torch.from_numpy(self.mask))
+        rows, columns = self.mask.shape
+        around = ((min(top, 1), min(rows - bottom, 1)), (min(left, 1), min(columns - right, 1)))
         stride = max(1, (bottom - top) // height)
         if stride == 1:
-            return replace(self, mask=np.pad(self.mask[top:bottom, left:right], 1))
+            return replace(self, mask=np.pad(self.mask[top:bottom, left:right], around))
         order = np.full(self.mask.shape, -1)
         order[self.mask] = np.arange(len(self.normals_int8))
         order = order[top:bottom:stride, left:right:stride]
         kept = order[order >= 0]
         return replace(
             self,
-            mask=np.pad(order >= 0, 1),
+            mask=np.pad(order >= 0, around),
             normals_int8=self.normals_int8[kept],
             albedo_uint8=self.albedo_uint8[kept],
             visibility_bits=self.visibility_bits[kept],
@@ -339,8 +341,11 @@ def sample(record, rng, size, lights=None, augment=True):
         turn = np.diag([flip, 1]) @ [[np.cos(angle), -np.sin(angle)], [np.sin(angle), np.cos(angle)]]
         scale = np.exp(rng.normal(0, 0.08))
         shift = rng.normal(0, 0.03, 2) * size[0]
-        if rng.random() < 0.15:  # a portrait: the frame cuts the body
-            zoom = rng.uniform(1.3, 2.6)
+        cut = record.mask[-1].any()
+        if cut:  # what is turned with the body, the frame's edge, stays outside
+            shift[1] -= abs(np.sin(angle)) * size[1] / 2
+        if cut or rng.random() < 0.15:  # a portrait: the frame cuts the body
+            zoom = rng.uniform(1.05, 1.5) if cut else rng.uniform(1.3, 2.6)
             scale *= zoom
             shift[1] -= (zoom - 1) * rng.uniform(0.2, 0.45) * size[0]  # toward the head
     # Canvas to record, in pixels with y down: the inverse of turn, then of scale.

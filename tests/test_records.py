@@ -142,6 +142,23 @@ def test_without_augmentation_the_camera_frame_is_kept(ball):
     assert top.mean() > 0
 
 
+def test_what_the_frame_cuts_stays_cut(ball):
+    """A record's frame is a plate's: no margin where it cuts the subject, also when the picture is turned."""
+    row = 60
+    above = int(ball.mask[:row].sum())
+    kept = ("normals_int8", "albedo_uint8", "visibility_bits")
+    upper = {name: getattr(ball, name)[:above] for name in kept}
+    cut = dataclasses.replace(ball, mask=ball.mask[:row], **upper)
+    for height in (128, 20):
+        assert cut.cropped(height).mask[-1].any()
+        assert not cut.cropped(height).mask[[0]].any()
+        assert not ball.cropped(height).mask[[0, -1]].any()
+    size = canvas_size(128)
+    assert records.sample(cut, np.random.default_rng(0), size, 1, augment=False)["mask"][0, -1].any()
+    drawn = [records.sample(cut, np.random.default_rng(seed), size, 1)["mask"][0] for seed in range(20)]
+    assert np.mean([mask[-1, 10:-10] for mask in drawn]) > 0.95
+
+
 def test_samples_are_deterministic_and_finite(ball):
     first, again = (records.sample(ball, np.random.default_rng(3), canvas_size(128), 5) for _ in range(2))
     for key, value in first.items():

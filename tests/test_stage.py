@@ -105,6 +105,19 @@ def test_jittered_views_show_the_whole_figure(ball):
         assert mask.sum() == mask[1:-1, 1:-1].sum()
 
 
+def test_portraits_show_the_top_and_are_cut_below():
+    """Also of who leans out of the axis: a leaning column's head is on the picture, its foot is not."""
+    mesh = trimesh.creation.box([0.3, 1.8, 0.3])
+    mesh.apply_translation([0, 0.9, 0])
+    mesh.vertices[:, 0] += 0.5 * mesh.vertices[:, 1]
+    column = figure(mesh.subdivide_loop(3))
+    for view in stage.views(6, column, np.random.default_rng(0), portrait=True):
+        mask = stage.render(column, view, 64, LIGHTS[:1]).mask
+        assert not mask[0].any()
+        assert mask[-1].any()
+        assert abs(np.nonzero(mask)[1].mean() - 31.5) < 8
+
+
 @pytest.fixture(scope="module")
 def mesh_file(tmp_path_factory):
     path = tmp_path_factory.mktemp("meshes") / "capsule.ply"

@@ -25,17 +25,18 @@ from shadow.lightstage.scene import Scene
 
 @dataclass(frozen=True)
 class View:
-    """A camera that looks at the figure's vertical axis. The defaults are those of Section 3."""
+    """A camera that looks at the figure's vertical axis, or past it. The defaults are those of Section 3."""
 
     azimuth: float = 0.0  # degrees around the figure, from its front toward its left hand
     distance: float = 1.75  # metres from the axis
     height: float = 0.9  # metres above the floor
     pitch: float = 0.0  # degrees, positive looks up
     fov: float = 70.0  # degrees, of the square image
+    pan: float = 0.0  # degrees, positive looks past the axis to image left
 
     def rotation(self):
         """World to camera (3, 3)."""
-        a, p = np.radians([self.azimuth, self.pitch])
+        a, p = np.radians([self.azimuth + self.pan, self.pitch])
         around = [[np.cos(a), 0, -np.sin(a)], [0, 1, 0], [np.sin(a), 0, np.cos(a)]]
         tilt = [[1, 0, 0], [0, np.cos(p), np.sin(p)], [0, -np.sin(p), np.cos(p)]]
         return np.array(tilt) @ np.array(around)
@@ -46,11 +47,12 @@ class View:
         return np.array([self.distance * np.sin(a), self.height, self.distance * np.cos(a)])
 
 
-def views(count, figure=None, rng=None):
+def views(count, figure=None, rng=None, portrait=False):
     """`count` views evenly around the subject: those of Section 3, or with `rng` jittered around `figure`.
 
     Jitter is of angle, camera height and distance; a longer distance comes with a longer lens, and the
-    camera is tilted and framed so that the whole figure is seen, as a photographer would.
+    camera is tilted and framed so that the whole figure is seen, as a photographer would; or, with
+    `portrait`, the upper quarter to three quarters of it.
     """
     angles = 360 / count * np.arange(count)
     if rng is None:
@@ -60,11 +62,29 @@ def views(count, figure=None, rng=None):
     jittered = []
     for angle in angles + rng.uniform(0, 360):
         angle += rng.uniform(-0.5, 0.5) * 360 / count
+        if portrait:
+            jittered.append(_portrait(figure, angle, rng))
+            continue
         distance, height = rng.uniform(1.75, 5.0), np.clip(rng.normal(1.0, 0.35), 0.3, 2.0)
         pitch = np.degrees(np.arctan2(top / 2 - height, distance))
         fov = 2 * np.degrees(np.arctan(reach * rng.uniform(1.1, 1.3) / (distance - 0.2)))
         jittered.append(View(*(float(value) for value in (angle % 360, distance, height, pitch, fov))))
     return jittered
+
+
+def _portrait(figure, azimuth, rng):
+    """A camera at the height of what it looks at, or nearly: the figure from its top down to a random cut."""
+    top = figure.vertices[:, 1].max()
+    span = top * np.exp(rng.uniform(np.log(0.25), np.log(0.75)))
+    across, middle, along = figure.vertices[figure.vertices[:, 1] > top - span].mean(axis=0)
+    camera = View(azimuth % 360, rng.uniform(1.3, 4.0), np.clip(rng.normal(middle, 0.2), 0.3, 2.0))
+    x, _, z = camera.position()
+    distance = np.hypot(x - across, z - along)
+    turned = np.degrees(np.arctan2(x - across, z - along)) - azimuth
+    pitch = np.degrees(np.arctan2(top - span / 2 - camera.height, distance))
+    fov = 2 * np.degrees(np.arctan(span / 2 * rng.uniform(1.02, 1.2) / (distance - 0.1)))
+    values = camera.azimuth, camera.distance, camera.height, pitch, fov, (turned + 180) % 360 - 180
+    return View(*(float(value) for value in values))
 
 
 def camera_rays(view, size):
@@ -140,17 +160,17 @@ class Source:
         return cls(f"scan-{Path(path).stem}", partial(scans.load, path))
 
 
-def _render_figure(source, out, view_count, size, behind, jitter, bounced, raised):
+def _render_figure(source, out, view_count, size, behind, jitter, portrait, bounced, raised):
     """All the views of one figure: (records written, bytes written)."""
     os.environ["OMP_NUM_THREADS"] = "1"
     paths = [out / f"{source.name}-{index:02d}.npz" for index in range(view_count)]
     if all(path.exists() for path in paths):
         return 0, 0
     figure = source.load()
-    rng = np.random.default_rng(_seed(source.name)) if jitter else None
+    rng = np.random.default_rng(_seed(source.name)) if jitter or portrait else None
     lights = directions.olat(behind)
     sizes = []
-    for path, view in zip(paths, views(view_count, figure, rng), strict=True):
+    for path, view in zip(paths, views(view_count, figure, rng, portrait), strict=True):
         if not path.exists():
             record = render(figure, view, size, lights, bounced)
             sizes.append(records.write(path, relief.raise_folds(record) if raised else record))
@@ -165,6 +185,7 @@ def render_all(
     size=512,
     behind=False,
     jitter=False,
+    portrait=False,
     bounced=False,
     raised=False,
     processes=None,
@@ -181,6 +202,7 @@ def render_all(
     size: pixels of the square image's side (Section 3: 512).
     behind: 32 directions behind the subject as well as the 64 of the frontal hemisphere.
     jitter: vary camera height, distance and field of view.
+    portrait: jitter, and come close: the frame cuts the figure, somewhere from its chest to its shins.
     bounced: bounce light too, for path-traced shading.
     raised: the fine contrast of the albedo as relief, see relief.py; of scans whose folds are only painted.
     processes: default one a core.
@@ -198,6 +220,7 @@ def render_all(
         size=size,
         behind=behind,
         jitter=jitter,
+        portrait=portrait,
         bounced=bounced,
         raised=raised,
     )
