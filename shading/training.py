@@ -75,7 +75,9 @@ def shading_loss(network, batch):
     field, seen = batch["visibility_network"], batch["visibility_maps"]
     with torch.no_grad():
         anchors = model.anchors.expand(len(batch["rgb"]), -1, -1)
-        guides = field.log_visibility(seen.at(lambda image: image[..., ::2, ::2]), anchors).exp()
+        # Zero outside the matte, as `analyse` gives them.
+        halved, shown = seen.at(lambda image: image[..., ::2, ::2]), batch["matte"][..., ::2, ::2] > 0
+        guides = field.log_visibility(halved, anchors).exp() * shown
     blocks = random_blocks(batch["mask"])
     take = functools.partial(take_blocks, blocks=blocks)
     maps = network(batch["image"], batch["estimated_normals"], guides, blocks)
