@@ -6,6 +6,8 @@ import torch
 import torch.nn.functional as F
 from torch import nn
 
+from shadow.framing import bounding_box
+
 ENCODING = 2.2  # exponent of the display-like encoding that images and albedo are seen in
 EXPOSURE = 0.2  # mean linear luminance inside the mask, after normalisation
 MARGIN = 8  # pixels of empty canvas that a subject keeps around it
@@ -113,14 +115,16 @@ def windows(mask):
     They begin and end at multiples of COARSEST, so that the pixels of all levels stay where they are on the
     canvas: in a video, whose mattes tremble, a window that moved would make the maps tremble.
     """
-    needed = []
-    for along in (2, 1):
-        seen = mask.amax(dim=(0, along)).nonzero()[:, 0].tolist()
-        extent = mask.shape[3 - along]
-        low, high = (seen[0] - MARGIN, seen[-1] + 1 + MARGIN) if seen else (0, extent)
-        start, stop = low // COARSEST * COARSEST, -(-high // COARSEST) * COARSEST
-        needed.append(slice(max(start, 0), min(stop, extent)))
-    return tuple(needed)
+    seen, (height, width) = mask.amax(dim=0), mask.shape[1:]
+    if not (seen > 0).any():
+        return slice(0, height), slice(0, width)
+    top, left, bottom, right = bounding_box(seen, threshold=0)
+    return _window(top, bottom, height), _window(left, right, width)
+
+
+def _window(low, high, extent):
+    start, stop = (low - MARGIN) // COARSEST * COARSEST, -(-(high + MARGIN) // COARSEST) * COARSEST
+    return slice(max(start, 0), min(stop, extent))
 
 
 def _halved(span):

@@ -271,14 +271,14 @@ def _gradient(task, model, batch, recipe, device, auxiliary):
     """
     share = 1 if device.type == "cpu" else recipe.batch
     parts = list(zip(*(value.split(share) for value in batch.values()), strict=True))
+    distributed = isinstance(model, nn.parallel.DistributedDataParallel)
     total = torch.zeros((), device=device)
     for number, part in enumerate(parts, 1):
         # Processes exchange their gradients with the last part only.
-        distributed = isinstance(model, nn.parallel.DistributedDataParallel)
         with model.no_sync() if distributed and number < len(parts) else nullcontext():
             with torch.autocast(device.type, torch.bfloat16, enabled=recipe.bfloat16):
                 part = _prepare(dict(zip(batch, part, strict=True)), device, auxiliary)
-                loss = task.loss(model, part) * (len(part["rgb"]) / len(batch["rgb"]))
+                loss = task.loss(model, part) / len(parts)
             loss.backward()
         total += loss.detach()
     return total

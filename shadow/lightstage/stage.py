@@ -57,19 +57,19 @@ def views(count, figure=None, rng=None, portrait=False):
     angles = 360 / count * np.arange(count)
     if rng is None:
         return [View(float(angle)) for angle in angles]
+    camera = _portrait if portrait else _whole
+    angles = angles + rng.uniform(0, 360)
+    return [camera(figure, (angle + rng.uniform(-0.5, 0.5) * 360 / count) % 360, rng) for angle in angles]
+
+
+def _whole(figure, azimuth, rng):
+    """A camera that sees all of the figure."""
     top = figure.vertices[:, 1].max()
     reach = max(top / 2, np.linalg.norm(figure.vertices[:, [0, 2]], axis=1).max())
-    jittered = []
-    for angle in angles + rng.uniform(0, 360):
-        angle += rng.uniform(-0.5, 0.5) * 360 / count
-        if portrait:
-            jittered.append(_portrait(figure, angle, rng))
-            continue
-        distance, height = rng.uniform(1.75, 5.0), np.clip(rng.normal(1.0, 0.35), 0.3, 2.0)
-        pitch = np.degrees(np.arctan2(top / 2 - height, distance))
-        fov = 2 * np.degrees(np.arctan(reach * rng.uniform(1.1, 1.3) / (distance - 0.2)))
-        jittered.append(View(*(float(value) for value in (angle % 360, distance, height, pitch, fov))))
-    return jittered
+    distance, height = rng.uniform(1.75, 5.0), np.clip(rng.normal(1.0, 0.35), 0.3, 2.0)
+    pitch = np.degrees(np.arctan2(top / 2 - height, distance))
+    fov = 2 * np.degrees(np.arctan(reach * rng.uniform(1.1, 1.3) / (distance - 0.2)))
+    return View(*map(float, (azimuth, distance, height, pitch, fov)))
 
 
 def _portrait(figure, azimuth, rng):
@@ -77,14 +77,12 @@ def _portrait(figure, azimuth, rng):
     top = figure.vertices[:, 1].max()
     span = top * np.exp(rng.uniform(np.log(0.25), np.log(0.75)))
     across, middle, along = figure.vertices[figure.vertices[:, 1] > top - span].mean(axis=0)
-    camera = View(azimuth % 360, rng.uniform(1.3, 4.0), np.clip(rng.normal(middle, 0.2), 0.3, 2.0))
-    x, _, z = camera.position()
-    distance = np.hypot(x - across, z - along)
-    turned = np.degrees(np.arctan2(x - across, z - along)) - azimuth
-    pitch = np.degrees(np.arctan2(top - span / 2 - camera.height, distance))
-    fov = 2 * np.degrees(np.arctan(span / 2 * rng.uniform(1.02, 1.2) / (distance - 0.1)))
-    values = camera.azimuth, camera.distance, camera.height, pitch, fov, (turned + 180) % 360 - 180
-    return View(*(float(value) for value in values))
+    distance, height = rng.uniform(1.3, 4.0), np.clip(rng.normal(middle, 0.2), 0.3, 2.0)
+    x, _, z = View(azimuth, distance, height).position() - (across, 0, along)
+    pan = (np.degrees(np.arctan2(x, z)) - azimuth + 180) % 360 - 180
+    pitch = np.degrees(np.arctan2(top - span / 2 - height, np.hypot(x, z)))
+    fov = 2 * np.degrees(np.arctan(span / 2 * rng.uniform(1.02, 1.2) / (np.hypot(x, z) - 0.1)))
+    return View(*map(float, (azimuth, distance, height, pitch, fov, pan)))
 
 
 def camera_rays(view, size):
