@@ -104,12 +104,14 @@ def _diffuse(network, batch):
     """Diffuse of each photograph of the batch."""
     field, maps = batch["visibility_network"], batch["visibility_maps"]
     for i in range(len(batch["rgb"])):
-        mine = type(maps)(*(image[i : i + 1] for image in maps))
-        visibility = lambda lights, mine=mine: field.log_visibility(mine, lights[None])[0].exp()  # noqa: E731
-        yield (
-            network.analyse(batch["rgb"][i], batch["matte"][i, 0], batch["estimated_normals"][i], visibility),
-            visibility,
-        )
+        mine, matte = maps.at(lambda image, i=i: image[i : i + 1]), batch["matte"][i, 0]
+        visibility = functools.partial(_visibility, field, mine, matte > 0)
+        yield network.analyse(batch["rgb"][i], matte, batch["estimated_normals"][i], visibility), visibility
+
+
+def _visibility(field, maps, shown, directions):
+    """As `field.analyse` gives it: (D, h, w) of unit directions (D, 3), zero outside the matte."""
+    return field.log_visibility(maps, directions[None])[0].exp() * shown
 
 
 def _shading_score(network, batch):

@@ -337,15 +337,17 @@ def sample(record, rng, size, lights=None, augment=True):
     scale, shift = 1.0, np.zeros(2)
     if augment:
         angle = np.radians(np.clip(rng.normal(0, 12), -40, 40))
+        below, beside = record.mask[-1].any(), record.mask[:, [0, -1]].any()
+        if beside:  # the canvas is narrow: turned far, it would show the frame's upright edge
+            angle /= 4
         flip = rng.choice([-1.0, 1.0])
         turn = np.diag([flip, 1]) @ [[np.cos(angle), -np.sin(angle)], [np.sin(angle), np.cos(angle)]]
         scale = np.exp(rng.normal(0, 0.08))
         shift = rng.normal(0, 0.03, 2) * size[0]
-        cut = record.mask[-1].any()
-        if cut:  # what is turned with the body, the frame's edge, stays outside
+        if below:  # what is turned with the body, the frame's edge, stays outside
             shift[1] -= abs(np.sin(angle)) * size[1] / 2
-        if cut or rng.random() < 0.15:  # a portrait: the frame cuts the body
-            zoom = rng.uniform(1.05, 1.5) if cut else rng.uniform(1.3, 2.6)
+        if below or rng.random() < 0.15:  # a portrait: the frame cuts the body
+            zoom = rng.uniform(1.05, 1.5) if below else rng.uniform(1.3, 2.6)
             scale *= zoom
             shift[1] -= (zoom - 1) * rng.uniform(0.2, 0.45) * size[0]  # toward the head
     # Canvas to record, in pixels with y down: the inverse of turn, then of scale.

@@ -144,11 +144,7 @@ def test_without_augmentation_the_camera_frame_is_kept(ball):
 
 def test_what_the_frame_cuts_stays_cut(ball):
     """A record's frame is a plate's: no margin where it cuts the subject, also when the picture is turned."""
-    row = 60
-    above = int(ball.mask[:row].sum())
-    kept = ("normals_int8", "albedo_uint8", "visibility_bits")
-    upper = {name: getattr(ball, name)[:above] for name in kept}
-    cut = dataclasses.replace(ball, mask=ball.mask[:row], **upper)
+    cut = _framed(ball, slice(0, 60), slice(None))
     for height in (128, 20):
         assert cut.cropped(height).mask[-1].any()
         assert not cut.cropped(height).mask[[0]].any()
@@ -157,6 +153,25 @@ def test_what_the_frame_cuts_stays_cut(ball):
     assert records.sample(cut, np.random.default_rng(0), size, 1, augment=False)["mask"][0, -1].any()
     drawn = [records.sample(cut, np.random.default_rng(seed), size, 1)["mask"][0] for seed in range(20)]
     assert np.mean([mask[-1, 10:-10] for mask in drawn]) > 0.95
+
+
+def test_what_the_frame_cuts_on_all_sides_fills_the_canvas(ball):
+    cut = _framed(ball, slice(30, 70), slice(35, 65))
+    assert cut.mask.all()
+    size = canvas_size(128)
+    drawn = [records.sample(cut, np.random.default_rng(seed), size, 1)["mask"][0] for seed in range(20)]
+    assert np.mean([mask[:, [0, -1]] for mask in drawn]) > 0.9
+
+
+def _framed(record, rows, columns):
+    """What a smaller frame shows of a record."""
+    inside = np.zeros_like(record.mask)
+    inside[rows, columns] = True
+    kept = {
+        name: getattr(record, name)[inside[record.mask]]
+        for name in ("normals_int8", "albedo_uint8", "visibility_bits")
+    }
+    return dataclasses.replace(record, mask=record.mask[rows, columns], **kept)
 
 
 def test_samples_are_deterministic_and_finite(ball):

@@ -52,7 +52,7 @@ def views(count, figure=None, rng=None, portrait=False):
 
     Jitter is of angle, camera height and distance; a longer distance comes with a longer lens, and the
     camera is tilted and framed so that the whole figure is seen, as a photographer would; or, with
-    `portrait`, the upper quarter to three quarters of it.
+    `portrait`, its head alone to the upper three quarters of it.
     """
     angles = 360 / count * np.arange(count)
     if rng is None:
@@ -75,13 +75,15 @@ def _whole(figure, azimuth, rng):
 def _portrait(figure, azimuth, rng):
     """A camera at the height of what it looks at, or nearly: the figure from its top down to a random cut."""
     top = figure.vertices[:, 1].max()
-    span = top * np.exp(rng.uniform(np.log(0.25), np.log(0.75)))
+    span = top * np.exp(rng.uniform(np.log(0.15), np.log(0.75)))
     across, middle, along = figure.vertices[figure.vertices[:, 1] > top - span].mean(axis=0)
     distance, height = rng.uniform(1.3, 4.0), np.clip(rng.normal(middle, 0.2), 0.3, 2.0)
     x, _, z = View(azimuth, distance, height).position() - (across, 0, along)
-    pan = (np.degrees(np.arctan2(x, z)) - azimuth + 180) % 360 - 180
-    pitch = np.degrees(np.arctan2(top - span / 2 - height, np.hypot(x, z)))
-    fov = 2 * np.degrees(np.arctan(span / 2 * rng.uniform(1.02, 1.2) / (np.hypot(x, z) - 0.1)))
+    away = np.hypot(x, z)
+    aside = np.degrees(np.arctan(rng.normal(0, 0.1) * span / away))  # nobody stands just in the middle
+    pan = (np.degrees(np.arctan2(x, z)) + aside - azimuth + 180) % 360 - 180
+    pitch = np.degrees(np.arctan2(top - span / 2 - height, away))
+    fov = 2 * np.degrees(np.arctan(span / 2 * rng.uniform(1.02, 1.2) / (away - 0.1)))
     return View(*map(float, (azimuth, distance, height, pitch, fov, pan)))
 
 
@@ -200,7 +202,7 @@ def render_all(
     size: pixels of the square image's side (Section 3: 512).
     behind: 32 directions behind the subject as well as the 64 of the frontal hemisphere.
     jitter: vary camera height, distance and field of view.
-    portrait: jitter, and come close: the frame cuts the figure, somewhere from its chest to its shins.
+    portrait: jitter, and come close: the frame cuts the figure, somewhere from its neck to its shins.
     bounced: bounce light too, for path-traced shading.
     raised: the fine contrast of the albedo as relief, see relief.py; of scans whose folds are only painted.
     processes: default one a core.
