@@ -266,7 +266,7 @@ def light(record, weights, gloss=0.0, shininess=20.0):
 def photograph(rgb, mask, rng):
     """A linear image (3, H, W) as a camera would deliver it: exposure, white balance, a background shining
     through the matte's edge, sensor noise, clipping, 8 bits; linear again."""
-    mean = (rgb * mask).sum() / (3 * mask.sum())
+    mean = (rgb * mask).sum() / (3 * mask.sum()).clamp_min(1)
     tint = torch.from_numpy(np.exp(rng.normal(0, 0.08, 3)).astype(np.float32)).view(3, 1, 1)
     rgb = rgb * tint * (np.exp(rng.uniform(np.log(0.06), np.log(0.6))) / mean.clamp_min(1e-6))
     if rng.random() < 0.5:

@@ -18,9 +18,12 @@ def _masked_mean(values, mask):
 
 
 def random_blocks(mask):
-    """BLOCKS random 2 x 2 pixel blocks (B, BLOCKS) of masks (B, 1, H, W), for `take_blocks`."""
+    """BLOCKS random 2 x 2 pixel blocks (B, BLOCKS) of masks (B, 1, H, W), for `take_blocks`.
+
+    Of an empty mask any blocks: a photograph may happen to be cut so that it shows next to nothing.
+    """
     inside = F.max_pool2d((mask > 0.5).float(), 2).flatten(1)
-    return torch.multinomial(inside, BLOCKS, replacement=True)
+    return torch.multinomial(inside + 1e-9, BLOCKS, replacement=True)
 
 
 def field_loss(network, batch):

@@ -10,6 +10,7 @@ import shadow
 from shading import diffuse
 from shading.training import per_light_task, shading_task
 from shadow import normals, records, training, visibility, weights
+from shadow.backbone import encode_image
 from shadow.directions import from_spherical
 from shadow.field import VisibilityField
 from shadow.tasks import SHADOW, per_light
@@ -47,6 +48,20 @@ def test_normals_of_a_sphere_are_learned(folder, tmp_path):
     assert rows[-1]["angle"] < untrained
     assert (tmp_path / "samples-000012.png").stat().st_size > 0
     assert normals.load(path).size == 128
+
+
+def test_a_photograph_that_shows_nothing_teaches_nothing(folder):
+    """A random cut may miss the subject; the run goes on."""
+    sample = records.sample(records.Records([folder])[0], np.random.default_rng(0), (128, 96), 4)
+    empty = torch.zeros_like(sample["mask"])
+    sample |= {"rgb": records.photograph(sample["rgb"], empty, np.random.default_rng(0)), "mask": empty}
+    batch = {key: value[None] for key, value in sample.items()}
+    batch["image"] = encode_image(batch["rgb"], batch["mask"])
+    network = VisibilityField(size=128)
+    loss = SHADOW.loss(network, batch)
+    loss.backward()
+    assert loss.item() == 0
+    assert all(not parameter.grad.any() for parameter in network.parameters())
 
 
 def test_an_interrupted_run_ends_where_an_uninterrupted_one_does(folder, tmp_path, monkeypatch):
