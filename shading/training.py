@@ -38,6 +38,13 @@ def true_shading(batch, take=lambda image: image):
     return (base(normals, visibility, batch["directions"]) + indirect).clamp_max(1)
 
 
+def _inferred(batch, directions, take=lambda image: image):
+    """Visibility (B, D, H, W) of unit directions (B, D, 3) by the batch's field where `take` takes it, zero
+    outside the matte, as the field's `analyse` gives it in use."""
+    maps, matte = batch["visibility_maps"].at(take), take(batch["matte"])
+    return batch["visibility_network"].log_visibility(maps, directions).exp() * (matte > 0)
+
+
 def _shading_error(estimate, truth, inside):
     """L1, square near zero, of the shading and of its differences between neighbours, which are the shadows'
     edges. Of 2 x 2 blocks (B, L, 4, ...). Below zero is right where the truth is 0: there it is held to 0."""
@@ -72,17 +79,14 @@ def shading_loss(network, batch):
     """Errors of shading and albedo, and of the photograph that they make under the lighting it was taken in:
     what one takes for shadow the other must not take for paint."""
     model = getattr(network, "module", network)
-    field, seen = batch["visibility_network"], batch["visibility_maps"]
     with torch.no_grad():
         anchors = model.anchors.expand(len(batch["rgb"]), -1, -1)
-        # Zero outside the matte, as `analyse` gives them.
-        halved, shown = seen.at(lambda image: image[..., ::2, ::2]), batch["matte"][..., ::2, ::2] > 0
-        guides = field.log_visibility(halved, anchors).exp() * shown
+        guides = _inferred(batch, anchors, lambda image: image[..., ::2, ::2])
     blocks = random_blocks(batch["mask"])
     take = functools.partial(take_blocks, blocks=blocks)
     maps = network(batch["image"], batch["estimated_normals"], guides, blocks)
     inside = (take(batch["mask"]) > 0.5).float()
-    visible = field.log_visibility(seen.at(take), batch["directions"]).exp()
+    visible = _inferred(batch, batch["directions"], take)
     estimate = model.shading(maps, take(batch["estimated_normals"]), visible, batch["directions"])
     shading, albedo = true_shading(batch, take), take(batch["albedo"])
     photographs = [
@@ -102,16 +106,10 @@ def shading_loss(network, batch):
 
 def _diffuse(network, batch):
     """Diffuse of each photograph of the batch."""
-    field, maps = batch["visibility_network"], batch["visibility_maps"]
     for i in range(len(batch["rgb"])):
-        mine, matte = maps.at(lambda image, i=i: image[i : i + 1]), batch["matte"][i, 0]
-        visibility = functools.partial(_visibility, field, mine, matte > 0)
-        yield network.analyse(batch["rgb"][i], matte, batch["estimated_normals"][i], visibility), visibility
-
-
-def _visibility(field, maps, shown, directions):
-    """As `field.analyse` gives it: (D, h, w) of unit directions (D, 3), zero outside the matte."""
-    return field.log_visibility(maps, directions[None])[0].exp() * shown
+        rgb, matte, surface = batch["rgb"][i], batch["matte"][i, 0], batch["estimated_normals"][i]
+        visibility = lambda lights, i=i: _inferred(batch, lights[None], lambda image: image[i : i + 1])[0]  # noqa: E731
+        yield network.analyse(rgb, matte, surface, visibility), visibility
 
 
 def _shading_score(network, batch):
@@ -162,9 +160,8 @@ def shading_task(normals=True, visibility="inferred"):
 
 def per_light_loss(network, batch):
     """L1 of the linear shading (Sections 3 and 4.4)."""
-    field, seen = batch["visibility_network"], batch["visibility_maps"]
     with torch.no_grad():
-        visible = field.log_visibility(seen, batch["directions"]).exp()
+        visible = _inferred(batch, batch["directions"])
     estimate = network(batch["image"], batch["estimated_normals"], visible, batch["directions"])
     maps = estimate, true_shading(batch), (batch["mask"] > 0.5).float()
     return _shading_error(*(F.pixel_unshuffle(image, 2).unflatten(1, (-1, 4)) for image in maps))
