@@ -23,7 +23,7 @@ from torch import nn
 from torch.utils.data import DataLoader, Dataset
 
 from shadow import normals, pictures, weights
-from shadow.backbone import encode_image
+from shadow.backbone import Residual, encode_image
 from shadow.field import VisibilityField
 from shadow.files import replacing
 from shadow.framing import canvas_size
@@ -159,11 +159,20 @@ def warm_start(network, path):
 
 
 def _load_start(network, path, kind):
-    """Weights to start from: all of the same kind of network, or the backbone of another."""
+    """Weights to start from: all of the same kind of network, or the backbone of another.
+
+    Residual blocks that the same kind lacks start as the identity, so a deeper network starts where a
+    shallower one has come to (Net2Net, CGS16).
+    """
     state, metadata = weights.read(path)
     if metadata.get("network") != kind:
         warm_start(network, path)
         return
+    for name, module in network.named_modules():
+        if isinstance(module, Residual) and f"{name}.conv2.weight" not in state:
+            nn.init.zeros_(module.conv2.weight)
+            nn.init.zeros_(module.conv2.bias)
+            state |= {f"{name}.{key}": value for key, value in module.state_dict().items()}
     try:
         network.load_state_dict({key: value.float() for key, value in state.items()})
     except RuntimeError as error:
@@ -305,7 +314,8 @@ def fit(
     records: paths of record folders or shards.
     out: folder for checkpoint.pt, log.jsonl, samples-*.png and <kind>.safetensors (the averaged weights).
     validation: paths of records to score on at every checkpoint; never trained on.
-    init: .safetensors to start from: of the same kind, or of another network with the same backbone.
+    init: .safetensors to start from: of the same kind, as deep or shallower, or of another network with the
+        same backbone.
     estimator: whose normals the network takes: a name or path as `shadow.normals.load` takes it (PIFuHD's
         too), or "true" for those of the records. If None, a visibility field's gate takes its own, and other
         networks those of `visibility`. The weights record which, since training and testing on different

@@ -146,6 +146,22 @@ def test_warm_start_keeps_the_features(tmp_path):
     assert target.backbone.head.weight.abs().max() == 0
 
 
+def test_a_deeper_network_starts_where_a_shallower_one_came_to(folder, tmp_path):
+    shallow = run(SHADOW, folder, tmp_path / "shallow", 4)
+    deeper = replace(
+        SHADOW,
+        config={"encoder": (1, 2, 2, 2, 4), "decoder": (2, 1, 1, 1)},
+        loss=lambda network, batch: 0 * SHADOW.loss(network, batch),
+    )
+    deep = run(deeper, folder, tmp_path / "deep", 1, init=shallow)
+    image = torch.rand(1, 4, 128, 96)
+    with torch.no_grad():
+        before, after = visibility.load(shallow)(image), visibility.load(deep)(image)
+    assert before.cast.std() > 0
+    for was, now in zip(before, after, strict=True):
+        torch.testing.assert_close(now, was, rtol=0.01, atol=0.01 * float(was.abs().max()))
+
+
 def test_another_architecture_is_refused(tmp_path):
     narrow = VisibilityField(size=128, widths=(8, 8, 8, 8, 8))
     weights.save(tmp_path / "narrow.safetensors", narrow, "field", {"size": 128}, {})
