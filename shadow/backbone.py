@@ -58,8 +58,8 @@ class Backbone(nn.Module):
         in_channels,  # 4 (colour and mask), or 7 with normals
         out_channels,  # channels of the head, at full resolution
         widths=(48, 96, 144, 192, 256),  # channels of each level, 1/2 to 1/32
-        encoder=(1, 1, 2, 2, 3),  # residual blocks a level, on the way down
-        decoder=(1, 1, 1, 1),  # residual blocks a level, on the way up
+        encoder=(1, 1, 2, 4, 6),  # residual blocks a level, on the way down
+        decoder=(1, 2, 2, 2),  # residual blocks a level, on the way up
         guides=0,  # channels of a second input, at half resolution
     ):
         super().__init__()

@@ -5,10 +5,12 @@ from shadow.backbone import encode_image, take_blocks, windows
 from shadow.directions import olat
 from shadow.field import VisibilityField, anchor_weights
 
+SMALL = {"widths": (8, 8, 8, 8, 8), "encoder": (1, 1, 1, 1, 1), "decoder": (1, 1, 1, 1)}
+
 
 @pytest.fixture(scope="module")
 def field():
-    return VisibilityField(widths=(8, 8, 8, 8, 8), encoder=(1, 1, 1, 1, 1)).eval()
+    return VisibilityField(**SMALL).eval()
 
 
 def ball(size=64):
@@ -20,7 +22,7 @@ def ball(size=64):
 def trained(field):
     """The field with a head that is not zero, as training leaves it."""
     torch.manual_seed(0)
-    other = VisibilityField(widths=(8, 8, 8, 8, 8), encoder=(1, 1, 1, 1, 1)).eval()
+    other = VisibilityField(**SMALL).eval()
     torch.nn.init.normal_(other.backbone.head.weight, std=0.5)
     return other
 

@@ -12,7 +12,7 @@ from shadow.directions import olat
 from shadow.field import VisibilityField
 from shadow.unet import PerLight
 
-SMALL = {"size": 128, "widths": (8, 8, 8, 8, 8), "encoder": (1, 1, 1, 1, 1)}
+SMALL = {"size": 128, "widths": (8, 8, 8, 8, 8), "encoder": (1, 1, 1, 1, 1), "decoder": (1, 1, 1, 1)}
 
 
 def save(path, recipe=None, seed=0):
