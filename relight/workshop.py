@@ -145,7 +145,8 @@ def train(
     ] = None,
     seed: Annotated[int, typer.Option(help="Of photographs and weights.")] = 0,
     init: Annotated[
-        Path | None, typer.Option(help="Weights to start from: the same network's, or another's backbone.")
+        Path | None,
+        typer.Option(help="Weights to start from: the same network's, maybe less deep, or another backbone."),
     ] = None,
     normals: Annotated[
         str | None,

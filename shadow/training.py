@@ -139,7 +139,8 @@ def learning_rate(recipe, step):
 def warm_start(network, path):
     """Take the backbone of another network's weights, except its head.
 
-    Input channels that the other network lacks start at zero, so the features start as they were.
+    Input channels that the other network lacks start at zero, and residual blocks that it lacks as the
+    identity, so the features start as they were.
     """
     state, metadata = weights.read(path)
     own = network.state_dict()
@@ -153,30 +154,36 @@ def warm_start(network, path):
             channels = min(value.shape[1], padded.shape[1])
             padded[:, :channels] = value[:, :channels].float()
             value = padded
-        if own[key].shape != value.shape:
+        if key not in own or own[key].shape != value.shape:
             raise ValueError(f"init: {path} has another architecture ({key}: {tuple(value.shape)})")
         own[key].copy_(value)
+    _deepen(network, state)
 
 
 def _load_start(network, path, kind):
-    """Weights to start from: all of the same kind of network, or the backbone of another.
-
-    Residual blocks that the same kind lacks start as the identity, so a deeper network starts where a
-    shallower one has come to (Net2Net, CGS16).
-    """
+    """Weights to start from: all of the same kind of network, as deep or shallower, or the backbone of
+    another."""
     state, metadata = weights.read(path)
     if metadata.get("network") != kind:
         warm_start(network, path)
         return
+    state = _deepen(network, state) | {key: value.float() for key, value in state.items()}
+    try:
+        network.load_state_dict(state)
+    except RuntimeError as error:
+        raise ValueError(f"init: {path} has another architecture: {error}") from error
+
+
+def _deepen(network, state):
+    """Make the identity of the residual blocks that `state` lacks, so that a deeper network starts where a
+    shallower one has come to (Net2Net, CGS16); returns the parameters of these blocks."""
+    blocks = {}
     for name, module in network.named_modules():
         if isinstance(module, Residual) and f"{name}.conv2.weight" not in state:
             nn.init.zeros_(module.conv2.weight)
             nn.init.zeros_(module.conv2.bias)
-            state |= {f"{name}.{key}": value for key, value in module.state_dict().items()}
-    try:
-        network.load_state_dict({key: value.float() for key, value in state.items()})
-    except RuntimeError as error:
-        raise ValueError(f"init: {path} has another architecture: {error}") from error
+            blocks |= {f"{name}.{key}": value for key, value in module.state_dict().items()}
+    return blocks
 
 
 class _State:
@@ -314,8 +321,8 @@ def fit(
     records: paths of record folders or shards.
     out: folder for checkpoint.pt, log.jsonl, samples-*.png and <kind>.safetensors (the averaged weights).
     validation: paths of records to score on at every checkpoint; never trained on.
-    init: .safetensors to start from: of the same kind, as deep or shallower, or of another network with the
-        same backbone.
+    init: .safetensors to start from: of the same kind, or of another network with the same backbone; as deep,
+        or shallower.
     estimator: whose normals the network takes: a name or path as `shadow.normals.load` takes it (PIFuHD's
         too), or "true" for those of the records. If None, a visibility field's gate takes its own, and other
         networks those of `visibility`. The weights record which, since training and testing on different

@@ -146,9 +146,11 @@ def test_warm_start_keeps_the_features(tmp_path):
     assert target.backbone.head.weight.abs().max() == 0
 
 
+SHALLOW = {"encoder": (1, 1, 1, 1, 1), "decoder": (1, 1, 1, 1)}
+
+
 def test_a_deeper_network_starts_where_a_shallower_one_came_to(folder, tmp_path):
-    config = {"encoder": (1, 1, 1, 1, 1), "decoder": (1, 1, 1, 1)}
-    shallow = run(replace(SHADOW, config=config), folder, tmp_path / "shallow", 4)
+    shallow = run(replace(SHADOW, config=SHALLOW), folder, tmp_path / "shallow", 4)
     still = replace(SHADOW, loss=lambda network, batch: 0 * SHADOW.loss(network, batch))
     deep = run(still, folder, tmp_path / "deep", 1, init=shallow)
     image = torch.rand(1, 4, 128, 96)
@@ -159,11 +161,28 @@ def test_a_deeper_network_starts_where_a_shallower_one_came_to(folder, tmp_path)
         torch.testing.assert_close(now, was, rtol=0.01, atol=0.01 * float(was.abs().max()))
 
 
+def test_a_deeper_network_of_another_kind_starts_with_the_same_features(tmp_path):
+    torch.manual_seed(0)
+    source = VisibilityField(size=128, **SHALLOW)
+    weights.save(tmp_path / "field.safetensors", source, "field", {"size": 128, **SHALLOW}, {})
+    target = diffuse.ShadingField(size=128, visibility=None, normals=False)
+    warm_start(target, tmp_path / "field.safetensors")
+    image = torch.rand(1, 4, 128, 96)
+    features = []
+    for backbone in (source.half().float().backbone, target.backbone):
+        backbone.norm.register_forward_hook(lambda module, given, result: features.append(result))
+        backbone(image)
+    torch.testing.assert_close(features[1], features[0], rtol=1e-3, atol=1e-3)
+
+
 def test_another_architecture_is_refused(tmp_path):
     narrow = VisibilityField(size=128, widths=(8, 8, 8, 8, 8))
     weights.save(tmp_path / "narrow.safetensors", narrow, "field", {"size": 128}, {})
     with pytest.raises(ValueError, match="another architecture"):
         warm_start(VisibilityField(), tmp_path / "narrow.safetensors")
+    weights.save(tmp_path / "deep.safetensors", VisibilityField(size=128), "field", {"size": 128}, {})
+    with pytest.raises(ValueError, match="another architecture"):
+        warm_start(VisibilityField(size=128, **SHALLOW), tmp_path / "deep.safetensors")
 
 
 def test_a_loss_that_is_not_finite_stops_the_run(folder, tmp_path):
