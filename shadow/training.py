@@ -144,7 +144,7 @@ def warm_start(network, path):
     """
     state, metadata = weights.read(path)
     own = network.state_dict()
-    if not any(key.startswith("backbone.") for key in own):
+    if not all(any(key.startswith("backbone.") for key in keys) for keys in (own, state)):
         raise ValueError(f"init: {path} is a {metadata.get('network')!r} network, of another architecture")
     for key, value in state.items():
         if not key.startswith("backbone.") or key.startswith("backbone.head."):

@@ -249,6 +249,10 @@ def test_a_network_without_that_backbone_is_refused(tmp_path):
     weights.save(tmp_path / "field.safetensors", VisibilityField(size=128), "field", {"size": 128}, {})
     with pytest.raises(ValueError, match=r"init: .* is a 'field' network"):
         warm_start(PerLight(widths=(8, 8, 8, 8, 8)), tmp_path / "field.safetensors")
+    config = {"latent": "resb3", "normals": False, "widths": [8, 8, 16, 16, 32]}
+    weights.save(tmp_path / "resb3.safetensors", PerLight(**config), "resb3", config, {})
+    with pytest.raises(ValueError, match=r"init: .* is a 'resb3' network"):
+        warm_start(VisibilityField(size=128), tmp_path / "resb3.safetensors")
 
 
 def test_weights_for_another_input_are_refused(folder, tmp_path):
