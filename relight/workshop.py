@@ -30,6 +30,9 @@ def stage(
     scan_list: Annotated[
         Path | None, typer.Option(help="Render the meshes that this text file names, one a line, beside it.")
     ] = None,
+    variants: Annotated[
+        str | None, typer.Option(help="Instead of each scan these of its variants: FIRST:LAST.")
+    ] = None,
     views: Annotated[int, typer.Option(min=1, help="Views a figure.")] = 9,
     size: Annotated[int, typer.Option(min=16, help="Pixels of the image's side.")] = 512,
     behind: Annotated[bool, typer.Option(help="32 directions behind the subject too.")] = False,
@@ -60,10 +63,16 @@ def stage(
         )
     sources = [Source.body(seed, split) for seed in _seeds("--bodies", bodies)]
     sources += [Source.pair(seed, split) for seed in _seeds("--pairs", pairs)]
-    sources += [Source.scan(path) for path in scan or []]
+    meshes = list(scan or [])
     if scan_list is not None:
         names = scan_list.read_text().split("\n")
-        sources += [Source.scan(scan_list.parent / name.strip()) for name in names if name.strip()]
+        meshes += [scan_list.parent / name.strip() for name in names if name.strip()]
+    if variants is None:
+        sources += [Source.scan(path) for path in meshes]
+    elif meshes:
+        sources += [Source.variant(path, n) for path in meshes for n in _seeds("--variants", variants)]
+    else:
+        raise ValueError("--variants: expected --scan or --scan-list with it, to make variants of")
     if sources:
         written, on_disk, errors = render_all(
             sources, records, views=views, size=size, behind=behind, jitter=jitter,

@@ -279,6 +279,8 @@ def test_from_a_mesh_to_weights_and_their_score(tmp_path):
         (["stage", "records"], "nothing to do"),
         (["stage", "records", "--bodies", "0:1", "--relief"], "--relief: expected scans"),
         (["stage", "records", "--pairs", "0:1", "--relief"], "--relief: expected scans"),
+        (["stage", "records", "--bodies", "0:1", "--variants", "0:1"], "--variants: expected --scan"),
+        (["stage", "records", "--scan", "a.glb", "--variants", "0"], "--variants: expected FIRST:LAST"),
         (["stage", "records", "--bodies", "three"], "--bodies: expected FIRST:LAST"),
         (["stage", "records", "--pairs", "2"], "--pairs: expected FIRST:LAST"),
         (["stage", "records", "--pack", "shards"], "holds no records"),

@@ -43,6 +43,12 @@ def unit(vectors: np.ndarray) -> np.ndarray:
     return np.where(length > 1e-12, vectors / np.maximum(length, 1e-12), np.array([0.0, 1.0, 0.0]))
 
 
+def standing(vertices: np.ndarray) -> np.ndarray:
+    """Vertices (V, 3) moved so that the lowest is at y = 0, the middle of their box at x = z = 0."""
+    low, high = vertices.min(axis=0), vertices.max(axis=0)
+    return vertices - [(low[0] + high[0]) / 2, low[1], (low[2] + high[2]) / 2]
+
+
 def interpolate(values: np.ndarray, faces: np.ndarray, barycentric: np.ndarray) -> np.ndarray:
     """Vertex values (V, C) at surface points: faces (N, 3) vertex indices, barycentric (N, 3) -> (N, C)."""
     corners = values[faces]

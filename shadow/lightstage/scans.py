@@ -6,7 +6,7 @@ import numpy as np
 import trimesh
 from PIL import Image
 
-from shadow.lightstage.figure import Albedo, Figure, interpolate, joined, unit
+from shadow.lightstage.figure import Albedo, Figure, interpolate, joined, standing, unit
 
 GREY = 0.5  # linear albedo of a mesh that brings no colour
 
@@ -38,9 +38,8 @@ def load(path: str | Path) -> Figure:
         raise ValueError(f"path: expected finite vertices, found NaN or infinity in {path}")
     first_vertex = np.cumsum([0] + [len(mesh.vertices) for mesh in meshes[:-1]])
     faces = np.concatenate([mesh.faces + start for mesh, start in zip(meshes, first_vertex, strict=True)])
-    low, high = vertices.min(axis=0), vertices.max(axis=0)
     return Figure(
-        vertices=(vertices - [(low[0] + high[0]) / 2, low[1], (low[2] + high[2]) / 2]).astype(np.float32),
+        vertices=standing(vertices).astype(np.float32),
         faces=faces.astype(np.int32),
         normals=np.concatenate([unit(mesh.vertex_normals) for mesh in meshes]).astype(np.float32),
         albedo=joined([_mesh_albedo(mesh) for mesh in meshes], [len(mesh.faces) for mesh in meshes]),

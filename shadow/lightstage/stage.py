@@ -18,7 +18,7 @@ import torch
 from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeRemainingColumn
 
 from shadow import directions, records
-from shadow.lightstage import bodies, bounce, pairs, relief, scans
+from shadow.lightstage import bodies, bounce, pairs, relief, scans, variants
 from shadow.lightstage.figure import Figure
 from shadow.lightstage.scene import Scene
 
@@ -158,6 +158,10 @@ class Source:
     @classmethod
     def scan(cls, path):
         return cls(f"scan-{Path(path).stem}", partial(scans.load, path))
+
+    @classmethod
+    def variant(cls, path, number):
+        return cls(f"scan-{Path(path).stem}-variant-{number:03d}", partial(variants.variant, path, number))
 
 
 def _render_figure(source, out, view_count, size, behind, jitter, portrait, bounced, raised):

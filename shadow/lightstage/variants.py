@@ -1,0 +1,69 @@
+"""Scans in another build and other colours. There are few of them, and a network that has seen them often
+knows them by heart: a sleeve's pattern tells it the sleeve's shape. A variant has to be looked at.
+"""
+
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+
+from shadow.lightstage import fabric, scans
+from shadow.lightstage.figure import Albedo, Figure, interpolate, standing, unit
+
+STOUTNESS = 0.08  # deviation of the logarithms of width and depth
+WAVES = 6
+WAVELENGTHS = 0.5, 2.0  # metres: longer than a head, so that a face stays a face
+SLOPE = 0.15  # of a wave; six of them stay under 1, where space would begin to fold over
+WAIST, NECK = (0.45, 0.62), (0.82, 0.86)  # where colours change, of the height
+TINTS = 0.3, 0.25, 0.1  # deviation of the logarithm of a channel: below the waist, above, the head
+
+
+def variant(path: str | Path, number: int) -> Figure:
+    """A mesh file as `scans.load` takes it, as the `number`th of its variants."""
+    figure = scans.load(path)
+    return vary(figure, np.random.default_rng((number, *figure.name.encode())))
+
+
+def vary(figure: Figure, rng: np.random.Generator) -> Figure:
+    """The figure made wider or slimmer, bent by a few long waves of space, and dyed.
+
+    Space does not fold over: what touches still touches, and nothing else meets. Colours keep the texture's
+    detail, with more or less contrast.
+    """
+    stretch = np.exp(rng.normal(0, STOUTNESS, 3)) * [1, 0, 1] + [0, 1, 0]
+    bent, jacobian = _waves(figure.vertices * stretch, rng)
+    # A plane's normal goes with the inverse transpose of what moves its points.
+    normals = np.linalg.solve(jacobian.transpose(0, 2, 1), (figure.normals / stretch)[..., None])[..., 0]
+    return replace(
+        figure,
+        vertices=standing(bent).astype(np.float32),
+        normals=unit(normals).astype(np.float32),
+        albedo=_dyed(figure, rng),
+    )
+
+
+def _waves(points: np.ndarray, rng: np.random.Generator) -> tuple[np.ndarray, np.ndarray]:
+    """Points (V, 3) moved by WAVES random sine waves, and the Jacobian (V, 3, 3) of the motion there."""
+    moved, jacobian = points.copy(), np.tile(np.eye(3), (len(points), 1, 1))
+    for _ in range(WAVES):
+        wavelength = np.exp(rng.uniform(*np.log(WAVELENGTHS)))
+        wave = unit(rng.normal(size=3)) * 2 * np.pi / wavelength
+        push = unit(rng.normal(size=3)) * SLOPE / np.linalg.norm(wave)
+        phase = points @ wave + rng.uniform(0, 2 * np.pi)
+        moved += np.sin(phase)[:, None] * push
+        jacobian += np.cos(phase)[:, None, None] * np.outer(push, wave)
+    return moved, jacobian
+
+
+def _dyed(figure: Figure, rng: np.random.Generator) -> Albedo:
+    """The figure's colours with another contrast and three tints: below the waist, above it, the head."""
+    edges = figure.vertices[:, 1].max() * np.array([rng.uniform(*WAIST), rng.uniform(*NECK)])
+    tints = np.exp(rng.normal(0, np.array(TINTS)[:, None], (3, 3)))
+    contrast = np.exp(rng.normal(0, 0.25))
+
+    def albedo(face: np.ndarray, barycentric: np.ndarray) -> np.ndarray:
+        height = interpolate(figure.vertices[:, 1:2], figure.faces[face], barycentric)[:, 0]
+        colour = figure.albedo(face, barycentric) ** contrast * tints[np.searchsorted(edges, height)]
+        return np.clip(colour, fabric.DARKEST, fabric.BRIGHTEST).astype(np.float32)
+
+    return albedo
