@@ -4,6 +4,7 @@ import numpy as np
 import pytest
 import trimesh
 
+from shadow import records
 from shadow.lightstage import scans, stage, variants
 from shadow.lightstage.fabric import BRIGHTEST, DARKEST
 from shadow.lightstage.figure import Figure, vertex_normals
@@ -83,4 +84,6 @@ def test_a_number_and_a_mesh_make_one_variant(tmp_path):
     names = ["scan-ball", "scan-ball-variant-000", "scan-ball-variant-001"]
     assert [source.name for source in sources] == names
     assert stage.render_all(sources, tmp_path / "out", views=1, size=32, processes=1)[::2] == (3, {})
-    assert sorted(file.stem for file in (tmp_path / "out").iterdir()) == [f"{name}-00" for name in names]
+    found = records.Records([tmp_path / "out"])
+    assert [file.stem for file, _ in found.entries] == [f"{name}-00" for name in names]
+    assert [f"scan-{record.about['figure']}" for record in found] == names

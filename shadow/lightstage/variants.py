@@ -19,9 +19,10 @@ TINTS = 0.3, 0.25, 0.1  # deviation of the logarithm of a channel: below the wai
 
 
 def variant(path: str | Path, number: int) -> Figure:
-    """A mesh file as `scans.load` takes it, as the `number`th of its variants."""
+    """A mesh file as `scans.load` takes it, as the `number`th of its variants, which is called so."""
     figure = scans.load(path)
-    return vary(figure, np.random.default_rng((number, *figure.name.encode())))
+    varied = vary(figure, np.random.default_rng((number, *figure.name.encode())))
+    return replace(varied, name=f"{figure.name}-variant-{number:03d}")
 
 
 def vary(figure: Figure, rng: np.random.Generator) -> Figure:
