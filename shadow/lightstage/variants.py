@@ -1,5 +1,5 @@
-"""Scans in another build and other colours. There are few of them, and a network that has seen them often
-knows them by heart: a sleeve's pattern tells it the sleeve's shape. A variant has to be looked at.
+"""Scans in another build and other colours, where there are few: a network that has seen a view of one often
+enough knows it by heart. They are no substitute for other people (see the model card).
 """
 
 from dataclasses import replace
