@@ -15,11 +15,13 @@ WAVES = 6
 WAVELENGTHS = 0.5, 2.0  # metres: longer than a head, so that a face stays a face
 SLOPE = 0.15  # of a wave; six of them stay under 1, where space would begin to fold over
 WAIST, NECK = (0.45, 0.62), (0.82, 0.86)  # where colours change, of the height
+CONTRAST = 0.25  # deviation of the logarithm of the exponent of a colour
 TINTS = 0.3, 0.25, 0.1  # deviation of the logarithm of a channel: below the waist, above, the head
 
 
 def variant(path: str | Path, number: int) -> Figure:
-    """A mesh file as `scans.load` takes it, as the `number`th of its variants, which is called so."""
+    """A mesh file as `scans.load` takes it, as the `number`th of its variants, which is called so.
+    Raises as that does."""
     figure = scans.load(path)
     varied = vary(figure, np.random.default_rng((number, *figure.name.encode())))
     return replace(varied, name=f"{figure.name}-variant-{number:03d}")
@@ -60,7 +62,7 @@ def _dyed(figure: Figure, rng: np.random.Generator) -> Albedo:
     """The figure's colours with another contrast and three tints: below the waist, above it, the head."""
     edges = figure.vertices[:, 1].max() * np.array([rng.uniform(*WAIST), rng.uniform(*NECK)])
     tints = np.exp(rng.normal(0, np.array(TINTS)[:, None], (3, 3)))
-    contrast = np.exp(rng.normal(0, 0.25))
+    contrast = np.exp(rng.normal(0, CONTRAST))
 
     def albedo(face: np.ndarray, barycentric: np.ndarray) -> np.ndarray:
         height = interpolate(figure.vertices[:, 1:2], figure.faces[face], barycentric)[:, 0]
