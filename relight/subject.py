@@ -40,8 +40,8 @@ class Subject:
     ----------
     image: (H, W, 3|4). Integers are sRGB-encoded with straight alpha; floats linear Rec.709, premultiplied.
     mask: (H, W) in [0, 1], or uint8 or uint16 over the full range: the matte of the person. Needed unless the
-        image has alpha, which it replaces. Pixels that a mask covers in part are taken to show the background
-        too, so their colour is continued from inside.
+        image has alpha, which it replaces. Pixels that a mask covers in part, and the rim of a hard mask, are
+        taken to show the background too, so their colour is continued from inside.
     albedo: (H, W, 3) to use instead of inferring it; integers sRGB, floats linear in [0, 1].
     normals: (H, W, 3) camera-frame normals (x right, y up, z to the camera) to use instead of inferring them;
         or anything else that `shadow.normals.load` takes, such as a PIFuHD checkpoint.
@@ -306,8 +306,9 @@ def _foreground(pixels, alpha, photographed):
     """The person's own colour (3, H, W), not premultiplied, continued beyond the matte's edge.
 
     Premultiplied colour is divided by its alpha where there is enough of it. In a photograph with a separate
-    mask, partly covered pixels show the background as well: only nearly covered ones are trusted. The rest is
-    filled from those by push-pull (Gortler et al. 1996), so that no background, and no black, gets in.
+    mask, partly covered pixels show the background as well: only nearly covered ones are trusted, and those
+    beside an empty one, which a hard mask only calls covered, where there are no others near. The rest is
+    filled from these by push-pull (Gortler et al. 1996), so that no background, and no black, gets in.
     """
     rgb, own_alpha = pixels[..., :3], pixels[..., 3:]
     matte = alpha.numpy()[..., None]
@@ -317,11 +318,20 @@ def _foreground(pixels, alpha, photographed):
         rgb = np.divide(rgb, own_alpha, out=np.zeros_like(rgb), where=known)
     if not known.any():
         raise ValueError("mask: the image is transparent where the mask shows a subject")
+    if photographed:
+        covered, empty = torch.from_numpy(known[None, ..., 0]), alpha[None] == 0
+        inner = covered & ~_within(1, empty)
+        known = (inner | covered & ~_within(2, inner))[0, ..., None].numpy()
     trusted = np.concatenate([rgb * known, known], axis=-1, dtype=np.float32)
     filled = oiio.ImageBufAlgo.fillholes_pushpull(oiio.ImageBuf(np.ascontiguousarray(trusted))).get_pixels(
         "float"
     )[..., :3]
     return torch.from_numpy(np.where(known, rgb, filled).clip(0)).permute(2, 0, 1)
+
+
+def _within(reach, pixels):
+    """Where (1, H, W) one of these pixels is at most `reach` pixels away."""
+    return F.max_pool2d(pixels.float(), 2 * reach + 1, stride=1, padding=reach) > 0
 
 
 def _crop(framing, colour):

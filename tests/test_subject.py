@@ -211,6 +211,22 @@ def test_soft_edges_hold_neither_background_nor_black(monkeypatch):
     np.testing.assert_allclose(filled, expected, atol=1e-5)
 
 
+def test_a_hard_masks_rim_holds_no_background(monkeypatch):
+    coverage, normals = ball(480, 360)
+    coverage[40:60, 100:102] = 1  # a feather in the hat, all rim
+    blue = np.zeros((480, 360, 1)) + (np.arange(480) < 62)[:, None, None]
+    front = np.where(blue > 0, (0.1, 0.1, 0.6), (0.4, 0.4, 0.4))
+    photo = coverage[..., None] * front + (1 - coverage[..., None]) * (0.02, 0.9, 0.05)
+    paint = Delighter(lambda rgb, mask: rgb * (mask > 0))
+    monkeypatch.setattr(subject_module.diffuse, "load", lambda: paint)
+    mask = coverage > 0.3  # as segmentation networks and a magic wand cut: half-covered pixels count as whole
+    albedo = relight.Subject(photo.astype(np.float32), mask=mask, normals=normals).albedo
+    ball_only = mask & (blue[..., 0] == 0)
+    assert np.ptp(albedo[ball_only], axis=-1).max() < 0.01  # grey to the last pixel
+    feather = albedo[40:60, 100:102]
+    assert (feather[..., 2] > 3 * feather[..., 1]).all()  # and its own colour, having no other
+
+
 def test_straight_and_premultiplied_sources_agree():
     coverage, normals = ball(200, 160, soft=8)
     premultiplied = image_of(coverage)
