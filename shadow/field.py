@@ -19,6 +19,7 @@ from shadow.directions import olat
 LIT = 3.0  # cast logit of the untrained field: sigmoid(3) = 0.95, lit
 SHARPNESS = 20.0  # slope of the untrained gate in N·L
 KAPPA = 50.0  # concentration of an anchor's kernel: half weight at 10 degrees, anchors stand 18 apart
+MIRROR = torch.tensor([-1.0, 1.0, 1.0])  # takes a vector to the camera frame of the mirrored picture
 
 
 def anchor_weights(directions, anchors):
@@ -43,6 +44,9 @@ class VisibilityField(nn.Module):
         super().__init__()
         self.size = size  # canvas height that the network was trained for
         self.register_buffer("anchors", torch.from_numpy(olat(behind=True)), persistent=False)
+        # What a mirrored picture's features say at this picture's anchors, which are not each other's mirror.
+        across = anchor_weights(self.anchors * MIRROR, self.anchors)
+        self.register_buffer("across", across, persistent=False)
         self.backbone = Backbone(4, 3 + len(self.anchors) + 1, **backbone)
 
     def forward(self, image, blocks=None):
@@ -61,9 +65,25 @@ class VisibilityField(nn.Module):
         return F.logsigmoid(attached) + F.logsigmoid(cast + LIT)
 
     @torch.no_grad()
+    def infer(self, rgb, mask):
+        """Framed rgb (3, h, w), linear, and mask (h, w) to the FieldMaps of the N pixels inside it, as
+        (1, C, N, 1): the mean of what the network says of the photograph and of its mirror image, since its
+        errors there are others."""
+        image, inside = encode_image(rgb[None], mask[None, None]), mask > 0
+        both = self(torch.cat([image, image.flip(-1)]))
+        own = both.at(lambda maps: maps[:1, :, inside, None])
+        other = both.at(lambda maps: maps[1:].flip(-1)[:, :, inside, None])
+        mirrored = MIRROR.to(image.device).view(1, 3, 1, 1)
+        return FieldMaps(
+            F.normalize(own.normals + mirrored * other.normals, dim=1),
+            (own.cast + torch.einsum("kj,bjnw->bknw", self.across, other.cast)) / 2,
+            (own.sharpness * other.sharpness).sqrt(),
+        )
+
+    @torch.no_grad()
     def normals(self, rgb, mask):
         """Framed rgb (3, h, w), linear, and mask (h, w) to unit normals (3, h, w), zero outside the mask."""
-        return self(encode_image(rgb[None], mask[None, None])).normals[0] * (mask > 0)
+        return _on_canvas(self.infer(rgb, mask).normals, mask)
 
     @torch.no_grad()
     def analyse(self, rgb, mask, normals=None):
@@ -73,17 +93,19 @@ class VisibilityField(nn.Module):
         The function takes unit directions (D, 3) and returns their visibility (D, h, w) in [0, 1], zero
         outside the mask; it runs no network.
         """
-        inside = mask > 0  # a light costs the subject's pixels only, some quarter of the canvas
-        maps = self(encode_image(rgb[None], mask[None, None]))
+        maps = self.infer(rgb, mask)  # a light costs the subject's pixels only, some quarter of the canvas
         if normals is not None:
-            maps = maps._replace(normals=normals[None])
-        surface = maps.normals[0] * inside
-        maps = maps.at(lambda canvas: canvas[..., inside][..., None])
+            maps = maps._replace(normals=normals[None, :, mask > 0, None])
 
         def visibility(directions):
             with torch.no_grad():
-                canvas = rgb.new_zeros(len(directions), *mask.shape)
-                canvas[:, inside] = self.log_visibility(maps, directions[None])[0, ..., 0].exp()
-                return canvas
+                return _on_canvas(self.log_visibility(maps, directions[None]).exp(), mask)
 
-        return surface, visibility
+        return _on_canvas(maps.normals, mask), visibility
+
+
+def _on_canvas(values, mask):
+    """Values (1, C, N, 1) inside the mask (h, w) as (C, h, w), zero outside."""
+    canvas = mask.new_zeros(values.shape[1], *mask.shape)
+    canvas[:, mask > 0] = values[0, :, :, 0]
+    return canvas

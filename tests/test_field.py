@@ -3,7 +3,7 @@ import torch
 
 from shadow.backbone import encode_image, take_blocks, windows
 from shadow.directions import olat
-from shadow.field import VisibilityField, anchor_weights
+from shadow.field import MIRROR, VisibilityField, anchor_weights
 
 SMALL = {"widths": (8, 8, 8, 8, 8), "encoder": (1, 1, 1, 1, 1), "decoder": (1, 1, 1, 1)}
 
@@ -45,6 +45,20 @@ def test_untrained_field_faces_the_camera_and_is_the_sign_baseline(field):
     cosine = torch.einsum("dc,chw->dhw", lights, normals)
     clear = (cosine.abs() > 0.02) & (mask > 0)
     torch.testing.assert_close((maps > 0.5)[clear], (cosine > 0)[clear])
+
+
+def test_a_mirrored_person_is_mirrored(field):
+    """Image left and image right are alike: whatever prefers one of them cancels in the mean of both."""
+    network, rgb, mask = trained(field), torch.rand(3, 64, 64), ball()[1]
+    mask[:, 40:] = 0
+    lights = torch.from_numpy(olat(behind=True))
+    normals, visibility = network.analyse(rgb, mask)
+    mirrored, theirs = network.analyse(rgb.flip(-1), mask.flip(-1))
+    torch.testing.assert_close(mirrored.flip(-1) * MIRROR.view(3, 1, 1), normals, atol=1e-4, rtol=0)
+    maps, same = visibility(lights)[:, mask > 0], theirs(lights * MIRROR).flip(-1)[:, mask > 0]
+    other = theirs(lights).flip(-1)[:, mask > 0]
+    # Not to the digit: features of one set of anchors are brought to those of another.
+    assert (same - maps).abs().mean() < 0.02 < 0.1 < (other - maps).abs().mean()
 
 
 def test_maps_are_in_range_and_zero_outside(field):
