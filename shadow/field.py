@@ -27,6 +27,25 @@ def anchor_weights(directions, anchors):
     return torch.softmax(KAPPA * (directions @ anchors.T), dim=-1)
 
 
+def sides(inside):
+    """Two functions, that take maps (2, C, h, w) of a photograph and of its mirror image to the values (1, C,
+    N, 1) of the one and of the other at the N pixels inside (h, w) the photograph."""
+    width = inside.shape[1]
+    row, column = inside.nonzero(as_tuple=True)
+    own, other = row * width + column, row * width + width - 1 - column
+    return (
+        lambda maps: maps[:1].flatten(2).index_select(2, own)[..., None],
+        lambda maps: maps[1:].flatten(2).index_select(2, other)[..., None],
+    )
+
+
+def scatter(values, mask):
+    """Values (1, C, N, 1) of the pixels inside the mask (h, w) as a canvas (C, h, w), zero outside."""
+    canvas = mask.new_zeros(values.shape[1], mask.numel())
+    inside = (mask > 0).flatten().nonzero()[:, 0]
+    return canvas.index_copy_(1, inside, values[0, :, :, 0].to(canvas)).unflatten(1, mask.shape)
+
+
 class FieldMaps(NamedTuple):
     """What the image alone decides; everything about a light is a dot product with these."""
 
@@ -69,13 +88,12 @@ class VisibilityField(nn.Module):
         """Framed rgb (3, h, w), linear, and mask (h, w) to the FieldMaps of the N pixels inside it, as
         (1, C, N, 1): the mean of what the network says of the photograph and of its mirror image, since its
         errors there are others."""
-        image, inside = encode_image(rgb[None], mask[None, None]), mask > 0
+        image = encode_image(rgb[None], mask[None, None])
         both = self(torch.cat([image, image.flip(-1)]))
-        own = both.at(lambda maps: maps[:1, :, inside, None])
-        other = both.at(lambda maps: maps[1:].flip(-1)[:, :, inside, None])
-        mirrored = MIRROR.to(image.device).view(1, 3, 1, 1)
+        own, other = (both.at(side) for side in sides(mask > 0))
+        mirrored = MIRROR.to(image.device).view(1, 3, 1, 1) * other.normals
         return FieldMaps(
-            F.normalize(own.normals + mirrored * other.normals, dim=1),
+            F.normalize(own.normals + mirrored, dim=1),
             (own.cast + torch.einsum("kj,bjnw->bknw", self.across, other.cast)) / 2,
             (own.sharpness * other.sharpness).sqrt(),
         )
@@ -83,7 +101,7 @@ class VisibilityField(nn.Module):
     @torch.no_grad()
     def normals(self, rgb, mask):
         """Framed rgb (3, h, w), linear, and mask (h, w) to unit normals (3, h, w), zero outside the mask."""
-        return _on_canvas(self.infer(rgb, mask).normals, mask)
+        return scatter(self.infer(rgb, mask).normals, mask)
 
     @torch.no_grad()
     def analyse(self, rgb, mask, normals=None):
@@ -99,13 +117,6 @@ class VisibilityField(nn.Module):
 
         def visibility(directions):
             with torch.no_grad():
-                return _on_canvas(self.log_visibility(maps, directions[None]).exp(), mask)
+                return scatter(self.log_visibility(maps, directions[None]).exp(), mask)
 
-        return _on_canvas(maps.normals, mask), visibility
-
-
-def _on_canvas(values, mask):
-    """Values (1, C, N, 1) inside the mask (h, w) as (C, h, w), zero outside."""
-    canvas = mask.new_zeros(values.shape[1], *mask.shape)
-    canvas[:, mask > 0] = values[0, :, :, 0]
-    return canvas
+        return scatter(maps.normals, mask), visibility
