@@ -14,18 +14,16 @@ from torch import nn
 
 from shadow import inputs, weights
 from shadow import visibility as visibility_module
-from shadow.backbone import ENCODING, EXPOSURE, Backbone, encode_image, take_blocks
+from shadow.backbone import ENCODING, Backbone, encode_image, take_blocks
 from shadow.directions import olat
-from shadow.field import anchor_weights
+from shadow.field import MIRROR, anchor_weights, scatter, sides
 from shadow.framing import Framing, extend
 from shadow.normals import on_canvas, resolve
-from shadow.records import LUMINANCE
 from shadow.unet import LIGHTS_AT_ONCE, UNet
 
 # What the residual field adds is less by this at inference: so little is a guess that hedges between lit and
 # dark, and a haze over deep shadows (SSIM 0.737 with it, 0.741 without, on 16 validation views).
 HAZE = 0.01
-BLACK = 0.01 * EXPOSURE  # luminance of an exposed photograph that is too dark to have a colour
 
 
 def base(normals, visibility, directions):
@@ -58,8 +56,10 @@ class ShadingField(nn.Module):
     """The one-pass network: one forward gives the residual of every light direction, and the albedo.
 
     As in the visibility field, feature k is the residual of anchor direction k, and w(L) interpolates between
-    anchors. Image = albedo × Σ light × shading, so whoever explains one has to know the other. The head
-    starts at zero: untrained, shading is the base image and albedo the photograph.
+    anchors. Image = albedo × Σ light × shading, so whoever explains one has to know the other. The albedo is
+    the photograph times a gain, which need not know the texture, only the light. It has no colour: nobody can
+    tell from one picture the tint of the light from that of all paint. The head starts at zero: untrained,
+    shading is the base image and albedo the photograph.
     """
 
     def __init__(
@@ -74,9 +74,11 @@ class ShadingField(nn.Module):
             raise ValueError(f"visibility: expected inferred, baseline or None, got {visibility!r}")
         self.size, self.normals, self.visibility = size, normals, visibility
         self.register_buffer("anchors", torch.from_numpy(olat(behind=True)), persistent=False)
+        across = anchor_weights(self.anchors * MIRROR, self.anchors)
+        self.register_buffer("across", across, persistent=False)
         lights = len(self.anchors)
         guides = 0 if visibility is None else lights
-        self.backbone = Backbone(7 if normals else 4, lights + 3, guides=guides, **backbone)
+        self.backbone = Backbone(7 if normals else 4, lights + 1, guides=guides, **backbone)
 
     def forward(self, image, normals, visibility, blocks=None):
         """Encoded image and mask (B, 4, H, W), normals (B, 3, H, W), and visibility of the anchor directions
@@ -85,9 +87,9 @@ class ShadingField(nn.Module):
             visibility = torch.einsum("kc,bchw->bkhw", self.anchors, normals[..., ::2, ::2]).gt(0).float()
         x = torch.cat([image, normals], dim=1) if self.normals else image
         maps = self.backbone(x, blocks, None if self.visibility is None else visibility).float()
-        residual, correction = maps.split([len(self.anchors), 3], dim=1)
+        residual, log_gain = maps.split([len(self.anchors), 1], dim=1)
         photograph = image[:, :3] if blocks is None else take_blocks(image[:, :3], blocks)
-        return ShadingMaps(residual, photograph + correction)
+        return ShadingMaps(residual, photograph * log_gain.clamp(-3, 3).exp())
 
     def shading(self, maps, normals, visibility, directions, haze=0.0):
         """Linear shading (B, D, H, W), not yet held to [0, 1], of unit directions (B, D, 3), given their
@@ -102,36 +104,27 @@ class ShadingField(nn.Module):
         """Framed rgb (3, h, w), mask (h, w), normals (3, h, w), and visibility, a function of unit directions
         (D, 3) to maps (D, h, w), to Diffuse. Its shading runs no network but that function."""
         inside = mask > 0  # a light costs the subject's pixels only, some quarter of the canvas
-        guides = visibility(self.anchors)[None, :, ::2, ::2]
+        # As the field does: the mean of what the network says of the photograph and of its mirror image.
+        mirror = MIRROR.to(rgb.device)
         image = encode_image(rgb[None], mask[None, None])
-        maps = self(image, normals[None], guides)
-        photograph, albedo = image[0, :3] ** ENCODING, maps.albedo[0].clamp(0, 1) ** ENCODING
-        albedo = _in_the_colours_of(photograph, albedo) * inside
-        maps = ShadingMaps(*(canvas[..., inside][..., None] for canvas in maps))
-        surface = normals[None, :, inside][..., None]
+        opposite = (mirror.view(3, 1, 1) * normals).flip(-1)
+        guides = torch.stack([visibility(self.anchors), visibility(self.anchors * mirror).flip(-1)])
+        both = self(
+            torch.cat([image, image.flip(-1)]), torch.stack([normals, opposite]), guides[..., ::2, ::2]
+        )
+        own, other = (ShadingMaps(*map(side, both)) for side in sides(inside))
+        residual = (own.residual + torch.einsum("kj,bjnw->bknw", self.across, other.residual)) / 2
+        maps = ShadingMaps(residual, (own.albedo + other.albedo) / 2)
+        surface = normals[None, :, inside, None]
 
         def shading(directions, seen=None):
             with torch.no_grad():
                 seen = visibility(directions) if seen is None else seen
-                seen = seen[None, :, inside][..., None]
-                canvas = rgb.new_zeros(len(directions), *mask.shape)
-                linear = self.shading(maps, surface, seen, directions[None], HAZE)[0, ..., 0]
-                canvas[:, inside] = linear.clamp(0, 1).float()
-                return canvas
+                seen = seen[None, :, inside, None]
+                linear = self.shading(maps, surface, seen, directions[None], HAZE)
+                return scatter(linear.clamp(0, 1), mask)
 
-        return Diffuse(shading, albedo)
-
-
-def _in_the_colours_of(photograph, albedo):
-    """The albedo (3, h, w), as light as it is, in the colours of the exposed photograph (3, h, w).
-
-    Where that is black it keeps its own. Nobody can tell from one picture the tint of the light from that of
-    all paint, and from pixel to pixel the network takes no tint of the light away, but fades hair and skin:
-    see the model card.
-    """
-    luminance = torch.from_numpy(LUMINANCE).to(albedo.device)
-    light, seen = (torch.einsum("c,chw->hw", luminance, image) for image in (albedo, photograph))
-    return ((light * photograph + BLACK * albedo) / (seen + BLACK)).clamp(0, 1)
+        return Diffuse(shading, scatter(maps.albedo.clamp(0, 1) ** ENCODING, mask))
 
 
 class PerLightShading(nn.Module):

@@ -25,10 +25,11 @@ def _aligned(estimate, truth, inside):
     """The estimate, each channel scaled to the truth's mean inside the mask.
 
     Exposure and the colour of the light cannot be told from those of the albedo (image = albedo × light), and
-    without this their error drowns that of the shadows left behind.
+    without this their error drowns that of the shadows left behind. The gradient is that of the whole: with
+    the scale held fixed, shadows left in the albedo pull all of it darker.
     """
     means = [(image * inside).sum(dim=(-2, -1), keepdim=True) for image in (truth, estimate)]
-    return estimate * (means[0] / means[1].clamp_min(1e-3)).detach().clamp(0.2, 5)
+    return estimate * (means[0] / means[1].clamp_min(1e-3)).clamp(0.2, 5)
 
 
 def true_shading(batch, take=lambda image: image):

@@ -3,8 +3,8 @@ import pytest
 import torch
 
 import shading
-from shading import albedo, diffuse
-from shadow import records, weights
+from shading import albedo, diffuse, training
+from shadow import weights
 from shadow.directions import olat
 
 
@@ -50,17 +50,16 @@ def test_the_albedo_has_the_photographs_colours(person):
     paint = shading.infer_albedo(photograph, mask)
     seen, painted = (image[mask > 0.99] for image in (photograph, paint))
     shares = (pixels / pixels.sum(axis=1, keepdims=True) for pixels in (seen, painted))
-    assert np.median(abs(np.subtract(*shares))) < 0.01
+    assert np.percentile(abs(np.subtract(*shares)), 95) < 1e-3
 
 
-def test_what_is_black_in_the_photograph_has_the_colour_that_the_network_gives_it():
-    photograph, albedo = torch.full((3, 4, 4), 0.5), torch.rand(3, 4, 4)
-    photograph[:, :, :2] = 0
-    paint = diffuse._in_the_colours_of(photograph, albedo)
-    torch.testing.assert_close(paint[:, :, :2], albedo[:, :, :2])
-    luminance = torch.from_numpy(records.LUMINANCE)
-    grey = torch.einsum("c,chw->hw", luminance, albedo)[:, 2:].expand(3, -1, -1)
-    torch.testing.assert_close(paint[:, :, 2:], grey, atol=0.01, rtol=0)
+def test_a_shadow_left_in_the_albedo_does_not_pull_at_its_brightness(monkeypatch):
+    monkeypatch.setattr(training, "ABSOLUTE", 0)
+    truth = torch.rand(1, 3, 4, 50, generator=torch.Generator().manual_seed(0)) * 0.5 + 0.3
+    estimate = torch.cat([0.5 * truth[..., :10], truth[..., 10:]], dim=-1)
+    brightness = torch.tensor(1.3, requires_grad=True)
+    training._albedo_error(brightness * estimate, truth, torch.ones(1, 1, 4, 50)).backward()
+    assert brightness.grad.abs() < 1e-6
 
 
 def test_a_network_without_albedo_is_refused(person, tmp_path):

@@ -6,6 +6,7 @@ import shading
 from shading import diffuse
 from shadow.backbone import encode_image
 from shadow.directions import from_spherical, olat
+from shadow.field import MIRROR
 
 LIGHTS = torch.from_numpy(olat(behind=True))
 
@@ -61,6 +62,18 @@ def test_a_light_is_shaded_alike_alone_and_among_others(subject, make):
     together = analysed.shading(LIGHTS[:10])
     for index in (0, 7):
         torch.testing.assert_close(analysed.shading(LIGHTS[index : index + 1])[0], together[index])
+
+
+def test_a_mirrored_person_has_the_same_paint(subject):
+    rgb, mask, normals, visibility = subject
+    network = trained(diffuse.ShadingField(128))
+    here = network.analyse(*subject)
+    across = lambda lights: visibility(lights * MIRROR).flip(-1)  # noqa: E731
+    there = network.analyse(rgb.flip(-1), mask.flip(-1), (normals * MIRROR.view(3, 1, 1)).flip(-1), across)
+    torch.testing.assert_close(there.albedo.flip(-1), here.albedo, atol=1e-4, rtol=1e-3)
+    shade, mirrored = here.shading(LIGHTS), there.shading(LIGHTS * MIRROR).flip(-1)
+    # Features that nobody trained are not as smooth from anchor to anchor as those that are.
+    assert (mirrored - shade).abs().mean() < 0.02 < 0.1 < (shade - shade.flip(-1)).abs().mean()
 
 
 def test_the_base_image_is_linear_in_visibility():
