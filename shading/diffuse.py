@@ -16,7 +16,7 @@ from shadow import inputs, weights
 from shadow import visibility as visibility_module
 from shadow.backbone import ENCODING, Backbone, encode_image, take_blocks
 from shadow.directions import olat
-from shadow.field import MIRROR, anchor_weights, scatter, sides
+from shadow.field import MIRROR, anchor_weights, both_sides, scatter, sides
 from shadow.framing import Framing, extend
 from shadow.normals import on_canvas, resolve
 from shadow.unet import LIGHTS_AT_ONCE, UNet
@@ -74,8 +74,6 @@ class ShadingField(nn.Module):
             raise ValueError(f"visibility: expected inferred, baseline or None, got {visibility!r}")
         self.size, self.normals, self.visibility = size, normals, visibility
         self.register_buffer("anchors", torch.from_numpy(olat(behind=True)), persistent=False)
-        across = anchor_weights(self.anchors * MIRROR, self.anchors)
-        self.register_buffer("across", across, persistent=False)
         lights = len(self.anchors)
         guides = 0 if visibility is None else lights
         self.backbone = Backbone(7 if normals else 4, lights + 1, guides=guides, **backbone)
@@ -113,7 +111,7 @@ class ShadingField(nn.Module):
             torch.cat([image, image.flip(-1)]), torch.stack([normals, opposite]), guides[..., ::2, ::2]
         )
         own, other = (ShadingMaps(*map(side, both)) for side in sides(inside))
-        residual = (own.residual + torch.einsum("kj,bjnw->bknw", self.across, other.residual)) / 2
+        residual = both_sides(own.residual, other.residual, self.anchors)
         maps = ShadingMaps(residual, (own.albedo + other.albedo) / 2)
         surface = normals[None, :, inside, None]
 

@@ -39,6 +39,13 @@ def sides(inside):
     )
 
 
+def both_sides(own, other, anchors):
+    """The mean of features (1, K, N, 1) of the anchors (K, 3): a photograph's, and its mirror image's,
+    brought to the same anchors, which are not each other's mirror."""
+    across = anchor_weights(anchors * MIRROR.to(anchors.device), anchors)
+    return (own + torch.einsum("kj,bjnw->bknw", across, other)) / 2
+
+
 def scatter(values, mask):
     """Values (1, C, N, 1) of the pixels inside the mask (h, w) as a canvas (C, h, w), zero outside."""
     canvas = mask.new_zeros(values.shape[1], mask.numel())
@@ -63,9 +70,6 @@ class VisibilityField(nn.Module):
         super().__init__()
         self.size = size  # canvas height that the network was trained for
         self.register_buffer("anchors", torch.from_numpy(olat(behind=True)), persistent=False)
-        # What a mirrored picture's features say at this picture's anchors, which are not each other's mirror.
-        across = anchor_weights(self.anchors * MIRROR, self.anchors)
-        self.register_buffer("across", across, persistent=False)
         self.backbone = Backbone(4, 3 + len(self.anchors) + 1, **backbone)
 
     def forward(self, image, blocks=None):
@@ -94,7 +98,7 @@ class VisibilityField(nn.Module):
         mirrored = MIRROR.to(image.device).view(1, 3, 1, 1) * other.normals
         return FieldMaps(
             F.normalize(own.normals + mirrored, dim=1),
-            (own.cast + torch.einsum("kj,bjnw->bknw", self.across, other.cast)) / 2,
+            both_sides(own.cast, other.cast, self.anchors),
             (own.sharpness * other.sharpness).sqrt(),
         )
 
