@@ -15,7 +15,7 @@ from pathlib import Path
 import numpy as np
 import torch
 import torch.nn.functional as F
-from kornia.enhance import jpeg_codec_differentiable
+from kornia.enhance import jpeg_codec_differentiable, sharpness
 
 from shadow.files import replacing
 from shadow.framing import Framing, affine_sample, bounding_box
@@ -218,11 +218,12 @@ class Records:
             return from_bytes(archive.read(member), f"{file}:{member}")
 
 
-def random_lighting(rng, directions):
+def random_lighting(rng, directions, unfilled=0.0):
     """Weights (D, 3) of a random lighting over `directions` (D, 3): any mixture is weights over the set.
 
     One to four hard lights, each of its own colour, above an ambient environment that varies slowly with
-    direction. Real photographs go from one to the other, so the share of hard light does too.
+    direction. Real photographs go from one to the other, so the share of hard light does too. `unfilled` of
+    the lightings, a share in [0, 1], have no ambient light, as on a dark stage.
     """
     hard = np.zeros((len(directions), 3), np.float32)
     for _ in range(rng.choice([1, 2, 3, 4], p=[0.5, 0.3, 0.12, 0.08])):
@@ -238,6 +239,8 @@ def random_lighting(rng, directions):
     soft = lobes * rng.uniform(0, 1, 3) @ np.exp(rng.normal(0, 0.12, (3, 3)))
     soft = soft / soft.sum(axis=0).mean()
     share = rng.choice([rng.uniform(0.6, 0.95), rng.uniform(0, 0.6), 0.0], p=[0.5, 0.3, 0.2])
+    if unfilled and rng.random() < unfilled:
+        share = 1.0
     return (share * hard / hard.sum() * 3 + (1 - share) * 4 * soft).astype(np.float32)
 
 
@@ -287,6 +290,12 @@ def compress(rgb, quality):
     return jpeg_codec_differentiable(encoded[None], torch.tensor([float(quality)]))[0].clamp(0, 1) ** ENCODING
 
 
+def sharpen(rgb, factor):
+    """A linear image (3, H, W) as a camera sharpens it by a `factor` above 1, or as a lens blurs it by one in
+    [0, 1): 3 x 3 pixels on the encoded image."""
+    return sharpness(rgb.clamp(0, 1) ** (1 / ENCODING), factor) ** ENCODING
+
+
 def rough_matte(mask, rng):
     """A matte (1, H, W) as somebody's tool cuts it: here inside the subject's edge, there outside, by up to a
     hundredth of the height; the edge soft or hard, and what is thinner than that lost or filled."""
@@ -317,7 +326,7 @@ def sample(record, rng, size, lights=None, augment=True):
     """
     record = record.cropped(size[0])
     count = len(record.directions)
-    weights = random_lighting(rng, record.directions)
+    weights = random_lighting(rng, record.directions, unfilled=0.1 if augment else 0)
     chosen, shining = rng.permutation(count), weights.any(axis=1)
     if lights is not None and shining.sum() <= lights:
         chosen = chosen[np.argsort(~shining[chosen], kind="stable")]
@@ -365,6 +374,8 @@ def sample(record, rng, size, lights=None, augment=True):
     matte = mask
     if augment:
         rgb = photograph(rgb, mask, rng)
+        if rng.random() < 0.3:
+            rgb = sharpen(rgb, rng.uniform(0, 4))
         if rng.random() < 0.3:
             rgb = compress(rgb, rng.uniform(30, 95))
         if rng.random() < 0.3:

@@ -111,6 +111,16 @@ def test_random_lighting_is_never_dark():
         assert weights.sum() > 1
 
 
+def test_lighting_without_ambient_light():
+    from shadow.directions import olat
+
+    rng = np.random.default_rng(0)
+    for _ in range(20):
+        weights = records.random_lighting(rng, olat(behind=True), unfilled=1)
+        assert 1 <= weights.any(axis=1).sum() <= 4
+        assert weights.sum() > 1
+
+
 @pytest.mark.parametrize("seed", range(12))
 def test_normals_and_lights_turn_with_the_picture(ball, seed):
     """A flipped, turned, scaled sphere is still a sphere: its normals follow from its outline, and where it
@@ -208,6 +218,19 @@ def test_compression_is_that_of_a_jpeg_file(ball):
         ours = (records.compress(rgb, quality) ** (1 / records.ENCODING) * 255).permute(1, 2, 0).numpy()
         lost = np.abs(reference - encoded).mean()
         assert np.abs(ours - reference).mean() < 0.6 * lost
+
+
+def test_sharpening_deepens_detail_and_keeps_what_is_flat(ball):
+    view = records.sample(ball, np.random.default_rng(0), canvas_size(128), 1, augment=False)
+    rgb = view["rgb"].clamp(0, 1)
+    torch.testing.assert_close(records.sharpen(rgb, 1.0), rgb)
+    flat = torch.full_like(rgb, 0.3)
+    torch.testing.assert_close(records.sharpen(flat, 3.0), flat)
+    slopes = [
+        (image ** (1 / records.ENCODING)).diff(dim=2).abs().mean()
+        for image in (records.sharpen(rgb, 0.0), rgb, records.sharpen(rgb, 3.0))
+    ]
+    assert slopes[0] < slopes[1] < slopes[2]
 
 
 @pytest.mark.parametrize("seed", range(6))
