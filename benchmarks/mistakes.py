@@ -36,7 +36,7 @@ KINDS = (
 
 def kinds(scene, surface, lights):
     """(N, D) index into KINDS of each point of the Surface under each of the lights (D, 3)."""
-    facing = (surface.geometric @ lights.T > 0) & (surface.normal @ lights.T > 0)
+    facing = surface.facing(lights)
     kind = np.where(facing, KINDS.index("in the light"), KINDS.index("facing away"))
     point, which = np.nonzero(facing)
     origins = (surface.position + OFFSET * surface.geometric)[point]

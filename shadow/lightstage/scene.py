@@ -25,6 +25,11 @@ class Surface:
         """The points of an index or a mask."""
         return Surface(self.position[index], self.geometric[index], self.normal[index], self.albedo[index])
 
+    def facing(self, lights):
+        """Which of the lights (D, 3) each point turns to, (N, D) bool: by its geometric and its shading
+        normal, so that smooth normals cannot leak light through a coarse surface."""
+        return (self.geometric @ lights.T > 0) & (self.normal @ lights.T > 0)
+
 
 class Scene:
     """The figure in the frame of a camera at `position` (3,); `rotation` (3, 3) is from world to camera."""
@@ -56,12 +61,8 @@ class Scene:
         return found, Surface(position, geometric, normal, self.figure.albedo(face, barycentric))
 
     def visibility(self, surface, lights):
-        """Which of the lights (D, 3) each point of a Surface sees: (N, D) bool.
-
-        False where the geometric or the shading normal faces away from the light, so that smooth normals
-        cannot leak light through a coarse surface.
-        """
-        lit = (surface.geometric @ lights.T > 0) & (surface.normal @ lights.T > 0)
+        """Which of the lights (D, 3) each point of a Surface faces and sees: (N, D) bool."""
+        lit = surface.facing(lights)
         point, light = np.nonzero(lit)
         origins = (surface.position + OFFSET * surface.geometric).astype(np.float32)[point]
         occluded = self._embree.run(origins, lights.astype(np.float32)[light], query="OCCLUDED")
