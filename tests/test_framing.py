@@ -27,7 +27,7 @@ def test_canvas_sizes():
 def test_subject_fills_the_canvas_but_for_the_margin(box):
     framing = Framing.around(person(200, 200, box), 256)
     top, left, bottom, right = bounding_box(framing.crop(person(200, 200, box)[None])[0])
-    assert max((bottom - top) / 256, (right - left) / 192) == pytest.approx(0.88, abs=0.02)
+    assert max((bottom - top) / 256, (right - left) / 192) == pytest.approx(0.92, abs=0.02)
     assert (top + bottom) / 2 == pytest.approx(128, abs=1.5)
     assert (left + right) / 2 == pytest.approx(96, abs=1.5)
 
