@@ -45,9 +45,10 @@ def lamp(directions, azimuth, elevation):
 
 def photographs(record, seed):
     """Names, and linear colours (N, 3) of the record's pixels."""
-    found = {name: light(record, weights) for name, weights in lightings(record.directions, seed).items()}
+    lit = lightings(record.directions, seed)
     grey = replace(record, albedo_uint8=np.full_like(record.albedo_uint8, 186))
-    found["key, without paint"] = light(grey, lamp(record.directions, -35, 30))
+    found = {name: light(record, weights) for name, weights in lit.items()}
+    found["key, without paint"] = light(grey, lit["key"])
     return found | {"without light": record.albedo, "without either": grey.albedo}
 
 
