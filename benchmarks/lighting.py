@@ -3,31 +3,29 @@ and in hard light, without paint and without light.
 
 python benchmarks/lighting.py RECORDS [field.safetensors] [views]
 
-Views are scored on the canvas, visibility for their frontal lights. Random lightings are those of `relight
-evaluate`; without paint all is grey, without light the photograph is the albedo.
+Views and random lightings are those of `relight evaluate`. Without paint all is grey, without light the
+photograph is the albedo, before any camera.
 """
 
 import sys
 from dataclasses import replace
 
 import numpy as np
-import torch
-import torch.nn.functional as F
 from rich.progress import track
 
 from shadow import metrics, visibility
 from shadow.directions import from_spherical
-from shadow.evaluation import FRONTAL, Tally, View
-from shadow.framing import Framing
-from shadow.records import Records, light, random_lighting
+from shadow.evaluation import Tally, View
+from shadow.records import Records
 
 
-def lightings(directions, seed):
-    """Names, and weights (D, 3) over directions (D, 3): lamps have the power 3, skies 4."""
+def lightings(directions):
+    """Names, and weights (D, 3) over directions (D, 3), or None where they are drawn: lamps have the power 3,
+    skies 4."""
     sky = np.full_like(directions, 4 / len(directions))
     key, side = (lamp(directions, azimuth, elevation) for azimuth, elevation in ((-35, 30), (96, 17)))
     return {
-        "random": random_lighting(np.random.default_rng(seed), directions),
+        "random": None,
         "sky": sky,
         "key and sky": 0.6 * key + 0.4 * sky,
         "key": key,
@@ -43,33 +41,22 @@ def lamp(directions, azimuth, elevation):
     return weights
 
 
-def photographs(record, seed):
-    """Names, and linear colours (N, 3) of the record's pixels."""
-    lit = lightings(record.directions, seed)
+def photographs(record, seed, height):
+    """Names, and Views of the record on a canvas of `height` pixels."""
+    lit = lightings(record.directions)
     grey = replace(record, albedo_uint8=np.full_like(record.albedo_uint8, 186))
-    found = {name: light(record, weights) for name, weights in lit.items()}
-    found["key, without paint"] = light(grey, lit["key"])
-    return found | {"without light": record.albedo, "without either": grey.albedo}
-
-
-def framed(record, colour, height):
-    """The View of the record in these colours (N, 3) on a canvas of `height` pixels."""
-    frontal = record.directions[:, 2] > FRONTAL
-    mask = torch.from_numpy(record.mask).float()[None]
-    image = record.image(np.concatenate([colour, record.normals, record.visibility[:, frontal]], axis=1))
-    planes = Framing.around(mask[0], height).crop(torch.cat([mask, image]))
-    straight = planes[1:] / planes[:1].clamp_min(0.02)
-    rgb, normals, visible = straight.split([3, 3, int(frontal.sum())])
-    lights = torch.from_numpy(record.directions[frontal])
-    return View(rgb, rgb, planes[0], F.normalize(normals, dim=0), lights, (visible > 0.5).float())
+    views = {name: View.of(record, seed, height, weights) for name, weights in lit.items()}
+    views["key, without paint"] = unpainted = View.of(grey, seed, height, lit["key"])
+    views["without light"] = replace(unpainted, rgb=views["key"].albedo)
+    views["without either"] = replace(unpainted, rgb=unpainted.albedo)
+    return views
 
 
 def main(folder, model="field", views=16):
     network, records = visibility.load(model), Records([folder])
     tallies, angles = {}, {}
     for index in track(records.spread(int(views)), "views"):
-        for name, colour in photographs(records[index], (0, index)).items():
-            view = framed(records[index], colour, network.size)
+        for name, view in photographs(records[index], (0, index), network.size).items():
             normals, binary = view.binary(network, None)
             tallies.setdefault(name, Tally()).add(binary, view)
             angle = metrics.angular_error(normals, view.normals, view.mask > 0.5)

@@ -33,27 +33,29 @@ class Score:
 
 @dataclass(frozen=True)
 class View:
-    """A record photographed under one random lighting and framed on a canvas, with the truth of its frontal
-    lights."""
+    """A record photographed under one lighting and framed on a canvas, with the truth, visibility for the
+    frontal lights."""
 
     rgb: torch.Tensor  # (3, h, w) linear photograph
     scene: torch.Tensor  # (3, h, w) the same before it met a camera
     mask: torch.Tensor  # (h, w)
     normals: torch.Tensor  # (3, h, w) true
+    albedo: torch.Tensor  # (3, h, w) true, linear
     lights: torch.Tensor  # (D, 3)
     visibility: torch.Tensor  # (D, h, w) 0 or 1
 
     @classmethod
-    def of(cls, record, seed, height):
-        """The view of `record` on a canvas of `height` pixels; `seed` decides its lighting and camera."""
+    def of(cls, record, seed, height, lighting=None):
+        """The view of `record` on a canvas of `height` pixels; `seed` decides its camera, and its lighting if
+        that is None: weights (D, 3) over the record's directions."""
         rng = np.random.default_rng(seed)
-        drawn = sample(record, rng, canvas_size(height), augment=False)
+        drawn = sample(record, rng, canvas_size(height), augment=False, lighting=lighting)
         frontal = drawn["directions"][:, 2] > FRONTAL
         lit = (drawn["visibility"][frontal] > 0.5).float()
         rgb = photograph(drawn["rgb"], drawn["mask"], rng)
         place = torch.device("cuda" if torch.cuda.is_available() else "cpu")
-        tensors = (rgb, drawn["rgb"], drawn["mask"][0], drawn["normals"], drawn["directions"][frontal], lit)
-        return cls(*(tensor.to(place) for tensor in tensors))
+        truth = (drawn["mask"][0], drawn["normals"], drawn["albedo"], drawn["directions"][frontal], lit)
+        return cls(*(tensor.to(place) for tensor in (rgb, drawn["rgb"], *truth)))
 
     def given(self, surface, network):
         """Normals (3, h, w) of `surface` for a visibility network, or None if it is the network itself, whose

@@ -317,16 +317,19 @@ class Sample(dict):
     """
 
 
-def sample(record, rng, size, lights=None, augment=True):
+def sample(record, rng, size, lights=None, augment=True, lighting=None):
     """A random photograph of the record, with its truth, framed on a canvas of `size` (h, w).
 
     `lights` directions are drawn from the record's set (all of them, in order, if None), those that light the
-    photograph among them if there is room. With `augment` the
-    picture is flipped, turned in the image plane, scaled and moved, and normals and directions turn with it.
+    photograph among them if there is room. With `augment` the picture is flipped, turned in the image plane,
+    scaled and moved, and normals and directions turn with it. `lighting`, weights (D, 3) over the record's
+    directions, is drawn if None.
     """
     record = record.cropped(size[0])
     count = len(record.directions)
-    weights = random_lighting(rng, record.directions, unfilled=0.1 if augment else 0)
+    weights = lighting
+    if weights is None:
+        weights = random_lighting(rng, record.directions, unfilled=0.1 if augment else 0)
     chosen, shining = rng.permutation(count), weights.any(axis=1)
     if lights is not None and shining.sum() <= lights:
         chosen = chosen[np.argsort(~shining[chosen], kind="stable")]

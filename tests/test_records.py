@@ -184,6 +184,22 @@ def _framed(record, rows, columns):
     return dataclasses.replace(record, mask=record.mask[rows, columns], **kept)
 
 
+def test_a_given_lighting_is_the_one_photographed(ball):
+    lighting = np.zeros_like(ball.directions)
+    lighting[9] = 0.5, 1, 2
+    size, seed = canvas_size(128), 0  # a seed without gloss
+    view, twice = (
+        records.sample(ball, np.random.default_rng(seed), size, augment=False, lighting=k * lighting)
+        for k in (1, 2)
+    )
+    torch.testing.assert_close(view["weights"], torch.from_numpy(lighting))
+    torch.testing.assert_close(twice["rgb"], 2 * view["rgb"])
+    cosine = (view["normals"] * view["directions"][9].view(3, 1, 1)).sum(dim=0).clamp_min(0)
+    lit = view["albedo"] * cosine * view["visibility"][9] * torch.tensor([0.5, 1, 2]).view(3, 1, 1)
+    inside = (view["mask"][0] == 1) & ((view["visibility"][9] == 0) | (view["visibility"][9] == 1))
+    torch.testing.assert_close(view["rgb"][:, inside], lit[:, inside], atol=0.02, rtol=0)
+
+
 def test_samples_are_deterministic_and_finite(ball):
     first, again = (records.sample(ball, np.random.default_rng(3), canvas_size(128), 5) for _ in range(2))
     for key, value in first.items():
