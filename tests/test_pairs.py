@@ -6,7 +6,7 @@ from scipy.spatial import cKDTree
 
 from shadow.lightstage import pairs, stage
 from shadow.lightstage.figure import Figure
-from shadow.lightstage.poses import turn
+from shadow.lightstage.skeleton import turn
 
 
 @pytest.fixture(scope="module")

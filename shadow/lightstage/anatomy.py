@@ -16,7 +16,7 @@ from scipy.spatial import cKDTree
 
 from shadow.lightstage.cloth import subdivide
 from shadow.lightstage.figure import vertex_normals
-from shadow.lightstage.poses import Skeleton
+from shadow.lightstage.skeleton import Skeleton
 
 REGIONS = ("torso", "arm.L", "arm.R", "leg.L", "leg.R")
 LIMBS = {"arm": ("upperarm01", "lowerarm01", "wrist"), "leg": ("upperleg01", "lowerleg01", "foot")}

@@ -16,7 +16,7 @@ from shadow.lightstage.cloth import compact
 from shadow.lightstage.fabric import Fabric, Noise, Part
 from shadow.lightstage.figure import Figure, interpolate, unit, vertex_normals
 from shadow.lightstage.garments import Wardrobe
-from shadow.lightstage.poses import Posing, Skeleton
+from shadow.lightstage.skeleton import Posing, Skeleton
 
 SPLITS = ("training", "validation", "generalisation")
 

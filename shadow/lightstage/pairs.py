@@ -9,7 +9,7 @@ import numpy as np
 from shadow.lightstage import poses
 from shadow.lightstage.bodies import Shape, chance
 from shadow.lightstage.figure import Figure, joined
-from shadow.lightstage.poses import SIDES, Posing, turn
+from shadow.lightstage.skeleton import SIDES, Posing, turn
 
 
 def pair(seed: int, split: str) -> Figure:

@@ -1,0 +1,228 @@
+"""The skeleton at rest, and a pose of it: rotations of the bones.
+
+A rotation here is about world-like axes of the rest pose (x to the person's left, y up, z forward) and
+rides on the bone's parent. Arms and legs are posed by where they go: an upper and a lower direction, or a
+point that the hand reaches for, in the frame of the chest (arms) or of the pelvis (legs). So elbows and
+knees stay hinges.
+"""
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from shadow.lightstage.figure import unit
+
+SIDES = {"L": 1.0, "R": -1.0}
+
+
+@dataclass(frozen=True)
+class Skeleton:
+    """The bones at rest: heads (J, 3) metres, parent index (-1 for the root) and names, parents first."""
+
+    heads: np.ndarray
+    parents: list[int]
+    names: list[str]
+
+    def head(self, name: str) -> np.ndarray:
+        return self.heads[self.names.index(name)]
+
+    def transforms(self, rotations: dict[str, np.ndarray]) -> np.ndarray:
+        """(J, 3, 4): takes a rest point that follows bone j to its posed place."""
+        result = np.zeros((len(self.names), 3, 4))
+        for j, (name, parent) in enumerate(zip(self.names, self.parents, strict=True)):
+            above = result[parent] if parent >= 0 else np.eye(3, 4)
+            turn = rotations.get(name, np.eye(3))
+            result[j, :, :3] = above[:, :3] @ turn
+            pivot = above[:, :3] @ self.heads[j] + above[:, 3]
+            result[j, :, 3] = pivot - result[j, :, :3] @ self.heads[j]
+        return result
+
+
+def turn(axis: np.ndarray | tuple[float, float, float], degrees: float) -> np.ndarray:
+    """Rotation (3, 3) about an axis, right-handed."""
+    x, y, z = unit(np.asarray(axis, float))
+    angle = np.radians(degrees)
+    cross = np.array([[0, -z, y], [z, 0, -x], [-y, x, 0]])
+    return np.eye(3) + np.sin(angle) * cross + (1 - np.cos(angle)) * cross @ cross
+
+
+def euler(pitch: float, yaw: float, roll: float) -> np.ndarray:
+    """Degrees: pitch bows forward, yaw turns to the person's left, roll tips to the person's right."""
+    return turn((0, 1, 0), yaw) @ turn((1, 0, 0), pitch) @ turn((0, 0, 1), roll)
+
+
+def between(a: np.ndarray, b: np.ndarray) -> np.ndarray:
+    """The smallest rotation taking direction a to direction b."""
+    axis = np.cross(a, b)
+    if np.linalg.norm(axis) < 1e-8:
+        return np.eye(3)
+    return turn(axis, np.degrees(np.arctan2(np.linalg.norm(axis), a @ b)))
+
+
+def reach(
+    start: np.ndarray, target: np.ndarray, upper: float, lower: float, hint: np.ndarray
+) -> tuple[np.ndarray, np.ndarray]:
+    """Directions of the two bones of a limb (lengths in metres) that brings its end to the target, bending
+    the joint between towards `hint`."""
+    gap = target - start
+    distance = np.clip(np.linalg.norm(gap), abs(upper - lower) * 1.05 + 0.02, (upper + lower) * 0.995)
+    forward = unit(gap)
+    side = unit(hint - (hint @ forward) * forward)
+    cosine = np.clip((upper**2 + distance**2 - lower**2) / (2 * upper * distance), -1, 1)
+    joint = upper * (cosine * forward + np.sqrt(1 - cosine**2) * side)
+    return unit(joint), unit(distance * forward - joint)
+
+
+def _limb(rest: np.ndarray, upper: np.ndarray, lower: np.ndarray, hinge: np.ndarray) -> tuple:
+    """Rotations of a limb's (upper bone, its twist, lower bone) taking the rest joints (3, 3) to the
+    directions.
+
+    hinge: the axis about which the middle joint bends at rest; it stays the bending axis when posed.
+    """
+    rest_upper, rest_lower = unit(rest[1] - rest[0]), unit(rest[2] - rest[1])
+    swing = between(rest_upper, upper)
+    carried = swing @ hinge
+    posed_hinge = np.cross(upper, lower)
+    bend = np.linalg.norm(posed_hinge)
+    flat = carried - (carried @ upper) * upper
+    twist_angle = 0.0
+    if bend > 1e-6:
+        wanted = posed_hinge / bend
+        twist_angle = np.degrees(np.arctan2(np.cross(flat, wanted) @ upper, flat @ wanted))
+        # A nearly straight limb has no plane to turn into.
+        twist_angle = np.clip(twist_angle * min(1.0, bend / 0.25), -110, 110)
+    first = turn(upper, 0.5 * twist_angle) @ swing
+    second = swing.T @ turn(upper, 0.5 * twist_angle) @ swing
+    above = first @ second
+    third = above.T @ between(above @ rest_lower, lower) @ above
+    return first, second, third
+
+
+class Posing:
+    """Collects the rotations of one pose; every method adds to `rotations`."""
+
+    def __init__(self, skeleton: Skeleton, rng: np.random.Generator) -> None:
+        self.skeleton, self.rng = skeleton, rng
+        self.rotations: dict[str, np.ndarray] = {}
+        self.arms: dict[str, tuple[np.ndarray, np.ndarray]] = {}
+        self.lift = 0.0
+
+    def spread(self, scale: float) -> float:
+        return float(np.clip(self.rng.normal(), -2.2, 2.2) * scale)
+
+    def joints(self, kind: str, side: str) -> np.ndarray:
+        names = {"arm": ("upperarm01", "lowerarm01", "wrist"), "leg": ("upperleg01", "lowerleg01", "foot")}[
+            kind
+        ]
+        return np.stack([self.skeleton.head(f"{name}.{side}") for name in names])
+
+    def torso(self, pitch: float = 0, yaw: float = 0, roll: float = 0) -> None:
+        """Bend the spine, in degrees, shared by its bones."""
+        for bone, share in (("spine04", 0.25), ("spine03", 0.3), ("spine02", 0.3), ("spine01", 0.15)):
+            self.rotations[bone] = euler(pitch * share, yaw * share, roll * share)
+
+    def pelvis(self, pitch: float = 0, yaw: float = 0, roll: float = 0) -> None:
+        self.rotations["root"] = euler(pitch, yaw, roll)
+
+    def head(self, pitch: float = 0, yaw: float = 0, roll: float = 0) -> None:
+        for bone, share in (("neck01", 0.2), ("neck02", 0.2), ("neck03", 0.2), ("head", 0.4)):
+            self.rotations[bone] = euler(pitch * share, yaw * share, roll * share)
+
+    def arm(self, side: str, upper: np.ndarray, lower: np.ndarray, pronation: float = 0) -> None:
+        """upper, lower: directions in the chest frame with x outwards from the body; pronation: degrees."""
+        mirror = np.array([SIDES[side], 1, 1])
+        self.aim_arm(side, unit(np.asarray(upper, float) * mirror), unit(np.asarray(lower, float) * mirror))
+        self.pronate(side, pronation)
+
+    def aim_arm(self, side: str, upper: np.ndarray, lower: np.ndarray) -> None:
+        """upper, lower: unit directions in the chest frame."""
+        self.arms[side] = upper, lower
+        raised = np.clip(np.degrees(np.arcsin(upper[1])) + 20, 0, 60) * 0.4
+        shoulder = turn((0, 0, 1), SIDES[side] * raised)
+        self.rotations[f"clavicle.{side}"] = shoulder
+        joints = self.joints("arm", side)
+        hinge = unit(np.cross(joints[1] - joints[0], joints[2] - joints[1]))
+        first, second, third = _limb(joints, shoulder.T @ upper, shoulder.T @ lower, hinge)
+        self.rotations[f"upperarm01.{side}"] = first
+        self.rotations[f"upperarm02.{side}"] = second
+        self.rotations[f"lowerarm01.{side}"] = third
+
+    def hand_to(self, side: str, target: np.ndarray, hint: tuple, pronation: float = 0) -> None:
+        """Bring the wrist to a point of the rest chest frame; hint: where the elbow points, x outwards."""
+        joints = self.joints("arm", side)
+        upper, lower = (np.linalg.norm(joints[k + 1] - joints[k]) for k in (0, 1))
+        directions = reach(joints[0], target, upper, lower, np.asarray(hint, float) * [SIDES[side], 1, 1])
+        self.aim_arm(side, *directions)
+        self.pronate(side, pronation)
+
+    def pronate(self, side: str, degrees: float) -> None:
+        joints = self.joints("arm", side)
+        axis = unit(joints[2] - joints[1])
+        angle = SIDES[side] * (degrees + self.spread(12))
+        self.rotations[f"lowerarm02.{side}"] = turn(axis, 0.6 * angle)
+        bend = turn(self.palm(side)[1], self.spread(14)) @ turn(axis, 0.4 * angle)
+        self.rotations[f"wrist.{side}"] = bend
+
+    def palm(self, side: str) -> tuple[np.ndarray, np.ndarray]:
+        """The way the palm faces at rest, and the axis about which fingers curl towards it."""
+        head = self.skeleton.head
+        knuckles = head(f"finger2-1.{side}") - head(f"finger5-1.{side}")
+        along = head(f"finger3-1.{side}") - head(f"wrist.{side}")
+        normal = SIDES[side] * unit(np.cross(along, knuckles))
+        return normal, unit(np.cross(along, normal))
+
+    def fingers(self, side: str, curl: float, spread: float) -> None:
+        """curl in degrees a joint (20 relaxed, 80 a fist), spread in degrees between fingers."""
+        normal, axis = self.palm(side)
+        for finger in range(2, 6):
+            own = curl * self.rng.uniform(0.75, 1.25) + (finger - 2) * curl * 0.08
+            for joint in (1, 2, 3):
+                self.rotations[f"finger{finger}-{joint}.{side}"] = turn(
+                    axis, own * (0.85, 1.1, 0.7)[joint - 1]
+                )
+            splay = turn(normal, SIDES[side] * spread * (3.5 - finger))
+            self.rotations[f"finger{finger}-1.{side}"] = splay @ self.rotations[f"finger{finger}-1.{side}"]
+        for joint in (2, 3):
+            self.rotations[f"finger1-{joint}.{side}"] = turn(axis, min(curl, 50) * 0.5)
+
+    def leg(self, side: str, pitch: float, knee: float, out: float = 4, yaw: float = 6) -> None:
+        """pitch lifts the thigh forward, knee bends, out swings the leg sideways, yaw turns it outwards:
+        degrees."""
+        joints = self.joints("leg", side)
+        sign = SIDES[side]
+        facing = turn((0, 1, 0), sign * yaw)
+        rest_out = np.degrees(np.arctan2(abs(joints[2, 0] - joints[0, 0]), joints[0, 1] - joints[2, 1]))
+        across = turn((0, 0, 1), sign * (out - rest_out))
+        thigh = facing @ turn((1, 0, 0), -pitch) @ across
+        self.rotations[f"upperleg01.{side}"] = thigh
+        self.rotations[f"lowerleg01.{side}"] = turn((1, 0, 0), knee)
+        # The sole stays level where the leg is near the ground, and toes trail where it is lifted.
+        level = (thigh @ self.rotations[f"lowerleg01.{side}"]).T @ facing
+        self.rotations[f"foot.{side}"] = level if abs(pitch - knee) < 65 else turn((1, 0, 0), 25)
+
+    def clear_of(self, points: np.ndarray, normals: np.ndarray, ease: float) -> None:
+        """Swing the arms outwards until elbow and forearm stay `ease` metres off the torso.
+
+        points, normals (P, 3): the torso's surface in the rest chest frame.
+        """
+        for side, (upper, lower) in list(self.arms.items()):
+            joints = self.joints("arm", side)
+            lengths = [np.linalg.norm(joints[k + 1] - joints[k]) for k in (0, 1)]
+            for _ in range(6):
+                elbow = joints[0] + lengths[0] * upper
+                worst = 0.0
+                for share, radius in ((0.0, 0.05), (0.5, 0.045), (1.0, 0.035), (1.35, 0.04), (1.6, 0.03)):
+                    point = elbow + lower * lengths[1] * share
+                    nearest = np.argmin(((points - point) ** 2).sum(axis=1))
+                    depth = radius + ease - (point - points[nearest]) @ normals[nearest]
+                    if not 0.002 < depth < 0.25:
+                        continue
+                    push = normals[nearest] * depth
+                    worst = max(worst, depth)
+                    # Pushing the hand turns the forearm, and half as much the upper arm with it.
+                    lower = unit(lower * lengths[1] + push * min(1, share + 0.2))
+                    upper = unit(upper * lengths[0] + push * (1.1 - min(share, 0.8)))
+                    elbow = joints[0] + lengths[0] * upper
+                if worst == 0:
+                    break
+            self.aim_arm(side, upper, lower)
