@@ -12,11 +12,10 @@ from dataclasses import replace
 import numpy as np
 import torch
 import torch.nn.functional as F
-from rich.progress import track
+from lighting import table
 
-from shadow import metrics, visibility
-from shadow.evaluation import Tally, View
-from shadow.records import LUMINANCE, Records, compress, rough_matte, sharpen
+from shadow.evaluation import View
+from shadow.records import LUMINANCE, compress, rough_matte, sharpen
 
 
 def grey(rgb):
@@ -33,8 +32,9 @@ def tinted(rgb, red, blue):
     return rgb * torch.tensor([red, 1, blue]).view(3, 1, 1)
 
 
-def photographs(view, rng):
-    """Names, and the View photographed worse."""
+def photographs(record, seed, height):
+    """Names, and Views of the record on a canvas of `height` pixels, the clean one first."""
+    view = View.of(record, seed, height)
     rgb = view.rgb.cpu()
     worse = {
         "as it is": rgb,
@@ -48,26 +48,9 @@ def photographs(view, rng):
         "black and white": grey(rgb),
     }
     views = {name: replace(view, rgb=image.to(view.rgb)) for name, image in worse.items()}
-    views["rough matte"] = replace(view, mask=rough_matte(view.mask.cpu()[None], rng)[0].to(view.mask))
-    return views
-
-
-def main(folder, model="field", views=16):
-    network, records = visibility.load(model), Records([folder])
-    tallies, angles = {}, {}
-    for index in track(records.spread(int(views)), "views"):
-        view = View.of(records[index], (0, index), network.size)
-        for name, worse in photographs(view, np.random.default_rng((1, index))).items():
-            normals, binary = worse.binary(network, None)
-            seen = replace(view, mask=torch.minimum(view.mask, worse.mask))
-            tallies.setdefault(name, Tally()).add(binary, seen)
-            angle = metrics.angular_error(normals, seen.normals, seen.mask > 0.5)
-            angles.setdefault(name, []).append(float(angle))
-    print("| photograph | normals, degrees | RMSE | Dice |\n|---|---|---|---|")
-    for name, tally in tallies.items():
-        score = tally.score()
-        print(f"| {name} | {np.mean(angles[name]):.1f} | {score.rmse[0]:.3f} | {score.dice[0]:.3f} |")
+    matte = rough_matte(view.mask.cpu()[None], np.random.default_rng(seed))[0]
+    return views | {"rough matte": replace(view, mask=matte.to(view.mask))}
 
 
 if __name__ == "__main__":
-    main(*sys.argv[1:])
+    table(photographs, *sys.argv[1:])

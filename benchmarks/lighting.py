@@ -11,6 +11,7 @@ import sys
 from dataclasses import replace
 
 import numpy as np
+import torch
 from rich.progress import track
 
 from shadow import metrics, visibility
@@ -52,20 +53,25 @@ def photographs(record, seed, height):
     return views
 
 
-def main(folder, model="field", views=16):
+def table(photographs, folder, model="field", views=16):
+    """Print how `model` scores on what `photographs(record, seed, height)` returns by name, Views of a record
+    on a canvas of `height` pixels, inside their mattes and that of the first."""
     network, records = visibility.load(model), Records([folder])
     tallies, angles = {}, {}
     for index in track(records.spread(int(views)), "views"):
-        for name, view in photographs(records[index], (0, index), network.size).items():
+        shot = photographs(records[index], (0, index), network.size)
+        mask = next(iter(shot.values())).mask
+        for name, view in shot.items():
             normals, binary = view.binary(network, None)
-            tallies.setdefault(name, Tally()).add(binary, view)
-            angle = metrics.angular_error(normals, view.normals, view.mask > 0.5)
+            seen = replace(view, mask=torch.minimum(view.mask, mask))
+            tallies.setdefault(name, Tally()).add(binary, seen)
+            angle = metrics.angular_error(normals, seen.normals, seen.mask > 0.5)
             angles.setdefault(name, []).append(float(angle))
-    print("| light | normals, degrees | RMSE | Dice |\n|---|---|---|---|")
+    print("| photograph | normals, degrees | RMSE | Dice |\n|---|---|---|---|")
     for name, tally in tallies.items():
         score = tally.score()
         print(f"| {name} | {np.mean(angles[name]):.1f} | {score.rmse[0]:.3f} | {score.dice[0]:.3f} |")
 
 
 if __name__ == "__main__":
-    main(*sys.argv[1:])
+    table(photographs, *sys.argv[1:])
