@@ -53,13 +53,13 @@ def photographs(record, seed, height):
     return views
 
 
-def table(photographs, folder, model="field", views=16):
-    """Print how `model` scores on what `photographs(record, seed, height)` returns by name, Views of a record
-    on a canvas of `height` pixels, inside their mattes and that of the first."""
+def table(shoot, folder, model="field", views=16):
+    """Print how `model` scores on what `shoot(record, seed, height)` returns by name, Views of a record on
+    a canvas of `height` pixels, inside their mattes and that of the first."""
     network, records = visibility.load(model), Records([folder])
     tallies, angles = {}, {}
     for index in track(records.spread(int(views)), "views"):
-        shot = photographs(records[index], (0, index), network.size)
+        shot = shoot(records[index], (0, index), network.size)
         mask = next(iter(shot.values())).mask
         for name, view in shot.items():
             normals, binary = view.binary(network, None)

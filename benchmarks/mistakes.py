@@ -78,9 +78,9 @@ def main(scans):
     print("|---|---|---|---|")
     for index, name in enumerate(KINDS):
         mine = kind == index
-        share = (f"{100 * (mine & wrong).mean():.1f}" for wrong in (mine, field, sign))
+        share = (f"{100 * (mine & wrong).mean():.2f}" for wrong in (mine, field, sign))
         print(f"| {name} | " + " | ".join(share) + " |")
-    print(f"| all | 100.0 | {100 * field.mean():.1f} | {100 * sign.mean():.1f} |")
+    print(f"| all | 100.0 | {100 * field.mean():.2f} | {100 * sign.mean():.2f} |")
 
 
 if __name__ == "__main__":
