@@ -14,8 +14,8 @@ import torch
 import torch.nn.functional as F
 from lighting import table
 
-from shadow.evaluation import View
-from shadow.records import LUMINANCE, compress, rough_matte, sharpen
+from shadow.data.photographs import LUMINANCE, compress, rough_matte, sharpen
+from shadow.evaluation.scores import View
 
 
 def grey(rgb):

@@ -18,7 +18,7 @@ from scipy import ndimage
 from torch.nn import functional
 
 import relight
-from relight import temporal
+from relight import steadying
 from shadow import directions, visibility
 from shadow.framing import Framing, affine_sample
 
@@ -50,7 +50,7 @@ def returned(image, x, y, size):
 
 
 def steadied(subjects):
-    reach = temporal.AROUND
+    reach = steadying.AROUND
     for t, subject in enumerate(subjects):
         yield subject.steadied(subjects[max(t - reach, 0) : t] + subjects[t + 1 : t + 1 + reach])
 
@@ -90,7 +90,8 @@ def with_true_shadows():
 
     Response is the share of the shadows' true changes that is still there.
     """
-    from shadow.lightstage import bodies, stage
+    from shadow.lightstage import stage
+    from shadow.lightstage.people import bodies
 
     lights = torch.from_numpy(directions.olat(behind=True))
     figure, random = bodies.body(5, "generalisation"), torch.Generator().manual_seed(0)
@@ -105,17 +106,19 @@ def with_true_shadows():
         grain = functional.avg_pool2d(torch.randn(shadows.shape, generator=random), 5, stride=1, padding=2)
         photograph = framing.crop(record.image(record.albedo).float()) ** (1 / 2.2)
         find = partial(nearest, (shadows + 0.2 * grain).clamp(0, 1) * known, lights)
-        canvases.append(temporal.Canvas(framing, known, photograph, photograph, find, find, photograph, None))
+        canvases.append(
+            steadying.Canvas(framing, known, photograph, photograph, find, find, photograph, None)
+        )
         truth.append(framing.restore(shadows))
     for name, alike in (
         ("as found", None),
-        ("steadied", temporal.ALIKE),
+        ("steadied", steadying.ALIKE),
         ("plain mean of 5 frames", math.inf),
     ):
         maps = []
         for t, frame in enumerate(canvases):
-            around = canvases[max(t - temporal.AROUND, 0) : t] + canvases[t + 1 : t + 1 + temporal.AROUND]
-            found = frame if alike is None else temporal.steadied(frame, around, alike=alike)
+            around = canvases[max(t - steadying.AROUND, 0) : t] + canvases[t + 1 : t + 1 + steadying.AROUND]
+            found = frame if alike is None else steadying.steadied(frame, around, alike=alike)
             maps.append(frame.framing.restore(found.shading(lights[:64])))
         change = torch.stack(maps).diff(dim=0)
         true_change = torch.stack(truth)[:, :64].diff(dim=0)
@@ -128,8 +131,9 @@ def with_our_networks():
 
     Flicker is how much the error changes from frame to frame: what truly moves is not counted.
     """
-    from shadow import records
-    from shadow.lightstage import bodies, stage
+    from shadow.data import photographs
+    from shadow.lightstage import stage
+    from shadow.lightstage.people import bodies
 
     lights = directions.olat(behind=True)
     softbox = np.exp(8 * (lights @ directions.from_spherical(40, 35) - 1))
@@ -140,7 +144,7 @@ def with_our_networks():
     for t in range(FRAMES):
         view = stage.View(azimuth=-10 + 1.5 * t, distance=3.5, height=1.2, pitch=-5, fov=34)
         record = stage.render(figure, view, 512, np.concatenate([lights, to_light]))
-        colour = record.image(records.light(record, powers))
+        colour = record.image(photographs.light(record, powers))
         photograph = np.concatenate([colour, record.mask[None]]).transpose(1, 2, 0).astype(np.float32)
         subjects.append(relight.Subject(np.ascontiguousarray(photograph)))
         direct = (record.normals @ to_light[0]).clip(0) * record.visibility[:, -1]

@@ -14,10 +14,11 @@ import numpy as np
 import torch
 from rich.progress import track
 
-from shadow import metrics, visibility
+from shadow import visibility
+from shadow.data.records import Records
 from shadow.directions import from_spherical
-from shadow.evaluation import Tally, View
-from shadow.records import Records
+from shadow.evaluation import metrics
+from shadow.evaluation.scores import Tally, View
 
 
 def lightings(directions):

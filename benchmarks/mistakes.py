@@ -15,10 +15,11 @@ import torch
 from rich.progress import track
 
 import shadow
+from shadow.data.photographs import light, photograph, random_lighting
+from shadow.data.records import Record
 from shadow.directions import olat
 from shadow.lightstage import stage
 from shadow.lightstage.scene import OFFSET, Scene
-from shadow.records import Record, light, photograph, random_lighting
 
 SIZE = 448  # pixels of the photograph's side
 PIXELS = 2500  # of each view, at random

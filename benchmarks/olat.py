@@ -14,7 +14,7 @@ import torch
 import relight
 import shading
 from shadow.directions import olat
-from shadow.unet import UNet
+from shadow.networks.unet import UNet
 
 SIZE = 512
 REPEATS = 5

@@ -14,7 +14,7 @@ import relight
 from shadow import inputs, visibility
 from shadow.directions import olat
 from shadow.framing import Framing
-from shadow.unet import PerLight
+from shadow.networks.unet import PerLight
 
 REPEATS = 7
 

@@ -63,7 +63,7 @@ def measure(folder):
     import torch
 
     import relight
-    from relight.composite import render_subject
+    from relight.rendering import render_subject
 
     torch.set_num_threads(1)
     sky = np.linspace(2, 0.1, 64, dtype=np.float32)[:, None, None] * np.ones((64, 128, 3), np.float32)

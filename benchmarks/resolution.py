@@ -14,9 +14,11 @@ import torch.nn.functional as F
 from rich.progress import track
 
 import shadow
-from shadow import metrics, visibility
-from shadow.evaluation import FRONTAL
-from shadow.records import Records, light, photograph, random_lighting
+from shadow import visibility
+from shadow.data.photographs import light, photograph, random_lighting
+from shadow.data.records import Records
+from shadow.evaluation import metrics
+from shadow.evaluation.scores import FRONTAL
 
 
 def photographed(record, seed):

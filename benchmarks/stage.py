@@ -10,8 +10,9 @@ import time
 import numpy as np
 
 from shadow import directions
-from shadow.lightstage import bodies, scans, stage
+from shadow.lightstage import scans, stage
 from shadow.lightstage.pathtracer import path_trace
+from shadow.lightstage.people import bodies
 
 SIZE = 512
 

@@ -11,8 +11,10 @@ from pathlib import Path
 import numpy as np
 
 import relight
-from shadow import directions, records
-from shadow.lightstage import bodies, stage
+from shadow import directions
+from shadow.data import photographs
+from shadow.lightstage import stage
+from shadow.lightstage.people import bodies
 
 SIZE = 1024
 seed = int(sys.argv[1]) if len(sys.argv) > 1 else 13
@@ -26,7 +28,7 @@ record = stage.render(bodies.body(seed, "generalisation"), view, 2 * SIZE, light
 weights = np.full((len(lights), 3), 0.6 / len(lights), np.float32) * (1 + lights[:, 1:2])
 softbox = np.exp(8 * (lights @ directions.from_spherical(40, 35) - 1))
 weights += np.float32([1.25, 1.2, 1.12]) * (softbox / softbox.sum())[:, None]
-colour = record.image(records.light(record, weights)).numpy()
+colour = record.image(photographs.light(record, weights)).numpy()
 premultiplied = np.concatenate([colour, record.mask[None]]).transpose(1, 2, 0)  # black where nobody is
 pixels = premultiplied.reshape(SIZE, 2, SIZE, 2, 4).mean(axis=(1, 3), dtype=np.float32)
 rows, columns = (np.flatnonzero(pixels[..., 3].any(axis=axis)) for axis in (1, 0))

@@ -13,9 +13,11 @@ from pathlib import Path
 import numpy as np
 
 import relight
-from relight.movie import write_movie
-from shadow import directions, records
-from shadow.lightstage import bodies, stage
+from relight.media.movies import write_movie
+from shadow import directions
+from shadow.data import photographs
+from shadow.lightstage import stage
+from shadow.lightstage.people import bodies
 
 ELEVATIONS = (0, 25, 50)
 
@@ -37,7 +39,7 @@ record = stage.render(figure, view, options.size, olat)
 weights = np.full((len(olat), 3), 0.6 / len(olat), np.float32)
 softbox = np.exp(8 * (olat @ directions.from_spherical(40, 35) - 1))
 weights += 1.2 * (softbox / softbox.sum())[:, None]
-photograph = np.concatenate([record.image(records.light(record, weights)), record.mask[None]]).transpose(
+photograph = np.concatenate([record.image(photographs.light(record, weights)), record.mask[None]]).transpose(
     1, 2, 0
 )
 subject = relight.Subject(np.float32(photograph))
@@ -45,7 +47,7 @@ subject = relight.Subject(np.float32(photograph))
 # The truth: direct light and what bounces of it, for the lights of the sweep.
 truth = stage.render(figure, view, options.size, lights, bounced=True)
 strength, patterns = truth.bounce
-luminance = patterns @ records.LUMINANCE
+luminance = patterns @ photographs.LUMINANCE
 shading = (truth.normals @ lights.T).clip(0) * truth.visibility + (strength @ luminance).clip(0)
 shading = shading.clip(0, 1)
 

@@ -1,79 +1,14 @@
-"""A relit person over a background."""
+"""Pictures over backgrounds and in frames of another size: pixels only."""
 
 import operator
 
 import numpy as np
 import OpenImageIO as oiio
 
-from relight import layers
-from relight.environment import EnvironmentLight
-from relight.image import coverage, scene_linear
-from relight.subject import Subject
+from relight.lights.environment import EnvironmentLight
+from relight.media.images import coverage, scene_linear
 
 FARTHEST = 65536  # pixels: beyond any plate, within what an image can be
-
-
-def apply(image, lights, *, background=None, mask=None, albedo=None, normals=None):
-    """Relight the person in an image.
-
-    Parameters
-    ----------
-    image: (H, W, 3|4). Integers are sRGB-encoded with straight alpha; floats linear Rec.709, premultiplied.
-    lights: a light, or any number of them.
-    background: image of any size, fitted to cover the frame; a linear (r, g, b); or a
-        relight.EnvironmentLight, as a camera sees it (see `over`). None keeps the alpha.
-    mask: (H, W) in [0, 1], the matte of the person; needed unless the image has alpha.
-    albedo: (H, W, 3) to use instead of inferring it.
-    normals: (H, W, 3) camera-frame normals to use instead of inferring them; or anything else that
-        `shadow.normals.load` takes.
-
-    Returns
-    -------
-    (H, W, 4) float32, linear Rec.709, premultiplied; or (H, W, 3) over a background. Exactly linear in the
-    lights' intensities, unbounded.
-
-    Raises
-    ------
-    TypeError, ValueError: as `Subject`, `Subject.relit` and `over` do.
-    """
-    picture = Subject(image, mask, albedo=albedo, normals=normals).relit(lights)
-    return picture if background is None else over(picture, background)
-
-
-def render(image, lights, *, background=None, mask=None, albedo=None, normals=None, passes=()):
-    """As `apply`, and the same picture in layers: see `render_subject`. Raises as `apply` does too."""
-    subject = Subject(image, mask, albedo=albedo, normals=normals)
-    return render_subject(subject, lights, background=background, passes=passes)
-
-
-def render_subject(subject, lights, *, background=None, passes=()):
-    """A picture of an analysed person, and its layers.
-
-    Parameters
-    ----------
-    subject: relight.Subject.
-    lights: one light or more.
-    background: as of `apply`.
-    passes: further layers, of relight.layers.PASSES.
-
-    Returns
-    -------
-    The picture, as `apply` returns it, and its layers, ready for `write`: light groups "C_<light>" (H, W, 4)
-    whose colours, as half floats, sum to the picture's; over a background one more, "C_background" (H, W, 3),
-    what is seen of it; and the passes (see `relight.layers.passes`).
-
-    Raises
-    ------
-    ValueError: no light, two lights of one name, an unknown pass.
-    """
-    picture, groups = layers.light_groups(subject, lights)
-    further = layers.passes(subject, lights, passes)
-    if background is None:
-        return picture, groups | further
-    if "C_background" in groups:
-        raise ValueError("lights: 'background' names the background's layer; give the light another name")
-    groups["C_background"] = layers.half(_behind(picture, background))
-    return picture[..., :3] + groups["C_background"], groups | further
 
 
 def over(foreground, background):
@@ -97,10 +32,10 @@ def over(foreground, background):
     front = scene_linear("foreground", foreground)
     if front.shape[-1] != 4:
         raise ValueError(f"foreground: expected shape (H, W, 4), got {front.shape}")
-    return front[..., :3] + _behind(front, background)
+    return front[..., :3] + behind(front, background)
 
 
-def _behind(front, background):
+def behind(front, background):
     """What is seen of a background (H, W, 3) behind a premultiplied picture (H, W, 4); see `over`."""
     if isinstance(background, EnvironmentLight):
         back = background.view(front.shape[:2])

@@ -2,7 +2,7 @@
 
 import numpy as np
 
-from relight.lights import DirectionalLight
+from relight.lights.directional import DirectionalLight
 from relight.subject import Subject
 
 

@@ -4,11 +4,10 @@ from pathlib import Path
 
 import numpy as np
 
-from relight import image as images
-from relight import nuke
-from relight.lightfile import write_lights
-from relight.lights import DirectionalLight
-from relight.sequence import Sequence
+from relight.lights.directional import DirectionalLight
+from relight.lights.files import write_lights
+from relight.media import images, nuke
+from relight.media.sequences import Sequence
 from relight.subject import Subject
 from shadow import directions
 

@@ -8,10 +8,10 @@ import OpenImageIO as oiio
 import torch
 import torch.nn.functional as F
 
-from relight import temporal
-from relight.colour import luminance
-from relight.image import scene_linear
-from relight.temporal import Canvas
+from relight import steadying
+from relight.media.colour import luminance
+from relight.media.images import scene_linear
+from relight.steadying import Canvas
 from relight.upsampling import JointBilateral
 from shading import diffuse
 from shading.albedo import solve_lighting
@@ -112,12 +112,12 @@ class Subject:
 
         `around` are the subjects of a few frames before and after, as they were made. Where these agree, the
         maps become their mean; where something moves, as a shadow does, each frame keeps its own. See
-        `relight.temporal`.
+        `relight.steadying`.
         """
         steady = copy.copy(self)
         for name in ("albedo", "normals", "_texture"):
             steady.__dict__.pop(name, None)
-        steady._use(temporal.steadied(self._canvas, [subject._canvas for subject in around]))
+        steady._use(steadying.steadied(self._canvas, [subject._canvas for subject in around]))
         return steady
 
     def relit(self, lights):

@@ -6,14 +6,14 @@ from pathlib import Path
 
 import numpy as np
 
-from relight import image as images
-from relight import layers, movie, nuke
-from relight.animation import MovingLight, lights_at
-from relight.composite import render_subject
-from relight.matte import key as cut_out
-from relight.sequence import Files, Sequence, Still
+from relight import rendering
+from relight.keying import key as cut_out
+from relight.lights.moving import MovingLight, lights_at
+from relight.media import images, movies, nuke
+from relight.media.sequences import Files, Sequence, Still
+from relight.rendering import render_subject
+from relight.steadying import AROUND
 from relight.subject import Subject, by_name
-from relight.temporal import AROUND
 
 RATE = 24  # frames a second, where nothing says otherwise
 
@@ -33,7 +33,7 @@ def render_video(
     rate=None,
     view=None,
     exposure=0.0,
-    white=movie.WHITE,
+    white=movies.WHITE,
     resume=False,
     progress=None,
 ):
@@ -46,20 +46,20 @@ def render_video(
     lights: a light, or any number of them; a relight.MovingLight changes with the frame number.
     outputs: a path or several: sequences of files that `relight.write` writes; movies, .mp4 (which needs a
         background) or .mov; and with an .exr sequence, whose files have light groups and passes as
-        `relight.layers` describes them, a Nuke script, .nk.
+        `relight.rendering` describes them, a Nuke script, .nk.
     frames: (first, last). Unless given, those of the source; of a still, those of the mask or the background,
         or from the first keyframe of the lights to the last.
     mask: the person's matte, as a mask, or a file, sequence or movie of the same frame numbers; needed unless
         the source has alpha.
-    key: "green" or "blue": cut the person out of a screen, see `relight.matte.key`; the mask then says where
+    key: "green" or "blue": cut the person out of a screen, see `relight.key`; the mask then says where
         there is one.
     background: as of `relight.apply`; or a file, sequence or movie; or an environment that moves.
     colour_space: of the source, where its files do not say; see `relight.read`.
-    passes: further layers of an .exr, of relight.layers.PASSES.
+    passes: further layers of an .exr, of relight.rendering.PASSES.
     steady: average what the networks find of a moving person over 5 frames, where it is alike.
     rate: frames a second of the movies. Unless given, the source's, or 24.
-    view, exposure, white: how light becomes what a display shows, see `relight.colour.encode`. White is one
-        for all frames, so that they do not pump.
+    view, exposure, white: how light becomes what a display shows, see `relight.media.colour.encode`.
+        White is one for all frames, so that they do not pump.
     resume: keep the frames that are there. Otherwise all are made anew.
     progress: called with (frames done, frames in all, what is done) after every frame.
 
@@ -78,14 +78,14 @@ def render_video(
     or none that could be made.
     """
     plates = _opened(
-        source, lambda path: images.read(path, colour_space=colour_space), movie.Movie, colour_space
+        source, lambda path: images.read(path, colour_space=colour_space), movies.Movie, colour_space
     )
     mattes = _opened(mask, images.read_mask, _MatteMovie, "lin_rec709")
-    backdrops = _opened(background, images.read, movie.Movie)
+    backdrops = _opened(background, images.read, movies.Movie)
     lights = [lights] if hasattr(lights, "at") or hasattr(lights, "samples") else list(lights)
     numbers = _numbers(frames, (plates, mattes, backdrops), lights)
     names = [*by_name(lights_at(lights, numbers[0])), *([] if background is None else ["background"])]
-    layers.check(passes)
+    rendering.check(passes)
     outputs = [Path(path) for path in ([outputs] if isinstance(outputs, str | Path) else outputs)]
     display = {"view": view, "exposure": exposure, "white": white}
     scripts = [path for path in outputs if path.suffix.lower() == ".nk"]
@@ -123,7 +123,7 @@ def _opened(value, read, read_movie, colour_space=None):
     """What has `read(number)` for the frames of an argument: a still, a sequence or a movie."""
     if not isinstance(value, str | Path):
         return Still(value)
-    if movie.is_movie(value):
+    if movies.is_movie(value):
         return read_movie(value, colour_space=colour_space)
     sequence = Sequence.of(value)
     return Still(read(value)) if sequence is None else Files(sequence, read)
@@ -145,7 +145,7 @@ def _numbers(frames, sources, lights):
     return range(first, last + 1)
 
 
-class _MatteMovie(movie.Movie):
+class _MatteMovie(movies.Movie):
     """A movie as mattes: its alpha, or its grey as it is stored."""
 
     def read(self, number):
@@ -215,8 +215,8 @@ def _sink(path, source, transparent, resume, display):
     """Where the frames of an output go."""
     if isinstance(source, str | Path) and path.resolve() == Path(source).resolve():
         raise ValueError(f"{path}: is the source, which would be overwritten")
-    if movie.is_movie(path):
-        movie.check_writable(path)
+    if movies.is_movie(path):
+        movies.check_writable(path)
         if transparent and path.suffix.lower() == ".mp4":
             raise ValueError(f"{path}: .mp4 holds no alpha; give a background, or write a .mov")
         return _MovieSink(path, resume, display)
@@ -286,7 +286,7 @@ class _MovieSink:
 
     def finish(self, numbers, rate, problems, report):
         if not self.whole:
-            movie.write_movie(self.path, self._held(numbers, report), rate=rate, **self.display)
+            movies.write_movie(self.path, self._held(numbers, report), rate=rate, **self.display)
             if not problems:
                 self._clear()
 

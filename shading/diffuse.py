@@ -12,14 +12,15 @@ from typing import NamedTuple
 import torch
 from torch import nn
 
-from shadow import inputs, weights
+from shadow import inputs
 from shadow import visibility as visibility_module
-from shadow.backbone import ENCODING, Backbone, encode_image, take_blocks
 from shadow.directions import olat
-from shadow.field import MIRROR, anchor_weights, both_sides, scatter, sides
 from shadow.framing import Framing, extend
+from shadow.networks import checkpoints
+from shadow.networks.backbone import ENCODING, Backbone, encode_image, take_blocks
+from shadow.networks.field import MIRROR, anchor_weights, both_sides, scatter, sides
+from shadow.networks.unet import LIGHTS_AT_ONCE, UNet
 from shadow.normals import on_canvas, resolve
-from shadow.unet import LIGHTS_AT_ONCE, UNet
 
 # What the residual field adds is less by this at inference: so little is a guess that hedges between lit and
 # dark, and a haze over deep shadows (SSIM 0.737 with it, 0.741 without, on 16 validation views).
@@ -162,7 +163,7 @@ class PerLightShading(nn.Module):
 def load(name="shading"):
     """The shipped shading network, or one trained by `relight train shading` (a .safetensors path)."""
     networks = {"shading": ShadingField, "shading-per-light": PerLightShading}
-    return weights.load(name, networks, package="shading")
+    return checkpoints.load(name, networks, package="shading")
 
 
 def analyse(rgb, mask, *, normals=None, model="shading"):

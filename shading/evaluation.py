@@ -7,12 +7,14 @@ import torch
 from rich.progress import track
 
 from shading import diffuse
-from shading.training import true_shading
-from shadow import metrics, normals, pictures, plots, visibility
-from shadow.backbone import ENCODING
-from shadow.evaluation import FRONTAL
+from shading.tasks import true_shading
+from shadow import normals, visibility
+from shadow.data.photographs import photograph, sample
+from shadow.data.records import Records
+from shadow.evaluation import metrics, pictures, plots
+from shadow.evaluation.scores import FRONTAL
 from shadow.framing import canvas_size
-from shadow.records import Records, photograph, sample
+from shadow.networks.backbone import ENCODING
 
 BASE = "base image"
 BINARY = "base image, binary visibility"  # as the paper's maps are

@@ -8,10 +8,11 @@ import torch
 import torch.nn.functional as F
 from torch import nn
 
-from shadow import inputs, pifuhd, weights
+from shadow import inputs
 from shadow.directions import CAMERA, from_axes
-from shadow.field import VisibilityField
 from shadow.framing import Framing, extend
+from shadow.networks import checkpoints, pifuhd
+from shadow.networks.field import VisibilityField
 
 
 class GivenNormals:
@@ -40,7 +41,8 @@ def load(source="field", *, axes=CAMERA):
     source: one of
         - the visibility field's own: "field", the shipped one, or the .safetensors file of `relight train
           shadow`;
-        - PIFuHD's front-normal generator: the path of your own checkpoint, a .pt file (see `shadow.pifuhd`);
+        - PIFuHD's front-normal generator: the path of your own checkpoint, a .pt file (see
+          `shadow.networks.pifuhd`);
         - a function (rgb, mask) -> (H, W, 3), of float32 NumPy arrays: the photograph (H, W, 3), linear
           Rec.709, and the matte (H, W) in [0, 1];
         - an array (H, W, 3) of the photograph's size, such as `relight.read_normals` reads from an image.
@@ -60,14 +62,14 @@ def load(source="field", *, axes=CAMERA):
     a_file, loaded = isinstance(source, str | os.PathLike), _says_normals(source)
     if not a_file and not loaded:
         name = getattr(source, "__name__", "a function") if callable(source) else "another program"
-        return GivenNormals(source, axes, weights.Origin(name, None, {}))
+        return GivenNormals(source, axes, checkpoints.Origin(name, None, {}))
     if axes != CAMERA:
         known = source if a_file else type(source).__name__
         raise ValueError(f"axes: those of {known} are known; expected none, got {axes!r}")
     if loaded:
         return source
     if Path(source).suffix in ("", ".safetensors"):
-        return weights.load(source, {"field": VisibilityField}, package="shadow")
+        return checkpoints.load(source, {"field": VisibilityField}, package="shadow")
     if Path(source).suffix == ".pt":
         return pifuhd.load(source)
     raise ValueError(

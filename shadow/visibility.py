@@ -2,11 +2,12 @@
 
 import torch
 
-from shadow import inputs, weights
-from shadow.field import VisibilityField
+from shadow import inputs
 from shadow.framing import Framing, extend
+from shadow.networks import checkpoints
+from shadow.networks.field import VisibilityField
+from shadow.networks.unet import LATENTS, PerLight
 from shadow.normals import on_canvas, resolve
-from shadow.unet import LATENTS, PerLight
 
 NETWORKS = {"field": VisibilityField} | dict.fromkeys(LATENTS, PerLight)
 
@@ -14,7 +15,7 @@ NETWORKS = {"field": VisibilityField} | dict.fromkeys(LATENTS, PerLight)
 def load(name="field"):
     """The shipped visibility network, or one trained by `relight train shadow` (a .safetensors path): the
     field or the paper's per-light network, whichever the file says."""
-    return weights.load(name, NETWORKS, package="shadow")
+    return checkpoints.load(name, NETWORKS, package="shadow")
 
 
 def baseline(normals, directions):

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from shadow import directions
-from shadow.records import Record
+from shadow.data.records import Record
 
 
 def sphere(size=96, radius=0.8, behind=True):

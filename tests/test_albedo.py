@@ -3,9 +3,9 @@ import pytest
 import torch
 
 import shading
-from shading import albedo, diffuse, training
-from shadow import weights
+from shading import albedo, diffuse, tasks
 from shadow.directions import olat
+from shadow.networks import checkpoints
 
 
 def test_lighting_is_recovered_from_exact_albedo_and_shading():
@@ -54,17 +54,17 @@ def test_the_albedo_has_the_photographs_colours(person):
 
 
 def test_a_shadow_left_in_the_albedo_does_not_pull_at_its_brightness(monkeypatch):
-    monkeypatch.setattr(training, "ABSOLUTE", 0)
+    monkeypatch.setattr(tasks, "ABSOLUTE", 0)
     truth = torch.rand(1, 3, 4, 50, generator=torch.Generator().manual_seed(0)) * 0.5 + 0.3
     estimate = torch.cat([0.5 * truth[..., :10], truth[..., 10:]], dim=-1)
     brightness = torch.tensor(1.3, requires_grad=True)
-    training._albedo_error(brightness * estimate, truth, torch.ones(1, 1, 4, 50)).backward()
+    tasks._albedo_error(brightness * estimate, truth, torch.ones(1, 1, 4, 50)).backward()
     assert brightness.grad.abs() < 1e-6
 
 
 def test_a_network_without_albedo_is_refused(person, tmp_path):
     network = diffuse.PerLightShading(128, "resb3")
     path = tmp_path / "per-light.safetensors"
-    weights.save(path, network, "shading-per-light", {"size": 128, "latent": "resb3"}, {})
+    checkpoints.save(path, network, "shading-per-light", {"size": 128, "latent": "resb3"}, {})
     with pytest.raises(ValueError, match="infers shading only"):
         shading.infer_albedo(*person, model=path)

@@ -9,8 +9,9 @@ import pytest
 import trimesh
 from PIL import Image
 
-from shadow.lightstage import bodies, scans
-from shadow.lightstage.cloth import border_chains, clip, line, subdivide
+from shadow.lightstage import scans
+from shadow.lightstage.people import bodies
+from shadow.lightstage.people.cloth import border_chains, clip, line, subdivide
 
 SPLITS = ("training", "validation", "generalisation")
 
@@ -78,7 +79,7 @@ def test_body_faces_outwards(people):
 
 def test_same_seed_gives_the_same_body_in_another_process(people, tmp_path):
     script = (
-        "import sys; from shadow.lightstage import bodies; import numpy as np;"
+        "import sys; from shadow.lightstage.people import bodies; import numpy as np;"
         "f = bodies.body(5, 'validation');"
         "[np.save(sys.argv[1] + name, getattr(f, name)) for name in ('vertices', 'faces', 'normals')]"
     )

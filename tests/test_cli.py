@@ -9,9 +9,9 @@ from typer.testing import CliRunner
 
 import relight
 from relight.cli import app
+from relight.cli.training import Model
 from relight.composite import place
-from relight.movie import Movie
-from relight.workshop import Model
+from relight.media.movies import Movie
 from shadow import visibility
 
 LIGHTS = [

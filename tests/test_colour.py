@@ -1,7 +1,7 @@
 import numpy as np
 import pytest
 
-from relight import colour
+from relight.media import colour
 
 
 def test_srgb_decodes_integers_exactly_as_floats():

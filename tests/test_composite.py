@@ -8,11 +8,12 @@ from hypothesis import strategies as st
 from hypothesis.extra import numpy as hnp
 
 import relight
-from relight.composite import cover, over, place, render
+from relight.composite import cover, over, place
+from relight.rendering import render
 from shading import diffuse
 from shading.diffuse import ShadingField
 from shadow import visibility
-from shadow.field import VisibilityField
+from shadow.networks.field import VisibilityField
 
 LIGHTS = [
     relight.DirectionalLight(azimuth=-40, elevation=30, intensity=2, colour=(1, 0.9, 0.8), name="key"),

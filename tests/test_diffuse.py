@@ -4,9 +4,9 @@ import torch
 
 import shading
 from shading import diffuse
-from shadow.backbone import encode_image
 from shadow.directions import from_spherical, olat
-from shadow.field import MIRROR
+from shadow.networks.backbone import encode_image
+from shadow.networks.field import MIRROR
 
 LIGHTS = torch.from_numpy(olat(behind=True))
 

@@ -5,7 +5,7 @@ import pytest
 
 import relight
 from relight import EnvironmentLight
-from relight.environment import LAMPS
+from relight.lights.environment import LAMPS
 
 ROWS, COLUMNS = 64, 128
 

@@ -11,7 +11,7 @@ import numpy as np
 import pytest
 
 import relight
-from relight.movie import Movie
+from relight.media.movies import Movie
 
 ROOT = Path(__file__).parent.parent
 README = (ROOT / "README.md").read_text()

@@ -1,9 +1,9 @@
 import pytest
 import torch
 
-from shadow.backbone import encode_image, take_blocks, windows
 from shadow.directions import olat
-from shadow.field import MIRROR, VisibilityField, anchor_weights
+from shadow.networks.backbone import encode_image, take_blocks, windows
+from shadow.networks.field import MIRROR, VisibilityField, anchor_weights
 
 SMALL = {"widths": (8, 8, 8, 8, 8), "encoder": (1, 1, 1, 1, 1), "decoder": (1, 1, 1, 1)}
 

@@ -4,7 +4,7 @@ import torch
 from skimage.filters import threshold_otsu
 from skimage.metrics import peak_signal_noise_ratio, structural_similarity
 
-from shadow import metrics
+from shadow.evaluation import metrics
 
 
 def maps(seed):

@@ -7,10 +7,11 @@ import torch
 import relight
 import shading
 import shadow
-from shadow import normals, visibility, weights
+from shadow import normals, visibility
 from shadow.directions import olat
-from shadow.field import VisibilityField
-from shadow.unet import PerLight
+from shadow.networks import checkpoints
+from shadow.networks.field import VisibilityField
+from shadow.networks.unet import PerLight
 
 SMALL = {"size": 128, "widths": (8, 8, 8, 8, 8), "encoder": (1, 1, 1, 1, 1), "decoder": (1, 1, 1, 1)}
 
@@ -20,7 +21,7 @@ def save(path, recipe=None, seed=0):
     torch.manual_seed(seed)
     network = VisibilityField(**SMALL)
     torch.nn.init.normal_(network.backbone.head.weight, std=0.1)
-    return weights.save(path, network, "field", SMALL, recipe or {})
+    return checkpoints.save(path, network, "field", SMALL, recipe or {})
 
 
 def leaning(rgb, mask):
@@ -111,7 +112,7 @@ def test_bad_sources_are_named(source, axes, message):
 
 def test_a_network_that_says_no_normals_is_refused(tmp_path):
     config = {"latent": "resb3", "widths": [8, 8, 16, 16, 32]}
-    weights.save(tmp_path / "maps.safetensors", PerLight(**config), "resb3", config, {})
+    checkpoints.save(tmp_path / "maps.safetensors", PerLight(**config), "resb3", config, {})
     with pytest.raises(ValueError, match="holds a 'resb3' network, expected field"):
         normals.load(tmp_path / "maps.safetensors")
 

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 import relight
-from relight.nuke import write_script
+from relight.media.nuke import write_script
 
 NODE = re.compile(r"^(\w+) \{\n((?: .*\n)*)\}$", re.MULTILINE)
 RNG = np.random.default_rng(2)

@@ -4,8 +4,8 @@ import pytest
 import torch
 from torch import nn
 
-from shadow.optimiser import Optimiser
-from shadow.training import Recipe
+from shadow.training.loop import Recipe
+from shadow.training.optimiser import Optimiser
 
 RECIPE = Recipe(steps=1, weight_decay=0.0)
 

@@ -4,9 +4,10 @@ import numpy as np
 import pytest
 from scipy.spatial import cKDTree
 
-from shadow.lightstage import pairs, stage
+from shadow.lightstage import stage
 from shadow.lightstage.figure import Figure
-from shadow.lightstage.skeleton import turn
+from shadow.lightstage.people import pairs
+from shadow.lightstage.people.skeleton import turn
 
 
 @pytest.fixture(scope="module")

@@ -3,7 +3,8 @@ import OpenImageIO as oiio
 import pytest
 import torch
 
-from shadow import pictures, records
+from shadow.data import records
+from shadow.evaluation import pictures
 
 
 def test_a_grid_is_what_was_given(tmp_path):

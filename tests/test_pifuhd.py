@@ -11,8 +11,11 @@ import torch.nn.functional as F
 from conftest import sphere
 
 import shadow
-from shadow import normals, pifuhd, records, tasks, training, visibility
-from shadow.pifuhd import FrontNormals
+from shadow import normals, visibility
+from shadow.data import records
+from shadow.networks import pifuhd
+from shadow.networks.pifuhd import FrontNormals
+from shadow.training import loop, tasks
 
 BLOCKS = range(16, 25)
 KEYS = [
@@ -199,10 +202,10 @@ def test_the_generators_of_icon_and_econ_are_refused(tmp_path, key):
 
 def test_our_networks_learn_from_its_normals(checkpoint, tmp_path):
     records.write(tmp_path / "ball.npz", sphere())
-    recipe = training.Recipe(steps=1, size=128, batch=2)
+    recipe = loop.Recipe(steps=1, size=128, batch=2)
     with warnings.catch_warnings():
         warnings.simplefilter("error")
-        path = training.fit(
+        path = loop.fit(
             tasks.SHADOW, recipe, [tmp_path], tmp_path / "out", estimator=str(checkpoint), workers=0
         )
         field = visibility.load(path)

@@ -1,8 +1,8 @@
 import numpy as np
 import OpenImageIO as oiio
 
-from shadow import plots
 from shadow.directions import olat
+from shadow.evaluation import plots
 
 
 def read(path):

@@ -8,7 +8,7 @@ import torch
 import torch.nn.functional as F
 from PIL import Image
 
-from shadow import records
+from shadow.data import photographs, records
 from shadow.framing import canvas_size
 
 
@@ -86,15 +86,15 @@ def test_light_is_lambert_times_visibility(ball):
     weights[5] = [1, 0.5, 0.25]
     shading = np.maximum(ball.normals @ ball.directions[5], 0) * ball.visibility[:, 5]
     expected = ball.albedo * shading[:, None] * weights[5]
-    np.testing.assert_allclose(records.light(ball, weights), expected, atol=1e-5)
+    np.testing.assert_allclose(photographs.light(ball, weights), expected, atol=1e-5)
 
 
 def test_light_is_linear(ball):
     rng = np.random.default_rng(0)
-    a, b = (records.random_lighting(rng, ball.directions) for _ in range(2))
+    a, b = (photographs.random_lighting(rng, ball.directions) for _ in range(2))
     np.testing.assert_allclose(
-        records.light(ball, a + 2 * b),
-        records.light(ball, a) + 2 * records.light(ball, b),
+        photographs.light(ball, a + 2 * b),
+        photographs.light(ball, a) + 2 * photographs.light(ball, b),
         rtol=1e-4,
         atol=1e-5,
     )
@@ -105,7 +105,7 @@ def test_random_lighting_is_never_dark():
 
     rng = np.random.default_rng(0)
     for _ in range(50):
-        weights = records.random_lighting(rng, olat(behind=True))
+        weights = photographs.random_lighting(rng, olat(behind=True))
         assert np.isfinite(weights).all()
         assert (weights >= 0).all()
         assert weights.sum() > 1
@@ -116,7 +116,7 @@ def test_lighting_without_ambient_light():
 
     rng = np.random.default_rng(0)
     for _ in range(20):
-        weights = records.random_lighting(rng, olat(behind=True), unfilled=1)
+        weights = photographs.random_lighting(rng, olat(behind=True), unfilled=1)
         assert 1 <= weights.any(axis=1).sum() <= 4
         assert weights.sum() > 1
 
@@ -125,7 +125,7 @@ def test_lighting_without_ambient_light():
 def test_normals_and_lights_turn_with_the_picture(ball, seed):
     """A flipped, turned, scaled sphere is still a sphere: its normals follow from its outline, and where it
     is lit follows from them and the turned lights."""
-    view = records.sample(ball, np.random.default_rng(seed), canvas_size(128), lights=8)
+    view = photographs.sample(ball, np.random.default_rng(seed), canvas_size(128), lights=8)
     inside = (view["mask"][0] > 0.99) & (view["normals"][2] > 0.5)
     y, x = torch.nonzero(inside, as_tuple=True)
     normals = view["normals"][:, inside]
@@ -143,7 +143,7 @@ def test_normals_and_lights_turn_with_the_picture(ball, seed):
 
 
 def test_without_augmentation_the_camera_frame_is_kept(ball):
-    view = records.sample(ball, np.random.default_rng(0), canvas_size(128), augment=False)
+    view = photographs.sample(ball, np.random.default_rng(0), canvas_size(128), augment=False)
     np.testing.assert_allclose(view["directions"], ball.directions, atol=1e-6)
     inside = view["mask"][0] > 0.99
     left, right = view["normals"][0][:, :60][inside[:, :60]], view["normals"][0][:, 132 - 96 :]
@@ -160,8 +160,8 @@ def test_what_the_frame_cuts_stays_cut(ball):
         assert not cut.cropped(height).mask[[0]].any()
         assert not ball.cropped(height).mask[[0, -1]].any()
     size = canvas_size(128)
-    assert records.sample(cut, np.random.default_rng(0), size, 1, augment=False)["mask"][0, -1].any()
-    drawn = [records.sample(cut, np.random.default_rng(seed), size, 1)["mask"][0] for seed in range(20)]
+    assert photographs.sample(cut, np.random.default_rng(0), size, 1, augment=False)["mask"][0, -1].any()
+    drawn = [photographs.sample(cut, np.random.default_rng(seed), size, 1)["mask"][0] for seed in range(20)]
     assert np.mean([mask[-1, 10:-10] for mask in drawn]) > 0.95
 
 
@@ -169,7 +169,7 @@ def test_what_the_frame_cuts_on_all_sides_fills_the_canvas(ball):
     cut = _framed(ball, slice(30, 70), slice(35, 65))
     assert cut.mask.all()
     size = canvas_size(128)
-    drawn = [records.sample(cut, np.random.default_rng(seed), size, 1)["mask"][0] for seed in range(20)]
+    drawn = [photographs.sample(cut, np.random.default_rng(seed), size, 1)["mask"][0] for seed in range(20)]
     assert np.mean([mask[:, [0, -1]] for mask in drawn]) > 0.9
 
 
@@ -189,7 +189,7 @@ def test_a_given_lighting_is_the_one_photographed(ball):
     lighting[9] = 0.5, 1, 2
     size, seed = canvas_size(128), 0  # a seed without gloss
     view, twice = (
-        records.sample(ball, np.random.default_rng(seed), size, augment=False, lighting=k * lighting)
+        photographs.sample(ball, np.random.default_rng(seed), size, augment=False, lighting=k * lighting)
         for k in (1, 2)
     )
     torch.testing.assert_close(view["weights"], torch.from_numpy(lighting))
@@ -201,7 +201,7 @@ def test_a_given_lighting_is_the_one_photographed(ball):
 
 
 def test_samples_are_deterministic_and_finite(ball):
-    first, again = (records.sample(ball, np.random.default_rng(3), canvas_size(128), 5) for _ in range(2))
+    first, again = (photographs.sample(ball, np.random.default_rng(3), canvas_size(128), 5) for _ in range(2))
     for key, value in first.items():
         assert torch.isfinite(value).all(), key
         torch.testing.assert_close(value, again[key], rtol=0, atol=0)
@@ -211,12 +211,12 @@ def test_samples_are_deterministic_and_finite(ball):
 
 
 def test_a_rough_matte_is_wrong_at_the_edge_alone(ball):
-    mask = records.sample(ball, np.random.default_rng(0), canvas_size(256), 1, augment=False)["mask"]
+    mask = photographs.sample(ball, np.random.default_rng(0), canvas_size(256), 1, augment=False)["mask"]
     width = 2 * round(0.012 * 256) + 1
     core = -F.max_pool2d(-mask, width, stride=1, padding=width // 2)
     reach = F.max_pool2d(mask, width, stride=1, padding=width // 2)
     for seed in range(8):
-        matte = records.rough_matte(mask, np.random.default_rng(seed))
+        matte = photographs.rough_matte(mask, np.random.default_rng(seed))
         assert (matte >= core).all()
         assert (matte[reach == 0] == 0).all()
         assert 0 < (matte - mask).abs().sum() < 0.1 * mask.sum()
@@ -224,34 +224,34 @@ def test_a_rough_matte_is_wrong_at_the_edge_alone(ball):
 
 def test_compression_is_that_of_a_jpeg_file(ball):
     """As Pillow's, at the same quality; its chroma is at full resolution."""
-    view = records.sample(ball, np.random.default_rng(0), canvas_size(128), 1, augment=False)
-    rgb = records.photograph(view["rgb"], view["mask"], np.random.default_rng(0))
+    view = photographs.sample(ball, np.random.default_rng(0), canvas_size(128), 1, augment=False)
+    rgb = photographs.photograph(view["rgb"], view["mask"], np.random.default_rng(0))
     encoded = (rgb ** (1 / records.ENCODING) * 255).round().permute(1, 2, 0).numpy().astype(np.uint8)
     for quality in (30, 90):
         file = io.BytesIO()
         Image.fromarray(encoded).save(file, "JPEG", quality=quality, subsampling=0)
         reference = np.asarray(Image.open(file)).astype(float)
-        ours = (records.compress(rgb, quality) ** (1 / records.ENCODING) * 255).permute(1, 2, 0).numpy()
+        ours = (photographs.compress(rgb, quality) ** (1 / records.ENCODING) * 255).permute(1, 2, 0).numpy()
         lost = np.abs(reference - encoded).mean()
         assert np.abs(ours - reference).mean() < 0.6 * lost
 
 
 def test_sharpening_deepens_detail_and_keeps_what_is_flat(ball):
-    view = records.sample(ball, np.random.default_rng(0), canvas_size(128), 1, augment=False)
+    view = photographs.sample(ball, np.random.default_rng(0), canvas_size(128), 1, augment=False)
     rgb = view["rgb"].clamp(0, 1)
-    torch.testing.assert_close(records.sharpen(rgb, 1.0), rgb)
+    torch.testing.assert_close(photographs.sharpen(rgb, 1.0), rgb)
     flat = torch.full_like(rgb, 0.3)
-    torch.testing.assert_close(records.sharpen(flat, 3.0), flat)
+    torch.testing.assert_close(photographs.sharpen(flat, 3.0), flat)
     slopes = [
         (image ** (1 / records.ENCODING)).diff(dim=2).abs().mean()
-        for image in (records.sharpen(rgb, 0.0), rgb, records.sharpen(rgb, 3.0))
+        for image in (photographs.sharpen(rgb, 0.0), rgb, photographs.sharpen(rgb, 3.0))
     ]
     assert slopes[0] < slopes[1] < slopes[2]
 
 
 @pytest.mark.parametrize("seed", range(6))
 def test_truth_is_asked_for_where_the_matte_shows_the_subject(ball, seed):
-    view = records.sample(ball, np.random.default_rng(seed), canvas_size(128), 3)
+    view = photographs.sample(ball, np.random.default_rng(seed), canvas_size(128), 3)
     assert (view["mask"] <= view["matte"]).all()
     inside = view["mask"] > 0.5
     assert inside.any()

@@ -6,9 +6,11 @@ import OpenImageIO as oiio
 import pytest
 from conftest import sphere
 
-from shadow import records, report, weights
-from shadow.field import VisibilityField
-from shadow.unet import LATENTS, PerLight
+from shadow.data import records
+from shadow.evaluation import report
+from shadow.networks import checkpoints
+from shadow.networks.field import VisibilityField
+from shadow.networks.unet import LATENTS, PerLight
 
 SMALL = {"size": 128, "widths": [8, 8, 16, 16, 32]}
 
@@ -19,13 +21,13 @@ def folder(tmp_path_factory):
     path = tmp_path_factory.mktemp("records")
     records.write(path / "a.npz", sphere())
     config = {"size": 128}
-    weights.save(path / "field.safetensors", VisibilityField(**config), "field", config, {})
+    checkpoints.save(path / "field.safetensors", VisibilityField(**config), "field", config, {})
     for name, config, recipe in (
         ("resb3", {"latent": "resb3", **SMALL}, {"normals": "normals"}),
         ("colour", {"latent": "resb3", "normals": False, **SMALL}, {}),
         ("mixed", {"latent": "resb3", **SMALL}, {"normals": "true"}),
     ):
-        weights.save(path / f"{name}.safetensors", PerLight(**config), "resb3", config, recipe)
+        checkpoints.save(path / f"{name}.safetensors", PerLight(**config), "resb3", config, recipe)
     return path
 
 

@@ -6,8 +6,9 @@ import torch
 from conftest import sphere
 
 from shading import diffuse, evaluation
-from shadow import records, weights
-from shadow.field import VisibilityField
+from shadow.data import photographs, records
+from shadow.networks import checkpoints
+from shadow.networks.field import VisibilityField
 
 
 @pytest.fixture(scope="module")
@@ -30,7 +31,7 @@ def folder(tmp_path_factory):
     ):
         config = {"size": 128, **config}
         kind = "shading" if name == "blind" else name
-        weights.save(path / f"{name}.safetensors", network(**config), kind, config, {})
+        checkpoints.save(path / f"{name}.safetensors", network(**config), kind, config, {})
     return path
 
 
@@ -58,7 +59,7 @@ def test_untrained_shading_is_the_base_image_and_scores_as_it(folder):
 
 def test_truth_is_direct_and_bounce_light(folder):
     found = records.Records([folder / "views"])
-    view = records.sample(found[0], np.random.default_rng(0), (128, 96), augment=False)
+    view = photographs.sample(found[0], np.random.default_rng(0), (128, 96), augment=False)
     truth = evaluation.true_shading({key: value[None] for key, value in view.items()})[0]
     inside = view["mask"][0] > 0.99
     assert truth.max() == 1  # where the sphere faces the light: what bounces there besides is cut

@@ -3,7 +3,8 @@ import pytest
 import torch
 import trimesh
 
-from shadow import directions, records
+from shadow import directions
+from shadow.data import photographs, records
 from shadow.lightstage import scans, stage
 from shadow.lightstage.figure import Figure
 
@@ -174,6 +175,6 @@ def test_bounce_light_is_recorded_on_request():
     light = np.zeros((len(LIGHTS), 3), np.float32)
     light[0] = 1
     direct = stage.render(figure(both), stage.View(height=1.1, pitch=-20), 64, LIGHTS)
-    more = records.light(record, light) - records.light(direct, light)
+    more = photographs.light(record, light) - photographs.light(direct, light)
     assert more.min() >= 0
     assert more.mean() > 0.005

@@ -5,7 +5,7 @@ import torch
 import relight
 from relight import subject as subject_module
 from shading import diffuse
-from shadow.backbone import Backbone
+from shadow.networks.backbone import Backbone
 
 LEFT = relight.DirectionalLight(azimuth=-60, name="left")
 RIGHT = relight.DirectionalLight(azimuth=60, intensity=0.7, colour=(0.2, 0.6, 1.0), name="right")

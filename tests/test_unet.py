@@ -2,7 +2,7 @@ import pytest
 import torch
 
 from shadow.directions import olat
-from shadow.unet import LATENTS, LIGHTS_AT_ONCE, PerLight, UNet
+from shadow.networks.unet import LATENTS, LIGHTS_AT_ONCE, PerLight, UNet
 
 TABLE_4 = {"resb3": 24.8e6, "resb7": 45.8e6, "resb11": 83.5e6, "attention": 39.0e6}
 

@@ -4,10 +4,10 @@ import numpy as np
 import pytest
 import trimesh
 
-from shadow import records
+from shadow.data import records
 from shadow.lightstage import scans, stage, variants
-from shadow.lightstage.fabric import BRIGHTEST, DARKEST
 from shadow.lightstage.figure import Figure, vertex_normals
+from shadow.lightstage.people.fabric import BRIGHTEST, DARKEST
 
 SEEDS = range(5)
 

@@ -5,7 +5,7 @@ import pytest
 
 import relight
 from relight import video
-from relight.movie import Movie, write_movie
+from relight.media.movies import Movie, write_movie
 
 RISING = relight.MovingLight(intensity={1: 0.1, 5: 0.5}, name="key")
 STILL = relight.DirectionalLight(intensity=0.5, name="key")

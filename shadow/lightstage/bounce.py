@@ -11,7 +11,7 @@ import numpy as np
 from scipy.sparse import csr_matrix
 from scipy.spatial import KDTree
 
-from shadow.records import BOUNCE_RANK
+from shadow.data.records import BOUNCE_RANK
 
 STRATA = (4, 8)  # of the rays of a point: 32, as Section 3 has samples a pixel
 CACHE = 4096  # points: 2 cm apart on a person

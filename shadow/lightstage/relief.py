@@ -8,8 +8,8 @@ import torch
 import torch.nn.functional as F
 from kornia.filters import gaussian_blur2d, guided_blur, spatial_gradient
 
+from shadow.data.records import ENCODING, Record
 from shadow.framing import bounding_box
-from shadow.records import ENCODING, Record
 
 WINDOW = 1 / 27  # of the subject's height: wider than a fold, narrower than a garment
 EDGE = 0.01  # variance of the encoded albedo above which a contrast is the edge of something

@@ -17,9 +17,11 @@ import numpy as np
 import torch
 from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeRemainingColumn
 
-from shadow import directions, records
-from shadow.lightstage import bodies, bounce, pairs, relief, scans, variants
+from shadow import directions
+from shadow.data import records
+from shadow.lightstage import bounce, relief, scans, variants
 from shadow.lightstage.figure import Figure
+from shadow.lightstage.people import bodies, pairs
 from shadow.lightstage.scene import Scene
 
 

@@ -7,8 +7,9 @@ from pathlib import Path
 
 import numpy as np
 
-from shadow.lightstage import fabric, scans
+from shadow.lightstage import scans
 from shadow.lightstage.figure import Albedo, Figure, interpolate, standing, unit
+from shadow.lightstage.people import fabric
 
 STOUTNESS = 0.08  # deviation of the logarithms of width and depth
 WAVES = 6

@@ -1,0 +1,199 @@
+"""The lights file: a lighting as YAML or JSON, for people and for programs.
+
+    lights:
+      - name: key
+        azimuth: -40
+        elevation: 30
+        intensity: 2
+        colour: [1, 0.9, 0.8]
+      - name: rim
+        azimuth: 140
+        temperature: 9000
+        angle: 20
+      - name: sky
+        type: environment
+        image: sky.exr
+        rotation: 90
+
+Each light has the parameters of its class, by name; its type is "directional" unless it says so. The file of
+an environment's image is looked for beside the lights file. In place of a value may stand keyframes by frame,
+and `orbit: 200` turns a light once around the subject in 200 frames (see `relight.MovingLight`):
+
+      - name: sun
+        azimuth: {1: -90, 100: 60}
+        elevation: {1: 5, 50: 40, 100: 10}
+"""
+
+import json
+import os
+import re
+import reprlib
+from pathlib import Path
+
+import yaml
+
+from relight.lights.directional import REQUIRED, DirectionalLight, parameters
+from relight.lights.environment import EnvironmentLight
+from relight.lights.moving import MovingLight
+from shadow.files import replacing
+
+TYPES = {"directional": DirectionalLight, "environment": EnvironmentLight}
+SUFFIXES = (".yaml", ".yml", ".json")
+MERGE = "tag:yaml.org,2002:merge"
+
+
+def read_lights(path):
+    """Read a lights file: a list of lights, in the file's order.
+
+    Parameters
+    ----------
+    path: a .yaml, .yml or .json file: `lights`, a list, each a mapping of a light's parameters (see
+        `relight.DirectionalLight`, `relight.EnvironmentLight` and `relight.MovingLight`), with
+        `type: environment` where it is one.
+
+    Raises
+    ------
+    FileNotFoundError: no such file. ValueError: not YAML or JSON, unknown or repeated keys, values that the
+    light refuses; the message names the file, the light and the key.
+    """
+    return [_light(path, number, entry) for number, entry in enumerate(_entries(path), 1)]
+
+
+def write_lights(path, lights):
+    """Write lights to a file that `read_lights` reads back to the same lights. Whole, or not at all.
+
+    Parameters
+    ----------
+    path: .yaml, .yml or .json. Its folder must exist.
+    lights: any number of lights. Directions are written as azimuth and elevation, rounded to 1e-4 degrees; an
+        environment's image by its path, relative to the lights file unless it is absolute.
+
+    Raises
+    ------
+    ValueError: another suffix, an environment that is an array and no file. TypeError: not lights.
+    OSError: the file cannot be written.
+    """
+    path = _lights_path(path)
+    document = {"lights": [_entry(path, light) for light in lights]}
+    if path.suffix.lower() == ".json":
+        text = json.dumps(document, indent=2) + "\n"
+    else:
+        text = yaml.dump(document, Dumper=_Dumper, sort_keys=False, allow_unicode=True)
+    with replacing(path) as beside:
+        beside.write_text(text, encoding="utf-8")
+
+
+def _lights_path(path):
+    path = Path(path)
+    if path.suffix.lower() not in SUFFIXES:
+        raise ValueError(f"{path}: expected a lights file, whose name ends in {', '.join(SUFFIXES)}")
+    return path
+
+
+def _entries(path):
+    """The lights of a file as mappings, their keys and values still unchecked."""
+    path = _lights_path(path)
+    try:
+        text = path.read_text(encoding="utf-8")
+        if path.suffix.lower() == ".json":
+            document = json.loads(text, object_pairs_hook=_unique)
+        else:
+            document = yaml.load(text, _Loader)  # a SafeLoader
+    except FileNotFoundError as error:
+        raise FileNotFoundError(f"{path}: no such file") from error
+    except (ValueError, RecursionError, yaml.YAMLError) as error:
+        problem = " ".join(str(error).split())
+        raise ValueError(f"{path}: is not a lights file: {problem}") from error
+    if not isinstance(document, dict) or "lights" not in document:
+        raise ValueError(f"{path}: expected 'lights:' and a list of lights, got {reprlib.repr(document)}")
+    for key in document:
+        if key != "lights":
+            raise ValueError(f"{path}: {key}: not known here; expected lights")
+    if not isinstance(document["lights"], list):
+        raise ValueError(f"{path}: lights: expected a list, got {reprlib.repr(document['lights'])}")
+    return document["lights"]
+
+
+def _light(path, number, entry):
+    """A light from its mapping in a file."""
+    where = f"{path}: light {number}"
+    if not isinstance(entry, dict):
+        raise ValueError(f"{where}: expected parameters and their values, got {reprlib.repr(entry)}")
+    if isinstance(entry.get("name"), str):
+        where = f"{where} ({entry['name']})"
+    kind = entry.get("type", "directional")
+    if not isinstance(kind, str) or kind not in TYPES:
+        raise ValueError(f"{where}: type: expected {' or '.join(TYPES)}, got {reprlib.repr(kind)}")
+    arguments = {key: value for key, value in entry.items() if key != "type"}
+    known = parameters(TYPES[kind])
+    for key in arguments:
+        if key not in known and key != "orbit":
+            raise ValueError(f"{where}: {key}: not known; expected {', '.join(known)}, orbit")
+    for key, default in known.items():
+        if default is REQUIRED and key not in arguments:
+            raise ValueError(f"{where}: {key}: is missing")
+    if "image" in arguments:
+        if not isinstance(arguments["image"], str):
+            raise ValueError(f"{where}: image: expected a file, got {reprlib.repr(arguments['image'])}")
+        arguments["image"] = Path(path).parent / arguments["image"]
+    try:
+        if "orbit" in arguments or any(isinstance(value, dict) for value in arguments.values()):
+            return MovingLight(TYPES[kind], **arguments)
+        return TYPES[kind](**arguments)
+    except (OSError, TypeError, ValueError) as error:
+        raise ValueError(f"{where}: {error}") from error
+
+
+def _entry(path, light):
+    """A light's mapping in the file `path`: what is not the default, its name first."""
+    made = light.kind if isinstance(light, MovingLight) else type(light)
+    kinds = {kind for kind, cls in TYPES.items() if issubclass(made, cls)}
+    if not kinds:
+        raise TypeError(f"lights: expected lights, e.g. DirectionalLight, got {type(light).__name__}")
+    settings = light.settings()
+    entry = {"name": settings.pop("name")} if "name" in settings else {}
+    entry |= {"type": kinds.pop()} if kinds != {"directional"} else {}
+    if "image" in settings and not Path(settings["image"]).is_absolute():
+        settings["image"] = Path(os.path.relpath(settings["image"], path.parent)).as_posix()
+    return entry | {key: _plain(value) for key, value in settings.items()}
+
+
+def _plain(value):
+    """40 rather than 40.0, as a person would write it."""
+    if isinstance(value, tuple):
+        return tuple(map(_plain, value))
+    if isinstance(value, dict):
+        return {_plain(frame): _plain(setting) for frame, setting in value.items()}
+    return int(value) if isinstance(value, float) and value.is_integer() else value
+
+
+def _unique(pairs):
+    """A JSON object as a dictionary; ValueError if a key comes twice, of which JSON would keep the last."""
+    keys = [key for key, _ in pairs]
+    for key in keys:
+        if keys.count(key) > 1:
+            raise ValueError(f"{key!r} is there twice")
+    return dict(pairs)
+
+
+class _Loader(yaml.SafeLoader):
+    """Safe YAML in which no key comes twice and 1e3 is a number, as YAML 1.2 has it and PyYAML has not."""
+
+    def construct_mapping(self, node, deep=False):
+        _unique([(self.construct_object(key), None) for key, _ in node.value if key.tag != MERGE])
+        return super().construct_mapping(node, deep)
+
+
+class _Dumper(yaml.SafeDumper):
+    """YAML with vectors on one line."""
+
+    def ignore_aliases(self, data):
+        return True
+
+
+_Loader.add_implicit_resolver(
+    "tag:yaml.org,2002:float", re.compile(r"[-+]?(\d+\.?\d*|\.\d+)[eE][-+]?\d+$"), list("-+.0123456789")
+)
+_Dumper.add_representer(
+    tuple, lambda dumper, value: dumper.represent_sequence("tag:yaml.org,2002:seq", value, flow_style=True)
+)

@@ -1,0 +1,150 @@
+"""Lights that move: parameters with keyframes, and orbits."""
+
+import bisect
+import inspect
+import itertools
+import math
+import re
+import reprlib
+from dataclasses import dataclass
+
+import numpy as np
+
+from relight.lights.directional import DirectionalLight, Light
+
+ORBITS = ("azimuth", "rotation")  # what an orbit turns: a lamp around the subject, an environment around it
+
+
+@dataclass(frozen=True, init=False)
+class MovingLight:
+    """A light whose parameters change from frame to frame.
+
+    Parameters
+    ----------
+    kind: relight.DirectionalLight or relight.EnvironmentLight.
+    orbit: frames of one turn around the subject, negative to turn the other way. At frame 1 the light stands
+        at its azimuth (an environment at its rotation), which grows from there.
+    settings: the parameters of `kind`. A number or a vector may be keyframes, {frame: value}: from one to the
+        next it changes linearly, a `direction` along the great circle; before the first and after the last
+        it rests.
+
+    Raises
+    ------
+    TypeError, ValueError: what `kind` refuses at one of the keyframes; a frame that is no number; keyframes
+    of text; opposite directions in succession, which many great circles join; an orbit of no frames, or of a
+    light that is given by its direction.
+    """
+
+    kind: type[Light]
+    orbit: float | None
+    moves: dict  # {parameter: {frame: value}}, in the order of frames
+    rests: dict  # {parameter: value}
+
+    def __init__(self, kind=DirectionalLight, *, orbit=None, **settings):
+        if orbit is not None and not (_is_number(orbit) and orbit != 0):
+            raise ValueError(f"orbit: expected the frames of a turn, not 0, got {reprlib.repr(orbit)}")
+        if orbit is not None and "direction" in settings:
+            raise ValueError("orbit: needs a light given by azimuth and elevation, not by its direction")
+        moves = {key: _keyframes(key, value) for key, value in settings.items() if isinstance(value, dict)}
+        object.__setattr__(self, "kind", kind)  # as frozen dataclasses initialise themselves
+        object.__setattr__(self, "orbit", None if orbit is None else float(orbit))
+        object.__setattr__(self, "moves", moves)
+        object.__setattr__(self, "rests", {key: value for key, value in settings.items() if key not in moves})
+        frames = sorted({1.0}.union(*moves.values()))
+        between = [(first + last) / 2 for first, last in itertools.pairwise(frames)]
+        lights = [self.at(frame) for frame in frames + between]  # what cannot be is refused now
+        if "image" in self.rests:
+            self.rests["image"] = lights[0].image  # read once, not at every frame
+
+    @property
+    def name(self):
+        return self.rests.get("name")
+
+    @property
+    def span(self):
+        """(first, last) keyframe; None if there is none."""
+        frames = sorted({frame for keyframes in self.moves.values() for frame in keyframes})
+        return (frames[0], frames[-1]) if frames else None
+
+    def at(self, frame):
+        """The light of a frame, which may lie between whole ones."""
+        settings = self.rests | {key: _between(key, frames, frame) for key, frames in self.moves.items()}
+        if self.orbit is not None:
+            (turned,) = (key for key in ORBITS if key in inspect.signature(self.kind).parameters)
+            settings[turned] = settings.get(turned, 0.0) + 360 * (frame - 1) / self.orbit
+        return self.kind(**settings)
+
+    def settings(self):
+        """{parameter: value or keyframes} from which the light can be made again, as far as not default."""
+        rests = self.at(1).settings()
+        direction = ("azimuth", "elevation") if "direction" in self.moves else ()
+        settings = {key: value for key, value in rests.items() if key not in (*self.moves, *direction)}
+        return settings | self.moves | ({} if self.orbit is None else {"orbit": self.orbit})
+
+
+def lights_at(lights, frame):
+    """The lights of a frame: those that move as they are then, the others as they are."""
+    return [light.at(frame) if isinstance(light, MovingLight) else light for light in lights]
+
+
+def parse(text, kind=DirectionalLight):
+    """A light from text, as the `parse` of its kind reads it; with `orbit=200` in it, one that moves."""
+    orbit = re.search(r"(?:^|(?<=[,:]))\s*orbit\s*=([^,]*)(?:,|$)", text)
+    if orbit is None:
+        return kind.parse(text)
+    light = kind.parse((text[: orbit.start()] + text[orbit.end() :]).rstrip(","))
+    try:
+        return MovingLight(kind, orbit=float(orbit[1]), **light.settings())
+    except (TypeError, ValueError) as error:
+        raise ValueError(f"light {text!r}: {error}") from error
+
+
+def _is_number(value):
+    return isinstance(value, int | float) and not isinstance(value, bool) and math.isfinite(value)
+
+
+def _keyframes(key, keyframes):
+    """{frame: value} in order, checked; JSON has its frames as text."""
+    if not keyframes:
+        raise ValueError(f"{key}: expected keyframes, got none")
+    checked = {}
+    for frame, value in keyframes.items():
+        try:
+            number = float(frame)
+        except (TypeError, ValueError):
+            number = math.nan
+        if not math.isfinite(number) or isinstance(frame, bool):
+            raise ValueError(f"{key}: expected the number of a frame, got {reprlib.repr(frame)}")
+        vector = isinstance(value, list | tuple) and len(value) == 3 and all(map(_is_number, value))
+        if not (vector or _is_number(value)):
+            raise TypeError(f"{key}: expected numbers at frame {number:g}, got {reprlib.repr(value)}")
+        checked[number] = tuple(map(float, value)) if vector else float(value)
+    if len({type(value) for value in checked.values()}) > 1:
+        raise ValueError(f"{key}: expected numbers or vectors at all frames, got both")
+    return dict(sorted(checked.items()))
+
+
+def _between(key, keyframes, frame):
+    """The value at a frame: a float or a tuple of three."""
+    frames = list(keyframes)
+    after = bisect.bisect(frames, frame)
+    if after in (0, len(frames)):
+        return keyframes[frames[max(after - 1, 0)]]
+    first, last = frames[after - 1], frames[after]
+    start, end = (np.array(keyframes[number]) for number in (first, last))
+    share = (frame - first) / (last - first)
+    if key == "direction":
+        return _great_circle(start, end, share)
+    return (start + share * (end - start)).tolist()
+
+
+def _great_circle(start, end, share):
+    """A direction between two, at even speed (Shoemake 1985)."""
+    start, end = start / np.linalg.norm(start), end / np.linalg.norm(end)
+    angle = math.acos(np.clip(start @ end, -1, 1))
+    if angle > math.pi - 1e-6:
+        raise ValueError("direction: opposite in successive keyframes; put one between, to say which way")
+    if angle < 1e-6:
+        return tuple(end.tolist())
+    weights = np.sin([(1 - share) * angle, share * angle]) / math.sin(angle)
+    return tuple((weights @ [start, end]).tolist())

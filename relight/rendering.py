@@ -1,0 +1,144 @@
+"""Lights in, picture out; and its layers: light groups that sum to the picture, and passes it is made of."""
+
+import numpy as np
+
+from relight.composite import behind, over
+from relight.subject import Subject, by_name
+
+PASSES = ("albedo", "N", "visibility", "shading")
+
+
+def apply(image, lights, *, background=None, mask=None, albedo=None, normals=None):
+    """Relight the person in an image.
+
+    Parameters
+    ----------
+    image: (H, W, 3|4). Integers are sRGB-encoded with straight alpha; floats linear Rec.709, premultiplied.
+    lights: a light, or any number of them.
+    background: image of any size, fitted to cover the frame; a linear (r, g, b); or a
+        relight.EnvironmentLight, as a camera sees it (see `over`). None keeps the alpha.
+    mask: (H, W) in [0, 1], the matte of the person; needed unless the image has alpha.
+    albedo: (H, W, 3) to use instead of inferring it.
+    normals: (H, W, 3) camera-frame normals to use instead of inferring them; or anything else that
+        `shadow.normals.load` takes.
+
+    Returns
+    -------
+    (H, W, 4) float32, linear Rec.709, premultiplied; or (H, W, 3) over a background. Exactly linear in the
+    lights' intensities, unbounded.
+
+    Raises
+    ------
+    TypeError, ValueError: as `Subject`, `Subject.relit` and `over` do.
+    """
+    picture = Subject(image, mask, albedo=albedo, normals=normals).relit(lights)
+    return picture if background is None else over(picture, background)
+
+
+def render(image, lights, *, background=None, mask=None, albedo=None, normals=None, passes=()):
+    """As `apply`, and the same picture in layers: see `render_subject`. Raises as `apply` does too."""
+    subject = Subject(image, mask, albedo=albedo, normals=normals)
+    return render_subject(subject, lights, background=background, passes=passes)
+
+
+def render_subject(subject, lights, *, background=None, passes=()):
+    """A picture of an analysed person, and its layers.
+
+    Parameters
+    ----------
+    subject: relight.Subject.
+    lights: one light or more.
+    background: as of `apply`.
+    passes: further layers, of PASSES.
+
+    Returns
+    -------
+    The picture, as `apply` returns it, and its layers, ready for `write`: light groups "C_<light>" (H, W, 4)
+    whose colours, as half floats, sum to the picture's; over a background one more, "C_background" (H, W, 3),
+    what is seen of it; and the passes (see `passes`).
+
+    Raises
+    ------
+    ValueError: no light, two lights of one name, an unknown pass.
+    """
+    picture, groups = light_groups(subject, lights)
+    further = passes(subject, lights, passes)
+    if background is None:
+        return picture, groups | further
+    if "C_background" in groups:
+        raise ValueError("lights: 'background' names the background's layer; give the light another name")
+    groups["C_background"] = half(behind(picture, background))
+    return picture[..., :3] + groups["C_background"], groups | further
+
+
+def light_groups(subject, lights):
+    """The person's picture and what each light gives to it.
+
+    Parameters
+    ----------
+    subject: relight.Subject.
+    lights: one light or more.
+
+    Returns
+    -------
+    The picture (H, W, 4), linear, premultiplied, and its groups {"C_<light>": (H, W, 4)}, ready for `write`.
+    The groups' values are rounded to half floats and the picture is their sum: so it still is when they come
+    back from a half-float file. Each carries the matte as its alpha.
+
+    Raises
+    ------
+    ValueError: no light, or two of one name. TypeError: not lights.
+    """
+    groups = {}
+    for name, light in by_name(lights).items():
+        layer = subject.relit(light)
+        groups[f"C_{name}"] = half(layer)
+    if not groups:
+        raise ValueError("lights: expected at least one")
+    picture = sum(groups.values())
+    picture[..., 3] = layer[..., 3]  # coverage does not add up
+    return picture, groups
+
+
+def passes(subject, lights, names):
+    """What the picture is made of, at the plate's size, zero outside the matte and not premultiplied.
+
+    Parameters
+    ----------
+    subject: relight.Subject.
+    lights: one light or more.
+    names: any of
+        "albedo": (H, W, 3), linear Rec.709.
+        "N": (H, W, 3), normals in the camera frame: x right, y up, z to the camera.
+        "visibility": for each light `visibility_<light>` (H, W), the share of it that no part of the person
+            blocks.
+        "shading": for each light `shading_<light>` (H, W, 3), what it would do to a white person: the light
+            group is `albedo × shading_<light> × alpha`.
+
+    Returns
+    -------
+    {layer name: array}, float32. Raises ValueError for other names.
+    """
+    check(names)
+    layers = {"albedo": subject.albedo} if "albedo" in names else {}
+    layers |= {"N": subject.normals} if "N" in names else {}
+    lights = by_name(lights)
+    if "visibility" in names:
+        layers |= {f"visibility_{name}": subject.unshadowed(light) for name, light in lights.items()}
+    if "shading" in names:
+        layers |= {f"shading_{name}": subject.lighting(light) for name, light in lights.items()}
+    return layers
+
+
+def check(names):
+    """ValueError unless all names are passes'."""
+    for name in names:
+        if name not in PASSES:
+            raise ValueError(f"layers: expected any of {', '.join(PASSES)}, got {name!r}")
+
+
+def half(values):
+    """float32 values rounded to what a half float holds, unless one of them is too bright for it."""
+    with np.errstate(over="ignore"):
+        rounded = values.astype(np.float16)
+    return rounded.astype(np.float32) if np.isfinite(rounded).all() else values

@@ -1,0 +1,177 @@
+"""Losses of the shading networks, for the shared fit loop."""
+
+import functools
+
+import torch
+import torch.nn.functional as F
+
+from shading.diffuse import PerLightShading, ShadingField, base
+from shadow.evaluation import metrics, pictures
+from shadow.networks.backbone import ENCODING, take_blocks
+from shadow.training.loop import Task
+from shadow.training.tasks import random_blocks
+
+SOFT = 0.05  # shading error below which the loss is square; beyond, it seeks the median: lit or dark, no haze
+SHADING = 5.0  # weight of the error in the shading
+ABSOLUTE = 0.2  # weight of the error in the albedo's overall colour and brightness
+AGREEMENT = 0.5  # weight of the error in the photograph that albedo and shading make together
+
+
+def _encoded(linear):
+    return linear.clamp_min(1e-4) ** (1 / ENCODING)
+
+
+def _aligned(estimate, truth, inside):
+    """The estimate, each channel scaled to the truth's mean inside the mask.
+
+    Exposure and the colour of the light cannot be told from those of the albedo (image = albedo × light), and
+    without this their error drowns that of the shadows left behind. The gradient is that of the whole: with
+    the scale held fixed, shadows left in the albedo pull all of it darker.
+    """
+    means = [(image * inside).sum(dim=(-2, -1), keepdim=True) for image in (truth, estimate)]
+    return estimate * (means[0] / means[1].clamp_min(1e-3)).clamp(0.2, 5)
+
+
+def true_shading(batch, take=lambda image: image):
+    """Path-traced shading (B, L, H, W) of the batch's directions, at most 1, where `take` takes it."""
+    normals, visibility, bounce = (take(batch[key]) for key in ("normals", "visibility", "bounce"))
+    indirect = torch.einsum("blk,bkhw->blhw", batch["bounce_patterns"], bounce).clamp_min(0)
+    return (base(normals, visibility, batch["directions"]) + indirect).clamp_max(1)
+
+
+def _inferred(batch, directions, take=lambda image: image):
+    """Visibility (B, D, H, W) of unit directions (B, D, 3) by the batch's field where `take` takes it, zero
+    outside the matte, as the field's `analyse` gives it in use."""
+    maps, matte = batch["visibility_maps"].at(take), take(batch["matte"])
+    return batch["visibility_network"].log_visibility(maps, directions).exp() * (matte > 0)
+
+
+def _shading_error(estimate, truth, inside):
+    """L1, square near zero, of the shading and of its differences between neighbours, which are the shadows'
+    edges. Of 2 x 2 blocks (B, L, 4, ...). Below zero is right where the truth is 0: there it is held to 0."""
+    difference = torch.where((estimate < 0) & (truth < 1e-3), 0.0, estimate - truth)
+    total = (_soft(difference) * inside).sum()
+    whole = inside.amin(dim=2, keepdim=True)
+    total = total + sum((_soft(edge) * whole).sum() for edge in _edges(difference))
+    return total / (inside.sum() * truth.shape[1]).clamp_min(1)
+
+
+def _soft(error):
+    return (error.square() + SOFT**2).sqrt() - SOFT
+
+
+def _edges(blocks):
+    """Differences between columns, and between rows, of 2 x 2 blocks (B, C, 4, ...): (B, C, 2, ...)."""
+    top, bottom, left, right = (0, 1), (2, 3), (0, 2), (1, 3)
+    return [blocks[:, :, a] - blocks[:, :, b] for a, b in ((top, bottom), (left, right))]
+
+
+def _albedo_error(estimate, truth, inside):
+    """L1 of the aligned encoded albedo and of its differences between neighbours, which hold texture and
+    refuse shadow edges; and a little L1 of the albedo as it is. Of 2 x 2 blocks (B, 3, 4, P)."""
+    difference = (_aligned(estimate, truth, inside) - truth) * inside
+    whole = inside.amin(dim=2, keepdim=True)
+    total = difference.abs().sum() + ABSOLUTE * ((estimate - truth) * inside).abs().sum()
+    total = total + sum((edge * whole).abs().sum() for edge in _edges(difference))
+    return total / (3 * inside.sum()).clamp_min(1)
+
+
+def shading_loss(network, batch):
+    """Errors of shading and albedo, and of the photograph that they make under the lighting it was taken in:
+    what one takes for shadow the other must not take for paint."""
+    model = getattr(network, "module", network)
+    with torch.no_grad():
+        anchors = model.anchors.expand(len(batch["rgb"]), -1, -1)
+        guides = _inferred(batch, anchors, lambda image: image[..., ::2, ::2])
+    blocks = random_blocks(batch["mask"])
+    take = functools.partial(take_blocks, blocks=blocks)
+    maps = network(batch["image"], batch["estimated_normals"], guides, blocks)
+    inside = (take(batch["mask"]) > 0.5).float()
+    visible = _inferred(batch, batch["directions"], take)
+    estimate = model.shading(maps, take(batch["estimated_normals"]), visible, batch["directions"])
+    shading, albedo = true_shading(batch, take), take(batch["albedo"])
+    photographs = [
+        _encoded(paint * torch.einsum("blhw,blc->bchw", light.clamp(0, 1), batch["weights"]))
+        for paint, light in (
+            (maps.albedo.clamp(0, 1.5) ** ENCODING, estimate),
+            (albedo, shading),
+        )
+    ]
+    agreement = ((_aligned(*photographs, inside) - photographs[1]) * inside).abs().sum()
+    return (
+        SHADING * _shading_error(estimate, shading, inside)
+        + _albedo_error(maps.albedo, _encoded(albedo), inside)
+        + AGREEMENT * agreement / (3 * inside.sum()).clamp_min(1)
+    )
+
+
+def _diffuse(network, batch):
+    """Diffuse of each photograph of the batch."""
+    for i in range(len(batch["rgb"])):
+        rgb, matte, surface = batch["rgb"][i], batch["matte"][i, 0], batch["estimated_normals"][i]
+        visibility = lambda lights, i=i: _inferred(batch, lights[None], lambda image: image[i : i + 1])[0]  # noqa: E731
+        yield network.analyse(rgb, matte, surface, visibility), visibility
+
+
+def _shading_score(network, batch):
+    """RMSE of the shading beside that of the base image; L1 of the aligned encoded albedo beside that of the
+    photograph itself."""
+    inside, truth = batch["mask"] > 0.5, true_shading(batch)
+    analysed = list(_diffuse(network, batch))
+    shading = torch.stack(
+        [each.shading(lights) for (each, _), lights in zip(analysed, batch["directions"], strict=True)]
+    )
+    visible = torch.stack([v(lights) for (_, v), lights in zip(analysed, batch["directions"], strict=True)])
+    direct = base(batch["estimated_normals"], visible, batch["directions"])
+    scores = {
+        "rmse": float(metrics.rmse(shading, truth, inside).mean()),
+        "rmse_base": float(metrics.rmse(direct, truth, inside).mean()),
+    }
+    paint, within = _encoded(batch["albedo"]), inside.float()
+    images = {"l1_photograph": batch["image"][:, :3]}
+    if analysed[0][0].albedo is not None:
+        images["l1"] = _encoded(torch.stack([each.albedo for each, _ in analysed]))
+    for name, image in images.items():
+        error = (_aligned(image, paint, within) - paint).abs() * within
+        scores[name] = float(error.sum() / (3 * within.sum()))
+    return scores
+
+
+def _shading_show(network, batch):
+    truth = true_shading(batch)
+    for i, (each, _) in enumerate(_diffuse(network, batch)):
+        seen = batch["mask"][i] > 0.5
+        columns = [pictures.show_linear(batch["rgb"][i] * seen)]
+        if each.albedo is not None:
+            columns += [pictures.show_linear(image * seen) for image in (each.albedo, batch["albedo"][i])]
+        shading = each.shading(batch["directions"][i])
+        for light in range(0, len(shading), max(1, len(shading) // 3)):
+            for image in (shading, truth[i]):
+                columns.append(pictures.show_linear((image[light] * seen).expand(3, -1, -1)))
+        yield columns
+
+
+def shading_task(normals=True, visibility="inferred"):
+    """The one-pass residual field; with other arguments, the ablations of Table 6."""
+    config = {"normals": normals, "visibility": visibility}
+    return Task(
+        "shading", ShadingField, shading_loss, _shading_score, _shading_show, 40, True, config, {}, True
+    )
+
+
+def per_light_loss(network, batch):
+    """L1 of the linear shading (Sections 3 and 4.4)."""
+    with torch.no_grad():
+        visible = _inferred(batch, batch["directions"])
+    estimate = network(batch["image"], batch["estimated_normals"], visible, batch["directions"])
+    maps = estimate, true_shading(batch), (batch["mask"] > 0.5).float()
+    return _shading_error(*(F.pixel_unshuffle(image, 2).unflatten(1, (-1, 4)) for image in maps))
+
+
+def per_light_task(latent="resb7"):
+    """The paper's network, one forward a light."""
+    recipe = {"batch": 2, "lights": 4, "learning_rate": 5e-4}
+    return Task(
+        "shading-per-light", PerLightShading, per_light_loss, _shading_score, _shading_show, 20, True,
+        {"latent": latent}, recipe, True,
+    )  # fmt: skip

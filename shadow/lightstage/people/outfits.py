@@ -1,0 +1,281 @@
+"""What people wear together: draws an outfit and dresses a person in it, inside out.
+
+Common cuts are worn in every split. Reserved cuts and hair: a long sleeveless coat and curls in validation
+only; a full-length robe, afro hair and helmets in generalisation only.
+"""
+
+import numpy as np
+
+from shadow.lightstage.people import fabric, hair, props
+from shadow.lightstage.people.fabric import Fabric
+from shadow.lightstage.people.garments import Fit, Wardrobe
+
+HAIR = {"training": {}, "validation": {"curls": 3.0}, "generalisation": {"afro": 3.0}}
+HATS = {"training": {}, "validation": {}, "generalisation": {"helmet": 1.5}}
+OVER = {"training": {}, "validation": {"long vest": 3.0}, "generalisation": {}}
+WHOLE = {"training": {}, "validation": {}, "generalisation": {"robe": 1.2}}
+
+
+def pick(rng: np.random.Generator, chances: dict[str, float]) -> str:
+    weights = np.array(list(chances.values()))
+    return str(rng.choice(list(chances), p=weights / weights.sum()))
+
+
+def dress(wardrobe: Wardrobe, rng: np.random.Generator, split: str, woman: bool) -> None:
+    """Draw an outfit for the person of the wardrobe and put it on."""
+    tailor = _Tailor(wardrobe, rng, split)
+    whole = pick(rng, {"two pieces": 9, "dress": 2.5 * woman, **WHOLE[split]})
+    boots = rng.random() < 0.2
+    tailor.shoes(boots)
+    if whole == "two pieces":
+        skirt = woman and rng.random() < 0.22
+        tucked = rng.random() < (0.6 if skirt else 0.2)
+        if tucked:
+            tailor.top(tucked=True, woman=woman)
+        if skirt:
+            tailor.skirt()
+        else:
+            tailor.trousers(boots)
+        if not tucked:
+            tailor.top(tucked=False, woman=woman)
+    else:
+        if whole == "dress" and rng.random() < 0.5:
+            tailor.leggings()
+        tailor.gown(whole)
+    over = pick(rng, {"none": 10, "jacket": 3.5, "coat": 1.5, "hoodie": 2, "vest": 0.8, **OVER[split]})
+    if whole != "robe" and over != "none":
+        tailor.over(over)
+    _crown(wardrobe, rng, split, woman)
+    props.carry(wardrobe, rng, split)
+
+
+class _Tailor:
+    def __init__(self, wardrobe: Wardrobe, rng: np.random.Generator, split: str) -> None:
+        self.wardrobe, self.rng, self.split = wardrobe, rng, split
+        head = wardrobe.person.skeleton.head
+        self.waist = head("spine04")[1] + rng.uniform(-0.01, 0.04)
+        self.hip = head("upperleg01.L")[1]
+        self.loose = rng.beta(1.3, 1.8)
+        self.crumpled = rng.uniform(0.3, 1.8) ** 1.3
+
+    def cloth(self, only: object = None) -> Fabric:
+        return fabric.draw(self.rng, self.split, only)
+
+    def fit(self, loose: float, **choices: object) -> Fit:
+        """Common choices by looseness in [0, 1]: thin cloth clings and thick cloth stands off."""
+        rng = self.rng
+        common = dict(
+            ease=0.004 + 0.018 * loose * rng.uniform(0.6, 1.2),
+            fill=np.clip(loose + rng.normal() * 0.25, 0, 1),
+            slack=1 + (0.01 + 0.05 * loose) * rng.random(),
+            wrinkles=0.0014 * self.crumpled * (0.5 + loose),
+            bending=rng.choice([0.05, 0.15, 0.3, 0.6]),
+            thickness=rng.uniform(0.003, 0.006),
+        )
+        return Fit(**{**common, **choices})
+
+    def shoes(self, boots: bool) -> None:
+        rng = self.rng
+        if rng.random() < 0.04:
+            return
+        ground = self.wardrobe.person.tights_rest[:, 1].min()
+        leg = rng.uniform(0.62, 0.88) if boots else rng.uniform(0.97, 1.0)
+        self.wardrobe.shoes(
+            Fit(leg=leg, ease=rng.uniform(0.004, 0.009), wrinkles=0.0012, thickness=0.005),
+            rng.uniform(0.008, 0.03),
+            fabric.shoe(rng, ground + rng.uniform(0.004, 0.02)),
+        )
+
+    def trousers(self, boots: bool) -> None:
+        rng = self.rng
+        kind = pick(rng, {"slim": 3, "straight": 4, "wide": 1.5, "shorts": 1.6, "leggings": 0.6})
+        if boots and kind in ("straight", "wide"):
+            kind = "slim"
+        if kind == "leggings":
+            self.leggings()
+            return
+        leg = rng.uniform(0.93, 1.0)
+        if kind == "shorts":
+            leg = rng.uniform(0.22, 0.55)
+        elif boots:
+            leg = 0.93
+        loose = {"slim": 0.1, "straight": 0.4, "wide": 0.8, "shorts": 0.5}[kind] + 0.2 * rng.random()
+        width = {
+            "slim": 0.7,
+            "straight": rng.uniform(0.85, 1.1),
+            "wide": rng.uniform(1.15, 1.55),
+            "shorts": rng.uniform(0.95, 1.4),
+        }[kind]
+        jeans = rng.random() < 0.4
+        only = fabric.denim if jeans else (fabric.plain if rng.random() < 0.6 else None)
+        self.wardrobe.wear(
+            self.fit(loose * 0.7, top=self.waist, leg=leg, leg_width=width, fill=0.0, held=("waist",)),
+            self.cloth(only),
+        )
+
+    def leggings(self) -> None:
+        self.wardrobe.wear(
+            self.fit(
+                0.0,
+                top=self.waist,
+                leg=self.rng.uniform(0.6, 0.97),
+                fill=0.0,
+                ease=0.003,
+                wrinkles=0.0003,
+                held=("waist",),
+                thickness=0.002,
+            ),
+            self.cloth(fabric.plain),
+        )
+
+    def skirt(self) -> None:
+        rng = self.rng
+        length = rng.uniform(0.3, 0.85)
+        self.wardrobe.wear(
+            self.fit(
+                0.3,
+                top=self.waist + 0.02,
+                bottom=self.waist - 0.06,
+                fill=0.2,
+                below=length,
+                flare=rng.choice([0.03, 0.1, 0.2, 0.3]),
+                held=("waist",),
+            ),
+            self.cloth(),
+        )
+
+    def top(self, tucked: bool, woman: bool) -> None:
+        rng = self.rng
+        kind = pick(
+            rng,
+            {
+                "t-shirt": 4,
+                "shirt": 3,
+                "long sleeves": 2.5,
+                "tank": 0.8,
+                "sweater": 2,
+                "turtleneck": 0.6,
+                "blouse": 1.0 * woman,
+            },
+        )
+        loose = self.loose
+        sleeve = {"t-shirt": rng.uniform(0.2, 0.42), "tank": None}.get(
+            kind, rng.choice([rng.uniform(0.5, 0.8), 0.98], p=[0.25, 0.75])
+        )
+        choices = dict(
+            neck=rng.uniform(0.01, 0.05),
+            sleeve=sleeve,
+            sleeve_width=rng.uniform(0.85, 1.3)
+            if kind == "t-shirt"
+            else 0.5 + 0.45 * loose + 0.1 * rng.random(),
+            held=("neck",),
+        )
+        if kind == "shirt":
+            choices |= dict(
+                neck=0.012,
+                collar=rng.uniform(0.028, 0.04),
+                collar_kind="fold",
+                vee=rng.choice([0, 0.06, 0.1]),
+                buttons=True,
+            )
+            if rng.random() < 0.2:
+                choices |= dict(collar_kind="stand")
+        elif kind == "turtleneck":
+            choices |= dict(neck=-0.012, collar=0.03, collar_kind="fold")
+            loose *= 0.4
+        elif kind in ("blouse", "tank") or rng.random() < 0.2:
+            choices |= dict(neck=0.03, vee=rng.uniform(0.06, 0.14))
+        if kind == "sweater":
+            loose = 0.4 + 0.6 * loose
+            choices |= dict(thickness=0.007, bending=0.6)
+        choices["below"] = 0.0 if tucked else rng.uniform(0.04, 0.16) + 0.12 * (loose > 0.7) * rng.random()
+        bottom = self.waist - (0.05 if tucked else 0.09)
+        fit = self.fit(loose, bottom=bottom, flare=rng.uniform(0.0, 0.12), **choices)
+        if tucked:
+            fit.held = ("neck", "hem")
+            fit.fill *= 0.4
+        self.wardrobe.wear(fit, self.cloth(fabric.knit if kind == "sweater" and rng.random() < 0.5 else None))
+
+    def gown(self, kind: str) -> None:
+        rng = self.rng
+        if kind == "robe":
+            fit = self.fit(
+                1.0,
+                bottom=self.waist - 0.06,
+                neck=0.03,
+                vee=rng.uniform(0, 0.1),
+                sleeve=0.98,
+                sleeve_width=rng.uniform(1.3, 2.0),
+                below=rng.uniform(0.8, 0.98),
+                flare=0.1,
+                held=("neck",),
+            )
+        else:
+            fit = self.fit(
+                0.3 * self.loose,
+                bottom=self.waist - 0.03,
+                neck=0.04,
+                vee=rng.choice([0, rng.uniform(0.05, 0.12)]),
+                sleeve=rng.choice([0.2, 0.35, 0.95]) if rng.random() < 0.7 else None,
+                below=rng.uniform(0.4, 0.95),
+                flare=rng.choice([0.05, 0.2, 0.35]),
+                held=("neck",),
+            )
+        self.wardrobe.wear(fit, self.cloth())
+
+    def over(self, kind: str) -> None:
+        rng = self.rng
+        loose = 0.45 + 0.5 * self.loose
+        sleeve = None if "vest" in kind else 0.99
+        choices = dict(
+            ease=0.016 + 0.016 * loose,
+            neck=0.03,
+            sleeve=sleeve,
+            sleeve_width=0.7 + 0.35 * loose * rng.random(),
+            held=("neck",),
+            bottom=self.waist - 0.08,
+            thickness=rng.uniform(0.006, 0.01),
+            bending=rng.choice([0.3, 0.6]),
+            flare=rng.uniform(0.03, 0.15),
+        )
+        if kind == "hoodie":
+            choices |= dict(collar=0.07, collar_kind="hood", below=rng.uniform(0.02, 0.1))
+        else:
+            choices |= dict(
+                collar=rng.uniform(0.035, 0.06),
+                collar_kind=str(rng.choice(["fold", "fold", "stand"])),
+                below={
+                    "jacket": rng.uniform(0.03, 0.18),
+                    "coat": rng.uniform(0.3, 0.75),
+                    "long vest": rng.uniform(0.4, 0.8),
+                    "vest": 0.05,
+                }[kind],
+            )
+        if rng.random() < (0.35 if kind == "hoodie" else 0.65):
+            choices |= dict(
+                buttons=kind != "hoodie" and rng.random() < 0.6, open_front=rng.uniform(0.02, 0.11), neck=0.02
+            )
+        leather = kind == "jacket" and rng.random() < 0.25
+        cloth = fabric.leather(rng) if leather else self.cloth(fabric.plain if rng.random() < 0.6 else None)
+        self.wardrobe.wear(self.fit(loose, **choices), cloth)
+
+
+def _crown(wardrobe: Wardrobe, rng: np.random.Generator, split: str, woman: bool) -> None:
+    skull = hair.Skull(wardrobe.person)
+    colour = fabric.hair(rng)
+    styles = (
+        {"short": 1, "bob": 2.5, "long": 4, "bun": 2, "ponytail": 2}
+        if woman
+        else {"bald": 0.7, "buzz": 2, "short": 6, "bob": 0.3, "long": 0.5, "bun": 0.2}
+    )
+    style = pick(rng, {**styles, **HAIR[split]})
+    worn = pick(rng, {"none": 8, "beanie": 0.6, "cap": 0.8, "hat": 0.5, **HATS[split]})
+    if worn != "none":
+        style = "buzz" if style in ("short", "afro", "curls", "bun") else style
+    if style != "bald":
+        hair.grow(skull, wardrobe, rng, style, colour)
+    if worn != "none":
+        cloth = fabric.draw(rng, split, fabric.knit if worn == "beanie" else fabric.plain)
+        hair.hat(skull, wardrobe, rng, worn, cloth)
+    if not woman and rng.random() < 0.3:
+        hair.beard(skull, wardrobe, rng, colour)

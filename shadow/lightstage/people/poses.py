@@ -1,0 +1,289 @@
+"""How people stand, walk, sit and gesture: the poses that they are photographed in."""
+
+import numpy as np
+
+from shadow.lightstage.people.skeleton import SIDES, Posing, Skeleton, turn
+
+
+def draw(skeleton: Skeleton, rng: np.random.Generator) -> Posing:
+    """A random pose of the kinds that people are photographed in, a quarter of them more lively."""
+    pose = Posing(skeleton, rng)
+    lively = rng.random() < 0.22
+    legs = rng.choice(
+        ["sit", "kneel", "run", "lunge", "lift", "wide", "walk"]
+        if lively
+        else [
+            "stand",
+            "stand",
+            "stand",
+            "contrapposto",
+            "contrapposto",
+            "contrapposto",
+            "walk",
+            "walk",
+            "wide",
+            "sit",
+        ]
+    )
+    _LEGS[legs](pose)
+    _torso(pose, lively)
+    for side in "LR":
+        pose.fingers(side, *[(18, 2), (30, 0), (75, 0), (6, 9)][rng.choice(4, p=[0.5, 0.25, 0.15, 0.1])])
+    both = rng.random() < 0.4
+    kinds, chances = zip(*_ARMS.items(), strict=True)
+    weights = np.array([c[1 if lively else 0] for _, c in chances])
+    first = rng.choice(len(kinds), p=weights / weights.sum())
+    if kinds[first] == "crossed":
+        _crossed(pose)
+        return pose
+    for side in rng.permutation(["L", "R"]):
+        chances[first][0](pose, str(side))
+        if not both:
+            first = rng.choice(len(kinds), p=weights / weights.sum())
+            while kinds[first] == "crossed":
+                first = rng.choice(len(kinds), p=weights / weights.sum())
+    return pose
+
+
+def stand(skeleton: Skeleton, rng: np.random.Generator) -> Posing:
+    """A calm stand, arms hanging, to be changed by who stands beside."""
+    pose = Posing(skeleton, rng)
+    (_stand if rng.random() < 0.5 else _contrapposto)(pose)
+    _torso(pose, lively=False)
+    for side in "LR":
+        _down(pose, side)
+        pose.fingers(side, 22, 1)
+    return pose
+
+
+def _torso(pose: Posing, lively: bool) -> None:
+    scale = 2.2 if lively else 1.0
+    pose.torso(
+        pose.spread(5 * scale) + 2 + 12 * lively * pose.rng.random(),
+        pose.spread(9 * scale),
+        pose.spread(4 * scale),
+    )
+    pose.head(pose.spread(7) + 5, pose.spread(22 if pose.rng.random() < 0.6 else 10), pose.spread(6))
+    if "root" not in pose.rotations:
+        pose.pelvis(pose.spread(2), pose.spread(10), pose.spread(1.5))
+
+
+# Legs ------------------------------------------------------------------------------------------------------
+
+
+def _stand(pose: Posing) -> None:
+    out = pose.rng.uniform(0, 6)
+    for side in "LR":
+        pose.leg(side, pose.spread(3), abs(pose.spread(4)), out + pose.spread(1.5), 8 + pose.spread(7))
+
+
+def _contrapposto(pose: Posing) -> None:
+    relaxed, loaded = pose.rng.permutation(["L", "R"])
+    tilt = pose.rng.uniform(3, 8) * SIDES[loaded]
+    pose.pelvis(0, pose.spread(10), tilt)
+    pose.leg(loaded, 0, 0, 2 - abs(tilt) * 0.6, 8)
+    bend = pose.rng.uniform(12, 30)
+    pose.leg(relaxed, bend, bend * 1.6, 7 + abs(tilt) * 0.6 + pose.spread(3), 18 + pose.spread(8))
+
+
+def _walk(pose: Posing) -> None:
+    stride = pose.rng.uniform(12, 28)
+    front, back = pose.rng.permutation(["L", "R"])
+    pose.pelvis(3, pose.spread(8), pose.spread(2))
+    pose.leg(front, stride, pose.rng.uniform(3, 15), 2, 5)
+    pose.leg(back, -stride * 0.7, pose.rng.uniform(5, 35), 2, 8)
+
+
+def _run(pose: Posing) -> None:
+    front, back = pose.rng.permutation(["L", "R"])
+    pose.pelvis(10, pose.spread(12), pose.spread(3))
+    pose.leg(front, pose.rng.uniform(45, 75), pose.rng.uniform(50, 100), 3, 3)
+    pose.leg(back, -pose.rng.uniform(5, 25), pose.rng.uniform(15, 80), 3, 5)
+
+
+def _lunge(pose: Posing) -> None:
+    front, back = pose.rng.permutation(["L", "R"])
+    pose.pelvis(8, pose.spread(15), pose.spread(3))
+    bend = pose.rng.uniform(35, 65)
+    pose.leg(front, bend, bend * 1.05, 8, 10)
+    pose.leg(back, -pose.rng.uniform(15, 30), pose.rng.uniform(5, 25), 8, 15)
+
+
+def _lift(pose: Posing) -> None:
+    up, down = pose.rng.permutation(["L", "R"])
+    pose.pelvis(0, pose.spread(10), -3 * SIDES[up])
+    pose.leg(down, 0, 3, 0, 8)
+    pose.leg(up, pose.rng.uniform(40, 90), pose.rng.uniform(50, 110), 8 + pose.rng.uniform(0, 20), 15)
+
+
+def _wide(pose: Posing) -> None:
+    out = pose.rng.uniform(9, 19)
+    bend = pose.rng.uniform(0, 22)
+    for side in "LR":
+        pose.leg(side, bend, bend * 1.8, out + pose.spread(3), 15 + pose.spread(6))
+
+
+def _sit(pose: Posing) -> None:
+    pose.pelvis(-4 + pose.spread(5), pose.spread(12), pose.spread(2))
+    out = pose.rng.uniform(2, 20)
+    for side in "LR":
+        thigh = 78 + pose.spread(8)
+        pose.leg(side, thigh, thigh + pose.spread(12), out + pose.spread(4), out + pose.spread(5))
+
+
+def _kneel(pose: Posing) -> None:
+    up, down = pose.rng.permutation(["L", "R"])
+    pose.pelvis(pose.spread(6), pose.spread(15), pose.spread(2))
+    pose.leg(up, 85 + pose.spread(6), 92 + pose.spread(6), 6, 8)
+    pose.leg(down, 2 + pose.spread(5), 95, 4, 4)
+
+
+_LEGS = {
+    "stand": _stand,
+    "contrapposto": _contrapposto,
+    "walk": _walk,
+    "run": _run,
+    "lunge": _lunge,
+    "lift": _lift,
+    "wide": _wide,
+    "sit": _sit,
+    "kneel": _kneel,
+}
+
+
+# Arms: targets are points about the trunk in the rest pose -------------------------------------------------
+
+
+def _down(pose: Posing, side: str) -> None:
+    bend = abs(pose.spread(12)) + 6
+    swing = pose.spread(12)
+    upper = turn((1, 0, 0), -swing) @ np.array([0.16 + 0.06 * pose.rng.random(), -1, 0.0])
+    lower = turn((1, 0, 0), -swing - bend) @ np.array([0.08, -1, 0.0])
+    pose.arm(side, upper, lower, pose.spread(25))
+
+
+def _swung(pose: Posing, side: str) -> None:
+    swing, bend = pose.spread(28), pose.rng.uniform(15, 95)
+    upper = turn((1, 0, 0), -swing) @ np.array([0.2, -1, 0.0])
+    lower = turn((1, 0, 0), -swing - bend) @ np.array([0.02, -1, 0.0])
+    pose.arm(side, upper, lower, 20)
+
+
+def _akimbo(pose: Posing, side: str) -> None:
+    hip = pose.skeleton.head(f"upperleg01.{side}")
+    target = hip + [
+        SIDES[side] * (0.085 + pose.spread(0.01)),
+        0.11 + pose.spread(0.03),
+        0.03 + pose.spread(0.03),
+    ]
+    pose.hand_to(side, target, (1.0, 0.0, -0.45 + pose.spread(0.2)), pose.spread(25))
+    pose.fingers(side, *[(70, 0), (30, 2)][pose.rng.integers(2)])
+
+
+def _pocket(pose: Posing, side: str) -> None:
+    hip = pose.skeleton.head(f"upperleg01.{side}")
+    target = hip + [SIDES[side] * 0.10, 0.05 + pose.spread(0.02), 0.05 + pose.spread(0.03)]
+    pose.hand_to(side, target, (0.7, 0.0, -1.0), 10)
+
+
+def _across(pose: Posing, side: str) -> None:
+    chest = pose.skeleton.head("spine02")
+    target = chest + [
+        -SIDES[side] * pose.rng.uniform(-0.02, 0.12),
+        pose.rng.uniform(-0.12, 0.18),
+        pose.rng.uniform(0.16, 0.24),
+    ]
+    pose.hand_to(side, target, (1.0, -0.9 + pose.spread(0.3), -0.1), pose.spread(30))
+
+
+def _held_in_front(pose: Posing, side: str) -> None:
+    belly = pose.skeleton.head("spine04")
+    target = belly + [
+        SIDES[side] * pose.rng.uniform(0.0, 0.1),
+        pose.rng.uniform(-0.08, 0.2),
+        pose.rng.uniform(0.2, 0.32),
+    ]
+    pose.hand_to(side, target, (0.8, -0.8, -0.5 + pose.spread(0.3)), pose.spread(30))
+    pose.fingers(side, 40, 0)
+
+
+def _to_face(pose: Posing, side: str) -> None:
+    face = pose.skeleton.head("head")
+    target = face + [
+        SIDES[side] * pose.rng.uniform(0.04, 0.14),
+        pose.rng.uniform(-0.08, 0.1),
+        pose.rng.uniform(0.12, 0.2),
+    ]
+    pose.hand_to(side, target, (0.6 + pose.spread(0.4), -1.0, 0.3), pose.spread(25))
+
+
+def _behind_head(pose: Posing, side: str) -> None:
+    face = pose.skeleton.head("head")
+    target = face + [SIDES[side] * pose.rng.uniform(0.1, 0.16), pose.rng.uniform(0.02, 0.14), -0.06]
+    pose.hand_to(side, target, (1.0, 0.5, 0.3 + pose.spread(0.3)), 20)
+
+
+def _raised(pose: Posing, side: str) -> None:
+    upper = [pose.rng.uniform(0.1, 1), pose.rng.uniform(0.1, 1.2), pose.spread(0.3) + 0.15]
+    lower = [
+        upper[0] * pose.rng.uniform(-0.3, 1),
+        pose.rng.uniform(0.3, 1.2),
+        upper[2] + 0.2 * pose.rng.random(),
+    ]
+    pose.arm(side, upper, lower, pose.spread(30))
+
+
+def _pointing(pose: Posing, side: str) -> None:
+    direction = np.array([pose.rng.uniform(-0.3, 1), pose.spread(0.3), pose.rng.uniform(0.2, 1)])
+    pose.arm(side, direction, direction + [-0.1, 0.1 * pose.rng.random(), 0.12], pose.spread(25))
+    if pose.rng.random() < 0.6:
+        pose.fingers(side, 70, 0)
+        for joint in (1, 2, 3):
+            pose.rotations[f"finger2-{joint}.{side}"] = np.eye(3)
+
+
+def _offered(pose: Posing, side: str) -> None:
+    upper = [pose.rng.uniform(0.2, 0.6), -1, pose.rng.uniform(-0.2, 0.4)]
+    lower = [pose.rng.uniform(-0.4, 0.5), pose.rng.uniform(-0.2, 0.5), 1]
+    pose.arm(side, upper, lower, -40 + pose.spread(30))
+
+
+def _behind_back(pose: Posing, side: str) -> None:
+    hip = pose.skeleton.head("spine05")
+    target = hip + [SIDES[side] * pose.rng.uniform(0.0, 0.1), pose.rng.uniform(-0.02, 0.15), -0.22]
+    pose.hand_to(side, target, (1.0, 0.2, -0.6), 20)
+
+
+def _sideways(pose: Posing, side: str) -> None:
+    upper = [1, pose.spread(0.3), pose.spread(0.4)]
+    lower = [1, pose.spread(0.5), pose.spread(0.5) + 0.2]
+    pose.arm(side, upper, lower, pose.spread(30))
+
+
+def _crossed(pose: Posing) -> None:
+    chest = pose.skeleton.head("spine02")
+    over = pose.rng.permutation(["L", "R"])
+    height = pose.rng.uniform(-0.06, 0.04)
+    for side, forward in zip(over, (0.235, 0.175), strict=True):
+        target = chest + [-SIDES[side] * pose.rng.uniform(0.06, 0.12), height + pose.spread(0.015), forward]
+        pose.hand_to(str(side), target, (1.0, -0.9, -0.25), pose.spread(20))
+        pose.fingers(str(side), 25, 0)
+
+
+# How often each is drawn: (calm, lively).
+_ARMS = {
+    "down": (_down, (5, 1)),
+    "swung": (_swung, (2, 2)),
+    "akimbo": (_akimbo, (2, 1)),
+    "pocket": (_pocket, (1.5, 0)),
+    "across": (_across, (1.5, 1)),
+    "front": (_held_in_front, (2, 1)),
+    "face": (_to_face, (1.2, 1)),
+    "behind head": (_behind_head, (0.3, 1)),
+    "raised": (_raised, (0.35, 2)),
+    "pointing": (_pointing, (0.8, 1.5)),
+    "offered": (_offered, (1, 1)),
+    "behind back": (_behind_back, (0.4, 0.2)),
+    "sideways": (_sideways, (0.2, 1.5)),
+    "crossed": (_crossed, (1.2, 0.3)),
+}

@@ -1,0 +1,197 @@
+"""Things that people carry: bags on a strap, backpacks, scarves, sticks, phones, boxes."""
+
+import numpy as np
+import trimesh
+
+from shadow.lightstage.figure import unit, vertex_normals
+from shadow.lightstage.people import fabric
+from shadow.lightstage.people.cloth import fold_noise, strip
+from shadow.lightstage.people.fabric import Fabric, Part
+from shadow.lightstage.people.garments import Wardrobe
+
+
+def carry(wardrobe: Wardrobe, rng: np.random.Generator, split: str) -> None:
+    """Give the person a few things, most often none."""
+    if rng.random() < 0.10:
+        shoulder_bag(wardrobe, rng, fabric.leather(rng))
+    elif rng.random() < 0.08:
+        backpack(wardrobe, rng, fabric.draw(rng, split, fabric.plain))
+    if rng.random() < 0.07:
+        scarf(wardrobe, rng, fabric.draw(rng, split))
+    if rng.random() < 0.14:
+        hold(wardrobe, rng, str(rng.choice(["stick", "phone", "box"])), fabric.leather(rng))
+
+
+def _bone(wardrobe: Wardrobe, name: str) -> np.ndarray:
+    person = wardrobe.person
+    return person.transforms[person.base.names.index(name)]
+
+
+def _place(points: np.ndarray, bone: np.ndarray) -> np.ndarray:
+    """Rest points (..., 3) where a bone's transform (3, 4) takes them."""
+    return points @ bone[:, :3].T + bone[:, 3]
+
+
+def _add(
+    wardrobe: Wardrobe, vertices: np.ndarray, faces: np.ndarray, rest: np.ndarray, cloth: Fabric
+) -> None:
+    wardrobe.parts.append(Part(vertices, faces, rest, np.zeros(len(vertices), int), cloth))
+
+
+def _box(size: np.ndarray, rounded: float = 0.0) -> tuple[np.ndarray, np.ndarray]:
+    """A box about the origin; each face has vertices of its own unless it is rounded (0 to 1)."""
+    ball = trimesh.creation.icosphere(4)
+    point = np.asarray(ball.vertices)
+    power = 2 + 14 * (1 - rounded)
+    point = point / (np.abs(point) ** power).sum(axis=1, keepdims=True) ** (1 / power)
+    return point * size / 2, np.asarray(ball.faces)
+
+
+def _ribbon(
+    path: np.ndarray, outward: np.ndarray, width: float, thickness: float
+) -> tuple[np.ndarray, np.ndarray]:
+    """A band of a flat cross-section along a path (N, 3), its face turned to `outward` (N, 3)."""
+    along = unit(np.gradient(path, axis=0))
+    side = unit(np.cross(along, outward))
+    out = unit(np.cross(side, along))
+    corners = [(-1, 0), (-1, 1), (-0.6, 1.25), (0.6, 1.25), (1, 1), (1, 0), (0, -0.5)]
+    rings = np.stack([path + side * (x * width / 2) + out * (y * thickness) for x, y in corners], axis=1)
+    faces = strip(rings, closed=True)
+    vertices = rings.reshape(-1, 3)
+    centre = np.repeat(path + out * thickness * 0.4, len(corners), axis=0)
+    if (vertex_normals(vertices, faces) * (vertices - centre)).sum() < 0:
+        faces = faces[:, ::-1]
+    return vertices, faces
+
+
+def _wrap(
+    wardrobe: Wardrobe, path: np.ndarray, centre: np.ndarray, lift: float
+) -> tuple[np.ndarray, np.ndarray]:
+    """Lay a path (N, 3) on the outermost cloth of the trunk: per point the farthest surface from the axis."""
+    points, normals, member = (np.concatenate([layer[k] for layer in wardrobe.obstacles]) for k in range(3))
+    trunk = member[:, 0] > 0.6
+    points, normals = points[trunk], normals[trunk]
+    out = unit(path - centre)
+    laid, facing = path.copy(), out.copy()
+    for i, (base, ray) in enumerate(zip(centre, out, strict=True)):
+        local = points - base
+        depth = local @ ray
+        off = np.linalg.norm(local - depth[:, None] * ray, axis=1)
+        near = np.flatnonzero((off < 0.03) & (depth > 0) & (depth < 0.42))
+        if len(near):
+            best = near[np.argmax(depth[near])]
+            laid[i], facing[i] = base + ray * (depth[best] + lift), normals[best]
+    for _ in range(3):  # a strap is taut: smooth the path
+        laid[1:-1] = (laid[:-2] + laid[1:-1] * 2 + laid[2:]) / 4
+        facing[1:-1] = unit(facing[:-2] + facing[1:-1] + facing[2:])
+    return laid, unit(facing)
+
+
+def shoulder_bag(wardrobe: Wardrobe, rng: np.random.Generator, cloth: Fabric) -> None:
+    """A bag at the hip, its strap across the trunk from the other shoulder."""
+    head = wardrobe.person.skeleton.head
+    side = rng.choice([-1.0, 1.0])
+    chest, pelvis = _bone(wardrobe, "spine02"), _bone(wardrobe, "root")
+    # The plane through one shoulder beside the neck and the other hip; rays in it from the middle of the
+    # trunk.
+    shoulder = _place(head("clavicle.L") * [0, 1, 1] + [-side * 0.075, 0.05, 0], chest)
+    hip = _place(head("upperleg01.L") * [side, 1, 1] + [side * 0.03, 0.03, 0], pelvis)
+    middle = (shoulder + hip) / 2
+    forward = chest[:, :3] @ np.array([0, 0, 1.0])
+    angle = np.linspace(0, 2 * np.pi, 80)
+    spoke = np.cos(angle)[:, None] * (shoulder - middle) + np.sin(angle)[:, None] * forward * 0.12
+    laid, facing = _wrap(wardrobe, middle + spoke, np.tile(middle, (80, 1)), 0.004)
+    vertices, faces = _ribbon(laid, facing, rng.uniform(0.02, 0.05), 0.003)
+    _add(wardrobe, vertices, faces, vertices, cloth)
+    size = np.array([rng.uniform(0.05, 0.1), rng.uniform(0.16, 0.3), rng.uniform(0.2, 0.32)])
+    points, faces = _box(size, 0.3)
+    hip = head("upperleg01.L") * [side, 1, 1] + [side * (0.12 + size[0] / 2), -0.02, -0.02]
+    points = points + 0.004 * fold_noise(points, rng, 0.1)[:, None]
+    _add(wardrobe, _place(points + hip, pelvis), faces, points, cloth)
+
+
+def backpack(wardrobe: Wardrobe, rng: np.random.Generator, cloth: Fabric) -> None:
+    """A pack on the back with two straps over the shoulders."""
+    head = wardrobe.person.skeleton.head
+    chest = _bone(wardrobe, "spine02")
+    size = np.array([rng.uniform(0.26, 0.34), rng.uniform(0.36, 0.5), rng.uniform(0.12, 0.2)])
+    points, faces = _box(size, 0.45)
+    points = points + 0.005 * fold_noise(points, rng, 0.12)[:, None]
+    back = wardrobe.person.tights_rest[:, 2].min()
+    centre = np.array([0, head("spine02")[1] + 0.05, back - size[2] / 2 - 0.01])
+    _add(wardrobe, (points + centre) @ chest[:, :3].T + chest[:, 3], faces, points, cloth)
+    for side in (-1.0, 1.0):
+        # From the pack over the shoulder, down the chest and outwards to the side.
+        angle = np.linspace(-0.3 * np.pi, 0.85 * np.pi, 48)
+        low = np.clip(angle / np.pi - 0.35, 0, 1)
+        middle = np.array([0.0, head("spine01")[1] - 0.05, head("spine01")[2]])
+        axis = middle + np.stack([side * (0.095 + 0.12 * low), -0.1 * low, -0.02 * low], 1)
+        path = axis + np.stack([side * 0.08 * low, 0.12 * np.cos(angle), 0.12 * np.sin(angle)], 1)
+        laid, facing = _wrap(
+            wardrobe, path @ chest[:, :3].T + chest[:, 3], axis @ chest[:, :3].T + chest[:, 3], 0.005
+        )
+        vertices, faces = _ribbon(laid, facing, 0.045, 0.006)
+        _add(wardrobe, vertices, faces, vertices, cloth)
+
+
+def scarf(wardrobe: Wardrobe, rng: np.random.Generator, cloth: Fabric) -> None:
+    """A wound scarf: two lumpy rings about the neck."""
+    neck = wardrobe.person.skeleton.head("neck01")
+    bone = _bone(wardrobe, "neck01")
+    for turn in range(2):
+        angle, around = np.meshgrid(
+            np.linspace(0, 2 * np.pi, 96, endpoint=False),
+            np.linspace(0, 2 * np.pi, 28, endpoint=False),
+            indexing="ij",
+        )
+        radius = 0.085 + 0.012 * turn
+        shape = np.stack(
+            [np.sin(angle) * radius, np.full(angle.shape, 0.035 - 0.03 * turn), np.cos(angle) * radius * 1.1],
+            -1,
+        )
+        shape[..., 1] -= 0.035 * np.cos(angle) + 0.008 * np.sin(angle + 3 * turn)
+        bulge = (0.024 + 0.006 * turn) * (
+            1
+            + 0.16
+            * fold_noise(
+                np.stack([around * 0.03, angle * 0.012, angle * 0], -1).reshape(-1, 3), rng, 0.05
+            ).reshape(angle.shape)
+        )
+        out = unit(shape * [1, 0, 1])
+        spoke = out * np.cos(around)[..., None] + np.array([0, 1.0, 0]) * np.sin(around)[..., None]
+        points = (shape + spoke * bulge[..., None]).reshape(-1, 3) + neck + [0, 0.01, 0.012]
+        ids = np.arange(96 * 28).reshape(96, 28)
+        a, b = ids, np.roll(ids, -1, axis=1)
+        c, d = np.roll(ids, -1, axis=0), np.roll(np.roll(ids, -1, axis=0), -1, axis=1)
+        faces = np.concatenate(
+            [np.stack([a.ravel(), c.ravel(), b.ravel()], 1), np.stack([b.ravel(), c.ravel(), d.ravel()], 1)]
+        )
+        middle = (
+            np.repeat(shape.reshape(96, 28, 3)[:, :1], 28, axis=1).reshape(-1, 3) + neck + [0, 0.01, 0.012]
+        )
+        if (vertex_normals(points, faces) * (points - middle)).sum() < 0:
+            faces = faces[:, ::-1]
+        _add(wardrobe, points @ bone[:, :3].T + bone[:, 3], faces, points, cloth)
+
+
+def hold(wardrobe: Wardrobe, rng: np.random.Generator, thing: str, cloth: Fabric) -> None:
+    """Put a stick, a phone or a box into one hand."""
+    side = str(rng.choice(["L", "R"]))
+    head = wardrobe.person.skeleton.head
+    knuckle = (head(f"finger2-1.{side}") + head(f"finger5-1.{side}")) / 2
+    along = unit(knuckle - head(f"wrist.{side}"))
+    across = unit(head(f"finger2-1.{side}") - head(f"finger5-1.{side}"))
+    palm = (1 if side == "L" else -1) * unit(np.cross(along, across))
+    axes = np.stack([across, along, palm])
+    size = {
+        "stick": np.array([rng.uniform(0.5, 1.1), 0.022, 0.022]),
+        "phone": np.array([0.15, 0.075, 0.009]),
+        "box": np.array([0.2, 0.14, 0.12]) * rng.uniform(0.7, 1.5),
+    }[thing]
+    points, faces = _box(size, {"stick": 0.6, "phone": 0.1, "box": 0.0}[thing])
+    offset = {"stick": 0.03, "phone": 0.03, "box": 0.03 + size[2] / 2}[thing]
+    placed = points @ axes + knuckle + palm * offset + along * (0.02 if thing != "box" else 0.0)
+    if np.linalg.det(axes) < 0:
+        faces = faces[:, ::-1]
+    bone = _bone(wardrobe, f"wrist.{side}")
+    _add(wardrobe, placed @ bone[:, :3].T + bone[:, 3], faces, points, cloth)

@@ -1,0 +1,144 @@
+"""The paper's network (Section 3, Table 1): a U-Net, one forward for one image and one light.
+
+Table 1 fixes the kernels, the five strides and the 512 channels at 1/32 of the image. Widths and sets a block
+it leaves open: these, and the decoder as the encoder's mirror, meet all four parameter counts of Table 4.
+"""
+
+import torch
+import torch.nn.functional as F
+from torch import nn
+
+from shadow.networks.backbone import encode_image
+
+WIDTHS = (64, 128, 192, 256, 512)  # channels of the blocks, 1/2 to 1/32
+LIGHTS_AT_ONCE = 8  # forwards that run together at inference: 1 GB of activations on a canvas of 512 x 384
+
+
+class ConvSet(nn.Sequential):
+    """Convolution, instance normalisation, activation: a set of Section 3."""
+
+    def __init__(self, in_channels, out_channels, kernel=3, stride=1, norm=True):
+        convolution = nn.Conv2d(in_channels, out_channels, kernel, stride, padding=kernel // 2)
+        normalisation = [nn.InstanceNorm2d(out_channels)] if norm else []
+        super().__init__(convolution, *normalisation, nn.ReLU())
+
+
+class Residual(nn.Module):
+    """ResB of Table 1. The parameters of Table 4 leave room for one convolution in each of the two."""
+
+    def __init__(self, channels, kernel):
+        super().__init__()
+        self.set = ConvSet(channels, channels, kernel)
+
+    def forward(self, x):
+        return x + self.set(x)
+
+
+class Attention(nn.Sequential):
+    """Four identical multi-head self-attention layers (VSP*17) over the pixels of the latent image (Section
+    4.2). The width between the linear projections follows from the parameters of Table 4; a pixel's place is
+    known from the zero padding of the convolutions before."""
+
+    def __init__(self, channels):
+        width = 7 * channels
+        super().__init__(
+            *(nn.TransformerEncoderLayer(channels, 8, width, dropout=0.0, batch_first=True) for _ in range(4))
+        )
+
+    def forward(self, x):
+        pixels = super().forward(x.flatten(2).transpose(1, 2))  # (B, H W, C)
+        return pixels.transpose(1, 2).unflatten(2, x.shape[2:])
+
+
+def _residuals(kernel):
+    return lambda channels: nn.Sequential(Residual(channels, kernel), Residual(channels, kernel))
+
+
+LATENTS = {"resb3": _residuals(3), "resb7": _residuals(7), "resb11": _residuals(11), "attention": Attention}
+
+
+class UNet(nn.Module):
+    def __init__(
+        self,
+        in_channels=9,  # RGB, normals and light direction; 6 without normals
+        out_channels=1,
+        latent="resb7",  # one of LATENTS; the paper's choice
+        linear=False,  # Section 4.4: linear output, for shading, instead of tanh
+        widths=WIDTHS,
+    ):
+        super().__init__()
+        if latent not in LATENTS:
+            raise ValueError(f"latent: expected one of {', '.join(LATENTS)}, got {latent!r}")
+        steps = list(zip((in_channels, *widths), widths, strict=False))
+        # The first convolution has no normalisation (as in IZZE17): it would subtract whatever is the same in
+        # all pixels, and that is what the light direction is.
+        self.encoder = nn.ModuleList(
+            nn.Sequential(ConvSet(before, width, norm=level > 0), ConvSet(width, width, stride=2))
+            for level, (before, width) in enumerate(steps)
+        )
+        self.latent = LATENTS[latent](widths[-1])
+        mirrored = widths[::-1]
+        self.decoder = nn.ModuleList(
+            nn.Sequential(
+                ConvSet(below + width, width),  # what comes from below, and the skip
+                ConvSet(width, width),
+                ConvSet(width, width),
+            )
+            for below, width in zip((mirrored[0], *mirrored), mirrored, strict=False)
+        )
+        self.head = nn.Conv2d(widths[0], out_channels, 1)
+        self.linear = linear
+
+    def forward(self, x):
+        """(B, in_channels, H, W) to (B, out_channels, H, W), in [-1, 1] unless linear; H and W multiples of
+        32, and not both 32, since a single latent pixel cannot be normalised."""
+        skips = []
+        for down in self.encoder:
+            x = down(x)
+            skips.append(x)
+        x = self.latent(x)
+        for up in self.decoder:
+            x = up(torch.cat([x, skips.pop()], dim=1))
+            x = F.interpolate(x, scale_factor=2.0, mode="bilinear")
+        x = self.head(x)
+        return x if self.linear else torch.tanh(x)
+
+
+class PerLight(nn.Module):
+    """The paper's visibility network (Section 3): colour, normals and a light's direction in, its map out."""
+
+    def __init__(self, size=256, latent="resb7", normals=True, **unet):
+        super().__init__()
+        self.size = size  # canvas height that the network was trained for
+        self.latent = latent
+        self.normals = normals  # or colour and direction alone: the ablation of Table 3
+        self.unet = UNet(9 if normals else 6, 1, latent, **unet)
+
+    def forward(self, image, normals, directions):
+        """Encoded image and mask (B, 4, H, W), normals (B, 3, H, W) and unit directions (B, D, 3) to maps
+        (B, D, H, W) in [-1, 1]: -1 is shadow and 1 is light, the ends of tanh."""
+        masked = torch.cat([image[:, :3], normals], dim=1) if self.normals else image[:, :3]
+        lights = directions.shape[1]
+        masked = masked[:, None].expand(-1, lights, -1, -1, -1)
+        broadcast = directions[..., None, None].expand(-1, -1, -1, *image.shape[-2:])
+        maps = self.unet(torch.cat([masked, broadcast], dim=2).flatten(0, 1))
+        return maps.float().unflatten(0, (-1, lights))[:, :, 0]
+
+    @torch.no_grad()
+    def analyse(self, rgb, mask, normals=None):
+        """Framed rgb (3, h, w), linear, mask (h, w) and normals (3, h, w), which may be None if the network
+        takes none, to these normals and a function of directions.
+
+        The function takes unit directions (D, 3) and returns their visibility (D, h, w) in [0, 1], zero
+        outside the mask; it runs the network once for each.
+        """
+        image = encode_image(rgb[None], mask[None, None])
+        surface = None if normals is None else normals[None]
+
+        def visibility(directions):
+            with torch.no_grad():
+                batches = directions.split(LIGHTS_AT_ONCE)
+                maps = torch.cat([self(image, surface, batch[None])[0] for batch in batches])
+                return (maps + 1) / 2 * (mask > 0)
+
+        return normals, visibility

@@ -1,0 +1,438 @@
+"""The fit loop, shared by every network of the project; what a network learns is a Task.
+
+On one machine: `relight train ...`. On several GPUs: `torchrun --nproc-per-node 4 -m relight.cli train ...`;
+the mini-batch is then per GPU.
+"""
+
+import json
+import math
+import os
+import time
+from collections.abc import Callable
+from contextlib import nullcontext
+from dataclasses import asdict, dataclass, field
+from functools import partial
+from pathlib import Path
+from typing import NamedTuple
+
+import numpy as np
+import torch
+import torch.distributed as dist
+from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeRemainingColumn
+from torch import nn
+from torch.utils.data import DataLoader, Dataset
+
+from shadow import normals
+from shadow.data.photographs import sample
+from shadow.data.records import Records
+from shadow.evaluation import pictures
+from shadow.files import replacing
+from shadow.framing import canvas_size
+from shadow.networks import checkpoints
+from shadow.networks.backbone import Residual, encode_image
+from shadow.networks.field import VisibilityField
+from shadow.training.optimiser import Optimiser
+
+VALIDATION_SAMPLES = 32
+TRUE_NORMALS = "true"  # instead of estimated ones: the records' own (the "mixed" row of Table 3)
+LOG_EVERY = 50  # steps; a checkpoint that is due waits for the next
+
+
+@dataclass(frozen=True)
+class Task:
+    """What the fit loop has to know of a network."""
+
+    kind: str  # the name in the weight file
+    network: type[nn.Module]
+    loss: Callable  # (network, batch) -> scalar
+    score: Callable  # (network, batch) -> {metric: mean over the batch}
+    show: Callable  # (network, batch) -> rows of pictures
+    lights: int  # directions a sample carries
+    needs_normals: bool  # batch["estimated_normals"], a trained field's or from elsewhere
+    config: dict = field(default_factory=dict)  # what the network is built with, beside its size
+    recipe: dict = field(default_factory=dict)  # what it needs other than Recipe says
+    needs_visibility: bool = False  # batch["visibility_network"], a trained field, and its "visibility_maps"
+
+
+@dataclass(frozen=True)
+class Recipe:
+    """Everything that decides the result but the records and the machine."""
+
+    steps: int
+    size: int = 256  # canvas height in pixels
+    batch: int = 8
+    lights: int | None = None  # directions a photograph is asked for; the task's own number if None
+    learning_rate: float = 1e-3
+    warm_up: int = 200  # steps
+    cosine: bool = True  # the rate falls to zero as half a cosine; else it stays
+    optimiser: str = "muon"  # or "adam": see shadow.training.optimiser
+    betas: tuple[float, float] = (0.9, 0.98)  # of AdamW, which without weight decay is Adam
+    weight_decay: float = 0.02
+    clip: float | None = 1.0  # norm of the gradient
+    average: float = 0.999  # decay of the exponential moving average; 0 keeps the last weights
+    bfloat16: bool = True  # activations; parameters are float32 either way
+    seed: int = 0
+
+
+# Section 3, "Training and Implementation Details".
+PAPER_EPOCHS = 31
+PAPER = {
+    "size": 512,
+    "batch": 1,
+    "lights": 1,
+    "learning_rate": 5e-6,
+    "warm_up": 0,
+    "cosine": False,
+    "optimiser": "adam",
+    "betas": (0.9, 0.999),
+    "weight_decay": 0.0,
+    "clip": None,
+    "average": 0.0,
+    "bfloat16": False,
+}
+
+
+def preset(name, task, records, **changes):
+    """The Recipe of a preset for a task, with `changes` (those that are None change nothing).
+
+    "paper" is Section 3's: Adam at a constant 5e-6, one map a step, float32, and 31 epochs over the maps of
+    `records` (paths; as many maps each as the first has) unless `steps` says otherwise. "fast" is ours: Muon
+    at a far higher rate that warms up and falls, bfloat16, and several lights of several photographs in a
+    step; its `steps` must be given.
+    """
+    if name not in ("paper", "fast"):
+        raise ValueError(f"preset: expected paper or fast, got {name!r}")
+    chosen = PAPER if name == "paper" else task.recipe
+    chosen = chosen | {key: value for key, value in changes.items() if value is not None}
+    if "steps" not in chosen:
+        if name == "fast":
+            raise ValueError("steps: expected a number, since preset 'fast' has none of its own")
+        source = Records(records)
+        chosen["steps"] = PAPER_EPOCHS * len(source) * len(source[0].directions) // chosen["batch"]
+    return Recipe(**chosen)
+
+
+class _Photographs(Dataset):
+    """Photograph number i, made from the records: the same for any number of workers, so that a resumed
+    run sees exactly what an uninterrupted one would."""
+
+    def __init__(self, records, seed, size, lights, start, count, augment=True):
+        self.records, self.seed, self.size, self.lights = records, seed, size, lights
+        self.start, self.count, self.augment = start, count, augment
+
+    def __len__(self):
+        return self.count
+
+    def __getitem__(self, index):
+        index += self.start
+        epoch, position = divmod(index, len(self.records))
+        order = np.random.default_rng((self.seed, epoch)).permutation(len(self.records))
+        rng = np.random.default_rng((self.seed, epoch, position))
+        return sample(self.records[int(order[position])], rng, self.size, self.lights, self.augment)
+
+
+def learning_rate(recipe, step):
+    """Linear warm-up, then half a cosine to zero, or constant."""
+    rise = min(1.0, (step + 1) / max(1, recipe.warm_up))
+    if not recipe.cosine:
+        return recipe.learning_rate * rise
+    return recipe.learning_rate * rise * 0.5 * (1 + math.cos(math.pi * min(1.0, step / recipe.steps)))
+
+
+def warm_start(network, path):
+    """Take the backbone of another network's weights, except its head.
+
+    Input channels that the other network lacks start at zero, and residual blocks that it lacks as the
+    identity, so the features start as they were.
+    """
+    state, metadata = checkpoints.read(path)
+    own = network.state_dict()
+    if not all(any(key.startswith("backbone.") for key in keys) for keys in (own, state)):
+        raise ValueError(f"init: {path} is a {metadata.get('network')!r} network, of another architecture")
+    for key, value in state.items():
+        if not key.startswith("backbone.") or key.startswith("backbone.head."):
+            continue
+        if key == "backbone.stem.weight":
+            padded = torch.zeros_like(own[key])
+            channels = min(value.shape[1], padded.shape[1])
+            padded[:, :channels] = value[:, :channels].float()
+            value = padded
+        if key not in own or own[key].shape != value.shape:
+            raise ValueError(f"init: {path} has another architecture ({key}: {tuple(value.shape)})")
+        own[key].copy_(value)
+    _deepen(network, state)
+
+
+def _load_start(network, path, kind):
+    """Weights to start from: all of the same kind of network, as deep or shallower, or the backbone of
+    another."""
+    state, metadata = checkpoints.read(path)
+    if metadata.get("network") != kind:
+        warm_start(network, path)
+        return
+    state = _deepen(network, state) | {key: value.float() for key, value in state.items()}
+    try:
+        network.load_state_dict(state)
+    except RuntimeError as error:
+        raise ValueError(f"init: {path} has another architecture: {error}") from error
+
+
+def _deepen(network, state):
+    """Make the identity of the residual blocks that `state` lacks, so that a deeper network starts where a
+    shallower one has come to (Net2Net, CGS16); returns the parameters of these blocks."""
+    blocks = {}
+    for name, module in network.named_modules():
+        if isinstance(module, Residual) and f"{name}.conv2.weight" not in state:
+            nn.init.zeros_(module.conv2.weight)
+            nn.init.zeros_(module.conv2.bias)
+            blocks |= {f"{name}.{key}": value for key, value in module.state_dict().items()}
+    return blocks
+
+
+class _State:
+    """A run between two steps: the network, its exponential moving average, the optimiser, the clock."""
+
+    def __init__(self, task, recipe, out, device, init):
+        torch.manual_seed(recipe.seed)
+        self.task, self.recipe, self.out, self.device = task, recipe, out, device
+        self.config = {"size": recipe.size, **task.config}
+        network = task.network(**self.config)
+        if init:
+            _load_start(network, init, task.kind)
+        self.network = network.to(device, memory_format=torch.channels_last)
+        self.optimiser = Optimiser(self.network, recipe)
+        self.average = {key: value.detach().clone() for key, value in network.state_dict().items()}
+        self.step, self.seconds = 0, 0.0
+        self.checkpoint = out / "checkpoint.pt"
+        if self.checkpoint.exists():
+            saved = torch.load(self.checkpoint, map_location=device, weights_only=True)
+            self.network.load_state_dict(saved["network"])
+            self.optimiser.load_state_dict(saved["optimiser"])
+            self.average, self.step, self.seconds = saved["average"], saved["step"], saved["seconds"]
+
+    def update(self):
+        """One step down the gradient."""
+        if self.recipe.clip is not None:
+            nn.utils.clip_grad_norm_(self.network.parameters(), self.recipe.clip)
+        self.optimiser.step(learning_rate(self.recipe, self.step))
+        # A young average forgets faster.
+        decay = min(self.recipe.average, (1 + self.step) / (10 + self.step))
+        with torch.no_grad():
+            for key, value in self.network.state_dict().items():
+                self.average[key].lerp_(value, 1 - decay)
+        self.step += 1
+
+    def averaged(self):
+        """The network with the averaged parameters: what is scored and shipped."""
+        network = self.task.network(**self.config).to(self.device, memory_format=torch.channels_last)
+        network.load_state_dict(self.average)
+        return network.eval()
+
+    def save(self, facts):
+        """The checkpoint, and the averaged weights with the recipe and `facts`."""
+        saved = {"network": self.network.state_dict(), "optimiser": self.optimiser.state_dict()}
+        clock = {"step": self.step, "seconds": self.seconds}
+        with replacing(self.checkpoint) as beside:
+            torch.save({**saved, **clock, "average": self.average}, beside)
+        recipe = {**asdict(self.recipe), "hours": round(self.seconds / 3600, 3), **facts}
+        path = self.out / f"{self.task.kind}.safetensors"
+        checkpoints.save(path, self.averaged(), self.task.kind, self.config, recipe)
+
+
+class _Auxiliary(NamedTuple):
+    """Trained networks that a task takes its input from, or None."""
+
+    normals: Callable | None  # of a batch; None where the field's own will do
+    field: VisibilityField | None
+
+
+def _auxiliary(task, estimator, visibility, device):
+    """`estimator`: as `fit` takes it, but None only where no normals are wanted."""
+    surface = field = None
+    if task.needs_visibility:
+        field = checkpoints.load(visibility, {"field": VisibilityField}, package="shadow").to(device)
+    if estimator == TRUE_NORMALS:
+        surface = lambda batch: batch["normals"]  # noqa: E731
+    elif estimator is not None and (source := normals.load(estimator).to(device)) is not field:
+        surface = partial(_estimated, source)
+    return _Auxiliary(surface, field)
+
+
+def _estimated(source, batch):
+    """Normals (B, 3, H, W) of the batch's photographs: by our network all at once, by another one by one."""
+    if isinstance(source, VisibilityField):
+        return source(batch["image"]).normals
+    views = zip(batch["rgb"], batch["matte"][:, 0], strict=True)
+    with torch.autocast(batch["rgb"].device.type, enabled=False):
+        return torch.stack([source.normals(rgb, mask) for rgb, mask in views])
+
+
+def _prepare(batch, device, auxiliary):
+    batch = {key: value.to(device, non_blocking=True) for key, value in batch.items()}
+    batch["image"] = encode_image(batch["rgb"], batch["matte"]).contiguous(memory_format=torch.channels_last)
+    with torch.no_grad():
+        surface = None if auxiliary.normals is None else auxiliary.normals(batch)
+        if auxiliary.field is not None:
+            maps = auxiliary.field(batch["image"])
+            surface = maps.normals if surface is None else surface
+            batch["visibility_network"] = auxiliary.field
+            batch["visibility_maps"] = maps._replace(normals=surface)
+        if surface is not None:
+            batch["estimated_normals"] = surface * (batch["matte"] > 0)
+    return batch
+
+
+def _gradient(task, model, batch, recipe, device, auxiliary):
+    """Adds the gradient of the mini-batch's mean loss to the parameters; returns the loss.
+
+    On a CPU photograph by photograph, since one alone costs no more than its share of a mini-batch, whose
+    canvas has to hold the widest subject (see `shadow.networks.backbone.windows`).
+    """
+    share = 1 if device.type == "cpu" else recipe.batch
+    parts = list(zip(*(value.split(share) for value in batch.values()), strict=True))
+    distributed = isinstance(model, nn.parallel.DistributedDataParallel)
+    total = torch.zeros((), device=device)
+    for number, part in enumerate(parts, 1):
+        # Processes exchange their gradients with the last part only.
+        with model.no_sync() if distributed and number < len(parts) else nullcontext():
+            with torch.autocast(device.type, torch.bfloat16, enabled=recipe.bfloat16):
+                part = _prepare(dict(zip(batch, part, strict=True)), device, auxiliary)
+                loss = task.loss(model, part) / len(parts)
+            loss.backward()
+        total += loss.detach()
+    return total
+
+
+def fit(
+    task,
+    recipe,
+    records,
+    out,
+    *,
+    validation=None,
+    init=None,
+    estimator=None,
+    visibility="field",
+    workers=None,
+    checkpoint_minutes=5.0,
+):
+    """Train a network; resumes from `out`/checkpoint.pt if there is one.
+
+    Parameters
+    ----------
+    task: Task. recipe: Recipe.
+    records: paths of record folders or shards.
+    out: folder for checkpoint.pt, log.jsonl, samples-*.png and <kind>.safetensors (the averaged weights).
+    validation: paths of records to score on at every checkpoint; never trained on.
+    init: .safetensors to start from: of the same kind, or of another network with the same backbone; as deep,
+        or shallower.
+    estimator: whose normals the network takes: a name or path as `shadow.normals.load` takes it (PIFuHD's
+        too), or "true" for those of the records. If None, a visibility field's gate takes its own, and other
+        networks those of `visibility`. The weights record which, since training and testing on different
+        normals costs accuracy (Table 3).
+    visibility: the visibility field (name or path) where the task takes its maps as input, recorded likewise.
+    workers: processes that make photographs; default 1 on a CPU, 12 on a GPU.
+    checkpoint_minutes: between checkpoints; one that is due waits for the next log line.
+
+    Returns
+    -------
+    The path of the weights.
+
+    Raises
+    ------
+    FileNotFoundError, ValueError: no records, damaged weights, another architecture; a loss that is not
+        finite stops the run with its step, the last checkpoint intact.
+    """
+    if task.needs_normals and estimator is None:
+        estimator = visibility
+    device, rank, world = _place()
+    out, size, source = Path(out), canvas_size(recipe.size), Records(records)
+    out.mkdir(parents=True, exist_ok=True)
+    state = _State(task, recipe, out, device, init)
+    model = nn.parallel.DistributedDataParallel(state.network) if world > 1 else state.network
+    auxiliary = _auxiliary(task, estimator, visibility, device)
+    facts = {"init": Path(init).stem} if init else {}
+    if estimator is not None:
+        facts["normals"] = Path(estimator).stem
+        if estimator != TRUE_NORMALS:
+            facts["normals_sha256"] = normals.load(estimator).origin.sha256
+    if task.needs_visibility:
+        facts["visibility"] = Path(visibility).stem
+    done, left = state.step * recipe.batch, (recipe.steps - state.step) * recipe.batch
+    # Each process draws its own photographs: the seeds lie further apart than any number of processes.
+    lights = recipe.lights or task.lights
+    photographs = _Photographs(source, recipe.seed + 7919 * rank, size, lights, done, left)
+    loader = DataLoader(
+        photographs,
+        recipe.batch,
+        num_workers=(12 if device.type == "cuda" else 1) if workers is None else workers,
+        pin_memory=device.type == "cuda",
+        worker_init_fn=_one_thread,
+    )
+    columns = TextColumn("{task.description}"), BarColumn(), MofNCompleteColumn(), TimeRemainingColumn()
+    with Progress(*columns, disable=rank > 0) as progress:
+        bar = progress.add_task(task.kind, total=recipe.steps, completed=state.step)
+        saved_at = tick = time.monotonic()
+        losses = []
+        for batch in loader:
+            # What a loss leaves to chance is the step's alone: a resumed run ends where a whole one does.
+            torch.manual_seed(recipe.seed + 7919 * rank + 104729 * state.step)
+            losses.append(_gradient(task, model, batch, recipe, device, auxiliary))
+            state.update()
+            now = time.monotonic()
+            state.seconds, tick = state.seconds + now - tick, now
+            last = state.step == recipe.steps
+            if state.step % LOG_EVERY and not last:
+                continue
+            row = {"step": state.step, "images": state.step * recipe.batch * world}
+            row |= {"seconds": round(state.seconds, 1), "loss": round(torch.stack(losses).mean().item(), 5)}
+            losses = []
+            if not math.isfinite(row["loss"]):
+                raise ValueError(f"training: the loss at step {state.step} is not finite")
+            progress.update(bar, completed=state.step, description=f"{task.kind} {row['loss']:.4f}")
+            if last or now - saved_at > 60 * checkpoint_minutes:
+                if rank == 0:
+                    state.save({**facts, "images": row["images"], "records": len(source)})
+                    if validation:
+                        picture = out / f"samples-{state.step:06d}.png"
+                        row |= _validate(
+                            task, state.averaged(), Records(validation), size, auxiliary, picture
+                        )
+                saved_at = time.monotonic()
+            if rank == 0:
+                with open(out / "log.jsonl", "a") as file:
+                    file.write(json.dumps(row) + "\n")
+            tick = time.monotonic()
+    if world > 1:
+        dist.destroy_process_group()
+    return out / f"{task.kind}.safetensors"
+
+
+def _place():
+    """(device, rank, number of processes): one process, or as many as torchrun started."""
+    gpu = f"cuda:{os.environ.get('LOCAL_RANK', 0)}"
+    device = torch.device(gpu if torch.cuda.is_available() else "cpu")
+    if int(os.environ.get("WORLD_SIZE", 1)) == 1:
+        return device, 0, 1
+    dist.init_process_group("nccl" if device.type == "cuda" else "gloo")
+    return device, dist.get_rank(), dist.get_world_size()
+
+
+def _one_thread(_worker):
+    torch.set_num_threads(1)
+
+
+@torch.no_grad()
+def _validate(task, network, records, size, auxiliary, picture):
+    """Mean scores on a fixed choice of photographs, and a picture of the first four."""
+    device = next(network.parameters()).device
+    count = min(VALIDATION_SAMPLES, len(records))
+    photographs = _Photographs(records, 1, size, task.lights, 0, count, augment=False)
+    scores = []
+    for batch in DataLoader(photographs, 4):
+        with torch.autocast(device.type, torch.bfloat16):
+            batch = _prepare(batch, device, auxiliary)
+            scores.append(task.score(network, batch))
+            if len(scores) == 1:
+                pictures.write_grid(picture, task.show(network, batch))
+    return {key: round(float(np.mean([score[key] for score in scores])), 5) for key in scores[0]}

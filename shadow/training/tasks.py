@@ -1,0 +1,110 @@
+"""What the networks of this package learn: losses, scores and pictures of the visibility field, with its
+normals, and of the paper's per-light network, for the fit loop."""
+
+import torch
+import torch.nn.functional as F
+
+from shadow.evaluation import metrics, pictures
+from shadow.networks.backbone import take_blocks
+from shadow.networks.field import VisibilityField
+from shadow.networks.unet import PerLight
+from shadow.training.loop import Task
+
+BLOCKS = 1024  # of 2 x 2 pixels of a photograph, that the losses look at
+
+
+def _masked_mean(values, mask):
+    return (values * mask).sum() / (mask.sum() * values.shape[1]).clamp_min(1)
+
+
+def random_blocks(mask):
+    """BLOCKS random 2 x 2 pixel blocks (B, BLOCKS) of masks (B, 1, H, W), for `take_blocks`.
+
+    Of an empty mask any blocks: a photograph may happen to be cut so that it shows next to nothing.
+    """
+    inside = F.max_pool2d((mask > 0.5).float(), 2).flatten(1)
+    return torch.multinomial(inside + 1e-9, BLOCKS, replacement=True)
+
+
+def field_loss(network, batch):
+    """Errors of the normals and of the visibility, to the same weight.
+
+    On a random choice of 2 x 2 pixel blocks inside the mask: the background teaches nothing, neighbours teach
+    little, and features times lights at every pixel would cost as much as the network. The gate takes the
+    normals as they are, or those of the batch's estimator: its sharpness says how far to trust them, and a
+    gate that bends them was worth nothing (see the model card).
+    """
+    field = getattr(network, "module", network)
+    blocks = random_blocks(batch["mask"])
+    maps = network(batch["image"], blocks)
+    normals, truth, mask = (take_blocks(batch[key], blocks) for key in ("normals", "visibility", "mask"))
+    given = batch.get("estimated_normals")
+    gate = maps.normals.detach() if given is None else take_blocks(given, blocks)
+    log_lit = field.log_visibility(maps._replace(normals=gate), batch["directions"])
+    return _normals_error(maps.normals, normals, mask > 0.5) + _entropy(log_lit, truth, mask > 0.5)
+
+
+def _normals_error(estimate, truth, inside):
+    """Length of the difference of unit vectors: near the angle itself, so that outliers do not rule."""
+    difference = (estimate - truth).square().sum(dim=1, keepdim=True)
+    return _masked_mean((difference + 1e-4).sqrt(), inside)
+
+
+def _entropy(log_lit, truth, inside):
+    """Binary cross-entropy of the product's probability."""
+    log_lit = log_lit.clamp_max(-1e-5)
+    log_dark = torch.log(-torch.expm1(log_lit))
+    return _masked_mean(-(truth * log_lit + (1 - truth) * log_dark), inside)
+
+
+def per_light_loss(network, batch):
+    """L1 (Section 3) inside the mask, of maps whose shadow is -1 and light is 1."""
+    maps = network(batch["image"], batch.get("estimated_normals"), batch["directions"])
+    return _masked_mean((maps - (2 * batch["visibility"] - 1)).abs(), batch["mask"] > 0.5)
+
+
+def _analysed(network, batch):
+    """The normals (B, 3, H, W), if the network says or takes any, and the visibility (B, D, H, W)."""
+    given = batch.get("estimated_normals", [None] * len(batch["rgb"]))
+    views = zip(batch["rgb"], batch["matte"][:, 0], given, batch["directions"], strict=True)
+    found = [(network.analyse(rgb, mask, surface), lights) for rgb, mask, surface, lights in views]
+    surfaces = [surface for (surface, _), _ in found]
+    maps = torch.stack([visibility(lights) for (_, visibility), lights in found])
+    return None if surfaces[0] is None else torch.stack(surfaces), maps
+
+
+def _score(network, batch):
+    """RMSE and Dice of binary maps, beside sign(N·L) from the same normals, and how far these are off."""
+    inside, truth = batch["mask"] > 0.5, (batch["visibility"] > 0.5).float()
+    surface, maps = _analysed(network, batch)
+    estimates, scores = {"": maps > 0.5}, {}
+    if surface is not None:
+        estimates["_baseline"] = torch.einsum("bdc,bchw->bdhw", batch["directions"], surface) > 0
+        scores["angle"] = float(metrics.angular_error(surface, batch["normals"], inside[:, 0]).mean())
+    for name, estimate in estimates.items():
+        scores["rmse" + name] = float(metrics.rmse(estimate.float(), truth, inside).mean())
+        scores["dice" + name] = float(metrics.dice(estimate.float(), truth, inside).mean())
+    return scores
+
+
+def _show(network, batch):
+    surface, maps = _analysed(network, batch)
+    for i in range(len(maps)):
+        seen = batch["mask"][i] > 0.5
+        columns = [pictures.show_linear(batch["rgb"][i] * seen)]
+        if surface is not None:
+            columns += [pictures.show_normals(image[i] * seen) for image in (surface, batch["normals"])]
+        for light in range(0, maps.shape[1], max(1, maps.shape[1] // 4)):
+            columns.append((maps[i, light] * seen).expand(3, -1, -1))
+            columns.append((batch["visibility"][i, light] * seen).expand(3, -1, -1))
+        yield columns
+
+
+SHADOW = Task("field", VisibilityField, field_loss, _score, _show, 20, False)
+
+
+def per_light(latent, with_normals=True):
+    """The task of the paper's per-light network with this latent transformation (Section 4.2)."""
+    config = {"latent": latent, "normals": with_normals}
+    recipe = {"batch": 2, "lights": 4, "learning_rate": 5e-4}
+    return Task(latent, PerLight, per_light_loss, _score, _show, 20, with_normals, config, recipe)

@@ -1,0 +1,267 @@
+import json
+from dataclasses import replace
+
+import numpy as np
+import pytest
+import torch
+from conftest import sphere
+
+import shadow
+from shading import diffuse
+from shading.tasks import per_light_task, shading_task
+from shadow import normals, visibility
+from shadow.data import photographs, records
+from shadow.directions import from_spherical
+from shadow.networks import checkpoints
+from shadow.networks.backbone import encode_image
+from shadow.networks.field import VisibilityField
+from shadow.networks.unet import PerLight
+from shadow.training import loop
+from shadow.training.loop import Recipe, fit, learning_rate, preset, warm_start
+from shadow.training.tasks import SHADOW, per_light
+
+
+@pytest.fixture(scope="module")
+def folder(tmp_path_factory):
+    path = tmp_path_factory.mktemp("records")
+    for number in range(4):
+        records.write(path / f"{number}.npz", sphere(radius=0.6 + 0.1 * number))
+    return path
+
+
+def run(task, folder, out, steps, **options):
+    torch.manual_seed(0)
+    recipe = Recipe(steps=steps, size=128, batch=2, learning_rate=3e-3, warm_up=2)
+    return fit(task, recipe, [folder], out, workers=0, **options)
+
+
+def test_learning_rate_warms_up_and_falls_to_zero():
+    recipe = Recipe(steps=1000, warm_up=100, learning_rate=1)
+    rates = np.array([learning_rate(recipe, step) for step in range(1001)])
+    assert rates[0] == pytest.approx(0.01)
+    assert rates.argmax() == pytest.approx(99, abs=2)
+    assert rates[-1] == pytest.approx(0, abs=1e-9)
+
+
+def test_normals_of_a_sphere_are_learned(folder, tmp_path):
+    path = run(SHADOW, folder, tmp_path, 12, validation=[folder])
+    rows = [json.loads(line) for line in (tmp_path / "log.jsonl").read_text().splitlines()]
+    assert rows[-1]["images"] == 24
+    untrained = 45  # degrees: a visible hemisphere against normals that all face the camera is 45 on average
+    assert rows[-1]["angle"] < untrained
+    assert (tmp_path / "samples-000012.png").stat().st_size > 0
+    assert normals.load(path).size == 128
+
+
+def test_a_photograph_that_shows_nothing_teaches_nothing(folder):
+    """A random cut may miss the subject; the run goes on."""
+    sample = photographs.sample(records.Records([folder])[0], np.random.default_rng(0), (128, 96), 4)
+    empty = torch.zeros_like(sample["mask"])
+    sample |= {"rgb": photographs.photograph(sample["rgb"], empty, np.random.default_rng(0)), "mask": empty}
+    batch = {key: value[None] for key, value in sample.items()}
+    batch["image"] = encode_image(batch["rgb"], batch["mask"])
+    network = VisibilityField(size=128)
+    loss = SHADOW.loss(network, batch)
+    loss.backward()
+    assert loss.item() == 0
+    assert all(not parameter.grad.any() for parameter in network.parameters())
+
+
+def test_an_interrupted_run_ends_where_an_uninterrupted_one_does(folder, tmp_path, monkeypatch):
+    whole = run(SHADOW, folder, tmp_path / "whole", 4)
+    recipe = Recipe(steps=4, size=128, batch=2, learning_rate=3e-3, warm_up=2)
+
+    class Interrupt(Exception):
+        pass
+
+    calls = 0
+
+    def interrupted(network, batch):
+        nonlocal calls
+        calls += 1
+        if calls == 4:
+            raise Interrupt
+        return SHADOW.loss(network, batch)
+
+    monkeypatch.setattr(loop, "LOG_EVERY", 1)
+    with pytest.raises(Interrupt):
+        fit(replace(SHADOW, loss=interrupted), recipe, [folder], tmp_path / "cut", workers=0,
+            checkpoint_minutes=0)  # fmt: skip
+    resumed = fit(SHADOW, recipe, [folder], tmp_path / "cut", workers=0)
+    for (key, a), b in zip(
+        checkpoints.read(whole)[0].items(), checkpoints.read(resumed)[0].values(), strict=True
+    ):
+        torch.testing.assert_close(a, b, msg=key)
+
+
+def test_a_field_may_take_other_normals_in_its_gate_and_records_them(folder, tmp_path):
+    first = run(SHADOW, folder, tmp_path / "first", 2)
+    assert isinstance(visibility.load(first), VisibilityField)
+    assert "normals" not in json.loads(checkpoints.read(first)[1]["recipe"])
+    other = first.rename(tmp_path / "other.safetensors")
+    path = run(SHADOW, folder, tmp_path / "field", 2, init=other, estimator=str(other), validation=[folder])
+    recipe = json.loads(checkpoints.read(path)[1]["recipe"])
+    assert recipe["normals"] == recipe["init"] == "other"
+    assert recipe["normals_sha256"] == checkpoints.sha256(other)
+    row = json.loads((tmp_path / "field" / "log.jsonl").read_text())
+    assert row["angle"] == pytest.approx(_angle(other, folder, tmp_path), abs=0.05)  # of the given normals
+
+
+def _angle(path, folder, out):
+    """The validation angle of a field's own normals."""
+    still = replace(SHADOW, loss=lambda network, batch: 0 * SHADOW.loss(network, batch))
+    run(still, folder, out / "still", 1, init=path, validation=[folder])
+    return json.loads((out / "still" / "log.jsonl").read_text())["angle"]
+
+
+@pytest.mark.parametrize(
+    ("task", "kind"),
+    [
+        (shading_task(), diffuse.ShadingField),
+        (shading_task(normals=False, visibility=None), diffuse.ShadingField),
+        (shading_task(visibility="baseline"), diffuse.ShadingField),
+        (per_light_task("resb3"), diffuse.PerLightShading),
+    ],
+)
+def test_shading_networks_are_trained_on_a_field_and_record_it(folder, tmp_path, task, kind):
+    field = run(SHADOW, folder, tmp_path / "field", 1)
+    options = {"visibility": str(field), "validation": [folder]}
+    recipe = Recipe(steps=2, size=128, batch=2, lights=3, warm_up=2)
+    path = fit(task, recipe, [folder], tmp_path / "shading", workers=0, **options)
+    network = diffuse.load(path)
+    assert isinstance(network, kind)
+    assert json.loads(checkpoints.read(path)[1]["recipe"])["visibility"] == "field"
+    assert network.visibility == task.config["visibility"] if kind is diffuse.ShadingField else True
+    row = json.loads((tmp_path / "shading" / "log.jsonl").read_text().splitlines()[-1])
+    assert 0 < row["rmse"] < 1
+    assert (tmp_path / "shading" / "samples-000002.png").exists()
+
+
+def test_warm_start_keeps_the_features(tmp_path):
+    torch.manual_seed(0)
+    config = {"size": 128}
+    source, target = VisibilityField(**config), diffuse.ShadingField(**config, visibility=None)
+    checkpoints.save(tmp_path / "field.safetensors", source, "field", config, {})
+    warm_start(target, tmp_path / "field.safetensors")
+    image = torch.rand(1, 4, 32, 32)
+    stem, wider = source.backbone.half().float().stem, target.backbone.stem
+    unshuffled = torch.nn.functional.pixel_unshuffle(image, 2)
+    with_normals = torch.nn.functional.pixel_unshuffle(torch.cat([image, torch.rand(1, 3, 32, 32)], dim=1), 2)
+    torch.testing.assert_close(wider(with_normals), stem(unshuffled))
+    assert target.backbone.head.weight.abs().max() == 0
+
+
+SHALLOW = {"encoder": (1, 1, 1, 1, 1), "decoder": (1, 1, 1, 1)}
+
+
+def test_a_deeper_network_starts_where_a_shallower_one_came_to(folder, tmp_path):
+    shallow = run(replace(SHADOW, config=SHALLOW), folder, tmp_path / "shallow", 4)
+    still = replace(SHADOW, loss=lambda network, batch: 0 * SHADOW.loss(network, batch))
+    deep = run(still, folder, tmp_path / "deep", 1, init=shallow)
+    image = torch.rand(1, 4, 128, 96)
+    with torch.no_grad():
+        before, after = visibility.load(shallow)(image), visibility.load(deep)(image)
+    assert before.cast.std() > 0
+    for was, now in zip(before, after, strict=True):
+        torch.testing.assert_close(now, was, rtol=0.01, atol=0.01 * float(was.abs().max()))
+
+
+def test_a_deeper_network_of_another_kind_starts_with_the_same_features(tmp_path):
+    torch.manual_seed(0)
+    source = VisibilityField(size=128, **SHALLOW)
+    checkpoints.save(tmp_path / "field.safetensors", source, "field", {"size": 128, **SHALLOW}, {})
+    target = diffuse.ShadingField(size=128, visibility=None, normals=False)
+    warm_start(target, tmp_path / "field.safetensors")
+    image = torch.rand(1, 4, 128, 96)
+    features = []
+    for backbone in (source.half().float().backbone, target.backbone):
+        backbone.norm.register_forward_hook(lambda module, given, result: features.append(result))
+        backbone(image)
+    torch.testing.assert_close(features[1], features[0], rtol=1e-3, atol=1e-3)
+
+
+def test_another_architecture_is_refused(tmp_path):
+    narrow = VisibilityField(size=128, widths=(8, 8, 8, 8, 8))
+    checkpoints.save(tmp_path / "narrow.safetensors", narrow, "field", {"size": 128}, {})
+    with pytest.raises(ValueError, match="another architecture"):
+        warm_start(VisibilityField(), tmp_path / "narrow.safetensors")
+    checkpoints.save(tmp_path / "deep.safetensors", VisibilityField(size=128), "field", {"size": 128}, {})
+    with pytest.raises(ValueError, match="another architecture"):
+        warm_start(VisibilityField(size=128, **SHALLOW), tmp_path / "deep.safetensors")
+
+
+def test_a_loss_that_is_not_finite_stops_the_run(folder, tmp_path):
+    broken = replace(SHADOW, loss=lambda network, batch: SHADOW.loss(network, batch) * float("nan"))
+    with pytest.raises(ValueError, match=r"loss at step .* is not finite"):
+        run(broken, folder, tmp_path, 2)
+    assert not (tmp_path / "field.safetensors").exists()
+
+
+def small(latent, **options):
+    """The per-light task with a U-Net of few channels."""
+    task = per_light(latent, **options)
+    return replace(task, config={**task.config, "widths": [8, 8, 16, 16, 32]})
+
+
+def test_per_light_network_learns_which_side_is_lit(folder, tmp_path):
+    recipe = Recipe(steps=90, size=128, batch=2, lights=3, learning_rate=3e-3, warm_up=10)
+    path = fit(small("resb3"), recipe, [folder], tmp_path, estimator="true", workers=0)
+    network = visibility.load(path)
+    assert isinstance(network, PerLight)
+    assert network.normals
+    assert json.loads(checkpoints.read(path)[1]["recipe"])["normals"] == "true"
+    ball = sphere()
+    rgb, surface = (ball.image(values).permute(1, 2, 0).numpy() for values in (ball.albedo, ball.normals))
+    lights = from_spherical([-70, 70], [0, 0])
+    left, right = shadow.infer(rgb, ball.mask, lights, normals=surface, model=path)
+    half = rgb.shape[1] // 2
+    assert left[:, :half].sum() > 1.2 * left[:, half:].sum()
+    assert right[:, half:].sum() > 1.2 * right[:, :half].sum()
+
+
+def test_per_light_network_without_normals(folder, tmp_path):
+    path = run(small("attention", with_normals=False), folder, tmp_path, 1, validation=[folder])
+    network, recipe = visibility.load(path), json.loads(checkpoints.read(path)[1]["recipe"])
+    assert not network.normals
+    assert "normals" not in recipe
+    row = json.loads((tmp_path / "log.jsonl").read_text())
+    assert "dice" in row
+    assert "dice_baseline" not in row
+
+
+def test_the_papers_recipe(folder, tmp_path):
+    recipe = preset("paper", per_light("resb7"), [folder])
+    assert (recipe.batch, recipe.lights, recipe.learning_rate, recipe.size) == (1, 1, 5e-6, 512)
+    assert recipe.steps == 31 * 4 * 96  # epochs, records, maps each
+    assert learning_rate(recipe, 0) == learning_rate(recipe, recipe.steps - 1) == 5e-6
+    recipe = replace(recipe, steps=2, size=128)
+    path = fit(small("resb7"), recipe, [folder], tmp_path, estimator="true", workers=0)
+    last = torch.load(tmp_path / "checkpoint.pt", weights_only=True)["network"]
+    for key, value in checkpoints.read(path)[0].items():
+        torch.testing.assert_close(value, last[key].half(), msg=key)
+
+
+def test_presets_take_changes_and_name_what_is_missing(folder):
+    assert preset("fast", SHADOW, [folder], steps=5, batch=None) == Recipe(steps=5)
+    assert preset("fast", per_light("resb3"), [folder], steps=5, lights=7).lights == 7
+    with pytest.raises(ValueError, match="steps: expected a number"):
+        preset("fast", SHADOW, [folder])
+    with pytest.raises(ValueError, match="preset: expected paper or fast"):
+        preset("slow", SHADOW, [folder])
+
+
+def test_a_network_without_that_backbone_is_refused(tmp_path):
+    checkpoints.save(tmp_path / "field.safetensors", VisibilityField(size=128), "field", {"size": 128}, {})
+    with pytest.raises(ValueError, match=r"init: .* is a 'field' network"):
+        warm_start(PerLight(widths=(8, 8, 8, 8, 8)), tmp_path / "field.safetensors")
+    config = {"latent": "resb3", "normals": False, "widths": [8, 8, 16, 16, 32]}
+    checkpoints.save(tmp_path / "resb3.safetensors", PerLight(**config), "resb3", config, {})
+    with pytest.raises(ValueError, match=r"init: .* is a 'resb3' network"):
+        warm_start(VisibilityField(size=128), tmp_path / "resb3.safetensors")
+
+
+def test_weights_for_another_input_are_refused(folder, tmp_path):
+    task, config = small("resb3"), {"latent": "resb3", "normals": False, "widths": [8, 8, 16, 16, 32]}
+    checkpoints.save(tmp_path / "colour.safetensors", PerLight(**config), "resb3", config, {})
+    with pytest.raises(ValueError, match=r"init: .* has another architecture"):
+        run(task, folder, tmp_path / "run", 1, init=tmp_path / "colour.safetensors", estimator="true")
