@@ -55,14 +55,14 @@ def render_subject(subject, lights, *, background=None, passes=()):
     -------
     The picture, as `apply` returns it, and its layers, ready for `write`: light groups "C_<light>" (H, W, 4)
     whose colours, as half floats, sum to the picture's; over a background one more, "C_background" (H, W, 3),
-    what is seen of it; and the passes (see `passes`).
+    what is seen of it; and the passes (see `passes_of`).
 
     Raises
     ------
     ValueError: no light, two lights of one name, an unknown pass.
     """
     picture, groups = light_groups(subject, lights)
-    further = passes(subject, lights, passes)
+    further = passes_of(subject, lights, passes)
     if background is None:
         return picture, groups | further
     if "C_background" in groups:
@@ -100,7 +100,7 @@ def light_groups(subject, lights):
     return picture, groups
 
 
-def passes(subject, lights, names):
+def passes_of(subject, lights, names):
     """What the picture is made of, at the plate's size, zero outside the matte and not premultiplied.
 
     Parameters

@@ -74,13 +74,13 @@ def writes(process):
 
 WRITER = """
 import sys, numpy as np, relight
-from relight import image, movie
+from relight.media import images, movies
 noise = np.random.default_rng(0).random((1500, 1500, 3), np.float32)
-image.scene_linear("warm", noise[:2, :2])
+images.scene_linear("warm", noise[:2, :2])
 print("writing", flush=True)
 while True:
     if sys.argv[1].endswith(".mp4"):
-        movie.write_movie(sys.argv[1], [noise] * 50)
+        movies.write_movie(sys.argv[1], [noise] * 50)
     else:
         relight.write(sys.argv[1], noise)
 """
