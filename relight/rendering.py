@@ -1,14 +1,32 @@
 """Lights in, picture out; and its layers: light groups that sum to the picture, and passes it is made of."""
 
+import os
+from collections.abc import Callable, Iterable, Sequence
+
 import numpy as np
+import torch
 
 from relight.composite import behind, over
-from relight.subject import Subject, by_name
+from relight.lights.directional import Light, by_name
+from relight.lights.environment import EnvironmentLight
+from relight.subject import Subject
 
 PASSES = ("albedo", "N", "visibility", "shading")
 
+Background = np.ndarray | Sequence[float] | EnvironmentLight
+Layers = dict[str, np.ndarray]
 
-def apply(image, lights, *, background=None, mask=None, albedo=None, normals=None):
+
+def apply(
+    image: np.ndarray,
+    lights: Light | Iterable[Light],
+    *,
+    background: Background | None = None,
+    mask: np.ndarray | None = None,
+    albedo: np.ndarray | None = None,
+    normals: np.ndarray | Callable | str | os.PathLike | None = None,
+    device: str | torch.device | None = None,
+) -> np.ndarray:
     """Relight the person in an image.
 
     Parameters
@@ -21,6 +39,7 @@ def apply(image, lights, *, background=None, mask=None, albedo=None, normals=Non
     albedo: (H, W, 3) to use instead of inferring it.
     normals: (H, W, 3) camera-frame normals to use instead of inferring them; or anything else that
         `shadow.normals.load` takes.
+    device: where the networks run, such as "cuda"; the CPU unless given.
 
     Returns
     -------
@@ -31,17 +50,50 @@ def apply(image, lights, *, background=None, mask=None, albedo=None, normals=Non
     ------
     TypeError, ValueError: as `Subject`, `Subject.relit` and `over` do.
     """
-    picture = Subject(image, mask, albedo=albedo, normals=normals).relit(lights)
+    picture = Subject(image, mask, albedo=albedo, normals=normals, device=device).relit(lights)
     return picture if background is None else over(picture, background)
 
 
-def render(image, lights, *, background=None, mask=None, albedo=None, normals=None, passes=()):
-    """As `apply`, and the same picture in layers: see `render_subject`. Raises as `apply` does too."""
-    subject = Subject(image, mask, albedo=albedo, normals=normals)
+def render(
+    image: np.ndarray,
+    lights: Light | Iterable[Light],
+    *,
+    background: Background | None = None,
+    mask: np.ndarray | None = None,
+    albedo: np.ndarray | None = None,
+    normals: np.ndarray | Callable | str | os.PathLike | None = None,
+    passes: Iterable[str] = (),
+    device: str | torch.device | None = None,
+) -> tuple[np.ndarray, Layers]:
+    """As `apply`, and the same picture in layers: what an OpenEXR file is written from.
+
+    Parameters
+    ----------
+    As `apply`'s; and
+    passes: what the picture is made of, any of "albedo", "N", "visibility", "shading" (see `passes_of`).
+
+    Returns
+    -------
+    The picture and its layers, as `render_subject` returns them.
+
+    Raises
+    ------
+    TypeError, ValueError: as `apply` and `render_subject` do.
+    """
+    lights = list(by_name(lights).values())  # what is wrong with them is said before the networks run
+    passes = tuple(passes)
+    check(passes)
+    subject = Subject(image, mask, albedo=albedo, normals=normals, device=device)
     return render_subject(subject, lights, background=background, passes=passes)
 
 
-def render_subject(subject, lights, *, background=None, passes=()):
+def render_subject(
+    subject: Subject,
+    lights: Light | Iterable[Light],
+    *,
+    background: Background | None = None,
+    passes: Iterable[str] = (),
+) -> tuple[np.ndarray, Layers]:
     """A picture of an analysed person, and its layers.
 
     Parameters
@@ -71,7 +123,7 @@ def render_subject(subject, lights, *, background=None, passes=()):
     return picture[..., :3] + groups["C_background"], groups | further
 
 
-def light_groups(subject, lights):
+def light_groups(subject: Subject, lights: Light | Iterable[Light]) -> tuple[np.ndarray, Layers]:
     """The person's picture and what each light gives to it.
 
     Parameters
@@ -100,7 +152,7 @@ def light_groups(subject, lights):
     return picture, groups
 
 
-def passes_of(subject, lights, names):
+def passes_of(subject: Subject, lights: Light | Iterable[Light], names: Iterable[str]) -> Layers:
     """What the picture is made of, at the plate's size, zero outside the matte and not premultiplied.
 
     Parameters
@@ -130,14 +182,14 @@ def passes_of(subject, lights, names):
     return layers
 
 
-def check(names):
+def check(names: Iterable[str]) -> None:
     """ValueError unless all names are passes'."""
     for name in names:
         if name not in PASSES:
             raise ValueError(f"layers: expected any of {', '.join(PASSES)}, got {name!r}")
 
 
-def half(values):
+def half(values: np.ndarray) -> np.ndarray:
     """float32 values rounded to what a half float holds, unless one of them is too bright for it."""
     with np.errstate(over="ignore"):
         rounded = values.astype(np.float16)

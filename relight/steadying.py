@@ -9,33 +9,17 @@ Manduchi 1998, for the filter; Kuglin and Hines 1975, phase correlation, for the
 The weights do not depend on the lights that the person is relit with, so relighting stays linear in them.
 """
 
-from collections.abc import Callable
-from typing import NamedTuple
-
 import torch
 import torch.nn.functional as F
 
 from shadow.directions import olat
-from shadow.framing import Framing, affine_sample
+from shadow.framing import affine_sample
 
 AROUND = 2  # frames before and after that take part
 ALIKE = 0.07  # difference in shading at which a frame counts 60 % of one that is equal
 PROBES = torch.from_numpy(olat())[::4]  # lights under which frames are compared
 REFINEMENTS = 3  # steps of the motion below a pixel
 SMOOTH = 5  # canvas pixels over which they are
-
-
-class Canvas(NamedTuple):
-    """What the networks found of one frame, on their canvas of h x w pixels."""
-
-    framing: Framing  # where the canvas lies on the plate
-    known: torch.Tensor  # (h, w) bool: shows the subject
-    image: torch.Tensor  # (3, h, w) the photograph, display-encoded, in about [0, 1]
-    normals: torch.Tensor  # (3, h, w) unit vectors
-    visibility: Callable  # unit directions (D, 3) to maps (D, h, w) in [0, 1]
-    shading: Callable  # likewise
-    albedo: torch.Tensor  # (3, h, w) linear, in [0, 1]
-    light: torch.Tensor | None  # (1, h, w) in which it was photographed; None if the albedo is given
 
 
 def steadied(canvas, around, alike=ALIKE):

@@ -1,32 +1,29 @@
 """The analysed person: albedo, normals, visibility and shading, ready for any number of lights."""
 
 import copy
+import os
+from collections.abc import Callable, Iterable
 from functools import cached_property
 
 import numpy as np
-import OpenImageIO as oiio
 import torch
 import torch.nn.functional as F
 
 from relight import steadying
+from relight.canvas import Canvas, weighted_sum
+from relight.foreground import Foreground, given_albedo, matte_of, photograph
+from relight.lights.directional import Light, as_lights, by_name
 from relight.media.colour import luminance
 from relight.media.images import scene_linear
-from relight.steadying import Canvas
 from relight.upsampling import JointBilateral
-from shading import diffuse
+from shading import Analysis, diffuse
 from shading.albedo import solve_lighting
-from shadow import inputs
-from shadow import normals as normals_module
-from shadow import visibility as visibility_module
+from shadow import analysis, inputs
 from shadow.directions import olat
-from shadow.framing import Extension, Framing, bounding_box
+from shadow.framing import Extension, Framed
+from shadow.normals import on_canvas, resolve
 
-CLEAN = 0.98  # coverage above which a photograph's pixel holds no background to speak of
-FAINT = 0.05  # coverage below which premultiplied colour is too coarse to divide by
 REACH = 0.08  # of the canvas, how far maps are continued beyond the matte: for hair and soft edges
-DARK = 1e-3  # squared albedo at which the photographed shading is as much guess as measurement
-DEEPEST = 0.02  # least photographed shading, as a share of the mean: bounds the noise that delighting lifts
-BATCH = 64  # directions at a time
 
 
 class Subject:
@@ -45,69 +42,59 @@ class Subject:
     albedo: (H, W, 3) to use instead of inferring it; integers sRGB, floats linear in [0, 1].
     normals: (H, W, 3) camera-frame normals (x right, y up, z to the camera) to use instead of inferring them;
         or anything else that `shadow.normals.load` takes, such as a PIFuHD checkpoint.
+    device: where the networks run, such as "cuda"; the CPU unless given. Relighting itself runs on the CPU.
 
     Raises
     ------
     TypeError: a dtype that is not welcome. ValueError: wrong shapes, NaN or infinite values, values out of
-    range, neither mask nor alpha, an empty mask.
+    range, neither mask nor alpha, an empty mask, an unknown device.
     """
 
-    def __init__(self, image, mask=None, albedo=None, normals=None):
+    def __init__(
+        self,
+        image: np.ndarray,
+        mask: np.ndarray | None = None,
+        albedo: np.ndarray | None = None,
+        normals: np.ndarray | Callable | str | os.PathLike | None = None,
+        *,
+        device: str | torch.device | None = None,
+    ) -> None:
+        place = inputs.device("device", device) or torch.device("cpu")
         pixels = scene_linear("image", image)
-        alpha = _matte(pixels, mask)
-        self._size = tuple(alpha.shape)
-        given_albedo = None if albedo is None else _given_albedo(albedo, self._size)
-        field, shader = visibility_module.load(), diffuse.load()
-        photograph = None if normals is None else _photograph(pixels)
-        surface = normals_module.resolve(normals, photograph, alpha, field, shader)
+        alpha = matte_of(pixels, mask)
+        paint = None if albedo is None else given_albedo(albedo, tuple(alpha.shape))
+        field, shader = analysis.load(device=place), diffuse.load(device=place)
+        seen = None if normals is None else photograph(pixels).to(place)
+        surface = resolve(normals, seen, alpha.to(place), field, shader)
 
-        top, left, bottom, right = bounding_box(alpha, threshold=0)
-        # An empty pixel around it, unless the plate ends there: so the framing sees which sides are cut.
-        top, left = max(top - 1, 0), max(left - 1, 0)
-        bottom, right = min(bottom + 1, self._size[0]), min(right + 1, self._size[1])
-        box = np.s_[..., top:bottom, left:right]
-        alpha = alpha[box]
-        foreground = _foreground(pixels[top:bottom, left:right], alpha, photographed=mask is not None)
-        self._box, self._matte = np.s_[top:bottom, left:right], alpha
-        self._pixels = (alpha > 0).flatten().nonzero()[:, 0]  # in the box
-        self._where = (
-            (self._pixels // (right - left) + top) * self._size[1] + self._pixels % (right - left) + left
-        )
-        self._alpha = alpha.flatten()[self._pixels]
+        self._person = person = Foreground(pixels, alpha, photographed=mask is not None)
+        framed = Framed.of(person.colour, person.alpha, field.size)
+        framing = self._framing = framed.framing
+        surface = on_canvas(None if surface is None else person.crop(surface), framing)
+        found = Analysis(framed.to(place), field, shader, surface)
 
-        self._framing = framing = Framing.around(alpha, field.size)
-        framed_mask = framing.crop(alpha[None])[0].clamp(0, 1)
-        framed = _crop(framing, foreground)
-        known = framed_mask > 0.5
-        surface = normals_module.on_canvas(None if surface is None else surface[box], framing)
-        surface, visibility = field.analyse(framed, framed_mask, surface)
-        analysed = shader.analyse(framed, framed_mask, surface, visibility)
-
-        exposure = 0.2 / framed[:, known].mean().clamp_min(1e-6)
-        guide, framed_guide = (_display(colour * exposure) for colour in (foreground, framed))
-        self._extend = Extension(framed_mask, REACH)
-        self._enlarge = JointBilateral(framing, guide, framed_guide, known, self._pixels)
-        if given_albedo is None:
-            light, found = _photographed_shading(framed, analysed.albedo, known), analysed.albedo
-            self._colour = foreground.flatten(1)[:, self._pixels].T
+        known = framed.mask > 0.5
+        exposure = 0.2 / framed.rgb[:, known].mean().clamp_min(1e-6)
+        guide, canvas_guide = (_display(colour * exposure) for colour in (person.colour, framed.rgb))
+        self._extend = Extension(framed.mask, REACH)
+        self._enlarge = JointBilateral(framing, guide, canvas_guide, known, person.pixels)
+        if paint is None:
+            self._colour = person.take(person.colour)
         else:
-            light, found = None, _crop(framing, given_albedo[box])
-            self._albedo = given_albedo[box].flatten(1)[:, self._pixels].T
-        self._use(
-            Canvas(
-                framing.shifted(left, top, self._size), known, framed_guide,
-                surface, visibility, analysed.shading, found, light,
-            )
-        )  # fmt: skip
+            paint = person.crop(paint)
+            self._albedo = person.take(paint)
+            paint = Framed.of(paint, person.alpha, field.size).rgb
+        on_plate = framing.shifted(person.left, person.top, person.size)
+        self._use(Canvas.of(found, on_plate, canvas_guide, paint))
 
-    def _use(self, canvas):
+    def _use(self, canvas: Canvas) -> None:
         """Take what the networks found from `canvas`."""
         self._canvas = canvas
         if canvas.light is not None:
             light = self._to_plate(canvas.light).clamp_min(1e-30)  # farther out than maps reach, it is zero
             self._albedo = (self._colour / light).clamp(0, 1)
 
-    def steadied(self, around):
+    def steadied(self, around: Iterable["Subject"]) -> "Subject":
         """The same person with the trembling of the networks taken out, for sequences.
 
         `around` are the subjects of a few frames before and after, as they were made. Where these agree, the
@@ -120,7 +107,7 @@ class Subject:
         steady._use(steadying.steadied(self._canvas, [subject._canvas for subject in around]))
         return steady
 
-    def relit(self, lights):
+    def relit(self, lights: Light | Iterable[Light]) -> np.ndarray:
         """The person in new light.
 
         Parameters
@@ -133,12 +120,12 @@ class Subject:
         `relit(a + b)` is that of `relit(a)` plus that of `relit(b)`, and twice the intensity gives twice the
         colour, to float32 rounding. Alpha is the matte.
         """
-        picture = torch.empty(len(self._pixels), 4)
+        picture = torch.empty(len(self._person.pixels), 4)
         torch.mul(self._lighting(lights), self._texture, out=picture[:, :3])
-        picture[:, 3] = self._alpha
-        return self._scatter(picture)
+        picture[:, 3] = self._person.coverage
+        return self._person.scatter(picture)
 
-    def layers(self, lights):
+    def layers(self, lights: Light | Iterable[Light]) -> dict[str, np.ndarray]:
         """The person in each light alone: {name: (H, W, 4)}, lights without a name as `light1`, `light2`...
 
         Each is a complete premultiplied picture and carries the matte as its alpha. The colours of all layers
@@ -147,29 +134,30 @@ class Subject:
         """
         return {name: self.relit(light) for name, light in by_name(lights).items()}
 
-    def lighting(self, lights):
+    def lighting(self, lights: Light | Iterable[Light]) -> np.ndarray:
         """What the lights would do to a white person: (H, W, 3) float32, linear, zero outside the matte.
 
         The colour of `relit(lights)` is `albedo × lighting(lights) × alpha`: with the albedo, what a
         compositor needs to grade light and colour apart. Raises as `relit` does.
         """
-        return self._scatter(self._lighting(lights))
+        return self._person.scatter(self._lighting(lights))
 
-    def fitted(self, image):
+    def fitted(self, image: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """The lighting in which the person looks most like `image`, see `relight.fit_lights`.
 
         Returns directions (96, 3), `shadow.directions.olat(behind=True)`, and their intensities (96, 3) >= 0.
         """
         pixels = scene_linear("image", image)
-        if pixels.shape[:2] != self._size:
-            raise ValueError(f"image: expected the subject's size {self._size}, got {pixels.shape[:2]}")
-        foreground = _foreground(pixels[self._box], self._matte, photographed=pixels.shape[-1] == 3)
-        framed, directions = _crop(self._framing, foreground), torch.from_numpy(olat(behind=True))
+        if pixels.shape[:2] != (size := self._person.size):
+            raise ValueError(f"image: expected the subject's size {size}, got {pixels.shape[:2]}")
+        colour = self._person.own_colour(pixels, photographed=pixels.shape[-1] == 3)
+        framed = Framed.of(colour, self._person.alpha, self._framing.canvas[0])
+        directions = torch.from_numpy(olat(behind=True))
         shading, canvas = self._canvas.shading(directions), self._canvas
-        powers = solve_lighting(framed, canvas.albedo, shading, canvas.known.float())
+        powers = solve_lighting(framed.rgb, canvas.albedo, shading, canvas.known.float())
         return directions.numpy(), powers.numpy()
 
-    def unshadowed(self, light):
+    def unshadowed(self, light: Light) -> np.ndarray:
         """The share of a light that no part of the person blocks: (H, W) float32 in [0, 1], zero outside.
 
         Of a hard light its visibility; of a soft one or an environment the mean over its directions, weighted
@@ -179,181 +167,53 @@ class Subject:
         weights = luminance(powers).clip(0)
         weights = weights / max(weights.sum(), 1e-9)
         shape = self._canvas.known.shape
-        maps = _weighted_sum(self._canvas.visibility, [(directions, weights[:, None])], shape, channels=1)
-        return self._scatter(self._to_plate(maps))[..., 0]
+        maps = weighted_sum(self._canvas.visibility, [(directions, weights[:, None])], shape, channels=1)
+        return self._person.scatter(self._to_plate(maps))[..., 0]
 
     @cached_property
-    def albedo(self):
+    def albedo(self) -> np.ndarray:
         """(H, W, 3) float32 linear Rec.709 in [0, 1]: the plate's texture without its light; zero outside."""
-        return self._scatter(self._albedo)
+        return self._person.scatter(self._albedo)
 
     @cached_property
-    def normals(self):
+    def normals(self) -> np.ndarray:
         """(H, W, 3) float32 unit vectors in the camera frame, at the networks' detail; zero outside."""
-        return self._scatter(F.normalize(self._to_plate(self._canvas.normals), dim=1))
+        return self._person.scatter(F.normalize(self._to_plate(self._canvas.normals), dim=1))
 
-    def visibility(self, directions):
+    def visibility(self, directions: np.ndarray) -> np.ndarray:
         """Self-shadow maps (D, H, W) float32 in [0, 1]: 1 = lit, zero outside the matte.
 
         `directions` (D, 3) point toward the lights. Raises TypeError or ValueError for a wrong shape or
         dtype, NaN or infinite values, or a direction of zero length.
         """
         maps = self._canvas.visibility(inputs.directions("directions", directions))
-        return np.ascontiguousarray(self._scatter(self._to_plate(maps)).transpose(2, 0, 1))
+        return np.ascontiguousarray(self._person.scatter(self._to_plate(maps)).transpose(2, 0, 1))
 
-    def shading(self, directions):
+    def shading(self, directions: np.ndarray) -> np.ndarray:
         """Diffuse shading (D, H, W) float32 in [0, 1] by one unit light at a time, zero outside the matte.
 
         `directions` (D, 3) point toward the lights. Linear; 1 is a surface that faces an unoccluded light.
         Raises as `visibility` does.
         """
         maps = self._canvas.shading(inputs.directions("directions", directions))
-        return np.ascontiguousarray(self._scatter(self._to_plate(maps)).transpose(2, 0, 1))
+        return np.ascontiguousarray(self._person.scatter(self._to_plate(maps)).transpose(2, 0, 1))
 
     @cached_property
-    def _texture(self):
+    def _texture(self) -> torch.Tensor:
         """The albedo of the subject's pixels, premultiplied (P, 3)."""
-        return self._albedo * self._alpha[:, None]
+        return self._albedo * self._person.coverage[:, None]
 
-    def _lighting(self, lights):
+    def _lighting(self, lights: Light | Iterable[Light]) -> torch.Tensor:
         """Σ intensity · shading of the subject's pixels (P, 3)."""
         samples = [light.samples() for light in as_lights(lights)]
         canvas = self._canvas
-        return self._to_plate(_weighted_sum(canvas.shading, samples, canvas.known.shape, channels=3))
+        return self._to_plate(weighted_sum(canvas.shading, samples, canvas.known.shape, channels=3))
 
-    def _to_plate(self, maps):
+    def _to_plate(self, maps: torch.Tensor) -> torch.Tensor:
         """Canvas maps (C, h, w) to the subject's pixels on the plate (P, C)."""
         return self._enlarge(self._extend(maps))
 
-    def _scatter(self, values):
-        """The subject's pixels (P, C) to an image (H, W, C) that is zero elsewhere."""
-        image = np.zeros((self._size[0] * self._size[1], values.shape[1]), np.float32)
-        torch.from_numpy(image).index_copy_(0, self._where, values)
-        return image.reshape(*self._size, -1)
 
-
-def as_lights(lights):
-    """One light or an iterable of lights as a list."""
-    lights = [lights] if hasattr(lights, "samples") or hasattr(lights, "at") else lights
-    try:
-        lights = list(lights)
-    except TypeError as error:
-        raise TypeError(f"lights: expected lights, got {type(lights).__name__}") from error
-    for light in lights:
-        if hasattr(light, "at"):
-            raise TypeError(
-                f"lights: {light.name or 'a light'} moves; give the light of one frame, light.at(frame)"
-            )
-        if not hasattr(light, "samples"):
-            raise TypeError(f"lights: expected lights, e.g. DirectionalLight, got {type(light).__name__}")
-    return lights
-
-
-def by_name(lights):
-    """{name: light}, those without a name as `light1`, `light2`...; ValueError if two have one name."""
-    lights = as_lights(lights)
-    names = [light.name or f"light{number}" for number, light in enumerate(lights, 1)]
-    if len(set(names)) < len(names):
-        raise ValueError(f"lights: expected different names, got {', '.join(names)}")
-    return dict(zip(names, lights, strict=True))
-
-
-def _weighted_sum(maps, samples, shape, channels):
-    """Σ power · maps(direction) on the canvas: (channels, h, w).
-
-    `samples` are directions (D, 3) and powers (D, channels); `maps` takes directions to (D, h, w). The
-    result's channels lie together in memory, as the lookup of the enlargement wants them.
-    """
-    total = torch.zeros(shape.numel(), channels)
-    for directions, powers in samples:
-        batches = (torch.from_numpy(np.float32(values)).split(BATCH) for values in (directions, powers))
-        for batch, power in zip(*batches, strict=True):
-            total.addmm_(maps(batch).flatten(1).T, power)
-    return total.T.unflatten(1, shape)
-
-
-def _matte(pixels, mask):
-    """The subject's coverage (H, W), from the mask if given, else from the alpha channel."""
-    if mask is not None:
-        mask = np.asarray(mask)
-        if mask.dtype in (np.uint8, np.uint16):
-            mask = mask / np.float32(np.iinfo(mask.dtype).max)
-        return inputs.mask("mask", mask, pixels.shape[:2])
-    if pixels.shape[-1] == 3:
-        raise ValueError("mask: the image has no alpha channel, so give the person's matte as a mask")
-    if pixels[..., 3].min() == 1:
-        raise ValueError("mask: the image is opaque everywhere, so give the person's matte as a mask")
-    return inputs.mask("image's alpha", pixels[..., 3], pixels.shape[:2])
-
-
-def _photograph(pixels):
-    """The plate's colour (3, H, W), its own alpha, if any, taken out: what a foreign normals network sees."""
-    rgb = torch.from_numpy(np.ascontiguousarray(pixels)).permute(2, 0, 1)
-    return rgb[:3] / rgb[3:].clamp_min(FAINT) if len(rgb) == 4 else rgb
-
-
-def _given_albedo(albedo, size):
-    """The caller's albedo as (3, H, W) in [0, 1], checked."""
-    pixels = scene_linear("albedo", albedo)
-    if pixels.shape != (*size, 3):
-        raise ValueError(f"albedo: expected shape {(*size, 3)}, the size of the image, got {pixels.shape}")
-    if pixels.min() < 0 or pixels.max() > 1:
-        raise ValueError(f"albedo: expected values in [0, 1], got [{pixels.min():g}, {pixels.max():g}]")
-    return torch.from_numpy(pixels).permute(2, 0, 1)
-
-
-def _foreground(pixels, alpha, photographed):
-    """The person's own colour (3, H, W), not premultiplied, continued beyond the matte's edge.
-
-    Premultiplied colour is divided by its alpha where there is enough of it. In a photograph with a separate
-    mask, partly covered pixels show the background as well: only nearly covered ones are trusted, and those
-    beside an empty one, which a hard mask only calls covered, where there are no others near. The rest is
-    filled from these by push-pull (Gortler et al. 1996), so that no background, and no black, gets in.
-    """
-    rgb, own_alpha = pixels[..., :3], pixels[..., 3:]
-    matte = alpha.numpy()[..., None]
-    known = matte >= (min(CLEAN, matte.max()) if photographed else FAINT)
-    if own_alpha.size:
-        known &= own_alpha >= FAINT
-        rgb = np.divide(rgb, own_alpha, out=np.zeros_like(rgb), where=known)
-    if not known.any():
-        raise ValueError("mask: the image is transparent where the mask shows a subject")
-    if photographed:
-        covered, empty = torch.from_numpy(known[None, ..., 0]), alpha[None] == 0
-        inner = covered & ~_within(1, empty)
-        known = (inner | covered & ~_within(2, inner))[0, ..., None].numpy()
-    trusted = np.concatenate([rgb * known, known], axis=-1, dtype=np.float32)
-    filled = oiio.ImageBufAlgo.fillholes_pushpull(oiio.ImageBuf(np.ascontiguousarray(trusted))).get_pixels(
-        "float"
-    )[..., :3]
-    return torch.from_numpy(np.where(known, rgb, filled).clip(0)).permute(2, 0, 1)
-
-
-def _within(reach, pixels):
-    """Where (1, H, W) one of these pixels is at most `reach` pixels away."""
-    return F.max_pool2d(pixels.float(), 2 * reach + 1, stride=1, padding=reach) > 0
-
-
-def _crop(framing, colour):
-    """Plate colour (3, H, W) on the canvas, as a mean over what the plate covers: no black at its frame."""
-    covered = framing.crop(torch.ones_like(colour[:1]))
-    return framing.crop(colour) / covered.clamp_min(1e-6) * (covered > 0)
-
-
-def _display(colour):
+def _display(colour: torch.Tensor) -> torch.Tensor:
     """Exposed linear colour as the eye spaces it, for comparing: about [0, 1]."""
     return colour.clamp(0, 4) ** (1 / 2.2)
-
-
-def _photographed_shading(framed, albedo, known):
-    """The light that the person was photographed in, on the canvas (1, h, w): image over albedo.
-
-    It has no colour, since the albedo has the photograph's. Least squares of image = shading · albedo over
-    3 x 3 pixels, drawn toward the mean light where the albedo is too dark to tell. Positive everywhere on the
-    subject.
-    """
-    mean = (framed[:, known].mean() / albedo[:, known].mean().clamp_min(1e-6)).clamp_min(1e-6)
-    products = torch.stack([framed * albedo, albedo**2]).mean(dim=1)
-    around = F.avg_pool2d(products * known, 3, stride=1, padding=1)
-    shading = (around[:1] + DARK * mean) / (around[1:] + DARK)
-    return torch.maximum(shading, DEEPEST * mean)

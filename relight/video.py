@@ -8,12 +8,13 @@ import numpy as np
 
 from relight import rendering
 from relight.keying import key as cut_out
+from relight.lights.directional import by_name
 from relight.lights.moving import MovingLight, lights_at
 from relight.media import images, movies, nuke
 from relight.media.sequences import Files, Sequence, Still
 from relight.rendering import render_subject
 from relight.steadying import AROUND
-from relight.subject import Subject, by_name
+from relight.subject import Subject
 
 RATE = 24  # frames a second, where nothing says otherwise
 

@@ -1,29 +1,33 @@
 """Diffuse albedo of the photographed subject (delighting), and the light that it was photographed in."""
 
+import os
+
 import numpy as np
 import torch
 import torch.nn.functional as F
 from scipy.optimize import nnls
 
-from shading import diffuse
+from shading.analysis import analyse
 from shadow import inputs
+from shadow.analysis import Array, Normals
 from shadow.directions import olat
-from shadow.framing import extend
 
 FIT_HEIGHT = 64  # pixels of the picture that the lighting is solved on: light has no finer detail
 SPREAD = 0.02  # share of the squared light that keeps the solution from one lamp where several would do
 
 
-def infer_albedo(rgb, mask, *, normals=None, model="shading"):
+def infer_albedo(
+    rgb: Array,
+    mask: Array,
+    *,
+    normals: Normals | None = None,
+    model: str | os.PathLike = "shading",
+) -> Array:
     """Diffuse albedo of the person in an image, without the light it was photographed in.
 
     Parameters
     ----------
-    rgb: (H, W, 3) float, linear Rec.709, any size and exposure; NumPy or torch.
-    mask: (H, W) in [0, 1], the matte of the person.
-    normals: (H, W, 3) camera-frame normals to use instead of inferring them with the shipped network; or
-        anything else that `shadow.normals.load` takes.
-    model: name of shipped weights, or the path of a checkpoint.
+    As `shading.analyse`.
 
     Returns
     -------
@@ -36,11 +40,16 @@ def infer_albedo(rgb, mask, *, normals=None, model="shading"):
     TypeError, ValueError: wrong shape or dtype, NaN or infinite values, an empty mask, a model that infers no
     albedo.
     """
-    framing, _, framed_mask, analysed = diffuse.analyse(rgb, mask, normals=normals, model=model)
-    return _like_image(_albedo(analysed, model), framing, framed_mask, rgb, mask)
+    return analyse(rgb, mask, normals=normals, model=model).albedo
 
 
-def infer_lighting(rgb, mask, *, normals=None, model="shading"):
+def infer_lighting(
+    rgb: Array,
+    mask: Array,
+    *,
+    normals: Normals | None = None,
+    model: str | os.PathLike = "shading",
+) -> tuple[Array, Array, Array]:
     """The light that the person was photographed in, and the albedo that goes with it.
 
     Image = albedo × Σ weight × shading: with the inferred albedo and the shadings of a fixed set of lights,
@@ -62,12 +71,11 @@ def infer_lighting(rgb, mask, *, normals=None, model="shading"):
     ------
     As `infer_albedo`.
     """
-    framing, framed, framed_mask, analysed = diffuse.analyse(rgb, mask, normals=normals, model=model)
-    directions = torch.from_numpy(olat(behind=True)).to(framed.device)
-    albedo = _albedo(analysed, model)
-    weights = solve_lighting(framed, albedo, analysed.shading(directions), framed_mask)
-    restored = _like_image(albedo, framing, framed_mask, rgb, mask)
-    return inputs.like(directions, rgb), inputs.like(weights, rgb), restored
+    found = analyse(rgb, mask, normals=normals, model=model)
+    albedo, framed = found.albedo, found.framed
+    directions = torch.from_numpy(olat(behind=True)).to(framed.rgb.device)
+    weights = solve_lighting(framed.rgb, found.canvas_albedo, found.canvas_shading(directions), framed.mask)
+    return inputs.like(directions, rgb), inputs.like(weights, rgb), albedo
 
 
 def solve_lighting(image, albedo, shading, mask):
@@ -86,16 +94,3 @@ def solve_lighting(image, albedo, shading, mask):
         system = np.concatenate([explained, ridge * np.eye(len(shading))])
         weights.append(nnls(system, np.concatenate([observed, np.zeros(len(shading))]))[0])
     return torch.from_numpy(np.stack(weights, axis=1)).to(image)
-
-
-def _albedo(analysed, model):
-    if analysed.albedo is None:
-        raise ValueError(f"model: {model!r} infers shading only, expected one that infers albedo as well")
-    return analysed.albedo
-
-
-def _like_image(albedo, framing, framed_mask, rgb, mask):
-    """Albedo (3, h, w) on the canvas as the caller's (H, W, 3)."""
-    matte = inputs.mask("mask", mask, framing.plate).to(albedo.device)
-    restored = framing.restore(extend(albedo, framed_mask)).clamp(0, 1) * (matte > 0)
-    return inputs.like(restored.permute(1, 2, 0), rgb)

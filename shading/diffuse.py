@@ -6,21 +6,22 @@ The base is direct light on the estimated surface. The residual, which is learne
 itself, and what repairs the base. Both networks say linear values; shading is these, held to [0, 1].
 """
 
+import os
 from collections.abc import Callable
 from typing import NamedTuple
 
 import torch
 from torch import nn
 
-from shadow import inputs
-from shadow import visibility as visibility_module
 from shadow.directions import olat
-from shadow.framing import Framing, extend
 from shadow.networks import checkpoints
 from shadow.networks.backbone import ENCODING, Backbone, encode_image, take_blocks
-from shadow.networks.field import MIRROR, anchor_weights, both_sides, scatter, sides
+from shadow.networks.field import Visibility, anchor_weights, both_sides
+from shadow.networks.mirror import MIRROR, Silhouette, with_mirror
+from shadow.networks.precision import autocast
 from shadow.networks.unet import LIGHTS_AT_ONCE, UNet
-from shadow.normals import on_canvas, resolve
+
+Visible = Callable[[torch.Tensor], torch.Tensor]  # unit directions (D, 3) to visibility (D, h, w)
 
 # What the residual field adds is less by this at inference: so little is a guess that hedges between lit and
 # dark, and a haze over deep shadows (SSIM 0.737 with it, 0.741 without, on 16 validation views).
@@ -90,40 +91,78 @@ class ShadingField(nn.Module):
         photograph = image[:, :3] if blocks is None else take_blocks(image[:, :3], blocks)
         return ShadingMaps(residual, photograph * log_gain.clamp(-3, 3).exp())
 
-    def shading(self, maps, normals, visibility, directions, haze=0.0):
+    def shading(self, maps, normals, visibility, directions):
         """Linear shading (B, D, H, W), not yet held to [0, 1], of unit directions (B, D, 3), given their
-        visibility (B, D, H, W). What the residual adds is less by `haze`."""
+        visibility (B, D, H, W)."""
         residual = torch.einsum("bdk,bkhw->bdhw", anchor_weights(directions, self.anchors), maps.residual)
-        residual = residual - residual.clamp(0, haze)
         known = visibility if self.visibility == "inferred" else None
         return base(normals if self.normals else None, known, directions) + residual
 
     @torch.no_grad()
-    def analyse(self, rgb, mask, normals, visibility):
-        """Framed rgb (3, h, w), mask (h, w), normals (3, h, w), and visibility, a function of unit directions
-        (D, 3) to maps (D, h, w), to Diffuse. Its shading runs no network but that function."""
-        inside = mask > 0  # a light costs the subject's pixels only, some quarter of the canvas
-        # As the field does: the mean of what the network says of the photograph and of its mirror image.
-        mirror = MIRROR.to(rgb.device)
-        image = encode_image(rgb[None], mask[None, None])
-        opposite = (mirror.view(3, 1, 1) * normals).flip(-1)
-        guides = torch.stack([visibility(self.anchors), visibility(self.anchors * mirror).flip(-1)])
-        both = self(
-            torch.cat([image, image.flip(-1)]), torch.stack([normals, opposite]), guides[..., ::2, ::2]
+    def analyse(
+        self, rgb: torch.Tensor, mask: torch.Tensor, normals: torch.Tensor, visibility: Visible
+    ) -> "Diffuse":
+        """Framed rgb (3, h, w), mask (h, w), normals (3, h, w), and the visibility of any light, to Diffuse.
+        Its shading runs no network but the visibility's."""
+        silhouette, mirror = Silhouette(mask), MIRROR.to(rgb.device)
+        image = with_mirror(encode_image(rgb[None], mask[None, None]))
+        surface = torch.stack([normals, mirror.view(3, 1, 1) * normals.flip(-1)])
+        guides = self._guides(visibility, mirror)
+        with autocast(rgb.device):
+            both = self(image, surface, guides, silhouette.blocks)
+        own, mirrored = (ShadingMaps(*side) for side in zip(*map(silhouette.sides, both), strict=True))
+        shading = Shading(
+            both_sides(own.residual, mirrored.residual, self.anchors),
+            silhouette.take(normals) if self.normals else None,
+            visibility,
+            silhouette,
+            self.anchors,
+            known=self.visibility == "inferred",
         )
-        own, other = (ShadingMaps(*map(side, both)) for side in sides(inside))
-        residual = both_sides(own.residual, other.residual, self.anchors)
-        maps = ShadingMaps(residual, (own.albedo + other.albedo) / 2)
-        surface = normals[None, :, inside, None]
+        albedo = ((own.albedo + mirrored.albedo) / 2).clamp(0, 1) ** ENCODING
+        return Diffuse(shading, silhouette.scatter(albedo))
 
-        def shading(directions, seen=None):
-            with torch.no_grad():
-                seen = visibility(directions) if seen is None else seen
-                seen = seen[None, :, inside, None]
-                linear = self.shading(maps, surface, seen, directions[None], HAZE)
-                return scatter(linear.clamp(0, 1), mask)
+    def _guides(self, visibility: Visible, mirror: torch.Tensor) -> torch.Tensor | None:
+        """Visibility of the anchors (2, K, h/2, w/2) at every second pixel of the photograph, and of its
+        mirror image, whose even columns are the photograph's odd ones."""
+        if self.visibility != "inferred":
+            return None
+        own, other = self.anchors, self.anchors * mirror
+        if isinstance(visibility, Visibility):
+            pair = visibility.halved(own, 0), visibility.halved(other, 1)
+        else:
+            pair = visibility(own)[:, ::2, ::2], visibility(other)[:, ::2, 1::2]
+        return torch.stack([pair[0], pair[1].flip(-1)])
 
-        return Diffuse(shading, scatter(maps.albedo.clamp(0, 1) ** ENCODING, mask))
+
+class Shading(NamedTuple):
+    """The shading of one subject by any light: dot products with its maps; no network but visibility's."""
+
+    residual: torch.Tensor  # (K, N) of each anchor direction at the subject's pixels, linear
+    normals: torch.Tensor | None  # (3, N), if the base image has them
+    visibility: Visible
+    silhouette: Silhouette
+    anchors: torch.Tensor  # (K, 3)
+    known: bool  # the base image has the visibility
+
+    @torch.no_grad()
+    def __call__(self, directions: torch.Tensor, seen: torch.Tensor | None = None) -> torch.Tensor:
+        """Unit directions (D, 3), whose visibility `seen` (D, h, w) may be given, to (D, h, w) in [0, 1]:
+        base + w(L)·residual, as `ShadingField.shading` says it, less the haze; zero outside the subject."""
+        residual = anchor_weights(directions, self.anchors) @ self.residual
+        residual -= residual.clamp(0, HAZE)
+        if self.normals is not None:
+            base = (directions @ self.normals).clamp_min_(0)
+            residual += base * self._seen(directions, seen) if self.known else base
+        elif self.known:
+            residual += self._seen(directions, seen)
+        return self.silhouette.scatter(residual.clamp_(0, 1))
+
+    def _seen(self, directions: torch.Tensor, seen: torch.Tensor | None) -> torch.Tensor:
+        """Visibility (D, N) of the subject's pixels; the field's need not be drawn on the canvas."""
+        if seen is None and isinstance(self.visibility, Visibility):
+            return self.visibility.at_pixels(directions)
+        return self.silhouette.take(self.visibility(directions) if seen is None else seen)
 
 
 class PerLightShading(nn.Module):
@@ -160,55 +199,7 @@ class PerLightShading(nn.Module):
         return Diffuse(shading, None)
 
 
-def load(name="shading"):
+def load(name: str | os.PathLike = "shading", device: torch.device | str = "cpu") -> nn.Module:
     """The shipped shading network, or one trained by `relight train shading` (a .safetensors path)."""
     networks = {"shading": ShadingField, "shading-per-light": PerLightShading}
-    return checkpoints.load(name, networks, package="shading")
-
-
-def analyse(rgb, mask, *, normals=None, model="shading"):
-    """What the functions of this package share: checked input, brought to the canvas, through the networks.
-
-    Returns (Framing, framed rgb (3, h, w), framed mask (h, w), Diffuse); raises as `infer` does.
-    """
-    image = inputs.image("rgb", rgb)
-    matte = inputs.mask("mask", mask, image.shape[1:]).to(image.device)
-    network = load(model).to(image.device)
-    framing = Framing.around(matte, network.size)
-    framed, framed_mask = framing.crop(image), framing.crop(matte[None])[0]
-    field = visibility_module.load().to(image.device)
-    surface = on_canvas(resolve(normals, image, matte, field, network), framing)
-    surface, visibility = field.analyse(framed, framed_mask, surface)
-    return framing, framed, framed_mask, network.analyse(framed, framed_mask, surface, visibility)
-
-
-def infer(rgb, mask, directions, *, normals=None, visibility=None, model="shading"):
-    """Diffuse shading of the person in an image, lit by one unit-intensity light at a time.
-
-    Parameters
-    ----------
-    rgb: (H, W, 3) float, linear Rec.709, any size and exposure; NumPy or torch.
-    mask: (H, W) in [0, 1], the matte of the person.
-    directions: (D, 3) toward the lights, camera frame, any length but zero.
-    normals: (H, W, 3) camera-frame normals to use instead of inferring them with the shipped network; or
-        anything else that `shadow.normals.load` takes.
-    visibility: (D, H, W) in [0, 1] to use instead of inferring it, in the base image.
-    model: name of shipped weights, or the path of a checkpoint.
-
-    Returns
-    -------
-    (D, H, W) float32 linear shading in [0, 1], bounce light from the body included; 1 is a surface facing an
-    unoccluded light, or brighter; zero outside the mask. NumPy or torch, as `rgb` was, on its device.
-
-    Raises
-    ------
-    TypeError, ValueError: wrong shape or dtype, NaN or infinite values, an empty mask, a zero direction.
-    """
-    framing, _, framed_mask, diffuse = analyse(rgb, mask, normals=normals, model=model)
-    lights = inputs.directions("directions", directions).to(framed_mask.device)
-    if visibility is not None:
-        given = inputs.visibility("visibility", visibility, (len(lights), *framing.plate))
-        visibility = framing.crop(given.to(framed_mask.device))
-    maps = diffuse.shading(lights, visibility)
-    matte = inputs.mask("mask", mask, framing.plate).to(framed_mask.device)
-    return inputs.like(framing.restore(extend(maps, framed_mask)).clamp(0, 1) * (matte > 0), rgb)
+    return checkpoints.load(name, networks, package="shading", device=device)

@@ -138,3 +138,33 @@ class Extension:
 def extend(maps, mask, reach=1 / 32):
     """Canvas maps (C, h, w) continued past the edge of `mask` (h, w), as `Extension` does."""
     return Extension(mask, reach)(maps)
+
+
+@dataclass(frozen=True)
+class Framed:
+    """A photograph and its matte on the networks' canvas, and the way back."""
+
+    framing: Framing
+    rgb: torch.Tensor  # (3, h, w) linear
+    mask: torch.Tensor  # (h, w) in [0, 1]
+    matte: torch.Tensor  # (H, W) in [0, 1], on the plate
+
+    @classmethod
+    def of(cls, rgb: torch.Tensor, matte: torch.Tensor, height: int) -> "Framed":
+        """A photograph (3, H, W) and its matte (H, W) on a canvas of `height` pixels.
+
+        Colour is the mean over what the plate covers: no black at the plate's frame.
+        """
+        framing = Framing.around(matte, height)
+        covered = framing.crop(torch.ones_like(rgb[:1]))
+        colour = framing.crop(rgb) / covered.clamp_min(1e-6) * (covered > 0)
+        return cls(framing, colour, framing.crop(matte[None])[0].clamp(0, 1), matte)
+
+    def restored(self, maps: torch.Tensor) -> torch.Tensor:
+        """Canvas maps (C, h, w) to the plate (C, H, W): continued to the matte's edge, zero beyond it."""
+        return self.framing.restore(extend(maps, self.mask)) * (self.matte > 0)
+
+    def to(self, device: torch.device | str) -> "Framed":
+        """The same, its tensors on another device."""
+        moved = (tensor.to(device) for tensor in (self.rgb, self.mask, self.matte))
+        return Framed(self.framing, *moved)

@@ -82,6 +82,28 @@ def visibility(name, value, shape):
     return tensor
 
 
+def device(name: str, value: str | torch.device | None) -> torch.device | None:
+    """A torch.device that this machine has; `value` None stays None."""
+    if value is None:
+        return None
+    try:
+        place = torch.device(value)
+        torch.empty(0, device=place)
+    except (AssertionError, RuntimeError, TypeError, NotImplementedError) as error:
+        expected = "a device of this machine, such as cpu or cuda"
+        raise ValueError(f"{name}: expected {expected}, got {value!r}") from error
+    return place
+
+
+def photograph(rgb, matte, place: torch.device | None = None) -> tuple[torch.Tensor, torch.Tensor]:
+    """The arguments `rgb`, a linear image (H, W, 3), and `mask`, its matte (H, W), as tensors (3, H, W) and
+    (H, W) on the device `place`, or where the image is."""
+    pixels = image("rgb", rgb)
+    coverage = mask("mask", matte, pixels.shape[1:])
+    place = place or pixels.device
+    return pixels.to(place), coverage.to(place)
+
+
 def like(result, original):
     """`result` as what the caller handed over: a NumPy array, or a tensor on the caller's device."""
     return result.to(original.device) if isinstance(original, torch.Tensor) else result.cpu().numpy()

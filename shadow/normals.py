@@ -10,7 +10,7 @@ from torch import nn
 
 from shadow import inputs
 from shadow.directions import CAMERA, from_axes
-from shadow.framing import Framing, extend
+from shadow.framing import Framed
 from shadow.networks import checkpoints, pifuhd
 from shadow.networks.field import VisibilityField
 
@@ -33,7 +33,7 @@ class GivenNormals:
         return vectors
 
 
-def load(source="field", *, axes=CAMERA):
+def load(source="field", *, axes: str = CAMERA, device: torch.device | str = "cpu"):
     """Where normals come from, for `infer_normals` and for whatever takes `normals`.
 
     Parameters
@@ -48,6 +48,7 @@ def load(source="field", *, axes=CAMERA):
         - an array (H, W, 3) of the photograph's size, such as `relight.read_normals` reads from an image.
     axes: of the function's or the array's vectors: "+x+y+z" is the camera frame (x right, y up, z to the
         camera), "+x-y-z" OpenCV's; see `shadow.directions.from_axes`.
+    device: where a network that is loaded from a file runs.
 
     Returns
     -------
@@ -69,9 +70,9 @@ def load(source="field", *, axes=CAMERA):
     if loaded:
         return source
     if Path(source).suffix in ("", ".safetensors"):
-        return checkpoints.load(source, {"field": VisibilityField}, package="shadow")
+        return checkpoints.load(source, {"field": VisibilityField}, package="shadow", device=device)
     if Path(source).suffix == ".pt":
-        return pifuhd.load(source)
+        return pifuhd.load(source, device)
     raise ValueError(
         f"normals: expected a name, a .safetensors or a .pt, got {source}; relight.read_normals reads images"
     )
@@ -84,16 +85,16 @@ def _says_normals(source):
 def on_plate(source, rgb, mask):
     """Unit normals (3, H, W), zero outside the mask, of a linear photograph (3, H, W) and its matte (H, W).
 
-    `source` is what `load` returns; a field sees the person on its canvas.
+    `source` is what `load` returns; a field sees the person on its canvas. A network runs where it is.
     """
+    here = rgb.device
     if isinstance(source, nn.Module):
-        source = source.to(rgb.device)
+        place = next(source.parameters()).device
+        rgb, mask = rgb.to(place), mask.to(place)
     if not isinstance(source, VisibilityField):
-        return source.normals(rgb, mask)
-    framing = Framing.around(mask, source.size)
-    framed_mask = framing.crop(mask[None])[0]
-    framed = source.normals(framing.crop(rgb), framed_mask)
-    return F.normalize(framing.restore(extend(framed, framed_mask)), dim=0) * (mask > 0)
+        return source.normals(rgb, mask).to(here)
+    framed = Framed.of(rgb, mask, source.size)
+    return F.normalize(framed.restored(source.normals(framed.rgb, framed.mask)), dim=0).to(here)
 
 
 def resolve(given, rgb, mask, network, *more):
@@ -104,9 +105,9 @@ def resolve(given, rgb, mask, network, *more):
     does not say where it comes from, `infer_normals` perhaps: it passes.
     """
     if given is None:
-        source = network if isinstance(network, VisibilityField) else load()
+        source = network if isinstance(network, VisibilityField) else load(device=rgb.device)
     elif callable(given) or _says_normals(given) or isinstance(given, str | os.PathLike):
-        source = load(given)
+        source = load(given, device=rgb.device)
     else:
         source = GivenNormals(given)
     for trained in (network, *more):
@@ -157,6 +158,5 @@ def infer_normals(rgb, mask, *, model="field"):
     ------
     TypeError, ValueError: wrong shape or dtype, NaN or infinite values, an empty mask.
     """
-    image = inputs.image("rgb", rgb)
-    matte = inputs.mask("mask", mask, image.shape[1:]).to(image.device)
-    return inputs.like(on_plate(load(model), image, matte).permute(1, 2, 0), rgb)
+    image, matte = inputs.photograph(rgb, mask)
+    return inputs.like(on_plate(load(model, device=image.device), image, matte).permute(1, 2, 0), rgb)

@@ -4,7 +4,8 @@ import torch
 
 import relight
 from relight import steadying
-from relight.steadying import Canvas, steadied
+from relight.canvas import Canvas
+from relight.steadying import steadied
 from shadow.framing import Framing, affine_sample
 
 SIZE = (128, 96)

@@ -3,6 +3,7 @@
 import inspect
 import math
 import reprlib
+from collections.abc import Iterable
 from dataclasses import dataclass
 
 import numpy as np
@@ -238,3 +239,29 @@ def _cap(axis, radius):
     aside /= np.linalg.norm(aside)
     frame = np.stack([aside, np.cross(axis, aside), axis])
     return np.stack([across * np.cos(angle), across * np.sin(angle), along], axis=-1) @ frame
+
+
+def as_lights(lights: Light | Iterable[Light]) -> list[Light]:
+    """One light or an iterable of lights as a list."""
+    lights = [lights] if hasattr(lights, "samples") or hasattr(lights, "at") else lights
+    try:
+        lights = list(lights)
+    except TypeError as error:
+        raise TypeError(f"lights: expected lights, got {type(lights).__name__}") from error
+    for light in lights:
+        if hasattr(light, "at"):
+            raise TypeError(
+                f"lights: {light.name or 'a light'} moves; give the light of one frame, light.at(frame)"
+            )
+        if not hasattr(light, "samples"):
+            raise TypeError(f"lights: expected lights, e.g. DirectionalLight, got {type(light).__name__}")
+    return lights
+
+
+def by_name(lights: Light | Iterable[Light]) -> dict[str, Light]:
+    """{name: light}, those without a name as `light1`, `light2`...; ValueError if two have one name."""
+    lights = as_lights(lights)
+    names = [light.name or f"light{number}" for number, light in enumerate(lights, 1)]
+    if len(set(names)) < len(names):
+        raise ValueError(f"lights: expected different names, got {', '.join(names)}")
+    return dict(zip(names, lights, strict=True))

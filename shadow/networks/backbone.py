@@ -105,7 +105,11 @@ class Backbone(nn.Module):
             return F.pad(maps, beyond)
         row, column = blocks // (canvas[1] // 2), blocks % (canvas[1] // 2)
         blocks = (row - rows.start // 2) * x.shape[3] + column - columns.start // 2
-        return self.head(_gather(x, blocks)[..., None]).unflatten(1, (-1, 4))[..., 0]
+        # A product of matrices, which a CPU does several times as fast as a convolution of 1 x 1 pixels.
+        pixels = x.permute(0, 2, 3, 1).flatten(1, 2)
+        features = pixels.gather(1, blocks[..., None].expand(-1, -1, x.shape[1]))
+        maps = F.linear(features, self.head.weight.flatten(1), self.head.bias)
+        return maps.unflatten(2, (-1, 4)).permute(0, 2, 3, 1)
 
 
 def windows(mask):

@@ -8,6 +8,7 @@ may be stored as int8 with a scale for each output channel, in half the room.
 import functools
 import hashlib
 import json
+import threading
 from importlib import resources
 from pathlib import Path
 from typing import NamedTuple
@@ -18,6 +19,7 @@ from safetensors.torch import save as to_bytes
 
 from shadow.files import replacing
 
+_LOADING = threading.Lock()
 SCALE = ".scale"  # what the key of an int8 tensor's scales ends in
 
 
@@ -50,7 +52,7 @@ def read(path, checksum=None):
 
 
 @functools.lru_cache(maxsize=8)
-def _load(path, checksum, networks):
+def _load(path, checksum, networks, device):
     state, metadata = read(path, checksum)
     networks = dict(networks)
     if metadata.get("network") not in networks:
@@ -65,17 +67,19 @@ def _load(path, checksum, networks):
     recipe = json.loads(metadata.get("recipe", "{}"))
     identity = metadata.get("shrunk_from") or checksum or sha256(path)
     network.origin = Origin(path.stem, identity, recipe)
-    return network.eval().requires_grad_(False).to(memory_format=torch.channels_last)
+    return network.eval().requires_grad_(False).to(device, memory_format=torch.channels_last)
 
 
-def load(name, networks, *, package):
-    """The network `name`, ready for inference on the CPU.
+def load(name, networks, *, package, device="cpu"):
+    """The network `name`, ready for inference on `device`. It is shared with whoever loads it there: nobody
+    may change it.
 
     Parameters
     ----------
     name: a name in `<package>/weights/index.json`, or the path of a .safetensors file.
     networks: {network: class}, the classes that are welcome here.
     package: "shadow" or "shading".
+    device: a torch.device or its name.
 
     Raises
     ------
@@ -84,12 +88,17 @@ def load(name, networks, *, package):
     """
     kinds = tuple(networks.items())
     if str(name).endswith(".safetensors"):
-        return _load(Path(name).resolve(strict=True), None, kinds)
+        return _shared(Path(name).resolve(strict=True), None, kinds, device)
     folder = resources.files(package) / "weights"
     index = json.loads((folder / "index.json").read_text())
     if name not in index:
         raise ValueError(f"model: unknown weights {name!r}, expected a .safetensors path or {sorted(index)}")
-    return _load(Path(str(folder / index[name]["file"])), index[name]["sha256"], kinds)
+    return _shared(Path(str(folder / index[name]["file"])), index[name]["sha256"], kinds, device)
+
+
+def _shared(path, checksum, kinds, device):
+    with _LOADING:  # threads that ask at once share one network
+        return _load(path, checksum, kinds, torch.device(device))
 
 
 def save(path, network, kind, config, recipe):

@@ -15,42 +15,26 @@ from torch import nn
 
 from shadow.directions import olat
 from shadow.networks.backbone import Backbone, encode_image
+from shadow.networks.mirror import MIRROR, Silhouette, with_mirror
+from shadow.networks.precision import autocast
 
 LIT = 3.0  # cast logit of the untrained field: sigmoid(3) = 0.95, lit
 SHARPNESS = 20.0  # slope of the untrained gate in N·L
 KAPPA = 50.0  # concentration of an anchor's kernel: half weight at 10 degrees, anchors stand 18 apart
-MIRROR = torch.tensor([-1.0, 1.0, 1.0])  # takes a vector to the camera frame of the mirrored picture
 
 
 def anchor_weights(directions, anchors):
     """w(L): (..., D, 3) unit directions and (K, 3) anchors to (..., D, K) weights that sum to one."""
-    return torch.softmax(KAPPA * (directions @ anchors.T), dim=-1)
+    weights = torch.softmax(KAPPA * (directions @ anchors.T), dim=-1)
+    # Those of anchors far away are subnormal numbers, with which a CPU multiplies ten times as slowly.
+    return weights * (weights > 1e-12)
 
 
-def sides(inside):
-    """Two functions, that take maps (2, C, h, w) of a photograph and of its mirror image to the values (1, C,
-    N, 1) of the one and of the other at the N pixels inside (h, w) the photograph."""
-    width = inside.shape[1]
-    row, column = inside.nonzero(as_tuple=True)
-    own, other = row * width + column, row * width + width - 1 - column
-    return (
-        lambda maps: maps[:1].flatten(2).index_select(2, own)[..., None],
-        lambda maps: maps[1:].flatten(2).index_select(2, other)[..., None],
-    )
-
-
-def both_sides(own, other, anchors):
-    """The mean of features (1, K, N, 1) of the anchors (K, 3): a photograph's, and its mirror image's,
-    brought to the same anchors, which are not each other's mirror."""
+def both_sides(own: torch.Tensor, mirrored: torch.Tensor, anchors: torch.Tensor) -> torch.Tensor:
+    """The mean of features (K, N) of the anchors (K, 3): a photograph's, and its mirror image's, brought to
+    the same anchors, which are not each other's mirror."""
     across = anchor_weights(anchors * MIRROR.to(anchors.device), anchors)
-    return (own + torch.einsum("kj,bjnw->bknw", across, other)) / 2
-
-
-def scatter(values, mask):
-    """Values (1, C, N, 1) of the pixels inside the mask (h, w) as a canvas (C, h, w), zero outside."""
-    canvas = mask.new_zeros(values.shape[1], mask.numel())
-    inside = (mask > 0).flatten().nonzero()[:, 0]
-    return canvas.index_copy_(1, inside, values[0, :, :, 0].to(canvas)).unflatten(1, mask.shape)
+    return torch.addmm(own, across, mirrored).div_(2)
 
 
 class FieldMaps(NamedTuple):
@@ -88,39 +72,61 @@ class VisibilityField(nn.Module):
         return F.logsigmoid(attached) + F.logsigmoid(cast + LIT)
 
     @torch.no_grad()
-    def infer(self, rgb, mask):
-        """Framed rgb (3, h, w), linear, and mask (h, w) to the FieldMaps of the N pixels inside it, as
-        (1, C, N, 1): the mean of what the network says of the photograph and of its mirror image, since its
-        errors there are others."""
-        image = encode_image(rgb[None], mask[None, None])
-        both = self(torch.cat([image, image.flip(-1)]))
-        own, other = (both.at(side) for side in sides(mask > 0))
-        mirrored = MIRROR.to(image.device).view(1, 3, 1, 1) * other.normals
-        return FieldMaps(
-            F.normalize(own.normals + mirrored, dim=1),
-            both_sides(own.cast, other.cast, self.anchors),
-            (own.sharpness * other.sharpness).sqrt(),
+    def infer(self, rgb: torch.Tensor, mask: torch.Tensor) -> tuple[FieldMaps, Silhouette]:
+        """Framed rgb (3, h, w), linear, and mask (h, w) to the FieldMaps (C, N) of the N pixels inside it."""
+        silhouette = Silhouette(mask)
+        image = with_mirror(encode_image(rgb[None], mask[None, None]))
+        with autocast(rgb.device):
+            both = self(image, silhouette.blocks)
+        own, mirrored = (FieldMaps(*side) for side in zip(*map(silhouette.sides, both), strict=True))
+        turned = MIRROR.to(rgb.device)[:, None] * mirrored.normals
+        maps = FieldMaps(
+            F.normalize(own.normals + turned, dim=0),
+            both_sides(own.cast, mirrored.cast, self.anchors),
+            (own.sharpness * mirrored.sharpness).sqrt(),
         )
+        return maps, silhouette
 
     @torch.no_grad()
-    def normals(self, rgb, mask):
+    def normals(self, rgb: torch.Tensor, mask: torch.Tensor) -> torch.Tensor:
         """Framed rgb (3, h, w), linear, and mask (h, w) to unit normals (3, h, w), zero outside the mask."""
-        return scatter(self.infer(rgb, mask).normals, mask)
+        maps, silhouette = self.infer(rgb, mask)
+        return silhouette.scatter(maps.normals)
 
     @torch.no_grad()
-    def analyse(self, rgb, mask, normals=None):
+    def analyse(
+        self, rgb: torch.Tensor, mask: torch.Tensor, normals: torch.Tensor | None = None
+    ) -> tuple[torch.Tensor, "Visibility"]:
         """Framed rgb (3, h, w), linear, and mask (h, w) to unit normals (3, h, w), zero outside the mask, and
-        to a function of directions. Normals (3, h, w) that are given take the place of the network's own.
-
-        The function takes unit directions (D, 3) and returns their visibility (D, h, w) in [0, 1], zero
-        outside the mask; it runs no network.
+        to the visibility of any light. Normals (3, h, w) that are given take the place of the network's own.
         """
-        maps = self.infer(rgb, mask)  # a light costs the subject's pixels only, some quarter of the canvas
+        maps, silhouette = self.infer(rgb, mask)
         if normals is not None:
-            maps = maps._replace(normals=normals[None, :, mask > 0, None])
+            maps = maps._replace(normals=silhouette.take(normals))
+        return silhouette.scatter(maps.normals), Visibility(maps, silhouette, self.anchors)
 
-        def visibility(directions):
-            with torch.no_grad():
-                return scatter(self.log_visibility(maps, directions[None]).exp(), mask)
 
-        return scatter(maps.normals, mask), visibility
+class Visibility(NamedTuple):
+    """The visibility of one subject in any light: dot products with its maps, and no network."""
+
+    maps: FieldMaps  # (C, N) of the subject's pixels
+    silhouette: Silhouette
+    anchors: torch.Tensor  # (K, 3)
+
+    def __call__(self, directions: torch.Tensor) -> torch.Tensor:
+        """Unit directions (D, 3) to maps (D, h, w) in [0, 1], zero outside the subject."""
+        return self.silhouette.scatter(self.at_pixels(directions))
+
+    def halved(self, directions: torch.Tensor, column: int) -> torch.Tensor:
+        """The same at every second row and column, from column 0 or 1 on: (D, h / 2, w / 2)."""
+        chosen, place, size = self.silhouette.halved(column)
+        maps = directions.new_zeros(len(directions), size.numel())
+        return maps.index_copy_(1, place, self.at_pixels(directions, chosen)).unflatten(1, size)
+
+    @torch.no_grad()
+    def at_pixels(self, directions: torch.Tensor, chosen: slice = slice(None)) -> torch.Tensor:
+        """Visibility (D, n) of the subject's pixels, or of those chosen: `VisibilityField.log_visibility`,
+        without its logarithm, which costs ten times the product."""
+        normals, cast, sharpness = (image[:, chosen] for image in self.maps)
+        attached = (directions @ normals).mul_(sharpness).sigmoid_()
+        return (anchor_weights(directions, self.anchors) @ cast).add_(LIT).sigmoid_().mul_(attached)

@@ -95,8 +95,9 @@ def _display(rgb):
     return torch.where(rgb <= 0.0031308, 12.92 * rgb, 1.055 * rgb ** (1 / 2.4) - 0.055)
 
 
-def load(path):
-    """The front-normal generator in a PIFuHD checkpoint, ready for inference on the CPU.
+def load(path, device="cpu"):
+    """The front-normal generator in a PIFuHD checkpoint, ready for inference on `device`. It is shared:
+    nobody may change it.
 
     Nothing in the file is run: of pickled objects, only its options (argparse.Namespace) are let in.
 
@@ -105,11 +106,11 @@ def load(path):
     FileNotFoundError: no such file. ValueError: it is damaged, holds pickled code, holds no front-normal
     generator, or one that wants more than the photograph, as those of ICON and ECON.
     """
-    return _load(Path(path).resolve(strict=True))
+    return _load(Path(path).resolve(strict=True), torch.device(device))
 
 
 @functools.lru_cache(maxsize=1)
-def _load(path):
+def _load(path, device):
     parameters = _generator(path, _read(path))
     with torch.device("meta"):
         network = FrontNormals(parameters["model.1.weight"].shape[0])
@@ -119,7 +120,7 @@ def _load(path):
         reason = " ".join(str(error).split())
         raise ValueError(f"normals: {path} holds another generator than PIFuHD's: {reason}") from error
     network.origin = checkpoints.Origin(path.stem, checkpoints.sha256(path), {})
-    return network.eval().requires_grad_(False)
+    return network.eval().requires_grad_(False).to(device)
 
 
 def _read(path):

@@ -1,0 +1,87 @@
+"""What the networks found of one frame, on their canvas, and sums of lights there."""
+
+from collections.abc import Callable, Iterable
+from typing import NamedTuple
+
+import numpy as np
+import torch
+import torch.nn.functional as F
+
+from shading import Analysis
+from shadow.framing import Framing
+
+DARK = 1e-3  # squared albedo at which the photographed shading is as much guess as measurement
+DEEPEST = 0.02  # least photographed shading, as a share of the mean: bounds the noise that delighting lifts
+BATCH = 64  # directions at a time
+
+Maps = Callable[[torch.Tensor], torch.Tensor]  # unit directions (D, 3) to maps (D, h, w) in [0, 1]
+
+
+class Canvas(NamedTuple):
+    """What the networks found of one frame, on their canvas of h x w pixels, in the computer's own memory."""
+
+    framing: Framing  # where the canvas lies on the plate
+    known: torch.Tensor  # (h, w) bool: shows the subject
+    image: torch.Tensor  # (3, h, w) the photograph, display-encoded, in about [0, 1]
+    normals: torch.Tensor  # (3, h, w) unit vectors
+    visibility: Maps
+    shading: Maps
+    albedo: torch.Tensor  # (3, h, w) linear, in [0, 1]
+    light: torch.Tensor | None  # (1, h, w) in which it was photographed; None if the albedo is given
+
+    @classmethod
+    def of(
+        cls, analysis: Analysis, framing: Framing, image: torch.Tensor, albedo: torch.Tensor | None
+    ) -> "Canvas":
+        """From an analysis on any device. `framing` is on the whole plate, `image` display-encoded; `albedo`
+        (3, h, w) takes the place of what was inferred."""
+        known, light = analysis.framed.mask.cpu() > 0.5, None
+        if albedo is None:
+            albedo = analysis.canvas_albedo.cpu()
+            light = _photographed_shading(analysis.framed.rgb.cpu(), albedo, known)
+        place = analysis.framed.rgb.device
+        visibility, shading = (
+            Elsewhere(maps, place) if place.type != "cpu" else maps
+            for maps in (analysis.canvas_visibility, analysis.canvas_shading)
+        )
+        return cls(framing, known, image, analysis.canvas_normals.cpu(), visibility, shading, albedo, light)
+
+
+class Elsewhere(NamedTuple):
+    """Maps that another device works out."""
+
+    maps: Maps
+    device: torch.device
+
+    def __call__(self, directions: torch.Tensor) -> torch.Tensor:
+        return self.maps(directions.to(self.device)).cpu()
+
+
+def weighted_sum(
+    maps: Maps, samples: Iterable[tuple[np.ndarray, np.ndarray]], shape: torch.Size, channels: int
+) -> torch.Tensor:
+    """Σ power · maps(direction) on the canvas: (channels, h, w).
+
+    `samples` are directions (D, 3) and powers (D, channels). The result's channels lie together in memory, as
+    the lookup of the enlargement wants them.
+    """
+    total = torch.zeros(shape.numel(), channels)
+    for directions, powers in samples:
+        batches = (torch.from_numpy(np.float32(values)).split(BATCH) for values in (directions, powers))
+        for batch, power in zip(*batches, strict=True):
+            total.addmm_(maps(batch).flatten(1).T, power)
+    return total.T.unflatten(1, shape)
+
+
+def _photographed_shading(framed: torch.Tensor, albedo: torch.Tensor, known: torch.Tensor) -> torch.Tensor:
+    """The light that the person was photographed in, on the canvas (1, h, w): image over albedo.
+
+    It has no colour, since the albedo has the photograph's. Least squares of image = shading · albedo over
+    3 x 3 pixels, drawn toward the mean light where the albedo is too dark to tell. Positive everywhere on the
+    subject.
+    """
+    mean = (framed[:, known].mean() / albedo[:, known].mean().clamp_min(1e-6)).clamp_min(1e-6)
+    products = torch.stack([framed * albedo, albedo**2]).mean(dim=1)
+    around = F.avg_pool2d(products * known, 3, stride=1, padding=1)
+    shading = (around[:1] + DARK * mean) / (around[1:] + DARK)
+    return torch.maximum(shading, DEEPEST * mean)
