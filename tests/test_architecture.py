@@ -1,19 +1,35 @@
 import ast
+import pkgutil
+import subprocess
+import sys
 import tomllib
+from importlib import import_module
 from pathlib import Path
+from types import ModuleType
 
 import pytest
 
+import relight
+
 ROOT = Path(__file__).parent.parent
+APART = {
+    f"shadow.{role}" for role in ("data", "training", "evaluation", "lightstage")
+}  # what made the weights
 LOWER = {"shadow": set(), "shading": {"shadow"}, "relight": {"shadow", "shading"}}
 
 
 def imported(path):
+    """Dotted names of all that a file imports, in its functions too."""
     for node in ast.walk(ast.parse(path.read_text())):
         if isinstance(node, ast.Import):
-            yield from (alias.name.split(".")[0] for alias in node.names)
-        elif isinstance(node, ast.ImportFrom) and node.level == 0:
-            yield node.module.split(".")[0]
+            yield from (alias.name for alias in node.names)
+        elif isinstance(node, ast.ImportFrom):
+            assert node.level == 0, f"{path} imports relatively, which these tests do not follow"
+            yield from (f"{node.module}.{alias.name}" for alias in node.names)
+
+
+def within(name, packages):
+    return any(name == package or name.startswith(f"{package}.") for package in packages)
 
 
 @pytest.mark.parametrize("package", LOWER)
@@ -21,8 +37,54 @@ def test_imports_run_one_way(package):
     files = list((ROOT / package).rglob("*.py"))
     assert files
     for path in files:
-        ours = {name for name in imported(path) if name in LOWER} - {package}
+        ours = {top for name in imported(path) if (top := name.split(".")[0]) in LOWER} - {package}
         assert ours <= LOWER[package], f"{path} imports {ours}"
+
+
+def test_what_infers_does_not_import_what_made_its_weights():
+    files = [
+        path
+        for path in (ROOT / "shadow").rglob("*.py")
+        if not within(".".join(path.relative_to(ROOT).with_suffix("").parts), APART)
+    ]
+    assert {"visibility.py", "normals.py", "framing.py", "field.py"} <= {path.name for path in files}
+    for path in files:
+        assert not [name for name in imported(path) if within(name, APART)], path
+
+
+RELIT = """
+import sys
+import numpy as np
+import relight
+
+person = np.zeros((64, 48, 4), np.float32)
+person[8:56, 12:36] = 0.3, 0.3, 0.3, 1
+subject = relight.Subject(person)
+assert subject.relit([relight.DirectionalLight(azimuth=-40, elevation=30)])[20, 20, :3].min() > 0
+print(*sys.modules)
+"""
+
+
+def test_relighting_loads_nothing_that_training_or_keying_alone_needs():
+    command = [sys.executable, "-c", RELIT]
+    run = subprocess.run(command, cwd=ROOT, capture_output=True, text=True, check=False)
+    assert run.returncode == 0, run.stderr
+    loaded = run.stdout.split()
+    assert "shading.diffuse" in loaded
+    assert not [name for name in loaded if within(name, APART | {"trimesh", "anny", "mitsuba", "numba"})]
+
+
+def test_no_module_takes_the_place_of_a_public_name():
+    names = [module.name for module in pkgutil.walk_packages(relight.__path__, "relight.")]
+    assert "relight.subject" in names
+    assert not {name.split(".")[-1] for name in names} & set(relight.__all__)
+    for name in names:
+        if not name.endswith("__main__"):
+            import_module(name)
+    for name in relight.__all__:  # a lazy export is looked up the first time, an attribute the second
+        first, second = getattr(relight, name), getattr(relight, name)
+        assert first is second, name
+        assert not isinstance(first, ModuleType), name
 
 
 def test_the_light_stage_is_not_needed_at_run_time():
