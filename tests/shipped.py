@@ -120,16 +120,17 @@ def scenes():
 
 def infer_field(scene, lights, model="field"):
     """The field's normals (3, H, W) and visibility (D, H, W)."""
-    seen = scene.photograph, scene.mask
-    normals = shadow.infer_normals(*seen, model=model).permute(2, 0, 1)
-    return {"normals": normals, "visibility": shadow.infer(*seen, lights, model=model)}
+    found = shadow.analyse(scene.photograph, scene.mask, model=model)
+    return {"normals": found.normals.permute(2, 0, 1), "visibility": found.visibility(lights)}
 
 
 def infer_shading(scene, lights, model="shading"):
     """The shading (D, H, W) and the encoded albedo (3, H, W), upon the shipped field's visibility."""
-    seen = scene.photograph, scene.mask
-    albedo = shading.infer_albedo(*seen, model=model).permute(2, 0, 1) ** (1 / ENCODING)
-    return {"albedo": albedo, "shading": shading.infer(*seen, lights, model=model)}
+    found = shading.analyse(scene.photograph, scene.mask, model=model)
+    return {
+        "albedo": found.albedo.permute(2, 0, 1) ** (1 / ENCODING),
+        "shading": found.shading(lights),
+    }
 
 
 def against_truth(scene, maps):

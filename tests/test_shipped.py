@@ -12,6 +12,7 @@ import torch
 from safetensors.torch import save_file
 
 from shadow.networks import checkpoints
+from shadow.networks.mirror import Silhouette
 
 ANCHORS = 96
 SHARPNESS = 3 + ANCHORS  # the field's channels: normals, cast maps, logarithm of the sharpness
@@ -55,23 +56,23 @@ def sharpness_halved(head):
 
 
 def replace(monkeypatch, name, value):
-    """Give all our modules that know `name` another value for it; returns the one that they had."""
+    """Give all our modules that know `name` another value for it."""
     ours = [module for path, module in sys.modules.items() if path.split(".")[0] in ("shadow", "shading")]
-    places = [module for module in ours if hasattr(module, name)]
-    original = getattr(places[0], name)
-    for module in places:
-        monkeypatch.setattr(module, name, value)
-    return original
+    for module in ours:
+        if hasattr(module, name):
+            monkeypatch.setattr(module, name, value)
 
 
 def pixels_not_turned_back(monkeypatch):
     """The mirror image's maps are read as if they lay as the photograph's do."""
 
-    def sides(inside):
-        own, _ = original(inside)
-        return own, lambda maps: own(maps.flip(0))
+    class Unturned(Silhouette):
+        def __init__(self, mask):
+            super().__init__(mask)
+            self.blocks = self.blocks[:1].expand(2, -1)
+            self._taken = [self._taken[0]] * 2
 
-    original = replace(monkeypatch, "sides", sides)
+    replace(monkeypatch, "Silhouette", Unturned)
 
 
 def vectors_not_turned_back(monkeypatch):
