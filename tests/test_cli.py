@@ -12,7 +12,7 @@ from relight.cli import app
 from relight.cli.training import Model
 from relight.composite import place
 from relight.media.movies import Movie
-from shadow import visibility
+from shadow import analysis
 
 LIGHTS = [
     "--light",
@@ -179,7 +179,7 @@ def test_bad_input_is_one_line(tmp_path, monkeypatch, photo, change, message):
 
 
 def test_every_visibility_network_can_be_trained():
-    assert {model.value for model in Model} == set(visibility.NETWORKS)
+    assert {model.value for model in Model} == set(analysis.NETWORKS)
 
 
 def test_apply_writes_layers_and_a_nuke_script(tmp_path, photo):

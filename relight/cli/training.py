@@ -244,10 +244,10 @@ def evaluate_visibility(
     """Print RMSE, PSNR and Dice of the visibility maps (Section 4.1) beside the sign(N·L) baselines."""
     from shadow.evaluation import scores
 
-    scores, angle = scores.evaluate(
+    found, angle = scores.evaluate(
         records, model=model, normals_model=normals, seed=seed, limit=limit
     )  # fmt: skip
-    print(scores.report(scores, angle))
+    print(scores.report(found, angle))
 
 
 @evaluate.command("tables")
