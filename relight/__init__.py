@@ -20,6 +20,7 @@ _EXPORTS = {
     "place": "relight.composite",
     "read": "relight.media.images",
     "render": "relight.rendering",
+    "render_still": "relight.stills",
     "render_video": "relight.video",
     "read_layers": "relight.media.images",
     "read_lights": "relight.lights.files",

@@ -1,5 +1,6 @@
 """One light at a time: the person in each direction of the OLAT set, for a mix that is made elsewhere."""
 
+from collections.abc import Callable
 from pathlib import Path
 
 import numpy as np
@@ -8,11 +9,13 @@ from relight.lights.directional import DirectionalLight
 from relight.lights.files import write_lights
 from relight.media import images, nuke
 from relight.media.sequences import Sequence
+from relight.outputs import check
+from relight.preparation import Preparation, Source
 from relight.subject import Subject
-from shadow import directions
+from shadow import directions, inputs
 
 
-def olat_lights(behind=False):
+def olat_lights(behind: bool = False) -> list[DirectionalLight]:
     """Lights of intensity 1, `olat_01`, `olat_02`..., from the 64 OLAT directions; with `behind` 32 more."""
     return [
         DirectionalLight(direction, name=f"olat_{number:02d}")
@@ -20,17 +23,29 @@ def olat_lights(behind=False):
     ]
 
 
-def write_olat(output, image, mask=None, *, behind=False, script=None, progress=None):
+def write_olat(
+    output: str | Path,
+    image: Source,
+    mask: Source | None = None,
+    *,
+    colour_space: str | None = None,
+    behind: bool = False,
+    script: str | Path | None = None,
+    device: str | None = None,
+    progress: Callable[[int, int], None] | None = None,
+) -> list[Path]:
     """Write the person in each OLAT light alone.
 
     Parameters
     ----------
     output: an .exr file, in which each light is a layer `C_olat_01.R`... and the picture their sum; or a
         sequence such as `olat.%04d.exr`, whose frame 1 is the first light.
-    image: (H, W, 3|4). Integers are sRGB-encoded with straight alpha; floats linear Rec.709, premultiplied.
-    mask: (H, W) in [0, 1], the matte of the person; needed unless the image has alpha.
+    image: the photograph, as an image that `relight.Subject` takes, or a file.
+    mask: the person's matte, as a mask or a file; needed unless the image has alpha.
+    colour_space: of the photograph, where its file does not say; see `relight.read`.
     behind: 32 directions behind the person too.
     script: a Nuke script (.nk) to write as well: a Multiply for each light, and their sum.
+    device: where the networks run, such as "cuda"; the CPU unless given.
     progress: called with (lights done, lights in all).
 
     Beside the output, a .json of the same name is the lights file (see `relight.read_lights`) that gives the
@@ -43,14 +58,17 @@ def write_olat(output, image, mask=None, *, behind=False, script=None, progress=
 
     Raises
     ------
-    TypeError, ValueError: as `relight.Subject` does; an output that is not .exr. OSError: as `relight.write`.
+    TypeError, ValueError: as `relight.Subject` does; an output that is not .exr, or is read as well. OSError:
+    as `relight.write`.
     """
     output, sequence = Path(output), Sequence.of(output)
     if output.suffix.lower() != ".exr":
         raise ValueError(f"{output}: expected a file name that ends in .exr")
-    images.check_writable(output)
+    check([output, *([] if script is None else [Path(script)])], (image, mask))
+    inputs.device("device", device)
     lights = olat_lights(behind)
-    subject = Subject(image, mask)
+    plate, matte, _ = Preparation(image, mask=mask, colour_space=colour_space).person(0)
+    subject = Subject(plate, matte, device=device)
     report = progress or (lambda done, total: None)
     written, layers, picture = [], {}, 0
     for number, light in enumerate(lights, 1):

@@ -2,6 +2,7 @@
 
 import os
 from collections.abc import Callable, Iterable, Sequence
+from pathlib import Path
 
 import numpy as np
 import torch
@@ -81,8 +82,7 @@ def render(
     TypeError, ValueError: as `apply` and `render_subject` do.
     """
     lights = list(by_name(lights).values())  # what is wrong with them is said before the networks run
-    passes = tuple(passes)
-    check(passes)
+    passes = check_names(passes)
     subject = Subject(image, mask, albedo=albedo, normals=normals, device=device)
     return render_subject(subject, lights, background=background, passes=passes)
 
@@ -113,6 +113,7 @@ def render_subject(
     ------
     ValueError: no light, two lights of one name, an unknown pass.
     """
+    passes = check_names(passes)
     picture, groups = light_groups(subject, lights)
     further = passes_of(subject, lights, passes)
     if background is None:
@@ -171,7 +172,7 @@ def passes_of(subject: Subject, lights: Light | Iterable[Light], names: Iterable
     -------
     {layer name: array}, float32. Raises ValueError for other names.
     """
-    check(names)
+    names = check_names(names)
     layers = {"albedo": subject.albedo} if "albedo" in names else {}
     layers |= {"N": subject.normals} if "N" in names else {}
     lights = by_name(lights)
@@ -182,11 +183,16 @@ def passes_of(subject: Subject, lights: Light | Iterable[Light], names: Iterable
     return layers
 
 
-def check(names: Iterable[str]) -> None:
-    """ValueError unless all names are passes'."""
+def check_names(names: Iterable[str], outputs: Iterable[Path] | None = None) -> tuple[str, ...]:
+    """The names of passes, checked: ValueError unless all are passes'; or, of a picture that goes to files
+    alone, where no .exr among these outputs holds them."""
+    names = tuple(names)
     for name in names:
         if name not in PASSES:
-            raise ValueError(f"layers: expected any of {', '.join(PASSES)}, got {name!r}")
+            raise ValueError(f"passes: expected any of {', '.join(PASSES)}, got {name!r}")
+    if names and outputs is not None and not any(path.suffix.lower() == ".exr" for path in outputs):
+        raise ValueError("passes: are layers of an .exr; expected one among the outputs")
+    return names
 
 
 def half(values: np.ndarray) -> np.ndarray:

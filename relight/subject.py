@@ -170,6 +170,16 @@ class Subject:
         maps = weighted_sum(self._canvas.visibility, [(directions, weights[:, None])], shape, channels=1)
         return self._person.scatter(self._to_plate(maps))[..., 0]
 
+    @property
+    def size(self) -> tuple[int, int]:
+        """(H, W) of the plate, in pixels."""
+        return self._person.size
+
+    @cached_property
+    def matte(self) -> np.ndarray:
+        """(H, W) float32 in [0, 1]: the person's coverage, the alpha of what is relit."""
+        return self._person.scatter(self._person.coverage[:, None])[..., 0]
+
     @cached_property
     def albedo(self) -> np.ndarray:
         """(H, W, 3) float32 linear Rec.709 in [0, 1]: the plate's texture without its light; zero outside."""

@@ -77,7 +77,7 @@ def test_relighting_loads_nothing_that_training_or_keying_alone_needs():
 def test_no_module_takes_the_place_of_a_public_name():
     names = [module.name for module in pkgutil.walk_packages(relight.__path__, "relight.")]
     assert "relight.subject" in names
-    assert not {name.split(".")[-1] for name in names} & set(relight.__all__)
+    assert not {name.removeprefix("relight.") for name in names} & set(relight.__all__)
     for name in names:
         if not name.endswith("__main__"):
             import_module(name)

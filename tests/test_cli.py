@@ -8,6 +8,7 @@ import trimesh
 from typer.testing import CliRunner
 
 import relight
+from relight import olat, stills, video
 from relight.cli import app
 from relight.cli.training import Model
 from relight.composite import place
@@ -149,7 +150,7 @@ def test_lights_come_from_a_file_and_go_to_one(tmp_path, photo):
         ({"--background": "1/2"}, "background: expected an image or three finite numbers"),
         ({"--background": "environment"}, "expected an environment among the lights"),
         ({"--size": "100"}, "--size: expected WIDTHxHEIGHT or background, got '100'"),
-        ({"--size": "background"}, "--size background: expected --background with an image"),
+        ({"--size": "background"}, "size: 'background' expected a background that is an image"),
         ({"--offset": "1"}, "offset: expected two whole numbers, got (1,)"),
         ({"--offset": "a/b"}, "--offset: expected RIGHT/UP in pixels"),
         ({"--scale": "0"}, "scale: expected a finite number > 0"),
@@ -163,7 +164,7 @@ def test_lights_come_from_a_file_and_go_to_one(tmp_path, photo):
         ({"-o": "out.gif"}, "out.gif: expected a file name that ends in"),
         ({"-o": "none/out.exr"}, "the folder none does not exist"),
         ({"-o": "out.nk"}, "out.nk: a Nuke script needs an .exr to read"),
-        ({"--layers": "N,depth"}, "layers: expected any of albedo, N, visibility, shading, got 'depth'"),
+        ({"--passes": "N,depth"}, "passes: expected any of albedo, N, visibility, shading, got 'depth'"),
     ],
 )
 def test_bad_input_is_one_line(tmp_path, monkeypatch, photo, change, message):
@@ -184,10 +185,83 @@ def test_every_visibility_network_can_be_trained():
 
 def test_apply_writes_layers_and_a_nuke_script(tmp_path, photo):
     outputs = ["-o", tmp_path / "out.exr", "-o", tmp_path / "out.nk"]
-    result = run("apply", *photo, *LIGHTS, *outputs, "--layers", "albedo, N")
+    result = run("apply", *photo, *LIGHTS, *outputs, "--passes", "albedo, N")
     assert result.exit_code == 0, result.output
     assert set(relight.read_layers(tmp_path / "out.exr")) == {"C_key", "C_fill", "albedo", "N"}
     assert "\n name Multiply_fill\n" in (tmp_path / "out.nk").read_text()
+
+
+def test_passes_were_called_layers(tmp_path, photo):
+    result = run("apply", *photo, *LIGHTS, "-o", tmp_path / "out.exr", "--layers", "N")
+    assert result.exit_code == 0, result.output
+    assert "--layers is now called --passes" in result.output
+    assert set(relight.read_layers(tmp_path / "out.exr")) == {"C_key", "C_fill", "N"}
+    assert "--layers" not in run("apply", "--help").output
+
+
+@pytest.mark.parametrize(
+    ("command", "options", "message"),
+    [
+        ("apply", ["-o", "photo.png"], "photo.png: is read as well, and would be overwritten"),
+        ("apply", ["-o", "a.png", "--save-matte", "./x/../mask.png"], "mask.png: is read as well"),
+        ("apply", ["-o", "a.png", "--save-matte", "a.png"], "a.png: is written twice"),
+        ("apply", ["-o", "a.png", "--background", "b.exr", "-o", "b.exr"], "b.exr: is read as well"),
+        ("apply", ["-o", "a.%04d.png"], "expected one picture's file"),
+        ("apply", ["-o", "a.mov"], "expected one picture's file"),
+        ("apply", ["-o", "a.png", "--passes", "N"], "passes: are layers of an .exr"),
+        ("apply", ["-o", "a.png", "--axes", "+x-y-z"], "axes: those of which normals?"),
+        ("apply", ["-o", "a.png", "--light", "orbit=9"], "moves; give the light of one frame"),
+        ("apply", ["-o", "a.png", "--size", "65537x4"], "size: expected 1 to 65536 pixels"),
+        ("apply", ["-o", "a.png", "--device", "gpu9"], "device: expected a device of this machine"),
+        ("apply", ["-o", "a.png", "--background", "#202020"], "expected a linear colour as 0.2/0.2/0.2"),
+        ("apply", ["-o", "a.png", "--background", "0.2,0.2,0.2"], "expected a linear colour as 0.2/0.2/0.2"),
+        ("video", ["-o", "photo%d.png", "--frames", "1-99999999999999999999"], "first <= last <= 1000000000"),
+        ("video", ["-o", "a.####.png", "--background", "a.%02d.png"], "a.####.png: is read as well"),
+        (
+            "video",
+            ["-o", "a.%d.png", "--save-matte", "m.png", "--frames", "1-2"],
+            "m.png: expected a frame number in the name",
+        ),
+        ("video", ["-o", "a.%d.png", "--device", "gpu9"], "device: expected a device of this machine"),
+        ("olat", ["-o", "a.exr", "--device", "gpu9"], "device: expected a device of this machine"),
+    ],
+)
+def test_what_can_be_refused_is_refused_before_any_work(
+    tmp_path, photo, monkeypatch, command, options, message
+):
+    monkeypatch.chdir(tmp_path)
+    (tmp_path / "x").mkdir()
+    for module in (stills, video, olat):
+        monkeypatch.setattr(module, "Subject", None)
+    before = {path: path.read_bytes() for path in tmp_path.glob("*.*")}
+    lights = [] if command == "olat" else ["--light", "azimuth=10"]
+    result = run(command, *photo, *lights, *options)
+    assert result.exit_code == 2, result.output
+    assert message in result.output
+    assert {path: path.read_bytes() for path in tmp_path.glob("*.*")} == before
+
+
+def test_apply_and_video_take_the_same_look(tmp_path, photo):
+    """Placed, with given normals, its matte kept: a frame of a video is the still."""
+    normals = np.zeros((96, 80, 3), np.float32)
+    normals[..., 2] = 1
+    relight.write(tmp_path / "n.exr", normals)
+    look = ["--size", "100x60", "--scale", "0.8", "--offset", "5/-3", "--normals", tmp_path / "n.exr"]
+    still = run("apply", *photo, *LIGHTS, *look, "-o", tmp_path / "a.exr", "--save-matte", tmp_path / "a.png")
+    outputs = ["-o", tmp_path / "v.%d.exr", "--save-matte", tmp_path / "m.%d.png"]
+    moved = run("video", *photo, *LIGHTS, *look, *outputs, "--frames", "7-7")
+    assert still.exit_code == moved.exit_code == 0, still.output + moved.output
+    np.testing.assert_array_equal(relight.read(tmp_path / "a.exr"), relight.read(tmp_path / "v.7.exr"))
+    np.testing.assert_array_equal(
+        relight.read_mask(tmp_path / "a.png"), relight.read_mask(tmp_path / "m.7.png")
+    )
+
+
+def test_the_version_and_the_examples_of_the_help_are_whole():
+    assert run("--version").output == f"relight {relight.__version__}\n"
+    text = CliRunner().invoke(app, ["apply", "--help"], env={"COLUMNS": "80", "TERM": "dumb"}).output
+    assert "--light key:azimuth=-40,elevation=30,intensity=2,colour=1/0.9/0.8" in text
+    assert "--environment studio.exr,rotation=90,intensity=2" in text
 
 
 def test_olat_writes_passes_and_their_directions(tmp_path, photo):
@@ -218,7 +292,7 @@ def test_video_names_what_is_wrong(tmp_path, photo):
     for option, message in (
         (["--frames", "one"], "--frames: expected FIRST-LAST, such as 1-200, got 'one'"),
         ([], "frames: expected (first, last), as neither source nor lights say how many"),
-        (["--frames", "1-2", "--background", "environment"], "expected one among the lights, got 0"),
+        (["--frames", "1-2", "--background", "environment"], "expected an environment among the lights"),
     ):
         result = run("video", *photo, *LIGHTS, "-o", tmp_path / "r.%d.exr", *option)
         assert result.exit_code == 2

@@ -24,10 +24,11 @@ class Stub:
 
     made, steadied_by = [], []
 
-    def __init__(self, image, mask=None):
+    def __init__(self, image, mask=None, normals=None, device=None):
         alpha = image[..., 3] if mask is None else mask
         self.image = np.concatenate([image[..., :3] * alpha[..., None], alpha[..., None]], axis=-1)
         self.albedo = self.normals = image[..., :3]
+        self.size, self.matte = alpha.shape, alpha
         Stub.made.append(self)
 
     def relit(self, light):
@@ -283,14 +284,14 @@ def test_memory_is_flat_over_a_thousand_frames(stub, tmp_path):
         ({"outputs": "r.mp4"}, ValueError, r"r\.mp4: \.mp4 holds no alpha; give a background"),
         ({"outputs": "r.exr"}, ValueError, r"r\.exr: expected a movie, or a frame number in the name"),
         ({"outputs": "r.%04d.gif"}, ValueError, "expected a file name that ends in"),
-        ({"outputs": "r.nk"}, ValueError, r"r\.nk: a Nuke script needs a sequence of \.exr"),
+        ({"outputs": "r.nk"}, ValueError, r"r\.nk: a Nuke script needs an \.exr to read"),
         ({"outputs": "none/r.%04d.exr"}, FileNotFoundError, "the folder none does not exist"),
         ({"outputs": "none/r.mov"}, FileNotFoundError, "the folder none does not exist"),
-        ({"passes": ["depth"]}, ValueError, "layers: expected any of"),
+        ({"passes": ["depth"]}, ValueError, "passes: expected any of"),
         ({"lights": [STILL, STILL]}, ValueError, "lights: expected different names"),
         ({"lights": []}, ValueError, "lights: expected at least one"),
         ({"source": person() * 0}, ValueError, "none of 2 frames could be made; frame 1: .* is empty"),
-        ({"outputs": "r.%04d.png", "source": "r.%04d.png"}, ValueError, "is the source"),
+        ({"outputs": "r.%04d.png", "source": "r.%04d.png"}, ValueError, "is read as well"),
     ],
 )
 def test_bad_arguments_are_named(tmp_path, monkeypatch, arguments, error, message):

@@ -1,0 +1,103 @@
+"""`relight evaluate`: networks scored on records that they were not trained on.
+
+Heavy modules are imported inside the commands, so that `relight --help` answers at once.
+"""
+
+from pathlib import Path
+from typing import Annotated
+
+import typer
+
+from relight.cli.options import console
+
+evaluate = typer.Typer(no_args_is_help=True, help="Score networks on records that they were not trained on.")
+
+ScoredRecords = Annotated[list[Path], typer.Option(help="Records or shards to score on. Repeatable.")]
+NormalsWeights = Annotated[
+    str | None,
+    typer.Option(help="Whose normals, if not the tested field's own: a name, or a file."),
+]
+LightingSeed = Annotated[int, typer.Option(help="Of the lightings the records are photographed under.")]
+Limit = Annotated[int | None, typer.Option(min=1, help="Score this many records, spread evenly.")]
+
+
+@evaluate.command("visibility")
+def evaluate_visibility(
+    records: ScoredRecords,
+    model: Annotated[str, typer.Option(help="Visibility weights: a name, or a file.")] = "field",
+    normals: NormalsWeights = None,
+    seed: LightingSeed = 0,
+    limit: Limit = None,
+):
+    """Print RMSE, PSNR and Dice of the visibility maps (Section 4.1) beside the sign(N·L) baselines."""
+    from shadow.evaluation import scores
+
+    found, angle = scores.evaluate(
+        records, model=model, normals_model=normals, seed=seed, limit=limit
+    )  # fmt: skip
+    print(scores.report(found, angle))
+
+
+@evaluate.command("tables")
+def evaluate_tables(
+    records: ScoredRecords,
+    out: Annotated[Path, typer.Option(help="Folder for report.md, report.json and their pictures.")],
+    model: Annotated[
+        list[str] | None,
+        typer.Option(
+            help="A network, as NAME=FILE. Names: ours (instead of the shipped field), without-normals, "
+            "mixed, resb3, resb7, resb11, attention, or any other for a row more of Table 2. Repeatable."
+        ),
+    ] = None,
+    soft: Annotated[
+        Path | None,
+        typer.Option(help="Folder of another method's soft maps, <record>_<light>.png or .npy (Table 5)."),
+    ] = None,
+    normals: NormalsWeights = None,
+    seed: LightingSeed = 0,
+    limit: Limit = None,
+):
+    """Write the paper's Tables 2 to 5 and Figures 2 and 4, measured on these records, beside its figures."""
+    from shadow.evaluation import report
+
+    path = report.write(
+        records, out, models=_named(model), normals_model=normals, soft=soft, seed=seed, limit=limit
+    )
+    console.print(f"{path}")
+
+
+@evaluate.command("shading")
+def evaluate_shading(
+    records: ScoredRecords,
+    model: Annotated[
+        list[str] | None,
+        typer.Option(
+            help="A network, as ROW=FILE. Rows of Table 6: ours (instead of the shipped one), w/o normals, "
+            "w/o visibility, w/o both, baseline visibility; or any other. Repeatable."
+        ),
+    ] = None,
+    figure: Annotated[Path | None, typer.Option(help="PNG to draw Figure 6 into.")] = None,
+    normals: NormalsWeights = None,
+    field: Annotated[str, typer.Option(help="Visibility weights: a name, or a file.")] = "field",
+    seed: LightingSeed = 0,
+    limit: Limit = None,
+):
+    """Print Table 6: RMSE and SSIM of the shading against path-traced truth; and the albedo's errors."""
+    from shading import evaluation
+
+    tallies, delights = evaluation.evaluate(
+        records, models=_named(model), out=figure, normals_model=normals, field_model=field, seed=seed,
+        limit=limit,
+    )  # fmt: skip
+    print(evaluation.report(tallies, delights))
+
+
+def _named(texts):
+    """NAME=FILE options as a dictionary."""
+    models = {}
+    for text in texts or []:
+        name, _, file = text.partition("=")
+        if not file or name in models:
+            raise ValueError(f"--model: expected NAME=FILE, each name once, got {text!r}")
+        models[name] = file
+    return models

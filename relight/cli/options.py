@@ -1,0 +1,233 @@
+"""The options that commands share, each declared once, and the texts that they are read from."""
+
+import inspect
+from collections.abc import Callable
+from dataclasses import dataclass, fields
+from enum import StrEnum
+from functools import wraps
+from pathlib import Path
+from typing import Annotated, Any, get_type_hints
+
+import typer
+from rich.console import Console
+from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeRemainingColumn
+
+console = Console(stderr=True)
+
+EXAMPLES = """A light: --light key:azimuth=-40,elevation=30,intensity=2,colour=1/0.9/0.8
+
+An environment: --environment studio.exr,rotation=90,intensity=2"""
+
+ColourSpace = Annotated[
+    str | None,
+    typer.Option(help="The photograph's, if its file does not say: sRGB, lin_rec709, ACEScg, Rec.2020..."),
+]
+Device = Annotated[
+    str | None, typer.Option(help="Where the networks run: cpu, cuda, cuda:1... Default: cpu.")
+]
+
+
+class Fitting(StrEnum):
+    fit = "fit"
+    fill = "fill"
+    centre = "centre"
+
+
+class Screen(StrEnum):
+    green = "green"
+    blue = "blue"
+
+
+@dataclass(frozen=True)
+class Look:
+    """What `apply` and `video` share: lights, the photograph's preparation, and what is written."""
+
+    light: Annotated[
+        list[str] | None,
+        typer.Option(
+            help="A light, as in the example below. Also direction=x/y/z, exposure (stops), temperature "
+            "(kelvin), locus (planckian, daylight), angle (degrees, soft); in a video orbit (frames of a "
+            "turn). Repeatable."
+        ),
+    ] = None
+    environment: Annotated[
+        list[str] | None,
+        typer.Option(
+            help="Light from a latitude-longitude map, as in the example below. Its centre is at the camera. "
+            "Repeatable."
+        ),
+    ] = None
+    lights: Annotated[Path | None, typer.Option(help="A lights file, YAML or JSON.")] = None
+    save_lights: Annotated[
+        Path | None, typer.Option(help="Write all these lights to a lights file, for next time.")
+    ] = None
+    mask: Annotated[
+        str | None,
+        typer.Option(
+            help="The matte, unless the photograph has alpha: a file; in a video also a sequence or movie."
+        ),
+    ] = None
+    key: Annotated[
+        Screen | None,
+        typer.Option(help="Cut the person out of a screen; a mask then says where there is one."),
+    ] = None
+    background: Annotated[
+        str | None,
+        typer.Option(
+            help="An image of any size (in a video also a sequence or movie), a linear colour such as "
+            "0.2/0.2/0.2, or environment: what a camera sees of it."
+        ),
+    ] = None
+    field_of_view: Annotated[float, typer.Option(help="Of that camera, vertical, in degrees.")] = 40.0
+    size: Annotated[
+        str | None,
+        typer.Option(help="The picture's: 1920x1080, or background for its own. Default: the photograph's."),
+    ] = None
+    placement: Annotated[
+        Fitting, typer.Option(help="How the photograph lies in a picture of another size.")
+    ] = Fitting.fit
+    scale: Annotated[float, typer.Option(help="Of the photograph, on top of that.")] = 1.0
+    offset: Annotated[str, typer.Option(help="Of the photograph: RIGHT/UP in pixels.")] = "0/0"
+    colour_space: ColourSpace = None
+    normals: Annotated[
+        str | None,
+        typer.Option(help="Use these camera-frame normals: an image, or a network (PIFuHD's .pt)."),
+    ] = None
+    axes: Annotated[
+        str, typer.Option(help="What that image's channels are measured along; OpenCV's are +x-y-z.")
+    ] = "+x+y+z"
+    passes: Annotated[
+        str | None, typer.Option(help="More layers of the .exr: any of albedo,N,visibility,shading.")
+    ] = None
+    layers: Annotated[str | None, typer.Option(hidden=True, help="The former name of --passes.")] = None
+    view: Annotated[
+        str | None,
+        typer.Option(
+            help="View transform of what is for display, e.g. aces, from OpenColorIO's built-in "
+            "configuration or $OCIO. Without one that is sRGB, with highlights rolled off."
+        ),
+    ] = None
+    exposure: Annotated[float, typer.Option(help="Of what is for display, in stops.")] = 0.0
+    save_matte: Annotated[
+        str | None,
+        typer.Option(help="Write the matte alone, grey: PNG, TIFF or OpenEXR; in a video a sequence."),
+    ] = None
+    device: Device = None
+
+    def lighting(self) -> list:
+        """The lights of the file and of the options."""
+        from relight.lights.environment import EnvironmentLight
+        from relight.lights.files import read_lights
+        from relight.lights.moving import parse
+
+        lighting = [] if self.lights is None else read_lights(self.lights)
+        lighting += [parse(text) for text in self.light or []]
+        lighting += [parse(text, EnvironmentLight) for text in self.environment or []]
+        if not lighting:
+            raise ValueError("no light: expected --light, --environment or --lights")
+        return lighting
+
+    def settings(self) -> dict[str, Any]:
+        """The arguments that `render_still` and `render_video` share."""
+        from relight.preparation import Placement
+
+        if self.layers is not None:
+            console.print("--layers is now called --passes")
+        return {
+            "mask": self.mask,
+            "key": self.key,
+            "background": _background(self.background),
+            "field_of_view": self.field_of_view,
+            "placement": Placement(_size(self.size), self.placement, self.scale, _offset(self.offset)),
+            "colour_space": self.colour_space,
+            "normals": self.normals,
+            "axes": self.axes,
+            "passes": _words(self.passes if self.layers is None else self.layers),
+            "view": self.view,
+            "exposure": self.exposure,
+            "save_matte": self.save_matte,
+            "save_lights": self.save_lights,
+            "device": self.device,
+        }
+
+
+def with_options(options: type) -> Callable:
+    """Lets a command take the fields of a dataclass as options of its own: its last parameter, `look`, gets
+    them as one object."""
+    hints, keyword = get_type_hints(options, include_extras=True), inspect.Parameter.KEYWORD_ONLY
+
+    def decorate(command: Callable) -> Callable:
+        own = inspect.signature(command)
+        shared = [
+            inspect.Parameter(
+                field.name,
+                keyword,
+                default=field.default,
+                annotation=hints[field.name],
+            )
+            for field in fields(options)
+        ]
+
+        @wraps(command)
+        def run(**arguments: Any) -> Any:
+            look = options(**{field.name: arguments.pop(field.name) for field in fields(options)})
+            return command(**arguments, look=look)
+
+        kept = [
+            parameter.replace(kind=keyword)
+            for parameter in own.parameters.values()
+            if parameter.name != "look"
+        ]
+        run.__signature__ = own.replace(parameters=[*kept, *shared])
+        run.__annotations__ = {parameter.name: parameter.annotation for parameter in (*kept, *shared)}
+        return run
+
+    return decorate
+
+
+def progress_bar() -> Progress:
+    """A bar with the time left."""
+    columns = (TextColumn("{task.description}"), BarColumn(), MofNCompleteColumn(), TimeRemainingColumn())
+    return Progress(*columns, console=console)
+
+
+def by_kind(outputs: list[Path]) -> tuple[list[Path], list[Path]]:
+    """Pictures, and Nuke scripts."""
+    scripts = [path for path in outputs if path.suffix.lower() == ".nk"]
+    return [path for path in outputs if path not in scripts], scripts
+
+
+def _words(text: str | None) -> list[str]:
+    """`albedo,N` as a list."""
+    return [word.strip() for word in (text or "").split(",") if word.strip()]
+
+
+def _size(text: str | None) -> tuple[int, int] | str | None:
+    """`1920x1080` as (height, width); `background` as it is."""
+    if text is None or text == "background":
+        return text
+    try:
+        width, height = map(int, text.lower().split("x"))
+    except ValueError as error:
+        raise ValueError(f"--size: expected WIDTHxHEIGHT or background, got {text!r}") from error
+    return height, width
+
+
+def _offset(text: str) -> tuple[int, ...]:
+    """`120/-40` as (right, up)."""
+    try:
+        return tuple(map(int, text.split("/")))
+    except ValueError as error:
+        raise ValueError(f"--offset: expected RIGHT/UP in pixels, such as 120/-40, got {text!r}") from error
+
+
+def _background(text: str | None) -> tuple[float, ...] | str | None:
+    """A colour `0.2/0.2/0.2`, or the text as it is: a file's path, or environment."""
+    if text is None:
+        return None
+    if (text.startswith("#") and len(text) in (4, 7)) or (text.count(",") == 2 and not Path(text).exists()):
+        raise ValueError(f"--background: expected a linear colour as 0.2/0.2/0.2, or a file, got {text!r}")
+    try:
+        return tuple(map(float, text.split("/")))
+    except ValueError:
+        return text

@@ -1,0 +1,101 @@
+"""`relight stage`: records from the virtual light stage.
+
+Heavy modules are imported inside the command, so that `relight --help` answers at once.
+"""
+
+from pathlib import Path
+from typing import Annotated
+
+import typer
+
+from relight.cli.options import console
+
+
+def stage(
+    records: Annotated[Path, typer.Argument(help="Folder of records, one file a view.")],
+    bodies: Annotated[
+        str | None, typer.Option(help="Render clothed bodies of these seeds: FIRST:LAST, last exclusive.")
+    ] = None,
+    pairs: Annotated[
+        str | None, typer.Option(help="Render two people in touch, of these seeds: FIRST:LAST.")
+    ] = None,
+    split: Annotated[
+        str, typer.Option(help="The bodies' and pairs' split: training, validation or generalisation.")
+    ] = "training",
+    scan: Annotated[
+        list[Path] | None, typer.Option(help="Render this mesh or scan (OBJ, PLY, GLB). Repeatable.")
+    ] = None,
+    scan_list: Annotated[
+        Path | None, typer.Option(help="Render the meshes that this text file names, one a line, beside it.")
+    ] = None,
+    variants: Annotated[
+        str | None, typer.Option(help="Instead of each scan these of its variants: FIRST:LAST.")
+    ] = None,
+    views: Annotated[int, typer.Option(min=1, help="Views a figure.")] = 9,
+    size: Annotated[int, typer.Option(min=16, help="Pixels of the image's side.")] = 512,
+    behind: Annotated[bool, typer.Option(help="32 directions behind the subject too.")] = False,
+    jitter: Annotated[bool, typer.Option(help="Vary camera height, distance and field of view.")] = False,
+    portrait: Annotated[
+        bool, typer.Option("--portrait", help="Jitter, and come close: the frame cuts the figure.")
+    ] = False,
+    shading: Annotated[
+        bool, typer.Option(help="Trace the bounce light too, for path-traced shading.")
+    ] = False,
+    relief: Annotated[
+        bool, typer.Option("--relief", help="Raise the folds that are only painted on a scan.")
+    ] = False,
+    processes: Annotated[int | None, typer.Option(min=1, help="Default: one a core.")] = None,
+    pack: Annotated[
+        Path | None, typer.Option(help="Then pack the records into shards of at most 60 MiB in this folder.")
+    ] = None,
+    sheet: Annotated[Path | None, typer.Option(help="Then draw a contact sheet of them (PNG).")] = None,
+):
+    """Render training records on the virtual light stage, pack them, or draw them for the eye."""
+    from shadow.data import records as record_files
+    from shadow.evaluation import pictures
+    from shadow.lightstage.stage import Source, render_all
+
+    if relief and (bodies is not None or pairs is not None):
+        raise ValueError(
+            "--relief: expected scans alone, since folds of --bodies and --pairs are not painted"
+        )
+    sources = [Source.body(seed, split) for seed in _seeds("--bodies", bodies)]
+    sources += [Source.pair(seed, split) for seed in _seeds("--pairs", pairs)]
+    meshes = list(scan or [])
+    if scan_list is not None:
+        names = scan_list.read_text().split("\n")
+        meshes += [scan_list.parent / name.strip() for name in names if name.strip()]
+    if variants is None:
+        sources += [Source.scan(path) for path in meshes]
+    elif meshes:
+        sources += [Source.variant(path, n) for path in meshes for n in _seeds("--variants", variants)]
+    else:
+        raise ValueError("--variants: expected --scan or --scan-list with it, to make variants of")
+    if sources:
+        written, on_disk, errors = render_all(
+            sources, records, views=views, size=size, behind=behind, jitter=jitter,
+            portrait=portrait, bounced=shading, raised=relief, processes=processes,
+        )  # fmt: skip
+        console.print(f"{written} records, {on_disk // max(1, written)} bytes a view")
+        for source, error in errors.items():
+            console.print(f"{source}: {error}")
+        if errors:
+            raise typer.Exit(1)
+    elif pack is None and sheet is None:
+        raise ValueError("nothing to do: expected --bodies, --pairs, --scan, --scan-list, --pack or --sheet")
+    if pack is not None:
+        for path in record_files.pack(records, pack):
+            console.print(f"{path}: {path.stat().st_size} bytes")
+    if sheet is not None:
+        pictures.contact_sheet([records], sheet)
+        console.print(f"{sheet}")
+
+
+def _seeds(option, text):
+    if text is None:
+        return range(0)
+    first, _, last = text.partition(":")
+    try:
+        return range(int(first), int(last))
+    except ValueError as error:
+        raise ValueError(f"{option}: expected FIRST:LAST, e.g. 0:100, got {text!r}") from error

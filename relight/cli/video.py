@@ -1,0 +1,78 @@
+"""`relight video`: a sequence or a movie.
+
+Heavy modules are imported inside the command, so that `relight --help` answers at once.
+"""
+
+from pathlib import Path
+from typing import Annotated
+
+import typer
+
+from relight.cli.options import Look, console, progress_bar, with_options
+
+
+@with_options(Look)
+def video(
+    source: Annotated[
+        str,
+        typer.Argument(help="A photograph; a sequence such as plate.%04d.exr or plate.####.exr; a movie."),
+    ],
+    output: Annotated[
+        list[Path],
+        typer.Option(
+            "-o",
+            "--output",
+            help="A sequence such as relit.%04d.exr (.exr keeps each light as a layer); a movie, .mp4 "
+            "or .mov; a .nk, to mix the .exr in Nuke. Repeatable.",
+        ),
+    ],
+    look: Look,
+    frames: Annotated[
+        str | None,
+        typer.Option(help="FIRST-LAST. Default: the source's, or from first to last keyframe of the lights."),
+    ] = None,
+    rate: Annotated[float | None, typer.Option(help="Frames a second. Default: the source's, or 24.")] = None,
+    steady: Annotated[
+        bool, typer.Option(help="Average what is found of a moving person over frames, where it is alike.")
+    ] = True,
+    white: Annotated[
+        float, typer.Option(min=1, help="Light that shows as white in all frames; what is below rolls off.")
+    ] = 4.0,
+    resume: Annotated[bool, typer.Option("--resume", help="Keep the frames that are there.")] = False,
+) -> None:
+    """Relight a person frame by frame: lights that move (orbit=200, or a lights file), a person that does."""
+    from relight.video import render_video
+
+    with progress_bar() as progress:
+        tasks: dict = {}
+
+        def report(done: int, total: int, what: str) -> None:
+            if what not in tasks:
+                tasks[what] = progress.add_task(what, total=total)
+            progress.update(tasks[what], completed=done)
+
+        try:
+            problems = render_video(
+                source, look.lighting(), output, **look.settings(), frames=_span(frames), steady=steady,
+                rate=rate, white=white, resume=resume, progress=report,
+            )  # fmt: skip
+        except KeyboardInterrupt as interruption:
+            console.print("interrupted; the same command with --resume goes on")
+            raise typer.Exit(130) from interruption
+    for number, problem in problems.items():
+        console.print(f"frame {number}: {problem}")
+    for path in output:
+        console.print(f"{path}")
+    if problems:
+        raise typer.Exit(1)
+
+
+def _span(text: str | None) -> tuple[int, int] | None:
+    """`1-200` as (1, 200)."""
+    if text is None:
+        return None
+    first, _, last = text.partition("-")
+    try:
+        return int(first), int(last or first)
+    except ValueError as error:
+        raise ValueError(f"--frames: expected FIRST-LAST, such as 1-200, got {text!r}") from error

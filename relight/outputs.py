@@ -1,0 +1,167 @@
+"""Where pictures go: files, sequences, movies and Nuke scripts. All that can be refused is refused first."""
+
+import contextlib
+import re
+from collections.abc import Callable, Iterable, Iterator
+from pathlib import Path
+
+import numpy as np
+
+from relight.media import images, movies, nuke
+from relight.media.colour import encode
+from relight.media.sequences import TOKEN, Sequence
+from relight.rendering import Layers
+
+Report = Callable[[int, int, str], None]  # frames done, frames in all, what is done
+
+
+def check(outputs: Iterable[Path], sources: Iterable[object], mattes: Path | None = None) -> None:
+    """Refuse what could not be written, or would overwrite what is read or written as well.
+
+    `outputs` are pictures, sequences, movies and scripts; `sources` what is read, of which paths count.
+    ValueError or FileNotFoundError that names the path.
+    """
+    outputs = list(outputs)
+    for path in outputs:
+        if movies.is_movie(path):
+            movies.check_writable(path)
+        elif path.suffix.lower() != ".nk":
+            images.check_writable(path)
+        elif not any(other.suffix.lower() == ".exr" for other in outputs):
+            raise ValueError(f"{path}: a Nuke script needs an .exr to read; add one with -o")
+    if mattes is not None:
+        images.check_writable(mattes)
+    written = [*outputs, *([] if mattes is None else [mattes])]
+    read = [Path(source) for source in sources if isinstance(source, str | Path)]
+    for number, path in enumerate(written):
+        if any(_same(path, source) for source in read):
+            raise ValueError(f"{path}: is read as well, and would be overwritten")
+        if any(_same(path, other) for other in written[:number]):
+            raise ValueError(f"{path}: is written twice")
+
+
+def _same(first: Path, second: Path) -> bool:
+    """Whether two paths, of files or sequences, mean a file in common."""
+    first, second = first.resolve(), second.resolve()
+    if first.parent != second.parent:
+        return first == second
+    return any(_pattern(one).fullmatch(_example(other)) for one, other in ((first, second), (second, first)))
+
+
+def _pattern(path: Path) -> re.Pattern:
+    """What the names of a path's files match: a frame number is any digits."""
+    parts = [re.escape(part) for part in TOKEN.sub("\0", path.name).split("\0")]
+    return re.compile(r"\d+".join(parts))
+
+
+def _example(path: Path) -> str:
+    """The name of a path's file, or of the first of a sequence."""
+    return TOKEN.sub("1", path.name)
+
+
+def check_display(display: dict) -> None:
+    """ValueError for a view, exposure or white that `relight.write` would refuse."""
+    encode(np.zeros((1, 1, 3), np.float32), **display)
+
+
+def open_outputs(
+    outputs: Iterable[Path], *, transparent: bool, resume: bool, display: dict, names: list[str]
+) -> list["FileSink | MovieSink | ScriptSink"]:
+    """Where the frames of outputs go, scripts last. `names` are the layers that a script mixes; `display`
+    what `relight.write` and `write_movie` take. Raises ValueError for what holds no frames or no alpha."""
+    outputs = list(outputs)
+    check_display(display)
+    scripts = [path for path in outputs if path.suffix.lower() == ".nk"]
+    sinks = [_sink(path, transparent, resume, display) for path in outputs if path not in scripts]
+    return sinks + [ScriptSink(path, sinks, names) for path in scripts]
+
+
+def _sink(path: Path, transparent: bool, resume: bool, display: dict) -> "FileSink | MovieSink":
+    if movies.is_movie(path):
+        if transparent and path.suffix.lower() == ".mp4":
+            raise ValueError(f"{path}: .mp4 holds no alpha; give a background, or write a .mov")
+        return MovieSink(path, resume, display)
+    sequence = Sequence.of(path)
+    if sequence is None:
+        raise ValueError(f"{path}: expected a movie, or a frame number in the name, such as relit.%04d.exr")
+    return FileSink(sequence, resume, display)
+
+
+class FileSink:
+    """A file a frame."""
+
+    def __init__(self, sequence: Sequence, resume: bool, display: dict) -> None:
+        self.sequence, self.resume, self.display = sequence, resume, display
+
+    def has(self, number: int) -> bool:
+        return self.resume and self.sequence.path(number).exists()
+
+    def write(self, number: int, picture: np.ndarray, layers: Layers) -> None:
+        write_picture(self.sequence.path(number), picture, layers, self.display)
+
+    def finish(self, numbers: range, rate: float, problems: dict, report: Report) -> None:
+        """Nothing is left to do."""
+
+
+class ScriptSink:
+    """A Nuke script, once the frames that it reads are there."""
+
+    def __init__(self, path: Path, sinks: list, names: list[str]) -> None:
+        found = [sink.sequence for sink in sinks if getattr(sink, "sequence", None)]
+        found = [sequence for sequence in found if sequence.after.lower().endswith(".exr")]
+        if not found:
+            raise ValueError(f"{path}: a Nuke script needs a sequence of .exr files to read")
+        self.path, self.frames, self.names = path, found[0], names
+
+    def has(self, number: int) -> bool:
+        return True
+
+    def finish(self, numbers: range, rate: float, problems: dict, report: Report) -> None:
+        first = next(path for path in map(self.frames.path, numbers) if path.exists())
+        groups = {name: (str(self.frames), f"C_{name}") for name in self.names}
+        size = images.read(first).shape[:2]
+        nuke.write_script(self.path, groups, size, frames=(numbers[0], numbers[-1]), rate=rate)
+
+
+class MovieSink:
+    """A movie, and until it is whole its frames as half-float files in a folder beside it."""
+
+    def __init__(self, path: Path, resume: bool, display: dict) -> None:
+        self.path, self.display = path, display
+        self.frames = Sequence(path.with_name(f"{path.name}.frames"), "", 6, ".exr")
+        self.whole = resume and path.exists() and not self.frames.folder.exists()
+        if not resume:
+            self._clear()
+
+    def has(self, number: int) -> bool:
+        return self.whole or self.frames.path(number).exists()
+
+    def write(self, number: int, picture: np.ndarray, layers: Layers) -> None:
+        self.frames.folder.mkdir(exist_ok=True)
+        images.write(self.frames.path(number), picture.clip(-images.HALF_MAX, images.HALF_MAX))
+
+    def finish(self, numbers: range, rate: float, problems: dict, report: Report) -> None:
+        if not self.whole:
+            movies.write_movie(self.path, self._held(numbers, report), rate=rate, **self.display)
+            if not problems:
+                self._clear()
+
+    def _held(self, numbers: range, report: Report) -> Iterator[np.ndarray]:
+        """All frames; one that is missing is the frame before it, or the first there is."""
+        shown = next(number for number in numbers if self.frames.path(number).exists())
+        for done, number in enumerate(numbers, 1):
+            shown = number if self.frames.path(number).exists() else shown
+            yield images.read(self.frames.path(shown))
+            report(done, len(numbers), f"Encoding {self.path.name}")
+
+    def _clear(self) -> None:
+        for number in self.frames.numbers():
+            self.frames.path(number).unlink()
+        with contextlib.suppress(OSError):  # there is none, or it holds what is not ours
+            self.frames.folder.rmdir()
+
+
+def write_picture(path: Path, picture: np.ndarray, layers: Layers, display: dict) -> None:
+    """A picture in a file; an .exr holds its layers too."""
+    groups = layers if path.suffix.lower() == ".exr" else None
+    images.write(path, picture, layers=groups, **display)

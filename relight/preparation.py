@@ -1,0 +1,211 @@
+"""What a frame is made of, from files to what `relight.Subject` takes: read, cut out, placed in the picture.
+
+Stills and videos are prepared alike. A source is an image in memory, a file, a sequence or a movie.
+"""
+
+import os
+from collections.abc import Callable, Iterable, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import NamedTuple
+
+import numpy as np
+
+from relight.composite import place
+from relight.keying import key as cut_out
+from relight.lights.directional import Light
+from relight.lights.environment import FIELD_OF_VIEW, EnvironmentLight
+from relight.lights.moving import MovingLight
+from relight.media import images, movies
+from relight.media.sequences import Files, Still
+from relight.media.sequences import Sequence as Frames
+from relight.rendering import Background
+from shadow import normals as normals_module
+from shadow.directions import CAMERA
+
+ENVIRONMENT = "environment"  # as a background: what a camera sees of the environments among the lights
+BACKGROUND = "background"  # as a size: the background's own
+
+Source = np.ndarray | str | Path
+Surface = np.ndarray | Callable | str | os.PathLike  # what normals may be given as
+
+
+@dataclass(frozen=True)
+class Placement:
+    """Where the photograph lies in the picture; see `relight.place`.
+
+    Parameters
+    ----------
+    size: (H, W) of the picture in pixels; "background" for its own; None for the photograph's.
+    mode: "fit", "fill" or "centre". scale: of the photograph, on top of that. offset: (right, up) in pixels.
+
+    Raises
+    ------
+    TypeError, ValueError: as `relight.place` does.
+    """
+
+    size: tuple[int, int] | str | None = None
+    mode: str = "fit"
+    scale: float = 1.0
+    offset: tuple[int, int] = (0, 0)
+
+    def __post_init__(self) -> None:
+        size = (1, 1) if self.size in (None, BACKGROUND) else self.size
+        place(np.zeros((1, 1), np.float32), size, mode="centre", offset=self.offset)  # what is wrong is said
+        place(np.zeros((1, 1), np.float32), (1, 1), mode=self.mode, scale=self.scale)
+
+    def of(self, photograph: tuple[int, int], backdrop: Background | None) -> tuple[int, int] | None:
+        """(H, W) of the picture that a photograph (H, W) is placed in; None where it stays as it is."""
+        if self.size is None and self.scale == 1 and tuple(self.offset) == (0, 0):
+            return None
+        if self.size is None:
+            return photograph
+        if self.size != BACKGROUND:
+            return self.size
+        if getattr(backdrop, "ndim", 0) != 3:
+            raise ValueError("size: 'background' expected a background that is an image")
+        return backdrop.shape[:2]
+
+    def __call__(self, image: np.ndarray, frame: tuple[int, int] | None) -> np.ndarray:
+        """An image (h, w, C) or mask (h, w) in the frame."""
+        if frame is None:
+            return image
+        return place(image, frame, mode=self.mode, scale=self.scale, offset=tuple(self.offset))
+
+
+class Person(NamedTuple):
+    """The person of one frame, prepared: what `relight.Subject` takes."""
+
+    plate: np.ndarray
+    matte: np.ndarray | None
+    normals: Surface | None
+
+
+class Preparation:
+    """The frames of a shot: persons, and what is behind them.
+
+    Parameters
+    ----------
+    source: the photograph, as an image or a file; or a sequence, such as `plate.%04d.exr` or
+        `plate.####.exr`; or a movie, whose frames count from 1.
+    mask: the person's matte, as a mask, or a file, sequence or movie of the same frame numbers; needed unless
+        the source has alpha.
+    key: "green" or "blue": cut the person out of a screen, see `relight.key`; the mask then says where there
+        is one.
+    colour_space: of the source, where its files do not say; see `relight.read`.
+    normals: camera-frame normals of the photograph: an array; an image file or a sequence of them; or
+        whatever else `shadow.normals.load` takes. Placed with the photograph.
+    axes: of these normals, see `shadow.directions.from_axes`.
+    background: as of `relight.apply`; or a file, sequence or movie; or "environment": what a camera of
+        `field_of_view` (vertical, degrees) sees of the environments among the lights.
+    placement: Placement of the photograph in the picture.
+
+    Raises
+    ------
+    FileNotFoundError: no such file or frames. TypeError, ValueError: bad arguments.
+    """
+
+    def __init__(
+        self,
+        source: Source,
+        *,
+        mask: Source | None = None,
+        key: str | None = None,
+        colour_space: str | None = None,
+        normals: Surface | None = None,
+        axes: str = CAMERA,
+        background: Background | MovingLight | str | Path | None = None,
+        field_of_view: float = FIELD_OF_VIEW,
+        placement: Placement | None = None,
+    ) -> None:
+        self.placement, self.field_of_view, self._key = placement or Placement(), field_of_view, key
+        self._surfaces = _surfaces(normals, axes)
+        self._plates = _opened(
+            source, lambda path: images.read(path, colour_space=colour_space), movies.Movie, colour_space
+        )
+        self._mattes = _opened(mask, images.read_mask, _MatteMovie, "lin_rec709")
+        self._sees_lights = isinstance(background, str) and background == ENVIRONMENT
+        self._backdrops = _opened(None if self._sees_lights else background, images.read, movies.Movie)
+        self.has_background = background is not None
+
+    @property
+    def numbers(self) -> Sequence[int] | None:
+        """The frames that there are of a moving person; None of a still."""
+        return self._plates.numbers or self._mattes.numbers
+
+    @property
+    def span(self) -> tuple[int, int] | None:
+        """The first and the last frame that the sources have, the person's before the background's."""
+        for source in (self._plates, self._mattes, self._backdrops):
+            if source.numbers:
+                return source.numbers[0], source.numbers[-1]
+        return None
+
+    @property
+    def rate(self) -> float | None:
+        """Frames a second, if the source says."""
+        return self._plates.rate
+
+    def check_lights(self, lights: Iterable[Light | MovingLight]) -> None:
+        """ValueError where the background is to be the lights' environment and there is none."""
+        kinds = [getattr(light, "kind", type(light)) for light in lights]
+        if self._sees_lights and EnvironmentLight not in kinds:
+            raise ValueError("background: 'environment' expected an environment among the lights")
+
+    def person(self, number: int) -> Person:
+        """The person of a frame. Raises as reading, `relight.key` and `relight.place` do."""
+        plate, matte = self._plates.read(number), self._mattes.read(number)
+        if self._key is not None:
+            plate, matte = cut_out(plate, self._key, mask=matte), None
+        behind = self._backdrops.read(number) if self.placement.size == BACKGROUND else None
+        frame = self.placement.of(np.shape(plate)[:2], behind)
+        surface = self._surfaces.read(number)
+        if frame is not None and isinstance(surface, np.ndarray):
+            surface = self.placement(surface, frame)
+        matte = None if matte is None else self.placement(matte, frame)
+        return Person(self.placement(plate, frame), matte, surface)
+
+    def backdrop(self, number: int, lights: Iterable[Light], size: tuple[int, int]) -> Background | None:
+        """What is behind the person of a frame, in a picture of `size` (H, W) and this frame's lights."""
+        if self._sees_lights:
+            skies = [light for light in lights if isinstance(light, EnvironmentLight)]
+            return sum(sky.view(size, self.field_of_view) for sky in skies)
+        found = self._backdrops.read(number)
+        found = found.at(number) if isinstance(found, MovingLight) else found
+        return found.view(size, self.field_of_view) if isinstance(found, EnvironmentLight) else found
+
+
+def _surfaces(normals: Surface | None, axes: str) -> Still | Files:
+    """Where the normals of a frame come from."""
+    if normals is None:
+        if axes != CAMERA:
+            raise ValueError("axes: those of which normals? expected normals as well")
+        return Still(None)
+    a_file = isinstance(normals, str | os.PathLike)
+    if not a_file or Path(normals).suffix.lower() in ("", ".pt", ".safetensors"):
+        return Still(normals if axes == CAMERA else normals_module.load(normals, axes=axes))
+    return _opened(normals, lambda path: images.read_normals(path, axes=axes), _no_movie)
+
+
+def _no_movie(path: Path, **_: object) -> Still:
+    raise ValueError(f"normals: expected images, got the movie {path}")
+
+
+def _opened(
+    value: object, read: Callable, read_movie: Callable, colour_space: str | None = None
+) -> Still | Files | movies.Movie:
+    """What has `read(number)` for the frames of an argument: a still, a sequence or a movie."""
+    if not isinstance(value, str | Path):
+        return Still(value)
+    if movies.is_movie(value):
+        return read_movie(value, colour_space=colour_space)
+    sequence = Frames.of(value)
+    return Still(read(value)) if sequence is None else Files(sequence, read)
+
+
+class _MatteMovie(movies.Movie):
+    """A movie as mattes: its alpha, or its grey as it is stored."""
+
+    def read(self, number: int) -> np.ndarray:
+        pixels = super().read(number)
+        return pixels[..., 3] if pixels.shape[-1] == 4 else pixels.mean(axis=-1)

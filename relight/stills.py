@@ -1,0 +1,104 @@
+"""A relit still, from files to files."""
+
+from collections.abc import Callable, Iterable
+from pathlib import Path
+
+from relight.lights.directional import Light, by_name
+from relight.lights.environment import FIELD_OF_VIEW
+from relight.lights.files import write_lights
+from relight.media import images, movies, nuke
+from relight.media.sequences import Sequence
+from relight.outputs import check, check_display, write_picture
+from relight.preparation import Placement, Preparation, Source, Surface
+from relight.rendering import Background, check_names, render_subject
+from relight.subject import Subject
+from shadow import inputs
+from shadow.directions import CAMERA
+
+
+def render_still(
+    source: Source,
+    lights: Light | Iterable[Light],
+    outputs: str | Path | Iterable[str | Path],
+    *,
+    mask: Source | None = None,
+    key: str | None = None,
+    background: Background | str | Path | None = None,
+    field_of_view: float = FIELD_OF_VIEW,
+    placement: Placement | None = None,
+    colour_space: str | None = None,
+    normals: Surface | None = None,
+    axes: str = CAMERA,
+    passes: Iterable[str] = (),
+    view: str | None = None,
+    exposure: float = 0.0,
+    save_matte: str | Path | None = None,
+    save_lights: str | Path | None = None,
+    device: str | None = None,
+    progress: Callable[[str], None] | None = None,
+) -> list[Path]:
+    """Relight the person in a photograph, and write the picture.
+
+    Parameters
+    ----------
+    source, mask, key, colour_space, normals, axes, background, field_of_view, placement: as of
+        `relight.preparation.Preparation`; stills alone.
+    lights: a light, or any number of them.
+    outputs: a path or several: files that `relight.write` writes, of which an .exr holds light groups and
+        passes as layers; and with an .exr, a Nuke script, .nk, that rebuilds the mix.
+    passes: further layers of an .exr, of relight.rendering.PASSES.
+    view, exposure: how light becomes what a display shows, see `relight.media.colour.encode`.
+    save_matte: also write the matte alone, grey: PNG, TIFF or OpenEXR.
+    save_lights: also write the lights to a lights file.
+    device: where the networks run, such as "cuda"; the CPU unless given.
+    progress: called with what is being done, before each step.
+
+    Returns
+    -------
+    The paths written, in this order: pictures, the matte, scripts.
+
+    Raises
+    ------
+    FileNotFoundError, OSError: a file cannot be read or written. TypeError, ValueError: bad arguments,
+    outputs that are read as well, two lights of one name. All but what the picture itself shows is refused
+    before the networks run.
+    """
+    report = progress or (lambda what: None)
+    outputs = [Path(path) for path in ([outputs] if isinstance(outputs, str | Path) else outputs)]
+    matte_path = None if save_matte is None else Path(save_matte)
+    for path in outputs:
+        if movies.is_movie(path) or Sequence.of(path) is not None:
+            raise ValueError(f"{path}: expected one picture's file; frames are made by a video")
+    check(outputs, (source, mask, background, normals), matte_path)
+    lights = list(by_name(lights).values())
+    passes = check_names(passes, outputs)
+    display = {"view": view, "exposure": exposure}
+    check_display(display)
+    inputs.device("device", device)
+    prepared = Preparation(
+        source, mask=mask, key=key, colour_space=colour_space, normals=normals, axes=axes,
+        background=background, field_of_view=field_of_view, placement=placement,
+    )  # fmt: skip
+    prepared.check_lights(lights)
+    if save_lights is not None:
+        write_lights(save_lights, lights)
+
+    report("Relighting")
+    person = prepared.person(0)
+    subject = Subject(person.plate, person.matte, normals=person.normals, device=device)
+    backdrop = prepared.backdrop(0, lights, person.plate.shape[:2])
+    picture, layers = render_subject(subject, lights, background=backdrop, passes=passes)
+    pictures = [path for path in outputs if path.suffix.lower() != ".nk"]
+    for path in pictures:
+        report(f"Writing {path}")
+        write_picture(path, picture, layers, display)
+    written = pictures
+    if matte_path is not None:
+        images.write_mask(matte_path, person.plate[..., 3] if person.matte is None else person.matte)
+        written = [*written, matte_path]
+    exr = next((path for path in pictures if path.suffix.lower() == ".exr"), None)
+    for path in (path for path in outputs if path not in pictures):
+        groups = {name.removeprefix("C_"): (exr, name) for name in layers if name.startswith("C_")}
+        nuke.write_script(path, groups, picture.shape[:2])
+        written = [*written, path]
+    return written
