@@ -1,17 +1,22 @@
 """Pictures over backgrounds and in frames of another size: pixels only."""
 
 import operator
+from collections.abc import Iterable
+from typing import SupportsIndex
 
 import numpy as np
 import OpenImageIO as oiio
+from numpy.typing import ArrayLike
 
 from relight.lights.environment import EnvironmentLight
+from relight.media.buffers import to_array, to_buffer
 from relight.media.images import coverage, scene_linear
 
+Background = ArrayLike | EnvironmentLight  # an image, a linear (r, g, b), or what a camera sees of a map
 FARTHEST = 65536  # pixels: beyond any plate, within what an image can be
 
 
-def over(foreground, background):
+def over(foreground: ArrayLike, background: Background) -> np.ndarray:
     """The foreground over a background: F + (1 - alpha) B (Porter and Duff 1984), in linear light.
 
     Parameters
@@ -35,7 +40,7 @@ def over(foreground, background):
     return front[..., :3] + behind(front, background)
 
 
-def behind(front, background):
+def behind(front: np.ndarray, background: Background) -> np.ndarray:
     """What is seen of a background (H, W, 3) behind a premultiplied picture (H, W, 4); see `over`."""
     if isinstance(background, EnvironmentLight):
         back = background.view(front.shape[:2])
@@ -53,7 +58,14 @@ def behind(front, background):
     return (1 - front[..., 3:]) * back
 
 
-def place(image, size, *, mode="fit", scale=1.0, offset=(0, 0)):
+def place(
+    image: ArrayLike,
+    size: tuple[int, int],
+    *,
+    mode: str = "fit",
+    scale: float = 1.0,
+    offset: tuple[int, int] = (0, 0),
+) -> np.ndarray:
     """An image in a frame of another size, such as a background's: before analysis, or after relighting.
 
     Parameters
@@ -97,7 +109,7 @@ def place(image, size, *, mode="fit", scale=1.0, offset=(0, 0)):
     return frame[..., 0] if flat else frame
 
 
-def _whole(name, values, low):
+def _whole(name: str, values: Iterable[SupportsIndex], low: int) -> tuple[int, int]:
     """Two whole numbers from `low` to FARTHEST."""
     try:
         first, second = (operator.index(value) for value in values)
@@ -108,7 +120,7 @@ def _whole(name, values, low):
     return first, second
 
 
-def cover(image, size):
+def cover(image: np.ndarray, size: tuple[int, ...]) -> np.ndarray:
     """`image` (h, w, C) float32, scaled to cover `size` (H, W) and cropped about its centre: (H, W, C)."""
     (height, width), (rows, columns) = size, image.shape[:2]
     scale = max(height / rows, width / columns)
@@ -118,12 +130,11 @@ def cover(image, size):
     return _resized(crop, size)
 
 
-def _resized(image, size):
+def _resized(image: np.ndarray, size: tuple[int, ...]) -> np.ndarray:
     """`image` (h, w, C) float32 at `size` (H, W): itself if that is its size."""
     if image.shape[:2] == tuple(size):
         return image
     # Blackman-Harris has no negative lobes: a lamp in the background gets no dark ring.
     region = oiio.ROI(0, size[1], 0, size[0], 0, 1, 0, image.shape[2])
-    source = oiio.ImageBuf(np.ascontiguousarray(image, np.float32))
-    resized = oiio.ImageBufAlgo.resize(source, "blackman-harris", roi=region).get_pixels("float")
-    return resized.reshape(*size, image.shape[2])
+    resized = oiio.ImageBufAlgo.resize(to_buffer(image), "blackman-harris", roi=region)
+    return to_array(resized).reshape(*size, image.shape[2])

@@ -2,8 +2,10 @@
 
 import numpy as np
 import OpenImageIO as oiio
+from numpy.typing import ArrayLike
 from scipy.ndimage import minimum_filter, uniform_filter
 
+from relight.media.buffers import to_array, to_buffer
 from relight.media.images import scene_linear
 from shadow import inputs
 
@@ -15,7 +17,7 @@ GRAIN = 3.0  # medians of the screen's grain, 2 standard deviations, that count 
 EDGE = 1 / 40  # widest soft edge, as a share of the side of a square of the person's area
 
 
-def key(image, screen="green", *, mask=None):
+def key(image: ArrayLike, screen: str = "green", *, mask: ArrayLike | None = None) -> np.ndarray:
     """Cut a person out of a green or blue screen.
 
     Parameters
@@ -79,13 +81,13 @@ def key(image, screen="green", *, mask=None):
     return np.concatenate([colour * alpha[..., None], alpha[..., None]], axis=-1, dtype=np.float32)
 
 
-def _difference(pixels, channel):
+def _difference(pixels: np.ndarray, channel: int) -> np.ndarray:
     """The screen's channel less the larger of the others (H, W): large on the screen, small on a person."""
     first, second = (pixels[..., other] for other in range(3) if other != channel)
     return pixels[..., channel] - np.maximum(first, second)
 
 
-def _even_screen(values, difference, screen):
+def _even_screen(values: np.ndarray, difference: np.ndarray, screen: str) -> np.ndarray:
     """The screen's difference (H, W) as far as it varies slowly: a quadric fitted to most of its pixels."""
     rows, columns = difference.shape
     step = max(1, int((rows * columns / 40000) ** 0.5))
@@ -96,7 +98,7 @@ def _even_screen(values, difference, screen):
         raise ValueError(f"image: shows no {screen} screen")
     candidate &= sample > np.percentile(sample[candidate], 99) / 2
 
-    def terms(y, x):
+    def terms(y: np.ndarray, x: np.ndarray) -> np.ndarray:
         y, x = y / rows - 0.5, x / columns - 0.5
         return np.stack(np.broadcast_arrays(1.0, x, y, x * x, x * y, y * y), axis=-1)
 
@@ -108,19 +110,19 @@ def _even_screen(values, difference, screen):
     return np.maximum(even, sample[candidate].mean() / 4).astype(np.float32)
 
 
-def _shrink(region, pixels):
+def _shrink(region: np.ndarray, pixels: int) -> np.ndarray:
     """A region (H, W) bool without what is nearer than so many pixels to its edge."""
     return minimum_filter(region.view(np.uint8), 2 * pixels + 1) > 0
 
 
-def _continued(pixels, known):
+def _continued(pixels: np.ndarray, known: np.ndarray) -> np.ndarray:
     """Colour (H, W, 3) where it is known, continued everywhere by push-pull (Gortler et al. 1996)."""
     trusted = np.concatenate([pixels * known[..., None], known[..., None]], axis=-1, dtype=np.float32)
-    filled = oiio.ImageBufAlgo.fillholes_pushpull(oiio.ImageBuf(trusted))
-    return filled.get_pixels("float")[..., :3]
+    filled = oiio.ImageBufAlgo.fillholes_pushpull(to_buffer(trusted))
+    return to_array(filled)[..., :3]
 
 
-def _despill(pixels, channel, person):
+def _despill(pixels: np.ndarray, channel: int, person: np.ndarray) -> np.ndarray:
     """The screen's channel held to the larger of the others, and to no less of it than the solid person has.
 
     More of it is light of the screen that the person reflects; less, noise that leaves hair magenta.

@@ -8,7 +8,7 @@ import numpy as np
 import torch
 
 from relight.composite import behind, over
-from relight.lights.directional import Light, by_name
+from relight.lights.light import Light, by_name
 from relight.lights.environment import EnvironmentLight
 from relight.subject import Subject
 

@@ -12,7 +12,7 @@ import torch.nn.functional as F
 from relight import steadying
 from relight.canvas import Canvas, weighted_sum
 from relight.foreground import Foreground, given_albedo, matte_of, photograph
-from relight.lights.directional import Light, as_lights, by_name
+from relight.lights.light import Light, as_lights, by_name
 from relight.media.colour import luminance
 from relight.media.images import scene_linear
 from relight.upsampling import JointBilateral

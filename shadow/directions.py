@@ -9,13 +9,14 @@ z > 0 form the frontal hemisphere; lights behind (z < 0) are legal and give rims
 import re
 
 import numpy as np
+from numpy.typing import ArrayLike
 
 CAMERA = "+x+y+z"  # the camera frame itself, as `axes` names it
 OLAT_FRONT = 64  # Section 3: 64 uniformly sampled directions on the hemisphere facing the camera
 OLAT_BEHIND = 32
 
 
-def from_spherical(azimuth, elevation):
+def from_spherical(azimuth: ArrayLike, elevation: ArrayLike) -> np.ndarray:
     """Unit vectors (..., 3), float32, of an azimuth and elevation (...) in degrees."""
     azimuth, elevation = np.radians(np.broadcast_arrays(azimuth, elevation))
     horizontal = np.cos(elevation)
@@ -23,13 +24,13 @@ def from_spherical(azimuth, elevation):
     return np.stack(vectors, axis=-1).astype(np.float32)
 
 
-def to_spherical(directions):
+def to_spherical(directions: ArrayLike) -> tuple[np.ndarray, np.ndarray]:
     """Azimuth (...) in [-180, 180] and elevation (...) in [-90, 90], degrees, of vectors (..., 3)."""
     x, y, z = np.moveaxis(np.asarray(directions, np.float64), -1, 0)
     return np.degrees(np.arctan2(x, z)), np.degrees(np.arctan2(y, np.hypot(x, z)))
 
 
-def from_axes(axes):
+def from_axes(axes: str) -> np.ndarray:
     """(3, 3) float32 matrix that takes vectors of another axis convention to the camera frame.
 
     `axes` names the axis, of the camera frame, that each of a vector's three components is measured along:
@@ -46,7 +47,7 @@ def from_axes(axes):
     return matrix
 
 
-def _spiral(count, z):
+def _spiral(count: int, z: np.ndarray) -> np.ndarray:
     """Directions at heights `z` (count,) above the image plane, turned by the golden angle from one to the
     next: equal steps of z are equal areas of the sphere (Archimedes), so the spiral is near uniform."""
     angle = np.pi * (3 - np.sqrt(5)) * np.arange(count)
@@ -54,7 +55,7 @@ def _spiral(count, z):
     return np.stack([radius * np.cos(angle), radius * np.sin(angle), z], axis=-1).astype(np.float32)
 
 
-def olat(behind=False):
+def olat(behind: bool = False) -> np.ndarray:
     """The OLAT direction set: (64, 3) on the frontal hemisphere, or (96, 3) with 32 more behind.
 
     The first 64 are the same either way. Float32 unit vectors, ordered from the camera outward.
@@ -65,6 +66,6 @@ def olat(behind=False):
     return np.concatenate([front, _spiral(OLAT_BEHIND, -(np.arange(OLAT_BEHIND) + 0.5) / OLAT_BEHIND)])
 
 
-def sweep(frames, elevation=20.0, start=90.0, end=-90.0):
+def sweep(frames: int, elevation: float = 20.0, start: float = 90.0, end: float = -90.0) -> np.ndarray:
     """The moving light of Section 4.4: (frames, 3), from image right (azimuth 90) to image left."""
     return from_spherical(np.linspace(start, end, frames), elevation)

@@ -2,12 +2,15 @@
 
 import os
 import secrets
+from collections.abc import Collection, Iterator
 from contextlib import contextmanager
 from pathlib import Path
 
+AnyPath = str | os.PathLike[str]
+
 
 @contextmanager
-def replacing(path):
+def replacing(path: AnyPath) -> Iterator[Path]:
     """A path to write to, perhaps of another suffix, whose file takes `path`'s place when the block ends.
 
     It is flushed to the disk first: a reader finds the old file or the new one, whole. If the block raises,
@@ -34,7 +37,7 @@ def replacing(path):
             os.close(unnamed)
 
 
-def check_writable(path, suffixes):
+def check_writable(path: AnyPath, suffixes: Collection[str]) -> Path:
     """`path` as a Path. ValueError if it ends in none of `suffixes`, FileNotFoundError without its folder."""
     path = Path(path)
     if path.suffix.lower() not in suffixes:
@@ -44,7 +47,7 @@ def check_writable(path, suffixes):
     return path
 
 
-def _unnamed(folder):
+def _unnamed(folder: Path) -> int | None:
     """The descriptor of a new file without a name, or None where there are none."""
     try:
         return os.open(folder, os.O_TMPFILE | os.O_RDWR, 0o666)

@@ -1,10 +1,15 @@
 """Checks at the public edge: what a caller hands over becomes float32 tensors, or a clear error."""
 
+from collections.abc import Sequence
+
 import numpy as np
 import torch
+from numpy.typing import ArrayLike
+
+Array = ArrayLike | torch.Tensor  # what a caller may hand over
 
 
-def _tensor(name, value, expected):
+def _tensor(name: str, value: Array, expected: str) -> torch.Tensor:
     if isinstance(value, torch.Tensor):
         tensor = value
     else:
@@ -17,13 +22,13 @@ def _tensor(name, value, expected):
     return tensor
 
 
-def _finite(name, tensor):
+def _finite(name: str, tensor: torch.Tensor) -> torch.Tensor:
     if not torch.isfinite(tensor).all():
         raise ValueError(f"{name}: contains NaN or infinite values")
     return tensor
 
 
-def image(name, value):
+def image(name: str, value: Array) -> torch.Tensor:
     """A linear image (H, W, 3), float, as a (3, H, W) float32 tensor."""
     expected = "a float array of shape (H, W, 3), linear"
     tensor = _tensor(name, value, expected)
@@ -34,7 +39,7 @@ def image(name, value):
     return _finite(name, tensor.float()).permute(2, 0, 1)
 
 
-def mask(name, value, size):
+def mask(name: str, value: Array, size: Sequence[int]) -> torch.Tensor:
     """A mask (H, W) in [0, 1], float or bool, of the image's size, as a float32 tensor (H, W)."""
     expected = f"an array of shape {tuple(size)} in [0, 1], the size of the image"
     tensor = _tensor(name, value, expected)
@@ -50,7 +55,7 @@ def mask(name, value, size):
     return tensor
 
 
-def directions(name, value):
+def directions(name: str, value: Array) -> torch.Tensor:
     """Light directions (D, 3), any length but zero, as unit float32 vectors."""
     expected = "light directions of shape (D, 3)"
     tensor = _tensor(name, value, expected)
@@ -63,7 +68,7 @@ def directions(name, value):
     return tensor / length
 
 
-def normals(name, value, size):
+def normals(name: str, value: Array, size: Sequence[int]) -> torch.Tensor:
     """Camera-frame normals (H, W, 3) as a (3, H, W) float32 tensor; zero vectors are left zero."""
     tensor = image(name, value)
     if tuple(tensor.shape[1:]) != tuple(size):
@@ -71,7 +76,7 @@ def normals(name, value, size):
     return torch.nn.functional.normalize(tensor, dim=0)
 
 
-def visibility(name, value, shape):
+def visibility(name: str, value: Array, shape: Sequence[int]) -> torch.Tensor:
     """Visibility maps (D, H, W) in [0, 1] as a float32 tensor."""
     tensor = _tensor(name, value, f"a float array of shape {shape} in [0, 1]")
     if tuple(tensor.shape) != tuple(shape):
@@ -95,7 +100,9 @@ def device(name: str, value: str | torch.device | None) -> torch.device | None:
     return place
 
 
-def photograph(rgb, matte, place: torch.device | None = None) -> tuple[torch.Tensor, torch.Tensor]:
+def photograph(
+    rgb: Array, matte: Array, place: torch.device | None = None
+) -> tuple[torch.Tensor, torch.Tensor]:
     """The arguments `rgb`, a linear image (H, W, 3), and `mask`, its matte (H, W), as tensors (3, H, W) and
     (H, W) on the device `place`, or where the image is."""
     pixels = image("rgb", rgb)
@@ -104,6 +111,6 @@ def photograph(rgb, matte, place: torch.device | None = None) -> tuple[torch.Ten
     return pixels.to(place), coverage.to(place)
 
 
-def like(result, original):
+def like(result: torch.Tensor, original: Array) -> np.ndarray | torch.Tensor:
     """`result` as what the caller handed over: a NumPy array, or a tensor on the caller's device."""
     return result.to(original.device) if isinstance(original, torch.Tensor) else result.cpu().numpy()

@@ -87,6 +87,22 @@ def test_no_module_takes_the_place_of_a_public_name():
         assert not isinstance(first, ModuleType), name
 
 
+def test_editors_see_the_lazy_exports():
+    """What type checkers are shown to import is what `relight` hands out."""
+    tree = ast.parse((ROOT / "relight" / "__init__.py").read_text())
+    (shown,) = (node for node in tree.body if isinstance(node, ast.If))
+    assert ast.unparse(shown.test) == "TYPE_CHECKING"
+    found = {alias.name: node.module for node in shown.body for alias in node.names}
+    assert found == relight._EXPORTS
+
+
+@pytest.mark.parametrize("package", LOWER)
+def test_type_checkers_trust_the_annotations(package):
+    assert (ROOT / package / "py.typed").is_file()
+    setuptools = tomllib.loads((ROOT / "pyproject.toml").read_text())["tool"]["setuptools"]
+    assert "py.typed" in setuptools["package-data"][package]
+
+
 def test_the_light_stage_is_not_needed_at_run_time():
     for package in LOWER:
         for path in (ROOT / package).rglob("*.py"):

@@ -8,17 +8,23 @@ map's centre is at the camera, its left half at image right, and its edges meet 
 import functools
 import heapq
 import itertools
+import os
+from collections.abc import Iterable
 from dataclasses import dataclass
 from pathlib import Path
+from typing import Any, Self
 
 import numpy as np
 import OpenImageIO as oiio
 import torch
 import torch.nn.functional as F
+from numpy.typing import ArrayLike
 
-from relight.lights.directional import Light, checked_number, parse_settings
+from relight.lights.light import Light, checked_number, parse_settings
 from relight.media import images
+from relight.media.buffers import to_array, to_buffer
 from shadow.directions import from_spherical
+from shadow.files import AnyPath
 
 LAMPS = 256  # directions at most: irradiance within 0.5 % (RMS) of that of all the map's pixels
 ROWS = 256  # of the grid that is divided among the lamps; finer maps are summed to it
@@ -26,6 +32,8 @@ FEWEST_ROWS = 64  # coarser maps are repeated to it, so that a lamp is never a b
 FIELD_OF_VIEW = 40.0  # degrees, vertical: a person head to foot from three metres
 SMOOTH = 4  # samples a map pixel that a cubic-like filter makes; between those, linear will do
 MARGIN = 3  # pixels around a view, for the filter
+Edge = int | np.ndarray
+Region = tuple[int, int, int, int]  # top, bottom, left, right of cells
 NEGATIVE = 0.01  # share of the mean below zero that filters and conversions may leave
 
 
@@ -55,16 +63,16 @@ class EnvironmentLight(Light):
 
     def __init__(
         self,
-        image,
+        image: "AnyPath | ArrayLike | Panorama",
         *,
-        rotation=0.0,
-        intensity=1.0,
-        colour=(1.0, 1.0, 1.0),
-        exposure=0.0,
-        temperature=None,
-        locus="planckian",
-        name=None,
-    ):
+        rotation: float = 0.0,
+        intensity: float = 1.0,
+        colour: Iterable[float] = (1.0, 1.0, 1.0),
+        exposure: float = 0.0,
+        temperature: float | None = None,
+        locus: str = "planckian",
+        name: str | None = None,
+    ) -> None:
         self._set(
             image=image if isinstance(image, Panorama) else Panorama.of(image),
             rotation=checked_number("rotation", rotation),
@@ -77,7 +85,7 @@ class EnvironmentLight(Light):
         )
 
     @classmethod
-    def parse(cls, text):
+    def parse(cls, text: str) -> Self:
         """A light from text: `studio.exr,rotation=90,intensity=2`; its name is "environment" unless given."""
         path, *settings = text.split(",")
         while settings and "=" not in settings[0]:  # a comma in the file's name
@@ -87,7 +95,7 @@ class EnvironmentLight(Light):
         except (TypeError, ValueError) as error:
             raise ValueError(f"environment {text!r}: {error}") from error
 
-    def settings(self):
+    def settings(self) -> dict[str, Any]:
         """{parameter: value} of the constructor, as far as they are not its defaults.
 
         ValueError if the map is an array: it has no file to name.
@@ -98,7 +106,7 @@ class EnvironmentLight(Light):
             )
         return {"image": str(self.image.path)} | super().settings()
 
-    def samples(self):
+    def samples(self) -> tuple[np.ndarray, np.ndarray]:
         """What the light comes down to: unit directions (K, 3) and linear RGB intensities (K, 3), float32.
 
         K is at most 256, over the whole sphere, most where the light is. A direction's intensity is the
@@ -109,7 +117,7 @@ class EnvironmentLight(Light):
         axes = from_spherical([turn + 90, 0, turn], [0, 90, 0])  # where x, y and z of the map point
         return directions @ axes, (intensities * self.power).astype(np.float32)
 
-    def view(self, size, field_of_view=FIELD_OF_VIEW):
+    def view(self, size: tuple[int, ...], field_of_view: float = FIELD_OF_VIEW) -> np.ndarray:
         """What a level camera sees of it behind the person: (H, W, 3) float32, linear Rec.709, unbounded.
 
         Parameters
@@ -126,7 +134,7 @@ class EnvironmentLight(Light):
         if min(height, width) < 1:
             raise ValueError(f"size: expected (height, width) of at least 1, got {size}")
         half = np.tan(np.radians(field_of_view / 2))
-        y = np.float32(half - (np.arange(height) + 0.5) * 2 * half / height)[:, None]
+        y = (half - (np.arange(height) + 0.5) * 2 * half / height).astype(np.float32)[:, None]
         x = np.float32((np.arange(width) + 0.5) * 2 * half / height - half * width / height)
         turn = np.degrees(np.arctan(x)) + self.rotation % 360  # rightward from the seam, along the map
         elevation = np.degrees(np.arctan2(y, np.hypot(x, 1)))
@@ -137,7 +145,7 @@ class EnvironmentLight(Light):
 class Panorama:
     """A latitude-longitude map: `pixels` (H, 2 H, 3) float32, linear Rec.709, and the `path` it is from."""
 
-    def __init__(self, pixels, path=None):
+    def __init__(self, pixels: np.ndarray, path: Path | None = None) -> None:
         name = "image" if path is None else path
         height, width = pixels.shape[:2]
         if width != 2 * height:
@@ -149,9 +157,9 @@ class Panorama:
         self.pixels, self.path = pixels[..., :3], path
 
     @classmethod
-    def of(cls, image):
+    def of(cls, image: AnyPath | ArrayLike) -> "Panorama":
         """A map from a file, of which the last few are kept in memory, or from an array."""
-        if not isinstance(image, str | Path):
+        if not isinstance(image, str | os.PathLike):
             return cls(images.scene_linear("image", image))
         path = Path(image)
         if not path.exists():
@@ -159,10 +167,10 @@ class Panorama:
         file = path.stat()
         return _read(path, (file.st_dev, file.st_ino, file.st_size, file.st_mtime_ns))
 
-    def __repr__(self):
+    def __repr__(self) -> str:
         return f"Panorama({str(self.path) if self.path else self.pixels.shape})"
 
-    def at(self, column, elevation, spacing):
+    def at(self, column: np.ndarray, elevation: np.ndarray, spacing: float) -> np.ndarray:
         """Radiance (H, W, 3) at map positions: degrees (W,) from the left edge, and degrees up (H, W).
 
         `spacing` in degrees is about that of the samples: a finer map is averaged to it first, so that no
@@ -175,19 +183,19 @@ class Panorama:
         top, bottom = (int(np.floor((90 - edge) / degrees)) for edge in (elevation.max(), elevation.min()))
         columns = np.arange(left - margin, right + margin + 1) % self.pixels.shape[1]
         rows = np.arange(top - margin, bottom + margin + 1).clip(0, len(self.pixels) - 1)
-        part = np.ascontiguousarray(self.pixels[rows][:, columns])
-        fine = tuple(max(1, round(count * zoom)) for count in part.shape[:2])
-        region = oiio.ROI(0, fine[1], 0, fine[0], 0, 1, 0, 3)
-        part = oiio.ImageBufAlgo.resize(oiio.ImageBuf(part), "blackman-harris", roi=region)
+        height, width = (max(1, round(count * zoom)) for count in (len(rows), len(columns)))
+        region = oiio.ROI(0, width, 0, height, 0, 1, 0, 3)
+        part = to_buffer(self.pixels[rows][:, columns])
+        fine = to_array(oiio.ImageBufAlgo.resize(part, "blackman-harris", roi=region))
         x = (column / degrees - (left - margin)) / len(columns) * 2 - 1
         y = ((90 - elevation) / degrees - (top - margin)) / len(rows) * 2 - 1
         grid = np.stack([np.broadcast_to(x, y.shape), y], axis=-1)
-        fine = torch.from_numpy(part.get_pixels("float").reshape(*fine, 3)).permute(2, 0, 1)
-        seen = F.grid_sample(fine[None], torch.from_numpy(np.float32(grid))[None], align_corners=False)
+        source = torch.from_numpy(fine.reshape(height, width, 3)).permute(2, 0, 1)
+        seen = F.grid_sample(source[None], torch.from_numpy(np.float32(grid))[None], align_corners=False)
         return seen[0].permute(1, 2, 0).numpy()
 
     @functools.cached_property
-    def lamps(self):
+    def lamps(self) -> tuple[np.ndarray, np.ndarray]:
         """Directions (K, 3) and intensities (K, 3), float32, that light as the map does; see `_divide`."""
         lamps = _divide(_cells(self.pixels))
         length = np.linalg.norm(lamps[:, 4:], axis=1, keepdims=True)
@@ -197,12 +205,12 @@ class Panorama:
 
 
 @functools.lru_cache(maxsize=2)
-def _read(path, state):
+def _read(path: Path, state: tuple[int, ...]) -> Panorama:
     """A file's map; `state` is there to tell a file that has changed."""
     return Panorama(images.read(path), path)
 
 
-def _cells(pixels):
+def _cells(pixels: np.ndarray) -> np.ndarray:
     """Light sums (h, w, 7), float64, of a grid of at most 256 x 512 cells over a map.
 
     Of each cell: radiance times solid angle in red, green and blue; their mean e, not below zero, as its
@@ -229,7 +237,7 @@ def _cells(pixels):
     return cells
 
 
-def _divide(cells):
+def _divide(cells: np.ndarray) -> np.ndarray:
     """The light sums (K, 7) of K <= 256 rectangles that divide a grid of light sums (h, w, 7).
 
     Variance minimisation light probe sampling (Viriyothai and Debevec 2009, after the median cut of Debevec
@@ -239,14 +247,14 @@ def _divide(cells):
     """
     table = np.pad(cells.cumsum(axis=0).cumsum(axis=1), ((1, 0), (1, 0), (0, 0)))
 
-    def total(top, bottom, left, right):
+    def total(top: Edge, bottom: Edge, left: Edge, right: Edge) -> np.ndarray:
         return table[bottom, right] - table[top, right] - table[bottom, left] + table[top, left]
 
-    def loss(*region):
+    def loss(*region: Edge) -> np.ndarray:
         sums = total(*region)
         return sums[..., 3] - np.linalg.norm(sums[..., 4:], axis=-1)
 
-    def cut(top, bottom, left, right):
+    def cut(top: int, bottom: int, left: int, right: int) -> tuple[Region, Region]:
         """The two parts whose losses add up to the least."""
         rows, columns = np.arange(top + 1, bottom), np.arange(left + 1, right)
         across = loss(top, rows, left, right) + loss(rows, bottom, left, right)
@@ -257,7 +265,7 @@ def _divide(cells):
         column = columns[down.argmin()]
         return (top, bottom, left, column), (top, bottom, column, right)
 
-    def entry(region):
+    def entry(region: Region) -> tuple[float, Region]:
         top, bottom, left, right = region
         single = bottom - top == 1 and right - left == 1
         return 0.0 if single else -float(loss(*region)), region  # heapq has the smallest first

@@ -28,21 +28,24 @@ import json
 import os
 import re
 import reprlib
+from collections.abc import Hashable, Iterable
 from pathlib import Path
+from typing import Any
 
 import yaml
 
-from relight.lights.directional import REQUIRED, DirectionalLight, parameters
+from relight.lights.directional import DirectionalLight
 from relight.lights.environment import EnvironmentLight
+from relight.lights.light import REQUIRED, Light, parameters
 from relight.lights.moving import MovingLight
-from shadow.files import replacing
+from shadow.files import AnyPath, replacing
 
-TYPES = {"directional": DirectionalLight, "environment": EnvironmentLight}
+TYPES: dict[str, type[Light]] = {"directional": DirectionalLight, "environment": EnvironmentLight}
 SUFFIXES = (".yaml", ".yml", ".json")
 MERGE = "tag:yaml.org,2002:merge"
 
 
-def read_lights(path):
+def read_lights(path: AnyPath) -> list[Light | MovingLight]:
     """Read a lights file: a list of lights, in the file's order.
 
     Parameters
@@ -59,7 +62,7 @@ def read_lights(path):
     return [_light(path, number, entry) for number, entry in enumerate(_entries(path), 1)]
 
 
-def write_lights(path, lights):
+def write_lights(path: AnyPath, lights: Iterable[Light | MovingLight]) -> None:
     """Write lights to a file that `read_lights` reads back to the same lights. Whole, or not at all.
 
     Parameters
@@ -83,14 +86,14 @@ def write_lights(path, lights):
         beside.write_text(text, encoding="utf-8")
 
 
-def _lights_path(path):
+def _lights_path(path: AnyPath) -> Path:
     path = Path(path)
     if path.suffix.lower() not in SUFFIXES:
         raise ValueError(f"{path}: expected a lights file, whose name ends in {', '.join(SUFFIXES)}")
     return path
 
 
-def _entries(path):
+def _entries(path: AnyPath) -> list[Any]:
     """The lights of a file as mappings, their keys and values still unchecked."""
     path = _lights_path(path)
     try:
@@ -114,7 +117,7 @@ def _entries(path):
     return document["lights"]
 
 
-def _light(path, number, entry):
+def _light(path: AnyPath, number: int, entry: Any) -> Light | MovingLight:
     """A light from its mapping in a file."""
     where = f"{path}: light {number}"
     if not isinstance(entry, dict):
@@ -144,7 +147,7 @@ def _light(path, number, entry):
         raise ValueError(f"{where}: {error}") from error
 
 
-def _entry(path, light):
+def _entry(path: Path, light: Light | MovingLight) -> dict[str, Any]:
     """A light's mapping in the file `path`: what is not the default, its name first."""
     made = light.kind if isinstance(light, MovingLight) else type(light)
     kinds = {kind for kind, cls in TYPES.items() if issubclass(made, cls)}
@@ -158,7 +161,7 @@ def _entry(path, light):
     return entry | {key: _plain(value) for key, value in settings.items()}
 
 
-def _plain(value):
+def _plain(value: Any) -> Any:
     """40 rather than 40.0, as a person would write it."""
     if isinstance(value, tuple):
         return tuple(map(_plain, value))
@@ -167,7 +170,7 @@ def _plain(value):
     return int(value) if isinstance(value, float) and value.is_integer() else value
 
 
-def _unique(pairs):
+def _unique(pairs: list[tuple[Any, Any]]) -> dict[Any, Any]:
     """A JSON object as a dictionary; ValueError if a key comes twice, of which JSON would keep the last."""
     keys = [key for key, _ in pairs]
     for key in keys:
@@ -179,7 +182,7 @@ def _unique(pairs):
 class _Loader(yaml.SafeLoader):
     """Safe YAML in which no key comes twice and 1e3 is a number, as YAML 1.2 has it and PyYAML has not."""
 
-    def construct_mapping(self, node, deep=False):
+    def construct_mapping(self, node: yaml.MappingNode, deep: bool = False) -> dict[Hashable, Any]:
         _unique([(self.construct_object(key), None) for key, _ in node.value if key.tag != MERGE])
         return super().construct_mapping(node, deep)
 
@@ -187,7 +190,7 @@ class _Loader(yaml.SafeLoader):
 class _Dumper(yaml.SafeDumper):
     """YAML with vectors on one line."""
 
-    def ignore_aliases(self, data):
+    def ignore_aliases(self, data: Any) -> bool:
         return True
 
 

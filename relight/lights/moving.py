@@ -6,12 +6,16 @@ import itertools
 import math
 import re
 import reprlib
+from collections.abc import Iterable, Mapping
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 
-from relight.lights.directional import DirectionalLight, Light
+from relight.lights.directional import DirectionalLight
+from relight.lights.light import Light
 
+Keyframes = dict[float, float | tuple[float, ...]]  # {frame: value}, in the order of frames
 ORBITS = ("azimuth", "rotation")  # what an orbit turns: a lamp around the subject, an environment around it
 
 
@@ -37,10 +41,12 @@ class MovingLight:
 
     kind: type[Light]
     orbit: float | None
-    moves: dict  # {parameter: {frame: value}}, in the order of frames
-    rests: dict  # {parameter: value}
+    moves: dict[str, Keyframes]  # {parameter: {frame: value}}, in the order of frames
+    rests: dict[str, Any]  # {parameter: value}
 
-    def __init__(self, kind=DirectionalLight, *, orbit=None, **settings):
+    def __init__(
+        self, kind: type[Light] = DirectionalLight, *, orbit: float | None = None, **settings: Any
+    ) -> None:
         if orbit is not None and not (_is_number(orbit) and orbit != 0):
             raise ValueError(f"orbit: expected the frames of a turn, not 0, got {reprlib.repr(orbit)}")
         if orbit is not None and "direction" in settings:
@@ -54,19 +60,19 @@ class MovingLight:
         between = [(first + last) / 2 for first, last in itertools.pairwise(frames)]
         lights = [self.at(frame) for frame in frames + between]  # what cannot be is refused now
         if "image" in self.rests:
-            self.rests["image"] = lights[0].image  # read once, not at every frame
+            self.rests["image"] = vars(lights[0])["image"]  # read once, not at every frame
 
     @property
-    def name(self):
+    def name(self) -> str | None:
         return self.rests.get("name")
 
     @property
-    def span(self):
+    def span(self) -> tuple[float, float] | None:
         """(first, last) keyframe; None if there is none."""
         frames = sorted({frame for keyframes in self.moves.values() for frame in keyframes})
         return (frames[0], frames[-1]) if frames else None
 
-    def at(self, frame):
+    def at(self, frame: float) -> Light:
         """The light of a frame, which may lie between whole ones."""
         settings = self.rests | {key: _between(key, frames, frame) for key, frames in self.moves.items()}
         if self.orbit is not None:
@@ -74,7 +80,7 @@ class MovingLight:
             settings[turned] = settings.get(turned, 0.0) + 360 * (frame - 1) / self.orbit
         return self.kind(**settings)
 
-    def settings(self):
+    def settings(self) -> dict[str, Any]:
         """{parameter: value or keyframes} from which the light can be made again, as far as not default."""
         rests = self.at(1).settings()
         direction = ("azimuth", "elevation") if "direction" in self.moves else ()
@@ -82,12 +88,12 @@ class MovingLight:
         return settings | self.moves | ({} if self.orbit is None else {"orbit": self.orbit})
 
 
-def lights_at(lights, frame):
+def lights_at(lights: Iterable[Light | MovingLight], frame: float) -> list[Light]:
     """The lights of a frame: those that move as they are then, the others as they are."""
     return [light.at(frame) if isinstance(light, MovingLight) else light for light in lights]
 
 
-def parse(text, kind=DirectionalLight):
+def parse(text: str, kind: type[Light] = DirectionalLight) -> Light | MovingLight:
     """A light from text, as the `parse` of its kind reads it; with `orbit=200` in it, one that moves."""
     orbit = re.search(r"(?:^|(?<=[,:]))\s*orbit\s*=([^,]*)(?:,|$)", text)
     if orbit is None:
@@ -99,15 +105,15 @@ def parse(text, kind=DirectionalLight):
         raise ValueError(f"light {text!r}: {error}") from error
 
 
-def _is_number(value):
+def _is_number(value: Any) -> bool:
     return isinstance(value, int | float) and not isinstance(value, bool) and math.isfinite(value)
 
 
-def _keyframes(key, keyframes):
+def _keyframes(key: str, keyframes: Mapping[Any, Any]) -> Keyframes:
     """{frame: value} in order, checked; JSON has its frames as text."""
     if not keyframes:
         raise ValueError(f"{key}: expected keyframes, got none")
-    checked = {}
+    checked: Keyframes = {}
     for frame, value in keyframes.items():
         try:
             number = float(frame)
@@ -124,7 +130,7 @@ def _keyframes(key, keyframes):
     return dict(sorted(checked.items()))
 
 
-def _between(key, keyframes, frame):
+def _between(key: str, keyframes: Keyframes, frame: float) -> float | tuple[float, ...]:
     """The value at a frame: a float or a tuple of three."""
     frames = list(keyframes)
     after = bisect.bisect(frames, frame)
@@ -138,7 +144,7 @@ def _between(key, keyframes, frame):
     return (start + share * (end - start)).tolist()
 
 
-def _great_circle(start, end, share):
+def _great_circle(start: np.ndarray, end: np.ndarray, share: float) -> tuple[float, ...]:
     """A direction between two, at even speed (Shoemake 1985)."""
     start, end = start / np.linalg.norm(start), end / np.linalg.norm(end)
     angle = math.acos(np.clip(start @ end, -1, 1))

@@ -10,9 +10,13 @@ import math
 import os
 import sys
 import warnings
+from collections.abc import Callable
 
 import numpy as np
 import OpenImageIO as oiio
+from numpy.typing import ArrayLike
+
+from relight.media.buffers import to_array, to_buffer
 
 with warnings.catch_warnings():
     warnings.simplefilter("ignore")  # colour-science warns at import that Matplotlib is not installed
@@ -34,7 +38,7 @@ KNEE = 0.6  # light that a display shows as it is, however bright the rest
 
 
 @functools.cache
-def _config(path):
+def _config(path: str) -> oiio.ColorConfig:
     """An OpenColorIO configuration; ValueError if there is none at `path`."""
     config = oiio.ColorConfig(path)
     if config.geterror():
@@ -42,7 +46,7 @@ def _config(path):
     return config
 
 
-def _find(space):
+def _find(space: str) -> tuple[str, str]:
     """(configuration's path, name in it) of a colour space, the built-in configuration first."""
     wanted = ALIASES.get(str(space).lower(), str(space))
     for path in filter(None, (BUILT_IN, os.environ.get("OCIO"))):
@@ -53,29 +57,29 @@ def _find(space):
     raise ValueError(f"colour_space: unknown {space!r}, expected {SRGB!r}, {LINEAR!r} or one of: {known}")
 
 
-def resolve(space):
+def resolve(space: str) -> str:
     """The canonical name of a colour space, so that aliases compare equal; ValueError if it is unknown."""
     return _find(space)[1]
 
 
-def _convert(pixels, source, target, path):
+def _convert(pixels: np.ndarray, source: str, target: str, path: str) -> np.ndarray:
     """(H, W, 3) float32 from one space of a configuration to another."""
     converted = oiio.ImageBufAlgo.colorconvert(
-        oiio.ImageBuf(pixels), source, target, unpremult=False, colorconfig=path
+        to_buffer(pixels), source, target, unpremult=False, colorconfig=path
     )
     if converted.has_error:
         raise ValueError(f"colour_space: cannot convert from {source!r}: {converted.geterror()}")
-    return converted.get_pixels("float")
+    return to_array(converted)
 
 
 @functools.cache
-def _srgb_table(dtype):
+def _srgb_table(dtype: np.dtype) -> np.ndarray:
     """Linear value of every code of an integer dtype: exact, and faster than computing each pixel."""
     codes = np.arange(np.iinfo(dtype).max + 1) / np.iinfo(dtype).max
     return colour.models.eotf_sRGB(codes).astype(np.float32)
 
 
-def decode(pixels, space):
+def decode(pixels: np.ndarray, space: str | tuple[float, ...]) -> np.ndarray:
     """Pixels of a colour space to linear Rec.709.
 
     Parameters
@@ -110,7 +114,7 @@ def decode(pixels, space):
 
 
 @functools.cache
-def _to_rec709(chromaticities):
+def _to_rec709(chromaticities: tuple[float, ...]) -> np.ndarray:
     """(3, 3) float32 from linear light of these primaries and white, adapted by Bradford, as OpenEXR does."""
     x_y = np.array(chromaticities, np.float64)
     if x_y.shape == (8,) and np.allclose(x_y, REC709, atol=2e-3):
@@ -124,7 +128,7 @@ def _to_rec709(chromaticities):
         raise ValueError(f"chromaticities: {chromaticities} span no colours: {error}") from error
 
 
-def _by_rows(function, pixels):
+def _by_rows(function: Callable[[np.ndarray], np.ndarray], pixels: np.ndarray) -> np.ndarray:
     """A function of colour-science on (H, W, 3), a few rows at a time: it needs much memory. Float32."""
     result = np.empty(pixels.shape, np.float32)
     for row in range(0, len(pixels), ROWS):
@@ -132,7 +136,9 @@ def _by_rows(function, pixels):
     return result
 
 
-def encode(rgb, *, view=None, exposure=0.0, white=None):
+def encode(
+    rgb: np.ndarray, *, view: str | None = None, exposure: float = 0.0, white: float | None = None
+) -> np.ndarray:
     """Linear Rec.709 to a display's encoding: (H, W, 3) float32 to (H, W, 3) float32 in [0, 1].
 
     Parameters
@@ -164,7 +170,7 @@ def encode(rgb, *, view=None, exposure=0.0, white=None):
     )
 
 
-def _roll_off(rgb, white):
+def _roll_off(rgb: np.ndarray, white: float) -> np.ndarray:
     """Compress light above the knee so that `white` becomes 1: the identity where `white` is 1."""
     if white == 1:
         return rgb
@@ -173,7 +179,7 @@ def _roll_off(rgb, white):
     return np.minimum(rgb, KNEE) + (1 - KNEE) * above * (1 + above / top**2) / (1 + above)
 
 
-def find_view(view):
+def find_view(view: str) -> tuple[str, str, str]:
     """(configuration's path, display, view) of a view that `view` names in part; ValueError if none does.
 
     The configuration is $OCIO's if that is set, else the built-in one; the display is its default.
@@ -189,23 +195,23 @@ def find_view(view):
     return path, display, matches[0]
 
 
-def _through_view(rgb, view):
+def _through_view(rgb: np.ndarray, view: str) -> np.ndarray:
     """(H, W, 3) linear Rec.709 through a view transform, clipped to the display's [0, 1]."""
     path, display, view = find_view(view)
     config, source = _config(path), LINEAR
     if config.getColorSpaceIndex(config.resolve(LINEAR)) < 0:
         rgb, source = _convert(rgb, LINEAR, "ACES2065-1", BUILT_IN), INTERCHANGE
     shown = oiio.ImageBufAlgo.ociodisplay(
-        oiio.ImageBuf(np.ascontiguousarray(rgb, np.float32)), display, view, fromspace=source,
+        to_buffer(rgb), display, view, fromspace=source,
         unpremult=False, colorconfig=path,
     )  # fmt: skip
     if shown.has_error:
         raise ValueError(f"view: cannot show {view!r} on {display!r}: {shown.geterror()}")
-    return shown.get_pixels("float").clip(0, 1)
+    return to_array(shown).clip(0, 1)
 
 
 @functools.cache
-def temperature(kelvin, locus="planckian"):
+def temperature(kelvin: float, locus: str = "planckian") -> tuple[float, float, float]:
     """Linear Rec.709 colour (three floats) of a colour temperature, scaled to luminance 1, as UsdLux does.
 
     Parameters
@@ -227,6 +233,6 @@ def temperature(kelvin, locus="planckian"):
     return tuple((rgb / luminance(rgb)).tolist())
 
 
-def luminance(rgb):
+def luminance(rgb: ArrayLike) -> np.ndarray:
     """Luminance Y (...) of linear Rec.709 colours (..., 3); white has 1."""
     return rgb @ colour.RGB_COLOURSPACES["ITU-R BT.709"].matrix_RGB_to_XYZ[1]

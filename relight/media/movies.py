@@ -5,24 +5,30 @@ yuv420p, for looking at; a .mov is ProRes, 4444 with straight alpha or 422 HQ wi
 """
 
 import functools
+from collections.abc import Callable, Iterable, Iterator
 from fractions import Fraction
 from pathlib import Path
+from typing import Any
 
 import av
 import numpy as np
+from av.container import OutputContainer
 from av.video.reformatter import ColorPrimaries, ColorRange, Colorspace, ColorTrc, Interpolation
+from av.video.stream import VideoStream
+from numpy.typing import ArrayLike
 
 from relight.media import colour as colours
 from relight.media.colour import colour
 from relight.media.images import scene_linear
 from shadow import files
+from shadow.files import AnyPath
 
 WRITTEN = (".mov", ".mp4")
 READ = (*WRITTEN, ".avi", ".m4v", ".mkv", ".mxf", ".webm")
 EXACT = Interpolation.BILINEAR | Interpolation.ACCURATE_RND
 HD = 720  # rows from which an undeclared matrix is taken to be BT.709's, as players do; BT.601's below
 WHITE = 4.0  # light that a movie shows as white, the same at all frames: two stops above a white surface
-PRIMARIES = {  # H.273 code to linear colour space of colour-science; BT.709 if undeclared
+PRIMARIES: dict[int, str] = {  # H.273 code to linear colour space of colour-science; BT.709 if undeclared
     ColorPrimaries.BT709: "ITU-R BT.709",
     ColorPrimaries.UNSPECIFIED: "ITU-R BT.709",
     ColorPrimaries.BT470BG: "ITU-R BT.470 - 625",
@@ -32,7 +38,9 @@ PRIMARIES = {  # H.273 code to linear colour space of colour-science; BT.709 if 
     ColorPrimaries.SMPTE431: "DCI-P3",
     ColorPrimaries.SMPTE432: "Display P3",
 }
-TRANSFERS = {  # H.273 code to the function from code values to light; BT.709's if undeclared
+TRANSFERS: dict[
+    int, Callable[[np.ndarray], Any]
+] = {  # H.273 code to the function from code values to light; BT.709's if undeclared
     ColorTrc.BT709: colour.models.oetf_inverse_BT709,
     ColorTrc.UNSPECIFIED: colour.models.oetf_inverse_BT709,
     ColorTrc.SMPTE170M: colour.models.oetf_inverse_BT709,
@@ -45,7 +53,7 @@ TRANSFERS = {  # H.273 code to the function from code values to light; BT.709's 
 }
 
 
-def is_movie(path):
+def is_movie(path: AnyPath) -> bool:
     """Whether a file's name is a movie's."""
     return Path(path).suffix.lower() in READ
 
@@ -65,7 +73,7 @@ class Movie:
     FileNotFoundError: no such file. ValueError: no movie.
     """
 
-    def __init__(self, path, *, colour_space=None):
+    def __init__(self, path: AnyPath, *, colour_space: str | None = None) -> None:
         self.path = Path(path)
         self.colour_space = colour_space
         if not self.path.exists():
@@ -77,17 +85,20 @@ class Movie:
                 shown = {packet.pts for packet in container.demux(stream) if not packet.is_discard}
         except (av.error.FFmpegError, IndexError) as error:
             raise ValueError(f"{path}: cannot be read as a movie: {error}") from error
-        self._order = {time: number for number, time in enumerate(sorted(shown - {None}), 1)}
+        times = sorted(time for time in shown if time is not None)
+        self._order = {time: number for number, time in enumerate(times, 1)}
         if not self._order:
             raise ValueError(f"{path}: is damaged or truncated: it has no frames")
-        self._frames = self._frame = self._number = None
+        self._frames: Iterator[tuple[int, av.VideoFrame]] = iter(())
+        self._frame: av.VideoFrame | None = None
+        self._number = len(self._order) + 1  # of the frame that is decoded: beyond the last, so start over
 
     @property
-    def numbers(self):
+    def numbers(self) -> range:
         """The frames there are."""
         return range(1, len(self._order) + 1)
 
-    def read(self, number):
+    def read(self, number: int) -> np.ndarray:
         """A frame: (H, W, 3|4) float32, linear Rec.709, premultiplied, upright.
 
         ValueError: there is no such frame, it is damaged, or its transfer function or primaries are none of
@@ -95,18 +106,18 @@ class Movie:
         """
         if number not in self.numbers:
             raise ValueError(f"{self.path}: expected a frame of 1 to {len(self._order)}, got {number}")
-        if self._number is None or self._number > number:
+        if self._number > number:
             self._frames, self._number = self._decoded(), 0
         while self._number < number:
             self._number, self._frame = next(self._frames, (len(self._order) + 1, None))
-        if self._number > number or self._frame.is_corrupt:
+        if self._number > number or self._frame is None or self._frame.is_corrupt:
             raise ValueError(f"{self.path}: frame {number} is damaged")
         try:
             return _linear(self._frame, self.colour_space)
         except ValueError as error:
             raise ValueError(f"{self.path}: {error}") from error
 
-    def _decoded(self):
+    def _decoded(self) -> Iterator[tuple[int, av.VideoFrame]]:
         """Numbers and frames, as far as they can be decoded."""
         with av.open(str(self.path), options={"err_detect": "explode"}) as container:
             stream = container.streams.video[0]
@@ -121,7 +132,15 @@ class Movie:
                         yield self._order[frame.pts], frame
 
 
-def write_movie(path, frames, *, rate=24, view=None, exposure=0.0, white=WHITE):
+def write_movie(
+    path: AnyPath,
+    frames: Iterable[ArrayLike],
+    *,
+    rate: float | Fraction = 24,
+    view: str | None = None,
+    exposure: float = 0.0,
+    white: float = WHITE,
+) -> None:
     """Write a movie. The file appears when it is complete.
 
     Parameters
@@ -152,7 +171,7 @@ def write_movie(path, frames, *, rate=24, view=None, exposure=0.0, white=WHITE):
                     stream = stream or _stream(file, path, codes.shape, rate)
                     if codes.shape[:2] != (stream.height, stream.width):
                         raise ValueError(f"{path}: frame {number + 1} has another size than the first")
-                    picture = _picture(codes, stream.pix_fmt)
+                    picture = _picture(codes, str(stream.pix_fmt))
                     picture.pts = number
                     file.mux(stream.encode(picture))
                 if stream is None:
@@ -162,12 +181,12 @@ def write_movie(path, frames, *, rate=24, view=None, exposure=0.0, white=WHITE):
             raise OSError(f"{path}: cannot be written: {error}") from error
 
 
-def check_writable(path):
+def check_writable(path: AnyPath) -> Path:
     """`path` as a Path; raises as `write_movie` does if a movie cannot be written there."""
     return files.check_writable(path, WRITTEN)
 
 
-def _fraction(rate):
+def _fraction(rate: float | Fraction) -> Fraction:
     """Frames a second, exactly."""
     if not 0 < rate < 10000:
         raise ValueError(f"rate: expected frames a second, more than 0, got {rate}")
@@ -177,7 +196,7 @@ def _fraction(rate):
     return Fraction(rate).limit_denominator(1001)
 
 
-def _stream(file, path, shape, rate):
+def _stream(file: OutputContainer, path: Path, shape: tuple[int, ...], rate: Fraction) -> VideoStream:
     """The movie's one stream, its colours declared."""
     if path.suffix.lower() == ".mp4":
         stream = file.add_stream("libx264", rate, options={"crf": "16", "preset": "medium"})
@@ -194,7 +213,7 @@ def _stream(file, path, shape, rate):
     return stream
 
 
-def _codes(path, frame, view, exposure, white):
+def _codes(path: Path, frame: ArrayLike, view: str | None, exposure: float, white: float) -> np.ndarray:
     """Linear premultiplied light to BT.709's code values, straight, over the full range of uint16."""
     pixels = scene_linear("frames", frame)
     if path.suffix.lower() == ".mp4":
@@ -212,13 +231,13 @@ def _codes(path, frame, view, exposure, white):
 
 
 @functools.cache
-def _srgb_to_bt709():
+def _srgb_to_bt709() -> np.ndarray:
     """BT.709's code, float32, of each of sRGB's 65536: the same light on the display."""
     light = colour.models.eotf_sRGB(np.arange(65536) / 65535)
     return colour.models.oetf_BT709(light).astype(np.float32)
 
 
-def _picture(codes, layout):
+def _picture(codes: np.ndarray, layout: str) -> av.VideoFrame:
     """A frame in the encoder's layout, its colours declared."""
     given = av.VideoFrame.from_ndarray(codes, format="rgba64le" if codes.shape[-1] == 4 else "rgb48le")
     return given.reformat(
@@ -229,7 +248,7 @@ def _picture(codes, layout):
     )  # fmt: skip
 
 
-def _linear(frame, colour_space):
+def _linear(frame: av.VideoFrame, colour_space: str | None) -> np.ndarray:
     """A decoded frame to (H, W, 3|4) linear Rec.709, premultiplied."""
     alpha = any(component.is_alpha for component in frame.format.components)
     matrix = Colorspace(frame.colorspace) if frame.colorspace in list(Colorspace) else None
@@ -252,7 +271,7 @@ def _linear(frame, colour_space):
 
 
 @functools.cache
-def _light(transfer):
+def _light(transfer: int) -> np.ndarray:
     """The light, float32, of each of 65536 codes."""
     if transfer not in TRANSFERS:
         name = ColorTrc(transfer).name if transfer in list(ColorTrc) else transfer
@@ -261,7 +280,7 @@ def _light(transfer):
 
 
 @functools.cache
-def _to_rec709(primaries):
+def _to_rec709(primaries: int) -> np.ndarray:
     """(3, 3) float32, for row vectors."""
     if primaries not in PRIMARIES:
         name = ColorPrimaries(primaries).name if primaries in list(ColorPrimaries) else primaries

@@ -6,14 +6,24 @@ takes its inputs from the stack and puts itself there; `set` names what is on to
 
 import os
 import re
+from collections.abc import Mapping
+from fractions import Fraction
 from pathlib import Path
+from typing import Any
 
-from shadow.files import replacing
+from shadow.files import AnyPath, replacing
 
 STEP = 110  # width of a column in the node graph
 
 
-def write_script(path, groups, size, *, frames=None, rate=24):
+def write_script(
+    path: AnyPath,
+    groups: Mapping[str, tuple[AnyPath, str | None]],
+    size: tuple[int, ...],
+    *,
+    frames: tuple[int, int] | None = None,
+    rate: float | Fraction = 24,
+) -> None:
     """Write the script. It finds the files relative to itself, so folder and script may move together.
 
     Parameters
@@ -35,9 +45,10 @@ def write_script(path, groups, size, *, frames=None, rate=24):
     layers = [_word(layer) for _, layer in groups.values() if layer is not None]
     blocks = [_root(size, frames, rate)]
     blocks += [f"add_layer {{{name} {name}.red {name}.green {name}.blue {name}.alpha}}" for name in layers]
-    reads = {}
+    reads: dict[AnyPath, str] = {}
     for column, (name, (file, layer)) in enumerate(groups.items()):
-        place, word = {"xpos": column * STEP}, _word(name)
+        place: dict[str, object] = {"xpos": column * STEP}
+        word = _word(name)
         if file in reads:
             blocks.append(f"push ${reads[file]}")
         else:
@@ -58,7 +69,7 @@ def write_script(path, groups, size, *, frames=None, rate=24):
         beside.write_text("\n".join(blocks) + "\n", encoding="utf-8")
 
 
-def _root(size, frames, rate):
+def _root(size: tuple[int, ...], frames: tuple[int, int] | None, rate: float | Fraction) -> str:
     first, last = frames or (1, 1)
     height, width = size
     return _node(
@@ -73,7 +84,7 @@ def _root(size, frames, rate):
     )
 
 
-def _span(frames):
+def _span(frames: tuple[int, int] | None) -> dict[str, int]:
     """A Read's knobs for the frames of a sequence."""
     if frames is None:
         return {}
@@ -81,15 +92,15 @@ def _span(frames):
     return {"first": first, "last": last, "origfirst": first, "origlast": last}
 
 
-def _node(kind, **knobs):
+def _node(kind: str, **knobs: Any) -> str:
     return "\n".join([f"{kind} {{", *(f" {knob} {value}" for knob, value in knobs.items()), "}"])
 
 
-def _word(name):
+def _word(name: str) -> str:
     """A name as Nuke takes it for nodes and layers: letters, digits and underscores."""
     return re.sub(r"\W", "_", name, flags=re.ASCII)
 
 
-def _quoted(text):
+def _quoted(text: str) -> str:
     """A text as Tcl reads it back, braces and brackets included."""
     return '"' + re.sub(r'([\\"\[\]{}$])', r"\\\1", text) + '"'

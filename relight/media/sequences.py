@@ -1,8 +1,14 @@
 """Frame sequences: file names with a frame number, `plate.%04d.exr` or `plate.####.exr`."""
 
 import re
+from collections.abc import Callable
 from dataclasses import dataclass
 from pathlib import Path
+from typing import Any, Self
+
+import numpy as np
+
+from shadow.files import AnyPath
 
 TOKEN = re.compile(r"%0?(?P<printf>\d*)d|(?P<hashes>#+)")
 
@@ -17,7 +23,7 @@ class Sequence:
     after: str
 
     @classmethod
-    def of(cls, path):
+    def of(cls, path: AnyPath) -> Self | None:
         """The sequence that `path` names, or None if it names a single file.
 
         The frame number is `%04d` (or `%d`) or `####`, one `#` a digit, once in the file's name. A file of
@@ -35,23 +41,23 @@ class Sequence:
         digits = len(token["hashes"]) if token["hashes"] else int(token["printf"] or 1)
         return cls(path.parent, path.name[: token.start()], max(digits, 1), path.name[token.end() :])
 
-    def __str__(self):
+    def __str__(self) -> str:
         return str(self.folder / f"{self.before}{self.printf}{self.after}")
 
     @property
-    def printf(self):
+    def printf(self) -> str:
         """The frame number as C and Nuke write it."""
         return f"%0{self.digits}d"
 
-    def path(self, number):
+    def path(self, number: int) -> Path:
         """The file of a frame."""
         return self.folder / f"{self.before}{number:0{self.digits}d}{self.after}"
 
-    def beside(self, suffix):
+    def beside(self, suffix: str) -> Path:
         """The one file of another kind that goes with the sequence: `plate.json` with `plate.%04d.exr`."""
         return self.folder / f"{self.before.rstrip('._-') or 'frames'}{suffix}"
 
-    def numbers(self):
+    def numbers(self) -> list[int]:
         """The frames that are on the disk, in order."""
         if not self.folder.is_dir():
             return []
@@ -64,26 +70,27 @@ class Sequence:
 class Still:
     """One picture for all frames."""
 
-    numbers = rate = None
+    numbers: None = None
+    rate: None = None
 
-    def __init__(self, picture):
+    def __init__(self, picture: Any) -> None:
         self.picture = picture
 
-    def read(self, number):
+    def read(self, number: int) -> Any:
         return self.picture
 
 
 class Files:
     """The frames of a sequence, by `read`, a function of a path."""
 
-    rate = None
+    rate: None = None
 
-    def __init__(self, sequence, read):
+    def __init__(self, sequence: Sequence, read: Callable[[Path], np.ndarray]) -> None:
         self.sequence = sequence
         self.numbers = sequence.numbers()
         self._read = read
         if not self.numbers:
             raise FileNotFoundError(f"{sequence}: no such frames")
 
-    def read(self, number):
+    def read(self, number: int) -> np.ndarray:
         return self._read(self.sequence.path(number))

@@ -1,0 +1,165 @@
+"""What every light is: strength and colour, samples, and text that it is read from; and lights by name."""
+
+import inspect
+import math
+import reprlib
+from collections.abc import Iterable
+from dataclasses import dataclass
+from typing import Any, Self, cast
+
+import numpy as np
+
+from relight.media import colour as colours
+
+VECTORS = ("direction", "colour")
+TEXTS = ("locus", "name")
+REQUIRED = inspect.Parameter.empty
+
+
+@dataclass(frozen=True, init=False)
+class Light:
+    """What every light has; `relight.DirectionalLight` says what the parameters mean."""
+
+    intensity: float
+    colour: tuple[float, float, float]
+    exposure: float
+    temperature: float | None
+    locus: str
+    name: str | None
+
+    def _set(
+        self,
+        *,
+        intensity: float,
+        colour: Iterable[float],
+        exposure: float,
+        temperature: float | None,
+        locus: str,
+        name: str | None,
+        **own: Any,
+    ) -> None:
+        """Check what every light has, and set it and the light's `own` fields as frozen dataclasses do."""
+        rgb = checked_numbers("colour", colour, 3)
+        if min(rgb) < 0:
+            raise ValueError(f"colour: expected values >= 0, got {rgb}")
+        if locus not in colours.LOCI:
+            raise ValueError(f"locus: expected {' or '.join(colours.LOCI)}, got {reprlib.repr(locus)}")
+        if temperature is not None:
+            temperature = checked_number("temperature", temperature, *colours.LOCI[locus])
+        if name is not None and (not isinstance(name, str) or not name):
+            raise TypeError(f"name: expected a non-empty string, got {reprlib.repr(name)}")
+        values = {
+            "intensity": checked_number("intensity", intensity, 0),
+            "colour": rgb,
+            "exposure": checked_number("exposure", exposure, -64, 64),
+            "temperature": temperature,
+            "locus": locus,
+            "name": name,
+        }
+        for field, value in (values | own).items():
+            object.__setattr__(self, field, value)
+
+    @property
+    def power(self) -> np.ndarray:
+        """Linear RGB (3,): colour × temperature's tint × intensity × 2**exposure."""
+        tint = (1.0,) * 3
+        if self.temperature is not None:
+            tint = colours.temperature(self.temperature, self.locus)
+        return np.array(self.colour) * tint * self.intensity * 2.0**self.exposure
+
+    def settings(self) -> dict[str, Any]:
+        """{parameter: value} of the constructor, as far as they are not its defaults."""
+        optional = {
+            key: default for key, default in parameters(type(self)).items() if default is not REQUIRED
+        }
+        given = {key: getattr(self, key) for key in optional}
+        return {key: value for key, value in given.items() if value != optional[key]}
+
+    @classmethod
+    def parse(cls, text: str) -> Self:
+        """A light from text, as the command line takes it; ValueError if the text does not read so."""
+        raise NotImplementedError
+
+    def samples(self) -> tuple[np.ndarray, np.ndarray]:
+        """What the light comes down to: unit directions (K, 3) and linear RGB intensities (K, 3), float32."""
+        raise NotImplementedError
+
+
+Lights = Light | Iterable[Light]  # as functions take them
+
+
+def as_lights(lights: Lights) -> list[Light]:
+    """One light or an iterable of lights as a list; TypeError for what is none, or moves."""
+    alone = hasattr(lights, "samples") or hasattr(lights, "at")  # a light, of whatever class
+    try:
+        several: list[Any] = [lights] if alone else list(cast(Iterable[Light], lights))
+    except TypeError as error:
+        raise TypeError(f"lights: expected lights, got {type(lights).__name__}") from error
+    for light in several:
+        if hasattr(light, "at"):
+            raise TypeError(
+                f"lights: {light.name or 'a light'} moves; give the light of one frame, light.at(frame)"
+            )
+        if not hasattr(light, "samples"):
+            raise TypeError(f"lights: expected lights, e.g. DirectionalLight, got {type(light).__name__}")
+    return several
+
+
+def by_name(lights: Lights) -> dict[str, Light]:
+    """{name: light}, those without a name as `light1`, `light2`...; ValueError if two have one name."""
+    several = as_lights(lights)
+    names = [light.name or f"light{number}" for number, light in enumerate(several, 1)]
+    if len(set(names)) < len(names):
+        raise ValueError(f"lights: expected different names, got {', '.join(names)}")
+    return dict(zip(names, several, strict=True))
+
+
+def checked_numbers(name: str, value: Any, count: int) -> tuple[float, ...]:
+    """`value` as a tuple of `count` finite floats."""
+    expected, got = ("numbers", value) if count > 1 else ("number", value[0])
+    try:
+        if isinstance(value, str) or any(isinstance(number, str | bool) for number in value):
+            raise TypeError("text and truth are no numbers")
+        numbers = tuple(float(number) for number in value)
+    except (OverflowError, TypeError, ValueError) as error:
+        raise TypeError(f"{name}: expected {count} {expected}, got {reprlib.repr(got)}") from error
+    if len(numbers) != count or not all(map(math.isfinite, numbers)):
+        raise ValueError(f"{name}: expected {count} finite {expected}, got {reprlib.repr(got)}")
+    return numbers
+
+
+def checked_number(name: str, value: Any, low: float = -math.inf, high: float = math.inf) -> float:
+    """`value` as one finite float in [low, high]."""
+    (number,) = checked_numbers(name, (value,), 1)
+    if not low <= number <= high:
+        raise ValueError(f"{name}: expected {low:g} to {high:g}, got {number:g}")
+    return number
+
+
+def parse_settings(light: type[Light], settings: Iterable[str]) -> dict[str, Any]:
+    """Arguments of a light's constructor from texts `parameter=value`; vectors as `1/0.9/0.8`."""
+    known = parameters(light)
+    arguments: dict[str, Any] = {}
+    for setting in settings:
+        key, equals, value = (part.strip() for part in setting.partition("="))
+        if key not in known or not equals or key in arguments:
+            problem = "twice" if key in arguments else "not understood"
+            raise ValueError(
+                f"{setting!r} is {problem}; expected parameter=value,... with {', '.join(known)}"
+            )
+        if key in TEXTS:
+            arguments[key] = value
+            continue
+        try:
+            numbers = tuple(map(float, value.split("/")))
+        except ValueError as error:
+            raise ValueError(f"{key} expects a number, got {value!r}") from error
+        if key not in VECTORS and len(numbers) > 1:
+            raise ValueError(f"{key} expects one number, got {value!r}")
+        arguments[key] = numbers if key in VECTORS else numbers[0]
+    return arguments
+
+
+def parameters(light: type[Light]) -> dict[str, Any]:
+    """What a class of lights is made from, in order: {parameter: its default, or REQUIRED}."""
+    return {key: parameter.default for key, parameter in inspect.signature(light).parameters.items()}

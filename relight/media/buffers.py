@@ -1,0 +1,17 @@
+"""Arrays to OpenImageIO's image buffers and back."""
+
+import numpy as np
+import OpenImageIO as oiio
+
+
+def to_buffer(pixels: np.ndarray) -> oiio.ImageBuf:
+    """An array (H, W, C), cast to float32, as a buffer."""
+    return oiio.ImageBuf(np.ascontiguousarray(pixels, np.float32))
+
+
+def to_array(buffer: oiio.ImageBuf, dtype: str = "float") -> np.ndarray:
+    """A buffer's pixels (H, W, C). RuntimeError, in OpenImageIO's words, if making them failed."""
+    pixels = None if buffer.has_error else buffer.get_pixels(dtype)
+    if pixels is None:
+        raise RuntimeError(f"OpenImageIO: {buffer.geterror()}")
+    return pixels

@@ -1,0 +1,75 @@
+"""Arrays at the public edge: what a caller hands over becomes linear Rec.709, premultiplied, or an error."""
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from relight.media import colour
+
+
+def scene_linear(name: str, image: ArrayLike) -> np.ndarray:
+    """An image at the public edge to linear Rec.709, premultiplied.
+
+    Parameters
+    ----------
+    name: what to call it in an error.
+    image: (H, W, 3) or (H, W, 4). uint8 and uint16 are sRGB-encoded with straight alpha; floating dtypes
+        are scene-linear Rec.709 with premultiplied alpha.
+
+    Returns
+    -------
+    (H, W, 3) or (H, W, 4) float32, colour unbounded, alpha in [0, 1].
+
+    Raises
+    ------
+    TypeError: another dtype. ValueError: another shape, NaN or infinite values, alpha outside [0, 1].
+    """
+    pixels = np.asarray(image)
+    if pixels.dtype not in (np.uint8, np.uint16) and not np.issubdtype(pixels.dtype, np.floating):
+        raise TypeError(f"{name}: expected uint8, uint16 or a floating dtype, got {pixels.dtype}")
+    if pixels.ndim != 3 or pixels.shape[-1] not in (3, 4) or 0 in pixels.shape:
+        raise ValueError(f"{name}: expected shape (H, W, 3) or (H, W, 4), got {pixels.shape}")
+    integer = np.issubdtype(pixels.dtype, np.integer)
+    linear = linearise(pixels, straight=integer, space=colour.SRGB if integer else colour.LINEAR)
+    if not np.isfinite(linear).all():
+        raise ValueError(f"{name}: contains NaN or infinite values")
+    if linear.shape[-1] == 4:
+        alpha = linear[..., 3]
+        if alpha.min() < -1e-3 or alpha.max() > 1 + 1e-3:  # filtering overshoots a little
+            raise ValueError(f"{name}: expected alpha in [0, 1], got [{alpha.min():g}, {alpha.max():g}]")
+        linear = np.concatenate([linear[..., :3], alpha[..., None].clip(0, 1)], axis=-1)
+    return linear
+
+
+def linearise(pixels: np.ndarray, *, straight: bool, space: str | tuple[float, ...]) -> np.ndarray:
+    """Pixels (H, W, 3|4) of a colour space, with straight or premultiplied alpha, to linear premultiplied."""
+    if pixels.shape[-1] == 3:
+        return colour.decode(pixels, space)
+    rgb, alpha = pixels[..., :3], pixels[..., 3:]
+    if np.issubdtype(pixels.dtype, np.integer):
+        alpha = alpha / np.float32(np.iinfo(pixels.dtype).max)
+    if not straight and not isinstance(space, str):  # other primaries, but linear
+        return np.concatenate([colour.decode(rgb, space), alpha], axis=-1, dtype=np.float32)
+    if not straight and isinstance(space, str) and colour.resolve(space) == colour.resolve(colour.LINEAR):
+        return np.asarray(pixels, np.float32)
+    if not straight:  # the encoding was applied before the alpha: take the alpha out first
+        scale = np.iinfo(pixels.dtype).max if np.issubdtype(pixels.dtype, np.integer) else 1
+        rgb = np.divide(rgb / np.float32(scale), alpha, out=np.zeros(rgb.shape, np.float32), where=alpha > 0)
+    return np.concatenate([colour.decode(rgb, space) * alpha, alpha], axis=-1, dtype=np.float32)
+
+
+def coverage(name: str, mask: ArrayLike) -> np.ndarray:
+    """A matte at the public edge as (H, W) float32 in [0, 1].
+
+    `mask` is floating in [0, 1], or uint8 or uint16 over the full range. TypeError for another dtype,
+    ValueError for another shape, NaN or values out of range; `name` is what the error calls it.
+    """
+    matte = np.asarray(mask)
+    if matte.dtype not in (np.uint8, np.uint16) and not np.issubdtype(matte.dtype, np.floating):
+        raise TypeError(f"{name}: expected uint8, uint16 or a floating dtype, got {matte.dtype}")
+    if matte.ndim != 2 or 0 in matte.shape:
+        raise ValueError(f"{name}: expected shape (H, W), got {matte.shape}")
+    if np.issubdtype(matte.dtype, np.integer):
+        return matte / np.float32(np.iinfo(matte.dtype).max)
+    if not (matte.min() >= 0 and matte.max() <= 1):
+        raise ValueError(f"{name}: expected values in [0, 1], got [{matte.min():g}, {matte.max():g}]")
+    return matte.astype(np.float32)

@@ -1,0 +1,155 @@
+"""Reading images: alpha, colour, layers, orientation and windows, whatever program wrote them."""
+
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import OpenImageIO as oiio
+
+from relight.media import colour
+from relight.media.buffers import to_array
+from relight.media.images.edge import linearise
+from shadow.files import AnyPath
+
+ICC_SPACES = {"Display P3": "srgb_p3d65_scene", "Adobe RGB (1998)": "g22_adobergb_scene"}
+
+
+def read(path: AnyPath, *, colour_space: str | None = None) -> np.ndarray:
+    """Read an image.
+
+    Parameters
+    ----------
+    path: a file that OpenImageIO reads: PNG, JPEG, TIFF, OpenEXR, HDR and others.
+    colour_space: the file's colour space ("sRGB", "lin_rec709", "ACEScg", "Rec.2020"...: see
+        `relight.media.colour`) where it does not say, or says what is wrong. A file says it by
+        `oiio:ColorSpace` or what OpenImageIO
+        takes for it, its chromaticities, or an ICC profile of sRGB, Display P3 or Adobe RGB.
+
+    Returns
+    -------
+    (H, W, 3), or (H, W, 4) if there is alpha: float32, linear Rec.709, premultiplied, unbounded. Grey becomes
+    three equal channels. The picture stands upright (Exif orientation) and fills its display window.
+
+    Raises
+    ------
+    FileNotFoundError: no such file. ValueError: not an image, truncated, NaN or infinite values, an unknown
+    colour space or profile.
+    """
+    pixels, spec, names = load(path, wanted="RGBAY")
+    colours = [names.index(c) for c in "RGB" if c in names] or [names.index(c) for c in "Y" if c in names]
+    if len(colours) not in (1, 3):
+        raise ValueError(f"{path}: expected channels R, G, B or Y, with or without A; got {', '.join(names)}")
+    alpha = [names.index("A")] if "A" in names else []
+    if [*colours, *alpha] != list(range(len(names))) or len(colours) == 1:
+        pixels = pixels[..., [*(colours * 3)[:3], *alpha]]
+    space = _declared_space(path, spec, pixels.dtype) if colour_space is None else colour_space
+    try:
+        light = linearise(
+            pixels, straight=bool(spec.get_int_attribute("oiio:UnassociatedAlpha")), space=space
+        )
+    except ValueError as error:
+        raise ValueError(f"{path}: {error}") from error
+    if not np.isfinite(light).all():
+        raise ValueError(f"{path}: contains NaN or infinite values")
+    return np.ascontiguousarray(light)  # as other libraries want it
+
+
+def read_layers(path: AnyPath) -> dict[str, np.ndarray]:
+    """Read the named layers of an OpenEXR file: {name: (H, W, C) float32}, as written, in the file's order.
+
+    A layer holds the channels `name.*`; the channels without a name, the beauty, are `read`'s. Empty if there
+    are no layers. Raises as `read` does.
+    """
+    pixels, _, names = load(path)
+    channels: dict[str, list[int]] = {}
+    for index, channel in enumerate(names):
+        layer, dot, _ = channel.rpartition(".")
+        if dot:
+            channels.setdefault(layer, []).append(index)
+    return {layer: np.asarray(pixels[..., indices], np.float32) for layer, indices in channels.items()}
+
+
+def load(path: AnyPath, wanted: str | None = None) -> tuple[np.ndarray, oiio.ImageSpec, list[str]]:
+    """Pixels (H, W, C) of a file, uint8 and uint16 as they are and float32 otherwise, its spec, and the names
+    of the channels: all, or no more than lie from the first to the last of those `wanted`."""
+    path = Path(path)
+    if not path.exists():
+        raise FileNotFoundError(f"{path}: no such file")
+    hints = oiio.ImageSpec()
+    hints.attribute("oiio:UnassociatedAlpha", 1)  # or encoded values would come premultiplied
+    file = oiio.ImageInput.open(str(path), hints)
+    if file is None:
+        raise ValueError(f"{path}: cannot be read as an image: {_problem(oiio)}")
+    spec = file.spec()
+    if spec.deep:
+        raise ValueError(f"{path}: is a deep image, expected a flat one")
+    try:
+        names = list(spec.channelnames)
+    except UnicodeDecodeError as error:
+        raise ValueError(f"{path}: is damaged: its channels' names are garbled") from error
+    found = [index for index, name in enumerate(names) if wanted is None or name in wanted]
+    first, last = (found[0], found[-1] + 1) if found else (0, len(names))
+    native = str(spec.format)
+    try:
+        pixels = file.read_image(0, 0, first, last, native if native in ("uint8", "uint16") else "float")
+        problem = _problem(file)  # a truncated JPEG returns a picture *and* an error
+        file.close()
+        if pixels is None or problem:
+            raise ValueError(f"{path}: is damaged or truncated: {problem}")
+        return _upright(_in_display_window(pixels, spec), spec), spec, names[first:last]
+    except MemoryError as error:
+        size = f"{spec.full_width} x {spec.full_height}"
+        raise ValueError(f"{path}: is damaged, or too large to read: it says {size} pixels") from error
+
+
+def _problem(source: Any) -> str:
+    """OpenImageIO's account of an error, which quotes what may be garbled."""
+    try:
+        return source.geterror().strip()
+    except UnicodeDecodeError:
+        return "what it holds is garbled"
+
+
+def _in_display_window(pixels: np.ndarray, spec: oiio.ImageSpec) -> np.ndarray:
+    """Crop overscan and pad with nothing, so that the picture is what its display window shows."""
+    left, top = spec.x - spec.full_x, spec.y - spec.full_y
+    if (left, top, spec.width, spec.height) == (0, 0, spec.full_width, spec.full_height):
+        return pixels
+    window = np.zeros((spec.full_height, spec.full_width, pixels.shape[-1]), pixels.dtype)
+    rows = slice(max(top, 0), max(top + spec.height, 0))
+    columns = slice(max(left, 0), max(left + spec.width, 0))
+    inside = window[rows, columns]
+    inside[:] = pixels[max(-top, 0) :, max(-left, 0) :][: inside.shape[0], : inside.shape[1]]
+    return window
+
+
+def _upright(pixels: np.ndarray, spec: oiio.ImageSpec) -> np.ndarray:
+    """Turn the picture as its Exif orientation asks."""
+    orientation = spec.get_int_attribute("Orientation", 1)
+    if orientation == 1:
+        return pixels
+    lying = oiio.ImageBuf(np.ascontiguousarray(pixels))
+    lying.orientation = orientation
+    upright = oiio.ImageBufAlgo.reorient(lying)
+    return to_array(upright, str(upright.spec().format))
+
+
+def _declared_space(path: AnyPath, spec: oiio.ImageSpec, dtype: np.dtype) -> str | tuple[float, ...]:
+    """The colour space that a file declares, or its dtype implies: a name, or chromaticities."""
+    integer = np.issubdtype(dtype, np.integer)
+    profile = spec.get_string_attribute("ICCProfile:profile_description")
+    if integer and profile and spec.nchannels >= 3:
+        if "sRGB" in profile:
+            return colour.SRGB
+        if profile not in ICC_SPACES:
+            raise ValueError(f"{path}: has the colour profile {profile!r}; say which colour_space that is")
+        return ICC_SPACES[profile]
+    declared = spec.get_string_attribute("oiio:ColorSpace")
+    if not declared.isprintable():
+        raise ValueError(f"{path}: is damaged: the name of its colour space is garbled")
+    if declared not in ("", "unknown"):  # a colorInteropID may say that the writer did not know
+        return declared
+    primaries = spec.getattribute("chromaticities")
+    if primaries is not None and not integer:
+        return tuple(primaries)
+    return colour.SRGB if integer else colour.LINEAR

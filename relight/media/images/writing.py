@@ -1,0 +1,177 @@
+"""Writing images: layers, depths, and what a file says of itself."""
+
+import itertools
+from collections.abc import Mapping, Sequence
+from pathlib import Path
+
+import numpy as np
+import OpenImageIO as oiio
+from numpy.typing import ArrayLike
+
+from relight import __version__
+from relight.media import colour
+from relight.media.images.edge import scene_linear
+from shadow import files
+from shadow.files import AnyPath
+
+Metadata = Mapping[str, str | int | float | tuple[float, ...]]  # {name: value} of a file's header
+
+DEPTHS = {  # what each format is written as: the first is the default
+    ".exr": ("half", "float"),
+    ".hdr": ("float",),
+    ".jpeg": ("uint8",),
+    ".jpg": ("uint8",),
+    ".png": ("uint8", "uint16"),
+    ".tif": ("uint16", "uint8", "float"),
+    ".tiff": ("uint16", "uint8", "float"),
+}
+HALF_MAX = 65504.0
+
+
+def check_writable(path: AnyPath) -> tuple[str, ...]:
+    """The depths that `path` can be written with, default first; raises as `write` does if there are none."""
+    return DEPTHS[files.check_writable(path, DEPTHS).suffix.lower()]
+
+
+def write(
+    path: AnyPath,
+    image: ArrayLike,
+    *,
+    layers: Mapping[str, ArrayLike] | None = None,
+    depth: str | None = None,
+    metadata: Metadata | None = None,
+    view: str | None = None,
+    exposure: float = 0.0,
+    white: float | None = None,
+) -> None:
+    """Write an image. The file appears when it is complete; an error leaves what was there before.
+
+    Parameters
+    ----------
+    path: its suffix is the format: .exr, .hdr, .jpg, .png, .tif. Its folder must exist.
+    image: (H, W, 3|4), integers sRGB with straight alpha, floats linear Rec.709 premultiplied.
+    layers: {name: (H, W) or (H, W, 1|3|4) float}, for .exr: written as `name.R` ... `name.A`, or `name.Y`, or
+        `N.X` ... `N.Z` for normals, behind the image's own R, G, B, A. Values are kept as they are.
+    depth: "uint8", "uint16", "half" or "float", as the format allows. Unless given: half for .exr, uint8 for
+        .png and .jpg, uint16 for .tif, float for .hdr.
+    metadata: {name: text, number or tuple of numbers} for the file's header.
+    view, exposure, white: how integers show what may be brighter than a display; see
+        `relight.media.colour.encode`.
+
+    Floats are written scene-linear Rec.709 and premultiplied. Integers are written for display, with straight
+    alpha: unless there is a `view`, sRGB, in which light up to 1 is exact and brighter highlights roll off.
+
+    Raises
+    ------
+    TypeError, ValueError: wrong shape, dtype, suffix or depth; NaN or infinite values; values that half
+    cannot hold; alpha that is not 1 in a format without alpha; layers outside .exr.
+    OSError: the folder does not exist or the file cannot be written.
+    """
+    path = Path(path)
+    depth = checked_depth(path, depth)
+    suffix = path.suffix.lower()
+    if layers and suffix != ".exr":
+        raise ValueError(f"{path}: layers need a .exr file")
+    pixels = scene_linear("image", image)
+    if pixels.shape[-1] == 4 and suffix in (".hdr", ".jpeg", ".jpg"):
+        if pixels[..., 3].min() < 1:
+            raise ValueError(f"{path}: {path.suffix} holds no alpha; put the image over a background first")
+        pixels = pixels[..., :3]
+    names = list("RGBA"[: pixels.shape[-1]])
+    if depth.startswith("uint"):
+        pixels = _encoded(pixels, view, exposure, white)
+    stacks = {name: _layer(name, layer, pixels.shape[:2]) for name, layer in (layers or {}).items()}
+    names += [f"{name}.{channel}" for name, stack in stacks.items() for channel in _channels(name, stack)]
+    pixels = _joined(path, [pixels, *stacks.values()], np.float16 if depth == "half" else np.float32)
+    spec = new_spec(pixels, depth, names)
+    if suffix in (".exr", ".tif", ".tiff"):
+        spec.attribute("compression", "zip")
+    if depth.startswith("uint"):
+        if view is None or "srgb" in " ".join(colour.find_view(view)[1:]).lower():
+            spec.attribute("oiio:ColorSpace", "srgb_rec709_scene")
+        spec.attribute("oiio:UnassociatedAlpha", 1)
+    else:
+        spec.attribute("oiio:ColorSpace", "lin_rec709_scene")
+        spec.attribute("chromaticities", oiio.TypeDesc("float[8]"), colour.REC709)
+    for name, value in (metadata or {}).items():
+        if isinstance(value, tuple):
+            spec.attribute(name, oiio.TypeDesc(f"float[{len(value)}]"), value)
+        else:
+            spec.attribute(name, value)
+    save(path, pixels, spec)
+
+
+def checked_depth(path: Path, depth: str | None) -> str:
+    """`depth`, or the format's own where it is None; ValueError where the format has no such depth."""
+    depths = check_writable(path)
+    if depth is None:
+        return depths[0]
+    if depth not in depths:
+        raise ValueError(f"depth: expected {' or '.join(depths)} for {path.suffix}, got {depth!r}")
+    return depth
+
+
+def new_spec(pixels: np.ndarray, depth: str, names: list[str]) -> oiio.ImageSpec:
+    """What a file of these pixels (H, W, C), in channels of these names, says of itself at least."""
+    spec = oiio.ImageSpec(pixels.shape[1], pixels.shape[0], pixels.shape[2], depth)
+    spec.channelnames = tuple(names)
+    spec.alpha_channel = names.index("A") if "A" in names else -1
+    spec.attribute("Software", f"relight {__version__}")
+    return spec
+
+
+def _encoded(pixels: np.ndarray, view: str | None, exposure: float, white: float | None) -> np.ndarray:
+    """Linear premultiplied (H, W, 3|4) to a display's encoding with straight alpha, float32 in [0, 1]."""
+    if pixels.shape[-1] == 3:
+        return colour.encode(pixels, view=view, exposure=exposure, white=white)
+    rgb, alpha = pixels[..., :3], pixels[..., 3:]
+    straight = np.divide(rgb, alpha, out=np.zeros_like(rgb), where=alpha > 0)
+    if white is None:  # the brightest that shows: dividing by a faint alpha can make anything of it
+        white = max(1.0, float(rgb.max()) * 2.0**exposure)
+    return np.concatenate(
+        [colour.encode(straight, view=view, exposure=exposure, white=white), alpha], axis=-1
+    )
+
+
+def _channels(name: str, stack: np.ndarray) -> str:
+    """Names of a layer's channels: colour, one value, or the axes of the normals."""
+    return "XYZ" if name == "N" and stack.shape[-1] == 3 else {1: "Y", 3: "RGB", 4: "RGBA"}[stack.shape[-1]]
+
+
+def _layer(name: str, layer: ArrayLike, size: tuple[int, ...]) -> np.ndarray:
+    """A layer as (H, W, 1|3|4), checked."""
+    if not isinstance(name, str) or not name:
+        raise TypeError(f"layers: expected names that are non-empty strings, got {name!r}")
+    stack = np.asarray(layer)
+    if not np.issubdtype(stack.dtype, np.floating):
+        raise TypeError(f"layers[{name!r}]: expected a floating dtype, got {stack.dtype}")
+    stack = stack[..., None] if stack.ndim == 2 else stack
+    if stack.ndim != 3 or stack.shape[:2] != size or stack.shape[-1] not in (1, 3, 4):
+        raise ValueError(f"layers[{name!r}]: expected shape {size} or {(*size, '1|3|4')}, got {stack.shape}")
+    if not np.isfinite(stack).all():
+        raise ValueError(f"layers[{name!r}]: contains NaN or infinite values")
+    return stack
+
+
+def _joined(path: Path, stacks: Sequence[np.ndarray], dtype: type) -> np.ndarray:
+    """All channels (H, W, C) of a file in one array of the file's own depth, to hold them only once."""
+    channels = np.cumsum([0] + [stack.shape[-1] for stack in stacks])
+    joined = np.empty((*stacks[0].shape[:2], channels[-1]), dtype)
+    for stack, (first, last) in zip(stacks, itertools.pairwise(channels), strict=True):
+        if dtype == np.float16 and max(stack.max(), -stack.min()) > HALF_MAX:
+            raise ValueError(
+                f"{path}: values above {HALF_MAX:g} do not fit half; write it with depth='float'"
+            )
+        joined[..., first:last] = stack
+    return joined
+
+
+def save(path: Path, pixels: np.ndarray, spec: oiio.ImageSpec) -> None:
+    """Write a file that is whole or not there."""
+    with files.replacing(path) as beside:
+        file = oiio.ImageOutput.create(str(path))  # by its suffix
+        if file is None:
+            raise OSError(f"{path}: cannot be written: {oiio.geterror().strip()}")
+        written = file.open(str(beside), spec) and file.write_image(np.ascontiguousarray(pixels))
+        if not (file.close() and written):
+            raise OSError(f"{path}: cannot be written: {file.geterror().strip()}")
