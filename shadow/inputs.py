@@ -11,10 +11,11 @@ Array = ArrayLike | torch.Tensor  # what a caller may hand over
 
 def _tensor(name: str, value: Array, expected: str) -> torch.Tensor:
     if isinstance(value, torch.Tensor):
-        tensor = value
+        tensor = value.detach()
     else:
         try:
-            tensor = torch.from_numpy(np.ascontiguousarray(value))
+            array = np.ascontiguousarray(value)
+            tensor = torch.from_numpy(array.astype(array.dtype.newbyteorder("="), copy=False))
         except (TypeError, ValueError) as error:
             raise TypeError(f"{name}: expected {expected}, got {type(value).__name__}") from error
     if tensor.is_complex() or (tensor.dtype == torch.bool and name != "mask"):

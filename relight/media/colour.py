@@ -17,6 +17,7 @@ import OpenImageIO as oiio
 from numpy.typing import ArrayLike
 
 from relight.media.buffers import to_array, to_buffer
+from relight.media.profiles import Profile
 
 with warnings.catch_warnings():
     warnings.simplefilter("ignore")  # colour-science warns at import that Matplotlib is not installed
@@ -26,11 +27,14 @@ with warnings.catch_warnings():
 # page of harmless "leaked instance" lines at exit.
 atexit.register(vars(sys.modules["colour.io.image"]).clear)
 
+# A name; the chromaticities of linear light; or an ICC profile.
+Space = str | tuple[float, ...] | Profile
 LINEAR = "lin_rec709"
 SRGB = "sRGB"
 ALIASES = {"rec.709": LINEAR, "rec.2020": "lin_rec2020", "rec2020": "lin_rec2020"}  # linear, as in the field
 BUILT_IN = "ocio://default"  # whatever $OCIO says: reading a PNG must not depend on it
 INTERCHANGE = "aces_interchange"  # the role by which configurations understand each other: ACES2065-1
+D50 = (0.3457, 0.3585)  # the white of ICC profiles
 REC709 = (0.64, 0.33, 0.30, 0.60, 0.15, 0.06, 0.3127, 0.3290)  # chromaticities of R, G, B and white
 LOCI = {"planckian": (1000.0, 40000.0), "daylight": (4000.0, 25000.0)}  # kelvin; CIE 015 for daylight
 ROWS = 64  # at a time: colour-science works in float64
@@ -79,14 +83,14 @@ def _srgb_table(dtype: np.dtype) -> np.ndarray:
     return colour.models.eotf_sRGB(codes).astype(np.float32)
 
 
-def decode(pixels: np.ndarray, space: str | tuple[float, ...]) -> np.ndarray:
+def decode(pixels: np.ndarray, space: Space) -> np.ndarray:
     """Pixels of a colour space to linear Rec.709.
 
     Parameters
     ----------
     pixels: (H, W, 3), uint8 or uint16 over their full range, or floating with 1 as the encoding's white.
     space: name of the colour space that `pixels` are in; or the chromaticities of linear light, x and y of
-        red, green, blue and white, as an OpenEXR file has them.
+        red, green, blue and white, as an OpenEXR file has them; or an ICC profile.
 
     Returns
     -------
@@ -94,8 +98,11 @@ def decode(pixels: np.ndarray, space: str | tuple[float, ...]) -> np.ndarray:
 
     Raises
     ------
-    ValueError: the name is unknown, or the chromaticities span no colours.
+    ValueError: the name is unknown, the chromaticities span no colours, or the profile says nothing of
+    such values.
     """
+    if isinstance(space, Profile):
+        return _through_profile(pixels, space)
     if not isinstance(space, str):
         return np.asarray(pixels, np.float32) @ _to_rec709(tuple(space)).T
     path, space = _find(space)
@@ -111,6 +118,25 @@ def decode(pixels: np.ndarray, space: str | tuple[float, ...]) -> np.ndarray:
     if path == BUILT_IN:
         return _convert(pixels, space, LINEAR, path)
     return _convert(_convert(pixels, space, INTERCHANGE, path), "ACES2065-1", LINEAR, BUILT_IN)
+
+
+def _through_profile(pixels: np.ndarray, profile: Profile) -> np.ndarray:
+    """Pixels of an ICC profile's space to linear Rec.709; of a profile that is sRGB's, exactly as sRGB."""
+    codes = np.linspace(0, 1, 18, dtype=np.float32)[:, None].repeat(3, axis=1)
+    probe = np.concatenate([np.eye(3, dtype=np.float32), codes])[None]
+    if np.allclose(_from_profile(probe, profile), decode(probe, SRGB), atol=1e-3):  # a quarter of a code
+        return decode(pixels, SRGB)
+    return _from_profile(pixels, profile)
+
+
+def _from_profile(pixels: np.ndarray, profile: Profile) -> np.ndarray:
+    light = profile.light(pixels)
+    if profile.colorants is None:
+        return light
+    rec709 = colour.RGB_COLOURSPACES["ITU-R BT.709"]
+    whites = colour.xy_to_XYZ(D50), colour.xy_to_XYZ(rec709.whitepoint)
+    adapted = colour.adaptation.matrix_chromatic_adaptation_VonKries(*whites, transform="Bradford")
+    return light @ (rec709.matrix_XYZ_to_RGB @ adapted @ profile.colorants.T).T.astype(np.float32)
 
 
 @functools.cache
@@ -231,6 +257,12 @@ def temperature(kelvin: float, locus: str = "planckian") -> tuple[float, float, 
         tristimulus = colour.sd_to_XYZ(colour.sd_blackbody(kelvin))
     rgb = np.maximum(colour.XYZ_to_RGB(tristimulus / tristimulus[1], "ITU-R BT.709"), 0)
     return tuple((rgb / luminance(rgb)).tolist())
+
+
+def luminance_weights(chromaticities: tuple[float, ...] | None = None) -> np.ndarray:
+    """Luminance (3,) of red, green and blue of these primaries and white, Rec.709's unless given."""
+    x_y = np.array(REC709 if chromaticities is None else chromaticities, np.float64)
+    return colour.RGB_Colourspace("file", x_y[:6].reshape(3, 2), x_y[6:]).matrix_RGB_to_XYZ[1]
 
 
 def luminance(rgb: ArrayLike) -> np.ndarray:

@@ -23,7 +23,7 @@ def scene_linear(name: str, image: ArrayLike) -> np.ndarray:
     ------
     TypeError: another dtype. ValueError: another shape, NaN or infinite values, alpha outside [0, 1].
     """
-    pixels = np.asarray(image)
+    pixels = as_array(name, image)
     if pixels.dtype not in (np.uint8, np.uint16) and not np.issubdtype(pixels.dtype, np.floating):
         raise TypeError(f"{name}: expected uint8, uint16 or a floating dtype, got {pixels.dtype}")
     if pixels.ndim != 3 or pixels.shape[-1] not in (3, 4) or 0 in pixels.shape:
@@ -40,14 +40,28 @@ def scene_linear(name: str, image: ArrayLike) -> np.ndarray:
     return linear
 
 
-def linearise(pixels: np.ndarray, *, straight: bool, space: str | tuple[float, ...]) -> np.ndarray:
+def as_array(name: str, value: ArrayLike) -> np.ndarray:
+    """Whatever a caller hands over as a NumPy array in this machine's byte order; tensors without gradient.
+
+    TypeError if it is no array, such as a ragged list; `name` is what the error calls it.
+    """
+    if hasattr(value, "detach"):  # a tensor, without importing torch to ask
+        value = value.detach().cpu()
+    try:
+        array = np.asarray(value)
+    except (TypeError, ValueError) as error:
+        raise TypeError(f"{name}: expected an array, got {type(value).__name__}: {error}") from error
+    return array.astype(array.dtype.newbyteorder("="), copy=False)
+
+
+def linearise(pixels: np.ndarray, *, straight: bool, space: colour.Space) -> np.ndarray:
     """Pixels (H, W, 3|4) of a colour space, with straight or premultiplied alpha, to linear premultiplied."""
     if pixels.shape[-1] == 3:
         return colour.decode(pixels, space)
     rgb, alpha = pixels[..., :3], pixels[..., 3:]
     if np.issubdtype(pixels.dtype, np.integer):
         alpha = alpha / np.float32(np.iinfo(pixels.dtype).max)
-    if not straight and not isinstance(space, str):  # other primaries, but linear
+    if not straight and isinstance(space, tuple):  # other primaries, but linear
         return np.concatenate([colour.decode(rgb, space), alpha], axis=-1, dtype=np.float32)
     if not straight and isinstance(space, str) and colour.resolve(space) == colour.resolve(colour.LINEAR):
         return np.asarray(pixels, np.float32)
@@ -63,7 +77,7 @@ def coverage(name: str, mask: ArrayLike) -> np.ndarray:
     `mask` is floating in [0, 1], or uint8 or uint16 over the full range. TypeError for another dtype,
     ValueError for another shape, NaN or values out of range; `name` is what the error calls it.
     """
-    matte = np.asarray(mask)
+    matte = as_array(name, mask)
     if matte.dtype not in (np.uint8, np.uint16) and not np.issubdtype(matte.dtype, np.floating):
         raise TypeError(f"{name}: expected uint8, uint16 or a floating dtype, got {matte.dtype}")
     if matte.ndim != 2 or 0 in matte.shape:

@@ -18,12 +18,12 @@ def read_mask(path: AnyPath) -> np.ndarray:
     A matte is coverage, not colour: its values are taken as they are stored. Raises as `read` does, and
     ValueError for a picture that is neither transparent nor grey.
     """
-    pixels, spec, _ = load(path)
+    pixels, _, names = load(path)
     if np.issubdtype(pixels.dtype, np.integer):
         pixels = pixels / np.float32(np.iinfo(pixels.dtype).max)
     if not np.isfinite(pixels).all():
         raise ValueError(f"{path}: contains NaN or infinite values")
-    alpha = spec.alpha_channel
+    alpha = names.index("A") if "A" in names else -1  # of a GIF, OpenImageIO says a channel too far
     if alpha >= 0 and pixels[..., alpha].min() < 1:
         matte = pixels[..., alpha]
     else:

@@ -1,5 +1,6 @@
 """Reading images: alpha, colour, layers, orientation and windows, whatever program wrote them."""
 
+from collections.abc import Collection
 from pathlib import Path
 from typing import Any
 
@@ -9,9 +10,12 @@ import OpenImageIO as oiio
 from relight.media import colour
 from relight.media.buffers import to_array
 from relight.media.images.edge import linearise
+from relight.media.profiles import Profile
 from shadow.files import AnyPath
 
-ICC_SPACES = {"Display P3": "srgb_p3d65_scene", "Adobe RGB (1998)": "g22_adobergb_scene"}
+LUMINANCE_CHROMA = ("Y", "RY", "BY")
+# OpenImageIO's own limit, 1024, is passed by an OpenEXR file of 256 lights; more than this is a damaged file.
+oiio.attribute("limits:channels", 1 << 14)
 
 
 def read(path: AnyPath, *, colour_space: str | None = None) -> np.ndarray:
@@ -21,37 +25,52 @@ def read(path: AnyPath, *, colour_space: str | None = None) -> np.ndarray:
     ----------
     path: a file that OpenImageIO reads: PNG, JPEG, TIFF, OpenEXR, HDR and others.
     colour_space: the file's colour space ("sRGB", "lin_rec709", "ACEScg", "Rec.2020"...: see
-        `relight.media.colour`) where it does not say, or says what is wrong. A file says it by
-        `oiio:ColorSpace` or what OpenImageIO
-        takes for it, its chromaticities, or an ICC profile of sRGB, Display P3 or Adobe RGB.
+        `relight.media.colour`) where it does not say, or says what is wrong. A file says it by its ICC
+        profile, whose curves and primaries count and not its name; by `oiio:ColorSpace`, or what OpenImageIO
+        takes for it; or by its chromaticities.
 
     Returns
     -------
     (H, W, 3), or (H, W, 4) if there is alpha: float32, linear Rec.709, premultiplied, unbounded. Grey becomes
-    three equal channels. The picture stands upright (Exif orientation) and fills its display window.
+    three equal channels; OpenEXR's luminance and chroma become red, green and blue. The picture stands
+    upright (Exif orientation) and fills its display window.
 
     Raises
     ------
     FileNotFoundError: no such file. ValueError: not an image, truncated, NaN or infinite values, an unknown
     colour space or profile.
     """
-    pixels, spec, names = load(path, wanted="RGBAY")
-    colours = [names.index(c) for c in "RGB" if c in names] or [names.index(c) for c in "Y" if c in names]
-    if len(colours) not in (1, 3):
-        raise ValueError(f"{path}: expected channels R, G, B or Y, with or without A; got {', '.join(names)}")
-    alpha = [names.index("A")] if "A" in names else []
-    if [*colours, *alpha] != list(range(len(names))) or len(colours) == 1:
-        pixels = pixels[..., [*(colours * 3)[:3], *alpha]]
+    pixels, spec, names = load(path, wanted=("R", "G", "B", "A", *LUMINANCE_CHROMA))
+    pixels = _colours(path, pixels, spec, names)
     space = _declared_space(path, spec, pixels.dtype) if colour_space is None else colour_space
     try:
         light = linearise(
             pixels, straight=bool(spec.get_int_attribute("oiio:UnassociatedAlpha")), space=space
         )
     except ValueError as error:
-        raise ValueError(f"{path}: {error}") from error
+        problem = f"its colour profile {error}" if isinstance(space, Profile) else error
+        raise ValueError(f"{path}: {problem}") from error
     if not np.isfinite(light).all():
         raise ValueError(f"{path}: contains NaN or infinite values")
     return np.ascontiguousarray(light)  # as other libraries want it
+
+
+def _colours(path: AnyPath, pixels: np.ndarray, spec: oiio.ImageSpec, names: list[str]) -> np.ndarray:
+    """Red, green, blue, and alpha if there is one, of a file's channels."""
+    alpha = [names.index("A")] if "A" in names else []
+    if all(name in names for name in LUMINANCE_CHROMA):
+        y, ry, by = (pixels[..., names.index(name)] for name in LUMINANCE_CHROMA)
+        weights = colour.luminance_weights(spec.getattribute("chromaticities"))
+        red, blue = (ry + 1) * y, (by + 1) * y  # OpenEXR's technical introduction, "Luminance/Chroma Images"
+        green = (y - weights[0] * red - weights[2] * blue) / weights[1]
+        return np.concatenate([np.stack([red, green, blue], axis=-1), pixels[..., alpha]], axis=-1)
+    colours = [names.index(name) for name in "RGB" if name in names]
+    colours = colours or [names.index(name) for name in "Y" if name in names]
+    if len(colours) not in (1, 3):
+        raise ValueError(f"{path}: expected channels R, G, B or Y, with or without A; got {', '.join(names)}")
+    if [*colours, *alpha] == list(range(len(names))) and len(colours) == 3:
+        return pixels
+    return pixels[..., [*(colours * 3)[:3], *alpha]]
 
 
 def read_layers(path: AnyPath) -> dict[str, np.ndarray]:
@@ -69,7 +88,9 @@ def read_layers(path: AnyPath) -> dict[str, np.ndarray]:
     return {layer: np.asarray(pixels[..., indices], np.float32) for layer, indices in channels.items()}
 
 
-def load(path: AnyPath, wanted: str | None = None) -> tuple[np.ndarray, oiio.ImageSpec, list[str]]:
+def load(
+    path: AnyPath, wanted: Collection[str] | None = None
+) -> tuple[np.ndarray, oiio.ImageSpec, list[str]]:
     """Pixels (H, W, C) of a file, uint8 and uint16 as they are and float32 otherwise, its spec, and the names
     of the channels: all, or no more than lie from the first to the last of those `wanted`."""
     path = Path(path)
@@ -134,16 +155,15 @@ def _upright(pixels: np.ndarray, spec: oiio.ImageSpec) -> np.ndarray:
     return to_array(upright, str(upright.spec().format))
 
 
-def _declared_space(path: AnyPath, spec: oiio.ImageSpec, dtype: np.dtype) -> str | tuple[float, ...]:
-    """The colour space that a file declares, or its dtype implies: a name, or chromaticities."""
+def _declared_space(path: AnyPath, spec: oiio.ImageSpec, dtype: np.dtype) -> colour.Space:
+    """The colour space that a file declares, or its dtype implies."""
     integer = np.issubdtype(dtype, np.integer)
-    profile = spec.get_string_attribute("ICCProfile:profile_description")
-    if integer and profile and spec.nchannels >= 3:
-        if "sRGB" in profile:
-            return colour.SRGB
-        if profile not in ICC_SPACES:
-            raise ValueError(f"{path}: has the colour profile {profile!r}; say which colour_space that is")
-        return ICC_SPACES[profile]
+    profile = spec.getattribute("ICCProfile")
+    if profile is not None:
+        try:
+            return Profile.of(np.asarray(profile, np.uint8).tobytes())
+        except ValueError as error:
+            raise ValueError(f"{path}: its colour profile {error}; say which colour_space it is") from error
     declared = spec.get_string_attribute("oiio:ColorSpace")
     if not declared.isprintable():
         raise ValueError(f"{path}: is damaged: the name of its colour space is garbled")

@@ -1,5 +1,6 @@
 """Writing images: layers, depths, and what a file says of itself."""
 
+import io
 import itertools
 from collections.abc import Mapping, Sequence
 from pathlib import Path
@@ -7,6 +8,7 @@ from pathlib import Path
 import numpy as np
 import OpenImageIO as oiio
 from numpy.typing import ArrayLike
+from PIL import ExifTags, Image
 
 from relight import __version__
 from relight.media import colour
@@ -26,6 +28,7 @@ DEPTHS = {  # what each format is written as: the first is the default
     ".tiff": ("uint16", "uint8", "float"),
 }
 HALF_MAX = 65504.0
+JPEG_QUALITY = 98  # of 100: differences that the eye does not find
 
 
 def check_writable(path: AnyPath) -> tuple[str, ...]:
@@ -169,9 +172,38 @@ def _joined(path: Path, stacks: Sequence[np.ndarray], dtype: type) -> np.ndarray
 def save(path: Path, pixels: np.ndarray, spec: oiio.ImageSpec) -> None:
     """Write a file that is whole or not there."""
     with files.replacing(path) as beside:
+        if path.suffix.lower() in (".jpeg", ".jpg"):
+            beside.write_bytes(_jpeg(pixels, spec))
+            return
         file = oiio.ImageOutput.create(str(path))  # by its suffix
         if file is None:
             raise OSError(f"{path}: cannot be written: {oiio.geterror().strip()}")
         written = file.open(str(beside), spec) and file.write_image(np.ascontiguousarray(pixels))
         if not (file.close() and written):
             raise OSError(f"{path}: cannot be written: {file.geterror().strip()}")
+        if path.suffix.lower() == ".png":
+            _check_png(path, beside)
+
+
+def _jpeg(pixels: np.ndarray, spec: oiio.ImageSpec) -> bytes:
+    """A JPEG file of encoded pixels (H, W, 1|3) in [0, 1].
+
+    By Pillow, in memory: OpenImageIO's writer ends the process when the disk is full.
+    """
+    exif = Image.Exif()
+    for attribute in spec.extra_attribs:
+        if attribute.name in ExifTags.Base.__members__:
+            exif[ExifTags.Base[attribute.name]] = attribute.value
+    file = io.BytesIO()
+    codes = np.rint(pixels * 255).astype(np.uint8)
+    Image.fromarray(codes).save(file, "JPEG", quality=JPEG_QUALITY, exif=exif)
+    return file.getvalue()
+
+
+def _check_png(path: Path, written: Path) -> None:
+    """OSError unless a file is a whole PNG: OpenImageIO's writer does not notice a full disk."""
+    try:
+        with Image.open(written, formats=["PNG"]) as file:
+            file.verify()  # every chunk's checksum, to the end
+    except (OSError, SyntaxError) as error:
+        raise OSError(f"{path}: cannot be written: it came out truncated; is the disk full?") from error
