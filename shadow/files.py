@@ -7,6 +7,7 @@ from contextlib import contextmanager
 from pathlib import Path
 
 AnyPath = str | os.PathLike[str]
+SPARE = 16384  # bytes that must fit after a file for it to count as whole: more than a library's buffer
 
 
 @contextmanager
@@ -30,10 +31,10 @@ def replacing(path: AnyPath) -> Iterator[Path]:
     try:
         yield written
         if unnamed is None:
-            with beside.open("rb+") as whole:
-                os.fsync(whole.fileno())
+            with beside.open("rb+") as file:
+                _flush(file.fileno())
         else:
-            os.fsync(unnamed)
+            _flush(unnamed)
             # A directory descriptor, though not needed for an absolute path, makes Python follow the link.
             os.link(written, beside, src_dir_fd=unnamed)
         os.replace(beside, target)
@@ -46,6 +47,21 @@ def replacing(path: AnyPath) -> Iterator[Path]:
         beside.unlink(missing_ok=True)
         if unnamed is not None:
             os.close(unnamed)
+
+
+def _flush(descriptor: int) -> None:
+    """Bring a file to the disk; OSError where there is no room for more.
+
+    What libraries write as they close a file may be lost on a full disk without a word (OpenEXR, libtiff).
+    Then nothing more can be written either.
+    """
+    size = os.lseek(descriptor, 0, os.SEEK_END)
+    with open(descriptor, "r+b", closefd=False) as file:
+        file.seek(size)
+        file.write(bytes(SPARE))
+        file.flush()
+    os.ftruncate(descriptor, size)
+    os.fsync(descriptor)
 
 
 def check_writable(path: AnyPath, suffixes: Collection[str]) -> Path:

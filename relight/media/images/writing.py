@@ -177,12 +177,17 @@ def save(path: Path, pixels: np.ndarray, spec: oiio.ImageSpec) -> None:
             return
         file = oiio.ImageOutput.create(str(path))  # by its suffix
         if file is None:
-            raise OSError(f"{path}: cannot be written: {oiio.geterror().strip()}")
+            raise OSError(f"{path}: cannot be written: {_first_line(oiio.geterror())}")
         written = file.open(str(beside), spec) and file.write_image(np.ascontiguousarray(pixels))
         if not (file.close() and written):
-            raise OSError(f"{path}: cannot be written: {file.geterror().strip()}")
+            raise OSError(f"{path}: cannot be written: {_first_line(file.geterror())}")
         if path.suffix.lower() == ".png":
             _check_png(path, beside)
+
+
+def _first_line(text: str) -> str:
+    """OpenImageIO's account of an error without what failed as a consequence."""
+    return text.strip().partition("\n")[0]
 
 
 def _jpeg(pixels: np.ndarray, spec: oiio.ImageSpec) -> bytes:
