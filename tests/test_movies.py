@@ -1,4 +1,8 @@
+import os
+import subprocess
+import sys
 from fractions import Fraction
+from pathlib import Path
 
 import av
 import numpy as np
@@ -77,11 +81,65 @@ def test_highlights_roll_off_alike_in_every_frame(tmp_path):
 
 @pytest.mark.parametrize(
     ("rate", "exact"),
-    [(24, 24), (23.976, Fraction(24000, 1001)), (29.97, Fraction(30000, 1001)), (12.5, 12.5)],
+    [
+        (24, 24),
+        (23.976, Fraction(24000, 1001)),
+        (29.97, Fraction(30000, 1001)),
+        (12.5, 12.5),
+        (0.01, Fraction(1, 100)),
+    ],
 )
 def test_rates(tmp_path, rate, exact):
     write_movie(tmp_path / "a.mp4", [tiles()] * 3, rate=rate)
     assert Movie(tmp_path / "a.mp4").rate == exact
+
+
+ENCODE = """
+import hashlib, os, sys
+from pathlib import Path
+import numpy as np
+from scipy.ndimage import gaussian_filter
+from relight.media.movies import write_movie
+if sys.argv[1] == "one core" and hasattr(os, "sched_setaffinity"):
+    os.sched_setaffinity(0, {min(os.sched_getaffinity(0))})
+noise = gaussian_filter(np.random.default_rng(0).random((270, 480, 3), np.float32), (4, 4, 0))
+for name in ("a.mp4", "a.mov"):
+    write_movie(name, [np.roll(noise, 3 * number, axis=1) for number in range(12)])
+    print(name, hashlib.sha256(Path(name).read_bytes()).hexdigest())
+"""
+
+
+def test_the_same_frames_give_the_same_file(tmp_path):
+    """On any number of cores, and whatever the memory held before (glibc fills it with a byte of our choice)."""
+    made = set()
+    for cores, filling in (("all cores", "0"), ("one core", "170")):
+        environment = {
+            **os.environ,
+            "MALLOC_PERTURB_": filling,
+            "PYTHONPATH": str(Path(__file__).parent.parent),
+        }
+        command = [sys.executable, "-c", ENCODE, cores]
+        made.add(
+            subprocess.run(command, cwd=tmp_path, env=environment, capture_output=True, check=True).stdout
+        )
+    assert len(made) == 1
+
+
+@pytest.mark.parametrize("name", ["a.avi", "a.mkv"])
+@pytest.mark.parametrize("codec", ["libx264", "mpeg4"])
+def test_frames_stored_out_of_order_come_in_the_order_they_are_shown(tmp_path, name, codec):
+    with av.open(str(tmp_path / name), "w") as file:
+        stream = file.add_stream(codec, 25, options={"bf": "2"})
+        stream.width, stream.height, stream.pix_fmt = WIDTH, HEIGHT, "yuv420p"
+        for number in range(12):
+            frame = av.VideoFrame.from_ndarray(np.full((HEIGHT, WIDTH, 3), 20 * number, np.uint8))
+            frame.pts = number
+            file.mux(stream.encode(frame))
+        file.mux(stream.encode())
+        assert stream.codec_context.has_b_frames
+    movie = Movie(tmp_path / name, colour_space="lin_rec709")
+    for number in (*movie.numbers, 3):
+        np.testing.assert_allclose(movie.read(number)[8, 8], 20 * (number - 1) / 255, atol=0.02)
 
 
 def test_odd_sizes_are_made_even(tmp_path):
@@ -183,7 +241,9 @@ def test_read_errors(tmp_path):
         ("a.mp4", [], {}, ValueError, "there are no frames"),
         ("a.mp4", [tiles(), tiles()[:16]], {}, ValueError, "frame 2 has another size"),
         ("a.mp4", [tiles(4) * 0.5], {}, ValueError, "holds no alpha; give a background, or write a .mov"),
-        ("a.mp4", [tiles()], {"rate": 0}, ValueError, "rate: expected frames a second"),
+        ("a.mp4", [tiles()], {"rate": 0}, ValueError, "rate: expected 0.01 to 1000 frames a second, got 0"),
+        ("a.mp4", [tiles()], {"rate": 0.0001}, ValueError, "rate: expected 0.01 to 1000 frames a second"),
+        ("a.mp4", [tiles()], {"rate": float("nan")}, ValueError, "rate: expected 0.01 to 1000"),
         ("a.mp4", [tiles()[..., 0]], {}, ValueError, "frames: expected shape"),
     ],
 )

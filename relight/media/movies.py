@@ -26,6 +26,7 @@ from shadow.files import AnyPath
 WRITTEN = (".mov", ".mp4")
 READ = (*WRITTEN, ".avi", ".m4v", ".mkv", ".mxf", ".webm")
 EXACT = Interpolation.BILINEAR | Interpolation.ACCURATE_RND
+SLOWEST, FASTEST = 0.01, 1000  # frames a second
 HD = 720  # rows from which an undeclared matrix is taken to be BT.709's, as players do; BT.601's below
 WHITE = 4.0  # light that a movie shows as white, the same at all frames: two stops above a white surface
 PRIMARIES: dict[int, str] = {  # H.273 code to linear colour space of colour-science; BT.709 if undeclared
@@ -118,17 +119,28 @@ class Movie:
             raise ValueError(f"{self.path}: {error}") from error
 
     def _decoded(self) -> Iterator[tuple[int, av.VideoFrame]]:
-        """Numbers and frames, as far as they can be decoded."""
+        """Numbers and frames, as far as they can be decoded.
+
+        An AVI has no times of presentation. Where its frames are not stored in the order they are shown, as
+        B-frames are not, they are counted as they are decoded, which ends at the first that is damaged.
+        """
         with av.open(str(self.path), options={"err_detect": "explode"}) as container:
             stream = container.streams.video[0]
             stream.thread_type = "AUTO"
+            counted = container.format.name == "avi" and stream.codec_context.has_b_frames
+            count = 0
             for packet in container.demux(stream):
                 try:
                     frames = packet.decode()
                 except av.error.FFmpegError:
+                    if counted:
+                        return
                     continue  # its frame's number is missed and reported when it is asked for
                 for frame in frames:
-                    if frame.pts in self._order:
+                    count += 1
+                    if counted:
+                        yield count, frame
+                    elif frame.pts in self._order:
                         yield self._order[frame.pts], frame
 
 
@@ -148,15 +160,16 @@ def write_movie(
     path: .mp4 or .mov. Its folder must exist.
     frames: any number of images of one size, (H, W, 3|4), linear Rec.709, premultiplied. An odd row or column
         is repeated in an .mp4, which has even sizes only.
-    rate: frames a second; 23.976, 29.97 and 59.94 are taken for the NTSC rates.
+    rate: frames a second, 0.01 to 1000; 23.976, 29.97 and 59.94 are taken for the NTSC rates.
     view, exposure, white: how light becomes what a display shows; see `relight.media.colour.encode`. Without
-        a view
-        the movie is the same picture as a PNG, in BT.709's encoding. White = 1 clips, and light up to 1 comes
-        back exact but for the movie's own rounding.
+        a view the movie is the same picture as a PNG, in BT.709's encoding. White = 1 clips, and light up to
+        1 comes back exact but for the movie's own rounding.
+
+    The same frames give the same file.
 
     Raises
     ------
-    ValueError: another suffix, no frames, several sizes, alpha in an .mp4, a rate that is not positive.
+    ValueError: another suffix, no frames, several sizes, alpha in an .mp4, a rate out of range.
     OSError: the folder does not exist or the file cannot be written.
     """
     path = check_writable(path)
@@ -188,8 +201,8 @@ def check_writable(path: AnyPath) -> Path:
 
 def _fraction(rate: float | Fraction) -> Fraction:
     """Frames a second, exactly."""
-    if not 0 < rate < 10000:
-        raise ValueError(f"rate: expected frames a second, more than 0, got {rate}")
+    if not SLOWEST <= rate <= FASTEST:
+        raise ValueError(f"rate: expected {SLOWEST} to {FASTEST} frames a second, got {rate}")
     whole = round(rate * 1.001)
     if isinstance(rate, float) and abs(rate - whole / 1.001) < 0.005 and rate != round(rate):
         return Fraction(whole * 1000, 1001)
@@ -199,7 +212,10 @@ def _fraction(rate: float | Fraction) -> Fraction:
 def _stream(file: OutputContainer, path: Path, shape: tuple[int, ...], rate: Fraction) -> VideoStream:
     """The movie's one stream, its colours declared."""
     if path.suffix.lower() == ".mp4":
-        stream = file.add_stream("libx264", rate, options={"crf": "16", "preset": "medium"})
+        # The same frames give the same file, on any machine: one number of threads, and no macroblock tree,
+        # whose AVX-512 routines read memory that nobody has written.
+        options = {"crf": "16", "preset": "medium", "threads": "4", "mbtree": "0"}
+        stream = file.add_stream("libx264", rate, options=options)
         stream.pix_fmt = "yuv420p"
     else:
         alpha = shape[2] == 4
