@@ -24,6 +24,12 @@ def test_direction_is_normalised_and_reads_back_as_angles():
     assert light.elevation == pytest.approx(0)
 
 
+def test_any_length_of_direction_but_zero():
+    for length in (1.7e308, 1e-5):
+        np.testing.assert_allclose(DirectionalLight((length,) * 3).direction, 3**-0.5)
+        np.testing.assert_allclose(DirectionalLight((0, -length, 0)).direction, (0, -1, 0))
+
+
 def test_a_hard_light_is_one_sample():
     directions, intensities = DirectionalLight(
         azimuth=30, intensity=3, colour=(1, 0.5, 0), exposure=-1
@@ -118,6 +124,10 @@ def test_lights_are_values():
         ({"angle": 181}, ValueError, "angle: expected 0 to 180, got 181"),
         ({"name": ""}, TypeError, "name: expected a non-empty string"),
         ({"name": 3}, TypeError, "name: expected a non-empty string"),
+        ({"name": "a\0b"}, ValueError, "name: expected no control characters"),
+        ({"name": "a\nb"}, ValueError, "name: expected no control characters"),
+        ({"name": "\ud800"}, ValueError, "name: expected no control characters"),
+        ({"name": 81 * "光"}, ValueError, "name: expected at most 240 bytes of UTF-8, got 243"),
     ],
 )
 def test_bad_arguments_are_named(arguments, error, message):

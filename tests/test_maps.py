@@ -2,6 +2,7 @@ import os
 
 import numpy as np
 import pytest
+from PIL import Image
 from test_images import PREMULTIPLIED, STRAIGHT, store
 
 import relight
@@ -26,6 +27,14 @@ def test_masks_from_alpha_and_from_opaque_grey(tmp_path):
     store(tmp_path / "c.png", STRAIGHT[..., :3], "uint8")
     with pytest.raises(ValueError, match="expected a mask"):
         relight.read_mask(tmp_path / "c.png")
+
+
+@pytest.mark.parametrize("mode", ["L", "P", "RGBA"])
+@pytest.mark.parametrize("frames", [1, 2])
+def test_a_gif_is_a_mask_too(tmp_path, mode, frames):
+    picture = Image.fromarray(np.uint8(STRAIGHT[..., 0] > 0.5) * 255).convert(mode)
+    picture.save(tmp_path / "m.gif", save_all=True, append_images=[picture.rotate(180)] * (frames - 1))
+    np.testing.assert_array_equal(relight.read_mask(tmp_path / "m.gif"), STRAIGHT[..., 0] > 0.5)
 
 
 # Normal maps

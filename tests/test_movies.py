@@ -110,7 +110,7 @@ for name in ("a.mp4", "a.mov"):
 
 
 def test_the_same_frames_give_the_same_file(tmp_path):
-    """On any number of cores, and whatever the memory held before (glibc fills it with a byte of our choice)."""
+    """On any number of cores, and whatever the memory held before, which glibc fills as it is told."""
     made = set()
     for cores, filling in (("all cores", "0"), ("one core", "170")):
         environment = {

@@ -119,3 +119,16 @@ def test_bad_arguments_leave_nothing(tmp_path):
     with pytest.raises(FileNotFoundError):
         write_script(tmp_path / "none" / "m.nk", {"key": (tmp_path / "m.exr", "C_key")}, (6, 8))
     assert list(tmp_path.iterdir()) == []
+
+
+@pytest.mark.parametrize(("first", "second"), [("主光", "辅光"), ("a b", "a_b"), ("key.1", "key-1")])
+def test_layers_that_are_one_to_nuke_are_refused(tmp_path, first, second):
+    groups = {name: (tmp_path / "m.exr", f"C_{name}") for name in (first, second)}
+    with pytest.raises(ValueError, match=f"layers: 'C_{first}' and 'C_{second}' are one to Nuke, C_"):
+        write_script(tmp_path / "m.nk", groups, (6, 8))
+    assert list(tmp_path.iterdir()) == []
+    # Each in a file of its own they are no layers, and told apart.
+    files = {name: (tmp_path / f"{number}.exr", None) for number, name in enumerate((first, second))}
+    write_script(tmp_path / "m.nk", files, (6, 8))
+    nodes = re.findall(r"^ name (\S+)$", (tmp_path / "m.nk").read_text(), re.MULTILINE)
+    assert len(set(nodes)) == len(nodes)

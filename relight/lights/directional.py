@@ -61,9 +61,11 @@ class DirectionalLight(Light):
         elif azimuth is not None or elevation is not None:
             raise ValueError("direction: give either a direction or an azimuth and elevation, not both")
         vector = checked_numbers("direction", direction, 3)
-        length = math.hypot(*vector)
-        if length < 1e-6:
+        largest = max(map(abs, vector))
+        if largest < 1e-6:
             raise ValueError("direction: has zero length")
+        vector = tuple(component / largest for component in vector)  # its square may be beyond any float
+        length = math.hypot(*vector)
         self._set(
             direction=tuple(component / length for component in vector),
             angle=checked_number("angle", angle, 0, 180),

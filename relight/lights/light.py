@@ -3,6 +3,7 @@
 import inspect
 import math
 import reprlib
+import unicodedata
 from collections.abc import Iterable
 from dataclasses import dataclass
 from typing import Any, Self, cast
@@ -13,6 +14,7 @@ from relight.media import colour as colours
 
 VECTORS = ("direction", "colour")
 TEXTS = ("locus", "name")
+LONGEST_NAME = 240  # bytes: with "visibility_" before and ".R" behind, within the 255 of OpenEXR
 REQUIRED = inspect.Parameter.empty
 
 
@@ -46,8 +48,8 @@ class Light:
             raise ValueError(f"locus: expected {' or '.join(colours.LOCI)}, got {reprlib.repr(locus)}")
         if temperature is not None:
             temperature = checked_number("temperature", temperature, *colours.LOCI[locus])
-        if name is not None and (not isinstance(name, str) or not name):
-            raise TypeError(f"name: expected a non-empty string, got {reprlib.repr(name)}")
+        if name is not None:
+            check_name(name)
         values = {
             "intensity": checked_number("intensity", intensity, 0),
             "colour": rgb,
@@ -112,6 +114,16 @@ def by_name(lights: Lights) -> dict[str, Light]:
     if len(set(names)) < len(names):
         raise ValueError(f"lights: expected different names, got {', '.join(names)}")
     return dict(zip(names, several, strict=True))
+
+
+def check_name(name: Any) -> None:
+    """TypeError or ValueError unless `name` can name a light, and layers of an OpenEXR file after it."""
+    if not isinstance(name, str) or not name:
+        raise TypeError(f"name: expected a non-empty string, got {reprlib.repr(name)}")
+    if any(unicodedata.category(character) in ("Cc", "Cs") for character in name):
+        raise ValueError(f"name: expected no control characters, got {reprlib.repr(name)}")
+    if len(name.encode()) > LONGEST_NAME:
+        raise ValueError(f"name: expected at most {LONGEST_NAME} bytes of UTF-8, got {len(name.encode())}")
 
 
 def checked_numbers(name: str, value: Any, count: int) -> tuple[float, ...]:

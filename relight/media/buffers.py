@@ -1,5 +1,7 @@
 """Arrays to OpenImageIO's image buffers and back."""
 
+from typing import Any
+
 import numpy as np
 import OpenImageIO as oiio
 
@@ -13,5 +15,13 @@ def to_array(buffer: oiio.ImageBuf, dtype: str = "float") -> np.ndarray:
     """A buffer's pixels (H, W, C). RuntimeError, in OpenImageIO's words, if making them failed."""
     pixels = None if buffer.has_error else buffer.get_pixels(dtype)
     if pixels is None:
-        raise RuntimeError(f"OpenImageIO: {buffer.geterror()}")
+        raise RuntimeError(f"OpenImageIO: {problem(buffer)}")
     return pixels
+
+
+def problem(source: Any) -> str:
+    """OpenImageIO's account of an error, without what failed as a consequence."""
+    try:
+        return source.geterror().strip().partition("\n")[0]
+    except UnicodeDecodeError:  # it quotes the file
+        return "what it holds is garbled"

@@ -6,7 +6,7 @@ takes its inputs from the stack and puts itself there; `set` names what is on to
 
 import os
 import re
-from collections.abc import Mapping
+from collections.abc import Iterable, Mapping
 from fractions import Fraction
 from pathlib import Path
 from typing import Any
@@ -37,18 +37,23 @@ def write_script(
 
     Raises
     ------
-    ValueError: no group. OSError: the script cannot be written.
+    ValueError: no group, or layers that are one to Nuke (see `check_layers`). OSError: the script cannot be
+    written.
     """
     path = Path(path)
     if not groups:
         raise ValueError("groups: expected at least one")
-    layers = [_word(layer) for _, layer in groups.values() if layer is not None]
+    layers = list(check_layers(layer for _, layer in groups.values() if layer is not None).values())
     blocks = [_root(size, frames, rate)]
     blocks += [f"add_layer {{{name} {name}.red {name}.green {name}.blue {name}.alpha}}" for name in layers]
     reads: dict[AnyPath, str] = {}
+    words: list[str] = []
     for column, (name, (file, layer)) in enumerate(groups.items()):
         place: dict[str, object] = {"xpos": column * STEP}
         word = _word(name)
+        while word in words:  # two nodes need two names
+            word += "_"
+        words.append(word)
         if file in reads:
             blocks.append(f"push ${reads[file]}")
         else:
@@ -67,6 +72,24 @@ def write_script(
             blocks.append(_node("Merge2", inputs=2, **knobs, name=f"Plus_{word}", ypos=160))
     with replacing(path) as beside:
         beside.write_text("\n".join(blocks) + "\n", encoding="utf-8")
+
+
+def check_layers(layers: Iterable[str]) -> dict[str, str]:
+    """{layer of an OpenEXR file: its name in Nuke}.
+
+    Nuke reads every character but ASCII letters, digits and underscores as an underscore. ValueError for
+    layers that it would take for one: neither it nor a script can tell these apart.
+    """
+    words: dict[str, str] = {}
+    for layer in layers:
+        same = [other for other, word in words.items() if word == _word(layer) and other != layer]
+        if same:
+            raise ValueError(
+                f"layers: {same[0]!r} and {layer!r} are one to Nuke, {_word(layer)}; rename one of the "
+                "lights with ASCII letters, digits and underscores"
+            )
+        words[layer] = _word(layer)
+    return words
 
 
 def _root(size: tuple[int, ...], frames: tuple[int, int] | None, rate: float | Fraction) -> str:

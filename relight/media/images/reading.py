@@ -2,13 +2,12 @@
 
 from collections.abc import Collection
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 import OpenImageIO as oiio
 
 from relight.media import colour
-from relight.media.buffers import to_array
+from relight.media.buffers import problem, to_array
 from relight.media.images.edge import linearise
 from relight.media.profiles import Profile
 from shadow.files import AnyPath
@@ -48,8 +47,8 @@ def read(path: AnyPath, *, colour_space: str | None = None) -> np.ndarray:
             pixels, straight=bool(spec.get_int_attribute("oiio:UnassociatedAlpha")), space=space
         )
     except ValueError as error:
-        problem = f"its colour profile {error}" if isinstance(space, Profile) else error
-        raise ValueError(f"{path}: {problem}") from error
+        subject = "its colour profile " if isinstance(space, Profile) else ""
+        raise ValueError(f"{path}: {subject}{error}") from error
     if not np.isfinite(light).all():
         raise ValueError(f"{path}: contains NaN or infinite values")
     return np.ascontiguousarray(light)  # as other libraries want it
@@ -100,7 +99,7 @@ def load(
     hints.attribute("oiio:UnassociatedAlpha", 1)  # or encoded values would come premultiplied
     file = oiio.ImageInput.open(str(path), hints)
     if file is None:
-        raise ValueError(f"{path}: cannot be read as an image: {_problem(oiio)}")
+        raise ValueError(f"{path}: cannot be read as an image: {problem(oiio)}")
     spec = file.spec()
     if spec.deep:
         raise ValueError(f"{path}: is a deep image, expected a flat one")
@@ -113,22 +112,14 @@ def load(
     native = str(spec.format)
     try:
         pixels = file.read_image(0, 0, first, last, native if native in ("uint8", "uint16") else "float")
-        problem = _problem(file)  # a truncated JPEG returns a picture *and* an error
+        failure = problem(file)  # a truncated JPEG returns a picture *and* an error
         file.close()
-        if pixels is None or problem:
-            raise ValueError(f"{path}: is damaged or truncated: {problem}")
+        if pixels is None or failure:
+            raise ValueError(f"{path}: is damaged or truncated: {failure}")
         return _upright(_in_display_window(pixels, spec), spec), spec, names[first:last]
     except MemoryError as error:
         size = f"{spec.full_width} x {spec.full_height}"
         raise ValueError(f"{path}: is damaged, or too large to read: it says {size} pixels") from error
-
-
-def _problem(source: Any) -> str:
-    """OpenImageIO's account of an error, which quotes what may be garbled."""
-    try:
-        return source.geterror().strip()
-    except UnicodeDecodeError:
-        return "what it holds is garbled"
 
 
 def _in_display_window(pixels: np.ndarray, spec: oiio.ImageSpec) -> np.ndarray:

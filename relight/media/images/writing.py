@@ -2,7 +2,9 @@
 
 import io
 import itertools
-from collections.abc import Mapping, Sequence
+import reprlib
+import warnings
+from collections.abc import Mapping
 from pathlib import Path
 
 import numpy as np
@@ -12,6 +14,7 @@ from PIL import ExifTags, Image
 
 from relight import __version__
 from relight.media import colour
+from relight.media.buffers import problem
 from relight.media.images.edge import scene_linear
 from shadow import files
 from shadow.files import AnyPath
@@ -28,6 +31,8 @@ DEPTHS = {  # what each format is written as: the first is the default
     ".tiff": ("uint16", "uint8", "float"),
 }
 HALF_MAX = 65504.0
+LONGEST_LAYER = 253  # bytes of UTF-8: with ".R" behind, the 255 of OpenEXR
+LOST = 0.01  # share of a layer's light that half floats may lose before a warning says so
 JPEG_QUALITY = 98  # of 100: differences that the eye does not find
 
 
@@ -69,6 +74,8 @@ def write(
     TypeError, ValueError: wrong shape, dtype, suffix or depth; NaN or infinite values; values that half
     cannot hold; alpha that is not 1 in a format without alpha; layers outside .exr.
     OSError: the folder does not exist or the file cannot be written.
+
+    Warns of layers so dim that half floats lose more than 1 % of their light.
     """
     path = Path(path)
     depth = checked_depth(path, depth)
@@ -85,7 +92,8 @@ def write(
         pixels = _encoded(pixels, view, exposure, white)
     stacks = {name: _layer(name, layer, pixels.shape[:2]) for name, layer in (layers or {}).items()}
     names += [f"{name}.{channel}" for name, stack in stacks.items() for channel in _channels(name, stack)]
-    pixels = _joined(path, [pixels, *stacks.values()], np.float16 if depth == "half" else np.float32)
+    stacks = {"image": pixels, **{f"layers[{name!r}]": stack for name, stack in stacks.items()}}
+    pixels = _joined(path, stacks, np.float16 if depth == "half" else np.float32)
     spec = new_spec(pixels, depth, names)
     if suffix in (".exr", ".tif", ".tiff"):
         spec.attribute("compression", "zip")
@@ -145,6 +153,10 @@ def _layer(name: str, layer: ArrayLike, size: tuple[int, ...]) -> np.ndarray:
     """A layer as (H, W, 1|3|4), checked."""
     if not isinstance(name, str) or not name:
         raise TypeError(f"layers: expected names that are non-empty strings, got {name!r}")
+    if "\0" in name or len(name.encode(errors="replace")) > LONGEST_LAYER:
+        raise ValueError(
+            f"layers: expected names of up to {LONGEST_LAYER} bytes, without NUL; got {reprlib.repr(name)}"
+        )
     stack = np.asarray(layer)
     if not np.issubdtype(stack.dtype, np.floating):
         raise TypeError(f"layers[{name!r}]: expected a floating dtype, got {stack.dtype}")
@@ -156,16 +168,37 @@ def _layer(name: str, layer: ArrayLike, size: tuple[int, ...]) -> np.ndarray:
     return stack
 
 
-def _joined(path: Path, stacks: Sequence[np.ndarray], dtype: type) -> np.ndarray:
+def half(values: np.ndarray, name: str) -> np.ndarray:
+    """float32 values (H, W, C) rounded to what a half float holds, unless one of them is too bright for it.
+
+    Warns if that loses more than 1 % of the light, as of a light of intensity 1e-6: half floats come in steps
+    of 6e-8 near zero. `name` is what the warning calls them. A fourth channel is alpha, and no light.
+    """
+    with np.errstate(over="ignore"):
+        rounded = values.astype(np.float16).astype(np.float32)
+    if not np.isfinite(rounded).all():
+        return values
+    light = np.abs(values[..., :3])
+    lost = np.abs(values - rounded)[..., :3].sum(dtype=np.float64) / max(light.sum(dtype=np.float64), 1e-300)
+    if lost > LOST:
+        warnings.warn(
+            f"{name}: is so dim that half floats lose {100 * lost:.0f} % of its light; "
+            "raise its intensity, or write floats (depth='float')",
+            stacklevel=2,
+        )
+    return rounded
+
+
+def _joined(path: Path, stacks: Mapping[str, np.ndarray], dtype: type) -> np.ndarray:
     """All channels (H, W, C) of a file in one array of the file's own depth, to hold them only once."""
-    channels = np.cumsum([0] + [stack.shape[-1] for stack in stacks])
-    joined = np.empty((*stacks[0].shape[:2], channels[-1]), dtype)
-    for stack, (first, last) in zip(stacks, itertools.pairwise(channels), strict=True):
+    channels = np.cumsum([0] + [stack.shape[-1] for stack in stacks.values()])
+    joined = np.empty((*next(iter(stacks.values())).shape[:2], channels[-1]), dtype)
+    for (name, stack), (first, last) in zip(stacks.items(), itertools.pairwise(channels), strict=True):
         if dtype == np.float16 and max(stack.max(), -stack.min()) > HALF_MAX:
             raise ValueError(
                 f"{path}: values above {HALF_MAX:g} do not fit half; write it with depth='float'"
             )
-        joined[..., first:last] = stack
+        joined[..., first:last] = half(stack, name) if dtype == np.float16 else stack
     return joined
 
 
@@ -177,17 +210,12 @@ def save(path: Path, pixels: np.ndarray, spec: oiio.ImageSpec) -> None:
             return
         file = oiio.ImageOutput.create(str(path))  # by its suffix
         if file is None:
-            raise OSError(f"{path}: cannot be written: {_first_line(oiio.geterror())}")
+            raise OSError(f"{path}: cannot be written: {problem(oiio)}")
         written = file.open(str(beside), spec) and file.write_image(np.ascontiguousarray(pixels))
         if not (file.close() and written):
-            raise OSError(f"{path}: cannot be written: {_first_line(file.geterror())}")
+            raise OSError(f"{path}: cannot be written: {problem(file)}")
         if path.suffix.lower() == ".png":
             _check_png(path, beside)
-
-
-def _first_line(text: str) -> str:
-    """OpenImageIO's account of an error without what failed as a consequence."""
-    return text.strip().partition("\n")[0]
 
 
 def _jpeg(pixels: np.ndarray, spec: oiio.ImageSpec) -> bytes:
