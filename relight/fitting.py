@@ -1,13 +1,12 @@
 """The light that a picture was taken in, as lights."""
 
 import numpy as np
-from numpy.typing import ArrayLike
 
 from relight.lights.directional import DirectionalLight
 from relight.subject import Subject
 
 
-def fit_lights(image: ArrayLike, subject: Subject | None = None) -> list[DirectionalLight]:
+def fit_lights(image: np.ndarray, subject: Subject | None = None) -> list[DirectionalLight]:
     """The lights in which a person looks most like a picture: the photograph's own, or a reference's.
 
     Non-negative weights over the 96 OLAT directions, by least squares of image = albedo × Σ weight × shading

@@ -8,8 +8,8 @@ import numpy as np
 import torch
 
 from relight.composite import behind, over
-from relight.lights.light import Light, by_name
 from relight.lights.environment import EnvironmentLight
+from relight.lights.light import Light, by_name
 from relight.subject import Subject
 
 PASSES = ("albedo", "N", "visibility", "shading")

@@ -3,7 +3,7 @@
 from collections.abc import Callable, Iterable
 from pathlib import Path
 
-from relight.lights.directional import Light, by_name
+from relight.lights.light import Light, by_name
 from relight.lights.environment import FIELD_OF_VIEW
 from relight.lights.files import write_lights
 from relight.media import images, movies, nuke

@@ -6,7 +6,7 @@ from pathlib import Path
 
 import numpy as np
 
-from relight.lights.directional import Light, by_name
+from relight.lights.light import Light, by_name
 from relight.lights.environment import FIELD_OF_VIEW
 from relight.lights.files import write_lights
 from relight.lights.moving import MovingLight, lights_at
