@@ -2,9 +2,10 @@ import json
 
 import pytest
 import torch
+from safetensors.torch import save_file
 
 from shading import diffuse
-from shadow import visibility
+from shadow import normals, visibility
 from shadow.networks import checkpoints
 from shadow.networks.field import VisibilityField
 
@@ -85,3 +86,31 @@ def test_shipped_weights_are_what_the_index_says(package):
         _, metadata = checkpoints.read(folder / entry["file"], entry["sha256"])
         assert metadata["network"] == name
         assert json.loads(metadata["recipe"])["images"] > 0
+
+
+@pytest.mark.parametrize(
+    ("tensors", "metadata", "message"),
+    [
+        (["a"], {"network": "field"}, "does not say what its network is made with"),
+        (
+            ["a"],
+            {"network": "field", "config": "{"},
+            "does not fit this version's network: Expecting property",
+        ),
+        (["a"], {"network": "field", "config": "[1, 2]"}, "does not fit this version's network: .* mapping"),
+        (
+            ["a"],
+            {"network": "field", "config": '{"foo": 1}'},
+            "does not fit .* unexpected keyword argument 'foo'",
+        ),
+        (["a"], {"network": "field", "config": "{}"}, "does not fit this version's network: Error"),
+        (["a.scale"], {"network": "field", "config": "{}"}, "is damaged: a scale has no tensor of its size"),
+    ],
+)
+def test_odd_files_are_refused_in_one_line(tmp_path, tensors, metadata, message):
+    path = tmp_path / "odd.safetensors"
+    save_file({name: torch.zeros(2) for name in tensors}, path, metadata)
+    for load in (visibility.load, normals.load):
+        with pytest.raises(ValueError, match=f"^weights: {path} {message}.*$") as caught:
+            load(path)
+        assert len(str(caught.value)) < 600

@@ -46,6 +46,27 @@ def test_yaml_as_people_write_it(tmp_path):
     assert dim.direction == bright.direction
 
 
+def test_numbers_and_words_are_those_of_yaml_12(tmp_path):
+    texts = ["010", "0o10", "0x10", "+1e3", ".5", "1.e1", "0.0"]
+    lines = [f"- {{name: {name}, intensity: {text}}}" for name, text in zip("abcdefg", texts, strict=True)]
+    (tmp_path / "l.yaml").write_text("lights:\n" + "\n".join(lines) + "\n- {name: on, colour: [1, 08, 9]}")
+    *lights, last = relight.read_lights(tmp_path / "l.yaml")
+    assert [light.intensity for light in lights] == [10, 8, 16, 1000, 0.5, 10, 0]
+    assert (last.name, last.colour) == ("on", (1, 8, 9))
+    names = ["on", "null", "1e3", "010", "0o7", "~", "1:30", "2026-01-01", "=", "true", "yes"]
+    lights = [relight.DirectionalLight(name=name) for name in names]
+    relight.write_lights(tmp_path / "l.yaml", lights)  # of names that look like something else
+    assert relight.read_lights(tmp_path / "l.yaml") == lights
+
+
+def test_merges_of_merges_are_bounded(tmp_path):
+    lines = ["a0: &a0 {azimuth: 1}"]
+    lines += [f"a{n}: &a{n} {{<<: [{', '.join([f'*a{n - 1}'] * 10)}]}}" for n in range(1, 9)]
+    (tmp_path / "l.yaml").write_text("\n".join([*lines, "lights: [*a8]"]))
+    with pytest.raises(ValueError, match=r"l\.yaml: is not a lights file: merges too many keys"):
+        relight.read_lights(tmp_path / "l.yaml")
+
+
 @pytest.mark.parametrize(
     ("text", "message"),
     [
@@ -62,9 +83,19 @@ def test_yaml_as_people_write_it(tmp_path):
         ("lights: [{azimuth: [1, 2]}]", r"light 1: azimuth: expected 1 number, got \[1, 2\]"),
         ("lights: [{intensity: -1}]", "light 1: intensity: expected 0 to inf, got -1"),
         ("lights: [{intensity: .nan}]", "light 1: intensity: expected 1 finite number"),
-        ("lights: [{intensity: yes}]", "light 1: intensity: expected 1 number, got True"),
+        ("lights: [{intensity: true}]", "light 1: intensity: expected 1 number, got True"),
+        ("lights: [{intensity: yes}]", "light 1: intensity: expected 1 number, got 'yes'"),
+        ("lights: [{intensity: 1:30}]", "light 1: intensity: expected 1 number, got '1:30'"),
+        ("lights: [{intensity: 1_000}]", "light 1: intensity: expected 1 number, got '1_000'"),
+        ("lights: [{[1, 2]: 3}]", "is not a lights file: a key is no text in .*line 1, column 11"),
+        ("lights: !!bool perhaps", "is not a lights file: 'perhaps'"),
+        ("lights: !!timestamp today", "is not a lights file"),
+        ("lights: !!int [1]", "is not a lights file: expected a scalar node"),
+        ("lights: [!!int {a: 1}]", "is not a lights file: expected a scalar node"),
+        ("? {a: 1}\n: 2", "is not a lights file: a key is no text"),
+        ("lights: [{name: !!binary aGk=}]", "light 1: name: expected a non-empty string"),
         ("lights: [{colour: 1}]", "light 1: colour: expected 3 numbers, got 1"),
-        ("lights: [{name: on}]", "light 1: name: expected a non-empty string, got True"),
+        ("lights: [{name: true}]", "light 1: name: expected a non-empty string, got True"),
         ("lights: [{type: spot}]", "light 1: type: expected directional.*, got 'spot'"),
         ("lights: [{type: [spot]}]", "light 1: type: expected directional"),
         ("lights: [{azimuth: 1, azimuth: 2}]", "is not a lights file: 'azimuth' is there twice"),

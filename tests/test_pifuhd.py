@@ -214,3 +214,22 @@ def test_our_networks_learn_from_its_normals(checkpoint, tmp_path):
     assert field.origin.recipe["normals"] == "pifuhd"
     with pytest.warns(UserWarning, match="'pifuhd'"):
         visibility.infer(rgb, mask, [[0, 0, 1]], model=path)
+
+
+@pytest.mark.parametrize(
+    "content",
+    [
+        [1, 2],
+        torch.zeros(2),
+        {1: torch.zeros(2)},
+        {"model_state_dict": None},
+        {"model_state_dict": [torch.zeros(2)]},
+        {"model_state_dict": {1: torch.zeros(2)}},
+        {"model_state_dict": {"netG.netF.model.1.weight": 3}},
+        {"model_state_dict": {"netG.netF.model.1.weight": torch.tensor(1.0)}},
+    ],
+)
+def test_odd_checkpoints_are_refused_in_one_line(tmp_path, content):
+    torch.save(content, tmp_path / "odd.pt")
+    with pytest.raises(ValueError, match=r"^normals: .*odd\.pt holds no front-normal generator: .*$"):
+        normals.load(tmp_path / "odd.pt")

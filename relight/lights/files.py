@@ -42,6 +42,7 @@ from shadow.files import AnyPath, replacing
 
 TYPES: dict[str, type[Light]] = {"directional": DirectionalLight, "environment": EnvironmentLight}
 SUFFIXES = (".yaml", ".yml", ".json")
+MOST_KEYS = 1000  # of a mapping, merged ones included
 MERGE = "tag:yaml.org,2002:merge"
 
 
@@ -104,7 +105,8 @@ def _entries(path: AnyPath) -> list[Any]:
             document = yaml.load(text, _Loader)  # a SafeLoader
     except FileNotFoundError as error:
         raise FileNotFoundError(f"{path}: no such file") from error
-    except (ValueError, RecursionError, yaml.YAMLError) as error:
+    except (ValueError, RecursionError, yaml.YAMLError, AttributeError, KeyError, TypeError) as error:
+        # The last three are PyYAML's, for tags that don't fit: `!!bool perhaps`.
         problem = " ".join(str(error).split())
         raise ValueError(f"{path}: is not a lights file: {problem}") from error
     if not isinstance(document, dict) or "lights" not in document:
@@ -172,19 +174,35 @@ def _plain(value: Any) -> Any:
 
 def _unique(pairs: list[tuple[Any, Any]]) -> dict[Any, Any]:
     """A JSON object as a dictionary; ValueError if a key comes twice, of which JSON would keep the last."""
-    keys = [key for key, _ in pairs]
-    for key in keys:
-        if keys.count(key) > 1:
+    found: dict[Any, Any] = {}
+    for key, value in pairs:
+        if key in found:
             raise ValueError(f"{key!r} is there twice")
-    return dict(pairs)
+        found[key] = value
+    return found
 
 
 class _Loader(yaml.SafeLoader):
-    """Safe YAML in which no key comes twice and 1e3 is a number, as YAML 1.2 has it and PyYAML has not."""
+    """Safe YAML in which no key comes twice, merged keys are few, and numbers and words are YAML 1.2's.
+
+    PyYAML reads YAML 1.1, where 010 is eight, 1:30 is ninety, 1e3 is a text and `on` is true.
+    """
 
     def construct_mapping(self, node: yaml.MappingNode, deep: bool = False) -> dict[Hashable, Any]:
+        for key, _ in node.value:
+            if not isinstance(key, yaml.ScalarNode):
+                raise yaml.constructor.ConstructorError(None, None, "a key is no text", key.start_mark)
         _unique([(self.construct_object(key), None) for key, _ in node.value if key.tag != MERGE])
         return super().construct_mapping(node, deep)
+
+    def flatten_mapping(self, node: yaml.MappingNode) -> None:
+        super().flatten_mapping(node)
+        if len(node.value) > MOST_KEYS:  # merges of merges grow exponentially
+            raise yaml.constructor.ConstructorError(None, None, "merges too many keys", node.start_mark)
+
+    def construct_integer(self, node: yaml.ScalarNode) -> int:
+        digits = self.construct_scalar(node).lower()
+        return int(digits, {"0x": 16, "0o": 8}.get(digits[:2], 10))
 
 
 class _Dumper(yaml.SafeDumper):
@@ -194,9 +212,23 @@ class _Dumper(yaml.SafeDumper):
         return True
 
 
-_Loader.add_implicit_resolver(
-    "tag:yaml.org,2002:float", re.compile(r"[-+]?(\d+\.?\d*|\.\d+)[eE][-+]?\d+$"), list("-+.0123456789")
-)
+# The core schema: YAML 1.2.2, section 10.3.2, and merge keys. What is written is quoted where either version
+# of YAML would take a text for something else.
+_Loader.yaml_implicit_resolvers = {}
+for _tag, _pattern, _first in (
+    ("null", "null|Null|NULL|~|", ["n", "N", "~", ""]),
+    ("bool", "true|True|TRUE|false|False|FALSE", list("tTfF")),
+    ("int", "[-+]?[0-9]+|0o[0-7]+|0x[0-9a-fA-F]+", list("-+0123456789")),
+    (
+        "float",
+        r"[-+]?(\.[0-9]+|[0-9]+(\.[0-9]*)?)([eE][-+]?[0-9]+)?|[-+]?\.(inf|Inf|INF)|\.(nan|NaN|NAN)",
+        list("-+.0123456789"),
+    ),
+    ("merge", "<<", ["<"]),
+):
+    for _class in (_Loader, _Dumper):
+        _class.add_implicit_resolver(f"tag:yaml.org,2002:{_tag}", re.compile(rf"(?:{_pattern})\Z"), _first)
+_Loader.add_constructor("tag:yaml.org,2002:int", _Loader.construct_integer)
 _Dumper.add_representer(
     tuple, lambda dumper, value: dumper.represent_sequence("tag:yaml.org,2002:seq", value, flow_style=True)
 )

@@ -8,6 +8,7 @@ may be stored as int8 with a scale for each output channel, in half the room.
 import functools
 import hashlib
 import json
+import textwrap
 import threading
 from importlib import resources
 from pathlib import Path
@@ -48,7 +49,10 @@ def read(path, checksum=None):
     except SafetensorError as error:
         raise ValueError(f"weights: {path} is not a safetensors file, or is truncated: {error}") from error
     scales = {key.removesuffix(SCALE): state.pop(key) for key in list(state) if key.endswith(SCALE)}
-    return state | {key: state[key].float() * scale for key, scale in scales.items()}, metadata
+    try:
+        return state | {key: state[key].float() * scale for key, scale in scales.items()}, metadata
+    except (KeyError, RuntimeError) as error:
+        raise ValueError(f"weights: {path} is damaged: a scale has no tensor of its size") from error
 
 
 @functools.lru_cache(maxsize=8)
@@ -59,12 +63,15 @@ def _load(path, checksum, networks, device):
         raise ValueError(
             f"weights: {path} holds a {metadata.get('network')!r} network, expected {' or '.join(networks)}"
         )
-    network = networks[metadata["network"]](**json.loads(metadata["config"]))
+    if "config" not in metadata:
+        raise ValueError(f"weights: {path} does not say what its network is made with (config)")
     try:
+        network = networks[metadata["network"]](**json.loads(metadata["config"]))
         network.load_state_dict({key: value.float() for key, value in state.items()}, strict=True)
-    except RuntimeError as error:
-        raise ValueError(f"weights: {path} does not fit this version's network: {error}") from error
-    recipe = json.loads(metadata.get("recipe", "{}"))
+        recipe = json.loads(metadata.get("recipe", "{}"))
+    except Exception as error:  # a network that is made with odd values fails in many ways
+        reason = textwrap.shorten(str(error), 300)
+        raise ValueError(f"weights: {path} does not fit this version's network: {reason}") from error
     identity = metadata.get("shrunk_from") or checksum or sha256(path)
     network.origin = Origin(path.stem, identity, recipe)
     return network.eval().requires_grad_(False).to(device, memory_format=torch.channels_last)

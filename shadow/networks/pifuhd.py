@@ -139,13 +139,13 @@ def _read(path):
 def _generator(path, checkpoint):
     """The front-normal generator's own parameters, as float32 copies."""
     checkpoint = checkpoint if isinstance(checkpoint, dict) else {}
-    parameters = checkpoint.get("model_state_dict", checkpoint.get("state_dict", {}))  # the second is ICON's
+    parameters = checkpoint.get("model_state_dict", checkpoint.get("state_dict"))  # the second is ICON's
     found = {
         key.removeprefix(PREFIX): value.float().clone()
-        for key, value in parameters.items()
-        if key.startswith(PREFIX)
+        for key, value in (parameters.items() if isinstance(parameters, dict) else ())
+        if isinstance(key, str) and key.startswith(PREFIX) and isinstance(value, torch.Tensor)
     }
-    if "model.1.weight" not in found:
+    if "model.1.weight" not in found or found["model.1.weight"].ndim != 4:
         raise ValueError(
             f"normals: {path} holds no front-normal generator: model_state_dict has no {PREFIX}model.1.weight"
         )
