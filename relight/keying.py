@@ -34,8 +34,9 @@ def key(image: ArrayLike, screen: str = "green", *, mask: ArrayLike | None = Non
     A pixel is a mixture of the person and the screen. How much of each there is follows from the screen's
     channel less the larger of the others (the colour difference key, Vlahos 1971), of the pixel, of the
     screen, continued behind the person, and of the person, continued outward from where they are solid.
-    The person's own colour there is estimated by PyMatting (Germer et al. 2020). No part of the person may be
-    of the screen's colour: it would be cut out too.
+    The person's own colour there is estimated by PyMatting (Germer et al. 2020), which compiles itself the
+    first time on a machine, for one to two minutes, and keeps the result in Numba's cache. No part of the
+    person may be of the screen's colour: it would be cut out too.
 
     Raises
     ------

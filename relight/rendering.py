@@ -10,6 +10,7 @@ import torch
 from relight.composite import behind, over
 from relight.lights.environment import EnvironmentLight
 from relight.lights.light import Light, by_name
+from relight.media.images import half
 from relight.subject import Subject
 
 PASSES = ("albedo", "N", "visibility", "shading")
@@ -120,7 +121,7 @@ def render_subject(
         return picture, groups | further
     if "C_background" in groups:
         raise ValueError("lights: 'background' names the background's layer; give the light another name")
-    groups["C_background"] = half(behind(picture, background))
+    groups["C_background"] = half(behind(picture, background), "C_background")
     return picture[..., :3] + groups["C_background"], groups | further
 
 
@@ -145,7 +146,7 @@ def light_groups(subject: Subject, lights: Light | Iterable[Light]) -> tuple[np.
     groups = {}
     for name, light in by_name(lights).items():
         layer = subject.relit(light)
-        groups[f"C_{name}"] = half(layer)
+        groups[f"C_{name}"] = half(layer, f"C_{name}")
     if not groups:
         raise ValueError("lights: expected at least one")
     picture = sum(groups.values())
@@ -193,10 +194,3 @@ def check_names(names: Iterable[str], outputs: Iterable[Path] | None = None) -> 
     if names and outputs is not None and not any(path.suffix.lower() == ".exr" for path in outputs):
         raise ValueError("passes: are layers of an .exr; expected one among the outputs")
     return names
-
-
-def half(values: np.ndarray) -> np.ndarray:
-    """float32 values rounded to what a half float holds, unless one of them is too bright for it."""
-    with np.errstate(over="ignore"):
-        rounded = values.astype(np.float16)
-    return rounded.astype(np.float32) if np.isfinite(rounded).all() else values

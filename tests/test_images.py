@@ -190,6 +190,15 @@ def test_files_say_what_they_are(tmp_path):
     assert spec.getattribute("oiio:ColorSpace").startswith("srgb")
 
 
+def test_photographs_keep_what_is_said_of_them(tmp_path):
+    said = {"Artist": "me", "Copyright": "us", "relight:frame": 3}
+    for name in ("a.jpg", "a.tif"):
+        relight.write(tmp_path / name, PREMULTIPLIED[..., :3], metadata=said)
+        spec = oiio.ImageInput.open(str(tmp_path / name)).spec()
+        assert [spec.getattribute(key) for key in ("Artist", "Copyright")] == ["me", "us"]
+        assert spec.getattribute("Software").startswith("relight")
+
+
 # Files of other programs
 
 

@@ -107,3 +107,9 @@ def test_render_takes_an_image():
     picture, layers = render(image, LIGHTS, mask=mask, passes=("albedo",))
     assert picture.shape == (40, 30, 4)
     assert set(layers) == {"C_key", "C_fill", "C_rim", "albedo"}
+
+
+def test_a_light_so_dim_that_half_floats_lose_it_is_warned_of(subject):
+    dim = relight.DirectionalLight(intensity=1e-6, name="dim")
+    with pytest.warns(UserWarning, match=r"C_dim: is so dim that half floats lose \d+ % of its light"):
+        render_subject(subject, [dim, *LIGHTS])
