@@ -10,12 +10,12 @@ from pathlib import Path
 import numpy as np
 import OpenImageIO as oiio
 from numpy.typing import ArrayLike
-from PIL import ExifTags, Image
+from PIL import ExifTags, Image, PngImagePlugin
 
 from relight import __version__
 from relight.media import colour
 from relight.media.buffers import problem
-from relight.media.images.edge import scene_linear
+from relight.media.images.edge import as_array, scene_linear
 from shadow import files
 from shadow.files import AnyPath
 
@@ -33,6 +33,7 @@ DEPTHS = {  # what each format is written as: the first is the default
 HALF_MAX = 65504.0
 LONGEST_LAYER = 253  # bytes of UTF-8: with ".R" behind, the 255 of OpenEXR
 LOST = 0.01  # share of a layer's light that half floats may lose before a warning says so
+JPEG_LARGEST = 65500  # pixels a side, of libjpeg
 JPEG_QUALITY = 98  # of 100: differences that the eye does not find
 
 
@@ -87,6 +88,8 @@ def write(
         if pixels[..., 3].min() < 1:
             raise ValueError(f"{path}: {path.suffix} holds no alpha; put the image over a background first")
         pixels = pixels[..., :3]
+    if suffix in (".jpeg", ".jpg") and max(pixels.shape[:2]) > JPEG_LARGEST:
+        raise ValueError(f"{path}: {path.suffix} holds at most {JPEG_LARGEST} pixels a side")
     names = list("RGBA"[: pixels.shape[-1]])
     if depth.startswith("uint"):
         pixels = _encoded(pixels, view, exposure, white)
@@ -153,11 +156,13 @@ def _layer(name: str, layer: ArrayLike, size: tuple[int, ...]) -> np.ndarray:
     """A layer as (H, W, 1|3|4), checked."""
     if not isinstance(name, str) or not name:
         raise TypeError(f"layers: expected names that are non-empty strings, got {name!r}")
-    if "\0" in name or len(name.encode(errors="replace")) > LONGEST_LAYER:
+    text = name.encode(errors="replace")
+    if "\0" in name or len(text) > LONGEST_LAYER or text.decode() != name:
         raise ValueError(
-            f"layers: expected names of up to {LONGEST_LAYER} bytes, without NUL; got {reprlib.repr(name)}"
+            f"layers: expected names of up to {LONGEST_LAYER} bytes of UTF-8, without NUL, "
+            f"got {reprlib.repr(name)}"
         )
-    stack = np.asarray(layer)
+    stack = as_array(f"layers[{name!r}]", layer)
     if not np.issubdtype(stack.dtype, np.floating):
         raise TypeError(f"layers[{name!r}]: expected a floating dtype, got {stack.dtype}")
     stack = stack[..., None] if stack.ndim == 2 else stack
@@ -236,7 +241,8 @@ def _jpeg(pixels: np.ndarray, spec: oiio.ImageSpec) -> bytes:
 def _check_png(path: Path, written: Path) -> None:
     """OSError unless a file is a whole PNG: OpenImageIO's writer does not notice a full disk."""
     try:
-        with Image.open(written, formats=["PNG"]) as file:
+        # Not Image.open, which refuses pictures above 179 megapixels.
+        with PngImagePlugin.PngImageFile(written) as file:
             file.verify()  # every chunk's checksum, to the end
     except (OSError, SyntaxError) as error:
         raise OSError(f"{path}: cannot be written: it came out truncated; is the disk full?") from error
