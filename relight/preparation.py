@@ -13,8 +13,8 @@ import numpy as np
 
 from relight.composite import place
 from relight.keying import key as cut_out
-from relight.lights.light import Light
 from relight.lights.environment import FIELD_OF_VIEW, EnvironmentLight
+from relight.lights.light import Light
 from relight.lights.moving import MovingLight
 from relight.media import images, movies
 from relight.media.sequences import Files, Still

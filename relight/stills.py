@@ -3,9 +3,9 @@
 from collections.abc import Callable, Iterable
 from pathlib import Path
 
-from relight.lights.light import Light, by_name
 from relight.lights.environment import FIELD_OF_VIEW
 from relight.lights.files import write_lights
+from relight.lights.light import Light, by_name
 from relight.media import images, movies, nuke
 from relight.media.sequences import Sequence
 from relight.outputs import check, check_display, write_picture

@@ -6,9 +6,9 @@ from pathlib import Path
 
 import numpy as np
 
-from relight.lights.light import Light, by_name
 from relight.lights.environment import FIELD_OF_VIEW
 from relight.lights.files import write_lights
+from relight.lights.light import Light, by_name
 from relight.lights.moving import MovingLight, lights_at
 from relight.media import images, movies
 from relight.media.sequences import Sequence
