@@ -1,0 +1,156 @@
+"""Every command and snippet of README.md and docs, run as a reader would run it."""
+
+import re
+import shlex
+from collections import Counter
+
+import documents
+import numpy as np
+import pytest
+from documents import DOCUMENTS, ROOT, blocks
+
+import relight
+from relight.media.movies import Movie
+
+README = (ROOT / "README.md").read_text()
+RUN = {"sh", "python", "yaml"}
+# What cannot be shipped, and how many blocks need it.
+NEEDS = {
+    "a network connection": 2,
+    "your own copy of PIFuHD's checkpoint": 1,
+}
+
+
+@pytest.fixture(scope="module")
+def desk(tmp_path_factory):
+    folder = tmp_path_factory.mktemp("desk")
+    documents.lay_out(folder)
+    return folder
+
+
+@pytest.fixture
+def reader(desk, tmp_path, monkeypatch):
+    """A folder with what the documents name, as the working folder."""
+    for path in desk.iterdir():
+        (tmp_path / path.name).symlink_to(path.resolve())
+    monkeypatch.chdir(tmp_path)
+    monkeypatch.setenv("PYTHONPATH", str(ROOT))
+    return tmp_path
+
+
+def read(document, folder, slow):
+    """Do what a document says, in its order; snippets of Python go on where those before them ended."""
+    names = {"__name__": "reader"}
+    for block in blocks(document):
+        if block.needs is not None or (block.slow and not slow):
+            continue
+        if block.language == "yaml":
+            (folder / "read.yaml").write_text(block.text)
+            assert relight.read_lights(folder / "read.yaml"), block
+        elif block.language == "python":
+            exec(compile("\n" * (block.line - 1) + block.text, str(document), "exec"), names)
+        elif block.language == "sh":
+            for words in block.commands():
+                try:
+                    documents.run(words, folder, apart=document.name == "README.md")
+                except AssertionError as error:
+                    raise AssertionError(f"{block}: {shlex.join(words)}: {error}") from error
+
+
+def named(path):
+    return path.name
+
+
+@pytest.mark.parametrize("document", DOCUMENTS, ids=named)
+def test_what_a_document_says_works(document, reader):
+    read(document, reader, slow=False)
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize(
+    "document", [path for path in DOCUMENTS if any(block.slow for block in blocks(path))], ids=named
+)
+def test_what_takes_longer_works_too(document, reader):
+    read(document, reader, slow=True)
+
+
+def test_every_block_is_tried_or_says_what_it_needs():
+    found = [block for document in DOCUMENTS for block in blocks(document)]
+    assert {block.language for block in found} == RUN
+    assert Counter(block.needs for block in found if block.needs is not None) == NEEDS
+    fences = sum(document.read_text().count("```") for document in DOCUMENTS)
+    assert fences == 2 * len(found)  # none is indented, or unlike the others
+
+
+def test_a_command_that_fails_is_noticed(reader):
+    (reader / "wrong.md").write_text("```sh\nrelight apply photo.png --light azimuth=-40 -o relit.png\n```\n")
+    with pytest.raises(AssertionError, match=r"relight apply photo\.png"):  # it has no matte
+        read(reader / "wrong.md", reader, slow=False)
+
+
+def test_the_readme_command_relights_the_bundled_person(reader):
+    command = next(block for block in blocks(ROOT / "README.md") if "relight apply" in block.text)
+    (words,) = command.commands()
+    documents.run(words, reader, apart=True)
+    picture = relight.read(reader / "relit.exr")
+    layers = relight.read_layers(reader / "relit.exr")
+    assert set(layers) == {"C_key", "C_rim", "C_background"}
+    total = sum(layer[..., :3] for layer in layers.values())
+    np.testing.assert_allclose(total, picture[..., :3], atol=3e-3)
+    assert relight.read(reader / "relit.png").shape == picture.shape
+
+
+def test_the_readme_snippet_writes_both_lights(reader):
+    snippet = next(block for block in blocks(ROOT / "README.md") if block.language == "python")
+    exec(compile(snippet.text, "README.md", "exec"), {})
+    assert set(relight.read_layers(reader / "relit.exr")) == {"C_key", "C_rim"}
+
+
+def test_the_readme_orbit_is_a_movie_in_which_the_light_moves(reader):
+    block = next(block for block in blocks(ROOT / "README.md") if "orbit.mp4" in block.text)
+    (words,) = block.commands()
+    short = ["1-4" if word == "1-48" else word for word in words]
+    documents.run(short, reader, apart=False)
+    movie = Movie(reader / "orbit.mp4")
+    first, last = (movie.read(movie.numbers[index]) for index in (0, -1))
+    assert np.abs(first - last).max() > 0.05
+
+
+def test_ci_runs_the_readme_test_command_and_then_what_is_slow():
+    command = re.search(r"## Run the tests\s+```sh\n(.*?)\n```", README, re.DOTALL).group(1)
+    program = (ROOT / ".ci" / "run").read_text()
+    assert f"({command})\n" in program
+    assert program.index(".venv/bin/pytest -m slow") > program.index(command)
+
+
+def test_the_readme_is_short_and_its_links_lead_somewhere():
+    assert len(README.splitlines()) <= 150
+    card = ROOT / "shadow" / "weights" / "MODEL_CARD.md"
+    assert len(card.read_text().splitlines()) <= 170
+    for document in [*DOCUMENTS, card]:
+        for target in re.findall(r"\]\(([^)\s]+)\)", document.read_text()):
+            path, _, heading = target.partition("#")
+            if path.startswith("http"):
+                continue
+            linked = document.parent / path if path else document
+            assert linked.exists(), f"{document.name}: {target}"
+            if heading:
+                headings = re.findall(r"^#+ (.*)$", linked.read_text(), re.MULTILINE)
+                anchors = [re.sub(r"[^\w -]", "", text.lower()).replace(" ", "-") for text in headings]
+                assert heading in anchors, f"{document.name}: {target}"
+
+
+def test_every_module_is_named_in_the_architecture():
+    page = (ROOT / "docs" / "architecture.md").read_text()
+    rows = dict(re.findall(r"^\| `([\w/]+\.py)` \| (.+) \|$", page, re.MULTILINE))
+    modules = {
+        path.relative_to(ROOT).as_posix()
+        for package in ("relight", "shading", "shadow")
+        for path in (ROOT / package).rglob("*.py")
+        if path.stat().st_size  # an empty __init__.py says nothing
+    }
+    assert modules == set(rows)
+    assert all(sentence.endswith(".") for sentence in rows.values())
+    named = re.findall(r"`((?:relight|shading|shadow|benchmarks|examples|docs)/[\w/]+(?:\.\w+)?)`", page)
+    for name in named:
+        assert (ROOT / name).exists(), name
