@@ -16,6 +16,7 @@ README = (ROOT / "README.md").read_text()
 RUN = {"sh", "python", "yaml"}
 # What cannot be shipped, and how many blocks need it.
 NEEDS = {
+    "a CUDA GPU": 2,
     "a network connection": 2,
     "your own copy of PIFuHD's checkpoint": 1,
 }
@@ -52,7 +53,7 @@ def read(document, folder, slow):
         elif block.language == "sh":
             for words in block.commands():
                 try:
-                    documents.run(words, folder, apart=document.name == "README.md")
+                    documents.run(words, folder)
                 except AssertionError as error:
                     raise AssertionError(f"{block}: {shlex.join(words)}: {error}") from error
 
@@ -72,6 +73,18 @@ def test_what_a_document_says_works(document, reader):
 )
 def test_what_takes_longer_works_too(document, reader):
     read(document, reader, slow=True)
+
+
+@pytest.mark.slow
+def test_the_figures_are_drawn_anew(reader):
+    pytest.importorskip("matplotlib")
+    documents.run(["python", "docs/figures.py", str(reader)], reader)
+    for name in ("axes.png", "way.png"):
+        kept = relight.read(ROOT / "docs" / name)
+        drawn = relight.read(reader / name)
+        assert kept.shape == drawn.shape  # fonts of other machines are let be
+        assert np.abs(kept - drawn).mean() < 0.02
+        assert (ROOT / "docs" / name).stat().st_size < 300_000
 
 
 def test_every_block_is_tried_or_says_what_it_needs():
@@ -110,7 +123,7 @@ def test_the_readme_orbit_is_a_movie_in_which_the_light_moves(reader):
     block = next(block for block in blocks(ROOT / "README.md") if "orbit.mp4" in block.text)
     (words,) = block.commands()
     short = ["1-4" if word == "1-48" else word for word in words]
-    documents.run(short, reader, apart=False)
+    documents.run(short, reader)
     movie = Movie(reader / "orbit.mp4")
     first, last = (movie.read(movie.numbers[index]) for index in (0, -1))
     assert np.abs(first - last).max() > 0.05
