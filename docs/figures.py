@@ -115,7 +115,7 @@ def azimuths(axis):
 def way(subject, image, path):
     """What is made of a photograph on its way to a picture, and by which module."""
     light = relight.DirectionalLight(azimuth=-55, elevation=35, intensity=2.6, name="key")
-    rim = relight.DirectionalLight(azimuth=150, elevation=20, intensity=1.5, colour=(0.3, 0.5, 1), name="rim")
+    rim = relight.DirectionalLight(azimuth=130, elevation=20, intensity=4, colour=(0.3, 0.5, 1), name="rim")
     inside = image[..., 3:] > 0.5
     direction = np.float32([light.direction])
     visibility, shading = subject.visibility(direction)[0], subject.shading(direction)[0]
@@ -135,7 +135,7 @@ def way(subject, image, path):
         ("albedo\nshading/diffuse.py", on_white(shown(subject.albedo))),
         ("Σ light · shading · albedo\nrelight/subject.py", shown(relight.over(picture, GREY))),
     ]
-    figure = Figure(figsize=(11, 3.9), layout="constrained", dpi=100)
+    figure = Figure(figsize=(11, 4.05), layout="constrained", dpi=100)
     for number, (axis, (title, step)) in enumerate(zip(figure.subplots(1, len(steps)), steps, strict=True)):
         panel(axis, step, title)
         if number:
