@@ -37,7 +37,11 @@ def over(foreground: ArrayLike, background: Background) -> np.ndarray:
     front = scene_linear("foreground", foreground)
     if front.shape[-1] != 4:
         raise ValueError(f"foreground: expected shape (H, W, 4), got {front.shape}")
-    return front[..., :3] + behind(front, background)
+    with np.errstate(over="ignore"):
+        picture = front[..., :3] + behind(front, background)
+    if not np.isfinite(picture).all():
+        raise ValueError("background: is so bright that the picture is beyond float32")
+    return picture
 
 
 def behind(front: np.ndarray, background: Background) -> np.ndarray:
@@ -46,13 +50,12 @@ def behind(front: np.ndarray, background: Background) -> np.ndarray:
         back = background.view(front.shape[:2])
     elif np.ndim(background) == 1:
         colour = np.asarray(background)
-        if (
-            colour.shape != (3,)
-            or not np.issubdtype(colour.dtype, np.number)
-            or not np.isfinite(colour).all()
-        ):
+        if colour.shape != (3,) or not np.issubdtype(colour.dtype, np.number):
             raise ValueError(f"background: expected an image or three finite numbers, got {background!r}")
-        back = colour.astype(np.float32)
+        with np.errstate(over="ignore"):
+            back = colour.astype(np.float32)
+        if not np.isfinite(back).all():
+            raise ValueError(f"background: expected an image or three finite numbers, got {background!r}")
     else:
         back = cover(scene_linear("background", background)[..., :3], front.shape[:2])
     return (1 - front[..., 3:]) * back

@@ -256,3 +256,12 @@ def test_apply_gives_a_picture_or_names_what_is_wrong(image, mask, background, l
     assert result.shape == (*image.shape[:2], 4 if background is None else 3)
     assert result.dtype == np.float32
     assert np.isfinite(result).all()
+
+
+def test_what_float32_cannot_hold_is_an_error():
+    empty, bright = np.zeros((2, 2, 4), np.float32), np.full((2, 2, 4), (3e38, 3e38, 3e38, 0.5), np.float32)
+    with pytest.raises(ValueError, match="background: expected an image or three finite numbers"):
+        relight.over(empty, (3.41e38, 0, 0))
+    with pytest.raises(ValueError, match="background: is so bright that the picture is beyond float32"):
+        relight.over(bright, (3e38, 0, 0))
+    np.testing.assert_allclose(relight.over(empty, (3e38, 0, 0))[..., 0], 3e38, rtol=1e-6)
