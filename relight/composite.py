@@ -50,7 +50,7 @@ def behind(front: np.ndarray, background: Background) -> np.ndarray:
         back = background.view(front.shape[:2])
     elif np.ndim(background) == 1:
         colour = np.asarray(background)
-        if colour.shape != (3,) or not np.issubdtype(colour.dtype, np.number):
+        if colour.shape != (3,) or colour.dtype.kind not in "iuf":
             raise ValueError(f"background: expected an image or three finite numbers, got {background!r}")
         with np.errstate(over="ignore"):
             back = colour.astype(np.float32)

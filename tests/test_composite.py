@@ -262,6 +262,8 @@ def test_what_float32_cannot_hold_is_an_error():
     empty, bright = np.zeros((2, 2, 4), np.float32), np.full((2, 2, 4), (3e38, 3e38, 3e38, 0.5), np.float32)
     with pytest.raises(ValueError, match="background: expected an image or three finite numbers"):
         relight.over(empty, (3.41e38, 0, 0))
+    with pytest.raises(ValueError, match="background: expected an image or three finite numbers"):
+        relight.over(empty, (1j, 0, 0))
     with pytest.raises(ValueError, match="background: is so bright that the picture is beyond float32"):
         relight.over(bright, (3e38, 0, 0))
     np.testing.assert_allclose(relight.over(empty, (3e38, 0, 0))[..., 0], 3e38, rtol=1e-6)
