@@ -1,7 +1,7 @@
 """What the networks found of one frame, on their canvas, and sums of lights there."""
 
 from collections.abc import Callable, Iterable
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 import torch
@@ -40,6 +40,8 @@ class Canvas(NamedTuple):
             albedo = analysis.canvas_albedo.cpu()
             light = _photographed_shading(analysis.framed.rgb.cpu(), albedo, known)
         place = analysis.framed.rgb.device
+        visibility: Any
+        shading: Any
         visibility, shading = (
             Elsewhere(maps, place) if place.type != "cpu" else maps
             for maps in (analysis.canvas_visibility, analysis.canvas_shading)

@@ -1,5 +1,7 @@
 """The person cut out of a plate: coverage, their own colour, and which pixels show them."""
 
+from typing import Any
+
 import numpy as np
 import OpenImageIO as oiio
 import torch
@@ -30,7 +32,7 @@ class Foreground:
         `photographed`: partly covered pixels show the background too, as they do beside a separate mask.
         Raises ValueError where the matte shows a subject and the plate's own alpha none.
         """
-        self.size = height, width = tuple(alpha.shape)
+        height, width = self.size = (alpha.shape[0], alpha.shape[1])
         top, left, bottom, right = bounding_box(alpha, threshold=0)
         # An empty pixel around it, unless the plate ends there: so the framing sees which sides are cut.
         self.top, self.left = max(top - 1, 0), max(left - 1, 0)
@@ -68,10 +70,10 @@ class Foreground:
 def matte_of(pixels: np.ndarray, mask: np.ndarray | None) -> torch.Tensor:
     """The person's coverage (H, W), from the mask if given, else from the plate's alpha channel."""
     if mask is not None:
-        mask = np.asarray(mask)
-        if mask.dtype in (np.uint8, np.uint16):
-            mask = mask / np.float32(np.iinfo(mask.dtype).max)
-        return inputs.mask("mask", mask, pixels.shape[:2])
+        given = np.asarray(mask)
+        if given.dtype in (np.uint8, np.uint16):
+            given = given / np.float32(np.iinfo(given.dtype).max)
+        return inputs.mask("mask", given, pixels.shape[:2])
     if pixels.shape[-1] == 3:
         raise ValueError("mask: the image has no alpha channel, so give the person's matte as a mask")
     if pixels[..., 3].min() == 1:
@@ -85,7 +87,7 @@ def photograph(pixels: np.ndarray) -> torch.Tensor:
     return rgb[:3] / rgb[3:].clamp_min(FAINT) if len(rgb) == 4 else rgb
 
 
-def given_albedo(albedo: np.ndarray, size: tuple[int, int]) -> torch.Tensor:
+def given_albedo(albedo: np.ndarray, size: tuple[int, ...]) -> torch.Tensor:
     """The caller's albedo as (3, H, W) in [0, 1], checked."""
     pixels = scene_linear("albedo", albedo)
     if pixels.shape != (*size, 3):
@@ -117,9 +119,8 @@ def _own_colour(pixels: np.ndarray, alpha: torch.Tensor, photographed: bool) -> 
         inner = covered & ~_within(1, empty)
         known = (inner | covered & ~_within(2, inner))[0, ..., None].numpy()
     trusted = np.concatenate([rgb * known, known], axis=-1, dtype=np.float32)
-    filled = oiio.ImageBufAlgo.fillholes_pushpull(oiio.ImageBuf(np.ascontiguousarray(trusted))).get_pixels(
-        "float"
-    )[..., :3]
+    filled: Any = oiio.ImageBufAlgo.fillholes_pushpull(oiio.ImageBuf(np.ascontiguousarray(trusted)))
+    filled = filled.get_pixels("float")[..., :3]
     return torch.from_numpy(np.where(known, rgb, filled).clip(0)).permute(2, 0, 1)
 
 

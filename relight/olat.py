@@ -2,6 +2,7 @@
 
 from collections.abc import Callable
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 
@@ -70,7 +71,8 @@ def write_olat(
     plate, matte, _ = Preparation(image, mask=mask, colour_space=colour_space).person(0)
     subject = Subject(plate, matte, device=device)
     report = progress or (lambda done, total: None)
-    written, layers, picture = [], {}, 0
+    written, layers = [], {}
+    picture: Any = 0
     for number, light in enumerate(lights, 1):
         relit = subject.relit(light)
         if sequence is not None:
@@ -89,7 +91,7 @@ def write_olat(
     write_lights(description, lights)
     written.append(description)
     if script is not None:
-        files = {light.name: (output, f"C_{light.name}") for light in lights}
+        files: dict[Any, Any] = {light.name: (output, f"C_{light.name}") for light in lights}
         if sequence is not None:
             files = {light.name: (sequence.path(number), None) for number, light in enumerate(lights, 1)}
         nuke.write_script(script, files, relit.shape[:2])

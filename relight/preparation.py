@@ -6,8 +6,9 @@ Stills and videos are prepared alike. A source is an image in memory, a file, a 
 import os
 from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass
+from fractions import Fraction
 from pathlib import Path
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 
@@ -50,27 +51,29 @@ class Placement:
     offset: tuple[int, int] = (0, 0)
 
     def __post_init__(self) -> None:
-        size = (1, 1) if self.size in (None, BACKGROUND) else self.size
+        size = (1, 1) if self.size is None or isinstance(self.size, str) else self.size
+        if isinstance(self.size, str) and self.size != BACKGROUND:
+            raise ValueError(f"size: expected (height, width) or {BACKGROUND!r}, got {self.size!r}")
         place(np.zeros((1, 1), np.float32), size, mode="centre", offset=self.offset)  # what is wrong is said
         place(np.zeros((1, 1), np.float32), (1, 1), mode=self.mode, scale=self.scale)
 
-    def of(self, photograph: tuple[int, int], backdrop: Background | None) -> tuple[int, int] | None:
+    def of(self, photograph: tuple[int, ...], backdrop: Any) -> tuple[int, ...] | None:
         """(H, W) of the picture that a photograph (H, W) is placed in; None where it stays as it is."""
         if self.size is None and self.scale == 1 and tuple(self.offset) == (0, 0):
             return None
         if self.size is None:
             return photograph
-        if self.size != BACKGROUND:
+        if not isinstance(self.size, str):
             return self.size
         if getattr(backdrop, "ndim", 0) != 3:
             raise ValueError("size: 'background' expected a background that is an image")
         return backdrop.shape[:2]
 
-    def __call__(self, image: np.ndarray, frame: tuple[int, int] | None) -> np.ndarray:
+    def __call__(self, image: np.ndarray, frame: tuple[int, ...] | None) -> np.ndarray:
         """An image (h, w, C) or mask (h, w) in the frame."""
         if frame is None:
             return image
-        return place(image, frame, mode=self.mode, scale=self.scale, offset=tuple(self.offset))
+        return place(image, (frame[0], frame[1]), mode=self.mode, scale=self.scale, offset=self.offset)
 
 
 class Person(NamedTuple):
@@ -142,7 +145,7 @@ class Preparation:
         return None
 
     @property
-    def rate(self) -> float | None:
+    def rate(self) -> Fraction | float | None:
         """Frames a second, if the source says."""
         return self._plates.rate
 
@@ -169,20 +172,23 @@ class Preparation:
         """What is behind the person of a frame, in a picture of `size` (H, W) and this frame's lights."""
         if self._sees_lights:
             skies = [light for light in lights if isinstance(light, EnvironmentLight)]
-            return sum(sky.view(size, self.field_of_view) for sky in skies)
-        found = self._backdrops.read(number)
+            return np.sum([sky.view(size, self.field_of_view) for sky in skies], axis=0)
+        found: Any = self._backdrops.read(number)
         found = found.at(number) if isinstance(found, MovingLight) else found
         return found.view(size, self.field_of_view) if isinstance(found, EnvironmentLight) else found
 
 
-def _surfaces(normals: Surface | None, axes: str) -> Still | Files:
+def _surfaces(normals: Surface | None, axes: str) -> Still | Files | movies.Movie:
     """Where the normals of a frame come from."""
     if normals is None:
         if axes != CAMERA:
             raise ValueError("axes: those of which normals? expected normals as well")
         return Still(None)
-    a_file = isinstance(normals, str | os.PathLike)
-    if not a_file or Path(normals).suffix.lower() in ("", ".pt", ".safetensors"):
+    if not isinstance(normals, str | os.PathLike) or Path(normals).suffix.lower() in (
+        "",
+        ".pt",
+        ".safetensors",
+    ):
         return Still(normals if axes == CAMERA else normals_module.load(normals, axes=axes))
     return _opened(normals, lambda path: images.read_normals(path, axes=axes), _no_movie)
 

@@ -149,7 +149,7 @@ def light_groups(subject: Subject, lights: Light | Iterable[Light]) -> tuple[np.
         groups[f"C_{name}"] = half(layer, f"C_{name}")
     if not groups:
         raise ValueError("lights: expected at least one")
-    picture = sum(groups.values())
+    picture = np.sum(list(groups.values()), axis=0)
     picture[..., 3] = layer[..., 3]  # coverage does not add up
     return picture, groups
 
@@ -176,11 +176,11 @@ def passes_of(subject: Subject, lights: Light | Iterable[Light], names: Iterable
     names = check_names(names)
     layers = {"albedo": subject.albedo} if "albedo" in names else {}
     layers |= {"N": subject.normals} if "N" in names else {}
-    lights = by_name(lights)
+    named = by_name(lights)
     if "visibility" in names:
-        layers |= {f"visibility_{name}": subject.unshadowed(light) for name, light in lights.items()}
+        layers |= {f"visibility_{name}": subject.unshadowed(light) for name, light in named.items()}
     if "shading" in names:
-        layers |= {f"shading_{name}": subject.lighting(light) for name, light in lights.items()}
+        layers |= {f"shading_{name}": subject.lighting(light) for name, light in named.items()}
     return layers
 
 

@@ -9,31 +9,38 @@ Manduchi 1998, for the filter; Kuglin and Hines 1975, phase correlation, for the
 The weights do not depend on the lights that the person is relit with, so relighting stays linear in them.
 """
 
+from collections.abc import Callable, Iterable
+from typing import Any
+
 import torch
 import torch.nn.functional as F
 
+from relight.canvas import Canvas
 from shadow.directions import olat
 from shadow.framing import affine_sample
 
 AROUND = 2  # frames before and after that take part
 ALIKE = 0.07  # difference in shading at which a frame counts 60 % of one that is equal
 PROBES = torch.from_numpy(olat())[::4]  # lights under which frames are compared
-REFINEMENTS = 3  # steps of the motion below a pixel
-SMOOTH = 5  # canvas pixels over which they are
+REFINEMENTS = 3  # times that the motion between frames is corrected by less than a pixel
+SMOOTH = 5  # canvas pixels, the side of the square over which differences are averaged
 
 
-def steadied(canvas, around, alike=ALIKE):
+def steadied(canvas: Canvas, around: Iterable[Canvas], alike: float = ALIKE) -> Canvas:
     """A frame's canvas, averaged with those of the frames `around` it as far as they are `alike`."""
     probed = canvas.shading(PROBES)
-    seen = [(canvas, None, torch.ones(1, *canvas.known.shape))]
+    seen: list[tuple[Canvas, torch.Tensor | None, torch.Tensor]] = [
+        (canvas, None, torch.ones(1, *canvas.known.shape))
+    ]
     for other in around:
         matrix = _motion(canvas, other)
         seen.append((other, matrix, _weight(canvas, probed, other, matrix, alike)))
-    total = sum(weight for _, _, weight in seen)
+    total = torch.stack([weight for _, _, weight in seen]).sum(dim=0)
 
-    def mean(maps):
+    def mean(maps: Callable[[Canvas], Any]) -> torch.Tensor:
         """The weighted mean of maps (C, h, w), which are taken from each canvas by `maps`."""
-        return sum(weight * _moved(maps(frame), matrix) for frame, matrix, weight in seen) / total
+        parts = [weight * _moved(maps(frame), matrix) for frame, matrix, weight in seen]
+        return torch.stack(parts).sum(dim=0) / total
 
     return canvas._replace(
         normals=F.normalize(mean(lambda frame: frame.normals), dim=0),
@@ -44,16 +51,16 @@ def steadied(canvas, around, alike=ALIKE):
     )
 
 
-def _moved(maps, matrix):
+def _moved(maps: torch.Tensor, matrix: torch.Tensor | None) -> torch.Tensor:
     """Maps (C, h, w) of another canvas where they belong on this one."""
     return maps if matrix is None else affine_sample(maps, matrix, maps.shape[1:])
 
 
-def _motion(canvas, other):
+def _motion(canvas: Canvas, other: Canvas) -> torch.Tensor:
     """(2, 3) from a position on the canvas to where the same part of the person is on the other."""
     here, there = canvas.image * canvas.known, other.image * other.known
 
-    def error(matrix):
+    def error(matrix: torch.Tensor) -> float:
         return float((_moved(there, matrix) - here).abs().mean())
 
     still = canvas.framing.onto(other.framing)
@@ -64,12 +71,12 @@ def _motion(canvas, other):
     return best
 
 
-def _translated(matrix, shift):
+def _translated(matrix: torch.Tensor, shift: torch.Tensor) -> torch.Tensor:
     """The matrix after a shift (2,) on the canvas that it comes from."""
     return torch.cat([matrix[:, :2], matrix[:, 2:] + matrix[:, :2] @ shift[:, None]], dim=1)
 
 
-def _shift(first, second):
+def _shift(first: torch.Tensor, second: torch.Tensor) -> torch.Tensor:
     """(x, y) in whole pixels by which the content moved from one image (C, h, w) to the next."""
     cross = (torch.fft.rfft2(first).conj() * torch.fft.rfft2(second)).sum(dim=0)
     peaks = torch.fft.irfft2(cross / cross.abs().clamp_min(1e-9), s=first.shape[-2:])
@@ -83,14 +90,16 @@ def _shift(first, second):
     ).float()
 
 
-def _step(first, second):
+def _step(first: torch.Tensor, second: torch.Tensor) -> torch.Tensor:
     """(x, y) by which the content moved, where that is less than a pixel (Lucas and Kanade 1981)."""
     gradients = torch.stack(torch.gradient(second, dim=(2, 1))).flatten(1)
     normal = gradients @ gradients.T + 1e-6 * torch.eye(2)
     return torch.linalg.solve(normal, gradients @ (first - second).flatten()).clamp(-1, 1)
 
 
-def _weight(canvas, probed, other, matrix, alike):
+def _weight(
+    canvas: Canvas, probed: torch.Tensor, other: Canvas, matrix: torch.Tensor, alike: float
+) -> torch.Tensor:
     """The weight (1, h, w) of another frame at each pixel: 1 where its shading is equal, 0 where unknown."""
     known = (_moved(other.known[None].float(), matrix) > 0.99) & canvas.known
     difference = (_moved(other.shading(PROBES), matrix) - probed).abs().amax(dim=0, keepdim=True)
@@ -98,5 +107,5 @@ def _weight(canvas, probed, other, matrix, alike):
     return known * torch.exp(-squared / (2 * alike**2))
 
 
-def _blurred(image):
+def _blurred(image: torch.Tensor) -> torch.Tensor:
     return F.avg_pool2d(image, SMOOTH, stride=1, padding=SMOOTH // 2)

@@ -64,14 +64,14 @@ def render_still(
     before the networks run.
     """
     report = progress or (lambda what: None)
-    outputs = [Path(path) for path in ([outputs] if isinstance(outputs, str | Path) else outputs)]
+    paths = [Path(path) for path in ([outputs] if isinstance(outputs, str | Path) else outputs)]
     matte_path = None if save_matte is None else Path(save_matte)
-    for path in outputs:
+    for path in paths:
         if movies.is_movie(path) or Sequence.of(path) is not None:
             raise ValueError(f"{path}: expected one picture's file; frames are made by a video")
-    check(outputs, (source, mask, background, normals), matte_path)
+    check(paths, (source, mask, background, normals), matte_path)
     lights = list(by_name(lights).values())
-    passes = check_names(passes, outputs)
+    passes = check_names(passes, paths)
     display = {"view": view, "exposure": exposure}
     check_display(display)
     inputs.device("device", device)
@@ -88,7 +88,7 @@ def render_still(
     subject = Subject(person.plate, person.matte, normals=person.normals, device=device)
     backdrop = prepared.backdrop(0, lights, person.plate.shape[:2])
     picture, layers = render_subject(subject, lights, background=backdrop, passes=passes)
-    pictures = [path for path in outputs if path.suffix.lower() != ".nk"]
+    pictures = [path for path in paths if path.suffix.lower() != ".nk"]
     for path in pictures:
         report(f"Writing {path}")
         write_picture(path, picture, layers, display)
@@ -96,8 +96,8 @@ def render_still(
     if matte_path is not None:
         images.write_mask(matte_path, person.plate[..., 3] if person.matte is None else person.matte)
         written = [*written, matte_path]
-    exr = next((path for path in pictures if path.suffix.lower() == ".exr"), None)
-    for path in (path for path in outputs if path not in pictures):
+    for path in (path for path in paths if path not in pictures):
+        exr = next(other for other in pictures if other.suffix.lower() == ".exr")
         groups = {name.removeprefix("C_"): (exr, name) for name in layers if name.startswith("C_")}
         nuke.write_script(path, groups, picture.shape[:2])
         written = [*written, path]

@@ -3,6 +3,8 @@
 import torch
 import torch.nn.functional as F
 
+from shadow.framing import Framing
+
 SIGMA = 0.1  # guide difference (display-encoded) at which a canvas pixel counts 60 % of an equal one
 FLOOR = 1e-3  # least range weight: where no neighbour looks alike, the nearest decide
 UNKNOWN = 1e-4  # weight of canvas pixels off the subject: they count where nothing else is near
@@ -25,7 +27,14 @@ class JointBilateral:
     pixels: (P,) indices of the plate pixels wanted, in row-major order.
     """
 
-    def __init__(self, framing, guide, canvas_guide, known, pixels):
+    def __init__(
+        self,
+        framing: Framing,
+        guide: torch.Tensor,
+        canvas_guide: torch.Tensor,
+        known: torch.Tensor,
+        pixels: torch.Tensor,
+    ) -> None:
         height, width = framing.canvas
         taps = torch.arange(-1, 3)
         self.offsets = (taps[:, None] * width + taps).flatten().int()
@@ -50,7 +59,7 @@ class JointBilateral:
             weights = (weights / weights.sum(dim=1, keepdim=True)).half()
             self.strips.append((nearest, weights, weights.float().sum(dim=1, keepdim=True)))
 
-    def __call__(self, maps):
+    def __call__(self, maps: torch.Tensor) -> torch.Tensor:
         """Canvas maps (C, h, w) to the plate's pixels (P, C)."""
         table = maps.flatten(1).T.contiguous()
         enlarged = []
@@ -61,13 +70,15 @@ class JointBilateral:
         return torch.cat(enlarged)
 
 
-def _position(index, centre, scale, size):
+def _position(
+    index: torch.Tensor, centre: float, scale: float, size: int
+) -> tuple[torch.Tensor, torch.Tensor]:
     """Canvas pixel (whole) and fraction at a plate pixel's centre, kept inside the canvas for all taps."""
     position = ((index + 0.5 - centre) * scale + size / 2 - 0.5).clamp(1, size - 2.001)
     whole = position.floor()
     return whole.long(), position - whole
 
 
-def _b_spline(t):
+def _b_spline(t: torch.Tensor) -> torch.Tensor:
     """Weights (P, 4) of the uniform cubic B-spline at fractions t (P,)."""
     return torch.stack([(1 - t) ** 3, 3 * t**3 - 6 * t**2 + 4, -3 * t**3 + 3 * t**2 + 3 * t + 1, t**3], 1) / 6

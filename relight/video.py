@@ -3,6 +3,7 @@
 import math
 from collections.abc import Iterable
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 
@@ -87,26 +88,27 @@ def render_video(
     TypeError, ValueError: bad arguments, outputs that need frame numbers or a background, outputs that are
     read as well, no frames to make, or none that could be made.
     """
-    outputs = [Path(path) for path in ([outputs] if isinstance(outputs, str | Path) else outputs)]
+    paths = [Path(path) for path in ([outputs] if isinstance(outputs, str | Path) else outputs)]
     matte_path = None if save_matte is None else Path(save_matte)
-    check(outputs, (source, mask, background, normals), matte_path)
-    lights = [lights] if hasattr(lights, "at") or hasattr(lights, "samples") else list(lights)
-    passes = check_names(passes, outputs)
+    check(paths, (source, mask, background, normals), matte_path)
+    lamps: Any = lights
+    lamps = [lamps] if hasattr(lamps, "at") or hasattr(lamps, "samples") else list(lamps)
+    passes = check_names(passes, paths)
     inputs.device("device", device)
     prepared = Preparation(
         source, mask=mask, key=key, colour_space=colour_space, normals=normals, axes=axes,
         background=background, field_of_view=field_of_view, placement=placement,
     )  # fmt: skip
-    prepared.check_lights(lights)
-    numbers = _numbers(frames, prepared.span, lights)
-    names = [*by_name(lights_at(lights, numbers[0])), *(["background"] if prepared.has_background else [])]
+    prepared.check_lights(lamps)
+    numbers = _numbers(frames, prepared.span, lamps)
+    names = [*by_name(lights_at(lamps, numbers[0])), *(["background"] if prepared.has_background else [])]
     display = {"view": view, "exposure": exposure, "white": white}
-    sinks = open_outputs(
-        outputs, transparent=not prepared.has_background, resume=resume, display=display, names=names
+    sinks: list[Any] = open_outputs(
+        paths, transparent=not prepared.has_background, resume=resume, display=display, names=names
     )
     mattes = _mattes(matte_path)
     if save_lights is not None:
-        write_lights(save_lights, lights)
+        write_lights(save_lights, lamps)
     report = progress or (lambda done, total, what: None)
     people = _People(prepared, steady, device)
 
@@ -114,7 +116,7 @@ def render_video(
         """The frame in all outputs that lack it."""
         wanted = [sink for sink in sinks if not sink.has(number)]
         if wanted:
-            lit, subject = lights_at(lights, number), people.at(number)
+            lit, subject = lights_at(lamps, number), people.at(number)
             backdrop = prepared.backdrop(number, lit, subject.size)
             picture, layers = render_subject(subject, lit, background=backdrop, passes=passes)
             for sink in wanted:
@@ -170,15 +172,15 @@ class _People:
         self._reach = AROUND if steady else 0
         self._analysed: dict[int, Subject | _Nobody | Exception] = {}
 
-    def at(self, number: int) -> "Subject | _Nobody":
+    def at(self, number: int) -> Any:
         """A Subject, or the like of one; raises as reading and `Subject` do."""
         if self._there is None:  # a still: one for all frames
-            number, around = 0, [0]
+            number, around = 0, range(1)
         else:
             around = range(number - self._reach, number + self._reach + 1)
         self._analysed = {n: found for n, found in self._analysed.items() if n in around}
         for n in around:
-            if n not in self._analysed and (n == number or n in self._there):
+            if n not in self._analysed and (n == number or n in (self._there or ())):
                 self._analysed[n] = self._analyse(n)
         subject = self._analysed[number]
         if isinstance(subject, Exception):

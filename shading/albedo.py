@@ -78,13 +78,15 @@ def infer_lighting(
     return inputs.like(directions, rgb), inputs.like(weights, rgb), albedo
 
 
-def solve_lighting(image, albedo, shading, mask):
+def solve_lighting(
+    image: torch.Tensor, albedo: torch.Tensor, shading: torch.Tensor, mask: torch.Tensor
+) -> torch.Tensor:
     """Non-negative weights (D, 3) with which the shadings (D, h, w) of D lights, times the albedo (3, h, w),
     make the linear image (3, h, w) inside the mask (h, w), in the sense of least squares."""
     step = max(1, mask.shape[0] // FIT_HEIGHT)
     inside = F.avg_pool2d((mask > 0.5).float()[None], step)[0] > 0.5
 
-    def pixels(maps):
+    def pixels(maps: torch.Tensor) -> np.ndarray:
         return F.avg_pool2d(maps, step)[:, inside].double().cpu().numpy()
 
     weights = []

@@ -2,9 +2,9 @@
 
 import os
 from functools import cached_property
+from typing import Any
 
 import torch
-from torch import nn
 
 from shading import diffuse
 from shadow import analysis, inputs
@@ -27,8 +27,8 @@ class Analysis(analysis.Analysis):
     def __init__(
         self,
         framed: Framed,
-        field: nn.Module,
-        network: nn.Module,
+        field: Any,
+        network: Any,
         normals: torch.Tensor | None = None,
         like: Array | None = None,
     ) -> None:

@@ -8,7 +8,7 @@ itself, and what repairs the base. Both networks say linear values; shading is t
 
 import os
 from collections.abc import Callable
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import torch
 from torch import nn
@@ -28,7 +28,9 @@ Visible = Callable[[torch.Tensor], torch.Tensor]  # unit directions (D, 3) to vi
 HAZE = 0.01
 
 
-def base(normals, visibility, directions):
+def base(
+    normals: torch.Tensor | None, visibility: torch.Tensor | None, directions: torch.Tensor
+) -> torch.Tensor | float:
     """The base image from tensors: normals (B, 3, H, W), visibility (B, D, H, W), directions (B, D, 3) to
     (B, D, H, W). Without normals it is the visibility, without visibility max(N·L, 0), without both 0: the
     ablations of Table 6."""
@@ -50,7 +52,7 @@ class Diffuse(NamedTuple):
 
     # Unit directions (D, 3) to (D, h, w) in [0, 1], zero outside the mask. Their visibility (D, h, w) may be
     # given as well.
-    shading: Callable
+    shading: Any
     albedo: torch.Tensor | None  # (3, h, w) linear in [0, 1]; None from a network that infers none
 
 
@@ -66,11 +68,11 @@ class ShadingField(nn.Module):
 
     def __init__(
         self,
-        size=256,  # canvas height that the network was trained for
-        normals=True,  # as an input and in the base, or in neither (Table 6)
-        visibility="inferred",  # likewise; "baseline" is sign(N·L), None is neither (Table 6)
-        **backbone,
-    ):
+        size: int = 256,  # canvas height that the network was trained for
+        normals: bool = True,  # as an input and in the base, or in neither (Table 6)
+        visibility: str | None = "inferred",  # likewise; "baseline" is sign(N·L), None is neither (Table 6)
+        **backbone: Any,
+    ) -> None:
         super().__init__()
         if visibility not in ("inferred", "baseline", None):
             raise ValueError(f"visibility: expected inferred, baseline or None, got {visibility!r}")
@@ -80,7 +82,15 @@ class ShadingField(nn.Module):
         guides = 0 if visibility is None else lights
         self.backbone = Backbone(7 if normals else 4, lights + 1, guides=guides, **backbone)
 
-    def forward(self, image, normals, visibility, blocks=None):
+    anchors: torch.Tensor  # (K, 3)
+
+    def forward(
+        self,
+        image: torch.Tensor,
+        normals: torch.Tensor,
+        visibility: torch.Tensor | None,
+        blocks: torch.Tensor | None = None,
+    ) -> ShadingMaps:
         """Encoded image and mask (B, 4, H, W), normals (B, 3, H, W), and visibility of the anchor directions
         at every second pixel (B, K, H/2, W/2), to ShadingMaps; or to what `take_blocks` takes of them."""
         if self.visibility == "baseline":
@@ -91,7 +101,9 @@ class ShadingField(nn.Module):
         photograph = image[:, :3] if blocks is None else take_blocks(image[:, :3], blocks)
         return ShadingMaps(residual, photograph * log_gain.clamp(-3, 3).exp())
 
-    def shading(self, maps, normals, visibility, directions):
+    def shading(
+        self, maps: ShadingMaps, normals: torch.Tensor, visibility: torch.Tensor, directions: torch.Tensor
+    ) -> torch.Tensor:
         """Linear shading (B, D, H, W), not yet held to [0, 1], of unit directions (B, D, 3), given their
         visibility (B, D, H, W)."""
         residual = torch.einsum("bdk,bkhw->bdhw", anchor_weights(directions, self.anchors), maps.residual)
@@ -101,7 +113,7 @@ class ShadingField(nn.Module):
     @torch.no_grad()
     def analyse(
         self, rgb: torch.Tensor, mask: torch.Tensor, normals: torch.Tensor, visibility: Visible
-    ) -> "Diffuse":
+    ) -> Diffuse:
         """Framed rgb (3, h, w), mask (h, w), normals (3, h, w), and the visibility of any light, to Diffuse.
         Its shading runs no network but the visibility's."""
         silhouette, mirror = Silhouette(mask), MIRROR.to(rgb.device)
@@ -168,14 +180,20 @@ class Shading(NamedTuple):
 class PerLightShading(nn.Module):
     """The paper's shading network: its U-Net with a linear head, one forward for one light (Section 4.4)."""
 
-    def __init__(self, size=256, latent="resb7", **unet):
+    def __init__(self, size: int = 256, latent: str = "resb7", **unet: Any) -> None:
         super().__init__()
         self.size = size  # canvas height that the network was trained for
         self.unet = UNet(10, 1, latent, linear=True, **unet)
         nn.init.zeros_(self.unet.head.weight)  # untrained, shading is the base image
         nn.init.zeros_(self.unet.head.bias)
 
-    def forward(self, image, normals, visibility, directions):
+    def forward(
+        self,
+        image: torch.Tensor,
+        normals: torch.Tensor,
+        visibility: torch.Tensor,
+        directions: torch.Tensor,
+    ) -> torch.Tensor:
         """Encoded image and mask (B, 4, H, W), normals (B, 3, H, W), and unit directions (B, D, 3) with their
         visibility (B, D, H, W), to linear shading (B, D, H, W), not yet held to [0, 1]."""
         lights = directions.shape[1]
@@ -185,11 +203,13 @@ class PerLightShading(nn.Module):
         return base(normals, visibility, directions) + residual.float().unflatten(0, (-1, lights))[:, :, 0]
 
     @torch.no_grad()
-    def analyse(self, rgb, mask, normals, visibility):
+    def analyse(
+        self, rgb: torch.Tensor, mask: torch.Tensor, normals: torch.Tensor, visibility: Visible
+    ) -> Diffuse:
         """As `ShadingField.analyse`, but the shading runs the network once a light; there is no albedo."""
         image = encode_image(rgb[None], mask[None, None])
 
-        def shading(directions, seen=None):
+        def shading(directions: torch.Tensor, seen: torch.Tensor | None = None) -> torch.Tensor:
             with torch.no_grad():
                 seen = visibility(directions) if seen is None else seen
                 batches = zip(seen.split(LIGHTS_AT_ONCE), directions.split(LIGHTS_AT_ONCE), strict=True)
@@ -199,7 +219,7 @@ class PerLightShading(nn.Module):
         return Diffuse(shading, None)
 
 
-def load(name: str | os.PathLike = "shading", device: torch.device | str = "cpu") -> nn.Module:
+def load(name: str | os.PathLike = "shading", device: torch.device | str = "cpu") -> Any:
     """The shipped shading network, or one trained by `relight train shading` (a .safetensors path)."""
     networks = {"shading": ShadingField, "shading-per-light": PerLightShading}
     return checkpoints.load(name, networks, package="shading", device=device)

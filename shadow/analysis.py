@@ -3,11 +3,11 @@
 import os
 from collections.abc import Callable
 from functools import cached_property
+from typing import Any
 
 import numpy as np
 import torch
 import torch.nn.functional as F
-from torch import nn
 
 from shadow import inputs
 from shadow.framing import Framed
@@ -22,7 +22,7 @@ Array = np.ndarray | torch.Tensor
 Normals = Array | Callable | str | os.PathLike  # whatever `shadow.normals.load` takes
 
 
-def load(name: str | os.PathLike = "field", device: torch.device | str = "cpu") -> nn.Module:
+def load(name: str | os.PathLike = "field", device: torch.device | str = "cpu") -> Any:
     """The shipped visibility network, or one trained by `relight train shadow` (a .safetensors path): the
     field or the paper's per-light network, whichever the file says."""
     return checkpoints.load(name, NETWORKS, package="shadow", device=device)
@@ -38,10 +38,13 @@ class Analysis:
     canvas_visibility: unit directions (D, 3) to maps (D, h, w) in [0, 1], tensors, zero outside the mask.
     """
 
-    def __init__(self, framed: Framed, network: nn.Module, normals: torch.Tensor | None, like: Array) -> None:
+    def __init__(
+        self, framed: Framed, network: Any, normals: torch.Tensor | None, like: Array | None = None
+    ) -> None:
         """From a photograph on the canvas; `normals` (3, h, w) take the place of the network's own. Maps are
-        handed out as what `like` is: NumPy arrays, or tensors on its device."""
-        self.framed, self._like = framed, like
+        handed out as what `like` is: tensors on its device, or else NumPy arrays."""
+        self.framed = framed
+        self._like: Any = like
         self.canvas_normals, self.canvas_visibility = network.analyse(framed.rgb, framed.mask, normals)
 
     @cached_property

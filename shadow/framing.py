@@ -15,14 +15,14 @@ MARGIN = 0.04  # of the canvas, on each side: little, since a larger subject is 
 ASPECT = 0.75  # width over height
 
 
-def canvas_size(height):
+def canvas_size(height: int) -> tuple[int, int]:
     """(height, width) of the canvas. The height must be a multiple of 128, so that both divide by 32."""
     if height % 128:
         raise ValueError(f"size: expected a multiple of 128, got {height}")
     return height, int(height * ASPECT)
 
 
-def bounding_box(mask, threshold=0.5):
+def bounding_box(mask: torch.Tensor, threshold: float = 0.5) -> tuple[int, int, int, int]:
     """(top, left, bottom, right) in pixels of `mask` (H, W) above `threshold`; bottom, right exclusive."""
     rows = torch.nonzero((mask > threshold).any(dim=1))[:, 0]
     columns = torch.nonzero((mask > threshold).any(dim=0))[:, 0]
@@ -31,7 +31,7 @@ def bounding_box(mask, threshold=0.5):
     return int(rows[0]), int(columns[0]), int(rows[-1]) + 1, int(columns[-1]) + 1
 
 
-def affine_sample(tensor, matrix, size):
+def affine_sample(tensor: torch.Tensor, matrix: torch.Tensor, size: tuple[int, ...]) -> torch.Tensor:
     """`tensor` (C, H, W) sampled on a canvas of `size` (h, w); zero beyond its frame.
 
     `matrix` (2, 3) takes a canvas position (x, y, 1) in pixels to a position in the tensor, pixel centres
@@ -61,10 +61,10 @@ class Framing:
     plate: tuple[int, int]
 
     @classmethod
-    def around(cls, mask, height):
+    def around(cls, mask: torch.Tensor, height: int) -> "Framing":
         """The framing of the subject that `mask` (H, W) shows, on a canvas of `height` pixels."""
         top, left, bottom, right = bounding_box(mask)
-        canvas, plate = canvas_size(height), tuple(mask.shape)
+        canvas, plate = canvas_size(height), (mask.shape[0], mask.shape[1])
         # Where the plate's frame cuts the subject, so does the canvas's: with a margin there, the networks
         # would see a body that ends, and round it off.
         low, cut_low = np.array([top, left]), np.array([top, left]) == 0
@@ -76,24 +76,24 @@ class Framing:
         centre = np.where(cut_high & ~cut_low, np.array(plate) - half, centre)
         return cls((float(centre[1]), float(centre[0])), scale, canvas, plate)
 
-    def shifted(self, left, top, plate):
+    def shifted(self, left: int, top: int, plate: tuple[int, int]) -> "Framing":
         """The same canvas on a larger plate, in which this one's begins at (left, top)."""
         return replace(self, centre=(self.centre[0] + left, self.centre[1] + top), plate=plate)
 
-    def onto(self, other):
+    def onto(self, other: "Framing") -> torch.Tensor:
         """(2, 3) that takes a position on this canvas to the position on another canvas of the same plate."""
         scale = other.scale / self.scale
         here, there = (torch.tensor(framing.canvas[::-1]) / 2 for framing in (self, other))
         moved = (torch.tensor(self.centre) - torch.tensor(other.centre)) * other.scale
         return torch.cat([torch.eye(2) * scale, (moved + there - here * scale)[:, None]], dim=1)
 
-    def crop(self, tensor):
+    def crop(self, tensor: torch.Tensor) -> torch.Tensor:
         """(C, H, W) on the plate to (C, h, w) on the canvas; zero beyond the plate."""
         step = 1 / self.scale
         offset = [c - n / 2 * step for c, n in zip(self.centre, self.canvas[::-1], strict=True)]
         return affine_sample(tensor, torch.tensor([[step, 0, offset[0]], [0, step, offset[1]]]), self.canvas)
 
-    def restore(self, tensor):
+    def restore(self, tensor: torch.Tensor) -> torch.Tensor:
         """(C, h, w) on the canvas to (C, H, W) on the plate; zero beyond the canvas."""
         offset = [n / 2 - c * self.scale for c, n in zip(self.centre, self.canvas[::-1], strict=True)]
         matrix = torch.tensor([[self.scale, 0, offset[0]], [0, self.scale, offset[1]]])
@@ -109,7 +109,7 @@ class Extension:
     worked out once, and a call touches only the rings.
     """
 
-    def __init__(self, mask, reach=1 / 32):
+    def __init__(self, mask: torch.Tensor, reach: float = 1 / 32) -> None:
         self.known = mask > 0.5
         height, width = mask.shape
         step = torch.arange(-1, 2, device=mask.device)
@@ -127,7 +127,7 @@ class Extension:
             self.rings.append((ring, neighbours, weights / weights.sum(dim=1, keepdim=True)))
             known = reached
 
-    def __call__(self, maps):
+    def __call__(self, maps: torch.Tensor) -> torch.Tensor:
         """Canvas maps (C, h, w) to the same, continued."""
         table = (maps * self.known).flatten(1).T.contiguous()
         for ring, neighbours, weights in self.rings:
@@ -135,7 +135,7 @@ class Extension:
         return table.T.view(maps.shape)
 
 
-def extend(maps, mask, reach=1 / 32):
+def extend(maps: torch.Tensor, mask: torch.Tensor, reach: float = 1 / 32) -> torch.Tensor:
     """Canvas maps (C, h, w) continued past the edge of `mask` (h, w), as `Extension` does."""
     return Extension(mask, reach)(maps)
 

@@ -3,14 +3,16 @@
 import os
 import warnings
 from pathlib import Path
+from typing import Any
 
+import numpy as np
 import torch
 import torch.nn.functional as F
 from torch import nn
 
 from shadow import inputs
 from shadow.directions import CAMERA, from_axes
-from shadow.framing import Framed
+from shadow.framing import Framed, Framing
 from shadow.networks import checkpoints, pifuhd
 from shadow.networks.field import VisibilityField
 
@@ -18,10 +20,10 @@ from shadow.networks.field import VisibilityField
 class GivenNormals:
     """Normals that something else made: an array, or a function of the image."""
 
-    def __init__(self, values, axes=CAMERA, origin=None):
+    def __init__(self, values: Any, axes: str = CAMERA, origin: checkpoints.Origin | None = None) -> None:
         self.values, self.matrix, self.origin = values, torch.from_numpy(from_axes(axes)), origin
 
-    def normals(self, rgb, mask):
+    def normals(self, rgb: torch.Tensor, mask: torch.Tensor) -> torch.Tensor:
         """rgb (3, H, W), linear, and mask (H, W) to unit normals (3, H, W), zero outside the mask."""
         values = self.values
         if callable(values):
@@ -33,7 +35,7 @@ class GivenNormals:
         return vectors
 
 
-def load(source="field", *, axes: str = CAMERA, device: torch.device | str = "cpu"):
+def load(source: Any = "field", *, axes: str = CAMERA, device: torch.device | str = "cpu") -> Any:
     """Where normals come from, for `infer_normals` and for whatever takes `normals`.
 
     Parameters
@@ -78,11 +80,11 @@ def load(source="field", *, axes: str = CAMERA, device: torch.device | str = "cp
     )
 
 
-def _says_normals(source):
+def _says_normals(source: Any) -> bool:
     return callable(getattr(source, "normals", None))
 
 
-def on_plate(source, rgb, mask):
+def on_plate(source: Any, rgb: torch.Tensor, mask: torch.Tensor) -> torch.Tensor:
     """Unit normals (3, H, W), zero outside the mask, of a linear photograph (3, H, W) and its matte (H, W).
 
     `source` is what `load` returns; a field sees the person on its canvas. A network runs where it is.
@@ -97,7 +99,9 @@ def on_plate(source, rgb, mask):
     return F.normalize(framed.restored(source.normals(framed.rgb, framed.mask)), dim=0).to(here)
 
 
-def resolve(given, rgb, mask, network, *more):
+def resolve(
+    given: Any, rgb: Any, mask: torch.Tensor, network: nn.Module, *more: nn.Module
+) -> torch.Tensor | None:
     """What a caller gave as `normals`, for `on_canvas`: (3, H, W) on the plate, or None where the visibility
     network `network` is a field and its own are wanted.
 
@@ -116,7 +120,7 @@ def resolve(given, rgb, mask, network, *more):
     return None if same else on_plate(source, rgb, mask)
 
 
-def _warn_if_others(network, source):
+def _warn_if_others(network: nn.Module, source: Any) -> None:
     used, own = getattr(source, "origin", None), getattr(network, "origin", None)
     if used is None or own is None or own.recipe.get("normals") is None:
         return
@@ -131,16 +135,18 @@ def _warn_if_others(network, source):
     )
 
 
-def _called(name, checksum):
+def _called(name: str, checksum: str | None) -> str:
     return repr(name) if checksum is None else f"{name!r} ({checksum[:8]})"
 
 
-def on_canvas(given, framing):
+def on_canvas(given: torch.Tensor | None, framing: Framing) -> torch.Tensor | None:
     """Unit normals (3, h, w) on the canvas, of what `resolve` returns; None stays None."""
     return None if given is None else F.normalize(framing.crop(given), dim=0)
 
 
-def infer_normals(rgb, mask, *, model="field"):
+def infer_normals(
+    rgb: np.ndarray | torch.Tensor, mask: np.ndarray | torch.Tensor, *, model: Any = "field"
+) -> np.ndarray | torch.Tensor:
     """Surface normals of the person in an image.
 
     Parameters
