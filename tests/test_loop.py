@@ -12,12 +12,13 @@ from shading.tasks import per_light_task, shading_task
 from shadow import normals, visibility
 from shadow.data import photographs, records
 from shadow.directions import from_spherical
-from shadow.networks import checkpoints
+from shadow.networks import checkpoints, precision
 from shadow.networks.backbone import encode_image
 from shadow.networks.field import VisibilityField
 from shadow.networks.unet import PerLight
-from shadow.training import loop
-from shadow.training.loop import Recipe, fit, learning_rate, preset, warm_start
+from shadow.training import loop, optimiser
+from shadow.training.loop import Recipe, fit, learning_rate, preset
+from shadow.training.start import load_start, warm_start
 from shadow.training.tasks import SHADOW, per_light
 
 
@@ -149,6 +150,40 @@ def test_warm_start_keeps_the_features(tmp_path):
     with_normals = torch.nn.functional.pixel_unshuffle(torch.cat([image, torch.rand(1, 3, 32, 32)], dim=1), 2)
     torch.testing.assert_close(wider(with_normals), stem(unshuffled))
     assert target.backbone.head.weight.abs().max() == 0
+
+
+class WithDepth(VisibilityField):
+    """A field whose head writes one map more, last."""
+
+    def __init__(self, size=128):
+        super().__init__(size)
+        head = self.backbone.head
+        self.backbone.head = torch.nn.Conv2d(head.in_channels, head.out_channels + 4, 1)
+
+
+def test_outputs_added_to_a_head_start_at_zero(tmp_path):
+    torch.manual_seed(0)
+    source = VisibilityField(128)
+    torch.nn.init.normal_(source.backbone.head.weight)
+    checkpoints.save(tmp_path / "field.safetensors", source, "field", {"size": 128}, {})
+    target, image = WithDepth(), torch.rand(1, 4, 64, 64)
+    load_start(target, tmp_path / "field.safetensors", "field")
+    with torch.no_grad():
+        before, after = (network.backbone(image) for network in (source.half().float(), target))
+    torch.testing.assert_close(after[:, :-1], before)
+    assert not after[:, -1].any()
+
+
+def test_where_bfloat16_is_slow_training_runs_in_float32(folder, tmp_path, monkeypatch):
+    seen = []
+    monkeypatch.setattr(precision, "native_bfloat16", lambda device: False)
+    monkeypatch.setattr(optimiser, "native_bfloat16", lambda device: False)
+    convolve = torch.nn.Conv2d.forward
+    monkeypatch.setattr(
+        torch.nn.Conv2d, "forward", lambda self, x: seen.append(convolve(self, x).dtype) or convolve(self, x)
+    )
+    run(SHADOW, folder, tmp_path / "float", 2)
+    assert set(seen) == {torch.float32}
 
 
 SHALLOW = {"encoder": (1, 1, 1, 1, 1), "decoder": (1, 1, 1, 1)}

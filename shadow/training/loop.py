@@ -29,9 +29,11 @@ from shadow.evaluation import pictures
 from shadow.files import replacing
 from shadow.framing import canvas_size
 from shadow.networks import checkpoints
-from shadow.networks.backbone import Residual, encode_image
+from shadow.networks.backbone import encode_image
 from shadow.networks.field import VisibilityField
+from shadow.networks.precision import autocast
 from shadow.training.optimiser import Optimiser
+from shadow.training.start import load_start
 
 VALIDATION_SAMPLES = 32
 TRUE_NORMALS = "true"  # instead of estimated ones: the records' own (the "mixed" row of Table 3)
@@ -70,7 +72,7 @@ class Recipe:
     weight_decay: float = 0.02
     clip: float | None = 1.0  # norm of the gradient
     average: float = 0.999  # decay of the exponential moving average; 0 keeps the last weights
-    bfloat16: bool = True  # activations; parameters are float32 either way
+    bfloat16: bool = True  # activations, where the processor has it; parameters are float32 either way
     seed: int = 0
 
 
@@ -139,56 +141,6 @@ def learning_rate(recipe, step):
     return recipe.learning_rate * rise * 0.5 * (1 + math.cos(math.pi * min(1.0, step / recipe.steps)))
 
 
-def warm_start(network, path):
-    """Take the backbone of another network's weights, except its head.
-
-    Input channels that the other network lacks start at zero, and residual blocks that it lacks as the
-    identity, so the features start as they were.
-    """
-    state, metadata = checkpoints.read(path)
-    own = network.state_dict()
-    if not all(any(key.startswith("backbone.") for key in keys) for keys in (own, state)):
-        raise ValueError(f"init: {path} is a {metadata.get('network')!r} network, of another architecture")
-    for key, value in state.items():
-        if not key.startswith("backbone.") or key.startswith("backbone.head."):
-            continue
-        if key == "backbone.stem.weight":
-            padded = torch.zeros_like(own[key])
-            channels = min(value.shape[1], padded.shape[1])
-            padded[:, :channels] = value[:, :channels].float()
-            value = padded
-        if key not in own or own[key].shape != value.shape:
-            raise ValueError(f"init: {path} has another architecture ({key}: {tuple(value.shape)})")
-        own[key].copy_(value)
-    _deepen(network, state)
-
-
-def _load_start(network, path, kind):
-    """Weights to start from: all of the same kind of network, as deep or shallower, or the backbone of
-    another."""
-    state, metadata = checkpoints.read(path)
-    if metadata.get("network") != kind:
-        warm_start(network, path)
-        return
-    state = _deepen(network, state) | {key: value.float() for key, value in state.items()}
-    try:
-        network.load_state_dict(state)
-    except RuntimeError as error:
-        raise ValueError(f"init: {path} has another architecture: {error}") from error
-
-
-def _deepen(network, state):
-    """Make the identity of the residual blocks that `state` lacks, so that a deeper network starts where a
-    shallower one has come to (Net2Net, CGS16); returns the parameters of these blocks."""
-    blocks = {}
-    for name, module in network.named_modules():
-        if isinstance(module, Residual) and f"{name}.conv2.weight" not in state:
-            nn.init.zeros_(module.conv2.weight)
-            nn.init.zeros_(module.conv2.bias)
-            blocks |= {f"{name}.{key}": value for key, value in module.state_dict().items()}
-    return blocks
-
-
 class _State:
     """A run between two steps: the network, its exponential moving average, the optimiser, the clock."""
 
@@ -198,7 +150,7 @@ class _State:
         self.config = {"size": recipe.size, **task.config}
         network = task.network(**self.config)
         if init:
-            _load_start(network, init, task.kind)
+            load_start(network, init, task.kind)
         self.network = network.to(device, memory_format=torch.channels_last)
         self.optimiser = Optimiser(self.network, recipe)
         self.average = {key: value.detach().clone() for key, value in network.state_dict().items()}
@@ -295,7 +247,7 @@ def _gradient(task, model, batch, recipe, device, auxiliary):
     for number, part in enumerate(parts, 1):
         # Processes exchange their gradients with the last part only.
         with model.no_sync() if distributed and number < len(parts) else nullcontext():
-            with torch.autocast(device.type, torch.bfloat16, enabled=recipe.bfloat16):
+            with autocast(device, recipe.bfloat16):
                 part = _prepare(dict(zip(batch, part, strict=True)), device, auxiliary)
                 loss = task.loss(model, part) / len(parts)
             loss.backward()
@@ -351,13 +303,7 @@ def fit(
     state = _State(task, recipe, out, device, init)
     model = nn.parallel.DistributedDataParallel(state.network) if world > 1 else state.network
     auxiliary = _auxiliary(task, estimator, visibility, device)
-    facts = {"init": Path(init).stem} if init else {}
-    if estimator is not None:
-        facts["normals"] = Path(estimator).stem
-        if estimator != TRUE_NORMALS:
-            facts["normals_sha256"] = normals.load(estimator).origin.sha256
-    if task.needs_visibility:
-        facts["visibility"] = Path(visibility).stem
+    facts = _facts(task, init, estimator, visibility)
     done, left = state.step * recipe.batch, (recipe.steps - state.step) * recipe.batch
     # Each process draws its own photographs: the seeds lie further apart than any number of processes.
     lights = recipe.lights or task.lights
@@ -408,6 +354,18 @@ def fit(
     return out / f"{task.kind}.safetensors"
 
 
+def _facts(task, init, estimator, visibility):
+    """What the weights' recipe says of the networks that they were trained from and with."""
+    facts = {"init": Path(init).stem} if init else {}
+    if estimator is not None:
+        facts["normals"] = Path(estimator).stem
+        if estimator != TRUE_NORMALS:
+            facts["normals_sha256"] = normals.load(estimator).origin.sha256
+    if task.needs_visibility:
+        facts["visibility"] = Path(visibility).stem
+    return facts
+
+
 def _place():
     """(device, rank, number of processes): one process, or as many as torchrun started."""
     gpu = f"cuda:{os.environ.get('LOCAL_RANK', 0)}"
@@ -430,7 +388,7 @@ def _validate(task, network, records, size, auxiliary, picture):
     photographs = _Photographs(records, 1, size, task.lights, 0, count, augment=False)
     scores = []
     for batch in DataLoader(photographs, 4):
-        with torch.autocast(device.type, torch.bfloat16):
+        with autocast(device):
             batch = _prepare(batch, device, auxiliary)
             scores.append(task.score(network, batch))
             if len(scores) == 1:

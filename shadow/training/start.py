@@ -1,0 +1,65 @@
+"""What a network starts from: weights of its own kind, or the backbone of another."""
+
+from pathlib import Path
+
+import torch
+from torch import nn
+
+from shadow.networks import checkpoints
+from shadow.networks.backbone import Residual
+
+
+def warm_start(network: nn.Module, path: str | Path) -> None:
+    """Take the backbone of another network's weights, except its head.
+
+    Input channels that the other network lacks start at zero, and residual blocks that it lacks as the
+    identity, so the features start as they were.
+    """
+    state, metadata = checkpoints.read(path)
+    own = network.state_dict()
+    if not all(any(key.startswith("backbone.") for key in keys) for keys in (own, state)):
+        raise ValueError(f"init: {path} is a {metadata.get('network')!r} network, of another architecture")
+    for key, value in state.items():
+        if not key.startswith("backbone.") or key.startswith("backbone.head."):
+            continue
+        if key == "backbone.stem.weight":
+            padded = torch.zeros_like(own[key])
+            channels = min(value.shape[1], padded.shape[1])
+            padded[:, :channels] = value[:, :channels].float()
+            value = padded
+        if key not in own or own[key].shape != value.shape:
+            raise ValueError(f"init: {path} has another architecture ({key}: {tuple(value.shape)})")
+        own[key].copy_(value)
+    _deepen(network, state)
+
+
+def load_start(network: nn.Module, path: str | Path, kind: str) -> None:
+    """Start a network from weights: all of the same kind of network, as deep or shallower, or the backbone of
+    another. Outputs that the head has and the weights lack come last, and start at zero.
+
+    Raises ValueError for weights of another architecture.
+    """
+    state, metadata = checkpoints.read(path)
+    if metadata.get("network") != kind:
+        warm_start(network, path)
+        return
+    state = _deepen(network, state) | {key: value.float() for key, value in state.items()}
+    for key, own in network.state_dict().items():
+        if key.startswith("backbone.head.") and key in state and len(state[key]) < len(own):
+            state[key] = torch.cat([state[key], torch.zeros_like(own[len(state[key]) :])])
+    try:
+        network.load_state_dict(state)
+    except RuntimeError as error:
+        raise ValueError(f"init: {path} has another architecture: {error}") from error
+
+
+def _deepen(network: nn.Module, state: dict[str, torch.Tensor]) -> dict[str, torch.Tensor]:
+    """Make the identity of the residual blocks that `state` lacks, so that a deeper network starts where a
+    shallower one has come to (Net2Net, CGS16); returns the parameters of these blocks."""
+    blocks = {}
+    for name, module in network.named_modules():
+        if isinstance(module, Residual) and f"{name}.conv2.weight" not in state:
+            nn.init.zeros_(module.conv2.weight)
+            nn.init.zeros_(module.conv2.bias)
+            blocks |= {f"{name}.{key}": value for key, value in module.state_dict().items()}
+    return blocks
