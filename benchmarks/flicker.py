@@ -135,8 +135,7 @@ def with_our_networks():
     from shadow.lightstage.people import bodies
 
     lights = directions.olat(behind=True)
-    softbox = np.exp(8 * (lights @ directions.from_spherical(40, 35) - 1))
-    powers = 0.6 / len(lights) * (1 + lights[:, 1]) + 1.2 * softbox / softbox.sum()
+    powers = 0.6 / len(lights) * (1 + lights[:, 1]) + 1.2 * photographs.softbox(lights)
     powers = np.append(powers, 0).astype(np.float32)[:, None].repeat(3, axis=1)  # the new light is off
     figure, to_light = bodies.body(5, "generalisation"), LIGHT.samples()[0]
     subjects, truth = [], []

@@ -26,8 +26,7 @@ record = stage.render(bodies.body(seed, "generalisation"), view, 2 * SIZE, light
 
 # A large softbox at upper right and a pale room: the old light that relighting has to take out again.
 weights = np.full((len(lights), 3), 0.6 / len(lights), np.float32) * (1 + lights[:, 1:2])
-softbox = np.exp(8 * (lights @ directions.from_spherical(40, 35) - 1))
-weights += np.float32([1.25, 1.2, 1.12]) * (softbox / softbox.sum())[:, None]
+weights += np.float32([1.25, 1.2, 1.12]) * photographs.softbox(lights)[:, None]
 colour = record.image(photographs.light(record, weights)).numpy()
 premultiplied = np.concatenate([colour, record.mask[None]]).transpose(1, 2, 0)  # black where nobody is
 pixels = premultiplied.reshape(SIZE, 2, SIZE, 2, 4).mean(axis=(1, 3), dtype=np.float32)

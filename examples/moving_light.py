@@ -37,8 +37,7 @@ view = stage.View(azimuth=8, distance=3.5, height=1.2, pitch=-5, fov=34)
 olat = directions.olat(behind=True)
 record = stage.render(figure, view, options.size, olat)
 weights = np.full((len(olat), 3), 0.6 / len(olat), np.float32)
-softbox = np.exp(8 * (olat @ directions.from_spherical(40, 35) - 1))
-weights += 1.2 * (softbox / softbox.sum())[:, None]
+weights += 1.2 * photographs.softbox(olat)[:, None]
 photograph = np.concatenate([record.image(photographs.light(record, weights)), record.mask[None]]).transpose(
     1, 2, 0
 )

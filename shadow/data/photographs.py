@@ -6,6 +6,7 @@ import torch.nn.functional as F
 from kornia.enhance import jpeg_codec_differentiable, sharpness
 
 from shadow.data.records import ENCODING
+from shadow.directions import from_spherical
 from shadow.framing import Framing, affine_sample
 
 LUMINANCE = np.float32([0.2126, 0.7152, 0.0722])  # of linear Rec.709 (ITU-R BT.709)
@@ -35,6 +36,13 @@ def random_lighting(rng, directions, unfilled=0.0):
     if unfilled and rng.random() < unfilled:
         share = 1.0
     return (share * hard / hard.sum() * 3 + (1 - share) * 4 * soft).astype(np.float32)
+
+
+def softbox(directions: np.ndarray, azimuth: float = 40.0, elevation: float = 35.0) -> np.ndarray:
+    """Weights (D,) of a large softbox over `directions` (D, 3), which sum to one: a lobe that has half its
+    strength 24 degrees from where the softbox stands, by default at upper right."""
+    lobe = np.exp(8 * (directions @ from_spherical(azimuth, elevation) - 1))
+    return lobe / lobe.sum()
 
 
 def light(record, weights, gloss=0.0, shininess=20.0):
@@ -137,8 +145,34 @@ def sample(record, rng, size, lights=None, augment=True, lighting=None):
         bounce,
         record.visibility[:, chosen],
     ]
+    turn, matrix = _movement(record, rng, size, augment)
+    planes = affine_sample(record.image(np.concatenate(values, axis=1)), matrix, size)
+    mask = planes[:1]
+    straight = planes[1:] / mask.clamp_min(0.02)  # bilinear sampling premultiplied by the mask
+    rgb, normals, albedo, bounce, visibility = straight.split([3, 3, 3, bounce.shape[1], len(chosen)])
+    frame = torch.eye(3)
+    frame[:2, :2] = torch.from_numpy(turn)
+    turned = torch.einsum("ij,jhw->ihw", frame, normals)
+    rgb, matte = _delivered(rgb, mask, rng) if augment else (rgb, mask)
+    return Sample(
+        rgb=rgb,
+        matte=matte,
+        mask=torch.minimum(mask, matte),
+        normals=turned / turned.square().sum(dim=0).clamp_min(1e-12).sqrt(),
+        albedo=albedo.clamp(0, 1),
+        directions=torch.from_numpy(record.directions[chosen]) @ frame.T,
+        visibility=visibility.clamp(0, 1),
+        weights=torch.from_numpy(weights[chosen]),
+        bounce=bounce,
+        bounce_patterns=torch.from_numpy(patterns[:, chosen] @ LUMINANCE).T.contiguous(),
+    )
+
+
+def _movement(record, rng, size, augment):
+    """How the record lies on a canvas of `size` (h, w): the turn (2, 2) of the picture, x right and y up, and
+    the matrix (2, 3) that `affine_sample` takes from canvas to record."""
     framing = Framing.around(torch.from_numpy(record.mask), size[0])
-    turn = np.eye(2)  # of the picture, x right and y up
+    turn = np.eye(2)
     scale, shift = 1.0, np.zeros(2)
     if augment:
         angle = np.radians(np.clip(rng.normal(0, 12), -40, 40))
@@ -160,31 +194,16 @@ def sample(record, rng, size, lights=None, augment=True, lighting=None):
     linear = downward @ turn.T @ downward / (scale * framing.scale)
     offset = np.array(framing.centre) - linear @ (np.array([size[1], size[0]]) / 2 + shift * [1, -1])
     matrix = torch.from_numpy(np.concatenate([linear, offset[:, None]], axis=1)).float()
-    planes = affine_sample(record.image(np.concatenate(values, axis=1)), matrix, size)
-    mask = planes[:1]
-    straight = planes[1:] / mask.clamp_min(0.02)  # bilinear sampling premultiplied by the mask
-    rgb, normals, albedo, bounce, visibility = straight.split([3, 3, 3, bounce.shape[1], len(chosen)])
-    frame = torch.eye(3)
-    frame[:2, :2] = torch.from_numpy(turn)
-    turned = torch.einsum("ij,jhw->ihw", frame, normals)
-    matte = mask
-    if augment:
-        rgb = photograph(rgb, mask, rng)
-        if rng.random() < 0.3:
-            rgb = sharpen(rgb, rng.uniform(0, 4))
-        if rng.random() < 0.3:
-            rgb = compress(rgb, rng.uniform(30, 95))
-        if rng.random() < 0.3:
-            matte = rough_matte(mask, rng)
-    return Sample(
-        rgb=rgb,
-        matte=matte,
-        mask=torch.minimum(mask, matte),
-        normals=turned / turned.square().sum(dim=0).clamp_min(1e-12).sqrt(),
-        albedo=albedo.clamp(0, 1),
-        directions=torch.from_numpy(record.directions[chosen]) @ frame.T,
-        visibility=visibility.clamp(0, 1),
-        weights=torch.from_numpy(weights[chosen]),
-        bounce=bounce,
-        bounce_patterns=torch.from_numpy(patterns[:, chosen] @ LUMINANCE).T.contiguous(),
-    )
+    return turn, matrix
+
+
+def _delivered(rgb, mask, rng):
+    """A linear image (3, h, w) and its mask (1, h, w) as a camera and a matting tool deliver them."""
+    rgb, matte = photograph(rgb, mask, rng), mask
+    if rng.random() < 0.3:
+        rgb = sharpen(rgb, rng.uniform(0, 4))
+    if rng.random() < 0.3:
+        rgb = compress(rgb, rng.uniform(30, 95))
+    if rng.random() < 0.3:
+        matte = rough_matte(mask, rng)
+    return rgb, matte

@@ -234,23 +234,30 @@ def _lines_of_table_5(rows):
         yield [row["subject"], theirs[0], ours[0], theirs[1], ours[1]]
 
 
-def _markdown(figures):
-    """The report, of what report.json holds alone."""
-    table_2 = _table(
-        ["variant", "RMSE ↓", "PSNR ↑", "Dice ↑", "paper: RMSE", "paper: PSNR", "paper: Dice"],
-        [[row["variant"], *_scores(row, psnr=True)] for row in figures["table2"]],
-    )
-    table_3 = _table(
-        ["variant", "training", "inference", "RMSE ↓", "Dice ↑", "paper: RMSE", "paper: Dice"],
-        [[row["variant"], row["training"], row["inference"], *_scores(row)] for row in figures["table3"]],
-    )
+def _tables(figures):
+    """Tables 2 to 5 as Markdown."""
     header = ["ms ↓", "params, M ↓", "RMSE ↓", "Dice ↑"]
     paper = ["paper: ms", "paper: params, M", "paper: RMSE", "paper: Dice"]
-    table_4 = _table(["variant", *header, *paper], _lines_of_table_4(figures["table4"]))
-    table_5 = _table(
-        ["subject", "RMSE ↓, theirs", "RMSE ↓, ours", "Dice ↑, theirs", "Dice ↑, ours"],
-        _lines_of_table_5(figures["table5"]),
+    return (
+        _table(
+            ["variant", "RMSE ↓", "PSNR ↑", "Dice ↑", "paper: RMSE", "paper: PSNR", "paper: Dice"],
+            [[row["variant"], *_scores(row, psnr=True)] for row in figures["table2"]],
+        ),
+        _table(
+            ["variant", "training", "inference", "RMSE ↓", "Dice ↑", "paper: RMSE", "paper: Dice"],
+            [[row["variant"], row["training"], row["inference"], *_scores(row)] for row in figures["table3"]],
+        ),
+        _table(["variant", *header, *paper], _lines_of_table_4(figures["table4"])),
+        _table(
+            ["subject", "RMSE ↓, theirs", "RMSE ↓, ours", "Dice ↑, theirs", "Dice ↑, ours"],
+            _lines_of_table_5(figures["table5"]),
+        ),
     )
+
+
+def _markdown(figures):
+    """The report, of what report.json holds alone."""
+    table_2, table_3, table_4, table_5 = _tables(figures)
     models = ", ".join(f"{name} is `{model}`" for name, model in figures["models"].items())
     height, width = figures["canvas"]
     soft = "Theirs made binary by Otsu's threshold." if figures["table5"] else "No soft maps were given."
