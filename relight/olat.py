@@ -65,7 +65,8 @@ def write_olat(
     output, sequence = Path(output), Sequence.of(output)
     if output.suffix.lower() != ".exr":
         raise ValueError(f"{output}: expected a file name that ends in .exr")
-    check([output, *([] if script is None else [Path(script)])], (image, mask))
+    description = output.with_suffix(".json") if sequence is None else sequence.beside(".json")
+    check([output, *([] if script is None else [Path(script)])], (image, mask), lights=description)
     inputs.device("device", device)
     lights = olat_lights(behind)
     plate, matte, _ = Preparation(image, mask=mask, colour_space=colour_space).person(0)
@@ -87,7 +88,6 @@ def write_olat(
         metadata = {f"relight:{light.name}": light.direction for light in lights}
         images.write(output, np.concatenate([picture, alpha], axis=-1), layers=layers, metadata=metadata)
         written.append(output)
-    description = output.with_suffix(".json") if sequence is None else sequence.beside(".json")
     write_lights(description, lights)
     written.append(description)
     if script is not None:

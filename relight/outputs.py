@@ -1,25 +1,44 @@
 """Where pictures go: files, sequences, movies and Nuke scripts. All that can be refused is refused first."""
 
 import contextlib
+import os
 import re
 from collections.abc import Callable, Iterable, Iterator
 from pathlib import Path
 
 import numpy as np
 
+from relight.lights.environment import Panorama
+from relight.lights.files import SUFFIXES
+from relight.lights.moving import MovingLight
 from relight.media import images, movies, nuke
 from relight.media.colour import encode
 from relight.media.sequences import TOKEN, Sequence
 from relight.rendering import Layers
+from shadow import files
 
 Report = Callable[[int, int, str], None]  # frames done, frames in all, what is done
 
 
-def check(outputs: Iterable[Path], sources: Iterable[object], mattes: Path | None = None) -> None:
+def check(
+    outputs: Iterable[Path],
+    sources: Iterable[object],
+    *,
+    mattes: Path | None = None,
+    lights: Path | None = None,
+) -> None:
     """Refuse what could not be written, or would overwrite what is read or written as well.
 
-    `outputs` are pictures, sequences, movies and scripts; `sources` what is read, of which paths count.
-    ValueError or FileNotFoundError that names the path.
+    Parameters
+    ----------
+    outputs: pictures, sequences, movies and scripts.
+    sources: what is read. Paths count, and the maps of environments; arrays do not.
+    mattes: where the matte goes, a file or a sequence.
+    lights: the lights file to write.
+
+    Raises
+    ------
+    ValueError, OSError that names the path.
     """
     outputs = list(outputs)
     for path in outputs:
@@ -31,21 +50,51 @@ def check(outputs: Iterable[Path], sources: Iterable[object], mattes: Path | Non
             raise ValueError(f"{path}: a Nuke script needs an .exr to read; add one with -o")
     if mattes is not None:
         images.check_writable(mattes)
-    written = [*outputs, *([] if mattes is None else [mattes])]
-    read = [Path(source) for source in sources if isinstance(source, str | Path)]
-    for number, path in enumerate(written):
-        if any(_same(path, source) for source in read):
+    if lights is not None:
+        files.check_writable(lights, SUFFIXES)
+    read = [found for source in sources if (found := _path(source)) is not None]
+    written: list[Path] = []
+    further = [path for path in (mattes, lights) if path is not None]
+    for path in (*outputs, *further):
+        places = [path, Path(str(held_frames(path)))] if movies.is_movie(path) else [path]
+        if any(_same(place, source) for place in places for source in read):
             raise ValueError(f"{path}: is read as well, and would be overwritten")
-        if any(_same(path, other) for other in written[:number]):
+        if any(_same(place, other) for place in places for other in written):
             raise ValueError(f"{path}: is written twice")
+        written += places
+
+
+def held_frames(movie: Path) -> Sequence:
+    """The half-float files that a movie's frames are kept in until the movie is whole."""
+    return Sequence(movie.with_name(f"{movie.name}.frames"), "", 6, ".exr")
+
+
+def _path(source: object) -> Path | None:
+    """The file or the sequence that a source is read from; None of what is in memory."""
+    if isinstance(source, MovingLight):
+        source = source.rests
+    image = source.get("image") if isinstance(source, dict) else getattr(source, "image", source)
+    image = image.path if isinstance(image, Panorama) else image
+    return Path(image) if isinstance(image, str | os.PathLike) else None
 
 
 def _same(first: Path, second: Path) -> bool:
-    """Whether two paths, of files or sequences, mean a file in common."""
-    first, second = first.resolve(), second.resolve()
+    """Whether two paths, of files or sequences, mean a file in common. Symbolic links count as what they
+    point to, since they are written through."""
+    if not _files(first).isdisjoint(_files(second)):
+        return True
+    first, second = (path.parent.resolve() / path.name for path in (first, second))
     if first.parent != second.parent:
-        return first == second
+        return False
     return any(_pattern(one).fullmatch(_example(other)) for one, other in ((first, second), (second, first)))
+
+
+def _files(path: Path) -> set[Path]:
+    """A path's file, or the files that there are of its sequence, without links."""
+    sequence = Sequence.of(path)
+    if sequence is None:
+        return {path.resolve()}
+    return {sequence.path(number).resolve() for number in sequence.numbers()}
 
 
 def _pattern(path: Path) -> re.Pattern:
@@ -73,7 +122,10 @@ def open_outputs(
     check_display(display)
     scripts = [path for path in outputs if path.suffix.lower() == ".nk"]
     sinks = [_sink(path, transparent, resume, display) for path in outputs if path not in scripts]
-    return sinks + [ScriptSink(path, sinks, names) for path in scripts]
+    mixes = [ScriptSink(path, sinks, names) for path in scripts]
+    for sink in sinks:  # now that nothing more is refused
+        sink.begin()
+    return sinks + mixes
 
 
 def _sink(path: Path, transparent: bool, resume: bool, display: dict) -> "FileSink | MovieSink":
@@ -92,6 +144,9 @@ class FileSink:
 
     def __init__(self, sequence: Sequence, resume: bool, display: dict) -> None:
         self.sequence, self.resume, self.display = sequence, resume, display
+
+    def begin(self) -> None:
+        """A file stays until the one that replaces it is whole."""
 
     def has(self, number: int) -> bool:
         return self.resume and self.sequence.path(number).exists()
@@ -127,10 +182,13 @@ class MovieSink:
     """A movie, and until it is whole its frames as half-float files in a folder beside it."""
 
     def __init__(self, path: Path, resume: bool, display: dict) -> None:
-        self.path, self.display = path, display
-        self.frames = Sequence(path.with_name(f"{path.name}.frames"), "", 6, ".exr")
+        self.path, self.resume, self.display = path, resume, display
+        self.frames = held_frames(path)
         self.whole = resume and path.exists() and not self.frames.folder.exists()
-        if not resume:
+
+    def begin(self) -> None:
+        """Drop the frames of an interrupted run, unless this one goes on from them."""
+        if not self.resume:
             self._clear()
 
     def has(self, number: int) -> bool:

@@ -15,17 +15,18 @@ import numpy as np
 from relight.composite import place
 from relight.keying import key as cut_out
 from relight.lights.environment import FIELD_OF_VIEW, EnvironmentLight
-from relight.lights.light import Light
+from relight.lights.light import Light, by_name, checked_number
 from relight.lights.moving import MovingLight
 from relight.media import images, movies
 from relight.media.sequences import Files, Still
 from relight.media.sequences import Sequence as Frames
-from relight.rendering import Background
+from relight.rendering import Background, check_free
 from shadow import normals as normals_module
 from shadow.directions import CAMERA
 
 ENVIRONMENT = "environment"  # as a background: what a camera sees of the environments among the lights
 BACKGROUND = "background"  # as a size: the background's own
+LARGEST = 2**28  # pixels of a picture: 4 GiB as floats
 
 Source = np.ndarray | str | Path
 Surface = np.ndarray | Callable | str | os.PathLike  # what normals may be given as
@@ -54,6 +55,8 @@ class Placement:
         size = (1, 1) if self.size is None or isinstance(self.size, str) else self.size
         if isinstance(self.size, str) and self.size != BACKGROUND:
             raise ValueError(f"size: expected (height, width) or {BACKGROUND!r}, got {self.size!r}")
+        if np.prod(size, dtype=object) > LARGEST:
+            raise ValueError(f"size: expected up to {LARGEST} pixels in all, got {size}")
         place(np.zeros((1, 1), np.float32), size, mode="centre", offset=self.offset)  # what is wrong is said
         place(np.zeros((1, 1), np.float32), (1, 1), mode=self.mode, scale=self.scale)
 
@@ -121,7 +124,8 @@ class Preparation:
         field_of_view: float = FIELD_OF_VIEW,
         placement: Placement | None = None,
     ) -> None:
-        self.placement, self.field_of_view, self._key = placement or Placement(), field_of_view, key
+        self.placement, self._key = placement or Placement(), key
+        self.field_of_view = checked_number("field_of_view", field_of_view, 1e-3, 170)
         self._surfaces = _surfaces(normals, axes)
         self._plates = _opened(
             source, lambda path: images.read(path, colour_space=colour_space), movies.Movie, colour_space
@@ -134,12 +138,12 @@ class Preparation:
     @property
     def numbers(self) -> Sequence[int] | None:
         """The frames that there are of a moving person; None of a still."""
-        return self._plates.numbers or self._mattes.numbers
+        return self._plates.numbers or self._mattes.numbers or self._surfaces.numbers
 
     @property
     def span(self) -> tuple[int, int] | None:
         """The first and the last frame that the sources have, the person's before the background's."""
-        for source in (self._plates, self._mattes, self._backdrops):
+        for source in (self._plates, self._mattes, self._surfaces, self._backdrops):
             if source.numbers:
                 return source.numbers[0], source.numbers[-1]
         return None
@@ -149,18 +153,32 @@ class Preparation:
         """Frames a second, if the source says."""
         return self._plates.rate
 
-    def check_lights(self, lights: Iterable[Light | MovingLight]) -> None:
-        """ValueError where the background is to be the lights' environment and there is none."""
-        kinds = [getattr(light, "kind", type(light)) for light in lights]
-        if self._sees_lights and EnvironmentLight not in kinds:
+    def check_lights(self, lights: Iterable[Light]) -> None:
+        """ValueError where the background is to be the lights' environment and there is none, or where a
+        light has the name of the background's layer."""
+        named = by_name(lights)
+        if self._sees_lights and not any(isinstance(light, EnvironmentLight) for light in named.values()):
             raise ValueError("background: 'environment' expected an environment among the lights")
+        if self.has_background:
+            check_free(named)
 
     def person(self, number: int) -> Person:
-        """The person of a frame. Raises as reading, `relight.key` and `relight.place` do."""
+        """The person of a frame; of a still, of any number.
+
+        Raises as reading, `relight.key` and `relight.place` do; ValueError for a photograph without a matte.
+        """
         plate, matte = self._plates.read(number), self._mattes.read(number)
         if self._key is not None:
             plate, matte = cut_out(plate, self._key, mask=matte), None
-        behind = self._backdrops.read(number) if self.placement.size == BACKGROUND else None
+        elif matte is None and np.shape(plate)[2:] == (3,):
+            raise ValueError(
+                "mask: the image has no alpha channel, so give the person's matte (--mask), or cut the "
+                "person out of a screen (--key, of apply and video)"
+            )
+        behind = None
+        if self.placement.size == BACKGROUND:  # a still lies in all frames as in the background's first
+            first = (self._backdrops.numbers or [number])[0]
+            behind = self._backdrops.read(first if self.numbers is None else number)
         frame = self.placement.of(np.shape(plate)[:2], behind)
         surface = self._surfaces.read(number)
         if frame is not None and isinstance(surface, np.ndarray):

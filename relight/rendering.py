@@ -119,8 +119,7 @@ def render_subject(
     further = passes_of(subject, lights, passes)
     if background is None:
         return picture, groups | further
-    if "C_background" in groups:
-        raise ValueError("lights: 'background' names the background's layer; give the light another name")
+    check_free(by_name(lights))
     groups["C_background"] = half(behind(picture, background), "C_background")
     return picture[..., :3] + groups["C_background"], groups | further
 
@@ -194,3 +193,9 @@ def check_names(names: Iterable[str], outputs: Iterable[Path] | None = None) -> 
     if names and outputs is not None and not any(path.suffix.lower() == ".exr" for path in outputs):
         raise ValueError("passes: are layers of an .exr; expected one among the outputs")
     return names
+
+
+def check_free(names: Iterable[str]) -> None:
+    """ValueError where a light over a background has the name of the background's layer."""
+    if "background" in names:
+        raise ValueError("lights: 'background' names the background's layer; give the light another name")

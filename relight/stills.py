@@ -1,5 +1,6 @@
 """A relit still, from files to files."""
 
+import os
 from collections.abc import Callable, Iterable
 from pathlib import Path
 
@@ -66,11 +67,13 @@ def render_still(
     report = progress or (lambda what: None)
     paths = [Path(path) for path in ([outputs] if isinstance(outputs, str | Path) else outputs)]
     matte_path = None if save_matte is None else Path(save_matte)
-    for path in paths:
-        if movies.is_movie(path) or Sequence.of(path) is not None:
+    lights_path = None if save_lights is None else Path(save_lights)
+    for path in (source, mask, background, normals, *paths, matte_path):
+        if isinstance(path, str | os.PathLike) and (movies.is_movie(path) or Sequence.of(path) is not None):
             raise ValueError(f"{path}: expected one picture's file; frames are made by a video")
-    check(paths, (source, mask, background, normals), matte_path)
     lights = list(by_name(lights).values())
+    read = (source, mask, background, normals, *lights)
+    check(paths, read, mattes=matte_path, lights=lights_path)
     passes = check_names(passes, paths)
     display = {"view": view, "exposure": exposure}
     check_display(display)
@@ -80,11 +83,11 @@ def render_still(
         background=background, field_of_view=field_of_view, placement=placement,
     )  # fmt: skip
     prepared.check_lights(lights)
-    if save_lights is not None:
-        write_lights(save_lights, lights)
+    person = prepared.person(0)
+    if lights_path is not None:
+        write_lights(lights_path, lights)
 
     report("Relighting")
-    person = prepared.person(0)
     subject = Subject(person.plate, person.matte, normals=person.normals, device=device)
     backdrop = prepared.backdrop(0, lights, person.plate.shape[:2])
     picture, layers = render_subject(subject, lights, background=backdrop, passes=passes)

@@ -2,6 +2,7 @@
 
 import math
 from collections.abc import Iterable
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
@@ -90,53 +91,81 @@ def render_video(
     """
     paths = [Path(path) for path in ([outputs] if isinstance(outputs, str | Path) else outputs)]
     matte_path = None if save_matte is None else Path(save_matte)
-    check(paths, (source, mask, background, normals), matte_path)
+    lights_path = None if save_lights is None else Path(save_lights)
     lamps: Any = lights
     lamps = [lamps] if hasattr(lamps, "at") or hasattr(lamps, "samples") else list(lamps)
+    read = (source, mask, background, normals, *lamps)
+    check(paths, read, mattes=matte_path, lights=lights_path)
     passes = check_names(passes, paths)
+    if rate is not None:
+        movies.frame_rate(rate)
     inputs.device("device", device)
     prepared = Preparation(
         source, mask=mask, key=key, colour_space=colour_space, normals=normals, axes=axes,
         background=background, field_of_view=field_of_view, placement=placement,
     )  # fmt: skip
-    prepared.check_lights(lamps)
     numbers = _numbers(frames, prepared.span, lamps)
-    names = [*by_name(lights_at(lamps, numbers[0])), *(["background"] if prepared.has_background else [])]
+    first = lights_at(lamps, numbers[0])
+    prepared.check_lights(first)
+    names = [*by_name(first), *(["background"] if prepared.has_background else [])]
     display = {"view": view, "exposure": exposure, "white": white}
+    mattes = _mattes(matte_path)
     sinks: list[Any] = open_outputs(
         paths, transparent=not prepared.has_background, resume=resume, display=display, names=names
     )
-    mattes = _mattes(matte_path)
-    if save_lights is not None:
-        write_lights(save_lights, lamps)
+    if lights_path is not None:
+        write_lights(lights_path, lamps)
     report = progress or (lambda done, total, what: None)
-    people = _People(prepared, steady, device)
-
-    def make(number: int) -> None:
-        """The frame in all outputs that lack it."""
-        wanted = [sink for sink in sinks if not sink.has(number)]
-        if wanted:
-            lit, subject = lights_at(lamps, number), people.at(number)
-            backdrop = prepared.backdrop(number, lit, subject.size)
-            picture, layers = render_subject(subject, lit, background=backdrop, passes=passes)
-            for sink in wanted:
-                sink.write(number, picture, layers)
-            if mattes is not None:
-                images.write_mask(mattes.path(number), subject.matte)
-
-    problems = {}
-    for done, number in enumerate(numbers, 1):
-        try:
-            make(number)
-        except (OSError, ValueError) as error:
-            problems[number] = str(error)
-        report(done, len(numbers), "Relighting")
-    if len(problems) == len(numbers):
-        first = f"frame {numbers[0]}: {problems[numbers[0]]}"
-        raise ValueError(f"none of {len(numbers)} frames could be made; {first}")
+    shot = _Shot(prepared, _People(prepared, steady, device), lamps, passes, sinks, mattes, resume)
+    problems = shot.make(numbers, report)
     for sink in sinks:
         sink.finish(numbers, rate or prepared.rate or RATE, problems, report)
     return problems
+
+
+@dataclass(frozen=True)
+class _Shot:
+    """The frames of a shot, and where they go."""
+
+    prepared: Preparation
+    people: "_People"
+    lights: list[Light | MovingLight]
+    passes: tuple[str, ...]
+    sinks: list[Any]
+    mattes: Sequence | None
+    resume: bool
+
+    def make(self, numbers: range, report: Report) -> dict[int, str]:
+        """All frames; {frame number: what is wrong}. ValueError if none could be made."""
+        problems = {}
+        for done, number in enumerate(numbers, 1):
+            try:
+                self._make(number)
+            except (OSError, ValueError) as error:
+                problems[number] = str(error)
+            report(done, len(numbers), "Relighting")
+        if len(problems) == len(numbers):
+            first = f"frame {numbers[0]}: {problems[numbers[0]]}"
+            raise ValueError(f"none of {len(numbers)} frames could be made; {first}")
+        return problems
+
+    def _make(self, number: int) -> None:
+        """The frame in all outputs that lack it, and its matte."""
+        wanted = [sink for sink in self.sinks if not sink.has(number)]
+        matte = None if self.mattes is None else self.mattes.path(number)
+        if matte is not None and not wanted and self.resume and matte.exists():
+            matte = None
+        if not wanted and matte is None:
+            return
+        subject = self.people.at(number)
+        if wanted:
+            lit = lights_at(self.lights, number)
+            backdrop = self.prepared.backdrop(number, lit, subject.size)
+            picture, layers = render_subject(subject, lit, background=backdrop, passes=self.passes)
+            for sink in wanted:
+                sink.write(number, picture, layers)
+        if matte is not None:
+            images.write_mask(matte, subject.matte)
 
 
 def _numbers(

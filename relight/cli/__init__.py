@@ -27,6 +27,9 @@ class _OneLineErrors(TyperGroup):
         except (ImportError, OSError, TypeError, ValueError) as error:
             typer.echo(f"relight: {error}", err=True)
             raise typer.Exit(2) from error
+        except MemoryError as error:
+            typer.echo(f"relight: not enough memory: {error}", err=True)
+            raise typer.Exit(2) from error
 
 
 app = typer.Typer(cls=_OneLineErrors, no_args_is_help=True, pretty_exceptions_enable=False)

@@ -28,7 +28,7 @@ def evaluate_visibility(
     normals: NormalsWeights = None,
     seed: LightingSeed = 0,
     limit: Limit = None,
-):
+) -> None:
     """Print RMSE, PSNR and Dice of the visibility maps (Section 4.1) beside the sign(N·L) baselines."""
     from shadow.evaluation import scores
 
@@ -56,7 +56,7 @@ def evaluate_tables(
     normals: NormalsWeights = None,
     seed: LightingSeed = 0,
     limit: Limit = None,
-):
+) -> None:
     """Write the paper's Tables 2 to 5 and Figures 2 and 4, measured on these records, beside its figures."""
     from shadow.evaluation import report
 
@@ -81,7 +81,7 @@ def evaluate_shading(
     field: Annotated[str, typer.Option(help="Visibility weights: a name, or a file.")] = "field",
     seed: LightingSeed = 0,
     limit: Limit = None,
-):
+) -> None:
     """Print Table 6: RMSE and SSIM of the shading against path-traced truth; and the albedo's errors."""
     from shading import evaluation
 
@@ -92,7 +92,7 @@ def evaluate_shading(
     print(evaluation.report(tallies, delights))
 
 
-def _named(texts):
+def _named(texts: list[str] | None) -> dict[str, str]:
     """NAME=FILE options as a dictionary."""
     models = {}
     for text in texts or []:

@@ -1,6 +1,7 @@
 """The options that commands share, each declared once, and the texts that they are read from."""
 
 import inspect
+import re
 from collections.abc import Callable
 from dataclasses import dataclass, fields
 from enum import StrEnum
@@ -133,6 +134,8 @@ class Look:
 
         if self.layers is not None:
             console.print("--layers is now called --passes")
+        if self.lights and self.save_lights and self.lights.resolve() == self.save_lights.resolve():
+            raise ValueError(f"{self.save_lights}: is read as well, and would be overwritten")
         return {
             "mask": self.mask,
             "key": self.key,
@@ -142,7 +145,7 @@ class Look:
             "colour_space": self.colour_space,
             "normals": self.normals,
             "axes": self.axes,
-            "passes": _words(self.passes if self.layers is None else self.layers),
+            "passes": _words(self.passes) + _words(self.layers),
             "view": self.view,
             "exposure": self.exposure,
             "save_matte": self.save_matte,
@@ -225,7 +228,7 @@ def _background(text: str | None) -> tuple[float, ...] | str | None:
     """A colour `0.2/0.2/0.2`, or the text as it is: a file's path, or environment."""
     if text is None:
         return None
-    if (text.startswith("#") and len(text) in (4, 7)) or (text.count(",") == 2 and not Path(text).exists()):
+    if re.fullmatch("#[0-9a-fA-F]{3,8}", text) or (text.count(",") == 2 and not Path(text).exists()):
         raise ValueError(f"--background: expected a linear colour as 0.2/0.2/0.2, or a file, got {text!r}")
     try:
         return tuple(map(float, text.split("/")))

@@ -4,11 +4,14 @@ Heavy modules are imported inside the command, so that `relight --help` answers 
 """
 
 from pathlib import Path
-from typing import Annotated
+from typing import TYPE_CHECKING, Annotated
 
 import typer
 
 from relight.cli.options import console
+
+if TYPE_CHECKING:
+    from shadow.lightstage.stage import Source
 
 
 def stage(
@@ -49,28 +52,18 @@ def stage(
         Path | None, typer.Option(help="Then pack the records into shards of at most 60 MiB in this folder.")
     ] = None,
     sheet: Annotated[Path | None, typer.Option(help="Then draw a contact sheet of them (PNG).")] = None,
-):
+) -> None:
     """Render training records on the virtual light stage, pack them, or draw them for the eye."""
     from shadow.data import records as record_files
     from shadow.evaluation import pictures
-    from shadow.lightstage.stage import Source, render_all
+    from shadow.lightstage.stage import render_all
 
     if relief and (bodies is not None or pairs is not None):
         raise ValueError(
             "--relief: expected scans alone, since folds of --bodies and --pairs are not painted"
         )
-    sources = [Source.body(seed, split) for seed in _seeds("--bodies", bodies)]
-    sources += [Source.pair(seed, split) for seed in _seeds("--pairs", pairs)]
-    meshes = list(scan or [])
-    if scan_list is not None:
-        names = scan_list.read_text().split("\n")
-        meshes += [scan_list.parent / name.strip() for name in names if name.strip()]
-    if variants is None:
-        sources += [Source.scan(path) for path in meshes]
-    elif meshes:
-        sources += [Source.variant(path, n) for path in meshes for n in _seeds("--variants", variants)]
-    else:
-        raise ValueError("--variants: expected --scan or --scan-list with it, to make variants of")
+    people = _people(bodies, pairs, split)
+    sources = people + _scans([*(scan or []), *_listed(scan_list)], variants)
     if sources:
         written, on_disk, errors = render_all(
             sources, records, views=views, size=size, behind=behind, jitter=jitter,
@@ -91,7 +84,33 @@ def stage(
         console.print(f"{sheet}")
 
 
-def _seeds(option, text):
+def _people(bodies: str | None, pairs: str | None, split: str) -> list["Source"]:
+    """The clothed bodies and the pairs of a split."""
+    from shadow.lightstage.stage import Source
+
+    people = [Source.body(seed, split) for seed in _seeds("--bodies", bodies)]
+    return people + [Source.pair(seed, split) for seed in _seeds("--pairs", pairs)]
+
+
+def _scans(meshes: list[Path], variants: str | None) -> list["Source"]:
+    """Scans, or variants of each."""
+    from shadow.lightstage.stage import Source
+
+    if variants is None:
+        return [Source.scan(path) for path in meshes]
+    if not meshes:
+        raise ValueError("--variants: expected --scan or --scan-list with it, to make variants of")
+    return [Source.variant(path, number) for path in meshes for number in _seeds("--variants", variants)]
+
+
+def _listed(path: Path | None) -> list[Path]:
+    """The meshes that a text file names, one a line, beside the file."""
+    names = [] if path is None else path.read_text().split("\n")
+    return [path.parent / name.strip() for name in names if name.strip()]
+
+
+def _seeds(option: str, text: str | None) -> range:
+    """`0:100` as a range."""
     if text is None:
         return range(0)
     first, _, last = text.partition(":")

@@ -5,11 +5,14 @@ Heavy modules are imported inside the command, so that `relight --help` answers 
 
 from enum import StrEnum
 from pathlib import Path
-from typing import Annotated
+from typing import TYPE_CHECKING, Annotated
 
 import typer
 
 from relight.cli.options import console
+
+if TYPE_CHECKING:
+    from shadow.training.loop import Task
 
 
 class Network(StrEnum):
@@ -85,7 +88,7 @@ def train(
     ] = None,
     workers: Annotated[int | None, typer.Option(min=0, help="Processes that make photographs.")] = None,
     minutes: Annotated[float, typer.Option(min=0, help="Between checkpoints.")] = 5,
-):
+) -> None:
     """Train a network, or go on with a run that was interrupted."""
     from shadow.training import loop
 
@@ -102,7 +105,7 @@ def train(
     console.print(f"{path}")
 
 
-def _task(network, model, with_normals, visibility):
+def _task(network: Network, model: Model, with_normals: bool, visibility: str) -> "Task":
     """What `train` trains."""
     from shading.tasks import per_light_task, shading_task
     from shadow.training.tasks import SHADOW, per_light
@@ -124,7 +127,7 @@ def _task(network, model, with_normals, visibility):
 def shrink(
     weights: Annotated[Path, typer.Argument(help="Weights that `train` wrote.")],
     out: Annotated[Path, typer.Argument(help="File to write, half as large.")],
-):
+) -> None:
     """Store a network's weights in 8 bits, to ship them."""
     from shadow.networks.checkpoints import shrink
 

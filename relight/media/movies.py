@@ -173,7 +173,7 @@ def write_movie(
     OSError: the folder does not exist or the file cannot be written.
     """
     path = check_writable(path)
-    rate = _fraction(rate)
+    rate = frame_rate(rate)
     with files.replacing(path) as beside:
         try:
             kind = path.suffix[1:].lower()
@@ -199,8 +199,8 @@ def check_writable(path: AnyPath) -> Path:
     return files.check_writable(path, WRITTEN)
 
 
-def _fraction(rate: float | Fraction) -> Fraction:
-    """Frames a second, exactly."""
+def frame_rate(rate: float | Fraction) -> Fraction:
+    """Frames a second, exactly. ValueError for a rate that `write_movie` does not take."""
     if not SLOWEST <= rate <= FASTEST:
         raise ValueError(f"rate: expected {SLOWEST} to {FASTEST} frames a second, got {rate}")
     whole = round(rate * 1.001)
