@@ -2,6 +2,7 @@
 
 import numpy as np
 import OpenImageIO as oiio
+import torch
 from numpy.typing import ArrayLike
 from scipy.ndimage import minimum_filter, uniform_filter
 
@@ -78,7 +79,10 @@ def key(image: ArrayLike, screen: str = "green", *, mask: ArrayLike | None = Non
     alpha[solid] = 1
     if inside is not None:
         alpha *= inside
-    colour = _despill(estimate_foreground_ml(pixels, alpha).clip(0), channel, person)
+    threads = torch.get_num_threads()
+    foreground = estimate_foreground_ml(pixels, alpha)
+    torch.set_num_threads(threads)  # numba has set the process' to the number of processors
+    colour = _despill(foreground.clip(0), channel, person)
     return np.concatenate([colour * alpha[..., None], alpha[..., None]], axis=-1, dtype=np.float32)
 
 

@@ -2,6 +2,7 @@ import sys
 
 import numpy as np
 import pytest
+import torch
 from scipy.ndimage import binary_dilation
 
 import relight
@@ -95,6 +96,19 @@ def test_the_empty_screen_is_empty_and_the_person_solid():
     assert keyed[solid][:, 3].min() == 1
     np.testing.assert_allclose(keyed[solid][:, :3], person[solid][:, :3], atol=0.08)  # but for the grain
     assert (keyed[..., :3].min(), keyed.max()) >= (0, 0)
+
+
+def test_keying_leaves_the_threads_of_torch_alone():
+    """numba's threads set the number for the whole process, and so for every later analysis."""
+    person = hairy_person()
+    picture = person[..., :3] + (1 - person[..., 3:]) * np.float32(GREEN)
+    before = torch.get_num_threads()
+    try:
+        torch.set_num_threads(1)
+        relight.key(picture.astype(np.float32))
+        assert torch.get_num_threads() == 1
+    finally:
+        torch.set_num_threads(before)
 
 
 def test_spill_is_taken_out():
