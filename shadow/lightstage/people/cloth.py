@@ -66,12 +66,9 @@ def subdivide(faces: np.ndarray, count: int) -> tuple[np.ndarray, csr_matrix]:
     return fine, vstack([old_points, edge_points], format="csr")
 
 
-def clip(faces: np.ndarray, inside: np.ndarray) -> tuple[np.ndarray, csr_matrix]:
-    """Cut a mesh along the zero line of `inside` (V,), keeping where it is positive.
-
-    Vertices close to the line are first moved onto it, so the cut leaves no slivers.
-    Returns the faces and the operator; vertices that no face uses are gone.
-    """
+def _snapped(faces: np.ndarray, inside: np.ndarray) -> tuple[np.ndarray, csr_matrix]:
+    """`inside` (V,), zero at vertices close to its zero line, and the operator (V, V) that moves these onto
+    the line, along an edge."""
     count = len(inside)
     inside = inside.astype(float).copy()
     edges, _, _ = edges_of(faces)
@@ -92,7 +89,17 @@ def clip(faces: np.ndarray, inside: np.ndarray) -> tuple[np.ndarray, csr_matrix]
         (count, count),
     )
     inside[moved] = 0.0
+    return inside, snap
 
+
+def clip(faces: np.ndarray, inside: np.ndarray) -> tuple[np.ndarray, csr_matrix]:
+    """Cut a mesh along the zero line of `inside` (V,), keeping where it is positive.
+
+    Vertices close to the line are first moved onto it, so the cut leaves no slivers.
+    Returns the faces and the operator; vertices that no face uses are gone.
+    """
+    count = len(inside)
+    inside, snap = _snapped(faces, inside)
     sign = np.sign(inside).astype(int)
     corner = sign[faces]
     kept = faces[(corner >= 0).all(axis=1) & (corner > 0).any(axis=1)]
