@@ -184,8 +184,8 @@ class PerLightShading(nn.Module):
         super().__init__()
         self.size = size  # canvas height that the network was trained for
         self.unet = UNet(10, 1, latent, linear=True, **unet)
-        nn.init.zeros_(self.unet.head.weight)  # untrained, shading is the base image
-        nn.init.zeros_(self.unet.head.bias)
+        for parameter in self.unet.head.parameters():  # untrained, shading is the base image
+            nn.init.zeros_(parameter)
 
     def forward(
         self,

@@ -1,6 +1,7 @@
 """The image network that the visibility field and the shading field share: one forward for one image."""
 
 import itertools
+from collections.abc import Sequence
 
 import torch
 import torch.nn.functional as F
@@ -14,7 +15,7 @@ MARGIN = 8  # pixels of empty canvas that a subject keeps around it
 COARSEST = 32  # pixels that one of the lowest level stands for
 
 
-def encode_image(rgb, mask):
+def encode_image(rgb: torch.Tensor, mask: torch.Tensor) -> torch.Tensor:
     """What a network sees: exposure-normalised, display-like encoding, masked, and the mask itself.
 
     rgb: (B, 3, H, W) linear, >= 0. mask: (B, 1, H, W) in [0, 1]. Returns (B, 4, H, W), the colour in about
@@ -30,17 +31,17 @@ class ChannelNorm(nn.LayerNorm):
     """Layer normalisation over the channels of each pixel: it cannot see how much background there is,
     as GroupNorm and InstanceNorm do."""
 
-    def forward(self, x):
+    def forward(self, x: torch.Tensor) -> torch.Tensor:
         return super().forward(x.permute(0, 2, 3, 1)).permute(0, 3, 1, 2)
 
 
 class Residual(nn.Module):
-    def __init__(self, channels):
+    def __init__(self, channels: int) -> None:
         super().__init__()
         self.norm1, self.conv1 = ChannelNorm(channels), nn.Conv2d(channels, channels, 3, padding=1)
         self.norm2, self.conv2 = ChannelNorm(channels), nn.Conv2d(channels, channels, 3, padding=1)
 
-    def forward(self, x):
+    def forward(self, x: torch.Tensor) -> torch.Tensor:
         h = self.conv1(F.silu(self.norm1(x)))
         return x + self.conv2(F.silu(self.norm2(h)))
 
@@ -55,13 +56,13 @@ class Backbone(nn.Module):
 
     def __init__(
         self,
-        in_channels,  # 4 (colour and mask), or 7 with normals
-        out_channels,  # channels of the head, at full resolution
-        widths=(48, 96, 144, 192, 256),  # channels of each level, 1/2 to 1/32
-        encoder=(1, 1, 2, 4, 6),  # residual blocks a level, on the way down
-        decoder=(1, 2, 2, 2),  # residual blocks a level, on the way up
-        guides=0,  # channels of a second input, at half resolution
-    ):
+        in_channels: int,  # 4 (colour and mask), or 7 with normals
+        out_channels: int,  # channels of the head, at full resolution
+        widths: Sequence[int] = (48, 96, 144, 192, 256),  # channels of each level, 1/2 to 1/32
+        encoder: Sequence[int] = (1, 1, 2, 4, 6),  # residual blocks a level, on the way down
+        decoder: Sequence[int] = (1, 2, 2, 2),  # residual blocks a level, on the way up
+        guides: int = 0,  # channels of a second input, at half resolution
+    ) -> None:
         super().__init__()
         self.stem = nn.Conv2d(4 * in_channels + guides, widths[0], 3, padding=1)
         self.encoder = nn.ModuleList(
@@ -75,10 +76,12 @@ class Backbone(nn.Module):
         )
         self.norm = ChannelNorm(widths[0])
         self.head = nn.Conv2d(widths[0], 4 * out_channels, 1)
-        nn.init.zeros_(self.head.weight)  # every network starts at its base: see field.py, diffuse.py
-        nn.init.zeros_(self.head.bias)
+        for parameter in self.head.parameters():  # every network starts at its base: see field.py, diffuse.py
+            nn.init.zeros_(parameter)
 
-    def forward(self, x, blocks=None, guides=None):
+    def forward(
+        self, x: torch.Tensor, blocks: torch.Tensor | None = None, guides: torch.Tensor | None = None
+    ) -> torch.Tensor:
         """(B, in_channels, H, W), the first four as `encode_image` makes them, and guides (B, guides, H/2,
         W/2), if any, to (B, out_channels, H, W), zero far from the subjects; H and W multiples of 32.
 
@@ -112,7 +115,7 @@ class Backbone(nn.Module):
         return maps.unflatten(2, (-1, 4)).permute(0, 2, 3, 1)
 
 
-def windows(mask):
+def windows(mask: torch.Tensor) -> tuple[slice, slice]:
     """The rows and columns (slices) that the subjects of masks (B, H, W) need: around all that is above zero,
     MARGIN to each side or to the canvas's edge.
 
@@ -126,16 +129,16 @@ def windows(mask):
     return _window(top, bottom, height), _window(left, right, width)
 
 
-def _window(low, high, extent):
+def _window(low: int, high: int, extent: int) -> slice:
     start, stop = (low - MARGIN) // COARSEST * COARSEST, -(-(high + MARGIN) // COARSEST) * COARSEST
     return slice(max(start, 0), min(stop, extent))
 
 
-def _halved(span):
+def _halved(span: slice) -> slice:
     return slice(span.start // 2, span.stop // 2)
 
 
-def take_blocks(image, blocks):
+def take_blocks(image: torch.Tensor, blocks: torch.Tensor) -> torch.Tensor:
     """The 2 x 2 pixels of each block: (B, C, H, W) to (B, C, 4, P); `blocks` (B, P) count in row order."""
     width = image.shape[3]
     corner = blocks // (width // 2) * 2 * width + blocks % (width // 2) * 2
@@ -143,6 +146,6 @@ def take_blocks(image, blocks):
     return _gather(image, corners.flatten(1)).unflatten(2, (4, -1))
 
 
-def _gather(image, index):
+def _gather(image: torch.Tensor, index: torch.Tensor) -> torch.Tensor:
     """(B, C, H, W) and (B, P) to (B, C, P)."""
     return image.flatten(2).gather(2, index[:, None].expand(-1, image.shape[1], -1))

@@ -8,15 +8,18 @@ may be stored as int8 with a scale for each output channel, in half the room.
 import functools
 import hashlib
 import json
+import os
 import textwrap
 import threading
+from collections.abc import Mapping
 from importlib import resources
 from pathlib import Path
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import torch
 from safetensors import SafetensorError, safe_open
 from safetensors.torch import save as to_bytes
+from torch import nn
 
 from shadow.files import replacing
 
@@ -32,13 +35,15 @@ class Origin(NamedTuple):
     recipe: dict  # how it was trained, as the file says
 
 
-def sha256(path):
+def sha256(path: str | os.PathLike) -> str:
     """Hexadecimal sha256 of a file."""
     with open(path, "rb") as file:
         return hashlib.file_digest(file, "sha256").hexdigest()
 
 
-def read(path, checksum=None):
+def read(
+    path: str | os.PathLike, checksum: str | None = None
+) -> tuple[dict[str, torch.Tensor], dict[str, str]]:
     """(state, metadata) of a .safetensors file; ValueError if it is damaged."""
     data = Path(path).read_bytes()
     if checksum and hashlib.sha256(data).hexdigest() != checksum:
@@ -56,9 +61,9 @@ def read(path, checksum=None):
 
 
 @functools.lru_cache(maxsize=8)
-def _load(path, checksum, networks, device):
+def _load(path: Path, checksum: str | None, kinds: tuple, device: torch.device) -> Any:
     state, metadata = read(path, checksum)
-    networks = dict(networks)
+    networks = dict(kinds)
     if metadata.get("network") not in networks:
         raise ValueError(
             f"weights: {path} holds a {metadata.get('network')!r} network, expected {' or '.join(networks)}"
@@ -77,7 +82,13 @@ def _load(path, checksum, networks, device):
     return network.eval().requires_grad_(False).to(device, memory_format=torch.channels_last)
 
 
-def load(name, networks, *, package, device="cpu"):
+def load(
+    name: str | os.PathLike,
+    networks: Mapping[str, type[nn.Module]],
+    *,
+    package: str,
+    device: torch.device | str = "cpu",
+) -> Any:
     """The network `name`, ready for inference on `device`. It is shared with whoever loads it there: nobody
     may change it.
 
@@ -103,12 +114,12 @@ def load(name, networks, *, package, device="cpu"):
     return _shared(Path(str(folder / index[name]["file"])), index[name]["sha256"], kinds, device)
 
 
-def _shared(path, checksum, kinds, device):
+def _shared(path: Path, checksum: str | None, kinds: tuple, device: torch.device | str) -> Any:
     with _LOADING:  # threads that ask at once share one network
         return _load(path, checksum, kinds, torch.device(device))
 
 
-def save(path, network, kind, config, recipe):
+def save(path: str | os.PathLike, network: nn.Module, kind: str, config: dict, recipe: dict) -> str:
     """Write `network` as float16 safetensors and return the file's sha256."""
     state = {
         key: value.detach().half() if value.is_floating_point() else value.detach()
@@ -118,7 +129,7 @@ def save(path, network, kind, config, recipe):
     return _write(path, state, metadata)
 
 
-def shrink(source, target):
+def shrink(source: str | os.PathLike, target: str | os.PathLike) -> str:
     """Write the weights of a file with their convolutions as int8, and return the new file's sha256.
 
     The values of an output channel are rounded to 127 steps of the largest either way: of the normals, that
@@ -135,7 +146,7 @@ def shrink(source, target):
     return _write(target, small, metadata | {"shrunk_from": sha256(source)})
 
 
-def _write(path, state, metadata):
+def _write(path: str | os.PathLike, state: dict[str, torch.Tensor], metadata: dict[str, str]) -> str:
     """Write tensors and metadata; returns the file's sha256."""
     data = to_bytes({key: value.cpu().contiguous() for key, value in state.items()}, metadata)
     with replacing(path) as beside:

@@ -7,7 +7,8 @@ the logit of anchor direction k, and w(L) interpolates between the anchors near 
 all faces the camera and nothing casts a shadow.
 """
 
-from typing import NamedTuple
+from collections.abc import Callable
+from typing import Any, NamedTuple
 
 import torch
 import torch.nn.functional as F
@@ -23,7 +24,7 @@ SHARPNESS = 20.0  # slope of the untrained gate in N·L
 KAPPA = 50.0  # concentration of an anchor's kernel: half weight at 10 degrees, anchors stand 18 apart
 
 
-def anchor_weights(directions, anchors):
+def anchor_weights(directions: torch.Tensor, anchors: torch.Tensor) -> torch.Tensor:
     """w(L): (..., D, 3) unit directions and (K, 3) anchors to (..., D, K) weights that sum to one."""
     weights = torch.softmax(KAPPA * (directions @ anchors.T), dim=-1)
     # Those of anchors far away are subnormal numbers, with which a CPU multiplies ten times as slowly.
@@ -44,19 +45,21 @@ class FieldMaps(NamedTuple):
     cast: torch.Tensor  # (B, K, H, W) cast-shadow logit of each anchor direction, relative to LIT
     sharpness: torch.Tensor  # (B, 1, H, W) slope of the gate: low where the normals are uncertain
 
-    def at(self, take):
+    def at(self, take: Callable[[torch.Tensor], torch.Tensor]) -> "FieldMaps":
         """The maps where `take` takes them from (B, C, H, W)."""
         return FieldMaps(*(take(image) for image in self))
 
 
 class VisibilityField(nn.Module):
-    def __init__(self, size=256, **backbone):
+    anchors: torch.Tensor  # (K, 3)
+
+    def __init__(self, size: int = 256, **backbone: Any) -> None:
         super().__init__()
         self.size = size  # canvas height that the network was trained for
         self.register_buffer("anchors", torch.from_numpy(olat(behind=True)), persistent=False)
         self.backbone = Backbone(4, 3 + len(self.anchors) + 1, **backbone)
 
-    def forward(self, image, blocks=None):
+    def forward(self, image: torch.Tensor, blocks: torch.Tensor | None = None) -> FieldMaps:
         """Encoded image and mask (B, 4, H, W) to FieldMaps; or to what `take_blocks` takes of them, which
         saves the training the memory of all lights at all pixels."""
         maps = self.backbone(image, blocks).float()
@@ -65,7 +68,7 @@ class VisibilityField(nn.Module):
         normals = F.normalize(surface + toward_camera, dim=1)
         return FieldMaps(normals, cast, SHARPNESS * log_sharpness.clamp(-3, 3).exp())
 
-    def log_visibility(self, maps, directions):
+    def log_visibility(self, maps: FieldMaps, directions: torch.Tensor) -> torch.Tensor:
         """Logarithm of the visibility (B, D, H, W) of unit directions (B, D, 3)."""
         attached = maps.sharpness * torch.einsum("bdc,bchw->bdhw", directions, maps.normals)
         cast = torch.einsum("bdk,bkhw->bdhw", anchor_weights(directions, self.anchors), maps.cast)

@@ -8,10 +8,12 @@ lib/data/EvalDataset.py of github.com/facebookresearch/pifuhd.
 import argparse
 import functools
 import itertools
+import os
 import pickle
 import re
 import zipfile
 from pathlib import Path
+from typing import Any
 
 import torch
 import torch.nn.functional as F
@@ -29,7 +31,7 @@ PREFIX = "netG.netF."  # the generator among the parts of PIFuHD
 
 
 class Residual(nn.Module):
-    def __init__(self, channels):
+    def __init__(self, channels: int) -> None:
         super().__init__()
         first, second = (
             [nn.ReflectionPad2d(1), nn.Conv2d(channels, channels, 3), nn.InstanceNorm2d(channels)]
@@ -37,7 +39,7 @@ class Residual(nn.Module):
         )
         self.conv_block = nn.Sequential(*first, nn.ReLU(), *second)
 
-    def forward(self, x):
+    def forward(self, x: torch.Tensor) -> torch.Tensor:
         return x + self.conv_block(x)
 
 
@@ -47,10 +49,12 @@ class FrontNormals(nn.Module):
     The layers stand in one sequence, so that their numbers are the checkpoint's keys.
     """
 
+    origin: checkpoints.Origin
+
     def __init__(
         self,
-        width=64,  # channels at full resolution, doubled by each down-sampling; 64 in PIFuHD
-    ):
+        width: int = 64,  # channels at full resolution, doubled by each down-sampling; 64 in PIFuHD
+    ) -> None:
         super().__init__()
         widths = [width * 2**level for level in range(5)]
         layers = [nn.ReflectionPad2d(3), nn.Conv2d(3, width, 7), nn.InstanceNorm2d(width), nn.ReLU()]
@@ -63,12 +67,12 @@ class FrontNormals(nn.Module):
         layers += [nn.ReflectionPad2d(3), nn.Conv2d(width, 3, 7), nn.Tanh()]
         self.model = nn.Sequential(*layers)
 
-    def forward(self, image):
+    def forward(self, image: torch.Tensor) -> torch.Tensor:
         """Display-encoded image (B, 3, H, W) in [-1, 1] to normals (B, 3, H, W) in [-1, 1], of any length."""
         return self.model(image)
 
     @torch.no_grad()
-    def normals(self, rgb, mask):
+    def normals(self, rgb: torch.Tensor, mask: torch.Tensor) -> torch.Tensor:
         """rgb (3, H, W), linear, and mask (H, W) to unit normals (3, H, W), zero outside the mask.
 
         Any size; the person is framed here. The generator learned from pictures as they are displayed, so 1
@@ -82,20 +86,22 @@ class FrontNormals(nn.Module):
         return F.normalize(framing.restore(extend(vectors, known)), dim=0) * (mask > 0)
 
 
-def _framing(mask):
+def _framing(mask: torch.Tensor) -> Framing:
     """A square canvas centred on the subject that `mask` (H, W) shows."""
     top, left, bottom, right = bounding_box(mask)
     scale = SIZE / (ROOM * max(bottom - top, right - left))
-    return Framing(((left + right) / 2, (top + bottom) / 2), scale, (SIZE, SIZE), tuple(mask.shape))
+    return Framing(
+        ((left + right) / 2, (top + bottom) / 2), scale, (SIZE, SIZE), (mask.shape[0], mask.shape[1])
+    )
 
 
-def _display(rgb):
+def _display(rgb: torch.Tensor) -> torch.Tensor:
     """Linear to sRGB, clipped to [0, 1] (IEC 61966-2-1)."""
     rgb = rgb.clamp(0, 1)
     return torch.where(rgb <= 0.0031308, 12.92 * rgb, 1.055 * rgb ** (1 / 2.4) - 0.055)
 
 
-def load(path, device="cpu"):
+def load(path: str | os.PathLike, device: torch.device | str = "cpu") -> FrontNormals:
     """The front-normal generator in a PIFuHD checkpoint, ready for inference on `device`. It is shared:
     nobody may change it.
 
@@ -110,7 +116,7 @@ def load(path, device="cpu"):
 
 
 @functools.lru_cache(maxsize=1)
-def _load(path, device):
+def _load(path: Path, device: torch.device) -> FrontNormals:
     parameters = _generator(path, _read(path))
     with torch.device("meta"):
         network = FrontNormals(parameters["model.1.weight"].shape[0])
@@ -123,7 +129,7 @@ def _load(path, device):
     return network.eval().requires_grad_(False).to(device)
 
 
-def _read(path):
+def _read(path: Path) -> Any:
     """What is in the checkpoint, tensors on the CPU."""
     try:
         with torch.serialization.safe_globals([argparse.Namespace]):
@@ -136,7 +142,7 @@ def _read(path):
         raise ValueError(f"normals: {path} is no PyTorch checkpoint, or is truncated") from error
 
 
-def _generator(path, checkpoint):
+def _generator(path: Path, checkpoint: Any) -> dict[str, torch.Tensor]:
     """The front-normal generator's own parameters, as float32 copies."""
     checkpoint = checkpoint if isinstance(checkpoint, dict) else {}
     parameters = checkpoint.get("model_state_dict", checkpoint.get("state_dict"))  # the second is ICON's

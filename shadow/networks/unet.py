@@ -4,6 +4,9 @@ Table 1 fixes the kernels, the five strides and the 512 channels at 1/32 of the 
 it leaves open: these, and the decoder as the encoder's mirror, meet all four parameter counts of Table 4.
 """
 
+from collections.abc import Callable
+from typing import Any
+
 import torch
 import torch.nn.functional as F
 from torch import nn
@@ -17,7 +20,9 @@ LIGHTS_AT_ONCE = 8  # forwards that run together at inference: 1 GB of activatio
 class ConvSet(nn.Sequential):
     """Convolution, instance normalisation, activation: a set of Section 3."""
 
-    def __init__(self, in_channels, out_channels, kernel=3, stride=1, norm=True):
+    def __init__(
+        self, in_channels: int, out_channels: int, kernel: int = 3, stride: int = 1, norm: bool = True
+    ) -> None:
         convolution = nn.Conv2d(in_channels, out_channels, kernel, stride, padding=kernel // 2)
         normalisation = [nn.InstanceNorm2d(out_channels)] if norm else []
         super().__init__(convolution, *normalisation, nn.ReLU())
@@ -26,11 +31,11 @@ class ConvSet(nn.Sequential):
 class Residual(nn.Module):
     """ResB of Table 1. The parameters of Table 4 leave room for one convolution in each of the two."""
 
-    def __init__(self, channels, kernel):
+    def __init__(self, channels: int, kernel: int) -> None:
         super().__init__()
         self.set = ConvSet(channels, channels, kernel)
 
-    def forward(self, x):
+    def forward(self, x: torch.Tensor) -> torch.Tensor:
         return x + self.set(x)
 
 
@@ -39,18 +44,18 @@ class Attention(nn.Sequential):
     4.2). The width between the linear projections follows from the parameters of Table 4; a pixel's place is
     known from the zero padding of the convolutions before."""
 
-    def __init__(self, channels):
+    def __init__(self, channels: int) -> None:
         width = 7 * channels
         super().__init__(
             *(nn.TransformerEncoderLayer(channels, 8, width, dropout=0.0, batch_first=True) for _ in range(4))
         )
 
-    def forward(self, x):
+    def forward(self, x: torch.Tensor) -> torch.Tensor:
         pixels = super().forward(x.flatten(2).transpose(1, 2))  # (B, H W, C)
         return pixels.transpose(1, 2).unflatten(2, x.shape[2:])
 
 
-def _residuals(kernel):
+def _residuals(kernel: int) -> Callable[[int], nn.Module]:
     return lambda channels: nn.Sequential(Residual(channels, kernel), Residual(channels, kernel))
 
 
@@ -60,12 +65,12 @@ LATENTS = {"resb3": _residuals(3), "resb7": _residuals(7), "resb11": _residuals(
 class UNet(nn.Module):
     def __init__(
         self,
-        in_channels=9,  # RGB, normals and light direction; 6 without normals
-        out_channels=1,
-        latent="resb7",  # one of LATENTS; the paper's choice
-        linear=False,  # Section 4.4: linear output, for shading, instead of tanh
-        widths=WIDTHS,
-    ):
+        in_channels: int = 9,  # RGB, normals and light direction; 6 without normals
+        out_channels: int = 1,
+        latent: str = "resb7",  # one of LATENTS; the paper's choice
+        linear: bool = False,  # Section 4.4: linear output, for shading, instead of tanh
+        widths: tuple[int, ...] = WIDTHS,
+    ) -> None:
         super().__init__()
         if latent not in LATENTS:
             raise ValueError(f"latent: expected one of {', '.join(LATENTS)}, got {latent!r}")
@@ -89,7 +94,7 @@ class UNet(nn.Module):
         self.head = nn.Conv2d(widths[0], out_channels, 1)
         self.linear = linear
 
-    def forward(self, x):
+    def forward(self, x: torch.Tensor) -> torch.Tensor:
         """(B, in_channels, H, W) to (B, out_channels, H, W), in [-1, 1] unless linear; H and W multiples of
         32, and not both 32, since a single latent pixel cannot be normalised."""
         skips = []
@@ -107,16 +112,16 @@ class UNet(nn.Module):
 class PerLight(nn.Module):
     """The paper's visibility network (Section 3): colour, normals and a light's direction in, its map out."""
 
-    def __init__(self, size=256, latent="resb7", normals=True, **unet):
+    def __init__(self, size: int = 256, latent: str = "resb7", normals: bool = True, **unet: Any) -> None:
         super().__init__()
         self.size = size  # canvas height that the network was trained for
         self.latent = latent
         self.normals = normals  # or colour and direction alone: the ablation of Table 3
         self.unet = UNet(9 if normals else 6, 1, latent, **unet)
 
-    def forward(self, image, normals, directions):
-        """Encoded image and mask (B, 4, H, W), normals (B, 3, H, W) and unit directions (B, D, 3) to maps
-        (B, D, H, W) in [-1, 1]: -1 is shadow and 1 is light, the ends of tanh."""
+    def forward(self, image: torch.Tensor, normals: Any, directions: torch.Tensor) -> torch.Tensor:
+        """Encoded image and mask (B, 4, H, W), normals (B, 3, H, W) or None, and unit directions (B, D, 3) to
+        maps (B, D, H, W) in [-1, 1]: -1 is shadow and 1 is light, the ends of tanh."""
         masked = torch.cat([image[:, :3], normals], dim=1) if self.normals else image[:, :3]
         lights = directions.shape[1]
         masked = masked[:, None].expand(-1, lights, -1, -1, -1)
@@ -125,7 +130,9 @@ class PerLight(nn.Module):
         return maps.float().unflatten(0, (-1, lights))[:, :, 0]
 
     @torch.no_grad()
-    def analyse(self, rgb, mask, normals=None):
+    def analyse(
+        self, rgb: torch.Tensor, mask: torch.Tensor, normals: torch.Tensor | None = None
+    ) -> tuple[torch.Tensor | None, Callable[[torch.Tensor], torch.Tensor]]:
         """Framed rgb (3, h, w), linear, mask (h, w) and normals (3, h, w), which may be None if the network
         takes none, to these normals and a function of directions.
 
@@ -135,7 +142,7 @@ class PerLight(nn.Module):
         image = encode_image(rgb[None], mask[None, None])
         surface = None if normals is None else normals[None]
 
-        def visibility(directions):
+        def visibility(directions: torch.Tensor) -> torch.Tensor:
             with torch.no_grad():
                 batches = directions.split(LIGHTS_AT_ONCE)
                 maps = torch.cat([self(image, surface, batch[None])[0] for batch in batches])
