@@ -13,12 +13,14 @@ from pathlib import Path
 import numpy as np
 from scipy.sparse import csr_matrix, identity
 from scipy.spatial import cKDTree
+from scipy.spatial.transform import Rotation
 
 from shadow.lightstage.figure import vertex_normals
 from shadow.lightstage.people.cloth import subdivide
 from shadow.lightstage.people.skeleton import Skeleton
 
 REGIONS = ("torso", "arm.L", "arm.R", "leg.L", "leg.R")
+ARMS, LEGS = (1, 2), (3, 4)  # indices into REGIONS
 LIMBS = {"arm": ("upperarm01", "lowerarm01", "wrist"), "leg": ("upperleg01", "lowerleg01", "foot")}
 
 
@@ -129,12 +131,23 @@ def skin(weights: csr_matrix, transforms: np.ndarray, rest: np.ndarray) -> np.nd
 
 @dataclass(frozen=True)
 class Person:
-    """One shape in one pose. rest (19158, 3), transforms (J, 3, 4)."""
+    """One shape in one pose. rest: (19158, 3); rotations: (3, 3) by bone, as of `Posing`."""
 
     base: Mannequin
     skeleton: Skeleton
     rest: np.ndarray
-    transforms: np.ndarray
+    rotations: dict[str, np.ndarray]
+
+    @cached_property
+    def transforms(self) -> np.ndarray:
+        """(J, 3, 4) of the bones, from rest to the pose."""
+        return self.skeleton.transforms(self.rotations)
+
+    def towards(self, share: float) -> np.ndarray:
+        """Transforms (J, 3, 4) on the way from rest (share 0) to the pose (1): every bone turns evenly."""
+        vectors = Rotation.from_matrix(np.stack(list(self.rotations.values()))).as_rotvec() * share
+        turned = Rotation.from_rotvec(vectors).as_matrix()
+        return self.skeleton.transforms(dict(zip(self.rotations, turned, strict=True)))
 
     def posed(self, weights: csr_matrix, rest: np.ndarray) -> np.ndarray:
         return skin(weights, self.transforms, rest)
@@ -172,3 +185,8 @@ class Person:
     @cached_property
     def tights_normals(self) -> np.ndarray:
         return vertex_normals(self.tights_rest, self.base.tights.faces)
+
+    @cached_property
+    def tights_member(self) -> np.ndarray:
+        """(V, 5): how much of each vertex of the tights follows each region."""
+        return self.membership(self.base.tights.weights)

@@ -6,6 +6,7 @@ and patterns either. Validation adds floral prints; generalisation adds herringb
 
 import zlib
 from dataclasses import dataclass
+from pathlib import Path
 
 import numpy as np
 from scipy.sparse import identity
@@ -16,20 +17,24 @@ from shadow.lightstage.people.anatomy import REGIONS, Mannequin, Person, mannequ
 from shadow.lightstage.people.cloth import compact
 from shadow.lightstage.people.fabric import Fabric, Noise, Part
 from shadow.lightstage.people.garments import Wardrobe
+from shadow.lightstage.people.simulation import Simulator
 from shadow.lightstage.people.skeleton import Posing, Skeleton
 
 SPLITS = ("training", "validation", "generalisation")
 
 
-def body(seed: int, split: str) -> Figure:
+def body(seed: int, split: str, *, simulate: bool = False, cache: Path | None = None) -> Figure:
     """A clothed person in a pose; the same seed and split give the same arrays in any process.
 
-    seed: any integer from 0 up. split: "training", "validation" or "generalisation".
+    seed: any integer from 0 up. split: "training", "validation" or "generalisation". simulate: drape by
+    physics, which takes some 20 s of a core in place of one; the same person in the same clothes, which fold.
+    cache: a folder that keeps the simulated garments.
     Raises ValueError for any other split or a negative seed.
     """
     rng = chance(seed, split)
     shape = Shape.draw(rng)
-    return shape.dressed(poses.draw(shape.skeleton, rng), rng, split, f"{split}-{seed:06d}")
+    pose, name = poses.draw(shape.skeleton, rng), f"{split}-{seed:06d}"
+    return shape.dressed(pose, rng, split, name, simulate=simulate, cache=cache)
 
 
 def chance(seed: int, split: str, *more: int) -> np.random.Generator:
@@ -66,13 +71,22 @@ class Shape:
         )
         return cls(base, rest, Skeleton(heads, base.parents, base.names), gender > 0.5)
 
-    def dressed(self, pose: Posing, rng: np.random.Generator, split: str, name: str) -> Figure:
-        """The figure in this pose, in clothes that are drawn for it."""
-        still = Person(self.base, self.skeleton, self.rest, self.skeleton.transforms({}))
+    def dressed(
+        self,
+        pose: Posing,
+        rng: np.random.Generator,
+        split: str,
+        name: str,
+        *,
+        simulate: bool = False,
+        cache: Path | None = None,
+    ) -> Figure:
+        """The figure in this pose, in clothes that are drawn for it. simulate, cache: as of `body`."""
+        still = Person(self.base, self.skeleton, self.rest, {})
         trunk = still.membership(self.base.tights.weights)[:, 0] > 0.75
         pose.clear_of(still.tights_rest[trunk], still.tights_normals[trunk], ease=0.012)
-        person = Person(self.base, self.skeleton, self.rest, self.skeleton.transforms(pose.rotations))
-        wardrobe = Wardrobe(person, rng)
+        person = Person(self.base, self.skeleton, self.rest, pose.rotations)
+        wardrobe = Wardrobe(person, rng, Simulator(person, name, cache) if simulate else None)
         outfits.dress(wardrobe, rng, split, self.woman)
         parts = [_skin(person, wardrobe.covered, rng), _eyes(person, rng), *wardrobe.parts]
         return _assemble(parts, person, name)

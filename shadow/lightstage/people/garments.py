@@ -1,86 +1,42 @@
-"""Garments: cut from the tights of a person at rest, let out, draped on the posed body, creased and hemmed.
+"""Garments: patterns draped on the posed body, creased and hemmed.
 
-A cut is a scalar over the rest surface whose zero line is the seam; below the hips a hem can be let down as a
-tube about the legs (skirts, coats). Layers are sewn from the inside out, and each one becomes an obstacle to
-the next.
+Layers are sewn from the inside out, and each one becomes an obstacle to the next. They are draped in a second
+by position-based dynamics in the final pose, or simulated.
 """
 
-from dataclasses import dataclass, field
-
 import numpy as np
-from scipy.sparse import csr_matrix, vstack
 from scipy.spatial import cKDTree
 
 from shadow.lightstage.figure import unit, vertex_normals
 from shadow.lightstage.people import trimmings
-from shadow.lightstage.people.anatomy import Person
-from shadow.lightstage.people.cloth import (
-    border_chains,
-    clip,
-    drape,
-    edges_of,
-    fold_noise,
-    line,
-    stretch,
-    subdivide,
-)
+from shadow.lightstage.people.anatomy import ARMS, LEGS, Person
+from shadow.lightstage.people.cloth import clip, drape, fold_noise, line, subdivide
+from shadow.lightstage.people.contact import spanned
 from shadow.lightstage.people.fabric import Fabric, Part
+from shadow.lightstage.people.patterns import Fit, Pattern, cut_line
+from shadow.lightstage.people.simulation import Cut, Simulator
 
-ARMS, LEGS = (1, 2), (3, 4)
-
-
-@dataclass
-class Fit:
-    """How a garment is cut and let out. Lengths in metres, shares along a limb in [0, 1].
-
-    sleeve: share of the arm covered, None for a sleeveless cut at the shoulder; leg: share of the leg.
-    top, bottom: heights of the rest body between which the trunk is covered. neck: neckline drop in metres
-    below the throat; vee: how much deeper at the front, as a V. ease: metres off the body; fill in [0, 1]:
-    1 hangs straight from the chest, 0 follows the waist; sleeve_width, leg_width: radius at the hem over
-    the limb's near its root, never below the limb's own there. below: length let down under `bottom`;
-    flare: metres outwards a metre down. open_front: half width of the gap of an open jacket at the hem, 0
-    if closed. held: edges that stay in place, of "waist", "hem", "neck". weight, bending: as in `drape`;
-    slack: cloth length over the cut's. wrinkles: metres of fine creases; thickness: metres of an edge.
-    collar: its height, and its kind, "stand", "fold" or "hood". buttons: whether the front has them.
-    """
-
-    top: float = 9.0
-    bottom: float = -9.0
-    neck: float | None = None
-    vee: float = 0.0
-    sleeve: float | None = None
-    leg: float | None = None
-    ease: float = 0.008
-    fill: float = 0.5
-    sleeve_width: float = 0.0
-    leg_width: float = 0.0
-    below: float = 0.0
-    flare: float = 0.1
-    open_front: float = 0.0
-    held: tuple[str, ...] = field(default=())
-    weight: float = 1.0
-    bending: float = 0.3
-    wrinkles: float = 0.001
-    slack: float = 1.0
-    collar: float = 0.0
-    collar_kind: str = "stand"
-    buttons: bool = False
-    thickness: float = 0.004
+# Height of the fine creases on simulated cloth, whose own folds are 4 to 5 cm and more, over those on draped.
+SIMULATED_WRINKLES = 0.4
 
 
 class Wardrobe:
     """Dresses one person; keeps the obstacles that the next layer meets and which skin is covered."""
 
-    def __init__(self, person: Person, rng: np.random.Generator) -> None:
-        self.person, self.rng = person, rng
+    def __init__(self, person: Person, rng: np.random.Generator, simulator: Simulator | None = None) -> None:
+        self.person, self.rng, self.simulator = person, rng, simulator
         tights = person.base.tights
-        self.membership = person.membership(tights.weights)
+        self.membership = person.tights_member
         self.covered = np.zeros(len(self.membership), bool)
         self.parts: list[Part] = []
         self.obstacles: list[tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]] = []
         posed = person.posed(tights.weights, person.tights_rest)
         between = self._between_legs(person.tights_rest, tights.faces)
         self.obstacles.append((posed, vertex_normals(posed, tights.faces), self.membership, between))
+        if simulator:
+            film = spanned(person.tights_rest, tights.faces, _seat(person))
+            rest, weights = film @ person.tights_rest, (film @ tights.weights).tocsr()
+            simulator.skinned(tights.faces, rest, weights, self._between_legs(rest, tights.faces))
 
     def _between_legs(self, rest: np.ndarray, faces: np.ndarray) -> np.ndarray:
         """Whether each vertex faces the other leg or buttock: cloth about both legs spans that gap."""
@@ -103,165 +59,73 @@ class Wardrobe:
             groups.append((np.flatnonzero(region == k), points[near], normals[near]))
         return groups
 
-    def cut(self, fit: Fit) -> np.ndarray:
-        """The scalar (V,) over the tights that is positive where the garment is."""
-        person, rest = self.person, self.person.tights_rest
-        x, y, z = rest.T
-        arm = self.membership[:, ARMS].sum(axis=1)
-        inside = np.where(arm > 0.5, 1.0, np.minimum(fit.top - y, y - fit.bottom))
-        if fit.neck is not None:
-            throat = person.skeleton.head("neck01")
-            slope = 0.55 * (z - throat[2])
-            front = np.clip((z - throat[2]) / 0.05, 0, 1)
-            neckline = throat[1] + 0.035 - fit.neck * front - (y + slope)
-            wedge = np.where(z > throat[2], np.abs(x) * 1.6 - (y - (throat[1] - fit.vee)), 1.0)
-            inside = np.minimum(inside, neckline)
-            if fit.vee:
-                inside = np.minimum(inside, wedge * 0.5)
-        for k in ARMS:
-            mine = self.membership[:, k] > 0.3
-            if fit.sleeve is None:
-                inside = np.minimum(inside, (0.45 - self.membership[:, k]) * 0.1)
-            else:
-                along, _, _ = person.limb_coordinates(k, rest)
-                inside = np.where(mine, np.minimum(inside, (fit.sleeve - along) * 0.5), inside)
-        for k in LEGS:
-            if fit.leg is not None:
-                along, _, _ = person.limb_coordinates(k, rest)
-                mine = self.membership[:, k] > 0.5
-                inside = np.where(mine, np.minimum(inside, (fit.leg - along) * 0.8), inside)
-        if fit.open_front:
-            low, high = max(fit.bottom, -0.1), person.skeleton.head("neck01")[1]
-            gap = fit.open_front * (0.6 + 0.4 * np.clip((y - low) / (high - low), 0, 1))
-            inside = np.where((z > 0) & (arm < 0.5), np.minimum(inside, np.abs(x) - gap), inside)
-        return inside
-
-    def let_out(self, fit: Fit) -> np.ndarray:
-        """Rest positions (V, 3) of the tights let out to the fit."""
-        person, rest = self.person, self._bridged()
-        normals = vertex_normals(rest, person.base.tights.faces)
-        trunk = np.clip(1 - 1.6 * self.membership[:, ARMS].sum(axis=1), 0, 1)
-        chest = person.skeleton.head("spine01")[1]
-        centre = person.skeleton.head("spine03")[2]
-        if fit.fill:
-            if "hem" in fit.held:
-                trunk = trunk * np.clip((rest[:, 1] - fit.bottom) / 0.1, 0, 1)
-            rest = rest + (self._straight(rest, chest, centre) - rest) * (fit.fill * trunk)[:, None]
-        for k, width in (*((k, fit.sleeve_width) for k in ARMS), *((k, fit.leg_width) for k in LEGS)):
-            if width == 0:
-                continue
-            along, axis, _ = person.limb_coordinates(k, rest)
-            member = self.membership[:, k]
-            mine = member > 0.5
-            radial = rest - axis
-            radius = np.linalg.norm(radial, axis=1)
-            bins = np.clip((along * 24).astype(int), 0, 24)
-            mean = np.bincount(bins[mine], radius[mine], 25) / np.maximum(
-                np.bincount(bins[mine], minlength=25), 1
-            )
-            mean = np.where(mean > 0, mean, mean[mean > 0].mean())
-            reference = mean[5]
-            own = np.interp(along * 24, np.arange(25) + 0.5, mean)
-            goal = np.maximum(own * 1.03, reference * (1 + (width - 1) * np.clip(along, 0, 1)))
-            blend = np.clip((along - 0.08) / 0.3, 0, 1) * np.clip((member - 0.3) / 0.5, 0, 1)
-            rest = rest + radial * ((goal / own - 1) * blend)[:, None]
-        ease = np.full(len(rest), fit.ease)
-        if "hem" in fit.held:  # tucked in: flat under the waistband
-            ease *= np.clip((person.tights_rest[:, 1] - fit.bottom) / 0.1, 0.15, 1)
-        rest = rest + normals * ease[:, None]
-        # Neither half crosses the middle, however deep the cleft that it was let out from.
-        half = person.tights_rest[:, 0]
-        rest[:, 0] = np.sign(half) * np.maximum(np.sign(half) * rest[:, 0], 0.6 * np.abs(half))
-        return rest
-
-    def _bridged(self) -> np.ndarray:
-        """The tights (V, 3) with their hollows filled, as cloth spans them: each vertex moves outwards, never
-        inwards, to the mean of its neighbours."""
-        tights, rest = self.person.base.tights, self.person.tights_rest.copy()
-        edges, _, _ = edges_of(tights.faces)
-        both = np.concatenate([edges, edges[:, ::-1]])
-        mean = csr_matrix((np.ones(len(both)), (both[:, 0], both[:, 1])), (len(rest), len(rest)))
-        degree = np.asarray(mean.sum(axis=1))
-        normals = self.person.tights_normals
-        for _ in range(25):
-            outwards = ((mean @ rest / degree - rest) * normals).sum(axis=1)
-            rest += normals * np.maximum(outwards, 0)[:, None]
-        return rest
-
-    def _straight(self, rest: np.ndarray, chest: float, centre: float) -> np.ndarray:
-        """The trunk without a waist: each half width is carried down from the widest point above it."""
-        y = rest[:, 1]
-        trunk = self.membership[:, 0] > 0.6
-        height = np.linspace(chest, -0.05, 26)
-        scaled = rest.copy()
-        for axis, sign, origin in ((0, 1, 0.0), (0, -1, 0.0), (2, 1, centre), (2, -1, centre)):
-            out = sign * (rest[:, axis] - origin)
-            row = np.digitize(-y, -height)
-            widest = np.full(27, 1e-3)
-            np.maximum.at(widest, row[trunk], out[trunk])
-            widest[0] = widest[1]
-            goal = np.maximum.accumulate(widest)
-            ratio = np.interp(-y, -height, (goal / widest)[1:])
-            here = (out > 0) & (y < chest + 0.05)
-            scaled[here, axis] = origin + sign * out[here] * np.clip(ratio[here], 1, 1.6)
-        return scaled
-
     def wear(self, fit: Fit, fabric: Fabric) -> Part:
         """Cut, let out, drape, crease and hem one garment; it is kept in `parts`."""
-        person, tights = self.person, self.person.base.tights
-        inside = self.cut(fit)
+        inside = cut_line(self.person, fit)
         # Sleeves and trouser legs slide and can be looked into, so more is kept there than on the trunk.
         limbs = 0.13 * self.membership[:, ARMS].sum(axis=1) + 0.08 * self.membership[:, LEGS].sum(axis=1)
         limbs *= 1 + max(fit.sleeve_width, fit.leg_width) - 0.7 * (fit.leg_width > 0)
         tucking = "waist" in fit.held
         self._hide_under(inside - limbs, margin=0.015 if tucking else 0.13 if fit.open_front else 0.05)
         self.covered |= inside - limbs > 0.035
-        faces, rows = clip(tights.faces, inside)
-        rest, weights, uncut = rows @ self.let_out(fit), rows @ tights.weights, rows @ person.tights_rest
-        region = np.argmax(rows @ self.membership, axis=1)
-        if fit.below:
-            faces, rest, weights, region = self._let_down(fit, faces, rest, weights, region, uncut)
-        start = person.posed(weights, rest)
-        held = self._held(fit, rest)
-        gap = 0.0025 + fit.thickness * 0.6 + 2.5 * fit.wrinkles
+        pattern = Pattern.draw(self.person, fit, inside, self.rng)
+        pattern, posed = (self._simulated if self.simulator else self._draped)(fit, pattern)
+        return self._finished(fit, pattern, posed, fabric)
+
+    def _draped(self, fit: Fit, pattern: Pattern) -> tuple[Pattern, np.ndarray]:
+        """The pattern, refined, and where its vertices settle on the posed body."""
         posed = drape(
-            start,
-            faces,
-            rest * fit.slack,
-            self._meets(region),
-            held,
-            gap=gap,
+            self.person.posed(pattern.weights, pattern.rest),
+            pattern.faces,
+            pattern.rest * fit.slack,
+            self._meets(pattern.region),
+            pattern.held,
+            gap=0.0025 + fit.thickness * 0.6 + 2.5 * fit.wrinkles,
             weight=fit.weight,
             bending=fit.bending,
         )
-        membership = person.membership(weights)
-        normals = vertex_normals(posed, faces)
-        # What is tucked in does not push the waistband out.
-        outside = rest[:, 1] > fit.bottom + 0.06 if "hem" in fit.held else np.ones(len(rest), bool)
+        self._covers(fit, pattern, posed)
+        fine, step = pattern.subdivided(self.person)
+        return fine, step @ posed
+
+    def _simulated(self, fit: Fit, pattern: Pattern) -> tuple[Pattern, np.ndarray]:
+        """The same by physics, on the refined pattern."""
+        pattern, _ = pattern.subdivided(self.person)
+        between = self._between_legs(pattern.rest, pattern.faces)
+        posed = self.simulator.drape(physical(self.person, fit, pattern), between, _outside(fit, pattern))
+        self._covers(fit, pattern, posed)
+        return pattern, posed
+
+    def _covers(self, fit: Fit, pattern: Pattern, posed: np.ndarray) -> None:
+        """What the next layer meets."""
+        normals = vertex_normals(posed, pattern.faces)
         outer = posed + normals * 1.5 * fit.wrinkles
-        layer = (outer, normals, membership, self._between_legs(rest, faces))
+        between = self._between_legs(pattern.rest, pattern.faces)
+        layer = (outer, normals, self.person.membership(pattern.weights), between)
+        outside = _outside(fit, pattern)
         self.obstacles.append(tuple(column[outside] for column in layer))
 
-        fine, step = subdivide(faces, len(posed))
+    def _finished(self, fit: Fit, pattern: Pattern, posed: np.ndarray, fabric: Fabric) -> Part:
+        """Creased, hemmed and trimmed."""
+        person, faces = self.person, pattern.faces
         # Patterns follow the body's own shape, which is smooth, and the tube below it.
-        rest = np.concatenate([uncut, rest[len(uncut) :]])
-        posed, rest, membership = step @ posed, step @ rest, step @ membership
-        region = np.argmax(membership, axis=1)
+        rest, region = pattern.plain, pattern.region
         if fit.below:
             region = np.where(rest[:, 1] < fit.bottom, 0, region)
-        posed = posed + vertex_normals(posed, fine) * self._wrinkles(fit, rest, region)[:, None]
+        height = self._wrinkles(fit, rest, region) * (SIMULATED_WRINKLES if self.simulator else 1)
+        posed = posed + vertex_normals(posed, faces) * height[:, None]
         hanging = fit.below > 0.15 or fit.open_front > 0
         wide = max(fit.sleeve_width, fit.leg_width) > 0.85
-        vertices, lined, source = line(posed, fine, fit.thickness, 0.35 if wide or hanging else 0.12)
+        vertices, lined, source = line(posed, faces, fit.thickness, 0.35 if wide or hanging else 0.12)
         part = Part(vertices, lined, rest[source], region[source], fabric)
         self.parts.append(part)
         if fit.buttons:
             low = fit.bottom - fit.below * 0.7
             high = person.skeleton.head("neck01")[1] - fit.vee - 0.03
-            self.parts += trimmings.buttons((posed, fine, rest), low, high, fit.open_front, self.rng)
+            self.parts += trimmings.buttons((posed, faces, rest), low, high, fit.open_front, self.rng)
         if fit.collar:
             cut = fit.collar, fit.collar_kind
-            self.parts += trimmings.collar(person, (posed, fine, rest), *cut, fabric, self.rng)
+            self.parts += trimmings.collar(person, (posed, faces, rest), *cut, fabric, self.rng)
         return part
 
     def shoes(self, fit: Fit, sole: float, fabric: Fabric) -> None:
@@ -299,6 +163,8 @@ class Wardrobe:
         )
         between = self._between_legs(shaped, faces)
         self.obstacles.append((posed, vertex_normals(posed, faces), membership, between))
+        if self.simulator:
+            self.simulator.skinned(faces, shaped, weights.tocsr(), between)
         vertices, lined, source = line(posed, faces, fit.thickness, 0.04)
         region = np.argmax(membership, axis=1)
         self.parts.append(Part(vertices, lined, shaped[source], region[source], fabric))
@@ -310,17 +176,6 @@ class Wardrobe:
         for part in self.parts:
             hidden = inside[tree.query(part.rest)[1]] > margin
             part.faces = part.faces[~hidden[part.faces].all(axis=1)]
-
-    def _held(self, fit: Fit, rest: np.ndarray) -> np.ndarray:
-        held = np.zeros(len(rest))
-        if "waist" in fit.held:
-            held = np.maximum(held, np.clip(1 - (fit.top - rest[:, 1]) / 0.05, 0, 1))
-        if "hem" in fit.held:
-            held = np.maximum(held, np.clip(1 - (rest[:, 1] - fit.bottom) / 0.04, 0, 1))
-        if "neck" in fit.held:
-            throat = self.person.skeleton.head("neck01")
-            held = np.maximum(held, np.clip((rest[:, 1] - throat[1] + 0.06) / 0.05, 0, 0.9))
-        return held
 
     def _wrinkles(self, fit: Fit, rest: np.ndarray, region: np.ndarray) -> np.ndarray:
         """Fine creases (V,) in metres on top of the draped folds: across limbs, strongest where they bend."""
@@ -349,87 +204,53 @@ class Wardrobe:
         folds = fold_noise(trunk, rng, rng.uniform(0.05, 0.11)) * np.where(region == 0, 1.0, 0.6)
         return fit.wrinkles * (1.6 * size * patches * creases + 2.2 * (1 - patches) * folds)
 
-    def _let_down(
-        self,
-        fit: Fit,
-        faces: np.ndarray,
-        rest: np.ndarray,
-        weights: csr_matrix,
-        region: np.ndarray,
-        uncut: np.ndarray,
-    ) -> tuple[np.ndarray, np.ndarray, csr_matrix, np.ndarray]:
-        """Continue the lowest border of a garment downwards as a tube about the legs, in vertical folds.
 
-        uncut: where the vertices were on the body before the garment was let out."""
-        base = self.person.base
-        chain = min(border_chains(faces), key=lambda chain: uncut[chain, 1].min())
-        if fit.open_front:
-            chain = stretch(chain, uncut[chain, 1] < fit.bottom + 0.004)
-        closed = chain[0] == chain[-1]
-        ring = chain[:-1] if closed else chain
-        skirt = self.person.rest[base.skirt]
-        centre = np.array([0.0, 0.0, skirt[:, 2].mean()])
-        out = (rest[ring] - centre) * [1, 0, 1]
-        radius = np.linalg.norm(out, axis=1)
-        out = out / radius[:, None]
-        # Even out the directions along the border: where it turned back on itself, in the cleft of the seat,
-        # the tube would be cut open.
-        angle = np.unwrap(np.arctan2(out[:, 0], out[:, 2]))
-        around = 2 * np.pi * np.sign(angle[-1] - angle[0])
-        for _ in range(30):
-            ahead, behind = np.roll(angle, -1), np.roll(angle, 1)
-            ahead[-1], behind[0] = ahead[-1] + around, behind[0] - around
-            if closed:
-                angle = (ahead + behind) / 2 * 0.5 + angle * 0.5
-            else:
-                angle[1:-1] = (ahead + behind)[1:-1] / 4 + angle[1:-1] * 0.5
-        out = np.stack([np.sin(angle), np.zeros(len(angle)), np.cos(angle)], axis=1)
-        tree = cKDTree(skirt)
-        skirt_out = (skirt - centre) * [1, 0, 1]
-        skirt_radius, skirt_angle = (
-            np.linalg.norm(skirt_out, axis=1),
-            np.arctan2(skirt[:, 0], skirt[:, 2] - centre[2]),
-        )
-        by_angle = cKDTree(np.stack([np.cos(skirt_angle) * 0.3, np.sin(skirt_angle) * 0.3, skirt[:, 1]], 1))
-        pitch = 0.017
-        # Folds widen from nothing at the hip towards the hem.
-        folds = np.cos(angle * self.rng.integers(7, 15) + 1.5 * np.sin(angle * 2 + self.rng.uniform(0, 6)))
-        folds *= self.rng.uniform(0.0, 0.05) + 0.08 * fit.flare
-        count = max(2, round(fit.below / pitch))
-        points, rows, bands, previous = [rest], [weights], [faces], ring
-        grown, first = radius, len(rest)
-        for k in range(1, count + 1):
-            y = fit.bottom - k * fit.below / count
-            _, near = by_angle.query(
-                np.stack([np.cos(angle) * 0.3, np.sin(angle) * 0.3, np.full(len(angle), y)], 1), k=3
-            )
-            needed = skirt_radius[near].mean(axis=1) + fit.ease if y > -0.12 else grown
-            # It grows no faster than it falls: a shelf at the hip would crumple.
-            grown = (
-                grown + np.clip(needed - grown, 0, 0.8 * fit.below / count) + fit.flare * fit.below / count
-            )
-            depth = min(1.0, k * fit.below / count / 0.5)
-            here = centre + out * (grown * (1 + folds * depth))[:, None]
-            here[:, 1] = y
-            # A wide average: between the legs the cloth follows both, not one up to the middle line.
-            distance, near = tree.query(here, k=60)
-            share = np.exp(-((distance / 0.07) ** 2)) + 1e-6
-            share /= share.sum(axis=1, keepdims=True)
-            average = csr_matrix(
-                (share.ravel(), (np.repeat(np.arange(len(near)), 60), near.ravel())), (len(near), len(skirt))
-            )
-            points.append(here)
-            rows.append(average @ base.weights[base.skirt])
-            ring_now = first + (k - 1) * len(ring) + np.arange(len(ring))
-            a, b, c, d = previous, np.roll(previous, -1), ring_now, np.roll(ring_now, -1)
-            # The chain runs with the cloth on its left, so the band takes it the other way round.
-            quads = np.stack([np.stack([b, a, c], 1), np.stack([b, c, d], 1)])
-            bands.append((quads if closed else quads[:, :-1]).reshape(-1, 3))
-            previous = ring_now
-        added = sum(map(len, points)) - len(rest)
-        return (
-            np.concatenate(bands),
-            np.concatenate(points),
-            vstack(rows, format="csr"),
-            np.concatenate([np.where(rest[:, 1] < fit.bottom + 0.05, 0, region), np.zeros(added, int)]),
-        )
+def _outside(fit: Fit, pattern: Pattern) -> np.ndarray:
+    """Which vertices (V,) the next layer meets: what is tucked in does not push the waistband out."""
+    rest = pattern.rest
+    return rest[:, 1] > fit.bottom + 0.06 if "hem" in fit.held else np.ones(len(rest), bool)
+
+
+def _seat(person: Person) -> np.ndarray:
+    """The cleft of the seat (V,) in the tights, from the crotch up."""
+    rest = person.tights_rest
+    x, y, z = rest.T
+    hip = person.skeleton.head("upperleg01.L")[1]
+    crotch = rest[(np.abs(x) < 0.01) & (y < hip)]
+    lowest = crotch[np.argmin(crotch[:, 1])]
+    return (np.abs(x) < 0.04) & (y > lowest[1] - 0.01) & (y < hip + 0.1) & (z < lowest[2])
+
+
+def physical(person: Person, fit: Fit, pattern: Pattern) -> Cut:
+    """What a fit means to the simulation.
+
+    Cloth is longer than the cut, as sewn cloth is where it folds: most along sleeves, least where it clings.
+    Sleeves that narrow have cuffs, which are held.
+    """
+    rest, member = pattern.rest, person.membership(pattern.weights)
+    tube = rest[:, 1] < fit.bottom if fit.below else np.zeros(len(rest), bool)
+    region = np.where(tube, 0, pattern.region)
+    hangs = fit.below > 0.25
+    thick = fit.thickness > 0.0065
+    arms, trunk, legs = (
+        ((1.1, 1.05), (1.05, 1.04), (1.05, 1.04)) if thick else ((1.14, 1.06), (1.09, 1.06), (1.05, 1.04))
+    )
+    slack = 0.25 + 0.75 * np.clip((fit.ease - 0.003) / 0.007, 0, 1)
+    longer = 1 + slack * (member @ (np.array([trunk, arms, arms, legs, legs]) - 1))
+    longer[tube] = 1.01
+    axis, held = np.tile([0.0, 1.0, 0.0], (len(rest), 1)), pattern.held.copy()
+    for k in (*ARMS, *LEGS):
+        mine = np.flatnonzero(region == k)
+        along, _, metres = person.limb_coordinates(k, pattern.plain[mine])
+        joints = person.polyline(k)
+        bones = unit(np.diff(joints, axis=0))
+        axis[mine] = bones[(metres > np.linalg.norm(joints[1] - joints[0])).astype(int)]
+        if k in ARMS and fit.sleeve is not None and fit.sleeve > 0.9 and fit.sleeve_width < 0.8:
+            held[mine] = np.maximum(held[mine], np.clip((along - fit.sleeve + 0.05) / 0.03, 0, 1))
+    chest = person.skeleton.head("spine02")[1]
+    anchored = ((region > 0) | (rest[:, 1] > chest) | (fit.leg is not None)) & ~tube
+    hinge = 1e-6 * (0.5 + 2.5 * fit.bending) * (fit.thickness / 0.004) * (2.5 if hangs else 1)
+    return Cut(
+        pattern.faces, rest, pattern.weights, member, region, axis, held, anchored, longer,
+        hinge, 0.4 if hangs else 0.6, 0.001 + 0.6 * fit.thickness, hangs,
+    )  # fmt: skip

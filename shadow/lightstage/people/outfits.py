@@ -8,7 +8,8 @@ import numpy as np
 
 from shadow.lightstage.people import fabric, hair, props
 from shadow.lightstage.people.fabric import Fabric
-from shadow.lightstage.people.garments import Fit, Wardrobe
+from shadow.lightstage.people.garments import Wardrobe
+from shadow.lightstage.people.patterns import Fit
 
 HAIR = {"training": {}, "validation": {"curls": 3.0}, "generalisation": {"afro": 3.0}}
 HATS = {"training": {}, "validation": {}, "generalisation": {"helmet": 1.5}}

@@ -1,0 +1,158 @@
+"""What simulated cloth meets: the body and the garments under it, frame by frame.
+
+Limbs meet their own limb first, so that an arm at the side does not push the shirt into the trunk; what else
+a garment may touch comes second.
+"""
+
+from collections.abc import Callable
+from dataclasses import dataclass
+
+import numpy as np
+from scipy.sparse import coo_matrix, csr_matrix, diags
+from scipy.sparse.linalg import spsolve
+from scipy.spatial import cKDTree
+
+from shadow.lightstage.figure import vertex_normals
+from shadow.lightstage.people import solver
+from shadow.lightstage.people.cloth import edges_of
+
+ARMS, LEGS = (1, 2), (3, 4)
+# Kinds of contact, as bits: with what lies under cloth of each region, and with what it may meet besides.
+TRUNK, ARM_LEFT, ARM_RIGHT, LEG_LEFT, LEG_RIGHT = (1 << k for k in range(5))
+FOREARMS, SIDES, OTHER_LEFT, OTHER_RIGHT = (1 << k for k in range(5, 9))
+UNDER = np.array([TRUNK, ARM_LEFT, ARM_RIGHT, LEG_LEFT, LEG_RIGHT], np.uint16)
+BESIDES = np.array([FOREARMS, SIDES, SIDES, OTHER_RIGHT, OTHER_LEFT], np.uint16)
+
+
+@dataclass(frozen=True)
+class Layer:
+    """A surface under the cloth. faces (F, 3); positions: frame -> (P, 3); member (P, 5): how much of each
+    vertex follows each region; between (P,): whether it faces the other leg; solid (P,): whether it is met
+    at all."""
+
+    faces: np.ndarray
+    positions: Callable[[int], np.ndarray]
+    member: np.ndarray
+    between: np.ndarray
+    solid: np.ndarray
+
+    def allowed(self, spans: bool) -> np.ndarray:
+        """The kinds of contact (P,) that each vertex takes part in; `spans`: the cloth hangs about both
+        legs, so that its trunk does not follow the gap between them."""
+        arms = self.member[:, ARMS].sum(axis=1)
+        kinds = [
+            (arms < 0.6) & ~(self.between & spans),
+            *(self.member[:, k] > 0.1 for k in ARMS),
+            *((self.member[:, k] > 0.05) | (self.member[:, 0] > 0.5) for k in LEGS),
+            arms > 0.95,
+            self.member[:, 0] > 0.95,
+            *(self.member[:, k] > 0.95 for k in LEGS),
+        ]
+        bits = sum(kind.astype(np.uint16) << k for k, kind in enumerate(kinds))
+        return np.where(self.solid, bits, 0).astype(np.uint16)
+
+
+class Contact:
+    """The layers under one garment as one obstacle, and the planes where each vertex of it touches."""
+
+    def __init__(self, layers: list[Layer], region: np.ndarray, *, spans: bool, gap: float) -> None:
+        self.layers = layers
+        counts = np.cumsum([0] + [len(layer.member) for layer in layers])
+        self.faces = np.concatenate(
+            [layer.faces + start for layer, start in zip(layers, counts[:-1], strict=True)]
+        )
+        self.allowed = np.concatenate([layer.allowed(spans) for layer in layers])
+        self.first, self.ring = neighbours(self.faces, counts[-1])
+        self.own = self._planes(UNDER[region], gap, deepest=0.06)
+        self.other = self._planes(BESIDES[region], gap, deepest=0.02)
+        self.last = (-1, None, None)
+
+    def _planes(self, bits: np.ndarray, gap: float, deepest: float) -> solver.Planes:
+        vectors = [np.zeros((len(bits), 3), np.float32) for _ in range(3)]
+        near = np.full(len(bits), -1, np.int32)
+        return solver.Planes(near, bits, *vectors, np.float32(gap), np.float32(deepest))
+
+    def _at(self, frame: int) -> tuple[np.ndarray, np.ndarray]:
+        """Positions and normals (P, 3) of the obstacle, kept for the next frame, which starts there."""
+        if self.last[0] != frame:
+            parts = [layer.positions(frame) for layer in self.layers]
+            normals = [vertex_normals(p, layer.faces) for p, layer in zip(parts, self.layers, strict=True)]
+            self.last = (
+                frame,
+                *(np.ascontiguousarray(np.concatenate(x), np.float32) for x in (parts, normals)),
+            )
+        return self.last[1:]
+
+    def during(self, frame: int) -> solver.Obstacle:
+        """The obstacle on its way to `frame` from the one before."""
+        start, _ = self._at(max(frame - 1, 0))
+        end, normals = self._at(frame)
+        return solver.Obstacle(start, end, normals, self.first, self.ring, self.allowed)
+
+    def search(self, cloth: np.ndarray, frame: int) -> None:
+        """Find the nearest vertices anew; between searches they are walked."""
+        points, _ = self._at(frame)
+        for planes, reach in ((self.own, np.inf), (self.other, 0.05)):
+            for bits in np.unique(planes.bits):
+                mine, there = np.flatnonzero(planes.bits == bits), np.flatnonzero(self.allowed & bits)
+                planes.near[mine] = -1
+                if len(there):
+                    distance, near = cKDTree(points[there]).query(cloth[mine])
+                    planes.near[mine] = np.where(
+                        distance < reach, there[np.minimum(near, len(there) - 1)], -1
+                    )
+
+    def push_out(self, cloth: np.ndarray, frame: int, margin: float) -> np.ndarray:
+        """Cloth (V, 3) moved until none of it is less than `margin` metres outside its own obstacle's
+        triangles; returns what moved (V,)."""
+        points, normals = self._at(frame)
+        self.search(cloth, frame)
+        corner_first, corner_face = _faces_of(self.faces, len(points))
+        faces = self.faces.astype(np.int32)
+        return solver.push_out(
+            cloth,
+            self.own.near,
+            points,
+            normals,
+            faces,
+            self.first,
+            self.ring,
+            corner_first,
+            corner_face,
+            margin,
+        )
+
+
+def neighbours(faces: np.ndarray, count: int) -> tuple[np.ndarray, np.ndarray]:
+    """Of each vertex, the neighbours: where they begin (count + 1,), and all of them."""
+    edges, _, _ = edges_of(faces)
+    both = np.concatenate([edges, edges[:, ::-1]])
+    graph = csr_matrix((np.ones(len(both), np.int8), (both[:, 0], both[:, 1])), (count, count))
+    return graph.indptr.astype(np.int32), graph.indices.astype(np.int32)
+
+
+def _faces_of(faces: np.ndarray, count: int) -> tuple[np.ndarray, np.ndarray]:
+    """Of each vertex, the faces: where they begin (count + 1,), and all of them."""
+    order = np.argsort(faces.ravel(), kind="stable")
+    first = np.concatenate([[0], np.cumsum(np.bincount(faces.ravel(), minlength=count))])
+    return first.astype(np.int32), (order // 3).astype(np.int32)
+
+
+def spanned(points: np.ndarray, faces: np.ndarray, hollow: np.ndarray) -> csr_matrix:
+    """The operator (V, V) that spans a hollow (V,) of a mesh with a soap film from its rim: cloth does so,
+    and what follows the bottom of the hollow is wedged there."""
+    edges, _, _ = edges_of(faces)
+    both = np.concatenate([edges, edges[:, ::-1]])
+    weight = 1 / np.maximum(np.linalg.norm(points[both[:, 0]] - points[both[:, 1]], axis=1), 1e-3)
+    graph = coo_matrix((weight, (both[:, 0], both[:, 1])), (len(points), len(points))).tocsr()
+    laplacian = (diags(np.asarray(graph.sum(axis=1)).ravel()) - graph).tocsr()
+    inside, rim = np.flatnonzero(hollow), np.flatnonzero(~hollow)
+    film = csr_matrix(spsolve(laplacian[inside][:, inside].tocsc(), -laplacian[inside][:, rim].tocsc()))
+    whole, film = diags((~hollow).astype(float)).tocoo(), film.tocoo()
+    return coo_matrix(
+        (
+            np.concatenate([whole.data, film.data]),
+            (np.concatenate([whole.row, inside[film.row]]), np.concatenate([whole.col, rim[film.col]])),
+        ),
+        (len(points), len(points)),
+    ).tocsr()

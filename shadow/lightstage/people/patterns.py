@@ -1,0 +1,298 @@
+"""Patterns: garments cut from the tights of a person at rest and let out, ready to be draped.
+
+A cut is a scalar over the rest surface whose zero line is the seam; below the hips a hem can be let down as a
+tube about the legs (skirts, coats).
+"""
+
+from dataclasses import dataclass, field
+
+import numpy as np
+from scipy.sparse import csr_matrix, vstack
+from scipy.spatial import cKDTree
+
+from shadow.lightstage.figure import vertex_normals
+from shadow.lightstage.people.anatomy import ARMS, LEGS, Person
+from shadow.lightstage.people.cloth import border_chains, clip, edges_of, stretch, subdivide
+
+
+@dataclass
+class Fit:
+    """How a garment is cut and let out. Lengths in metres, shares along a limb in [0, 1].
+
+    sleeve: share of the arm covered, None for a sleeveless cut at the shoulder; leg: share of the leg.
+    top, bottom: heights of the rest body between which the trunk is covered. neck: neckline drop in metres
+    below the throat; vee: how much deeper at the front, as a V. ease: metres off the body; fill in [0, 1]:
+    1 hangs straight from the chest, 0 follows the waist; sleeve_width, leg_width: radius at the hem over
+    the limb's near its root, never below the limb's own there. below: length let down under `bottom`;
+    flare: metres outwards a metre down. open_front: half width of the gap of an open jacket at the hem, 0
+    if closed. held: edges that stay in place, of "waist", "hem", "neck". weight, bending: as in `drape`;
+    slack: cloth length over the cut's. wrinkles: metres of fine creases; thickness: metres of an edge.
+    collar: its height, and its kind, "stand", "fold" or "hood". buttons: whether the front has them.
+    """
+
+    top: float = 9.0
+    bottom: float = -9.0
+    neck: float | None = None
+    vee: float = 0.0
+    sleeve: float | None = None
+    leg: float | None = None
+    ease: float = 0.008
+    fill: float = 0.5
+    sleeve_width: float = 0.0
+    leg_width: float = 0.0
+    below: float = 0.0
+    flare: float = 0.1
+    open_front: float = 0.0
+    held: tuple[str, ...] = field(default=())
+    weight: float = 1.0
+    bending: float = 0.3
+    wrinkles: float = 0.001
+    slack: float = 1.0
+    collar: float = 0.0
+    collar_kind: str = "stand"
+    buttons: bool = False
+    thickness: float = 0.004
+
+
+@dataclass(frozen=True)
+class Pattern:
+    """A garment before it is draped: faces; rest, its vertices (V, 3) in the rest pose; weights (V, J) of the
+    bones; region (V,), an index into REGIONS; held (V,) in [0, 1], 1 stays where the bones take it; plain (V,
+    3), where the vertices were on the body before the garment was let out, and on the tube below it."""
+
+    faces: np.ndarray
+    rest: np.ndarray
+    weights: csr_matrix
+    region: np.ndarray
+    held: np.ndarray
+    plain: np.ndarray
+
+    @classmethod
+    def draw(cls, person: Person, fit: Fit, inside: np.ndarray, rng: np.random.Generator) -> "Pattern":
+        """Of a fit with the `cut_line` inside."""
+        tights = person.base.tights
+        faces, rows = clip(tights.faces, inside)
+        rest, weights, uncut = rows @ let_out(person, fit), rows @ tights.weights, rows @ person.tights_rest
+        region = np.argmax(rows @ person.tights_member, axis=1)
+        if fit.below:
+            faces, rest, weights, region = _let_down(person, fit, faces, rest, weights, region, uncut, rng)
+        plain = np.concatenate([uncut, rest[len(uncut) :]])
+        return cls(faces, rest, weights, region, _held(person, fit, rest), plain)
+
+    def subdivided(self, person: Person) -> tuple["Pattern", csr_matrix]:
+        """With four faces for one, and the operator that makes its vertices of the old ones."""
+        faces, step = subdivide(self.faces, len(self.rest))
+        weights = (step @ self.weights).tocsr()
+        fine = Pattern(
+            faces,
+            step @ self.rest,
+            weights,
+            np.argmax(person.membership(weights), axis=1),
+            step @ self.held,
+            step @ self.plain,
+        )
+        return fine, step
+
+
+def cut_line(person: Person, fit: Fit) -> np.ndarray:
+    """The scalar (V,) over the tights that is positive where the garment is."""
+    rest, member = person.tights_rest, person.tights_member
+    x, y, z = rest.T
+    arm = member[:, ARMS].sum(axis=1)
+    inside = np.where(arm > 0.5, 1.0, np.minimum(fit.top - y, y - fit.bottom))
+    if fit.neck is not None:
+        throat = person.skeleton.head("neck01")
+        slope = 0.55 * (z - throat[2])
+        front = np.clip((z - throat[2]) / 0.05, 0, 1)
+        neckline = throat[1] + 0.035 - fit.neck * front - (y + slope)
+        wedge = np.where(z > throat[2], np.abs(x) * 1.6 - (y - (throat[1] - fit.vee)), 1.0)
+        inside = np.minimum(inside, neckline)
+        if fit.vee:
+            inside = np.minimum(inside, wedge * 0.5)
+    for k in ARMS:
+        mine = member[:, k] > 0.3
+        if fit.sleeve is None:
+            inside = np.minimum(inside, (0.45 - member[:, k]) * 0.1)
+        else:
+            along, _, _ = person.limb_coordinates(k, rest)
+            inside = np.where(mine, np.minimum(inside, (fit.sleeve - along) * 0.5), inside)
+    for k in LEGS:
+        if fit.leg is not None:
+            along, _, _ = person.limb_coordinates(k, rest)
+            mine = member[:, k] > 0.5
+            inside = np.where(mine, np.minimum(inside, (fit.leg - along) * 0.8), inside)
+    if fit.open_front:
+        low, high = max(fit.bottom, -0.1), person.skeleton.head("neck01")[1]
+        gap = fit.open_front * (0.6 + 0.4 * np.clip((y - low) / (high - low), 0, 1))
+        inside = np.where((z > 0) & (arm < 0.5), np.minimum(inside, np.abs(x) - gap), inside)
+    return inside
+
+
+def let_out(person: Person, fit: Fit) -> np.ndarray:
+    """Rest positions (V, 3) of the tights let out to the fit."""
+    rest = _bridged(person)
+    normals = vertex_normals(rest, person.base.tights.faces)
+    trunk = np.clip(1 - 1.6 * person.tights_member[:, ARMS].sum(axis=1), 0, 1)
+    chest = person.skeleton.head("spine01")[1]
+    centre = person.skeleton.head("spine03")[2]
+    if fit.fill:
+        if "hem" in fit.held:
+            trunk = trunk * np.clip((rest[:, 1] - fit.bottom) / 0.1, 0, 1)
+        rest = rest + (_straight(person, rest, chest, centre) - rest) * (fit.fill * trunk)[:, None]
+    for k, width in (*((k, fit.sleeve_width) for k in ARMS), *((k, fit.leg_width) for k in LEGS)):
+        if width == 0:
+            continue
+        along, axis, _ = person.limb_coordinates(k, rest)
+        member = person.tights_member[:, k]
+        mine = member > 0.5
+        radial = rest - axis
+        radius = np.linalg.norm(radial, axis=1)
+        bins = np.clip((along * 24).astype(int), 0, 24)
+        mean = np.bincount(bins[mine], radius[mine], 25) / np.maximum(
+            np.bincount(bins[mine], minlength=25), 1
+        )
+        mean = np.where(mean > 0, mean, mean[mean > 0].mean())
+        reference = mean[5]
+        own = np.interp(along * 24, np.arange(25) + 0.5, mean)
+        goal = np.maximum(own * 1.03, reference * (1 + (width - 1) * np.clip(along, 0, 1)))
+        blend = np.clip((along - 0.08) / 0.3, 0, 1) * np.clip((member - 0.3) / 0.5, 0, 1)
+        rest = rest + radial * ((goal / own - 1) * blend)[:, None]
+    ease = np.full(len(rest), fit.ease)
+    if "hem" in fit.held:  # tucked in: flat under the waistband
+        ease *= np.clip((person.tights_rest[:, 1] - fit.bottom) / 0.1, 0.15, 1)
+    rest = rest + normals * ease[:, None]
+    # Neither half crosses the middle, however deep the cleft that it was let out from.
+    half = person.tights_rest[:, 0]
+    rest[:, 0] = np.sign(half) * np.maximum(np.sign(half) * rest[:, 0], 0.6 * np.abs(half))
+    return rest
+
+
+def _bridged(person: Person) -> np.ndarray:
+    """The tights (V, 3) with their hollows filled, as cloth spans them: each vertex moves outwards, never
+    inwards, to the mean of its neighbours."""
+    tights, rest = person.base.tights, person.tights_rest.copy()
+    edges, _, _ = edges_of(tights.faces)
+    both = np.concatenate([edges, edges[:, ::-1]])
+    mean = csr_matrix((np.ones(len(both)), (both[:, 0], both[:, 1])), (len(rest), len(rest)))
+    degree = np.asarray(mean.sum(axis=1))
+    normals = person.tights_normals
+    for _ in range(25):
+        outwards = ((mean @ rest / degree - rest) * normals).sum(axis=1)
+        rest += normals * np.maximum(outwards, 0)[:, None]
+    return rest
+
+
+def _straight(person: Person, rest: np.ndarray, chest: float, centre: float) -> np.ndarray:
+    """The trunk without a waist: each half width is carried down from the widest point above it."""
+    y = rest[:, 1]
+    trunk = person.tights_member[:, 0] > 0.6
+    height = np.linspace(chest, -0.05, 26)
+    scaled = rest.copy()
+    for axis, sign, origin in ((0, 1, 0.0), (0, -1, 0.0), (2, 1, centre), (2, -1, centre)):
+        out = sign * (rest[:, axis] - origin)
+        row = np.digitize(-y, -height)
+        widest = np.full(27, 1e-3)
+        np.maximum.at(widest, row[trunk], out[trunk])
+        widest[0] = widest[1]
+        goal = np.maximum.accumulate(widest)
+        ratio = np.interp(-y, -height, (goal / widest)[1:])
+        here = (out > 0) & (y < chest + 0.05)
+        scaled[here, axis] = origin + sign * out[here] * np.clip(ratio[here], 1, 1.6)
+    return scaled
+
+
+def _held(person: Person, fit: Fit, rest: np.ndarray) -> np.ndarray:
+    held = np.zeros(len(rest))
+    if "waist" in fit.held:
+        held = np.maximum(held, np.clip(1 - (fit.top - rest[:, 1]) / 0.05, 0, 1))
+    if "hem" in fit.held:
+        held = np.maximum(held, np.clip(1 - (rest[:, 1] - fit.bottom) / 0.04, 0, 1))
+    if "neck" in fit.held:
+        throat = person.skeleton.head("neck01")
+        held = np.maximum(held, np.clip((rest[:, 1] - throat[1] + 0.06) / 0.05, 0, 0.9))
+    return held
+
+
+def _let_down(
+    person: Person,
+    fit: Fit,
+    faces: np.ndarray,
+    rest: np.ndarray,
+    weights: csr_matrix,
+    region: np.ndarray,
+    uncut: np.ndarray,
+    rng: np.random.Generator,
+) -> tuple[np.ndarray, np.ndarray, csr_matrix, np.ndarray]:
+    """Continue the lowest border of a garment downwards as a tube about the legs, in vertical folds.
+
+    uncut: where the vertices were on the body before the garment was let out."""
+    base = person.base
+    chain = min(border_chains(faces), key=lambda chain: uncut[chain, 1].min())
+    if fit.open_front:
+        chain = stretch(chain, uncut[chain, 1] < fit.bottom + 0.004)
+    closed = chain[0] == chain[-1]
+    ring = chain[:-1] if closed else chain
+    skirt = person.rest[base.skirt]
+    centre = np.array([0.0, 0.0, skirt[:, 2].mean()])
+    out = (rest[ring] - centre) * [1, 0, 1]
+    radius = np.linalg.norm(out, axis=1)
+    out = out / radius[:, None]
+    # Even out the directions along the border: where it turned back on itself, in the cleft of the seat,
+    # the tube would be cut open.
+    angle = np.unwrap(np.arctan2(out[:, 0], out[:, 2]))
+    around = 2 * np.pi * np.sign(angle[-1] - angle[0])
+    for _ in range(30):
+        ahead, behind = np.roll(angle, -1), np.roll(angle, 1)
+        ahead[-1], behind[0] = ahead[-1] + around, behind[0] - around
+        if closed:
+            angle = (ahead + behind) / 2 * 0.5 + angle * 0.5
+        else:
+            angle[1:-1] = (ahead + behind)[1:-1] / 4 + angle[1:-1] * 0.5
+    out = np.stack([np.sin(angle), np.zeros(len(angle)), np.cos(angle)], axis=1)
+    tree = cKDTree(skirt)
+    skirt_out = (skirt - centre) * [1, 0, 1]
+    skirt_radius, skirt_angle = (
+        np.linalg.norm(skirt_out, axis=1),
+        np.arctan2(skirt[:, 0], skirt[:, 2] - centre[2]),
+    )
+    by_angle = cKDTree(np.stack([np.cos(skirt_angle) * 0.3, np.sin(skirt_angle) * 0.3, skirt[:, 1]], 1))
+    pitch = 0.017
+    # Folds widen from nothing at the hip towards the hem.
+    folds = np.cos(angle * rng.integers(7, 15) + 1.5 * np.sin(angle * 2 + rng.uniform(0, 6)))
+    folds *= rng.uniform(0.0, 0.05) + 0.08 * fit.flare
+    count = max(2, round(fit.below / pitch))
+    points, rows, bands, previous = [rest], [weights], [faces], ring
+    grown, first = radius, len(rest)
+    for k in range(1, count + 1):
+        y = fit.bottom - k * fit.below / count
+        _, near = by_angle.query(
+            np.stack([np.cos(angle) * 0.3, np.sin(angle) * 0.3, np.full(len(angle), y)], 1), k=3
+        )
+        needed = skirt_radius[near].mean(axis=1) + fit.ease if y > -0.12 else grown
+        # It grows no faster than it falls: a shelf at the hip would crumple.
+        grown = grown + np.clip(needed - grown, 0, 0.8 * fit.below / count) + fit.flare * fit.below / count
+        depth = min(1.0, k * fit.below / count / 0.5)
+        here = centre + out * (grown * (1 + folds * depth))[:, None]
+        here[:, 1] = y
+        # A wide average: between the legs the cloth follows both, not one up to the middle line.
+        distance, near = tree.query(here, k=60)
+        share = np.exp(-((distance / 0.07) ** 2)) + 1e-6
+        share /= share.sum(axis=1, keepdims=True)
+        average = csr_matrix(
+            (share.ravel(), (np.repeat(np.arange(len(near)), 60), near.ravel())), (len(near), len(skirt))
+        )
+        points.append(here)
+        rows.append(average @ base.weights[base.skirt])
+        ring_now = first + (k - 1) * len(ring) + np.arange(len(ring))
+        a, b, c, d = previous, np.roll(previous, -1), ring_now, np.roll(ring_now, -1)
+        # The chain runs with the cloth on its left, so the band takes it the other way round.
+        quads = np.stack([np.stack([b, a, c], 1), np.stack([b, c, d], 1)])
+        bands.append((quads if closed else quads[:, :-1]).reshape(-1, 3))
+        previous = ring_now
+    added = sum(map(len, points)) - len(rest)
+    return (
+        np.concatenate(bands),
+        np.concatenate(points),
+        vstack(rows, format="csr"),
+        np.concatenate([np.where(rest[:, 1] < fit.bottom + 0.05, 0, region), np.zeros(added, int)]),
+    )

@@ -1,0 +1,422 @@
+"""Kernels of the cloth solver: extended position-based dynamics on triangles, compiled by numba.
+
+One frame is a number of small steps with one sweep over the constraints in each (Macklin et al. 2016, "XPBD";
+2019, "Small Steps in Physics Simulation"). The sweeps are sequential and in a fixed order: threads would make
+the result depend on chance, and alternating directions make the cloth vibrate. Positions are (V, 3) float32
+in metres, y up.
+"""
+
+from typing import NamedTuple
+
+import numpy as np
+from numba import njit
+
+GRAVITY = 9.81  # m/s²
+FASTEST = 3.0  # m/s: what is hit harder than that would leave the picture
+
+
+class Cloth(NamedTuple):
+    """What stays the same while one garment is simulated. Compliances are already over the step squared."""
+
+    lightness: np.ndarray  # (V,) inverse mass, 1/kg
+    edges: np.ndarray  # (E, 2)
+    length: np.ndarray  # (E,) at rest, metres
+    tension: float  # compliance of an edge that is stretched
+    compression: float  # compliance of one that is compressed
+    hinges: np.ndarray  # (H, 4): the two ends of an inner edge, the two vertices opposite it
+    stencil: np.ndarray  # (H, 4): their weights in the bending vector
+    bending: np.ndarray  # (H,) compliance of a hinge
+    pull: np.ndarray  # (V,) share of the way back to its target that a vertex is taken in every step
+    rest: np.ndarray  # (V, 3) as cut: cloth that is close there does not fend itself off
+    friction: float  # Coulomb's coefficient against the obstacle
+    thickness: float  # metres kept between cloth and cloth
+
+
+class Planes(NamedTuple):
+    """For each vertex of the cloth the tangent plane of the obstacle beside it; `near` is -1 where there is
+    none."""
+
+    near: np.ndarray  # (V,) the obstacle's nearest vertex
+    bits: np.ndarray  # (V,) uint8: which of the obstacle's vertices can be, those that share a bit
+    point: np.ndarray  # (V, 3)
+    normal: np.ndarray  # (V, 3)
+    motion: np.ndarray  # (V, 3) of the obstacle, metres a step
+    gap: float  # metres kept from the obstacle
+    deepest: float  # metres inside beyond which the obstacle is not the cloth's own
+
+
+class Obstacle(NamedTuple):
+    """A surface that moves in a straight line during a frame, and its vertices' neighbours."""
+
+    start: np.ndarray  # (P, 3) at the frame's start
+    end: np.ndarray  # (P, 3) at its end
+    normals: np.ndarray  # (P, 3) at its end
+    first: np.ndarray  # (P + 1,) where each vertex's neighbours begin in `ring`
+    ring: np.ndarray
+    allowed: np.ndarray  # (P,) uint8: a bit for each kind of cloth that may touch the vertex
+
+
+_compiled = njit(cache=True, fastmath=True, error_model="numpy")
+
+
+@_compiled
+def advance(x, before, motion, step, damping):
+    """Integrate: each vertex goes on as it did, falls, and is carried with `motion` (V, 3) metres a step."""
+    fall = GRAVITY * step * step
+    limit = (FASTEST * step) ** 2
+    for i in range(len(x)):
+        vx, vy, vz = x[i, 0] - before[i, 0], x[i, 1] - before[i, 1], x[i, 2] - before[i, 2]
+        speed = vx * vx + vy * vy + vz * vz
+        keep = damping
+        if speed > limit:
+            keep *= np.sqrt(limit / speed)
+        for k in range(3):
+            x[i, k] += motion[i, k]
+            before[i, k] = x[i, k]
+        x[i, 0] += keep * vx
+        x[i, 1] += keep * vy - fall
+        x[i, 2] += keep * vz
+
+
+@_compiled
+def stretch(x, cloth):
+    lightness, length = cloth.lightness, cloth.length
+    for e in range(len(length)):
+        i, j = cloth.edges[e, 0], cloth.edges[e, 1]
+        dx, dy, dz = x[j, 0] - x[i, 0], x[j, 1] - x[i, 1], x[j, 2] - x[i, 2]
+        now = np.sqrt(dx * dx + dy * dy + dz * dz) + np.float32(1e-9)
+        gap = now - length[e]
+        compliance = cloth.tension if gap > 0 else cloth.compression
+        share = gap / ((lightness[i] + lightness[j] + compliance) * now)
+        a, b = lightness[i] * share, lightness[j] * share
+        x[i, 0] += a * dx
+        x[i, 1] += a * dy
+        x[i, 2] += a * dz
+        x[j, 0] -= b * dx
+        x[j, 1] -= b * dy
+        x[j, 2] -= b * dz
+
+
+@_compiled
+def bend(x, cloth):
+    """Quadratic isometric bending with a flat rest (Bergou et al. 2006), a vector constraint a hinge."""
+    lightness = cloth.lightness
+    for h in range(len(cloth.hinges)):
+        a, b, c, d = cloth.hinges[h, 0], cloth.hinges[h, 1], cloth.hinges[h, 2], cloth.hinges[h, 3]
+        ka, kb, kc, kd = cloth.stencil[h, 0], cloth.stencil[h, 1], cloth.stencil[h, 2], cloth.stencil[h, 3]
+        wa, wb, wc, wd = lightness[a] * ka, lightness[b] * kb, lightness[c] * kc, lightness[d] * kd
+        share = np.float32(-1) / (wa * ka + wb * kb + wc * kc + wd * kd + cloth.bending[h])
+        for k in range(3):
+            pull = share * (ka * x[a, k] + kb * x[b, k] + kc * x[c, k] + kd * x[d, k])
+            x[a, k] += wa * pull
+            x[b, k] += wb * pull
+            x[c, k] += wc * pull
+            x[d, k] += wd * pull
+
+
+@_compiled
+def hold(x, cloth, target, motion, left):
+    """Take held and anchored vertices towards their targets, which are `left` steps of `motion` on."""
+    for i in range(len(x)):
+        pull = cloth.pull[i]
+        if pull > 0:
+            for k in range(3):
+                x[i, k] += pull * (target[i, k] - left * motion[i, k] - x[i, k])
+
+
+@_compiled
+def part(x, before, pairs, thickness):
+    """Keep cloth off cloth: each pair of vertices at least `thickness` apart, gaining no speed from it."""
+    least = thickness * thickness
+    for p in range(len(pairs)):
+        i, j = pairs[p, 0], pairs[p, 1]
+        dx, dy, dz = x[j, 0] - x[i, 0], x[j, 1] - x[i, 1], x[j, 2] - x[i, 2]
+        square = dx * dx + dy * dy + dz * dz
+        if square < least:
+            now = np.sqrt(square) + np.float32(1e-7)
+            share = np.float32(0.5) * (thickness - now) / now
+            dx, dy, dz = share * dx, share * dy, share * dz
+            x[i, 0] -= dx
+            x[i, 1] -= dy
+            x[i, 2] -= dz
+            x[j, 0] += dx
+            x[j, 1] += dy
+            x[j, 2] += dz
+            before[i, 0] -= dx
+            before[i, 1] -= dy
+            before[i, 2] -= dz
+            before[j, 0] += dx
+            before[j, 1] += dy
+            before[j, 2] += dz
+
+
+@_compiled
+def collide(x, before, planes, motion, friction, since):
+    """Push what is closer to the obstacle than the gap out of it, with Coulomb friction against its motion
+    and no speed along its normal. The planes are `since` steps old."""
+    for i in range(len(x)):
+        if planes.near[i] < 0:
+            continue
+        nx, ny, nz = planes.normal[i, 0], planes.normal[i, 1], planes.normal[i, 2]
+        mx, my, mz = planes.motion[i, 0], planes.motion[i, 1], planes.motion[i, 2]
+        depth = planes.gap - (
+            (x[i, 0] - planes.point[i, 0] - since * mx) * nx
+            + (x[i, 1] - planes.point[i, 1] - since * my) * ny
+            + (x[i, 2] - planes.point[i, 2] - since * mz) * nz
+        )
+        if depth <= 0 or depth > planes.deepest:
+            continue
+        x[i, 0] += depth * nx
+        x[i, 1] += depth * ny
+        x[i, 2] += depth * nz
+        # How the cloth slides over the obstacle in this step: its own way, and both are carried.
+        sx = x[i, 0] - before[i, 0] + motion[i, 0] - mx
+        sy = x[i, 1] - before[i, 1] + motion[i, 1] - my
+        sz = x[i, 2] - before[i, 2] + motion[i, 2] - mz
+        along = sx * nx + sy * ny + sz * nz
+        sx, sy, sz = sx - along * nx, sy - along * ny, sz - along * nz
+        slide = np.sqrt(sx * sx + sy * sy + sz * sz) + np.float32(1e-12)
+        stop = min(np.float32(1), friction * depth / slide)
+        x[i, 0] -= stop * sx
+        x[i, 1] -= stop * sy
+        x[i, 2] -= stop * sz
+        before[i, 0] += along * nx
+        before[i, 1] += along * ny
+        before[i, 2] += along * nz
+
+
+@_compiled
+def _walk(here, near, obstacle, late, bits):
+    """The obstacle's vertex nearest to a point, found from one not far from it by its neighbours."""
+    start, end = obstacle.start, obstacle.end
+    early = np.float32(1) - late
+    best = np.float32(0)
+    for k in range(3):
+        best += (early * start[near, k] + late * end[near, k] - here[k]) ** 2
+    for _ in range(8):
+        closer = near
+        for r in range(obstacle.first[near], obstacle.first[near + 1]):
+            j = obstacle.ring[r]
+            if obstacle.allowed[j] & bits == 0:
+                continue
+            square = np.float32(0)
+            for k in range(3):
+                square += (early * start[j, k] + late * end[j, k] - here[k]) ** 2
+            if square < best:
+                best, closer = square, j
+        if closer == near:
+            break
+        near = closer
+    return near
+
+
+@_compiled
+def follow(x, planes, obstacle, time, steps):
+    """Walk each vertex's nearest obstacle vertex over its neighbours, and blend the plane of those around it.
+
+    time: of the frame, in [0, 1]; steps: of the frame.
+    """
+    start, end, first = obstacle.start, obstacle.end, obstacle.first
+    late = np.float32(time)
+    early = np.float32(1) - late
+    point, normal, motion = np.empty(3, np.float32), np.empty(3, np.float32), np.empty(3, np.float32)
+    for i in range(len(x)):
+        if planes.near[i] < 0:
+            continue
+        near = _walk(x[i], planes.near[i], obstacle, late, planes.bits[i])
+        planes.near[i] = near
+        # The scale is that of the ring, so that coarse and fine meshes blend alike.
+        reach = np.float32(1e-8)
+        for r in range(first[near], first[near + 1]):
+            for k in range(3):
+                reach += (
+                    np.float32(0.3)
+                    * (end[obstacle.ring[r], k] - end[near, k]) ** 2
+                    / (first[near + 1] - first[near])
+                )
+        total, flat = np.float32(0), np.float32(0)
+        point[:], normal[:], motion[:] = 0, 0, 0
+        for r in range(first[near] - 1, first[near + 1]):
+            j = near if r < first[near] else obstacle.ring[r]
+            out, square = np.float32(0), np.float32(0)
+            for k in range(3):
+                gap = x[i, k] - early * start[j, k] - late * end[j, k]
+                out += gap * obstacle.normals[j, k]
+                square += gap * gap
+            share = reach / (reach + max(square - out * out, np.float32(0)))
+            share = share * share * share
+            total += share
+            flat += share * out
+            for k in range(3):
+                point[k] += share * (early * start[j, k] + late * end[j, k])
+                normal[k] += share * obstacle.normals[j, k]
+                motion[k] += share * (end[j, k] - start[j, k])
+        length = np.sqrt(normal[0] ** 2 + normal[1] ** 2 + normal[2] ** 2) + np.float32(1e-9)
+        chord = np.float32(0)
+        for k in range(3):
+            chord += (x[i, k] - point[k] / total) * normal[k] / length
+        # The plane through the mean point cuts off what is convex, the mean of the planes overshoots by as
+        # much; the surface lies halfway between them.
+        lift = np.float32(0.5) * (chord - flat / total) / length
+        for k in range(3):
+            planes.point[i, k] = point[k] / total + lift * normal[k]
+            planes.normal[i, k] = normal[k] / length
+            planes.motion[i, k] = motion[k] / (total * steps)
+
+
+@_compiled
+def close_pairs(x, rest, reach, apart):
+    """Pairs of vertices (N, 2) nearer than `reach` that lie more than `apart` from each other at rest."""
+    count = len(x)
+    size = 1
+    while size < 2 * count:
+        size *= 2
+    cell = np.empty((count, 3), np.int32)
+    slot = np.empty(count, np.int32)
+    begins = np.zeros(size + 1, np.int32)
+    for i in range(count):
+        for k in range(3):
+            cell[i, k] = np.int32(np.floor(x[i, k] / reach))
+        slot[i] = (cell[i, 0] * 73856093 ^ cell[i, 1] * 19349663 ^ cell[i, 2] * 83492791) & (size - 1)
+        begins[slot[i] + 1] += 1
+    for s in range(size):
+        begins[s + 1] += begins[s]
+    order = np.empty(count, np.int32)
+    filled = begins[:-1].copy()
+    for i in range(count):
+        order[filled[slot[i]]] = i
+        filled[slot[i]] += 1
+    pairs = np.empty((8 * count, 2), np.int32)
+    found = 0
+    for i in range(count):
+        for step in range(18):  # of the 27 cells around it one of every two that face each other, and its own
+            a, b, c = step // 9, (step // 3) % 3 - 1, step % 3 - 1
+            if a == 0 and (b < 0 or (b == 0 and c < 0)):
+                continue
+            u, v, w = cell[i, 0] + a, cell[i, 1] + b, cell[i, 2] + c
+            s = (u * 73856093 ^ v * 19349663 ^ w * 83492791) & (size - 1)
+            for place in range(begins[s], begins[s + 1]):
+                j = order[place]
+                if cell[j, 0] != u or cell[j, 1] != v or cell[j, 2] != w:
+                    continue
+                if a == 0 and b == 0 and c == 0 and j <= i:
+                    continue
+                now, then = np.float32(0), np.float32(0)
+                for k in range(3):
+                    now += (x[i, k] - x[j, k]) ** 2
+                    then += (rest[i, k] - rest[j, k]) ** 2
+                if now < reach * reach and then > apart * apart and found < len(pairs):
+                    pairs[found, 0], pairs[found, 1] = i, j
+                    found += 1
+    return pairs[:found]
+
+
+@_compiled
+def frame(x, before, cloth, obstacle, own, other, target, motion, steps, step, damping):
+    """Take the cloth through one frame of `steps` steps of `step` seconds, in place.
+
+    before (V, 3): where the cloth was a step ago. own, other: Planes, first and second in rank: what of the
+    obstacle is under the cloth, and what else it may meet. target (V, 3): of what is held, at the frame's
+    end. motion (V, 3): metres that the cloth is carried a step. damping: share of the speed that is left
+    after a step.
+    """
+    pairs = np.empty((0, 2), np.int32)
+    for s in range(steps):
+        advance(x, before, motion, step, damping)
+        hold(x, cloth, target, motion, np.float32(steps - 1 - s))
+        stretch(x, cloth)
+        bend(x, cloth)
+        if s % 8 == 0:
+            pairs = close_pairs(
+                x, cloth.rest, np.float32(1.7) * cloth.thickness, np.float32(2.5) * cloth.thickness
+            )
+        part(x, before, pairs, cloth.thickness)
+        since = s % 4
+        if since == 0:
+            follow(x, own, obstacle, (s + 1) / steps, steps)
+            follow(x, other, obstacle, (s + 1) / steps, steps)
+        collide(x, before, other, motion, cloth.friction, np.float32(since))
+        collide(x, before, own, motion, cloth.friction, np.float32(since))
+
+
+@_compiled
+def push_out(x, near, points, normals, faces, first, ring, face_first, face_of, margin):
+    """Move cloth to `margin` metres outside the triangles about its nearest obstacle vertex, in place.
+
+    near (V,): that vertex, or -1; first, ring: its neighbours; face_first, face_of: its faces. Returns which
+    vertices moved (V,).
+    """
+    moved = np.zeros(len(x), np.bool_)
+    weight = np.empty(3, np.float32)
+    for i in range(len(x)):
+        if near[i] < 0:
+            continue
+        best, face, u, v = np.float32(1e9), -1, np.float32(0), np.float32(0)
+        for r in range(first[near[i]] - 1, first[near[i] + 1]):
+            j = near[i] if r < first[near[i]] else ring[r]
+            for k in range(face_first[j], face_first[j + 1]):
+                f = face_of[k]
+                _closest(x[i], points[faces[f, 0]], points[faces[f, 1]], points[faces[f, 2]], weight)
+                square = np.float32(0)
+                for c in range(3):
+                    square += (
+                        x[i, c]
+                        - weight[0] * points[faces[f, 0], c]
+                        - weight[1] * points[faces[f, 1], c]
+                        - weight[2] * points[faces[f, 2], c]
+                    ) ** 2
+                if square < best:
+                    best, face, u, v = square, f, weight[1], weight[2]
+        if face < 0:
+            continue
+        a, b, c = faces[face, 0], faces[face, 1], faces[face, 2]
+        out, length = np.float32(0), np.float32(1e-12)
+        for k in range(3):
+            normal = (1 - u - v) * normals[a, k] + u * normals[b, k] + v * normals[c, k]
+            out += (x[i, k] - (1 - u - v) * points[a, k] - u * points[b, k] - v * points[c, k]) * normal
+            length += normal * normal
+        height = np.sqrt(best) if out > 0 else -np.sqrt(best)
+        if height >= margin:
+            continue
+        moved[i] = True
+        for k in range(3):
+            normal = (1 - u - v) * normals[a, k] + u * normals[b, k] + v * normals[c, k]
+            surface = (1 - u - v) * points[a, k] + u * points[b, k] + v * points[c, k]
+            x[i, k] = surface + margin * normal / np.sqrt(length)
+    return moved
+
+
+@_compiled
+def _closest(p, a, b, c, weight):
+    """Barycentric coordinates of the point of a triangle nearest to p, into `weight` (Ericson, Real-Time
+    Collision Detection, 5.1.5)."""
+    d1, d2, d3 = np.float32(0), np.float32(0), np.float32(0)
+    d4, d5, d6 = np.float32(0), np.float32(0), np.float32(0)
+    for k in range(3):
+        ab, ac = b[k] - a[k], c[k] - a[k]
+        d1 += ab * (p[k] - a[k])
+        d2 += ac * (p[k] - a[k])
+        d3 += ab * (p[k] - b[k])
+        d4 += ac * (p[k] - b[k])
+        d5 += ab * (p[k] - c[k])
+        d6 += ac * (p[k] - c[k])
+    va, vb, vc = d3 * d6 - d5 * d4, d5 * d2 - d1 * d6, d1 * d4 - d3 * d2
+    tiny = np.float32(1e-20)
+    u, v = np.float32(0), np.float32(0)
+    if d1 <= 0 and d2 <= 0:
+        pass
+    elif d3 >= 0 and d4 <= d3:
+        u = np.float32(1)
+    elif d6 >= 0 and d5 <= d6:
+        v = np.float32(1)
+    elif vc <= 0 and d1 >= 0 and d3 <= 0:
+        u = d1 / (d1 - d3 + tiny)
+    elif vb <= 0 and d2 >= 0 and d6 <= 0:
+        v = d2 / (d2 - d6 + tiny)
+    elif va <= 0 and d4 - d3 >= 0 and d5 - d6 >= 0:
+        v = (d4 - d3) / ((d4 - d3) + (d5 - d6) + tiny)
+        u = 1 - v
+    else:
+        scale = np.float32(1) / (va + vb + vc + tiny)
+        u, v = vb * scale, vc * scale
+    weight[0], weight[1], weight[2] = 1 - u - v, u, v
