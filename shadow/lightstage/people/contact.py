@@ -8,8 +8,7 @@ from collections.abc import Callable
 from dataclasses import dataclass
 
 import numpy as np
-from scipy.sparse import coo_matrix, csr_matrix, diags
-from scipy.sparse.linalg import spsolve
+from scipy.sparse import csr_matrix
 from scipy.spatial import cKDTree
 
 from shadow.lightstage.figure import vertex_normals
@@ -28,17 +27,20 @@ BESIDES = np.array([FOREARMS, SIDES, SIDES, OTHER_RIGHT, OTHER_LEFT], np.uint16)
 class Layer:
     """A surface under the cloth. faces (F, 3); positions: frame -> (P, 3); member (P, 5): how much of each
     vertex follows each region; between (P,): whether it faces the other leg; solid (P,): whether it is met
-    at all."""
+    at all; lap: whether it is a lap between the legs, which only what goes about both meets."""
 
     faces: np.ndarray
     positions: Callable[[int], np.ndarray]
     member: np.ndarray
     between: np.ndarray
     solid: np.ndarray
+    lap: bool = False
 
     def allowed(self, spans: bool) -> np.ndarray:
         """The kinds of contact (P,) that each vertex takes part in; `spans`: the cloth hangs about both
         legs, so that its trunk does not follow the gap between them."""
+        if self.lap:
+            return np.full(len(self.solid), TRUNK if spans else 0, np.uint16)
         arms = self.member[:, ARMS].sum(axis=1)
         kinds = [
             (arms < 0.6) & ~(self.between & spans),
@@ -57,15 +59,20 @@ class Contact:
 
     def __init__(self, layers: list[Layer], region: np.ndarray, *, spans: bool, gap: float) -> None:
         self.layers = layers
+        self.last = (-1, None, None)
         counts = np.cumsum([0] + [len(layer.member) for layer in layers])
         self.faces = np.concatenate(
             [layer.faces + start for layer, start in zip(layers, counts[:-1], strict=True)]
         )
         self.allowed = np.concatenate([layer.allowed(spans) for layer in layers])
         self.first, self.ring = neighbours(self.faces, counts[-1])
+        points, _ = self._at(0)
+        degree = np.diff(self.first)
+        square = ((points[self.ring] - np.repeat(points, degree, axis=0)) ** 2).sum(axis=1)
+        around = np.bincount(np.repeat(np.arange(len(points)), degree), square, len(points))
+        self.reach = (0.3 * around / np.maximum(degree, 1) + 1e-8).astype(np.float32)
         self.own = self._planes(UNDER[region], gap, deepest=0.06)
         self.other = self._planes(BESIDES[region], gap, deepest=0.02)
-        self.last = (-1, None, None)
 
     def _planes(self, bits: np.ndarray, gap: float, deepest: float) -> solver.Planes:
         vectors = [np.zeros((len(bits), 3), np.float32) for _ in range(3)]
@@ -87,7 +94,7 @@ class Contact:
         """The obstacle on its way to `frame` from the one before."""
         start, _ = self._at(max(frame - 1, 0))
         end, normals = self._at(frame)
-        return solver.Obstacle(start, end, normals, self.first, self.ring, self.allowed)
+        return solver.Obstacle(start, end, normals, self.first, self.ring, self.allowed, self.reach)
 
     def search(self, cloth: np.ndarray, frame: int) -> None:
         """Find the nearest vertices anew; between searches they are walked."""
@@ -136,23 +143,3 @@ def _faces_of(faces: np.ndarray, count: int) -> tuple[np.ndarray, np.ndarray]:
     order = np.argsort(faces.ravel(), kind="stable")
     first = np.concatenate([[0], np.cumsum(np.bincount(faces.ravel(), minlength=count))])
     return first.astype(np.int32), (order // 3).astype(np.int32)
-
-
-def spanned(points: np.ndarray, faces: np.ndarray, hollow: np.ndarray) -> csr_matrix:
-    """The operator (V, V) that spans a hollow (V,) of a mesh with a soap film from its rim: cloth does so,
-    and what follows the bottom of the hollow is wedged there."""
-    edges, _, _ = edges_of(faces)
-    both = np.concatenate([edges, edges[:, ::-1]])
-    weight = 1 / np.maximum(np.linalg.norm(points[both[:, 0]] - points[both[:, 1]], axis=1), 1e-3)
-    graph = coo_matrix((weight, (both[:, 0], both[:, 1])), (len(points), len(points))).tocsr()
-    laplacian = (diags(np.asarray(graph.sum(axis=1)).ravel()) - graph).tocsr()
-    inside, rim = np.flatnonzero(hollow), np.flatnonzero(~hollow)
-    film = csr_matrix(spsolve(laplacian[inside][:, inside].tocsc(), -laplacian[inside][:, rim].tocsc()))
-    whole, film = diags((~hollow).astype(float)).tocoo(), film.tocoo()
-    return coo_matrix(
-        (
-            np.concatenate([whole.data, film.data]),
-            (np.concatenate([whole.row, inside[film.row]]), np.concatenate([whole.col, rim[film.col]])),
-        ),
-        (len(points), len(points)),
-    ).tocsr()

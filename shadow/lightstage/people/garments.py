@@ -5,19 +5,21 @@ by position-based dynamics in the final pose, or simulated.
 """
 
 import numpy as np
+from scipy.sparse import csr_matrix, diags
 from scipy.spatial import cKDTree
 
 from shadow.lightstage.figure import unit, vertex_normals
 from shadow.lightstage.people import trimmings
 from shadow.lightstage.people.anatomy import ARMS, LEGS, Person
-from shadow.lightstage.people.cloth import clip, drape, fold_noise, line, subdivide
-from shadow.lightstage.people.contact import spanned
+from shadow.lightstage.people.cloth import clip, drape, edges_of, fold_noise, line, subdivide
 from shadow.lightstage.people.fabric import Fabric, Part
+from shadow.lightstage.people.hollows import crotch
 from shadow.lightstage.people.patterns import Fit, Pattern, cut_line
 from shadow.lightstage.people.simulation import Cut, Simulator
 
-# Height of the fine creases on simulated cloth, whose own folds are 4 to 5 cm and more, over those on draped.
-SIMULATED_WRINKLES = 0.4
+# Height of the finest creases on simulated cloth over those on draped cloth; what is wider it folds itself.
+SIMULATED_WRINKLES = 0.35
+LONG = 0.25  # metres let down below which a garment hangs about both legs
 
 
 class Wardrobe:
@@ -34,14 +36,16 @@ class Wardrobe:
         between = self._between_legs(person.tights_rest, tights.faces)
         self.obstacles.append((posed, vertex_normals(posed, tights.faces), self.membership, between))
         if simulator:
-            film = spanned(person.tights_rest, tights.faces, _seat(person))
-            rest, weights = film @ person.tights_rest, (film @ tights.weights).tocsr()
-            simulator.skinned(tights.faces, rest, weights, self._between_legs(rest, tights.faces))
+            simulator.stand(self._between_thighs(person.tights_rest, tights.faces))
 
     def _between_legs(self, rest: np.ndarray, faces: np.ndarray) -> np.ndarray:
         """Whether each vertex faces the other leg or buttock: cloth about both legs spans that gap."""
         low = rest[:, 1] < self.person.skeleton.head("upperleg01.L")[1] + 0.12
         return low & (np.sign(rest[:, 0]) * vertex_normals(rest, faces)[:, 0] < -0.2)
+
+    def _between_thighs(self, rest: np.ndarray, faces: np.ndarray) -> np.ndarray:
+        """The same below the crotch: the seat above it is filled for simulated cloth."""
+        return self._between_legs(rest, faces) & (rest[:, 1] < crotch(self.person)[1])
 
     def _meets(self, region: np.ndarray) -> list[tuple[np.ndarray, np.ndarray, np.ndarray]]:
         """For each region of the cloth the obstacles that it can touch: limbs meet their own limb only, so
@@ -90,9 +94,11 @@ class Wardrobe:
 
     def _simulated(self, fit: Fit, pattern: Pattern) -> tuple[Pattern, np.ndarray]:
         """The same by physics, on the refined pattern."""
-        pattern, _ = pattern.subdivided(self.person)
-        between = self._between_legs(pattern.rest, pattern.faces)
-        posed = self.simulator.drape(physical(self.person, fit, pattern), between, _outside(fit, pattern))
+        coarse = pattern
+        pattern, step = coarse.subdivided(self.person)
+        cut = physical(self.person, fit, pattern, (step @ carried(self.person, fit, coarse)).tocsr())
+        between = self._between_thighs(pattern.rest, pattern.faces)
+        posed = self.simulator.drape(cut, between, _outside(fit, pattern))
         self._covers(fit, pattern, posed)
         return pattern, posed
 
@@ -112,11 +118,12 @@ class Wardrobe:
         rest, region = pattern.plain, pattern.region
         if fit.below:
             region = np.where(rest[:, 1] < fit.bottom, 0, region)
-        height = self._wrinkles(fit, rest, region) * (SIMULATED_WRINKLES if self.simulator else 1)
-        posed = posed + vertex_normals(posed, faces) * height[:, None]
+        posed = posed + vertex_normals(posed, faces) * self._wrinkles(fit, rest, region)[:, None]
         hanging = fit.below > 0.15 or fit.open_front > 0
         wide = max(fit.sleeve_width, fit.leg_width) > 0.85
-        vertices, lined, source = line(posed, faces, fit.thickness, 0.35 if wide or hanging else 0.12)
+        inner = 0.35 if wide or hanging else 0.12
+        # In tight folds an inner side would come out again, and rays find the outer one from both sides.
+        vertices, lined, source = line(posed, faces, fit.thickness, 0.02 if self.simulator else inner)
         part = Part(vertices, lined, rest[source], region[source], fabric)
         self.parts.append(part)
         if fit.buttons:
@@ -164,7 +171,7 @@ class Wardrobe:
         between = self._between_legs(shaped, faces)
         self.obstacles.append((posed, vertex_normals(posed, faces), membership, between))
         if self.simulator:
-            self.simulator.skinned(faces, shaped, weights.tocsr(), between)
+            self.simulator.follow(faces, shaped, weights.tocsr(), self._between_thighs(shaped, faces))
         vertices, lined, source = line(posed, faces, fit.thickness, 0.04)
         region = np.argmax(membership, axis=1)
         self.parts.append(Part(vertices, lined, shaped[source], region[source], fabric))
@@ -197,12 +204,14 @@ class Wardrobe:
         patches = 0.5 + 0.5 * np.clip(fold_noise(rest, rng, 0.2), -1, 1)
         # Creases are ridges more than waves.
         creases = 1 - np.abs(fold_noise(across, rng, rng.uniform(0.04, 0.075))) * 1.2
-        creases += 0.4 * fold_noise(across, rng, 0.024) + 0.15 * fold_noise(across, rng, 0.012)
+        fine = 0.4 * fold_noise(across, rng, 0.024) + 0.15 * fold_noise(across, rng, 0.012)
         # Long folds run where the cloth is pulled or hangs: some slanting direction over the trunk.
         pull = unit(np.array([rng.normal() * 0.6, 1.0, rng.normal() * 0.6]))
         trunk = rest - 0.8 * (rest @ pull)[:, None] * pull
         folds = fold_noise(trunk, rng, rng.uniform(0.05, 0.11)) * np.where(region == 0, 1.0, 0.6)
-        return fit.wrinkles * (1.6 * size * patches * creases + 2.2 * (1 - patches) * folds)
+        if self.simulator:
+            return SIMULATED_WRINKLES * fit.wrinkles * 1.6 * size * patches * fine
+        return fit.wrinkles * (1.6 * size * patches * (creases + fine) + 2.2 * (1 - patches) * folds)
 
 
 def _outside(fit: Fit, pattern: Pattern) -> np.ndarray:
@@ -211,17 +220,33 @@ def _outside(fit: Fit, pattern: Pattern) -> np.ndarray:
     return rest[:, 1] > fit.bottom + 0.06 if "hem" in fit.held else np.ones(len(rest), bool)
 
 
-def _seat(person: Person) -> np.ndarray:
-    """The cleft of the seat (V,) in the tights, from the crotch up."""
-    rest = person.tights_rest
-    x, y, z = rest.T
-    hip = person.skeleton.head("upperleg01.L")[1]
-    crotch = rest[(np.abs(x) < 0.01) & (y < hip)]
-    lowest = crotch[np.argmin(crotch[:, 1])]
-    return (np.abs(x) < 0.04) & (y > lowest[1] - 0.01) & (y < hip + 0.1) & (z < lowest[2])
+def carried(person: Person, fit: Fit, pattern: Pattern) -> csr_matrix:
+    """Weights (V, J) of the bones that carry the cloth along: softer than the skin's, most at the shoulders; a
+    top hangs from the trunk, and is pushed by the thighs rather than drawn with them."""
+    weights, base = pattern.weights, person.base
+    if fit.leg is None and fit.below <= LONG:
+        bones = np.arange(len(base.names))
+        to = np.where(np.isin(base.regions, LEGS), base.names.index("root"), bones)
+        weights = weights @ csr_matrix((np.ones(len(to)), (bones, to)), (len(to), len(to)))
+    edges, _, _ = edges_of(pattern.faces)
+    both = np.concatenate([edges, edges[:, ::-1]])
+    graph = csr_matrix((np.ones(len(both)), (both[:, 0], both[:, 1])), (len(pattern.rest),) * 2)
+    mean = diags(1 / np.maximum(np.asarray(graph.sum(axis=1)).ravel(), 1)) @ graph
+    near = _shoulder(person, pattern)
+    for step in range(24):
+        share = 0.5 * (near if step >= 5 else np.ones_like(near))
+        weights = (diags(1 - share) @ weights + diags(share) @ (mean @ weights)).tocsr()
+    return weights
 
 
-def physical(person: Person, fit: Fit, pattern: Pattern) -> Cut:
+def _shoulder(person: Person, pattern: Pattern) -> np.ndarray:
+    """How near each vertex is to a shoulder joint, (V,) in [0, 1]."""
+    joints = np.stack([person.polyline(k)[0] for k in ARMS])
+    distance = np.linalg.norm(pattern.plain[:, None] - joints, axis=2).min(axis=1)
+    return np.exp(-((distance / 0.11) ** 2))
+
+
+def physical(person: Person, fit: Fit, pattern: Pattern, weights: csr_matrix) -> Cut:
     """What a fit means to the simulation.
 
     Cloth is longer than the cut, as sewn cloth is where it folds: most along sleeves, least where it clings.
@@ -230,12 +255,16 @@ def physical(person: Person, fit: Fit, pattern: Pattern) -> Cut:
     rest, member = pattern.rest, person.membership(pattern.weights)
     tube = rest[:, 1] < fit.bottom if fit.below else np.zeros(len(rest), bool)
     region = np.where(tube, 0, pattern.region)
-    hangs = fit.below > 0.25
+    hangs = fit.below > LONG
     thick = fit.thickness > 0.0065
     arms, trunk, legs = (
         ((1.1, 1.05), (1.05, 1.04), (1.05, 1.04)) if thick else ((1.14, 1.06), (1.09, 1.06), (1.05, 1.04))
     )
     slack = 0.25 + 0.75 * np.clip((fit.ease - 0.003) / 0.007, 0, 1)
+    if hangs:
+        arms, trunk = (1.08, 1.04), (1.02, 1.03)
+    elif "hem" in fit.held:  # tucked in: all that is too long comes out over the waistband
+        trunk = (1.03, 1.05)
     longer = 1 + slack * (member @ (np.array([trunk, arms, arms, legs, legs]) - 1))
     longer[tube] = 1.01
     axis, held = np.tile([0.0, 1.0, 0.0], (len(rest), 1)), pattern.held.copy()
@@ -249,8 +278,13 @@ def physical(person: Person, fit: Fit, pattern: Pattern) -> Cut:
             held[mine] = np.maximum(held[mine], np.clip((along - fit.sleeve + 0.05) / 0.03, 0, 1))
     chest = person.skeleton.head("spine02")[1]
     anchored = ((region > 0) | (rest[:, 1] > chest) | (fit.leg is not None)) & ~tube
+    # An arm that is raised has no use for the cloth over its shoulder: it is stiff there, or crumples.
+    padded = _shoulder(person, pattern)
+    anchored &= padded < 0.3
+    longer = 1 + (longer - 1) * (1 - padded)[:, None]
     hinge = 1e-6 * (0.5 + 2.5 * fit.bending) * (fit.thickness / 0.004) * (2.5 if hangs else 1)
+    hinge = hinge * (1 + 5 * padded)
     return Cut(
-        pattern.faces, rest, pattern.weights, member, region, axis, held, anchored, longer,
-        hinge, 0.4 if hangs else 0.6, 0.001 + 0.6 * fit.thickness, hangs,
+        pattern.faces, rest, weights, member, region, axis, held, anchored, longer,
+        hinge, 0.4 if hangs else 0.6, 0.001 + 0.6 * fit.thickness, fit.leg is None,
     )  # fmt: skip

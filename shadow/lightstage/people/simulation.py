@@ -13,6 +13,7 @@ from pathlib import Path
 
 import numpy as np
 from scipy.sparse import csr_matrix
+from scipy.sparse.csgraph import dijkstra
 
 from shadow.files import replacing
 from shadow.lightstage.figure import unit, vertex_normals
@@ -20,6 +21,7 @@ from shadow.lightstage.people import solver
 from shadow.lightstage.people.anatomy import Person, skin
 from shadow.lightstage.people.cloth import edges_of, fold_noise
 from shadow.lightstage.people.contact import Contact, Layer
+from shadow.lightstage.people.hollows import Creases, lap, seat
 
 MOVING, SETTLING, CALM = 36, 24, 10  # frames: on the way, after it, and how many of these are damped more
 STEPS, RATE = 16, 60  # steps a frame, frames a second
@@ -37,8 +39,8 @@ class Cut:
     rest: (V, 3) let out, in the rest pose, metres. weights: (V, J) of the bones. member: (V, 5) how much each
     vertex follows each region, region (V,) which it belongs to. axis: (V, 3) unit, along the limb. held: (V,)
     in [0, 1], 1 stays where the bones take it. anchored: (V,) where folds are spread by anchors. longer: (V,
-    2) length of the cloth over the cut's, along and across the limb. hinge: bending stiffness, N·m. friction:
-    against what is under it. gap: metres kept from that. hangs: whether it goes about both legs.
+    2) length of the cloth over the cut's, along and across the limb. hinge: (V,) bending stiffness, N·m.
+    friction: against what is under it. gap: metres kept from that. spans: whether it goes about both legs.
     """
 
     faces: np.ndarray
@@ -50,10 +52,10 @@ class Cut:
     held: np.ndarray
     anchored: np.ndarray
     longer: np.ndarray
-    hinge: float
+    hinge: np.ndarray
     friction: float
     gap: float
-    hangs: bool
+    spans: bool
 
 
 @dataclass
@@ -76,19 +78,30 @@ class Simulator:
     def pose(self, frame: int) -> np.ndarray:
         return self.poses[min(frame, MOVING)]
 
-    def skinned(self, faces: np.ndarray, rest: np.ndarray, weights: csr_matrix, between: np.ndarray) -> None:
-        """Add a layer that follows the bones alone: the body, shoes."""
+    def stand(self, between: np.ndarray) -> None:
+        """The body as the first layer, with what cloth spans on it. between: as of `Layer`, of the tights."""
+        tights, film = self.person.base.tights, seat(self.person)
+        rest, weights = film @ self.person.tights_rest, (film @ tights.weights).tocsr()
+        creases = Creases(tights.faces, len(rest))
+        sheets, faces = lap(self.person)
+        frames = [skin(weights, self.pose(frame), rest) for frame in range(MOVING + 1)]
+        bodies = [creases.filled(points).astype(np.float32) for points in frames]
+        laps = [(sheets @ points).astype(np.float32) for points in frames]
+        solid = np.ones(len(rest), bool)
+        self.layers += [
+            Layer(tights.faces, lambda k: bodies[min(k, MOVING)], self.person.tights_member, between, solid),
+            Layer(faces, lambda k: laps[min(k, MOVING)], *np.zeros((3, sheets.shape[0])), lap=True),
+        ]
+        self._note(rest)
+
+    def follow(self, faces: np.ndarray, rest: np.ndarray, weights: csr_matrix, between: np.ndarray) -> None:
+        """Add a layer that follows the bones alone: shoes."""
+        member, solid = self.person.membership(weights), np.ones(len(rest), bool)
+        self.layers.append(Layer(faces, lambda k: skin(weights, self.pose(k), rest), member, between, solid))
+        self._note(rest)
+
+    def _note(self, rest: np.ndarray) -> None:
         self.digest = hashlib.sha256(self.digest.encode() + rest.tobytes()).hexdigest()
-        member = self.person.membership(weights)
-        self.layers.append(
-            Layer(
-                faces,
-                lambda frame: skin(weights, self.pose(frame), rest),
-                member,
-                between,
-                np.ones(len(rest), bool),
-            )
-        )
 
     def drape(self, cut: Cut, between: np.ndarray, solid: np.ndarray) -> np.ndarray:
         """Simulate a garment (V, 3) over the layers so far, and add it to them. between, solid: as of
@@ -132,11 +145,11 @@ class Draped:
         start = cut.rest + rest_normals * (0.0015 * fold_noise(cut.rest, rng, 0.05))[:, None]
         x = np.ascontiguousarray(start, np.float32)
         before = x.copy()
-        contact = Contact(self.layers, cut.region, spans=cut.hangs, gap=cut.gap)
+        contact = Contact(self.layers, cut.region, spans=cut.spans, gap=cut.gap)
         blended, target = self._targets(0)
         yield x.copy()
         for frame in range(1, MOVING + SETTLING + 1):
-            motion = np.zeros_like(x)
+            motion, came = np.zeros_like(x), target
             if frame <= MOVING:
                 there, goal = self._targets(frame)
                 motion = (_carried(x - target, blended, there) + goal - x) / np.float32(STEPS)
@@ -145,7 +158,7 @@ class Draped:
                 contact.search(x, frame - 1)
             damping = 0.997 if frame <= MOVING + SETTLING - CALM else 0.985
             solver.frame(
-                x, before, cloth, contact.during(frame), contact.own, contact.other, target,
+                x, before, cloth, contact.during(frame), contact.own, contact.other, came, target,
                 motion.astype(np.float32), STEPS, np.float32(1 / RATE / STEPS), np.float32(damping),
             )  # fmt: skip
             if frame == MOVING + SETTLING:
@@ -185,6 +198,8 @@ def sewn(cut: Cut, rng: np.random.Generator) -> solver.Cloth:
     shuffled = rng.permutation(np.flatnonzero(cut.anchored))
     _, first = np.unique(cells[shuffled], axis=0, return_index=True)
     anchors[shuffled[first]] = ANCHOR
+    pull = np.maximum(anchors, 0.9 * cut.held)
+    tether, leash = _tethers(edges, length, pull > 0.3)
     return solver.Cloth(
         lightness=(1 / (MASS * np.maximum(share, 0.2 * share.mean()))).astype(np.float32),
         edges=edges.astype(np.int32),
@@ -194,7 +209,9 @@ def sewn(cut: Cut, rng: np.random.Generator) -> solver.Cloth:
         hinges=hinges.astype(np.int32),
         stencil=stencil.astype(np.float32),
         bending=(1 / (stiffness * step**2)).astype(np.float32),
-        pull=np.maximum(anchors, 0.9 * cut.held).astype(np.float32),
+        pull=pull.astype(np.float32),
+        tether=tether.astype(np.int32),
+        leash=leash.astype(np.float32),
         rest=rest.astype(np.float32),
         friction=np.float32(cut.friction),
         thickness=np.float32(0.006),
@@ -210,7 +227,19 @@ def _longer(cut: Cut, edges: np.ndarray) -> np.ndarray:
     return np.hypot(along * longer[:, 0], across * longer[:, 1])
 
 
-def _hinges(rest: np.ndarray, faces: np.ndarray, hinge: float) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+def _tethers(edges: np.ndarray, length: np.ndarray, held: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Of each vertex the nearest that is held fast, or itself, and the metres of cloth to it."""
+    graph = csr_matrix((length, (edges[:, 0], edges[:, 1])), (len(held), len(held)))
+    if not held.any():
+        return np.arange(len(held)), np.zeros(len(held))
+    leash, _, tether = dijkstra(graph, False, np.flatnonzero(held), return_predecessors=True, min_only=True)
+    there = np.isfinite(leash) & (leash > 0)
+    return np.where(there, tether, np.arange(len(held))), np.where(there, leash, 0)
+
+
+def _hinges(
+    rest: np.ndarray, faces: np.ndarray, hinge: np.ndarray
+) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     """Inner edges with the vertices opposite (H, 4), their stencils (H, 4) and stiffness (H,), of quadratic
     isometric bending (Bergou et al. 2006, "A Quadratic Bending Model for Inextensible Surfaces")."""
     edges, side, shared = edges_of(faces)
@@ -233,14 +262,17 @@ def _hinges(rest: np.ndarray, faces: np.ndarray, hinge: float) -> tuple[np.ndarr
     # Clipped entries would no longer sum to zero, and a flat sliver would pull.
     stencil *= np.minimum(1, STEEPEST / np.maximum(steep, 1e-12))[:, None]
     area = sum(np.linalg.norm(np.cross(b - a, p - a), axis=1) / 2 for p in (c, d))
-    return hinges, stencil, hinge * 3 / np.maximum(area, 1e-8)
+    return hinges, stencil, hinge[hinges[:, :2]].mean(axis=1) * 3 / np.maximum(area, 1e-8)
 
 
 def _carried(offset: np.ndarray, before: np.ndarray, after: np.ndarray) -> np.ndarray:
     """Offsets (V, 3) of cloth from its targets, turned as the bones turn from one frame to the next."""
     turned = np.einsum("vij,vj->vi", after, np.linalg.solve(before, offset[:, :, None])[:, :, 0])
     now, then = np.linalg.norm(turned, axis=1), np.linalg.norm(offset, axis=1)
-    return turned * (then / np.maximum(now, 1e-9))[:, None]
+    stretch = now / np.maximum(then, 1e-9)
+    # Where blended bones nearly cancel out, deep in an elbow, there is no turn to be had.
+    sound = (stretch > 0.7) & (stretch < 1.4)
+    return np.where(sound[:, None], turned / np.maximum(stretch, 0.1)[:, None], offset)
 
 
 def _digest(cut: Cut, under: str, person: Person) -> str:

@@ -27,6 +27,8 @@ class Cloth(NamedTuple):
     stencil: np.ndarray  # (H, 4): their weights in the bending vector
     bending: np.ndarray  # (H,) compliance of a hinge
     pull: np.ndarray  # (V,) share of the way back to its target that a vertex is taken in every step
+    tether: np.ndarray  # (V,) the nearest held vertex along the cloth, or itself
+    leash: np.ndarray  # (V,) metres of cloth to it
     rest: np.ndarray  # (V, 3) as cut: cloth that is close there does not fend itself off
     friction: float  # Coulomb's coefficient against the obstacle
     thickness: float  # metres kept between cloth and cloth
@@ -37,7 +39,7 @@ class Planes(NamedTuple):
     none."""
 
     near: np.ndarray  # (V,) the obstacle's nearest vertex
-    bits: np.ndarray  # (V,) uint8: which of the obstacle's vertices can be, those that share a bit
+    bits: np.ndarray  # (V,) uint16: which of the obstacle's vertices can be, those that share a bit
     point: np.ndarray  # (V, 3)
     normal: np.ndarray  # (V, 3)
     motion: np.ndarray  # (V, 3) of the obstacle, metres a step
@@ -53,7 +55,8 @@ class Obstacle(NamedTuple):
     normals: np.ndarray  # (P, 3) at its end
     first: np.ndarray  # (P + 1,) where each vertex's neighbours begin in `ring`
     ring: np.ndarray
-    allowed: np.ndarray  # (P,) uint8: a bit for each kind of cloth that may touch the vertex
+    allowed: np.ndarray  # (P,) uint16: a bit for each kind of cloth that may touch the vertex
+    reach: np.ndarray  # (P,) square metres over which planes are blended, so that fine meshes stay as fine
 
 
 _compiled = njit(cache=True, fastmath=True, error_model="numpy")
@@ -115,13 +118,31 @@ def bend(x, cloth):
 
 
 @_compiled
-def hold(x, cloth, target, motion, left):
-    """Take held and anchored vertices towards their targets, which are `left` steps of `motion` on."""
+def hold(x, cloth, start, end, late):
+    """Take held and anchored vertices towards their targets, which are on the way from `start` to `end`."""
+    early = np.float32(1) - late
     for i in range(len(x)):
         pull = cloth.pull[i]
         if pull > 0:
             for k in range(3):
-                x[i, k] += pull * (target[i, k] - left * motion[i, k] - x[i, k])
+                x[i, k] += pull * (early * start[i, k] + late * end[i, k] - x[i, k])
+
+
+@_compiled
+def tie(x, cloth):
+    """Long range attachments (Kim et al. 2012): nothing hangs farther from where the cloth is held than there
+    is cloth, however few sweeps the edges get."""
+    for i in range(len(x)):
+        a = cloth.tether[i]
+        if a == i:
+            continue
+        dx, dy, dz = x[i, 0] - x[a, 0], x[i, 1] - x[a, 1], x[i, 2] - x[a, 2]
+        square = dx * dx + dy * dy + dz * dz
+        if square > cloth.leash[i] * cloth.leash[i]:
+            share = cloth.leash[i] / np.sqrt(square) - np.float32(1)
+            x[i, 0] += share * dx
+            x[i, 1] += share * dy
+            x[i, 2] += share * dz
 
 
 @_compiled
@@ -225,15 +246,7 @@ def follow(x, planes, obstacle, time, steps):
             continue
         near = _walk(x[i], planes.near[i], obstacle, late, planes.bits[i])
         planes.near[i] = near
-        # The scale is that of the ring, so that coarse and fine meshes blend alike.
-        reach = np.float32(1e-8)
-        for r in range(first[near], first[near + 1]):
-            for k in range(3):
-                reach += (
-                    np.float32(0.3)
-                    * (end[obstacle.ring[r], k] - end[near, k]) ** 2
-                    / (first[near + 1] - first[near])
-                )
+        reach = obstacle.reach[near]
         total, flat = np.float32(0), np.float32(0)
         point[:], normal[:], motion[:] = 0, 0, 0
         for r in range(first[near] - 1, first[near + 1]):
@@ -312,26 +325,27 @@ def close_pairs(x, rest, reach, apart):
 
 
 @_compiled
-def frame(x, before, cloth, obstacle, own, other, target, motion, steps, step, damping):
+def frame(x, before, cloth, obstacle, own, other, start, end, motion, steps, step, damping):
     """Take the cloth through one frame of `steps` steps of `step` seconds, in place.
 
     before (V, 3): where the cloth was a step ago. own, other: Planes, first and second in rank: what of the
-    obstacle is under the cloth, and what else it may meet. target (V, 3): of what is held, at the frame's
-    end. motion (V, 3): metres that the cloth is carried a step. damping: share of the speed that is left
+    obstacle is under the cloth, and what else it may meet. start, end (V, 3): the targets of what is
+    held. motion (V, 3): metres that the cloth is carried a step. damping: share of the speed that is left
     after a step.
     """
     pairs = np.empty((0, 2), np.int32)
     for s in range(steps):
         advance(x, before, motion, step, damping)
-        hold(x, cloth, target, motion, np.float32(steps - 1 - s))
+        hold(x, cloth, start, end, np.float32((s + 1) / steps))
         stretch(x, cloth)
         bend(x, cloth)
-        if s % 8 == 0:
+        tie(x, cloth)
+        if s == 0:
             pairs = close_pairs(
-                x, cloth.rest, np.float32(1.7) * cloth.thickness, np.float32(2.5) * cloth.thickness
+                x, cloth.rest, np.float32(2) * cloth.thickness, np.float32(2.5) * cloth.thickness
             )
         part(x, before, pairs, cloth.thickness)
-        since = s % 4
+        since = s % 8
         if since == 0:
             follow(x, own, obstacle, (s + 1) / steps, steps)
             follow(x, other, obstacle, (s + 1) / steps, steps)
