@@ -47,6 +47,10 @@ def stage(
     relief: Annotated[
         bool, typer.Option("--relief", help="Raise the folds that are only painted on a scan.")
     ] = False,
+    simulate: Annotated[
+        bool,
+        typer.Option("--simulate", help="Drape the clothes of --bodies by physics: some 15 s a body more."),
+    ] = False,
     processes: Annotated[int | None, typer.Option(min=1, help="Default: one a core.")] = None,
     pack: Annotated[
         Path | None, typer.Option(help="Then pack the records into shards of at most 60 MiB in this folder.")
@@ -62,7 +66,7 @@ def stage(
         raise ValueError(
             "--relief: expected scans alone, since folds of --bodies and --pairs are not painted"
         )
-    people = _people(bodies, pairs, split)
+    people = _people(bodies, pairs, split, records / "cloth" if simulate else None)
     sources = people + _scans([*(scan or []), *_listed(scan_list)], variants)
     if sources:
         written, on_disk, errors = render_all(
@@ -84,11 +88,12 @@ def stage(
         console.print(f"{sheet}")
 
 
-def _people(bodies: str | None, pairs: str | None, split: str) -> list["Source"]:
-    """The clothed bodies and the pairs of a split."""
+def _people(bodies: str | None, pairs: str | None, split: str, cloth: Path | None) -> list["Source"]:
+    """The clothed bodies and pairs of a split. cloth: the folder of simulated garments, None: none are."""
     from shadow.lightstage.stage import Source
 
-    people = [Source.body(seed, split) for seed in _seeds("--bodies", bodies)]
+    simulated = {"simulate": cloth is not None, "cache": cloth}
+    people = [Source.body(seed, split, **simulated) for seed in _seeds("--bodies", bodies)]
     return people + [Source.pair(seed, split) for seed in _seeds("--pairs", pairs)]
 
 

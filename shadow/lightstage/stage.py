@@ -150,8 +150,10 @@ class Source:
     load: Callable[[], Figure]
 
     @classmethod
-    def body(cls, seed, split):
-        return cls(f"body-{split}-{seed:06d}", partial(bodies.body, seed, split))
+    def body(cls, seed: int, split: str, *, simulate: bool = False, cache: Path | None = None) -> "Source":
+        """A clothed body; simulate, cache: as of `bodies.body`."""
+        name = f"body-{split}-{seed:06d}" + ("-simulated" if simulate else "")
+        return cls(name, partial(bodies.body, seed, split, simulate=simulate, cache=cache))
 
     @classmethod
     def pair(cls, seed, split):

@@ -221,8 +221,8 @@ def _outside(fit: Fit, pattern: Pattern) -> np.ndarray:
 
 
 def carried(person: Person, fit: Fit, pattern: Pattern) -> csr_matrix:
-    """Weights (V, J) of the bones that carry the cloth along: softer than the skin's, most at the shoulders; a
-    top hangs from the trunk, and is pushed by the thighs rather than drawn with them."""
+    """Weights (V, J) of the bones that carry the cloth along: softer than the skin's, most at the shoulders.
+    A top hangs from the trunk, and is pushed by the thighs rather than drawn with them."""
     weights, base = pattern.weights, person.base
     if fit.leg is None and fit.below <= LONG:
         bones = np.arange(len(base.names))
