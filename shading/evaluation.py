@@ -1,6 +1,8 @@
 """Table 6 and Figure 6: shading against path-traced truth; and what old light is left in the albedo."""
 
+from collections.abc import Iterable
 from dataclasses import dataclass, field
+from pathlib import Path
 
 import numpy as np
 import torch
@@ -9,7 +11,7 @@ from rich.progress import track
 from shading import diffuse
 from shading.tasks import true_shading
 from shadow import normals, visibility
-from shadow.data.photographs import photograph, sample
+from shadow.data.photographs import Sample, photograph, sample
 from shadow.data.records import Records
 from shadow.evaluation import metrics, pictures, plots
 from shadow.evaluation.scores import FRONTAL
@@ -37,7 +39,8 @@ class Tally:
     rmse: list[float] = field(default_factory=list)
     ssim: list[float] = field(default_factory=list)
 
-    def add(self, estimate, truth, inside):
+    def add(self, estimate: torch.Tensor, truth: torch.Tensor, inside: torch.Tensor) -> None:
+        """Maps (D, H, W) of one record; inside: (H, W) bool."""
         self.rmse.extend(metrics.rmse(estimate, truth, inside).tolist())
         self.ssim.extend(metrics.ssim(estimate, truth, inside).tolist())
 
@@ -50,7 +53,10 @@ class Delight:
     shadow: list[float] = field(default_factory=list)  # and in its shadow
     left: list[float] = field(default_factory=list)  # stops by which the shadow is darker than it should be
 
-    def add(self, encoded, truth, lit, shadow):
+    def add(
+        self, encoded: torch.Tensor, truth: torch.Tensor, lit: torch.Tensor, shadow: torch.Tensor
+    ) -> None:
+        """Encoded albedo (3, H, W), estimated and true; lit, shadow: (H, W) bool."""
         scale = (truth * lit).sum((-2, -1)) / (encoded * lit).sum((-2, -1)).clamp_min(1e-3)
         encoded = encoded * scale[:, None, None]  # exposure and white balance are nobody's to know
         error = (encoded - truth).abs().mean(dim=0)
@@ -61,7 +67,16 @@ class Delight:
 
 
 @torch.no_grad()
-def evaluate(paths, *, models=None, out=None, normals_model=None, field_model="field", seed=0, limit=None):
+def evaluate(
+    paths: Iterable[str | Path],
+    *,
+    models: dict[str, str | Path] | None = None,
+    out: str | Path | None = None,
+    normals_model: str | Path | None = None,
+    field_model: str | Path = "field",
+    seed: int = 0,
+    limit: int | None = None,
+) -> tuple[dict[str, Tally], dict[str, Delight]]:
     """Score shading networks on records with bounce light, as Table 6 does, and the albedo of "ours".
 
     Every record is photographed once under a random lighting fixed by `seed`, framed on the canvas, and asked
@@ -126,7 +141,13 @@ def evaluate(paths, *, models=None, out=None, normals_model=None, field_model="f
     return tallies, delights
 
 
-def _score_albedo(delights, albedo, view, rgb, inside):
+def _score_albedo(
+    delights: dict[str, Delight],
+    albedo: torch.Tensor | None,
+    view: Sample,
+    rgb: torch.Tensor,
+    inside: torch.Tensor,
+) -> None:
     """Tally the albedo, and beside it the photograph, if one lamp of the lighting is strong enough."""
     power = view["weights"].sum(dim=1)
     key = int(power.argmax())
@@ -140,7 +161,9 @@ def _score_albedo(delights, albedo, view, rgb, inside):
         delights[name].add(image.clamp_min(0) ** (1 / ENCODING), truth, lit, shadow)
 
 
-def _figure_row(photo, truth, maps, light):
+def _figure_row(
+    photo: torch.Tensor, truth: torch.Tensor, maps: dict[str, torch.Tensor], light: int
+) -> list[torch.Tensor]:
     """Photograph, truth, then each estimate with its absolute error."""
     columns = [pictures.show_linear(photo), pictures.show_linear(truth[light][None])]
     for shading in maps.values():
@@ -149,7 +172,7 @@ def _figure_row(photo, truth, maps, light):
     return columns
 
 
-def report(tallies, delights):
+def report(tallies: dict[str, Tally], delights: dict[str, Delight]) -> str:
     """The scores as Markdown tables, the paper's beside them."""
     rows = [
         "| variant | RMSE ↓ | SSIM ↑ | paper: RMSE | paper: SSIM |",

@@ -1,14 +1,17 @@
 """Losses of the shading networks, for the shared fit loop."""
 
 import functools
+from collections.abc import Callable, Iterator
+from typing import Any
 
 import torch
 import torch.nn.functional as F
+from torch import nn
 
-from shading.diffuse import PerLightShading, ShadingField, base
+from shading.diffuse import Diffuse, PerLightShading, ShadingField, base
 from shadow.evaluation import metrics, pictures
 from shadow.networks.backbone import ENCODING, take_blocks
-from shadow.training.loop import Task
+from shadow.training.recipes import Task
 from shadow.training.tasks import random_blocks
 
 SOFT = 0.05  # shading error below which the loss is square; beyond, it seeks the median: lit or dark, no haze
@@ -16,12 +19,15 @@ SHADING = 5.0  # weight of the error in the shading
 ABSOLUTE = 0.2  # weight of the error in the albedo's overall colour and brightness
 AGREEMENT = 0.5  # weight of the error in the photograph that albedo and shading make together
 
+Batch = dict[str, Any]
+Take = Callable[[torch.Tensor], torch.Tensor]  # of maps (..., H, W), some of their pixels
 
-def _encoded(linear):
+
+def _encoded(linear: torch.Tensor) -> torch.Tensor:
     return linear.clamp_min(1e-4) ** (1 / ENCODING)
 
 
-def _aligned(estimate, truth, inside):
+def _aligned(estimate: torch.Tensor, truth: torch.Tensor, inside: torch.Tensor) -> torch.Tensor:
     """The estimate, each channel scaled to the truth's mean inside the mask.
 
     Exposure and the colour of the light cannot be told from those of the albedo (image = albedo × light), and
@@ -32,21 +38,21 @@ def _aligned(estimate, truth, inside):
     return estimate * (means[0] / means[1].clamp_min(1e-3)).clamp(0.2, 5)
 
 
-def true_shading(batch, take=lambda image: image):
+def true_shading(batch: Batch, take: Take = lambda image: image) -> torch.Tensor:
     """Path-traced shading (B, L, H, W) of the batch's directions, at most 1, where `take` takes it."""
     normals, visibility, bounce = (take(batch[key]) for key in ("normals", "visibility", "bounce"))
     indirect = torch.einsum("blk,bkhw->blhw", batch["bounce_patterns"], bounce).clamp_min(0)
     return (base(normals, visibility, batch["directions"]) + indirect).clamp_max(1)
 
 
-def _inferred(batch, directions, take=lambda image: image):
+def _inferred(batch: Batch, directions: torch.Tensor, take: Take = lambda image: image) -> torch.Tensor:
     """Visibility (B, D, H, W) of unit directions (B, D, 3) by the batch's field where `take` takes it, zero
     outside the matte, as the field's `analyse` gives it in use."""
     maps, matte = batch["visibility_maps"].at(take), take(batch["matte"])
     return batch["visibility_network"].log_visibility(maps, directions).exp() * (matte > 0)
 
 
-def _shading_error(estimate, truth, inside):
+def _shading_error(estimate: torch.Tensor, truth: torch.Tensor, inside: torch.Tensor) -> torch.Tensor:
     """L1, square near zero, of the shading and of its differences between neighbours, which are the shadows'
     edges. Of 2 x 2 blocks (B, L, 4, ...). Below zero is right where the truth is 0: there it is held to 0."""
     difference = torch.where((estimate < 0) & (truth < 1e-3), 0.0, estimate - truth)
@@ -56,17 +62,17 @@ def _shading_error(estimate, truth, inside):
     return total / (inside.sum() * truth.shape[1]).clamp_min(1)
 
 
-def _soft(error):
+def _soft(error: torch.Tensor) -> torch.Tensor:
     return (error.square() + SOFT**2).sqrt() - SOFT
 
 
-def _edges(blocks):
+def _edges(blocks: torch.Tensor) -> list[torch.Tensor]:
     """Differences between columns, and between rows, of 2 x 2 blocks (B, C, 4, ...): (B, C, 2, ...)."""
     top, bottom, left, right = (0, 1), (2, 3), (0, 2), (1, 3)
     return [blocks[:, :, a] - blocks[:, :, b] for a, b in ((top, bottom), (left, right))]
 
 
-def _albedo_error(estimate, truth, inside):
+def _albedo_error(estimate: torch.Tensor, truth: torch.Tensor, inside: torch.Tensor) -> torch.Tensor:
     """L1 of the aligned encoded albedo and of its differences between neighbours, which hold texture and
     refuse shadow edges; and a little L1 of the albedo as it is. Of 2 x 2 blocks (B, 3, 4, P)."""
     difference = (_aligned(estimate, truth, inside) - truth) * inside
@@ -76,7 +82,7 @@ def _albedo_error(estimate, truth, inside):
     return total / (3 * inside.sum()).clamp_min(1)
 
 
-def shading_loss(network, batch):
+def shading_loss(network: nn.Module, batch: Batch) -> torch.Tensor:
     """Errors of shading and albedo, and of the photograph that they make under the lighting it was taken in:
     what one takes for shadow the other must not take for paint."""
     model = getattr(network, "module", network)
@@ -105,7 +111,7 @@ def shading_loss(network, batch):
     )
 
 
-def _diffuse(network, batch):
+def _diffuse(network: nn.Module, batch: Batch) -> Iterator[tuple[Diffuse, Take]]:
     """Diffuse of each photograph of the batch."""
     for i in range(len(batch["rgb"])):
         rgb, matte, surface = batch["rgb"][i], batch["matte"][i, 0], batch["estimated_normals"][i]
@@ -113,7 +119,7 @@ def _diffuse(network, batch):
         yield network.analyse(rgb, matte, surface, visibility), visibility
 
 
-def _shading_score(network, batch):
+def _shading_score(network: nn.Module, batch: Batch) -> dict[str, float]:
     """RMSE of the shading beside that of the base image; L1 of the aligned encoded albedo beside that of the
     photograph itself."""
     inside, truth = batch["mask"] > 0.5, true_shading(batch)
@@ -137,7 +143,7 @@ def _shading_score(network, batch):
     return scores
 
 
-def _shading_show(network, batch):
+def _shading_show(network: nn.Module, batch: Batch) -> Iterator[list[torch.Tensor]]:
     truth = true_shading(batch)
     for i, (each, _) in enumerate(_diffuse(network, batch)):
         seen = batch["mask"][i] > 0.5
@@ -151,7 +157,7 @@ def _shading_show(network, batch):
         yield columns
 
 
-def shading_task(normals=True, visibility="inferred"):
+def shading_task(normals: bool = True, visibility: str | None = "inferred") -> Task:
     """The one-pass residual field; with other arguments, the ablations of Table 6."""
     config = {"normals": normals, "visibility": visibility}
     return Task(
@@ -159,7 +165,7 @@ def shading_task(normals=True, visibility="inferred"):
     )
 
 
-def per_light_loss(network, batch):
+def per_light_loss(network: nn.Module, batch: Batch) -> torch.Tensor:
     """L1 of the linear shading (Sections 3 and 4.4)."""
     with torch.no_grad():
         visible = _inferred(batch, batch["directions"])
@@ -168,7 +174,7 @@ def per_light_loss(network, batch):
     return _shading_error(*(F.pixel_unshuffle(image, 2).unflatten(1, (-1, 4)) for image in maps))
 
 
-def per_light_task(latent="resb7"):
+def per_light_task(latent: str = "resb7") -> Task:
     """The paper's network, one forward a light."""
     recipe = {"batch": 2, "lights": 4, "learning_rate": 5e-4}
     return Task(

@@ -17,7 +17,8 @@ from shadow.networks.backbone import encode_image
 from shadow.networks.field import VisibilityField
 from shadow.networks.unet import PerLight
 from shadow.training import loop, optimiser
-from shadow.training.loop import Recipe, fit, learning_rate, preset
+from shadow.training.loop import fit
+from shadow.training.recipes import Recipe, learning_rate, preset
 from shadow.training.start import load_start, warm_start
 from shadow.training.tasks import SHADOW, per_light
 

@@ -7,8 +7,8 @@ import torch
 from torch import nn
 
 from shadow.training import optimiser
-from shadow.training.loop import Recipe
 from shadow.training.optimiser import Optimiser, orthogonal
+from shadow.training.recipes import Recipe
 
 RECIPE = Recipe(steps=1, weight_decay=0.0)
 

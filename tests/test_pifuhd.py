@@ -15,7 +15,7 @@ from shadow import normals, visibility
 from shadow.data import records
 from shadow.networks import pifuhd
 from shadow.networks.pifuhd import FrontNormals
-from shadow.training import loop, tasks
+from shadow.training import loop, recipes, tasks
 
 BLOCKS = range(16, 25)
 KEYS = [
@@ -202,7 +202,7 @@ def test_the_generators_of_icon_and_econ_are_refused(tmp_path, key):
 
 def test_our_networks_learn_from_its_normals(checkpoint, tmp_path):
     records.write(tmp_path / "ball.npz", sphere())
-    recipe = loop.Recipe(steps=1, size=128, batch=2)
+    recipe = recipes.Recipe(steps=1, size=128, batch=2)
     with warnings.catch_warnings():
         warnings.simplefilter("error")
         path = loop.fit(

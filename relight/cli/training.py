@@ -12,7 +12,7 @@ import typer
 from relight.cli.options import console
 
 if TYPE_CHECKING:
-    from shadow.training.loop import Task
+    from shadow.training.recipes import Task
 
 
 class Network(StrEnum):
@@ -90,14 +90,15 @@ def train(
     minutes: Annotated[float, typer.Option(min=0, help="Between checkpoints.")] = 5,
 ) -> None:
     """Train a network, or go on with a run that was interrupted."""
-    from shadow.training import loop
+    from shadow.training.loop import fit
+    from shadow.training.recipes import preset as recipe_of
 
     task = _task(network, model, not no_normals, visibility)
-    recipe = loop.preset(
+    recipe = recipe_of(
         preset, task, records, steps=steps, size=size, batch=batch, lights=lights,
         learning_rate=learning_rate, seed=seed,
     )  # fmt: skip
-    path = loop.fit(
+    path = fit(
         task, recipe, records, out, validation=validation, init=init, estimator=normals,
         visibility="field" if visibility in ABLATIONS else visibility, workers=workers,
         checkpoint_minutes=minutes,

@@ -12,36 +12,36 @@ from shadow.framing import bounding_box
 WINDOW = 11  # pixels of SSIM's Gaussian window, sigma 1.5
 
 
-def _masked_mean(values, mask):
+def _masked_mean(values: torch.Tensor, mask: torch.Tensor) -> torch.Tensor:
     weight = mask.to(values)
     return (values * weight).sum(dim=(-2, -1)) / weight.expand_as(values).sum(dim=(-2, -1)).clamp_min(1)
 
 
-def rmse(estimate, truth, mask):
+def rmse(estimate: torch.Tensor, truth: torch.Tensor, mask: torch.Tensor) -> torch.Tensor:
     """Root mean square error inside the mask, lower is better."""
     return _masked_mean((estimate - truth).square(), mask).sqrt()
 
 
-def psnr(rmse_value):
+def psnr(rmse_value: torch.Tensor) -> torch.Tensor:
     """Peak signal-to-noise ratio in dB for a peak of 1: -20 log10(RMSE) (Section 4.1)."""
     return -20 * torch.log10(rmse_value.clamp_min(1e-10))
 
 
-def dice(estimate, truth, mask):
+def dice(estimate: torch.Tensor, truth: torch.Tensor, mask: torch.Tensor) -> torch.Tensor:
     """Dice (F1) score of the lit pixels of binary maps inside the mask; 1 where neither map has any."""
     both = _masked_mean(estimate * truth, mask)
     total = _masked_mean(estimate + truth, mask)
     return torch.where(total > 0, 2 * both / total.clamp_min(1e-10), torch.ones_like(total))
 
 
-def angular_error(estimate, truth, mask):
+def angular_error(estimate: torch.Tensor, truth: torch.Tensor, mask: torch.Tensor) -> torch.Tensor:
     """Mean angle in degrees between unit vectors (..., 3, H, W) inside the mask."""
     sine = torch.linalg.cross(estimate, truth, dim=-3).norm(dim=-3)
     cosine = (estimate * truth).sum(dim=-3)
     return torch.rad2deg(_masked_mean(torch.atan2(sine, cosine), mask))  # atan2 is exact near 0, acos is not
 
 
-def ssim(estimate, truth, mask):
+def ssim(estimate: torch.Tensor, truth: torch.Tensor, mask: torch.Tensor) -> torch.Tensor:
     """Structural similarity in the mask's bounding box (Section 4.4), higher is better: the mean over the
     windows that lie in it (Wang et al. 2004: 11 x 11 Gaussian windows, sigma 1.5; values range over 1).
 
@@ -55,7 +55,7 @@ def ssim(estimate, truth, mask):
     return ssim_map(*boxes, WINDOW, padding="valid").mean(dim=(1, 2, 3)).view(estimate.shape[:-2])
 
 
-def otsu(values):
+def otsu(values: torch.Tensor) -> float:
     """Otsu's threshold of grey values of any shape, from a histogram of 256 bins: the one with the largest
     variance between the classes `<=` and `>` it (Section 4.3). Of constant values, that value."""
     low, high = float(values.min()), float(values.max())

@@ -1,5 +1,8 @@
 """Contact sheets: what a person looks at to judge records and networks."""
 
+from collections.abc import Iterable
+from pathlib import Path
+
 import numpy as np
 import OpenImageIO as oiio
 import torch
@@ -10,17 +13,17 @@ from shadow.files import replacing
 DISPLAY = 1 / 2.2
 
 
-def show_normals(normals):
+def show_normals(normals: torch.Tensor) -> torch.Tensor:
     """Unit vectors (3, H, W) as colour in [0, 1]; zero vectors black."""
     return (normals * 0.5 + 0.5) * (normals.norm(dim=0, keepdim=True) > 0.5)
 
 
-def show_linear(image):
+def show_linear(image: torch.Tensor) -> torch.Tensor:
     """Linear (1|3, H, W), encoded for display, clipped, as (3, H, W)."""
     return (image.clamp(0, 1) ** DISPLAY).expand(3, -1, -1)
 
 
-def write_grid(path, rows):
+def write_grid(path: str | Path, rows: Iterable[Iterable[torch.Tensor]]) -> None:
     """Write rows of equally large (3, H, W) pictures in [0, 1] as one 8-bit PNG."""
     grid = torch.cat([torch.cat(list(row), dim=2) for row in rows], dim=1)
     pixels = np.ascontiguousarray((grid.clamp(0, 1) * 255).round().byte().permute(1, 2, 0).cpu().numpy())
@@ -31,7 +34,9 @@ def write_grid(path, rows):
             raise OSError(f"path: cannot write {path}: {output.geterror()}")
 
 
-def record_row(record, size=(256, 192), seed=0):
+def record_row(
+    record: records.Record, size: tuple[int, int] = (256, 192), seed: int = 0
+) -> list[torch.Tensor]:
     """One row of a contact sheet: a lit photograph, normals, albedo, and visibility of three lights."""
     sample = photographs.sample(record, np.random.default_rng(seed), size, augment=False)
     mask = sample["mask"] > 0.5
@@ -48,7 +53,7 @@ def record_row(record, size=(256, 192), seed=0):
     ]
 
 
-def contact_sheet(paths, out, count=10, seed=0):
+def contact_sheet(paths: Iterable[str | Path], out: str | Path, count: int = 10, seed: int = 0) -> None:
     """Draw `count` records found under `paths`, a row each, spread over the whole set, as a PNG at `out`."""
     found = records.Records(paths)
     write_grid(out, [record_row(found[index], seed=seed + index) for index in found.spread(count)])

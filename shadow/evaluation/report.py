@@ -2,11 +2,14 @@
 
 import json
 import time
+from collections.abc import Iterable, Iterator
 from pathlib import Path
 from statistics import median
+from typing import Any
 
 import numpy as np
 import torch
+from torch import nn
 
 from shadow import visibility
 from shadow.data.records import Records
@@ -21,6 +24,8 @@ from shadow.training.loop import TRUE_NORMALS
 LEVELS = 10 ** np.arange(-6, 2.1, 0.5)  # of Figure 4: from all black, in 8 bits, to all white
 LEVELS_VIEWS = 20  # that Figure 4 looks at, each at every level
 REPEATS = 5  # of what is timed
+
+Row = dict[str, Any]  # of a table, as JSON holds it
 
 # What the paper prints, measured on its own data and an RTX 2080.
 BASELINE, OURS = Score((0.432, 0.056), (0.834, 0.049)), Score((0.313, 0.051), (0.881, 0.041))
@@ -39,7 +44,16 @@ RELIGHTING4D = {  # theirs (Relighting4D), ours, on subjects of the People Snaps
 }
 
 
-def write(paths, out, *, models=None, normals_model=None, soft=None, seed=0, limit=None):
+def write(
+    paths: Iterable[str | Path],
+    out: str | Path,
+    *,
+    models: dict[str, str | Path] | None = None,
+    normals_model: str | Path | None = None,
+    soft: str | Path | None = None,
+    seed: int = 0,
+    limit: int | None = None,
+) -> Path:
     """Write `out`/report.md, report.json, figure-2.png and figure-4.png.
 
     Parameters
@@ -103,7 +117,7 @@ def write(paths, out, *, models=None, normals_model=None, soft=None, seed=0, lim
     return out / "report.md"
 
 
-def _check(name, network, model):
+def _check(name: str, network: nn.Module, model: str | Path) -> None:
     """Refuse a network whose file says that it is not what its row claims."""
     if name in LATENTS:
         fits = isinstance(network, PerLight) and network.latent == name and network.normals
@@ -119,16 +133,16 @@ def _check(name, network, model):
         raise ValueError(f"model: {model} was not trained as {name!r} says")
 
 
-def _plain(score):
+def _plain(score: Score | None) -> dict[str, Any] | None:
     """A Score for JSON; None if there is none."""
     return None if score is None else {"rmse": score.rmse, "psnr": score.psnr, "dice": score.dice}
 
 
-def _row(variant, score, paper=None, **cells):
+def _row(variant: str, score: Score | None, paper: Score | None = None, **cells: Any) -> Row:
     return {"variant": variant, **cells, "measured": _plain(score), "paper": _plain(paper)}
 
 
-def _table_2(scored):
+def _table_2(scored: dict[str, Score]) -> list[Row]:
     own_rows = {"ours", "without-normals", "mixed", ESTIMATED, TRUE, *LATENTS}
     return [
         _row("baseline: " + ESTIMATED, scored[ESTIMATED], BASELINE),
@@ -138,7 +152,7 @@ def _table_2(scored):
     ]
 
 
-def _table_3(scored):
+def _table_3(scored: dict[str, Score]) -> list[Row]:
     return [
         _row("w/o normals", scored.get("without-normals"), WITHOUT_NORMALS, training="–", inference="–"),
         _row("mixed", scored.get("mixed"), MIXED, training="true", inference="estimated"),
@@ -146,7 +160,7 @@ def _table_3(scored):
     ]
 
 
-def _table_4(scored, networks, view):
+def _table_4(scored: dict[str, Score], networks: dict[str, nn.Module], view: View) -> list[Row]:
     """Time and size of each latent, trained or not, and of ours: the network alone, on one canvas."""
     candidates = {name: networks.get(name) or PerLight(latent=name).eval() for name in LATENTS}
     rows = []
@@ -163,7 +177,14 @@ def _table_4(scored, networks, view):
     return rows
 
 
-def _table_5(records, folder, network, surface, seed, limit):
+def _table_5(
+    records: Records,
+    folder: str | Path,
+    network: nn.Module,
+    surface: Any,
+    seed: int,
+    limit: int | None,
+) -> list[Row]:
     pairs = scores.against_soft_maps(records, folder, network, surface, seed=seed, limit=limit)
     return [
         {"subject": subject, "theirs": _plain(theirs.score()), "ours": _plain(ours.score())}
@@ -171,13 +192,15 @@ def _table_5(records, folder, network, surface, seed, limit):
     ]
 
 
-def _figure_2(path, tally):
+def _figure_2(path: Path, tally: scores.Tally) -> Row:
     lights, mean, deviation = tally.by_light()
     plots.hemispheres(path, lights, {"mean RMSE": mean, "standard deviation": deviation})
     return {"lights": lights.tolist(), "mean": mean.tolist(), "deviation": deviation.tolist()}
 
 
-def _figure_4(path, records, network, surface, seed, limit):
+def _figure_4(
+    path: Path, records: Records, network: nn.Module, surface: Any, seed: int, limit: int | None
+) -> Row:
     views = min(limit or len(records), LEVELS_VIEWS, len(records))
     tallies = scores.intensity_sweep(records, network, surface, LEVELS, seed=seed, limit=views)
     names, columns = ("ours", ESTIMATED), zip(*tallies, strict=True)
@@ -187,7 +210,7 @@ def _figure_4(path, records, network, surface, seed, limit):
     return {"views": views, "levels": LEVELS.tolist(), "dice": dice}
 
 
-def _milliseconds(network, view, lights):
+def _milliseconds(network: nn.Module, view: View, lights: torch.Tensor) -> float:
     network.to(view.rgb.device, memory_format=torch.channels_last)
     times = []
     for _ in range(1 + REPEATS):  # the first allocates
@@ -197,7 +220,7 @@ def _milliseconds(network, view, lights):
     return median(times[1:])
 
 
-def _cells(score, psnr=False, none="–"):
+def _cells(score: dict[str, Any] | None, psnr: bool = False, none: str = "–") -> list[str]:
     """The cells of a score, or of none."""
     if score is None:
         return [none, *["–"] * (1 + psnr)]
@@ -205,16 +228,16 @@ def _cells(score, psnr=False, none="–"):
     return [rmse, f"{score['psnr']:.2f}", dice] if psnr else [rmse, dice]
 
 
-def _scores(row, psnr=False):
+def _scores(row: Row, psnr: bool = False) -> list[str]:
     return [*_cells(row["measured"], psnr, none="not trained"), *_cells(row["paper"], psnr)]
 
 
-def _table(header, rows):
+def _table(header: list[str], rows: Iterable[list[str]]) -> str:
     lines = [header, ["---"] * len(header), *rows]
     return "\n".join("| " + " | ".join(line) + " |" for line in lines)
 
 
-def _lines_of_table_4(rows):
+def _lines_of_table_4(rows: list[Row]) -> Iterator[list[str]]:
     for row in rows:
         own, paper = (
             ["–" if row[key] is None else f"{row[key]:.1f}" for key in keys]
@@ -224,7 +247,7 @@ def _lines_of_table_4(rows):
         yield [row["variant"], *own, *measured, *paper, *_cells(row["paper"])]
 
 
-def _lines_of_table_5(rows):
+def _lines_of_table_5(rows: list[Row]) -> Iterator[list[str]]:
     paper = [
         {"subject": f"paper: {subject}", "theirs": _plain(theirs), "ours": _plain(ours)}
         for subject, (theirs, ours) in RELIGHTING4D.items()
@@ -234,7 +257,7 @@ def _lines_of_table_5(rows):
         yield [row["subject"], theirs[0], ours[0], theirs[1], ours[1]]
 
 
-def _tables(figures):
+def _tables(figures: Row) -> tuple[str, str, str, str]:
     """Tables 2 to 5 as Markdown."""
     header = ["ms ↓", "params, M ↓", "RMSE ↓", "Dice ↑"]
     paper = ["paper: ms", "paper: params, M", "paper: RMSE", "paper: Dice"]
@@ -255,7 +278,7 @@ def _tables(figures):
     )
 
 
-def _markdown(figures):
+def _markdown(figures: Row) -> str:
     """The report, of what report.json holds alone."""
     table_2, table_3, table_4, table_5 = _tables(figures)
     models = ", ".join(f"{name} is `{model}`" for name, model in figures["models"].items())

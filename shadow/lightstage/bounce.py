@@ -12,18 +12,18 @@ from scipy.sparse import csr_matrix
 from scipy.spatial import KDTree
 
 from shadow.data.records import BOUNCE_RANK
+from shadow.lightstage.scene import Scene, Surface
 
 STRATA = (4, 8)  # of the rays of a point: 32, as Section 3 has samples a pixel
 CACHE = 4096  # points: 2 cm apart on a person
 BOUNCES = 4
-NEAR = (
-    0.05  # metres of distance that weigh as much as a radian between normals, when cache points are looked up
-)
+# Metres of distance that weigh as much as a radian between normals, when cache points are looked up.
+NEAR = 0.05
 PLANE = 0.01  # metres off a pixel's tangent plane, and
 TURN = 0.1  # one minus the cosine between normals, at which a neighbour counts 1/e
 
 
-def bounce(scene, surface, lights, rng):
+def bounce(scene: Scene, surface: Surface, lights: np.ndarray, rng: np.random.Generator) -> np.ndarray:
     """Indirect diffuse shading of points by each light alone.
 
     Parameters
@@ -55,14 +55,14 @@ def bounce(scene, surface, lights, rng):
     return shading
 
 
-def factors(shading):
+def factors(shading: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     """The best factors of rank K (Eckart and Young 1936) of bounce light (N, D, 3): (N, K) and (K, D, 3)."""
     flat = shading.reshape(len(shading), -1).astype(np.float64)
     patterns = np.linalg.eigh(flat.T @ flat)[1][:, : -BOUNCE_RANK - 1 : -1].T
     return flat @ patterns.T, patterns.reshape(-1, *shading.shape[1:])
 
 
-def spread(values, sparse, surface, mask):
+def spread(values: np.ndarray, sparse: Surface, surface: Surface, mask: np.ndarray) -> np.ndarray:
     """Values (M, K) at every second pixel of every second row, to all pixels of the mask (N, K).
 
     A joint bilateral filter: neighbours count by their distance in the picture, to the plane of the surface,
@@ -92,12 +92,12 @@ def spread(values, sparse, surface, mask):
     return total / weights.clip(1e-12)
 
 
-def _place(surface):
+def _place(surface: Surface) -> np.ndarray:
     """Where points are and which way they face (N, 6): a cache point must lie on the same side of a cloth."""
     return np.concatenate([surface.position / NEAR, surface.normal], axis=1)
 
 
-def _transfer(count, source, hits, tree):
+def _transfer(count: int, source: np.ndarray, hits: Surface, tree: KDTree) -> list[csr_matrix]:
     """For each colour a matrix (count, cache points) from the cache's irradiance to that of the sources."""
     nearest = tree.query(_place(hits))[1]
     albedo = (hits.albedo / np.prod(STRATA)).astype(np.float32)

@@ -1,9 +1,17 @@
 """The reference for bounce.py: Mitsuba's path tracer, one light at a time."""
 
+from types import ModuleType
+from typing import Any
+
 import numpy as np
 
+from shadow.lightstage.figure import Figure
+from shadow.lightstage.stage import View
 
-def path_trace(figure, view, size, light, *, samples=32, bounces=4):
+
+def path_trace(
+    figure: Figure, view: View, size: int, light: np.ndarray, *, samples: int = 32, bounces: int = 4
+) -> np.ndarray:
     """Path-traced diffuse shading of one view under one light (Section 3).
 
     The figure's albedo is taken at the triangles' corners and interpolated between them, so a texture finer
@@ -56,7 +64,7 @@ def path_trace(figure, view, size, light, *, samples=32, bounces=4):
     return np.where(alpha > 0.5, np.pi * radiance / albedo.clip(1e-4), np.nan)
 
 
-def _mesh(mi, figure):
+def _mesh(mi: ModuleType, figure: Figure) -> Any:
     """The figure for Mitsuba, two-sided; every triangle has corners of its own, for the albedo there."""
     properties = mi.Properties()
     properties["bsdf"] = mi.load_dict(

@@ -8,12 +8,12 @@ import json
 import math
 import os
 import time
-from collections.abc import Callable
+from collections.abc import Callable, Iterable
 from contextlib import nullcontext
-from dataclasses import asdict, dataclass, field
+from dataclasses import asdict
 from functools import partial
 from pathlib import Path
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 import torch
@@ -23,7 +23,7 @@ from torch import nn
 from torch.utils.data import DataLoader, Dataset
 
 from shadow import normals
-from shadow.data.photographs import sample
+from shadow.data.photographs import Sample, sample
 from shadow.data.records import Records
 from shadow.evaluation import pictures
 from shadow.files import replacing
@@ -33,99 +33,37 @@ from shadow.networks.backbone import encode_image
 from shadow.networks.field import VisibilityField
 from shadow.networks.precision import autocast
 from shadow.training.optimiser import Optimiser
+from shadow.training.recipes import Recipe, Task, learning_rate
 from shadow.training.start import load_start
 
 VALIDATION_SAMPLES = 32
 TRUE_NORMALS = "true"  # instead of estimated ones: the records' own (the "mixed" row of Table 3)
 LOG_EVERY = 50  # steps; a checkpoint that is due waits for the next
 
-
-@dataclass(frozen=True)
-class Task:
-    """What the fit loop has to know of a network."""
-
-    kind: str  # the name in the weight file
-    network: type[nn.Module]
-    loss: Callable  # (network, batch) -> scalar
-    score: Callable  # (network, batch) -> {metric: mean over the batch}
-    show: Callable  # (network, batch) -> rows of pictures
-    lights: int  # directions a sample carries
-    needs_normals: bool  # batch["estimated_normals"], a trained field's or from elsewhere
-    config: dict = field(default_factory=dict)  # what the network is built with, beside its size
-    recipe: dict = field(default_factory=dict)  # what it needs other than Recipe says
-    needs_visibility: bool = False  # batch["visibility_network"], a trained field, and its "visibility_maps"
-
-
-@dataclass(frozen=True)
-class Recipe:
-    """Everything that decides the result but the records and the machine."""
-
-    steps: int
-    size: int = 256  # canvas height in pixels
-    batch: int = 8
-    lights: int | None = None  # directions a photograph is asked for; the task's own number if None
-    learning_rate: float = 1e-3
-    warm_up: int = 200  # steps
-    cosine: bool = True  # the rate falls to zero as half a cosine; else it stays
-    optimiser: str = "muon"  # or "adam": see shadow.training.optimiser
-    betas: tuple[float, float] = (0.9, 0.98)  # of AdamW, which without weight decay is Adam
-    weight_decay: float = 0.02
-    clip: float | None = 1.0  # norm of the gradient
-    average: float = 0.999  # decay of the exponential moving average; 0 keeps the last weights
-    bfloat16: bool = True  # activations, where the processor has it; parameters are float32 either way
-    seed: int = 0
-
-
-# Section 3, "Training and Implementation Details".
-PAPER_EPOCHS = 31
-PAPER = {
-    "size": 512,
-    "batch": 1,
-    "lights": 1,
-    "learning_rate": 5e-6,
-    "warm_up": 0,
-    "cosine": False,
-    "optimiser": "adam",
-    "betas": (0.9, 0.999),
-    "weight_decay": 0.0,
-    "clip": None,
-    "average": 0.0,
-    "bfloat16": False,
-}
-
-
-def preset(name, task, records, **changes):
-    """The Recipe of a preset for a task, with `changes` (those that are None change nothing).
-
-    "paper" is Section 3's: Adam at a constant 5e-6, one map a step, float32, and 31 epochs over the maps of
-    `records` (paths; as many maps each as the first has) unless `steps` says otherwise. "fast" is ours: Muon
-    at a far higher rate that warms up and falls, bfloat16, and several lights of several photographs in a
-    step; its `steps` must be given.
-    """
-    if name not in ("paper", "fast"):
-        raise ValueError(f"preset: expected paper or fast, got {name!r}")
-    chosen = PAPER if name == "paper" else task.recipe
-    chosen = chosen | {key: value for key, value in changes.items() if value is not None}
-    if "steps" not in chosen:
-        if name == "fast":
-            raise ValueError("steps: expected a number, since preset 'fast' has none of its own")
-        source = Records(records)
-        chosen["steps"] = PAPER_EPOCHS * len(source) * len(source[0].directions) // chosen["batch"]
-    return Recipe(**chosen)
+Batch = dict[str, Any]  # of Sample, each tensor with a batch axis; what `_prepare` adds, too
 
 
 class _Photographs(Dataset):
     """Photograph number i, made from the records: the same for any number of workers, so that a resumed
     run sees exactly what an uninterrupted one would."""
 
-    def __init__(self, records, seed, size, lights, start, count, augment=True):
+    def __init__(
+        self,
+        records: Records,
+        seed: int,
+        size: tuple[int, int],
+        lights: int | None,
+        start: int,
+        count: int,
+        augment: bool = True,
+    ) -> None:
         self.records, self.seed, self.size, self.lights = records, seed, size, lights
         self.start, self.count, self.augment = start, count, augment
 
-    def __len__(self):
+    def __len__(self) -> int:
         return self.count
 
-    def __getitem__(self, index):
+    def __getitem__(self, index: int) -> Sample:
         index += self.start
         epoch, position = divmod(index, len(self.records))
         order = np.random.default_rng((self.seed, epoch)).permutation(len(self.records))
@@ -133,18 +71,12 @@ class _Photographs(Dataset):
         return sample(self.records[int(order[position])], rng, self.size, self.lights, self.augment)
 
 
-def learning_rate(recipe, step):
-    """Linear warm-up, then half a cosine to zero, or constant."""
-    rise = min(1.0, (step + 1) / max(1, recipe.warm_up))
-    if not recipe.cosine:
-        return recipe.learning_rate * rise
-    return recipe.learning_rate * rise * 0.5 * (1 + math.cos(math.pi * min(1.0, step / recipe.steps)))
-
-
 class _State:
     """A run between two steps: the network, its exponential moving average, the optimiser, the clock."""
 
-    def __init__(self, task, recipe, out, device, init):
+    def __init__(
+        self, task: Task, recipe: Recipe, out: Path, device: torch.device, init: str | Path | None
+    ) -> None:
         torch.manual_seed(recipe.seed)
         self.task, self.recipe, self.out, self.device = task, recipe, out, device
         self.config = {"size": recipe.size, **task.config}
@@ -162,7 +94,7 @@ class _State:
             self.optimiser.load_state_dict(saved["optimiser"])
             self.average, self.step, self.seconds = saved["average"], saved["step"], saved["seconds"]
 
-    def update(self):
+    def update(self) -> None:
         """One step down the gradient."""
         if self.recipe.clip is not None:
             nn.utils.clip_grad_norm_(self.network.parameters(), self.recipe.clip)
@@ -174,13 +106,13 @@ class _State:
                 self.average[key].lerp_(value, 1 - decay)
         self.step += 1
 
-    def averaged(self):
+    def averaged(self) -> nn.Module:
         """The network with the averaged parameters: what is scored and shipped."""
         network = self.task.network(**self.config).to(self.device, memory_format=torch.channels_last)
         network.load_state_dict(self.average)
         return network.eval()
 
-    def save(self, facts):
+    def save(self, facts: dict[str, Any]) -> None:
         """The checkpoint, and the averaged weights with the recipe and `facts`."""
         saved = {"network": self.network.state_dict(), "optimiser": self.optimiser.state_dict()}
         clock = {"step": self.step, "seconds": self.seconds}
@@ -198,7 +130,9 @@ class _Auxiliary(NamedTuple):
     field: VisibilityField | None
 
 
-def _auxiliary(task, estimator, visibility, device):
+def _auxiliary(
+    task: Task, estimator: str | Path | None, visibility: str | Path, device: torch.device
+) -> _Auxiliary:
     """`estimator`: as `fit` takes it, but None only where no normals are wanted."""
     surface = field = None
     if task.needs_visibility:
@@ -210,7 +144,7 @@ def _auxiliary(task, estimator, visibility, device):
     return _Auxiliary(surface, field)
 
 
-def _estimated(source, batch):
+def _estimated(source: Any, batch: Batch) -> torch.Tensor:
     """Normals (B, 3, H, W) of the batch's photographs: by our network all at once, by another one by one."""
     if isinstance(source, VisibilityField):
         return source(batch["image"]).normals
@@ -219,7 +153,7 @@ def _estimated(source, batch):
         return torch.stack([source.normals(rgb, mask) for rgb, mask in views])
 
 
-def _prepare(batch, device, auxiliary):
+def _prepare(batch: Batch, device: torch.device, auxiliary: _Auxiliary) -> Batch:
     batch = {key: value.to(device, non_blocking=True) for key, value in batch.items()}
     batch["image"] = encode_image(batch["rgb"], batch["matte"]).contiguous(memory_format=torch.channels_last)
     with torch.no_grad():
@@ -234,7 +168,9 @@ def _prepare(batch, device, auxiliary):
     return batch
 
 
-def _gradient(task, model, batch, recipe, device, auxiliary):
+def _gradient(
+    task: Task, model: nn.Module, batch: Batch, recipe: Recipe, device: torch.device, auxiliary: _Auxiliary
+) -> torch.Tensor:
     """Adds the gradient of the mini-batch's mean loss to the parameters; returns the loss.
 
     On a CPU photograph by photograph, since one alone costs no more than its share of a mini-batch, whose
@@ -256,18 +192,18 @@ def _gradient(task, model, batch, recipe, device, auxiliary):
 
 
 def fit(
-    task,
-    recipe,
-    records,
-    out,
+    task: Task,
+    recipe: Recipe,
+    records: Iterable[str | Path],
+    out: str | Path,
     *,
-    validation=None,
-    init=None,
-    estimator=None,
-    visibility="field",
-    workers=None,
-    checkpoint_minutes=5.0,
-):
+    validation: Iterable[str | Path] | None = None,
+    init: str | Path | None = None,
+    estimator: str | Path | None = None,
+    visibility: str | Path = "field",
+    workers: int | None = None,
+    checkpoint_minutes: float = 5.0,
+) -> Path:
     """Train a network; resumes from `out`/checkpoint.pt if there is one.
 
     Parameters
@@ -304,17 +240,16 @@ def fit(
     model = nn.parallel.DistributedDataParallel(state.network) if world > 1 else state.network
     auxiliary = _auxiliary(task, estimator, visibility, device)
     facts = _facts(task, init, estimator, visibility)
-    done, left = state.step * recipe.batch, (recipe.steps - state.step) * recipe.batch
     # Each process draws its own photographs: the seeds lie further apart than any number of processes.
-    lights = recipe.lights or task.lights
-    photographs = _Photographs(source, recipe.seed + 7919 * rank, size, lights, done, left)
-    loader = DataLoader(
-        photographs,
-        recipe.batch,
-        num_workers=(12 if device.type == "cuda" else 1) if workers is None else workers,
-        pin_memory=device.type == "cuda",
-        worker_init_fn=_one_thread,
+    photographs = _Photographs(
+        source,
+        recipe.seed + 7919 * rank,
+        size,
+        recipe.lights or task.lights,
+        state.step * recipe.batch,
+        (recipe.steps - state.step) * recipe.batch,
     )
+    loader = _loader(photographs, recipe.batch, device, workers)
     columns = TextColumn("{task.description}"), BarColumn(), MofNCompleteColumn(), TimeRemainingColumn()
     with Progress(*columns, disable=rank > 0) as progress:
         bar = progress.add_task(task.kind, total=recipe.steps, completed=state.step)
@@ -354,7 +289,9 @@ def fit(
     return out / f"{task.kind}.safetensors"
 
 
-def _facts(task, init, estimator, visibility):
+def _facts(
+    task: Task, init: str | Path | None, estimator: str | Path | None, visibility: str | Path
+) -> dict[str, Any]:
     """What the weights' recipe says of the networks that they were trained from and with."""
     facts = {"init": Path(init).stem} if init else {}
     if estimator is not None:
@@ -366,7 +303,7 @@ def _facts(task, init, estimator, visibility):
     return facts
 
 
-def _place():
+def _place() -> tuple[torch.device, int, int]:
     """(device, rank, number of processes): one process, or as many as torchrun started."""
     gpu = f"cuda:{os.environ.get('LOCAL_RANK', 0)}"
     device = torch.device(gpu if torch.cuda.is_available() else "cpu")
@@ -376,12 +313,25 @@ def _place():
     return device, dist.get_rank(), dist.get_world_size()
 
 
-def _one_thread(_worker):
+def _loader(photographs: _Photographs, batch: int, device: torch.device, workers: int | None) -> DataLoader:
+    gpu = device.type == "cuda"
+    workers = (12 if gpu else 1) if workers is None else workers
+    return DataLoader(photographs, batch, num_workers=workers, pin_memory=gpu, worker_init_fn=_one_thread)
+
+
+def _one_thread(_worker: int) -> None:
     torch.set_num_threads(1)
 
 
 @torch.no_grad()
-def _validate(task, network, records, size, auxiliary, picture):
+def _validate(
+    task: Task,
+    network: nn.Module,
+    records: Records,
+    size: tuple[int, int],
+    auxiliary: _Auxiliary,
+    picture: Path,
+) -> dict[str, float]:
     """Mean scores on a fixed choice of photographs, and a picture of the first four."""
     device = next(network.parameters()).device
     count = min(VALIDATION_SAMPLES, len(records))

@@ -1,11 +1,15 @@
 """The optimiser of the fit loop: Adam as in the paper, or Muon, which learns more from a photograph."""
 
 from collections.abc import Iterable
+from typing import TYPE_CHECKING, Any
 
 import torch
 from torch import nn
 
 from shadow.networks.precision import native_bfloat16
+
+if TYPE_CHECKING:
+    from shadow.training.recipes import Recipe
 
 THIN = 32  # of a matrix with fewer rows or columns there is little to orthogonalise
 
@@ -19,7 +23,7 @@ class Optimiser:
     Muon, `network` must be in channels-last memory, where a convolution's weights are such a matrix.
     """
 
-    def __init__(self, network, recipe):
+    def __init__(self, network: nn.Module, recipe: "Recipe") -> None:
         if recipe.optimiser not in ("adam", "muon"):
             raise ValueError(f"optimiser: expected adam or muon, got {recipe.optimiser!r}")
         muon = recipe.optimiser == "muon"
@@ -47,7 +51,7 @@ class Optimiser:
             else:
                 self.parts.append(FloatMuon(self.views, weight_decay=decay))
 
-    def step(self, learning_rate):
+    def step(self, learning_rate: float) -> None:
         """One step down the gradients, which are then gone."""
         for weight, view in zip(self.weights, self.views, strict=True):
             view.grad = None if weight.grad is None else _rows(weight.grad).reshape(view.shape)
@@ -59,10 +63,10 @@ class Optimiser:
         for weight in self.weights:
             weight.grad = None
 
-    def state_dict(self):
+    def state_dict(self) -> dict[str, Any]:
         return {"parts": [part.state_dict() for part in self.parts]}
 
-    def load_state_dict(self, state):
+    def load_state_dict(self, state: dict[str, Any]) -> None:
         for part, saved in zip(self.parts, state["parts"], strict=True):
             part.load_state_dict(saved)
 
@@ -105,6 +109,6 @@ def orthogonal(matrix: torch.Tensor) -> torch.Tensor:
     return x if wide is matrix else x.T
 
 
-def _rows(weight):
+def _rows(weight: torch.Tensor) -> torch.Tensor:
     """A convolution's (out, in, h, w) as (out, h, w, in), the order of channels-last memory."""
     return weight if weight.ndim == 2 else weight.permute(0, 2, 3, 1)

@@ -8,7 +8,7 @@ from shadow.evaluation import metrics, pictures
 from shadow.networks.backbone import take_blocks
 from shadow.networks.field import VisibilityField
 from shadow.networks.unet import PerLight
-from shadow.training.loop import Task
+from shadow.training.recipes import Task
 
 BLOCKS = 1024  # of 2 x 2 pixels of a photograph, that the losses look at
 
