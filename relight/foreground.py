@@ -12,7 +12,9 @@ from shadow import inputs
 from shadow.framing import bounding_box
 
 CLEAN = 0.98  # coverage above which a photograph's pixel holds no background to speak of
-FAINT = 0.05  # coverage below which premultiplied colour is too coarse to divide by
+NEARLY = 0.9  # coverage that counts as CLEAN where no pixel within EDGE has less
+EDGE = 2  # pixels
+FAINT = 0.05  # coverage below which premultiplied colour is too coarse to divide by, or a matte is noise
 
 
 class Foreground:
@@ -21,13 +23,16 @@ class Foreground:
     Attributes
     ----------
     size: (H, W) of the plate. left, top: of the box, whole pixels.
-    alpha: (h, w) tensor, the matte in the box. colour: (3, h, w) tensor, linear, the person's own, not
-        premultiplied, continued beyond the matte's edge.
+    matte: (h, w) tensor in the box, what of the alpha is the person's and not noise. colour: (3, h, w) tensor,
+        linear, the person's own, not premultiplied, continued beyond the matte's edge.
     pixels: (P,) tensor, in the box in row order. coverage: (P,) tensor, their alpha.
     """
 
-    def __init__(self, pixels: np.ndarray, alpha: torch.Tensor, photographed: bool) -> None:
-        """From a plate (H, W, 3|4), scene-linear and premultiplied, and its matte (H, W) in [0, 1].
+    def __init__(
+        self, pixels: np.ndarray, alpha: torch.Tensor, matte: torch.Tensor, photographed: bool
+    ) -> None:
+        """From a plate (H, W, 3|4), scene-linear and premultiplied, its alpha (H, W) in [0, 1], and what of
+        that is the person's, `matte`.
 
         `photographed`: partly covered pixels show the background too, as they do beside a separate mask.
         Raises ValueError where the matte shows a subject and the plate's own alpha none.
@@ -39,10 +44,10 @@ class Foreground:
         bottom, right = min(bottom + 1, height), min(right + 1, width)
         self._box = np.s_[self.top : bottom, self.left : right]
         self._photographed = photographed
-        self.alpha = alpha[self._box]
+        self.matte, self._alpha = matte[self._box], alpha[self._box]
         self.colour = self.own_colour(pixels)
-        self.pixels = (self.alpha > 0).flatten().nonzero()[:, 0]
-        self.coverage = self.alpha.flatten()[self.pixels]
+        self.pixels = (self._alpha > 0).flatten().nonzero()[:, 0]
+        self.coverage = self._alpha.flatten()[self.pixels]
         columns = right - self.left
         rows = self.pixels // columns + self.top
         self._where = rows * width + self.pixels % columns + self.left
@@ -50,7 +55,7 @@ class Foreground:
     def own_colour(self, pixels: np.ndarray, photographed: bool | None = None) -> torch.Tensor:
         """The person's own colour (3, h, w) in the box, of this plate or another of the same size."""
         photographed = self._photographed if photographed is None else photographed
-        return _own_colour(pixels[self._box], self.alpha, photographed)
+        return _own_colour(pixels[self._box], self._alpha, photographed)
 
     def crop(self, image: torch.Tensor) -> torch.Tensor:
         """What of an image (C, H, W) is in the box: (C, h, w)."""
@@ -115,7 +120,9 @@ def _own_colour(pixels: np.ndarray, alpha: torch.Tensor, photographed: bool) -> 
     if not known.any():
         raise ValueError("mask: the image is transparent where the mask shows a subject")
     if photographed:
-        covered, empty = torch.from_numpy(known[None, ..., 0]), alpha[None] == 0
+        # A compressed matte trembles inside the person, where no edge is near.
+        covered = torch.from_numpy(known[None, ..., 0]) | ~_within(EDGE, alpha[None] < NEARLY)
+        empty = alpha[None] <= FAINT
         inner = covered & ~_within(1, empty)
         known = (inner | covered & ~_within(2, inner))[0, ..., None].numpy()
     trusted = np.concatenate([rgb * known, known], axis=-1, dtype=np.float32)

@@ -21,6 +21,7 @@ from shading.albedo import solve_lighting
 from shadow import analysis, inputs
 from shadow.directions import olat
 from shadow.framing import Extension, Framed
+from shadow.mattes import person_in
 from shadow.normals import on_canvas, resolve
 
 REACH = 0.08  # of the canvas, how far maps are continued beyond the matte: for hair and soft edges
@@ -38,7 +39,9 @@ class Subject:
     image: (H, W, 3|4). Integers are sRGB-encoded with straight alpha; floats linear Rec.709, premultiplied.
     mask: (H, W) in [0, 1], or uint8 or uint16 over the full range: the matte of the person. Needed unless the
         image has alpha, which it replaces. Pixels that a mask covers in part, and the rim of a hard mask, are
-        taken to show the background too, so their colour is continued from inside.
+        taken to show the background too, so their colour is continued from inside. Small parts far from the
+        person, and faint coverage there, are kept in the alpha, but the networks do not see them (a warning
+        says how many pixels).
     albedo: (H, W, 3) to use instead of inferring it; integers sRGB, floats linear in [0, 1].
     normals: (H, W, 3) camera-frame normals (x right, y up, z to the camera) to use instead of inferring them;
         or anything else that `shadow.normals.load` takes, such as a PIFuHD checkpoint.
@@ -67,8 +70,8 @@ class Subject:
         seen = None if normals is None else photograph(pixels).to(place)
         surface = resolve(normals, seen, alpha.to(place), field, shader)
 
-        self._person = person = Foreground(pixels, alpha, photographed=mask is not None)
-        framed = Framed.of(person.colour, person.alpha, field.size)
+        self._person = person = Foreground(pixels, alpha, person_in(alpha), mask is not None)
+        framed = Framed.of(person.colour, person.matte, field.size)
         framing = self._framing = framed.framing
         surface = on_canvas(None if surface is None else person.crop(surface), framing)
         found = Analysis(framed.to(place), field, shader, surface)
@@ -83,7 +86,7 @@ class Subject:
         else:
             paint = person.crop(paint)
             self._albedo = person.take(paint)
-            paint = Framed.of(paint, person.alpha, field.size).rgb
+            paint = Framed.of(paint, person.matte, field.size).rgb
         on_plate = framing.shifted(person.left, person.top, person.size)
         self._use(Canvas.of(found, on_plate, canvas_guide, paint))
 
@@ -151,7 +154,7 @@ class Subject:
         if pixels.shape[:2] != (size := self._person.size):
             raise ValueError(f"image: expected the subject's size {size}, got {pixels.shape[:2]}")
         colour = self._person.own_colour(pixels, photographed=pixels.shape[-1] == 3)
-        framed = Framed.of(colour, self._person.alpha, self._framing.canvas[0])
+        framed = Framed.of(colour, self._person.matte, self._framing.canvas[0])
         directions = torch.from_numpy(olat(behind=True))
         shading, canvas = self._canvas.shading(directions), self._canvas
         powers = solve_lighting(framed.rgb, canvas.albedo, shading, canvas.known.float())

@@ -10,6 +10,7 @@ from shading import diffuse
 from shadow import analysis, inputs
 from shadow.analysis import Array, Normals
 from shadow.framing import Framed
+from shadow.mattes import person_in
 from shadow.normals import on_canvas, resolve
 
 
@@ -92,7 +93,7 @@ def analyse(
     """
     image, matte = inputs.photograph(rgb, mask, inputs.device("device", device))
     network, field = diffuse.load(model, image.device), analysis.load(device=image.device)
-    framed = Framed.of(image, matte, network.size)
+    framed = Framed.of(image, person_in(matte), network.size)
     surface = on_canvas(resolve(normals, image, matte, field, network), framed.framing)
     return Analysis(framed, field, network, surface, rgb)
 

@@ -11,6 +11,7 @@ import torch.nn.functional as F
 
 from shadow import inputs
 from shadow.framing import Framed
+from shadow.mattes import person_in
 from shadow.networks import checkpoints
 from shadow.networks.field import VisibilityField
 from shadow.networks.unet import LATENTS, PerLight
@@ -101,6 +102,6 @@ def analyse(
     """
     image, matte = inputs.photograph(rgb, mask, inputs.device("device", device))
     network = load(model, image.device)
-    framed = Framed.of(image, matte, network.size)
+    framed = Framed.of(image, person_in(matte), network.size)
     surface = on_canvas(resolve(normals, image, matte, network), framed.framing)
     return Analysis(framed, network, surface, rgb)

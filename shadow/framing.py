@@ -5,6 +5,7 @@ is centred on a portrait canvas (3:4) and scaled to fill it but for a margin, wh
 frame cuts has not.
 """
 
+import math
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -35,20 +36,19 @@ def affine_sample(tensor: torch.Tensor, matrix: torch.Tensor, size: tuple[int, .
     """`tensor` (C, H, W) sampled on a canvas of `size` (h, w); zero beyond its frame.
 
     `matrix` (2, 3) takes a canvas position (x, y, 1) in pixels to a position in the tensor, pixel centres
-    at half-integers. Reductions are low-pass filtered first, so that fine texture does not alias.
+    at half-integers. Where the canvas is the coarser one, each of its pixels is the mean of several samples,
+    so that fine texture does not alias. Where these lie depends on the matrix alone: a tensor that is cropped
+    otherwise, and a matrix to match, give the same values.
     """
     height, width = size
-    y, x = torch.meshgrid(torch.arange(height) + 0.5, torch.arange(width) + 0.5, indexing="ij")
-    grid = torch.stack([x, y, torch.ones_like(x)], dim=-1).to(tensor.device) @ matrix.T.to(tensor)
     shrink = float(torch.linalg.det(matrix[:, :2]).abs().sqrt())
-    if shrink > 1.5:
-        reduced = (max(1, round(tensor.shape[-2] / shrink)), max(1, round(tensor.shape[-1] / shrink)))
-        scale = torch.tensor([reduced[1] / tensor.shape[-1], reduced[0] / tensor.shape[-2]]).to(grid)
-        tensor = F.interpolate(tensor[None], reduced, mode="area")[0]
-        grid = grid * scale
-    extent = torch.tensor([tensor.shape[-1], tensor.shape[-2]]).to(grid)
-    grid = grid * 2 / extent - 1
-    return F.grid_sample(tensor[None], grid[None], padding_mode="zeros", align_corners=False)[0]
+    finer = math.ceil(shrink) if shrink > 1.5 else 1
+    y, x = (((torch.arange(length * finer) + 0.5) / finer).to(tensor) for length in (height, width))
+    across, down, offset = matrix.to(tensor).T
+    extent = torch.tensor([tensor.shape[-1], tensor.shape[-2]]).to(tensor)
+    grid = (x[:, None] * across + y[:, None, None] * down + offset) * 2 / extent - 1
+    canvas = F.grid_sample(tensor[None], grid[None], padding_mode="zeros", align_corners=False)
+    return F.avg_pool2d(canvas, finer)[0] if finer > 1 else canvas[0]
 
 
 @dataclass(frozen=True)
