@@ -31,6 +31,15 @@ def folder(tmp_path_factory):
     return path
 
 
+@pytest.fixture(autouse=True)
+def one_thread():
+    """Networks as small as these gain nothing from a second thread, and lose much where cores are shared."""
+    before = torch.get_num_threads()
+    torch.set_num_threads(1)
+    yield
+    torch.set_num_threads(before)
+
+
 def run(task, folder, out, steps, **options):
     torch.manual_seed(0)
     recipe = Recipe(steps=steps, size=128, batch=2, learning_rate=3e-3, warm_up=2)
