@@ -82,14 +82,18 @@ class Shape:
         cache: Path | None = None,
     ) -> Figure:
         """The figure in this pose, in clothes that are drawn for it. simulate, cache: as of `body`."""
-        still = Person(self.base, self.skeleton, self.rest, {})
-        trunk = still.membership(self.base.tights.weights)[:, 0] > 0.75
-        pose.clear_of(still.tights_rest[trunk], still.tights_normals[trunk], ease=0.012)
-        person = Person(self.base, self.skeleton, self.rest, pose.rotations)
+        person = self.posed(pose)
         wardrobe = Wardrobe(person, rng, Simulator(person, name, cache) if simulate else None)
         outfits.dress(wardrobe, rng, split, self.woman)
         parts = [_skin(person, wardrobe.covered, rng), _eyes(person, rng), *wardrobe.parts]
         return _assemble(parts, person, name)
+
+    def posed(self, pose: Posing) -> Person:
+        """Undressed in this pose, arms and hands moved out of the trunk."""
+        still = Person(self.base, self.skeleton, self.rest, {})
+        trunk = still.membership(self.base.tights.weights)[:, 0] > 0.75
+        pose.clear_of(still.tights_rest[trunk], still.tights_normals[trunk], ease=0.012)
+        return Person(self.base, self.skeleton, self.rest, pose.rotations)
 
 
 # Skin ------------------------------------------------------------------------------------------------------

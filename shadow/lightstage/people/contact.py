@@ -6,16 +6,17 @@ a garment may touch comes second.
 
 from collections.abc import Callable
 from dataclasses import dataclass
+from functools import cached_property
 
 import numpy as np
-from scipy.sparse import csr_matrix
 from scipy.spatial import cKDTree
 
 from shadow.lightstage.figure import vertex_normals
 from shadow.lightstage.people import solver
-from shadow.lightstage.people.cloth import edges_of
+from shadow.lightstage.people.nearest import Surface, neighbours
 
 ARMS, LEGS = (1, 2), (3, 4)
+LAST = 1 << 30  # a frame after all others
 # Kinds of contact, as bits: with what lies under cloth of each region, and with what it may meet besides.
 TRUNK, ARM_LEFT, ARM_RIGHT, LEG_LEFT, LEG_RIGHT = (1 << k for k in range(5))
 FOREARMS, SIDES, OTHER_LEFT, OTHER_RIGHT = (1 << k for k in range(5, 9))
@@ -27,7 +28,8 @@ BESIDES = np.array([FOREARMS, SIDES, SIDES, OTHER_RIGHT, OTHER_LEFT], np.uint16)
 class Layer:
     """A surface under the cloth. faces (F, 3); positions: frame -> (P, 3); member (P, 5): how much of each
     vertex follows each region; between (P,): whether it faces the other leg; solid (P,): whether it is met
-    at all; lap: whether it is a lap between the legs, which only what goes about both meets."""
+    at all; lap: whether it is a lap between the legs, which only what goes about both meets; bare (P, 3):
+    where it ends, if cloth meets a smoother form of it."""
 
     faces: np.ndarray
     positions: Callable[[int], np.ndarray]
@@ -35,6 +37,7 @@ class Layer:
     between: np.ndarray
     solid: np.ndarray
     lap: bool = False
+    bare: np.ndarray | None = None
 
     def allowed(self, spans: bool) -> np.ndarray:
         """The kinds of contact (P,) that each vertex takes part in; `spans`: the cloth hangs about both
@@ -58,7 +61,7 @@ class Contact:
     """The layers under one garment as one obstacle, and the planes where each vertex of it touches."""
 
     def __init__(self, layers: list[Layer], region: np.ndarray, *, spans: bool, gap: float) -> None:
-        self.layers = layers
+        self.layers, self.spans = layers, spans
         self.last = (-1, None, None)
         counts = np.cumsum([0] + [len(layer.member) for layer in layers])
         self.faces = np.concatenate(
@@ -109,37 +112,35 @@ class Contact:
                         distance < reach, there[np.minimum(near, len(there) - 1)], -1
                     )
 
-    def push_out(self, cloth: np.ndarray, frame: int, margin: float) -> np.ndarray:
-        """Cloth (V, 3) moved until none of it is less than `margin` metres outside its own obstacle's
-        triangles; returns what moved (V,)."""
-        points, normals = self._at(frame)
-        self.search(cloth, frame)
-        corner_first, corner_face = _faces_of(self.faces, len(points))
-        faces = self.faces.astype(np.int32)
-        return solver.push_out(
-            cloth,
-            self.own.near,
-            points,
-            normals,
-            faces,
-            self.first,
-            self.ring,
-            corner_first,
-            corner_face,
-            margin,
-        )
+    def push_out(self, cloth: np.ndarray, margin: float, *, limbs: bool = True) -> np.ndarray:
+        """Cloth (V, 3), at the end, moved to `margin` metres outside what it is inside of; returns what moved
+        (V,).
 
+        Layer by layer, the body last, and by the triangles. limbs: cloth meets what lies under it alone, as
+        in the simulation; otherwise all of every layer, so that a sleeve comes out of the trunk as well.
+        """
+        moved = np.zeros(len(cloth), bool)
+        for surface, allowed in reversed(self.final):
+            near = np.full(len(cloth), -1)
+            for bits in np.unique(self.own.bits) if limbs else [None]:
+                mine = np.flatnonzero(self.own.bits == bits) if limbs else np.arange(len(cloth))
+                there = np.flatnonzero(allowed & bits if limbs else allowed)
+                if len(there):
+                    near[mine] = there[cKDTree(surface.points[there]).query(cloth[mine])[1]]
+            met = np.flatnonzero(near >= 0)
+            height, foot, normal = surface.heights(cloth[met], near[met])
+            inside = (height < margin) & (height > -self.own.deepest)
+            cloth[met[inside]] = foot[inside] + margin * normal[inside]
+            moved[met[inside]] = True
+        return moved
 
-def neighbours(faces: np.ndarray, count: int) -> tuple[np.ndarray, np.ndarray]:
-    """Of each vertex, the neighbours: where they begin (count + 1,), and all of them."""
-    edges, _, _ = edges_of(faces)
-    both = np.concatenate([edges, edges[:, ::-1]])
-    graph = csr_matrix((np.ones(len(both), np.int8), (both[:, 0], both[:, 1])), (count, count))
-    return graph.indptr.astype(np.int32), graph.indices.astype(np.int32)
-
-
-def _faces_of(faces: np.ndarray, count: int) -> tuple[np.ndarray, np.ndarray]:
-    """Of each vertex, the faces: where they begin (count + 1,), and all of them."""
-    order = np.argsort(faces.ravel(), kind="stable")
-    first = np.concatenate([[0], np.cumsum(np.bincount(faces.ravel(), minlength=count))])
-    return first.astype(np.int32), (order // 3).astype(np.int32)
+    @cached_property
+    def final(self) -> list[tuple[Surface, np.ndarray]]:
+        """Each layer as it ends, but for laps: its surface, and the kinds of contact (P,) of its vertices."""
+        ends = []
+        for layer in (layer for layer in self.layers if not layer.lap):
+            allowed = layer.allowed(self.spans)
+            if layer.bare is not None:
+                ends.append((Surface(layer.bare, layer.faces), allowed))
+            ends.append((Surface(layer.positions(LAST), layer.faces), allowed))
+        return ends

@@ -210,7 +210,8 @@ class Wardrobe:
         trunk = rest - 0.8 * (rest @ pull)[:, None] * pull
         folds = fold_noise(trunk, rng, rng.uniform(0.05, 0.11)) * np.where(region == 0, 1.0, 0.6)
         if self.simulator:
-            return SIMULATED_WRINKLES * fit.wrinkles * 1.6 * size * patches * fine
+            # Not so deep that they would bring cloth that lies on the body into it.
+            return np.maximum(SIMULATED_WRINKLES * fit.wrinkles * 1.6 * size * patches * fine, -0.0005)
         return fit.wrinkles * (1.6 * size * patches * (creases + fine) + 2.2 * (1 - patches) * folds)
 
 

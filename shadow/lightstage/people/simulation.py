@@ -10,6 +10,7 @@ from collections.abc import Iterator
 from dataclasses import dataclass, field, fields
 from functools import cached_property
 from pathlib import Path
+from zipfile import BadZipFile
 
 import numpy as np
 from scipy.sparse import csr_matrix
@@ -29,7 +30,8 @@ TENSION, COMPRESSION = 400.0, 300.0  # N/m
 MASS = 0.2  # kg/m²
 ANCHOR, CELL = 0.01, 0.06  # pull a step of the vertices that spread the folds; metres between them
 STEEPEST = 6.0  # cotangent of a triangle's angle beyond which it is a sliver
-RECIPE = 1  # part of every digest: count up when the same input is to give other folds
+CLEAR = 0.0003  # metres outside a limb that is not its own, at which cloth ends
+RECIPE = 3  # part of every digest: count up when the same input is to give other folds
 
 
 @dataclass(frozen=True)
@@ -87,9 +89,10 @@ class Simulator:
         frames = [skin(weights, self.pose(frame), rest) for frame in range(MOVING + 1)]
         bodies = [creases.filled(points).astype(np.float32) for points in frames]
         laps = [(sheets @ points).astype(np.float32) for points in frames]
-        solid = np.ones(len(rest), bool)
+        member, solid = self.person.tights_member, np.ones(len(rest), bool)
+        bare = self.person.posed(tights.weights, self.person.tights_rest)
         self.layers += [
-            Layer(tights.faces, lambda k: bodies[min(k, MOVING)], self.person.tights_member, between, solid),
+            Layer(tights.faces, lambda k: bodies[min(k, MOVING)], member, between, solid, bare=bare),
             Layer(faces, lambda k: laps[min(k, MOVING)], *np.zeros((3, sheets.shape[0])), lap=True),
         ]
         self._note(rest)
@@ -127,11 +130,13 @@ class Draped:
         if folder is None:
             return self.frames[-1].astype(float)
         path = folder / f"{self.simulator.name}-{self.digest}.npz"
-        if not path.exists():
+        kept = _kept(path, self.cut.rest.shape)
+        if kept is None:
+            kept = self.frames[-1]
             folder.mkdir(parents=True, exist_ok=True)
             with replacing(path) as beside, open(beside, "wb") as file:
-                np.savez(file, vertices=self.frames[-1])
-        return np.load(path)["vertices"].astype(float)
+                np.savez(file, vertices=kept)
+        return kept.astype(float)
 
     @cached_property
     def frames(self) -> np.ndarray:
@@ -162,7 +167,7 @@ class Draped:
                 motion.astype(np.float32), STEPS, np.float32(1 / RATE / STEPS), np.float32(damping),
             )  # fmt: skip
             if frame == MOVING + SETTLING:
-                self._let_off(x, cloth, contact, frame)
+                self._let_off(x, cloth, contact)
             yield x.copy()
 
     def _targets(self, frame: int) -> tuple[np.ndarray, np.ndarray]:
@@ -172,15 +177,30 @@ class Draped:
         target = np.einsum("vij,vj->vi", blended[:, :, :3], self.cut.rest) + blended[:, :, 3]
         return blended[:, :, :3].astype(np.float32), target.astype(np.float32)
 
-    def _let_off(self, x: np.ndarray, cloth: solver.Cloth, contact: Contact, frame: int) -> None:
+    def _let_off(self, x: np.ndarray, cloth: solver.Cloth, contact: Contact) -> None:
         """Push out what is still inside what it covers, and let the cloth around it give."""
+        margin = 0.5 * self.cut.gap
         for _ in range(3):
-            moved = contact.push_out(x, frame, 0.5 * self.cut.gap)
-            eased = cloth._replace(lightness=np.where(moved, 0.1, 1) * cloth.lightness)
+            moved = contact.push_out(x, margin)
+            lightness = np.where(moved, 0.1, 1).astype(np.float32) * cloth.lightness
+            eased = cloth._replace(lightness=lightness)
             for _ in range(4):
-                solver.stretch(x, eased._replace(lightness=eased.lightness.astype(np.float32)))
-                solver.bend(x, eased._replace(lightness=eased.lightness.astype(np.float32)))
-        contact.push_out(x, frame, 0.5 * self.cut.gap)
+                solver.stretch(x, eased)
+                solver.bend(x, eased)
+        # In an armpit or the groin cloth comes out of one limb into another.
+        for _ in range(3):
+            contact.push_out(x, margin)
+            contact.push_out(x, CLEAR, limbs=False)
+
+
+def _kept(path: Path, shape: tuple[int, ...]) -> np.ndarray | None:
+    """Vertices (V, 3) as they were kept; None if there are none, or the file is not whole."""
+    try:
+        with np.load(path) as file:
+            vertices = file["vertices"]
+    except (OSError, EOFError, ValueError, KeyError, BadZipFile):
+        return None
+    return vertices if vertices.shape == shape else None
 
 
 def sewn(cut: Cut, rng: np.random.Generator) -> solver.Cloth:

@@ -59,10 +59,10 @@ class Obstacle(NamedTuple):
     reach: np.ndarray  # (P,) square metres over which planes are blended, so that fine meshes stay as fine
 
 
-_compiled = njit(cache=True, fastmath=True, error_model="numpy")
+compiled = njit(cache=True, fastmath=True, error_model="numpy")
 
 
-@_compiled
+@compiled
 def advance(x, before, motion, step, damping):
     """Integrate: each vertex goes on as it did, falls, and is carried with `motion` (V, 3) metres a step."""
     fall = GRAVITY * step * step
@@ -81,7 +81,7 @@ def advance(x, before, motion, step, damping):
         x[i, 2] += keep * vz
 
 
-@_compiled
+@compiled
 def stretch(x, cloth):
     lightness, length = cloth.lightness, cloth.length
     for e in range(len(length)):
@@ -100,7 +100,7 @@ def stretch(x, cloth):
         x[j, 2] -= b * dz
 
 
-@_compiled
+@compiled
 def bend(x, cloth):
     """Quadratic isometric bending with a flat rest (Bergou et al. 2006), a vector constraint a hinge."""
     lightness = cloth.lightness
@@ -117,7 +117,7 @@ def bend(x, cloth):
             x[d, k] += wd * pull
 
 
-@_compiled
+@compiled
 def hold(x, cloth, start, end, late):
     """Take held and anchored vertices towards their targets, which are on the way from `start` to `end`."""
     early = np.float32(1) - late
@@ -128,7 +128,7 @@ def hold(x, cloth, start, end, late):
                 x[i, k] += pull * (early * start[i, k] + late * end[i, k] - x[i, k])
 
 
-@_compiled
+@compiled
 def tie(x, cloth):
     """Long range attachments (Kim et al. 2012): nothing hangs farther from where the cloth is held than there
     is cloth, however few sweeps the edges get."""
@@ -145,7 +145,7 @@ def tie(x, cloth):
             x[i, 2] += share * dz
 
 
-@_compiled
+@compiled
 def part(x, before, pairs, thickness):
     """Keep cloth off cloth: each pair of vertices at least `thickness` apart, gaining no speed from it."""
     least = thickness * thickness
@@ -171,7 +171,7 @@ def part(x, before, pairs, thickness):
             before[j, 2] += dz
 
 
-@_compiled
+@compiled
 def collide(x, before, planes, motion, friction, since):
     """Push what is closer to the obstacle than the gap out of it, with Coulomb friction against its motion
     and no speed along its normal. The planes are `since` steps old."""
@@ -206,7 +206,7 @@ def collide(x, before, planes, motion, friction, since):
         before[i, 2] += along * nz
 
 
-@_compiled
+@compiled
 def _walk(here, near, obstacle, late, bits):
     """The obstacle's vertex nearest to a point, found from one not far from it by its neighbours."""
     start, end = obstacle.start, obstacle.end
@@ -231,7 +231,7 @@ def _walk(here, near, obstacle, late, bits):
     return near
 
 
-@_compiled
+@compiled
 def follow(x, planes, obstacle, time, steps):
     """Walk each vertex's nearest obstacle vertex over its neighbours, and blend the plane of those around it.
 
@@ -277,7 +277,7 @@ def follow(x, planes, obstacle, time, steps):
             planes.motion[i, k] = motion[k] / (total * steps)
 
 
-@_compiled
+@compiled
 def close_pairs(x, rest, reach, apart):
     """Pairs of vertices (N, 2) nearer than `reach` that lie more than `apart` from each other at rest."""
     count = len(x)
@@ -324,7 +324,7 @@ def close_pairs(x, rest, reach, apart):
     return pairs[:found]
 
 
-@_compiled
+@compiled
 def frame(x, before, cloth, obstacle, own, other, start, end, motion, steps, step, damping):
     """Take the cloth through one frame of `steps` steps of `step` seconds, in place.
 
@@ -351,86 +351,3 @@ def frame(x, before, cloth, obstacle, own, other, start, end, motion, steps, ste
             follow(x, other, obstacle, (s + 1) / steps, steps)
         collide(x, before, other, motion, cloth.friction, np.float32(since))
         collide(x, before, own, motion, cloth.friction, np.float32(since))
-
-
-@_compiled
-def push_out(x, near, points, normals, faces, first, ring, face_first, face_of, margin):
-    """Move cloth to `margin` metres outside the triangles about its nearest obstacle vertex, in place.
-
-    near (V,): that vertex, or -1; first, ring: its neighbours; face_first, face_of: its faces. Returns which
-    vertices moved (V,).
-    """
-    moved = np.zeros(len(x), np.bool_)
-    weight = np.empty(3, np.float32)
-    for i in range(len(x)):
-        if near[i] < 0:
-            continue
-        best, face, u, v = np.float32(1e9), -1, np.float32(0), np.float32(0)
-        for r in range(first[near[i]] - 1, first[near[i] + 1]):
-            j = near[i] if r < first[near[i]] else ring[r]
-            for k in range(face_first[j], face_first[j + 1]):
-                f = face_of[k]
-                _closest(x[i], points[faces[f, 0]], points[faces[f, 1]], points[faces[f, 2]], weight)
-                square = np.float32(0)
-                for c in range(3):
-                    square += (
-                        x[i, c]
-                        - weight[0] * points[faces[f, 0], c]
-                        - weight[1] * points[faces[f, 1], c]
-                        - weight[2] * points[faces[f, 2], c]
-                    ) ** 2
-                if square < best:
-                    best, face, u, v = square, f, weight[1], weight[2]
-        if face < 0:
-            continue
-        a, b, c = faces[face, 0], faces[face, 1], faces[face, 2]
-        out, length = np.float32(0), np.float32(1e-12)
-        for k in range(3):
-            normal = (1 - u - v) * normals[a, k] + u * normals[b, k] + v * normals[c, k]
-            out += (x[i, k] - (1 - u - v) * points[a, k] - u * points[b, k] - v * points[c, k]) * normal
-            length += normal * normal
-        height = np.sqrt(best) if out > 0 else -np.sqrt(best)
-        if height >= margin:
-            continue
-        moved[i] = True
-        for k in range(3):
-            normal = (1 - u - v) * normals[a, k] + u * normals[b, k] + v * normals[c, k]
-            surface = (1 - u - v) * points[a, k] + u * points[b, k] + v * points[c, k]
-            x[i, k] = surface + margin * normal / np.sqrt(length)
-    return moved
-
-
-@_compiled
-def _closest(p, a, b, c, weight):
-    """Barycentric coordinates of the point of a triangle nearest to p, into `weight` (Ericson, Real-Time
-    Collision Detection, 5.1.5)."""
-    d1, d2, d3 = np.float32(0), np.float32(0), np.float32(0)
-    d4, d5, d6 = np.float32(0), np.float32(0), np.float32(0)
-    for k in range(3):
-        ab, ac = b[k] - a[k], c[k] - a[k]
-        d1 += ab * (p[k] - a[k])
-        d2 += ac * (p[k] - a[k])
-        d3 += ab * (p[k] - b[k])
-        d4 += ac * (p[k] - b[k])
-        d5 += ab * (p[k] - c[k])
-        d6 += ac * (p[k] - c[k])
-    va, vb, vc = d3 * d6 - d5 * d4, d5 * d2 - d1 * d6, d1 * d4 - d3 * d2
-    tiny = np.float32(1e-20)
-    u, v = np.float32(0), np.float32(0)
-    if d1 <= 0 and d2 <= 0:
-        pass
-    elif d3 >= 0 and d4 <= d3:
-        u = np.float32(1)
-    elif d6 >= 0 and d5 <= d6:
-        v = np.float32(1)
-    elif vc <= 0 and d1 >= 0 and d3 <= 0:
-        u = d1 / (d1 - d3 + tiny)
-    elif vb <= 0 and d2 >= 0 and d6 <= 0:
-        v = d2 / (d2 - d6 + tiny)
-    elif va <= 0 and d4 - d3 >= 0 and d5 - d6 >= 0:
-        v = (d4 - d3) / ((d4 - d3) + (d5 - d6) + tiny)
-        u = 1 - v
-    else:
-        scale = np.float32(1) / (va + vb + vc + tiny)
-        u, v = vb * scale, vc * scale
-    weight[0], weight[1], weight[2] = 1 - u - v, u, v
