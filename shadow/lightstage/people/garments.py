@@ -247,6 +247,18 @@ def _shoulder(person: Person, pattern: Pattern) -> np.ndarray:
     return np.exp(-((distance / 0.11) ** 2))
 
 
+def _raised(person: Person, pattern: Pattern) -> np.ndarray:
+    """How far the arm of each vertex's side is raised, (V,) in [0, 1]."""
+    bones = person.base.names
+    up = person.transforms[bones.index("spine02"), :, :3] @ [0, 1, 0]
+    sides = []
+    for k, side in zip(ARMS, "LR", strict=True):
+        joints = person.polyline(k)
+        arm = person.transforms[bones.index(f"upperarm01.{side}"), :, :3] @ unit(joints[1] - joints[0])
+        sides.append(np.clip((arm @ up + 0.4) / 0.7, 0.2, 1))
+    return np.where(pattern.plain[:, 0] > 0, *sides)
+
+
 def physical(person: Person, fit: Fit, pattern: Pattern, weights: csr_matrix) -> Cut:
     """What a fit means to the simulation.
 
@@ -259,15 +271,16 @@ def physical(person: Person, fit: Fit, pattern: Pattern, weights: csr_matrix) ->
     hangs = fit.below > LONG
     thick = fit.thickness > 0.0065
     arms, trunk, legs = (
-        ((1.1, 1.05), (1.05, 1.04), (1.05, 1.04)) if thick else ((1.14, 1.06), (1.09, 1.06), (1.05, 1.04))
+        ((1.14, 1.07), (1.1, 1.07), (1.05, 1.04)) if thick else ((1.18, 1.08), (1.12, 1.08), (1.05, 1.04))
     )
-    slack = 0.25 + 0.75 * np.clip((fit.ease - 0.003) / 0.007, 0, 1)
+    slack = 0.4 + 0.6 * np.clip((fit.ease - 0.003) / 0.007, 0, 1)
     if hangs:
-        arms, trunk = (1.08, 1.04), (1.02, 1.03)
+        arms, trunk = (1.14, 1.07), (1.05, 1.05)
     elif "hem" in fit.held:  # tucked in: all that is too long comes out over the waistband
-        trunk = (1.03, 1.05)
+        trunk = (1.06, 1.06)
     longer = 1 + slack * (member @ (np.array([trunk, arms, arms, legs, legs]) - 1))
-    longer[tube] = 1.01
+    if hangs:
+        longer[tube] = 1.01
     axis, held = np.tile([0.0, 1.0, 0.0], (len(rest), 1)), pattern.held.copy()
     for k in (*ARMS, *LEGS):
         mine = np.flatnonzero(region == k)
@@ -277,15 +290,18 @@ def physical(person: Person, fit: Fit, pattern: Pattern, weights: csr_matrix) ->
         axis[mine] = bones[(metres > np.linalg.norm(joints[1] - joints[0])).astype(int)]
         if k in ARMS and fit.sleeve is not None and fit.sleeve > 0.9 and fit.sleeve_width < 0.8:
             held[mine] = np.maximum(held[mine], np.clip((along - fit.sleeve + 0.05) / 0.03, 0, 1))
-    chest = person.skeleton.head("spine02")[1]
-    anchored = ((region > 0) | (rest[:, 1] > chest) | (fit.leg is not None)) & ~tube
+    # A gown hangs from the chest; a hem is free.
+    lowest = person.skeleton.head("spine02" if hangs else "upperleg01.L")[1] + 0.05 * (not hangs)
+    anchored = ((region > 0) & ~tube) | (rest[:, 1] > lowest) | (fit.leg is not None)
     # An arm that is raised has no use for the cloth over its shoulder: it is stiff there, or crumples.
-    padded = _shoulder(person, pattern)
+    padded = _shoulder(person, pattern) * _raised(person, pattern)
     anchored &= padded < 0.3
     longer = 1 + (longer - 1) * (1 - padded)[:, None]
-    hinge = 1e-6 * (0.5 + 2.5 * fit.bending) * (fit.thickness / 0.004) * (2.5 if hangs else 1)
+    slid = 0.0 if hangs or fit.leg is not None else 0.012 * slack
+    slid = slid * (1 - held) * (1 - padded)
+    hinge = 1e-6 * (0.5 + 2.5 * fit.bending) * np.sqrt(fit.thickness / 0.004) * (2.5 if hangs else 1)
     hinge = hinge * (1 + 5 * padded)
     return Cut(
-        pattern.faces, rest, weights, member, region, axis, held, anchored, longer,
+        pattern.faces, rest, slid, weights, member, region, axis, held, anchored, longer,
         hinge, 0.4 if hangs else 0.6, 0.001 + 0.6 * fit.thickness, fit.leg is None,
     )  # fmt: skip

@@ -22,31 +22,35 @@ from shadow.lightstage.people import solver
 from shadow.lightstage.people.anatomy import Person, skin
 from shadow.lightstage.people.cloth import edges_of, fold_noise
 from shadow.lightstage.people.contact import Contact, Layer
-from shadow.lightstage.people.hollows import Creases, lap, seat
+from shadow.lightstage.people.hollows import FOLDS, Creases, lap, seat
 
 MOVING, SETTLING, CALM = 36, 24, 10  # frames: on the way, after it, and how many of these are damped more
 STEPS, RATE = 16, 60  # steps a frame, frames a second
 TENSION, COMPRESSION = 400.0, 300.0  # N/m
 MASS = 0.2  # kg/m²
 ANCHOR, CELL = 0.01, 0.06  # pull a step of the vertices that spread the folds; metres between them
+SLIDE = 0.2  # metres between where cloth has slid one way and another
 STEEPEST = 6.0  # cotangent of a triangle's angle beyond which it is a sliver
 CLEAR = 0.0003  # metres outside a limb that is not its own, at which cloth ends
-RECIPE = 3  # part of every digest: count up when the same input is to give other folds
+RECIPE = 6  # part of every digest: count up when the same input is to give other folds
 
 
 @dataclass(frozen=True)
 class Cut:
     """A garment ready to be simulated.
 
-    rest: (V, 3) let out, in the rest pose, metres. weights: (V, J) of the bones. member: (V, 5) how much each
-    vertex follows each region, region (V,) which it belongs to. axis: (V, 3) unit, along the limb. held: (V,)
-    in [0, 1], 1 stays where the bones take it. anchored: (V,) where folds are spread by anchors. longer: (V,
-    2) length of the cloth over the cut's, along and across the limb. hinge: (V,) bending stiffness, N·m.
-    friction: against what is under it. gap: metres kept from that. spans: whether it goes about both legs.
+    rest: (V, 3) let out, in the rest pose, metres. slid: (V,) metres that it has slid to and fro over the
+    body: as worn, cloth is taut here and loose there. weights: (V, J) of the bones. member: (V, 5) how much
+    each vertex follows each region, region (V,) which it belongs to. axis: (V, 3) unit, along the limb.
+    held: (V,) in [0, 1], 1 stays where the bones take it. anchored: (V,) where folds are spread by anchors.
+    longer: (V, 2) length of the cloth over the cut's, along and across the limb. hinge: (V,) bending
+    stiffness, N·m. friction: against what is under it. gap: metres kept from that. spans: whether it goes
+    about both legs.
     """
 
     faces: np.ndarray
     rest: np.ndarray
+    slid: np.ndarray
     weights: csr_matrix
     member: np.ndarray
     region: np.ndarray
@@ -111,7 +115,7 @@ class Simulator:
         `Layer`."""
         self.digest = _digest(cut, self.digest, self.person)
         draped = Draped(self, cut, list(self.layers), self.digest)
-        self.layers.append(Layer(cut.faces, draped.at, cut.member, between, solid))
+        self.layers.append(Layer(cut.faces, draped.spanned, cut.member, between, solid))
         return draped.final
 
 
@@ -121,8 +125,14 @@ class Draped:
     def __init__(self, simulator: Simulator, cut: Cut, layers: list[Layer], digest: str) -> None:
         self.simulator, self.cut, self.layers, self.digest = simulator, cut, layers, digest
 
-    def at(self, frame: int) -> np.ndarray:
-        return self.frames[min(frame, len(self.frames) - 1)]
+    def spanned(self, frame: int) -> np.ndarray:
+        """What the next layer meets (V, 3): the folds filled, or it would be wedged in them."""
+        folded = self.frames[min(frame, len(self.frames) - 1)]
+        return self.creases.filled(folded.astype(float), FOLDS)
+
+    @cached_property
+    def creases(self) -> Creases:
+        return Creases(self.cut.faces, len(self.cut.rest))
 
     @cached_property
     def final(self) -> np.ndarray:
@@ -170,11 +180,20 @@ class Draped:
                 self._let_off(x, cloth, contact)
             yield x.copy()
 
+    @cached_property
+    def worn(self) -> np.ndarray:
+        """Where anchors draw the cut (V, 3) to, in the rest pose."""
+        cut, rng = self.cut, np.random.default_rng(int(self.digest[16:], 16))
+        way = np.stack([fold_noise(cut.rest, rng, SLIDE) for _ in range(3)], axis=1)
+        normals = vertex_normals(cut.rest, cut.faces)
+        way -= (way * normals).sum(axis=1, keepdims=True) * normals
+        return cut.rest + way * (rng.uniform(0.4, 1.4) * cut.slid)[:, None]
+
     def _targets(self, frame: int) -> tuple[np.ndarray, np.ndarray]:
         """Blended transforms (V, 3, 3) of a frame and where they take the cut (V, 3)."""
         pose = self.simulator.pose(frame)
         blended = (self.cut.weights @ pose.reshape(len(pose), 12)).reshape(-1, 3, 4)
-        target = np.einsum("vij,vj->vi", blended[:, :, :3], self.cut.rest) + blended[:, :, 3]
+        target = np.einsum("vij,vj->vi", blended[:, :, :3], self.worn) + blended[:, :, 3]
         return blended[:, :, :3].astype(np.float32), target.astype(np.float32)
 
     def _let_off(self, x: np.ndarray, cloth: solver.Cloth, contact: Contact) -> None:
