@@ -17,6 +17,7 @@ from shadow.lightstage.people.nearest import Surface, neighbours
 
 ARMS, LEGS = (1, 2), (3, 4)
 LAST = 1 << 30  # a frame after all others
+ANY = np.uint16(0xFFFF)  # kind of contact with all that is met at all
 # Kinds of contact, as bits: with what lies under cloth of each region, and with what it may meet besides.
 TRUNK, ARM_LEFT, ARM_RIGHT, LEG_LEFT, LEG_RIGHT = (1 << k for k in range(5))
 FOREARMS, SIDES, OTHER_LEFT, OTHER_RIGHT = (1 << k for k in range(5, 9))
@@ -62,6 +63,7 @@ class Contact:
 
     def __init__(self, layers: list[Layer], region: np.ndarray, *, spans: bool, gap: float) -> None:
         self.layers, self.spans = layers, spans
+        self.beside: dict[bool, list[np.ndarray]] = {}  # nearest vertices at the end, which hardly changes
         self.last = (-1, None, None)
         counts = np.cumsum([0] + [len(layer.member) for layer in layers])
         self.faces = np.concatenate(
@@ -112,21 +114,21 @@ class Contact:
                         distance < reach, there[np.minimum(near, len(there) - 1)], -1
                     )
 
-    def push_out(self, cloth: np.ndarray, margin: float, *, limbs: bool = True) -> np.ndarray:
+    def push_out(
+        self, cloth: np.ndarray, margin: float, *, limbs: bool = True, afresh: bool = False
+    ) -> np.ndarray:
         """Cloth (V, 3), at the end, moved to `margin` metres outside what it is inside of; returns what moved
         (V,).
 
         Layer by layer, the body last, and by the triangles. limbs: cloth meets what lies under it alone, as
         in the simulation; otherwise all of every layer, so that a sleeve comes out of the trunk as well.
+        afresh: search the nearest vertices again, which otherwise are those of the first time.
         """
         moved = np.zeros(len(cloth), bool)
-        for surface, allowed in reversed(self.final):
-            near = np.full(len(cloth), -1)
-            for bits in np.unique(self.own.bits) if limbs else [None]:
-                mine = np.flatnonzero(self.own.bits == bits) if limbs else np.arange(len(cloth))
-                there = np.flatnonzero(allowed & bits if limbs else allowed)
-                if len(there):
-                    near[mine] = there[cKDTree(surface.points[there]).query(cloth[mine])[1]]
+        if afresh or limbs not in self.beside:
+            kinds = self.own.bits if limbs else np.full(len(cloth), ANY)
+            self.beside[limbs] = [_nearest(cloth, kinds, *layer) for layer in self.final]
+        for (surface, _), near in reversed(list(zip(self.final, self.beside[limbs], strict=True))):
             met = np.flatnonzero(near >= 0)
             height, foot, normal = surface.heights(cloth[met], near[met])
             inside = (height < margin) & (height > -self.own.deepest)
@@ -144,3 +146,13 @@ class Contact:
                 ends.append((Surface(layer.bare, layer.faces), allowed))
             ends.append((Surface(layer.positions(LAST), layer.faces), allowed))
         return ends
+
+
+def _nearest(cloth: np.ndarray, kinds: np.ndarray, surface: Surface, allowed: np.ndarray) -> np.ndarray:
+    """Of each vertex of the cloth (V,) the nearest of the surface that shares a kind of contact, or -1."""
+    near = np.full(len(cloth), -1)
+    for bits in np.unique(kinds):
+        mine, there = np.flatnonzero(kinds == bits), np.flatnonzero(allowed & bits)
+        if len(there):
+            near[mine] = there[cKDTree(surface.points[there]).query(cloth[mine])[1]]
+    return near

@@ -55,7 +55,7 @@ class Creases:
     def filled(self, points: np.ndarray, rounds: int = ROUNDS) -> np.ndarray:
         """points (V, 3), in any pose."""
         for step in range(rounds):
-            if step % (rounds // 4) == 0:
+            if step % (rounds // 2) == 0:
                 normals = vertex_normals(points, self.faces)
             outwards = ((self.mean @ points - points) * normals).sum(axis=1)
             points = points + normals * np.maximum(outwards, 0)[:, None]

@@ -32,7 +32,7 @@ ANCHOR, CELL = 0.01, 0.06  # pull a step of the vertices that spread the folds; 
 SLIDE = 0.2  # metres between where cloth has slid one way and another
 STEEPEST = 6.0  # cotangent of a triangle's angle beyond which it is a sliver
 CLEAR = 0.0003  # metres outside a limb that is not its own, at which cloth ends
-RECIPE = 6  # part of every digest: count up when the same input is to give other folds
+RECIPE = 8  # part of every digest: count up when the same input is to give other folds
 
 
 @dataclass(frozen=True)
@@ -127,12 +127,12 @@ class Draped:
 
     def spanned(self, frame: int) -> np.ndarray:
         """What the next layer meets (V, 3): the folds filled, or it would be wedged in them."""
-        folded = self.frames[min(frame, len(self.frames) - 1)]
-        return self.creases.filled(folded.astype(float), FOLDS)
+        return self._spanned[min(frame, len(self.frames) - 1)]
 
     @cached_property
-    def creases(self) -> Creases:
-        return Creases(self.cut.faces, len(self.cut.rest))
+    def _spanned(self) -> np.ndarray:
+        creases = Creases(self.cut.faces, len(self.cut.rest))
+        return np.stack([creases.filled(points.astype(float), FOLDS) for points in self.frames])
 
     @cached_property
     def final(self) -> np.ndarray:
@@ -207,9 +207,9 @@ class Draped:
                 solver.stretch(x, eased)
                 solver.bend(x, eased)
         # In an armpit or the groin cloth comes out of one limb into another.
-        for _ in range(3):
+        for last in (False, False, True):
             contact.push_out(x, margin)
-            contact.push_out(x, CLEAR, limbs=False)
+            contact.push_out(x, CLEAR, limbs=False, afresh=last)
 
 
 def _kept(path: Path, shape: tuple[int, ...]) -> np.ndarray | None:
