@@ -45,7 +45,8 @@ def stage(
         bool, typer.Option(help="Trace the bounce light too, for path-traced shading.")
     ] = False,
     relief: Annotated[
-        bool, typer.Option("--relief", help="Raise the folds that are only painted on a scan.")
+        bool,
+        typer.Option("--relief", help="Raise the folds that are only painted on a scan without normal map."),
     ] = False,
     simulate: Annotated[
         bool,

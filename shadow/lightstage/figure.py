@@ -6,6 +6,7 @@ from dataclasses import dataclass
 import numpy as np
 
 Albedo = Callable[[np.ndarray, np.ndarray], np.ndarray]
+Detail = Callable[[np.ndarray, np.ndarray], np.ndarray]
 
 
 @dataclass(frozen=True)
@@ -17,6 +18,9 @@ class Figure:
     normals: (V, 3) float32 unit shading normals; a vertex is repeated where the surface has a crease.
     albedo: (face index (N,), barycentric (N, 3)) -> (N, 3) float32 linear Rec.709 in [0, 1].
     name: what the records call it.
+    detail: a normal map: (face index (N,), barycentric (N, 3)) -> (N, 3) directions in tangent space, whose
+        z is the shading normal's; None if the figure has none.
+    tangents: (F, 3, 4) float32 of each corner, as `normalmaps.tangents` makes them; None where detail is.
     """
 
     vertices: np.ndarray
@@ -24,6 +28,8 @@ class Figure:
     normals: np.ndarray
     albedo: Albedo
     name: str
+    detail: Detail | None = None
+    tangents: np.ndarray | None = None
 
 
 def vertex_normals(vertices: np.ndarray, faces: np.ndarray) -> np.ndarray:
@@ -59,16 +65,16 @@ def interpolate(values: np.ndarray, faces: np.ndarray, barycentric: np.ndarray) 
     )
 
 
-def joined(albedos: list[Albedo], face_counts: list[int]) -> Albedo:
-    """One albedo for meshes whose faces follow one another."""
+def joined(textures: list[Albedo], face_counts: list[int]) -> Albedo:
+    """One albedo, or one normal map, for meshes whose faces follow one another."""
     ends = np.cumsum(face_counts)
 
-    def albedo(face: np.ndarray, barycentric: np.ndarray) -> np.ndarray:
+    def texture(face: np.ndarray, barycentric: np.ndarray) -> np.ndarray:
         owner = np.searchsorted(ends, face, side="right")
-        colour = np.empty((len(face), 3), np.float32)
+        values = np.empty((len(face), 3), np.float32)
         for k in np.unique(owner):
             mine = owner == k
-            colour[mine] = albedos[k](face[mine] - (ends[k] - face_counts[k]), barycentric[mine])
-        return colour
+            values[mine] = textures[k](face[mine] - (ends[k] - face_counts[k]), barycentric[mine])
+        return values
 
-    return albedo
+    return texture

@@ -6,6 +6,8 @@ import numpy as np
 from embreex.mesh_construction import TriangleMesh
 from embreex.rtcore_scene import EmbreeScene
 
+from shadow.lightstage.normalmaps import tilted
+
 OFFSET = 0.002  # metres: rays leave from above the surface, or they would hit it
 
 
@@ -15,7 +17,7 @@ class Surface:
 
     position: np.ndarray  # metres
     geometric: np.ndarray  # unit normal of the triangle
-    normal: np.ndarray  # unit shading normal
+    normal: np.ndarray  # unit shading normal: smooth, and turned by the figure's normal map
     albedo: np.ndarray  # linear Rec.709 in [0, 1]
 
     def __len__(self):
@@ -38,6 +40,7 @@ class Scene:
         self.figure = figure
         self._vertices = ((figure.vertices - position) @ rotation.T).astype(np.float32)
         self._normals = figure.normals @ rotation.T
+        self._rotation = rotation
         self._embree = EmbreeScene()
         TriangleMesh(self._embree, self._vertices[figure.faces])
 
@@ -52,13 +55,22 @@ class Scene:
         geometric = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
         geometric /= np.linalg.norm(geometric, axis=1, keepdims=True).clip(1e-12)
         normal = np.einsum("nk,nkc->nc", barycentric, self._normals[triangle])
+        length = np.linalg.norm(normal, axis=1, keepdims=True)
+        normal = np.where(length > 1e-6, normal / length.clip(1e-6), geometric)
+        normal = self._detailed(normal, face, barycentric)
         # A surface has two sides: the far one of a shell, seen through an open hem, is lit as the near one.
         flip = np.where((geometric * rays[found]).sum(axis=1) > 0, -1.0, 1.0)[:, None]
         geometric, normal = geometric * flip, normal * flip
-        length = np.linalg.norm(normal, axis=1, keepdims=True)
-        normal = np.where(length > 1e-6, normal / length.clip(1e-6), geometric)
         position = np.einsum("nk,nkc->nc", barycentric, corners)
         return found, Surface(position, geometric, normal, self.figure.albedo(face, barycentric))
+
+    def _detailed(self, normal, face, barycentric):
+        """Unit normals (N, 3) turned as the figure's normal map, if it has one, says at these points."""
+        if self.figure.detail is None:
+            return normal
+        tangent = np.einsum("nk,nkc->nc", barycentric, self.figure.tangents[face])
+        tangent[:, :3] = tangent[:, :3] @ self._rotation.T
+        return tilted(normal, tangent, self.figure.detail(face, barycentric))
 
     def visibility(self, surface, lights):
         """Which of the lights (D, 3) each point of a Surface faces and sees: (N, D) bool."""

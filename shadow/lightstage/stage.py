@@ -181,7 +181,9 @@ def _render_figure(source, out, view_count, size, behind, jitter, portrait, boun
     for path, view in zip(paths, views(view_count, figure, rng, portrait), strict=True):
         if not path.exists():
             record = render(figure, view, size, lights, bounced)
-            sizes.append(records.write(path, relief.raise_folds(record) if raised else record))
+            # A normal map holds the folds that are painted elsewhere: raised, they would be there twice.
+            painted = raised and figure.detail is None
+            sizes.append(records.write(path, relief.raise_folds(record) if painted else record))
     return len(sizes), sum(sizes)
 
 
@@ -212,7 +214,8 @@ def render_all(
     jitter: vary camera height, distance and field of view.
     portrait: jitter, and come close: the frame cuts the figure, somewhere from its neck to its shins.
     bounced: bounce light too, for path-traced shading.
-    raised: the fine contrast of the albedo as relief, see relief.py; of scans whose folds are only painted.
+    raised: the fine contrast of the albedo as relief, see relief.py; of scans that have no normal map, whose
+        folds are only painted.
     processes: default one a core.
 
     Returns

@@ -38,8 +38,13 @@ def vary(figure: Figure, rng: np.random.Generator) -> Figure:
     bent, jacobian = _waves(figure.vertices * stretch, rng)
     # A plane's normal goes with the inverse transpose of what moves its points.
     normals = np.linalg.solve(jacobian.transpose(0, 2, 1), (figure.normals / stretch)[..., None])[..., 0]
+    tangents = figure.tangents
+    if tangents is not None:  # they lie in the surface, and move as its points do
+        along = np.einsum("fkij,fkj->fki", jacobian[figure.faces], tangents[..., :3] * stretch)
+        tangents = np.concatenate([along, tangents[..., 3:]], axis=2).astype(np.float32)
     return replace(
         figure,
+        tangents=tangents,
         vertices=standing(bent).astype(np.float32),
         normals=unit(normals).astype(np.float32),
         albedo=_dyed(figure, rng),
