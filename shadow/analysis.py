@@ -37,6 +37,7 @@ class Analysis:
     framed: shadow.framing.Framed, the photograph on the networks' canvas of h x w pixels.
     canvas_normals: (3, h, w) tensor of unit normals, zero outside the mask.
     canvas_visibility: unit directions (D, 3) to maps (D, h, w) in [0, 1], tensors, zero outside the mask.
+    canvas_depth: (h, w) tensor as `depth`, zero outside the mask; None where the network says nothing of it.
     """
 
     def __init__(
@@ -47,6 +48,7 @@ class Analysis:
         self.framed = framed
         self._like: Any = like
         self.canvas_normals, self.canvas_visibility = network.analyse(framed.rgb, framed.mask, normals)
+        self.canvas_depth: torch.Tensor | None = getattr(self.canvas_visibility, "depth", None)
 
     @cached_property
     def normals(self) -> Array:
@@ -54,6 +56,17 @@ class Analysis:
         the matte."""
         maps = F.normalize(self.framed.restored(self.canvas_normals), dim=0)
         return inputs.like(maps.permute(1, 2, 0), self._like)
+
+    @cached_property
+    def depth(self) -> Array | None:
+        """(H, W) float32 along the camera's axis, positive away from the camera, relative to its mean over
+        the subject, in units of the height that the matte shows; zero outside the matte.
+
+        None from networks that infer no depth: the paper's, and fields trained before there was any.
+        """
+        if self.canvas_depth is None:
+            return None
+        return inputs.like(self.framed.restored(self.canvas_depth[None])[0], self._like)
 
     def visibility(self, directions: Array) -> Array:
         """Self-shadow maps (D, H, W) float32 in [0, 1]: 1 is lit, zero outside the matte; binary = `> 0.5`.
@@ -93,8 +106,8 @@ def analyse(
 
     Returns
     -------
-    Analysis: its `normals`, and its `visibility(directions)`. With the field a light costs dot products and
-    no network, with a per-light network one pass.
+    Analysis: its `normals` and `depth`, and its `visibility(directions)`. With the field a light costs dot
+    products and no network, with a per-light network one pass.
 
     Raises
     ------

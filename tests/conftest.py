@@ -19,7 +19,10 @@ def sphere(size=96, radius=0.8, behind=True):
         [np.full(len(normals), 0.8), normals[:, 2] * 0.5 + 0.3, np.full(len(normals), 0.4)], axis=1
     )
     lights = directions.olat(behind)
-    return Record.of(mask, normals, albedo, normals @ lights.T > 0, lights, {"figure": "sphere"})
+    depth = -normals[:, 2:] / 2  # a sphere is twice its radius high
+    lit = normals @ lights.T > 0
+    about = {"figure": "sphere"}
+    return Record.of(mask, normals, albedo, lit, lights, about, depth=depth - depth.mean())
 
 
 @pytest.fixture

@@ -14,7 +14,7 @@ import shading
 import shadow
 from shading.diffuse import ShadingField
 from shadow import analysis, inputs
-from shadow.networks import precision
+from shadow.networks import checkpoints, precision
 from shadow.networks.field import VisibilityField
 
 LIGHTS = np.float32([[-0.6, 0.4, 0.7], [0.5, 0.5, 0.7], [0.8, 0.0, -0.6]])
@@ -59,6 +59,32 @@ def test_the_functions_are_the_analysis(person):
     visible = shadow.analyse(*person)
     np.testing.assert_array_equal(visible.normals, found.normals)
     np.testing.assert_array_equal(visible.visibility(LIGHTS), found.visibility(LIGHTS))
+
+
+def test_depth_is_relative_and_away_from_the_camera(person, tmp_path):
+    """Of weights with depth; those from before there was any say nothing."""
+    rgb, mask = person
+    network = VisibilityField(128)
+    checkpoints.save(tmp_path / "old.safetensors", network, "field", {"size": 128}, {})
+    assert shadow.analyse(rgb, mask, model=tmp_path / "old.safetensors").depth is None
+    network = VisibilityField(128, depth=True)
+    torch.nn.init.normal_(network.backbone.head.weight[-4:], std=0.5)
+    checkpoints.save(tmp_path / "deep.safetensors", network, "field", {"size": 128, "depth": True}, {})
+    found = shadow.analyse(rgb, mask, model=tmp_path / "deep.safetensors")
+    assert found.depth.shape == mask.shape
+    assert found.depth.dtype == np.float32
+    assert not found.depth[mask == 0].any()
+    assert found.depth[mask > 0].std() > 0.01
+    assert found.canvas_depth.sum() == pytest.approx(0, abs=0.05)
+    raised = shadow.analyse(rgb, mask, model=_nearer(network, tmp_path / "near.safetensors"))
+    np.testing.assert_allclose(raised.depth, found.depth, atol=0.05)  # an offset does not count
+
+
+def _nearer(network, path):
+    """The weights of a field whose depths are all half a height less."""
+    torch.nn.init.constant_(network.backbone.head.bias[-4:], -0.5)
+    checkpoints.save(path, network, "field", {"size": 128, "depth": True}, {})
+    return path
 
 
 def test_a_tensor_gives_tensors(person):

@@ -12,11 +12,12 @@ from shading.tasks import per_light_task, shading_task
 from shadow import normals, visibility
 from shadow.data import photographs, records
 from shadow.directions import from_spherical
+from shadow.evaluation import depth
 from shadow.networks import checkpoints, precision
-from shadow.networks.backbone import encode_image
+from shadow.networks.backbone import encode_image, take_blocks
 from shadow.networks.field import VisibilityField
 from shadow.networks.unet import PerLight
-from shadow.training import loop, optimiser
+from shadow.training import loop, optimiser, tasks
 from shadow.training.loop import fit
 from shadow.training.recipes import Recipe, learning_rate, preset
 from shadow.training.start import load_start, warm_start
@@ -62,6 +63,47 @@ def test_normals_of_a_sphere_are_learned(folder, tmp_path):
     assert rows[-1]["angle"] < untrained
     assert (tmp_path / "samples-000012.png").stat().st_size > 0
     assert normals.load(path).size == 128
+
+
+def test_depth_of_a_sphere_is_learned_where_records_have_it(folder, tmp_path):
+    run(SHADOW, folder, tmp_path / "with", 20, validation=[folder])
+    row = json.loads((tmp_path / "with" / "log.jsonl").read_text().splitlines()[-1])
+    found = depth.evaluate([folder], model=tmp_path / "with" / "field.safetensors")
+    assert found.views == 4
+    assert row["depth"] < 0.85 * found.flat
+    assert found.error == pytest.approx(row["depth"], rel=0.1)
+    (tmp_path / "old").mkdir()
+    for file in folder.iterdir():
+        records.write(tmp_path / "old" / file.name, replace(records.Records([file])[0], depth_float16=None))
+    path = run(SHADOW, tmp_path / "old", tmp_path / "without", 2, validation=[folder])
+    head = checkpoints.read(path)[0]["backbone.head.weight"]
+    assert not head[-4:].any()
+    assert head[:-4].any()
+    with pytest.raises(ValueError, match="records: expected some with depth"):
+        depth.evaluate([tmp_path / "old"], model=path)
+
+
+def test_the_loss_of_depth_falls_and_sees_neither_offset_nor_scale(folder):
+    sample = photographs.sample(records.Records([folder])[0], np.random.default_rng(0), (128, 96), 1)
+    blocks = tasks.random_blocks(sample["mask"][None])
+    truth, mask = (take_blocks(sample[key][None], blocks) for key in ("depth", "mask"))
+    inside = mask > 0.5
+    error = lambda estimate: float(tasks._depth_error(estimate, truth, inside, 128))  # noqa: E731
+    noise = 0.05 * torch.randn(truth.shape, generator=torch.Generator().manual_seed(0))
+    assert error(truth) < error(1.5 * truth) < 0.2 * error(0 * truth)
+    assert error(truth + 3) == pytest.approx(error(truth), abs=1e-5)
+    assert error(truth + noise) > error(truth) + 0.02
+    shifted = 2 * (truth + noise) + 1
+    assert error(shifted) == pytest.approx(error(truth + noise), rel=0.25)
+    estimate = torch.zeros_like(truth, requires_grad=True)
+    losses = []
+    for _ in range(40):
+        loss = tasks._depth_error(estimate, truth, inside, 128)
+        losses.append(loss.item())
+        (gradient,) = torch.autograd.grad(loss, estimate)
+        estimate = (estimate - 20 * gradient).detach().requires_grad_()
+    assert np.isfinite(losses).all()
+    assert losses[-1] < 0.7 * losses[0]
 
 
 def test_a_photograph_that_shows_nothing_teaches_nothing(folder):
@@ -162,21 +204,12 @@ def test_warm_start_keeps_the_features(tmp_path):
     assert target.backbone.head.weight.abs().max() == 0
 
 
-class WithDepth(VisibilityField):
-    """A field whose head writes one map more, last."""
-
-    def __init__(self, size=128):
-        super().__init__(size)
-        head = self.backbone.head
-        self.backbone.head = torch.nn.Conv2d(head.in_channels, head.out_channels + 4, 1)
-
-
 def test_outputs_added_to_a_head_start_at_zero(tmp_path):
     torch.manual_seed(0)
     source = VisibilityField(128)
     torch.nn.init.normal_(source.backbone.head.weight)
     checkpoints.save(tmp_path / "field.safetensors", source, "field", {"size": 128}, {})
-    target, image = WithDepth(), torch.rand(1, 4, 64, 64)
+    target, image = VisibilityField(128, depth=True), torch.rand(1, 4, 64, 64)
     load_start(target, tmp_path / "field.safetensors", "field")
     with torch.no_grad():
         before, after = (network.backbone(image) for network in (source.half().float(), target))
@@ -200,7 +233,7 @@ SHALLOW = {"encoder": (1, 1, 1, 1, 1), "decoder": (1, 1, 1, 1)}
 
 
 def test_a_deeper_network_starts_where_a_shallower_one_came_to(folder, tmp_path):
-    shallow = run(replace(SHADOW, config=SHALLOW), folder, tmp_path / "shallow", 4)
+    shallow = run(replace(SHADOW, config=SHADOW.config | SHALLOW), folder, tmp_path / "shallow", 4)
     still = replace(SHADOW, loss=lambda network, batch: 0 * SHADOW.loss(network, batch))
     deep = run(still, folder, tmp_path / "deep", 1, init=shallow)
     image = torch.rand(1, 4, 128, 96)

@@ -81,3 +81,17 @@ def test_otsu_agrees_with_scikit_image(spread):
 def test_otsu_of_two_values_separates_them_and_of_one_is_it():
     assert 0 <= metrics.otsu(torch.tensor([0.0, 0, 1, 1, 1])) < 1
     assert metrics.otsu(torch.full((3, 3), 0.4)) == pytest.approx(0.4)
+
+
+def test_depth_is_scored_in_per_cent_and_by_what_is_in_front():
+    truth = torch.zeros(40, 40)
+    truth[:, 10:20] = -0.1  # an arm before the body
+    truth[:, 30:] = 0.02  # too little to be a border
+    mask = torch.ones(40, 40, dtype=torch.bool)
+    assert metrics.depth_error(truth + 7, truth, mask) == pytest.approx(0, abs=1e-4)
+    assert metrics.depth_error(torch.zeros(40, 40), truth, mask) == pytest.approx(4, abs=0.5)
+    assert metrics.depth_order(0.01 * truth, truth, mask) == 1
+    assert metrics.depth_order(-truth, truth, mask) == 0
+    assert metrics.depth_order(torch.zeros(40, 40), truth, mask) == 0.5
+    mask[:, :24] = False
+    assert metrics.depth_order(truth, truth, mask).isnan()

@@ -13,7 +13,7 @@ from shadow.framing import canvas_size
 
 
 def same(a, b):
-    arrays = ("mask", "normals_int8", "albedo_uint8", "visibility_bits", "directions")
+    arrays = ("mask", "normals_int8", "albedo_uint8", "visibility_bits", "directions", "depth_float16")
     return a.about == b.about and all(np.array_equal(getattr(a, n), getattr(b, n)) for n in arrays)
 
 
@@ -38,6 +38,32 @@ def test_bounce_light_is_kept_with_its_pixels(ball, tmp_path):
     assert len(small.bounce[0]) == small.mask.sum() < len(lit.bounce[0])
     assert set(map(bytes, small.bounce_float16)) <= set(map(bytes, lit.bounce_float16))
     assert not ball.bounce[0].any()
+
+
+def test_records_without_depth_load(ball, tmp_path):
+    records.write(tmp_path / "a.npz", dataclasses.replace(ball, depth_float16=None))
+    back = records.Records([tmp_path])[0]
+    assert back.depth is None
+    assert back.cropped(20).depth is None
+    view = photographs.sample(back, np.random.default_rng(0), canvas_size(128), 1)
+    assert view["depth_known"] == 0
+    assert not view["depth"].any()
+
+
+@pytest.mark.parametrize("seed", range(6))
+def test_depth_is_in_units_of_the_height_that_shows(ball, seed):
+    """Turned, moved, enlarged, a sphere is as deep as its outline says; cut, deeper for what shows."""
+    view = photographs.sample(ball, np.random.default_rng(seed), canvas_size(256), 1)
+    inside = (view["mask"][0] > 0.99) & (view["matte"][0] > 0.99) & (view["normals"][2] > 0.3)
+    found, slope = view["depth"][0][inside], -view["normals"][2][inside]
+    gain = ((found - found.mean()) * (slope - slope.mean())).sum() / (slope - slope.mean()).square().sum()
+    x = view["normals"][0]
+    across = torch.nonzero(inside)[:, 1][(x[inside].abs() < 0.9)].float()
+    radius = ((across - across.mean()).square().sum() / (
+        (x[inside][x[inside].abs() < 0.9] - x[inside][x[inside].abs() < 0.9].mean()).square().sum()
+    )).sqrt()  # canvas pixels  # fmt: skip
+    rows = torch.nonzero((view["mask"][0] > 0.5).any(dim=1))[:, 0]
+    assert gain == pytest.approx(float(radius / (rows[-1] + 1 - rows[0])), rel=0.04)
 
 
 def test_stored_precision(ball):
@@ -179,7 +205,7 @@ def _framed(record, rows, columns):
     inside[rows, columns] = True
     kept = {
         name: getattr(record, name)[inside[record.mask]]
-        for name in ("normals_int8", "albedo_uint8", "visibility_bits")
+        for name in ("normals_int8", "albedo_uint8", "visibility_bits", "depth_float16")
     }
     return dataclasses.replace(record, mask=record.mask[rows, columns], **kept)
 

@@ -45,6 +45,21 @@ def test_normals_are_in_the_camera_frame(ball):
         assert image[2, middle, int(columns.mean())] > 0.98
 
 
+def test_depth_and_camera_give_the_positions_back(ball):
+    view = stage.View(azimuth=30, height=1.2, pitch=-12, fov=60)
+    record = stage.render(ball, view, 128, LIGHTS[:1])
+    camera, (row, column) = record.about["camera"], np.nonzero(record.mask)
+    rays = (
+        np.stack([column - 63.5, 63.5 - row, np.full(len(row), -camera["focal"])], axis=1) / camera["focal"]
+    )
+    positions = rays * (camera["mean_depth"] + record.depth)  # in heights
+    centre = view.rotation() @ ([0, 0.9, 0] - view.position())
+    truth = centre + 0.5 * record.normals  # metres
+    height = (np.ptp(row) + 1) / camera["focal"] * -truth[:, 2].mean()
+    assert record.depth.mean() == pytest.approx(0, abs=1e-3)
+    np.testing.assert_allclose(positions * height, truth, atol=0.01)
+
+
 def test_azimuth_goes_toward_the_left_hand_of_the_figure():
     box = trimesh.creation.box([0.4, 1.8, 0.4])
     marker = trimesh.creation.box([0.3, 0.3, 0.3])

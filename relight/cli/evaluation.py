@@ -38,6 +38,19 @@ def evaluate_visibility(
     print(scores.report(found, angle))
 
 
+@evaluate.command("depth")
+def evaluate_depth(
+    records: ScoredRecords,
+    model: Annotated[str, typer.Option(help="Visibility weights: a name, or a file.")] = "field",
+    seed: LightingSeed = 0,
+    limit: Limit = None,
+) -> None:
+    """Print how far depth is off, in per cent of the height, and its order across the borders of limbs."""
+    from shadow.evaluation import depth
+
+    print(depth.report(depth.evaluate(records, model=model, seed=seed, limit=limit)))
+
+
 @evaluate.command("tables")
 def evaluate_tables(
     records: ScoredRecords,

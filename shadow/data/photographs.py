@@ -7,7 +7,7 @@ from kornia.enhance import jpeg_codec_differentiable, sharpness
 
 from shadow.data.records import ENCODING
 from shadow.directions import from_spherical
-from shadow.framing import Framing, affine_sample
+from shadow.framing import Framing, affine_sample, bounding_box
 
 LUMINANCE = np.float32([0.2126, 0.7152, 0.0722])  # of linear Rec.709 (ITU-R BT.709)
 
@@ -113,8 +113,10 @@ class Sample(dict):
     rgb (3, h, w) linear photograph; matte (1, h, w), which a network is given with it; mask (1, h, w), where
     the subject is and the matte says so; normals (3, h, w) unit; albedo (3, h, w) linear; directions (L, 3);
     visibility (L, h, w) in [0, 1]; weights (L, 3), what each direction shone with in the photograph. Bounce
-    light, in Rec.709 luminance, is bounce_patterns (L, K) times bounce (K, h, w). What is not the
-    photograph's holds inside the mask.
+    light, in Rec.709 luminance, is bounce_patterns (L, K) times bounce (K, h, w). depth (1, h, w), away from
+    the camera, is relative to its mean in the mask, in units of the height that the mask has here; it is
+    zero, and depth_known (1,) too, where the record has none. What is not the photograph's holds inside the
+    mask.
     """
 
 
@@ -137,19 +139,22 @@ def sample(record, rng, size, lights=None, augment=True, lighting=None):
     chosen = np.sort(chosen[:lights])
     gloss = rng.choice([0.0, rng.uniform(0.02, 0.2)], p=[0.7, 0.3])
     bounce, patterns = record.bounce
+    depth = np.zeros((record.mask.sum(), 1), np.float32) if record.depth is None else record.depth
     values = [
         np.ones((record.mask.sum(), 1), np.float32),
         light(record, weights, gloss, np.exp(rng.uniform(2, 4))),
         record.normals,
         record.albedo,
         bounce,
+        depth,
         record.visibility[:, chosen],
     ]
     turn, matrix = _movement(record, rng, size, augment)
     planes = affine_sample(record.image(np.concatenate(values, axis=1)), matrix, size)
     mask = planes[:1]
     straight = planes[1:] / mask.clamp_min(0.02)  # bilinear sampling premultiplied by the mask
-    rgb, normals, albedo, bounce, visibility = straight.split([3, 3, 3, bounce.shape[1], len(chosen)])
+    channels = [3, 3, 3, bounce.shape[1], 1, len(chosen)]
+    rgb, normals, albedo, bounce, depth, visibility = straight.split(channels)
     frame = torch.eye(3)
     frame[:2, :2] = torch.from_numpy(turn)
     turned = torch.einsum("ij,jhw->ihw", frame, normals)
@@ -164,8 +169,21 @@ def sample(record, rng, size, lights=None, augment=True, lighting=None):
         visibility=visibility.clamp(0, 1),
         weights=torch.from_numpy(weights[chosen]),
         bounce=bounce,
+        depth=_depth_on(depth, mask, record, matrix),
+        depth_known=torch.tensor([float(record.depth is not None)]),
         bounce_patterns=torch.from_numpy(patterns[:, chosen] @ LUMINANCE).T.contiguous(),
     )
+
+
+def _depth_on(depth, mask, record, matrix):
+    """Depth (1, h, w) in units of the record's height, as Sample has it: less of the subject may show, or
+    show larger. mask: (1, h, w). matrix: (2, 3) from canvas to record."""
+    inside = mask > 0.5
+    if not inside.any():
+        return torch.zeros_like(depth)
+    (top, _, bottom, _), (upper, _, lower, _) = map(bounding_box, (torch.from_numpy(record.mask), mask[0]))
+    magnification = float(torch.linalg.det(matrix[:, :2]).abs().rsqrt())
+    return (depth - depth[inside].mean()) * magnification * (bottom - top) / (lower - upper) * (mask > 0)
 
 
 def _movement(record, rng, size, augment):

@@ -1,8 +1,8 @@
 """Training records: one rendered view each.
 
-A record holds what the virtual light stage saw inside the mask: normals, albedo, one visibility bit for
-each direction of its set and, if it was asked to, the light that bounced there. Photographs are lit from it
-anew each time it is drawn (`shadow.data.photographs`). On disk a record is one compressed .npz file; a
+A record holds what the virtual light stage saw inside the mask: normals, albedo, depth, one visibility bit
+for each direction of its set and, if it was asked to, the light that bounced there. Photographs are lit from
+it anew each time it is drawn (`shadow.data.photographs`). On disk a record is one compressed .npz file; a
 shard is a zip archive of such files.
 """
 
@@ -39,11 +39,12 @@ class Record:
     about: dict = field(default_factory=dict)  # figure, split, view: whatever JSON holds
     bounce_float16: np.ndarray | None = None  # (N, K) and
     bounce_patterns: np.ndarray | None = None  # (K, D, 3): their product is the bounce light, or neither is
+    depth_float16: np.ndarray | None = None  # (N, 1), see `depth`; None in records from before there was any
 
     @classmethod
-    def of(cls, mask, normals, albedo, visibility, directions, about=None, bounce=None):
+    def of(cls, mask, normals, albedo, visibility, directions, about=None, bounce=None, depth=None):
         """From floats inside the mask: normals (N, 3) unit, albedo (N, 3) linear in [0, 1], visibility
-        (N, D) bool, bounce light in factors (N, K) and (K, D, 3)."""
+        (N, D) bool, bounce light in factors (N, K) and (K, D, 3), depth (N, 1)."""
         return cls(
             mask.astype(bool),
             np.round(normals * 127).astype(np.int8),
@@ -51,7 +52,12 @@ class Record:
             np.packbits(visibility.astype(bool), axis=1),
             directions.astype(np.float32),
             about or {},
-            *(() if bounce is None else (bounce[0].astype(np.float16), bounce[1].astype(np.float32))),
+            *(
+                (None, None)
+                if bounce is None
+                else (bounce[0].astype(np.float16), bounce[1].astype(np.float32))
+            ),
+            None if depth is None else depth.astype(np.float16),
         )
 
     @property
@@ -80,6 +86,16 @@ class Record:
             )
         return self.bounce_float16.astype(np.float32), self.bounce_patterns
 
+    @property
+    def depth(self):
+        """(N, 1) float32, away from the camera along its axis, relative to the mean of the subject's pixels,
+        in units of the height that the mask shows at that mean depth; None if it was not recorded.
+
+        `about["camera"]` says what takes it back to positions: `focal`, the focal length in pixels, and
+        `mean_depth`, the mean's own distance from the camera in the same units.
+        """
+        return None if self.depth_float16 is None else self.depth_float16.astype(np.float32)
+
     def image(self, values):
         """Values inside the mask (N, C) as an image (C, H, W) float32, zero outside."""
         canvas = np.zeros((values.shape[1], *self.mask.shape), np.float32)
@@ -107,6 +123,7 @@ class Record:
             albedo_uint8=self.albedo_uint8[kept],
             visibility_bits=self.visibility_bits[kept],
             bounce_float16=None if self.bounce_float16 is None else self.bounce_float16[kept],
+            depth_float16=None if self.depth_float16 is None else self.depth_float16[kept],
         )
 
 
@@ -123,6 +140,7 @@ def to_bytes(record):
         directions=record.directions,
         about=np.frombuffer(json.dumps(record.about).encode(), np.uint8),
         **({} if record.bounce_float16 is None else bounce),
+        **({} if record.depth_float16 is None else {"depth": record.depth_float16}),
     )
     return stream.getvalue()
 
@@ -141,6 +159,7 @@ def from_bytes(data, name="record"):
                 json.loads(arrays["about"].tobytes()),
                 arrays.get("bounce"),
                 arrays.get("bounce_patterns"),
+                arrays.get("depth"),
             )
     except (ValueError, KeyError, OSError, EOFError, zipfile.BadZipFile) as error:
         raise ValueError(f"records: {name} is damaged or not a record: {error}") from error

@@ -41,6 +41,34 @@ def angular_error(estimate: torch.Tensor, truth: torch.Tensor, mask: torch.Tenso
     return torch.rad2deg(_masked_mean(torch.atan2(sine, cosine), mask))  # atan2 is exact near 0, acos is not
 
 
+def depth_error(estimate: torch.Tensor, truth: torch.Tensor, mask: torch.Tensor) -> torch.Tensor:
+    """Mean difference of depths (..., H, W) inside the mask, each relative to its own mean there, in per cent
+    of the subject's height; depths are in units of this height. Lower is better."""
+    estimate, truth = (depth - _masked_mean(depth, mask)[..., None, None] for depth in (estimate, truth))
+    return 100 * _masked_mean((estimate - truth).abs(), mask)
+
+
+def depth_order(
+    estimate: torch.Tensor, truth: torch.Tensor, mask: torch.Tensor, reach: int = 4, step: float = 0.03
+) -> torch.Tensor:
+    """Share of pixel pairs across the borders of limbs whose nearer one is nearer in the estimate as well;
+    0.5 is chance, and what a flat estimate gets; NaN where the subject has no such border.
+
+    Pairs lie `reach` pixels apart in a row or column, both in the mask, and differ in true depth by more than
+    `step` heights: 5 cm on a person, which is more than a surface slopes there. estimate, truth: (H, W).
+    """
+    right = total = truth.new_zeros(())
+    for axis in (0, 1):
+        near, far = (slice(None, -reach), slice(reach, None))
+        if axis:
+            near, far = (slice(None), near), (slice(None), far)
+        apart = (truth[far] - truth[near]) * (mask[near] & mask[far])
+        border = apart.abs() > step
+        agree = (estimate[far] - estimate[near]).sign() * apart.sign()
+        right, total = right + ((1 + agree) / 2)[border].sum(), total + border.sum()
+    return right / total
+
+
 def ssim(estimate: torch.Tensor, truth: torch.Tensor, mask: torch.Tensor) -> torch.Tensor:
     """Structural similarity in the mask's bounding box (Section 4.4), higher is better: the mean over the
     windows that lie in it (Wang et al. 2004: 11 x 11 Gaussian windows, sigma 1.5; values range over 1).

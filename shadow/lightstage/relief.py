@@ -51,4 +51,5 @@ def raise_folds(record, height=1.0):
         record.directions,
         record.about | {"relief": height},
         None if record.bounce_float16 is None else record.bounce,
+        record.depth,
     )

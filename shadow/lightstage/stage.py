@@ -122,10 +122,21 @@ def render(figure, view, size, lights, bounced=False):
     seen, surface = scene.trace(*camera_rays(view, size))
     if not seen.any():
         raise ValueError(f"view: the camera sees nothing of {figure.name} from {view}")
-    about = {"figure": figure.name, "view": asdict(view)}
     mask, lit = seen.reshape(size, size), scene.visibility(surface, lights)
     indirect = _bounce(scene, surface, mask, lights, _seed(figure.name, view)) if bounced else None
-    return records.Record.of(mask, surface.normal, surface.albedo, lit, lights, about, indirect)
+    depth, camera = _depth(surface, mask, view)
+    about = {"figure": figure.name, "view": asdict(view), "camera": camera}
+    return records.Record.of(mask, surface.normal, surface.albedo, lit, lights, about, indirect, depth)
+
+
+def _depth(surface, mask, view):
+    """Depth (N, 1) as `Record.depth` has it, and the camera that takes it back to positions."""
+    focal = len(mask) / 2 / np.tan(np.radians(view.fov) / 2)
+    away = -surface.position[:, 2:]
+    rows = np.flatnonzero(mask.any(axis=1))
+    height = (rows[-1] + 1 - rows[0]) / focal * away.mean()
+    camera = {"focal": float(focal), "mean_depth": float(away.mean() / height)}
+    return (away - away.mean()) / height, camera
 
 
 def _bounce(scene, surface, mask, lights, seed):

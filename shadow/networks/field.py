@@ -1,10 +1,10 @@
-"""The one-pass network: one forward gives the surface normals, and visibility for every light direction.
+"""The one-pass network: one forward gives normals and depth, and visibility for every light direction.
 
 visibility(p, L) = attached(N(p)·L) × cast(w(L)·f(p))
 
 `attached` is the surface turning away, from the normals; `cast` is an occluder in between. Feature k of f is
 the logit of anchor direction k, and w(L) interpolates between the anchors near L. The head starts at zero:
-all faces the camera and nothing casts a shadow.
+all faces the camera, is equally far from it, and nothing casts a shadow.
 """
 
 from collections.abc import Callable
@@ -44,6 +44,7 @@ class FieldMaps(NamedTuple):
     normals: torch.Tensor  # (B, 3, H, W) unit normals, which gate the attached shadow
     cast: torch.Tensor  # (B, K, H, W) cast-shadow logit of each anchor direction, relative to LIT
     sharpness: torch.Tensor  # (B, 1, H, W) slope of the gate: low where the normals are uncertain
+    depth: torch.Tensor  # (B, 1, H, W) away from the camera, in heights of the matte; or (B, 0, H, W), none
 
     def at(self, take: Callable[[torch.Tensor], torch.Tensor]) -> "FieldMaps":
         """The maps where `take` takes them from (B, C, H, W)."""
@@ -53,20 +54,21 @@ class FieldMaps(NamedTuple):
 class VisibilityField(nn.Module):
     anchors: torch.Tensor  # (K, 3)
 
-    def __init__(self, size: int = 256, **backbone: Any) -> None:
+    def __init__(self, size: int = 256, depth: bool = False, **backbone: Any) -> None:
         super().__init__()
         self.size = size  # canvas height that the network was trained for
+        self.depth = depth  # whether it says how far away the surface is
         self.register_buffer("anchors", torch.from_numpy(olat(behind=True)), persistent=False)
-        self.backbone = Backbone(4, 3 + len(self.anchors) + 1, **backbone)
+        self.backbone = Backbone(4, 3 + len(self.anchors) + 1 + depth, **backbone)
 
     def forward(self, image: torch.Tensor, blocks: torch.Tensor | None = None) -> FieldMaps:
         """Encoded image and mask (B, 4, H, W) to FieldMaps; or to what `take_blocks` takes of them, which
         saves the training the memory of all lights at all pixels."""
         maps = self.backbone(image, blocks).float()
-        surface, cast, log_sharpness = maps.split([3, len(self.anchors), 1], dim=1)
+        surface, cast, log_sharpness, depth = maps.split([3, len(self.anchors), 1, int(self.depth)], dim=1)
         toward_camera = torch.tensor([0.0, 0.0, 1.0], device=image.device).view(1, 3, 1, 1)
         normals = F.normalize(surface + toward_camera, dim=1)
-        return FieldMaps(normals, cast, SHARPNESS * log_sharpness.clamp(-3, 3).exp())
+        return FieldMaps(normals, cast, SHARPNESS * log_sharpness.clamp(-3, 3).exp(), depth)
 
     def log_visibility(self, maps: FieldMaps, directions: torch.Tensor) -> torch.Tensor:
         """Logarithm of the visibility (B, D, H, W) of unit directions (B, D, 3)."""
@@ -87,6 +89,7 @@ class VisibilityField(nn.Module):
             F.normalize(own.normals + turned, dim=0),
             both_sides(own.cast, mirrored.cast, self.anchors),
             (own.sharpness * mirrored.sharpness).sqrt(),
+            (own.depth + mirrored.depth) / 2,
         )
         return maps, silhouette
 
@@ -120,6 +123,14 @@ class Visibility(NamedTuple):
         """Unit directions (D, 3) to maps (D, h, w) in [0, 1], zero outside the subject."""
         return self.silhouette.scatter(self.at_pixels(directions))
 
+    @property
+    def depth(self) -> torch.Tensor | None:
+        """(h, w) away from the camera, relative to the subject's mean, in units of the height that the mask
+        shows; zero outside it. None from a network that says nothing of depth."""
+        if not len(self.maps.depth):
+            return None
+        return self.silhouette.scatter(self.maps.depth - self.maps.depth.mean())[0]
+
     def halved(self, directions: torch.Tensor, column: int) -> torch.Tensor:
         """The same at every second row and column, from column 0 or 1 on: (D, h / 2, w / 2)."""
         chosen, place, size = self.silhouette.halved(column)
@@ -130,6 +141,6 @@ class Visibility(NamedTuple):
     def at_pixels(self, directions: torch.Tensor, chosen: slice = slice(None)) -> torch.Tensor:
         """Visibility (D, n) of the subject's pixels, or of those chosen: `VisibilityField.log_visibility`,
         without its logarithm, which costs ten times the product."""
-        normals, cast, sharpness = (image[:, chosen] for image in self.maps)
+        normals, cast, sharpness = (image[:, chosen] for image in self.maps[:3])
         attached = (directions @ normals).mul_(sharpness).sigmoid_()
         return (anchor_weights(directions, self.anchors) @ cast).add_(LIT).sigmoid_().mul_(attached)

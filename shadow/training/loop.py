@@ -343,4 +343,6 @@ def _validate(
             scores.append(task.score(network, batch))
             if len(scores) == 1:
                 pictures.write_grid(picture, task.show(network, batch))
-    return {key: round(float(np.mean([score[key] for score in scores])), 5) for key in scores[0]}
+    # A batch of records without depth has no score of it.
+    keys = dict.fromkeys(key for score in scores for key in score)
+    return {key: round(float(np.mean([score[key] for score in scores if key in score])), 5) for key in keys}

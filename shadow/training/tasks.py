@@ -11,6 +11,8 @@ from shadow.networks.unet import PerLight
 from shadow.training.recipes import Task
 
 BLOCKS = 1024  # of 2 x 2 pixels of a photograph, that the losses look at
+DEPTH, SLOPE = 2.0, 0.1  # weights of the depth's error, in heights, and of its slopes', in radians
+OWN_UNIT = 0.05  # heights: depths that deviate less than this from their mean are hardly rescaled
 
 
 def _masked_mean(values, mask):
@@ -27,7 +29,7 @@ def random_blocks(mask):
 
 
 def field_loss(network, batch):
-    """Errors of the normals and of the visibility, to the same weight.
+    """Errors of the normals and of the visibility, to the same weight, and of depth where records have it.
 
     On a random choice of 2 x 2 pixel blocks inside the mask: the background teaches nothing, neighbours teach
     little, and features times lights at every pixel would cost as much as the network. The gate takes the
@@ -41,7 +43,40 @@ def field_loss(network, batch):
     given = batch.get("estimated_normals")
     gate = maps.normals.detach() if given is None else take_blocks(given, blocks)
     log_lit = field.log_visibility(maps._replace(normals=gate), batch["directions"])
-    return _normals_error(maps.normals, normals, mask > 0.5) + _entropy(log_lit, truth, mask > 0.5)
+    error = _normals_error(maps.normals, normals, mask > 0.5) + _entropy(log_lit, truth, mask > 0.5)
+    if not field.depth:
+        return error
+    known = (mask > 0.5) & (batch["depth_known"] > 0)[:, :, None, None]
+    depth = take_blocks(batch["depth"], blocks)
+    return error + _depth_error(maps.depth, depth, known, batch["image"].shape[2])
+
+
+def _depth_error(estimate, truth, inside, height):
+    """Difference of depths (B, 1, 4, P) of blocks, whatever the estimate's offset and scale (RLH*20, MiDaS),
+    and of their slopes from pixel to pixel as angles, which occlusions cannot dominate.
+
+    The scale is the best one (least squares) with a ridge toward 1: it leaves flat estimates as they are, and
+    of all scales the truth's own is the best, so that depth keeps its unit. `height`: canvas pixels.
+    """
+    count = inside.sum(dim=(2, 3), keepdim=True).clamp_min(1)
+    estimate, truth = (
+        (depth - (depth * inside).sum(dim=(2, 3), keepdim=True) / count) * inside
+        for depth in (estimate, truth)
+    )
+    ridge = count * OWN_UNIT**2
+    fixed = estimate.detach()
+    scale = ((fixed * truth).sum(dim=(2, 3), keepdim=True) + ridge) / (
+        fixed.square().sum(dim=(2, 3), keepdim=True) + ridge
+    )
+    scaled = estimate * scale.clamp_min(0.1)
+    whole = inside.all(dim=2, keepdim=True)
+    steps = [(1, 0), (3, 2), (2, 0), (3, 1)]  # of the pixels of a block: to the right, and down
+    slopes = [
+        torch.stack([torch.atan(height * (d[:, :, a] - d[:, :, b])) for a, b in steps], dim=2)
+        for d in (scaled, truth)
+    ]
+    bent = _masked_mean((slopes[0] - slopes[1]).abs(), whole.expand_as(slopes[0]))
+    return DEPTH * _masked_mean((scaled - truth).abs(), inside) + SLOPE * bent
 
 
 def _normals_error(estimate, truth, inside):
@@ -64,23 +99,31 @@ def per_light_loss(network, batch):
 
 
 def _analysed(network, batch):
-    """The normals (B, 3, H, W), if the network says or takes any, and the visibility (B, D, H, W)."""
+    """The normals (B, 3, H, W), if the network says or takes any, the visibility (B, D, H, W), and the depth
+    (B, H, W), if the network says any."""
     given = batch.get("estimated_normals", [None] * len(batch["rgb"]))
     views = zip(batch["rgb"], batch["matte"][:, 0], given, batch["directions"], strict=True)
     found = [(network.analyse(rgb, mask, surface), lights) for rgb, mask, surface, lights in views]
     surfaces = [surface for (surface, _), _ in found]
     maps = torch.stack([visibility(lights) for (_, visibility), lights in found])
-    return None if surfaces[0] is None else torch.stack(surfaces), maps
+    depths = [getattr(visibility, "depth", None) for (_, visibility), _ in found]
+    surface, depth = (None if each[0] is None else torch.stack(each) for each in (surfaces, depths))
+    return surface, maps, depth
 
 
 def _score(network, batch):
-    """RMSE and Dice of binary maps, beside sign(N·L) from the same normals, and how far these are off."""
+    """RMSE and Dice of binary maps, beside sign(N·L) from the same normals, and how far these and depth are
+    off."""
     inside, truth = batch["mask"] > 0.5, (batch["visibility"] > 0.5).float()
-    surface, maps = _analysed(network, batch)
+    surface, maps, depth = _analysed(network, batch)
     estimates, scores = {"": maps > 0.5}, {}
     if surface is not None:
         estimates["_baseline"] = torch.einsum("bdc,bchw->bdhw", batch["directions"], surface) > 0
         scores["angle"] = float(metrics.angular_error(surface, batch["normals"], inside[:, 0]).mean())
+    known = batch["depth_known"][:, 0] > 0
+    if depth is not None and known.any():
+        errors = metrics.depth_error(depth, batch["depth"][:, 0], inside[:, 0])
+        scores["depth"] = float(errors[known].mean())
     for name, estimate in estimates.items():
         scores["rmse" + name] = float(metrics.rmse(estimate.float(), truth, inside).mean())
         scores["dice" + name] = float(metrics.dice(estimate.float(), truth, inside).mean())
@@ -88,7 +131,7 @@ def _score(network, batch):
 
 
 def _show(network, batch):
-    surface, maps = _analysed(network, batch)
+    surface, maps, _ = _analysed(network, batch)
     for i in range(len(maps)):
         seen = batch["mask"][i] > 0.5
         columns = [pictures.show_linear(batch["rgb"][i] * seen)]
@@ -100,7 +143,7 @@ def _show(network, batch):
         yield columns
 
 
-SHADOW = Task("field", VisibilityField, field_loss, _score, _show, 20, False)
+SHADOW = Task("field", VisibilityField, field_loss, _score, _show, 20, False, {"depth": True})
 
 
 def per_light(latent, with_normals=True):

@@ -1,0 +1,61 @@
+"""Scores of the depth that a visibility field infers, on records that hold its truth."""
+
+from collections.abc import Iterable
+from pathlib import Path
+from typing import NamedTuple
+
+import numpy as np
+import torch
+from rich.progress import track
+
+from shadow import visibility
+from shadow.data.photographs import photograph, sample
+from shadow.data.records import Records
+from shadow.evaluation import metrics
+from shadow.framing import canvas_size
+
+
+class DepthScore(NamedTuple):
+    """Means over views."""
+
+    error: float  # per cent of the subject's height, see `metrics.depth_error`
+    flat: float  # the same error of no depth at all, to compare with
+    order: float  # share of pairs across borders of limbs in their true order, see `metrics.depth_order`
+    views: int
+
+
+def evaluate(
+    paths: Iterable[str | Path], *, model: str | Path = "field", seed: int = 0, limit: int | None = None
+) -> DepthScore:
+    """Score the depth of a field on records, each photographed once under a random lighting.
+
+    paths: record folders or shards; records without depth are passed over. model: a name of shipped weights
+    or a .safetensors path. limit: use this many records, spread evenly. Raises ValueError if the network
+    infers no depth, or no record has any.
+    """
+    network, found = visibility.load(model), Records(paths)
+    if not getattr(network, "depth", False):
+        raise ValueError(f"model: {model} infers no depth; expected a field that was trained with it")
+    scores = []
+    for index in track(found.spread(limit or len(found)), "evaluating"):
+        record = found[index]
+        if record.depth is None:
+            continue
+        rng = np.random.default_rng((seed, index))
+        drawn = sample(record, rng, canvas_size(network.size), lights=1, augment=False)
+        mask, truth = drawn["mask"][0], drawn["depth"][0]
+        rgb = photograph(drawn["rgb"], drawn["mask"], rng)
+        estimate, inside = network.analyse(rgb, mask)[1].depth, mask > 0.5
+        errors = (metrics.depth_error(depth, truth, inside) for depth in (estimate, torch.zeros_like(truth)))
+        scores.append([*map(float, errors), float(metrics.depth_order(estimate, truth, inside))])
+    if not scores:
+        raise ValueError("records: expected some with depth, found none; render them again")
+    return DepthScore(*map(float, np.nanmean(scores, axis=0)), len(scores))
+
+
+def report(score: DepthScore) -> str:
+    """The score as a sentence."""
+    return (
+        f"Depth: {score.error:.2f} % of the height off ({score.flat:.2f} % without any), right order across "
+        f"{100 * score.order:.1f} % of the borders of limbs, on {score.views} views."
+    )
