@@ -34,6 +34,10 @@ def stage(
     variants: Annotated[
         str | None, typer.Option(help="Instead of each scan these of its variants: FIRST:LAST.")
     ] = None,
+    folds: Annotated[
+        bool,
+        typer.Option("--folds", help="With folds raised from the cloth of --variants, which cast shadows."),
+    ] = False,
     views: Annotated[int, typer.Option(min=1, help="Views a figure.")] = 9,
     size: Annotated[int, typer.Option(min=16, help="Pixels of the image's side.")] = 512,
     behind: Annotated[bool, typer.Option(help="32 directions behind the subject too.")] = False,
@@ -68,7 +72,7 @@ def stage(
             "--relief: expected scans alone, since folds of --bodies and --pairs are not painted"
         )
     people = _people(bodies, pairs, split, records / "cloth" if simulate else None)
-    sources = people + _scans([*(scan or []), *_listed(scan_list)], variants)
+    sources = people + _scans([*(scan or []), *_listed(scan_list)], variants, folds)
     if sources:
         written, on_disk, errors = render_all(
             sources, records, views=views, size=size, behind=behind, jitter=jitter,
@@ -98,15 +102,19 @@ def _people(bodies: str | None, pairs: str | None, split: str, cloth: Path | Non
     return people + [Source.pair(seed, split) for seed in _seeds("--pairs", pairs)]
 
 
-def _scans(meshes: list[Path], variants: str | None) -> list["Source"]:
+def _scans(meshes: list[Path], variants: str | None, folds: bool) -> list["Source"]:
     """Scans, or variants of each."""
     from shadow.lightstage.stage import Source
 
+    if folds and variants is None:
+        raise ValueError("--folds: expected --variants with it, whose cloth is folded")
     if variants is None:
         return [Source.scan(path) for path in meshes]
     if not meshes:
         raise ValueError("--variants: expected --scan or --scan-list with it, to make variants of")
-    return [Source.variant(path, number) for path in meshes for number in _seeds("--variants", variants)]
+    return [
+        Source.variant(path, number, folds) for path in meshes for number in _seeds("--variants", variants)
+    ]
 
 
 def _listed(path: Path | None) -> list[Path]:

@@ -175,8 +175,9 @@ class Source:
         return cls(f"scan-{Path(path).stem}", partial(scans.load, path))
 
     @classmethod
-    def variant(cls, path, number):
-        return cls(f"scan-{Path(path).stem}-variant-{number:03d}", partial(variants.variant, path, number))
+    def variant(cls, path, number, folded=False):
+        name = f"scan-{variants.name(path, number, folded)}"
+        return cls(name, partial(variants.variant, path, number, folded))
 
 
 def _render_figure(source, out, view_count, size, behind, jitter, portrait, bounced, raised):

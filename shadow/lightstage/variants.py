@@ -7,7 +7,7 @@ from pathlib import Path
 
 import numpy as np
 
-from shadow.lightstage import scans
+from shadow.lightstage import folds, scans
 from shadow.lightstage.figure import Albedo, Figure, interpolate, standing, unit
 from shadow.lightstage.people import fabric
 
@@ -20,12 +20,18 @@ CONTRAST = 0.25  # deviation of the logarithm of the exponent of a colour
 TINTS = 0.3, 0.25, 0.1  # deviation of the logarithm of a channel: below the waist, above, the head
 
 
-def variant(path: str | Path, number: int) -> Figure:
-    """A mesh file as `scans.load` takes it, as the `number`th of its variants, which is called so.
-    Raises as that does."""
+def name(path: str | Path, number: int, folded: bool = False) -> str:
+    """What a variant of a mesh file is called."""
+    return f"{Path(path).stem}-variant-{number:03d}" + ("-folded" if folded else "")
+
+
+def variant(path: str | Path, number: int, folded: bool = False) -> Figure:
+    """A mesh file as `scans.load` takes it, as the `number`th of its variants, which is called so; `folded`:
+    with folds in the mesh of its cloth (folds.py). Raises as that does."""
     figure = scans.load(path)
-    varied = vary(figure, np.random.default_rng((number, *figure.name.encode())))
-    return replace(varied, name=f"{figure.name}-variant-{number:03d}")
+    rng = np.random.default_rng((number, *figure.name.encode()))
+    varied = vary(figure, rng)
+    return replace(folds.folded(varied, rng) if folded else varied, name=name(path, number, folded))
 
 
 def vary(figure: Figure, rng: np.random.Generator) -> Figure:
