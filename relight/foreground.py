@@ -23,8 +23,8 @@ class Foreground:
     Attributes
     ----------
     size: (H, W) of the plate. left, top: of the box, whole pixels.
-    matte: (h, w) tensor in the box, what of the alpha is the person's and not noise. colour: (3, h, w) tensor,
-        linear, the person's own, not premultiplied, continued beyond the matte's edge.
+    matte: (h, w) tensor in the box, what of the alpha is the person's and not noise.
+    colour: (3, h, w) tensor, linear, the person's own, not premultiplied, continued beyond the matte's edge.
     pixels: (P,) tensor, in the box in row order. coverage: (P,) tensor, their alpha.
     """
 

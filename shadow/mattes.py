@@ -34,8 +34,9 @@ def person_in(matte: torch.Tensor) -> torch.Tensor:
     kept[0] = False
     left_out = int(np.count_nonzero(solid & ~kept[labels]))
     if left_out:
+        count = int((~kept[1:]).sum())
         warnings.warn(
-            f"mask: {left_out} pixels in {int((~kept[1:]).sum())} small parts far from the person are left out",
+            f"mask: {left_out} pixels in {count} small parts far from the person are left out",
             stacklevel=3,
         )
     belongs = torch.from_numpy(kept[labels]).to(matte.device)
