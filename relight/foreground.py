@@ -76,7 +76,7 @@ def matte_of(pixels: np.ndarray, mask: np.ndarray | None) -> torch.Tensor:
     """The person's coverage (H, W), from the mask if given, else from the plate's alpha channel."""
     if mask is not None:
         given = np.asarray(mask)
-        if given.dtype in (np.uint8, np.uint16):
+        if given.dtype.kind == "u" and given.dtype.itemsize <= 2:  # in either byte order
             given = given / np.float32(np.iinfo(given.dtype).max)
         return inputs.mask("mask", given, pixels.shape[:2])
     if pixels.shape[-1] == 3:

@@ -121,12 +121,13 @@ class Subject:
         -------
         (H, W, 4) float32, linear Rec.709, premultiplied, never clipped. Exactly linear: the colour of
         `relit(a + b)` is that of `relit(a)` plus that of `relit(b)`, and twice the intensity gives twice the
-        colour, to float32 rounding. Alpha is the matte.
+        colour, to float32 rounding. Alpha is the matte. ValueError where the lights are so bright that the
+        picture is beyond float32.
         """
         picture = torch.empty(len(self._person.pixels), 4)
         torch.mul(self._lighting(lights), self._texture, out=picture[:, :3])
         picture[:, 3] = self._person.coverage
-        return self._person.scatter(picture)
+        return self._person.scatter(_representable(picture))
 
     def layers(self, lights: Light | Iterable[Light]) -> dict[str, np.ndarray]:
         """The person in each light alone: {name: (H, W, 4)}, lights without a name as `light1`, `light2`...
@@ -143,7 +144,7 @@ class Subject:
         The colour of `relit(lights)` is `albedo × lighting(lights) × alpha`: with the albedo, what a
         compositor needs to grade light and colour apart. Raises as `relit` does.
         """
-        return self._person.scatter(self._lighting(lights))
+        return self._person.scatter(_representable(self._lighting(lights)))
 
     def fitted(self, image: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """The lighting in which the person looks most like `image`, see `relight.fit_lights`.
@@ -225,6 +226,13 @@ class Subject:
     def _to_plate(self, maps: torch.Tensor) -> torch.Tensor:
         """Canvas maps (C, h, w) to the subject's pixels on the plate (P, C)."""
         return self._enlarge(self._extend(maps))
+
+
+def _representable(colour: torch.Tensor) -> torch.Tensor:
+    """The colour as it is; ValueError if any of it is beyond float32."""
+    if not torch.isfinite(colour).all():
+        raise ValueError("lights: are too bright, the picture would be infinite; expected less intensity")
+    return colour
 
 
 def _display(colour: torch.Tensor) -> torch.Tensor:

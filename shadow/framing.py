@@ -153,12 +153,19 @@ class Framed:
     def of(cls, rgb: torch.Tensor, matte: torch.Tensor, height: int) -> "Framed":
         """A photograph (3, H, W) and its matte (H, W) on a canvas of `height` pixels.
 
-        Colour is the mean over what the plate covers: no black at the plate's frame.
+        Colour is the mean over what the plate covers: no black at the plate's frame. ValueError if the
+        subject is so thin that no pixel of the canvas shows it.
         """
         framing = Framing.around(matte, height)
+        mask = framing.crop(matte[None])[0].clamp(0, 1)
+        if not (mask > 0.5).any():
+            thinnest = 1 / framing.scale
+            raise ValueError(
+                f"mask: is too thin for its length, expected at least {thinnest:.1f} pixels across somewhere"
+            )
         covered = framing.crop(torch.ones_like(rgb[:1]))
         colour = framing.crop(rgb) / covered.clamp_min(1e-6) * (covered > 0)
-        return cls(framing, colour, framing.crop(matte[None])[0].clamp(0, 1), matte)
+        return cls(framing, colour, mask, matte)
 
     def restored(self, maps: torch.Tensor) -> torch.Tensor:
         """Canvas maps (C, h, w) to the plate (C, H, W): continued to the matte's edge, zero beyond it."""

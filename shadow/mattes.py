@@ -17,13 +17,15 @@ def person_in(matte: torch.Tensor) -> torch.Tensor:
     """A matte (H, W) in [0, 1] without what does not belong to the person, there zero.
 
     Left out are coverage of at most FAINT, and parts (connected pixels above that) that are small beside the
-    largest and stand apart from the large ones. Two people stay two. Warns of the pixels in such parts.
+    largest and stand apart from the large ones. Two people stay two. Warns of the pixels in such parts, and
+    of a matte that looks inverted.
     """
     coverage = matte.cpu().numpy()
     solid = coverage > FAINT
     labels, parts = ndimage.label(solid, structure=np.ones((3, 3)))
     if parts == 0:  # all is faint: not for this function to refuse
         return matte
+    _warn_if_inverted(solid)
     weight = np.bincount(labels.ravel(), weights=coverage.ravel(), minlength=parts + 1)
     weight[0] = 0  # what is in no part
     large = weight >= SMALL * weight.max()
@@ -41,6 +43,13 @@ def person_in(matte: torch.Tensor) -> torch.Tensor:
         )
     belongs = torch.from_numpy(kept[labels]).to(matte.device)
     return ((matte - FAINT) / (1 - 2 * FAINT)).clamp(0, 1) * belongs
+
+
+def _warn_if_inverted(solid: np.ndarray) -> None:
+    height, width = solid.shape
+    middle = solid[int(0.45 * height) : int(0.55 * height) + 1, int(0.45 * width) : int(0.55 * width) + 1]
+    if solid[[0, 0, -1, -1], [0, -1, 0, -1]].all() and middle.mean() < 0.5:
+        warnings.warn("mask: covers the corners and not the middle; is it inverted?", stacklevel=4)
 
 
 def _near(large: torch.Tensor) -> torch.Tensor:

@@ -57,6 +57,24 @@ def test_two_people_stay_two(figure):
     assert torch.equal(person_in(pair), pair)
 
 
+def test_an_inverted_matte_is_warned_of(figure):
+    with pytest.warns(UserWarning, match="is it inverted"):
+        person_in(1 - figure)
+
+
+@pytest.mark.parametrize("size", [(1, 300), (3, 1000)])
+def test_a_sliver_is_refused(size):
+    with pytest.raises(ValueError, match="mask: is too thin for its length"):
+        relight.Subject(np.full((*size, 3), 0.3, np.float32), np.ones(size, np.float32))
+
+
+def test_a_line_and_two_far_pixels_give_a_picture():
+    line, pair = np.zeros((2, 200, 200), np.float32)
+    line[20:180, 100], pair[0, 0], pair[-1, -1] = 1, 1, 1
+    for mask in (line, pair):
+        assert np.isfinite(relight.apply(np.full((200, 200, 3), 0.3, np.float32), LIGHTS, mask=mask)).all()
+
+
 @pytest.fixture(scope="module")
 def plate():
     """A photograph of 1080 x 1920 with a person 982 pixels high, their matte, and what is made of it."""

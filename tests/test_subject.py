@@ -366,3 +366,24 @@ def test_bad_directions_are_named(sphere, ask):
         getattr(sphere, ask)([[0.0, 0, 1], [0, 0, 0]])
     with pytest.raises(ValueError, match=r"directions: expected light directions of shape \(D, 3\)"):
         getattr(sphere, ask)([0.0, 0, 1])
+
+
+def test_values_beyond_float32_are_refused(person):
+    rgb, mask = person
+    spoiled = rgb.copy()
+    spoiled[100, 80] = 3e38
+    with pytest.raises(ValueError, match="image: expected values of at most 1e\\+15, got 3e\\+38"):
+        relight.Subject(spoiled, mask)
+    subject = relight.Subject(rgb, mask)
+    for bright in ([relight.DirectionalLight(intensity=3e38)] * 3, relight.DirectionalLight(intensity=1e39)):
+        with pytest.raises(ValueError, match="lights: are too bright"):
+            subject.relit(bright)
+        with pytest.raises(ValueError, match="lights: are too bright"):
+            subject.lighting(bright)
+
+
+def test_masks_of_either_byte_order_are_one(person):
+    rgb, mask = person
+    codes = (mask * 65535).astype(np.uint16)
+    pictures = [relight.apply(rgb, LEFT, mask=each) for each in (codes, codes.astype(">u2"))]
+    np.testing.assert_array_equal(*pictures)
