@@ -137,6 +137,27 @@ def test_random_lighting_is_never_dark():
         assert weights.sum() > 1
 
 
+def test_everyday_light_is_hard_or_a_sky_as_often_and_shadows_are_bluer_than_keys():
+    from shadow.directions import olat
+
+    directions, rng = olat(behind=True), np.random.default_rng(0)
+    hard = bluer = 0
+    for _ in range(400):
+        weights = photographs.everyday_lighting(rng, directions)
+        assert np.isfinite(weights).all()
+        assert weights.min() >= 0
+        assert weights.sum() > 1
+        energy = weights.sum(axis=1)
+        brightest = np.sort(energy)[::-1]
+        if brightest[:2].sum() < 0.88 * (brightest[:2].sum() + brightest[2:].sum() / 4):
+            continue
+        hard += 1
+        key, fill = weights[energy.argmax()], weights[energy < brightest[1]].sum(axis=0)
+        bluer += fill[2] * key[0] >= key[2] * fill[0] * 0.999
+    assert 0.3 < hard / 400 < 0.5  # a third, and what random_lighting has of them
+    assert bluer > 0.8 * hard
+
+
 def test_lighting_without_ambient_light():
     from shadow.directions import olat
 
@@ -188,7 +209,7 @@ def test_what_the_frame_cuts_stays_cut(ball):
     size = canvas_size(128)
     assert photographs.sample(cut, np.random.default_rng(0), size, 1, augment=False)["mask"][0, -1].any()
     drawn = [photographs.sample(cut, np.random.default_rng(seed), size, 1)["mask"][0] for seed in range(20)]
-    assert np.mean([mask[-1, 10:-10] for mask in drawn]) > 0.95
+    assert np.mean([mask[-1, 10:-10] for mask in drawn]) > 0.9
 
 
 def test_what_the_frame_cuts_on_all_sides_fills_the_canvas(ball):

@@ -38,6 +38,46 @@ def random_lighting(rng, directions, unfilled=0.0):
     return (share * hard / hard.sum() * 3 + (1 - share) * 4 * soft).astype(np.float32)
 
 
+def everyday_lighting(rng, directions):
+    """Weights (D, 3) of a random lighting over `directions` (D, 3), as pictures that are relit were taken in.
+
+    A third has one or two hard lamps, or the sun, and 0 to 10 % of ambient light; a third a sky and a large
+    key; the rest are those of `random_lighting`. In the first two the key is as warm as lamps and a low sun
+    are, the sky bluer than it, and the ground throws the key's light back, warmer still.
+    """
+    kind = rng.choice(["hard", "sky", "any"])
+    if kind == "any":
+        return random_lighting(rng, directions, unfilled=0.1)
+    odds = np.exp(1.0 * directions[:, 2] + 0.7 * directions[:, 1])
+    count = rng.choice([1, 2], p=[0.65, 0.35]) if kind == "hard" else 1
+    keys = rng.choice(len(directions), size=count, replace=False, p=odds / odds.sum())
+    warmth = rng.uniform(-0.1, 0.6, count)
+    key = np.zeros((len(directions), 3))
+    if kind == "hard":
+        share = 1 - rng.choice([0, rng.uniform(0, 0.1)], p=[0.25, 0.75])
+        key[keys] = _warm(warmth) * rng.uniform(0.3, 1.0, (count, 1))
+    else:
+        share = rng.uniform(0.2, 0.65)
+        breadth = rng.uniform(6, 20)  # half its strength 28 to 15 degrees from its middle
+        key = np.exp(breadth * (directions @ directions[keys[0]] - 1))[:, None] * _warm(warmth)
+        key[key.sum(axis=1) < 0.05] = 0  # what is faint costs time and is not seen
+    up = directions[:, 1:2]
+    ground = rng.uniform(0.05, 0.35) * _warm(warmth[:1] + rng.uniform(0, 0.25))
+    sky = (0.55 + 0.45 * up) ** rng.uniform(0.5, 2) * _warm(warmth[:1] - rng.uniform(0.05, 0.7))
+    ambient = sky + np.maximum(-up, 0) * ground
+    ambient[np.arange(len(directions)) % 3 != rng.integers(3)] = 0  # a third of the samples is enough
+    ambient *= 3 / ambient.sum()
+    # Of what comes from all around, a surface gets a quarter: so much more of it is as bright as the key.
+    return (share * key / key.sum() * 3 + (1 - share) * 4 * ambient).astype(np.float32)
+
+
+def _warm(warmth):
+    """Linear Rec.709 (N, 3) of luminance 1, of lights of warmth (N,): about 0.6 at 3000 K, 0 at 6500 K, -0.2
+    at 9000 K."""
+    colour = np.exp(np.asarray(warmth)[:, None] * [0.9, 0.0, -1.7])
+    return colour / (colour @ LUMINANCE)[:, None]
+
+
 def softbox(directions: np.ndarray, azimuth: float = 40.0, elevation: float = 35.0) -> np.ndarray:
     """Weights (D,) of a large softbox over `directions` (D, 3), which sum to one: a lobe that has half its
     strength 24 degrees from where the softbox stands, by default at upper right."""
@@ -132,7 +172,8 @@ def sample(record, rng, size, lights=None, augment=True, lighting=None):
     count = len(record.directions)
     weights = lighting
     if weights is None:
-        weights = random_lighting(rng, record.directions, unfilled=0.1 if augment else 0)
+        draw = everyday_lighting if augment else random_lighting
+        weights = draw(rng, record.directions)
     chosen, shining = rng.permutation(count), weights.any(axis=1)
     if lights is not None and shining.sum() <= lights:
         chosen = chosen[np.argsort(~shining[chosen], kind="stable")]
