@@ -5,14 +5,14 @@ import torch
 import torch.nn.functional as F
 from kornia.enhance import jpeg_codec_differentiable, sharpness
 
-from shadow.data.records import ENCODING
+from shadow.data.records import ENCODING, Record
 from shadow.directions import from_spherical
 from shadow.framing import Framing, affine_sample, bounding_box
 
 LUMINANCE = np.float32([0.2126, 0.7152, 0.0722])  # of linear Rec.709 (ITU-R BT.709)
 
 
-def random_lighting(rng, directions, unfilled=0.0):
+def random_lighting(rng: np.random.Generator, directions: np.ndarray, unfilled: float = 0.0) -> np.ndarray:
     """Weights (D, 3) of a random lighting over `directions` (D, 3): any mixture is weights over the set.
 
     One to four hard lights, each of its own colour, above an ambient environment that varies slowly with
@@ -38,7 +38,7 @@ def random_lighting(rng, directions, unfilled=0.0):
     return (share * hard / hard.sum() * 3 + (1 - share) * 4 * soft).astype(np.float32)
 
 
-def everyday_lighting(rng, directions):
+def everyday_lighting(rng: np.random.Generator, directions: np.ndarray) -> np.ndarray:
     """Weights (D, 3) of a random lighting over `directions` (D, 3), as pictures that are relit were taken in.
 
     A third has one or two hard lamps, or the sun, and 0 to 10 % of ambient light; a third a sky and a large
@@ -71,7 +71,7 @@ def everyday_lighting(rng, directions):
     return (share * key / key.sum() * 3 + (1 - share) * 4 * ambient).astype(np.float32)
 
 
-def _warm(warmth):
+def _warm(warmth: float) -> np.ndarray:
     """Linear Rec.709 (N, 3) of luminance 1, of lights of warmth (N,): about 0.6 at 3000 K, 0 at 6500 K, -0.2
     at 9000 K."""
     colour = np.exp(np.asarray(warmth)[:, None] * [0.9, 0.0, -1.7])
@@ -85,7 +85,7 @@ def softbox(directions: np.ndarray, azimuth: float = 40.0, elevation: float = 35
     return lobe / lobe.sum()
 
 
-def light(record, weights, gloss=0.0, shininess=20.0):
+def light(record: Record, weights: np.ndarray, gloss: float = 0.0, shininess: float = 20.0) -> np.ndarray:
     """The record photographed under `weights` (D, 3): linear colour (N, 3), by direct light (Section 3) and,
     if that was traced, by what bounces of it.
 
@@ -107,7 +107,7 @@ def light(record, weights, gloss=0.0, shininess=20.0):
     return colour.numpy()
 
 
-def photograph(rgb, mask, rng):
+def photograph(rgb: torch.Tensor, mask: torch.Tensor, rng: np.random.Generator) -> torch.Tensor:
     """A linear image (3, H, W) as a camera would deliver it: exposure, white balance, a background shining
     through the matte's edge, sensor noise, clipping, 8 bits; linear again."""
     mean = (rgb * mask).sum() / (3 * mask.sum()).clamp_min(1)
@@ -125,19 +125,19 @@ def photograph(rgb, mask, rng):
     return ((encoded * 255).round() / 255) ** ENCODING
 
 
-def compress(rgb, quality):
+def compress(rgb: torch.Tensor, quality: float) -> torch.Tensor:
     """A linear image (3, H, W) after a JPEG file of this quality in [1, 100]; sides are multiples of 16."""
     encoded = rgb.clamp(0, 1) ** (1 / ENCODING)
     return jpeg_codec_differentiable(encoded[None], torch.tensor([float(quality)]))[0].clamp(0, 1) ** ENCODING
 
 
-def sharpen(rgb, factor):
+def sharpen(rgb: torch.Tensor, factor: float) -> torch.Tensor:
     """A linear image (3, H, W) as a camera sharpens it by a `factor` above 1, or as a lens blurs it by one in
     [0, 1): 3 x 3 pixels on the encoded image."""
     return sharpness(rgb.clamp(0, 1) ** (1 / ENCODING), factor) ** ENCODING
 
 
-def rough_matte(mask, rng):
+def rough_matte(mask: torch.Tensor, rng: np.random.Generator) -> torch.Tensor:
     """A matte (1, H, W) as somebody's tool cuts it: here inside the subject's edge, there outside, by up to a
     hundredth of the height; the edge soft or hard, and what is thinner than that lost or filled."""
     reach = 2 * round(rng.uniform(0.004, 0.012) * mask.shape[1]) + 1
@@ -160,7 +160,14 @@ class Sample(dict):
     """
 
 
-def sample(record, rng, size, lights=None, augment=True, lighting=None):
+def sample(
+    record: Record,
+    rng: np.random.Generator,
+    size: tuple[int, int],
+    lights: int | None = None,
+    augment: bool = True,
+    lighting: np.ndarray | None = None,
+) -> Sample:
     """A random photograph of the record, with its truth, framed on a canvas of `size` (h, w).
 
     `lights` directions are drawn from the record's set (all of them, in order, if None), those that light the
@@ -216,7 +223,7 @@ def sample(record, rng, size, lights=None, augment=True, lighting=None):
     )
 
 
-def _depth_on(depth, mask, record, matrix):
+def _depth_on(depth: torch.Tensor, mask: torch.Tensor, record: Record, matrix: torch.Tensor) -> torch.Tensor:
     """Depth (1, h, w) in units of the record's height, as Sample has it: less of the subject may show, or
     show larger. mask: (1, h, w). matrix: (2, 3) from canvas to record."""
     inside = mask > 0.5
@@ -227,7 +234,9 @@ def _depth_on(depth, mask, record, matrix):
     return (depth - depth[inside].mean()) * magnification * (bottom - top) / (lower - upper) * (mask > 0)
 
 
-def _movement(record, rng, size, augment):
+def _movement(
+    record: Record, rng: np.random.Generator, size: tuple[int, int], augment: bool
+) -> tuple[np.ndarray, torch.Tensor]:
     """How the record lies on a canvas of `size` (h, w): the turn (2, 2) of the picture, x right and y up, and
     the matrix (2, 3) that `affine_sample` takes from canvas to record."""
     framing = Framing.around(torch.from_numpy(record.mask), size[0])
@@ -256,7 +265,9 @@ def _movement(record, rng, size, augment):
     return turn, matrix
 
 
-def _delivered(rgb, mask, rng):
+def _delivered(
+    rgb: torch.Tensor, mask: torch.Tensor, rng: np.random.Generator
+) -> tuple[torch.Tensor, torch.Tensor]:
     """A linear image (3, h, w) and its mask (1, h, w) as a camera and a matting tool deliver them."""
     rgb, matte = photograph(rgb, mask, rng), mask
     if rng.random() < 0.3:

@@ -9,8 +9,10 @@ shard is a zip archive of such files.
 import io
 import json
 import zipfile
+from collections.abc import Iterable
 from dataclasses import dataclass, field, replace
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import torch
@@ -42,7 +44,17 @@ class Record:
     depth_float16: np.ndarray | None = None  # (N, 1), see `depth`; None in records from before there was any
 
     @classmethod
-    def of(cls, mask, normals, albedo, visibility, directions, about=None, bounce=None, depth=None):
+    def of(
+        cls,
+        mask: np.ndarray,
+        normals: np.ndarray,
+        albedo: np.ndarray,
+        visibility: np.ndarray,
+        directions: np.ndarray,
+        about: dict[str, Any] | None = None,
+        bounce: tuple[np.ndarray, np.ndarray] | None = None,
+        depth: np.ndarray | None = None,
+    ) -> "Record":
         """From floats inside the mask: normals (N, 3) unit, albedo (N, 3) linear in [0, 1], visibility
         (N, D) bool, bounce light in factors (N, K) and (K, D, 3), depth (N, 1)."""
         return cls(
@@ -61,23 +73,23 @@ class Record:
         )
 
     @property
-    def normals(self):
+    def normals(self) -> np.ndarray:
         """(N, 3) float32 unit vectors."""
         vectors = self.normals_int8.astype(np.float32)
         return vectors / np.linalg.norm(vectors, axis=1, keepdims=True)
 
     @property
-    def albedo(self):
+    def albedo(self) -> np.ndarray:
         """(N, 3) float32 linear, in [0, 1]."""
         return (self.albedo_uint8.astype(np.float32) / 255) ** ENCODING
 
     @property
-    def visibility(self):
+    def visibility(self) -> np.ndarray:
         """(N, D) uint8, 1 = lit."""
         return np.unpackbits(self.visibility_bits, axis=1, count=len(self.directions))
 
     @property
-    def bounce(self):
+    def bounce(self) -> tuple[np.ndarray, np.ndarray]:
         """Bounce light in factors, (N, K) and (K, D, 3) float32: zero if none was traced."""
         if self.bounce_float16 is None:
             return (
@@ -96,13 +108,13 @@ class Record:
         """
         return None if self.depth_float16 is None else self.depth_float16.astype(np.float32)
 
-    def image(self, values):
+    def image(self, values: np.ndarray) -> torch.Tensor:
         """Values inside the mask (N, C) as an image (C, H, W) float32, zero outside."""
         canvas = np.zeros((values.shape[1], *self.mask.shape), np.float32)
         canvas[:, self.mask] = values.T
         return torch.from_numpy(canvas)
 
-    def cropped(self, height):
+    def cropped(self, height: int) -> "Record":
         """The record without the empty margins of its frame, and with every second, third... pixel only if
         the subject is then still taller than `height`: what costs time and is not seen goes. One empty pixel
         stays where there were any, which says that no frame cuts the subject there."""
@@ -127,7 +139,8 @@ class Record:
         )
 
 
-def to_bytes(record):
+def to_bytes(record: Record) -> bytes:
+    """A record as the bytes of its compressed .npz file."""
     stream = io.BytesIO()
     bounce = {"bounce": record.bounce_float16, "bounce_patterns": record.bounce_patterns}
     np.savez_compressed(
@@ -145,7 +158,7 @@ def to_bytes(record):
     return stream.getvalue()
 
 
-def from_bytes(data, name="record"):
+def from_bytes(data: bytes, name: str | Path = "record") -> Record:
     """The record that `to_bytes` wrote; ValueError naming it if it is damaged."""
     try:
         with np.load(io.BytesIO(data), allow_pickle=False) as arrays:
@@ -165,7 +178,7 @@ def from_bytes(data, name="record"):
         raise ValueError(f"records: {name} is damaged or not a record: {error}") from error
 
 
-def write(path, record):
+def write(path: Path, record: Record) -> int:
     """Write a record's file. Returns the bytes on disk."""
     data = to_bytes(record)
     with replacing(path) as beside:
@@ -173,7 +186,7 @@ def write(path, record):
     return len(data)
 
 
-def pack(folder, out):
+def pack(folder: str | Path, out: str | Path) -> list[Path]:
     """Pack the records of `folder` into shards `out`/shard-000.zip, ... of at most 60 MiB each.
 
     Records are dealt over the shards in a fixed random order, so that any subset of shards is a fair
@@ -205,7 +218,7 @@ def pack(folder, out):
 class Records:
     """The records under some paths, by index: folders of .npz files and .zip shards, or single files."""
 
-    def __init__(self, paths):
+    def __init__(self, paths: Iterable[str | Path]) -> None:
         self.entries = []  # (file, member of the archive or None)
         for path in map(Path, paths):
             if not path.exists():
@@ -219,14 +232,14 @@ class Records:
         if not self.entries:
             raise ValueError(f"records: no records (.npz) or shards (.zip) in {', '.join(map(str, paths))}")
 
-    def __len__(self):
+    def __len__(self) -> int:
         return len(self.entries)
 
-    def spread(self, count):
+    def spread(self, count: int) -> list[int]:
         """Indices of `count` records, or of all if there are fewer, spread evenly over the whole."""
         return np.linspace(0, len(self) - 1, min(count, len(self))).round().astype(int).tolist()
 
-    def __getitem__(self, index):
+    def __getitem__(self, index: int) -> Record:
         file, member = self.entries[index]
         if member is None:
             return from_bytes(file.read_bytes(), file)

@@ -1,7 +1,9 @@
 """Scores of visibility networks, and of the normals they take, on records, as Section 4 measures them."""
 
+from collections.abc import Iterable
 from dataclasses import dataclass, field, replace
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import OpenImageIO as oiio
@@ -10,7 +12,7 @@ from rich.progress import track
 
 from shadow import normals, visibility
 from shadow.data.photographs import photograph, sample
-from shadow.data.records import Records
+from shadow.data.records import Record, Records
 from shadow.evaluation import metrics
 from shadow.framing import canvas_size
 from shadow.networks.backbone import ENCODING, EXPOSURE
@@ -28,7 +30,7 @@ class Score:
     dice: tuple[float, float]
 
     @property
-    def psnr(self):
+    def psnr(self) -> float:
         """Of the mean RMSE, in dB (Section 4.1)."""
         return float(metrics.psnr(torch.tensor(self.rmse[0])))
 
@@ -47,7 +49,9 @@ class View:
     visibility: torch.Tensor  # (D, h, w) 0 or 1
 
     @classmethod
-    def of(cls, record, seed, height, lighting=None):
+    def of(
+        cls, record: Record, seed: tuple[int, int], height: int, lighting: np.ndarray | None = None
+    ) -> "View":
         """The view of `record` on a canvas of `height` pixels; `seed` decides its camera, and its lighting if
         that is None: weights (D, 3) over the record's directions."""
         rng = np.random.default_rng(seed)
@@ -59,17 +63,17 @@ class View:
         truth = (drawn["mask"][0], drawn["normals"], drawn["albedo"], drawn["directions"][frontal], lit)
         return cls(*(tensor.to(place) for tensor in (rgb, drawn["rgb"], *truth)))
 
-    def given(self, surface, network):
+    def given(self, surface: Any, network: Any) -> torch.Tensor | None:
         """Normals (3, h, w) of `surface` for a visibility network, or None if it is the network itself, whose
         own come with its maps."""
         return None if surface is network else surface.to(self.rgb.device).normals(self.rgb, self.mask)
 
-    def binary(self, network, given):
+    def binary(self, network: Any, given: torch.Tensor | None) -> tuple[torch.Tensor, torch.Tensor]:
         """Normals (3, h, w), those given or the network's own, and its maps (D, h, w) bool."""
         surface, visibility = network.to(self.rgb.device).analyse(self.rgb, self.mask, given)
         return surface, visibility(self.lights) > 0.5
 
-    def sign(self, surface):
+    def sign(self, surface: torch.Tensor) -> torch.Tensor:
         """The baseline of Section 4.1 from normals (3, h, w): (D, h, w) bool."""
         return torch.einsum("dc,chw->dhw", self.lights, surface) > 0
 
@@ -82,25 +86,27 @@ class Tally:
     dice: list[float] = field(default_factory=list)
     lights: list[list[float]] = field(default_factory=list)
 
-    def add(self, binary, view, chosen=slice(None)):
+    def add(self, binary: torch.Tensor, view: View, chosen: torch.Tensor | slice = slice(None)) -> None:
         """Score binary maps (D, h, w) against the view's, all or the `chosen` lights'."""
         estimate, truth, inside = binary[chosen].float(), view.visibility[chosen], view.mask > 0.5
         self.rmse.extend(metrics.rmse(estimate, truth, inside).tolist())
         self.dice.extend(metrics.dice(estimate, truth, inside).tolist())
         self.lights.extend(view.lights[chosen].tolist())
 
-    def score(self):
+    def score(self) -> Score:
         """The Score of all maps."""
         return Score(*((float(np.mean(x)), float(np.std(x))) for x in (self.rmse, self.dice)))
 
-    def by_light(self):
+    def by_light(self) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
         """Directions (D, 3), and mean and standard deviation (D,) of the RMSE of each (Figure 2)."""
         lights, index = np.unique(np.round(self.lights, 4), axis=0, return_inverse=True)
         groups = [np.array(self.rmse)[index.ravel() == i] for i in range(len(lights))]
         return lights, np.array([g.mean() for g in groups]), np.array([g.std() for g in groups])
 
 
-def compare(records, networks, surface, *, seed=0, limit=None):
+def compare(
+    records: Records, networks: dict[str, Any], surface: Any, *, seed: int = 0, limit: int | None = None
+) -> tuple[dict[str, Tally], float]:
     """Tally every network of `networks` {name: network} on records, and both sign(N·L) baselines.
 
     Every record is photographed once under a random lighting fixed by `seed`, framed on each network's
@@ -129,7 +135,7 @@ def compare(records, networks, surface, *, seed=0, limit=None):
     return tallies, float(np.mean(angles))
 
 
-def normals_of(network, model=None):
+def normals_of(network: Any, model: str | Path | None = None) -> Any:
     """Whose normals a visibility network is tested with: those of `model`, a name or path as
     `shadow.normals.load` takes it, if there is one; else its own, or the shipped field's if it has none."""
     if model is None and isinstance(network, VisibilityField):
@@ -137,7 +143,14 @@ def normals_of(network, model=None):
     return normals.load(model or "field")
 
 
-def evaluate(paths, *, model="field", normals_model=None, seed=0, limit=None):
+def evaluate(
+    paths: Iterable[str | Path],
+    *,
+    model: str | Path = "field",
+    normals_model: str | Path | None = None,
+    seed: int = 0,
+    limit: int | None = None,
+) -> tuple[dict[str, Score], float]:
     """Score visibility on records against sign(N·L) from estimated and from true normals, see `compare`.
 
     Parameters
@@ -157,7 +170,7 @@ def evaluate(paths, *, model="field", normals_model=None, seed=0, limit=None):
     return {name: tally.score() for name, tally in tallies.items()}, angle
 
 
-def report(scores, angle):
+def report(scores: dict[str, Score], angle: float) -> str:
     """The scores as a Markdown table."""
     rows = ["| visibility | RMSE ↓ | PSNR ↑ | Dice ↑ |", "|---|---|---|---|"]
     for name, score in scores.items():
@@ -168,7 +181,15 @@ def report(scores, angle):
     return "\n".join([*rows, "", f"Estimated normals: mean angular error {angle:.1f} degrees."])
 
 
-def intensity_sweep(records, network, surface, levels, *, seed=0, limit=None):
+def intensity_sweep(
+    records: Records,
+    network: Any,
+    surface: Any,
+    levels: np.ndarray,
+    *,
+    seed: int = 0,
+    limit: int | None = None,
+) -> list[tuple[Tally, Tally]]:
     """Figure 4: (ours, baseline), Tallies of the network and of sign(N·L), for each intensity of the input.
 
     At level 1 the mean inside the mask is that of a normal exposure, 0.2 of white. A camera stands between:
@@ -187,7 +208,15 @@ def intensity_sweep(records, network, surface, levels, *, seed=0, limit=None):
     return tallies
 
 
-def against_soft_maps(records, folder, network, surface, *, seed=0, limit=None):
+def against_soft_maps(
+    records: Records,
+    folder: str | Path,
+    network: Any,
+    surface: Any,
+    *,
+    seed: int = 0,
+    limit: int | None = None,
+) -> dict[str, tuple[Tally, Tally]]:
     """Table 5: soft visibility maps of another method, made binary by Otsu's threshold, scored beside ours.
 
     A map is a file of `folder` named <record>_<light>: the record's file name, and the number of the light in
@@ -226,7 +255,7 @@ def against_soft_maps(records, folder, network, surface, *, seed=0, limit=None):
     return tallies
 
 
-def _soft_maps(folder):
+def _soft_maps(folder: str | Path) -> dict[str, dict[int, Path]]:
     """{record: {light: path}} of the files in a folder."""
     found = {}
     for path in sorted(Path(folder).iterdir()):
@@ -236,12 +265,12 @@ def _soft_maps(folder):
     return found
 
 
-def _binary(grey):
+def _binary(grey: np.ndarray) -> np.ndarray:
     """Lit or not, by Otsu's threshold; all alike are lit, unless they are zero."""
     return grey > (0 if grey.min() == grey.max() else metrics.otsu(torch.from_numpy(grey)))
 
 
-def _grey(path):
+def _grey(path: Path) -> np.ndarray:
     """(H, W) float32 of a .npy file or an image's first channel."""
     if path.suffix == ".npy":
         grey = np.load(path, allow_pickle=False).astype(np.float32)

@@ -17,7 +17,7 @@ PAINT = 0.25  # log contrast beyond which a dark spot is rather a print, a seam 
 LEAST_Z = 0.05  # of a unit normal that stays visible
 
 
-def raise_folds(record, height=1.0):
+def raise_folds(record: Record, height: float = 1.0) -> Record:
     """The record with the fine contrast of its albedo as relief: dark is deep (after Langer and Zucker 1994).
 
     `height` is how far a log unit of contrast stands out, in windows. The albedo loses what the normals gain,

@@ -6,6 +6,7 @@ import numpy as np
 from embreex.mesh_construction import TriangleMesh
 from embreex.rtcore_scene import EmbreeScene
 
+from shadow.lightstage.figure import Figure
 from shadow.lightstage.normalmaps import tilted
 
 OFFSET = 0.002  # metres: rays leave from above the surface, or they would hit it
@@ -20,14 +21,14 @@ class Surface:
     normal: np.ndarray  # unit shading normal: smooth, and turned by the figure's normal map
     albedo: np.ndarray  # linear Rec.709 in [0, 1]
 
-    def __len__(self):
+    def __len__(self) -> int:
         return len(self.position)
 
-    def take(self, index):
+    def take(self, index: np.ndarray) -> "Surface":
         """The points of an index or a mask."""
         return Surface(self.position[index], self.geometric[index], self.normal[index], self.albedo[index])
 
-    def facing(self, lights):
+    def facing(self, lights: np.ndarray) -> np.ndarray:
         """Which of the lights (D, 3) each point turns to, (N, D) bool: by its geometric and its shading
         normal, so that smooth normals cannot leak light through a coarse surface."""
         return (self.geometric @ lights.T > 0) & (self.normal @ lights.T > 0)
@@ -36,7 +37,7 @@ class Surface:
 class Scene:
     """The figure in the frame of a camera at `position` (3,); `rotation` (3, 3) is from world to camera."""
 
-    def __init__(self, figure, rotation, position):
+    def __init__(self, figure: Figure, rotation: np.ndarray, position: np.ndarray) -> None:
         self.figure = figure
         self._vertices = ((figure.vertices - position) @ rotation.T).astype(np.float32)
         self._normals = figure.normals @ rotation.T
@@ -44,7 +45,7 @@ class Scene:
         self._embree = EmbreeScene()
         TriangleMesh(self._embree, self._vertices[figure.faces])
 
-    def trace(self, origins, rays):
+    def trace(self, origins: np.ndarray, rays: np.ndarray) -> tuple[np.ndarray, Surface]:
         """Nearest hits of rays (N, 3) from `origins` (N, 3): which rays hit (N,), and the Surface there."""
         hit = self._embree.run(origins.astype(np.float32), rays.astype(np.float32), output=True)
         found = hit["primID"] >= 0
@@ -64,7 +65,7 @@ class Scene:
         position = np.einsum("nk,nkc->nc", barycentric, corners)
         return found, Surface(position, geometric, normal, self.figure.albedo(face, barycentric))
 
-    def _detailed(self, normal, face, barycentric):
+    def _detailed(self, normal: np.ndarray, face: np.ndarray, barycentric: np.ndarray) -> np.ndarray:
         """Unit normals (N, 3) turned as the figure's normal map, if it has one, says at these points."""
         if self.figure.detail is None:
             return normal
@@ -72,7 +73,7 @@ class Scene:
         tangent[:, :3] = tangent[:, :3] @ self._rotation.T
         return tilted(normal, tangent, self.figure.detail(face, barycentric))
 
-    def visibility(self, surface, lights):
+    def visibility(self, surface: Surface, lights: np.ndarray) -> np.ndarray:
         """Which of the lights (D, 3) each point of a Surface faces and sees: (N, D) bool."""
         lit = surface.facing(lights)
         point, light = np.nonzero(lit)
@@ -81,7 +82,9 @@ class Scene:
         lit[point, light] = occluded != 0  # Embree sets the geometry of an occluded ray to 0
         return lit
 
-    def gather(self, surface, strata, rng):
+    def gather(
+        self, surface: Surface, strata: tuple[int, int], rng: np.random.Generator
+    ) -> tuple[np.ndarray, Surface]:
         """Rays from each point over its hemisphere, by the cosine: (source (H,), Surface hit (H)).
 
         `strata` (steps of the cosine, steps around) multiply to the rays of a point. Rays that leave the
@@ -95,7 +98,7 @@ class Scene:
         return source[found], hits
 
 
-def _cosine_rays(normals, strata, rng):
+def _cosine_rays(normals: np.ndarray, strata: tuple[int, int], rng: np.random.Generator) -> np.ndarray:
     """Directions (N, rays, 3) around normals (N, 3), as dense as their cosine: the square, in strata, to the
     disc, lifted to the hemisphere (Malley's method; Pharr et al., Physically Based Rendering, 13.6.3)."""
     steps = np.stack(np.meshgrid(*map(np.arange, strata), indexing="ij"), axis=-1).reshape(-1, 2)

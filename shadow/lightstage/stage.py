@@ -7,7 +7,7 @@ give, and the bounce light of bounce.py.
 
 import hashlib
 import os
-from collections.abc import Callable
+from collections.abc import Callable, Collection
 from concurrent.futures import ProcessPoolExecutor, as_completed
 from dataclasses import asdict, dataclass
 from functools import partial
@@ -22,7 +22,7 @@ from shadow.data import records
 from shadow.lightstage import bounce, relief, scans, variants
 from shadow.lightstage.figure import Figure
 from shadow.lightstage.people import bodies, pairs
-from shadow.lightstage.scene import Scene
+from shadow.lightstage.scene import Scene, Surface
 
 
 @dataclass(frozen=True)
@@ -36,20 +36,22 @@ class View:
     fov: float = 70.0  # degrees, of the square image
     pan: float = 0.0  # degrees, positive looks past the axis to image left
 
-    def rotation(self):
+    def rotation(self) -> np.ndarray:
         """World to camera (3, 3)."""
         a, p = np.radians([self.azimuth + self.pan, self.pitch])
         around = [[np.cos(a), 0, -np.sin(a)], [0, 1, 0], [np.sin(a), 0, np.cos(a)]]
         tilt = [[1, 0, 0], [0, np.cos(p), np.sin(p)], [0, -np.sin(p), np.cos(p)]]
         return np.array(tilt) @ np.array(around)
 
-    def position(self):
+    def position(self) -> np.ndarray:
         """The camera in the world (3,)."""
         a = np.radians(self.azimuth)
         return np.array([self.distance * np.sin(a), self.height, self.distance * np.cos(a)])
 
 
-def views(count, figure=None, rng=None, portrait=False):
+def views(
+    count: int, figure: Figure | None = None, rng: np.random.Generator | None = None, portrait: bool = False
+) -> list[View]:
     """`count` views evenly around the subject: those of Section 3, or with `rng` jittered around `figure`.
 
     Jitter is of angle, camera height and distance; a longer distance comes with a longer lens, and the
@@ -64,7 +66,7 @@ def views(count, figure=None, rng=None, portrait=False):
     return [camera(figure, (angle + rng.uniform(-0.5, 0.5) * 360 / count) % 360, rng) for angle in angles]
 
 
-def _whole(figure, azimuth, rng):
+def _whole(figure: Figure, azimuth: float, rng: np.random.Generator) -> View:
     """A camera that sees all of the figure."""
     top = figure.vertices[:, 1].max()
     reach = max(top / 2, np.linalg.norm(figure.vertices[:, [0, 2]], axis=1).max())
@@ -74,7 +76,7 @@ def _whole(figure, azimuth, rng):
     return View(*map(float, (azimuth, distance, height, pitch, fov)))
 
 
-def _portrait(figure, azimuth, rng):
+def _portrait(figure: Figure, azimuth: float, rng: np.random.Generator) -> View:
     """A camera at the height of what it looks at, or nearly: the figure from its top down to a random cut."""
     top = figure.vertices[:, 1].max()
     span = top * np.exp(rng.uniform(np.log(0.15), np.log(0.75)))
@@ -89,7 +91,7 @@ def _portrait(figure, azimuth, rng):
     return View(*map(float, (azimuth, distance, height, pitch, fov, pan)))
 
 
-def camera_rays(view, size):
+def camera_rays(view: View, size: int) -> tuple[np.ndarray, np.ndarray]:
     """Origins and directions (size * size, 3), in row order, of the pixels' centres in the camera frame."""
     extent = np.tan(np.radians(view.fov) / 2)
     step = extent * ((np.arange(size) + 0.5) * 2 / size - 1)
@@ -98,7 +100,9 @@ def camera_rays(view, size):
     return np.zeros_like(rays), rays
 
 
-def render(figure, view, size, lights, bounced=False):
+def render(
+    figure: Figure, view: View, size: int, lights: np.ndarray, bounced: bool = False
+) -> records.Record:
     """Ray-trace one view of a figure.
 
     Parameters
@@ -129,7 +133,7 @@ def render(figure, view, size, lights, bounced=False):
     return records.Record.of(mask, surface.normal, surface.albedo, lit, lights, about, indirect, depth)
 
 
-def _depth(surface, mask, view):
+def _depth(surface: Surface, mask: np.ndarray, view: View) -> tuple[np.ndarray, dict[str, float]]:
     """Depth (N, 1) as `Record.depth` has it, and the camera that takes it back to positions."""
     focal = len(mask) / 2 / np.tan(np.radians(view.fov) / 2)
     away = -surface.position[:, 2:]
@@ -139,7 +143,9 @@ def _depth(surface, mask, view):
     return (away - away.mean()) / height, camera
 
 
-def _bounce(scene, surface, mask, lights, seed):
+def _bounce(
+    scene: Scene, surface: Surface, mask: np.ndarray, lights: np.ndarray, seed: int
+) -> tuple[np.ndarray, np.ndarray]:
     """Bounce light in factors, (N, K) and (K, D, 3), traced at a quarter of the pixels: it is smooth."""
     quarter = np.zeros_like(mask)
     quarter[::2, ::2] = True
@@ -149,7 +155,7 @@ def _bounce(scene, surface, mask, lights, seed):
     return bounce.spread(strength, sparse, surface, mask), patterns
 
 
-def _seed(*parts):
+def _seed(*parts: object) -> int:
     return int.from_bytes(hashlib.sha256(repr(parts).encode()).digest()[:8])
 
 
@@ -167,20 +173,33 @@ class Source:
         return cls(name, partial(bodies.body, seed, split, simulate=simulate, cache=cache))
 
     @classmethod
-    def pair(cls, seed, split):
+    def pair(cls, seed: int, split: str) -> "Source":
+        """Two clothed people in touch."""
         return cls(f"pair-{split}-{seed:06d}", partial(pairs.pair, seed, split))
 
     @classmethod
-    def scan(cls, path):
+    def scan(cls, path: str | Path) -> "Source":
+        """A mesh or scan, as of `scans.load`."""
         return cls(f"scan-{Path(path).stem}", partial(scans.load, path))
 
     @classmethod
-    def variant(cls, path, number, folded=False):
+    def variant(cls, path: str | Path, number: int, folded: bool = False) -> "Source":
+        """A scan in another build and other colours, as of `variants.variant`."""
         name = f"scan-{variants.name(path, number, folded)}"
         return cls(name, partial(variants.variant, path, number, folded))
 
 
-def _render_figure(source, out, view_count, size, behind, jitter, portrait, bounced, raised):
+def _render_figure(
+    source: Source,
+    out: Path,
+    view_count: int,
+    size: int,
+    behind: bool,
+    jitter: bool,
+    portrait: bool,
+    bounced: bool,
+    raised: bool,
+) -> tuple[int, int]:
     """All the views of one figure: (records written, bytes written)."""
     os.environ["OMP_NUM_THREADS"] = "1"
     paths = [out / f"{source.name}-{index:02d}.npz" for index in range(view_count)]
@@ -200,18 +219,18 @@ def _render_figure(source, out, view_count, size, behind, jitter, portrait, boun
 
 
 def render_all(
-    sources,
-    out,
+    sources: Collection[Source],
+    out: str | Path,
     *,
-    views=9,
-    size=512,
-    behind=False,
-    jitter=False,
-    portrait=False,
-    bounced=False,
-    raised=False,
-    processes=None,
-):
+    views: int = 9,
+    size: int = 512,
+    behind: bool = False,
+    jitter: bool = False,
+    portrait: bool = False,
+    bounced: bool = False,
+    raised: bool = False,
+    processes: int | None = None,
+) -> tuple[int, int, dict[str, Exception]]:
     """Render records of figures into the folder `out`, one process a core.
 
     Views that are there already are left: an interrupted run goes on where it stopped. The result depends

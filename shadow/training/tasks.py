@@ -1,8 +1,12 @@
 """What the networks of this package learn: losses, scores and pictures of the visibility field, with its
 normals, and of the paper's per-light network, for the fit loop."""
 
+from collections.abc import Iterator
+from typing import Any
+
 import torch
 import torch.nn.functional as F
+from torch import nn
 
 from shadow.evaluation import metrics, pictures
 from shadow.networks.backbone import take_blocks
@@ -10,16 +14,18 @@ from shadow.networks.field import VisibilityField
 from shadow.networks.unet import PerLight
 from shadow.training.recipes import Task
 
+Batch = dict[str, Any]
+
 BLOCKS = 1024  # of 2 x 2 pixels of a photograph, that the losses look at
 DEPTH, SLOPE = 2.0, 0.1  # weights of the depth's error, in heights, and of its slopes', in radians
 OWN_UNIT = 0.05  # heights: depths that deviate less than this from their mean are hardly rescaled
 
 
-def _masked_mean(values, mask):
+def _masked_mean(values: torch.Tensor, mask: torch.Tensor) -> torch.Tensor:
     return (values * mask).sum() / (mask.sum() * values.shape[1]).clamp_min(1)
 
 
-def random_blocks(mask):
+def random_blocks(mask: torch.Tensor) -> torch.Tensor:
     """BLOCKS random 2 x 2 pixel blocks (B, BLOCKS) of masks (B, 1, H, W), for `take_blocks`.
 
     Of an empty mask any blocks: a photograph may happen to be cut so that it shows next to nothing.
@@ -28,7 +34,7 @@ def random_blocks(mask):
     return torch.multinomial(inside + 1e-9, BLOCKS, replacement=True)
 
 
-def field_loss(network, batch):
+def field_loss(network: nn.Module, batch: Batch) -> torch.Tensor:
     """Errors of the normals and of the visibility, to the same weight, and of depth where records have it.
 
     On a random choice of 2 x 2 pixel blocks inside the mask: the background teaches nothing, neighbours teach
@@ -51,7 +57,9 @@ def field_loss(network, batch):
     return error + _depth_error(maps.depth, depth, known, batch["image"].shape[2])
 
 
-def _depth_error(estimate, truth, inside, height):
+def _depth_error(
+    estimate: torch.Tensor, truth: torch.Tensor, inside: torch.Tensor, height: int
+) -> torch.Tensor:
     """Difference of depths (B, 1, 4, P) of blocks, whatever the estimate's offset and scale (RLH*20, MiDaS),
     and of their slopes from pixel to pixel as angles, which occlusions cannot dominate.
 
@@ -79,26 +87,28 @@ def _depth_error(estimate, truth, inside, height):
     return DEPTH * _masked_mean((scaled - truth).abs(), inside) + SLOPE * bent
 
 
-def _normals_error(estimate, truth, inside):
+def _normals_error(estimate: torch.Tensor, truth: torch.Tensor, inside: torch.Tensor) -> torch.Tensor:
     """Length of the difference of unit vectors: near the angle itself, so that outliers do not rule."""
     difference = (estimate - truth).square().sum(dim=1, keepdim=True)
     return _masked_mean((difference + 1e-4).sqrt(), inside)
 
 
-def _entropy(log_lit, truth, inside):
+def _entropy(log_lit: torch.Tensor, truth: torch.Tensor, inside: torch.Tensor) -> torch.Tensor:
     """Binary cross-entropy of the product's probability."""
     log_lit = log_lit.clamp_max(-1e-5)
     log_dark = torch.log(-torch.expm1(log_lit))
     return _masked_mean(-(truth * log_lit + (1 - truth) * log_dark), inside)
 
 
-def per_light_loss(network, batch):
+def per_light_loss(network: nn.Module, batch: Batch) -> torch.Tensor:
     """L1 (Section 3) inside the mask, of maps whose shadow is -1 and light is 1."""
     maps = network(batch["image"], batch.get("estimated_normals"), batch["directions"])
     return _masked_mean((maps - (2 * batch["visibility"] - 1)).abs(), batch["mask"] > 0.5)
 
 
-def _analysed(network, batch):
+def _analysed(
+    network: nn.Module, batch: Batch
+) -> tuple[torch.Tensor | None, torch.Tensor, torch.Tensor | None]:
     """The normals (B, 3, H, W), if the network says or takes any, the visibility (B, D, H, W), and the depth
     (B, H, W), if the network says any."""
     given = batch.get("estimated_normals", [None] * len(batch["rgb"]))
@@ -111,7 +121,7 @@ def _analysed(network, batch):
     return surface, maps, depth
 
 
-def _score(network, batch):
+def _score(network: nn.Module, batch: Batch) -> dict[str, float]:
     """RMSE and Dice of binary maps, beside sign(N·L) from the same normals, and how far these and depth are
     off."""
     inside, truth = batch["mask"] > 0.5, (batch["visibility"] > 0.5).float()
@@ -130,7 +140,7 @@ def _score(network, batch):
     return scores
 
 
-def _show(network, batch):
+def _show(network: nn.Module, batch: Batch) -> Iterator[list[torch.Tensor]]:
     surface, maps, _ = _analysed(network, batch)
     for i in range(len(maps)):
         seen = batch["mask"][i] > 0.5
@@ -146,7 +156,7 @@ def _show(network, batch):
 SHADOW = Task("field", VisibilityField, field_loss, _score, _show, 20, False, {"depth": True})
 
 
-def per_light(latent, with_normals=True):
+def per_light(latent: str, with_normals: bool = True) -> Task:
     """The task of the paper's per-light network with this latent transformation (Section 4.2)."""
     config = {"latent": latent, "normals": with_normals}
     recipe = {"batch": 2, "lights": 4, "learning_rate": 5e-4}
