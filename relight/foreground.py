@@ -86,6 +86,13 @@ def matte_of(pixels: np.ndarray, mask: np.ndarray | None) -> torch.Tensor:
     return inputs.mask("image's alpha", pixels[..., 3], pixels.shape[:2])
 
 
+def plate_of(image: np.ndarray) -> np.ndarray:
+    """The plate as `scene_linear` gives it; ValueError where sums of it would be beyond float32."""
+    pixels = scene_linear("image", image)
+    inputs.bounded("image", torch.from_numpy(pixels[..., :3]))
+    return pixels
+
+
 def photograph(pixels: np.ndarray) -> torch.Tensor:
     """The plate's colour (3, H, W), its own alpha, if any, taken out: what a foreign normals network sees."""
     rgb = torch.from_numpy(np.ascontiguousarray(pixels)).permute(2, 0, 1)

@@ -11,10 +11,9 @@ import torch.nn.functional as F
 
 from relight import steadying
 from relight.canvas import Canvas, weighted_sum
-from relight.foreground import Foreground, given_albedo, matte_of, photograph
+from relight.foreground import Foreground, given_albedo, matte_of, photograph, plate_of
 from relight.lights.light import Light, as_lights, by_name
 from relight.media.colour import luminance
-from relight.media.images import scene_linear
 from relight.upsampling import JointBilateral
 from shading import Analysis, diffuse
 from shading.albedo import solve_lighting
@@ -63,7 +62,7 @@ class Subject:
         device: str | torch.device | None = None,
     ) -> None:
         place = inputs.device("device", device) or torch.device("cpu")
-        pixels = scene_linear("image", image)
+        pixels = plate_of(image)
         alpha = matte_of(pixels, mask)
         paint = None if albedo is None else given_albedo(albedo, tuple(alpha.shape))
         field, shader = analysis.load(device=place), diffuse.load(device=place)
@@ -151,7 +150,7 @@ class Subject:
 
         Returns directions (96, 3), `shadow.directions.olat(behind=True)`, and their intensities (96, 3) >= 0.
         """
-        pixels = scene_linear("image", image)
+        pixels = plate_of(image)
         if pixels.shape[:2] != (size := self._person.size):
             raise ValueError(f"image: expected the subject's size {size}, got {pixels.shape[:2]}")
         colour = self._person.own_colour(pixels, photographed=pixels.shape[-1] == 3)

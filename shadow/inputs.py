@@ -7,6 +7,7 @@ import torch
 from numpy.typing import ArrayLike
 
 Array = ArrayLike | torch.Tensor  # what a caller may hand over
+LARGEST = 1e15  # value whose square, summed over a picture, is still a float32
 
 
 def _tensor(name: str, value: Array, expected: str) -> torch.Tensor:
@@ -38,6 +39,13 @@ def image(name: str, value: Array) -> torch.Tensor:
     if not tensor.is_floating_point():
         raise TypeError(f"{name}: expected {expected}, got dtype {tensor.dtype}")
     return _finite(name, tensor.float()).permute(2, 0, 1)
+
+
+def bounded(name: str, pixels: torch.Tensor) -> torch.Tensor:
+    """Those pixels; ValueError where sums over them would be beyond float32."""
+    if (largest := pixels.abs().max()) > LARGEST:
+        raise ValueError(f"{name}: expected values of at most {LARGEST:g}, got {largest:g}")
+    return pixels
 
 
 def mask(name: str, value: Array, size: Sequence[int]) -> torch.Tensor:
@@ -106,7 +114,7 @@ def photograph(
 ) -> tuple[torch.Tensor, torch.Tensor]:
     """The arguments `rgb`, a linear image (H, W, 3), and `mask`, its matte (H, W), as tensors (3, H, W) and
     (H, W) on the device `place`, or where the image is."""
-    pixels = image("rgb", rgb)
+    pixels = bounded("rgb", image("rgb", rgb))
     coverage = mask("mask", matte, pixels.shape[1:])
     place = place or pixels.device
     return pixels.to(place), coverage.to(place)

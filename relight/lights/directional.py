@@ -121,7 +121,8 @@ class DirectionalLight(Light):
         axis = np.array(self.direction)
         directions = axis[None] if self.angle == 0 else _cap(axis, self.angle / 2)
         intensities = np.broadcast_to(self.power / (directions @ axis).sum(), directions.shape)
-        return directions.astype(np.float32), intensities.astype(np.float32)
+        with np.errstate(over="ignore"):  # what becomes infinite is refused where the light is used
+            return directions.astype(np.float32), intensities.astype(np.float32)
 
 
 def _cap(axis: np.ndarray, radius: float) -> np.ndarray:

@@ -5,8 +5,6 @@ from numpy.typing import ArrayLike
 
 from relight.media import colour
 
-LARGEST = 1e15  # linear value whose square, summed over a picture, is still a float32
-
 
 def scene_linear(name: str, image: ArrayLike) -> np.ndarray:
     """An image at the public edge to linear Rec.709, premultiplied.
@@ -23,8 +21,7 @@ def scene_linear(name: str, image: ArrayLike) -> np.ndarray:
 
     Raises
     ------
-    TypeError: another dtype. ValueError: another shape, NaN or infinite values, or beyond LARGEST, alpha
-    outside [0, 1].
+    TypeError: another dtype. ValueError: another shape, NaN or infinite values, alpha outside [0, 1].
     """
     pixels = as_array(name, image)
     if pixels.dtype not in (np.uint8, np.uint16) and not np.issubdtype(pixels.dtype, np.floating):
@@ -35,9 +32,6 @@ def scene_linear(name: str, image: ArrayLike) -> np.ndarray:
     linear = linearise(pixels, straight=integer, space=colour.SRGB if integer else colour.LINEAR)
     if not np.isfinite(linear).all():
         raise ValueError(f"{name}: contains NaN or infinite values")
-    if np.abs(linear[..., :3]).max() > LARGEST:
-        brightest = np.abs(linear[..., :3]).max()
-        raise ValueError(f"{name}: expected values of at most {LARGEST:g}, got {brightest:g}")
     if linear.shape[-1] == 4:
         alpha = linear[..., 3]
         if alpha.min() < -1e-3 or alpha.max() > 1 + 1e-3:  # filtering overshoots a little
