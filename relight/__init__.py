@@ -15,6 +15,7 @@ if TYPE_CHECKING:  # for editors and type checkers, which don't follow `__getatt
     from relight.lights.environment import EnvironmentLight
     from relight.lights.files import read_lights, write_lights
     from relight.lights.moving import MovingLight
+    from relight.matting import matte
     from relight.media.images import read, read_layers, read_mask, read_normals, write, write_mask
     from relight.olat import write_olat
     from relight.rendering import apply, render
@@ -32,6 +33,7 @@ _EXPORTS = {
     "apply": "relight.rendering",
     "fit_lights": "relight.fitting",
     "key": "relight.keying",
+    "matte": "relight.matting",
     "over": "relight.composite",
     "place": "relight.composite",
     "read": "relight.media.images",
