@@ -23,7 +23,7 @@ from relight.media.images import scene_linear
 from shadow.files import AnyPath
 from shadow.onnxfiles import Feeding, OnnxFile, Shape, checked_maps
 
-IMAGENET = {"mean": (0.485, 0.456, 0.406), "std": (0.229, 0.224, 0.225)}
+IMAGENET: dict[str, Any] = {"mean": (0.485, 0.456, 0.406), "std": (0.229, 0.224, 0.225)}
 STATES = ("r1i", "r2i", "r3i", "r4i")
 RVM_SIDE = 512  # pixels of the longer side at which RVM looks at the whole picture, for full bodies
 PART = 0.1  # of the largest connected region's area: what is smaller is no person of its own
@@ -131,10 +131,11 @@ def load(
 
     Raises as `matte`.
     """
-    given = {"size": size, "order": order, "fit": fit}
+    given: dict[str, Any] = {"size": size, "order": order, "fit": fit}
     given |= {"mean": None if mean is None else tuple(mean), "std": None if std is None else tuple(std)}
-    feeding = {name: value for name, value in given.items() if value is not None}
-    reading = {k: v for k, v in {"output": output, "sigmoid": sigmoid}.items() if v is not None}
+    feeding: dict[str, Any] = {name: value for name, value in given.items() if value is not None}
+    told: dict[str, Any] = {"output": output, "sigmoid": sigmoid}
+    reading: dict[str, Any] = {name: value for name, value in told.items() if value is not None}
     if Path(model).suffix.lower() != ".onnx":
         if feeding or reading or family:
             raise ValueError(f"matte: rembg knows how {model} is fed; expected no options")
@@ -229,7 +230,7 @@ class _Recurrent:
         size = (encoded.shape[0], encoded.shape[1])
         feeds = {"src": np.ascontiguousarray(encoded.transpose(2, 0, 1)[None], np.float32), **self._states}
         if "downsample_ratio" in self._file.inputs:
-            feeds["downsample_ratio"] = np.float32([min(1, RVM_SIDE / max(size))])
+            feeds["downsample_ratio"] = np.array([min(1, RVM_SIDE / max(size))], np.float32)
         answers = dict(zip(self._file.outputs, self._file.run(feeds), strict=True))
         found = checked_maps(self._file.path, "pha", answers["pha"], 1)[0]
         if found.shape != size:
@@ -294,7 +295,7 @@ def everywhere_not(found: np.ndarray, model: AnyPath) -> np.ndarray:
 def chosen(found: np.ndarray, person: Any = None) -> np.ndarray:
     """A matte (H, W) of one of several people, as `matte` says; of one, the matte as it is.
 
-    People are regions above 0.5 that do not touch; each takes the soft edge and the small parts nearest to it.
+    People are regions above 0.5 that do not touch; each takes the soft edge and small parts nearest to it.
     """
     regions, count = label(found > 0.5, np.ones((3, 3)))
     areas = np.bincount(regions.ravel(), minlength=count + 1)[1:]
@@ -317,8 +318,8 @@ def chosen(found: np.ndarray, person: Any = None) -> np.ndarray:
 
 
 def refined(pixels: np.ndarray, rough: np.ndarray, band: int) -> np.ndarray:
-    """A matte (H, W) of a rough mask (H, W): what lies in a band of `band` pixels around its edge is solved by
-    closed-form matting (Levin et al. 2008) of the photograph (H, W, 3), linear.
+    """A matte (H, W) of a rough mask (H, W) and its photograph (H, W, 3), linear: what lies in a band of
+    `band` pixels around the mask's edge is solved by closed-form matting (Levin et al. 2008).
 
     ValueError for a band of less than 2 pixels, or so wide that nobody is left inside it.
     """

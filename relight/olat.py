@@ -6,6 +6,7 @@ from typing import Any
 
 import numpy as np
 
+from relight.cutting import Cutting
 from relight.lights.directional import DirectionalLight
 from relight.lights.files import write_lights
 from relight.media import images, nuke
@@ -29,6 +30,7 @@ def write_olat(
     image: Source,
     mask: Source | None = None,
     *,
+    cutting: Cutting | None = None,
     colour_space: str | None = None,
     behind: bool = False,
     script: str | Path | None = None,
@@ -43,6 +45,7 @@ def write_olat(
         sequence such as `olat.%04d.exr`, whose frame 1 is the first light.
     image: the photograph, as an image that `relight.Subject` takes, or a file.
     mask: the person's matte, as a mask or a file; needed unless the image has alpha.
+    cutting: as of `relight.preparation.Preparation`.
     colour_space: of the photograph, where its file does not say; see `relight.read`.
     behind: 32 directions behind the person too.
     script: a Nuke script (.nk) to write as well: a Multiply for each light, and their sum.
@@ -69,7 +72,7 @@ def write_olat(
     check([output, *([] if script is None else [Path(script)])], (image, mask), lights=description)
     inputs.device("device", device)
     lights = olat_lights(behind)
-    plate, matte, _ = Preparation(image, mask=mask, colour_space=colour_space).person(0)
+    plate, matte, _ = Preparation(image, mask=mask, cutting=cutting, colour_space=colour_space).person(0)
     subject = Subject(plate, matte, device=device)
     report = progress or (lambda done, total: None)
     written, layers = [], {}

@@ -13,6 +13,7 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from relight.composite import place
+from relight.cutting import Cutter, Cutting
 from relight.keying import key as cut_out
 from relight.lights.environment import FIELD_OF_VIEW, EnvironmentLight
 from relight.lights.light import Light, by_name, checked_number
@@ -98,6 +99,7 @@ class Preparation:
         the source has alpha.
     key: "green" or "blue": cut the person out of a screen, see `relight.key`; the mask then says where there
         is one.
+    cutting: Cutting: how a person without a matte gets one, or a rough mask is refined.
     colour_space: of the source, where its files do not say; see `relight.read`.
     normals: camera-frame normals of the photograph: an array; an image file or a sequence of them; or
         whatever else `shadow.normals.load` takes. Placed with the photograph.
@@ -117,6 +119,7 @@ class Preparation:
         *,
         mask: Source | None = None,
         key: str | None = None,
+        cutting: Cutting | None = None,
         colour_space: str | None = None,
         normals: Surface | None = None,
         axes: str = CAMERA,
@@ -131,6 +134,11 @@ class Preparation:
             source, lambda path: images.read(path, colour_space=colour_space), movies.Movie, colour_space
         )
         self._mattes = _opened(mask, images.read_mask, _MatteMovie, "lin_rec709")
+        self._cutter = None
+        if cutting is not None:
+            if key is not None or (cutting.model is not None and mask is not None):
+                raise ValueError("matte: expected one of mask, key and matte (--mask, --key, --matte)")
+            self._cutter = Cutter(cutting, self._plates.read, self._plates.numbers)
         self._sees_lights = isinstance(background, str) and background == ENVIRONMENT
         self._backdrops = _opened(None if self._sees_lights else background, images.read, movies.Movie)
         self.has_background = background is not None
@@ -168,12 +176,15 @@ class Preparation:
         Raises as reading, `relight.key` and `relight.place` do; ValueError for a photograph without a matte.
         """
         plate, matte = self._plates.read(number), self._mattes.read(number)
-        if self._key is not None:
+        if self._cutter is not None:
+            plate, matte = self._cutter.cut(number, matte), None
+        elif self._key is not None:
             plate, matte = cut_out(plate, self._key, mask=matte), None
         elif matte is None and np.shape(plate)[2:] == (3,):
             raise ValueError(
-                "mask: the image has no alpha channel, so give the person's matte (--mask), or cut the "
-                "person out of a screen (--key, of apply and video)"
+                "mask: the image has no alpha channel, so give the person's matte (--mask FILE), "
+                "have it made (--matte MODEL), or cut the person out of a screen (--key green, of apply "
+                "and video)"
             )
         behind = None
         if self.placement.size == BACKGROUND:  # a still lies in all frames as in the background's first

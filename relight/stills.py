@@ -4,6 +4,7 @@ import os
 from collections.abc import Callable, Iterable
 from pathlib import Path
 
+from relight.cutting import Cutting
 from relight.lights.environment import FIELD_OF_VIEW
 from relight.lights.files import write_lights
 from relight.lights.light import Light, by_name
@@ -24,6 +25,7 @@ def render_still(
     *,
     mask: Source | None = None,
     key: str | None = None,
+    cutting: Cutting | None = None,
     background: Background | str | Path | None = None,
     field_of_view: float = FIELD_OF_VIEW,
     placement: Placement | None = None,
@@ -42,7 +44,7 @@ def render_still(
 
     Parameters
     ----------
-    source, mask, key, colour_space, normals, axes, background, field_of_view, placement: as of
+    source, mask, key, cutting, colour_space, normals, axes, background, field_of_view, placement: as of
         `relight.preparation.Preparation`; stills alone.
     lights: a light, or any number of them.
     outputs: a path or several: files that `relight.write` writes, of which an .exr holds light groups and
@@ -79,7 +81,7 @@ def render_still(
     check_display(display)
     inputs.device("device", device)
     prepared = Preparation(
-        source, mask=mask, key=key, colour_space=colour_space, normals=normals, axes=axes,
+        source, mask=mask, key=key, cutting=cutting, colour_space=colour_space, normals=normals, axes=axes,
         background=background, field_of_view=field_of_view, placement=placement,
     )  # fmt: skip
     prepared.check_lights(lights)

@@ -8,6 +8,7 @@ from typing import Any
 
 import numpy as np
 
+from relight.cutting import Cutting
 from relight.lights.environment import FIELD_OF_VIEW
 from relight.lights.files import write_lights
 from relight.lights.light import Light, by_name
@@ -34,6 +35,7 @@ def render_video(
     frames: tuple[int, int] | None = None,
     mask: Source | None = None,
     key: str | None = None,
+    cutting: Cutting | None = None,
     background: Background | MovingLight | str | Path | None = None,
     field_of_view: float = FIELD_OF_VIEW,
     placement: Placement | None = None,
@@ -56,7 +58,7 @@ def render_video(
 
     Parameters
     ----------
-    source, mask, key, colour_space, normals, axes, background, field_of_view, placement: as of
+    source, mask, key, cutting, colour_space, normals, axes, background, field_of_view, placement: as of
         `relight.preparation.Preparation`. A background may be an environment that moves.
     lights: a light, or any number of them; a relight.MovingLight changes with the frame number.
     outputs: a path or several: sequences of files that `relight.write` writes; movies, .mp4 (which needs a
@@ -101,7 +103,7 @@ def render_video(
         movies.frame_rate(rate)
     inputs.device("device", device)
     prepared = Preparation(
-        source, mask=mask, key=key, colour_space=colour_space, normals=normals, axes=axes,
+        source, mask=mask, key=key, cutting=cutting, colour_space=colour_space, normals=normals, axes=axes,
         background=background, field_of_view=field_of_view, placement=placement,
     )  # fmt: skip
     numbers = _numbers(frames, prepared.span, lamps)

@@ -21,7 +21,7 @@ class OnnxFile:
     """
 
     def __init__(self, path: AnyPath) -> None:
-        """ImportError without onnxruntime (extra `matte`), FileNotFoundError, ValueError if it is no model."""
+        """ImportError without onnxruntime (extra `matte`), FileNotFoundError, ValueError for no model."""
         self.path = Path(path)
         if not self.path.is_file():
             raise FileNotFoundError(f"{path}: no such file")
@@ -93,7 +93,7 @@ class Feeding:
 
     def fed(self, encoded: np.ndarray) -> np.ndarray:
         """A photograph (H, W, 3), sRGB-encoded in [0, 1], as the input (1, 3, h, w) float32."""
-        mean, std = np.float32(self.mean), np.float32(self.std)
+        mean, std = np.array(self.mean, np.float32), np.array(self.std, np.float32)
         pixels = (np.float32(encoded) - mean) / std
         picture = torch.from_numpy(np.ascontiguousarray(pixels)).permute(2, 0, 1)[None]
         height, width = encoded.shape[:2]

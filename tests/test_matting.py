@@ -123,7 +123,8 @@ def test_a_multitask_model_gives_its_third_output(tmp_path, photograph):
         helper.make_node("Slice", ["x", "b", "c", "axis"], ["foreground"]),
     ]
     plane, shape = [1, 1, 512, 512], [1, 3, 512, 512]
-    numbers = {"a": np.int64([0]), "one": np.int64([1]), "b": np.int64([2]), "c": np.int64([3]), "axis": np.int64([1])}
+    numbers = {"a": 0, "one": 1, "b": 2, "c": 3, "axis": 1}
+    numbers = {name: np.int64([value]) for name, value in numbers.items()}
     model = save(
         tmp_path / "m.onnx",
         nodes,

@@ -85,7 +85,7 @@ def test_what_lights_and_a_background_need_of_each_other(plate):
 
 
 def test_a_photograph_without_a_matte_is_named(plate):
-    with pytest.raises(ValueError, match=r"\(--mask\), or cut the person out of a screen \(--key"):
+    with pytest.raises(ValueError, match=r"\(--mask FILE\), have it made \(--matte MODEL\), or cut"):
         Preparation(plate[..., :3]).person(0)
     person = Preparation(plate[..., :3], mask=plate[..., 3]).person(0)
     np.testing.assert_array_equal(person.matte, plate[..., 3])

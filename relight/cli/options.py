@@ -23,6 +23,20 @@ ColourSpace = Annotated[
     str | None,
     typer.Option(help="The photograph's, if its file does not say: sRGB, lin_rec709, ACEScg, Rec.2020..."),
 ]
+Matte = Annotated[
+    str | None,
+    typer.Option(
+        help="Have a network find the matte: MODEL.onnx, or a name of rembg's. Of an unknown one say "
+        "MODEL.onnx,mean=0/0/0,std=1/1/1,size=320 (also order, fit, output, sigmoid, family)."
+    ),
+]
+RefineMatte = Annotated[
+    int | None,
+    typer.Option(help="Solve the matte anew, or a rough --mask, in a band of so many pixels at its edge."),
+]
+Who = Annotated[
+    str | None, typer.Option(help="Of several people: 2 for the second largest, X/Y for the nearest.")
+]
 Device = Annotated[
     str | None, typer.Option(help="Where the networks run: cpu, cuda, cuda:1... Default: cpu.")
 ]
@@ -72,6 +86,9 @@ class Look:
         Screen | None,
         typer.Option(help="Cut the person out of a screen; a mask then says where there is one."),
     ] = None
+    matte: Matte = None
+    refine_matte: RefineMatte = None
+    person: Who = None
     background: Annotated[
         str | None,
         typer.Option(
@@ -130,6 +147,7 @@ class Look:
 
     def settings(self) -> dict[str, Any]:
         """The arguments that `render_still` and `render_video` share."""
+        from relight.cutting import Cutting
         from relight.preparation import Placement
 
         if self.layers is not None:
@@ -139,6 +157,7 @@ class Look:
         return {
             "mask": self.mask,
             "key": self.key,
+            "cutting": Cutting.parse(self.matte, self.person, self.refine_matte),
             "background": _background(self.background),
             "field_of_view": self.field_of_view,
             "placement": Placement(_size(self.size), self.placement, self.scale, _offset(self.offset)),
