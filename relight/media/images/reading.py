@@ -8,6 +8,7 @@ import OpenImageIO as oiio
 
 from relight.media import colour
 from relight.media.buffers import problem, to_array
+from relight.media.images import phone
 from relight.media.images.edge import linearise
 from relight.media.profiles import Profile
 from shadow.files import AnyPath
@@ -22,7 +23,8 @@ def read(path: AnyPath, *, colour_space: str | None = None) -> np.ndarray:
 
     Parameters
     ----------
-    path: a file that OpenImageIO reads: PNG, JPEG, TIFF, OpenEXR, HDR and others.
+    path: a file that OpenImageIO reads: PNG, JPEG, WebP, TIFF, OpenEXR, HDR and others; with the extra
+        `phone` also HEIC, AVIF and camera raw, which is developed with the camera's white balance.
     colour_space: the file's colour space ("sRGB", "lin_rec709", "ACEScg", "Rec.2020"...: see
         `relight.media.colour`) where it does not say, or says what is wrong. A file says it by its ICC
         profile, whose curves and primaries count and not its name; by `oiio:ColorSpace`, or what OpenImageIO
@@ -95,6 +97,10 @@ def load(
     path = Path(path)
     if not path.exists():
         raise FileNotFoundError(f"{path}: no such file")
+    read_phone = phone.reader(path)
+    if read_phone is not None:
+        developed, spec = read_phone(path)
+        return developed, spec, list(spec.channelnames)
     hints = oiio.ImageSpec()
     hints.attribute("oiio:UnassociatedAlpha", 1)  # or encoded values would come premultiplied
     file = oiio.ImageInput.open(str(path), hints)
