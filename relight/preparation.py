@@ -216,6 +216,7 @@ def _surfaces(normals: Surface | None, axes: str) -> Still | Files | movies.Movi
     if not isinstance(normals, str | os.PathLike) or Path(normals).suffix.lower() in (
         "",
         ".pt",
+        ".onnx",
         ".safetensors",
     ):
         return Still(normals if axes == CAMERA else normals_module.load(normals, axes=axes))

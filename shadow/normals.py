@@ -12,6 +12,7 @@ from torch import nn
 
 from shadow import inputs
 from shadow.directions import CAMERA, from_axes
+from shadow.foreign import OnnxNormals
 from shadow.framing import Framed, Framing
 from shadow.networks import checkpoints, pifuhd
 from shadow.networks.field import VisibilityField
@@ -35,7 +36,13 @@ class GivenNormals:
         return vectors
 
 
-def load(source: Any = "field", *, axes: str = CAMERA, device: torch.device | str = "cpu") -> Any:
+def load(
+    source: Any = "field",
+    *,
+    axes: str = CAMERA,
+    order: str | None = None,
+    device: torch.device | str = "cpu",
+) -> Any:
     """Where normals come from, for `infer_normals` and for whatever takes `normals`.
 
     Parameters
@@ -45,12 +52,16 @@ def load(source: Any = "field", *, axes: str = CAMERA, device: torch.device | st
           shadow`;
         - PIFuHD's front-normal generator: the path of your own checkpoint, a .pt file (see
           `shadow.networks.pifuhd`);
+        - a network of others, an .onnx file (extra `matte`): DAViD's normals and multi-task models by their
+          inputs and outputs, any other with `order` (see `shadow.foreign.OnnxNormals`);
         - a function (rgb, mask) -> (H, W, 3), of float32 NumPy arrays: the photograph (H, W, 3), linear
           Rec.709, and the matte (H, W) in [0, 1];
         - an array (H, W, 3) of the photograph's size, such as `relight.read_normals` reads from an image.
-    axes: of the function's or the array's vectors: "+x+y+z" is the camera frame (x right, y up, z to the
+    axes: of the function's, the array's or the ONNX file's vectors: "+x+y+z" is the camera frame (x right, y up,
+        z to the
         camera), "+x-y-z" OpenCV's; see `shadow.directions.from_axes`.
-    device: where a network that is loaded from a file runs.
+    order: "rgb" or "bgr", in which an ONNX file that is not DAViD's wants the photograph.
+    device: where a network that is loaded from a file runs; an ONNX file runs on the CPU.
 
     Returns
     -------
@@ -66,6 +77,10 @@ def load(source: Any = "field", *, axes: str = CAMERA, device: torch.device | st
     if not a_file and not loaded:
         name = getattr(source, "__name__", "a function") if callable(source) else "another program"
         return GivenNormals(source, axes, checkpoints.Origin(name, None, {}))
+    if a_file and Path(source).suffix.lower() == ".onnx":
+        return OnnxNormals(source, axes=axes, order=order)
+    if order is not None:
+        raise ValueError("order: expected none but for an .onnx file")
     if axes != CAMERA:
         known = source if a_file else type(source).__name__
         raise ValueError(f"axes: those of {known} are known; expected none, got {axes!r}")
@@ -76,7 +91,8 @@ def load(source: Any = "field", *, axes: str = CAMERA, device: torch.device | st
     if Path(source).suffix == ".pt":
         return pifuhd.load(source, device)
     raise ValueError(
-        f"normals: expected a name, a .safetensors or a .pt, got {source}; relight.read_normals reads images"
+        f"normals: expected a name, a .safetensors, a .pt or an .onnx, got {source}; "
+        "relight.read_normals reads images"
     )
 
 
