@@ -25,7 +25,7 @@ BAND = (0.05, 0.95)
 
 def backgrounds(size):
     """{name: (H, W, 3)}, linear."""
-    y, x = np.mgrid[: size[0], : size[1]]
+    y = np.mgrid[: size[0], : size[1]][0]
     noise = np.random.default_rng(0).random((*size, 3))
     textured = gaussian_filter(noise, (6, 6, 0))
     textured = (textured - textured.min()) / np.ptp(textured)

@@ -23,8 +23,8 @@ class OnnxNormals:
     def __init__(self, path: AnyPath, *, axes: str = CAMERA, order: str | None = None) -> None:
         """`axes`: what the file's vectors are measured along.
 
-        `order`: "rgb" or "bgr", in which it wants the photograph, sRGB-encoded from 0 to 1, in a square padded
-        by the edge; needed unless inputs and outputs are DAViD's.
+        `order`: "rgb" or "bgr", in which it wants the photograph, sRGB-encoded from 0 to 1, in a square
+        padded by the edge; needed unless inputs and outputs are DAViD's.
 
         Raises as `shadow.onnxfiles.OnnxFile`; ValueError for a file without an output of three channels.
         """

@@ -57,9 +57,8 @@ def load(
         - a function (rgb, mask) -> (H, W, 3), of float32 NumPy arrays: the photograph (H, W, 3), linear
           Rec.709, and the matte (H, W) in [0, 1];
         - an array (H, W, 3) of the photograph's size, such as `relight.read_normals` reads from an image.
-    axes: of the function's, the array's or the ONNX file's vectors: "+x+y+z" is the camera frame (x right, y up,
-        z to the
-        camera), "+x-y-z" OpenCV's; see `shadow.directions.from_axes`.
+    axes: of the function's, the array's or the ONNX file's vectors: "+x+y+z" is the camera frame (x right,
+        y up, z to the camera), "+x-y-z" OpenCV's; see `shadow.directions.from_axes`.
     order: "rgb" or "bgr", in which an ONNX file that is not DAViD's wants the photograph.
     device: where a network that is loaded from a file runs; an ONNX file runs on the CPU.
 
