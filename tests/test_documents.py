@@ -16,6 +16,7 @@ README = (ROOT / "README.md").read_text()
 RUN = {"sh", "python", "yaml"}
 # What cannot be shipped, and how many blocks need it.
 NEEDS = {
+    "a model of your own": 1,
     "a CUDA GPU": 2,
     "a network connection": 2,
     "your own copy of PIFuHD's checkpoint": 1,
