@@ -1,8 +1,8 @@
 """Hostile inputs, and what must hold whatever comes: shared by test_fuzz.py and benchmarks/fuzz.py.
 
 A kind of input is a function of a `random.Random` and a folder to write to. It draws an input, hands it to
-the library, and checks the invariants of the answer. The library may refuse it, with one of the errors that it
-documents. Whatever else is raised is a bug: `Violation` where an invariant broke.
+the library, and checks the invariants of the answer. The library may refuse it, with one of the errors that
+it documents. Whatever else is raised is a bug: `Violation` where an invariant broke.
 """
 
 import json
