@@ -198,11 +198,11 @@ def apply(random: Random, folder: Path) -> None:
     """A photograph, a matte and lights, through the networks; half of them such as may be refused."""
     rng = np.random.default_rng(random.randrange(2**32))
     size = random.randrange(8, 64), random.randrange(8, 64)
-    hostile = random.random() < 0.3
+    spoil = random.random() < 0.3
     image, mask = hostile.photograph(random, rng, size), hostile.matte(random, rng, size)
-    if hostile:
+    if spoil:
         image, mask = hostile.spoilt(random, rng, image), hostile.spoilt(random, rng, mask)
-    lights = [hostile.lamp(random, hostile) for _ in range(random.randrange(1, 4))]
+    lights = [hostile.lamp(random, spoil) for _ in range(random.randrange(1, 4))]
     subject = relight.Subject(image, mask)
     picture = subject.relit(lights)
     require(picture.dtype == np.float32 and picture.shape == (*image.shape[:2], 4), "no picture")

@@ -198,10 +198,10 @@ def spoilt(random: Random, rng: np.random.Generator, array: np.ndarray) -> Any:
     return array
 
 
-def lamp(random: Random, hostile: bool) -> relight.DirectionalLight:
+def lamp(random: Random, spoil: bool) -> relight.DirectionalLight:
     """A light, seldom one that is too bright for any picture."""
     intensity = random.choice(
-        [*NUMBERS[:20]] if hostile and random.random() < 0.3 else [0, 0.1, 1, 1, 2.5, 100]
+        [*NUMBERS[:20]] if spoil and random.random() < 0.3 else [0, 0.1, 1, 1, 2.5, 100]
     )
     direction = [random.gauss(0, 1) for _ in range(3)]
     return relight.DirectionalLight(
