@@ -88,10 +88,13 @@ def watch(first, last, journal):
             "--child",
             str(journal),
         ]
+        journal.touch()  # or the silence since an earlier run would be taken for a hang
         process = subprocess.Popen(command, env=environment)
         why = f"crash\texit status {_wait(process, journal)}"
         if process.returncode:
             stopped = [seed for seed, what in entries(journal).items() if what == STARTED]
+            if not stopped:
+                raise SystemExit(f"no input was tried: {why}")
             with journal.open("a") as notes:
                 notes.writelines(f"{seed}\t{why}\n" for seed in stopped)
 
