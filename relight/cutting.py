@@ -59,6 +59,14 @@ class Cutter:
             self._matter = matting.load(cutting.model, **cutting.options)
         self._found: dict[int, tuple[np.ndarray, np.ndarray]] = {}
 
+    def sees(self, number: int) -> list[int]:
+        """The other frames that a frame's matte depends on."""
+        if self._numbers is None or self._matter is None:
+            return []
+        if self._matter.recurrent:
+            return [n for n in range(number - WARM, number) if n in self._numbers]
+        return [n for n in (number - 1, number + 1) if n in self._numbers]
+
     def cut(self, number: int, mask: np.ndarray | None) -> np.ndarray:
         """The person of a frame (H, W, 4), linear and premultiplied; in a shot nobody may be there.
 
@@ -83,9 +91,8 @@ class Cutter:
 
     def _steady(self, number: int) -> np.ndarray:
         """The matte of a frame, averaged with its neighbours' unless the network remembers them."""
-        near = [number]
-        if self._numbers is not None and self._matter is not None and not self._matter.recurrent:
-            near += [n for n in (number - 1, number + 1) if n in self._numbers]
+        assert self._matter is not None
+        near = [number, *([] if self._matter.recurrent else self.sees(number))]
         self._found = {n: found for n, found in self._found.items() if abs(n - number) <= 2}
         for n in near:
             if n not in self._found:
@@ -104,9 +111,8 @@ class Cutter:
         assert self._matter is not None
         if self._matter.recurrent and number - 1 not in self._found:
             self._matter.forget()
-            for before in range(number - WARM, number):
-                if self._numbers is not None and before in self._numbers:
-                    self._matter(matting.encoded(matting.opaque(self._read(before))))
+            for before in self.sees(number):
+                self._matter(matting.encoded(matting.opaque(self._read(before))))
         seen = matting.encoded(matting.opaque(self._read(number)))
         return seen, matting.everywhere_not(self._matter(seen), self._cutting.model or "")
 

@@ -3,7 +3,8 @@
 import contextlib
 import os
 import re
-from collections.abc import Callable, Iterable, Iterator
+from collections.abc import Callable, Iterable, Iterator, Mapping
+from fractions import Fraction
 from pathlib import Path
 
 import numpy as np
@@ -13,11 +14,13 @@ from relight.lights.files import SUFFIXES
 from relight.lights.moving import MovingLight
 from relight.media import images, movies, nuke
 from relight.media.colour import encode
+from relight.media.identity import NAME, identity
 from relight.media.sequences import TOKEN, Sequence
 from relight.rendering import Layers
 from shadow import files
 
 Report = Callable[[int, int, str], None]  # frames done, frames in all, what is done
+Made = Mapping[int, str]  # {frame number: the identity of what it is made of}, see relight.media.identity
 
 
 def check(
@@ -114,95 +117,127 @@ def check_display(display: dict) -> None:
 
 
 def open_outputs(
-    outputs: Iterable[Path], *, transparent: bool, resume: bool, display: dict, names: list[str]
+    outputs: Iterable[Path],
+    *,
+    transparent: bool,
+    resume: bool,
+    display: dict,
+    depth: str,
+    rate: float | Fraction,
+    names: list[str],
 ) -> list["FileSink | MovieSink | ScriptSink"]:
     """Where the frames of outputs go, scripts last. `names` are the layers that a script mixes; `display`
-    what `relight.write` and `write_movie` take. Raises ValueError for what holds no frames or no alpha."""
+    what `relight.write` and `write_movie` take; `depth` that of .exr files. Raises ValueError for what holds
+    no frames or no alpha."""
     outputs = list(outputs)
     check_display(display)
     scripts = [path for path in outputs if path.suffix.lower() == ".nk"]
-    sinks = [_sink(path, transparent, resume, display) for path in outputs if path not in scripts]
-    mixes = [ScriptSink(path, sinks, names) for path in scripts]
-    for sink in sinks:  # now that nothing more is refused
-        sink.begin()
-    return sinks + mixes
-
-
-def _sink(path: Path, transparent: bool, resume: bool, display: dict) -> "FileSink | MovieSink":
-    if movies.is_movie(path):
-        if transparent and path.suffix.lower() == ".mp4":
-            raise ValueError(f"{path}: .mp4 holds no alpha; give a background, or write a .mov")
-        return MovieSink(path, resume, display)
-    sequence = Sequence.of(path)
-    if sequence is None:
-        raise ValueError(f"{path}: expected a movie, or a frame number in the name, such as relit.%04d.exr")
-    return FileSink(sequence, resume, display)
+    sinks: list[FileSink | MovieSink] = []
+    for path in (path for path in outputs if path not in scripts):
+        sequence = Sequence.of(path)
+        if movies.is_movie(path):
+            if transparent and path.suffix.lower() == ".mp4":
+                raise ValueError(f"{path}: .mp4 holds no alpha; give a background, or write a .mov")
+            sinks.append(MovieSink(path, resume, display, rate))
+        elif sequence is None:
+            expected = "a movie, or a frame number in the name, such as relit.%04d.exr"
+            raise ValueError(f"{path}: expected {expected}")
+        else:
+            sinks.append(FileSink(sequence, resume, display, depth))
+    return sinks + [ScriptSink(path, sinks, names, rate) for path in scripts]
 
 
 class FileSink:
     """A file a frame."""
 
-    def __init__(self, sequence: Sequence, resume: bool, display: dict) -> None:
-        self.sequence, self.resume, self.display = sequence, resume, display
+    def __init__(self, sequence: Sequence, resume: bool, display: dict, depth: str) -> None:
+        self.sequence, self.resume, self.display, self.depth = sequence, resume, display, depth
 
-    def begin(self) -> None:
+    def begin(self, made: Made) -> None:
         """A file stays until the one that replaces it is whole."""
 
-    def has(self, number: int) -> bool:
-        return self.resume and self.sequence.path(number).exists()
+    def has(self, number: int, made: str) -> bool:
+        """Whether the frame is there, and made of just that."""
+        return self.resume and images.read_identity(self.sequence.path(number)) == self._identity(made)
 
-    def write(self, number: int, picture: np.ndarray, layers: Layers) -> None:
-        write_picture(self.sequence.path(number), picture, layers, self.display)
+    def holds_another(self, number: int, made: str) -> bool:
+        """Whether the frame is there, but made of something else."""
+        return self.sequence.path(number).exists() and not self.has(number, made)
 
-    def finish(self, numbers: range, rate: float, problems: dict, report: Report) -> None:
+    def write(self, number: int, picture: np.ndarray, layers: Layers, made: str) -> None:
+        carried = {NAME: self._identity(made)}
+        write_picture(self.sequence.path(number), picture, layers, self.display, self.depth, carried)
+
+    def finish(self, numbers: range, made: Made, problems: dict, report: Report) -> None:
         """Nothing is left to do."""
+
+    def _identity(self, made: str) -> str:
+        return identity(made, self.depth if self.sequence.after.lower().endswith(".exr") else self.display)
 
 
 class ScriptSink:
     """A Nuke script, once the frames that it reads are there."""
 
-    def __init__(self, path: Path, sinks: list, names: list[str]) -> None:
+    def __init__(self, path: Path, sinks: list, names: list[str], rate: float | Fraction) -> None:
         found = [sink.sequence for sink in sinks if getattr(sink, "sequence", None)]
         found = [sequence for sequence in found if sequence.after.lower().endswith(".exr")]
         if not found:
             raise ValueError(f"{path}: a Nuke script needs a sequence of .exr files to read")
-        self.path, self.frames, self.names = path, found[0], names
+        self.path, self.frames, self.rate = path, found[0], rate
+        self.groups = {name: (str(self.frames), f"C_{name}") for name in names}
+        nuke.check_layers(layer for _, layer in self.groups.values())
 
-    def has(self, number: int) -> bool:
+    def begin(self, made: Made) -> None:
+        """The script stays until the one that replaces it is whole."""
+
+    def has(self, number: int, made: str) -> bool:
         return True
 
-    def finish(self, numbers: range, rate: float, problems: dict, report: Report) -> None:
+    def holds_another(self, number: int, made: str) -> bool:
+        return False
+
+    def finish(self, numbers: range, made: Made, problems: dict, report: Report) -> None:
         first = next(path for path in map(self.frames.path, numbers) if path.exists())
-        groups = {name: (str(self.frames), f"C_{name}") for name in self.names}
         size = images.read(first).shape[:2]
-        nuke.write_script(self.path, groups, size, frames=(numbers[0], numbers[-1]), rate=rate)
+        nuke.write_script(self.path, self.groups, size, frames=(numbers[0], numbers[-1]), rate=self.rate)
 
 
 class MovieSink:
     """A movie, and until it is whole its frames as half-float files in a folder beside it."""
 
-    def __init__(self, path: Path, resume: bool, display: dict) -> None:
-        self.path, self.resume, self.display = path, resume, display
+    def __init__(self, path: Path, resume: bool, display: dict, rate: float | Fraction) -> None:
+        self.path, self.resume, self.display, self.rate = path, resume, display, rate
         self.frames = held_frames(path)
-        self.whole = resume and path.exists() and not self.frames.folder.exists()
+        self.whole = False
 
-    def begin(self) -> None:
+    def begin(self, made: Made) -> None:
         """Drop the frames of an interrupted run, unless this one goes on from them."""
         if not self.resume:
             self._clear()
+        held = self.frames.folder.exists()
+        self.whole = self.resume and not held and movies.read_comment(self.path) == self._identity(made)
 
-    def has(self, number: int) -> bool:
-        return self.whole or self.frames.path(number).exists()
+    def has(self, number: int, made: str) -> bool:
+        return self.whole or images.read_identity(self.frames.path(number)) == identity(made)
 
-    def write(self, number: int, picture: np.ndarray, layers: Layers) -> None:
+    def holds_another(self, number: int, made: str) -> bool:
+        held = self.frames.path(number).exists() or (self.path.exists() and not self.frames.folder.exists())
+        return held and not self.has(number, made)
+
+    def write(self, number: int, picture: np.ndarray, layers: Layers, made: str) -> None:
         self.frames.folder.mkdir(exist_ok=True)
-        images.write(self.frames.path(number), picture.clip(-images.HALF_MAX, images.HALF_MAX))
+        shown = picture.clip(-images.HALF_MAX, images.HALF_MAX)
+        images.write(self.frames.path(number), shown, metadata={NAME: identity(made)})
 
-    def finish(self, numbers: range, rate: float, problems: dict, report: Report) -> None:
+    def finish(self, numbers: range, made: Made, problems: dict, report: Report) -> None:
         if not self.whole:
-            movies.write_movie(self.path, self._held(numbers, report), rate=rate, **self.display)
+            held, comment = self._held(numbers, report), None if problems else self._identity(made)
+            movies.write_movie(self.path, held, rate=self.rate, comment=comment, **self.display)
             if not problems:
                 self._clear()
+
+    def _identity(self, made: Made) -> str:
+        return identity(sorted(made.items()), self.display, self.rate)
 
     def _held(self, numbers: range, report: Report) -> Iterator[np.ndarray]:
         """All frames; one that is missing is the frame before it, or the first there is."""
@@ -219,7 +254,16 @@ class MovieSink:
             self.frames.folder.rmdir()
 
 
-def write_picture(path: Path, picture: np.ndarray, layers: Layers, display: dict) -> None:
-    """A picture in a file; an .exr holds its layers too."""
-    groups = layers if path.suffix.lower() == ".exr" else None
-    images.write(path, picture, layers=groups, **display)
+def write_picture(
+    path: Path,
+    picture: np.ndarray,
+    layers: Layers,
+    display: dict,
+    depth: str,
+    metadata: images.Metadata | None = None,
+) -> None:
+    """A picture in a file; an .exr, of that depth, holds its layers too."""
+    if path.suffix.lower() == ".exr":
+        images.write(path, picture, layers=layers, depth=depth, metadata=metadata)
+    else:
+        images.write(path, picture, metadata=metadata, **display)

@@ -19,6 +19,7 @@ from relight.lights.environment import FIELD_OF_VIEW, EnvironmentLight
 from relight.lights.light import Light, by_name, checked_number
 from relight.lights.moving import MovingLight
 from relight.media import images, movies
+from relight.media.identity import identity
 from relight.media.sequences import Files, Still
 from relight.media.sequences import Sequence as Frames
 from relight.rendering import Background, check_free
@@ -128,6 +129,8 @@ class Preparation:
         placement: Placement | None = None,
     ) -> None:
         self.placement, self._key = placement or Placement(), key
+        model = None if cutting is None or cutting.model is None else Path(cutting.model)
+        self._options = (key, cutting, model, colour_space, axes, field_of_view, self.placement)
         self.field_of_view = checked_number("field_of_view", field_of_view, 1e-3, 170)
         self._surfaces = _surfaces(normals, axes)
         self._plates = _opened(
@@ -169,6 +172,19 @@ class Preparation:
             raise ValueError("background: 'environment' expected an environment among the lights")
         if self.has_background:
             check_free(named)
+
+    def identity(self, number: int, around: Iterable[int]) -> str:
+        """Differs where a frame is made of something else: what is read for it and for the frames `around`,
+        which steady it, and all that this preparation was told."""
+        sources = (self._plates, self._mattes, self._surfaces)
+        persons = [source.identity(n) for n in around for source in sources]
+        if self._cutter is not None:
+            persons += [self._plates.identity(m) for n in around for m in self._cutter.sees(n)]
+        places = [number]
+        if self.placement.size == BACKGROUND and self._backdrops.numbers:
+            places.append(self._backdrops.numbers[0])
+        backdrops = [self._backdrops.identity(n) for n in places]
+        return identity(self._options, self.has_background, self._sees_lights, persons, backdrops)
 
     def person(self, number: int) -> Person:
         """The person of a frame; of a still, of any number.
@@ -219,7 +235,8 @@ def _surfaces(normals: Surface | None, axes: str) -> Still | Files | movies.Movi
         ".onnx",
         ".safetensors",
     ):
-        return Still(normals if axes == CAMERA else normals_module.load(normals, axes=axes))
+        made_of = Path(normals) if isinstance(normals, str | os.PathLike) else normals
+        return Still(normals if axes == CAMERA else normals_module.load(normals, axes=axes), made_of)
     return _opened(normals, lambda path: images.read_normals(path, axes=axes), _no_movie)
 
 

@@ -14,6 +14,7 @@ from relight.media.images import half
 from relight.subject import Subject
 
 PASSES = ("albedo", "N", "visibility", "shading")
+EXR_TYPES = ("half", "float")
 
 Background = np.ndarray | Sequence[float] | EnvironmentLight
 Layers = dict[str, np.ndarray]
@@ -65,6 +66,7 @@ def render(
     albedo: np.ndarray | None = None,
     normals: np.ndarray | Callable | str | os.PathLike | None = None,
     passes: Iterable[str] = (),
+    depth: str = "half",
     device: str | torch.device | None = None,
 ) -> tuple[np.ndarray, Layers]:
     """As `apply`, and the same picture in layers: what an OpenEXR file is written from.
@@ -73,6 +75,7 @@ def render(
     ----------
     As `apply`'s; and
     passes: what the picture is made of, any of "albedo", "N", "visibility", "shading" (see `passes_of`).
+    depth: "half" or "float", what the file will hold: the picture is the sum of groups rounded to it.
 
     Returns
     -------
@@ -84,8 +87,9 @@ def render(
     """
     lights = list(by_name(lights).values())  # what is wrong with them is said before the networks run
     passes = check_names(passes)
+    check_exr_type(depth)
     subject = Subject(image, mask, albedo=albedo, normals=normals, device=device)
-    return render_subject(subject, lights, background=background, passes=passes)
+    return render_subject(subject, lights, background=background, passes=passes, depth=depth)
 
 
 def render_subject(
@@ -94,6 +98,7 @@ def render_subject(
     *,
     background: Background | None = None,
     passes: Iterable[str] = (),
+    depth: str = "half",
 ) -> tuple[np.ndarray, Layers]:
     """A picture of an analysed person, and its layers.
 
@@ -103,11 +108,12 @@ def render_subject(
     lights: one light or more.
     background: as of `apply`.
     passes: further layers, of PASSES.
+    depth: as of `render`.
 
     Returns
     -------
     The picture, as `apply` returns it, and its layers, ready for `write`: light groups "C_<light>" (H, W, 4)
-    whose colours, as half floats, sum to the picture's; over a background one more, "C_background" (H, W, 3),
+    whose colours, at that depth, sum to the picture's; over a background one more, "C_background" (H, W, 3),
     what is seen of it; and the passes (see `passes_of`).
 
     Raises
@@ -115,28 +121,31 @@ def render_subject(
     ValueError: no light, two lights of one name, an unknown pass.
     """
     passes = check_names(passes)
-    picture, groups = light_groups(subject, lights)
+    picture, groups = light_groups(subject, lights, depth)
     further = passes_of(subject, lights, passes)
     if background is None:
         return picture, groups | further
     check_free(by_name(lights))
-    groups["C_background"] = half(behind(picture, background), "C_background")
+    groups["C_background"] = _rounded(behind(picture, background), "C_background", depth)
     return picture[..., :3] + groups["C_background"], groups | further
 
 
-def light_groups(subject: Subject, lights: Light | Iterable[Light]) -> tuple[np.ndarray, Layers]:
+def light_groups(
+    subject: Subject, lights: Light | Iterable[Light], depth: str = "half"
+) -> tuple[np.ndarray, Layers]:
     """The person's picture and what each light gives to it.
 
     Parameters
     ----------
     subject: relight.Subject.
     lights: one light or more.
+    depth: as of `render`.
 
     Returns
     -------
     The picture (H, W, 4), linear, premultiplied, and its groups {"C_<light>": (H, W, 4)}, ready for `write`.
-    The groups' values are rounded to half floats and the picture is their sum: so it still is when they come
-    back from a half-float file. Each carries the matte as its alpha.
+    For half-float files the groups' values are rounded and the picture is their sum: so it still is when they
+    come back from the file. Each carries the matte as its alpha.
 
     Raises
     ------
@@ -145,12 +154,23 @@ def light_groups(subject: Subject, lights: Light | Iterable[Light]) -> tuple[np.
     groups = {}
     for name, light in by_name(lights).items():
         layer = subject.relit(light)
-        groups[f"C_{name}"] = half(layer, f"C_{name}")
+        groups[f"C_{name}"] = _rounded(layer, f"C_{name}", depth)
     if not groups:
         raise ValueError("lights: expected at least one")
     picture = np.sum(list(groups.values()), axis=0)
     picture[..., 3] = layer[..., 3]  # coverage does not add up
     return picture, groups
+
+
+def _rounded(values: np.ndarray, name: str, depth: str) -> np.ndarray:
+    """A layer (H, W, C) as a file of that depth holds it."""
+    return half(values, name) if depth == "half" else values
+
+
+def check_exr_type(depth: str) -> None:
+    """ValueError for what is no depth of a layered file."""
+    if depth not in EXR_TYPES:
+        raise ValueError(f"exr_type: expected {' or '.join(EXR_TYPES)}, got {depth!r}")
 
 
 def passes_of(subject: Subject, lights: Light | Iterable[Light], names: Iterable[str]) -> Layers:

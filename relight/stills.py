@@ -12,7 +12,7 @@ from relight.media import images, movies, nuke
 from relight.media.sequences import Sequence
 from relight.outputs import check, check_display, write_picture
 from relight.preparation import Placement, Preparation, Source, Surface
-from relight.rendering import Background, check_names, render_subject
+from relight.rendering import Background, check_exr_type, check_names, render_subject
 from relight.subject import Subject
 from shadow import inputs
 from shadow.directions import CAMERA
@@ -33,6 +33,7 @@ def render_still(
     normals: Surface | None = None,
     axes: str = CAMERA,
     passes: Iterable[str] = (),
+    exr_type: str = "half",
     view: str | None = None,
     exposure: float = 0.0,
     save_matte: str | Path | None = None,
@@ -50,6 +51,7 @@ def render_still(
     outputs: a path or several: files that `relight.write` writes, of which an .exr holds light groups and
         passes as layers; and with an .exr, a Nuke script, .nk, that rebuilds the mix.
     passes: further layers of an .exr, of relight.rendering.PASSES.
+    exr_type: "half" or "float", what an .exr holds.
     view, exposure: how light becomes what a display shows, see `relight.media.colour.encode`.
     save_matte: also write the matte alone, grey: PNG, TIFF or OpenEXR.
     save_lights: also write the lights to a lights file.
@@ -79,6 +81,7 @@ def render_still(
     passes = check_names(passes, paths)
     display = {"view": view, "exposure": exposure}
     check_display(display)
+    check_exr_type(exr_type)
     inputs.device("device", device)
     prepared = Preparation(
         source, mask=mask, key=key, cutting=cutting, colour_space=colour_space, normals=normals, axes=axes,
@@ -92,11 +95,11 @@ def render_still(
     report("Relighting")
     subject = Subject(person.plate, person.matte, normals=person.normals, device=device)
     backdrop = prepared.backdrop(0, lights, person.plate.shape[:2])
-    picture, layers = render_subject(subject, lights, background=backdrop, passes=passes)
+    picture, layers = render_subject(subject, lights, background=backdrop, passes=passes, depth=exr_type)
     pictures = [path for path in paths if path.suffix.lower() != ".nk"]
     for path in pictures:
         report(f"Writing {path}")
-        write_picture(path, picture, layers, display)
+        write_picture(path, picture, layers, display, exr_type)
     written = pictures
     if matte_path is not None:
         images.write_mask(matte_path, person.plate[..., 3] if person.matte is None else person.matte)

@@ -1,6 +1,7 @@
 """Relit sequences and movies: moving lights on a still, a still light on a moving person, or both."""
 
 import math
+import warnings
 from collections.abc import Iterable
 from dataclasses import dataclass
 from pathlib import Path
@@ -8,23 +9,27 @@ from typing import Any
 
 import numpy as np
 
+from relight import __version__
 from relight.cutting import Cutting
 from relight.lights.environment import FIELD_OF_VIEW
 from relight.lights.files import write_lights
 from relight.lights.light import Light, by_name
 from relight.lights.moving import MovingLight, lights_at
 from relight.media import images, movies
+from relight.media.identity import NAME, identity
 from relight.media.sequences import Sequence
 from relight.outputs import Report, check, open_outputs
 from relight.preparation import Placement, Preparation, Source, Surface
-from relight.rendering import Background, check_names, render_subject
+from relight.rendering import Background, check_exr_type, check_names, render_subject
 from relight.steadying import AROUND
 from relight.subject import Subject
 from shadow import inputs
 from shadow.directions import CAMERA
+from shadow.networks.checkpoints import checksum
 
 RATE = 24  # frames a second, where nothing says otherwise
 LAST = 10**9  # of the frame numbers
+WEIGHTS = (checksum("field", "shadow"), checksum("shading", "shading"))  # what frames are analysed with
 
 
 def render_video(
@@ -43,6 +48,7 @@ def render_video(
     normals: Surface | None = None,
     axes: str = CAMERA,
     passes: Iterable[str] = (),
+    exr_type: str = "half",
     steady: bool = True,
     rate: float | None = None,
     view: str | None = None,
@@ -67,6 +73,7 @@ def render_video(
     frames: (first, last). Unless given, those of the source; of a still, those of the mask or the background,
         or from the first keyframe of the lights to the last.
     passes: further layers of an .exr, of relight.rendering.PASSES.
+    exr_type: "half" or "float", what .exr files hold.
     steady: average what the networks find of a moving person over 5 frames, where it is alike.
     rate: frames a second of the movies. Unless given, the source's, or 24.
     view, exposure, white: how light becomes what a display shows, see `relight.media.colour.encode`. White is
@@ -74,7 +81,9 @@ def render_video(
     save_matte: also write the mattes, grey: a sequence of PNG, TIFF or OpenEXR files.
     save_lights: also write the lights to a lights file.
     device: where the networks run, such as "cuda"; the CPU unless given.
-    resume: keep the frames that are there. Otherwise all are made anew.
+    resume: keep the frames that are there and were made with the same lights, sources, options and weights
+        by this version; warns of how many were not. Otherwise all are made anew. An .hdr cannot say what it
+        was made with, and is made anew.
     progress: called with (frames done, frames in all, what is done) after every frame.
 
     Where nobody is in the frame, the picture is empty. Until a movie is whole, its frames are half-float
@@ -101,6 +110,7 @@ def render_video(
     passes = check_names(passes, paths)
     if rate is not None:
         movies.frame_rate(rate)
+    check_exr_type(exr_type)
     inputs.device("device", device)
     prepared = Preparation(
         source, mask=mask, key=key, cutting=cutting, colour_space=colour_space, normals=normals, axes=axes,
@@ -113,16 +123,14 @@ def render_video(
     display = {"view": view, "exposure": exposure, "white": white}
     mattes = _mattes(matte_path)
     sinks: list[Any] = open_outputs(
-        paths, transparent=not prepared.has_background, resume=resume, display=display, names=names
-    )
+        paths, transparent=not prepared.has_background, resume=resume, display=display, depth=exr_type,
+        rate=rate or prepared.rate or RATE, names=names,
+    )  # fmt: skip
     if lights_path is not None:
         write_lights(lights_path, lamps)
     report = progress or (lambda done, total, what: None)
-    shot = _Shot(prepared, _People(prepared, steady, device), lamps, passes, sinks, mattes, resume)
-    problems = shot.make(numbers, report)
-    for sink in sinks:
-        sink.finish(numbers, rate or prepared.rate or RATE, problems, report)
-    return problems
+    people = _People(prepared, steady, device)
+    return _Shot(prepared, people, lamps, passes, exr_type, sinks, mattes, resume).make(numbers, report)
 
 
 @dataclass(frozen=True)
@@ -133,29 +141,63 @@ class _Shot:
     people: "_People"
     lights: list[Light | MovingLight]
     passes: tuple[str, ...]
+    exr_type: str
     sinks: list[Any]
     mattes: Sequence | None
     resume: bool
 
     def make(self, numbers: range, report: Report) -> dict[int, str]:
         """All frames; {frame number: what is wrong}. ValueError if none could be made."""
+        made = self._checked(numbers, report) if self.resume else {}
+        for sink in self.sinks:
+            sink.begin(made)
+        if self.resume:
+            self._warn_of_others(made)
         problems = {}
         for done, number in enumerate(numbers, 1):
             try:
-                self._make(number)
+                made[number] = made.get(number) or self._identity(number)
+                self._make(number, made[number])
             except (OSError, ValueError) as error:
                 problems[number] = str(error)
             report(done, len(numbers), "Relighting")
         if len(problems) == len(numbers):
             first = f"frame {numbers[0]}: {problems[numbers[0]]}"
             raise ValueError(f"none of {len(numbers)} frames could be made; {first}")
+        for sink in self.sinks:
+            sink.finish(numbers, made, problems, report)
         return problems
 
-    def _make(self, number: int) -> None:
+    def _checked(self, numbers: range, report: Report) -> dict[int, str]:
+        """{frame number: what it is made of}."""
+        made = {}
+        for done, number in enumerate(numbers, 1):
+            made[number] = self._identity(number)
+            report(done, len(numbers), "Checking")
+        return made
+
+    def _identity(self, number: int) -> str:
+        """Differs where the frame is made of something else."""
+        lit = lights_at(self.lights, number)
+        return identity(
+            self.prepared.identity(number, self.people.around(number)), [*by_name(lit).items()],
+            self.passes, __version__, *WEIGHTS,
+        )  # fmt: skip
+
+    def _warn_of_others(self, made: dict[int, str]) -> None:
+        others = sum(any(sink.holds_another(n, made[n]) for sink in self.sinks) for n in made)
+        if others:
+            warnings.warn(
+                f"resume: {others} of {len(made)} frames were made with other lights, sources, options, "
+                "weights or by another version, and are made anew",
+                stacklevel=4,
+            )
+
+    def _make(self, number: int, made: str) -> None:
         """The frame in all outputs that lack it, and its matte."""
-        wanted = [sink for sink in self.sinks if not sink.has(number)]
+        wanted = [sink for sink in self.sinks if not sink.has(number, made)]
         matte = None if self.mattes is None else self.mattes.path(number)
-        if matte is not None and not wanted and self.resume and matte.exists():
+        if matte is not None and self.resume and images.read_identity(matte) == made:
             matte = None
         if not wanted and matte is None:
             return
@@ -163,11 +205,13 @@ class _Shot:
         if wanted:
             lit = lights_at(self.lights, number)
             backdrop = self.prepared.backdrop(number, lit, subject.size)
-            picture, layers = render_subject(subject, lit, background=backdrop, passes=self.passes)
+            picture, layers = render_subject(
+                subject, lit, background=backdrop, passes=self.passes, depth=self.exr_type
+            )
             for sink in wanted:
-                sink.write(number, picture, layers)
+                sink.write(number, picture, layers, made)
         if matte is not None:
-            images.write_mask(matte, subject.matte)
+            images.write_mask(matte, subject.matte, metadata={NAME: made})
 
 
 def _numbers(
@@ -203,15 +247,20 @@ class _People:
         self._reach = AROUND if steady else 0
         self._analysed: dict[int, Subject | _Nobody | Exception] = {}
 
+    def around(self, number: int) -> list[int]:
+        """The frames that take part in one: it, and those that steady it; of a still 0, for all frames."""
+        if self._there is None:
+            return [0]
+        near = range(number - self._reach, number + self._reach + 1)
+        return [n for n in near if n == number or n in self._there]
+
     def at(self, number: int) -> Any:
         """A Subject, or the like of one; raises as reading and `Subject` do."""
-        if self._there is None:  # a still: one for all frames
-            number, around = 0, range(1)
-        else:
-            around = range(number - self._reach, number + self._reach + 1)
+        around = self.around(number)
+        number = number if number in around else 0
         self._analysed = {n: found for n, found in self._analysed.items() if n in around}
         for n in around:
-            if n not in self._analysed and (n == number or n in (self._there or ())):
+            if n not in self._analysed:
                 self._analysed[n] = self._analyse(n)
         subject = self._analysed[number]
         if isinstance(subject, Exception):

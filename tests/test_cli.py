@@ -159,6 +159,7 @@ def test_lights_come_from_a_file_and_go_to_one(tmp_path, photo):
         ({"--exposure": "99", "-o": "out.png"}, "exposure: expected -64 to 64 stops, got 99"),
         ({"--colour-space": "bogus"}, "colour_space: unknown 'bogus'"),
         ({"--normals": "gone.exr"}, "gone.exr: no such file"),
+        ({"--normals": "two\nlines.exr"}, "two lines.exr: no such file"),
         ({"--normals": "gone.pt"}, "gone.pt"),
         ({"--normals": "gone.pt", "--axes": "+x-y-z"}, "axes: those of gone.pt are known"),
         ({"-o": "out.gif"}, "out.gif: expected a file name that ends in"),

@@ -127,3 +127,25 @@ def test_bad_input_is_one_line_and_writes_nothing(tmp_path, monkeypatch, photo, 
     assert (result.exit_code, result.output.count("\n")) == (2, 1), result.output
     assert message in result.output
     assert not (tmp_path / "out.exr").exists()
+
+
+def test_what_the_matte_was_made_with_counts_when_a_shot_is_resumed(tmp_path, model):
+    for number in range(1, 5):
+        relight.write(tmp_path / f"p.{number}.png", frame(4 * number))
+    other = channel(tmp_path / "other.onnx", 0)
+    options = {"mean": (0, 0, 0), "std": (1, 1, 1)}
+
+    def made(number=2, **changed):
+        cutting = Cutting(**{"model": model, "options": options} | changed)
+        return Preparation(tmp_path / "p.%d.png", cutting=cutting).identity(number, [number])
+
+    assert made() == made(model=model)
+    assert made() != made(person=2)
+    assert made() != made(refine=4)
+    assert made() != made(options=options | {"sigmoid": True})
+    before = made(), made(4)
+    relight.write(tmp_path / "p.1.png", frame(40))  # steadies frame 2's matte, not frame 4's
+    assert made() != before[0]
+    assert made(4) == before[1]
+    channel(other, 1)
+    assert made(model=other) != made()

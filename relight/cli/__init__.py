@@ -25,7 +25,7 @@ class _OneLineErrors(TyperGroup):
         try:
             return super().invoke(ctx)
         except (ImportError, OSError, TypeError, ValueError) as error:
-            typer.echo(f"relight: {error}", err=True)
+            typer.echo(f"relight: {' '.join(str(error).split())}", err=True)
             raise typer.Exit(2) from error
         except MemoryError as error:
             typer.echo(f"relight: not enough memory: {error}", err=True)

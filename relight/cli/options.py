@@ -48,6 +48,11 @@ class Fitting(StrEnum):
     centre = "centre"
 
 
+class ExrType(StrEnum):
+    half = "half"
+    float = "float"
+
+
 class Screen(StrEnum):
     green = "green"
     blue = "blue"
@@ -117,6 +122,9 @@ class Look:
     passes: Annotated[
         str | None, typer.Option(help="More layers of the .exr: any of albedo,N,visibility,shading.")
     ] = None
+    exr_type: Annotated[
+        ExrType, typer.Option(help="What an .exr holds: float for lights so dim that half loses some.")
+    ] = ExrType.half
     layers: Annotated[str | None, typer.Option(hidden=True, help="The former name of --passes.")] = None
     view: Annotated[
         str | None,
@@ -165,6 +173,7 @@ class Look:
             "normals": self.normals,
             "axes": self.axes,
             "passes": _words(self.passes) + _words(self.layers),
+            "exr_type": self.exr_type.value,
             "view": self.view,
             "exposure": self.exposure,
             "save_matte": self.save_matte,

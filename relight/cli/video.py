@@ -38,7 +38,13 @@ def video(
     white: Annotated[
         float, typer.Option(min=1, help="Light that shows as white in all frames; what is below rolls off.")
     ] = 4.0,
-    resume: Annotated[bool, typer.Option("--resume", help="Keep the frames that are there.")] = False,
+    resume: Annotated[
+        bool,
+        typer.Option(
+            "--resume",
+            help="Keep the frames that are there and were made with the same lights, plates and options.",
+        ),
+    ] = False,
 ) -> None:
     """Relight a person frame by frame: lights that move (orbit=200, or a lights file), a person that does."""
     from relight.video import render_video

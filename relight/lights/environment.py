@@ -23,6 +23,7 @@ from numpy.typing import ArrayLike
 from relight.lights.light import Light, checked_number, parse_settings
 from relight.media import images
 from relight.media.buffers import to_array, to_buffer
+from relight.media.identity import identity
 from shadow.directions import from_spherical
 from shadow.files import AnyPath
 
@@ -166,6 +167,11 @@ class Panorama:
             raise FileNotFoundError(f"{path}: no such file")
         file = path.stat()
         return _read(path, (file.st_dev, file.st_ino, file.st_size, file.st_mtime_ns))
+
+    @functools.cached_property
+    def identity(self) -> str:
+        """Differs where the pixels do."""
+        return identity(self.pixels)
 
     def __repr__(self) -> str:
         return f"Panorama({str(self.path) if self.path else self.pixels.shape})"

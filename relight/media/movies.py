@@ -19,6 +19,7 @@ from numpy.typing import ArrayLike
 
 from relight.media import colour as colours
 from relight.media.colour import colour
+from relight.media.identity import identity
 from relight.media.images import scene_linear
 from shadow import files
 from shadow.files import AnyPath
@@ -118,6 +119,10 @@ class Movie:
         except ValueError as error:
             raise ValueError(f"{self.path}: {error}") from error
 
+    def identity(self, number: int) -> str:
+        """Differs where the movie's file or the frame does."""
+        return identity(self.path, number)
+
     def _decoded(self) -> Iterator[tuple[int, av.VideoFrame]]:
         """Numbers and frames, as far as they can be decoded.
 
@@ -152,6 +157,7 @@ def write_movie(
     view: str | None = None,
     exposure: float = 0.0,
     white: float = WHITE,
+    comment: str | None = None,
 ) -> None:
     """Write a movie. The file appears when it is complete.
 
@@ -164,6 +170,7 @@ def write_movie(
     view, exposure, white: how light becomes what a display shows; see `relight.media.colour.encode`. Without
         a view the movie is the same picture as a PNG, in BT.709's encoding. White = 1 clips, and light up to
         1 comes back exact but for the movie's own rounding.
+    comment: a text that the file carries; see `read_comment`.
 
     The same frames give the same file.
 
@@ -178,6 +185,8 @@ def write_movie(
         try:
             kind = path.suffix[1:].lower()
             with av.open(str(beside), "w", format=kind, options={"movflags": "faststart"}) as file:
+                if comment is not None:
+                    file.metadata["comment"] = comment
                 stream = None
                 for number, frame in enumerate(frames):
                     codes = _codes(path, frame, view, exposure, white)
@@ -192,6 +201,15 @@ def write_movie(
                 file.mux(stream.encode())
         except av.error.FFmpegError as error:
             raise OSError(f"{path}: cannot be written: {error}") from error
+
+
+def read_comment(path: AnyPath) -> str | None:
+    """The comment that a movie carries; None where there is none, or no movie."""
+    try:
+        with av.open(str(path)) as file:
+            return file.metadata.get("comment")
+    except (OSError, av.error.FFmpegError):
+        return None
 
 
 def check_writable(path: AnyPath) -> Path:

@@ -1,5 +1,6 @@
 """Frame sequences: file names with a frame number, `plate.%04d.exr` or `plate.####.exr`."""
 
+import functools
 import re
 from collections.abc import Callable
 from dataclasses import dataclass
@@ -8,6 +9,7 @@ from typing import Any, Self
 
 import numpy as np
 
+from relight.media.identity import identity
 from shadow.files import AnyPath
 
 TOKEN = re.compile(r"%0?(?P<printf>\d*)d|(?P<hashes>#+)")
@@ -73,11 +75,21 @@ class Still:
     numbers: None = None
     rate: None = None
 
-    def __init__(self, picture: Any) -> None:
+    def __init__(self, picture: Any, made_of: Any = None) -> None:
+        """`made_of`: what the picture's identity is that of, where that is not the picture."""
         self.picture = picture
+        self._made_of = picture if made_of is None else made_of
 
     def read(self, number: int) -> Any:
         return self.picture
+
+    def identity(self, number: int) -> str:
+        """Differs where the picture does."""
+        return self._identity
+
+    @functools.cached_property
+    def _identity(self) -> str:
+        return identity(self._made_of)
 
 
 class Files:
@@ -94,3 +106,7 @@ class Files:
 
     def read(self, number: int) -> np.ndarray:
         return self._read(self.sequence.path(number))
+
+    def identity(self, number: int) -> str:
+        """Differs where the frame's file does."""
+        return identity(self.sequence.path(number))

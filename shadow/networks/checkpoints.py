@@ -114,6 +114,11 @@ def load(
     return _shared(Path(str(folder / index[name]["file"])), index[name]["sha256"], kinds, device)
 
 
+def checksum(name: str, package: str) -> str:
+    """The sha256 of the weights `name` that "shadow" or "shading" ships."""
+    return json.loads((resources.files(package) / "weights" / "index.json").read_text())[name]["sha256"]
+
+
 def _shared(path: Path, checksum: str | None, kinds: tuple, device: torch.device | str) -> Any:
     with _LOADING:  # threads that ask at once share one network
         return _load(path, checksum, kinds, torch.device(device))

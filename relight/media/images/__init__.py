@@ -6,16 +6,18 @@ sRGB-encoded with straight alpha, a file of floats scene-linear and premultiplie
 
 from relight.media.images.edge import coverage, scene_linear
 from relight.media.images.maps import read_mask, read_normals, write_mask
-from relight.media.images.reading import read, read_layers
-from relight.media.images.writing import DEPTHS, HALF_MAX, check_writable, half, write
+from relight.media.images.reading import read, read_identity, read_layers
+from relight.media.images.writing import DEPTHS, HALF_MAX, Metadata, check_writable, half, write
 
 __all__ = [
     "DEPTHS",
     "HALF_MAX",
+    "Metadata",
     "check_writable",
     "coverage",
     "half",
     "read",
+    "read_identity",
     "read_layers",
     "read_mask",
     "read_normals",

@@ -7,7 +7,7 @@ from numpy.typing import ArrayLike
 
 from relight.media.images.edge import coverage
 from relight.media.images.reading import load
-from relight.media.images.writing import check_writable, checked_depth, new_spec, save
+from relight.media.images.writing import Metadata, check_writable, checked_depth, new_spec, save
 from shadow.directions import CAMERA, from_axes
 from shadow.files import AnyPath
 
@@ -35,14 +35,16 @@ def read_mask(path: AnyPath) -> np.ndarray:
     return np.clip(matte, 0, 1, dtype=np.float32)
 
 
-def write_mask(path: AnyPath, mask: ArrayLike, *, depth: str | None = None) -> None:
+def write_mask(
+    path: AnyPath, mask: ArrayLike, *, depth: str | None = None, metadata: Metadata | None = None
+) -> None:
     """Write a matte as a grey image, which `read_mask` reads back: coverage as it is, no colour encoding.
 
     Parameters
     ----------
     path: .png, .tif or .exr. Its folder must exist.
     mask: (H, W) in [0, 1], or uint8 or uint16 over the full range.
-    depth: as of `write`, but 16 bits unless given.
+    depth: as of `write`, but 16 bits unless given. metadata: as of `write`.
 
     Raises
     ------
@@ -54,7 +56,7 @@ def write_mask(path: AnyPath, mask: ArrayLike, *, depth: str | None = None) -> N
         raise ValueError(f"{path}: expected .png, .tif or .exr for a matte")
     depth = checked_depth(path, depth or ("half" if path.suffix.lower() == ".exr" else "uint16"))
     pixels = coverage("mask", mask)[..., None]
-    save(path, pixels, new_spec(pixels, depth, ["Y"]))
+    save(path, pixels, new_spec(pixels, depth, ["Y"], metadata))
 
 
 def read_normals(path: AnyPath, *, axes: str = CAMERA, layer: str | None = None) -> np.ndarray:

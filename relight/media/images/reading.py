@@ -6,7 +6,7 @@ from pathlib import Path
 import numpy as np
 import OpenImageIO as oiio
 
-from relight.media import colour
+from relight.media import colour, identity
 from relight.media.buffers import problem, to_array
 from relight.media.images import phone
 from relight.media.images.edge import linearise
@@ -87,6 +87,16 @@ def read_layers(path: AnyPath) -> dict[str, np.ndarray]:
         if dot:
             channels.setdefault(layer, []).append(index)
     return {layer: np.asarray(pixels[..., indices], np.float32) for layer, indices in channels.items()}
+
+
+def read_identity(path: AnyPath) -> str | None:
+    """The identity that a picture's file carries, from its header alone (see `relight.media.identity`); None
+    where it has none, or there is no picture."""
+    file = oiio.ImageInput.open(str(path))
+    if file is None:
+        problem(oiio)  # is taken note of, or it would be reported later
+        return None
+    return file.spec().get_string_attribute(identity.NAME) or None
 
 
 def load(

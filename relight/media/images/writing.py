@@ -13,7 +13,7 @@ from numpy.typing import ArrayLike
 from PIL import ExifTags, Image, PngImagePlugin
 
 from relight import __version__
-from relight.media import colour
+from relight.media import colour, identity
 from relight.media.buffers import problem
 from relight.media.images.edge import as_array, scene_linear
 from shadow import files
@@ -97,7 +97,7 @@ def write(
     names += [f"{name}.{channel}" for name, stack in stacks.items() for channel in _channels(name, stack)]
     stacks = {"image": pixels, **{f"layers[{name!r}]": stack for name, stack in stacks.items()}}
     pixels = _joined(path, stacks, np.float16 if depth == "half" else np.float32)
-    spec = new_spec(pixels, depth, names)
+    spec = new_spec(pixels, depth, names, metadata)
     if suffix in (".exr", ".tif", ".tiff"):
         spec.attribute("compression", "zip")
     if depth.startswith("uint"):
@@ -107,11 +107,6 @@ def write(
     else:
         spec.attribute("oiio:ColorSpace", "lin_rec709_scene")
         spec.attribute("chromaticities", oiio.TypeDesc("float[8]"), colour.REC709)
-    for name, value in (metadata or {}).items():
-        if isinstance(value, tuple):
-            spec.attribute(name, oiio.TypeDesc(f"float[{len(value)}]"), value)
-        else:
-            spec.attribute(name, value)
     save(path, pixels, spec)
 
 
@@ -125,12 +120,19 @@ def checked_depth(path: Path, depth: str | None) -> str:
     return depth
 
 
-def new_spec(pixels: np.ndarray, depth: str, names: list[str]) -> oiio.ImageSpec:
-    """What a file of these pixels (H, W, C), in channels of these names, says of itself at least."""
+def new_spec(
+    pixels: np.ndarray, depth: str, names: list[str], metadata: Metadata | None = None
+) -> oiio.ImageSpec:
+    """What a file of these pixels (H, W, C), in channels of these names, says of itself."""
     spec = oiio.ImageSpec(pixels.shape[1], pixels.shape[0], pixels.shape[2], depth)
     spec.channelnames = tuple(names)
     spec.alpha_channel = names.index("A") if "A" in names else -1
     spec.attribute("Software", f"relight {__version__}")
+    for name, value in (metadata or {}).items():
+        if isinstance(value, tuple):
+            spec.attribute(name, oiio.TypeDesc(f"float[{len(value)}]"), value)
+        else:
+            spec.attribute(name, value)
     return spec
 
 
@@ -188,7 +190,7 @@ def half(values: np.ndarray, name: str) -> np.ndarray:
     if lost > LOST:
         warnings.warn(
             f"{name}: is so dim that half floats lose {100 * lost:.0f} % of its light; "
-            "raise its intensity, or write floats (depth='float')",
+            "raise its intensity, or write floats (depth='float', --exr-type float)",
             stacklevel=2,
         )
     return rounded
@@ -201,7 +203,8 @@ def _joined(path: Path, stacks: Mapping[str, np.ndarray], dtype: type) -> np.nda
     for (name, stack), (first, last) in zip(stacks.items(), itertools.pairwise(channels), strict=True):
         if dtype == np.float16 and max(stack.max(), -stack.min()) > HALF_MAX:
             raise ValueError(
-                f"{path}: values above {HALF_MAX:g} do not fit half; write it with depth='float'"
+                f"{path}: values above {HALF_MAX:g} do not fit half; "
+                "write it with depth='float' (--exr-type float)"
             )
         joined[..., first:last] = half(stack, name) if dtype == np.float16 else stack
     return joined
@@ -232,6 +235,8 @@ def _jpeg(pixels: np.ndarray, spec: oiio.ImageSpec) -> bytes:
     for attribute in spec.extra_attribs:
         if attribute.name in ExifTags.Base.__members__:
             exif[ExifTags.Base[attribute.name]] = attribute.value
+        elif attribute.name == identity.NAME:
+            exif.get_ifd(ExifTags.IFD.Exif)[ExifTags.Base.ImageUniqueID] = attribute.value
     file = io.BytesIO()
     codes = np.rint(pixels * 255).astype(np.uint8)
     Image.fromarray(codes).save(file, "JPEG", quality=JPEG_QUALITY, exif=exif)

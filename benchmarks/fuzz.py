@@ -1,0 +1,156 @@
+"""Hostile inputs in great numbers: how many are refused, how many answered, and what breaks.
+
+python benchmarks/fuzz.py N [--first SEED] [--journal FOLDER]
+
+Inputs and invariants are those of tests/fuzzing.py. Each input is made from its seed alone, on one thread;
+one in 12 goes to the networks. A child process tries them and notes each in the journal before and after, so
+that a crash of native code or a hang is known by its seed. A run that was interrupted goes on where it was;
+several processes may share a range by --first.
+"""
+
+import argparse
+import collections
+import os
+import subprocess
+import sys
+import tempfile
+import time
+import traceback
+from pathlib import Path
+from random import Random
+
+sys.path.insert(0, str(Path(__file__).resolve().parents[1] / "tests"))
+
+CHEAP = (*("light text", "lights file", "damaged image") * 2, "damaged mask", "containers")
+NETWORKS = 12  # one input in so many goes to the networks
+HANG = 120  # seconds without a word
+STARTED = "started"
+
+
+def kind_of(seed):
+    """What an input is, by its seed."""
+    return "apply" if seed % NETWORKS == 0 else CHEAP[seed % len(CHEAP)]
+
+
+def attempt(seed, folder):
+    """What became of an input: refused, answered, or the bug and where it is, on one line."""
+    from fuzzing import Violation, outcome
+
+    try:
+        return outcome(kind_of(seed), Random(f"relight {seed}"), folder)
+    except Violation as violation:
+        return f"violation\t{violation!r}"
+    except Exception as error:
+        frame = traceback.extract_tb(error.__traceback__)[-1]
+        return f"traceback\t{error!r} in {Path(frame.filename).name}:{frame.lineno}"
+
+
+def child(seeds, journal):
+    """Try the seeds in turn, each noted before and after."""
+    import torch
+
+    torch.set_num_threads(1)
+    memory = "/dev/shm" if Path("/dev/shm").is_dir() else None
+    with (
+        tempfile.TemporaryDirectory(dir=memory) as folder,
+        journal.open("a", buffering=1, errors="backslashreplace") as notes,
+    ):
+        for seed in seeds:
+            notes.write(f"{seed}\t{STARTED}\n")
+            found = " ".join(attempt(seed, Path(folder)).splitlines())
+            notes.write(f"{seed}\t{found}\n")
+
+
+def entries(journal):
+    """{seed: what became of it} as far as the journal knows; STARTED where a child ended meanwhile."""
+    found = {}
+    if journal.exists():
+        for line in journal.read_text(errors="replace").splitlines():
+            seed, _, what = line.partition("\t")
+            found[int(seed)] = what
+    return found
+
+
+def watch(first, last, journal):
+    """Children, one after another, until all seeds are done."""
+    environment = os.environ | {"OMP_NUM_THREADS": "1"}
+    while True:
+        done = entries(journal)
+        left = [seed for seed in range(first, last) if done.get(seed, STARTED) == STARTED]
+        if not left:
+            return
+        command = [
+            sys.executable,
+            __file__,
+            str(last - left[0]),
+            "--first",
+            str(left[0]),
+            "--child",
+            str(journal),
+        ]
+        journal.touch()  # or the silence since an earlier run would be taken for a hang
+        process = subprocess.Popen(command, env=environment)
+        why = f"crash\texit status {_wait(process, journal)}"
+        if process.returncode:
+            stopped = [seed for seed, what in entries(journal).items() if what == STARTED]
+            if not stopped:
+                raise SystemExit(f"no input was tried: {why}")
+            with journal.open("a") as notes:
+                notes.writelines(f"{seed}\t{why}\n" for seed in stopped)
+
+
+def _wait(process, journal):
+    """The exit status of a child, or "hang": it is killed when the journal stands still."""
+    while True:
+        try:
+            return process.wait(timeout=5)
+        except subprocess.TimeoutExpired:
+            if journal.exists() and time.time() - journal.stat().st_mtime > HANG:
+                process.kill()
+                process.wait()
+                return "hang"
+
+
+def report(found):
+    """The figures, by kind, and each bug by its seed."""
+    counts = collections.defaultdict(collections.Counter)
+    for seed, what in found.items():
+        counts[kind_of(seed)][what.split("\t")[0]] += 1
+    columns = ("refused", "answered", "traceback", "violation", "crash")
+    print("| kind | inputs |", " | ".join(columns), "|")
+    print("|---|---|" + "---|" * len(columns))
+    for kind, row in sorted(counts.items()):
+        print(f"| {kind} | {row.total()} |", " | ".join(str(row[column]) for column in columns), "|")
+    total = sum(counts.values(), collections.Counter())
+    print(f"| all | {total.total()} |", " | ".join(str(total[column]) for column in columns), "|")
+    print(f"NaN or infinite pictures: {sum('NaN' in what for what in found.values())}")
+    for seed, what in sorted(found.items()):
+        if what not in ("refused", "answered", STARTED):
+            print(seed, kind_of(seed), what, sep="\t")
+
+
+def main():
+    parser = argparse.ArgumentParser(
+        description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
+    )
+    parser.add_argument("count", type=int, metavar="N")
+    parser.add_argument("--first", type=int, default=0)
+    parser.add_argument("--journal", type=Path, default=Path("fuzz"))
+    parser.add_argument("--report", action="store_true", help="print what the journals say and try nothing")
+    parser.add_argument("--child", type=Path, help=argparse.SUPPRESS)
+    given = parser.parse_args()
+    seeds = range(given.first, given.first + given.count)
+    if given.child:
+        done = entries(given.child)
+        return child([seed for seed in seeds if done.get(seed, STARTED) == STARTED], given.child)
+    given.journal.mkdir(parents=True, exist_ok=True)
+    if not given.report:
+        watch(seeds.start, seeds.stop, given.journal / f"{seeds.start}-{seeds.stop}.tsv")
+    found = {}
+    for journal in sorted(given.journal.glob("*.tsv")):
+        found |= entries(journal)
+    report(found)
+
+
+if __name__ == "__main__":
+    main()
