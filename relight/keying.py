@@ -1,5 +1,8 @@
 """The matte of a person before a green or blue screen: key, despill, and the foreground's own colour."""
 
+from importlib.util import find_spec
+from pathlib import Path
+
 import numpy as np
 import OpenImageIO as oiio
 import torch
@@ -15,6 +18,7 @@ SATURATED = 0.3  # least difference of a screen's channel to the others, as a sh
 BARE = 0.85  # of the screen's difference: above it no one is there
 SOLID = 0.8  # coverage above which, away from any edge, it is complete: spill and folds make no holes
 GRAIN = 3.0  # medians of the screen's grain, 2 standard deviations, that count as nobody; twice it is kept
+COMPILING = "Compiling PyMatting, once on this machine: one to two minutes"
 EDGE = 1 / 40  # widest soft edge, as a share of the side of a square of the person's area
 
 
@@ -84,6 +88,13 @@ def key(image: ArrayLike, screen: str = "green", *, mask: ArrayLike | None = Non
     torch.set_num_threads(threads)  # numba has set the process' to the number of processors
     colour = _despill(foreground.clip(0), channel, person)
     return np.concatenate([colour * alpha[..., None], alpha[..., None]], axis=-1, dtype=np.float32)
+
+
+def is_compiled() -> bool:
+    """Whether PyMatting has compiled itself on this machine before, as far as its own cache tells."""
+    found = find_spec("pymatting")
+    folders = [] if found is None else found.submodule_search_locations or []
+    return any(any(Path(folder).glob("foreground/__pycache__/*.nbi")) for folder in folders)
 
 
 def _difference(pixels: np.ndarray, channel: int) -> np.ndarray:

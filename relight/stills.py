@@ -4,6 +4,7 @@ import os
 from collections.abc import Callable, Iterable
 from pathlib import Path
 
+from relight import keying
 from relight.cutting import Cutting
 from relight.lights.environment import FIELD_OF_VIEW
 from relight.lights.files import write_lights
@@ -88,6 +89,8 @@ def render_still(
         background=background, field_of_view=field_of_view, placement=placement,
     )  # fmt: skip
     prepared.check_lights(lights)
+    if (key is not None or cutting is not None) and not keying.is_compiled():
+        report(keying.COMPILING)
     person = prepared.person(0)
     if lights_path is not None:
         write_lights(lights_path, lights)

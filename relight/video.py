@@ -1,5 +1,6 @@
 """Relit sequences and movies: moving lights on a still, a still light on a moving person, or both."""
 
+import importlib
 import math
 import warnings
 from collections.abc import Iterable
@@ -9,7 +10,7 @@ from typing import Any
 
 import numpy as np
 
-from relight import __version__
+from relight import __version__, keying
 from relight.cutting import Cutting
 from relight.lights.environment import FIELD_OF_VIEW
 from relight.lights.files import write_lights
@@ -129,6 +130,10 @@ def render_video(
     if lights_path is not None:
         write_lights(lights_path, lamps)
     report = progress or (lambda done, total, what: None)
+    if (key is not None or cutting is not None) and not keying.is_compiled():
+        report(0, 1, keying.COMPILING)
+        importlib.import_module("pymatting")
+        report(1, 1, keying.COMPILING)
     people = _People(prepared, steady, device)
     return _Shot(prepared, people, lamps, passes, exr_type, sinks, mattes, resume).make(numbers, report)
 

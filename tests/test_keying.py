@@ -6,6 +6,7 @@ import torch
 from scipy.ndimage import binary_dilation
 
 import relight
+from relight import keying
 
 SIZE, SUPERSAMPLED = 200, 3
 GREEN, BLUE = (0.05, 0.45, 0.08), (0.04, 0.1, 0.5)
@@ -169,3 +170,21 @@ def test_without_pymatting_it_says_what_to_install(monkeypatch):
         ImportError, match=r"key: needs PyMatting; install it with: pip install 'relight\[key\]'"
     ):
         relight.key(np.full((40, 40, 3), GREEN))
+
+
+def test_the_first_use_on_a_machine_says_what_takes_so_long(monkeypatch, tmp_path):
+    plate = np.full((64, 48, 3), (0.05, 0.6, 0.05), np.float32)
+    plate[12:60, 14:34] = (0.5, 0.4, 0.3)
+    relight.key(plate)
+    assert keying.is_compiled()
+    light = relight.DirectionalLight()
+    for compiled in (True, False):
+        monkeypatch.setattr(keying, "is_compiled", lambda answer=compiled: answer)
+        said, steps = [], []
+        relight.render_still(plate, light, tmp_path / "o.exr", key="green", progress=said.append)
+        relight.render_video(
+            plate, light, tmp_path / "o.%d.exr", key="green", frames=(1, 1),
+            progress=lambda done, total, what, steps=steps: steps.append(what),
+        )  # fmt: skip
+        assert (keying.COMPILING in said) is not compiled
+        assert (keying.COMPILING in steps) is not compiled
