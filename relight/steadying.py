@@ -9,13 +9,14 @@ Manduchi 1998, for the filter; Kuglin and Hines 1975, phase correlation, for the
 The weights do not depend on the lights that the person is relit with, so relighting stays linear in them.
 """
 
-from collections.abc import Callable, Iterable
+from collections.abc import Iterable
+from dataclasses import dataclass
 from typing import Any
 
 import torch
 import torch.nn.functional as F
 
-from relight.canvas import Canvas
+from relight.canvas import Canvas, Maps
 from shadow.directions import olat
 from shadow.framing import affine_sample
 
@@ -35,20 +36,39 @@ def steadied(canvas: Canvas, around: Iterable[Canvas], alike: float = ALIKE) -> 
     for other in around:
         matrix = _motion(canvas, other)
         seen.append((other, matrix, _weight(canvas, probed, other, matrix, alike)))
-    total = torch.stack([weight for _, _, weight in seen]).sum(dim=0)
-
-    def mean(maps: Callable[[Canvas], Any]) -> torch.Tensor:
-        """The weighted mean of maps (C, h, w), which are taken from each canvas by `maps`."""
-        parts = [weight * _moved(maps(frame), matrix) for frame, matrix, weight in seen]
-        return torch.stack(parts).sum(dim=0) / total
-
+    frames, matrices, weights = zip(*seen, strict=True)
+    total = torch.stack(weights).sum(dim=0)
+    mean = _Mean(matrices, tuple(weight / total for weight in weights))
     return canvas._replace(
-        normals=F.normalize(mean(lambda frame: frame.normals), dim=0),
-        visibility=lambda directions: mean(lambda frame: frame.visibility(directions)),
-        shading=lambda directions: mean(lambda frame: frame.shading(directions)),
-        albedo=mean(lambda frame: frame.albedo),
-        light=None if canvas.light is None else mean(lambda frame: frame.light),
+        normals=F.normalize(mean(frame.normals for frame in frames), dim=0),
+        visibility=_MeanMaps(mean, tuple(frame.visibility for frame in frames)),
+        shading=_MeanMaps(mean, tuple(frame.shading for frame in frames)),
+        albedo=mean(frame.albedo for frame in frames),
+        light=None if canvas.light is None else mean(frame.light for frame in frames),
     )
+
+
+@dataclass(frozen=True)
+class _Mean:
+    """The weighted mean of maps (C, h, w), one a frame, each moved to where the person is on the canvas."""
+
+    matrices: tuple[torch.Tensor | None, ...]
+    weights: tuple[torch.Tensor, ...]  # (1, h, w), which sum to one
+
+    def __call__(self, maps: Iterable[Any]) -> torch.Tensor:
+        moved = map(_moved, maps, self.matrices)
+        return torch.stack([weight * one for weight, one in zip(self.weights, moved, strict=True)]).sum(dim=0)
+
+
+@dataclass(frozen=True)
+class _MeanMaps:
+    """The mean of what the frames have for light directions (D, 3)."""
+
+    mean: _Mean
+    maps: tuple[Maps, ...]
+
+    def __call__(self, directions: torch.Tensor) -> torch.Tensor:
+        return self.mean(maps(directions) for maps in self.maps)
 
 
 def _moved(maps: torch.Tensor, matrix: torch.Tensor | None) -> torch.Tensor:

@@ -89,6 +89,8 @@ def render_still(
         background=background, field_of_view=field_of_view, placement=placement,
     )  # fmt: skip
     prepared.check_lights(lights)
+    if any(path.suffix.lower() == ".nk" for path in paths):
+        nuke.check_layers(f"C_{name}" for name in by_name(lights))
     if (key is not None or cutting is not None) and not keying.is_compiled():
         report(keying.COMPILING)
     person = prepared.person(0)

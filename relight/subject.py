@@ -46,6 +46,10 @@ class Subject:
         or anything else that `shadow.normals.load` takes, such as a PIFuHD checkpoint.
     device: where the networks run, such as "cuda"; the CPU unless given. Relighting itself runs on the CPU.
 
+    A Subject can be pickled and sent to another process. Spawn such processes: a process that is forked after
+    torch has run on two threads or more hangs at its first network (Python's `multiprocessing` forks unless
+    it is told otherwise, before Python 3.14 on Linux).
+
     Raises
     ------
     TypeError: a dtype that is not welcome. ValueError: wrong shapes, NaN or infinite values, values out of

@@ -1,3 +1,5 @@
+import multiprocessing
+
 import numpy as np
 import pytest
 import torch
@@ -387,3 +389,17 @@ def test_masks_of_either_byte_order_are_one(person):
     codes = (mask * 65535).astype(np.uint16)
     pictures = [relight.apply(rgb, LEFT, mask=each) for each in (codes, codes.astype(">u2"))]
     np.testing.assert_array_equal(*pictures)
+
+
+def test_a_spawned_pool_relights_what_it_is_sent():
+    """Two processes: one relights a Subject, steadied, that this process made; one makes its own."""
+    light = relight.DirectionalLight(azimuth=30)
+    here = relight.Subject(IMAGE)
+    steadied = here.steadied([relight.Subject(IMAGE)])
+    expected = steadied.relit(light)
+    context = multiprocessing.get_context("spawn")  # forked after the networks ran, a process may hang
+    with context.Pool(2) as pool:
+        sent = pool.apply_async(steadied.relit, (light,))
+        made = pool.apply_async(relight.apply, (IMAGE, light))
+        np.testing.assert_allclose(sent.get(120), expected, atol=1e-6)
+        np.testing.assert_allclose(made.get(120), here.relit(light), atol=1e-3)
