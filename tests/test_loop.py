@@ -65,6 +65,7 @@ def test_normals_of_a_sphere_are_learned(folder, tmp_path):
     assert normals.load(path).size == 128
 
 
+@pytest.mark.slow
 def test_depth_of_a_sphere_is_learned_where_records_have_it(folder, tmp_path):
     run(SHADOW, folder, tmp_path / "with", 20, validation=[folder])
     row = json.loads((tmp_path / "with" / "log.jsonl").read_text().splitlines()[-1])
@@ -173,7 +174,7 @@ def _angle(path, folder, out):
         (shading_task(), diffuse.ShadingField),
         (shading_task(normals=False, visibility=None), diffuse.ShadingField),
         (shading_task(visibility="baseline"), diffuse.ShadingField),
-        (per_light_task("resb3"), diffuse.PerLightShading),
+        pytest.param(per_light_task("resb3"), diffuse.PerLightShading, marks=pytest.mark.slow),
     ],
 )
 def test_shading_networks_are_trained_on_a_field_and_record_it(folder, tmp_path, task, kind):
