@@ -213,6 +213,31 @@ def _held(person: Person, fit: Fit, rest: np.ndarray) -> np.ndarray:
     return held
 
 
+def _evened(angle: np.ndarray, closed: bool) -> np.ndarray:
+    """Directions (R,) in radians along a border, evened out: where it turned back on itself, in the cleft of
+    the seat, a tube that goes down from it would be cut open."""
+    around = 2 * np.pi * np.sign(angle[-1] - angle[0])
+    for _ in range(30):
+        ahead, behind = np.roll(angle, -1), np.roll(angle, 1)
+        ahead[-1], behind[0] = ahead[-1] + around, behind[0] - around
+        if closed:
+            angle = (ahead + behind) / 2 * 0.5 + angle * 0.5
+        else:
+            angle[1:-1] = (ahead + behind)[1:-1] / 4 + angle[1:-1] * 0.5
+    return angle
+
+
+def _followed(points: np.ndarray, skirt: cKDTree) -> csr_matrix:
+    """How much (P, V) points of cloth follow each vertex of the body that is in the tree.
+
+    A wide average: between the legs the cloth follows both, not one up to the middle line."""
+    distance, near = skirt.query(points, k=60)
+    share = np.exp(-((distance / 0.07) ** 2)) + 1e-6
+    share /= share.sum(axis=1, keepdims=True)
+    rows = np.repeat(np.arange(len(near)), 60)
+    return csr_matrix((share.ravel(), (rows, near.ravel())), (len(near), skirt.n))
+
+
 def _let_down(
     person: Person,
     fit: Fit,
@@ -237,17 +262,7 @@ def _let_down(
     out = (rest[ring] - centre) * [1, 0, 1]
     radius = np.linalg.norm(out, axis=1)
     out = out / radius[:, None]
-    # Even out the directions along the border: where it turned back on itself, in the cleft of the seat,
-    # the tube would be cut open.
-    angle = np.unwrap(np.arctan2(out[:, 0], out[:, 2]))
-    around = 2 * np.pi * np.sign(angle[-1] - angle[0])
-    for _ in range(30):
-        ahead, behind = np.roll(angle, -1), np.roll(angle, 1)
-        ahead[-1], behind[0] = ahead[-1] + around, behind[0] - around
-        if closed:
-            angle = (ahead + behind) / 2 * 0.5 + angle * 0.5
-        else:
-            angle[1:-1] = (ahead + behind)[1:-1] / 4 + angle[1:-1] * 0.5
+    angle = _evened(np.unwrap(np.arctan2(out[:, 0], out[:, 2])), closed)
     out = np.stack([np.sin(angle), np.zeros(len(angle)), np.cos(angle)], axis=1)
     tree = cKDTree(skirt)
     skirt_out = (skirt - centre) * [1, 0, 1]
@@ -274,15 +289,8 @@ def _let_down(
         depth = min(1.0, k * fit.below / count / 0.5)
         here = centre + out * (grown * (1 + folds * depth))[:, None]
         here[:, 1] = y
-        # A wide average: between the legs the cloth follows both, not one up to the middle line.
-        distance, near = tree.query(here, k=60)
-        share = np.exp(-((distance / 0.07) ** 2)) + 1e-6
-        share /= share.sum(axis=1, keepdims=True)
-        average = csr_matrix(
-            (share.ravel(), (np.repeat(np.arange(len(near)), 60), near.ravel())), (len(near), len(skirt))
-        )
         points.append(here)
-        rows.append(average @ base.weights[base.skirt])
+        rows.append(_followed(here, tree) @ base.weights[base.skirt])
         ring_now = first + (k - 1) * len(ring) + np.arange(len(ring))
         a, b, c, d = previous, np.roll(previous, -1), ring_now, np.roll(ring_now, -1)
         # The chain runs with the cloth on its left, so the band takes it the other way round.
