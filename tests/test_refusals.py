@@ -47,7 +47,7 @@ def run(*arguments):
         ([*STILL, *LAMP, "--save-lights", "gone/l.yaml"], "gone/l.yaml: the folder gone does not exist"),
         (
             ["apply", "photo.png", "-o", "a.png", "--save-lights", "l.yaml", *LAMP],
-            "(--mask), or cut the person",
+            "(--mask FILE), have it made (--matte MODEL), or cut the person",
         ),
         (["apply", "p.%04d.png", "-o", "a.png", *LAMP], f"p.%04d.png: {NO_FRAMES}"),
         ([*STILL, *LAMP, "--background", "p.####.png"], f"p.####.png: {NO_FRAMES}"),
