@@ -88,6 +88,7 @@ def test_light_groups_add_up_in_the_file(tmp_path):
     assert (tmp_path / "out" / "groups.nk").read_text().count("Multiply {") == 3
 
 
+@pytest.mark.slow
 def test_the_moving_light_runs(tmp_path):
     printed = run(ROOT / "examples" / "moving_light.py", tmp_path / "m.mp4", "--size", "64", "--step", "90")
     assert "change a degree" in printed

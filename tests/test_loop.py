@@ -55,6 +55,7 @@ def test_learning_rate_warms_up_and_falls_to_zero():
     assert rates[-1] == pytest.approx(0, abs=1e-9)
 
 
+@pytest.mark.slow
 def test_normals_of_a_sphere_are_learned(folder, tmp_path):
     path = run(SHADOW, folder, tmp_path, 12, validation=[folder])
     rows = [json.loads(line) for line in (tmp_path / "log.jsonl").read_text().splitlines()]
@@ -148,6 +149,7 @@ def test_an_interrupted_run_ends_where_an_uninterrupted_one_does(folder, tmp_pat
         torch.testing.assert_close(a, b, msg=key)
 
 
+@pytest.mark.slow
 def test_a_field_may_take_other_normals_in_its_gate_and_records_them(folder, tmp_path):
     first = run(SHADOW, folder, tmp_path / "first", 2)
     assert isinstance(visibility.load(first), VisibilityField)
