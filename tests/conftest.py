@@ -4,9 +4,14 @@ import os
 
 import numpy as np
 import pytest
+import torch
 
 from shadow import directions
 from shadow.data.records import Record
+
+if "PYTEST_XDIST_WORKER" in os.environ:  # a process for each core: their threads would wait for each other
+    torch.set_num_threads(1)
+    os.environ["OMP_NUM_THREADS"] = "1"  # of the processes that tests start
 
 
 def sphere(size=96, radius=0.8, behind=True):
