@@ -183,7 +183,9 @@ class Place:
                 distance = each.min(axis=1)
                 toward = -np.sign(rays) * np.eye(3)[axis]
                 point = origin + rays * distance[:, None]
-                paint = np.where(toward[:, 1:2] > 0.5, self.ground, np.where(toward[:, 1:2] < -0.5, 0.75, colour))
+                paint = np.where(
+                    toward[:, 1:2] > 0.5, self.ground, np.where(toward[:, 1:2] < -0.5, 0.75, colour)
+                )
                 pane = ((point > self.window[0] - 1e-6) & (point < self.window[1] + 1e-6)).all(axis=1)
                 meet(distance > 0, distance, toward, paint * ~pane[:, None], self.bright * pane[:, None])
             for low, high, colour, what in self.boxes:

@@ -20,6 +20,7 @@ import torch
 import torch.nn.functional as F
 from numpy.typing import ArrayLike
 
+from relight.lights import plate
 from relight.lights.light import Light, checked_number, parse_settings
 from relight.media import images
 from relight.media.buffers import to_array, to_buffer
@@ -95,6 +96,44 @@ class EnvironmentLight(Light):
             return cls(path, **{"name": "environment"} | parse_settings(cls, settings))
         except (TypeError, ValueError) as error:
             raise ValueError(f"environment {text!r}: {error}") from error
+
+    @classmethod
+    def from_plate(
+        cls,
+        background: AnyPath | ArrayLike,
+        field_of_view: float = FIELD_OF_VIEW,
+        *,
+        highlights: float = plate.HIGHLIGHTS,
+        **settings: Any,
+    ) -> Self:
+        """The light of the place that a background shows: in it, a person looks as if they stood there.
+
+        Parameters
+        ----------
+        background: a file, or an opaque image (H, W, 3|4), integers sRGB, floats linear Rec.709.
+        field_of_view: vertical, of the camera that took it, in degrees, above 0 and up to 170.
+        highlights: how many times as bright as white that is which the camera clipped, at least 1: a lamp or
+            the sun. Of a background with values above 1, nothing is taken to be clipped.
+        settings: intensity, colour, exposure, name... as of the light itself; a rotation turns the place.
+
+        What the background shows is behind the person, and `view(size, field_of_view)` shows it again. The
+        light from elsewhere is a guess (see `relight.lights.plate`): the front is like the back, left is like
+        left and up like up, and so much light comes from above that a grey card (18 %) that lies on the
+        ground, the lower half of the picture, is as bright as the ground.
+
+        Raises
+        ------
+        FileNotFoundError: no such file. TypeError, ValueError: not an image, transparent pixels, NaN,
+        infinite or negative light, parameters that are out of range.
+        """
+        field_of_view = checked_number("field_of_view", field_of_view, 1e-3, 170)
+        highlights = checked_number("highlights", highlights, 1)
+        if isinstance(background, str | os.PathLike):
+            background = images.read(background)
+        pixels = images.scene_linear("background", background)
+        if pixels[..., 3:].min(initial=1) < 1:
+            raise ValueError("background: expected an opaque picture, got one with transparent pixels")
+        return cls(plate.surroundings(pixels[..., :3], field_of_view, highlights), **settings)
 
     def settings(self) -> dict[str, Any]:
         """{parameter: value} of the constructor, as far as they are not its defaults.
