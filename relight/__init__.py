@@ -15,6 +15,7 @@ if TYPE_CHECKING:  # for editors and type checkers, which don't follow `__getatt
     from relight.lights.environment import EnvironmentLight
     from relight.lights.files import read_lights, write_lights
     from relight.lights.moving import MovingLight
+    from relight.matching import match
     from relight.matting import matte
     from relight.media.images import read, read_layers, read_mask, read_normals, write, write_mask
     from relight.olat import write_olat
@@ -33,6 +34,7 @@ _EXPORTS = {
     "apply": "relight.rendering",
     "fit_lights": "relight.fitting",
     "key": "relight.keying",
+    "match": "relight.matching",
     "matte": "relight.matting",
     "over": "relight.composite",
     "place": "relight.composite",

@@ -18,6 +18,7 @@ from relight.keying import key as cut_out
 from relight.lights.environment import FIELD_OF_VIEW, EnvironmentLight
 from relight.lights.light import Light, by_name, checked_number
 from relight.lights.moving import MovingLight
+from relight.matching import Matching, PlateLight
 from relight.media import images, movies
 from relight.media.identity import identity
 from relight.media.sequences import Files, Still
@@ -108,6 +109,7 @@ class Preparation:
     background: as of `relight.apply`; or a file, sequence or movie; or "environment": what a camera of
         `field_of_view` (vertical, degrees) sees of the environments among the lights.
     placement: Placement of the photograph in the picture.
+    matching: Matching: what light the picture borrows, of its background above all.
 
     Raises
     ------
@@ -127,8 +129,10 @@ class Preparation:
         background: Background | MovingLight | str | Path | None = None,
         field_of_view: float = FIELD_OF_VIEW,
         placement: Placement | None = None,
+        matching: Matching | None = None,
     ) -> None:
         self.placement, self._key = placement or Placement(), key
+        self._matching = matching or Matching()
         model = None if cutting is None or cutting.model is None else Path(cutting.model)
         self._options = (key, cutting, model, colour_space, axes, field_of_view, self.placement)
         self.field_of_view = checked_number("field_of_view", field_of_view, 1e-3, 170)
@@ -145,6 +149,9 @@ class Preparation:
         self._sees_lights = isinstance(background, str) and background == ENVIRONMENT
         self._backdrops = _opened(None if self._sees_lights else background, images.read, movies.Movie)
         self.has_background = background is not None
+        self._plate_light = PlateLight(self._backdrops, self.field_of_view)
+        if self._matching.plate:
+            self._plate_light.check()
 
     @property
     def numbers(self) -> Sequence[int] | None:
@@ -172,6 +179,7 @@ class Preparation:
             raise ValueError("background: 'environment' expected an environment among the lights")
         if self.has_background:
             check_free(named)
+        self._matching.check_names(named)
 
     def identity(self, number: int, around: Iterable[int]) -> str:
         """Differs where a frame is made of something else: what is read for it and for the frames `around`,
@@ -183,8 +191,11 @@ class Preparation:
         places = [number]
         if self.placement.size == BACKGROUND and self._backdrops.numbers:
             places.append(self._backdrops.numbers[0])
+        if self._matching.plate:
+            places += self._plate_light.sees(number)
         backdrops = [self._backdrops.identity(n) for n in places]
-        return identity(self._options, self.has_background, self._sees_lights, persons, backdrops)
+        options = (*self._options, self._matching.plate)
+        return identity(options, self.has_background, self._sees_lights, persons, backdrops)
 
     def person(self, number: int) -> Person:
         """The person of a frame; of a still, of any number.
@@ -221,6 +232,15 @@ class Preparation:
         found: Any = self._backdrops.read(number)
         found = found.at(number) if isinstance(found, MovingLight) else found
         return found.view(size, self.field_of_view) if isinstance(found, EnvironmentLight) else found
+
+    def borrowed(self, number: int, size: tuple[int, ...]) -> list[EnvironmentLight]:
+        """The light of the background of a frame, in a picture of `size` (H, W), if it is matched."""
+        return [self._plate_light.at(number, size)] if self._matching.plate else []
+
+    @property
+    def borrows_once(self) -> bool:
+        """Whether the light of the background is the same in all frames."""
+        return self._backdrops.numbers is None
 
 
 def _surfaces(normals: Surface | None, axes: str) -> Still | Files | movies.Movie:

@@ -7,8 +7,8 @@ from pathlib import Path
 from relight import keying
 from relight.cutting import Cutting
 from relight.lights.environment import FIELD_OF_VIEW
-from relight.lights.files import write_lights
 from relight.lights.light import Light, by_name
+from relight.matching import Matching, lights_in
 from relight.media import images, movies, nuke
 from relight.media.sequences import Sequence
 from relight.outputs import check, check_display, write_picture
@@ -30,6 +30,7 @@ def render_still(
     background: Background | str | Path | None = None,
     field_of_view: float = FIELD_OF_VIEW,
     placement: Placement | None = None,
+    matching: Matching | None = None,
     colour_space: str | None = None,
     normals: Surface | None = None,
     axes: str = CAMERA,
@@ -46,7 +47,8 @@ def render_still(
 
     Parameters
     ----------
-    source, mask, key, cutting, colour_space, normals, axes, background, field_of_view, placement: as of
+    source, mask, key, cutting, colour_space, normals, axes, background, field_of_view, placement,
+        matching: as of
         `relight.preparation.Preparation`; stills alone.
     lights: a light, or any number of them.
     outputs: a path or several: files that `relight.write` writes, of which an .exr holds light groups and
@@ -76,9 +78,9 @@ def render_still(
     for path in (source, mask, background, normals, *paths, matte_path):
         if isinstance(path, str | os.PathLike) and (movies.is_movie(path) or Sequence.of(path) is not None):
             raise ValueError(f"{path}: expected one picture's file; frames are made by a video")
-    lights = list(by_name(lights).values())
-    read = (source, mask, background, normals, *lights)
-    check(paths, read, mattes=matte_path, lights=lights_path)
+    lights, matching = list(by_name(lights).values()), matching or Matching()
+    read = (source, mask, background, normals, matching.reference, matching.mask, *lights)
+    check(paths, read, mattes=matte_path, lights=lights_path, maps=matching.keeps(lights_path))
     passes = check_names(passes, paths)
     display = {"view": view, "exposure": exposure}
     check_display(display)
@@ -86,17 +88,22 @@ def render_still(
     inputs.device("device", device)
     prepared = Preparation(
         source, mask=mask, key=key, cutting=cutting, colour_space=colour_space, normals=normals, axes=axes,
-        background=background, field_of_view=field_of_view, placement=placement,
+        background=background, field_of_view=field_of_view, placement=placement, matching=matching,
     )  # fmt: skip
     prepared.check_lights(lights)
     if any(path.suffix.lower() == ".nk" for path in paths):
         nuke.check_layers(f"C_{name}" for name in by_name(lights))
     if (key is not None or cutting is not None) and not keying.is_compiled():
         report(keying.COMPILING)
+    reference = matching.person(cutting)
     person = prepared.person(0)
-    if lights_path is not None:
-        write_lights(lights_path, lights)
+    lights += prepared.borrowed(0, person.plate.shape[:2])
 
+    if reference is not None:
+        report("Matching")
+        lights += lights_in(*reference, device=device)
+    if lights_path is not None:
+        matching.write_lights(lights_path, lights)
     report("Relighting")
     subject = Subject(person.plate, person.matte, normals=person.normals, device=device)
     backdrop = prepared.backdrop(0, lights, person.plate.shape[:2])

@@ -13,9 +13,9 @@ import numpy as np
 from relight import __version__, keying
 from relight.cutting import Cutting
 from relight.lights.environment import FIELD_OF_VIEW
-from relight.lights.files import write_lights
 from relight.lights.light import Light, by_name
 from relight.lights.moving import MovingLight, lights_at
+from relight.matching import PLATE, Matching, lights_in
 from relight.media import images, movies
 from relight.media.identity import NAME, identity
 from relight.media.sequences import Sequence
@@ -45,6 +45,7 @@ def render_video(
     background: Background | MovingLight | str | Path | None = None,
     field_of_view: float = FIELD_OF_VIEW,
     placement: Placement | None = None,
+    matching: Matching | None = None,
     colour_space: str | None = None,
     normals: Surface | None = None,
     axes: str = CAMERA,
@@ -65,7 +66,8 @@ def render_video(
 
     Parameters
     ----------
-    source, mask, key, cutting, colour_space, normals, axes, background, field_of_view, placement: as of
+    source, mask, key, cutting, colour_space, normals, axes, background, field_of_view, placement,
+        matching: as of
         `relight.preparation.Preparation`. A background may be an environment that moves.
     lights: a light, or any number of them; a relight.MovingLight changes with the frame number.
     outputs: a path or several: sequences of files that `relight.write` writes; movies, .mp4 (which needs a
@@ -106,8 +108,9 @@ def render_video(
     lights_path = None if save_lights is None else Path(save_lights)
     lamps: Any = lights
     lamps = [lamps] if hasattr(lamps, "at") or hasattr(lamps, "samples") else list(lamps)
-    read = (source, mask, background, normals, *lamps)
-    check(paths, read, mattes=matte_path, lights=lights_path)
+    matching = matching or Matching()
+    read = (source, mask, background, normals, matching.reference, matching.mask, *lamps)
+    check(paths, read, mattes=matte_path, lights=lights_path, maps=matching.keeps(lights_path))
     passes = check_names(passes, paths)
     if rate is not None:
         movies.frame_rate(rate)
@@ -115,12 +118,21 @@ def render_video(
     inputs.device("device", device)
     prepared = Preparation(
         source, mask=mask, key=key, cutting=cutting, colour_space=colour_space, normals=normals, axes=axes,
-        background=background, field_of_view=field_of_view, placement=placement,
+        background=background, field_of_view=field_of_view, placement=placement, matching=matching,
     )  # fmt: skip
     numbers = _numbers(frames, prepared.span, lamps)
     first = lights_at(lamps, numbers[0])
     prepared.check_lights(first)
-    names = [*by_name(first), *(["background"] if prepared.has_background else [])]
+    if matching.keeps(lights_path) is not None and not prepared.borrows_once:
+        raise ValueError("save_lights: the light of a background that moves fits in no lights file")
+    reference = matching.person(cutting)
+    if reference is not None:
+        lamps += lights_in(*reference, device=device)
+    names = [
+        *by_name(lights_at(lamps, numbers[0])),
+        *([PLATE] if matching.plate else []),
+        *(["background"] if prepared.has_background else []),
+    ]
     display = {"view": view, "exposure": exposure, "white": white}
     mattes = _mattes(matte_path)
     sinks: list[Any] = open_outputs(
@@ -128,7 +140,8 @@ def render_video(
         rate=rate or prepared.rate or RATE, names=names,
     )  # fmt: skip
     if lights_path is not None:
-        write_lights(lights_path, lamps)
+        size = prepared.person(numbers[0]).plate.shape[:2] if matching.plate else (1, 1)
+        matching.write_lights(lights_path, [*lamps, *prepared.borrowed(numbers[0], size)])
     report = progress or (lambda done, total, what: None)
     if (key is not None or cutting is not None) and not keying.is_compiled():
         report(0, 1, keying.COMPILING)
@@ -210,6 +223,7 @@ class _Shot:
         if wanted:
             lit = lights_at(self.lights, number)
             backdrop = self.prepared.backdrop(number, lit, subject.size)
+            lit = [*lit, *self.prepared.borrowed(number, subject.size)]
             picture, layers = render_subject(
                 subject, lit, background=backdrop, passes=self.passes, depth=self.exr_type
             )

@@ -102,6 +102,20 @@ class Look:
         ),
     ] = None
     field_of_view: Annotated[float, typer.Option(help="Of that camera, vertical, in degrees.")] = 40.0
+    match_plate: Annotated[
+        bool,
+        typer.Option(
+            "--match-plate",
+            help="Light from the background, an image, as if the person stood there.",
+        ),
+    ] = False
+    match: Annotated[
+        str | None,
+        typer.Option(
+            help="Light as in this photograph of somebody, which has alpha, --match-mask or --matte."
+        ),
+    ] = None
+    match_mask: Annotated[str | None, typer.Option(help="The matte of that photograph.")] = None
     size: Annotated[
         str | None,
         typer.Option(help="The picture's: 1920x1080, or background for its own. Default: the photograph's."),
@@ -149,13 +163,14 @@ class Look:
         lighting = [] if self.lights is None else read_lights(self.lights)
         lighting += [parse(text) for text in self.light or []]
         lighting += [parse(text, EnvironmentLight) for text in self.environment or []]
-        if not lighting:
-            raise ValueError("no light: expected --light, --environment or --lights")
+        if not (lighting or self.match_plate or self.match):
+            raise ValueError("no light: expected --light, --environment, --lights, --match or --match-plate")
         return lighting
 
     def settings(self) -> dict[str, Any]:
         """The arguments that `render_still` and `render_video` share."""
         from relight.cutting import Cutting
+        from relight.matching import Matching
         from relight.preparation import Placement
 
         if self.layers is not None:
@@ -168,6 +183,7 @@ class Look:
             "cutting": Cutting.parse(self.matte, self.person, self.refine_matte),
             "background": _background(self.background),
             "field_of_view": self.field_of_view,
+            "matching": Matching(self.match_plate, self.match, self.match_mask),
             "placement": Placement(_size(self.size), self.placement, self.scale, _offset(self.offset)),
             "colour_space": self.colour_space,
             "normals": self.normals,

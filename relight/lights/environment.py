@@ -130,10 +130,8 @@ class EnvironmentLight(Light):
         highlights = checked_number("highlights", highlights, 1)
         if isinstance(background, str | os.PathLike):
             background = images.read(background)
-        pixels = images.scene_linear("background", background)
-        if pixels[..., 3:].min(initial=1) < 1:
-            raise ValueError("background: expected an opaque picture, got one with transparent pixels")
-        return cls(plate.surroundings(pixels[..., :3], field_of_view, highlights), **settings)
+        pixels = plate.opaque(background)
+        return cls(plate.surroundings(pixels, field_of_view, highlights), **settings)
 
     def settings(self) -> dict[str, Any]:
         """{parameter: value} of the constructor, as far as they are not its defaults.

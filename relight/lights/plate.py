@@ -10,11 +10,14 @@ import numpy as np
 import OpenImageIO as oiio
 import torch
 import torch.nn.functional as F
+from numpy.typing import ArrayLike
 from scipy.ndimage import gaussian_filter
 
 from relight.media.buffers import to_array, to_buffer
 from relight.media.colour import luminance
+from relight.media.images import scene_linear
 
+OPAQUE = 0.999  # alpha that filters may leave of 1
 ROWS = 1024  # of a map at most
 GREY = 0.18  # reflectance of a grey card, and of what a photograph shows on average
 HIGHLIGHTS = 8.0  # three stops
@@ -22,6 +25,14 @@ CLIPPING = 0.8  # of white, from where on a pixel is the brighter the closer it 
 BLUR = 0.5  # of the plate's height: standard deviation, of what is continued far from it
 FADE = 30.0  # degrees from the plate to where only the blurred is left
 MINKOWSKI = 6  # norm of "shades of grey", the estimate of the light's colour (Finlayson and Trezzi 2004)
+
+
+def opaque(background: ArrayLike) -> np.ndarray:
+    """A background (H, W, 3|4) as its colours (H, W, 3), linear; ValueError where it is transparent."""
+    pixels = scene_linear("background", background)
+    if pixels[..., 3:].min(initial=1) < OPAQUE:
+        raise ValueError("background: expected an opaque picture, got one with transparent pixels")
+    return pixels[..., :3]
 
 
 def surroundings(plate: np.ndarray, field_of_view: float, highlights: float) -> np.ndarray:
@@ -55,7 +66,7 @@ def surroundings(plate: np.ndarray, field_of_view: float, highlights: float) -> 
     if plate.max() <= 1:
         # Only where they are seen: their images in the mirror are no lamps.
         light = np.where(outside[..., None] > 0, light, _expanded(light, highlights))
-    return np.float32(light)
+    return light.astype(np.float32)
 
 
 def _missing(plate: np.ndarray, light: np.ndarray, share: np.ndarray) -> np.ndarray:
@@ -84,7 +95,7 @@ def _expanded(light: np.ndarray, highlights: float) -> np.ndarray:
 
 
 def _at(image: np.ndarray, across: np.ndarray, down: np.ndarray) -> np.ndarray:
-    """Values (rows, columns, 3) of an image at positions in [-1, 1]: across (columns,), down (rows, columns)."""
+    """An image (rows, columns, 3) at positions in [-1, 1], across (columns,) and down (rows, columns)."""
     grid = np.float32(np.stack([np.broadcast_to(across, down.shape), down], axis=-1))
     source = torch.from_numpy(np.ascontiguousarray(image.transpose(2, 0, 1)))[None]
     found = F.grid_sample(source, torch.from_numpy(grid)[None], padding_mode="border", align_corners=False)
