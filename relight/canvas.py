@@ -7,6 +7,7 @@ import numpy as np
 import torch
 import torch.nn.functional as F
 
+from relight.depth import Space
 from shading import Analysis
 from shadow.framing import Framing
 
@@ -28,13 +29,14 @@ class Canvas(NamedTuple):
     shading: Maps
     albedo: torch.Tensor  # (3, h, w) linear, in [0, 1]
     light: torch.Tensor | None  # (1, h, w) in which it was photographed; None if the albedo is given
+    space: Space  # where the person is in the room
 
     @classmethod
     def of(
-        cls, analysis: Analysis, framing: Framing, image: torch.Tensor, albedo: torch.Tensor | None
+        cls, analysis: Analysis, image: torch.Tensor, albedo: torch.Tensor | None, space: Space
     ) -> "Canvas":
-        """From an analysis on any device. `framing` is on the whole plate, `image` display-encoded; `albedo`
-        (3, h, w) takes the place of what was inferred."""
+        """From an analysis on any device. `image` is display-encoded; `albedo` (3, h, w) takes the place of
+        what was inferred; `space` says where the canvas lies on the whole plate."""
         known, light = analysis.framed.mask.cpu() > 0.5, None
         if albedo is None:
             albedo = analysis.canvas_albedo.cpu()
@@ -46,7 +48,8 @@ class Canvas(NamedTuple):
             Elsewhere(maps, place) if place.type != "cpu" else maps
             for maps in (analysis.canvas_visibility, analysis.canvas_shading)
         )
-        return cls(framing, known, image, analysis.canvas_normals.cpu(), visibility, shading, albedo, light)
+        normals = analysis.canvas_normals.cpu()
+        return cls(space.framing, known, image, normals, visibility, shading, albedo, light, space)
 
 
 class Elsewhere(NamedTuple):

@@ -17,6 +17,7 @@ import torch
 import torch.nn.functional as F
 
 from relight.canvas import Canvas, Maps
+from relight.depth import Space
 from shadow.directions import olat
 from shadow.framing import affine_sample
 
@@ -45,6 +46,7 @@ def steadied(canvas: Canvas, around: Iterable[Canvas], alike: float = ALIKE) -> 
         shading=_MeanMaps(mean, tuple(frame.shading for frame in frames)),
         albedo=mean(frame.albedo for frame in frames),
         light=None if canvas.light is None else mean(frame.light for frame in frames),
+        space=Space(canvas.space.camera, canvas.framing, _MeanDepth(mean, frames)),
     )
 
 
@@ -69,6 +71,18 @@ class _MeanMaps:
 
     def __call__(self, directions: torch.Tensor) -> torch.Tensor:
         return self.mean(maps(directions) for maps in self.maps)
+
+
+@dataclass(frozen=True)
+class _MeanDepth:
+    """The mean of the frames' depths (h, w), worked out when it is asked for."""
+
+    mean: _Mean
+    frames: tuple[Canvas, ...]
+
+    def __call__(self) -> torch.Tensor:
+        depth = self.mean(frame.space.depth[None] for frame in self.frames)[0]
+        return depth * self.frames[0].known
 
 
 def _moved(maps: torch.Tensor, matrix: torch.Tensor | None) -> torch.Tensor:

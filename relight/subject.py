@@ -11,7 +11,9 @@ import torch.nn.functional as F
 
 from relight import steadying
 from relight.canvas import Canvas, weighted_sum
+from relight.depth import Camera, Space, given_depth
 from relight.foreground import Foreground, given_albedo, matte_of, photograph, plate_of
+from relight.lights.environment import FIELD_OF_VIEW
 from relight.lights.light import Light, as_lights, by_name
 from relight.media.colour import luminance
 from relight.upsampling import JointBilateral
@@ -19,6 +21,7 @@ from shading import Analysis, diffuse
 from shading.albedo import solve_lighting
 from shadow import analysis, inputs
 from shadow.directions import olat
+from shadow.foreign import OnnxDepth
 from shadow.framing import Extension, Framed
 from shadow.mattes import person_in
 from shadow.normals import on_canvas, resolve
@@ -44,6 +47,14 @@ class Subject:
     albedo: (H, W, 3) to use instead of inferring it; integers sRGB, floats linear in [0, 1].
     normals: (H, W, 3) camera-frame normals (x right, y up, z to the camera) to use instead of inferring them;
         or anything else that `shadow.normals.load` takes, such as a PIFuHD checkpoint.
+    depth: (H, W) floats, metres along the camera's axis, larger farther away, to use instead of what the
+        normals say; differences alone count. Or the path of an ONNX file, DAViD's depth or multi-task model,
+        whose depth is scaled to that of the normals.
+    height: metres of the person that the matte shows, 1.75 unless given; a warning says so where the frame
+        cuts the person and metres are needed.
+    field_of_view: of the photograph's camera, vertical, in degrees.
+    camera: relight.depth.Camera of another frame, such as the first of a shot: positions are then in the same
+        room, and `height` and `field_of_view` are not looked at.
     device: where the networks run, such as "cuda"; the CPU unless given. Relighting itself runs on the CPU.
 
     A Subject can be pickled and sent to another process. Spawn such processes: a process that is forked after
@@ -63,17 +74,27 @@ class Subject:
         albedo: np.ndarray | None = None,
         normals: np.ndarray | Callable | str | os.PathLike | None = None,
         *,
+        depth: np.ndarray | str | os.PathLike | None = None,
+        height: float | None = None,
+        field_of_view: float = FIELD_OF_VIEW,
+        camera: Camera | None = None,
         device: str | torch.device | None = None,
     ) -> None:
         place = inputs.device("device", device) or torch.device("cpu")
         pixels = plate_of(image)
         alpha = matte_of(pixels, mask)
         paint = None if albedo is None else given_albedo(albedo, tuple(alpha.shape))
+        away: torch.Tensor | OnnxDepth | None = None
+        if depth is not None:
+            a_file = isinstance(depth, str | os.PathLike)
+            away = OnnxDepth(depth) if a_file else given_depth(depth, tuple(alpha.shape))
+        person_matte = person_in(alpha)
+        camera = camera or Camera.of(person_matte, height, field_of_view)
         field, shader = analysis.load(device=place), diffuse.load(device=place)
         seen = None if normals is None else photograph(pixels).to(place)
         surface = resolve(normals, seen, alpha.to(place), field, shader)
 
-        self._person = person = Foreground(pixels, alpha, person_in(alpha), mask is not None)
+        self._person = person = Foreground(pixels, alpha, person_matte, mask is not None)
         framed = Framed.of(person.colour, person.matte, field.size)
         framing = self._framing = framed.framing
         surface = on_canvas(None if surface is None else person.crop(surface), framing)
@@ -91,7 +112,10 @@ class Subject:
             self._albedo = person.take(paint)
             paint = Framed.of(paint, person.matte, field.size).rgb
         on_plate = framing.shifted(person.left, person.top, person.size)
-        self._use(Canvas.of(found, on_plate, canvas_guide, paint))
+        relative = isinstance(away, OnnxDepth)
+        away = away.depth(photograph(pixels)) if isinstance(away, OnnxDepth) else away
+        space = Space.of(found, camera, on_plate, person_matte, away, relative)
+        self._use(Canvas.of(found, canvas_guide, paint, space))
 
     def _use(self, canvas: Canvas) -> None:
         """Take what the networks found from `canvas`."""
@@ -108,7 +132,7 @@ class Subject:
         `relight.steadying`.
         """
         steady = copy.copy(self)
-        for name in ("albedo", "normals", "_texture"):
+        for name in ("albedo", "normals", "depth", "_texture"):
             steady.__dict__.pop(name, None)
         steady._use(steadying.steadied(self._canvas, [subject._canvas for subject in around]))
         return steady
@@ -196,6 +220,22 @@ class Subject:
     def normals(self) -> np.ndarray:
         """(H, W, 3) float32 unit vectors in the camera frame, at the networks' detail; zero outside."""
         return self._person.scatter(F.normalize(self._to_plate(self._canvas.normals), dim=1))
+
+    @cached_property
+    def depth(self) -> np.ndarray:
+        """(H, W) float32 metres along the camera's axis, positive away from the camera, relative to the
+        subject's middle; zero outside the matte."""
+        return self._person.scatter(self._to_plate(self._canvas.space.depth[None]))[..., 0]
+
+    @property
+    def camera(self) -> Camera:
+        """The plate's camera, which takes pixels and depth to positions in the room."""
+        return self._canvas.space.camera
+
+    @property
+    def distance(self) -> float:
+        """Metres from the camera to the subject's middle, along the camera's axis."""
+        return self.camera.distance
 
     def visibility(self, directions: np.ndarray) -> np.ndarray:
         """Self-shadow maps (D, H, W) float32 in [0, 1]: 1 = lit, zero outside the matte.
