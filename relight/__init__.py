@@ -10,6 +10,7 @@ from typing import TYPE_CHECKING, Any
 if TYPE_CHECKING:  # for editors and type checkers, which don't follow `__getattr__`
     from relight.composite import over, place
     from relight.fitting import fit_lights
+    from relight.floor import Floor
     from relight.keying import key
     from relight.lights.directional import DirectionalLight
     from relight.lights.environment import EnvironmentLight
@@ -28,6 +29,7 @@ __version__ = "0.2.0"
 _EXPORTS = {
     "DirectionalLight": "relight.lights.directional",
     "EnvironmentLight": "relight.lights.environment",
+    "Floor": "relight.floor",
     "MovingLight": "relight.lights.moving",
     "Subject": "relight.subject",
     "apply": "relight.rendering",

@@ -50,6 +50,7 @@ class Camera:
     focal: float  # pixels
     middle: tuple[float, float]  # (x, y) of the subject's middle on the plate, pixels
     distance: float  # metres to the subject's middle, along z
+    bottom: int  # row of the plate at which the person ends
     guessed: bool = False  # the frame cuts the person, and nobody has said how many metres it shows
 
     @classmethod
@@ -68,7 +69,7 @@ class Camera:
         focal = size[0] / 2 / math.tan(math.radians(angle / 2))
         middle = ((left + right) / 2, (top + bottom) / 2)
         cut = top == 0 or bottom == size[0]
-        return cls(size, focal, middle, metres * focal / (bottom - top), cut and height is None)
+        return cls(size, focal, middle, metres * focal / (bottom - top), bottom, cut and height is None)
 
     @property
     def metres_per_pixel(self) -> float:

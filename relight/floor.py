@@ -17,9 +17,11 @@ import torch
 import torch.nn.functional as F
 
 from relight.depth import Camera
+from relight.foreground import matte_of, plate_of
 from relight.lights.light import Light, checked_number, checked_numbers
 from relight.solid import Silhouette, Solid
 from shadow.framing import bounding_box
+from shadow.mattes import person_in
 
 LOOKUPS = 2**24  # of silhouettes, for one light: more samples are looked up on a coarser grid of pixels
 COARSE = 0.015  # metres between the points of a solid that one of many samples sees
@@ -88,11 +90,15 @@ class Floor:
             values[name] = numbers if name == "feet" else numbers[0]
         return cls(**values)  # type: ignore[arg-type]
 
-    def check(self, matte: torch.Tensor) -> None:
-        """ValueError where the person that a matte (H, W) shows cannot stand on it."""
+    def check(self, image: np.ndarray, mask: np.ndarray | None) -> None:
+        """ValueError where the person that an image and a mask show, as `relight.Subject` takes them, cannot
+        stand on it."""
+        with warnings.catch_warnings():  # the Subject says what there is to say of the matte
+            warnings.simplefilter("ignore")
+            matte = person_in(matte_of(plate_of(image), mask))
         rows, columns = matte.shape
         bottom = bounding_box(matte)[2]
-        soles = [bottom] if self.feet is None else [y for y in self.feet[1::2]]
+        soles = [bottom] if self.feet is None else list(self.feet[1::2])
         if self.feet is not None and not all(
             0 <= x <= columns and 0 <= y <= rows for x, y in (self.feet[:2], self.feet[2:])
         ):
@@ -115,7 +121,7 @@ class Floor:
         below = -float((normal @ soles).mean())
         if self.height is None or self.horizon is None:
             return Plane(normal, below)
-        if self._cut(camera):
+        if self.feet is None and camera.bottom == camera.size[0]:  # they are not in the picture
             return Plane(normal, self.height)
         times = self.height / below
         if not 1 / UNLIKELY < times < UNLIKELY:
@@ -131,8 +137,6 @@ class Floor:
 
         Points (3, N) that are scaled about the camera look the same in the picture.
         """
-        if self._cut(camera):
-            return 1.0
         feet = points if self.feet is None else self.soles(camera, points)
         lowest = -float((plane.normal @ feet).quantile(SOLES if self.feet is None else 0.5))
         return plane.below / lowest if lowest > 0 else 1.0
@@ -145,10 +149,6 @@ class Floor:
         rays = camera.rays(*torch.tensor(self.feet).view(2, 2).T)
         apart = (points[:2] / -points[2])[:, None] - rays[:2, :, None]
         return rays * -points[2, apart.norm(dim=0).argmin(dim=1)]
-
-    def _cut(self, camera: Camera) -> bool:
-        """Whether the frame cuts the feet off."""
-        return self.feet is None and camera.bottom == camera.size[0]
 
     def _normal(self, soles: torch.Tensor, camera: Camera) -> torch.Tensor:
         """Upward from the floor (3,), in the plane of y and z, since the camera is not rolled."""
@@ -179,7 +179,9 @@ class Plane(NamedTuple):
         height, width = camera.size
         horizon = height / 2 - camera.focal * float(self.normal[2] / self.normal[1])
         top = min(max(math.floor(horizon), 0), height)
-        rows, columns = (torch.arange(low, high, step) + step / 2 for low, high in ((top, height), (0, width)))
+        rows, columns = (
+            torch.arange(low, high, step) + step / 2 for low, high in ((top, height), (0, width))
+        )
         y, x = torch.meshgrid(rows, columns, indexing="ij")
         rays = camera.rays(x, y).permute(1, 2, 0)
         return top, rays * (-self.below / (rays @ self.normal).clamp_max(-1e-6))[..., None]
@@ -208,7 +210,7 @@ class Sample(NamedTuple):
         return ((way @ plane.normal).clamp_min(0) / squared**1.5)[..., None] * self.power
 
 
-class Floored(NamedTuple):
+class Stance(NamedTuple):
     """A person on their floor."""
 
     camera: Camera
@@ -217,14 +219,26 @@ class Floored(NamedTuple):
     times: float  # how many times farther away they stand than they were taken to
 
     @classmethod
-    def of(cls, floor: Floor, camera: Camera, positions: torch.Tensor, known: torch.Tensor) -> "Floored":
-        """`positions` (3, h, w) of what the camera sees, in metres from the subject's middle."""
+    def of(
+        cls, floor: Floor, camera: Camera, positions: torch.Tensor, known: torch.Tensor, cut: bool
+    ) -> "Stance":
+        """From the `positions` (3, h, w) that the camera sees of them, in metres from the subject's middle,
+        where `known` (h, w); `cut`: the frame cuts the feet off."""
         positions = positions + _middle(camera)[:, None, None]
         points = positions[:, known]
         plane = floor.under(camera, points)
-        times = floor.stand(points, plane, camera)
+        times = 1.0 if cut else floor.stand(points, plane, camera)
         solid = Solid.of(positions * times, known)
         return cls(camera, plane, solid, times)
+
+    def shadows(self, lights: Mapping[str, Light]) -> tuple[dict[str, np.ndarray], np.ndarray]:
+        """As `relight.Subject.shadows` returns them."""
+        each, full, blocked = {}, torch.zeros(3), torch.zeros(*self.camera.size, 3)
+        for name, light in lights.items():
+            without, kept = self.light(_samples(light))
+            each[name] = _ratio(without, kept)
+            full, blocked = full + without, blocked + kept
+        return each, _ratio(full, blocked)
 
     def light(self, samples: list[Sample]) -> tuple[torch.Tensor, torch.Tensor]:
         """The irradiance of the floor: what there would be without the person, and what they keep off.
@@ -246,7 +260,9 @@ class Floored(NamedTuple):
                     hidden = Silhouette(solid, sample.light).at(points[part])[..., None]
                     blocked[part] += hidden * (reaching if reaching.ndim == 1 else reaching[part])
         size = height, width
-        return full if full.ndim == 1 else _enlarged(full, top, step, size), _enlarged(blocked, top, step, size)
+        return full if full.ndim == 1 else _enlarged(full, top, step, size), _enlarged(
+            blocked, top, step, size
+        )
 
     def _shaded(
         self, points: torch.Tensor, light: torch.Tensor, top: int, step: int
@@ -264,21 +280,7 @@ class Floored(NamedTuple):
         return None if right <= left or down <= up else (slice(up, down), slice(left, right))
 
 
-def shadows(person: Floored, lights: Mapping[str, Light]) -> tuple[dict[str, np.ndarray], np.ndarray]:
-    """{name: shadow (H, W, 3)} of each light on the floor, and that of all of them together.
-
-    In [0, 1], by which what is seen of the floor is multiplied: 1 where nothing is in the way, and above the
-    horizon. The shadow of all is the mean of theirs, weighted by the irradiance of the floor.
-    """
-    each, full, blocked = {}, torch.zeros(3), torch.zeros(3)
-    for name, light in lights.items():
-        without, kept = person.light(samples_of(light, person))
-        each[name] = _ratio(without, kept)
-        full, blocked = full + without, blocked + kept
-    return each, _ratio(full, blocked)
-
-
-def samples_of(light: Light, person: Floored) -> list[Sample]:
+def _samples(light: Light) -> list[Sample]:
     """The points of a light, in the camera's axes."""
     directions, powers = (torch.from_numpy(np.float32(values)) for values in light.samples())
     lights = torch.cat([directions, torch.zeros(len(directions), 1)], dim=1)

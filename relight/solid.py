@@ -90,7 +90,9 @@ class Silhouette:
         """How much of the light is blocked on its way to points (h, w, 3) behind the solid: (h, w)."""
         seen, front = self._project(points)
         size = torch.tensor([self.image.shape[-1], self.image.shape[-2]])
-        grid = ((seen - self._low) / self._cell * 2 + 1) / size - 1  # a cell's own place is its pixel's centre
+        grid = (
+            (seen - self._low) / self._cell * 2 + 1
+        ) / size - 1  # a cell's own place is its pixel's centre
         found = F.grid_sample(self.image, grid[None], padding_mode="zeros", align_corners=False)[0, 0]
         return found if front is None else found * front
 

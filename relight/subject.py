@@ -12,6 +12,7 @@ import torch.nn.functional as F
 from relight import steadying
 from relight.canvas import Canvas, weighted_sum
 from relight.depth import Camera, Space, given_depth
+from relight.floor import Floor, Stance
 from relight.foreground import Foreground, given_albedo, matte_of, photograph, plate_of
 from relight.lights.environment import FIELD_OF_VIEW
 from relight.lights.light import Light, as_lights, by_name
@@ -200,6 +201,19 @@ class Subject:
         shape = self._canvas.known.shape
         maps = weighted_sum(self._canvas.visibility, [(directions, weights[:, None])], shape, channels=1)
         return self._person.scatter(self._to_plate(maps))[..., 0]
+
+    def shadows(
+        self, lights: Light | Iterable[Light], floor: Floor
+    ) -> tuple[dict[str, np.ndarray], np.ndarray]:
+        """The shadow of each light on the floor, {name: (H, W, 3)}, and that of all of them, (H, W, 3).
+
+        float32 in [0, 1], by which the background is multiplied: the share of the floor's light that the person
+        leaves to it, 1 where that is all, and above the horizon. The shadow of all lights is the mean of
+        theirs, weighted by the irradiance of the floor. Raises ValueError where the person cannot stand there.
+        """
+        cut = bool(self.matte[-1].max() > 0.5)
+        space, known = self._canvas.space, self._canvas.known
+        return Stance.of(floor, space.camera, space.positions, known, cut).shadows(by_name(lights))
 
     @property
     def size(self) -> tuple[int, int]:
