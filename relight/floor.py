@@ -25,7 +25,7 @@ from shadow.mattes import person_in
 
 LOOKUPS = 2**24  # of silhouettes, for one light: more samples are looked up on a coarser grid of pixels
 COARSE = 0.015  # metres between the points of a solid that one of many samples sees
-SOLES = 0.003  # share of the person's pixels that touch the ground
+SOLES = 1e-4  # share of the person's pixels that may seem to be below the ground
 STEPS = 0.17  # metres: feet so far apart in depth say half of how the camera is tilted
 UNLIKELY = 1.4  # times as tall or as small as the person is taken to be: the floor's numbers are doubted
 

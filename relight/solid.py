@@ -10,6 +10,7 @@ from scipy.ndimage import distance_transform_edt
 
 THICKEST = 0.2  # metres of body behind what the camera sees; measured by benchmarks/floor.py
 GAIN = 1.5  # points a cell at which a silhouette is full is one over this: a sheet of points has no holes
+CUBES = 2**20  # more than there are in a row
 BEHIND = 0.05  # of the way from a light to the solid's middle, within which nothing is seen by the light
 
 
@@ -45,8 +46,8 @@ class Solid(NamedTuple):
         """The same with one point a cube of that side, where it was finer."""
         if spacing <= self.spacing:
             return self
-        cubes = (self.points / spacing).floor().long()
-        _, cube = torch.unique(cubes, dim=0, return_inverse=True)
+        columns, rows, layers = (self.points / spacing).floor().long().T
+        _, cube = torch.unique((columns * CUBES + rows) * CUBES + layers, return_inverse=True)
         count = torch.bincount(cube)
         sums = torch.zeros(len(count), 3).index_add_(0, cube, self.points)
         return Solid(sums / count[:, None], spacing)
