@@ -16,6 +16,7 @@ if TYPE_CHECKING:  # for editors and type checkers, which don't follow `__getatt
     from relight.lights.environment import EnvironmentLight
     from relight.lights.files import read_lights, write_lights
     from relight.lights.moving import MovingLight
+    from relight.lights.near import PointLight, RectLight
     from relight.matting import matte
     from relight.media.images import read, read_layers, read_mask, read_normals, write, write_mask
     from relight.olat import write_olat
@@ -31,6 +32,8 @@ _EXPORTS = {
     "EnvironmentLight": "relight.lights.environment",
     "Floor": "relight.floor",
     "MovingLight": "relight.lights.moving",
+    "PointLight": "relight.lights.near",
+    "RectLight": "relight.lights.near",
     "Subject": "relight.subject",
     "apply": "relight.rendering",
     "fit_lights": "relight.fitting",

@@ -72,6 +72,14 @@ class _MeanMaps:
     def __call__(self, directions: torch.Tensor) -> torch.Tensor:
         return self.mean(maps(directions) for maps in self.maps)
 
+    def each(self, directions: torch.Tensor) -> torch.Tensor:
+        """A direction a pixel (3, h, w), which goes to where the pixel is in each frame, to a map (h, w)."""
+        moved = (_moved(directions, _inverse(matrix)) for matrix in self.mean.matrices)
+        found = (
+            maps.each(F.normalize(toward, dim=0))[None] for maps, toward in zip(self.maps, moved, strict=True)
+        )
+        return self.mean(found)[0]
+
 
 @dataclass(frozen=True)
 class _MeanDepth:
@@ -88,6 +96,14 @@ class _MeanDepth:
 def _moved(maps: torch.Tensor, matrix: torch.Tensor | None) -> torch.Tensor:
     """Maps (C, h, w) of another canvas where they belong on this one."""
     return maps if matrix is None else affine_sample(maps, matrix, maps.shape[1:])
+
+
+def _inverse(matrix: torch.Tensor | None) -> torch.Tensor | None:
+    """(2, 3) from positions on the other canvas to those on this one."""
+    if matrix is None:
+        return None
+    turned = torch.linalg.inv(matrix[:, :2])
+    return torch.cat([turned, -turned @ matrix[:, 2:]], dim=1)
 
 
 def _motion(canvas: Canvas, other: Canvas) -> torch.Tensor:

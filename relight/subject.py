@@ -10,12 +10,13 @@ import torch
 import torch.nn.functional as F
 
 from relight import steadying
-from relight.canvas import Canvas, weighted_sum
+from relight.canvas import Canvas, check_outside, near_sum, weighted_sum
 from relight.depth import Camera, Space, given_depth
 from relight.floor import Floor, Stance
 from relight.foreground import Foreground, given_albedo, matte_of, photograph, plate_of
 from relight.lights.environment import FIELD_OF_VIEW
 from relight.lights.light import Light, as_lights, by_name
+from relight.lights.near import NearLight
 from relight.media.colour import luminance
 from relight.upsampling import JointBilateral
 from shading import Analysis, diffuse
@@ -85,10 +86,9 @@ class Subject:
         pixels = plate_of(image)
         alpha = matte_of(pixels, mask)
         paint = None if albedo is None else given_albedo(albedo, tuple(alpha.shape))
-        away: torch.Tensor | OnnxDepth | None = None
-        if depth is not None:
-            a_file = isinstance(depth, str | os.PathLike)
-            away = OnnxDepth(depth) if a_file else given_depth(depth, tuple(alpha.shape))
+        relative = isinstance(depth, str | os.PathLike)
+        model = OnnxDepth(depth) if isinstance(depth, str | os.PathLike) else None
+        away = None if depth is None or relative else given_depth(depth, tuple(alpha.shape))
         person_matte = person_in(alpha)
         camera = camera or Camera.of(person_matte, height, field_of_view)
         field, shader = analysis.load(device=place), diffuse.load(device=place)
@@ -113,8 +113,7 @@ class Subject:
             self._albedo = person.take(paint)
             paint = Framed.of(paint, person.matte, field.size).rgb
         on_plate = framing.shifted(person.left, person.top, person.size)
-        relative = isinstance(away, OnnxDepth)
-        away = away.depth(photograph(pixels)) if isinstance(away, OnnxDepth) else away
+        away = away if model is None else model.depth(photograph(pixels))
         space = Space.of(found, camera, on_plate, person_matte, away, relative)
         self._use(Canvas.of(found, canvas_guide, paint, space))
 
@@ -193,8 +192,11 @@ class Subject:
         """The share of a light that no part of the person blocks: (H, W) float32 in [0, 1], zero outside.
 
         Of a hard light its visibility; of a soft one or an environment the mean over its directions, weighted
-        by their luminance.
+        by their luminance; of a light in the room, by how much of it would come from each.
         """
+        if isinstance(light, NearLight):
+            lit, whole = near_sum(self._canvas.visibility, light, self._canvas.space)
+            return self._person.scatter(self._to_plate((lit / whole.clamp_min(1e-30))[None]))[..., 0]
         directions, powers = light.samples()
         weights = luminance(powers).clip(0)
         weights = weights / max(weights.sum(), 1e-9)
@@ -276,9 +278,15 @@ class Subject:
 
     def _lighting(self, lights: Light | Iterable[Light]) -> torch.Tensor:
         """Σ intensity · shading of the subject's pixels (P, 3)."""
-        samples = [light.samples() for light in as_lights(lights)]
-        canvas = self._canvas
-        return self._to_plate(weighted_sum(canvas.shading, samples, canvas.known.shape, channels=3))
+        several, canvas = as_lights(lights), self._canvas
+        near = [light for light in several if isinstance(light, NearLight)]
+        samples = [light.samples() for light in several if light not in near]
+        total = weighted_sum(canvas.shading, samples, canvas.known.shape, channels=3)
+        for light in near:
+            check_outside(light, canvas.space, canvas.known)
+            power = torch.from_numpy(np.float32(light.power))[:, None, None]
+            total += power * near_sum(canvas.shading, light, canvas.space)[0]
+        return self._to_plate(total)
 
     def _to_plate(self, maps: torch.Tensor) -> torch.Tensor:
         """Canvas maps (C, h, w) to the subject's pixels on the plate (P, C)."""
