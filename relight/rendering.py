@@ -8,6 +8,7 @@ import numpy as np
 import torch
 
 from relight.composite import behind, over
+from relight.floor import Floor
 from relight.lights.environment import EnvironmentLight
 from relight.lights.light import Light, by_name
 from relight.media.images import half
@@ -28,6 +29,7 @@ def apply(
     mask: np.ndarray | None = None,
     albedo: np.ndarray | None = None,
     normals: np.ndarray | Callable | str | os.PathLike | None = None,
+    floor: Floor | None = None,
     device: str | torch.device | None = None,
 ) -> np.ndarray:
     """Relight the person in an image.
@@ -42,6 +44,7 @@ def apply(
     albedo: (H, W, 3) to use instead of inferring it.
     normals: (H, W, 3) camera-frame normals to use instead of inferring them; or anything else that
         `shadow.normals.load` takes.
+    floor: relight.Floor that the person stands on: their shadow falls on the background.
     device: where the networks run, such as "cuda"; the CPU unless given.
 
     Returns
@@ -53,8 +56,13 @@ def apply(
     ------
     TypeError, ValueError: as `Subject`, `Subject.relit` and `over` do.
     """
-    picture = Subject(image, mask, albedo=albedo, normals=normals, device=device).relit(lights)
-    return picture if background is None else over(picture, background)
+    if floor is not None:
+        floor.check(image, mask)
+    subject = Subject(image, mask, albedo=albedo, normals=normals, device=device)
+    picture = subject.relit(lights)
+    if background is None:
+        return picture
+    return over(picture, background, None if floor is None else subject.shadows(lights, floor)[1])
 
 
 def render(
@@ -67,6 +75,7 @@ def render(
     normals: np.ndarray | Callable | str | os.PathLike | None = None,
     passes: Iterable[str] = (),
     depth: str = "half",
+    floor: Floor | None = None,
     device: str | torch.device | None = None,
 ) -> tuple[np.ndarray, Layers]:
     """As `apply`, and the same picture in layers: what an OpenEXR file is written from.
@@ -88,8 +97,10 @@ def render(
     lights = list(by_name(lights).values())  # what is wrong with them is said before the networks run
     passes = check_names(passes)
     check_exr_type(depth)
+    if floor is not None:
+        floor.check(image, mask)
     subject = Subject(image, mask, albedo=albedo, normals=normals, device=device)
-    return render_subject(subject, lights, background=background, passes=passes, depth=depth)
+    return render_subject(subject, lights, background=background, passes=passes, depth=depth, floor=floor)
 
 
 def render_subject(
@@ -99,6 +110,7 @@ def render_subject(
     background: Background | None = None,
     passes: Iterable[str] = (),
     depth: str = "half",
+    floor: Floor | None = None,
 ) -> tuple[np.ndarray, Layers]:
     """A picture of an analysed person, and its layers.
 
@@ -109,12 +121,15 @@ def render_subject(
     background: as of `apply`.
     passes: further layers, of PASSES.
     depth: as of `render`.
+    floor: as of `apply`.
 
     Returns
     -------
     The picture, as `apply` returns it, and its layers, ready for `write`: light groups "C_<light>" (H, W, 4)
     whose colours, at that depth, sum to the picture's; over a background one more, "C_background" (H, W, 3),
-    what is seen of it; and the passes (see `passes_of`).
+    what is seen of it; and the passes (see `passes_of`). On a floor "shadow_floor_<light>" (H, W, 3) as well,
+    by which what is seen of the background would be multiplied if there were no other light; "C_background"
+    has the shadow of all lights in it.
 
     Raises
     ------
@@ -122,11 +137,14 @@ def render_subject(
     """
     passes = check_names(passes)
     picture, groups = light_groups(subject, lights, depth)
-    further = passes_of(subject, lights, passes)
+    further, shadow = passes_of(subject, lights, passes), None
+    if floor is not None:
+        each, shadow = subject.shadows(lights, floor)
+        further |= {f"shadow_floor_{name}": layer for name, layer in each.items()}
     if background is None:
         return picture, groups | further
     check_free(by_name(lights))
-    groups["C_background"] = _rounded(behind(picture, background), "C_background", depth)
+    groups["C_background"] = _rounded(behind(picture, background, shadow), "C_background", depth)
     return picture[..., :3] + groups["C_background"], groups | further
 
 

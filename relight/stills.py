@@ -6,6 +6,7 @@ from pathlib import Path
 
 from relight import keying
 from relight.cutting import Cutting
+from relight.floor import Floor
 from relight.lights.environment import FIELD_OF_VIEW
 from relight.lights.light import Light, by_name
 from relight.matching import Matching, lights_in
@@ -36,6 +37,7 @@ def render_still(
     axes: str = CAMERA,
     passes: Iterable[str] = (),
     exr_type: str = "half",
+    floor: Floor | None = None,
     view: str | None = None,
     exposure: float = 0.0,
     save_matte: str | Path | None = None,
@@ -55,6 +57,7 @@ def render_still(
         passes as layers; and with an .exr, a Nuke script, .nk, that rebuilds the mix.
     passes: further layers of an .exr, of relight.rendering.PASSES.
     exr_type: "half" or "float", what an .exr holds.
+    floor: relight.Floor that the person stands on: their shadow falls on the background.
     view, exposure: how light becomes what a display shows, see `relight.media.colour.encode`.
     save_matte: also write the matte alone, grey: PNG, TIFF or OpenEXR.
     save_lights: also write the lights to a lights file.
@@ -98,6 +101,8 @@ def render_still(
     reference = matching.person(cutting)
     person = prepared.person(0)
     lights += prepared.borrowed(0, person.plate.shape[:2])
+    if floor is not None:
+        floor.check(person.plate, person.matte)
 
     if reference is not None:
         report("Matching")
@@ -107,7 +112,9 @@ def render_still(
     report("Relighting")
     subject = Subject(person.plate, person.matte, normals=person.normals, device=device)
     backdrop = prepared.backdrop(0, lights, person.plate.shape[:2])
-    picture, layers = render_subject(subject, lights, background=backdrop, passes=passes, depth=exr_type)
+    picture, layers = render_subject(
+        subject, lights, background=backdrop, passes=passes, depth=exr_type, floor=floor
+    )
     pictures = [path for path in paths if path.suffix.lower() != ".nk"]
     for path in pictures:
         report(f"Writing {path}")

@@ -12,8 +12,9 @@ import numpy as np
 
 from relight import __version__, keying
 from relight.cutting import Cutting
+from relight.floor import Floor
 from relight.lights.environment import FIELD_OF_VIEW
-from relight.lights.light import Light, by_name
+from relight.lights.light import Light, Lights, by_name
 from relight.lights.moving import MovingLight, lights_at
 from relight.matching import PLATE, Matching, lights_in
 from relight.media import images, movies
@@ -51,6 +52,7 @@ def render_video(
     axes: str = CAMERA,
     passes: Iterable[str] = (),
     exr_type: str = "half",
+    floor: Floor | None = None,
     steady: bool = True,
     rate: float | None = None,
     view: str | None = None,
@@ -77,6 +79,8 @@ def render_video(
         or from the first keyframe of the lights to the last.
     passes: further layers of an .exr, of relight.rendering.PASSES.
     exr_type: "half" or "float", what .exr files hold.
+    floor: relight.Floor that the person stands on: their shadow falls on the background. The floor stands
+        still, and the person's lowest point is on it in every frame.
     steady: average what the networks find of a moving person over 5 frames, where it is alike.
     rate: frames a second of the movies. Unless given, the source's, or 24.
     view, exposure, white: how light becomes what a display shows, see `relight.media.colour.encode`. White is
@@ -120,6 +124,8 @@ def render_video(
         source, mask=mask, key=key, cutting=cutting, colour_space=colour_space, normals=normals, axes=axes,
         background=background, field_of_view=field_of_view, placement=placement, matching=matching,
     )  # fmt: skip
+    if floor is not None and floor.feet is not None and prepared.numbers is not None:
+        raise ValueError("floor: feet are those of a still; of a moving person expected height or horizon")
     numbers = _numbers(frames, prepared.span, lamps)
     first = lights_at(lamps, numbers[0])
     prepared.check_lights(first)
@@ -148,7 +154,9 @@ def render_video(
         importlib.import_module("pymatting")
         report(1, 1, keying.COMPILING)
     people = _People(prepared, steady, device)
-    return _Shot(prepared, people, lamps, passes, exr_type, sinks, mattes, resume).make(numbers, report)
+    return _Shot(prepared, people, lamps, passes, exr_type, floor, sinks, mattes, resume).make(
+        numbers, report
+    )
 
 
 @dataclass(frozen=True)
@@ -160,6 +168,7 @@ class _Shot:
     lights: list[Light | MovingLight]
     passes: tuple[str, ...]
     exr_type: str
+    floor: Floor | None
     sinks: list[Any]
     mattes: Sequence | None
     resume: bool
@@ -199,7 +208,7 @@ class _Shot:
         lit = lights_at(self.lights, number)
         return identity(
             self.prepared.identity(number, self.people.around(number)), [*by_name(lit).items()],
-            self.passes, __version__, *WEIGHTS,
+            self.passes, self.floor, __version__, *WEIGHTS,
         )  # fmt: skip
 
     def _warn_of_others(self, made: dict[int, str]) -> None:
@@ -225,7 +234,7 @@ class _Shot:
             backdrop = self.prepared.backdrop(number, lit, subject.size)
             lit = [*lit, *self.prepared.borrowed(number, subject.size)]
             picture, layers = render_subject(
-                subject, lit, background=backdrop, passes=self.passes, depth=self.exr_type
+                subject, lit, background=backdrop, passes=self.passes, depth=self.exr_type, floor=self.floor
             )
             for sink in wanted:
                 sink.write(number, picture, layers, made)
@@ -317,3 +326,6 @@ class _Nobody:
 
     def unshadowed(self, light: object) -> np.ndarray:
         return self.matte
+
+    def shadows(self, lights: Lights, floor: object) -> tuple[dict[str, np.ndarray], np.ndarray]:
+        return dict.fromkeys(by_name(lights), self.lighting(None) + 1), self.lighting(None) + 1

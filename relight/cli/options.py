@@ -140,6 +140,13 @@ class Look:
         ExrType, typer.Option(help="What an .exr holds: float for lights so dim that half loses some.")
     ] = ExrType.half
     layers: Annotated[str | None, typer.Option(hidden=True, help="The former name of --passes.")] = None
+    floor: Annotated[
+        str | None,
+        typer.Option(
+            help="Throw the person's shadow on the ground: height=1.5,horizon=0.45, the camera's metres above "
+            "it and its horizon from the picture's top (0) to its bottom (1); or feet=X/Y/X/Y in pixels."
+        ),
+    ] = None
     view: Annotated[
         str | None,
         typer.Option(
@@ -170,6 +177,7 @@ class Look:
     def settings(self) -> dict[str, Any]:
         """The arguments that `render_still` and `render_video` share."""
         from relight.cutting import Cutting
+        from relight.floor import Floor
         from relight.matching import Matching
         from relight.preparation import Placement
 
@@ -190,6 +198,7 @@ class Look:
             "axes": self.axes,
             "passes": _words(self.passes) + _words(self.layers),
             "exr_type": self.exr_type.value,
+            "floor": None if self.floor is None else Floor.parse(self.floor),
             "view": self.view,
             "exposure": self.exposure,
             "save_matte": self.save_matte,
