@@ -330,7 +330,8 @@ def _samples(light: Light, camera: Camera) -> list[Sample]:
     elif isinstance(light, DirectionalLight):
         radii += math.radians(light.angle / 2) / math.sqrt(len(directions))
     lights = torch.cat([directions, torch.zeros(len(directions), 1)], dim=1)
-    return [Sample(*both, float(radius)) for *both, radius in zip(lights, powers, radii, strict=True)]
+    samples = zip(lights, powers, radii, strict=True)
+    return [Sample(place, power, float(radius)) for place, power, radius in samples]
 
 
 def _near_samples(light: NearLight, camera: Camera) -> list[Sample]:

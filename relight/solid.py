@@ -43,7 +43,7 @@ class Solid(NamedTuple):
             (front, np.fmin(_neighbours(front, np.inf).max(axis=0), back)),
             (np.fmax(_neighbours(back, -np.inf).min(axis=0), front), back),
         ]
-        points = [_walls(rays, *(end[inside] for end in wall), pixel) for wall in walls]
+        points = [_walls(rays, near[inside], far[inside], pixel) for near, far in walls]
         return cls(torch.from_numpy(np.concatenate(points, dtype=np.float32)), pixel)
 
     def coarser(self, spacing: float) -> "Solid":
