@@ -93,9 +93,9 @@ def weighted_sum(
 
 
 def near_sum(maps: Maps, light: NearLight, space: Space) -> tuple[torch.Tensor, torch.Tensor]:
-    """Σ irradiance · maps over the parts of a light in the room of intensity 1, and Σ irradiance: (h, w) each.
+    """Σ irradiance · maps over the parts of a light in the room, and Σ irradiance: (h, w) each.
 
-    The second is what a surface would get that faces each part, and sees it.
+    Both are of intensity 1. The second is what a surface would get that faces each part, and sees it.
     """
     lit = whole = torch.zeros(space.framing.canvas)
     for directions, irradiance in light.rays(space.positions):

@@ -18,13 +18,17 @@ import torch.nn.functional as F
 
 from relight.depth import Camera
 from relight.foreground import matte_of, plate_of
+from relight.lights.directional import DirectionalLight
+from relight.lights.environment import EnvironmentLight
 from relight.lights.light import Light, checked_number, checked_numbers
+from relight.lights.near import NearLight, RectLight
 from relight.solid import Silhouette, Solid
 from shadow.framing import bounding_box
 from shadow.mattes import person_in
 
 LOOKUPS = 2**24  # of silhouettes, for one light: more samples are looked up on a coarser grid of pixels
 COARSE = 0.015  # metres between the points of a solid that one of many samples sees
+DISC = 32  # points over a sphere that shines
 SOLES = 1e-4  # share of the person's pixels that may seem to be below the ground
 STEPS = 0.17  # metres: feet so far apart in depth say half of how the camera is tilted
 UNLIKELY = 1.4  # times as tall or as small as the person is taken to be: the floor's numbers are doubted
@@ -186,20 +190,22 @@ class Plane(NamedTuple):
         rays = camera.rays(x, y).permute(1, 2, 0)
         return top, rays * (-self.below / (rays @ self.normal).clamp_max(-1e-6))[..., None]
 
-    def shadow(self, points: torch.Tensor, light: torch.Tensor) -> torch.Tensor:
-        """Where (N, 3) points (P, 3) above it throw their shadows, those that do; light as of `Silhouette`."""
+    def fall(self, points: torch.Tensor, light: torch.Tensor) -> tuple[torch.Tensor, torch.Tensor]:
+        """The ways (P, 3) from a light, as of `Silhouette`, to points (P, 3), and how many times (P,) as long
+        they are from there to the plane; infinite where they do not get there."""
         away = points * light[3] - light[:3]
         falling = -(away @ self.normal)
-        falls = falling > 1e-6
-        time = (points[falls] @ self.normal + self.below).clamp_min(0) / falling[falls]
-        return points[falls] + away[falls] * time[:, None]
+        times = (points @ self.normal + self.below).clamp_min(0) / falling.clamp_min(1e-6)
+        return away, torch.where(falling > 1e-6, times, torch.inf)
 
 
 class Sample(NamedTuple):
-    """A point of a light."""
+    """A point of a light, and what it stands for."""
 
     light: torch.Tensor  # (4,) homogeneous position, as of `Silhouette`
     power: torch.Tensor  # (3,)
+    radius: float = 0.0  # of the part of the light that it stands for: radians, of a near one metres
+    axis: torch.Tensor | None = None  # (3,) along which a near one shines most; None for all around
 
     def irradiance(self, plane: Plane, points: torch.Tensor) -> torch.Tensor:
         """Of points of a plane, none being in between: (3,), or of a near light (h, w, 3) at (h, w, 3)."""
@@ -207,7 +213,22 @@ class Sample(NamedTuple):
             return self.power * (plane.normal @ self.light[:3]).clamp_min(0)
         way = self.light[:3] - points
         squared = (way * way).sum(dim=-1)
-        return ((way @ plane.normal).clamp_min(0) / squared**1.5)[..., None] * self.power
+        irradiance = (way @ plane.normal).clamp_min(0) / squared**1.5
+        if self.axis is not None:
+            irradiance = irradiance * -(way @ self.axis).clamp_max(0) / squared.sqrt()
+        return irradiance[..., None] * self.power
+
+    def blur(self, away: torch.Tensor, times: torch.Tensor) -> torch.Tensor | None:
+        """How far (P,) edges of the shadow are spread, as of `Silhouette`; `away`, `times` as of `Plane.fall`.
+
+        The standard deviation of a disc along one axis is half its radius.
+        """
+        if not self.radius:
+            return None
+        times = torch.where(times.isinf(), 0.0, times)
+        if not self.light[3]:
+            return self.radius / 2 * times
+        return self.radius / 2 / away.norm(dim=1).clamp_min(1e-6) * times / (1 + times)
 
 
 class Stance(NamedTuple):
@@ -235,7 +256,7 @@ class Stance(NamedTuple):
         """As `relight.Subject.shadows` returns them."""
         each, full, blocked = {}, torch.zeros(3), torch.zeros(*self.camera.size, 3)
         for name, light in lights.items():
-            without, kept = self.light(_samples(light))
+            without, kept = self.light(_samples(light, self.camera))
             each[name] = _ratio(without, kept)
             full, blocked = full + without, blocked + kept
         return each, _ratio(full, blocked)
@@ -248,43 +269,93 @@ class Stance(NamedTuple):
         height, width = self.camera.size
         step = max(1, math.ceil(math.sqrt(height * width * len(samples) / LOOKUPS)))
         top, points = self.plane.seen(self.camera, step)
-        coarse = self.solid.coarser(COARSE)
-        solid = self.solid if len(samples) == 1 else coarse
+        sharp = len(samples) == 1 and samples[0].radius == 0
+        solid = self.solid if sharp else self.solid.coarser(COARSE)
         full, blocked = torch.zeros(3), torch.zeros(points.shape)
         for sample in samples:
             reaching = sample.irradiance(self.plane, points)
             full = full + reaching
-            if reaching.any() and points.numel():
-                part = self._shaded(coarse.points, sample.light, top, step)
-                if part is not None:
-                    hidden = Silhouette(solid, sample.light).at(points[part])[..., None]
-                    blocked[part] += hidden * (reaching if reaching.ndim == 1 else reaching[part])
+            if not reaching.any():
+                continue
+            away, times = self.plane.fall(solid.points, sample.light)
+            part = self._shaded(solid.points, away, times, sample.radius, top, step)
+            if part is not None:
+                silhouette = Silhouette(solid, sample.light, sample.blur(away, times))
+                hidden = silhouette.at(points[part])[..., None]
+                blocked[part] += hidden * (reaching if reaching.ndim == 1 else reaching[part])
         size = height, width
         return full if full.ndim == 1 else _enlarged(full, top, step, size), _enlarged(
             blocked, top, step, size
         )
 
     def _shaded(
-        self, points: torch.Tensor, light: torch.Tensor, top: int, step: int
+        self,
+        points: torch.Tensor,
+        away: torch.Tensor,
+        times: torch.Tensor,
+        radius: float,
+        top: int,
+        step: int,
     ) -> tuple[slice, slice] | None:
         """The part of what `Plane.seen` gives that a shadow of points can reach; None if it is out of sight."""
-        shadow = self.plane.shadow(points, light)
-        everywhere = slice(None), slice(None)
-        if not len(shadow) or float(shadow[:, 2].max()) > -1e-2:  # some of it is behind the camera
-            return everywhere if len(shadow) else None
+        falls = times.isfinite()
+        shadow = (points + away * times[:, None])[falls]
+        if not len(shadow):
+            return None
+        spread = 2 * radius * float(times[falls].max()) + self.solid.spacing
+        if float(shadow[:, 2].max()) > -spread - 0.1:  # some of it is behind the camera
+            return slice(None), slice(None)
         (height, width), focal = self.camera.size, self.camera.focal
         places = shadow[:, :2] / -shadow[:, 2:] * focal * torch.tensor([1, -1])
-        places = (places + torch.tensor([width / 2, height / 2 - top])) / step
-        low, high = places.amin(dim=0).floor() - 3, places.amax(dim=0).ceil() + 3
+        margin = spread * focal / float(-shadow[:, 2].max())
+        places = places + torch.tensor([width / 2, height / 2 - top])
+        low, high = (
+            ((places.amin(dim=0) - margin) / step).floor(),
+            ((places.amax(dim=0) + margin) / step).ceil(),
+        )
         (left, up), (right, down) = low.clamp_min(0).long().tolist(), high.clamp_min(0).long().tolist()
-        return None if right <= left or down <= up else (slice(up, down), slice(left, right))
+        seen = -(-(height - top) // step), -(-width // step)
+        part = slice(up, min(down, seen[0])), slice(left, min(right, seen[1]))
+        return None if any(side.start >= side.stop for side in part) else part
 
 
-def _samples(light: Light) -> list[Sample]:
-    """The points of a light, in the camera's axes."""
+def _samples(light: Light, camera: Camera) -> list[Sample]:
+    """The points of a light, in the axes of the camera."""
+    if isinstance(light, NearLight):
+        return _near_samples(light, camera)
     directions, powers = (torch.from_numpy(np.float32(values)) for values in light.samples())
+    radii = np.zeros(len(directions))
+    if isinstance(light, EnvironmentLight):
+        radii = light.image.spreads
+    elif isinstance(light, DirectionalLight):
+        radii += math.radians(light.angle / 2) / math.sqrt(len(directions))
     lights = torch.cat([directions, torch.zeros(len(directions), 1)], dim=1)
-    return [Sample(*both) for both in zip(lights, powers, strict=True)]
+    samples = zip(lights, powers, radii, strict=True)
+    return [Sample(place, power, float(radius)) for place, power, radius in samples]
+
+
+def _near_samples(light: NearLight, camera: Camera) -> list[Sample]:
+    """The points of a light in the room: of a sphere those of its disc, as the person sees it."""
+    points, size, axis = light.points, 0.0, None
+    if isinstance(light, RectLight):
+        size, axis = math.sqrt(light.width * light.height / math.pi), torch.from_numpy(np.float32(light.axis))
+    elif light.reach:
+        size, points = light.reach, _disc(points[0], light.reach)
+    places = torch.from_numpy(np.float32(points)) + _middle(camera)
+    power = torch.from_numpy(np.float32(light.power / len(places)))
+    radius = size / math.sqrt(len(places))
+    return [Sample(F.pad(place, (0, 1), value=1.0), power, radius, axis) for place in places]
+
+
+def _disc(centre: np.ndarray, radius: float) -> np.ndarray:
+    """Points (DISC, 3) over a disc that faces the origin: a golden-angle spiral of even density."""
+    along = centre / np.linalg.norm(centre)
+    aside = np.cross(along, np.eye(3)[np.abs(along).argmin()])
+    aside /= np.linalg.norm(aside)
+    step = np.arange(DISC)
+    out, angle = radius * np.sqrt((step + 0.5) / DISC), math.pi * (3 - math.sqrt(5)) * step
+    across = np.stack([out * np.cos(angle), out * np.sin(angle)], axis=1)
+    return centre + across @ np.stack([aside, np.cross(along, aside)])
 
 
 def _middle(camera: Camera) -> torch.Tensor:

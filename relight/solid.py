@@ -1,4 +1,4 @@
-"""A person as a solid that stands in a light's way: the front that the camera saw, and a back to go with it."""
+"""A person as a solid in the way of light: the front that the camera saw, and a back to go with it."""
 
 import math
 from typing import NamedTuple
@@ -11,6 +11,10 @@ from scipy.ndimage import distance_transform_edt
 THICKEST = 0.2  # metres of body behind what the camera sees; measured by benchmarks/floor.py
 GAIN = 1.5  # points a cell at which a silhouette is full is one over this: a sheet of points has no holes
 CUBES = 2**20  # more than there are in a row
+WIDE = 2.5  # standard deviations of a Gaussian that are looked at
+MOST = 8.0  # cells of blur: beyond, a shadow is so faint that the gain is not worth the time
+FINEST = 1.0  # cells: what is blurred less is sharp
+LAP = 0.5  # octaves by which what is blurred alike overlaps the next, so that no light is seen between
 BEHIND = 0.05  # of the way from a light to the solid's middle, within which nothing is seen by the light
 
 
@@ -39,7 +43,7 @@ class Solid(NamedTuple):
             (front, np.fmin(_neighbours(front, np.inf).max(axis=0), back)),
             (np.fmax(_neighbours(back, -np.inf).min(axis=0), front), back),
         ]
-        points = [_walls(rays, *(end[inside] for end in wall), pixel) for wall in walls]
+        points = [_walls(rays, near[inside], far[inside], pixel) for near, far in walls]
         return cls(torch.from_numpy(np.concatenate(points, dtype=np.float32)), pixel)
 
     def coarser(self, spacing: float) -> "Solid":
@@ -61,9 +65,11 @@ class Silhouette:
     solid: Solid.
     light: (4,) homogeneous position, camera frame: (x, y, z, 1) in metres, or (x, y, z, 0) the direction of a
         light whose rays are parallel.
+    blur: (P,) how far the edge of each point's shadow is spread, as a standard deviation in metres; of a near
+        light in metres at one metre from it. None for a sharp one.
     """
 
-    def __init__(self, solid: Solid, light: torch.Tensor) -> None:
+    def __init__(self, solid: Solid, light: torch.Tensor, blur: torch.Tensor | None = None) -> None:
         self._near, self._place = bool(light[3]), light[:3]
         middle = solid.points.mean(dim=0)
         axis = F.normalize(middle - self._place if self._near else -self._place, dim=0)
@@ -72,13 +78,18 @@ class Silhouette:
         reach = float((middle - self._place).norm()) if self._near else 1.0
         self._least = BEHIND * reach
         seen, front = self._project(solid.points)
-        if self._near:
-            seen = seen[front]
+        blur = torch.zeros(len(seen)) if blur is None else blur
+        if front is not None:
+            seen, blur = seen[front], blur[front]
         self._cell = solid.spacing / reach
-        self._low = seen.amin(dim=0) - 2 * self._cell
+        blur = (blur / self._cell).clamp_max(MOST)
+        margin = 2 + math.ceil(WIDE * float(blur.max())) if len(blur) else 2
+        self._low = (seen.amin(dim=0) if len(seen) else torch.zeros(2)) - margin * self._cell
         cells = (seen - self._low) / self._cell
-        columns, rows = (cells.amax(dim=0).ceil().long() + 3).tolist()
-        self.image = _splat(cells, (rows, columns))[None, None]
+        columns, rows = (
+            (cells.amax(dim=0) if len(cells) else cells.sum(dim=0)).ceil().long() + 1 + margin
+        ).tolist()
+        self.image = _spread(cells, blur, (rows, columns))[None, None]
 
     def _project(self, points: torch.Tensor) -> tuple[torch.Tensor, torch.Tensor | None]:
         """Where the light sees points (..., 3): (..., 2), and of a near one which are before it."""
@@ -124,6 +135,31 @@ def _walls(rays: np.ndarray, near: np.ndarray, far: np.ndarray, spacing: float) 
     step = np.arange(len(ray)) - np.repeat(np.cumsum(count) - count, count)
     distance = near[ray] + (far - near).clip(0)[ray] * step / np.maximum(count[ray] - 1, 1)
     return rays[ray] * distance[:, None]
+
+
+def _spread(places: torch.Tensor, blur: torch.Tensor, size: tuple[int, int]) -> torch.Tensor:
+    """Coverage (rows, columns) by points at places (P, 2), each spread by its own blur (P,), all in cells.
+
+    From the most blurred octave to the sharpest: what there is of it so far is blurred by what the octave has
+    more than the next, so that the shadow of a leg stays whole from the heel, where it is sharp, upward.
+    """
+    octave = (blur / FINEST).clamp_min(1).log2()
+    image = torch.zeros(size)
+    for step in range(int(octave.max().ceil()) if len(blur) else 0, -1, -1):
+        here = (octave <= step) & (octave > step - 1 - LAP)
+        image = torch.maximum(image, _splat(places[here], size))
+        if step:
+            image = _blurred(image, FINEST * 2**step * math.sqrt(1 / 2 - 1 / 8))
+    return image
+
+
+def _blurred(image: torch.Tensor, sigma: float) -> torch.Tensor:
+    """An image (h, w) under a Gaussian of that standard deviation in pixels; zero beyond its frame."""
+    reach = math.ceil(WIDE * sigma)
+    weights = torch.exp(-(torch.arange(-reach, reach + 1) ** 2) / (2 * sigma**2))
+    weights = (weights / weights.sum())[None, None, None]
+    across = F.conv2d(image[None, None], weights, padding=(0, reach))
+    return F.conv2d(across, weights.mT, padding=(reach, 0))[0, 0]
 
 
 def _splat(places: torch.Tensor, size: tuple[int, int]) -> torch.Tensor:

@@ -28,7 +28,7 @@ def canvas(shading, image=TEXTURE, framing=None, known=None):
     framing = framing or Framing((48.0, 64.0), 1.0, SIZE, SIZE)
     up = torch.tensor([0.0, 0, 1])[:, None, None].expand(3, *SIZE)
     light = maps.expand(3, -1, -1) + 0.1
-    space = Space(Camera(SIZE, 100.0, (48.0, 64.0), 2.0), framing, lambda: maps[0])
+    space = Space(Camera(SIZE, 100.0, (48.0, 64.0), 2.0, SIZE[0]), framing, lambda: maps[0])
     return Canvas(framing, known, image * known, up, every_light, every_light, image * known, light, space)
 
 

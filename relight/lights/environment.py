@@ -238,9 +238,22 @@ class Panorama:
         return seen[0].permute(1, 2, 0).numpy()
 
     @functools.cached_property
+    def _sums(self) -> np.ndarray:
+        """The light sums (K, 7) of what each lamp stands for; see `_divide`."""
+        return _divide(_cells(self.pixels))
+
+    @functools.cached_property
+    def spreads(self) -> np.ndarray:
+        """The angular radius (K,) in radians of an even disc that spreads as what a lamp stands for does."""
+        energy, vector = self._sums[:, 3], np.linalg.norm(self._sums[:, 4:], axis=1)
+        # Directions over a disc of radius a have a mean of length (1 + cos a) / 2.
+        length = np.divide(vector, energy, out=np.ones_like(energy), where=energy > 0)
+        return np.arccos((2 * length - 1).clip(-1, 1)).astype(np.float32)
+
+    @functools.cached_property
     def lamps(self) -> tuple[np.ndarray, np.ndarray]:
-        """Directions (K, 3) and intensities (K, 3), float32, that light as the map does; see `_divide`."""
-        lamps = _divide(_cells(self.pixels))
+        """Directions (K, 3) and intensities (K, 3), float32, that light as the map does."""
+        lamps = self._sums
         length = np.linalg.norm(lamps[:, 4:], axis=1, keepdims=True)
         front = np.tile([0.0, 0.0, 1.0], (len(lamps), 1))  # where nothing shines, any direction will do
         directions = np.divide(lamps[:, 4:], length, out=front, where=length > 0)
