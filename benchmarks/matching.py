@@ -3,14 +3,14 @@ of a plate and by that of another body's photograph, against how they look in th
 
 python benchmarks/matching.py [bodies]
 
-Body and place number k are those of seed k. Each body is photographed in some other light and analysed. Then
-it is relit by the light of a plate of the place (`relight.EnvironmentLight.from_plate`); and, as if it stood in
-the place before, by that of a photograph of the body before, taken there (`relight.match`).
+Body and place number k are those of seed k. Each body is photographed in some other light and analysed.
+Then it is relit by the light of a plate of the place (`relight.EnvironmentLight.from_plate`); and, as if it
+stood in the place before, by that of a photograph of the body before, taken there (`relight.match`).
 
-Errors are RMSE in linear light over the body, as a share of the truth's RMS. Beside them are those of two grey
-lights from all around: one has as much energy as the light that was found, the other as much as the place
-itself, which nobody could know. The last two columns are the errors of the light found and of the grey one, both
-with the exposure that suits the truth best.
+Errors are RMSE in linear light over the body, as a share of the truth's RMS. Beside them are those of two
+grey lights from all around: one has as much energy as the light that was found, the other as much as the
+place itself, which nobody could know. The last two columns are the errors of the light found and of the grey
+one, both with the exposure that suits the truth best.
 """
 
 import sys
@@ -134,8 +134,8 @@ def main(count=20):
         print(f"| median | {' | '.join(f'{value:.2f}' for value in np.median(rows, axis=0))} |")
         found, same, there, exposed, even = rows.T
         print(
-            f"\nSmaller than with the grey light of its energy in {(found < same).sum()} of {len(rows)}, of the "
-            f"place's energy in {(found < there).sum()}, exposed in {(exposed < even).sum()}."
+            f"\nOf {len(rows)}, smaller than with the grey light of its energy: {(found < same).sum()}; with that "
+            f"of the place's energy: {(found < there).sum()}; exposed: {(exposed < even).sum()}."
         )
 
 

@@ -1,5 +1,5 @@
-"""From a phone's photograph to a person who stands in a street: cut out by a network, lit by a lamp and by the
-street, a shadow at their feet. All of it is made here; the place is one of benchmarks/places.py."""
+"""From a phone's photograph to a person who stands in a street: cut out by a network, lit by a lamp and by
+the street, a shadow at their feet. All of it is made here; the place is one of benchmarks/places.py."""
 
 import importlib.util
 from pathlib import Path
@@ -33,7 +33,7 @@ def write_photograph(path, step=2):
 
 
 def write_model(path):
-    """A network whose matte is one minus what is bluer than it is red; its input (1, 3, 320, 320) in [0, 1]."""
+    """A network whose matte is what is not bluer than it is red; its input (1, 3, 320, 320) in [0, 1]."""
     shape, flat = [1, 3, 320, 320], [1, 1, 320, 320]
     nodes = [
         helper.make_node("Conv", ["x", "weight", "bias"], ["matte"]),
