@@ -22,7 +22,7 @@ from relight.lights.directional import DirectionalLight
 from relight.lights.environment import EnvironmentLight
 from relight.lights.light import Light, checked_number, checked_numbers
 from relight.lights.near import NearLight, RectLight
-from relight.solid import Silhouette, Solid
+from relight.solid import Silhouette, Solid, pixel_of
 from shadow.framing import bounding_box
 from shadow.mattes import person_in
 
@@ -136,13 +136,16 @@ class Floor:
             )
         return Plane(normal, below)
 
-    def stand(self, points: torch.Tensor, plane: "Plane", camera: Camera) -> float:
+    def stand(self, points: torch.Tensor, plane: "Plane", camera: Camera, pixel: float) -> float:
         """How many times farther away the person stands whose soles touch the plane.
 
-        Points (3, N) that are scaled about the camera look the same in the picture.
+        Points (3, N) that are scaled about the camera look the same in the picture. They are the middles of
+        pixels, `pixel` metres wide, of which the lowest reach down to the ground.
         """
-        feet = points if self.feet is None else self.soles(camera, points)
-        lowest = -float((plane.normal @ feet).quantile(SOLES if self.feet is None else 0.5))
+        if self.feet is None:
+            lowest = pixel / 2 - float((plane.normal @ points).quantile(SOLES))
+        else:
+            lowest = -float((plane.normal @ self.soles(camera, points)).mean())
         return plane.below / lowest if lowest > 0 else 1.0
 
     def soles(self, camera: Camera, points: torch.Tensor) -> torch.Tensor:
@@ -245,10 +248,10 @@ class Stance(NamedTuple):
     ) -> "Stance":
         """From the `positions` (3, h, w) that the camera sees of them, in metres from the subject's middle,
         where `known` (h, w); `cut`: the frame cuts the feet off."""
-        positions = positions + _middle(camera)[:, None, None]
+        positions = positions + middle(camera)[:, None, None]
         points = positions[:, known]
         plane = floor.under(camera, points)
-        times = 1.0 if cut else floor.stand(points, plane, camera)
+        times = 1.0 if cut else floor.stand(points, plane, camera, pixel_of(positions, known))
         solid = Solid.of(positions * times, known)
         return cls(camera, plane, solid, times)
 
@@ -341,7 +344,7 @@ def _near_samples(light: NearLight, camera: Camera) -> list[Sample]:
         size, axis = math.sqrt(light.width * light.height / math.pi), torch.from_numpy(np.float32(light.axis))
     elif light.reach:
         size, points = light.reach, _disc(points[0], light.reach)
-    places = torch.from_numpy(np.float32(points)) + _middle(camera)
+    places = torch.from_numpy(np.float32(points)) + middle(camera)
     power = torch.from_numpy(np.float32(light.power / len(places)))
     radius = size / math.sqrt(len(places))
     return [Sample(F.pad(place, (0, 1), value=1.0), power, radius, axis) for place in places]
@@ -358,7 +361,7 @@ def _disc(centre: np.ndarray, radius: float) -> np.ndarray:
     return centre + across @ np.stack([aside, np.cross(along, aside)])
 
 
-def _middle(camera: Camera) -> torch.Tensor:
+def middle(camera: Camera) -> torch.Tensor:
     """Where (3,) the subject's middle is, the camera being at the origin."""
     return camera.rays(*torch.tensor(camera.middle)) * camera.distance
 

@@ -18,6 +18,12 @@ LAP = 0.5  # octaves by which what is blurred alike overlaps the next, so that n
 BEHIND = 0.05  # of the way from a light to the solid's middle, within which nothing is seen by the light
 
 
+def pixel_of(positions: torch.Tensor, known: torch.Tensor) -> float:
+    """Metres from one pixel to the next, in the middle of what the camera saw, as of `Solid.of`."""
+    steps = positions.diff(dim=2)[:2].norm(dim=0)
+    return float(steps[known[:, 1:] & known[:, :-1]].median())
+
+
 class Solid(NamedTuple):
     """The closed shell of a body. The camera is at the origin of its frame."""
 
@@ -34,7 +40,7 @@ class Solid(NamedTuple):
         inside = known.numpy()
         distance = np.linalg.norm(positions.numpy(), axis=0)
         rays = positions.numpy()[:, inside].T / distance[inside, None]
-        pixel = _pixel(positions.numpy(), inside)
+        pixel = pixel_of(positions, known)
         front = np.where(inside, distance, np.nan)
         back = front + _thickness(inside, pixel)
         # A sheet ends where its neighbour lies deeper, or nowhere: a wall goes down to that, so that the shell
@@ -109,12 +115,6 @@ class Silhouette:
         return found if front is None else found * front
 
 
-def _pixel(positions: np.ndarray, inside: np.ndarray) -> float:
-    """Metres from one pixel to the next, at the middle of what the camera saw."""
-    steps = np.linalg.norm(np.diff(positions[:2], axis=2), axis=0)
-    return float(np.median(steps[inside[:, 1:] & inside[:, :-1]]))
-
-
 def _thickness(inside: np.ndarray, pixel: float) -> np.ndarray:
     """How far behind the front the back lies (h, w), metres."""
     edge = distance_transform_edt(np.pad(inside, 1))[1:-1, 1:-1] * pixel
@@ -170,4 +170,7 @@ def _splat(places: torch.Tensor, size: tuple[int, int]) -> torch.Tensor:
     shares = ((1 - down) * (1 - right), (1 - down) * right, down * (1 - right), down * right)
     index = torch.cat([first + offset for offset in (0, 1, size[1], size[1] + 1)])
     total = torch.bincount(index, torch.cat(shares), minlength=math.prod(size))
-    return (total * GAIN).clamp(0, 1).view(size)
+    covered = (total * GAIN).clamp(0, 1).view(1, 1, *size)
+    # Points at the outline reach most of a cell beyond it. There 0.8 of the cells around are covered.
+    around = F.avg_pool2d(covered, 3, stride=1, padding=1)[0, 0]
+    return ((around - 0.8) / 0.4 + 0.5).clamp(0, 1)
