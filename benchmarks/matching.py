@@ -134,8 +134,8 @@ def main(count=20):
         print(f"| median | {' | '.join(f'{value:.2f}' for value in np.median(rows, axis=0))} |")
         found, same, there, exposed, even = rows.T
         print(
-            f"\nOf {len(rows)}, smaller than with the grey light of its energy: {(found < same).sum()}; with that "
-            f"of the place's energy: {(found < there).sum()}; exposed: {(exposed < even).sum()}."
+            f"\nOf {len(rows)}, smaller than with the grey light of its energy: {(found < same).sum()}; with "
+            f"that of the place's energy: {(found < there).sum()}; exposed: {(exposed < even).sum()}."
         )
 
 
