@@ -10,11 +10,14 @@ from typing import TYPE_CHECKING, Any
 if TYPE_CHECKING:  # for editors and type checkers, which don't follow `__getattr__`
     from relight.composite import over, place
     from relight.fitting import fit_lights
+    from relight.floor import Floor
     from relight.keying import key
     from relight.lights.directional import DirectionalLight
     from relight.lights.environment import EnvironmentLight
     from relight.lights.files import read_lights, write_lights
     from relight.lights.moving import MovingLight
+    from relight.lights.near import PointLight, RectLight
+    from relight.matching import match
     from relight.matting import matte
     from relight.media.images import read, read_layers, read_mask, read_normals, write, write_mask
     from relight.olat import write_olat
@@ -28,11 +31,15 @@ __version__ = "0.2.0"
 _EXPORTS = {
     "DirectionalLight": "relight.lights.directional",
     "EnvironmentLight": "relight.lights.environment",
+    "Floor": "relight.floor",
     "MovingLight": "relight.lights.moving",
+    "PointLight": "relight.lights.near",
+    "RectLight": "relight.lights.near",
     "Subject": "relight.subject",
     "apply": "relight.rendering",
     "fit_lights": "relight.fitting",
     "key": "relight.keying",
+    "match": "relight.matching",
     "matte": "relight.matting",
     "over": "relight.composite",
     "place": "relight.composite",

@@ -16,7 +16,7 @@ Background = ArrayLike | EnvironmentLight  # an image, a linear (r, g, b), or wh
 FARTHEST = 65536  # pixels: beyond any plate, within what an image can be
 
 
-def over(foreground: ArrayLike, background: Background) -> np.ndarray:
+def over(foreground: ArrayLike, background: Background, shadow: np.ndarray | None = None) -> np.ndarray:
     """The foreground over a background: F + (1 - alpha) B (Porter and Duff 1984), in linear light.
 
     Parameters
@@ -25,6 +25,7 @@ def over(foreground: ArrayLike, background: Background) -> np.ndarray:
     background: (h, w, 3|4) alike, of any size: scaled to cover the frame and cropped about its centre; its
         own alpha, if any, is over black. Or a linear (r, g, b). Or a relight.EnvironmentLight: what of it a
         camera sees behind the person (`EnvironmentLight.view`).
+    shadow: (H, W, 3) by which the background is multiplied, such as `Subject.shadows` gives.
 
     Returns
     -------
@@ -38,13 +39,13 @@ def over(foreground: ArrayLike, background: Background) -> np.ndarray:
     if front.shape[-1] != 4:
         raise ValueError(f"foreground: expected shape (H, W, 4), got {front.shape}")
     with np.errstate(over="ignore"):
-        picture = front[..., :3] + behind(front, background)
+        picture = front[..., :3] + behind(front, background, shadow)
     if not np.isfinite(picture).all():
         raise ValueError("background: is so bright that the picture is beyond float32")
     return picture
 
 
-def behind(front: np.ndarray, background: Background) -> np.ndarray:
+def behind(front: np.ndarray, background: Background, shadow: np.ndarray | None = None) -> np.ndarray:
     """What is seen of a background (H, W, 3) behind a premultiplied picture (H, W, 4); see `over`."""
     if isinstance(background, EnvironmentLight):
         back = background.view(front.shape[:2])
@@ -58,7 +59,8 @@ def behind(front: np.ndarray, background: Background) -> np.ndarray:
             raise ValueError(f"background: expected an image or three finite numbers, got {background!r}")
     else:
         back = cover(scene_linear("background", background)[..., :3], front.shape[:2])
-    return (1 - front[..., 3:]) * back
+    seen = (1 - front[..., 3:]) * back
+    return seen if shadow is None else seen * shadow
 
 
 def place(

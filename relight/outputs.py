@@ -29,6 +29,7 @@ def check(
     *,
     mattes: Path | None = None,
     lights: Path | None = None,
+    maps: Path | None = None,
 ) -> None:
     """Refuse what could not be written, or would overwrite what is read or written as well.
 
@@ -37,7 +38,7 @@ def check(
     outputs: pictures, sequences, movies and scripts.
     sources: what is read. Paths count, and the maps of environments; arrays do not.
     mattes: where the matte goes, a file or a sequence.
-    lights: the lights file to write.
+    lights: the lights file to write. maps: the map that goes with it.
 
     Raises
     ------
@@ -57,7 +58,7 @@ def check(
         files.check_writable(lights, SUFFIXES)
     read = [found for source in sources if (found := _path(source)) is not None]
     written: list[Path] = []
-    further = [path for path in (mattes, lights) if path is not None]
+    further = [path for path in (mattes, lights, maps) if path is not None]
     for path in (*outputs, *further):
         places = [path, Path(str(held_frames(path)))] if movies.is_movie(path) else [path]
         if any(_same(place, source) for place in places for source in read):
@@ -164,8 +165,10 @@ class FileSink:
         """Whether the frame is there, but made of something else."""
         return self.sequence.path(number).exists() and not self.has(number, made)
 
-    def write(self, number: int, picture: np.ndarray, layers: Layers, made: str) -> None:
-        carried = {NAME: self._identity(made)}
+    def write(
+        self, number: int, picture: np.ndarray, layers: Layers, made: str, metadata: images.Metadata
+    ) -> None:
+        carried = {NAME: self._identity(made), **metadata}
         write_picture(self.sequence.path(number), picture, layers, self.display, self.depth, carried)
 
     def finish(self, numbers: range, made: Made, problems: dict, report: Report) -> None:
@@ -224,7 +227,9 @@ class MovieSink:
         held = self.frames.path(number).exists() or (self.path.exists() and not self.frames.folder.exists())
         return held and not self.has(number, made)
 
-    def write(self, number: int, picture: np.ndarray, layers: Layers, made: str) -> None:
+    def write(
+        self, number: int, picture: np.ndarray, layers: Layers, made: str, metadata: images.Metadata
+    ) -> None:
         self.frames.folder.mkdir(exist_ok=True)
         shown = picture.clip(-images.HALF_MAX, images.HALF_MAX)
         images.write(self.frames.path(number), shown, metadata={NAME: identity(made)})

@@ -18,6 +18,7 @@ from relight.keying import key as cut_out
 from relight.lights.environment import FIELD_OF_VIEW, EnvironmentLight
 from relight.lights.light import Light, by_name, checked_number
 from relight.lights.moving import MovingLight
+from relight.matching import Matching, PlateLight
 from relight.media import images, movies
 from relight.media.identity import identity
 from relight.media.sequences import Files, Still
@@ -87,6 +88,7 @@ class Person(NamedTuple):
     plate: np.ndarray
     matte: np.ndarray | None
     normals: Surface | None
+    depth: np.ndarray | str | os.PathLike | None
 
 
 class Preparation:
@@ -105,9 +107,14 @@ class Preparation:
     normals: camera-frame normals of the photograph: an array; an image file or a sequence of them; or
         whatever else `shadow.normals.load` takes. Placed with the photograph.
     axes: of these normals, see `shadow.directions.from_axes`.
+    depth: of the photograph: an array; an image file or a sequence of them, see
+        `relight.media.images.read_depth`; or an ONNX file, as of `relight.Subject`. Placed with it.
+    height: as of `relight.Subject`.
     background: as of `relight.apply`; or a file, sequence or movie; or "environment": what a camera of
-        `field_of_view` (vertical, degrees) sees of the environments among the lights.
+        `field_of_view` sees of the environments among the lights.
+    field_of_view: of the picture's camera, vertical, in degrees.
     placement: Placement of the photograph in the picture.
+    matching: Matching: what light the picture borrows, of its background above all.
 
     Raises
     ------
@@ -124,15 +131,20 @@ class Preparation:
         colour_space: str | None = None,
         normals: Surface | None = None,
         axes: str = CAMERA,
+        depth: Source | os.PathLike | None = None,
+        height: float | None = None,
         background: Background | MovingLight | str | Path | None = None,
         field_of_view: float = FIELD_OF_VIEW,
         placement: Placement | None = None,
+        matching: Matching | None = None,
     ) -> None:
         self.placement, self._key = placement or Placement(), key
+        self._matching = matching or Matching()
         model = None if cutting is None or cutting.model is None else Path(cutting.model)
-        self._options = (key, cutting, model, colour_space, axes, field_of_view, self.placement)
+        self._options = (key, cutting, model, colour_space, axes, field_of_view, height, self.placement)
         self.field_of_view = checked_number("field_of_view", field_of_view, 1e-3, 170)
-        self._surfaces = _surfaces(normals, axes)
+        self.height = None if height is None else checked_number("height", height, 0.01, 100)
+        self._surfaces, self._depths = _surfaces(normals, axes), _depths(depth)
         self._plates = _opened(
             source, lambda path: images.read(path, colour_space=colour_space), movies.Movie, colour_space
         )
@@ -145,16 +157,19 @@ class Preparation:
         self._sees_lights = isinstance(background, str) and background == ENVIRONMENT
         self._backdrops = _opened(None if self._sees_lights else background, images.read, movies.Movie)
         self.has_background = background is not None
+        self._plate_light = PlateLight(self._backdrops, self.field_of_view)
+        if self._matching.plate:
+            self._plate_light.check()
 
     @property
     def numbers(self) -> Sequence[int] | None:
         """The frames that there are of a moving person; None of a still."""
-        return self._plates.numbers or self._mattes.numbers or self._surfaces.numbers
+        return self._plates.numbers or self._mattes.numbers or self._surfaces.numbers or self._depths.numbers
 
     @property
     def span(self) -> tuple[int, int] | None:
         """The first and the last frame that the sources have, the person's before the background's."""
-        for source in (self._plates, self._mattes, self._surfaces, self._backdrops):
+        for source in (self._plates, self._mattes, self._surfaces, self._depths, self._backdrops):
             if source.numbers:
                 return source.numbers[0], source.numbers[-1]
         return None
@@ -172,19 +187,23 @@ class Preparation:
             raise ValueError("background: 'environment' expected an environment among the lights")
         if self.has_background:
             check_free(named)
+        self._matching.check_names(named)
 
     def identity(self, number: int, around: Iterable[int]) -> str:
         """Differs where a frame is made of something else: what is read for it and for the frames `around`,
         which steady it, and all that this preparation was told."""
-        sources = (self._plates, self._mattes, self._surfaces)
+        sources = (self._plates, self._mattes, self._surfaces, self._depths)
         persons = [source.identity(n) for n in around for source in sources]
         if self._cutter is not None:
             persons += [self._plates.identity(m) for n in around for m in self._cutter.sees(n)]
         places = [number]
         if self.placement.size == BACKGROUND and self._backdrops.numbers:
             places.append(self._backdrops.numbers[0])
+        if self._matching.plate:
+            places += self._plate_light.sees(number)
         backdrops = [self._backdrops.identity(n) for n in places]
-        return identity(self._options, self.has_background, self._sees_lights, persons, backdrops)
+        options = (*self._options, self._matching.plate)
+        return identity(options, self.has_background, self._sees_lights, persons, backdrops)
 
     def person(self, number: int) -> Person:
         """The person of a frame; of a still, of any number.
@@ -207,11 +226,13 @@ class Preparation:
             first = (self._backdrops.numbers or [number])[0]
             behind = self._backdrops.read(first if self.numbers is None else number)
         frame = self.placement.of(np.shape(plate)[:2], behind)
-        surface = self._surfaces.read(number)
+        surface, depth = self._surfaces.read(number), self._depths.read(number)
+        if frame is not None and isinstance(depth, np.ndarray) and depth.ndim == 2:
+            depth = self.placement(np.repeat(depth[..., None], 3, axis=-1), frame)[..., 0]
         if frame is not None and isinstance(surface, np.ndarray):
             surface = self.placement(surface, frame)
         matte = None if matte is None else self.placement(matte, frame)
-        return Person(self.placement(plate, frame), matte, surface)
+        return Person(self.placement(plate, frame), matte, surface, depth)
 
     def backdrop(self, number: int, lights: Iterable[Light], size: tuple[int, int]) -> Background | None:
         """What is behind the person of a frame, in a picture of `size` (H, W) and this frame's lights."""
@@ -221,6 +242,15 @@ class Preparation:
         found: Any = self._backdrops.read(number)
         found = found.at(number) if isinstance(found, MovingLight) else found
         return found.view(size, self.field_of_view) if isinstance(found, EnvironmentLight) else found
+
+    def borrowed(self, number: int, size: tuple[int, ...]) -> list[EnvironmentLight]:
+        """The light of the background of a frame, in a picture of `size` (H, W), if it is matched."""
+        return [self._plate_light.at(number, size)] if self._matching.plate else []
+
+    @property
+    def borrows_once(self) -> bool:
+        """Whether the light of the background is the same in all frames."""
+        return self._backdrops.numbers is None
 
 
 def _surfaces(normals: Surface | None, axes: str) -> Still | Files | movies.Movie:
@@ -240,8 +270,15 @@ def _surfaces(normals: Surface | None, axes: str) -> Still | Files | movies.Movi
     return _opened(normals, lambda path: images.read_normals(path, axes=axes), _no_movie)
 
 
+def _depths(depth: Source | os.PathLike | None) -> Still | Files | movies.Movie:
+    """Where the depth of a frame comes from."""
+    if isinstance(depth, str | os.PathLike) and Path(depth).suffix.lower() == ".onnx":
+        return Still(depth, Path(depth))
+    return _opened(depth, images.read_depth, _no_movie)
+
+
 def _no_movie(path: Path, **_: object) -> Still:
-    raise ValueError(f"normals: expected images, got the movie {path}")
+    raise ValueError(f"normals, depth: expected images, got the movie {path}")
 
 
 def _opened(

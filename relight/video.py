@@ -1,10 +1,12 @@
 """Relit sequences and movies: moving lights on a still, a still light on a moving person, or both."""
 
+import contextlib
 import importlib
 import math
 import warnings
 from collections.abc import Iterable
 from dataclasses import dataclass
+from functools import cached_property
 from pathlib import Path
 from typing import Any
 
@@ -12,20 +14,25 @@ import numpy as np
 
 from relight import __version__, keying
 from relight.cutting import Cutting
+from relight.depth import Camera
+from relight.floor import Floor
+from relight.foreground import matte_of, plate_of
 from relight.lights.environment import FIELD_OF_VIEW
-from relight.lights.files import write_lights
-from relight.lights.light import Light, by_name
+from relight.lights.light import Light, Lights, by_name
 from relight.lights.moving import MovingLight, lights_at
+from relight.lights.near import NearLight
+from relight.matching import PLATE, Matching, lights_in
 from relight.media import images, movies
 from relight.media.identity import NAME, identity
 from relight.media.sequences import Sequence
 from relight.outputs import Report, check, open_outputs
 from relight.preparation import Placement, Preparation, Source, Surface
-from relight.rendering import Background, check_exr_type, check_names, render_subject
+from relight.rendering import Background, check_exr_type, check_names, described, render_subject
 from relight.steadying import AROUND
 from relight.subject import Subject
 from shadow import inputs
 from shadow.directions import CAMERA
+from shadow.mattes import person_in
 from shadow.networks.checkpoints import checksum
 
 RATE = 24  # frames a second, where nothing says otherwise
@@ -45,11 +52,15 @@ def render_video(
     background: Background | MovingLight | str | Path | None = None,
     field_of_view: float = FIELD_OF_VIEW,
     placement: Placement | None = None,
+    matching: Matching | None = None,
     colour_space: str | None = None,
     normals: Surface | None = None,
     axes: str = CAMERA,
+    depth: Source | None = None,
+    height: float | None = None,
     passes: Iterable[str] = (),
     exr_type: str = "half",
+    floor: Floor | None = None,
     steady: bool = True,
     rate: float | None = None,
     view: str | None = None,
@@ -65,8 +76,10 @@ def render_video(
 
     Parameters
     ----------
-    source, mask, key, cutting, colour_space, normals, axes, background, field_of_view, placement: as of
-        `relight.preparation.Preparation`. A background may be an environment that moves.
+    source, mask, key, cutting, colour_space, normals, axes, depth, height, background, field_of_view,
+        placement, matching: as of `relight.preparation.Preparation`. Where lights stand in the room, it is
+        that of the source's first frame with a person, whichever frames are made. A background may be an
+        environment that moves.
     lights: a light, or any number of them; a relight.MovingLight changes with the frame number.
     outputs: a path or several: sequences of files that `relight.write` writes; movies, .mp4 (which needs a
         background) or .mov; and with an .exr sequence, whose files have light groups and passes as
@@ -75,6 +88,8 @@ def render_video(
         or from the first keyframe of the lights to the last.
     passes: further layers of an .exr, of relight.rendering.PASSES.
     exr_type: "half" or "float", what .exr files hold.
+    floor: relight.Floor that the person stands on: their shadow falls on the background. The floor stands
+        still, and the person's lowest point is on it in every frame.
     steady: average what the networks find of a moving person over 5 frames, where it is alike.
     rate: frames a second of the movies. Unless given, the source's, or 24.
     view, exposure, white: how light becomes what a display shows, see `relight.media.colour.encode`. White is
@@ -106,8 +121,9 @@ def render_video(
     lights_path = None if save_lights is None else Path(save_lights)
     lamps: Any = lights
     lamps = [lamps] if hasattr(lamps, "at") or hasattr(lamps, "samples") else list(lamps)
-    read = (source, mask, background, normals, *lamps)
-    check(paths, read, mattes=matte_path, lights=lights_path)
+    matching = matching or Matching()
+    read = (source, mask, background, normals, depth, matching.reference, matching.mask, *lamps)
+    check(paths, read, mattes=matte_path, lights=lights_path, maps=matching.keeps(lights_path))
     passes = check_names(passes, paths)
     if rate is not None:
         movies.frame_rate(rate)
@@ -115,12 +131,24 @@ def render_video(
     inputs.device("device", device)
     prepared = Preparation(
         source, mask=mask, key=key, cutting=cutting, colour_space=colour_space, normals=normals, axes=axes,
-        background=background, field_of_view=field_of_view, placement=placement,
+        depth=depth, height=height, background=background, field_of_view=field_of_view, placement=placement,
+        matching=matching,
     )  # fmt: skip
+    if floor is not None and floor.feet is not None and prepared.numbers is not None:
+        raise ValueError("floor: feet are those of a still; of a moving person expected height or horizon")
     numbers = _numbers(frames, prepared.span, lamps)
     first = lights_at(lamps, numbers[0])
     prepared.check_lights(first)
-    names = [*by_name(first), *(["background"] if prepared.has_background else [])]
+    if matching.keeps(lights_path) is not None and not prepared.borrows_once:
+        raise ValueError("save_lights: the light of a background that moves fits in no lights file")
+    reference = matching.person(cutting)
+    if reference is not None:
+        lamps += lights_in(*reference, device=device)
+    names = [
+        *by_name(lights_at(lamps, numbers[0])),
+        *([PLATE] if matching.plate else []),
+        *(["background"] if prepared.has_background else []),
+    ]
     display = {"view": view, "exposure": exposure, "white": white}
     mattes = _mattes(matte_path)
     sinks: list[Any] = open_outputs(
@@ -128,14 +156,20 @@ def render_video(
         rate=rate or prepared.rate or RATE, names=names,
     )  # fmt: skip
     if lights_path is not None:
-        write_lights(lights_path, lamps)
+        size = prepared.person(numbers[0]).plate.shape[:2] if matching.plate else (1, 1)
+        matching.write_lights(lights_path, [*lamps, *prepared.borrowed(numbers[0], size)])
     report = progress or (lambda done, total, what: None)
     if (key is not None or cutting is not None) and not keying.is_compiled():
         report(0, 1, keying.COMPILING)
         importlib.import_module("pymatting")
         report(1, 1, keying.COMPILING)
-    people = _People(prepared, steady, device)
-    return _Shot(prepared, people, lamps, passes, exr_type, sinks, mattes, resume).make(numbers, report)
+    in_room = floor is not None or "Z" in passes or any(isinstance(light, NearLight) for light in first)
+    people = _People(prepared, steady, device, in_room)
+    if floor is not None:
+        people.check(floor, numbers[0])
+    return _Shot(prepared, people, lamps, passes, exr_type, floor, sinks, mattes, resume).make(
+        numbers, report
+    )
 
 
 @dataclass(frozen=True)
@@ -147,6 +181,7 @@ class _Shot:
     lights: list[Light | MovingLight]
     passes: tuple[str, ...]
     exr_type: str
+    floor: Floor | None
     sinks: list[Any]
     mattes: Sequence | None
     resume: bool
@@ -185,8 +220,8 @@ class _Shot:
         """Differs where the frame is made of something else."""
         lit = lights_at(self.lights, number)
         return identity(
-            self.prepared.identity(number, self.people.around(number)), [*by_name(lit).items()],
-            self.passes, __version__, *WEIGHTS,
+            self.prepared.identity(number, self.people.made_of(number)), [*by_name(lit).items()],
+            self.passes, self.floor, __version__, *WEIGHTS,
         )  # fmt: skip
 
     def _warn_of_others(self, made: dict[int, str]) -> None:
@@ -210,11 +245,18 @@ class _Shot:
         if wanted:
             lit = lights_at(self.lights, number)
             backdrop = self.prepared.backdrop(number, lit, subject.size)
+            lit = [*lit, *self.prepared.borrowed(number, subject.size)]
             picture, layers = render_subject(
-                subject, lit, background=backdrop, passes=self.passes, depth=self.exr_type
+                subject,
+                lit,
+                background=backdrop,
+                passes=self.passes,
+                exr_type=self.exr_type,
+                floor=self.floor,
             )
+            metadata = described(subject, self.passes)
             for sink in wanted:
-                sink.write(number, picture, layers, made)
+                sink.write(number, picture, layers, made, metadata)
         if matte is not None:
             images.write_mask(matte, subject.matte, metadata={NAME: made})
 
@@ -246,8 +288,9 @@ def _mattes(path: Path | None) -> Sequence | None:
 class _People:
     """The person of each frame; of a moving one the last few frames are kept, to steady the next."""
 
-    def __init__(self, prepared: Preparation, steady: bool, device: str | None) -> None:
-        self._prepared, self._device = prepared, device
+    def __init__(self, prepared: Preparation, steady: bool, device: str | None, in_room: bool) -> None:
+        """`in_room`: the frames share one room, see `relight.depth.Camera`."""
+        self._prepared, self._device, self._in_room = prepared, device, in_room
         self._there = prepared.numbers
         self._reach = AROUND if steady else 0
         self._analysed: dict[int, Subject | _Nobody | Exception] = {}
@@ -258,6 +301,33 @@ class _People:
             return [0]
         near = range(number - self._reach, number + self._reach + 1)
         return [n for n in near if n == number or n in self._there]
+
+    def made_of(self, number: int) -> list[int]:
+        """The frames that one is made of: those around it, and the one that says where the room is."""
+        first, _ = self._room
+        return self.around(number) + ([] if first is None else [first])
+
+    @cached_property
+    def _room(self) -> tuple[int | None, Camera | None]:
+        """The first frame of a moving person that shows them, and its camera; (None, None) for a still, or
+        where nothing stands in the room.
+
+        It depends on the source alone, so that runs over parts of a shot agree.
+        """
+        for number in self._there or () if self._in_room else ():
+            with contextlib.suppress(OSError, ValueError):
+                plate, matte, _, _ = self._prepared.person(number)
+                coverage = person_in(matte_of(plate_of(plate), matte))
+                return number, Camera.of(coverage, self._prepared.height, self._prepared.field_of_view)
+        return None, None
+
+    def check(self, floor: Floor, number: int) -> None:
+        """ValueError where the person cannot stand on the floor in the frame that says where the room is, or
+        of a still in any."""
+        first, _ = self._room
+        if first is not None or self._there is None:
+            plate, matte, _, _ = self._prepared.person(number if first is None else first)
+            floor.check(plate, matte)
 
     def at(self, number: int) -> Any:
         """A Subject, or the like of one; raises as reading and `Subject` do."""
@@ -278,11 +348,14 @@ class _People:
     def _analyse(self, number: int) -> "Subject | _Nobody | Exception":
         """The Subject of a frame, nobody, or what is wrong with it."""
         try:
-            plate, matte, normals = self._prepared.person(number)
+            plate, matte, normals, depth = self._prepared.person(number)
             coverage = plate[..., 3:] if matte is None else matte
             if self._there is not None and coverage.size and coverage.max() <= 0.5:
                 return _Nobody(plate.shape[:2])
-            return Subject(plate, matte, normals=normals, device=self._device)
+            return Subject(
+                plate, matte, normals=normals, depth=depth, height=self._prepared.height,
+                field_of_view=self._prepared.field_of_view, camera=self._room[1], device=self._device,
+            )  # fmt: skip
         except (OSError, ValueError) as error:
             return error
 
@@ -292,7 +365,8 @@ class _Nobody:
 
     def __init__(self, size: tuple[int, int]) -> None:
         self.size = size
-        self.matte = np.zeros(size, np.float32)
+        self.matte = self.depth = np.zeros(size, np.float32)
+        self.distance, self.camera = 0.0, Camera(size, 0.0, (0.0, 0.0), 0.0, 0)
         self.albedo = self.normals = self.lighting(None)
 
     def relit(self, lights: object) -> np.ndarray:
@@ -303,3 +377,7 @@ class _Nobody:
 
     def unshadowed(self, light: object) -> np.ndarray:
         return self.matte
+
+    def shadows(self, lights: Lights, floor: object) -> tuple[dict[str, np.ndarray], np.ndarray]:
+        none = np.ones((*self.size, 3), np.float32)
+        return dict.fromkeys(by_name(lights), none), none

@@ -143,7 +143,7 @@ def test_lights_come_from_a_file_and_go_to_one(tmp_path, photo):
         ({"--mask": None}, "mask: the image has no alpha channel, so give the person's matte"),
         ({"--mask": "gone.png"}, "gone.png: no such file"),
         ({"--light": "key:azimut=3"}, "'azimut=3' is not understood"),
-        ({"--light": None}, "no light: expected --light, --environment or --lights"),
+        ({"--light": None}, "no light: expected --light, --environment, --lights, --match or --match-plate"),
         ({"--environment": "gone.exr,rotation=3"}, "gone.exr: no such file"),
         ({"--lights": "gone.yaml"}, "gone.yaml: no such file"),
         ({"--background": "gone.exr"}, "gone.exr: no such file"),

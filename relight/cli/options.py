@@ -17,6 +17,8 @@ console = Console(stderr=True)
 
 EXAMPLES = """A light: --light key:azimuth=-40,elevation=30,intensity=2,colour=1/0.9/0.8
 
+A lamp in the room: --light lamp:position=-0.6/0.4/0.8,radius=0.1
+
 An environment: --environment studio.exr,rotation=90,intensity=2"""
 
 ColourSpace = Annotated[
@@ -67,7 +69,7 @@ class Look:
         typer.Option(
             help="A light, as in the example below. Also direction=x/y/z, exposure (stops), temperature "
             "(kelvin), locus (planckian, daylight), angle (degrees, soft); in a video orbit (frames of a "
-            "turn). Repeatable."
+            "turn). In the room: position=x/y/z (metres), radius; or toward=x/y/z, width, height. Repeatable."
         ),
     ] = None
     environment: Annotated[
@@ -101,7 +103,24 @@ class Look:
             "0.2/0.2/0.2, or environment: what a camera sees of it."
         ),
     ] = None
-    field_of_view: Annotated[float, typer.Option(help="Of that camera, vertical, in degrees.")] = 40.0
+    field_of_view: Annotated[
+        float,
+        typer.Option(help="Of the camera, vertical, in degrees: for that, and for lights in the room."),
+    ] = 40.0
+    match_plate: Annotated[
+        bool,
+        typer.Option(
+            "--match-plate",
+            help="Light from the background, an image, as if the person stood there.",
+        ),
+    ] = False
+    match: Annotated[
+        str | None,
+        typer.Option(
+            help="Light as in this photograph of somebody, which has alpha, --match-mask or --matte."
+        ),
+    ] = None
+    match_mask: Annotated[str | None, typer.Option(help="The matte of that photograph.")] = None
     size: Annotated[
         str | None,
         typer.Option(help="The picture's: 1920x1080, or background for its own. Default: the photograph's."),
@@ -119,13 +138,27 @@ class Look:
     axes: Annotated[
         str, typer.Option(help="What that image's channels are measured along; OpenCV's are +x-y-z.")
     ] = "+x+y+z"
+    depth: Annotated[
+        str | None,
+        typer.Option(help="Use this depth: an .exr (channel Z, metres), or a network (DAViD's .onnx)."),
+    ] = None
+    height: Annotated[
+        float | None, typer.Option(help="Metres of the person that the photograph shows. Default: 1.75.")
+    ] = None
     passes: Annotated[
-        str | None, typer.Option(help="More layers of the .exr: any of albedo,N,visibility,shading.")
+        str | None, typer.Option(help="More layers of the .exr: any of albedo,N,Z,visibility,shading.")
     ] = None
     exr_type: Annotated[
         ExrType, typer.Option(help="What an .exr holds: float for lights so dim that half loses some.")
     ] = ExrType.half
     layers: Annotated[str | None, typer.Option(hidden=True, help="The former name of --passes.")] = None
+    floor: Annotated[
+        str | None,
+        typer.Option(
+            help="Throw the person's shadow on the ground: height=1.5,horizon=0.45, the camera's metres above "
+            "it and its horizon from the picture's top (0) to its bottom (1); or feet=X/Y/X/Y in pixels."
+        ),
+    ] = None
     view: Annotated[
         str | None,
         typer.Option(
@@ -149,13 +182,15 @@ class Look:
         lighting = [] if self.lights is None else read_lights(self.lights)
         lighting += [parse(text) for text in self.light or []]
         lighting += [parse(text, EnvironmentLight) for text in self.environment or []]
-        if not lighting:
-            raise ValueError("no light: expected --light, --environment or --lights")
+        if not (lighting or self.match_plate or self.match):
+            raise ValueError("no light: expected --light, --environment, --lights, --match or --match-plate")
         return lighting
 
     def settings(self) -> dict[str, Any]:
         """The arguments that `render_still` and `render_video` share."""
         from relight.cutting import Cutting
+        from relight.floor import Floor
+        from relight.matching import Matching
         from relight.preparation import Placement
 
         if self.layers is not None:
@@ -168,12 +203,16 @@ class Look:
             "cutting": Cutting.parse(self.matte, self.person, self.refine_matte),
             "background": _background(self.background),
             "field_of_view": self.field_of_view,
+            "matching": Matching(self.match_plate, self.match, self.match_mask),
             "placement": Placement(_size(self.size), self.placement, self.scale, _offset(self.offset)),
             "colour_space": self.colour_space,
             "normals": self.normals,
             "axes": self.axes,
+            "depth": self.depth,
+            "height": self.height,
             "passes": _words(self.passes) + _words(self.layers),
             "exr_type": self.exr_type.value,
+            "floor": None if self.floor is None else Floor.parse(self.floor),
             "view": self.view,
             "exposure": self.exposure,
             "save_matte": self.save_matte,

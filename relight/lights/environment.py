@@ -20,6 +20,7 @@ import torch
 import torch.nn.functional as F
 from numpy.typing import ArrayLike
 
+from relight.lights import plate
 from relight.lights.light import Light, checked_number, parse_settings
 from relight.media import images
 from relight.media.buffers import to_array, to_buffer
@@ -95,6 +96,42 @@ class EnvironmentLight(Light):
             return cls(path, **{"name": "environment"} | parse_settings(cls, settings))
         except (TypeError, ValueError) as error:
             raise ValueError(f"environment {text!r}: {error}") from error
+
+    @classmethod
+    def from_plate(
+        cls,
+        background: AnyPath | ArrayLike,
+        field_of_view: float = FIELD_OF_VIEW,
+        *,
+        highlights: float = plate.HIGHLIGHTS,
+        **settings: Any,
+    ) -> Self:
+        """The light of the place that a background shows: in it, a person looks as if they stood there.
+
+        Parameters
+        ----------
+        background: a file, or an opaque image (H, W, 3|4), integers sRGB, floats linear Rec.709.
+        field_of_view: vertical, of the camera that took it, in degrees, above 0 and up to 170.
+        highlights: how many times as bright as white that is which the camera clipped, at least 1: a lamp or
+            the sun. Of a background with values above 1, nothing is taken to be clipped.
+        settings: intensity, colour, exposure, name... as of the light itself; a rotation turns the place.
+
+        What the background shows is behind the person, and `view(size, field_of_view)` shows it again. The
+        light from elsewhere is a guess (see `relight.lights.plate`): the front is like the back, left is like
+        left and up like up, and so much light comes from above that a grey card (18 %) that lies on the
+        ground, the lower half of the picture, is as bright as the ground.
+
+        Raises
+        ------
+        FileNotFoundError: no such file. TypeError, ValueError: not an image, transparent pixels, NaN,
+        infinite or negative light, parameters that are out of range.
+        """
+        field_of_view = checked_number("field_of_view", field_of_view, 1e-3, 170)
+        highlights = checked_number("highlights", highlights, 1)
+        if isinstance(background, str | os.PathLike):
+            background = images.read(background)
+        pixels = plate.opaque(background)
+        return cls(plate.surroundings(pixels, field_of_view, highlights), **settings)
 
     def settings(self) -> dict[str, Any]:
         """{parameter: value} of the constructor, as far as they are not its defaults.
@@ -201,9 +238,22 @@ class Panorama:
         return seen[0].permute(1, 2, 0).numpy()
 
     @functools.cached_property
+    def _sums(self) -> np.ndarray:
+        """The light sums (K, 7) of what each lamp stands for; see `_divide`."""
+        return _divide(_cells(self.pixels))
+
+    @functools.cached_property
+    def spreads(self) -> np.ndarray:
+        """The angular radius (K,) in radians of an even disc that spreads as what a lamp stands for does."""
+        energy, vector = self._sums[:, 3], np.linalg.norm(self._sums[:, 4:], axis=1)
+        # Directions over a disc of radius a have a mean of length (1 + cos a) / 2.
+        length = np.divide(vector, energy, out=np.ones_like(energy), where=energy > 0)
+        return np.arccos((2 * length - 1).clip(-1, 1)).astype(np.float32)
+
+    @functools.cached_property
     def lamps(self) -> tuple[np.ndarray, np.ndarray]:
-        """Directions (K, 3) and intensities (K, 3), float32, that light as the map does; see `_divide`."""
-        lamps = _divide(_cells(self.pixels))
+        """Directions (K, 3) and intensities (K, 3), float32, that light as the map does."""
+        lamps = self._sums
         length = np.linalg.norm(lamps[:, 4:], axis=1, keepdims=True)
         front = np.tile([0.0, 0.0, 1.0], (len(lamps), 1))  # where nothing shines, any direction will do
         directions = np.divide(lamps[:, 4:], length, out=front, where=length > 0)
