@@ -1,3 +1,6 @@
+import importlib.util
+from pathlib import Path
+
 import numpy as np
 import pytest
 import torch
@@ -6,6 +9,7 @@ from typer.testing import CliRunner
 
 import relight
 from relight.cli import app
+from relight.depth import Camera
 
 LAMP = relight.PointLight((-0.6, 0.4, 1.2), radius=0.1, name="lamp")
 BOX = relight.RectLight((0, 1.5, 1.0), (0, 0, 0), 1.0, 0.5, intensity=2, name="box")
@@ -168,17 +172,26 @@ def test_an_orbit_carries_a_lamp_around_the_vertical():
 
 
 def test_the_frames_of_a_shot_share_one_room(tmp_path):
-    """The lamp stays where the first frame put it, whichever part of the shot is made."""
-    for number in (1, 2):
-        coverage, _ = ball(120, 90, radius=0.2 * number)
+    """The room is that of the source's first frame, whichever part of the shot is made."""
+    mattes = [ball(120, 90, radius=radius)[0] for radius in (0.2, 0.4)]
+    for number, coverage in enumerate(mattes, 1):
         relight.write(tmp_path / f"in.{number:04d}.exr", image_of(coverage))
-    for frames, out in (((1, 2), "all"), ((2, 2), "part")):
-        relight.render_video(
-            str(tmp_path / "in.%04d.exr"), LAMP, tmp_path / f"{out}.%04d.exr", frames=frames, passes=["Z"],
-            height=0.8, steady=False,
-        )  # fmt: skip
-    both, part = (relight.read_layers(tmp_path / f"{name}.0002.exr") for name in ("all", "part"))
-    for layer in ("C_lamp", "Z"):
-        np.testing.assert_array_equal(both[layer], part[layer])
-    depth = part["Z"][part["Z"] > 0]
-    assert np.median(depth) == pytest.approx(0.8 * 60 / np.tan(np.radians(20)) / 48, rel=0.03)
+    source, output = str(tmp_path / "in.%04d.exr"), tmp_path / "out.%04d.exr"
+    relight.render_video(source, LAMP, output, frames=(2, 2), passes=["Z"], height=0.8, steady=False)
+    depth = relight.read_layers(tmp_path / "out.0002.exr")["Z"]
+    room = Camera.of(torch.from_numpy(mattes[0]), 0.8)
+    assert np.median(depth[depth > 0]) == pytest.approx(room.distance, rel=0.01)
+    assert Camera.of(torch.from_numpy(mattes[1]), 0.8).distance < 0.6 * room.distance
+
+
+@pytest.mark.slow
+def test_truth_is_nearer_to_a_near_light_than_to_a_distant_one():
+    """`benchmarks/near.py --truth`, on two bodies."""
+    path = Path(__file__).parent.parent / "benchmarks" / "near.py"
+    spec = importlib.util.spec_from_file_location("near", path)
+    benchmark = importlib.util.module_from_spec(spec)
+    spec.loader.exec_module(benchmark)
+    scores = benchmark.truth(2)
+    for what in ("visibility", "shading"):
+        assert scores[f"{what}, near"].mean() < 0.95 * scores[f"{what}, directional"].mean()
+    assert scores["depth"].mean() < 0.9 * scores["no depth"].mean()
