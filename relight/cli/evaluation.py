@@ -51,6 +51,22 @@ def evaluate_depth(
     print(depth.report(depth.evaluate(records, model=model, seed=seed, limit=limit)))
 
 
+@evaluate.command("regions")
+def evaluate_regions(
+    records: ScoredRecords,
+    model: Annotated[str, typer.Option(help="Visibility weights: a name, or a file.")] = "field",
+    normals: NormalsWeights = None,
+    seed: LightingSeed = 0,
+    limit: Limit = None,
+) -> None:
+    """Print the normals' error and the cast shadows found on faces and hands, beside the whole body's."""
+    from shadow.evaluation import regions
+
+    print(
+        regions.report(regions.evaluate(records, model=model, normals_model=normals, seed=seed, limit=limit))
+    )
+
+
 @evaluate.command("tables")
 def evaluate_tables(
     records: ScoredRecords,

@@ -1,7 +1,7 @@
 """What a tailor sews onto a garment: plackets, cuffs, waistbands, pockets, lapels, belts, ties, creases.
 
-Each is a piece of a second layer: cut out of the garment's own cloth by a scalar over its unposed surface, and
-raised from where that cloth hangs. So it follows every fold, draped or simulated.
+Each is a piece of a second layer: cut out of the garment's own cloth by a scalar over its unposed surface,
+and raised from where that cloth hangs. So it follows every fold, draped or simulated.
 """
 
 import numpy as np
@@ -76,7 +76,7 @@ def belt(
     garment: Garment, at: float, width: float, fabric: Fabric, buckle: Fabric, rng: np.random.Generator
 ) -> list[Part]:
     """A belt at a height of the rest body, with its buckle before the middle."""
-    posed, faces, rest = garment
+    _posed, _faces, rest = garment
     band = width / 2 - np.abs(rest[:, 1] - at)
     parts = applied(garment, band, 0.004, fabric, thickness=0.005)
     size = np.array([rng.uniform(0.016, 0.024), width / 2 + 0.004])
@@ -134,7 +134,7 @@ def lapels(
 
 def tie(person: Person, garment: Garment, fabric: Fabric, rng: np.random.Generator) -> list[Part]:
     """A necktie that lies on the shirt: a knot at the throat, a blade that widens to its point."""
-    posed, faces, rest = garment
+    _posed, _faces, rest = garment
     x, y, z = rest.T
     throat = person.skeleton.head("neck01")[1]
     chest = np.where((np.abs(x) < 0.03) & (z > 0), y, -np.inf).max()
@@ -154,7 +154,7 @@ def tie(person: Person, garment: Garment, fabric: Fabric, rng: np.random.Generat
 
 
 def creased(person: Person, rest: np.ndarray, region: np.ndarray, height: float) -> np.ndarray:
-    """Metres (V,) by which ironed creases stand out, down the middle of each trouser leg before and behind."""
+    """Metres (V,) by which ironed creases stand out, along the front and the back of each trouser leg."""
     out = np.zeros(len(rest))
     for k in LEGS:
         mine = np.flatnonzero(region == k)
@@ -179,7 +179,7 @@ def pleated(rest: np.ndarray, top: float, count: int, depth: float) -> np.ndarra
 def opened(fit: Fit, person: Person, garment: Garment) -> np.ndarray:
     """Posed vertices (V, 3) of a garment whose fronts stand open: near the opening they swing away from what
     is under them, more the lower they hang."""
-    posed, faces, rest = garment
+    posed, _faces, rest = garment
     x, y, z = rest.T
     chest = person.skeleton.head("spine02")[1]
     beyond = np.abs(x) - gap_of_front(person, fit, y)
