@@ -6,7 +6,7 @@ from; `helper-skirt` is a tube about both legs. Axes are turned to y up, facing 
 origin.
 """
 
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from functools import cached_property, lru_cache
 from pathlib import Path
 
@@ -139,12 +139,14 @@ def skin(weights: csr_matrix, transforms: np.ndarray, rest: np.ndarray) -> np.nd
 
 @dataclass(frozen=True)
 class Person:
-    """One shape in one pose. rest: (19158, 3); rotations: (3, 3) by bone, as of `Posing`."""
+    """One shape in one pose. rest: (19158, 3); rotations: (3, 3) by bone, held and seated, as of `Posing`."""
 
     base: Mannequin
     skeleton: Skeleton
     rest: np.ndarray
     rotations: dict[str, np.ndarray]
+    held: dict[str, str] = field(default_factory=dict)
+    seated: bool = False
 
     @cached_property
     def transforms(self) -> np.ndarray:

@@ -16,8 +16,8 @@ from shadow.lightstage.figure import Figure, interpolate, unit, vertex_normals
 from shadow.lightstage.people import outfits, poses
 from shadow.lightstage.people.anatomy import REGIONS, Mannequin, Person, mannequin
 from shadow.lightstage.people.cloth import compact
-from shadow.lightstage.people.faces import Face
 from shadow.lightstage.people.fabric import Fabric, Noise, Part
+from shadow.lightstage.people.faces import Face
 from shadow.lightstage.people.garments import Wardrobe
 from shadow.lightstage.people.simulation import Simulator
 from shadow.lightstage.people.skeleton import Posing, Skeleton
@@ -96,7 +96,7 @@ class Shape:
         still = Person(self.base, self.skeleton, self.rest, {})
         trunk = still.membership(self.base.tights.weights)[:, 0] > 0.75
         pose.clear_of(still.tights_rest[trunk], still.tights_normals[trunk], ease=0.012)
-        return Person(self.base, self.skeleton, self.rest, pose.rotations)
+        return Person(self.base, self.skeleton, self.rest, pose.rotations, pose.held, pose.seated)
 
 
 # Skin ------------------------------------------------------------------------------------------------------

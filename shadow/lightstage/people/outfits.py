@@ -6,7 +6,7 @@ only; a full-length robe, afro hair and helmets in generalisation only.
 
 import numpy as np
 
-from shadow.lightstage.people import fabric, hair, props, tailoring
+from shadow.lightstage.people import fabric, glasses, hair, held, props, seats, tailoring
 from shadow.lightstage.people.fabric import Fabric
 from shadow.lightstage.people.garments import Wardrobe
 from shadow.lightstage.people.patterns import Fit
@@ -50,6 +50,13 @@ def dress(wardrobe: Wardrobe, rng: np.random.Generator, split: str, woman: bool)
         tailor.over(over)
     _crown(wardrobe, rng, split, woman)
     props.carry(wardrobe, rng, split)
+    for side, thing in wardrobe.person.held.items():
+        paint = fabric.leather(rng) if thing in ("bag", "case") else Fabric.plain(fabric.colour(rng))
+        held.hold(wardrobe, rng, side, thing, paint)
+    if wardrobe.person.seated and rng.random() < 0.7:
+        seats.sit(
+            wardrobe, rng, fabric.leather(rng) if rng.random() < 0.5 else Fabric.plain(fabric.colour(rng))
+        )
 
 
 class _Tailor:
@@ -318,3 +325,5 @@ def _crown(wardrobe: Wardrobe, rng: np.random.Generator, split: str, woman: bool
         hair.hat(skull, wardrobe, rng, worn, cloth)
     if not woman and rng.random() < 0.3:
         hair.beard(skull, wardrobe, rng, colour)
+    if worn not in ("hat", "helmet") and rng.random() < 0.25:
+        wardrobe.parts += glasses.glasses(wardrobe.person, skull, rng)
