@@ -121,6 +121,20 @@ def evaluate_shading(
     print(evaluation.report(tallies, delights))
 
 
+@evaluate.command("albedo")
+def evaluate_albedo(
+    records: ScoredRecords,
+    model: Annotated[str, typer.Option(help="Shading weights: a name, or a file.")] = "shading",
+    field: Annotated[str, typer.Option(help="Visibility weights: a name, or a file.")] = "field",
+    seed: LightingSeed = 0,
+    limit: Limit = None,
+) -> None:
+    """Print the share of pixels whose albedo no surface has: above 0.9, or more colourful in shadow."""
+    from shading import excess
+
+    print(excess.report(excess.evaluate(records, model=model, field_model=field, seed=seed, limit=limit)))
+
+
 def _named(texts: list[str] | None) -> dict[str, str]:
     """NAME=FILE options as a dictionary."""
     models = {}
