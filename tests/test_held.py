@@ -8,7 +8,7 @@ from shadow import directions
 from shadow.data.records import REGIONS
 from shadow.lightstage import stage
 from shadow.lightstage.figure import Figure, vertex_normals
-from shadow.lightstage.people import bodies, glasses, held, poses, seats
+from shadow.lightstage.people import bodies, glasses, held, locks, poses, seats
 from shadow.lightstage.people.anatomy import LEGS
 from shadow.lightstage.people.fabric import Fabric
 from shadow.lightstage.people.garments import Wardrobe
@@ -112,3 +112,20 @@ def test_glasses_sit_before_the_eyes_and_cast_a_shadow():
     (bare, smooth), (with_glasses, rimmed) = lit(made.parts), lit([*made.parts, *parts])
     assert ((bare > with_glasses).sum()) > 100
     assert (np.abs(smooth - rimmed).max(axis=0) > 0.3).sum() > 200
+
+
+@pytest.mark.parametrize("style", [locks.tousled, locks.fringe])
+def test_locks_stand_off_the_head_from_roots_in_its_skin(style):
+    made, rng = wardrobe(lambda pose: None)
+    skull = Skull(made.person)
+    part = style(skull, GREY, rng)
+    ring = part.rest.reshape(-1, locks.STEPS + 1, locks.SIDES, 3)
+    height = np.linalg.norm(ring - skull.centre, axis=-1)
+    near = skull.radius[np.argmax(((ring - skull.centre) / height[..., None]) @ skull.direction.T, axis=-1)]
+    above = height - near
+    assert above[:, 0].max() < 0.004
+    assert np.percentile(above.max(axis=(1, 2)), 20) > 0.004
+    eyes = skull.eyes[1]
+    assert (part.rest[part.rest[:, 2] > skull.eyes[2] - 0.01, 1] > eyes + 0.005).all()  # eyes are free
+    corners = part.vertices[part.faces]
+    assert (np.cross(corners[:, 0], corners[:, 1]) * corners[:, 2]).sum() > 0

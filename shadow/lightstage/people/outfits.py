@@ -6,7 +6,7 @@ only; a full-length robe, afro hair and helmets in generalisation only.
 
 import numpy as np
 
-from shadow.lightstage.people import fabric, glasses, hair, held, props, seats, tailoring
+from shadow.lightstage.people import fabric, glasses, hair, held, locks, props, seats, tailoring
 from shadow.lightstage.people.fabric import Fabric
 from shadow.lightstage.people.garments import Wardrobe
 from shadow.lightstage.people.patterns import Fit
@@ -320,6 +320,10 @@ def _crown(wardrobe: Wardrobe, rng: np.random.Generator, split: str, woman: bool
         style = "buzz" if style in ("short", "afro", "curls", "bun") else style
     if style != "bald":
         hair.grow(skull, wardrobe, rng, style, colour)
+    if style == "short" and rng.random() < 0.5:
+        wardrobe.parts.append(locks.tousled(skull, colour, rng))
+    if worn == "none" and style in ("short", "bob", "long", "ponytail", "bun") and rng.random() < 0.3:
+        wardrobe.parts.append(locks.fringe(skull, colour, rng))
     if worn != "none":
         cloth = fabric.draw(rng, split, fabric.knit if worn == "beanie" else fabric.plain)
         hair.hat(skull, wardrobe, rng, worn, cloth)
