@@ -2,7 +2,8 @@
 
 python examples/make_person.py [seed] [file]
 
-Needs the extra `stage`. Rendered at twice the size and averaged, so that the matte has soft edges.
+Needs the extra `stage`. Rendered at twice the size and averaged, so that the matte has soft edges. Bodies
+have changed since: the same seed is somebody else now.
 """
 
 import sys

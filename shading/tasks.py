@@ -89,7 +89,7 @@ def shading_loss(network: nn.Module, batch: Batch) -> torch.Tensor:
     with torch.no_grad():
         anchors = model.anchors.expand(len(batch["rgb"]), -1, -1)
         guides = _inferred(batch, anchors, lambda image: image[..., ::2, ::2])
-    blocks = random_blocks(batch["mask"])
+    blocks = random_blocks(batch["attention"])
     take = functools.partial(take_blocks, blocks=blocks)
     maps = network(batch["image"], batch["estimated_normals"], guides, blocks)
     inside = (take(batch["mask"]) > 0.5).float()

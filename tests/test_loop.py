@@ -115,6 +115,7 @@ def test_a_photograph_that_shows_nothing_teaches_nothing(folder):
     sample |= {"rgb": photographs.photograph(sample["rgb"], empty, np.random.default_rng(0)), "mask": empty}
     batch = {key: value[None] for key, value in sample.items()}
     batch["image"] = encode_image(batch["rgb"], batch["mask"])
+    batch |= {"attention": batch["mask"], "angles": 0.0}
     network = VisibilityField(size=128)
     loss = SHADOW.loss(network, batch)
     loss.backward()

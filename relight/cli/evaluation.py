@@ -51,6 +51,22 @@ def evaluate_depth(
     print(depth.report(depth.evaluate(records, model=model, seed=seed, limit=limit)))
 
 
+@evaluate.command("regions")
+def evaluate_regions(
+    records: ScoredRecords,
+    model: Annotated[str, typer.Option(help="Visibility weights: a name, or a file.")] = "field",
+    normals: NormalsWeights = None,
+    seed: LightingSeed = 0,
+    limit: Limit = None,
+) -> None:
+    """Print the normals' error and the cast shadows found on faces and hands, beside the whole body's."""
+    from shadow.evaluation import regions
+
+    print(
+        regions.report(regions.evaluate(records, model=model, normals_model=normals, seed=seed, limit=limit))
+    )
+
+
 @evaluate.command("tables")
 def evaluate_tables(
     records: ScoredRecords,
@@ -103,6 +119,20 @@ def evaluate_shading(
         limit=limit,
     )  # fmt: skip
     print(evaluation.report(tallies, delights))
+
+
+@evaluate.command("albedo")
+def evaluate_albedo(
+    records: ScoredRecords,
+    model: Annotated[str, typer.Option(help="Shading weights: a name, or a file.")] = "shading",
+    field: Annotated[str, typer.Option(help="Visibility weights: a name, or a file.")] = "field",
+    seed: LightingSeed = 0,
+    limit: Limit = None,
+) -> None:
+    """Print the share of pixels whose albedo no surface has: above 0.9, or more colourful in shadow."""
+    from shading import excess
+
+    print(excess.report(excess.evaluate(records, model=model, field_model=field, seed=seed, limit=limit)))
 
 
 def _named(texts: list[str] | None) -> dict[str, str]:

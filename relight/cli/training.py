@@ -64,6 +64,19 @@ def train(
     learning_rate: Annotated[
         float | None, typer.Option(help="At its peak [1e-3; per-light: 5e-4; paper: 5e-6].")
     ] = None,
+    borders: Annotated[
+        float | None,
+        typer.Option(min=1, help="Times as often the losses look at pixels near borders of cast shadow [1]."),
+    ] = None,
+    faces: Annotated[
+        float | None, typer.Option(min=1, help="Times as often they look at pixels of faces and hands [1].")
+    ] = None,
+    angles: Annotated[
+        float | None, typer.Option(min=0, max=1, help="Share of the normals' loss that is their angle [0].")
+    ] = None,
+    average: Annotated[
+        float | None, typer.Option(min=0, max=1, help="Decay a step of the average of the weights [0.999].")
+    ] = None,
     seed: Annotated[int, typer.Option(help="Of photographs and weights.")] = 0,
     init: Annotated[
         Path | None,
@@ -96,7 +109,7 @@ def train(
     task = _task(network, model, not no_normals, visibility)
     recipe = recipe_of(
         preset, task, records, steps=steps, size=size, batch=batch, lights=lights,
-        learning_rate=learning_rate, seed=seed,
+        learning_rate=learning_rate, borders=borders, faces=faces, angles=angles, average=average, seed=seed,
     )  # fmt: skip
     path = fit(
         task, recipe, records, out, validation=validation, init=init, estimator=normals,

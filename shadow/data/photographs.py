@@ -5,7 +5,7 @@ import torch
 import torch.nn.functional as F
 from kornia.enhance import jpeg_codec_differentiable, sharpness
 
-from shadow.data.records import ENCODING, Record
+from shadow.data.records import ENCODING, REGIONS, Record
 from shadow.directions import from_spherical
 from shadow.framing import Framing, affine_sample, bounding_box
 
@@ -155,8 +155,9 @@ class Sample(dict):
     visibility (L, h, w) in [0, 1]; weights (L, 3), what each direction shone with in the photograph. Bounce
     light, in Rec.709 luminance, is bounce_patterns (L, K) times bounce (K, h, w). depth (1, h, w), away from
     the camera, is relative to its mean in the mask, in units of the height that the mask has here; it is
-    zero, and depth_known (1,) too, where the record has none. What is not the photograph's holds inside the
-    mask.
+    zero, and depth_known (1,) too, where the record has none. regions (2, h, w): the share of each pixel that
+    is of a face, and of hands; zero where the record does not say. What is not the photograph's holds inside
+    the mask.
     """
 
 
@@ -195,14 +196,15 @@ def sample(
         record.albedo,
         bounce,
         depth,
+        record.shares,
         record.visibility[:, chosen],
     ]
     turn, matrix = _movement(record, rng, size, augment)
     planes = affine_sample(record.image(np.concatenate(values, axis=1)), matrix, size)
     mask = planes[:1]
     straight = planes[1:] / mask.clamp_min(0.02)  # bilinear sampling premultiplied by the mask
-    channels = [3, 3, 3, bounce.shape[1], 1, len(chosen)]
-    rgb, normals, albedo, bounce, depth, visibility = straight.split(channels)
+    channels = [3, 3, 3, bounce.shape[1], 1, len(REGIONS) - 1, len(chosen)]
+    rgb, normals, albedo, bounce, depth, regions, visibility = straight.split(channels)
     frame = torch.eye(3)
     frame[:2, :2] = torch.from_numpy(turn)
     turned = torch.einsum("ij,jhw->ihw", frame, normals)
@@ -219,6 +221,7 @@ def sample(
         bounce=bounce,
         depth=_depth_on(depth, mask, record, matrix),
         depth_known=torch.tensor([float(record.depth is not None)]),
+        regions=regions.clamp(0, 1),
         bounce_patterns=torch.from_numpy(patterns[:, chosen] @ LUMINANCE).T.contiguous(),
     )
 

@@ -22,6 +22,7 @@ from shadow.framing import bounding_box
 
 SHARD_BYTES = 60 * 2**20
 BOUNCE_RANK = 8  # patterns of bounce light over the lights of a view: they keep 96 % of it
+REGIONS = ("other", "face", "hands")  # what a pixel may belong to
 ENCODING = 2.2  # albedo is stored as 8 bits of albedo ** (1 / 2.2), finer in dark cloth
 
 
@@ -42,6 +43,9 @@ class Record:
     bounce_float16: np.ndarray | None = None  # (N, K) and
     bounce_patterns: np.ndarray | None = None  # (K, D, 3): their product is the bounce light, or neither is
     depth_float16: np.ndarray | None = None  # (N, 1), see `depth`; None in records from before there was any
+    regions: np.ndarray | None = (
+        None  # (N,) uint8, indices into REGIONS; None where nobody knows, as of scans
+    )
 
     @classmethod
     def of(
@@ -54,9 +58,10 @@ class Record:
         about: dict[str, Any] | None = None,
         bounce: tuple[np.ndarray, np.ndarray] | None = None,
         depth: np.ndarray | None = None,
+        regions: np.ndarray | None = None,
     ) -> "Record":
         """From floats inside the mask: normals (N, 3) unit, albedo (N, 3) linear in [0, 1], visibility
-        (N, D) bool, bounce light in factors (N, K) and (K, D, 3), depth (N, 1)."""
+        (N, D) bool, bounce light in factors (N, K) and (K, D, 3), depth (N, 1), regions (N,)."""
         return cls(
             mask.astype(bool),
             np.round(normals * 127).astype(np.int8),
@@ -70,6 +75,7 @@ class Record:
                 else (bounce[0].astype(np.float16), bounce[1].astype(np.float32))
             ),
             None if depth is None else depth.astype(np.float16),
+            None if regions is None else regions.astype(np.uint8),
         )
 
     @property
@@ -108,6 +114,13 @@ class Record:
         """
         return None if self.depth_float16 is None else self.depth_float16.astype(np.float32)
 
+    @property
+    def shares(self) -> np.ndarray:
+        """(N, 2) float32: 1 where a pixel is of a face, and of hands; zero if nobody knows."""
+        if self.regions is None:
+            return np.zeros((len(self.normals_int8), len(REGIONS) - 1), np.float32)
+        return (self.regions[:, None] == np.arange(1, len(REGIONS))).astype(np.float32)
+
     def image(self, values: np.ndarray) -> torch.Tensor:
         """Values inside the mask (N, C) as an image (C, H, W) float32, zero outside."""
         canvas = np.zeros((values.shape[1], *self.mask.shape), np.float32)
@@ -136,6 +149,7 @@ class Record:
             visibility_bits=self.visibility_bits[kept],
             bounce_float16=None if self.bounce_float16 is None else self.bounce_float16[kept],
             depth_float16=None if self.depth_float16 is None else self.depth_float16[kept],
+            regions=None if self.regions is None else self.regions[kept],
         )
 
 
@@ -154,6 +168,7 @@ def to_bytes(record: Record) -> bytes:
         about=np.frombuffer(json.dumps(record.about).encode(), np.uint8),
         **({} if record.bounce_float16 is None else bounce),
         **({} if record.depth_float16 is None else {"depth": record.depth_float16}),
+        **({} if record.regions is None else {"regions": record.regions}),
     )
     return stream.getvalue()
 
@@ -173,6 +188,7 @@ def from_bytes(data: bytes, name: str | Path = "record") -> Record:
                 arrays.get("bounce"),
                 arrays.get("bounce_patterns"),
                 arrays.get("depth"),
+                arrays.get("regions"),
             )
     except (ValueError, KeyError, OSError, EOFError, zipfile.BadZipFile) as error:
         raise ValueError(f"records: {name} is damaged or not a record: {error}") from error

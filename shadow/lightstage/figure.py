@@ -21,6 +21,7 @@ class Figure:
     detail: a normal map: (face index (N,), barycentric (N, 3)) -> (N, 3) directions in tangent space, whose
         z is the shading normal's; None if the figure has none.
     tangents: (F, 3, 4) float32 of each corner, as `normalmaps.tangents` makes them; None where detail is.
+    regions: (F,) uint8 of each face, an index into `records.REGIONS`; None if nobody knows.
     """
 
     vertices: np.ndarray
@@ -30,6 +31,7 @@ class Figure:
     name: str
     detail: Detail | None = None
     tangents: np.ndarray | None = None
+    regions: np.ndarray | None = None
 
 
 def vertex_normals(vertices: np.ndarray, faces: np.ndarray) -> np.ndarray:

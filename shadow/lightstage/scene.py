@@ -14,19 +14,24 @@ OFFSET = 0.002  # metres: rays leave from above the surface, or they would hit i
 
 @dataclass(frozen=True)
 class Surface:
-    """Points on the figure, each on the side that the ray came from. All arrays are (N, 3), camera frame."""
+    """Points on the figure, each on the side that the ray came from. Arrays are (N, 3), camera frame, unless
+    they say otherwise."""
 
     position: np.ndarray  # metres
     geometric: np.ndarray  # unit normal of the triangle
     normal: np.ndarray  # unit shading normal: smooth, and turned by the figure's normal map
     albedo: np.ndarray  # linear Rec.709 in [0, 1]
+    region: np.ndarray | None = None  # (N,) uint8, as of Figure
 
     def __len__(self) -> int:
         return len(self.position)
 
     def take(self, index: np.ndarray) -> "Surface":
         """The points of an index or a mask."""
-        return Surface(self.position[index], self.geometric[index], self.normal[index], self.albedo[index])
+        region = None if self.region is None else self.region[index]
+        return Surface(
+            self.position[index], self.geometric[index], self.normal[index], self.albedo[index], region
+        )
 
     def facing(self, lights: np.ndarray) -> np.ndarray:
         """Which of the lights (D, 3) each point turns to, (N, D) bool: by its geometric and its shading
@@ -63,7 +68,8 @@ class Scene:
         flip = np.where((geometric * rays[found]).sum(axis=1) > 0, -1.0, 1.0)[:, None]
         geometric, normal = geometric * flip, normal * flip
         position = np.einsum("nk,nkc->nc", barycentric, corners)
-        return found, Surface(position, geometric, normal, self.figure.albedo(face, barycentric))
+        region = None if self.figure.regions is None else self.figure.regions[face]
+        return found, Surface(position, geometric, normal, self.figure.albedo(face, barycentric), region)
 
     def _detailed(self, normal: np.ndarray, face: np.ndarray, barycentric: np.ndarray) -> np.ndarray:
         """Unit normals (N, 3) turned as the figure's normal map, if it has one, says at these points."""

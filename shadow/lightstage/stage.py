@@ -130,7 +130,8 @@ def render(
     indirect = _bounce(scene, surface, mask, lights, _seed(figure.name, view)) if bounced else None
     depth, camera = _depth(surface, mask, view)
     about = {"figure": figure.name, "view": asdict(view), "camera": camera}
-    return records.Record.of(mask, surface.normal, surface.albedo, lit, lights, about, indirect, depth)
+    truth = mask, surface.normal, surface.albedo, lit, lights, about, indirect, depth
+    return records.Record.of(*truth, regions=surface.region)
 
 
 def _depth(surface: Surface, mask: np.ndarray, view: View) -> tuple[np.ndarray, dict[str, float]]:

@@ -32,6 +32,7 @@ from shadow.networks import checkpoints
 from shadow.networks.backbone import encode_image
 from shadow.networks.field import VisibilityField
 from shadow.networks.precision import autocast
+from shadow.training.attention import attention
 from shadow.training.optimiser import Optimiser
 from shadow.training.recipes import Recipe, Task, learning_rate
 from shadow.training.start import load_start
@@ -153,9 +154,15 @@ def _estimated(source: Any, batch: Batch) -> torch.Tensor:
         return torch.stack([source.normals(rgb, mask) for rgb, mask in views])
 
 
-def _prepare(batch: Batch, device: torch.device, auxiliary: _Auxiliary) -> Batch:
+def _prepare(
+    batch: Batch, device: torch.device, auxiliary: _Auxiliary, recipe: Recipe | None = None
+) -> Batch:
+    """The batch on the device, with what the networks need. recipe: for the losses, None for scores."""
     batch = {key: value.to(device, non_blocking=True) for key, value in batch.items()}
     batch["image"] = encode_image(batch["rgb"], batch["matte"]).contiguous(memory_format=torch.channels_last)
+    if recipe is not None:
+        batch["attention"] = attention(batch, recipe)
+        batch["angles"] = recipe.angles
     with torch.no_grad():
         surface = None if auxiliary.normals is None else auxiliary.normals(batch)
         if auxiliary.field is not None:
@@ -184,7 +191,7 @@ def _gradient(
         # Processes exchange their gradients with the last part only.
         with model.no_sync() if distributed and number < len(parts) else nullcontext():
             with autocast(device, recipe.bfloat16):
-                part = _prepare(dict(zip(batch, part, strict=True)), device, auxiliary)
+                part = _prepare(dict(zip(batch, part, strict=True)), device, auxiliary, recipe)
                 loss = task.loss(model, part) / len(parts)
             loss.backward()
         total += loss.detach()

@@ -44,6 +44,11 @@ class Recipe:
     clip: float | None = 1.0  # norm of the gradient
     average: float = 0.999  # decay of the exponential moving average; 0 keeps the last weights
     bfloat16: bool = True  # activations, where the processor has it; parameters are float32 either way
+    borders: float = 1.0  # how many times as often the losses look at pixels near borders of cast shadow,
+    faces: float = 1.0  # and at pixels of faces and hands, as at others
+    angles: float = (
+        0.0  # share of the normals' loss that is their angle; the rest is their difference's length
+    )
     seed: int = 0
 
 

@@ -25,12 +25,13 @@ def _masked_mean(values: torch.Tensor, mask: torch.Tensor) -> torch.Tensor:
     return (values * mask).sum() / (mask.sum() * values.shape[1]).clamp_min(1)
 
 
-def random_blocks(mask: torch.Tensor) -> torch.Tensor:
-    """BLOCKS random 2 x 2 pixel blocks (B, BLOCKS) of masks (B, 1, H, W), for `take_blocks`.
+def random_blocks(attention: torch.Tensor) -> torch.Tensor:
+    """BLOCKS random 2 x 2 pixel blocks (B, BLOCKS), for `take_blocks`, each as likely as its pixel of most
+    attention (B, 1, H, W), which is zero outside the subject.
 
-    Of an empty mask any blocks: a photograph may happen to be cut so that it shows next to nothing.
+    Of an empty map any blocks: a photograph may happen to be cut so that it shows next to nothing.
     """
-    inside = F.max_pool2d((mask > 0.5).float(), 2).flatten(1)
+    inside = F.max_pool2d(attention, 2).flatten(1)
     return torch.multinomial(inside + 1e-9, BLOCKS, replacement=True)
 
 
@@ -43,13 +44,15 @@ def field_loss(network: nn.Module, batch: Batch) -> torch.Tensor:
     gate that bends them was worth nothing (see the model card).
     """
     field = getattr(network, "module", network)
-    blocks = random_blocks(batch["mask"])
+    blocks = random_blocks(batch["attention"])
     maps = network(batch["image"], blocks)
     normals, truth, mask = (take_blocks(batch[key], blocks) for key in ("normals", "visibility", "mask"))
     given = batch.get("estimated_normals")
     gate = maps.normals.detach() if given is None else take_blocks(given, blocks)
     log_lit = field.log_visibility(maps._replace(normals=gate), batch["directions"])
-    error = _normals_error(maps.normals, normals, mask > 0.5) + _entropy(log_lit, truth, mask > 0.5)
+    error = _normals_error(maps.normals, normals, mask > 0.5, batch["angles"]) + _entropy(
+        log_lit, truth, mask > 0.5
+    )
     if not field.depth:
         return error
     known = (mask > 0.5) & (batch["depth_known"] > 0)[:, :, None, None]
@@ -87,10 +90,16 @@ def _depth_error(
     return DEPTH * _masked_mean((scaled - truth).abs(), inside) + SLOPE * bent
 
 
-def _normals_error(estimate: torch.Tensor, truth: torch.Tensor, inside: torch.Tensor) -> torch.Tensor:
-    """Length of the difference of unit vectors: near the angle itself, so that outliers do not rule."""
-    difference = (estimate - truth).square().sum(dim=1, keepdim=True)
-    return _masked_mean((difference + 1e-4).sqrt(), inside)
+def _normals_error(
+    estimate: torch.Tensor, truth: torch.Tensor, inside: torch.Tensor, angles: float = 0.0
+) -> torch.Tensor:
+    """Length of the difference of unit vectors: near the angle itself, so that outliers do not rule; or a
+    share `angles` of the angle in radians, which counts those that are far off more."""
+    length = ((estimate - truth).square().sum(dim=1, keepdim=True) + 1e-4).sqrt()
+    if not angles:
+        return _masked_mean(length, inside)
+    angle = 2 * torch.asin((length / 2).clamp_max(0.999))
+    return _masked_mean(length.lerp(angle, angles), inside)
 
 
 def _entropy(log_lit: torch.Tensor, truth: torch.Tensor, inside: torch.Tensor) -> torch.Tensor:

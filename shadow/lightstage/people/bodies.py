@@ -9,13 +9,15 @@ from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
-from scipy.sparse import identity
+from scipy.sparse import csr_matrix, identity
 
+from shadow.data import records
 from shadow.lightstage.figure import Figure, interpolate, unit, vertex_normals
 from shadow.lightstage.people import outfits, poses
 from shadow.lightstage.people.anatomy import REGIONS, Mannequin, Person, mannequin
 from shadow.lightstage.people.cloth import compact
 from shadow.lightstage.people.fabric import Fabric, Noise, Part
+from shadow.lightstage.people.faces import Face
 from shadow.lightstage.people.garments import Wardrobe
 from shadow.lightstage.people.simulation import Simulator
 from shadow.lightstage.people.skeleton import Posing, Skeleton
@@ -67,7 +69,8 @@ class Shape:
                 weight=np.clip(rng.normal(0.5, 0.17), 0.1, 0.98),
                 height=rng.uniform(0.3, 0.75),
                 proportions=rng.uniform(0.3, 0.9),
-            )
+            ),
+            Face.draw(rng),
         )
         return cls(base, rest, Skeleton(heads, base.parents, base.names), gender > 0.5)
 
@@ -93,7 +96,7 @@ class Shape:
         still = Person(self.base, self.skeleton, self.rest, {})
         trunk = still.membership(self.base.tights.weights)[:, 0] > 0.75
         pose.clear_of(still.tights_rest[trunk], still.tights_normals[trunk], ease=0.012)
-        return Person(self.base, self.skeleton, self.rest, pose.rotations)
+        return Person(self.base, self.skeleton, self.rest, pose.rotations, pose.held, pose.seated)
 
 
 # Skin ------------------------------------------------------------------------------------------------------
@@ -131,7 +134,22 @@ def _skin(person: Person, covered: np.ndarray, rng: np.random.Generator) -> Part
             )
         return colour
 
-    return Part(person.posed(weights, rest), faces, rest, np.zeros(len(rest), int), Fabric(pattern))
+    shown = _face_and_hands(person, rest, weights)
+    return Part(person.posed(weights, rest), faces, rest, np.zeros(len(rest), int), Fabric(pattern), shown)
+
+
+def _face_and_hands(person: Person, rest: np.ndarray, weights: csr_matrix) -> np.ndarray:
+    """What each vertex (V,) of the skin belongs to, as an index into `records.REGIONS`: the head before the
+    ears, from the chin up; the hands from the wrists on."""
+    names = person.base.names
+    head = weights @ np.array([name == "head" or name.startswith("eye.") for name in names], float)
+    hand = weights @ np.array([name.startswith(("finger", "metacarpal", "wrist")) for name in names], float)
+    _, left, right = _face(person)
+    ears = (left[2] + right[2]) / 2 - 0.055  # metres behind the eyes
+    face = (head > 0.5) & (rest[:, 2] > ears)
+    return np.where(
+        face, records.REGIONS.index("face"), np.where(hand > 0.5, records.REGIONS.index("hands"), 0)
+    )
 
 
 def _face(person: Person) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
@@ -156,7 +174,12 @@ def _eyes(person: Person, rng: np.random.Generator) -> Part:
         return np.where((off < 0.0028)[:, None], 0.02, np.where((off < 0.0062)[:, None], iris, white))
 
     return Part(
-        person.posed(surface.weights, rest), surface.faces, rest, np.zeros(len(rest), int), Fabric(pattern)
+        person.posed(surface.weights, rest),
+        surface.faces,
+        rest,
+        np.zeros(len(rest), int),
+        Fabric(pattern),
+        records.REGIONS.index("face"),
     )
 
 
@@ -168,11 +191,13 @@ def _assemble(parts: list[Part], person: Person, name: str) -> Figure:
         part.faces, rows = compact(part.faces, identity(len(part.vertices), format="csr"))
         kept = rows.indices
         part.vertices, part.rest, part.region = part.vertices[kept], part.rest[kept], part.region[kept]
+        part.shown = np.broadcast_to(part.shown, rows.shape[1])[kept]
     first = np.cumsum([0] + [len(part.vertices) for part in parts])
     vertices = np.concatenate([part.vertices for part in parts])
     faces = np.concatenate([part.faces + start for part, start in zip(parts, first[:-1], strict=True)])
     rest = np.concatenate([part.rest for part in parts])
     region = np.concatenate([part.region for part in parts])[faces[:, 0]]
+    shown = np.concatenate([part.shown for part in parts])[faces[:, 0]].astype(np.uint8)
     owner = np.repeat(np.arange(len(parts)), [len(part.faces) for part in parts])
     normals = np.concatenate([vertex_normals(part.vertices, part.faces) for part in parts])
     pelvis = person.transforms[0, :, :3] @ person.skeleton.heads[0] + person.transforms[0, :, 3]
@@ -198,7 +223,12 @@ def _assemble(parts: list[Part], person: Person, name: str) -> Figure:
         return colour
 
     return Figure(
-        vertices.astype(np.float32), faces.astype(np.int32), normals.astype(np.float32), albedo, name
+        vertices.astype(np.float32),
+        faces.astype(np.int32),
+        normals.astype(np.float32),
+        albedo,
+        name,
+        regions=shown,
     )
 
 

@@ -40,6 +40,7 @@ class Part:
     rest: np.ndarray
     region: np.ndarray
     fabric: Fabric
+    shown: np.ndarray | int = 0  # an index into `records.REGIONS`, or one of each vertex: face, hands, other
 
 
 class Noise:

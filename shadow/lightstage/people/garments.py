@@ -9,7 +9,7 @@ from scipy.sparse import csr_matrix, diags
 from scipy.spatial import cKDTree
 
 from shadow.lightstage.figure import unit, vertex_normals
-from shadow.lightstage.people import trimmings
+from shadow.lightstage.people import tailoring, trimmings
 from shadow.lightstage.people.anatomy import ARMS, LEGS, Person
 from shadow.lightstage.people.cloth import clip, drape, edges_of, fold_noise, line, subdivide
 from shadow.lightstage.people.fabric import Fabric, Part
@@ -31,6 +31,7 @@ class Wardrobe:
         self.membership = person.tights_member
         self.covered = np.zeros(len(self.membership), bool)
         self.parts: list[Part] = []
+        self.outer: tailoring.Garment | None = None  # the garment put on last, as it hangs
         self.obstacles: list[tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]] = []
         posed = person.posed(tights.weights, person.tights_rest)
         between = self._between_legs(person.tights_rest, tights.faces)
@@ -118,7 +119,14 @@ class Wardrobe:
         rest, region = pattern.plain, pattern.region
         if fit.below:
             region = np.where(rest[:, 1] < fit.bottom, 0, region)
-        posed = posed + vertex_normals(posed, faces) * self._wrinkles(fit, rest, region)[:, None]
+        relief = self._wrinkles(fit, rest, region)
+        if fit.crease:
+            relief += tailoring.creased(person, rest, region, fit.crease)
+        if fit.pleats:
+            relief += tailoring.pleated(rest, fit.bottom, fit.pleats, 0.012)
+        posed = posed + vertex_normals(posed, faces) * relief[:, None]
+        if fit.swing:
+            posed = tailoring.opened(fit, person, (posed, faces, rest))
         hanging = fit.below > 0.15 or fit.open_front > 0
         wide = max(fit.sleeve_width, fit.leg_width) > 0.85
         inner = 0.35 if wide or hanging else 0.12
@@ -133,7 +141,26 @@ class Wardrobe:
         if fit.collar:
             cut = fit.collar, fit.collar_kind
             self.parts += trimmings.collar(person, (posed, faces, rest), *cut, fabric, self.rng)
+        self.parts += self._sewn(fit, (posed, faces, rest), region, fabric)
+        self.outer = posed, faces, rest
         return part
+
+    def _sewn(self, fit: Fit, garment: tailoring.Garment, region: np.ndarray, fabric: Fabric) -> list[Part]:
+        """What the fit says is sewn on."""
+        person, parts = self.person, []
+        if "placket" in fit.sewn:
+            low = fit.bottom - fit.below
+            parts += tailoring.placket(garment, low, person.skeleton.head("neck01")[1] - fit.vee, fabric)
+        if "cuffs" in fit.sewn:
+            parts += tailoring.cuffs(person, garment, region, fit.sleeve, fabric)
+        if "waistband" in fit.sewn:
+            parts += tailoring.waistband(garment, fit.top, fabric)
+        if "lapels" in fit.sewn:
+            parts += tailoring.lapels(person, fit, garment, fabric, self.rng)
+        for kind in ("chest", "hips", "seat"):
+            if kind in fit.sewn:
+                parts += tailoring.pockets(person, garment, kind, fabric)
+        return parts
 
     def shoes(self, fit: Fit, sole: float, fabric: Fabric) -> None:
         """Shoes or boots from the feet of the tights; `fit.leg` is the share of the leg they start at.

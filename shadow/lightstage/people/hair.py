@@ -4,6 +4,7 @@ import numpy as np
 import trimesh
 from scipy.spatial import cKDTree
 
+from shadow.data.records import REGIONS
 from shadow.lightstage.figure import unit, vertex_normals
 from shadow.lightstage.people.anatomy import Person
 from shadow.lightstage.people.cloth import border_chains, clip, drape, fold_noise, line, stretch, strip
@@ -273,7 +274,9 @@ def beard(skull: Skull, wardrobe: Wardrobe, rng: np.random.Generator, fabric: Fa
     root, weights = rows @ rest, rows @ surface.weights
     length = depth * np.clip((rows @ inside) / 0.012, 0.1, 1) * (1 + 0.25 * fold_noise(root, rng, 0.012))
     grown = root + unit(rows @ outside + [0, -0.3, 0]) * length[:, None]
-    wardrobe.parts.append(Part(person.posed(weights, grown), faces, root, np.zeros(len(root), int), fabric))
+    shown = REGIONS.index("face")
+    grown = person.posed(weights, grown)
+    wardrobe.parts.append(Part(grown, faces, root, np.zeros(len(root), int), fabric, shown))
 
 
 def hat(skull: Skull, wardrobe: Wardrobe, rng: np.random.Generator, style: str, fabric: Fabric) -> None:

@@ -6,7 +6,7 @@ only; a full-length robe, afro hair and helmets in generalisation only.
 
 import numpy as np
 
-from shadow.lightstage.people import fabric, hair, props
+from shadow.lightstage.people import fabric, glasses, hair, held, locks, props, seats, tailoring
 from shadow.lightstage.people.fabric import Fabric
 from shadow.lightstage.people.garments import Wardrobe
 from shadow.lightstage.people.patterns import Fit
@@ -37,6 +37,8 @@ def dress(wardrobe: Wardrobe, rng: np.random.Generator, split: str, woman: bool)
             tailor.skirt()
         else:
             tailor.trousers(boots)
+        if rng.random() < (0.6 if tucked else 0.15):
+            tailor.belt()
         if not tucked:
             tailor.top(tucked=False, woman=woman)
     else:
@@ -48,6 +50,13 @@ def dress(wardrobe: Wardrobe, rng: np.random.Generator, split: str, woman: bool)
         tailor.over(over)
     _crown(wardrobe, rng, split, woman)
     props.carry(wardrobe, rng, split)
+    for side, thing in wardrobe.person.held.items():
+        paint = fabric.leather(rng) if thing in ("bag", "case") else Fabric.plain(fabric.colour(rng))
+        held.hold(wardrobe, rng, side, thing, paint)
+    if wardrobe.person.seated and rng.random() < 0.7:
+        seats.sit(
+            wardrobe, rng, fabric.leather(rng) if rng.random() < 0.5 else Fabric.plain(fabric.colour(rng))
+        )
 
 
 class _Tailor:
@@ -109,8 +118,18 @@ class _Tailor:
         }[kind]
         jeans = rng.random() < 0.4
         only = fabric.denim if jeans else (fabric.plain if rng.random() < 0.6 else None)
+        ironed = not jeans and kind in ("straight", "wide", "slim") and rng.random() < 0.5
         self.wardrobe.wear(
-            self.fit(loose * 0.7, top=self.waist, leg=leg, leg_width=width, fill=0.0, held=("waist",)),
+            self.fit(
+                loose * 0.7,
+                top=self.waist,
+                leg=leg,
+                leg_width=width,
+                fill=0.0,
+                held=("waist",),
+                sewn=("waistband", "seat") if jeans or rng.random() < 0.5 else ("waistband",),
+                crease=rng.uniform(0.004, 0.009) if ironed else 0.0,
+            ),
             self.cloth(only),
         )
 
@@ -141,9 +160,23 @@ class _Tailor:
                 below=length,
                 flare=rng.choice([0.03, 0.1, 0.2, 0.3]),
                 held=("waist",),
+                pleats=int(rng.integers(18, 30)) if rng.random() < 0.35 else 0,
             ),
             self.cloth(),
         )
+
+    def belt(self) -> None:
+        """A belt over what was put on last, at the waist."""
+        metal = Fabric.plain(self.rng.choice([0.12, 0.45]) * np.array([1.0, 0.92, 0.78]))
+        width = self.rng.uniform(0.025, 0.045)
+        at = self.waist - 0.02
+        leather = fabric.leather(self.rng)
+        self.wardrobe.parts += tailoring.belt(self.wardrobe.outer, at, width, leather, metal, self.rng)
+
+    def tie(self) -> None:
+        """A necktie over the shirt that was put on last."""
+        person = self.wardrobe.person
+        self.wardrobe.parts += tailoring.tie(person, self.wardrobe.outer, self.cloth(), self.rng)
 
     def top(self, tucked: bool, woman: bool) -> None:
         rng = self.rng
@@ -181,6 +214,9 @@ class _Tailor:
             )
             if rng.random() < 0.2:
                 choices |= dict(collar_kind="stand")
+            choices["sewn"] = ("placket", "cuffs") if sleeve > 0.9 else ("placket",)
+            if rng.random() < 0.5:
+                choices["sewn"] += ("chest",)
         elif kind == "turtleneck":
             choices |= dict(neck=-0.012, collar=0.03, collar_kind="fold")
             loose *= 0.4
@@ -196,6 +232,8 @@ class _Tailor:
             fit.held = ("neck", "hem")
             fit.fill *= 0.4
         self.wardrobe.wear(fit, self.cloth(fabric.knit if kind == "sweater" and rng.random() < 0.5 else None))
+        if kind == "shirt" and rng.random() < (0.15 if woman else 0.4):
+            self.tie()
 
     def gown(self, kind: str) -> None:
         rng = self.rng
@@ -256,6 +294,13 @@ class _Tailor:
             choices |= dict(
                 buttons=kind != "hoodie" and rng.random() < 0.6, open_front=rng.uniform(0.02, 0.11), neck=0.02
             )
+            choices["swing"] = rng.uniform(0.0, 0.07 if kind in ("coat", "long vest") else 0.035)
+        if kind in ("jacket", "coat", "long vest"):
+            choices["sewn"] = ("hips",) if rng.random() < 0.6 else ()
+            if choices["collar_kind"] == "fold" and rng.random() < 0.75:
+                choices["sewn"] += ("lapels",)
+                if not choices.get("open_front"):
+                    choices["vee"] = rng.uniform(0.14, 0.3)
         leather = kind == "jacket" and rng.random() < 0.25
         cloth = fabric.leather(rng) if leather else self.cloth(fabric.plain if rng.random() < 0.6 else None)
         self.wardrobe.wear(self.fit(loose, **choices), cloth)
@@ -275,8 +320,14 @@ def _crown(wardrobe: Wardrobe, rng: np.random.Generator, split: str, woman: bool
         style = "buzz" if style in ("short", "afro", "curls", "bun") else style
     if style != "bald":
         hair.grow(skull, wardrobe, rng, style, colour)
+    if style == "short" and rng.random() < 0.5:
+        wardrobe.parts.append(locks.tousled(skull, colour, rng))
+    if worn == "none" and style in ("short", "bob", "long", "ponytail", "bun") and rng.random() < 0.3:
+        wardrobe.parts.append(locks.fringe(skull, colour, rng))
     if worn != "none":
         cloth = fabric.draw(rng, split, fabric.knit if worn == "beanie" else fabric.plain)
         hair.hat(skull, wardrobe, rng, worn, cloth)
     if not woman and rng.random() < 0.3:
         hair.beard(skull, wardrobe, rng, colour)
+    if worn not in ("hat", "helmet") and rng.random() < 0.25:
+        wardrobe.parts += glasses.glasses(wardrobe.person, skull, rng)

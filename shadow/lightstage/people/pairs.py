@@ -109,4 +109,5 @@ def _together(first: Figure, second: Figure, rotation: np.ndarray, offset: np.nd
         np.concatenate([first.normals, second.normals @ rotation.T]).astype(np.float32),
         joined([first.albedo, second.albedo], [len(first.faces), len(second.faces)]),
         name,
+        regions=np.concatenate([first.regions, second.regions]) if first.regions is not None else None,
     )

@@ -27,7 +27,10 @@ class Fit:
     flare: metres outwards a metre down. open_front: half width of the gap of an open jacket at the hem, 0
     if closed. held: edges that stay in place, of "waist", "hem", "neck". weight, bending: as in `drape`;
     slack: cloth length over the cut's. wrinkles: metres of fine creases; thickness: metres of an edge.
-    collar: its height, and its kind, "stand", "fold" or "hood". buttons: whether the front has them.
+    collar: its height, and its kind, "stand", "fold" or "hood". buttons: whether the front has them. sewn:
+    what is sewn on, of "placket", "cuffs", "waistband", "lapels", "chest", "hips", "seat" (pockets). swing:
+    metres by which an open front stands off. crease: metres of ironed creases of trousers; pleats: how many
+    a skirt has.
     """
 
     top: float = 9.0
@@ -52,6 +55,10 @@ class Fit:
     collar_kind: str = "stand"
     buttons: bool = False
     thickness: float = 0.004
+    sewn: tuple[str, ...] = field(default=())
+    swing: float = 0.0
+    crease: float = 0.0
+    pleats: int = 0
 
 
 @dataclass(frozen=True)
@@ -122,10 +129,15 @@ def cut_line(person: Person, fit: Fit) -> np.ndarray:
             mine = member[:, k] > 0.5
             inside = np.where(mine, np.minimum(inside, (fit.leg - along) * 0.8), inside)
     if fit.open_front:
-        low, high = max(fit.bottom, -0.1), person.skeleton.head("neck01")[1]
-        gap = fit.open_front * (0.6 + 0.4 * np.clip((y - low) / (high - low), 0, 1))
+        gap = gap_of_front(person, fit, y)
         inside = np.where((z > 0) & (arm < 0.5), np.minimum(inside, np.abs(x) - gap), inside)
     return inside
+
+
+def gap_of_front(person: Person, fit: Fit, y: np.ndarray) -> np.ndarray:
+    """Half the width (V,) of the gap of an open jacket at heights of the rest body."""
+    low, high = max(fit.bottom, -0.1), person.skeleton.head("neck01")[1]
+    return fit.open_front * (0.6 + 0.4 * np.clip((y - low) / (high - low), 0, 1))
 
 
 def let_out(person: Person, fit: Fit) -> np.ndarray:

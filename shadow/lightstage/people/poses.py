@@ -28,19 +28,20 @@ def draw(skeleton: Skeleton, rng: np.random.Generator) -> Posing:
     _LEGS[legs](pose)
     _torso(pose, lively)
     for side in "LR":
-        pose.fingers(side, *[(18, 2), (30, 0), (75, 0), (6, 9)][rng.choice(4, p=[0.5, 0.25, 0.15, 0.1])])
+        kinds = [(18, 2), (30, 0), (75, 0), (6, 9), (3, 16)]  # relaxed, hooked, a fist, open, spread wide
+        pose.fingers(side, *kinds[rng.choice(5, p=[0.42, 0.23, 0.12, 0.11, 0.12])])
     both = rng.random() < 0.4
     kinds, chances = zip(*_ARMS.items(), strict=True)
     weights = np.array([c[1 if lively else 0] for _, c in chances])
     first = rng.choice(len(kinds), p=weights / weights.sum())
-    if kinds[first] == "crossed":
-        _crossed(pose)
+    if kinds[first] in _BOTH:
+        _BOTH[kinds[first]](pose)
         return pose
     for side in rng.permutation(["L", "R"]):
         chances[first][0](pose, str(side))
         if not both:
             first = rng.choice(len(kinds), p=weights / weights.sum())
-            while kinds[first] == "crossed":
+            while kinds[first] in _BOTH:
                 first = rng.choice(len(kinds), p=weights / weights.sum())
     return pose
 
@@ -63,7 +64,10 @@ def _torso(pose: Posing, lively: bool) -> None:
         pose.spread(9 * scale),
         pose.spread(4 * scale),
     )
-    pose.head(pose.spread(7) + 5, pose.spread(22 if pose.rng.random() < 0.6 else 10), pose.spread(6))
+    # Heads look about, nod and look up; now and then over a shoulder.
+    far = pose.rng.random()
+    nod, yaw = (14, 30) if far < 0.35 else (7, 14)
+    pose.head(pose.spread(nod) + 4, pose.spread(yaw), pose.spread(8 if far < 0.35 else 5))
     if "root" not in pose.rotations:
         pose.pelvis(pose.spread(2), pose.spread(10), pose.spread(1.5))
 
@@ -124,6 +128,7 @@ def _wide(pose: Posing) -> None:
 
 
 def _sit(pose: Posing) -> None:
+    pose.seated = True
     pose.pelvis(-4 + pose.spread(5), pose.spread(12), pose.spread(2))
     out = pose.rng.uniform(2, 20)
     for side in "LR":
@@ -270,6 +275,67 @@ def _crossed(pose: Posing) -> None:
         pose.fingers(str(side), 25, 0)
 
 
+def _hugging(pose: Posing, side: str) -> None:
+    """Something flat held before the chest by a forearm across it, leaning on it or not."""
+    chest = pose.skeleton.head("spine02")
+    target = chest + [
+        SIDES[side] * pose.rng.uniform(-0.04, 0.08),
+        pose.rng.uniform(-0.2, -0.04),
+        pose.rng.uniform(0.22, 0.3),
+    ]
+    pose.hand_to(side, target, (1.0, -1.0, -0.2), pose.spread(15))
+    pose.fingers(side, 32, 3)
+    pose.held[side] = str(pose.rng.choice(["binder", "folder", "book", "tablet"]))
+
+
+def _reading(pose: Posing, side: str) -> None:
+    """Something to look at, held out before the belly."""
+    belly = pose.skeleton.head("spine04")
+    target = belly + [
+        SIDES[side] * pose.rng.uniform(0.0, 0.12),
+        pose.rng.uniform(0.08, 0.28),
+        pose.rng.uniform(0.28, 0.4),
+    ]
+    pose.hand_to(side, target, (0.8, -1.0, -0.3), -35 + pose.spread(25))
+    pose.fingers(side, 30, 2)
+    pose.held[side] = str(pose.rng.choice(["phone", "phone", "book", "tablet", "folder", "box"]))
+
+
+def _at_ear(pose: Posing, side: str) -> None:
+    ear = pose.skeleton.head("head")
+    target = ear + [SIDES[side] * 0.105, pose.rng.uniform(-0.02, 0.03), 0.04]
+    pose.hand_to(side, target, (0.8, -1.0, 0.2), 30 + pose.spread(10))
+    pose.fingers(side, 42, 0)
+    pose.held[side] = "phone"
+
+
+def _carrying(pose: Posing, side: str) -> None:
+    """A hanging arm, with something in its hand."""
+    _down(pose, side)
+    pose.held[side] = str(
+        pose.rng.choice(["bag", "case", "binder", "folder", "stick"], p=[0.35, 0.2, 0.15, 0.15, 0.15])
+    )
+    pose.fingers(side, 68 if pose.held[side] in ("bag", "case", "stick") else 30, 0)
+
+
+def _lifting(pose: Posing) -> None:
+    """Both hands at the sides of a box."""
+    belly = pose.skeleton.head("spine04")
+    half, height, ahead = (
+        pose.rng.uniform(0.2, 0.26),
+        pose.rng.uniform(0.0, 0.16),
+        pose.rng.uniform(0.28, 0.36),
+    )
+    for side in "LR":
+        target = belly + [SIDES[side] * half, height, ahead]
+        pose.hand_to(side, target, (1.0, -0.9, -0.3), 0)
+        pose.fingers(side, 14, 3)
+    pose.held["both"] = "crate"
+
+
+_BOTH = {"crossed": _crossed, "lifting": _lifting}  # of both arms
+
+
 # How often each is drawn: (calm, lively).
 _ARMS = {
     "down": (_down, (5, 1)),
@@ -286,4 +352,9 @@ _ARMS = {
     "behind back": (_behind_back, (0.4, 0.2)),
     "sideways": (_sideways, (0.2, 1.5)),
     "crossed": (_crossed, (1.2, 0.3)),
+    "lifting": (_lifting, (0.5, 0.3)),
+    "hugging": (_hugging, (0.9, 0.3)),
+    "reading": (_reading, (1.0, 0.5)),
+    "ear": (_at_ear, (0.4, 0.3)),
+    "carrying": (_carrying, (0.9, 0.5)),
 }

@@ -1,4 +1,4 @@
-"""Things that people carry: bags on a strap, backpacks, scarves, sticks, phones, boxes."""
+"""Things that people carry on them: bags on a strap, backpacks, scarves."""
 
 import numpy as np
 import trimesh
@@ -18,8 +18,6 @@ def carry(wardrobe: Wardrobe, rng: np.random.Generator, split: str) -> None:
         backpack(wardrobe, rng, fabric.draw(rng, split, fabric.plain))
     if rng.random() < 0.07:
         scarf(wardrobe, rng, fabric.draw(rng, split))
-    if rng.random() < 0.14:
-        hold(wardrobe, rng, str(rng.choice(["stick", "phone", "box"])), fabric.leather(rng))
 
 
 def _bone(wardrobe: Wardrobe, name: str) -> np.ndarray:
@@ -172,26 +170,3 @@ def scarf(wardrobe: Wardrobe, rng: np.random.Generator, cloth: Fabric) -> None:
         if (vertex_normals(points, faces) * (points - middle)).sum() < 0:
             faces = faces[:, ::-1]
         _add(wardrobe, points @ bone[:, :3].T + bone[:, 3], faces, points, cloth)
-
-
-def hold(wardrobe: Wardrobe, rng: np.random.Generator, thing: str, cloth: Fabric) -> None:
-    """Put a stick, a phone or a box into one hand."""
-    side = str(rng.choice(["L", "R"]))
-    head = wardrobe.person.skeleton.head
-    knuckle = (head(f"finger2-1.{side}") + head(f"finger5-1.{side}")) / 2
-    along = unit(knuckle - head(f"wrist.{side}"))
-    across = unit(head(f"finger2-1.{side}") - head(f"finger5-1.{side}"))
-    palm = (1 if side == "L" else -1) * unit(np.cross(along, across))
-    axes = np.stack([across, along, palm])
-    size = {
-        "stick": np.array([rng.uniform(0.5, 1.1), 0.022, 0.022]),
-        "phone": np.array([0.15, 0.075, 0.009]),
-        "box": np.array([0.2, 0.14, 0.12]) * rng.uniform(0.7, 1.5),
-    }[thing]
-    points, faces = _box(size, {"stick": 0.6, "phone": 0.1, "box": 0.0}[thing])
-    offset = {"stick": 0.03, "phone": 0.03, "box": 0.03 + size[2] / 2}[thing]
-    placed = points @ axes + knuckle + palm * offset + along * (0.02 if thing != "box" else 0.0)
-    if np.linalg.det(axes) < 0:
-        faces = faces[:, ::-1]
-    bone = _bone(wardrobe, f"wrist.{side}")
-    _add(wardrobe, placed @ bone[:, :3].T + bone[:, 3], faces, points, cloth)

@@ -106,6 +106,8 @@ class Posing:
         self.rotations: dict[str, np.ndarray] = {}
         self.arms: dict[str, tuple[np.ndarray, np.ndarray]] = {}
         self.lift = 0.0
+        self.held: dict[str, str] = {}  # a thing of `held.SIZES` by the hand that holds it, or by "both"
+        self.seated = False
 
     def spread(self, scale: float) -> float:
         return float(np.clip(self.rng.normal(), -2.2, 2.2) * scale)
