@@ -13,8 +13,8 @@ import { dot } from "./lights.js";
 
 export const LIGHTS = 8; // of which each can be alone; the layer after them is the environment's
 const LAYERS = LIGHTS + 1;
-const ROWS = 17; // vec4 a sample: see shaders/light.glsl
-const BATCH = 60; // samples a draw: 60 · 17 vec4 fit the 16 KiB that every uniform block may have
+const ROWS = 14; // vec4 a sample: see shaders/light.glsl
+const BATCH = 60; // samples a draw: 60 · 14 vec4 fit the 16 KiB that every uniform block may have
 export const LOOKS = ["picture", "light", "visibility", "normals", "albedo", "photograph"];
 const LUMINANCE = [0.2126, 0.7152, 0.0722];
 
