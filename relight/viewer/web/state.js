@@ -58,7 +58,7 @@ export function checkedLight(given, kind = LIGHT) {
 }
 
 /** A name as OpenEXR layers can have it: no control characters, not too long. */
-export const nameOf = (text) => (text ?? "").replace(/\p{Cc}/gu, "").trim().slice(0, 60);
+export const nameOf = (text) => (text ?? "").replace(/\p{Cc}/gu, "").trim().slice(0, 80);
 
 /** The environment's part of the state: its map is kept elsewhere. */
 export const checkedEnvironment = (given) =>
