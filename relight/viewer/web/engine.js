@@ -95,16 +95,17 @@ export class Engine {
     });
   }
 
-  /** An ImageBitmap or {data: Float32Array RGB, width, height} to be behind the person; null for none. */
+  /** A picture to be behind the person, {width, height, rgb: Float32Array}; null for none. */
   setBackground(picture) {
     const { gl } = this;
     this.backdrop = picture;
     if (this.background) gl.deleteTexture(this.background.handle);
-    const blank = { size: [1, 1], data: new Uint8Array(4) };
-    this.background = texture(
-      gl,
-      picture === null ? blank : { size: [picture.width, picture.height], format: "sRGB", data: picture, mipmaps: true },
-    );
+    const { width, height, rgb } = picture ?? { width: 1, height: 1, rgb: new Float32Array(3) };
+    const data = new Float32Array(width * height * 4);
+    for (let pixel = 0; pixel < width * height; pixel++) {
+      for (let channel = 0; channel < 3; channel++) data[pixel * 4 + channel] = Math.min(rgb[pixel * 3 + channel], 65504);
+    }
+    this.background = texture(gl, { size: [width, height], format: "float", data, mipmaps: true });
   }
 
   /**
@@ -307,6 +308,7 @@ function formats(gl) {
     bytes: [gl.RGBA8, gl.RGBA, gl.UNSIGNED_BYTE],
     grey: [gl.R8, gl.RED, gl.UNSIGNED_BYTE],
     half: [gl.RGBA16F, gl.RGBA, gl.HALF_FLOAT],
+    float: [gl.RGBA16F, gl.RGBA, gl.FLOAT],
     sRGB: [gl.SRGB8_ALPHA8, gl.RGBA, gl.UNSIGNED_BYTE],
   };
 }
