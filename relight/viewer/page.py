@@ -5,42 +5,32 @@ import functools
 import html
 import json
 import re
-from collections.abc import Iterable, Mapping
+from collections.abc import Mapping
 from importlib.resources import files
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
-import numpy as np
-
-from relight.lights.directional import DirectionalLight
-from relight.lights.environment import EnvironmentLight
-from relight.lights.light import Light, by_name
-from relight.media.colour import LOCI, temperature
-from relight.viewer.packing import pack
-
-if TYPE_CHECKING:
-    from relight.subject import Subject
-
-MODULES = ("pack", "lights", "environment", "engine", "state", "texts", "png", "controls", "stage", "viewer")
+# The program's files, each after those that it imports from.
+MODULES = (
+    "pack", "lights", "engine", "environment", "dom", "ball", "state", "png", "stage", "controls", "actions",
+    "keys", "viewer",
+)  # fmt: skip
 SHADERS = ("quad", "common", "light", "sum", "prepare", "enlarge", "compose", "reduce", "show")
-LIGHTS = 8  # at most, and one environment
-MIREDS = (25.0, 1000.0, 66)  # of the table of temperatures: first, last, how many
-KEY = {"azimuth": -40.0, "elevation": 30.0, "angle": 10.0, "name": "key"}  # where no lights are given
 
 
-def page(subject: "Subject", scene: Mapping[str, Any], title: str = "relight") -> str:
-    """The page as text. `scene` is what `scene_of` gives."""
+def page(scene: Mapping[str, Any], pack: bytes) -> str:
+    """The page as text, from what `relight.viewer.scene` and `relight.viewer.packing` make."""
     return _text("page.html").format(
-        title=html.escape(title),
-        style=_text("style.css"),
+        title=html.escape(scene["title"]),
+        style=style(),
         scene=_within_script(json.dumps(scene)),
-        pack=base64.b64encode(pack(subject)).decode(),
+        pack=base64.b64encode(pack).decode(),
         module=module(),
     )
 
 
 @functools.cache
 def module() -> str:
-    """The viewer as one ES module: its files one after the other, and its shaders."""
+    """The program as one ES module, its files one after the other, with its shaders; exports none."""
     shaders = {name: _text(f"shaders/{name}.glsl") for name in SHADERS}
     parts = [f"const SHADERS = {_within_script(json.dumps(shaders))};"]
     for name in MODULES:
@@ -49,10 +39,14 @@ def module() -> str:
     return "\n".join(parts)
 
 
+def style() -> str:
+    return _text("style.css")
+
+
 def _text(name: str) -> str:
     return files("relight.viewer").joinpath("web", name).read_text(encoding="utf-8")
 
 
 def _within_script(text: str) -> str:
-    """JSON that no text in it ends the script element of (`</script>`, `<!--`)."""
+    """JSON in which no text ends the script element that holds it (`</script>`, `<!--`)."""
     return text.replace("<", "\\u003c")

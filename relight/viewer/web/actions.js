@@ -35,7 +35,8 @@ export function actionsOf(viewer) {
     remove: (index) =>
       change((state) => {
         state.lights.splice(index, 1);
-        if (state.selected >= index) state.selected = Math.max(0, Math.min(state.selected, state.lights.length) - (state.selected > index || state.selected >= state.lights.length ? 1 : 0));
+        const next = state.selected - Number(state.selected > index);
+        state.selected = Math.max(0, Math.min(next, state.lights.length - 1));
       }),
     toggle: (key) => change((_, light) => light && (light[key] = !light[key])),
     nudge: (key, step) => onLight((light) => (light[key] = clamp(light[key] + step, key === "angle" ? 0 : -64, key === "angle" ? 180 : 64)), "keys"),

@@ -381,7 +381,7 @@ function explain(root, error) {
 }
 
 /** The page: its data lies in script elements. */
-async function openPage(page) {
+export async function openPage(page) {
   const root = page.getElementById("relight");
   try {
     const scene = JSON.parse(page.getElementById("scene").textContent);
@@ -402,7 +402,7 @@ const api = (viewer) => ({
 });
 
 /** The widget of a notebook (anywidget): its lights are those that shine, in Python and here. */
-async function render({ model, el }) {
+export async function render({ model, el }) {
   const root = h("div", { class: "relight embedded" });
   el.append(root);
   try {
