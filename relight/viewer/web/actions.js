@@ -1,12 +1,10 @@
 // What buttons and keys do.
 
 import { LIGHTS } from "./engine.js";
-import { LOCI } from "./lights.js";
+import { LOCI, clamp } from "./lights.js";
 import { toPng } from "./png.js";
 import { checkedLight, toCommand, toFragment, toYaml } from "./state.js";
 import { LOOK_NAMES } from "./controls.js";
-
-const clamp = (value, low, high) => Math.min(high, Math.max(low, value));
 
 // Where lights are put one after the other: a key, a rim, a fill, a kicker...
 const PLACES = [[-40, 30], [145, 25], [60, 10], [-145, 20], [0, 70], [20, -30], [-90, 0], [90, 0]];

@@ -4,7 +4,7 @@ import { chroma, paintBall, toHex } from "./ball.js";
 import { choice, h, iconButton, slider } from "./dom.js";
 import { LIGHTS, LOOKS } from "./engine.js";
 import { decoded } from "./environment.js";
-import { LOCI, power } from "./lights.js";
+import { LOCI, clamp, power } from "./lights.js";
 import { nameOf, shining } from "./state.js";
 
 export const LOOK_NAMES = {
@@ -49,7 +49,7 @@ export class Controls {
       label,
       ...options,
       onchange: (given) => {
-        const value = Math.min(Math.max(given, options.low ?? options.min), options.high ?? options.max);
+        const value = clamp(given, options.low ?? options.min, options.high ?? options.max);
         this.change((state) => owner(state) && (owner(state)[key] = value), `${label}${this.viewer.state.selected}`);
       },
       onend: () => this.viewer.endGesture(),

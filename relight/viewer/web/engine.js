@@ -16,7 +16,7 @@ const LAYERS = LIGHTS + 1;
 const ROWS = 14; // vec4 a sample: see shaders/light.glsl
 const BATCH = 60; // samples a draw: 60 · 14 vec4 fit the 16 KiB that every uniform block may have
 export const LOOKS = ["picture", "light", "visibility", "normals", "albedo", "photograph"];
-const LUMINANCE = [0.2126, 0.7152, 0.0722];
+export const LUMINANCE = [0.2126, 0.7152, 0.0722];
 
 /** A browser that cannot show the page: what it lacks, for the person who opened it. */
 export class Unsupported extends Error {}

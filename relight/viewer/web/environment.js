@@ -1,10 +1,11 @@
 // Environment maps: a .hdr file or a picture, and the directional lights that it comes down to.
 // Latitude-longitude, as relight.EnvironmentLight: the centre is at the camera, the left half at image right.
 
+import { DEGREE } from "./lights.js";
+
 const LAMPS = 256; // directions at most
-const ROWS = 256; // of the grid that is divided among the lamps
+const GRID_ROWS = 256; // of the grid that is divided among the lamps
 const FEWEST_ROWS = 64; // coarser maps are repeated to it
-const DEGREE = Math.PI / 180;
 
 /** A file that cannot be used, and why, for whoever dropped it. */
 export class Refused extends Error {}
@@ -104,7 +105,7 @@ function cells(rgb, rowsOfMap) {
   const repeat = Math.ceil(FEWEST_ROWS / rowsOfMap);
   const height = rowsOfMap * repeat;
   const width = 2 * height;
-  const [rows, columns] = [Math.min(ROWS, height), Math.min(2 * ROWS, width)];
+  const [rows, columns] = [Math.min(GRID_ROWS, height), Math.min(2 * GRID_ROWS, width)];
   const sums = Array.from({ length: rows }, () => new Float64Array(columns * 7));
   const starts = (count, whole) => Array.from({ length: count + 1 }, (_, k) => Math.floor((k * whole) / count));
   const cellOf = (edges) => edges.slice(0, -1).flatMap((from, cell) => Array(edges[cell + 1] - from).fill(cell));

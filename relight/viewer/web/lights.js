@@ -1,7 +1,7 @@
 // Lights as Python's: the parameters of relight.DirectionalLight, the directions that a light comes down to.
 
 const SOFT_SAMPLES = 32; // directions over the disc of a soft light: relight/lights/directional.py
-const DEGREE = Math.PI / 180;
+export const DEGREE = Math.PI / 180;
 
 export const LOCI = { planckian: [1000, 40000], daylight: [4000, 25000] }; // kelvin
 
@@ -58,6 +58,7 @@ function cap(axis, radius) {
   });
 }
 
+export const clamp = (value, low, high) => Math.min(high, Math.max(low, value));
 export const dot = (a, b) => a[0] * b[0] + a[1] * b[1] + a[2] * b[2];
 
 const cross = (a, b) => [

@@ -6,7 +6,7 @@
 import { chroma, paintBall } from "./ball.js";
 import { h } from "./dom.js";
 import { LIGHTS } from "./engine.js";
-import { angles, direction, power } from "./lights.js";
+import { angles, clamp, direction, power } from "./lights.js";
 import { shining } from "./state.js";
 
 const MARGIN = 24; // CSS pixels around the picture
@@ -131,7 +131,7 @@ export class Stage {
     pointer.now = this.place(event);
     if (this.task === "aim") this.aim(pointer.now);
     else if (this.task === "turn") this.turn();
-    else if (this.task === "wipe") this.viewer.change((state) => (state.wipe.at = clamp((pointer.now[0] - this.frame.left) / this.frame.width)), "wipe");
+    else if (this.task === "wipe") this.viewer.change((state) => (state.wipe.at = clamp((pointer.now[0] - this.frame.left) / this.frame.width, 0, 1)), "wipe");
   }
 
   aim([x, y]) {
@@ -148,7 +148,7 @@ export class Stage {
     this.viewer.change((state) => {
       if (state.environment) state.environment.rotation = this.began.rotation + (moved / this.radius) * 45;
       const light = state.lights[state.selected];
-      if (light && pinch !== 1) light.angle = Math.min(180, Math.max(0, (this.began.angle + 10) * pinch - 10));
+      if (light && pinch !== 1) light.angle = clamp((this.began.angle + 10) * pinch - 10, 0, 180);
     }, "turn");
   }
 
@@ -168,7 +168,7 @@ export class Stage {
     const step = event.deltaY * (event.deltaMode === 1 ? 16 : 1) * WHEEL;
     this.viewer.change((state) => {
       const light = state.lights[state.selected];
-      if (light) light.angle = Math.min(180, Math.max(0, light.angle - step));
+      if (light) light.angle = clamp(light.angle - step, 0, 180);
     }, "wheel");
     this.tell();
     clearTimeout(this.wheeling);
@@ -216,8 +216,6 @@ export class Stage {
     }
   }
 }
-
-const clamp = (value) => Math.min(1, Math.max(0, value));
 
 function described({ azimuth, elevation, angle }) {
   const degrees = (value) => `${value.toFixed(0).replace("-", "−").replace(/^−0$/, "0")}°`;

@@ -4,7 +4,7 @@ import { actionsOf } from "./actions.js";
 import { toHex } from "./ball.js";
 import { Controls } from "./controls.js";
 import { h } from "./dom.js";
-import { Engine, LIGHTS, Unsupported } from "./engine.js";
+import { Engine, LIGHTS, LUMINANCE, Unsupported } from "./engine.js";
 import { Refused, encoded, lampsOf, readImage, turned } from "./environment.js";
 import { actionOf, helpSheet, keyTable } from "./keys.js";
 import { dot, power, samples } from "./lights.js";
@@ -15,7 +15,6 @@ import { Invalid, checkedEnvironment, checkedLight, fromFragment, initial, shini
 const ORBIT = 8000; // milliseconds a turn
 const STEPS = 200; // that can be undone
 const GREY = [0.0116, 0.0129, 0.0161]; // of a background that becomes a colour
-const LUMINANCE = [0.2126, 0.7152, 0.0722];
 
 export class Viewer {
   /** In `root`, from a scene (see relight/viewer/scene.py) and a pack; `linked`: whether the page's address holds the state. */
