@@ -7,7 +7,16 @@ import json
 import re
 from collections.abc import Mapping
 from importlib.resources import files
-from typing import Any
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+from relight.viewer.packing import pack
+from shadow.files import AnyPath, check_writable, replacing
+
+if TYPE_CHECKING:
+    from relight.subject import Subject
+
+SUFFIXES = (".html", ".htm")
 
 # The program's files, each after those that it imports from.
 MODULES = (
@@ -17,13 +26,22 @@ MODULES = (
 SHADERS = ("quad", "common", "light", "sum", "prepare", "enlarge", "compose", "reduce", "show")
 
 
-def page(scene: Mapping[str, Any], pack: bytes) -> str:
+def write_page(path: AnyPath, scene: Mapping[str, Any], subject: "Subject") -> Path:
+    """Write a subject's page, whole or not at all; ValueError for a path of another suffix."""
+    target = check_writable(path, SUFFIXES)
+    text = page(scene, pack(subject))
+    with replacing(target) as beside:
+        beside.write_text(text, encoding="utf-8")
+    return target
+
+
+def page(scene: Mapping[str, Any], packed: bytes) -> str:
     """The page as text, from what `relight.viewer.scene` and `relight.viewer.packing` make."""
     return _text("page.html").format(
         title=html.escape(scene["title"]),
         style=style(),
         scene=_within_script(json.dumps(scene)),
-        pack=base64.b64encode(pack).decode(),
+        pack=base64.b64encode(packed).decode(),
         module=module(),
     )
 
@@ -40,6 +58,7 @@ def module() -> str:
 
 
 def style() -> str:
+    """The page's style sheet, which keeps to what is within `.relight`."""
     return _text("style.css")
 
 

@@ -45,17 +45,9 @@ def scene_of(
     ------
     ValueError: too many lights, two of one name. TypeError: lights of another kind, or that move.
     """
-    named = by_name(KEY if lights is None else lights)
+    named = checked_lights(KEY if lights is None else lights)
     skies = {name: light for name, light in named.items() if isinstance(light, EnvironmentLight)}
     lamps = {name: light for name, light in named.items() if isinstance(light, DirectionalLight)}
-    others = [type(light).__name__ for light in named.values() if not isinstance(light, DirectionalLight | EnvironmentLight)]
-    if others:
-        raise TypeError(f"lights: the viewer shows DirectionalLight and EnvironmentLight, got {others[0]}")
-    if len(lamps) > LIGHTS or len(skies) > 1:
-        raise ValueError(
-            f"lights: the viewer shows up to {LIGHTS} directional lights and one environment, "
-            f"got {len(lamps)} and {len(skies)}"
-        )
     return {
         "title": title,
         "command": list(command),
@@ -64,6 +56,23 @@ def scene_of(
         "tints": {locus: _tints(locus) for locus in LOCI},
         **_backdrop(background, size),
     }
+
+
+def checked_lights(lights: Light | Iterable[Light]) -> dict[str, Light]:
+    """Lights by name; ValueError or TypeError where the page cannot show them."""
+    named = by_name(lights)
+    skies = [light for light in named.values() if isinstance(light, EnvironmentLight)]
+    for light in named.values():
+        if not isinstance(light, DirectionalLight | EnvironmentLight):
+            raise TypeError(
+                f"lights: the viewer shows DirectionalLight and EnvironmentLight, got {type(light).__name__}"
+            )
+    if len(named) - len(skies) > LIGHTS or len(skies) > 1:
+        raise ValueError(
+            f"lights: the viewer shows up to {LIGHTS} directional lights and one environment, "
+            f"got {len(named) - len(skies)} and {len(skies)}"
+        )
+    return named
 
 
 def parameters_of(light: DirectionalLight, name: str | None = None) -> dict[str, Any]:
