@@ -185,9 +185,13 @@ class Subject:
         scene = scene_of(self.size, lights, background, title=title, command=command or COMMAND)
         if path is not None:
             return write_page(path, scene, self)
-        from relight.viewer.widget import view_widget
-
-        return view_widget(self, scene)
+        try:
+            from relight.viewer.widget import Viewer
+        except ModuleNotFoundError as error:
+            raise ModuleNotFoundError(
+                "a view in a notebook needs anywidget: pip install 'relight[notebook]'"
+            ) from error
+        return Viewer(self, scene)
 
     def fitted(self, image: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """The lighting in which the person looks most like `image`, see `relight.fit_lights`.

@@ -38,9 +38,7 @@ def view(
     person: Who = None,
     background: Annotated[
         str | None,
-        typer.Option(
-            help="An image, a linear colour such as 0.2/0.2/0.2, or environment, as of `relight apply`."
-        ),
+        typer.Option(help="An image, a linear colour such as 0.2/0.2/0.2, or environment."),
     ] = None,
     colour_space: ColourSpace = None,
     open_: Annotated[bool, typer.Option("--open", help="Open the page in the browser.")] = False,

@@ -1,4 +1,4 @@
-"""What the viewer's page knows of a subject: maps on the networks' canvas, and the plate, in one block of bytes.
+"""What the viewer's page knows of a subject, in one block of bytes: maps on the canvas, and the plate.
 
 The page repeats `Subject.relit` from these alone. The 96 maps of cast shadow, one an anchor direction, are
 almost linear combinations of a few, and so are those of the residual: their principal components are kept, 8
