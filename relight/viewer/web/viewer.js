@@ -260,15 +260,19 @@ export class Viewer {
   /** Brings all up to date with the state, the picture with the browser's next frame. */
   refresh() {
     if (!this.engine) return;
+    this.drawSoon();
+    clearTimeout(this.writing);
+    if (this.linked) this.writing = setTimeout(() => this.writeLink(), 250);
+    for (const listener of this.listeners) listener(this.state);
+  }
+
+  drawSoon() {
     this.frame ??= requestAnimationFrame(() => {
       this.frame = null;
       this.redraw();
       this.controls.update(this.state);
       this.stage.update(this.state);
     });
-    clearTimeout(this.writing);
-    if (this.linked) this.writing = setTimeout(() => this.writeLink(), 250);
-    for (const listener of this.listeners) listener(this.state);
   }
 
   redraw() {
@@ -327,7 +331,7 @@ export class Viewer {
       if (picture) part.data.forEach((value, index) => index % 4 < 3 && (picture.data[index] += value));
       else picture = part;
     }
-    this.redraw();
+    this.drawSoon();
     return picture;
   }
 
