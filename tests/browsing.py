@@ -16,6 +16,7 @@ FLAGS = (
     "--enable-unsafe-swiftshader",
     "--disable-background-networking",
 )
+OWN = ("file:", "blob:")  # what a page may ask for: itself, and what it made
 READ = """async (lights) => {
     const parts = [];
     for (const light of lights) {
@@ -61,7 +62,7 @@ def opened(browser, path, fragment="", size=(1100, 760), ready=True, before=None
     page.on("pageerror", lambda error: page.complaints.append(str(error)))
     page.on(
         "request",
-        lambda request: request.url.startswith(("file:", "blob:")) or page.complaints.append(request.url),
+        lambda request: request.url.startswith(OWN) or page.complaints.append(request.url),
     )
     if before:
         page.add_init_script(before)

@@ -1,6 +1,6 @@
 """The viewer's page in a real browser: the same light as Python's, and hands on it."""
 
-import asyncio  # noqa: F401
+import base64
 import json
 import shlex
 from pathlib import Path
@@ -54,9 +54,7 @@ def person(subjects):
 def path(person, tmp_path_factory):
     lights = [
         relight.DirectionalLight(azimuth=-40, elevation=30, intensity=2, temperature=4500, name="key"),
-        relight.DirectionalLight(
-            azimuth=140, elevation=20, colour=(0.5, 0.7, 1), angle=20, name=HOSTILE[:80]
-        ),
+        relight.DirectionalLight(azimuth=140, elevation=20, colour=(0.5, 0.7, 1), name=HOSTILE[:80]),
     ]
     file = tmp_path_factory.mktemp("page") / "person.html"
     return browsing.policed(
@@ -284,7 +282,7 @@ def test_an_environment_lights_as_python_s(page, person, tmp_path):
     [
         ("sky.exr", "OpenEXR files cannot be opened"),
         ("notes.png", "is no picture"),
-        ("square.hdr", "Radiance"),
+        ("sky.hdr", "Radiance"),
     ],
 )
 def test_a_file_that_is_no_map_is_a_sentence(name, words, page, tmp_path):
@@ -318,15 +316,13 @@ def test_all_of_it_by_keyboard(page):
             .filter((one) => !one.hidden && !(one.getAttribute("aria-label") || one.textContent.trim()
                 || one.closest("label")?.textContent.trim())).map((one) => one.outerHTML)"""
     )
-    assert unnamed == ["""<input type="file" accept=".hdr,.rgbe,.pic,image/*" hidden="">"""] * 0
+    assert not unnamed
 
 
 def test_the_panel_fits_a_phone(browser, path):
     page = browsing.opened(browser, path, size=(390, 844))
-    wide = page.evaluate(
-        "[...document.querySelectorAll('.panel *')].map((one) => one.getBoundingClientRect().right)"
-    )
-    assert max(wide) <= 390
+    parts = "[...document.querySelectorAll('.panel *')]"
+    assert max(page.evaluate(f"{parts}.map((one) => one.getBoundingClientRect().right)")) <= 390
     assert page.evaluate("document.querySelector('.picture').getBoundingClientRect().height") > 200
     page.context.close()
 
@@ -334,8 +330,9 @@ def test_the_panel_fits_a_phone(browser, path):
 def test_the_widget_s_module_draws_with_a_model_of_a_notebook(browser, person, tmp_path):
     scene = scene_of(person.size, relight.DirectionalLight(azimuth=-40, name="key"))
     stub = f"""
-        const bytes = fromBase64({json.dumps(__import__("base64").b64encode(pack(person)).decode())});
-        const listeners = [], values = {{ scene: {json.dumps(scene)}, pack: new DataView(bytes.buffer), lights: [] }};
+        const bytes = fromBase64("{base64.b64encode(pack(person)).decode()}");
+        const listeners = [], scene = {json.dumps(scene)};
+        const values = {{ scene, pack: new DataView(bytes.buffer), lights: [] }};
         window.model = {{
             get: (key) => values[key],
             set: (key, value) => (values[key] = value),

@@ -46,6 +46,6 @@ class Viewer(anywidget.AnyWidget):
         super().__init__(pack=pack(subject), scene=dict(scene), lights=begun)
 
     def snapshot(self, further: Light | Iterable[Light] = ()) -> np.ndarray:
-        """The picture in the widget's lights and in `further` ones, such as an environment; see `Subject.relit`."""
+        """`Subject.relit` by the widget's lights and by `further` ones, such as an environment."""
         others = [further] if isinstance(further, Light) else list(further)
         return self._subject.relit([*self.lights, *others])
