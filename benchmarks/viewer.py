@@ -2,8 +2,8 @@
 
 python benchmarks/viewer.py [image]
 
-The person is placed on a plate of 1024 x 1024 pixels. A frame is what a drag costs: every light is drawn anew on
-the canvas, the sum is enlarged, and the picture shown.
+The person is placed on a plate of 1024 x 1024 pixels. A frame is what a drag costs: every light is drawn anew
+on the canvas, the sum is enlarged, and the picture shown.
 """
 
 import sys

@@ -5,6 +5,7 @@ Every page is under a Content-Security-Policy that allows nothing but what is in
 
 import base64
 import shutil
+import time
 from contextlib import contextmanager
 
 import numpy as np
@@ -68,9 +69,17 @@ def opened(browser, path, fragment="", size=(1100, 760), ready=True, before=None
         page.add_init_script(before)
     page.goto(f"{path.as_uri()}{'#' if fragment else ''}{fragment}")
     if ready:
-        page.wait_for_function("window.relight", timeout=60_000)
+        wait(page, "Boolean(window.relight)")
         settled(page)
     return page
+
+
+def wait(page, condition, seconds=60):
+    """Waits until an expression is true. (`Page.wait_for_function` needs a policy that allows `eval`.)"""
+    end = time.monotonic() + seconds
+    while not page.evaluate(condition):
+        assert time.monotonic() < end, f"{condition}: not within {seconds} s; {page.complaints}"
+        time.sleep(0.05)
 
 
 def settled(page):

@@ -21,11 +21,11 @@ export function paintBall(canvas, lights, ambient = 0.02) {
       const light = [ambient, ambient, ambient];
       for (const { toward, soft, colour } of lit) {
         const facing = Math.max(0, (dot(normal, toward) + soft) / (1 + soft)); // a wide light wraps around
-        for (let channel = 0; channel < 3; channel++) light[channel] += 0.8 * facing * colour[channel];
+        for (let channel = 0; channel < 3; channel++) light[channel] += facing * colour[channel];
       }
       const place = (y * size + x) * 4;
       for (let channel = 0; channel < 3; channel++) {
-        image.data[place + channel] = 255 * encoded(light[channel] / (1 + light[channel] * 0.25)) ;
+        image.data[place + channel] = 255 * encoded(light[channel] / (1 + light[channel] * 0.15));
       }
       image.data[place + 3] = 255 * Math.min(1, Math.max(0, (1 - beyond) * radius + 0.5));
     }

@@ -50,6 +50,7 @@ export class Engine {
     gl.bindVertexArray(gl.createVertexArray());
     this.layers = Array(LAYERS).fill(null); // what each layer shows: the samples it was drawn from
     this.enlarged = null; // the normals, once they are asked for
+    this.background = null;
     this.makeTextures();
     this.block = gl.createBuffer();
     gl.bindBuffer(gl.UNIFORM_BUFFER, this.block);

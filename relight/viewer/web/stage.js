@@ -98,6 +98,7 @@ export class Stage {
     if (event.target.closest(".message button")) return;
     const { viewer } = this;
     viewer.stop();
+    this.element.classList.add("by-hand"); // the focus is where the hand is: no need to mark it
     this.element.setPointerCapture(event.pointerId);
     this.pointers.set(event.pointerId, { start: this.place(event), now: this.place(event) });
     if (event.target.closest(".divider")) this.task = "wipe";

@@ -144,6 +144,7 @@ export class Viewer {
   }
 
   key(event) {
+    this.stage.element.classList.remove("by-hand");
     if (this.help.open || event.target.matches?.("input[type=text], select, textarea")) return;
     if (event.target.matches?.("input") && /^Arrow/.test(event.key)) return;
     if (event.target.matches?.(".divider") && /^Arrow(Left|Right)$/.test(event.key)) {
