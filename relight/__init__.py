@@ -25,6 +25,7 @@ if TYPE_CHECKING:  # for editors and type checkers, which don't follow `__getatt
     from relight.stills import render_still
     from relight.subject import Subject
     from relight.video import render_video
+    from relight.viewer.writing import write_view
 
 __version__ = "0.2.0"
 
@@ -55,6 +56,7 @@ _EXPORTS = {
     "write_lights": "relight.lights.files",
     "write_mask": "relight.media.images",
     "write_olat": "relight.olat",
+    "write_view": "relight.viewer.writing",
 }
 
 __all__ = list(_EXPORTS)

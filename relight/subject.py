@@ -2,8 +2,9 @@
 
 import copy
 import os
-from collections.abc import Callable, Iterable
+from collections.abc import Callable, Iterable, Sequence
 from functools import cached_property
+from typing import Any
 
 import numpy as np
 import torch
@@ -172,6 +173,49 @@ class Subject:
         compositor needs to grade light and colour apart. Raises as `relit` does.
         """
         return self._person.scatter(_representable(self._lighting(lights)))
+
+    def view(
+        self,
+        path: str | os.PathLike | None = None,
+        lights: Light | Iterable[Light] | None = None,
+        *,
+        background: Any = None,
+        title: str = "relight",
+        command: Sequence[str] | None = None,
+    ) -> Any:
+        """The person with the light in one's hand: a page in one HTML file, or a widget in a notebook.
+
+        Parameters
+        ----------
+        path: the file to write, .html; None for a widget (extra `notebook`), see `relight.viewer.widget`.
+        lights: what it begins with: up to eight `DirectionalLight` and one `EnvironmentLight`; a soft key
+            light unless given.
+        background: as of `relight.over`; None for none.
+        title: of the page. command: the words that relight the photograph on the command line, without its
+            lights, for the page to complete.
+
+        Returns
+        -------
+        The path written, or the widget. The page needs no server and no network.
+
+        Raises
+        ------
+        TypeError, ValueError: lights or a background that the page cannot show, a path of another suffix, a
+        steadied subject. OSError: the file cannot be written. ModuleNotFoundError: no anywidget.
+        """
+        from relight.viewer.page import write_page
+        from relight.viewer.scene import COMMAND, scene_of
+
+        scene = scene_of(self.size, lights, background, title=title, command=command or COMMAND)
+        if path is not None:
+            return write_page(path, scene, self)
+        try:
+            from relight.viewer.widget import Viewer
+        except ModuleNotFoundError as error:
+            raise ModuleNotFoundError(
+                "a view in a notebook needs anywidget: pip install 'relight[notebook]'"
+            ) from error
+        return Viewer(self, scene)
 
     def fitted(self, image: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """The lighting in which the person looks most like `image`, see `relight.fit_lights`.

@@ -16,6 +16,7 @@ from relight.cli.options import EXAMPLES
 from relight.cli.stage import stage
 from relight.cli.training import shrink, train
 from relight.cli.video import video
+from relight.cli.view import view
 
 
 class _OneLineErrors(TyperGroup):
@@ -52,6 +53,6 @@ def main(
 
 for command in (apply, video):
     app.command(epilog=EXAMPLES)(command)
-for command in (olat, stage, train, shrink):
+for command in (view, olat, stage, train, shrink):
     app.command()(command)
 app.add_typer(evaluate, name="evaluate")

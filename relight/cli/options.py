@@ -201,7 +201,7 @@ class Look:
             "mask": self.mask,
             "key": self.key,
             "cutting": Cutting.parse(self.matte, self.person, self.refine_matte),
-            "background": _background(self.background),
+            "background": parse_background(self.background),
             "field_of_view": self.field_of_view,
             "matching": Matching(self.match_plate, self.match, self.match_mask),
             "placement": Placement(_size(self.size), self.placement, self.scale, _offset(self.offset)),
@@ -291,7 +291,7 @@ def _offset(text: str) -> tuple[int, ...]:
         raise ValueError(f"--offset: expected RIGHT/UP in pixels, such as 120/-40, got {text!r}") from error
 
 
-def _background(text: str | None) -> tuple[float, ...] | str | None:
+def parse_background(text: str | None) -> tuple[float, ...] | str | None:
     """A colour `0.2/0.2/0.2`, or the text as it is: a file's path, or environment."""
     if text is None:
         return None

@@ -1,0 +1,1 @@
+"""The viewer: one self-contained page, or a widget in a notebook, in which one holds the light."""

@@ -1,0 +1,92 @@
+// What buttons and keys do.
+
+import { LIGHTS } from "./engine.js";
+import { LOCI, clamp } from "./lights.js";
+import { toPng } from "./png.js";
+import { checkedLight, toCommand, toFragment, toYaml } from "./state.js";
+import { LOOK_NAMES } from "./controls.js";
+
+// Where lights are put one after the other: a key, a rim, a fill, a kicker...
+const PLACES = [[-40, 30], [145, 25], [60, 10], [-145, 20], [0, 70], [20, -30], [-90, 0], [90, 0]];
+
+export function actionsOf(viewer) {
+  const selected = (state) => state.lights[state.selected];
+  const change = (mutate, gesture) => viewer.change((state) => mutate(state, selected(state)), gesture);
+  const onLight = (mutate, gesture) => {
+    change((_, light) => light && mutate(light), gesture);
+    viewer.stage.tell();
+  };
+  const copy = (what, text) => viewer.copy(what, text);
+  return {
+    aim: (azimuth, elevation) =>
+      onLight((light) => {
+        light.azimuth = ((((light.azimuth + azimuth + 180) % 360) + 360) % 360) - 180;
+        light.elevation = clamp(light.elevation + elevation, -90, 90);
+      }, "keys"),
+    add: () =>
+      change((state) => {
+        if (state.lights.length >= LIGHTS) return viewer.say(`There are ${LIGHTS} lights, the most that the page shows.`);
+        const [azimuth, elevation] = PLACES[state.lights.length];
+        state.lights.push(checkedLight({ name: freeName(state.lights), azimuth, elevation, angle: 10 }));
+        state.selected = state.lights.length - 1;
+      }),
+    remove: (index) =>
+      change((state) => {
+        state.lights.splice(index, 1);
+        const next = state.selected - Number(state.selected > index);
+        state.selected = Math.max(0, Math.min(next, state.lights.length - 1));
+      }),
+    toggle: (key) => change((_, light) => light && (light[key] = !light[key])),
+    nudge: (key, step) => onLight((light) => (light[key] = clamp(light[key] + step, key === "angle" ? 0 : -64, key === "angle" ? 180 : 64)), "keys"),
+    warmth: (mireds) => onLight((light) => (light.temperature = clamp(1e6 / (1e6 / (light.temperature ?? 6500) + mireds), ...LOCI[light.locus])), "keys"),
+    orbit: () => (viewer.playing === null ? viewer.play() : viewer.stop()),
+    turn: (degrees) =>
+      viewer.state.environment
+        ? change((state) => (state.environment.rotation += degrees), "keys")
+        : viewer.say("There is no environment to turn: drop a map on the panel."),
+    muteEnvironment: () => change((state) => state.environment && (state.environment.muted = !state.environment.muted)),
+    nextBackground: () => {
+      const { background } = viewer.state;
+      viewer.setBackgroundKind(background === null ? "colour" : background !== "picture" && viewer.backdrop ? "picture" : "none");
+    },
+    look: (look) => {
+      change((state) => (state.look = look));
+      viewer.say(LOOK_NAMES[look]);
+    },
+    wipe: () => change((state) => (state.wipe = state.wipe ? null : { look: state.look === "photograph" ? "picture" : "photograph", at: 0.5 })),
+    moveWipe: (step) => change((state) => state.wipe && (state.wipe.at = clamp(state.wipe.at + step, 0, 1)), "keys"),
+    expose: (stops) => {
+      change((state) => (state.exposure = clamp(state.exposure + stops, -64, 64)), "keys");
+      viewer.say(`Exposure ${viewer.state.exposure.toFixed(2)} stops`);
+    },
+    hide: () => {
+      viewer.bare = !viewer.bare;
+      viewer.refresh();
+    },
+    copyLights: () => copy("The lights", toYaml(viewer.state, viewer.environment)),
+    copyCommand: () => copy("The command", toCommand(viewer.state, viewer.environment, viewer.scene, viewer.backdrop?.name)),
+    copyLink: () => copy("The link", `${location.href.split("#")[0]}#${toFragment(viewer.state)}`),
+    save: async () => {
+      const { look, exposure } = viewer.state;
+      viewer.stop();
+      viewer.redraw();
+      const png = await toPng(viewer.engine.readShown(look, { exposure, background: viewer.shownBackground() }));
+      viewer.redraw();
+      const link = document.createElement("a");
+      link.href = URL.createObjectURL(png);
+      link.download = `${viewer.scene.title.replace(/\.\w+$/, "")}-relit.png`;
+      link.click();
+      setTimeout(() => URL.revokeObjectURL(link.href), 10000);
+      viewer.say(`Saved ${link.download}`);
+    },
+    undo: () => viewer.step(viewer.past, viewer.future),
+    redo: () => viewer.step(viewer.future, viewer.past),
+    help: () => viewer.help.showModal(),
+  };
+}
+
+function freeName(lights) {
+  const names = ["key", "rim", "fill", "kicker", "top", "low", "left", "right"];
+  const taken = new Set(lights.map((light) => light.name));
+  return names.find((name) => !taken.has(name)) ?? "";
+}

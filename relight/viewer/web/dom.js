@@ -1,0 +1,75 @@
+// Elements in few words. What comes from outside is always set as text, never as markup.
+
+/** An element: attributes by name, listeners as `onclick`, and children, elements or texts. */
+export function h(tag, attributes = {}, ...children) {
+  const element = document.createElement(tag);
+  for (const [key, value] of Object.entries(attributes)) {
+    if (key.startsWith("on")) element.addEventListener(key.slice(2), value);
+    else if (value !== null && value !== undefined && value !== false) element.setAttribute(key, value === true ? "" : value);
+  }
+  element.append(...children);
+  return element;
+}
+
+const ICONS = {
+  undo: "M9 14 4 9l5-5M4 9h10a6 6 0 0 1 0 12h-3",
+  redo: "m15 14 5-5-5-5M20 9H10a6 6 0 0 0 0 12h3",
+  add: "M12 5v14M5 12h14",
+  delete: "M6 6l12 12M18 6 6 18",
+  play: "M8 5v14l11-7z",
+  help: "M9.2 9a3 3 0 1 1 4.4 2.7c-1 .6-1.6 1.2-1.6 2.3M12 17.6v.1",
+  save: "M12 4v11m0 0-4.5-4.5M12 15l4.5-4.5M5 20h14",
+  copy: "M9 9h11v11H9zM5 15H4V4h11v1",
+};
+
+/** A button with an icon, whose name screen readers say. */
+export function iconButton(icon, label, onclick, key = "") {
+  const button = h("button", { type: "button", class: "icon", "aria-label": label, title: key ? `${label} (${key})` : label, onclick });
+  const svg = document.createElementNS("http://www.w3.org/2000/svg", "svg");
+  svg.setAttribute("viewBox", "0 0 24 24");
+  svg.setAttribute("aria-hidden", "true");
+  const path = document.createElementNS("http://www.w3.org/2000/svg", "path");
+  path.setAttribute("d", ICONS[icon]);
+  svg.append(path);
+  button.append(svg);
+  return button;
+}
+
+/**
+ * A labelled slider with its number beside it.
+ * `read` and `write`: between the value and the slider's place, if they differ; `double`: what a double click sets.
+ */
+export function slider({ label, min, max, step, unit = "", digits = 2, neutral = 0, place = (v) => v, value = (p) => p, onchange, onend }) {
+  const range = h("input", { type: "range", min, max, step, "aria-label": label });
+  const number = h("input", { type: "text", inputmode: "decimal", class: "number", "aria-label": `${label}, exactly` });
+  const row = h("div", { class: "slider" }, h("span", { class: "label" }, label), range, h("span", { class: "value" }, number, h("span", { class: "unit" }, unit)));
+  range.addEventListener("input", () => onchange(value(Number(range.value))));
+  range.addEventListener("change", () => onend());
+  range.addEventListener("dblclick", () => (onchange(neutral), onend()));
+  number.addEventListener("change", () => {
+    const given = Number(number.value.replace(",", ".").replace("−", "-"));
+    if (number.value.trim() !== "" && Number.isFinite(given)) onchange(given);
+    onend();
+  });
+  row.set = (current) => {
+    range.value = place(current);
+    range.style.setProperty("--at", `${(100 * (range.value - min)) / (max - min)}%`);
+    range.setAttribute("aria-valuetext", `${written(current, digits)} ${unit}`);
+    if (document.activeElement !== number && number.getRootNode().activeElement !== number) number.value = written(current, digits);
+  };
+  return row;
+}
+
+const written = (value, digits) => Number(value.toFixed(digits)).toString().replace("-", "−");
+
+/** A choice of one among few. `options`: [[value, label]]. */
+export function choice(name, label, options, onchange) {
+  const group = h("div", { class: "choice", role: "radiogroup", "aria-label": label });
+  const inputs = options.map(([value, text]) => {
+    const input = h("input", { type: "radio", name, value, onchange: () => onchange(value) });
+    group.append(h("label", {}, input, h("span", {}, text)));
+    return input;
+  });
+  group.set = (value) => inputs.forEach((input) => (input.checked = input.value === value));
+  return group;
+}

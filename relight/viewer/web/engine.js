@@ -1,0 +1,374 @@
+// The picture: WebGL2 passes that repeat relight.Subject.relit, and how it is shown.
+//
+//   light    for each light, on the networks' canvas: its shading and its visibility (a layer each)
+//   sum      Σ colour · layer                                                        (on the canvas)
+//   enlarge  joint bilateral upsampling to the person's pixels                       (on the plate)
+//   compose  × albedo × coverage, over the background; or another look               (the picture)
+//   reduce   the brightest value of the picture, which becomes the display's white
+//   show     highlights rolled off, encoded for the display
+//
+// Off-screen images have their top row first: row 0 of a texture is the picture's top row.
+
+import { dot } from "./lights.js";
+
+export const LIGHTS = 8; // of which each can be alone; the layer after them is the environment's
+const LAYERS = LIGHTS + 1;
+const ROWS = 14; // vec4 a sample: see shaders/light.glsl
+const BATCH = 60; // samples a draw: 60 · 14 vec4 fit the 16 KiB that every uniform block may have
+export const LOOKS = ["picture", "light", "visibility", "normals", "albedo", "photograph"];
+export const LUMINANCE = [0.2126, 0.7152, 0.0722];
+
+/** A browser that cannot show the page: what it lacks, for the person who opened it. */
+export class Unsupported extends Error {}
+
+export class Engine {
+  /** `pack`: what `unpack` gives, and its images decoded; `shaders`: {name: text}. */
+  constructor(canvas, pack, shaders) {
+    Object.assign(this, { canvas, pack, shaders });
+    const { size, box, canvas: field } = pack.description;
+    [canvas.width, canvas.height] = size;
+    Object.assign(this, { size, box, field });
+    this.mixes = mixes(pack);
+    this.restore();
+  }
+
+  /** Makes all that lives on the GPU, the first time and after the context was lost. */
+  restore() {
+    const options = { alpha: true, antialias: false, depth: false, preserveDrawingBuffer: true };
+    const gl = (this.gl = this.canvas.getContext("webgl2", options));
+    if (!gl) throw new Unsupported("This browser has no WebGL 2, which the picture is drawn with.");
+    const floats = [gl.getExtension("EXT_color_buffer_float"), gl.getExtension("EXT_color_buffer_half_float")];
+    if (!floats[0] && !floats[1]) {
+      throw new Unsupported("This graphics driver cannot draw to float images, which light is summed in.");
+    }
+    this.programs = Object.fromEntries(
+      ["light", "sum", "prepare", "enlarge", "compose", "reduce", "show"].map((name) => [
+        name,
+        program(gl, this.shaders.quad, this.shaders.common + this.shaders[name]),
+      ]),
+    );
+    gl.bindVertexArray(gl.createVertexArray());
+    this.layers = Array(LAYERS).fill(null); // what each layer shows: the samples it was drawn from
+    this.enlarged = null; // the normals, once they are asked for
+    this.background = null;
+    this.makeTextures();
+    this.block = gl.createBuffer();
+    gl.bindBuffer(gl.UNIFORM_BUFFER, this.block);
+    gl.bufferData(gl.UNIFORM_BUFFER, BATCH * ROWS * 16, gl.DYNAMIC_DRAW);
+    gl.bindBufferBase(gl.UNIFORM_BUFFER, 0, this.block);
+    gl.uniformBlockBinding(this.programs.light.handle, this.programs.light.block, 0);
+    this.prepare();
+  }
+
+  makeTextures() {
+    const { gl, field, box, size, pack } = this;
+    const { arrays, images } = pack;
+    const [width, height] = field;
+    const layers = arrays.features.shape[0] / 4;
+    this.features = texture(gl, { size: field, layers, data: interleaved(arrays.features) });
+    this.surface = texture(gl, { size: field, format: "half", data: interleaved(arrays.surface) });
+    this.guide = texture(gl, { size: field, data: interleaved(arrays.guide) });
+    this.matte = texture(gl, { size: box.slice(2), format: "grey", data: arrays.matte.data });
+    this.photograph = texture(gl, { size: box.slice(2), format: "sRGB", data: images.photograph });
+    this.albedo = texture(gl, { size: box.slice(2), format: "sRGB", data: images.albedo });
+    this.lit = target(gl, { size: [width, height], layers: LAYERS, format: "half" });
+    this.total = target(gl, { size: [width, height], format: "half" });
+    this.plateGuide = target(gl, { size: box.slice(2) });
+    this.light = target(gl, { size: box.slice(2), format: "half" });
+    this.picture = target(gl, { size, format: "half" });
+    this.shown = target(gl, { size });
+    this.reductions = [];
+    for (let sides = size; sides[0] > 1 || sides[1] > 1 || !this.reductions.length; ) {
+      sides = sides.map((side) => Math.ceil(side / 8));
+      this.reductions.push(target(gl, { size: sides, format: "half" }));
+    }
+    this.setBackground(this.backdrop ?? null);
+  }
+
+  /** The plate's guide, which tells the enlargement what looks alike, and the matte. */
+  prepare() {
+    const { exposure, brightest } = this.pack.description;
+    this.draw("prepare", this.plateGuide, {
+      photograph: this.photograph,
+      matte: this.matte,
+      exposure,
+      brightest,
+    });
+  }
+
+  /** A picture to be behind the person, {width, height, rgb: Float32Array}; null for none. */
+  setBackground(picture) {
+    const { gl } = this;
+    this.backdrop = picture;
+    if (this.background) gl.deleteTexture(this.background.handle);
+    const { width, height, rgb } = picture ?? { width: 1, height: 1, rgb: new Float32Array(3) };
+    const data = new Float32Array(width * height * 4);
+    for (let pixel = 0; pixel < width * height; pixel++) {
+      for (let channel = 0; channel < 3; channel++) data[pixel * 4 + channel] = Math.min(rgb[pixel * 3 + channel], 65504);
+    }
+    this.background = texture(gl, { size: [width, height], format: "float", data, mipmaps: true });
+  }
+
+  /**
+   * Draws the light of these layers: [{ samples, colour: [r, g, b] }], by slot; null where there is none.
+   * A layer whose samples are the same object as before is not drawn anew.
+   */
+  setLights(layers) {
+    layers.forEach((layer, slot) => {
+      if (layer && this.layers[slot] !== layer.samples) this.drawLayer(slot, layer.samples);
+    });
+    const colours = new Float32Array(LAYERS * 3);
+    layers.forEach((layer, slot) => layer && colours.set(layer.colour, slot * 3));
+    // Half floats hold 65504: the sum is kept within about one, and its scale apart.
+    this.scale = Math.max(1, colours.reduce((sum, value) => sum + value, 0));
+    const shares = new Float32Array(LAYERS);
+    const strengths = layers.map((layer) => (layer ? Math.max(dot(LUMINANCE, layer.colour), 1e-9) : 0));
+    const all = strengths.reduce((sum, value) => sum + value, 0);
+    strengths.forEach((strength, slot) => (shares[slot] = all ? strength / all : 0));
+    this.draw("sum", this.total, {
+      layers: this.lit,
+      "colours[0]": { vectors: colours.map((value) => value / this.scale) },
+      "shares[0]": { numbers: shares },
+    });
+    this.enlarge(this.total, this.light);
+  }
+
+  drawLayer(slot, samples) {
+    const { gl } = this;
+    this.layers[slot] = samples;
+    const total = samples.reduce((sum, { power }) => sum + dot(LUMINANCE, power), 0) || 1;
+    for (let first = 0; first < Math.max(1, samples.length); first += BATCH) {
+      const batch = samples.slice(first, first + BATCH);
+      const rows = new Float32Array(BATCH * ROWS * 4);
+      batch.forEach((sample, index) => this.writeSample(rows.subarray(index * ROWS * 4), sample));
+      gl.bindBuffer(gl.UNIFORM_BUFFER, this.block);
+      gl.bufferSubData(gl.UNIFORM_BUFFER, 0, rows);
+      if (first) gl.enable(gl.BLEND);
+      gl.blendFunc(gl.ONE, gl.ONE);
+      this.draw("light", { ...this.lit, layer: slot }, {
+        features: this.features,
+        surface: this.surface,
+        count: { whole: batch.length },
+        haze: this.pack.description.haze,
+        share: 1 / total,
+      });
+      gl.disable(gl.BLEND);
+    }
+  }
+
+  /** The weights of the components in a direction: those of anchors near it, mixed. */
+  writeSample(row, { toward, power }) {
+    const { anchors, cast, residual } = this.mixes;
+    const nearness = anchors.map((anchor) => Math.exp(this.pack.description.kappa * (dot(anchor, toward) - 1)));
+    const total = nearness.reduce((sum, value) => sum + value, 0);
+    const mixed = (mix) => {
+      const weights = new Float64Array(mix[0].length);
+      nearness.forEach((value, anchor) => {
+        if (value > 1e-12 * total) mix[anchor].forEach((part, index) => (weights[index] += (part * value) / total));
+      });
+      return weights;
+    };
+    const [shadow, bounce] = [mixed(cast), mixed(residual)];
+    row.set([...toward, shadow.at(-1), ...power, bounce.at(-1)]);
+    row.set(shadow.subarray(0, -1), 8);
+    row.set(bounce.subarray(0, -1), 8 + cast[0].length - 1);
+  }
+
+  enlarge(source, destination) {
+    const { centre, scale } = this.pack.description;
+    this.draw("enlarge", destination, {
+      source,
+      guide: this.guide,
+      plateGuide: this.plateGuide,
+      centre,
+      scale,
+    });
+  }
+
+  /** A look of LOOKS as linear light or data, in `this.picture`; `background`: null, [r, g, b] or "picture". */
+  compose(look, background) {
+    if (look === "normals" && !this.enlarged) {
+      this.enlarged = target(this.gl, { size: this.box.slice(2), format: "half" });
+      this.enlarge(this.surface, this.enlarged);
+    }
+    this.draw("compose", this.picture, {
+      light: look === "normals" ? this.enlarged : this.light,
+      plateGuide: this.plateGuide,
+      albedo: this.albedo,
+      photograph: this.photograph,
+      background: this.background,
+      backgroundSize: this.backdrop ? [this.backdrop.width, this.backdrop.height] : [1, 1],
+      box: this.box,
+      size: this.size,
+      look: { whole: LOOKS.indexOf(look) },
+      lightScale: this.scale,
+      gain: this.pack.description.gain,
+      behind: { whole: background === null ? 0 : background === "picture" ? 2 : 1 },
+      backgroundColour: Array.isArray(background) ? background : [0, 0, 0],
+    });
+  }
+
+  /** Shows a look on the page's canvas; `part`: from and to, shares of the width. */
+  show(look, { exposure, background, part = [0, 1] }) {
+    const { gl, size } = this;
+    const left = Math.round(part[0] * size[0]);
+    const right = Math.round(part[1] * size[0]);
+    gl.enable(gl.SCISSOR_TEST);
+    this.encode(look, exposure, background, null, [left, 0, Math.max(right - left, 0), size[1]]);
+    gl.disable(gl.SCISSOR_TEST);
+  }
+
+  encode(look, exposure, background, destination, scissor = null) {
+    const data = look === "visibility" || look === "normals";
+    this.gl.disable(this.gl.SCISSOR_TEST);
+    this.compose(look, data || look === "albedo" ? null : background);
+    let source = this.picture;
+    for (const next of this.reductions) {
+      this.draw("reduce", next, { source });
+      source = next;
+    }
+    if (scissor) {
+      this.gl.enable(this.gl.SCISSOR_TEST);
+      this.gl.scissor(...scissor);
+    }
+    this.draw("show", destination, {
+      picture: this.picture,
+      brightest: source,
+      gain: data || look === "albedo" ? 1 : 2 ** exposure,
+      data: { whole: Number(data) },
+      rows: destination ? 0 : this.size[1],
+    });
+  }
+
+  /** The picture as {width, height, data}: linear premultiplied RGBA, Float32Array, top row first. */
+  read(background = null) {
+    this.compose("picture", background);
+    const data = new Float32Array(this.size[0] * this.size[1] * 4);
+    this.readPixels(this.picture, this.gl.FLOAT, data);
+    return { width: this.size[0], height: this.size[1], data };
+  }
+
+  /** What is shown, as {width, height, data}: encoded RGBA bytes with straight alpha, top row first. */
+  readShown(look, { exposure, background }) {
+    this.encode(look, exposure, background, this.shown);
+    const data = new Uint8Array(this.size[0] * this.size[1] * 4);
+    this.readPixels(this.shown, this.gl.UNSIGNED_BYTE, data);
+    return { width: this.size[0], height: this.size[1], data };
+  }
+
+  readPixels({ framebuffer, size }, type, data) {
+    const { gl } = this;
+    gl.bindFramebuffer(gl.FRAMEBUFFER, framebuffer);
+    gl.readPixels(0, 0, ...size, gl.RGBA, type, data);
+  }
+
+  /** One pass over all pixels of a target, or of the page's canvas if it is null. */
+  draw(name, destination, uniforms) {
+    const { gl } = this;
+    const { handle, places } = this.programs[name];
+    gl.useProgram(handle);
+    let unit = 0;
+    for (const [key, value] of Object.entries(uniforms)) {
+      const place = places[key];
+      if (place === undefined) continue; // the compiler found no use for it
+      if (value.handle) {
+        gl.activeTexture(gl.TEXTURE0 + unit);
+        gl.bindTexture(value.kind, value.handle);
+        gl.uniform1i(place, unit++);
+      } else setUniform(gl, place, value);
+    }
+    gl.bindFramebuffer(gl.FRAMEBUFFER, destination?.framebuffer ?? null);
+    if (destination?.layer !== undefined) {
+      gl.framebufferTextureLayer(gl.FRAMEBUFFER, gl.COLOR_ATTACHMENT0, destination.handle, 0, destination.layer);
+    }
+    gl.viewport(0, 0, ...(destination?.size ?? this.size));
+    gl.drawArrays(gl.TRIANGLES, 0, 3);
+  }
+}
+
+function mixes({ arrays }) {
+  const rows = ({ data, shape }) =>
+    Array.from({ length: shape[0] }, (_, row) => Array.from(data.subarray(row * shape[1], (row + 1) * shape[1])));
+  return { anchors: rows(arrays.anchors), cast: rows(arrays.cast), residual: rows(arrays.residual) };
+}
+
+/** Planes (4 n, h, w) as n images of four channels. */
+function interleaved({ data, shape }) {
+  const [planes, height, width] = shape;
+  const pixels = height * width;
+  const images = new data.constructor(data.length);
+  for (let plane = 0; plane < planes; plane++) {
+    const offset = Math.floor(plane / 4) * pixels * 4 + (plane % 4);
+    for (let pixel = 0; pixel < pixels; pixel++) images[offset + pixel * 4] = data[plane * pixels + pixel];
+  }
+  return images;
+}
+
+function formats(gl) {
+  return {
+    bytes: [gl.RGBA8, gl.RGBA, gl.UNSIGNED_BYTE],
+    grey: [gl.R8, gl.RED, gl.UNSIGNED_BYTE],
+    half: [gl.RGBA16F, gl.RGBA, gl.HALF_FLOAT],
+    float: [gl.RGBA16F, gl.RGBA, gl.FLOAT],
+    sRGB: [gl.SRGB8_ALPHA8, gl.RGBA, gl.UNSIGNED_BYTE],
+  };
+}
+
+function texture(gl, { size, layers, format = "bytes", data = null, mipmaps = false }) {
+  const kind = layers ? gl.TEXTURE_2D_ARRAY : gl.TEXTURE_2D;
+  const handle = gl.createTexture();
+  const [internal, channels, type] = formats(gl)[format];
+  gl.bindTexture(kind, handle);
+  gl.pixelStorei(gl.UNPACK_ALIGNMENT, 1);
+  gl.pixelStorei(gl.UNPACK_COLORSPACE_CONVERSION_WEBGL, gl.NONE);
+  if (layers) gl.texImage3D(kind, 0, internal, ...size, layers, 0, channels, type, data);
+  else gl.texImage2D(kind, 0, internal, ...size, 0, channels, type, data);
+  if (mipmaps) gl.generateMipmap(kind);
+  gl.texParameteri(kind, gl.TEXTURE_MIN_FILTER, mipmaps ? gl.LINEAR_MIPMAP_LINEAR : gl.NEAREST);
+  gl.texParameteri(kind, gl.TEXTURE_MAG_FILTER, mipmaps ? gl.LINEAR : gl.NEAREST);
+  for (const side of [gl.TEXTURE_WRAP_S, gl.TEXTURE_WRAP_T]) gl.texParameteri(kind, side, gl.CLAMP_TO_EDGE);
+  return { handle, kind, size };
+}
+
+function target(gl, options) {
+  const made = texture(gl, options);
+  const framebuffer = gl.createFramebuffer();
+  gl.bindFramebuffer(gl.FRAMEBUFFER, framebuffer);
+  if (options.layers) gl.framebufferTextureLayer(gl.FRAMEBUFFER, gl.COLOR_ATTACHMENT0, made.handle, 0, 0);
+  else gl.framebufferTexture2D(gl.FRAMEBUFFER, gl.COLOR_ATTACHMENT0, gl.TEXTURE_2D, made.handle, 0);
+  return { ...made, framebuffer };
+}
+
+function program(gl, vertex, fragment) {
+  const handle = gl.createProgram();
+  for (const [type, text] of [
+    [gl.VERTEX_SHADER, vertex],
+    [gl.FRAGMENT_SHADER, fragment],
+  ]) {
+    const shader = gl.createShader(type);
+    gl.shaderSource(shader, text);
+    gl.compileShader(shader);
+    gl.attachShader(handle, shader);
+  }
+  gl.linkProgram(handle);
+  if (!gl.getProgramParameter(handle, gl.LINK_STATUS) && !gl.isContextLost()) {
+    const logs = gl.getAttachedShaders(handle).map((shader) => gl.getShaderInfoLog(shader));
+    throw new Unsupported(`This graphics driver refuses a shader: ${gl.getProgramInfoLog(handle)} ${logs.join(" ")}`);
+  }
+  const places = {};
+  const count = gl.getProgramParameter(handle, gl.ACTIVE_UNIFORMS) ?? 0;
+  for (let index = 0; index < count; index++) {
+    const { name } = gl.getActiveUniform(handle, index);
+    const place = gl.getUniformLocation(handle, name);
+    if (place !== null) places[name] = place;
+  }
+  return { handle, places, block: gl.getUniformBlockIndex(handle, "Samples") };
+}
+
+function setUniform(gl, place, value) {
+  if (typeof value === "number") gl.uniform1f(place, value);
+  else if (value.whole !== undefined) gl.uniform1i(place, value.whole);
+  else if (value.vectors) gl.uniform3fv(place, value.vectors);
+  else if (value.numbers) gl.uniform1fv(place, value.numbers);
+  else gl[`uniform${value.length}fv`](place, value);
+}

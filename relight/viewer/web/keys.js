@@ -1,0 +1,94 @@
+// All keys, and the sheet that lists them.
+
+import { h } from "./dom.js";
+
+/** [key as `KeyboardEvent.key` has it, with its modifiers; as people write it; what it does; action]. */
+export function keyTable(viewer) {
+  const { actions } = viewer;
+  const aim = (azimuth, elevation) => (event) => actions.aim(azimuth * (event.shiftKey ? 10 : 1), elevation * (event.shiftKey ? 10 : 1));
+  const look = (name) => () => actions.look(name);
+  return [
+    ["Lights"],
+    ["ArrowLeft", "", "", aim(-1, 0)],
+    ["ArrowRight", "", "", aim(1, 0)],
+    ["ArrowUp", "← → ↑ ↓", "move the light a degree; with Shift ten", aim(0, 1)],
+    ["ArrowDown", "", "", aim(0, -1)],
+    ["a", "A", "add a light", actions.add],
+    ["Delete", "Delete", "delete it", () => actions.remove(viewer.state.selected)],
+    ["Backspace", "", "", () => actions.remove(viewer.state.selected)],
+    ["digit", "1 – 8", "select a light", (event) => viewer.select(Number(event.key) - 1)],
+    ["s", "S", "solo", () => actions.toggle("solo")],
+    ["m", "M", "mute", () => actions.toggle("muted")],
+    ["+", "+ −", "a quarter of a stop brighter, darker", () => actions.nudge("exposure", 0.25)],
+    ["=", "", "", () => actions.nudge("exposure", 0.25)],
+    ["-", "", "", () => actions.nudge("exposure", -0.25)],
+    [".", ". ,", "softer, harder", () => actions.nudge("angle", 2)],
+    [",", "", "", () => actions.nudge("angle", -2)],
+    ["k", "K J", "cooler, warmer", () => actions.warmth(-10)],
+    ["j", "", "", () => actions.warmth(10)],
+    ["t", "T", "play an orbit, and stop", actions.orbit],
+    ["Surroundings"],
+    ["r", "R  Shift R", "turn the environment", () => actions.turn(5)],
+    ["shift+r", "", "", () => actions.turn(-5)],
+    ["e", "E", "mute the environment", actions.muteEnvironment],
+    ["g", "G", "background: none, colour, picture", actions.nextBackground],
+    ["View"],
+    ["p", "P", "picture", look("picture")],
+    ["i", "I", "light alone, on a white person", look("light")],
+    ["v", "V", "visibility", look("visibility")],
+    ["n", "N", "normals", look("normals")],
+    ["b", "B", "albedo", look("albedo")],
+    ["o", "O", "photograph", look("photograph")],
+    [" ", "Space", "hold for the photograph", null],
+    ["w", "W", "wipe, on and off; [ ] move it", actions.wipe],
+    ["[", "", "", () => actions.moveWipe(-0.02)],
+    ["]", "", "", () => actions.moveWipe(0.02)],
+    ["x", "X  Shift X", "expose a quarter of a stop more, less", () => actions.expose(0.25)],
+    ["shift+x", "", "", () => actions.expose(-0.25)],
+    ["h", "H", "hide the handles", actions.hide],
+    ["Out"],
+    ["c", "C", "copy the lights, a lights file", actions.copyLights],
+    ["shift+c", "Shift C", "copy the command", actions.copyCommand],
+    ["l", "L", "copy a link", actions.copyLink],
+    ["ctrl+s", "Ctrl S", "save a PNG", actions.save],
+    ["ctrl+z", "Ctrl Z", "undo", actions.undo],
+    ["ctrl+shift+z", "Ctrl Shift Z", "redo", actions.redo],
+    ["ctrl+y", "", "", actions.redo],
+    ["?", "?", "this sheet", actions.help],
+  ];
+}
+
+/** The action of a key, if there is one. */
+export function actionOf(table, event) {
+  if (event.altKey) return null;
+  const control = event.ctrlKey || event.metaKey ? "ctrl+" : "";
+  const letter = event.key.length === 1 && event.key.toLowerCase() !== event.key.toUpperCase();
+  const shift = event.shiftKey && letter ? "shift+" : "";
+  const key = /^[1-8]$/.test(event.key) && !control ? "digit" : `${control}${shift}${event.key.length === 1 ? event.key.toLowerCase() : event.key}`;
+  return table.find(([name, , , action]) => action && name === key)?.[3] ?? null;
+}
+
+/** A dialogue with hands and keys. */
+export function helpSheet(table) {
+  const list = h("dl", {});
+  for (const [key, text, does] of table) {
+    if (text === undefined) list.append(h("h3", {}, key));
+    else if (text) list.append(h("div", {}, h("dt", {}, text), h("dd", {}, does)));
+  }
+  const hands = [
+    ["Drag on the picture", "the light follows, as on a sphere around the person; beyond the ring it goes behind"],
+    ["Wheel, pinch", "softer and harder"],
+    ["Right button, two fingers", "turn the environment"],
+    ["Drop a file", "on the picture: the background; on the panel: an environment (.hdr or a picture)"],
+    ["Double click a slider", "back to its neutral value"],
+  ];
+  const sheet = h(
+    "dialog",
+    { class: "help", "aria-label": "Help" },
+    h("form", { method: "dialog" }, h("h2", {}, "Hands and keys"), h("button", { class: "quiet" }, "Close")),
+    h("dl", { class: "hands" }, ...hands.map(([what, does]) => h("div", {}, h("dt", {}, what), h("dd", {}, does)))),
+    list,
+  );
+  sheet.addEventListener("click", (event) => event.target === sheet && sheet.close());
+  return sheet;
+}

@@ -1,0 +1,44 @@
+// A look of the whole picture: linear light, premultiplied, over the background; or data.
+const int PICTURE = 0, LIGHT = 1, VISIBILITY = 2, NORMALS = 3, ALBEDO = 4, PHOTOGRAPH = 5;
+const float MOST = 65504.0;  // that half floats hold
+
+uniform sampler2D light;  // enlarged: the light and its visibility, or the normals
+uniform sampler2D plateGuide;
+uniform sampler2D albedo;
+uniform sampler2D photograph;
+uniform sampler2D background;
+uniform vec2 backgroundSize;
+uniform vec4 box;  // left, top, width and height of the person's part
+uniform vec2 size;
+uniform int look;
+uniform float lightScale;
+uniform float gain;
+uniform int behind;  // 0 nothing, 1 a colour, 2 a picture
+uniform vec3 backgroundColour;
+
+vec3 person(ivec2 pixel) {
+  vec4 lit = texelFetch(light, pixel, 0);
+  if (look == PICTURE) return texelFetch(albedo, pixel, 0).rgb * lit.rgb * lightScale;
+  if (look == LIGHT) return lit.rgb * lightScale;
+  if (look == VISIBILITY) return lit.aaa;
+  if (look == NORMALS) return normalize(lit.xyz) * 0.5 + 0.5;
+  if (look == ALBEDO) return texelFetch(albedo, pixel, 0).rgb;
+  return texelFetch(photograph, pixel, 0).rgb / gain;
+}
+
+// Scaled to cover the picture and cropped about its centre, as relight.over does.
+vec3 backdrop() {
+  if (behind == 1) return backgroundColour;
+  float cover = max(size.x / backgroundSize.x, size.y / backgroundSize.y);
+  vec2 place = (gl_FragCoord.xy - size * 0.5) / (backgroundSize * cover) + 0.5;
+  return texture(background, place).rgb;
+}
+
+void main() {
+  ivec2 pixel = ivec2(gl_FragCoord.xy - box.xy);
+  bool inside = all(greaterThanEqual(gl_FragCoord.xy, box.xy)) && all(lessThan(gl_FragCoord.xy, box.xy + box.zw));
+  float coverage = inside ? texelFetch(plateGuide, pixel, 0).a : 0.0;
+  result = coverage > 0.0 ? vec4(person(pixel) * coverage, coverage) : vec4(0.0);
+  if (behind != 0) result = vec4(result.rgb + (1.0 - coverage) * backdrop(), 1.0);
+  result = min(result, MOST);
+}

@@ -1,0 +1,32 @@
+// Linear light as a display shows it: relight.media.colour.encode, its white the brightest there is.
+const float KNEE = 0.6;
+
+uniform sampler2D picture;
+uniform sampler2D brightest;
+uniform float gain;
+uniform int data;    // 1: values are shown as they are
+uniform float rows;  // of the page's canvas, whose bottom row is first; 0 where the top row is, alpha straight
+
+vec3 rollOff(vec3 light, float white) {
+  if (white == 1.0) return light;
+  vec3 above = max(light - KNEE, 0.0) / (1.0 - KNEE);
+  float top = (white - KNEE) / (1.0 - KNEE);
+  return min(light, KNEE) + (1.0 - KNEE) * above * (1.0 + above / (top * top)) / (1.0 + above);
+}
+
+vec3 sRGB(vec3 light) {
+  vec3 curve = 1.055 * pow(max(light, 1e-9), vec3(1.0 / 2.4)) - 0.055;
+  return mix(curve, light * 12.92, vec3(lessThanEqual(light, vec3(0.0031308))));
+}
+
+void main() {
+  ivec2 pixel = ivec2(gl_FragCoord.xy);
+  if (rows > 0.0) pixel.y = int(rows) - 1 - pixel.y;
+  vec4 value = texelFetch(picture, pixel, 0);
+  vec3 straight = value.a > 0.0 ? value.rgb / value.a : vec3(0.0);
+  if (data == 0) {
+    float white = max(1.0, texelFetch(brightest, ivec2(0), 0).r * gain);
+    straight = sRGB(clamp(rollOff(straight * gain, white), 0.0, 1.0));
+  }
+  result = rows > 0.0 ? vec4(straight * value.a, value.a) : vec4(straight, value.a);
+}

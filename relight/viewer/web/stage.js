@@ -1,0 +1,226 @@
+// The picture under one's hands: drag and the light follows, wheel and pinch, handles, the wipe.
+//
+// Directions lie on the stage as on a map of the sphere, seen from the camera (Lambert's azimuthal equal-area
+// projection): the camera in the middle, beside the person on the inner ring, behind them beyond it.
+
+import { chroma, paintBall } from "./ball.js";
+import { h } from "./dom.js";
+import { LIGHTS } from "./engine.js";
+import { angles, clamp, direction, power } from "./lights.js";
+import { shining } from "./state.js";
+
+const MARGIN = 24; // CSS pixels around the picture
+const FARTHEST = Math.SQRT2; // of the map, where the light is right behind
+const WHEEL = 0.04; // degrees of softness a pixel of the wheel
+
+/** A place on the map, in units of the inner ring, right and up, to a direction. */
+export function unprojected(right, up) {
+  const radius = Math.min(Math.hypot(right, up), FARTHEST);
+  const turn = 2 * Math.asin(radius / FARTHEST);
+  const share = radius ? Math.sin(turn) / Math.hypot(right, up) : 0;
+  return [right * share, up * share, Math.cos(turn)];
+}
+
+/** A direction to its place on the map. */
+export function projected([x, y, z]) {
+  const across = Math.hypot(x, y);
+  const radius = FARTHEST * Math.sqrt(Math.max(0, (1 - z) / 2));
+  return across < 1e-9 ? [z < 0 ? FARTHEST : 0, 0] : [(x / across) * radius, (y / across) * radius];
+}
+
+export class Stage {
+  constructor(viewer) {
+    this.viewer = viewer;
+    this.canvas = h("canvas", { class: "picture" });
+    this.rings = h("div", { class: "rings", "aria-hidden": "true" }, h("i"), h("i"));
+    this.handles = Array.from({ length: LIGHTS }, (_, index) => this.handle(index));
+    this.divider = this.wipeDivider();
+    this.labels = [0, 1].map(() => h("span", { class: "tag" }));
+    this.readout = h("output", { class: "readout" });
+    this.message = h("div", { class: "message", role: "status", "aria-live": "polite" });
+    this.element = h(
+      "div",
+      { class: "stage", tabindex: 0, role: "application", "aria-label": "The person in new light. Arrow keys move the selected light; press question mark for all keys.", "data-drop": "background" },
+      this.canvas, this.rings, this.divider, ...this.labels, ...this.handles, this.readout, this.message,
+    );
+    this.pointers = new Map();
+    const on = (name, listener, options) => this.element.addEventListener(name, listener, options);
+    on("pointerdown", (event) => this.down(event));
+    on("pointermove", (event) => this.move(event));
+    for (const name of ["pointerup", "pointercancel"]) on(name, (event) => this.up(event));
+    on("contextmenu", (event) => event.preventDefault());
+    on("wheel", (event) => this.wheel(event), { passive: false });
+    new ResizeObserver(() => this.layout()).observe(this.element);
+  }
+
+  handle(index) {
+    const ball = h("canvas", { width: 52, height: 52 });
+    const handle = h("button", { type: "button", class: "handle", hidden: true }, ball);
+    handle.ball = ball;
+    handle.addEventListener("focus", () => this.viewer.select(index));
+    return handle;
+  }
+
+  wipeDivider() {
+    return h("div", { class: "divider", role: "slider", tabindex: 0, "aria-label": "Wipe", "aria-valuemin": 0, "aria-valuemax": 100, hidden: true }, h("i"));
+  }
+
+  /** Fits the picture into the stage, and the map of directions about the person. */
+  layout() {
+    const { clientWidth: width, clientHeight: height } = this.element;
+    const { size, box } = this.viewer.pack.description;
+    const margin = Math.min(MARGIN, width / 16);
+    const scale = Math.min((width - 2 * margin) / size[0], (height - 2 * margin) / size[1]);
+    if (!(scale > 0)) return;
+    const [w, t] = [size[0] * scale, size[1] * scale];
+    this.frame = { left: (width - w) / 2, top: (height - t) / 2, width: w, height: t };
+    Object.assign(this.canvas.style, { left: `${this.frame.left}px`, top: `${this.frame.top}px`, width: `${w}px`, height: `${t}px` });
+    this.middle = [
+      this.frame.left + (box[0] + box[2] / 2) * scale,
+      this.frame.top + (box[1] + box[3] / 2) * scale,
+    ];
+    this.radius = (0.46 * Math.min(width, height)) / FARTHEST;
+    [1, FARTHEST].forEach((ring, index) => {
+      const side = 2 * ring * this.radius;
+      Object.assign(this.rings.children[index].style, { left: `${this.middle[0] - side / 2}px`, top: `${this.middle[1] - side / 2}px`, width: `${side}px`, height: `${side}px` });
+    });
+    this.update(this.viewer.state);
+  }
+
+  // --- hands
+
+  place(event) {
+    const bounds = this.element.getBoundingClientRect();
+    return [event.clientX - bounds.left, event.clientY - bounds.top];
+  }
+
+  down(event) {
+    if (event.target.closest(".message button")) return;
+    const { viewer } = this;
+    viewer.stop();
+    this.element.classList.add("by-hand"); // the focus is where the hand is: no need to mark it
+    this.element.setPointerCapture(event.pointerId);
+    this.pointers.set(event.pointerId, { start: this.place(event), now: this.place(event) });
+    if (event.target.closest(".divider")) this.task = "wipe";
+    else if (event.button === 2 || this.pointers.size === 2) this.task = "turn";
+    else if (event.button === 0 && this.pointers.size === 1) {
+      const grabbed = this.handles.findIndex((handle) => handle.contains(event.target));
+      if (grabbed >= 0) viewer.select(grabbed);
+      if (!viewer.state.lights.length) viewer.actions.add();
+      this.task = "aim";
+      this.before = structuredClone(viewer.state.lights[viewer.state.selected]);
+    } else return;
+    if (event.target.focus && event.target !== this.canvas) event.target.focus({ preventScroll: true });
+    else this.element.focus({ preventScroll: true });
+    event.preventDefault();
+    if (this.task === "turn") this.beginTurn();
+    else this.move(event);
+  }
+
+  /** Two fingers, or the right button: what they turn and spread is measured from here. */
+  beginTurn() {
+    const { state } = this.viewer;
+    if (this.before) this.viewer.change((now) => (now.lights[now.selected] = structuredClone(this.before)), "aim");
+    for (const pointer of this.pointers.values()) pointer.start = pointer.now;
+    this.began = { rotation: state.environment?.rotation, angle: state.lights[state.selected]?.angle };
+    if (!state.environment && this.pointers.size === 1) this.viewer.say("There is no environment to turn: drop a map on the panel.");
+  }
+
+  move(event) {
+    const pointer = this.pointers.get(event.pointerId);
+    if (!pointer) return;
+    pointer.now = this.place(event);
+    if (this.task === "aim") this.aim(pointer.now);
+    else if (this.task === "turn") this.turn();
+    else if (this.task === "wipe") this.viewer.change((state) => (state.wipe.at = clamp((pointer.now[0] - this.frame.left) / this.frame.width, 0, 1)), "wipe");
+  }
+
+  aim([x, y]) {
+    const toward = unprojected((x - this.middle[0]) / this.radius, (this.middle[1] - y) / this.radius);
+    this.viewer.change((state) => Object.assign(state.lights[state.selected], angles(toward)), "aim");
+    this.element.classList.add("aiming");
+  }
+
+  turn() {
+    const pointers = [...this.pointers.values()];
+    const moved = pointers.reduce((sum, { start, now }) => sum + now[0] - start[0], 0) / pointers.length;
+    const spread = (key) => Math.hypot(pointers[0][key][0] - pointers[1][key][0], pointers[0][key][1] - pointers[1][key][1]);
+    const pinch = pointers.length === 2 ? spread("now") / Math.max(spread("start"), 1) : 1;
+    this.viewer.change((state) => {
+      if (state.environment) state.environment.rotation = this.began.rotation + (moved / this.radius) * 45;
+      const light = state.lights[state.selected];
+      if (light && pinch !== 1) light.angle = clamp((this.began.angle + 10) * pinch - 10, 0, 180);
+    }, "turn");
+  }
+
+  up(event) {
+    if (!this.pointers.delete(event.pointerId)) return;
+    if (this.pointers.size) {
+      this.beginTurn();
+      return;
+    }
+    this.task = this.before = null;
+    this.element.classList.remove("aiming");
+    this.viewer.endGesture();
+  }
+
+  wheel(event) {
+    event.preventDefault();
+    const step = event.deltaY * (event.deltaMode === 1 ? 16 : 1) * WHEEL;
+    this.viewer.change((state) => {
+      const light = state.lights[state.selected];
+      if (light) light.angle = clamp(light.angle - step, 0, 180);
+    }, "wheel");
+    this.tell();
+    clearTimeout(this.wheeling);
+    this.wheeling = setTimeout(() => this.viewer.endGesture(), 400);
+  }
+
+  /** Shows for a moment what the selected light is set to. */
+  tell() {
+    this.element.classList.add("telling");
+    clearTimeout(this.telling);
+    this.telling = setTimeout(() => this.element.classList.remove("telling"), 900);
+  }
+
+  // --- showing
+
+  update(state) {
+    if (!this.frame) return;
+    const active = new Set(shining(state));
+    this.handles.forEach((handle, index) => {
+      const light = state.lights[index];
+      handle.hidden = !light || this.viewer.bare;
+      if (handle.hidden) return;
+      const [right, up] = projected(direction(light));
+      handle.style.transform = `translate(${this.middle[0] + right * this.radius}px, ${this.middle[1] - up * this.radius}px)`;
+      handle.classList.toggle("selected", index === state.selected);
+      handle.classList.toggle("off", !active.has(light));
+      const name = light.name || `light${index + 1}`;
+      handle.setAttribute("aria-label", `${name}: ${described(light)}`);
+      handle.title = name;
+      paintBall(handle.ball, [{ light, colour: chroma(power(light, this.viewer.tints)) }], 0.06);
+    });
+    const selected = state.lights[state.selected];
+    this.readout.textContent = selected ? described(selected) : "";
+    const { wipe } = state;
+    this.divider.hidden = !wipe;
+    this.labels.forEach((label) => (label.hidden = !wipe));
+    if (wipe) {
+      const { left, top, width, height } = this.frame;
+      Object.assign(this.divider.style, { left: `${left + wipe.at * width}px`, top: `${top}px`, height: `${height}px` });
+      this.divider.setAttribute("aria-valuenow", Math.round(wipe.at * 100));
+      [state.look, wipe.look].forEach((look, index) => {
+        this.labels[index].textContent = look;
+        Object.assign(this.labels[index].style, { left: `${left + (index ? width : 0)}px`, top: `${top}px` });
+      });
+    }
+  }
+}
+
+function described({ azimuth, elevation, angle }) {
+  const degrees = (value) => `${value.toFixed(0).replace("-", "−").replace(/^−0$/, "0")}°`;
+  const behind = direction({ azimuth, elevation })[2] < -0.02 ? ", behind" : "";
+  const soft = angle ? `, softness ${degrees(angle)}` : "";
+  return `azimuth ${degrees(azimuth)}, elevation ${degrees(elevation)}${soft}${behind}`;
+}

@@ -1,0 +1,48 @@
+"""The viewer as a notebook's widget: its lights are Python's, both ways."""
+
+import json
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+import relight
+
+pytest.importorskip("anywidget")
+nbformat = pytest.importorskip("nbformat")
+nbclient = pytest.importorskip("nbclient")
+pytest.importorskip("ipykernel")
+
+ROOT = Path(__file__).parent.parent
+CELL = f"""
+import numpy as np, relight
+image = relight.read({str(ROOT / "examples" / "person.png")!r})
+subject = relight.Subject(np.ascontiguousarray(image[::3, ::3]))
+widget = subject.view(None, relight.DirectionalLight(azimuth=-40, name="key"))
+widget.lights = [relight.DirectionalLight(azimuth=60, intensity=2, name="moved")]
+told = widget.get_state()["lights"]
+seen = []
+widget.observe(lambda change: seen.append(change["new"][0].azimuth), "lights")
+widget.set_state({{"lights": [told[0] | {{"azimuth": -90}}]}})  # as a drag in the browser does
+same = np.array_equal(widget.snapshot(), subject.relit(relight.DirectionalLight(azimuth=-90, intensity=2)))
+print(told[0]["name"], told[0]["azimuth"], np.round(seen), same)
+widget
+"""
+
+
+def test_a_notebook_shows_the_widget_and_its_lights_go_both_ways():
+    notebook = nbformat.v4.new_notebook(cells=[nbformat.v4.new_code_cell(CELL)])
+    nbclient.NotebookClient(notebook, timeout=300, kernel_name="python3").execute()
+    printed, shown = notebook.cells[0].outputs[-2:]
+    assert printed["text"] == "moved 60.0 [-90.] True\n"
+    assert "application/vnd.jupyter.widget-view+json" in shown["data"]
+
+
+def test_lights_that_the_widget_cannot_show_are_refused(person):
+    rgb, mask = person
+    subject = relight.Subject(rgb, mask)
+    nine = [relight.DirectionalLight(name=str(number)) for number in range(9)]
+    with pytest.raises(ValueError, match="up to 8 directional lights"):
+        subject.view(None, nine)
+    assert json.dumps(subject.view().get_state(["lights"])["lights"])
+    assert np.isfinite(subject.view().snapshot()).all()
