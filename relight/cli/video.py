@@ -8,14 +8,17 @@ from typing import Annotated
 
 import typer
 
-from relight.cli.options import Look, console, progress_bar, with_options
+from relight.cli.options import Look, Precision, Threads, console, progress_bar, with_options
 
 
 @with_options(Look)
 def video(
     source: Annotated[
         str,
-        typer.Argument(help="A photograph; a sequence such as plate.%04d.exr or plate.####.exr; a movie."),
+        typer.Argument(
+            help="A photograph; a sequence such as plate.%04d.exr or plate.####.exr; a movie; or what "
+            "`relight analyse` kept of one, shot.relight."
+        ),
     ],
     output: Annotated[
         list[Path],
@@ -38,6 +41,8 @@ def video(
     white: Annotated[
         float, typer.Option(min=1, help="Light that shows as white in all frames; what is below rolls off.")
     ] = 4.0,
+    precision: Precision = None,
+    threads: Threads = None,
     resume: Annotated[
         bool,
         typer.Option(
@@ -59,8 +64,8 @@ def video(
 
         try:
             problems = render_video(
-                source, look.lighting(), output, **look.settings(), frames=_span(frames), steady=steady,
-                rate=rate, white=white, resume=resume, progress=report,
+                source, look.lighting(), output, **look.settings(), frames=span_of(frames), steady=steady,
+                rate=rate, white=white, precision=precision, threads=threads, resume=resume, progress=report,
             )  # fmt: skip
         except KeyboardInterrupt as interruption:
             console.print("interrupted; the same command with --resume goes on")
@@ -73,7 +78,7 @@ def video(
         raise typer.Exit(1)
 
 
-def _span(text: str | None) -> tuple[int, int] | None:
+def span_of(text: str | None) -> tuple[int, int] | None:
     """`1-200` as (1, 200)."""
     if text is None:
         return None
