@@ -8,6 +8,7 @@ from importlib import import_module
 from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:  # for editors and type checkers, which don't follow `__getattr__`
+    from relight.analysing import analyse_shot
     from relight.composite import over, place
     from relight.fitting import fit_lights
     from relight.keying import key
@@ -30,6 +31,7 @@ _EXPORTS = {
     "EnvironmentLight": "relight.lights.environment",
     "MovingLight": "relight.lights.moving",
     "Subject": "relight.subject",
+    "analyse_shot": "relight.analysing",
     "apply": "relight.rendering",
     "fit_lights": "relight.fitting",
     "key": "relight.keying",

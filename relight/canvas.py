@@ -1,14 +1,18 @@
 """What the networks found of one frame, on their canvas, and sums of lights there."""
 
 from collections.abc import Callable, Iterable
-from typing import Any, NamedTuple
+from typing import Any, NamedTuple, Self
 
 import numpy as np
 import torch
 import torch.nn.functional as F
 
 from shading import Analysis
+from shading.diffuse import Shading
+from shadow.directions import olat
 from shadow.framing import Framing
+from shadow.networks.field import FieldMaps, Visibility
+from shadow.networks.mirror import Silhouette
 
 DARK = 1e-3  # squared albedo at which the photographed shading is as much guess as measurement
 DEEPEST = 0.02  # least photographed shading, as a share of the mean: bounds the noise that delighting lifts
@@ -57,6 +61,40 @@ class Elsewhere(NamedTuple):
 
     def __call__(self, directions: torch.Tensor) -> torch.Tensor:
         return self.maps(directions.to(self.device)).cpu()
+
+
+class Field(NamedTuple):
+    """The maps that a canvas's functions of light are made of, at the N pixels of the silhouette."""
+
+    silhouette: Silhouette
+    normals: torch.Tensor  # (3, N) unit vectors
+    sharpness: torch.Tensor  # (1, N)
+    cast: torch.Tensor  # (K, N) of each anchor direction
+    residual: torch.Tensor  # (K, N)
+    depth: torch.Tensor  # (1, N), or (0, N) where there is none
+
+    @classmethod
+    def of(cls, shading: Any) -> Self:
+        """Of what `Canvas.shading` holds, in the computer's own memory."""
+        if isinstance(shading, Elsewhere):
+            return cls.of(shading.maps)
+        if not isinstance(shading, Shading):
+            return shading.field()
+        maps = shading.visibility.maps
+        tensors = (maps.normals, maps.sharpness, maps.cast, shading.residual, maps.depth)
+        silhouette = shading.silhouette
+        if silhouette.pixels.device.type != "cpu":
+            silhouette = Silhouette(silhouette.scatter(torch.ones_like(maps.sharpness))[0].cpu())
+        return cls(silhouette, *(tensor.cpu() for tensor in tensors))
+
+    def functions(self) -> tuple[Maps, Maps]:
+        """Visibility and shading of any light."""
+        anchors = torch.from_numpy(olat(behind=True))
+        maps = FieldMaps(self.normals, self.cast, self.sharpness, self.depth)
+        visibility = Visibility(maps, self.silhouette, anchors)
+        return visibility, Shading(
+            self.residual, self.normals, visibility, self.silhouette, anchors, known=True
+        )
 
 
 def weighted_sum(

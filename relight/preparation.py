@@ -23,6 +23,7 @@ from relight.media.identity import identity
 from relight.media.sequences import Files, Still
 from relight.media.sequences import Sequence as Frames
 from relight.rendering import Background, check_free
+from relight.shot import Shot, is_shot
 from shadow import normals as normals_module
 from shadow.directions import CAMERA
 
@@ -95,7 +96,8 @@ class Preparation:
     Parameters
     ----------
     source: the photograph, as an image or a file; or a sequence, such as `plate.%04d.exr` or
-        `plate.####.exr`; or a movie, whose frames count from 1.
+        `plate.####.exr`; or a movie, whose frames count from 1; or a folder of what `relight.analyse_shot`
+        kept of them, and then all that decides the person was said there.
     mask: the person's matte, as a mask, or a file, sequence or movie of the same frame numbers; needed unless
         the source has alpha.
     key: "green" or "blue": cut the person out of a screen, see `relight.key`; the mask then says where there
@@ -133,7 +135,14 @@ class Preparation:
         self._options = (key, cutting, model, colour_space, axes, field_of_view, self.placement)
         self.field_of_view = checked_number("field_of_view", field_of_view, 1e-3, 170)
         self._surfaces = _surfaces(normals, axes)
-        self._plates = _opened(
+        self.kept: Shot | None = None
+        if is_shot(source):
+            decided = {
+                "mask": mask, "key": key, "matte": cutting, "colour_space": colour_space, "normals": normals
+            }  # fmt: skip
+            _refuse_decided(source, decided | {"size": None if placement in (None, Placement()) else 1})
+            self.kept = Shot(source)
+        self._plates: Any = self.kept or _opened(
             source, lambda path: images.read(path, colour_space=colour_space), movies.Movie, colour_space
         )
         self._mattes = _opened(mask, images.read_mask, _MatteMovie, "lin_rec709")
@@ -145,6 +154,21 @@ class Preparation:
         self._sees_lights = isinstance(background, str) and background == ENVIRONMENT
         self._backdrops = _opened(None if self._sees_lights else background, images.read, movies.Movie)
         self.has_background = background is not None
+
+    @property
+    def options(self) -> str:
+        """Differs where a preparation was told something else, the sources and the background apart."""
+        return identity(self._options)
+
+    def files(self, numbers: Iterable[int]) -> list[Path]:
+        """The files that the persons of frames are read from, matte and normals included."""
+        wanted, sources = list(numbers), (self._plates, self._mattes, self._surfaces)
+        found = [source.file(n) for n in wanted for source in sources]
+        if self._cutter is not None:
+            found += [self._plates.file(m) for n in wanted for m in self._cutter.sees(n)]
+            model = self._options[2]
+            found += [model] if model is not None and model.is_file() else []
+        return [path for path in found if path is not None]
 
     @property
     def numbers(self) -> Sequence[int] | None:
@@ -223,6 +247,13 @@ class Preparation:
         return found.view(size, self.field_of_view) if isinstance(found, EnvironmentLight) else found
 
 
+def _refuse_decided(source: Source, given: dict[str, object]) -> None:
+    """ValueError where something is given that a kept analysis was made with."""
+    for name, value in given.items():
+        if value is not None:
+            raise ValueError(f"{name}: {source} is analysed already; give it to `relight analyse`")
+
+
 def _surfaces(normals: Surface | None, axes: str) -> Still | Files | movies.Movie:
     """Where the normals of a frame come from."""
     if normals is None:
@@ -253,7 +284,7 @@ def _opened(
     if movies.is_movie(value):
         return read_movie(value, colour_space=colour_space)
     sequence = Frames.of(value)
-    return Still(read(value)) if sequence is None else Files(sequence, read)
+    return Still(read(value), path=Path(value)) if sequence is None else Files(sequence, read)
 
 
 class _MatteMovie(movies.Movie):

@@ -2,16 +2,19 @@
 
 import copy
 import os
-from collections.abc import Callable, Iterable
+import warnings
+from collections.abc import Callable, Iterable, Mapping
 from functools import cached_property
+from typing import Any, Self
 
 import numpy as np
 import torch
 import torch.nn.functional as F
 
-from relight import steadying
+from relight import keeping, steadying
 from relight.canvas import Canvas, weighted_sum
 from relight.foreground import Foreground, given_albedo, matte_of, photograph, plate_of
+from relight.keeping import Kept
 from relight.lights.light import Light, as_lights, by_name
 from relight.media.colour import luminance
 from relight.upsampling import JointBilateral
@@ -19,8 +22,10 @@ from shading import Analysis, diffuse
 from shading.albedo import solve_lighting
 from shadow import analysis, inputs
 from shadow.directions import olat
-from shadow.framing import Extension, Framed
+from shadow.files import AnyPath
+from shadow.framing import Extension, Framed, Framing
 from shadow.mattes import person_in
+from shadow.networks.checkpoints import checksum
 from shadow.normals import on_canvas, resolve
 
 REACH = 0.08  # of the canvas, how far maps are continued beyond the matte: for hair and soft edges
@@ -73,25 +78,69 @@ class Subject:
         seen = None if normals is None else photograph(pixels).to(place)
         surface = resolve(normals, seen, alpha.to(place), field, shader)
 
-        self._person = person = Foreground(pixels, alpha, person_in(alpha), mask is not None)
-        framed = Framed.of(person.colour, person.matte, field.size)
-        framing = self._framing = framed.framing
-        surface = on_canvas(None if surface is None else person.crop(surface), framing)
+        person = Foreground.of(alpha, person_in(alpha), mask is not None)
+        colour = person.own_colour(pixels)
+        framed = Framed.of(colour, person.matte, field.size)
+        surface = on_canvas(None if surface is None else person.crop(surface), framed.framing)
         found = Analysis(framed.to(place), field, shader, surface)
 
-        known = framed.mask > 0.5
-        exposure = 0.2 / framed.rgb[:, known].mean().clamp_min(1e-6)
-        guide, canvas_guide = (_display(colour * exposure) for colour in (person.colour, framed.rgb))
-        self._extend = Extension(framed.mask, REACH)
-        self._enlarge = JointBilateral(framing, guide, canvas_guide, known, person.pixels)
-        if paint is None:
-            self._colour = person.take(person.colour)
-        else:
+        exposure = 0.2 / float(framed.rgb[:, framed.mask > 0.5].mean().clamp_min(1e-6))
+        if paint is not None:
             paint = person.crop(paint)
             self._albedo = person.take(paint)
             paint = Framed.of(paint, person.matte, field.size).rgb
-        on_plate = framing.shifted(person.left, person.top, person.size)
-        self._use(Canvas.of(found, on_plate, canvas_guide, paint))
+        on_plate = framed.framing.shifted(person.left, person.top, person.size)
+        canvas = Canvas.of(found, on_plate, _display(framed.rgb * exposure), paint)
+        self._arrange(person, person.take(colour), exposure, framed.framing, canvas)
+
+    def save(self, path: AnyPath, *, made_of: Mapping[str, Any] | None = None) -> None:
+        """Keep what was found in a file, .safetensors: `Subject.load` relights it without a network.
+
+        The person's pixels are kept as half floats, the networks' maps in 8 bits: what is relit differs by
+        less than 0.002 RMS. `made_of` is what else the file says of its making, as JSON holds it.
+
+        Raises
+        ------
+        ValueError: another suffix. OSError: no such folder, or the file cannot be written.
+        """
+        given = None if self._canvas.light is not None else self._albedo
+        kept = Kept(self._person, self._colour, given, self._exposure, self._framing, self._canvas)
+        keeping.write(path, kept, {"weights": list(weights()), **(made_of or {})})
+
+    @classmethod
+    def load(cls, path: AnyPath) -> Self:
+        """The person that `save`, or `relight analyse`, kept in a file. No network runs or is read.
+
+        Raises
+        ------
+        FileNotFoundError: no such file. ValueError: it is damaged, or holds something else.
+
+        Warns where other weights than this version's found what is in it.
+        """
+        kept, made_of = keeping.read(path)
+        if made_of.get("weights") != list(weights()):
+            warnings.warn(f"{path}: was analysed with other weights than this version's", stacklevel=2)
+        return cls._of(kept)
+
+    @classmethod
+    def _of(cls, kept: Kept) -> Self:
+        subject = cls.__new__(cls)
+        if kept.albedo is not None:
+            subject._albedo = kept.albedo
+        subject._arrange(kept.person, kept.colour, kept.exposure, kept.framing, kept.canvas)
+        return subject
+
+    def _arrange(
+        self, person: Foreground, colour: torch.Tensor, exposure: float, framing: Framing, canvas: Canvas
+    ) -> None:
+        """Take the person's pixels, their `colour` (P, 3), and what the networks found; make the way from the
+        canvas to the plate. `framing` is that of the person's box."""
+        self._person, self._colour, self._exposure, self._framing = person, colour, exposure, framing
+        self._extend = Extension(canvas.known, REACH)
+        self._enlarge = JointBilateral(
+            framing, _display(colour * exposure), canvas.image, canvas.known, person.pixels
+        )
+        self._use(canvas)
 
     def _use(self, canvas: Canvas) -> None:
         """Take what the networks found from `canvas`."""
@@ -229,6 +278,38 @@ class Subject:
     def _to_plate(self, maps: torch.Tensor) -> torch.Tensor:
         """Canvas maps (C, h, w) to the subject's pixels on the plate (P, C)."""
         return self._enlarge(self._extend(maps))
+
+
+class Nobody:
+    """The like of a Subject for a frame in which nobody is."""
+
+    def __init__(self, size: tuple[int, ...]) -> None:
+        self.size = size
+        self.matte = np.zeros(size, np.float32)
+        self.albedo = self.normals = self.lighting(None)
+
+    def save(self, path: AnyPath, *, made_of: Mapping[str, Any]) -> None:
+        keeping.write_nobody(path, self.size, made_of)
+
+    def relit(self, lights: object) -> np.ndarray:
+        return np.zeros((*self.size, 4), np.float32)
+
+    def lighting(self, lights: object) -> np.ndarray:
+        return np.zeros((*self.size, 3), np.float32)
+
+    def unshadowed(self, light: object) -> np.ndarray:
+        return self.matte
+
+
+def load(path: AnyPath) -> Subject | Nobody:
+    """As `Subject.load`, of a frame in which perhaps nobody is."""
+    nobody = keeping.read_about(path).get("nobody")
+    return Subject.load(path) if nobody is None else Nobody(tuple(nobody))
+
+
+def weights() -> tuple[str, str]:
+    """The checksums of the weights that persons are analysed with."""
+    return checksum("field", "shadow"), checksum("shading", "shading")
 
 
 def _representable(colour: torch.Tensor) -> torch.Tensor:

@@ -21,10 +21,10 @@ class JointBilateral:
     Parameters
     ----------
     framing: shadow.framing.Framing between plate and canvas.
-    guide: (3, H, W) on the plate, display-encoded, with colour beyond the matte's edge too.
+    guide: (P, 3), the colours of the plate pixels wanted, display-encoded.
     canvas_guide: (3, h, w), the same on the canvas.
     known: (h, w) bool, the canvas pixels that show the subject.
-    pixels: (P,) indices of the plate pixels wanted, in row-major order.
+    pixels: (P,) indices of those pixels on the plate, in row-major order.
     """
 
     def __init__(
@@ -41,13 +41,12 @@ class JointBilateral:
         canvas_guide = canvas_guide.flatten(1).T.contiguous()
         trust = torch.where(known.flatten(), 1.0, UNKNOWN)
         self.strips = []
-        for strip in pixels.split(STRIP):
+        for strip, here in zip(pixels.split(STRIP), guide.split(STRIP), strict=True):
             y, x = strip // framing.plate[1], strip % framing.plate[1]
             row, down = _position(y, framing.centre[1], framing.scale, height)
             column, right = _position(x, framing.centre[0], framing.scale, width)
             nearest = (row * width + column).int()
             spatial = (_b_spline(down)[:, :, None] * _b_spline(right)[:, None, :]).flatten(1)
-            here = guide.flatten(1)[:, strip].T
             weights = torch.empty(len(strip), len(self.offsets))
             for tap, offset in enumerate(self.offsets.tolist()):
                 index = nearest + offset

@@ -8,8 +8,6 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
-import numpy as np
-
 from relight import __version__, keying
 from relight.cutting import Cutting
 from relight.lights.environment import FIELD_OF_VIEW
@@ -20,16 +18,15 @@ from relight.media import images, movies
 from relight.media.identity import NAME, identity
 from relight.media.sequences import Frames, Sequence
 from relight.outputs import ALL, END, FRAMES, PARTS, Report, check, open_outputs
+from relight.people import People, computing
 from relight.preparation import Placement, Preparation, Source, Surface
 from relight.rendering import Background, check_exr_type, check_names, render_subject
-from relight.steadying import AROUND
-from relight.subject import Subject
+from relight.subject import weights
 from shadow import inputs
 from shadow.directions import CAMERA
-from shadow.networks.checkpoints import checksum
+from shadow.networks.precision import in_use
 
 RATE = 24  # frames a second, where nothing says otherwise
-WEIGHTS = (checksum("field", "shadow"), checksum("shading", "shading"))  # what frames are analysed with
 
 
 def render_video(
@@ -57,6 +54,8 @@ def render_video(
     save_matte: str | Path | None = None,
     save_lights: str | Path | None = None,
     device: str | None = None,
+    precision: str | None = None,
+    threads: int | None = None,
     resume: bool = False,
     part: str = ALL,
     progress: Report | None = None,
@@ -83,6 +82,7 @@ def render_video(
     save_matte: also write the mattes, grey: a sequence of PNG, TIFF or OpenEXR files.
     save_lights: also write the lights to a lights file.
     device: where the networks run, such as "cuda"; the CPU unless given.
+    precision, threads: as of `relight.analyse_shot`.
     resume: keep the frames that are there and were made with the same lights, sources, options and weights
         by this version; warns of how many were not. Otherwise all are made anew. An .hdr cannot say what it
         was made with, and is made anew.
@@ -103,7 +103,7 @@ def render_video(
     ------
     FileNotFoundError: no such file or frames. OSError: a frame cannot be written.
     TypeError, ValueError: bad arguments, outputs that need frame numbers or a background, outputs that are
-    read as well, no frames to make, or none that could be made.
+    read as well, no frames to make, or none that could be made; of a chunk, that is no error.
     """
     paths = [Path(path) for path in ([outputs] if isinstance(outputs, str | Path) else outputs)]
     matte_path = None if save_matte is None else Path(save_matte)
@@ -123,8 +123,11 @@ def render_video(
         source, mask=mask, key=key, cutting=cutting, colour_space=colour_space, normals=normals, axes=axes,
         background=background, field_of_view=field_of_view, placement=placement,
     )  # fmt: skip
-    numbers = _numbers(frames, prepared.span, lamps)
-    first = lights_at(lamps, numbers[0])
+    if prepared.kept is not None and (precision is not None or not steady):
+        option = "steady" if precision is None else "precision"
+        raise ValueError(f"{option}: {source} is analysed already; give it to `relight analyse`")
+    numbers = frames_of(frames, prepared.span, lamps)
+    first = lights_at(lamps, numbers[0] if numbers else 0)
     prepared.check_lights(first)
     names = [*by_name(first), *(["background"] if prepared.has_background else [])]
     display = {"view": view, "exposure": exposure, "white": white}
@@ -140,8 +143,11 @@ def render_video(
         report(0, 1, keying.COMPILING)
         importlib.import_module("pymatting")
         report(1, 1, keying.COMPILING)
-    people = _People(prepared, steady, device)
-    return _Shot(prepared, people, lamps, passes, exr_type, sinks, mattes, resume, part).make(numbers, report)
+    people = People(prepared, steady, device)
+    with computing(precision, threads):
+        runs_in = (None if prepared.kept is not None else in_use(device or "cpu"), threads)
+        shot = _Shot(prepared, people, lamps, passes, exr_type, runs_in, sinks, mattes, resume, part)
+        return shot.make(numbers, report)
 
 
 @dataclass(frozen=True)
@@ -149,17 +155,18 @@ class _Shot:
     """The frames of a shot, and where they go."""
 
     prepared: Preparation
-    people: "_People"
+    people: People
     lights: list[Light | MovingLight]
     passes: tuple[str, ...]
     exr_type: str
+    computing: tuple[str | None, int | None]  # precision and threads
     sinks: list[Any]
     mattes: Sequence | None
     resume: bool
     part: str
 
     def make(self, numbers: Frames, report: Report) -> dict[int, str]:
-        """All frames; {frame number: what is wrong}. ValueError if none could be made."""
+        """All frames; {frame number: what is wrong}. ValueError if none of a whole shot could be made."""
         made = self._checked(numbers, report) if self.resume or self.part == END else {}
         for sink in self.sinks:
             sink.begin(made)
@@ -174,7 +181,7 @@ class _Shot:
             except (OSError, ValueError) as error:
                 problems[number] = str(error)
             report(done, len(numbers), "Relighting")
-        if len(problems) == len(numbers):
+        if len(problems) == len(numbers) and self.part != FRAMES:
             first = f"frame {numbers[0]}: {problems[numbers[0]]}"
             raise ValueError(f"none of {len(numbers)} frames could be made; {first}")
         for sink in self.sinks if self.part != FRAMES else ():
@@ -194,7 +201,7 @@ class _Shot:
         lit = lights_at(self.lights, number)
         return identity(
             self.prepared.identity(number, self.people.around(number)), [*by_name(lit).items()],
-            self.passes, __version__, *WEIGHTS,
+            self.passes, __version__, *weights(), self.computing,
         )  # fmt: skip
 
     def _warn_of_others(self, made: dict[int, str]) -> None:
@@ -234,12 +241,12 @@ class _Shot:
             images.write_mask(matte, subject.matte, metadata={NAME: made})
 
 
-def _numbers(
+def frames_of(
     frames: tuple[int, int] | str | None, span: tuple[int, int] | None, lights: list[Light | MovingLight]
 ) -> Frames:
     """The numbers of the frames to make, in order."""
     spans = [light.span for light in lights if isinstance(light, MovingLight) and light.span]
-    frames = frames or span
+    frames = span if frames is None else frames
     if frames is None and spans:
         frames = math.floor(min(first for first, _ in spans)), math.ceil(max(last for _, last in spans))
     if frames is None:
@@ -253,65 +260,3 @@ def _mattes(path: Path | None) -> Sequence | None:
     if path is not None and sequence is None:
         raise ValueError(f"{path}: expected a frame number in the name, such as matte.%04d.png")
     return sequence
-
-
-class _People:
-    """The person of each frame; of a moving one the last few frames are kept, to steady the next."""
-
-    def __init__(self, prepared: Preparation, steady: bool, device: str | None) -> None:
-        self._prepared, self._device = prepared, device
-        self._there = prepared.numbers
-        self._reach = AROUND if steady else 0
-        self._analysed: dict[int, Subject | _Nobody | Exception] = {}
-
-    def around(self, number: int) -> list[int]:
-        """The frames that take part in one: it, and those that steady it; of a still 0, for all frames."""
-        if self._there is None:
-            return [0]
-        near = range(number - self._reach, number + self._reach + 1)
-        return [n for n in near if n == number or n in self._there]
-
-    def at(self, number: int) -> Any:
-        """A Subject, or the like of one; raises as reading and `Subject` do."""
-        around = self.around(number)
-        number = number if number in around else 0
-        self._analysed = {n: found for n, found in self._analysed.items() if n in around}
-        for n in around:
-            if n not in self._analysed:
-                self._analysed[n] = self._analyse(n)
-        subject = self._analysed[number]
-        if isinstance(subject, Exception):
-            raise subject
-        others = [found for found in self._analysed.values() if isinstance(found, Subject)]
-        if not isinstance(subject, Subject) or len(others) == 1:
-            return subject
-        return subject.steadied([other for other in others if other is not subject])
-
-    def _analyse(self, number: int) -> "Subject | _Nobody | Exception":
-        """The Subject of a frame, nobody, or what is wrong with it."""
-        try:
-            plate, matte, normals = self._prepared.person(number)
-            coverage = plate[..., 3:] if matte is None else matte
-            if self._there is not None and coverage.size and coverage.max() <= 0.5:
-                return _Nobody(plate.shape[:2])
-            return Subject(plate, matte, normals=normals, device=self._device)
-        except (OSError, ValueError) as error:
-            return error
-
-
-class _Nobody:
-    """The Subject of a frame in which nobody is."""
-
-    def __init__(self, size: tuple[int, int]) -> None:
-        self.size = size
-        self.matte = np.zeros(size, np.float32)
-        self.albedo = self.normals = self.lighting(None)
-
-    def relit(self, lights: object) -> np.ndarray:
-        return np.zeros((*self.size, 4), np.float32)
-
-    def lighting(self, lights: object) -> np.ndarray:
-        return np.zeros((*self.size, 3), np.float32)
-
-    def unshadowed(self, light: object) -> np.ndarray:
-        return self.matte

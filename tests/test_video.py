@@ -7,7 +7,7 @@ import pytest
 from killing import differences
 
 import relight
-from relight import video
+from relight import people, video
 from relight.media.movies import Movie, write_movie
 
 RISING = relight.MovingLight(intensity={1: 0.1, 5: 0.5}, name="key")
@@ -50,7 +50,7 @@ class Stub:
 
 @pytest.fixture
 def stub(monkeypatch):
-    monkeypatch.setattr(video, "Subject", Stub)
+    monkeypatch.setattr(people, "Subject", Stub)
     Stub.made, Stub.steadied_by = [], []
     return Stub
 

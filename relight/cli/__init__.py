@@ -9,6 +9,7 @@ import typer
 from typer.core import TyperGroup
 
 from relight import __version__
+from relight.cli.analyse import analyse
 from relight.cli.apply import apply
 from relight.cli.evaluation import evaluate
 from relight.cli.olat import olat
@@ -52,6 +53,6 @@ def main(
 
 for command in (apply, video):
     app.command(epilog=EXAMPLES)(command)
-for command in (olat, stage, train, shrink):
+for command in (analyse, olat, stage, train, shrink):
     app.command()(command)
 app.add_typer(evaluate, name="evaluate")

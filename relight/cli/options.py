@@ -40,6 +40,16 @@ Who = Annotated[
 Device = Annotated[
     str | None, typer.Option(help="Where the networks run: cpu, cuda, cuda:1... Default: cpu.")
 ]
+Precision = Annotated[
+    str | None,
+    typer.Option(
+        help="What the networks run in: bfloat16 or float32. Default: what is fast on this machine."
+    ),
+]
+Threads = Annotated[
+    int | None,
+    typer.Option(help="Threads of this process. Machines that agree make frames alike to the bit."),
+]
 
 
 class Fitting(StrEnum):
@@ -168,7 +178,7 @@ class Look:
             "cutting": Cutting.parse(self.matte, self.person, self.refine_matte),
             "background": _background(self.background),
             "field_of_view": self.field_of_view,
-            "placement": Placement(_size(self.size), self.placement, self.scale, _offset(self.offset)),
+            "placement": Placement(size_of(self.size), self.placement, self.scale, offset_of(self.offset)),
             "colour_space": self.colour_space,
             "normals": self.normals,
             "axes": self.axes,
@@ -233,7 +243,7 @@ def _words(text: str | None) -> list[str]:
     return [word.strip() for word in (text or "").split(",") if word.strip()]
 
 
-def _size(text: str | None) -> tuple[int, int] | str | None:
+def size_of(text: str | None) -> tuple[int, int] | str | None:
     """`1920x1080` as (height, width); `background` as it is."""
     if text is None or text == "background":
         return text
@@ -244,7 +254,7 @@ def _size(text: str | None) -> tuple[int, int] | str | None:
     return height, width
 
 
-def _offset(text: str) -> tuple[int, ...]:
+def offset_of(text: str) -> tuple[int, ...]:
     """`120/-40` as (right, up)."""
     try:
         return tuple(map(int, text.split("/")))

@@ -9,7 +9,7 @@ from typing import Annotated
 
 import typer
 
-from relight.cli.options import Look, console, progress_bar, with_options
+from relight.cli.options import Look, Precision, Threads, console, progress_bar, with_options
 
 
 class Part(StrEnum):
@@ -22,7 +22,10 @@ class Part(StrEnum):
 def video(
     source: Annotated[
         str,
-        typer.Argument(help="A photograph; a sequence such as plate.%04d.exr or plate.####.exr; a movie."),
+        typer.Argument(
+            help="A photograph; a sequence such as plate.%04d.exr or plate.####.exr; a movie; or what "
+            "`relight analyse` kept of one, shot.relight."
+        ),
     ],
     output: Annotated[
         list[Path],
@@ -48,6 +51,8 @@ def video(
     white: Annotated[
         float, typer.Option(min=1, help="Light that shows as white in all frames; what is below rolls off.")
     ] = 4.0,
+    precision: Precision = None,
+    threads: Threads = None,
     resume: Annotated[
         bool,
         typer.Option(
@@ -75,8 +80,9 @@ def video(
 
         try:
             problems = render_video(
-                source, look.lighting(), output, **look.settings(), frames=frames, steady=steady,
-                rate=rate, white=white, resume=resume, part=part.value, progress=report,
+                source, look.lighting(), output, **look.settings(), frames=frames, steady=steady, rate=rate,
+                white=white, precision=precision, threads=threads, resume=resume, part=part.value,
+                progress=report,
             )  # fmt: skip
         except KeyboardInterrupt as interruption:
             console.print("interrupted; the same command with --resume goes on")

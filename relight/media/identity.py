@@ -31,7 +31,7 @@ def identity(*parts: Any) -> str:
 def _feed(sha: Any, part: Any) -> None:
     """Hash a part: its kind and its length first, so that no two lists of parts read the same."""
     if isinstance(part, Path):
-        text = _of_file(part)
+        text = of_file(part)
     elif isinstance(part, np.ndarray):
         sha.update(f"{part.dtype.str}{part.shape}".encode())
         sha.update(np.ascontiguousarray(part).data)
@@ -54,7 +54,7 @@ def _feed(sha: Any, part: Any) -> None:
     sha.update(f"{type(part).__name__} {len(text)} {text}".encode())
 
 
-def _of_file(path: Path) -> str:
+def of_file(path: Path) -> str:
     """The SHA-256 of what is in a file; "" where none can be read."""
     try:
         state = path.stat()

@@ -131,13 +131,18 @@ class Still:
     numbers: None = None
     rate: None = None
 
-    def __init__(self, picture: Any, made_of: Any = None) -> None:
-        """`made_of`: what the picture's identity is that of, where that is not the picture."""
-        self.picture = picture
+    def __init__(self, picture: Any, made_of: Any = None, path: Path | None = None) -> None:
+        """`made_of`: what the picture's identity is that of, where that is not the picture. `path`: where it
+        was read."""
+        self.picture, self._path = picture, path
         self._made_of = picture if made_of is None else made_of
 
     def read(self, number: int) -> Any:
         return self.picture
+
+    def file(self, number: int) -> Path | None:
+        """Where a frame is read, if it is."""
+        return self._path
 
     def identity(self, number: int) -> str:
         """Differs where the picture does."""
@@ -162,6 +167,10 @@ class Files:
 
     def read(self, number: int) -> np.ndarray:
         return self._read(self.sequence.path(number))
+
+    def file(self, number: int) -> Path | None:
+        """Where a frame is read."""
+        return self.sequence.path(number)
 
     def identity(self, number: int) -> str:
         """Differs where the frame's file does."""
