@@ -68,9 +68,9 @@ def render_distributed(
     precision, threads: as of `relight.analyse_shot`, of every worker; the precision is this machine's unless
         given.
 
-    A worker that dies loses at most the frame that it was making: its chunk goes to another. A chunk that
-    fails three times is tried frame by frame, and a frame that fails three times is given up. Movies and
-    scripts are made in the end, by this process.
+    A worker that dies loses at most the frame that it was making: what its chunk lacks goes to others, frame
+    by frame. A frame that fails three times is given up. Movies and scripts are made in the end, by this
+    process.
 
     Returns
     -------
@@ -131,8 +131,8 @@ class _Run:
     def __init__(self, client: Any, arguments: tuple, settings: dict[str, Any], resume: bool) -> None:
         self._client, self._arguments, self._settings = client, arguments, settings
         self._resume = resume
-        self._failed: Counter[Frames] = Counter()
-        self._avoid: defaultdict[Frames, set[str]] = defaultdict(set)  # workers at which a chunk failed
+        self._failed: Counter[int] = Counter()  # times that a frame failed
+        self._avoid: defaultdict[int, set[str]] = defaultdict(set)  # workers at which it did
 
     def make(self, chunks: list[Frames], report: Report) -> dict[int, str]:
         """All frames; {frame number: what is wrong}. ConnectionError where the scheduler goes away.
@@ -153,33 +153,24 @@ class _Run:
             future = next(running)
             frames = jobs.pop(future)
             failed = self._failures(future, frames)
-            again = self._again(frames, failed)
-            problems |= {} if again else failed
+            self._failed.update(failed.keys())
+            again = [Frames([number]) for number in failed if self._failed[number] < TRIES]
+            problems |= {number: why for number, why in failed.items() if self._failed[number] == TRIES}
             waiting += again[::-1]
-            made += len(frames) - sum(map(len, again))
+            made += len(frames) - len(again)
             report(made, total, "Relighting")
         return problems
 
     def _submit(self, frames: Frames) -> Any:
-        """A chunk on its way to a worker; where it has failed, to another if there is one."""
-        others = [address for address in self._workers() if address not in self._avoid[frames]]
-        place = {"workers": others, "allow_other_workers": True} if self._avoid[frames] and others else {}
-        resume = self._resume or self._failed[frames] > 0 or len(frames) == 1
+        """A chunk on its way to a worker; where one failed, to another if there is one."""
+        avoid = self._avoid[frames[0]]
+        others = [address for address in self._workers() if address not in avoid]
+        place = {"workers": others, "allow_other_workers": True} if avoid and others else {}
+        resume = self._resume or self._failed[frames[0]] > 0
         made_with = (__version__, *weights())
         return self._client.submit(
             _make, self._arguments, self._settings, frames, resume, made_with, pure=False, **place
         )
-
-    def _again(self, frames: Frames, failed: dict[int, str]) -> list[Frames]:
-        """What of a chunk is to be made again: all of it, or what failed of it, frame by frame."""
-        if not failed:
-            return []
-        self._failed[frames] += 1
-        if self._failed[frames] < TRIES and len(failed) == len(frames):
-            return [frames]
-        alone = [Frames([number]) for number in failed] if len(frames) > 1 else []
-        self._failed.update(alone)
-        return alone
 
     def _failures(self, future: Any, frames: Frames) -> dict[int, str]:
         """What is wrong with the frames of a chunk that has come back."""
@@ -193,10 +184,8 @@ class _Run:
             failed = dict.fromkeys(frames, f"{worker}: {reason}")
         except (CancelledError, CommClosedError, TimeoutError) as error:
             raise _gone(self._client) from error
-        if failed:
-            self._avoid[frames].add(worker)
-            for number in failed:
-                self._avoid[Frames([number])].add(worker)
+        for number in failed:
+            self._avoid[number].add(worker)
         return failed
 
     def _workers(self) -> dict[str, int]:
@@ -236,9 +225,10 @@ def _client(scheduler: str | None, workers: int | None) -> Iterator[Any]:
     with dask.config.set(own | quiet):
         if scheduler is None:
             cluster = LocalCluster(
-                n_workers=workers, threads_per_worker=1, memory_limit=0, dashboard_address=None,
+                n_workers=workers, threads_per_worker=1, memory_limit=0, dashboard_address="127.0.0.1:0",
                 silence_logs="CRITICAL",
             )  # fmt: skip
+            cluster.adapt(minimum=workers, maximum=workers)  # one that is killed as it starts is replaced
             with cluster, Client(cluster) as client:
                 yield client
             return
