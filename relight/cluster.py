@@ -153,7 +153,6 @@ class _Run:
             future = next(running)
             frames = jobs.pop(future)
             failed = self._failures(future, frames)
-            self._failed.update(failed.keys())
             again = [Frames([number]) for number in failed if self._failed[number] < TRIES]
             problems |= {number: why for number, why in failed.items() if self._failed[number] == TRIES}
             waiting += again[::-1]
@@ -166,7 +165,7 @@ class _Run:
         avoid = self._avoid[frames[0]]
         others = [address for address in self._workers() if address not in avoid]
         place = {"workers": others, "allow_other_workers": True} if avoid and others else {}
-        resume = self._resume or self._failed[frames[0]] > 0
+        resume = self._resume or bool(avoid)
         made_with = (__version__, *weights())
         return self._client.submit(
             _make, self._arguments, self._settings, frames, resume, made_with, pure=False, **place
@@ -177,15 +176,18 @@ class _Run:
         from distributed import KilledWorker
         from distributed.comm import CommClosedError
 
+        counted = True
         try:
             worker, failed = future.result()
         except KilledWorker as death:
             worker, reason = death.last_worker.address, "the worker died, perhaps for want of memory"
             failed = dict.fromkeys(frames, f"{worker}: {reason}")
+            counted = len(frames) == 1  # of several nobody knows which it was
         except (CancelledError, CommClosedError, TimeoutError) as error:
             raise _gone(self._client) from error
         for number in failed:
             self._avoid[number].add(worker)
+            self._failed[number] += counted
         return failed
 
     def _workers(self) -> dict[str, int]:
@@ -228,7 +230,9 @@ def _client(scheduler: str | None, workers: int | None) -> Iterator[Any]:
                 n_workers=workers, threads_per_worker=1, memory_limit=0, dashboard_address="127.0.0.1:0",
                 silence_logs="CRITICAL",
             )  # fmt: skip
-            cluster.adapt(minimum=workers, maximum=workers)  # one that is killed as it starts is replaced
+            cluster.adapt(
+                minimum=len(cluster.workers), maximum=len(cluster.workers)
+            )  # one that is killed as it starts is replaced
             with cluster, Client(cluster) as client:
                 yield client
             return

@@ -13,6 +13,7 @@ from relight import people
 from relight.media.movies import Movie
 
 dask = pytest.importorskip("dask")
+pytest.importorskip("distributed")  # before its configuration is changed
 psutil = pytest.importorskip("psutil")
 cluster = pytest.importorskip("relight.cluster")
 
@@ -128,7 +129,7 @@ def test_bad_arguments_are_named(plates, tmp_path, monkeypatch):
     ]:
         with pytest.raises(ValueError, match=message):
             cluster.render_distributed(plates, STILL, one, **arguments)
-    with pytest.raises(ConnectionError, match="tcp://127.0.0.1:9: no Dask scheduler answers there"):
+    with pytest.raises(ConnectionError, match=r"tcp://127\.0\.0\.1:9: no Dask scheduler answers there"):
         cluster.render_distributed(plates, STILL, one, scheduler="tcp://127.0.0.1:9")
     monkeypatch.setitem(sys.modules, "distributed", None)
     with pytest.raises(ImportError, match=r"pip install 'relight\[farm\]'"):

@@ -1,4 +1,4 @@
-"""What Dask workers preload in tests: somebody slow stands in for the networks, and a white frame is deadly."""
+"""What Dask workers preload in tests: a slow stand-in for the networks, which a bright frame kills."""
 
 import os
 import signal
