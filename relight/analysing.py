@@ -1,4 +1,4 @@
-"""The analysis of a still or a shot, kept: each frame's person goes to a file that is relit without a network."""
+"""The analysis of a still or a shot, kept: a file a frame, which is relit without a network."""
 
 import warnings
 from pathlib import Path
@@ -34,11 +34,11 @@ def analyse_shot(
     threads: int | None = None,
     progress: Report | None = None,
 ) -> dict[int, str]:
-    """Analyse the person of a still or of each frame of a shot, and keep that: `render_video` takes the folder
-    as its source and relights it without a network, as often as the lights change.
+    """Analyse the person of a still or of each frame of a shot, and keep that: `render_video` takes the
+    folder as its source and relights it without a network, as often as the lights change.
 
     Frames that are there, whole, and analysed from just these sources, with these options and weights, stay
-    as they are. So an interrupted run goes on where it was, and several machines may analyse the ranges of one
+    as they are. So an interrupted run goes on where it was, and several machines may analyse ranges of one
     shot into one folder; each analyses the frames beyond its range that steady those in it.
 
     Parameters

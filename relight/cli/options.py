@@ -42,13 +42,11 @@ Device = Annotated[
 ]
 Precision = Annotated[
     str | None,
-    typer.Option(
-        help="What the networks run in: bfloat16 or float32. Default: what is fast on this machine."
-    ),
+    typer.Option(help="What the networks run in: bfloat16 or float32. Default: what is fast here."),
 ]
 Threads = Annotated[
     int | None,
-    typer.Option(help="Threads of this process. Machines that agree make frames alike to the bit."),
+    typer.Option(help="Of this process. Machines that agree make frames alike to the bit."),
 ]
 
 
