@@ -6,6 +6,7 @@ from pathlib import Path
 from relight import __version__, keeping
 from relight.cutting import Cutting
 from relight.media.identity import identity
+from relight.media.sequences import Frames
 from relight.outputs import Report
 from relight.people import People, computing
 from relight.preparation import Placement, Preparation, Source, Surface
@@ -20,7 +21,7 @@ def analyse_shot(
     source: Source,
     output: str | Path,
     *,
-    frames: tuple[int, int] | None = None,
+    frames: tuple[int, int] | str | None = None,
     mask: Source | None = None,
     key: str | None = None,
     cutting: Cutting | None = None,
@@ -47,7 +48,7 @@ def analyse_shot(
         `relight.preparation.Preparation`; the placement's size in pixels.
     output: a folder, such as `shot.relight`, which is made: `000101.safetensors` is frame 101,
         `still.safetensors` a still. What a frame's file holds is described in `relight.keeping`.
-    frames: (first, last) of a shot; all there are unless given.
+    frames: of a shot, as of `relight.render_video`; all there are unless given.
     steady: average what the networks find of a moving person over 5 frames, where it is alike.
     device: where the networks run, such as "cuda"; the CPU unless given.
     precision: "bfloat16" or "float32", in which the networks run; what is fast on this processor unless
@@ -98,7 +99,7 @@ class _Analysing:
         self._computing = {"precision": precision, "threads": threads}
         self._options = identity(prepared.options, steady, __version__)
 
-    def make(self, numbers: list[int], report: Report) -> dict[int, str]:
+    def make(self, numbers: Frames | list[int], report: Report) -> dict[int, str]:
         """All frames; {frame number: what is wrong}. ValueError if none could be made."""
         problems: dict[int, str] = {}
         others = 0
@@ -152,13 +153,10 @@ def _holds(path: Path, made_of: str) -> bool:
         return False
 
 
-def _numbers(frames: tuple[int, int] | None, prepared: Preparation) -> list[int]:
+def _numbers(frames: tuple[int, int] | str | None, prepared: Preparation) -> Frames | list[int]:
     """The numbers of the frames to analyse; of a still, 0."""
     if prepared.numbers is None:
         if frames is not None:
             raise ValueError("frames: a still has none")
         return [0]
-    first, last = frames or (prepared.numbers[0], prepared.numbers[-1])
-    if not 0 <= first <= last:
-        raise ValueError(f"frames: expected (first, last) with 0 <= first <= last, got {frames}")
-    return list(range(first, last + 1))
+    return Frames.of(frames or (prepared.numbers[0], prepared.numbers[-1]))

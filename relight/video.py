@@ -16,8 +16,8 @@ from relight.lights.light import Light, by_name
 from relight.lights.moving import MovingLight, lights_at
 from relight.media import images, movies
 from relight.media.identity import NAME, identity
-from relight.media.sequences import Sequence
-from relight.outputs import Report, check, open_outputs
+from relight.media.sequences import Frames, Sequence
+from relight.outputs import ALL, END, FRAMES, PARTS, Report, check, open_outputs
 from relight.people import People, computing
 from relight.preparation import Placement, Preparation, Source, Surface
 from relight.rendering import Background, check_exr_type, check_names, render_subject
@@ -27,7 +27,6 @@ from shadow.directions import CAMERA
 from shadow.networks.precision import in_use
 
 RATE = 24  # frames a second, where nothing says otherwise
-LAST = 10**9  # of the frame numbers
 
 
 def render_video(
@@ -35,7 +34,7 @@ def render_video(
     lights: Light | MovingLight | Iterable[Light | MovingLight],
     outputs: str | Path | Iterable[str | Path],
     *,
-    frames: tuple[int, int] | None = None,
+    frames: tuple[int, int] | str | None = None,
     mask: Source | None = None,
     key: str | None = None,
     cutting: Cutting | None = None,
@@ -58,6 +57,7 @@ def render_video(
     precision: str | None = None,
     threads: int | None = None,
     resume: bool = False,
+    part: str = ALL,
     progress: Report | None = None,
 ) -> dict[int, str]:
     """Relight a person frame by frame.
@@ -70,8 +70,9 @@ def render_video(
     outputs: a path or several: sequences of files that `relight.write` writes; movies, .mp4 (which needs a
         background) or .mov; and with an .exr sequence, whose files have light groups and passes as
         `relight.rendering` describes them, a Nuke script, .nk.
-    frames: (first, last). Unless given, those of the source; of a still, those of the mask or the background,
-        or from the first keyframe of the lights to the last.
+    frames: (first, last), or text such as "1-100", "1-100x2" or "1-10,20,30-40", see
+        `relight.media.sequences.Frames`. Unless given, those of the source; of a still, those of the mask or
+        the background, or from the first keyframe of the lights to the last.
     passes: further layers of an .exr, of relight.rendering.PASSES.
     exr_type: "half" or "float", what .exr files hold.
     steady: average what the networks find of a moving person over 5 frames, where it is alike.
@@ -85,6 +86,9 @@ def render_video(
     resume: keep the frames that are there and were made with the same lights, sources, options and weights
         by this version; warns of how many were not. Otherwise all are made anew. An .hdr cannot say what it
         was made with, and is made anew.
+    part: what of the work is done: "all"; "frames", those of a chunk of a shot, and no movie and no script;
+        or "end", the movies and scripts of the frames that chunks have made, which are checked as `resume`
+        does and reported where they are not there. Chunks and their end write what one run writes.
     progress: called with (frames done, frames in all, what is done) after every frame.
 
     Where nobody is in the frame, the picture is empty. Until a movie is whole, its frames are half-float
@@ -99,7 +103,7 @@ def render_video(
     ------
     FileNotFoundError: no such file or frames. OSError: a frame cannot be written.
     TypeError, ValueError: bad arguments, outputs that need frame numbers or a background, outputs that are
-    read as well, no frames to make, or none that could be made.
+    read as well, no frames to make, or none that could be made; of a chunk, that is no error.
     """
     paths = [Path(path) for path in ([outputs] if isinstance(outputs, str | Path) else outputs)]
     matte_path = None if save_matte is None else Path(save_matte)
@@ -113,6 +117,8 @@ def render_video(
         movies.frame_rate(rate)
     check_exr_type(exr_type)
     inputs.device("device", device)
+    if part not in PARTS:
+        raise ValueError(f"part: expected one of {', '.join(PARTS)}, got {part!r}")
     prepared = Preparation(
         source, mask=mask, key=key, cutting=cutting, colour_space=colour_space, normals=normals, axes=axes,
         background=background, field_of_view=field_of_view, placement=placement,
@@ -120,15 +126,15 @@ def render_video(
     if prepared.kept is not None and (precision is not None or not steady):
         option = "steady" if precision is None else "precision"
         raise ValueError(f"{option}: {source} is analysed already; give it to `relight analyse`")
-    numbers = _numbers(frames, prepared.span, lamps)
-    first = lights_at(lamps, numbers[0])
+    numbers = frames_of(frames, prepared.span, lamps)
+    first = lights_at(lamps, numbers[0] if numbers else 0)
     prepared.check_lights(first)
     names = [*by_name(first), *(["background"] if prepared.has_background else [])]
     display = {"view": view, "exposure": exposure, "white": white}
     mattes = _mattes(matte_path)
     sinks: list[Any] = open_outputs(
-        paths, transparent=not prepared.has_background, resume=resume, display=display, depth=exr_type,
-        rate=rate or prepared.rate or RATE, names=names,
+        paths, transparent=not prepared.has_background, resume=resume, part=part, display=display,
+        depth=exr_type, rate=rate or prepared.rate or RATE, names=names,
     )  # fmt: skip
     if lights_path is not None:
         write_lights(lights_path, lamps)
@@ -140,7 +146,7 @@ def render_video(
     people = People(prepared, steady, device)
     with computing(precision, threads):
         runs_in = (None if prepared.kept is not None else in_use(device or "cpu"), threads)
-        shot = _Shot(prepared, people, lamps, passes, exr_type, runs_in, sinks, mattes, resume)
+        shot = _Shot(prepared, people, lamps, passes, exr_type, runs_in, sinks, mattes, resume, part)
         return shot.make(numbers, report)
 
 
@@ -157,30 +163,32 @@ class _Shot:
     sinks: list[Any]
     mattes: Sequence | None
     resume: bool
+    part: str
 
-    def make(self, numbers: range, report: Report) -> dict[int, str]:
-        """All frames; {frame number: what is wrong}. ValueError if none could be made."""
-        made = self._checked(numbers, report) if self.resume else {}
+    def make(self, numbers: Frames, report: Report) -> dict[int, str]:
+        """All frames; {frame number: what is wrong}. ValueError if none of a whole shot could be made."""
+        made = self._checked(numbers, report) if self.resume or self.part == END else {}
         for sink in self.sinks:
             sink.begin(made)
         if self.resume:
             self._warn_of_others(made)
+        make = self._expect if self.part == END else self._make
         problems = {}
         for done, number in enumerate(numbers, 1):
             try:
                 made[number] = made.get(number) or self._identity(number)
-                self._make(number, made[number])
+                make(number, made[number])
             except (OSError, ValueError) as error:
                 problems[number] = str(error)
             report(done, len(numbers), "Relighting")
-        if len(problems) == len(numbers):
+        if len(problems) == len(numbers) and self.part != FRAMES:
             first = f"frame {numbers[0]}: {problems[numbers[0]]}"
             raise ValueError(f"none of {len(numbers)} frames could be made; {first}")
-        for sink in self.sinks:
+        for sink in self.sinks if self.part != FRAMES else ():
             sink.finish(numbers, made, problems, report)
         return problems
 
-    def _checked(self, numbers: range, report: Report) -> dict[int, str]:
+    def _checked(self, numbers: Frames, report: Report) -> dict[int, str]:
         """{frame number: what it is made of}."""
         made = {}
         for done, number in enumerate(numbers, 1):
@@ -205,6 +213,13 @@ class _Shot:
                 stacklevel=4,
             )
 
+    def _expect(self, number: int, made: str) -> None:
+        """ValueError where an output lacks the frame."""
+        for sink in self.sinks:
+            if not sink.has(number, made):
+                state = "made with other lights, sources or options" if sink.there(number) else "not there"
+                raise ValueError(f"{sink.path}: the frame is {state}")
+
     def _make(self, number: int, made: str) -> None:
         """The frame in all outputs that lack it, and its matte."""
         wanted = [sink for sink in self.sinks if not sink.has(number, made)]
@@ -226,20 +241,17 @@ class _Shot:
             images.write_mask(matte, subject.matte, metadata={NAME: made})
 
 
-def _numbers(
-    frames: tuple[int, int] | None, span: tuple[int, int] | None, lights: list[Light | MovingLight]
-) -> range:
+def frames_of(
+    frames: tuple[int, int] | str | None, span: tuple[int, int] | None, lights: list[Light | MovingLight]
+) -> Frames:
     """The numbers of the frames to make, in order."""
     spans = [light.span for light in lights if isinstance(light, MovingLight) and light.span]
-    frames = frames or span
+    frames = span if frames is None else frames
     if frames is None and spans:
         frames = math.floor(min(first for first, _ in spans)), math.ceil(max(last for _, last in spans))
     if frames is None:
         raise ValueError("frames: expected (first, last), as neither source nor lights say how many")
-    first, last = frames
-    if not 0 <= first <= last <= LAST:
-        raise ValueError(f"frames: expected (first, last) with 0 <= first <= last <= {LAST}, got {frames}")
-    return range(first, last + 1)
+    return Frames.of(frames)
 
 
 def _mattes(path: Path | None) -> Sequence | None:

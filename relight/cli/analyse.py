@@ -33,7 +33,9 @@ def analyse(
     output: Annotated[
         Path, typer.Option("-o", "--output", help="A folder, shot.relight: a file a frame goes into it.")
     ],
-    frames: Annotated[str | None, typer.Option(help="FIRST-LAST. Default: the source's.")] = None,
+    frames: Annotated[
+        str | None, typer.Option(help="1-100, 1-100x2 or 1-10,20,30-40. Default: the source's.")
+    ] = None,
     mask: Annotated[
         str | None, typer.Option(help="The matte, unless the source has alpha: a file, sequence or movie.")
     ] = None,
@@ -72,7 +74,6 @@ def analyse(
     Frames that are there, whole and made of just that, stay; so the same command goes on after an
     interruption."""
     from relight.analysing import analyse_shot
-    from relight.cli.video import span_of
     from relight.cutting import Cutting
     from relight.preparation import Placement
 
@@ -80,7 +81,7 @@ def analyse(
         task = progress.add_task("Analysing", total=None)
         try:
             problems = analyse_shot(
-                source, output, frames=span_of(frames), mask=mask, key=key,
+                source, output, frames=frames, mask=mask, key=key,
                 cutting=Cutting.parse(matte, person, refine_matte),
                 placement=Placement(size_of(size), placement, scale, offset_of(offset)),
                 colour_space=colour_space, normals=normals, axes=axes, steady=steady, device=device,

@@ -3,12 +3,19 @@
 Heavy modules are imported inside the command, so that `relight --help` answers at once.
 """
 
+from enum import StrEnum
 from pathlib import Path
 from typing import Annotated
 
 import typer
 
 from relight.cli.options import Look, Precision, Threads, console, progress_bar, with_options
+
+
+class Part(StrEnum):
+    all = "all"
+    frames = "frames"
+    end = "end"
 
 
 @with_options(Look)
@@ -32,7 +39,10 @@ def video(
     look: Look,
     frames: Annotated[
         str | None,
-        typer.Option(help="FIRST-LAST. Default: the source's, or from first to last keyframe of the lights."),
+        typer.Option(
+            help="1-100, 1-100x2 or 1-10,20,30-40. Default: the source's, or from first to last keyframe of "
+            "the lights."
+        ),
     ] = None,
     rate: Annotated[float | None, typer.Option(help="Frames a second. Default: the source's, or 24.")] = None,
     steady: Annotated[
@@ -50,6 +60,12 @@ def video(
             help="Keep the frames that are there and were made with the same lights, plates and options.",
         ),
     ] = False,
+    part: Annotated[
+        Part,
+        typer.Option(
+            help="frames: of a chunk of a shot, no movie and no .nk; end: these, of all its frames."
+        ),
+    ] = Part.all,
 ) -> None:
     """Relight a person frame by frame: lights that move (orbit=200, or a lights file), a person that does."""
     from relight.video import render_video
@@ -64,8 +80,9 @@ def video(
 
         try:
             problems = render_video(
-                source, look.lighting(), output, **look.settings(), frames=span_of(frames), steady=steady,
-                rate=rate, white=white, precision=precision, threads=threads, resume=resume, progress=report,
+                source, look.lighting(), output, **look.settings(), frames=frames, steady=steady, rate=rate,
+                white=white, precision=precision, threads=threads, resume=resume, part=part.value,
+                progress=report,
             )  # fmt: skip
         except KeyboardInterrupt as interruption:
             console.print("interrupted; the same command with --resume goes on")
@@ -76,14 +93,3 @@ def video(
         console.print(f"{path}")
     if problems:
         raise typer.Exit(1)
-
-
-def span_of(text: str | None) -> tuple[int, int] | None:
-    """`1-200` as (1, 200)."""
-    if text is None:
-        return None
-    first, _, last = text.partition("-")
-    try:
-        return int(first), int(last or first)
-    except ValueError as error:
-        raise ValueError(f"--frames: expected FIRST-LAST, such as 1-200, got {text!r}") from error
