@@ -124,16 +124,17 @@ class _Analysing:
         """Analyse a frame, unless it is there; whether that replaced another."""
         path = frame_file(self._folder, None if self._prepared.numbers is None else number)
         around = self._people.around(number)
+        made = identity(
+            self._prepared.identity(number, around), self._options, *weights(), *self._computing.values()
+        )
         made_of = self._computing | {
-            "identity": identity(
-                self._prepared.identity(number, around), self._options, *weights(), *self._computing.values()
-            ),
+            "identity": made,
             "options": self._options,
             "version": __version__,
             "rate": None if self._prepared.rate is None else str(self._prepared.rate),
         }
         there = path.exists()
-        if there and _holds(path, made_of["identity"]):
+        if there and _holds(path, made):
             return False
         person = self._people.at(number)
         person.save(

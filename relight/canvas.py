@@ -12,7 +12,7 @@ from shading.diffuse import Shading
 from shadow.directions import olat
 from shadow.framing import Framing
 from shadow.networks.field import FieldMaps, Visibility
-from shadow.networks.mirror import Silhouette
+from shadow.networks.mirror import Pixels
 
 DARK = 1e-3  # squared albedo at which the photographed shading is as much guess as measurement
 DEEPEST = 0.02  # least photographed shading, as a share of the mean: bounds the noise that delighting lifts
@@ -64,9 +64,9 @@ class Elsewhere(NamedTuple):
 
 
 class Field(NamedTuple):
-    """The maps that a canvas's functions of light are made of, at the N pixels of the silhouette."""
+    """The maps that a canvas's functions of light are made of, at its N pixels."""
 
-    silhouette: Silhouette
+    silhouette: Pixels
     normals: torch.Tensor  # (3, N) unit vectors
     sharpness: torch.Tensor  # (1, N)
     cast: torch.Tensor  # (K, N) of each anchor direction
@@ -82,16 +82,16 @@ class Field(NamedTuple):
             return shading.field()
         maps = shading.visibility.maps
         tensors = (maps.normals, maps.sharpness, maps.cast, shading.residual, maps.depth)
-        silhouette = shading.silhouette
-        if silhouette.pixels.device.type != "cpu":
-            silhouette = Silhouette(silhouette.scatter(torch.ones_like(maps.sharpness))[0].cpu())
-        return cls(silhouette, *(tensor.cpu() for tensor in tensors))
+        inside = shading.silhouette.scatter(torch.ones_like(maps.sharpness))[0].cpu()
+        place = Pixels(inside)
+        order = torch.argsort(shading.silhouette.pixels.cpu())
+        return cls(place, *(tensor.cpu()[:, order] for tensor in tensors))
 
-    def functions(self) -> tuple[Maps, Maps]:
+    def functions(self) -> tuple[Any, Any]:
         """Visibility and shading of any light."""
         anchors = torch.from_numpy(olat(behind=True))
         maps = FieldMaps(self.normals, self.cast, self.sharpness, self.depth)
-        visibility = Visibility(maps, self.silhouette, anchors)
+        visibility: Any = Visibility(maps, self.silhouette, anchors)
         return visibility, Shading(
             self.residual, self.normals, visibility, self.silhouette, anchors, known=True
         )

@@ -1,13 +1,13 @@
 """An analysed person in a file: the pixels that relighting needs, and what the networks found.
 
 The file is a safetensors file. Its metadata's `relight` is JSON: the measures of the person, and each array's
-dtype and shape. An array is stored as a tensor of bytes: deflated (zlib, whose checksum tells damage), and
-first the arrays of half floats split into their low and their high bytes, which deflate better apart. Pixels
-are those of the person on the plate, P in row order in the box around the matte, and on the networks' canvas,
-N in row order.
+dtype and shape. An array is stored as a tensor of bytes, deflated (zlib, whose checksum tells damage): of
+half floats first all low bytes and then all high ones, of bytes the differences along the last axis. Pixels
+are the person's on the plate, P in row order in the box around the matte, and on the networks' canvas, N in
+row order.
 
-The maps of the 96 anchor directions are kept as their principal components over the person's pixels, 8 bits
-each: they are of low rank, and what is lost is a few hundredths of the networks' own error.
+The maps of the 96 anchor directions are kept as their principal components over the person's pixels, in 8
+bits at most: they are of low rank, and what is lost is a hundredth of the networks' own error.
 """
 
 import json
@@ -26,11 +26,13 @@ from relight.canvas import Canvas, Field
 from relight.foreground import Foreground
 from shadow.files import AnyPath, check_writable, replacing
 from shadow.framing import Framing
-from shadow.networks.mirror import Silhouette
+from shadow.networks.mirror import Pixels
 
 SUFFIX = ".safetensors"
 FORMAT = 1
-RANK = {"cast": 32, "residual": 16}  # principal components
+# Principal components of each kind of maps, and the least step between two of their codes.
+RANK = {"cast": 32, "residual": 16}
+STEP = {"cast": 0.1, "residual": 0.005}
 GUIDE = 4 ** (1 / 2.2)  # largest value of the canvas' image
 HALF = 65504.0
 
@@ -142,24 +144,22 @@ def _canvas_arrays(kept: Kept) -> dict[str, np.ndarray]:
     """What is kept on the networks' canvas."""
     canvas = kept.canvas
     field = Field.of(canvas.shading)
-    silhouette = field.silhouette
-    order = torch.argsort(silhouette.pixels)
-    within = torch.zeros(canvas.known.shape, dtype=torch.uint8).flatten()
-    within[silhouette.pixels] = 1
+    place = field.silhouette
+    within = place.scatter(torch.ones(1, len(place.pixels), dtype=torch.uint8))[0]
     unit = _unit(kept.exposure)
     arrays = {
-        "within": (within.view(canvas.known.shape) + canvas.known).numpy(),  # 1 of the matte, 2 above a half
+        "within": (within + canvas.known).numpy(),  # 1 of the matte, 2 above a half
         "image": (canvas.image * (255 / GUIDE)).round().clamp(0, 255).to(torch.uint8).numpy(),
-        "normals": _half(field.normals[:, order]),
-        "sharpness": _half(field.sharpness[:, order]),
-        "albedo": _half(silhouette.take(canvas.albedo)[:, order]),
+        "normals": _half(field.normals),
+        "sharpness": _half(field.sharpness),
+        "albedo": _half(place.take(canvas.albedo)),
     }
     if canvas.light is not None:
-        arrays["light"] = _half(silhouette.take(canvas.light)[:, order] * unit)
+        arrays["light"] = _half(place.take(canvas.light) * unit)
     if len(field.depth):
-        arrays["depth"] = _half(field.depth[:, order])
+        arrays["depth"] = _half(field.depth)
     for name, maps in (("cast", field.cast), ("residual", field.residual)):
-        arrays |= _components(name, maps[:, order])
+        arrays |= _components(name, maps)
     return arrays
 
 
@@ -169,7 +169,7 @@ def _components(name: str, maps: torch.Tensor) -> dict[str, np.ndarray]:
     basis = vectors[:, -RANK[name] :].flip(1).float()
     parts = basis.T @ maps
     low, high = parts.aminmax(dim=1, keepdim=True)
-    step = (high - low).clamp_min(1e-12) / 255
+    step = ((high - low) / 255).clamp_min(STEP[name])  # one for all but the first, since all count alike
     codes = ((parts - low) / step).round().to(torch.uint8)
     return {
         name: codes.numpy(),
@@ -201,27 +201,26 @@ def _restored(about: dict[str, Any], arrays: dict[str, np.ndarray]) -> Kept:
 
 def _canvas(tensors: dict[str, torch.Tensor], framing: Framing, exposure: float) -> Canvas:
     within = tensors["within"]
-    silhouette = Silhouette(within)
-    order = torch.argsort(torch.argsort(silhouette.pixels))
+    place = Pixels(within)
 
     def taken(name: str) -> torch.Tensor:
-        return tensors[name][:, order].float()
+        return tensors[name].float()
 
     def maps(name: str) -> torch.Tensor:
         return torch.addmm(tensors[f"{name}_offset"], tensors[f"{name}_basis"], taken(name))
 
-    depth = taken("depth") if "depth" in tensors else torch.empty(0, len(order))
-    field = Field(silhouette, taken("normals"), taken("sharpness"), maps("cast"), maps("residual"), depth)
+    depth = taken("depth") if "depth" in tensors else torch.empty(0, len(place.pixels))
+    field = Field(place, taken("normals"), taken("sharpness"), maps("cast"), maps("residual"), depth)
     visibility, shading = field.functions()
-    light = silhouette.scatter(taken("light")) / _unit(exposure) if "light" in tensors else None
+    light = place.scatter(taken("light")) / _unit(exposure) if "light" in tensors else None
     return Canvas(
         framing,
         within > 1,
         tensors["image"] * (GUIDE / 255),
-        silhouette.scatter(field.normals),
+        place.scatter(field.normals),
         visibility,
         shading,
-        silhouette.scatter(taken("albedo")),
+        place.scatter(taken("albedo")),
         light,
     )
 
@@ -236,19 +235,22 @@ def _half(values: torch.Tensor) -> np.ndarray:
 
 
 def _deflated(array: np.ndarray) -> bytes:
-    data = np.ascontiguousarray(array).view(np.uint8)
     if array.dtype == np.float16:
-        data = np.ascontiguousarray(data.reshape(-1, 2).T)
-    return zlib.compress(data)
+        array = np.ascontiguousarray(array).view(np.uint8).reshape(-1, 2).T
+    elif array.dtype == np.uint8:
+        array = np.diff(array, axis=-1, prepend=np.uint8(0))  # modulo 256
+    return zlib.compress(array.tobytes())
 
 
 def _inflated(data: np.ndarray, dtype: np.dtype, shape: tuple[int, ...]) -> np.ndarray:
     """The array of a tensor of bytes; ValueError where that is not of the size it says."""
     expected = math.prod(shape) * dtype.itemsize
     inflater = zlib.decompressobj()
-    found = np.frombuffer(bytearray(inflater.decompress(data, expected + 1)), np.uint8)
+    found = np.frombuffer(inflater.decompress(data.tobytes(), expected + 1), np.uint8)
     if len(found) != expected or not inflater.eof:
         raise ValueError(f"holds {len(found)} bytes of an array of {expected}")
+    if dtype == np.uint8:
+        return np.add.accumulate(found.reshape(shape), axis=-1, dtype=np.uint8)
     if dtype == np.float16:
         found = np.ascontiguousarray(found.reshape(2, -1).T)
-    return found.view(dtype).reshape(shape)
+    return found.view(dtype).reshape(shape).copy()
