@@ -80,7 +80,8 @@ class Field(NamedTuple):
             return cls.of(shading.maps)
         if not isinstance(shading, Shading):
             return shading.field()
-        maps = shading.visibility.maps
+        visible: Any = shading.visibility
+        maps = visible.maps
         tensors = (maps.normals, maps.sharpness, maps.cast, shading.residual, maps.depth)
         inside = shading.silhouette.scatter(torch.ones_like(maps.sharpness))[0].cpu()
         place = Pixels(inside)

@@ -102,6 +102,8 @@ def write(
     spec = new_spec(pixels, depth, names, metadata)
     if suffix in (".exr", ".tif", ".tiff"):
         spec.attribute("compression", "zip")
+    if suffix == ".exr" and metadata and identity.NAME in metadata:
+        spec.attribute(identity.HOLDS, identity.contents(spec))
     if depth.startswith("uint"):
         if view is None or "srgb" in " ".join(colour.find_view(view)[1:]).lower():
             spec.attribute("oiio:ColorSpace", "srgb_rec709_scene")
