@@ -14,6 +14,7 @@ import json
 import math
 import zlib
 from collections.abc import Mapping
+from dataclasses import asdict
 from pathlib import Path
 from typing import Any, NamedTuple
 
@@ -23,6 +24,7 @@ from safetensors import SafetensorError, safe_open
 from safetensors.numpy import save as to_bytes
 
 from relight.canvas import Canvas, Field
+from relight.depth import Camera, Given, Space
 from relight.foreground import Foreground
 from shadow.files import AnyPath, check_writable, replacing
 from shadow.framing import Framing
@@ -63,6 +65,7 @@ def write(path: AnyPath, kept: Kept, made_of: Mapping[str, Any]) -> None:
         "exposure": kept.exposure,
         "centre": framing.centre,
         "scale": framing.scale,
+        "camera": asdict(kept.canvas.space.camera),
         "arrays": {name: (array.dtype.str, array.shape) for name, array in arrays.items()},
         "made_of": {**made_of},
     }
@@ -153,11 +156,10 @@ def _canvas_arrays(kept: Kept) -> dict[str, np.ndarray]:
         "normals": _half(field.normals),
         "sharpness": _half(field.sharpness),
         "albedo": _half(place.take(canvas.albedo)),
+        "depth": _half(place.take(canvas.space.depth[None])),
     }
     if canvas.light is not None:
         arrays["light"] = _half(place.take(canvas.light) * unit)
-    if len(field.depth):
-        arrays["depth"] = _half(field.depth)
     for name, maps in (("cast", field.cast), ("residual", field.residual)):
         arrays |= _components(name, maps)
     return arrays
@@ -194,12 +196,13 @@ def _restored(about: dict[str, Any], arrays: dict[str, np.ndarray]) -> Kept:
     person = Foreground(size, (top, left), alpha.view(box), matte.view(box), bool(about["photographed"]))
     framing = Framing(tuple(about["centre"]), about["scale"], tuple(arrays["within"].shape), box)
     on_plate = framing.shifted(left, top, size)
+    camera = Camera(**{name: _tuple(value) for name, value in about["camera"].items()})
     given = tensors["given_albedo"].float().T if "given_albedo" in tensors else None
     colour = tensors["colour"].float().T / _unit(exposure)
-    return Kept(person, colour, given, exposure, framing, _canvas(tensors, on_plate, exposure))
+    return Kept(person, colour, given, exposure, framing, _canvas(tensors, on_plate, camera, exposure))
 
 
-def _canvas(tensors: dict[str, torch.Tensor], framing: Framing, exposure: float) -> Canvas:
+def _canvas(tensors: dict[str, torch.Tensor], framing: Framing, camera: Camera, exposure: float) -> Canvas:
     within = tensors["within"]
     place = Pixels(within)
 
@@ -209,10 +212,10 @@ def _canvas(tensors: dict[str, torch.Tensor], framing: Framing, exposure: float)
     def maps(name: str) -> torch.Tensor:
         return torch.addmm(tensors[f"{name}_offset"], tensors[f"{name}_basis"], taken(name))
 
-    depth = taken("depth") if "depth" in tensors else torch.empty(0, len(place.pixels))
-    field = Field(place, taken("normals"), taken("sharpness"), maps("cast"), maps("residual"), depth)
+    field = Field(place, taken("normals"), taken("sharpness"), maps("cast"), maps("residual"))
     visibility, shading = field.functions()
     light = place.scatter(taken("light")) / _unit(exposure) if "light" in tensors else None
+    depth = place.scatter(taken("depth"))[0]
     return Canvas(
         framing,
         within > 1,
@@ -222,7 +225,13 @@ def _canvas(tensors: dict[str, torch.Tensor], framing: Framing, exposure: float)
         shading,
         place.scatter(taken("albedo")),
         light,
+        Space(camera, framing, Given(depth, within > 1)),
     )
+
+
+def _tuple(value: Any) -> Any:
+    """JSON's lists as the tuples that they were."""
+    return tuple(value) if isinstance(value, list) else value
 
 
 def _unit(exposure: float) -> float:

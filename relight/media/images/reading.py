@@ -77,14 +77,15 @@ def _colours(path: AnyPath, pixels: np.ndarray, spec: oiio.ImageSpec, names: lis
 def read_layers(path: AnyPath) -> dict[str, np.ndarray]:
     """Read the named layers of an OpenEXR file: {name: (H, W, C) float32}, as written, in the file's order.
 
-    A layer holds the channels `name.*`; the channels without a name, the beauty, are `read`'s. Empty if there
-    are no layers. Raises as `read` does.
+    A layer holds the channels `name.*`, or is the depth, `Z`; the channels without a name, the beauty, are
+    `read`'s. Empty if there are no layers. Raises as `read` does.
     """
     pixels, _, names = load(path)
     channels: dict[str, list[int]] = {}
     for index, channel in enumerate(names):
         layer, dot, _ = channel.rpartition(".")
-        if dot:
+        if dot or channel == "Z":
+            layer = layer or channel
             channels.setdefault(layer, []).append(index)
     return {layer: np.asarray(pixels[..., indices], np.float32) for layer, indices in channels.items()}
 
