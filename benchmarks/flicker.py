@@ -20,6 +20,7 @@ from torch.nn import functional
 import relight
 from relight import steadying
 from relight.canvas import Canvas
+from relight.depth import Camera, Space
 from shadow import directions, visibility
 from shadow.framing import Framing, affine_sample
 
@@ -107,7 +108,9 @@ def with_true_shadows():
         grain = functional.avg_pool2d(torch.randn(shadows.shape, generator=random), 5, stride=1, padding=2)
         photograph = framing.crop(record.image(record.albedo).float()) ** (1 / 2.2)
         find = partial(nearest, (shadows + 0.2 * grain).clamp(0, 1) * known, lights)
-        canvases.append(Canvas(framing, known, photograph, photograph, find, find, photograph, None))
+        camera = Camera(framing.plate, 100.0, framing.centre, 2.0)
+        space = Space(camera, framing, partial(torch.zeros, framing.canvas))
+        canvases.append(Canvas(framing, known, photograph, photograph, find, find, photograph, None, space))
         truth.append(framing.restore(shadows))
     for name, alike in (
         ("as found", None),

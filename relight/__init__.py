@@ -16,6 +16,7 @@ if TYPE_CHECKING:  # for editors and type checkers, which don't follow `__getatt
     from relight.lights.environment import EnvironmentLight
     from relight.lights.files import read_lights, write_lights
     from relight.lights.moving import MovingLight
+    from relight.lights.near import PointLight, RectLight
     from relight.matting import matte
     from relight.media.images import read, read_layers, read_mask, read_normals, write, write_mask
     from relight.olat import write_olat
@@ -30,6 +31,8 @@ _EXPORTS = {
     "DirectionalLight": "relight.lights.directional",
     "EnvironmentLight": "relight.lights.environment",
     "MovingLight": "relight.lights.moving",
+    "PointLight": "relight.lights.near",
+    "RectLight": "relight.lights.near",
     "Subject": "relight.subject",
     "analyse_shot": "relight.analysing",
     "apply": "relight.rendering",

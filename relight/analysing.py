@@ -1,10 +1,11 @@
-"""The analysis of a still or a shot, kept: each frame's person goes to a file that is relit without a network."""
+"""The analysis of a still or a shot, kept: a file a frame, which is relit without a network."""
 
 import warnings
 from pathlib import Path
 
 from relight import __version__, keeping
 from relight.cutting import Cutting
+from relight.lights.environment import FIELD_OF_VIEW
 from relight.media.identity import identity
 from relight.media.sequences import Frames
 from relight.outputs import Report
@@ -29,22 +30,25 @@ def analyse_shot(
     colour_space: str | None = None,
     normals: Surface | None = None,
     axes: str = CAMERA,
+    depth: Source | None = None,
+    height: float | None = None,
+    field_of_view: float = FIELD_OF_VIEW,
     steady: bool = True,
     device: str | None = None,
     precision: str | None = None,
     threads: int | None = None,
     progress: Report | None = None,
 ) -> dict[int, str]:
-    """Analyse the person of a still or of each frame of a shot, and keep that: `render_video` takes the folder
-    as its source and relights it without a network, as often as the lights change.
+    """Analyse the person of a still or of each frame of a shot, and keep that: `render_video` takes the
+    folder as its source and relights it without a network, as often as the lights change.
 
     Frames that are there, whole, and analysed from just these sources, with these options and weights, stay
-    as they are. So an interrupted run goes on where it was, and several machines may analyse the ranges of one
+    as they are. So an interrupted run goes on where it was, and several machines may analyse ranges of one
     shot into one folder; each analyses the frames beyond its range that steady those in it.
 
     Parameters
     ----------
-    source, mask, key, cutting, placement, colour_space, normals, axes: as of
+    source, mask, key, cutting, placement, colour_space, normals, axes, depth, height, field_of_view: as of
         `relight.preparation.Preparation`; the placement's size in pixels.
     output: a folder, such as `shot.relight`, which is made: `000101.safetensors` is frame 101,
         `still.safetensors` a still. What a frame's file holds is described in `relight.keeping`.
@@ -74,11 +78,11 @@ def analyse_shot(
     with computing(precision, threads):
         prepared = Preparation(
             source, mask=mask, key=key, cutting=cutting, colour_space=colour_space, normals=normals,
-            axes=axes, placement=placement,
+            axes=axes, depth=depth, height=height, field_of_view=field_of_view, placement=placement,
         )  # fmt: skip
         numbers = _numbers(frames, prepared)
         folder.mkdir(parents=True, exist_ok=True)
-        people = People(prepared, steady, device)
+        people = People(prepared, steady, device, in_room=True)
         run = _Analysing(prepared, people, folder, steady, in_use(device or "cpu"), threads)
         return run.make(numbers, progress or (lambda done, total, what: None))
 
@@ -123,17 +127,18 @@ class _Analysing:
     def _make(self, number: int) -> bool:
         """Analyse a frame, unless it is there; whether that replaced another."""
         path = frame_file(self._folder, None if self._prepared.numbers is None else number)
-        around = self._people.around(number)
+        around = self._people.made_of(number)
+        made = identity(
+            self._prepared.identity(number, around), self._options, *weights(), *self._computing.values()
+        )
         made_of = self._computing | {
-            "identity": identity(
-                self._prepared.identity(number, around), self._options, *weights(), *self._computing.values()
-            ),
+            "identity": made,
             "options": self._options,
             "version": __version__,
             "rate": None if self._prepared.rate is None else str(self._prepared.rate),
         }
         there = path.exists()
-        if there and _holds(path, made_of["identity"]):
+        if there and _holds(path, made):
             return False
         person = self._people.at(number)
         person.save(

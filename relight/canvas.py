@@ -1,24 +1,36 @@
 """What the networks found of one frame, on their canvas, and sums of lights there."""
 
-from collections.abc import Callable, Iterable
-from typing import Any, NamedTuple, Self
+from collections.abc import Iterable
+from typing import Any, NamedTuple, Protocol, Self
 
 import numpy as np
 import torch
 import torch.nn.functional as F
+from scipy.ndimage import distance_transform_edt
 
+from relight.depth import Space
+from relight.lights.near import NearLight
 from shading import Analysis
 from shading.diffuse import Shading
 from shadow.directions import olat
 from shadow.framing import Framing
 from shadow.networks.field import FieldMaps, Visibility
-from shadow.networks.mirror import Silhouette
+from shadow.networks.mirror import Pixels
 
 DARK = 1e-3  # squared albedo at which the photographed shading is as much guess as measurement
 DEEPEST = 0.02  # least photographed shading, as a share of the mean: bounds the noise that delighting lifts
+THICK = 1.5  # how deep a limb surely is, over the distance to its rim: 2 in the middle of a round one
 BATCH = 64  # directions at a time
 
-Maps = Callable[[torch.Tensor], torch.Tensor]  # unit directions (D, 3) to maps (D, h, w) in [0, 1]
+
+class Maps(Protocol):
+    """What the networks found, as a function of light."""
+
+    def __call__(self, directions: torch.Tensor) -> torch.Tensor:
+        """Unit directions (D, 3) to maps (D, h, w) in [0, 1]."""
+
+    def each(self, directions: torch.Tensor) -> torch.Tensor:
+        """A unit direction a pixel (3, h, w) to a map (h, w) in [0, 1]."""
 
 
 class Canvas(NamedTuple):
@@ -32,13 +44,14 @@ class Canvas(NamedTuple):
     shading: Maps
     albedo: torch.Tensor  # (3, h, w) linear, in [0, 1]
     light: torch.Tensor | None  # (1, h, w) in which it was photographed; None if the albedo is given
+    space: Space  # where the person is in the room
 
     @classmethod
     def of(
-        cls, analysis: Analysis, framing: Framing, image: torch.Tensor, albedo: torch.Tensor | None
+        cls, analysis: Analysis, image: torch.Tensor, albedo: torch.Tensor | None, space: Space
     ) -> "Canvas":
-        """From an analysis on any device. `framing` is on the whole plate, `image` display-encoded; `albedo`
-        (3, h, w) takes the place of what was inferred."""
+        """From an analysis on any device. `image` is display-encoded; `albedo` (3, h, w) takes the place of
+        what was inferred; `space` says where the canvas lies on the whole plate."""
         known, light = analysis.framed.mask.cpu() > 0.5, None
         if albedo is None:
             albedo = analysis.canvas_albedo.cpu()
@@ -50,7 +63,8 @@ class Canvas(NamedTuple):
             Elsewhere(maps, place) if place.type != "cpu" else maps
             for maps in (analysis.canvas_visibility, analysis.canvas_shading)
         )
-        return cls(framing, known, image, analysis.canvas_normals.cpu(), visibility, shading, albedo, light)
+        normals = analysis.canvas_normals.cpu()
+        return cls(space.framing, known, image, normals, visibility, shading, albedo, light, space)
 
 
 class Elsewhere(NamedTuple):
@@ -62,16 +76,18 @@ class Elsewhere(NamedTuple):
     def __call__(self, directions: torch.Tensor) -> torch.Tensor:
         return self.maps(directions.to(self.device)).cpu()
 
+    def each(self, directions: torch.Tensor) -> torch.Tensor:
+        return self.maps.each(directions.to(self.device)).cpu()
+
 
 class Field(NamedTuple):
-    """The maps that a canvas's functions of light are made of, at the N pixels of the silhouette."""
+    """The maps that a canvas's functions of light are made of, at its N pixels."""
 
-    silhouette: Silhouette
+    silhouette: Pixels
     normals: torch.Tensor  # (3, N) unit vectors
     sharpness: torch.Tensor  # (1, N)
     cast: torch.Tensor  # (K, N) of each anchor direction
     residual: torch.Tensor  # (K, N)
-    depth: torch.Tensor  # (1, N), or (0, N) where there is none
 
     @classmethod
     def of(cls, shading: Any) -> Self:
@@ -80,18 +96,19 @@ class Field(NamedTuple):
             return cls.of(shading.maps)
         if not isinstance(shading, Shading):
             return shading.field()
-        maps = shading.visibility.maps
-        tensors = (maps.normals, maps.sharpness, maps.cast, shading.residual, maps.depth)
-        silhouette = shading.silhouette
-        if silhouette.pixels.device.type != "cpu":
-            silhouette = Silhouette(silhouette.scatter(torch.ones_like(maps.sharpness))[0].cpu())
-        return cls(silhouette, *(tensor.cpu() for tensor in tensors))
+        visible: Any = shading.visibility
+        maps = visible.maps
+        tensors = (maps.normals, maps.sharpness, maps.cast, shading.residual)
+        inside = shading.silhouette.scatter(torch.ones_like(maps.sharpness))[0].cpu()
+        place = Pixels(inside)
+        order = torch.argsort(shading.silhouette.pixels.cpu())
+        return cls(place, *(tensor.cpu()[:, order] for tensor in tensors))
 
-    def functions(self) -> tuple[Maps, Maps]:
+    def functions(self) -> tuple[Any, Any]:
         """Visibility and shading of any light."""
         anchors = torch.from_numpy(olat(behind=True))
-        maps = FieldMaps(self.normals, self.cast, self.sharpness, self.depth)
-        visibility = Visibility(maps, self.silhouette, anchors)
+        maps = FieldMaps(self.normals, self.cast, self.sharpness, self.sharpness[:0])
+        visibility: Any = Visibility(maps, self.silhouette, anchors)
         return visibility, Shading(
             self.residual, self.normals, visibility, self.silhouette, anchors, known=True
         )
@@ -111,6 +128,40 @@ def weighted_sum(
         for batch, power in zip(*batches, strict=True):
             total.addmm_(maps(batch).flatten(1).T, power)
     return total.T.unflatten(1, shape)
+
+
+def near_sum(maps: Maps, light: NearLight, space: Space) -> tuple[torch.Tensor, torch.Tensor]:
+    """Σ irradiance · maps over the parts of a light in the room, and Σ irradiance: (h, w) each.
+
+    Both are of intensity 1. The second is what a surface would get that faces each part, and sees it.
+    """
+    lit = whole = torch.zeros(space.framing.canvas)
+    for directions, irradiance in light.rays(space.positions):
+        lit, whole = lit + irradiance * maps.each(directions), whole + irradiance
+    return lit, whole
+
+
+def check_outside(light: NearLight, space: Space, known: torch.Tensor) -> None:
+    """ValueError for a light that touches the person, or stands inside.
+
+    The far side of the person is not seen. A limb is taken to be about as thick as it is wide.
+    """
+    name, surface = light.name or "light", space.positions[:, known]
+    for point in light.points:
+        gap = float((surface - torch.tensor(point, dtype=torch.float32)[:, None]).norm(dim=0).min())
+        if gap <= max(light.reach, space.metres_per_pixel / 2):
+            raise ValueError(f"{name}: position: touches the person; expected a light beside them")
+        row, column = space.place(point)
+        seen = point[2] < space.camera.distance and 0 <= row < len(known) and 0 <= column < known.shape[1]
+        if not seen or not known[row, column]:
+            continue
+        behind = -point[2] - float(space.depth[row, column])
+        rim = distance_transform_edt(np.pad(known.numpy(), 1, mode="edge"))[row + 1, column + 1]
+        if 0 < behind < THICK * rim * space.metres_per_pixel:
+            raise ValueError(
+                f"{name}: position: is inside the person, {behind:.2f} m behind what is seen of them there; "
+                "expected a light outside"
+            )
 
 
 def _photographed_shading(framed: torch.Tensor, albedo: torch.Tensor, known: torch.Tensor) -> torch.Tensor:

@@ -1,19 +1,20 @@
 """An analysed person in a file: the pixels that relighting needs, and what the networks found.
 
 The file is a safetensors file. Its metadata's `relight` is JSON: the measures of the person, and each array's
-dtype and shape. An array is stored as a tensor of bytes: deflated (zlib, whose checksum tells damage), and
-first the arrays of half floats split into their low and their high bytes, which deflate better apart. Pixels
-are those of the person on the plate, P in row order in the box around the matte, and on the networks' canvas,
-N in row order.
+dtype and shape. An array is stored as a tensor of bytes, deflated (zlib, whose checksum tells damage): of
+half floats first all low bytes and then all high ones, of bytes the differences along the last axis. Pixels
+are the person's on the plate, P in row order in the box around the matte, and on the networks' canvas, N in
+row order.
 
-The maps of the 96 anchor directions are kept as their principal components over the person's pixels, 8 bits
-each: they are of low rank, and what is lost is a few hundredths of the networks' own error.
+The maps of the 96 anchor directions are kept as their principal components over the person's pixels, in 8
+bits at most: they are of low rank, and what is lost is a hundredth of the networks' own error.
 """
 
 import json
 import math
 import zlib
 from collections.abc import Mapping
+from dataclasses import asdict
 from pathlib import Path
 from typing import Any, NamedTuple
 
@@ -23,14 +24,17 @@ from safetensors import SafetensorError, safe_open
 from safetensors.numpy import save as to_bytes
 
 from relight.canvas import Canvas, Field
+from relight.depth import Camera, Given, Space
 from relight.foreground import Foreground
 from shadow.files import AnyPath, check_writable, replacing
 from shadow.framing import Framing
-from shadow.networks.mirror import Silhouette
+from shadow.networks.mirror import Pixels
 
 SUFFIX = ".safetensors"
 FORMAT = 1
-RANK = {"cast": 32, "residual": 16}  # principal components
+# Principal components of each kind of maps, and the least step between two of their codes.
+RANK = {"cast": 32, "residual": 16}
+STEP = {"cast": 0.1, "residual": 0.005}
 GUIDE = 4 ** (1 / 2.2)  # largest value of the canvas' image
 HALF = 65504.0
 
@@ -61,6 +65,7 @@ def write(path: AnyPath, kept: Kept, made_of: Mapping[str, Any]) -> None:
         "exposure": kept.exposure,
         "centre": framing.centre,
         "scale": framing.scale,
+        "camera": asdict(kept.canvas.space.camera),
         "arrays": {name: (array.dtype.str, array.shape) for name, array in arrays.items()},
         "made_of": {**made_of},
     }
@@ -142,24 +147,21 @@ def _canvas_arrays(kept: Kept) -> dict[str, np.ndarray]:
     """What is kept on the networks' canvas."""
     canvas = kept.canvas
     field = Field.of(canvas.shading)
-    silhouette = field.silhouette
-    order = torch.argsort(silhouette.pixels)
-    within = torch.zeros(canvas.known.shape, dtype=torch.uint8).flatten()
-    within[silhouette.pixels] = 1
+    place = field.silhouette
+    within = place.scatter(torch.ones(1, len(place.pixels), dtype=torch.uint8))[0]
     unit = _unit(kept.exposure)
     arrays = {
-        "within": (within.view(canvas.known.shape) + canvas.known).numpy(),  # 1 of the matte, 2 above a half
+        "within": (within + canvas.known).numpy(),  # 1 of the matte, 2 above a half
         "image": (canvas.image * (255 / GUIDE)).round().clamp(0, 255).to(torch.uint8).numpy(),
-        "normals": _half(field.normals[:, order]),
-        "sharpness": _half(field.sharpness[:, order]),
-        "albedo": _half(silhouette.take(canvas.albedo)[:, order]),
+        "normals": _half(field.normals),
+        "sharpness": _half(field.sharpness),
+        "albedo": _half(place.take(canvas.albedo)),
+        "depth": _half(place.take(canvas.space.depth[None])),
     }
     if canvas.light is not None:
-        arrays["light"] = _half(silhouette.take(canvas.light)[:, order] * unit)
-    if len(field.depth):
-        arrays["depth"] = _half(field.depth[:, order])
+        arrays["light"] = _half(place.take(canvas.light) * unit)
     for name, maps in (("cast", field.cast), ("residual", field.residual)):
-        arrays |= _components(name, maps[:, order])
+        arrays |= _components(name, maps)
     return arrays
 
 
@@ -169,7 +171,7 @@ def _components(name: str, maps: torch.Tensor) -> dict[str, np.ndarray]:
     basis = vectors[:, -RANK[name] :].flip(1).float()
     parts = basis.T @ maps
     low, high = parts.aminmax(dim=1, keepdim=True)
-    step = (high - low).clamp_min(1e-12) / 255
+    step = ((high - low) / 255).clamp_min(STEP[name])  # one for all but the first, since all count alike
     codes = ((parts - low) / step).round().to(torch.uint8)
     return {
         name: codes.numpy(),
@@ -194,36 +196,42 @@ def _restored(about: dict[str, Any], arrays: dict[str, np.ndarray]) -> Kept:
     person = Foreground(size, (top, left), alpha.view(box), matte.view(box), bool(about["photographed"]))
     framing = Framing(tuple(about["centre"]), about["scale"], tuple(arrays["within"].shape), box)
     on_plate = framing.shifted(left, top, size)
+    camera = Camera(**{name: _tuple(value) for name, value in about["camera"].items()})
     given = tensors["given_albedo"].float().T if "given_albedo" in tensors else None
     colour = tensors["colour"].float().T / _unit(exposure)
-    return Kept(person, colour, given, exposure, framing, _canvas(tensors, on_plate, exposure))
+    return Kept(person, colour, given, exposure, framing, _canvas(tensors, on_plate, camera, exposure))
 
 
-def _canvas(tensors: dict[str, torch.Tensor], framing: Framing, exposure: float) -> Canvas:
+def _canvas(tensors: dict[str, torch.Tensor], framing: Framing, camera: Camera, exposure: float) -> Canvas:
     within = tensors["within"]
-    silhouette = Silhouette(within)
-    order = torch.argsort(torch.argsort(silhouette.pixels))
+    place = Pixels(within)
 
     def taken(name: str) -> torch.Tensor:
-        return tensors[name][:, order].float()
+        return tensors[name].float()
 
     def maps(name: str) -> torch.Tensor:
         return torch.addmm(tensors[f"{name}_offset"], tensors[f"{name}_basis"], taken(name))
 
-    depth = taken("depth") if "depth" in tensors else torch.empty(0, len(order))
-    field = Field(silhouette, taken("normals"), taken("sharpness"), maps("cast"), maps("residual"), depth)
+    field = Field(place, taken("normals"), taken("sharpness"), maps("cast"), maps("residual"))
     visibility, shading = field.functions()
-    light = silhouette.scatter(taken("light")) / _unit(exposure) if "light" in tensors else None
+    light = place.scatter(taken("light")) / _unit(exposure) if "light" in tensors else None
+    depth = place.scatter(taken("depth"))[0]
     return Canvas(
         framing,
         within > 1,
         tensors["image"] * (GUIDE / 255),
-        silhouette.scatter(field.normals),
+        place.scatter(field.normals),
         visibility,
         shading,
-        silhouette.scatter(taken("albedo")),
+        place.scatter(taken("albedo")),
         light,
+        Space(camera, framing, Given(depth, within > 1)),
     )
+
+
+def _tuple(value: Any) -> Any:
+    """JSON's lists as the tuples that they were."""
+    return tuple(value) if isinstance(value, list) else value
 
 
 def _unit(exposure: float) -> float:
@@ -236,19 +244,22 @@ def _half(values: torch.Tensor) -> np.ndarray:
 
 
 def _deflated(array: np.ndarray) -> bytes:
-    data = np.ascontiguousarray(array).view(np.uint8)
     if array.dtype == np.float16:
-        data = np.ascontiguousarray(data.reshape(-1, 2).T)
-    return zlib.compress(data)
+        array = np.ascontiguousarray(array).view(np.uint8).reshape(-1, 2).T
+    elif array.dtype == np.uint8:
+        array = np.diff(array, axis=-1, prepend=np.uint8(0))  # modulo 256
+    return zlib.compress(array.tobytes())
 
 
 def _inflated(data: np.ndarray, dtype: np.dtype, shape: tuple[int, ...]) -> np.ndarray:
     """The array of a tensor of bytes; ValueError where that is not of the size it says."""
     expected = math.prod(shape) * dtype.itemsize
     inflater = zlib.decompressobj()
-    found = np.frombuffer(bytearray(inflater.decompress(data, expected + 1)), np.uint8)
+    found = np.frombuffer(inflater.decompress(data.tobytes(), expected + 1), np.uint8)
     if len(found) != expected or not inflater.eof:
         raise ValueError(f"holds {len(found)} bytes of an array of {expected}")
+    if dtype == np.uint8:
+        return np.add.accumulate(found.reshape(shape), axis=-1, dtype=np.uint8)
     if dtype == np.float16:
         found = np.ascontiguousarray(found.reshape(2, -1).T)
-    return found.view(dtype).reshape(shape)
+    return found.view(dtype).reshape(shape).copy()

@@ -72,8 +72,8 @@ def write_olat(
     check([output, *([] if script is None else [Path(script)])], (image, mask), lights=description)
     inputs.device("device", device)
     lights = olat_lights(behind)
-    plate, matte, _ = Preparation(image, mask=mask, cutting=cutting, colour_space=colour_space).person(0)
-    subject = Subject(plate, matte, device=device)
+    person = Preparation(image, mask=mask, cutting=cutting, colour_space=colour_space).person(0)
+    subject = Subject(person.plate, person.matte, device=device)
     report = progress or (lambda done, total: None)
     written, layers = [], {}
     picture: Any = 0

@@ -171,8 +171,10 @@ class FileSink:
         """Whether there is any such frame."""
         return self.sequence.path(number).exists()
 
-    def write(self, number: int, picture: np.ndarray, layers: Layers, made: str) -> None:
-        carried = {NAME: self._identity(made)}
+    def write(
+        self, number: int, picture: np.ndarray, layers: Layers, made: str, metadata: images.Metadata
+    ) -> None:
+        carried = {NAME: self._identity(made), **metadata}
         write_picture(self.sequence.path(number), picture, layers, self.display, self.depth, carried)
 
     def finish(self, numbers: Frames, made: Made, problems: dict, report: Report) -> None:
@@ -235,7 +237,9 @@ class MovieSink:
         held = self.frames.path(number).exists()
         return held or (self.path.exists() and not self.frames.folder.exists())
 
-    def write(self, number: int, picture: np.ndarray, layers: Layers, made: str) -> None:
+    def write(
+        self, number: int, picture: np.ndarray, layers: Layers, made: str, metadata: images.Metadata
+    ) -> None:
         self.frames.folder.mkdir(exist_ok=True)
         shown = picture.clip(-images.HALF_MAX, images.HALF_MAX)
         images.write(self.frames.path(number), shown, metadata={NAME: identity(made)})

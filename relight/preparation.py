@@ -4,7 +4,7 @@ Stills and videos are prepared alike. A source is an image in memory, a file, a 
 """
 
 import os
-from collections.abc import Callable, Iterable, Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from fractions import Fraction
 from pathlib import Path
@@ -88,6 +88,7 @@ class Person(NamedTuple):
     plate: np.ndarray
     matte: np.ndarray | None
     normals: Surface | None
+    depth: np.ndarray | str | os.PathLike | None
 
 
 class Preparation:
@@ -107,8 +108,12 @@ class Preparation:
     normals: camera-frame normals of the photograph: an array; an image file or a sequence of them; or
         whatever else `shadow.normals.load` takes. Placed with the photograph.
     axes: of these normals, see `shadow.directions.from_axes`.
+    depth: of the photograph: an array; an image file or a sequence of them, see
+        `relight.media.images.read_depth`; or an ONNX file, as of `relight.Subject`. Placed with it.
+    height: as of `relight.Subject`.
     background: as of `relight.apply`; or a file, sequence or movie; or "environment": what a camera of
-        `field_of_view` (vertical, degrees) sees of the environments among the lights.
+        `field_of_view` sees of the environments among the lights.
+    field_of_view: of the picture's camera, vertical, in degrees.
     placement: Placement of the photograph in the picture.
 
     Raises
@@ -126,19 +131,23 @@ class Preparation:
         colour_space: str | None = None,
         normals: Surface | None = None,
         axes: str = CAMERA,
+        depth: Source | os.PathLike | None = None,
+        height: float | None = None,
         background: Background | MovingLight | str | Path | None = None,
         field_of_view: float = FIELD_OF_VIEW,
         placement: Placement | None = None,
     ) -> None:
         self.placement, self._key = placement or Placement(), key
         model = None if cutting is None or cutting.model is None else Path(cutting.model)
-        self._options = (key, cutting, model, colour_space, axes, field_of_view, self.placement)
+        self._options = (key, cutting, model, colour_space, axes, field_of_view, height, self.placement)
         self.field_of_view = checked_number("field_of_view", field_of_view, 1e-3, 170)
-        self._surfaces = _surfaces(normals, axes)
+        self.height = None if height is None else checked_number("height", height, 0.01, 100)
+        self._surfaces, self._depths = _surfaces(normals, axes), _depths(depth)
         self.kept: Shot | None = None
         if is_shot(source):
             decided = {
-                "mask": mask, "key": key, "matte": cutting, "colour_space": colour_space, "normals": normals
+                "mask": mask, "key": key, "matte": cutting, "colour_space": colour_space, "normals": normals,
+                "depth": depth, "height": height,
             }  # fmt: skip
             _refuse_decided(source, decided | {"size": None if placement in (None, Placement()) else 1})
             self.kept = Shot(source)
@@ -162,7 +171,7 @@ class Preparation:
 
     def files(self, numbers: Iterable[int]) -> list[Path]:
         """The files that the persons of frames are read from, matte and normals included."""
-        wanted, sources = list(numbers), (self._plates, self._mattes, self._surfaces)
+        wanted, sources = list(numbers), (self._plates, self._mattes, self._surfaces, self._depths)
         found = [source.file(n) for n in wanted for source in sources]
         if self._cutter is not None:
             found += [self._plates.file(m) for n in wanted for m in self._cutter.sees(n)]
@@ -173,12 +182,12 @@ class Preparation:
     @property
     def numbers(self) -> Sequence[int] | None:
         """The frames that there are of a moving person; None of a still."""
-        return self._plates.numbers or self._mattes.numbers or self._surfaces.numbers
+        return self._plates.numbers or self._mattes.numbers or self._surfaces.numbers or self._depths.numbers
 
     @property
     def span(self) -> tuple[int, int] | None:
         """The first and the last frame that the sources have, the person's before the background's."""
-        for source in (self._plates, self._mattes, self._surfaces, self._backdrops):
+        for source in (self._plates, self._mattes, self._surfaces, self._depths, self._backdrops):
             if source.numbers:
                 return source.numbers[0], source.numbers[-1]
         return None
@@ -200,7 +209,7 @@ class Preparation:
     def identity(self, number: int, around: Iterable[int]) -> str:
         """Differs where a frame is made of something else: what is read for it and for the frames `around`,
         which steady it, and all that this preparation was told."""
-        sources = (self._plates, self._mattes, self._surfaces)
+        sources = (self._plates, self._mattes, self._surfaces, self._depths)
         persons = [source.identity(n) for n in around for source in sources]
         if self._cutter is not None:
             persons += [self._plates.identity(m) for n in around for m in self._cutter.sees(n)]
@@ -231,11 +240,13 @@ class Preparation:
             first = (self._backdrops.numbers or [number])[0]
             behind = self._backdrops.read(first if self.numbers is None else number)
         frame = self.placement.of(np.shape(plate)[:2], behind)
-        surface = self._surfaces.read(number)
+        surface, depth = self._surfaces.read(number), self._depths.read(number)
+        if frame is not None and isinstance(depth, np.ndarray) and depth.ndim == 2:
+            depth = self.placement(np.repeat(depth[..., None], 3, axis=-1), frame)[..., 0]
         if frame is not None and isinstance(surface, np.ndarray):
             surface = self.placement(surface, frame)
         matte = None if matte is None else self.placement(matte, frame)
-        return Person(self.placement(plate, frame), matte, surface)
+        return Person(self.placement(plate, frame), matte, surface, depth)
 
     def backdrop(self, number: int, lights: Iterable[Light], size: tuple[int, int]) -> Background | None:
         """What is behind the person of a frame, in a picture of `size` (H, W) and this frame's lights."""
@@ -247,7 +258,7 @@ class Preparation:
         return found.view(size, self.field_of_view) if isinstance(found, EnvironmentLight) else found
 
 
-def _refuse_decided(source: Source, given: dict[str, object]) -> None:
+def _refuse_decided(source: Source, given: Mapping[str, object]) -> None:
     """ValueError where something is given that a kept analysis was made with."""
     for name, value in given.items():
         if value is not None:
@@ -271,8 +282,15 @@ def _surfaces(normals: Surface | None, axes: str) -> Still | Files | movies.Movi
     return _opened(normals, lambda path: images.read_normals(path, axes=axes), _no_movie)
 
 
+def _depths(depth: Source | os.PathLike | None) -> Still | Files | movies.Movie:
+    """Where the depth of a frame comes from."""
+    if isinstance(depth, str | os.PathLike) and Path(depth).suffix.lower() == ".onnx":
+        return Still(depth, Path(depth))
+    return _opened(depth, images.read_depth, _no_movie)
+
+
 def _no_movie(path: Path, **_: object) -> Still:
-    raise ValueError(f"normals: expected images, got the movie {path}")
+    raise ValueError(f"normals, depth: expected images, got the movie {path}")
 
 
 def _opened(

@@ -8,12 +8,12 @@ import numpy as np
 import torch
 
 from relight.composite import behind, over
-from relight.lights.environment import EnvironmentLight
+from relight.lights.environment import FIELD_OF_VIEW, EnvironmentLight
 from relight.lights.light import Light, by_name
-from relight.media.images import half
+from relight.media.images import Metadata, half
 from relight.subject import Subject
 
-PASSES = ("albedo", "N", "visibility", "shading")
+PASSES = ("albedo", "N", "Z", "visibility", "shading")
 EXR_TYPES = ("half", "float")
 
 Background = np.ndarray | Sequence[float] | EnvironmentLight
@@ -28,6 +28,9 @@ def apply(
     mask: np.ndarray | None = None,
     albedo: np.ndarray | None = None,
     normals: np.ndarray | Callable | str | os.PathLike | None = None,
+    depth: np.ndarray | str | os.PathLike | None = None,
+    height: float | None = None,
+    field_of_view: float = FIELD_OF_VIEW,
     device: str | torch.device | None = None,
 ) -> np.ndarray:
     """Relight the person in an image.
@@ -42,6 +45,8 @@ def apply(
     albedo: (H, W, 3) to use instead of inferring it.
     normals: (H, W, 3) camera-frame normals to use instead of inferring them; or anything else that
         `shadow.normals.load` takes.
+    depth, height, field_of_view: of the person and the photograph's camera, which lights in the room need; as
+        of `relight.Subject`.
     device: where the networks run, such as "cuda"; the CPU unless given.
 
     Returns
@@ -53,7 +58,10 @@ def apply(
     ------
     TypeError, ValueError: as `Subject`, `Subject.relit` and `over` do.
     """
-    picture = Subject(image, mask, albedo=albedo, normals=normals, device=device).relit(lights)
+    subject = Subject(
+        image, mask, albedo, normals, depth=depth, height=height, field_of_view=field_of_view, device=device
+    )
+    picture = subject.relit(lights)
     return picture if background is None else over(picture, background)
 
 
@@ -65,8 +73,11 @@ def render(
     mask: np.ndarray | None = None,
     albedo: np.ndarray | None = None,
     normals: np.ndarray | Callable | str | os.PathLike | None = None,
+    depth: np.ndarray | str | os.PathLike | None = None,
+    height: float | None = None,
+    field_of_view: float = FIELD_OF_VIEW,
     passes: Iterable[str] = (),
-    depth: str = "half",
+    exr_type: str = "half",
     device: str | torch.device | None = None,
 ) -> tuple[np.ndarray, Layers]:
     """As `apply`, and the same picture in layers: what an OpenEXR file is written from.
@@ -74,8 +85,8 @@ def render(
     Parameters
     ----------
     As `apply`'s; and
-    passes: what the picture is made of, any of "albedo", "N", "visibility", "shading" (see `passes_of`).
-    depth: "half" or "float", what the file will hold: the picture is the sum of groups rounded to it.
+    passes: what the picture is made of, any of "albedo", "N", "Z", "visibility", "shading" (see `passes_of`).
+    exr_type: "half" or "float", what the file will hold: the picture is the sum of groups rounded to it.
 
     Returns
     -------
@@ -87,9 +98,11 @@ def render(
     """
     lights = list(by_name(lights).values())  # what is wrong with them is said before the networks run
     passes = check_names(passes)
-    check_exr_type(depth)
-    subject = Subject(image, mask, albedo=albedo, normals=normals, device=device)
-    return render_subject(subject, lights, background=background, passes=passes, depth=depth)
+    check_exr_type(exr_type)
+    subject = Subject(
+        image, mask, albedo, normals, depth=depth, height=height, field_of_view=field_of_view, device=device
+    )
+    return render_subject(subject, lights, background=background, passes=passes, exr_type=exr_type)
 
 
 def render_subject(
@@ -98,7 +111,7 @@ def render_subject(
     *,
     background: Background | None = None,
     passes: Iterable[str] = (),
-    depth: str = "half",
+    exr_type: str = "half",
 ) -> tuple[np.ndarray, Layers]:
     """A picture of an analysed person, and its layers.
 
@@ -108,12 +121,12 @@ def render_subject(
     lights: one light or more.
     background: as of `apply`.
     passes: further layers, of PASSES.
-    depth: as of `render`.
+    exr_type: as of `render`.
 
     Returns
     -------
     The picture, as `apply` returns it, and its layers, ready for `write`: light groups "C_<light>" (H, W, 4)
-    whose colours, at that depth, sum to the picture's; over a background one more, "C_background" (H, W, 3),
+    whose colours, so rounded, sum to the picture's; over a background one more, "C_background" (H, W, 3),
     what is seen of it; and the passes (see `passes_of`).
 
     Raises
@@ -121,17 +134,17 @@ def render_subject(
     ValueError: no light, two lights of one name, an unknown pass.
     """
     passes = check_names(passes)
-    picture, groups = light_groups(subject, lights, depth)
+    picture, groups = light_groups(subject, lights, exr_type)
     further = passes_of(subject, lights, passes)
     if background is None:
         return picture, groups | further
     check_free(by_name(lights))
-    groups["C_background"] = _rounded(behind(picture, background), "C_background", depth)
+    groups["C_background"] = _rounded(behind(picture, background), "C_background", exr_type)
     return picture[..., :3] + groups["C_background"], groups | further
 
 
 def light_groups(
-    subject: Subject, lights: Light | Iterable[Light], depth: str = "half"
+    subject: Subject, lights: Light | Iterable[Light], exr_type: str = "half"
 ) -> tuple[np.ndarray, Layers]:
     """The person's picture and what each light gives to it.
 
@@ -139,7 +152,7 @@ def light_groups(
     ----------
     subject: relight.Subject.
     lights: one light or more.
-    depth: as of `render`.
+    exr_type: as of `render`.
 
     Returns
     -------
@@ -154,23 +167,25 @@ def light_groups(
     groups = {}
     for name, light in by_name(lights).items():
         layer = subject.relit(light)
-        groups[f"C_{name}"] = _rounded(layer, f"C_{name}", depth)
+        groups[f"C_{name}"] = _rounded(layer, f"C_{name}", exr_type)
     if not groups:
         raise ValueError("lights: expected at least one")
-    picture = np.sum(list(groups.values()), axis=0)
+    picture = np.zeros_like(layer)
+    for group in groups.values():
+        picture += group
     picture[..., 3] = layer[..., 3]  # coverage does not add up
     return picture, groups
 
 
-def _rounded(values: np.ndarray, name: str, depth: str) -> np.ndarray:
-    """A layer (H, W, C) as a file of that depth holds it."""
-    return half(values, name) if depth == "half" else values
+def _rounded(values: np.ndarray, name: str, exr_type: str) -> np.ndarray:
+    """A layer (H, W, C) as a file of that kind holds it."""
+    return half(values, name) if exr_type == "half" else values
 
 
-def check_exr_type(depth: str) -> None:
-    """ValueError for what is no depth of a layered file."""
-    if depth not in EXR_TYPES:
-        raise ValueError(f"exr_type: expected {' or '.join(EXR_TYPES)}, got {depth!r}")
+def check_exr_type(exr_type: str) -> None:
+    """ValueError for what a layered file does not hold."""
+    if exr_type not in EXR_TYPES:
+        raise ValueError(f"exr_type: expected {' or '.join(EXR_TYPES)}, got {exr_type!r}")
 
 
 def passes_of(subject: Subject, lights: Light | Iterable[Light], names: Iterable[str]) -> Layers:
@@ -183,6 +198,7 @@ def passes_of(subject: Subject, lights: Light | Iterable[Light], names: Iterable
     names: any of
         "albedo": (H, W, 3), linear Rec.709.
         "N": (H, W, 3), normals in the camera frame: x right, y up, z to the camera.
+        "Z": (H, W), metres from the camera along its axis; see `described` for where the origin lies.
         "visibility": for each light `visibility_<light>` (H, W), the share of it that no part of the person
             blocks.
         "shading": for each light `shading_<light>` (H, W, 3), what it would do to a white person: the light
@@ -195,12 +211,22 @@ def passes_of(subject: Subject, lights: Light | Iterable[Light], names: Iterable
     names = check_names(names)
     layers = {"albedo": subject.albedo} if "albedo" in names else {}
     layers |= {"N": subject.normals} if "N" in names else {}
+    if "Z" in names:
+        layers["Z"] = np.where(subject.matte > 0, subject.distance + subject.depth, np.float32(0))
     named = by_name(lights)
     if "visibility" in names:
         layers |= {f"visibility_{name}": subject.unshadowed(light) for name, light in named.items()}
     if "shading" in names:
         layers |= {f"shading_{name}": subject.lighting(light) for name, light in named.items()}
     return layers
+
+
+def described(subject: Subject, passes: Iterable[str]) -> Metadata:
+    """What a file's header says of its passes: of Z, `relight:distance`, metres from the camera to the origin
+    of the room, and `relight:focal_length` in pixels, which with Z and a pixel give a position."""
+    if "Z" not in passes:
+        return {}
+    return {"relight:distance": subject.distance, "relight:focal_length": subject.camera.focal}
 
 
 def check_names(names: Iterable[str], outputs: Iterable[Path] | None = None) -> tuple[str, ...]:

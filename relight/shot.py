@@ -8,7 +8,7 @@ import warnings
 from collections.abc import Iterable
 from fractions import Fraction
 from pathlib import Path
-from typing import Any
+from typing import Any, TypeGuard
 
 from relight import keeping
 from relight.media.identity import of_file
@@ -21,7 +21,7 @@ STILL = f"still{keeping.SUFFIX}"  # the name of the one file of a photograph
 AGAIN = "run `relight analyse` again"
 
 
-def is_shot(path: object) -> bool:
+def is_shot(path: object) -> TypeGuard[str | Path]:
     """Whether a source is a kept analysis: a folder, or what is called like one."""
     return isinstance(path, str | Path) and (Path(path).suffix.lower() == SUFFIX or Path(path).is_dir())
 

@@ -17,6 +17,7 @@ import torch
 import torch.nn.functional as F
 
 from relight.canvas import Canvas, Field, Maps
+from relight.depth import Space
 from shadow.directions import olat
 from shadow.framing import affine_sample
 
@@ -45,6 +46,7 @@ def steadied(canvas: Canvas, around: Iterable[Canvas], alike: float = ALIKE) -> 
         shading=_MeanMaps(mean, tuple(frame.shading for frame in frames)),
         albedo=mean(frame.albedo for frame in frames),
         light=None if canvas.light is None else mean(frame.light for frame in frames),
+        space=Space(canvas.space.camera, canvas.framing, _MeanDepth(mean, frames)),
     )
 
 
@@ -86,10 +88,38 @@ class _MeanMaps:
         normals, *others = map(mean, Field._fields[1:])
         return Field(silhouette, F.normalize(normals, dim=0), *others)
 
+    def each(self, directions: torch.Tensor) -> torch.Tensor:
+        """A direction a pixel (3, h, w), which goes to where the pixel is in each frame, to a map (h, w)."""
+        moved = (_moved(directions, _inverse(matrix)) for matrix in self.mean.matrices)
+        found = (
+            maps.each(F.normalize(toward, dim=0))[None] for maps, toward in zip(self.maps, moved, strict=True)
+        )
+        return self.mean(found)[0]
+
+
+@dataclass(frozen=True)
+class _MeanDepth:
+    """The mean of the frames' depths (h, w), worked out when it is asked for."""
+
+    mean: _Mean
+    frames: tuple[Canvas, ...]
+
+    def __call__(self) -> torch.Tensor:
+        depth = self.mean(frame.space.depth[None] for frame in self.frames)[0]
+        return depth * self.frames[0].known
+
 
 def _moved(maps: torch.Tensor, matrix: torch.Tensor | None) -> torch.Tensor:
     """Maps (C, h, w) of another canvas where they belong on this one."""
     return maps if matrix is None else affine_sample(maps, matrix, maps.shape[1:])
+
+
+def _inverse(matrix: torch.Tensor | None) -> torch.Tensor | None:
+    """(2, 3) from positions on the other canvas to those on this one."""
+    if matrix is None:
+        return None
+    turned = torch.linalg.inv(matrix[:, :2])
+    return torch.cat([turned, -turned @ matrix[:, 2:]], dim=1)
 
 
 def _motion(canvas: Canvas, other: Canvas) -> torch.Tensor:

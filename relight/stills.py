@@ -13,7 +13,7 @@ from relight.media import images, movies, nuke
 from relight.media.sequences import Sequence
 from relight.outputs import check, check_display, write_picture
 from relight.preparation import Placement, Preparation, Source, Surface
-from relight.rendering import Background, check_exr_type, check_names, render_subject
+from relight.rendering import Background, check_exr_type, check_names, described, render_subject
 from relight.subject import Subject
 from shadow import inputs
 from shadow.directions import CAMERA
@@ -33,6 +33,8 @@ def render_still(
     colour_space: str | None = None,
     normals: Surface | None = None,
     axes: str = CAMERA,
+    depth: Source | None = None,
+    height: float | None = None,
     passes: Iterable[str] = (),
     exr_type: str = "half",
     view: str | None = None,
@@ -46,8 +48,8 @@ def render_still(
 
     Parameters
     ----------
-    source, mask, key, cutting, colour_space, normals, axes, background, field_of_view, placement: as of
-        `relight.preparation.Preparation`; stills alone.
+    source, mask, key, cutting, colour_space, normals, axes, depth, height, background, field_of_view,
+        placement: as of `relight.preparation.Preparation`; stills alone.
     lights: a light, or any number of them.
     outputs: a path or several: files that `relight.write` writes, of which an .exr holds light groups and
         passes as layers; and with an .exr, a Nuke script, .nk, that rebuilds the mix.
@@ -73,11 +75,11 @@ def render_still(
     paths = [Path(path) for path in ([outputs] if isinstance(outputs, str | Path) else outputs)]
     matte_path = None if save_matte is None else Path(save_matte)
     lights_path = None if save_lights is None else Path(save_lights)
-    for path in (source, mask, background, normals, *paths, matte_path):
+    for path in (source, mask, background, normals, depth, *paths, matte_path):
         if isinstance(path, str | os.PathLike) and (movies.is_movie(path) or Sequence.of(path) is not None):
             raise ValueError(f"{path}: expected one picture's file; frames are made by a video")
     lights = list(by_name(lights).values())
-    read = (source, mask, background, normals, *lights)
+    read = (source, mask, background, normals, depth, *lights)
     check(paths, read, mattes=matte_path, lights=lights_path)
     passes = check_names(passes, paths)
     display = {"view": view, "exposure": exposure}
@@ -86,7 +88,7 @@ def render_still(
     inputs.device("device", device)
     prepared = Preparation(
         source, mask=mask, key=key, cutting=cutting, colour_space=colour_space, normals=normals, axes=axes,
-        background=background, field_of_view=field_of_view, placement=placement,
+        depth=depth, height=height, background=background, field_of_view=field_of_view, placement=placement,
     )  # fmt: skip
     prepared.check_lights(lights)
     if any(path.suffix.lower() == ".nk" for path in paths):
@@ -94,17 +96,20 @@ def render_still(
     if (key is not None or cutting is not None) and not keying.is_compiled():
         report(keying.COMPILING)
     person = prepared.person(0)
-    if lights_path is not None:
-        write_lights(lights_path, lights)
 
     report("Relighting")
-    subject = Subject(person.plate, person.matte, normals=person.normals, device=device)
+    subject = Subject(
+        person.plate, person.matte, normals=person.normals, depth=person.depth, height=height,
+        field_of_view=field_of_view, device=device,
+    )  # fmt: skip
     backdrop = prepared.backdrop(0, lights, person.plate.shape[:2])
-    picture, layers = render_subject(subject, lights, background=backdrop, passes=passes, depth=exr_type)
+    picture, layers = render_subject(subject, lights, background=backdrop, passes=passes, exr_type=exr_type)
+    if lights_path is not None:
+        write_lights(lights_path, lights)
     pictures = [path for path in paths if path.suffix.lower() != ".nk"]
     for path in pictures:
         report(f"Writing {path}")
-        write_picture(path, picture, layers, display, exr_type)
+        write_picture(path, picture, layers, display, exr_type, described(subject, passes))
     written = pictures
     if matte_path is not None:
         images.write_mask(matte_path, person.plate[..., 3] if person.matte is None else person.matte)

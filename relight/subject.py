@@ -12,10 +12,13 @@ import torch
 import torch.nn.functional as F
 
 from relight import keeping, steadying
-from relight.canvas import Canvas, weighted_sum
+from relight.canvas import Canvas, check_outside, near_sum, weighted_sum
+from relight.depth import Camera, Space, given_depth
 from relight.foreground import Foreground, given_albedo, matte_of, photograph, plate_of
 from relight.keeping import Kept
+from relight.lights.environment import FIELD_OF_VIEW
 from relight.lights.light import Light, as_lights, by_name
+from relight.lights.near import NearLight
 from relight.media.colour import luminance
 from relight.upsampling import JointBilateral
 from shading import Analysis, diffuse
@@ -23,6 +26,7 @@ from shading.albedo import solve_lighting
 from shadow import analysis, inputs
 from shadow.directions import olat
 from shadow.files import AnyPath
+from shadow.foreign import OnnxDepth
 from shadow.framing import Extension, Framed, Framing
 from shadow.mattes import person_in
 from shadow.networks.checkpoints import checksum
@@ -49,6 +53,14 @@ class Subject:
     albedo: (H, W, 3) to use instead of inferring it; integers sRGB, floats linear in [0, 1].
     normals: (H, W, 3) camera-frame normals (x right, y up, z to the camera) to use instead of inferring them;
         or anything else that `shadow.normals.load` takes, such as a PIFuHD checkpoint.
+    depth: (H, W) floats, metres along the camera's axis, larger farther away, to use instead of what the
+        normals say; differences alone count. Or the path of an ONNX file, DAViD's depth or multi-task model,
+        whose depth is scaled to that of the normals.
+    height: metres of the person that the matte shows, 1.75 unless given; a warning says so where the frame
+        cuts the person and metres are needed.
+    field_of_view: of the photograph's camera, vertical, in degrees.
+    camera: relight.depth.Camera of another frame, such as the first of a shot: positions are then in the same
+        room, and `height` and `field_of_view` are not looked at.
     device: where the networks run, such as "cuda"; the CPU unless given. Relighting itself runs on the CPU.
 
     A Subject can be pickled and sent to another process. Spawn such processes: a process that is forked after
@@ -68,17 +80,26 @@ class Subject:
         albedo: np.ndarray | None = None,
         normals: np.ndarray | Callable | str | os.PathLike | None = None,
         *,
+        depth: np.ndarray | str | os.PathLike | None = None,
+        height: float | None = None,
+        field_of_view: float = FIELD_OF_VIEW,
+        camera: Camera | None = None,
         device: str | torch.device | None = None,
     ) -> None:
         place = inputs.device("device", device) or torch.device("cpu")
         pixels = plate_of(image)
         alpha = matte_of(pixels, mask)
         paint = None if albedo is None else given_albedo(albedo, tuple(alpha.shape))
+        relative = isinstance(depth, str | os.PathLike)
+        model = OnnxDepth(depth) if isinstance(depth, str | os.PathLike) else None
+        away = None if depth is None or relative else given_depth(depth, tuple(alpha.shape))
+        person_matte = person_in(alpha)
+        camera = camera or Camera.of(person_matte, height, field_of_view)
         field, shader = analysis.load(device=place), diffuse.load(device=place)
         seen = None if normals is None else photograph(pixels).to(place)
         surface = resolve(normals, seen, alpha.to(place), field, shader)
 
-        person = Foreground.of(alpha, person_in(alpha), mask is not None)
+        person = Foreground.of(alpha, person_matte, mask is not None)
         colour = person.own_colour(pixels)
         framed = Framed.of(colour, person.matte, field.size)
         surface = on_canvas(None if surface is None else person.crop(surface), framed.framing)
@@ -90,7 +111,9 @@ class Subject:
             self._albedo = person.take(paint)
             paint = Framed.of(paint, person.matte, field.size).rgb
         on_plate = framed.framing.shifted(person.left, person.top, person.size)
-        canvas = Canvas.of(found, on_plate, _display(framed.rgb * exposure), paint)
+        away = away if model is None else model.depth(photograph(pixels))
+        space = Space.of(found, camera, on_plate, person_matte, away, relative)
+        canvas = Canvas.of(found, _display(framed.rgb * exposure), paint, space)
         self._arrange(person, person.take(colour), exposure, framed.framing, canvas)
 
     def save(self, path: AnyPath, *, made_of: Mapping[str, Any] | None = None) -> None:
@@ -157,7 +180,7 @@ class Subject:
         `relight.steadying`.
         """
         steady = copy.copy(self)
-        for name in ("albedo", "normals", "_texture"):
+        for name in ("albedo", "normals", "depth", "_texture"):
             steady.__dict__.pop(name, None)
         steady._use(steadying.steadied(self._canvas, [subject._canvas for subject in around]))
         return steady
@@ -217,8 +240,11 @@ class Subject:
         """The share of a light that no part of the person blocks: (H, W) float32 in [0, 1], zero outside.
 
         Of a hard light its visibility; of a soft one or an environment the mean over its directions, weighted
-        by their luminance.
+        by their luminance; of a light in the room, by how much of it would come from each.
         """
+        if isinstance(light, NearLight):
+            lit, whole = near_sum(self._canvas.visibility, light, self._canvas.space)
+            return self._person.scatter(self._to_plate((lit / whole.clamp_min(1e-30))[None]))[..., 0]
         directions, powers = light.samples()
         weights = luminance(powers).clip(0)
         weights = weights / max(weights.sum(), 1e-9)
@@ -246,6 +272,22 @@ class Subject:
         """(H, W, 3) float32 unit vectors in the camera frame, at the networks' detail; zero outside."""
         return self._person.scatter(F.normalize(self._to_plate(self._canvas.normals), dim=1))
 
+    @cached_property
+    def depth(self) -> np.ndarray:
+        """(H, W) float32 metres along the camera's axis, positive away from the camera, relative to the
+        subject's middle; zero outside the matte."""
+        return self._person.scatter(self._to_plate(self._canvas.space.depth[None]))[..., 0]
+
+    @property
+    def camera(self) -> Camera:
+        """The plate's camera, which takes pixels and depth to positions in the room."""
+        return self._canvas.space.camera
+
+    @property
+    def distance(self) -> float:
+        """Metres from the camera to the subject's middle, along the camera's axis."""
+        return self.camera.distance
+
     def visibility(self, directions: np.ndarray) -> np.ndarray:
         """Self-shadow maps (D, H, W) float32 in [0, 1]: 1 = lit, zero outside the matte.
 
@@ -271,9 +313,15 @@ class Subject:
 
     def _lighting(self, lights: Light | Iterable[Light]) -> torch.Tensor:
         """Σ intensity · shading of the subject's pixels (P, 3)."""
-        samples = [light.samples() for light in as_lights(lights)]
-        canvas = self._canvas
-        return self._to_plate(weighted_sum(canvas.shading, samples, canvas.known.shape, channels=3))
+        several, canvas = as_lights(lights), self._canvas
+        near = [light for light in several if isinstance(light, NearLight)]
+        samples = [light.samples() for light in several if light not in near]
+        total = weighted_sum(canvas.shading, samples, canvas.known.shape, channels=3)
+        for light in near:
+            check_outside(light, canvas.space, canvas.known)
+            power = torch.from_numpy(np.float32(light.power))[:, None, None]
+            total += power * near_sum(canvas.shading, light, canvas.space)[0]
+        return self._to_plate(total)
 
     def _to_plate(self, maps: torch.Tensor) -> torch.Tensor:
         """Canvas maps (C, h, w) to the subject's pixels on the plate (P, C)."""
@@ -285,7 +333,8 @@ class Nobody:
 
     def __init__(self, size: tuple[int, ...]) -> None:
         self.size = size
-        self.matte = np.zeros(size, np.float32)
+        self.matte = self.depth = np.zeros(size, np.float32)
+        self.distance, self.camera = 0.0, Camera((size[0], size[1]), 0.0, (0.0, 0.0), 0.0)
         self.albedo = self.normals = self.lighting(None)
 
     def save(self, path: AnyPath, *, made_of: Mapping[str, Any]) -> None:

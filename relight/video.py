@@ -14,13 +14,14 @@ from relight.lights.environment import FIELD_OF_VIEW
 from relight.lights.files import write_lights
 from relight.lights.light import Light, by_name
 from relight.lights.moving import MovingLight, lights_at
+from relight.lights.near import NearLight
 from relight.media import images, movies
 from relight.media.identity import NAME, identity
 from relight.media.sequences import Frames, Sequence
 from relight.outputs import ALL, END, FRAMES, PARTS, Report, check, open_outputs
 from relight.people import People, computing
 from relight.preparation import Placement, Preparation, Source, Surface
-from relight.rendering import Background, check_exr_type, check_names, render_subject
+from relight.rendering import Background, check_exr_type, check_names, described, render_subject
 from relight.subject import weights
 from shadow import inputs
 from shadow.directions import CAMERA
@@ -44,6 +45,8 @@ def render_video(
     colour_space: str | None = None,
     normals: Surface | None = None,
     axes: str = CAMERA,
+    depth: Source | None = None,
+    height: float | None = None,
     passes: Iterable[str] = (),
     exr_type: str = "half",
     steady: bool = True,
@@ -64,8 +67,10 @@ def render_video(
 
     Parameters
     ----------
-    source, mask, key, cutting, colour_space, normals, axes, background, field_of_view, placement: as of
-        `relight.preparation.Preparation`. A background may be an environment that moves.
+    source, mask, key, cutting, colour_space, normals, axes, depth, height, background, field_of_view,
+        placement: as of `relight.preparation.Preparation`. Where lights stand in the room, it is that of the
+        source's first frame with a person, whichever frames are made. A background may be an environment
+        that moves.
     lights: a light, or any number of them; a relight.MovingLight changes with the frame number.
     outputs: a path or several: sequences of files that `relight.write` writes; movies, .mp4 (which needs a
         background) or .mov; and with an .exr sequence, whose files have light groups and passes as
@@ -110,7 +115,7 @@ def render_video(
     lights_path = None if save_lights is None else Path(save_lights)
     lamps: Any = lights
     lamps = [lamps] if hasattr(lamps, "at") or hasattr(lamps, "samples") else list(lamps)
-    read = (source, mask, background, normals, *lamps)
+    read = (source, mask, background, normals, depth, *lamps)
     check(paths, read, mattes=matte_path, lights=lights_path)
     passes = check_names(passes, paths)
     if rate is not None:
@@ -121,7 +126,7 @@ def render_video(
         raise ValueError(f"part: expected one of {', '.join(PARTS)}, got {part!r}")
     prepared = Preparation(
         source, mask=mask, key=key, cutting=cutting, colour_space=colour_space, normals=normals, axes=axes,
-        background=background, field_of_view=field_of_view, placement=placement,
+        depth=depth, height=height, background=background, field_of_view=field_of_view, placement=placement,
     )  # fmt: skip
     if prepared.kept is not None and (precision is not None or not steady):
         option = "steady" if precision is None else "precision"
@@ -143,7 +148,8 @@ def render_video(
         report(0, 1, keying.COMPILING)
         importlib.import_module("pymatting")
         report(1, 1, keying.COMPILING)
-    people = People(prepared, steady, device)
+    in_room = "Z" in passes or any(isinstance(light, NearLight) for light in first)
+    people = People(prepared, steady, device, in_room)
     with computing(precision, threads):
         runs_in = (None if prepared.kept is not None else in_use(device or "cpu"), threads)
         shot = _Shot(prepared, people, lamps, passes, exr_type, runs_in, sinks, mattes, resume, part)
@@ -200,7 +206,7 @@ class _Shot:
         """Differs where the frame is made of something else."""
         lit = lights_at(self.lights, number)
         return identity(
-            self.prepared.identity(number, self.people.around(number)), [*by_name(lit).items()],
+            self.prepared.identity(number, self.people.made_of(number)), [*by_name(lit).items()],
             self.passes, __version__, *weights(), self.computing,
         )  # fmt: skip
 
@@ -233,10 +239,11 @@ class _Shot:
             lit = lights_at(self.lights, number)
             backdrop = self.prepared.backdrop(number, lit, subject.size)
             picture, layers = render_subject(
-                subject, lit, background=backdrop, passes=self.passes, depth=self.exr_type
+                subject, lit, background=backdrop, passes=self.passes, exr_type=self.exr_type
             )
+            metadata = described(subject, self.passes)
             for sink in wanted:
-                sink.write(number, picture, layers, made)
+                sink.write(number, picture, layers, made, metadata)
         if matte is not None:
             images.write_mask(matte, subject.matte, metadata={NAME: made})
 

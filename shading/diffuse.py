@@ -16,8 +16,8 @@ from torch import nn
 from shadow.directions import olat
 from shadow.networks import checkpoints
 from shadow.networks.backbone import ENCODING, Backbone, encode_image, take_blocks
-from shadow.networks.field import Visibility, anchor_weights, both_sides
-from shadow.networks.mirror import MIRROR, Silhouette, with_mirror
+from shadow.networks.field import Visibility, anchor_weights, both_sides, interpolated
+from shadow.networks.mirror import MIRROR, Pixels, Silhouette, with_mirror
 from shadow.networks.precision import autocast
 from shadow.networks.unet import LIGHTS_AT_ONCE, UNet
 
@@ -153,7 +153,7 @@ class Shading(NamedTuple):
     residual: torch.Tensor  # (K, N) of each anchor direction at the subject's pixels, linear
     normals: torch.Tensor | None  # (3, N), if the base image has them
     visibility: Visible
-    silhouette: Silhouette
+    silhouette: Pixels
     anchors: torch.Tensor  # (K, 3)
     known: bool  # the base image has the visibility
 
@@ -169,6 +169,24 @@ class Shading(NamedTuple):
         elif self.known:
             residual += self._seen(directions, seen)
         return self.silhouette.scatter(residual.clamp_(0, 1))
+
+    @torch.no_grad()
+    def each(self, directions: torch.Tensor) -> torch.Tensor:
+        """A unit direction a pixel (3, h, w) to one map (h, w) in [0, 1], as a light in the room needs it."""
+        toward = self.silhouette.take(directions)
+        lit = None
+        if self.known and isinstance(self.visibility, Visibility):  # of the same anchors
+            residual, cast = interpolated(toward, self.anchors, self.residual, self.visibility.maps.cast)
+            lit = self.visibility.gated(cast, toward)
+        else:
+            (residual,) = interpolated(toward, self.anchors, self.residual)
+        residual -= residual.clamp(0, HAZE)
+        if self.normals is not None:
+            base = (toward * self.normals).sum(dim=0).clamp_min_(0)
+            residual += base if lit is None else base * lit
+        elif lit is not None:
+            residual += lit
+        return self.silhouette.scatter(residual.clamp_(0, 1)[None])[0]
 
     def _seen(self, directions: torch.Tensor, seen: torch.Tensor | None) -> torch.Tensor:
         """Visibility (D, N) of the subject's pixels; the field's need not be drawn on the canvas."""

@@ -1,4 +1,4 @@
-"""Normals by networks of others: ONNX files that users bring themselves."""
+"""Normals and depth by networks of others: ONNX files that users bring themselves."""
 
 from pathlib import Path
 
@@ -50,9 +50,7 @@ class OnnxNormals:
 
         ValueError where the file answers with NaN, or with normals that point into the person at the rim.
         """
-        linear = rgb.permute(1, 2, 0).clamp(0, 1).cpu().numpy()
-        encoded = np.where(linear <= 0.0031308, 12.92 * linear, 1.055 * linear ** (1 / 2.4) - 0.055)
-        answer = self._file.run({self._file.picture: self._feeding.fed(encoded)})[self._output]
+        answer = self._file.run({self._file.picture: self._feeding.fed(_encoded(rgb))})[self._output]
         maps = checked_maps(self._file.path, [*self._file.outputs][self._output], answer, 3)
         size = (mask.shape[0], mask.shape[1])
         vectors = self._feeding.laid(maps, size) @ self._matrix.T
@@ -62,6 +60,37 @@ class OnnxNormals:
         check_outward(self._file.path, unit, coverage)
         unit = unit * (coverage > 0)[..., None]
         return torch.from_numpy(np.ascontiguousarray(unit, np.float32)).permute(2, 0, 1).to(rgb.device)
+
+
+class OnnxDepth:
+    """A network that writes relative depth: DAViD's depth or multi-task model."""
+
+    def __init__(self, path: AnyPath) -> None:
+        """Raises as `shadow.onnxfiles.OnnxFile`; ValueError for a file that is neither by its signature."""
+        self._file = OnnxFile(path)
+        shape = self._file.inputs[self._file.picture]
+        channels = [_channels(output) for output in self._file.outputs.values()]
+        if shape[2:] != (DAVID.size, DAVID.size) or channels not in ([1], [1, 3, 1]):
+            raise ValueError(
+                f"{path}: is neither DAViD's depth nor its multi-task model by its inputs and outputs; "
+                f"expected one of these, or depth as an array; its {self._file.signature()}"
+            )
+
+    def depth(self, rgb: torch.Tensor) -> torch.Tensor:
+        """rgb (3, H, W), linear, to depth (1, H, W) up to scale and shift, either way up.
+
+        ValueError where the file answers with NaN.
+        """
+        answer = self._file.run({self._file.picture: DAVID.fed(_encoded(rgb))})[0]
+        maps = checked_maps(self._file.path, next(iter(self._file.outputs)), answer, 1)
+        laid = DAVID.laid(maps, (rgb.shape[1], rgb.shape[2]))
+        return torch.from_numpy(np.ascontiguousarray(laid, np.float32)).permute(2, 0, 1).to(rgb.device)
+
+
+def _encoded(rgb: torch.Tensor) -> np.ndarray:
+    """rgb (3, H, W), linear, as (H, W, 3), sRGB-encoded in [0, 1]."""
+    linear = rgb.permute(1, 2, 0).clamp(0, 1).cpu().numpy()
+    return np.where(linear <= 0.0031308, 12.92 * linear, 1.055 * linear ** (1 / 2.4) - 0.055)
 
 
 def check_outward(path: Path, normals: np.ndarray, mask: np.ndarray) -> None:

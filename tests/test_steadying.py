@@ -5,6 +5,7 @@ import torch
 import relight
 from relight import steadying
 from relight.canvas import Canvas
+from relight.depth import Camera, Space
 from relight.steadying import steadied
 from shadow.framing import Framing, affine_sample
 
@@ -27,7 +28,8 @@ def canvas(shading, image=TEXTURE, framing=None, known=None):
     framing = framing or Framing((48.0, 64.0), 1.0, SIZE, SIZE)
     up = torch.tensor([0.0, 0, 1])[:, None, None].expand(3, *SIZE)
     light = maps.expand(3, -1, -1) + 0.1
-    return Canvas(framing, known, image * known, up, every_light, every_light, image * known, light)
+    space = Space(Camera(SIZE, 100.0, (48.0, 64.0), 2.0), framing, lambda: maps[0])
+    return Canvas(framing, known, image * known, up, every_light, every_light, image * known, light, space)
 
 
 def shown(frame):

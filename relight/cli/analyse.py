@@ -62,6 +62,14 @@ def analyse(
     axes: Annotated[
         str, typer.Option(help="What that image's channels are measured along; OpenCV's are +x-y-z.")
     ] = "+x+y+z",
+    depth: Annotated[
+        str | None,
+        typer.Option(help="Use this depth: an .exr (channel Z, metres), or a network (DAViD's .onnx)."),
+    ] = None,
+    height: Annotated[
+        float | None, typer.Option(help="Metres of the person that the matte shows. Default: 1.75.")
+    ] = None,
+    field_of_view: Annotated[float, typer.Option(help="Of the camera, vertical, in degrees.")] = 40.0,
     steady: Annotated[
         bool, typer.Option(help="Average what is found of a moving person over frames, where it is alike.")
     ] = True,
@@ -84,7 +92,8 @@ def analyse(
                 source, output, frames=frames, mask=mask, key=key,
                 cutting=Cutting.parse(matte, person, refine_matte),
                 placement=Placement(size_of(size), placement, scale, offset_of(offset)),
-                colour_space=colour_space, normals=normals, axes=axes, steady=steady, device=device,
+                colour_space=colour_space, normals=normals, axes=axes, depth=depth, height=height,
+                field_of_view=field_of_view, steady=steady, device=device,
                 precision=precision, threads=threads,
                 progress=lambda done, total, what: progress.update(task, completed=done, total=total),
             )  # fmt: skip

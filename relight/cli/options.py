@@ -17,6 +17,8 @@ console = Console(stderr=True)
 
 EXAMPLES = """A light: --light key:azimuth=-40,elevation=30,intensity=2,colour=1/0.9/0.8
 
+A lamp in the room: --light lamp:position=-0.6/0.4/0.8,radius=0.1
+
 An environment: --environment studio.exr,rotation=90,intensity=2"""
 
 ColourSpace = Annotated[
@@ -42,13 +44,11 @@ Device = Annotated[
 ]
 Precision = Annotated[
     str | None,
-    typer.Option(
-        help="What the networks run in: bfloat16 or float32. Default: what is fast on this machine."
-    ),
+    typer.Option(help="What the networks run in: bfloat16 or float32. Default: what is fast here."),
 ]
 Threads = Annotated[
     int | None,
-    typer.Option(help="Threads of this process. Machines that agree make frames alike to the bit."),
+    typer.Option(help="Of this process. Machines that agree make frames alike to the bit."),
 ]
 
 
@@ -77,7 +77,7 @@ class Look:
         typer.Option(
             help="A light, as in the example below. Also direction=x/y/z, exposure (stops), temperature "
             "(kelvin), locus (planckian, daylight), angle (degrees, soft); in a video orbit (frames of a "
-            "turn). Repeatable."
+            "turn). In the room: position=x/y/z (metres), radius; or toward=x/y/z, width, height. Repeatable."
         ),
     ] = None
     environment: Annotated[
@@ -111,7 +111,10 @@ class Look:
             "0.2/0.2/0.2, or environment: what a camera sees of it."
         ),
     ] = None
-    field_of_view: Annotated[float, typer.Option(help="Of that camera, vertical, in degrees.")] = 40.0
+    field_of_view: Annotated[
+        float,
+        typer.Option(help="Of the camera, vertical, in degrees: for that, and for lights in the room."),
+    ] = 40.0
     size: Annotated[
         str | None,
         typer.Option(help="The picture's: 1920x1080, or background for its own. Default: the photograph's."),
@@ -129,8 +132,15 @@ class Look:
     axes: Annotated[
         str, typer.Option(help="What that image's channels are measured along; OpenCV's are +x-y-z.")
     ] = "+x+y+z"
+    depth: Annotated[
+        str | None,
+        typer.Option(help="Use this depth: an .exr (channel Z, metres), or a network (DAViD's .onnx)."),
+    ] = None
+    height: Annotated[
+        float | None, typer.Option(help="Metres of the person that the photograph shows. Default: 1.75.")
+    ] = None
     passes: Annotated[
-        str | None, typer.Option(help="More layers of the .exr: any of albedo,N,visibility,shading.")
+        str | None, typer.Option(help="More layers of the .exr: any of albedo,N,Z,visibility,shading.")
     ] = None
     exr_type: Annotated[
         ExrType, typer.Option(help="What an .exr holds: float for lights so dim that half loses some.")
@@ -182,6 +192,8 @@ class Look:
             "colour_space": self.colour_space,
             "normals": self.normals,
             "axes": self.axes,
+            "depth": self.depth,
+            "height": self.height,
             "passes": _words(self.passes) + _words(self.layers),
             "exr_type": self.exr_type.value,
             "view": self.view,

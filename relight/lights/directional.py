@@ -3,11 +3,11 @@
 import math
 from collections.abc import Iterable
 from dataclasses import dataclass
-from typing import Any, Self
+from typing import Any
 
 import numpy as np
 
-from relight.lights.light import Light, checked_number, checked_numbers, parse_settings
+from relight.lights.light import Light, checked_number, checked_numbers
 from shadow.directions import from_spherical, to_spherical
 
 SOFT_SAMPLES = 32  # directions over the disc of a soft light
@@ -76,22 +76,6 @@ class DirectionalLight(Light):
             locus=locus,
             name=name,
         )
-
-    @classmethod
-    def parse(cls, text: str) -> Self:
-        """A light from text: `key:azimuth=-40,elevation=30,intensity=2,colour=1/0.9/0.8`.
-
-        `name:` may be left out. Each `parameter=value` is one of the constructor's; vectors have slashes
-        between their numbers. ValueError if the text does not read so.
-        """
-        name, colon, settings = text.rpartition(":")
-        try:
-            arguments = parse_settings(cls, filter(None, settings.split(",")))
-            if colon and "name" in arguments:
-                raise ValueError(f"name={arguments['name']!r} is twice")
-            return cls(**arguments | ({"name": name} if colon else {}))
-        except (TypeError, ValueError) as error:
-            raise ValueError(f"light {text!r}: {error}") from error
 
     @property
     def azimuth(self) -> float:

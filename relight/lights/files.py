@@ -14,10 +14,15 @@
         type: environment
         image: sky.exr
         rotation: 90
+      - name: lamp
+        type: point
+        position: [-0.6, 0.4, 0.8]
+        radius: 0.1
 
-Each light has the parameters of its class, by name; its type is "directional" unless it says so. The file of
-an environment's image is looked for beside the lights file. In place of a value may stand keyframes by frame,
-and `orbit: 200` turns a light once around the subject in 200 frames (see `relight.MovingLight`):
+Each light has the parameters of its class, by name; its type is "directional" unless it says so, or has a
+position. The file of an environment's image is looked for beside the lights file. In place of a value may
+stand keyframes by frame, and `orbit: 200` turns a light once around the subject in 200 frames (see
+`relight.MovingLight`):
 
       - name: sun
         azimuth: {1: -90, 100: 60}
@@ -37,10 +42,16 @@ import yaml
 from relight.lights.directional import DirectionalLight
 from relight.lights.environment import EnvironmentLight
 from relight.lights.light import REQUIRED, Light, parameters
-from relight.lights.moving import MovingLight
+from relight.lights.moving import MovingLight, kind_of
+from relight.lights.near import PointLight, RectLight
 from shadow.files import AnyPath, replacing
 
-TYPES: dict[str, type[Light]] = {"directional": DirectionalLight, "environment": EnvironmentLight}
+TYPES: dict[str, type[Light]] = {
+    "directional": DirectionalLight,
+    "environment": EnvironmentLight,
+    "point": PointLight,
+    "rect": RectLight,
+}
 SUFFIXES = (".yaml", ".yml", ".json")
 MOST_KEYS = 1000  # of a mapping, merged ones included
 MERGE = "tag:yaml.org,2002:merge"
@@ -126,7 +137,8 @@ def _light(path: AnyPath, number: int, entry: Any) -> Light | MovingLight:
         raise ValueError(f"{where}: expected parameters and their values, got {reprlib.repr(entry)}")
     if isinstance(entry.get("name"), str):
         where = f"{where} ({entry['name']})"
-    kind = entry.get("type", "directional")
+    usual = next(name for name, kind in TYPES.items() if kind is kind_of(map(str, entry)))
+    kind = entry.get("type", usual)
     if not isinstance(kind, str) or kind not in TYPES:
         raise ValueError(f"{where}: type: expected {' or '.join(TYPES)}, got {reprlib.repr(kind)}")
     arguments = {key: value for key, value in entry.items() if key != "type"}

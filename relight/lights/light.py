@@ -12,7 +12,7 @@ import numpy as np
 
 from relight.media import colour as colours
 
-VECTORS = ("direction", "colour")
+VECTORS = ("direction", "colour", "position", "toward")
 TEXTS = ("locus", "name")
 LONGEST_NAME = 240  # bytes: with "visibility_" before and ".R" behind, within the 255 of OpenEXR
 REQUIRED = inspect.Parameter.empty
@@ -79,8 +79,22 @@ class Light:
 
     @classmethod
     def parse(cls, text: str) -> Self:
-        """A light from text, as the command line takes it; ValueError if the text does not read so."""
-        raise NotImplementedError
+        """A light from text: `key:azimuth=-40,elevation=30,intensity=2,colour=1/0.9/0.8`.
+
+        `name:` may be left out. Each `parameter=value` is one of the constructor's; vectors have slashes
+        between their numbers. ValueError if the text does not read so.
+        """
+        name, colon, settings = text.rpartition(":")
+        try:
+            arguments = parse_settings(cls, filter(None, settings.split(",")))
+            if colon and "name" in arguments:
+                raise ValueError(f"name={arguments['name']!r} is twice")
+            for key, default in parameters(cls).items():
+                if default is REQUIRED and key not in arguments:
+                    raise ValueError(f"{key} is missing")
+            return cls(**arguments | ({"name": name} if colon else {}))
+        except (TypeError, ValueError) as error:
+            raise ValueError(f"light {text!r}: {error}") from error
 
     def samples(self) -> tuple[np.ndarray, np.ndarray]:
         """What the light comes down to: unit directions (K, 3) and linear RGB intensities (K, 3), float32."""

@@ -1,7 +1,6 @@
 """Lights that move: parameters with keyframes, and orbits."""
 
 import bisect
-import inspect
 import itertools
 import math
 import re
@@ -13,10 +12,12 @@ from typing import Any
 import numpy as np
 
 from relight.lights.directional import DirectionalLight
-from relight.lights.light import Light
+from relight.lights.light import Light, parameters
+from relight.lights.near import PointLight, RectLight
 
 Keyframes = dict[float, float | tuple[float, ...]]  # {frame: value}, in the order of frames
 ORBITS = ("azimuth", "rotation")  # what an orbit turns: a lamp around the subject, an environment around it
+CARRIED = ("position", "toward")  # and what it carries around the vertical through the subject's middle
 
 
 @dataclass(frozen=True, init=False)
@@ -25,9 +26,10 @@ class MovingLight:
 
     Parameters
     ----------
-    kind: relight.DirectionalLight or relight.EnvironmentLight.
+    kind: relight.DirectionalLight, PointLight, RectLight or EnvironmentLight.
     orbit: frames of one turn around the subject, negative to turn the other way. At frame 1 the light stands
-        at its azimuth (an environment at its rotation), which grows from there.
+        at its azimuth (an environment at its rotation, a light in the room at its position), which grows
+        from there.
     settings: the parameters of `kind`. A number or a vector may be keyframes, {frame: value}: from one to the
         next it changes linearly, a `direction` along the great circle; before the first and after the last
         it rests.
@@ -75,9 +77,13 @@ class MovingLight:
     def at(self, frame: float) -> Light:
         """The light of a frame, which may lie between whole ones."""
         settings = self.rests | {key: _between(key, frames, frame) for key, frames in self.moves.items()}
-        if self.orbit is not None:
-            (turned,) = (key for key in ORBITS if key in inspect.signature(self.kind).parameters)
-            settings[turned] = settings.get(turned, 0.0) + 360 * (frame - 1) / self.orbit
+        turn = 0.0 if self.orbit is None else 360 * (frame - 1) / self.orbit
+        for key in ORBITS if self.orbit is not None else ():
+            if key in parameters(self.kind):
+                settings[key] = settings.get(key, 0.0) + turn
+        for key in CARRIED if self.orbit is not None else ():
+            if key in settings:
+                settings[key] = _turned(settings[key], turn)
         return self.kind(**settings)
 
     def settings(self) -> dict[str, Any]:
@@ -93,8 +99,17 @@ def lights_at(lights: Iterable[Light | MovingLight], frame: float) -> list[Light
     return [light.at(frame) if isinstance(light, MovingLight) else light for light in lights]
 
 
-def parse(text: str, kind: type[Light] = DirectionalLight) -> Light | MovingLight:
+def kind_of(settings: Iterable[str]) -> type[Light]:
+    """The kind of light that has these parameters, unless it is an environment."""
+    keys = set(settings)
+    if keys & {"toward", "width", "height"}:
+        return RectLight
+    return PointLight if keys & {"position", "radius"} else DirectionalLight
+
+
+def parse(text: str, kind: type[Light] | None = None) -> Light | MovingLight:
     """A light from text, as the `parse` of its kind reads it; with `orbit=200` in it, one that moves."""
+    kind = kind or kind_of(re.findall(r"(?:^|[,:])\s*(\w+)\s*=", text))
     orbit = re.search(r"(?:^|(?<=[,:]))\s*orbit\s*=([^,]*)(?:,|$)", text)
     if orbit is None:
         return kind.parse(text)
@@ -103,6 +118,13 @@ def parse(text: str, kind: type[Light] = DirectionalLight) -> Light | MovingLigh
         return MovingLight(kind, orbit=float(orbit[1]), **light.settings())
     except (TypeError, ValueError) as error:
         raise ValueError(f"light {text!r}: {error}") from error
+
+
+def _turned(vector: Iterable[float], degrees: float) -> tuple[float, ...]:
+    """A vector turned about the vertical as azimuth does, from the camera toward image right."""
+    x, y, z = vector
+    cosine, sine = math.cos(math.radians(degrees)), math.sin(math.radians(degrees))
+    return x * cosine + z * sine, y, z * cosine - x * sine
 
 
 def _is_number(value: Any) -> bool:

@@ -13,6 +13,7 @@ from typing import Any
 
 import numpy as np
 
+HOLDS = "relight:holds"  # in an OpenEXR file, its size and channels: programs that change them keep NAME
 NAME = "Exif:ImageUniqueID"  # EXIF 2.32, section 4.6.6 G: 128 bits as 32 hexadecimal digits
 
 
@@ -26,6 +27,11 @@ def identity(*parts: Any) -> str:
     sha = hashlib.sha256()
     _feed(sha, parts)
     return sha.hexdigest()[:32]
+
+
+def contents(spec: Any) -> str:
+    """The size and the channels of a picture, of its OpenImageIO ImageSpec."""
+    return f"{spec.width} x {spec.height}: {', '.join(sorted(spec.channelnames))}"
 
 
 def _feed(sha: Any, part: Any) -> None:

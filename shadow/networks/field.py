@@ -22,6 +22,8 @@ from shadow.networks.precision import autocast
 LIT = 3.0  # cast logit of the untrained field: sigmoid(3) = 0.95, lit
 SHARPNESS = 20.0  # slope of the untrained gate in N·L
 KAPPA = 50.0  # concentration of an anchor's kernel: half weight at 10 degrees, anchors stand 18 apart
+STRIP = 2048  # pixels at a time, so that their anchors' weights stay in the cache
+REACH = 0.2  # difference of cosines from the nearest anchor at which others weigh 4e-5 of it
 
 
 def anchor_weights(directions: torch.Tensor, anchors: torch.Tensor) -> torch.Tensor:
@@ -29,6 +31,24 @@ def anchor_weights(directions: torch.Tensor, anchors: torch.Tensor) -> torch.Ten
     weights = torch.softmax(KAPPA * (directions @ anchors.T), dim=-1)
     # Those of anchors far away are subnormal numbers, with which a CPU multiplies ten times as slowly.
     return weights * (weights > 1e-12)
+
+
+def interpolated(directions: torch.Tensor, anchors: torch.Tensor, *maps: torch.Tensor) -> list[torch.Tensor]:
+    """w(L)·f of maps (K, N) of the anchors (K, 3), at N pixels with a unit direction each (3, N): (N,) each.
+
+    Pixels that lie together look in about the same direction: few of the anchors count for a strip of them.
+    """
+    results = [features.new_empty(features.shape[1]) for features in maps]
+    for start in range(0, directions.shape[1], STRIP):
+        strip = slice(start, start + STRIP)
+        cosines = anchors @ directions[:, strip]
+        cosines -= cosines.amax(dim=0)
+        near = (cosines.amax(dim=1) > -REACH).nonzero()[:, 0]
+        weights = cosines[near].mul_(KAPPA).exp_()
+        weights /= weights.sum(dim=0)
+        for result, features in zip(results, maps, strict=True):
+            result[strip] = features[:, strip].index_select(0, near).mul_(weights).sum(dim=0)
+    return results
 
 
 def both_sides(own: torch.Tensor, mirrored: torch.Tensor, anchors: torch.Tensor) -> torch.Tensor:
@@ -116,12 +136,24 @@ class Visibility(NamedTuple):
     """The visibility of one subject in any light: dot products with its maps, and no network."""
 
     maps: FieldMaps  # (C, N) of the subject's pixels
-    silhouette: Silhouette
+    silhouette: Any  # Silhouette, or Pixels where no network follows
     anchors: torch.Tensor  # (K, 3)
 
     def __call__(self, directions: torch.Tensor) -> torch.Tensor:
         """Unit directions (D, 3) to maps (D, h, w) in [0, 1], zero outside the subject."""
         return self.silhouette.scatter(self.at_pixels(directions))
+
+    @torch.no_grad()
+    def each(self, directions: torch.Tensor) -> torch.Tensor:
+        """A unit direction a pixel (3, h, w) to one map (h, w), as a light in the room needs it."""
+        toward = self.silhouette.take(directions)
+        (cast,) = interpolated(toward, self.anchors, self.maps.cast)
+        return self.silhouette.scatter(self.gated(cast, toward)[None])[0]
+
+    def gated(self, cast: torch.Tensor, directions: torch.Tensor) -> torch.Tensor:
+        """Visibility (N,) from the cast logits (N,) of the pixels' own directions (3, N)."""
+        attached = (directions * self.maps.normals).sum(dim=0).mul_(self.maps.sharpness[0]).sigmoid_()
+        return cast.add(LIT).sigmoid_().mul_(attached)
 
     @property
     def depth(self) -> torch.Tensor | None:

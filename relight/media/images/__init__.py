@@ -5,7 +5,7 @@ sRGB-encoded with straight alpha, a file of floats scene-linear and premultiplie
 """
 
 from relight.media.images.edge import coverage, scene_linear
-from relight.media.images.maps import read_mask, read_normals, write_mask
+from relight.media.images.maps import read_depth, read_mask, read_normals, write_mask
 from relight.media.images.reading import read, read_identity, read_layers
 from relight.media.images.writing import DEPTHS, HALF_MAX, Metadata, check_writable, half, write
 
@@ -17,6 +17,7 @@ __all__ = [
     "coverage",
     "half",
     "read",
+    "read_depth",
     "read_identity",
     "read_layers",
     "read_mask",

@@ -1,4 +1,4 @@
-"""Mattes and normal maps: pictures whose values are no colour, so that no colour space is applied to them."""
+"""Mattes, normal maps and depths: their values are no colour, so no colour space is applied to them."""
 
 from pathlib import Path
 
@@ -57,6 +57,23 @@ def write_mask(
     depth = checked_depth(path, depth or ("half" if path.suffix.lower() == ".exr" else "uint16"))
     pixels = coverage("mask", mask)[..., None]
     save(path, pixels, new_spec(pixels, depth, ["Y"], metadata))
+
+
+def read_depth(path: AnyPath) -> np.ndarray:
+    """Read a depth: (H, W) float32, metres away from the camera, as they are stored.
+
+    From the channel Z, unless the file has one channel alone. Raises as `read` does, and ValueError for other
+    channels or for integers, of which nobody knows how many metres they are.
+    """
+    pixels, _, names = load(path)
+    if "Z" not in names and len(names) > 1:
+        raise ValueError(f"{path}: expected a channel Z, or one alone; got {', '.join(names)}")
+    depth = pixels[..., names.index("Z") if "Z" in names else 0]
+    if np.issubdtype(depth.dtype, np.integer):
+        raise ValueError(f"{path}: holds integers, expected depth as floats, in metres")
+    if not np.isfinite(depth).all():
+        raise ValueError(f"{path}: contains NaN or infinite values")
+    return np.asarray(depth, np.float32)
 
 
 def read_normals(path: AnyPath, *, axes: str = CAMERA, layer: str | None = None) -> np.ndarray:

@@ -77,26 +77,37 @@ def _colours(path: AnyPath, pixels: np.ndarray, spec: oiio.ImageSpec, names: lis
 def read_layers(path: AnyPath) -> dict[str, np.ndarray]:
     """Read the named layers of an OpenEXR file: {name: (H, W, C) float32}, as written, in the file's order.
 
-    A layer holds the channels `name.*`; the channels without a name, the beauty, are `read`'s. Empty if there
-    are no layers. Raises as `read` does.
+    A layer holds the channels `name.*`, or is the depth, `Z`; the channels without a name, the beauty, are
+    `read`'s. Empty if there are no layers. Raises as `read` does.
     """
     pixels, _, names = load(path)
     channels: dict[str, list[int]] = {}
     for index, channel in enumerate(names):
         layer, dot, _ = channel.rpartition(".")
-        if dot:
+        if dot or channel == "Z":
+            layer = layer or channel
             channels.setdefault(layer, []).append(index)
     return {layer: np.asarray(pixels[..., indices], np.float32) for layer, indices in channels.items()}
 
 
 def read_identity(path: AnyPath) -> str | None:
-    """The identity that a picture's file carries, from its header alone (see `relight.media.identity`); None
-    where it has none, or there is no picture."""
+    """The identity that a picture's file carries (see `relight.media.identity`); None where it has none, or
+    there is no picture, or not all of it: its last row cannot be read, or its size and channels are not those
+    that it was written with."""
     file = oiio.ImageInput.open(str(path))
     if file is None:
         problem(oiio)  # is taken note of, or it would be reported later
         return None
-    return file.spec().get_string_attribute(identity.NAME) or None
+    spec = file.spec()
+    found, holds = spec.get_string_attribute(identity.NAME), spec.get_string_attribute(identity.HOLDS)
+    try:
+        if not found or (holds and holds != identity.contents(spec)):
+            return None
+    except UnicodeDecodeError:  # the channels' names are garbled
+        return None
+    last = spec.y + spec.height - 1
+    pixels = file.read_scanlines(0, 0, last, last + 1, 0, 0, spec.nchannels, str(spec.format))
+    return None if pixels is None or problem(file) else found
 
 
 def load(

@@ -9,6 +9,7 @@ from pathlib import Path
 
 import numpy as np
 import OpenImageIO as oiio
+import torch
 from numpy.typing import ArrayLike
 from PIL import ExifTags, Image, PngImagePlugin
 
@@ -31,6 +32,8 @@ DEPTHS = {  # what each format is written as: the first is the default
     ".tiff": ("uint16", "uint8", "float"),
 }
 HALF_MAX = 65504.0
+HALF_OVER = 65520.0  # the least value that rounds to infinity
+DEPTH = "Z"  # the layer, and OpenEXR's name of its channel: half floats would make steps of it
 LONGEST_LAYER = 253  # bytes of UTF-8: with ".R" behind, the 255 of OpenEXR
 LOST = 0.01  # share of a layer's light that half floats may lose before a warning says so
 JPEG_LARGEST = 65500  # pixels a side, of libjpeg
@@ -60,7 +63,8 @@ def write(
     path: its suffix is the format: .exr, .hdr, .jpg, .png, .tif. Its folder must exist.
     image: (H, W, 3|4), integers sRGB with straight alpha, floats linear Rec.709 premultiplied.
     layers: {name: (H, W) or (H, W, 1|3|4) float}, for .exr: written as `name.R` ... `name.A`, or `name.Y`, or
-        `N.X` ... `N.Z` for normals, behind the image's own R, G, B, A. Values are kept as they are.
+        `N.X` ... `N.Z` for normals, behind the image's own R, G, B, A. Values are kept as they are. A layer
+        "Z" (H, W) is the depth: the channel Z, float32 in any file.
     depth: "uint8", "uint16", "half" or "float", as the format allows. Unless given: half for .exr, uint8 for
         .png and .jpg, uint16 for .tif, float for .hdr.
     metadata: {name: text, number or tuple of numbers} for the file's header.
@@ -94,12 +98,18 @@ def write(
     if depth.startswith("uint"):
         pixels = _encoded(pixels, view, exposure, white)
     stacks = {name: _layer(name, layer, pixels.shape[:2]) for name, layer in (layers or {}).items()}
-    names += [f"{name}.{channel}" for name, stack in stacks.items() for channel in _channels(name, stack)]
+    for name, stack in stacks.items():
+        prefix = "" if _is_depth(name, stack) else f"{name}."
+        names += [prefix + channel for channel in _channels(name, stack)]
     stacks = {"image": pixels, **{f"layers[{name!r}]": stack for name, stack in stacks.items()}}
     pixels = _joined(path, stacks, np.float16 if depth == "half" else np.float32)
     spec = new_spec(pixels, depth, names, metadata)
+    if depth == "half" and DEPTH in names:
+        spec.channelformats = tuple("float" if name == DEPTH else "half" for name in names)
     if suffix in (".exr", ".tif", ".tiff"):
         spec.attribute("compression", "zip")
+    if suffix == ".exr" and metadata and identity.NAME in metadata:
+        spec.attribute(identity.HOLDS, identity.contents(spec))
     if depth.startswith("uint"):
         if view is None or "srgb" in " ".join(colour.find_view(view)[1:]).lower():
             spec.attribute("oiio:ColorSpace", "srgb_rec709_scene")
@@ -149,8 +159,14 @@ def _encoded(pixels: np.ndarray, view: str | None, exposure: float, white: float
     )
 
 
+def _is_depth(name: str, stack: np.ndarray) -> bool:
+    return name == DEPTH and stack.shape[-1] == 1
+
+
 def _channels(name: str, stack: np.ndarray) -> str:
-    """Names of a layer's channels: colour, one value, or the axes of the normals."""
+    """Names of a layer's channels: colour, one value, the axes of the normals, or the depth."""
+    if _is_depth(name, stack):
+        return DEPTH
     return "XYZ" if name == "N" and stack.shape[-1] == 3 else {1: "Y", 3: "RGB", 4: "RGBA"}[stack.shape[-1]]
 
 
@@ -181,32 +197,38 @@ def half(values: np.ndarray, name: str) -> np.ndarray:
     Warns if that loses more than 1 % of the light, as of a light of intensity 1e-6: half floats come in steps
     of 6e-8 near zero. `name` is what the warning calls them. A fourth channel is alpha, and no light.
     """
-    with np.errstate(over="ignore"):
-        rounded = values.astype(np.float16).astype(np.float32)
-    if not np.isfinite(rounded).all():
+    tensor = torch.from_numpy(np.ascontiguousarray(values))  # torch rounds many at a time
+    low, high = map(float, tensor.aminmax())
+    if not -HALF_OVER < low <= high < HALF_OVER:
         return values
-    light = np.abs(values[..., :3])
-    lost = np.abs(values - rounded)[..., :3].sum(dtype=np.float64) / max(light.sum(dtype=np.float64), 1e-300)
-    if lost > LOST:
-        warnings.warn(
-            f"{name}: is so dim that half floats lose {100 * lost:.0f} % of its light; "
-            "raise its intensity, or write floats (depth='float', --exr-type float)",
-            stacklevel=2,
-        )
+    rounded = tensor.half().float().numpy()
+    # What half floats lose of a value is at most 2**-12 of it, or 2**-25: then bright layers need no look.
+    light = float(tensor.flatten(0, 1).abs().sum(dim=0)[:3].sum())
+    if light < values.size * 2**-25 / (LOST - 2**-12):
+        lost = np.abs(values - rounded)[..., :3].sum(dtype=np.float64) / max(light, 1e-300)
+        if lost > LOST:
+            warnings.warn(
+                f"{name}: is so dim that half floats lose {100 * lost:.0f} % of its light; "
+                "raise its intensity, or write floats (depth='float', --exr-type float)",
+                stacklevel=2,
+            )
     return rounded
 
 
 def _joined(path: Path, stacks: Mapping[str, np.ndarray], dtype: type) -> np.ndarray:
     """All channels (H, W, C) of a file in one array of the file's own depth, to hold them only once."""
     channels = np.cumsum([0] + [stack.shape[-1] for stack in stacks.values()])
-    joined = np.empty((*next(iter(stacks.values())).shape[:2], channels[-1]), dtype)
+    own = {f"layers[{DEPTH!r}]"} & stacks.keys() if dtype == np.float16 else set()
+    joined = np.empty((*next(iter(stacks.values())).shape[:2], channels[-1]), np.float32 if own else dtype)
     for (name, stack), (first, last) in zip(stacks.items(), itertools.pairwise(channels), strict=True):
-        if dtype == np.float16 and max(stack.max(), -stack.min()) > HALF_MAX:
+        halved = dtype == np.float16 and name not in own
+        if halved and max(stack.max(), -stack.min()) > HALF_MAX:
             raise ValueError(
                 f"{path}: values above {HALF_MAX:g} do not fit half; "
                 "write it with depth='float' (--exr-type float)"
             )
-        joined[..., first:last] = half(stack, name) if dtype == np.float16 else stack
+        stack = half(stack, name) if halved else stack
+        torch.from_numpy(joined)[..., first:last] = torch.from_numpy(stack)
     return joined
 
 
