@@ -338,7 +338,8 @@ class Nobody:
         self.albedo = self.normals = self.lighting(None)
 
     def save(self, path: AnyPath, *, made_of: Mapping[str, Any]) -> None:
-        keeping.write_nobody(path, self.size, made_of)
+        """As `Subject.save`."""
+        keeping.write_nobody(path, self.size, {"weights": list(weights()), **made_of})
 
     def relit(self, lights: object) -> np.ndarray:
         return np.zeros((*self.size, 4), np.float32)

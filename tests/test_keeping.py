@@ -93,7 +93,7 @@ def test_it_is_linear_in_the_lights_and_may_be_steadied_and_kept_again(subject, 
 
 
 def test_a_steadied_person_is_kept_as_one_field(tmp_path):
-    """The mean of five frames' functions of light, and the function of their mean maps, are nearly the same."""
+    """The mean of frames' functions of light, and the function of their mean maps, are nearly the same."""
     frames = [relight.Subject(*clothed(seed=seed)) for seed in range(3)]
     steady = frames[1].steadied([frames[0], frames[2]])
     steady.save(tmp_path / "steady.safetensors")
