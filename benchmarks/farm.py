@@ -16,6 +16,7 @@ import numpy as np
 import torch
 
 import relight
+from relight.rendering import render_subject
 from shadow import directions
 from shadow.data import photographs
 from shadow.data import records as record_files
@@ -57,9 +58,8 @@ def frame(person, folder):
     kept = folder / "frame.safetensors"
     saving, _ = least(lambda: steady.save(kept))
     loading, loaded = least(lambda: relight.Subject.load(kept))
-    lighting, layers = least(lambda: loaded.layers(LIGHTS))
+    lighting, (picture, layers) = least(lambda: render_subject(loaded, LIGHTS, background=None))
     relit = folder / "relit.exr"
-    picture = sum(layers.values())
     writing, _ = least(lambda: relight.write(relit, picture, layers=layers))
     print(f"a frame of {WIDTH} x {HEIGHT}, the person {height * scale:.0f} pixels high, core-seconds:")
     print(

@@ -7,6 +7,7 @@ from collections.abc import Iterable, Iterator
 from concurrent.futures import CancelledError, Executor
 from contextlib import contextmanager
 from dataclasses import replace
+from inspect import signature
 from pathlib import Path
 from typing import Any
 
@@ -26,7 +27,6 @@ CHUNK = 10  # frames that are made together, at most: each chunk also analyses t
 TRIES = (
     3  # times that a chunk is made before its frames are tried alone, and each of these before it is given up
 )
-PREPARED = (
     "mask",
     "key",
     "cutting",
@@ -37,7 +37,7 @@ PREPARED = (
     "field_of_view",
     "placement",
 )
-FILES = "mask", "background", "normals", "save_matte"  # settings that may be files
+FILES = "mask", "background", "normals", "depth", "save_matte"  # settings that may be files
 PATIENCE = 10  # seconds for a scheduler to answer
 
 
@@ -94,7 +94,7 @@ def render_distributed(
     lamps = [lamps] if hasattr(lamps, "at") or hasattr(lamps, "samples") else list(lamps)
     with computing(precision, threads):
         settings |= {"threads": threads}
-        prepared = Preparation(source, **{name: settings[name] for name in PREPARED if name in settings})
+        prepared = Preparation(source, **{name: value for name, value in settings.items() if name in signature(Preparation).parameters})
         if prepared.kept is None:
             settings["precision"] = in_use(settings.get("device") or "cpu")
     numbers = frames_of(frames, prepared.span, lamps)

@@ -31,9 +31,16 @@ SUFFIXES = (".json", ".yaml", ".yml")
 CHUNK = 10  # frames of a task, unless asked otherwise
 ANALYSIS = (  # the options of `relight analyse`; the others are of `relight video` alone
     "mask", "key", "matte", "refine_matte", "person", "size", "placement", "scale", "offset", "colour_space",
-    "normals", "axes", "steady", "device",
+    "normals", "axes", "depth", "height", "steady", "device",
 )  # fmt: skip
-FILES = {"mask": "IN", "normals": "IN", "background": "IN", "save_matte": "OUT"}  # options that may be files
+SHARED = ("field_of_view",)  # what both take
+FILES = {
+    "mask": "IN",
+    "normals": "IN",
+    "depth": "IN",
+    "background": "IN",
+    "save_matte": "OUT",
+}  # options that may be files
 
 
 def write_job(
@@ -91,7 +98,8 @@ def write_job(
         raise ValueError("size: expected WIDTHxHEIGHT, since an analysis knows no background")
     lights_file, lamps = _lights(lights, save_lights or path.with_name(f"{path.stem}.lights.yaml"))
     save_matte = options.get("save_matte")
-    read = (source, lights_file, *(options.get(name) for name in ("mask", "normals", "background")), *lamps)
+    given = [options.get(name) for name, flow in FILES.items() if flow == "IN"]
+    read = (source, lights_file, *given, *lamps)
     check(paths, read, mattes=None if save_matte is None else Path(save_matte))
     prepared = Preparation(source, mask=options.get("mask"))
     numbers = frames_of(frames, prepared.span, lamps)
@@ -103,7 +111,7 @@ def write_job(
     words = job.options({name: value for name, value in options.items() if name not in ANALYSIS})
     place = job.path("Analysis", kept, "INOUT" if kept != Path(source) else "IN", "DIRECTORY")
     if kept != Path(source):
-        run = job.options({name: value for name, value in options.items() if name in ANALYSIS})
+        run = job.options({name: value for name, value in options.items() if name in ANALYSIS + SHARED})
         plate = job.path("Plate", Path(source), "IN")
         computed = ["--precision", "{{Param.Precision}}", "--threads", "{{Param.Threads}}"]
         moving = prepared.numbers is not None

@@ -90,7 +90,7 @@ def test_frames_with_gaps_and_files_elsewhere(shot, tmp_path):
 
 def test_each_option_goes_to_a_command_that_has_it():
     own = {"source", "output", "frames", "precision", "threads"}
-    assert set(signature(analyse).parameters) - own == set(farm.ANALYSIS)
+    assert set(signature(analyse).parameters) - own == {*farm.ANALYSIS, *farm.SHARED}
     further = set(signature(job).parameters) - set(farm.ANALYSIS)
     assert further - set(signature(video).parameters) == {"context", "chunk_size", "analysis"}
 

@@ -318,10 +318,11 @@ def watch(event, arguments):
         forbidden.append((event, arguments[:2]))
 import numpy, torch
 from shadow.data.records import Records
+from shadow.framing import canvas_size
 from shadow.training.loop import _Photographs
 sys.addaudithook(watch)
 records = Records(sys.argv[1:])
-photographs = _Photographs(records, 1, (64, 48), 4, 0, len(records), augment=False)
+photographs = _Photographs(records, 1, canvas_size(128), 4, 0, len(records), augment=False)
 for index in range(len(photographs)):
     photographs[index]
 assert not forbidden, forbidden
