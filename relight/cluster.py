@@ -24,19 +24,7 @@ from relight.video import frames_of, render_video
 from shadow.networks.precision import in_use
 
 CHUNK = 10  # frames that are made together, at most: each chunk also analyses the two before it and after it
-TRIES = (
-    3  # times that a chunk is made before its frames are tried alone, and each of these before it is given up
-)
-    "mask",
-    "key",
-    "cutting",
-    "colour_space",
-    "normals",
-    "axes",
-    "background",
-    "field_of_view",
-    "placement",
-)
+TRIES = 3  # times that a frame is made alone, or fails with a reason, before it is given up
 FILES = "mask", "background", "normals", "depth", "save_matte"  # settings that may be files
 PATIENCE = 10  # seconds for a scheduler to answer
 
@@ -94,7 +82,8 @@ def render_distributed(
     lamps = [lamps] if hasattr(lamps, "at") or hasattr(lamps, "samples") else list(lamps)
     with computing(precision, threads):
         settings |= {"threads": threads}
-        prepared = Preparation(source, **{name: value for name, value in settings.items() if name in signature(Preparation).parameters})
+        known = signature(Preparation).parameters
+        prepared = Preparation(source, **{name: settings[name] for name in settings if name in known})
         if prepared.kept is None:
             settings["precision"] = in_use(settings.get("device") or "cpu")
     numbers = frames_of(frames, prepared.span, lamps)
