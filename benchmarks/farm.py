@@ -16,6 +16,7 @@ import numpy as np
 import torch
 
 import relight
+from relight.media.movies import write_movie
 from relight.rendering import render_subject
 from shadow import directions
 from shadow.data import photographs
@@ -61,11 +62,12 @@ def frame(person, folder):
     lighting, (picture, layers) = least(lambda: render_subject(loaded, LIGHTS, background=None))
     relit = folder / "relit.exr"
     writing, _ = least(lambda: relight.write(relit, picture, layers=layers))
+    encoding, _ = least(lambda: write_movie(folder / "relit.mov", [picture] * 2), 2)
     print(f"a frame of {WIDTH} x {HEIGHT}, the person {height * scale:.0f} pixels high, core-seconds:")
     print(
         f"  analyse: read {reading:.2f}, analyse {analysing:.2f}, steady {steadying:.2f}, keep {saving:.2f}"
     )
-    print(f"  light: load {loading:.2f}, light {lighting:.2f}, write {writing:.2f}")
+    print(f"  light: load {loading:.2f}, light {lighting:.2f}, write {writing:.2f}; finish: encode {encoding / 2:.2f}")
     print(f"  MB: plate {megabytes(plate):.1f}, kept {megabytes(kept):.1f}, relit {megabytes(relit):.1f}")
 
 
