@@ -150,4 +150,3 @@ def test_a_job_makes_what_one_process_makes(shot):
         for words in runs:
             openjd(*given, *words)
         assert differences(Path(folder), Path("one")) == []
-        assert Path(folder, "relit.nk").read_text() == Path("one/relit.nk").read_text()
