@@ -39,9 +39,9 @@ def backgrounds(size):
 def estimates(plate, alpha):
     """{means: (H, W, 3)} of the person's own colour."""
     cut = cut_out(plate, alpha)
-    person = Foreground(plate, torch.from_numpy(alpha), torch.from_numpy(alpha), True)
+    person = Foreground.of(torch.from_numpy(alpha), torch.from_numpy(alpha), True)
     continued = np.zeros_like(plate)
-    continued[person._box] = person.colour.permute(1, 2, 0).numpy()
+    continued[person._box] = person.own_colour(plate).permute(1, 2, 0).numpy()
     scale = 1 / np.maximum(alpha, 1e-6)[..., None]
     return {"plain division": plate * scale, "continued": continued, "estimated": cut[..., :3] * scale}
 

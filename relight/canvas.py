@@ -1,7 +1,7 @@
 """What the networks found of one frame, on their canvas, and sums of lights there."""
 
 from collections.abc import Iterable
-from typing import Any, NamedTuple, Protocol
+from typing import Any, NamedTuple, Protocol, Self
 
 import numpy as np
 import torch
@@ -11,7 +11,11 @@ from scipy.ndimage import distance_transform_edt
 from relight.depth import Space
 from relight.lights.near import NearLight
 from shading import Analysis
+from shading.diffuse import Shading
+from shadow.directions import olat
 from shadow.framing import Framing
+from shadow.networks.field import FieldMaps, Visibility
+from shadow.networks.mirror import Pixels
 
 DARK = 1e-3  # squared albedo at which the photographed shading is as much guess as measurement
 DEEPEST = 0.02  # least photographed shading, as a share of the mean: bounds the noise that delighting lifts
@@ -74,6 +78,40 @@ class Elsewhere(NamedTuple):
 
     def each(self, directions: torch.Tensor) -> torch.Tensor:
         return self.maps.each(directions.to(self.device)).cpu()
+
+
+class Field(NamedTuple):
+    """The maps that a canvas's functions of light are made of, at its N pixels."""
+
+    silhouette: Pixels
+    normals: torch.Tensor  # (3, N) unit vectors
+    sharpness: torch.Tensor  # (1, N)
+    cast: torch.Tensor  # (K, N) of each anchor direction
+    residual: torch.Tensor  # (K, N)
+
+    @classmethod
+    def of(cls, shading: Any) -> Self:
+        """Of what `Canvas.shading` holds, in the computer's own memory."""
+        if isinstance(shading, Elsewhere):
+            return cls.of(shading.maps)
+        if not isinstance(shading, Shading):
+            return shading.field()
+        visible: Any = shading.visibility
+        maps = visible.maps
+        tensors = (maps.normals, maps.sharpness, maps.cast, shading.residual)
+        inside = shading.silhouette.scatter(torch.ones_like(maps.sharpness))[0].cpu()
+        place = Pixels(inside)
+        order = torch.argsort(shading.silhouette.pixels.cpu())
+        return cls(place, *(tensor.cpu()[:, order] for tensor in tensors))
+
+    def functions(self) -> tuple[Any, Any]:
+        """Visibility and shading of any light."""
+        anchors = torch.from_numpy(olat(behind=True))
+        maps = FieldMaps(self.normals, self.cast, self.sharpness, self.sharpness[:0])
+        visibility: Any = Visibility(maps, self.silhouette, anchors)
+        return visibility, Shading(
+            self.residual, self.normals, visibility, self.silhouette, anchors, known=True
+        )
 
 
 def weighted_sum(

@@ -1,6 +1,6 @@
 """The person cut out of a plate: coverage, their own colour, and which pixels show them."""
 
-from typing import Any
+from typing import Any, Self
 
 import numpy as np
 import OpenImageIO as oiio
@@ -23,39 +23,49 @@ class Foreground:
     Attributes
     ----------
     size: (H, W) of the plate. left, top: of the box, whole pixels.
-    matte: (h, w) tensor in the box, what of the alpha is the person's and not noise.
-    colour: (3, h, w) tensor, linear, the person's own, not premultiplied, continued beyond the matte's edge.
+    alpha: (h, w) tensor in the box. matte: (h, w) tensor, what of the alpha is the person's and not noise.
     pixels: (P,) tensor, in the box in row order. coverage: (P,) tensor, their alpha.
     """
 
     def __init__(
-        self, pixels: np.ndarray, alpha: torch.Tensor, matte: torch.Tensor, photographed: bool
+        self,
+        size: tuple[int, int],
+        corner: tuple[int, int],
+        alpha: torch.Tensor,
+        matte: torch.Tensor,
+        photographed: bool,
     ) -> None:
-        """From a plate (H, W, 3|4), scene-linear and premultiplied, its alpha (H, W) in [0, 1], and what of
-        that is the person's, `matte`.
+        """From what is in the box, whose first pixel is at `corner` (top, left).
 
         `photographed`: partly covered pixels show the background too, as they do beside a separate mask.
-        Raises ValueError where the matte shows a subject and the plate's own alpha none.
         """
-        height, width = self.size = (alpha.shape[0], alpha.shape[1])
+        self.size, self.alpha, self.matte, self.photographed = size, alpha, matte, photographed
+        self.top, self.left = corner
+        rows, columns = alpha.shape
+        self._box = np.s_[self.top : self.top + rows, self.left : self.left + columns]
+        self.pixels = (alpha > 0).flatten().nonzero()[:, 0]
+        self.coverage = alpha.flatten()[self.pixels]
+        row = self.pixels // columns
+        self._where = self.pixels + row * (size[1] - columns) + (self.top * size[1] + self.left)
+
+    @classmethod
+    def of(cls, alpha: torch.Tensor, matte: torch.Tensor, photographed: bool) -> Self:
+        """From the alpha (H, W) of a whole plate, in [0, 1], and what of that is the person's, `matte`."""
+        height, width = alpha.shape
         top, left, bottom, right = bounding_box(alpha, threshold=0)
         # An empty pixel around it, unless the plate ends there: so the framing sees which sides are cut.
-        self.top, self.left = max(top - 1, 0), max(left - 1, 0)
-        bottom, right = min(bottom + 1, height), min(right + 1, width)
-        self._box = np.s_[self.top : bottom, self.left : right]
-        self._photographed = photographed
-        self.matte, self._alpha = matte[self._box], alpha[self._box]
-        self.colour = self.own_colour(pixels)
-        self.pixels = (self._alpha > 0).flatten().nonzero()[:, 0]
-        self.coverage = self._alpha.flatten()[self.pixels]
-        columns = right - self.left
-        rows = self.pixels // columns + self.top
-        self._where = rows * width + self.pixels % columns + self.left
+        top, left = max(top - 1, 0), max(left - 1, 0)
+        box = np.s_[top : min(bottom + 1, height), left : min(right + 1, width)]
+        return cls((height, width), (top, left), alpha[box], matte[box], photographed)
 
     def own_colour(self, pixels: np.ndarray, photographed: bool | None = None) -> torch.Tensor:
-        """The person's own colour (3, h, w) in the box, of this plate or another of the same size."""
-        photographed = self._photographed if photographed is None else photographed
-        return _own_colour(pixels[self._box], self._alpha, photographed)
+        """The person's own colour (3, h, w) in the box, linear, not premultiplied, continued beyond the
+        matte's edge: of their plate (H, W, 3|4), scene-linear and premultiplied, or of another of its size.
+
+        Raises ValueError where the matte shows a subject and the plate's own alpha none.
+        """
+        photographed = self.photographed if photographed is None else photographed
+        return _own_colour(pixels[self._box], self.alpha, photographed)
 
     def crop(self, image: torch.Tensor) -> torch.Tensor:
         """What of an image (C, H, W) is in the box: (C, h, w)."""

@@ -15,11 +15,12 @@ from relight.lights.moving import MovingLight
 from relight.media import images, movies, nuke
 from relight.media.colour import encode
 from relight.media.identity import NAME, identity
-from relight.media.sequences import TOKEN, Sequence
+from relight.media.sequences import TOKEN, Frames, Sequence
 from relight.rendering import Layers
 from shadow import files
 
 Report = Callable[[int, int, str], None]  # frames done, frames in all, what is done
+PARTS = ALL, FRAMES, END = "all", "frames", "end"  # of a run: a chunk's frames, or what ends a shot in chunks
 Made = Mapping[int, str]  # {frame number: the identity of what it is made of}, see relight.media.identity
 
 
@@ -122,6 +123,7 @@ def open_outputs(
     *,
     transparent: bool,
     resume: bool,
+    part: str,
     display: dict,
     depth: str,
     rate: float | Fraction,
@@ -139,12 +141,12 @@ def open_outputs(
         if movies.is_movie(path):
             if transparent and path.suffix.lower() == ".mp4":
                 raise ValueError(f"{path}: .mp4 holds no alpha; give a background, or write a .mov")
-            sinks.append(MovieSink(path, resume, display, rate))
+            sinks.append(MovieSink(path, resume or part != ALL, display, rate))
         elif sequence is None:
             expected = "a movie, or a frame number in the name, such as relit.%04d.exr"
             raise ValueError(f"{path}: expected {expected}")
         else:
-            sinks.append(FileSink(sequence, resume, display, depth))
+            sinks.append(FileSink(sequence, resume or part == END, display, depth))
     return sinks + [ScriptSink(path, sinks, names, rate) for path in scripts]
 
 
@@ -153,6 +155,7 @@ class FileSink:
 
     def __init__(self, sequence: Sequence, resume: bool, display: dict, depth: str) -> None:
         self.sequence, self.resume, self.display, self.depth = sequence, resume, display, depth
+        self.path = sequence
 
     def begin(self, made: Made) -> None:
         """A file stays until the one that replaces it is whole."""
@@ -163,7 +166,11 @@ class FileSink:
 
     def holds_another(self, number: int, made: str) -> bool:
         """Whether the frame is there, but made of something else."""
-        return self.sequence.path(number).exists() and not self.has(number, made)
+        return self.there(number) and not self.has(number, made)
+
+    def there(self, number: int) -> bool:
+        """Whether there is any such frame."""
+        return self.sequence.path(number).exists()
 
     def write(
         self, number: int, picture: np.ndarray, layers: Layers, made: str, metadata: images.Metadata
@@ -171,7 +178,7 @@ class FileSink:
         carried = {NAME: self._identity(made), **metadata}
         write_picture(self.sequence.path(number), picture, layers, self.display, self.depth, carried)
 
-    def finish(self, numbers: range, made: Made, problems: dict, report: Report) -> None:
+    def finish(self, numbers: Frames, made: Made, problems: dict, report: Report) -> None:
         """Nothing is left to do."""
 
     def _identity(self, made: str) -> str:
@@ -199,7 +206,7 @@ class ScriptSink:
     def holds_another(self, number: int, made: str) -> bool:
         return False
 
-    def finish(self, numbers: range, made: Made, problems: dict, report: Report) -> None:
+    def finish(self, numbers: Frames, made: Made, problems: dict, report: Report) -> None:
         first = next(path for path in map(self.frames.path, numbers) if path.exists())
         size = images.read(first).shape[:2]
         nuke.write_script(self.path, self.groups, size, frames=(numbers[0], numbers[-1]), rate=self.rate)
@@ -224,8 +231,12 @@ class MovieSink:
         return self.whole or images.read_identity(self.frames.path(number)) == identity(made)
 
     def holds_another(self, number: int, made: str) -> bool:
-        held = self.frames.path(number).exists() or (self.path.exists() and not self.frames.folder.exists())
-        return held and not self.has(number, made)
+        return self.there(number) and not self.has(number, made)
+
+    def there(self, number: int) -> bool:
+        """Whether there is any such frame."""
+        held = self.frames.path(number).exists()
+        return held or (self.path.exists() and not self.frames.folder.exists())
 
     def write(
         self, number: int, picture: np.ndarray, layers: Layers, made: str, metadata: images.Metadata
@@ -234,7 +245,7 @@ class MovieSink:
         shown = picture.clip(-images.HALF_MAX, images.HALF_MAX)
         images.write(self.frames.path(number), shown, metadata={NAME: identity(made)})
 
-    def finish(self, numbers: range, made: Made, problems: dict, report: Report) -> None:
+    def finish(self, numbers: Frames, made: Made, problems: dict, report: Report) -> None:
         if not self.whole:
             held, comment = self._held(numbers, report), None if problems else self._identity(made)
             movies.write_movie(self.path, held, rate=self.rate, comment=comment, **self.display)
@@ -244,12 +255,19 @@ class MovieSink:
     def _identity(self, made: Made) -> str:
         return identity(sorted(made.items()), self.display, self.rate)
 
-    def _held(self, numbers: range, report: Report) -> Iterator[np.ndarray]:
+    def _held(self, numbers: Frames, report: Report) -> Iterator[np.ndarray]:
         """All frames; one that is missing is the frame before it, or the first there is."""
-        shown = next(number for number in numbers if self.frames.path(number).exists())
+        shown, size = next(number for number in numbers if self.frames.path(number).exists()), None
         for done, number in enumerate(numbers, 1):
             shown = number if self.frames.path(number).exists() else shown
-            yield images.read(self.frames.path(shown))
+            picture = images.read(self.frames.path(shown))
+            size = size or picture.shape[:2]
+            if picture.shape[:2] != size:
+                raise ValueError(
+                    f"{self.path}: frame {shown} has another size than the first, "
+                    f"{picture.shape[:2]} instead of {size}"
+                )
+            yield picture
             report(done, len(numbers), f"Encoding {self.path.name}")
 
     def _clear(self) -> None:

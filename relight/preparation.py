@@ -4,7 +4,7 @@ Stills and videos are prepared alike. A source is an image in memory, a file, a 
 """
 
 import os
-from collections.abc import Callable, Iterable, Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from fractions import Fraction
 from pathlib import Path
@@ -24,6 +24,7 @@ from relight.media.identity import identity
 from relight.media.sequences import Files, Still
 from relight.media.sequences import Sequence as Frames
 from relight.rendering import Background, check_free
+from relight.shot import Shot, is_shot
 from shadow import normals as normals_module
 from shadow.directions import CAMERA
 
@@ -97,7 +98,8 @@ class Preparation:
     Parameters
     ----------
     source: the photograph, as an image or a file; or a sequence, such as `plate.%04d.exr` or
-        `plate.####.exr`; or a movie, whose frames count from 1.
+        `plate.####.exr`; or a movie, whose frames count from 1; or a folder of what `relight.analyse_shot`
+        kept of them, and then all that decides the person was said there.
     mask: the person's matte, as a mask, or a file, sequence or movie of the same frame numbers; needed unless
         the source has alpha.
     key: "green" or "blue": cut the person out of a screen, see `relight.key`; the mask then says where there
@@ -145,7 +147,15 @@ class Preparation:
         self.field_of_view = checked_number("field_of_view", field_of_view, 1e-3, 170)
         self.height = None if height is None else checked_number("height", height, 0.01, 100)
         self._surfaces, self._depths = _surfaces(normals, axes), _depths(depth)
-        self._plates = _opened(
+        self.kept: Shot | None = None
+        if is_shot(source):
+            decided = {
+                "mask": mask, "key": key, "matte": cutting, "colour_space": colour_space, "normals": normals,
+                "depth": depth, "height": height,
+            }  # fmt: skip
+            _refuse_decided(source, decided | {"size": None if placement in (None, Placement()) else 1})
+            self.kept = Shot(source)
+        self._plates: Any = self.kept or _opened(
             source, lambda path: images.read(path, colour_space=colour_space), movies.Movie, colour_space
         )
         self._mattes = _opened(mask, images.read_mask, _MatteMovie, "lin_rec709")
@@ -160,6 +170,21 @@ class Preparation:
         self._plate_light = PlateLight(self._backdrops, self.field_of_view)
         if self._matching.plate:
             self._plate_light.check()
+
+    @property
+    def options(self) -> str:
+        """Differs where a preparation was told something else, the sources and the background apart."""
+        return identity(self._options)
+
+    def files(self, numbers: Iterable[int]) -> list[Path]:
+        """The files that the persons of frames are read from, matte and normals included."""
+        wanted, sources = list(numbers), (self._plates, self._mattes, self._surfaces, self._depths)
+        found = [source.file(n) for n in wanted for source in sources]
+        if self._cutter is not None:
+            found += [self._plates.file(m) for n in wanted for m in self._cutter.sees(n)]
+            model = self._options[2]
+            found += [model] if model is not None and model.is_file() else []
+        return [path for path in found if path is not None]
 
     @property
     def numbers(self) -> Sequence[int] | None:
@@ -234,6 +259,10 @@ class Preparation:
         matte = None if matte is None else self.placement(matte, frame)
         return Person(self.placement(plate, frame), matte, surface, depth)
 
+    def size(self, number: int) -> tuple[int, int]:
+        """(H, W) of the picture of a frame, in pixels."""
+        return np.shape(self.person(number).plate)[:2] if self.kept is None else self.kept.read(number).size
+
     def backdrop(self, number: int, lights: Iterable[Light], size: tuple[int, int]) -> Background | None:
         """What is behind the person of a frame, in a picture of `size` (H, W) and this frame's lights."""
         if self._sees_lights:
@@ -251,6 +280,13 @@ class Preparation:
     def borrows_once(self) -> bool:
         """Whether the light of the background is the same in all frames."""
         return self._backdrops.numbers is None
+
+
+def _refuse_decided(source: Source, given: Mapping[str, object]) -> None:
+    """ValueError where something is given that a kept analysis was made with."""
+    for name, value in given.items():
+        if value is not None:
+            raise ValueError(f"{name}: {source} is analysed already; give it to `relight analyse`")
 
 
 def _surfaces(normals: Surface | None, axes: str) -> Still | Files | movies.Movie:
@@ -290,7 +326,7 @@ def _opened(
     if movies.is_movie(value):
         return read_movie(value, colour_space=colour_space)
     sequence = Frames.of(value)
-    return Still(read(value)) if sequence is None else Files(sequence, read)
+    return Still(read(value), path=Path(value)) if sequence is None else Files(sequence, read)
 
 
 class _MatteMovie(movies.Movie):

@@ -189,7 +189,9 @@ def light_groups(
         groups[f"C_{name}"] = _rounded(layer, f"C_{name}", exr_type)
     if not groups:
         raise ValueError("lights: expected at least one")
-    picture = np.sum(list(groups.values()), axis=0)
+    picture = np.zeros_like(layer)
+    for group in groups.values():
+        picture += group
     picture[..., 3] = layer[..., 3]  # coverage does not add up
     return picture, groups
 

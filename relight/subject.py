@@ -2,21 +2,23 @@
 
 import copy
 import os
-from collections.abc import Callable, Iterable, Sequence
+import warnings
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from functools import cached_property
-from typing import Any
+from typing import Any, Self
 
 import numpy as np
 import torch
 import torch.nn.functional as F
 
-from relight import steadying
+from relight import keeping, steadying
 from relight.canvas import Canvas, check_outside, near_sum, weighted_sum
 from relight.depth import Camera, Space, given_depth
 from relight.floor import Floor, Stance
 from relight.foreground import Foreground, given_albedo, matte_of, photograph, plate_of
+from relight.keeping import Kept
 from relight.lights.environment import FIELD_OF_VIEW
-from relight.lights.light import Light, as_lights, by_name
+from relight.lights.light import Light, Lights, as_lights, by_name
 from relight.lights.near import NearLight
 from relight.media.colour import luminance
 from relight.upsampling import JointBilateral
@@ -24,9 +26,11 @@ from shading import Analysis, diffuse
 from shading.albedo import solve_lighting
 from shadow import analysis, inputs
 from shadow.directions import olat
+from shadow.files import AnyPath
 from shadow.foreign import OnnxDepth
-from shadow.framing import Extension, Framed
+from shadow.framing import Extension, Framed, Framing
 from shadow.mattes import person_in
+from shadow.networks.checkpoints import checksum
 from shadow.normals import on_canvas, resolve
 
 REACH = 0.08  # of the canvas, how far maps are continued beyond the matte: for hair and soft edges
@@ -96,27 +100,71 @@ class Subject:
         seen = None if normals is None else photograph(pixels).to(place)
         surface = resolve(normals, seen, alpha.to(place), field, shader)
 
-        self._person = person = Foreground(pixels, alpha, person_matte, mask is not None)
-        framed = Framed.of(person.colour, person.matte, field.size)
-        framing = self._framing = framed.framing
-        surface = on_canvas(None if surface is None else person.crop(surface), framing)
+        person = Foreground.of(alpha, person_matte, mask is not None)
+        colour = person.own_colour(pixels)
+        framed = Framed.of(colour, person.matte, field.size)
+        surface = on_canvas(None if surface is None else person.crop(surface), framed.framing)
         found = Analysis(framed.to(place), field, shader, surface)
 
-        known = framed.mask > 0.5
-        exposure = 0.2 / framed.rgb[:, known].mean().clamp_min(1e-6)
-        guide, canvas_guide = (_display(colour * exposure) for colour in (person.colour, framed.rgb))
-        self._extend = Extension(framed.mask, REACH)
-        self._enlarge = JointBilateral(framing, guide, canvas_guide, known, person.pixels)
-        if paint is None:
-            self._colour = person.take(person.colour)
-        else:
+        exposure = 0.2 / float(framed.rgb[:, framed.mask > 0.5].mean().clamp_min(1e-6))
+        if paint is not None:
             paint = person.crop(paint)
             self._albedo = person.take(paint)
             paint = Framed.of(paint, person.matte, field.size).rgb
-        on_plate = framing.shifted(person.left, person.top, person.size)
+        on_plate = framed.framing.shifted(person.left, person.top, person.size)
         away = away if model is None else model.depth(photograph(pixels))
         space = Space.of(found, camera, on_plate, person_matte, away, relative)
-        self._use(Canvas.of(found, canvas_guide, paint, space))
+        canvas = Canvas.of(found, _display(framed.rgb * exposure), paint, space)
+        self._arrange(person, person.take(colour), exposure, framed.framing, canvas)
+
+    def save(self, path: AnyPath, *, made_of: Mapping[str, Any] | None = None) -> None:
+        """Keep what was found in a file, .safetensors: `Subject.load` relights it without a network.
+
+        The person's pixels are kept as half floats, the networks' maps in 8 bits: what is relit differs by
+        less than 0.002 RMS. `made_of` is what else the file says of its making, as JSON holds it.
+
+        Raises
+        ------
+        ValueError: another suffix. OSError: no such folder, or the file cannot be written.
+        """
+        given = None if self._canvas.light is not None else self._albedo
+        kept = Kept(self._person, self._colour, given, self._exposure, self._framing, self._canvas)
+        keeping.write(path, kept, {"weights": list(weights()), **(made_of or {})})
+
+    @classmethod
+    def load(cls, path: AnyPath) -> Self:
+        """The person that `save`, or `relight analyse`, kept in a file. No network runs or is read.
+
+        Raises
+        ------
+        FileNotFoundError: no such file. ValueError: it is damaged, or holds something else.
+
+        Warns where other weights than this version's found what is in it.
+        """
+        kept, made_of = keeping.read(path)
+        if made_of.get("weights") != list(weights()):
+            warnings.warn(f"{path}: was analysed with other weights than this version's", stacklevel=2)
+        return cls._of(kept)
+
+    @classmethod
+    def _of(cls, kept: Kept) -> Self:
+        subject = cls.__new__(cls)
+        if kept.albedo is not None:
+            subject._albedo = kept.albedo
+        subject._arrange(kept.person, kept.colour, kept.exposure, kept.framing, kept.canvas)
+        return subject
+
+    def _arrange(
+        self, person: Foreground, colour: torch.Tensor, exposure: float, framing: Framing, canvas: Canvas
+    ) -> None:
+        """Take the person's pixels, their `colour` (P, 3), and what the networks found; make the way from the
+        canvas to the plate. `framing` is that of the person's box."""
+        self._person, self._colour, self._exposure, self._framing = person, colour, exposure, framing
+        self._extend = Extension(canvas.known, REACH)
+        self._enlarge = JointBilateral(
+            framing, _display(colour * exposure), canvas.image, canvas.known, person.pixels
+        )
+        self._use(canvas)
 
     def _use(self, canvas: Canvas) -> None:
         """Take what the networks found from `canvas`."""
@@ -335,6 +383,45 @@ class Subject:
     def _to_plate(self, maps: torch.Tensor) -> torch.Tensor:
         """Canvas maps (C, h, w) to the subject's pixels on the plate (P, C)."""
         return self._enlarge(self._extend(maps))
+
+
+class Nobody:
+    """The like of a Subject for a frame in which nobody is."""
+
+    def __init__(self, size: tuple[int, ...]) -> None:
+        self.size = size
+        self.matte = self.depth = np.zeros(size, np.float32)
+        self.distance, self.camera = 0.0, Camera((size[0], size[1]), 0.0, (0.0, 0.0), 0.0, 0)
+        self.albedo = self.normals = self.lighting(None)
+
+    def save(self, path: AnyPath, *, made_of: Mapping[str, Any]) -> None:
+        """As `Subject.save`."""
+        keeping.write_nobody(path, self.size, {"weights": list(weights()), **made_of})
+
+    def relit(self, lights: object) -> np.ndarray:
+        return np.zeros((*self.size, 4), np.float32)
+
+    def lighting(self, lights: object) -> np.ndarray:
+        return np.zeros((*self.size, 3), np.float32)
+
+    def unshadowed(self, light: object) -> np.ndarray:
+        return self.matte
+
+    def shadows(self, lights: Lights, floor: object) -> tuple[dict[str, np.ndarray], np.ndarray]:
+        """As `Subject.shadows`: the floor is lit everywhere."""
+        none = np.ones((*self.size, 3), np.float32)
+        return dict.fromkeys(by_name(lights), none), none
+
+
+def load(path: AnyPath) -> Subject | Nobody:
+    """As `Subject.load`, of a frame in which perhaps nobody is."""
+    nobody = keeping.read_about(path).get("nobody")
+    return Subject.load(path) if nobody is None else Nobody(tuple(nobody))
+
+
+def weights() -> tuple[str, str]:
+    """The checksums of the weights that persons are analysed with."""
+    return checksum("field", "shadow"), checksum("shading", "shading")
 
 
 def _representable(colour: torch.Tensor) -> torch.Tensor:

@@ -8,7 +8,7 @@ from shadow.framing import Framing
 SIGMA = 0.1  # guide difference (display-encoded) at which a canvas pixel counts 60 % of an equal one
 FLOOR = 1e-3  # least range weight: where no neighbour looks alike, the nearest decide
 UNKNOWN = 1e-4  # weight of canvas pixels off the subject: they count where nothing else is near
-STRIP = 1 << 14  # plate pixels at a time, to bound the memory
+STRIP = 1 << 13  # plate pixels at a time, to bound the memory
 
 
 class JointBilateral:
@@ -21,10 +21,10 @@ class JointBilateral:
     Parameters
     ----------
     framing: shadow.framing.Framing between plate and canvas.
-    guide: (3, H, W) on the plate, display-encoded, with colour beyond the matte's edge too.
+    guide: (P, 3), the colours of the plate pixels wanted, display-encoded.
     canvas_guide: (3, h, w), the same on the canvas.
     known: (h, w) bool, the canvas pixels that show the subject.
-    pixels: (P,) indices of the plate pixels wanted, in row-major order.
+    pixels: (P,) indices of those pixels on the plate, in row-major order.
     """
 
     def __init__(
@@ -38,22 +38,23 @@ class JointBilateral:
         height, width = framing.canvas
         taps = torch.arange(-1, 3)
         self.offsets = (taps[:, None] * width + taps).flatten().int()
-        canvas_guide = canvas_guide.flatten(1).T.contiguous()
+        planes = canvas_guide.flatten(1).unbind()
         trust = torch.where(known.flatten(), 1.0, UNKNOWN)
+        rows, down = _taps(framing.plate[0], framing.centre[1], framing.scale, height)
+        columns, right = _taps(framing.plate[1], framing.centre[0], framing.scale, width)
         self.strips = []
-        for strip in pixels.split(STRIP):
-            y, x = strip // framing.plate[1], strip % framing.plate[1]
-            row, down = _position(y, framing.centre[1], framing.scale, height)
-            column, right = _position(x, framing.centre[0], framing.scale, width)
-            nearest = (row * width + column).int()
-            spatial = (_b_spline(down)[:, :, None] * _b_spline(right)[:, None, :]).flatten(1)
-            here = guide.flatten(1)[:, strip].T
-            weights = torch.empty(len(strip), len(self.offsets))
-            for tap, offset in enumerate(self.offsets.tolist()):
-                index = nearest + offset
-                difference = (canvas_guide[index] - here).square_().sum(dim=1)
-                alike = (difference * (-0.5 / SIGMA**2)).exp_().clamp_min_(FLOOR)
-                weights[:, tap] = spatial[:, tap] * alike * trust[index]
+        for strip, here in zip(pixels.split(STRIP), guide.split(STRIP), strict=True):
+            y = strip // framing.plate[1]
+            x = strip - y * framing.plate[1]
+            nearest = (rows[y] * width + columns[x]).int()
+            spatial = (down[y][:, :, None] * right[x][:, None, :]).flatten(1)
+            indices = (nearest[:, None] + self.offsets).flatten()
+            difference = torch.zeros(len(strip), len(self.offsets))
+            for plane, shown in zip(planes, here.unbind(1), strict=True):
+                seen = plane.index_select(0, indices).view_as(difference)
+                difference += seen.sub_(shown[:, None]).square_()
+            alike = difference.mul_(-0.5 / SIGMA**2).exp_().clamp_min_(FLOOR)
+            weights = alike.mul_(spatial).mul_(trust.index_select(0, indices).view_as(difference))
             # Half precision holds 16 weights a pixel in the room of 8 maps; dividing by their rounded sum
             # keeps constants exact.
             weights = (weights / weights.sum(dim=1, keepdim=True)).half()
@@ -70,13 +71,12 @@ class JointBilateral:
         return torch.cat(enlarged)
 
 
-def _position(
-    index: torch.Tensor, centre: float, scale: float, size: int
-) -> tuple[torch.Tensor, torch.Tensor]:
-    """Canvas pixel (whole) and fraction at a plate pixel's centre, kept inside the canvas for all taps."""
-    position = ((index + 0.5 - centre) * scale + size / 2 - 0.5).clamp(1, size - 2.001)
+def _taps(length: int, centre: float, scale: float, size: int) -> tuple[torch.Tensor, torch.Tensor]:
+    """Along one axis of the plate, of `length` pixels: the canvas pixel (length,) of each, kept inside the
+    canvas for all taps, and the taps' weights (length, 4)."""
+    position = ((torch.arange(length) + 0.5 - centre) * scale + size / 2 - 0.5).clamp(1, size - 2.001)
     whole = position.floor()
-    return whole.long(), position - whole
+    return whole.long(), _b_spline(position - whole)
 
 
 def _b_spline(t: torch.Tensor) -> torch.Tensor:

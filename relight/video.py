@@ -1,22 +1,16 @@
 """Relit sequences and movies: moving lights on a still, a still light on a moving person, or both."""
 
-import contextlib
 import importlib
 import math
 import warnings
 from collections.abc import Iterable
 from dataclasses import dataclass
-from functools import cached_property
 from pathlib import Path
 from typing import Any
 
-import numpy as np
-
 from relight import __version__, keying
 from relight.cutting import Cutting
-from relight.depth import Camera
 from relight.floor import Floor
-from relight.foreground import matte_of, plate_of
 from relight.lights.environment import FIELD_OF_VIEW
 from relight.lights.light import Light, Lights, by_name
 from relight.lights.moving import MovingLight, lights_at
@@ -24,20 +18,17 @@ from relight.lights.near import NearLight
 from relight.matching import PLATE, Matching, lights_in
 from relight.media import images, movies
 from relight.media.identity import NAME, identity
-from relight.media.sequences import Sequence
-from relight.outputs import Report, check, open_outputs
+from relight.media.sequences import Frames, Sequence
+from relight.outputs import ALL, END, FRAMES, PARTS, Report, check, open_outputs
+from relight.people import People, computing
 from relight.preparation import Placement, Preparation, Source, Surface
 from relight.rendering import Background, check_exr_type, check_names, described, render_subject
-from relight.steadying import AROUND
-from relight.subject import Subject
+from relight.subject import weights
 from shadow import inputs
 from shadow.directions import CAMERA
-from shadow.mattes import person_in
-from shadow.networks.checkpoints import checksum
+from shadow.networks.precision import in_use
 
 RATE = 24  # frames a second, where nothing says otherwise
-LAST = 10**9  # of the frame numbers
-WEIGHTS = (checksum("field", "shadow"), checksum("shading", "shading"))  # what frames are analysed with
 
 
 def render_video(
@@ -45,7 +36,7 @@ def render_video(
     lights: Light | MovingLight | Iterable[Light | MovingLight],
     outputs: str | Path | Iterable[str | Path],
     *,
-    frames: tuple[int, int] | None = None,
+    frames: tuple[int, int] | str | Frames | None = None,
     mask: Source | None = None,
     key: str | None = None,
     cutting: Cutting | None = None,
@@ -69,7 +60,10 @@ def render_video(
     save_matte: str | Path | None = None,
     save_lights: str | Path | None = None,
     device: str | None = None,
+    precision: str | None = None,
+    threads: int | None = None,
     resume: bool = False,
+    part: str = ALL,
     progress: Report | None = None,
 ) -> dict[int, str]:
     """Relight a person frame by frame.
@@ -84,8 +78,9 @@ def render_video(
     outputs: a path or several: sequences of files that `relight.write` writes; movies, .mp4 (which needs a
         background) or .mov; and with an .exr sequence, whose files have light groups and passes as
         `relight.rendering` describes them, a Nuke script, .nk.
-    frames: (first, last). Unless given, those of the source; of a still, those of the mask or the background,
-        or from the first keyframe of the lights to the last.
+    frames: (first, last), or text such as "1-100", "1-100x2" or "1-10,20,30-40", see
+        `relight.media.sequences.Frames`. Unless given, those of the source; of a still, those of the mask or
+        the background, or from the first keyframe of the lights to the last.
     passes: further layers of an .exr, of relight.rendering.PASSES.
     exr_type: "half" or "float", what .exr files hold.
     floor: relight.Floor that the person stands on: their shadow falls on the background. The floor stands
@@ -97,9 +92,13 @@ def render_video(
     save_matte: also write the mattes, grey: a sequence of PNG, TIFF or OpenEXR files.
     save_lights: also write the lights to a lights file.
     device: where the networks run, such as "cuda"; the CPU unless given.
+    precision, threads: as of `relight.analyse_shot`.
     resume: keep the frames that are there and were made with the same lights, sources, options and weights
         by this version; warns of how many were not. Otherwise all are made anew. An .hdr cannot say what it
         was made with, and is made anew.
+    part: what of the work is done: "all"; "frames", those of a chunk of a shot, and no movie and no script;
+        or "end", the movies and scripts of the frames that chunks have made, which are checked as `resume`
+        does and reported where they are not there. Chunks and their end write what one run writes.
     progress: called with (frames done, frames in all, what is done) after every frame.
 
     Where nobody is in the frame, the picture is empty. Until a movie is whole, its frames are half-float
@@ -114,7 +113,7 @@ def render_video(
     ------
     FileNotFoundError: no such file or frames. OSError: a frame cannot be written.
     TypeError, ValueError: bad arguments, outputs that need frame numbers or a background, outputs that are
-    read as well, no frames to make, or none that could be made.
+    read as well, no frames to make, or none that could be made; of a chunk, that is no error.
     """
     paths = [Path(path) for path in ([outputs] if isinstance(outputs, str | Path) else outputs)]
     matte_path = None if save_matte is None else Path(save_matte)
@@ -129,15 +128,21 @@ def render_video(
         movies.frame_rate(rate)
     check_exr_type(exr_type)
     inputs.device("device", device)
+    if part not in PARTS:
+        raise ValueError(f"part: expected one of {', '.join(PARTS)}, got {part!r}")
     prepared = Preparation(
         source, mask=mask, key=key, cutting=cutting, colour_space=colour_space, normals=normals, axes=axes,
         depth=depth, height=height, background=background, field_of_view=field_of_view, placement=placement,
         matching=matching,
     )  # fmt: skip
+    if prepared.kept is not None and (precision is not None or not steady):
+        option = "steady" if precision is None else "precision"
+        raise ValueError(f"{option}: {source} is analysed already; give it to `relight analyse`")
     if floor is not None and floor.feet is not None and prepared.numbers is not None:
         raise ValueError("floor: feet are those of a still; of a moving person expected height or horizon")
-    numbers = _numbers(frames, prepared.span, lamps)
-    first = lights_at(lamps, numbers[0])
+    numbers = frames_of(frames, prepared.span, lamps)
+    start = numbers[0] if numbers else 0
+    first = lights_at(lamps, start)
     prepared.check_lights(first)
     if matching.keeps(lights_path) is not None and not prepared.borrows_once:
         raise ValueError("save_lights: the light of a background that moves fits in no lights file")
@@ -145,31 +150,32 @@ def render_video(
     if reference is not None:
         lamps += lights_in(*reference, device=device)
     names = [
-        *by_name(lights_at(lamps, numbers[0])),
+        *by_name(lights_at(lamps, start)),
         *([PLATE] if matching.plate else []),
         *(["background"] if prepared.has_background else []),
     ]
     display = {"view": view, "exposure": exposure, "white": white}
     mattes = _mattes(matte_path)
     sinks: list[Any] = open_outputs(
-        paths, transparent=not prepared.has_background, resume=resume, display=display, depth=exr_type,
-        rate=rate or prepared.rate or RATE, names=names,
+        paths, transparent=not prepared.has_background, resume=resume, part=part, display=display,
+        depth=exr_type, rate=rate or prepared.rate or RATE, names=names,
     )  # fmt: skip
     if lights_path is not None:
-        size = prepared.person(numbers[0]).plate.shape[:2] if matching.plate else (1, 1)
-        matching.write_lights(lights_path, [*lamps, *prepared.borrowed(numbers[0], size)])
+        size = prepared.size(start) if matching.plate else (1, 1)
+        matching.write_lights(lights_path, [*lamps, *prepared.borrowed(start, size)])
     report = progress or (lambda done, total, what: None)
     if (key is not None or cutting is not None) and not keying.is_compiled():
         report(0, 1, keying.COMPILING)
         importlib.import_module("pymatting")
         report(1, 1, keying.COMPILING)
     in_room = floor is not None or "Z" in passes or any(isinstance(light, NearLight) for light in first)
-    people = _People(prepared, steady, device, in_room)
+    people = People(prepared, steady, device, in_room)
     if floor is not None:
-        people.check(floor, numbers[0])
-    return _Shot(prepared, people, lamps, passes, exr_type, floor, sinks, mattes, resume).make(
-        numbers, report
-    )
+        people.check(floor, start)
+    with computing(precision, threads):
+        runs_in = (None if prepared.kept is not None else in_use(device or "cpu"), threads)
+        shot = _Shot(prepared, people, lamps, passes, exr_type, floor, runs_in, sinks, mattes, resume, part)
+        return shot.make(numbers, report)
 
 
 @dataclass(frozen=True)
@@ -177,38 +183,41 @@ class _Shot:
     """The frames of a shot, and where they go."""
 
     prepared: Preparation
-    people: "_People"
+    people: People
     lights: list[Light | MovingLight]
     passes: tuple[str, ...]
     exr_type: str
     floor: Floor | None
+    computing: tuple[str | None, int | None]  # precision and threads
     sinks: list[Any]
     mattes: Sequence | None
     resume: bool
+    part: str
 
-    def make(self, numbers: range, report: Report) -> dict[int, str]:
-        """All frames; {frame number: what is wrong}. ValueError if none could be made."""
-        made = self._checked(numbers, report) if self.resume else {}
+    def make(self, numbers: Frames, report: Report) -> dict[int, str]:
+        """All frames; {frame number: what is wrong}. ValueError if none of a whole shot could be made."""
+        made = self._checked(numbers, report) if self.resume or self.part == END else {}
         for sink in self.sinks:
             sink.begin(made)
         if self.resume:
             self._warn_of_others(made)
+        make = self._expect if self.part == END else self._make
         problems = {}
         for done, number in enumerate(numbers, 1):
             try:
                 made[number] = made.get(number) or self._identity(number)
-                self._make(number, made[number])
+                make(number, made[number])
             except (OSError, ValueError) as error:
                 problems[number] = str(error)
             report(done, len(numbers), "Relighting")
-        if len(problems) == len(numbers):
+        if len(problems) == len(numbers) and self.part != FRAMES:
             first = f"frame {numbers[0]}: {problems[numbers[0]]}"
             raise ValueError(f"none of {len(numbers)} frames could be made; {first}")
-        for sink in self.sinks:
+        for sink in self.sinks if self.part != FRAMES else ():
             sink.finish(numbers, made, problems, report)
         return problems
 
-    def _checked(self, numbers: range, report: Report) -> dict[int, str]:
+    def _checked(self, numbers: Frames, report: Report) -> dict[int, str]:
         """{frame number: what it is made of}."""
         made = {}
         for done, number in enumerate(numbers, 1):
@@ -221,7 +230,7 @@ class _Shot:
         lit = lights_at(self.lights, number)
         return identity(
             self.prepared.identity(number, self.people.made_of(number)), [*by_name(lit).items()],
-            self.passes, self.floor, __version__, *WEIGHTS,
+            self.passes, self.floor, __version__, *weights(), self.computing,
         )  # fmt: skip
 
     def _warn_of_others(self, made: dict[int, str]) -> None:
@@ -232,6 +241,13 @@ class _Shot:
                 "weights or by another version, and are made anew",
                 stacklevel=4,
             )
+
+    def _expect(self, number: int, made: str) -> None:
+        """ValueError where an output lacks the frame."""
+        for sink in self.sinks:
+            if not sink.has(number, made):
+                state = "made with other lights, sources or options" if sink.there(number) else "not there"
+                raise ValueError(f"{sink.path}: the frame is {state}")
 
     def _make(self, number: int, made: str) -> None:
         """The frame in all outputs that lack it, and its matte."""
@@ -261,20 +277,19 @@ class _Shot:
             images.write_mask(matte, subject.matte, metadata={NAME: made})
 
 
-def _numbers(
-    frames: tuple[int, int] | None, span: tuple[int, int] | None, lights: list[Light | MovingLight]
-) -> range:
+def frames_of(
+    frames: tuple[int, int] | str | Frames | None,
+    span: tuple[int, int] | None,
+    lights: list[Light | MovingLight],
+) -> Frames:
     """The numbers of the frames to make, in order."""
     spans = [light.span for light in lights if isinstance(light, MovingLight) and light.span]
-    frames = frames or span
+    frames = span if frames is None else frames
     if frames is None and spans:
         frames = math.floor(min(first for first, _ in spans)), math.ceil(max(last for _, last in spans))
     if frames is None:
         raise ValueError("frames: expected (first, last), as neither source nor lights say how many")
-    first, last = frames
-    if not 0 <= first <= last <= LAST:
-        raise ValueError(f"frames: expected (first, last) with 0 <= first <= last <= {LAST}, got {frames}")
-    return range(first, last + 1)
+    return Frames.of(frames)
 
 
 def _mattes(path: Path | None) -> Sequence | None:
@@ -283,101 +298,3 @@ def _mattes(path: Path | None) -> Sequence | None:
     if path is not None and sequence is None:
         raise ValueError(f"{path}: expected a frame number in the name, such as matte.%04d.png")
     return sequence
-
-
-class _People:
-    """The person of each frame; of a moving one the last few frames are kept, to steady the next."""
-
-    def __init__(self, prepared: Preparation, steady: bool, device: str | None, in_room: bool) -> None:
-        """`in_room`: the frames share one room, see `relight.depth.Camera`."""
-        self._prepared, self._device, self._in_room = prepared, device, in_room
-        self._there = prepared.numbers
-        self._reach = AROUND if steady else 0
-        self._analysed: dict[int, Subject | _Nobody | Exception] = {}
-
-    def around(self, number: int) -> list[int]:
-        """The frames that take part in one: it, and those that steady it; of a still 0, for all frames."""
-        if self._there is None:
-            return [0]
-        near = range(number - self._reach, number + self._reach + 1)
-        return [n for n in near if n == number or n in self._there]
-
-    def made_of(self, number: int) -> list[int]:
-        """The frames that one is made of: those around it, and the one that says where the room is."""
-        first, _ = self._room
-        return self.around(number) + ([] if first is None else [first])
-
-    @cached_property
-    def _room(self) -> tuple[int | None, Camera | None]:
-        """The first frame of a moving person that shows them, and its camera; (None, None) for a still, or
-        where nothing stands in the room.
-
-        It depends on the source alone, so that runs over parts of a shot agree.
-        """
-        for number in self._there or () if self._in_room else ():
-            with contextlib.suppress(OSError, ValueError):
-                plate, matte, _, _ = self._prepared.person(number)
-                coverage = person_in(matte_of(plate_of(plate), matte))
-                return number, Camera.of(coverage, self._prepared.height, self._prepared.field_of_view)
-        return None, None
-
-    def check(self, floor: Floor, number: int) -> None:
-        """ValueError where the person cannot stand on the floor in the frame that says where the room is, or
-        of a still in any."""
-        first, _ = self._room
-        if first is not None or self._there is None:
-            plate, matte, _, _ = self._prepared.person(number if first is None else first)
-            floor.check(plate, matte)
-
-    def at(self, number: int) -> Any:
-        """A Subject, or the like of one; raises as reading and `Subject` do."""
-        around = self.around(number)
-        number = number if number in around else 0
-        self._analysed = {n: found for n, found in self._analysed.items() if n in around}
-        for n in around:
-            if n not in self._analysed:
-                self._analysed[n] = self._analyse(n)
-        subject = self._analysed[number]
-        if isinstance(subject, Exception):
-            raise subject
-        others = [found for found in self._analysed.values() if isinstance(found, Subject)]
-        if not isinstance(subject, Subject) or len(others) == 1:
-            return subject
-        return subject.steadied([other for other in others if other is not subject])
-
-    def _analyse(self, number: int) -> "Subject | _Nobody | Exception":
-        """The Subject of a frame, nobody, or what is wrong with it."""
-        try:
-            plate, matte, normals, depth = self._prepared.person(number)
-            coverage = plate[..., 3:] if matte is None else matte
-            if self._there is not None and coverage.size and coverage.max() <= 0.5:
-                return _Nobody(plate.shape[:2])
-            return Subject(
-                plate, matte, normals=normals, depth=depth, height=self._prepared.height,
-                field_of_view=self._prepared.field_of_view, camera=self._room[1], device=self._device,
-            )  # fmt: skip
-        except (OSError, ValueError) as error:
-            return error
-
-
-class _Nobody:
-    """The Subject of a frame in which nobody is."""
-
-    def __init__(self, size: tuple[int, int]) -> None:
-        self.size = size
-        self.matte = self.depth = np.zeros(size, np.float32)
-        self.distance, self.camera = 0.0, Camera(size, 0.0, (0.0, 0.0), 0.0, 0)
-        self.albedo = self.normals = self.lighting(None)
-
-    def relit(self, lights: object) -> np.ndarray:
-        return np.zeros((*self.size, 4), np.float32)
-
-    def lighting(self, lights: object) -> np.ndarray:
-        return np.zeros((*self.size, 3), np.float32)
-
-    def unshadowed(self, light: object) -> np.ndarray:
-        return self.matte
-
-    def shadows(self, lights: Lights, floor: object) -> tuple[dict[str, np.ndarray], np.ndarray]:
-        none = np.ones((*self.size, 3), np.float32)
-        return dict.fromkeys(by_name(lights), none), none

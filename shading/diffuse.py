@@ -17,7 +17,7 @@ from shadow.directions import olat
 from shadow.networks import checkpoints
 from shadow.networks.backbone import ENCODING, Backbone, encode_image, take_blocks
 from shadow.networks.field import Visibility, anchor_weights, both_sides, interpolated
-from shadow.networks.mirror import MIRROR, Silhouette, with_mirror
+from shadow.networks.mirror import MIRROR, Pixels, Silhouette, with_mirror
 from shadow.networks.precision import autocast
 from shadow.networks.unet import LIGHTS_AT_ONCE, UNet
 
@@ -153,7 +153,7 @@ class Shading(NamedTuple):
     residual: torch.Tensor  # (K, N) of each anchor direction at the subject's pixels, linear
     normals: torch.Tensor | None  # (3, N), if the base image has them
     visibility: Visible
-    silhouette: Silhouette
+    silhouette: Pixels
     anchors: torch.Tensor  # (K, 3)
     known: bool  # the base image has the visibility
 

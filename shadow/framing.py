@@ -11,6 +11,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 import torch
 import torch.nn.functional as F
+from scipy import ndimage
 
 MARGIN = 0.04  # of the canvas, on each side: little, since a larger subject is seen better (model card)
 ASPECT = 0.75  # width over height
@@ -112,20 +113,22 @@ class Extension:
     def __init__(self, mask: torch.Tensor, reach: float = 1 / 32) -> None:
         self.known = mask > 0.5
         height, width = mask.shape
-        step = torch.arange(-1, 2, device=mask.device)
-        known = self.known
-        self.rings = []  # pixels (n,), their neighbours (n, 9) and the neighbours' weights (n, 9)
-        for _ in range(round(reach * len(mask))):
-            reached = F.max_pool2d(known[None].float(), 3, stride=1, padding=1)[0] > 0
-            y, x = (reached & ~known).nonzero(as_tuple=True)
-            # A neighbour beyond the canvas is taken to be the pixel itself, which is not known yet.
-            rows, columns = (y[:, None] + step)[:, :, None], (x[:, None] + step)[:, None, :]
-            beyond = (rows < 0) | (rows >= height) | (columns < 0) | (columns >= width)
-            ring = y * width + x
-            neighbours = torch.where(beyond, ring[:, None, None], rows * width + columns).flatten(1)
-            weights = known.flatten()[neighbours].float()
-            self.rings.append((ring, neighbours, weights / weights.sum(dim=1, keepdim=True)))
-            known = reached
+        distance = ndimage.distance_transform_cdt(~self.known.cpu().numpy(), "chessboard")
+        y, x = np.nonzero((distance > 0) & (distance <= round(reach * height)))
+        y, x = (places[np.argsort(distance[y, x], kind="stable")] for places in (y, x))  # ring by ring
+        step = np.arange(-1, 2)
+        rows, columns = y[:, None, None] + step[:, None], x[:, None, None] + step
+        beyond = (rows < 0) | (rows >= height) | (columns < 0) | (columns >= width)
+        # A neighbour beyond the canvas is taken to be the pixel itself, which is not known yet.
+        pixels = y * width + x
+        neighbours = np.where(beyond, pixels[:, None, None], rows * width + columns).reshape(-1, 9)
+        ring = distance.ravel()
+        weights = (ring[neighbours] < ring[pixels][:, None]).astype(np.float32)
+        weights /= weights.sum(axis=1, keepdims=True)
+        sizes = np.bincount(ring[pixels])[1:].tolist()
+        # Of each ring its pixels (n,), their neighbours (n, 9) and the neighbours' weights (n, 9).
+        parts = (torch.from_numpy(a).to(mask.device).split(sizes) for a in (pixels, neighbours, weights))
+        self.rings = list(zip(*parts, strict=True))
 
     def __call__(self, maps: torch.Tensor) -> torch.Tensor:
         """Canvas maps (C, h, w) to the same, continued."""

@@ -291,7 +291,7 @@ def test_video_relights_frame_by_frame(tmp_path, photo):
 
 def test_video_names_what_is_wrong(tmp_path, photo):
     for option, message in (
-        (["--frames", "one"], "--frames: expected FIRST-LAST, such as 1-200, got 'one'"),
+        (["--frames", "one"], "frames: expected numbers such as 1-100, 1-100x2 or 1-10,20,30-40, got 'one'"),
         ([], "frames: expected (first, last), as neither source nor lights say how many"),
         (["--frames", "1-2", "--background", "environment"], "expected an environment among the lights"),
     ):

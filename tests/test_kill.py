@@ -7,18 +7,18 @@ import pytest
 from killing import differences, finished, kill
 from test_video import RISING, Stub, person
 
-from relight import video
+from relight import people, video
 
 SLOWLY = """
 import sys, time
-import relight.video
+import relight.people
 from test_kill import make
 from test_video import Stub
 class Slow(Stub):
     def relit(self, light):
         time.sleep(0.1)
         return super().relit(light)
-relight.video.Subject = Slow
+relight.people.Subject = Slow
 make(sys.argv[1])
 """
 
@@ -31,7 +31,7 @@ def make(output):
 
 @pytest.mark.parametrize(("name", "files"), [("r.%02d.exr", 2), ("r.mp4", 4)])
 def test_killed_and_resumed(tmp_path, monkeypatch, name, files):
-    monkeypatch.setattr(video, "Subject", Stub)
+    monkeypatch.setattr(people, "Subject", Stub)
     whole, folder = tmp_path / "whole", tmp_path / "killed"
     for path in (whole, folder):
         path.mkdir()

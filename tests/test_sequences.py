@@ -1,6 +1,6 @@
 import pytest
 
-from relight.media.sequences import Sequence
+from relight.media.sequences import Frames, Sequence
 
 
 @pytest.mark.parametrize(
@@ -45,3 +45,41 @@ def test_two_frame_numbers_are_refused():
 def test_beside():
     assert Sequence.of("out/relit.%04d.exr").beside(".json").name == "relit.json"
     assert Sequence.of("out/%04d.exr").beside(".json").name == "frames.json"
+
+
+@pytest.mark.parametrize(
+    ("text", "numbers", "written"),
+    [
+        ("7", [7], "7"),
+        ("1-4", [1, 2, 3, 4], "1-4"),
+        ("1-6x2", [1, 3, 5], "1-5:2"),
+        ("1-6:2", [1, 3, 5], "1-5:2"),
+        ("30-31, 1-3,2-4,20", [1, 2, 3, 4, 20, 30, 31], "1-4,20,30-31"),
+        ((3, 5), [3, 4, 5], "3-5"),
+    ],
+)
+def test_frame_ranges(text, numbers, written):
+    frames = Frames.of(text)
+    assert list(frames) == numbers
+    assert str(frames) == written
+    assert Frames.of(str(frames)) == frames
+    assert [n for chunk in frames.chunks(2) for n in chunk] == numbers
+    assert all(len(chunk) <= 2 for chunk in frames.chunks(2))
+
+
+@pytest.mark.parametrize(
+    ("text", "message"),
+    [
+        ("", "expected numbers such as 1-100"),
+        ("1-", "expected numbers such as 1-100"),
+        ("1-2,", "expected numbers such as 1-100"),
+        ("5-3", "0 <= first <= last"),
+        ("1-2x0", "steps of at least 1"),
+        ("0-99999999999999999999", "0 <= first <= last"),
+        ("9" * 5000, "expected numbers such as 1-100"),
+        ("0-999999999", "up to 1000000 in all"),
+    ],
+)
+def test_frame_ranges_that_are_none(text, message):
+    with pytest.raises(ValueError, match=f"frames: .*{message}"):
+        Frames.of(text)

@@ -11,7 +11,8 @@ CANVAS, PLATE = (32, 24), (256, 192)
 def enlarger(guide, canvas_guide, known=None):
     framing = Framing((PLATE[1] / 2, PLATE[0] / 2), SCALE, CANVAS, PLATE)
     known = torch.ones(CANVAS, dtype=torch.bool) if known is None else known
-    return JointBilateral(framing, guide, canvas_guide, known, torch.arange(PLATE[0] * PLATE[1]))
+    pixels = torch.arange(PLATE[0] * PLATE[1])
+    return JointBilateral(framing, guide.flatten(1).T, canvas_guide, known, pixels)
 
 
 def step(size, edge):

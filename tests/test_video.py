@@ -4,9 +4,10 @@ import warnings
 
 import numpy as np
 import pytest
+from killing import differences
 
 import relight
-from relight import video
+from relight import people, video
 from relight.media.movies import Movie, write_movie
 
 RISING = relight.MovingLight(intensity={1: 0.1, 5: 0.5}, name="key")
@@ -49,7 +50,7 @@ class Stub:
 
 @pytest.fixture
 def stub(monkeypatch):
-    monkeypatch.setattr(video, "Subject", Stub)
+    monkeypatch.setattr(people, "Subject", Stub)
     Stub.made, Stub.steadied_by = [], []
     return Stub
 
@@ -173,6 +174,42 @@ def test_a_nuke_script_reads_the_frames(stub, plates, tmp_path):
     assert " fps 25\n" in script
 
 
+def test_a_shot_in_chunks_is_what_one_run_makes(stub, plates, tmp_path):
+    """In any order, and with a chunk that nobody made: it is reported, and made by the run that follows."""
+    whole, parts = ([tmp_path / where / name for name in ("r.%04d.exr", "r.nk", "r.mov")] for where in "ab")
+    for outputs in (whole, parts):
+        outputs[0].parent.mkdir()
+    video.render_video(plates, STILL, whole)
+    for frames in ("104-105", "101"):
+        assert video.render_video(plates, STILL, parts, frames=frames, part="frames") == {}
+    assert not any(path.exists() for path in parts[1:])
+    stub.made.clear()
+    problems = video.render_video(plates, STILL, parts, part="end")
+    assert list(problems) == [102, 103]
+    assert "r.%04d.exr: the frame is not there" in problems[102]
+    assert video.render_video(plates, STILL, parts, frames="102-103", part="frames") == {}
+    stub.made.clear()
+    assert video.render_video(plates, STILL, parts, part="end") == {}
+    assert stub.made == []
+    assert differences(tmp_path / "b", tmp_path / "a") == []
+    other = relight.DirectionalLight(intensity=0.4, name="key")
+    with pytest.raises(ValueError, match=r"none of 5 .*r\.%04d\.exr: the frame is made with other lights"):
+        video.render_video(plates, other, parts, part="end")
+
+
+def test_every_second_frame(stub, plates, tmp_path):
+    video.render_video(plates, STILL, [tmp_path / "r.%04d.exr", tmp_path / "r.mov"], frames="101-105x2")
+    assert sorted(path.name for path in tmp_path.glob("r.*.exr")) == [f"r.010{n}.exr" for n in (1, 3, 5)]
+    assert len(Movie(tmp_path / "r.mov").numbers) == 3
+
+
+def test_a_plate_that_changes_size_is_named_by_the_movie(stub, plates, tmp_path):
+    relight.write(plates.with_name("p.0103.exr"), person()[:, :-2])
+    with pytest.raises(ValueError, match=r"r\.mov: frame 103 has another size than the first, \(12, 14\)"):
+        video.render_video(plates, STILL, [tmp_path / "r.%04d.exr", tmp_path / "r.mov"])
+    assert len(list(tmp_path.glob("r.*.exr"))) == 5
+
+
 def test_frames_are_the_same_as_one_by_one(tmp_path):
     """With the networks: what is written is what Subject makes of each frame."""
     y, x = np.mgrid[:60, :50]
@@ -282,7 +319,12 @@ def test_memory_is_flat_over_a_thousand_frames(stub, tmp_path):
     ("arguments", "error", "message"),
     [
         ({}, ValueError, r"frames: expected \(first, last\), as neither"),
-        ({"frames": (5, 3)}, ValueError, r"frames: expected \(first, last\) with"),
+        ({"frames": (5, 3)}, ValueError, "frames: expected 0 <= first <= last"),
+        (
+            {"frames": "1-2", "part": "middle"},
+            ValueError,
+            "part: expected one of all, frames, end, got 'middle'",
+        ),
         ({"source": "gone.%04d.exr"}, FileNotFoundError, r"gone\.%04d\.exr: no such frames"),
         ({"source": "gone.mov"}, FileNotFoundError, r"gone\.mov: no such file"),
         ({"outputs": "r.mp4"}, ValueError, r"r\.mp4: \.mp4 holds no alpha; give a background"),

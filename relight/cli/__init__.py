@@ -9,8 +9,10 @@ import typer
 from typer.core import TyperGroup
 
 from relight import __version__
+from relight.cli.analyse import analyse
 from relight.cli.apply import apply
 from relight.cli.evaluation import evaluate
+from relight.cli.job import job
 from relight.cli.olat import olat
 from relight.cli.options import EXAMPLES
 from relight.cli.stage import stage
@@ -51,8 +53,8 @@ def main(
     """Relight a photographed person, light by light, in scene-linear colour."""
 
 
-for command in (apply, video):
+for command in (apply, video, job):
     app.command(epilog=EXAMPLES)(command)
-for command in (view, olat, stage, train, shrink):
+for command in (view, analyse, olat, stage, train, shrink):
     app.command()(command)
 app.add_typer(evaluate, name="evaluate")

@@ -42,6 +42,14 @@ Who = Annotated[
 Device = Annotated[
     str | None, typer.Option(help="Where the networks run: cpu, cuda, cuda:1... Default: cpu.")
 ]
+Precision = Annotated[
+    str | None,
+    typer.Option(help="What the networks run in: bfloat16 or float32. Default: what is fast here."),
+]
+Threads = Annotated[
+    int | None,
+    typer.Option(help="Of this process. Machines that agree make frames alike to the bit."),
+]
 
 
 class Fitting(StrEnum):
@@ -204,7 +212,7 @@ class Look:
             "background": parse_background(self.background),
             "field_of_view": self.field_of_view,
             "matching": Matching(self.match_plate, self.match, self.match_mask),
-            "placement": Placement(_size(self.size), self.placement, self.scale, _offset(self.offset)),
+            "placement": Placement(size_of(self.size), self.placement, self.scale, offset_of(self.offset)),
             "colour_space": self.colour_space,
             "normals": self.normals,
             "axes": self.axes,
@@ -272,7 +280,7 @@ def _words(text: str | None) -> list[str]:
     return [word.strip() for word in (text or "").split(",") if word.strip()]
 
 
-def _size(text: str | None) -> tuple[int, int] | str | None:
+def size_of(text: str | None) -> tuple[int, int] | str | None:
     """`1920x1080` as (height, width); `background` as it is."""
     if text is None or text == "background":
         return text
@@ -283,7 +291,7 @@ def _size(text: str | None) -> tuple[int, int] | str | None:
     return height, width
 
 
-def _offset(text: str) -> tuple[int, ...]:
+def offset_of(text: str) -> tuple[int, ...]:
     """`120/-40` as (right, up)."""
     try:
         return tuple(map(int, text.split("/")))

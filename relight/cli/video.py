@@ -3,19 +3,30 @@
 Heavy modules are imported inside the command, so that `relight --help` answers at once.
 """
 
+from enum import StrEnum
+from functools import partial
 from pathlib import Path
 from typing import Annotated
 
 import typer
 
-from relight.cli.options import Look, console, progress_bar, with_options
+from relight.cli.options import Look, Precision, Threads, console, progress_bar, with_options
+
+
+class Part(StrEnum):
+    all = "all"
+    frames = "frames"
+    end = "end"
 
 
 @with_options(Look)
 def video(
     source: Annotated[
         str,
-        typer.Argument(help="A photograph; a sequence such as plate.%04d.exr or plate.####.exr; a movie."),
+        typer.Argument(
+            help="A photograph; a sequence such as plate.%04d.exr or plate.####.exr; a movie; or what "
+            "`relight analyse` kept of one, shot.relight."
+        ),
     ],
     output: Annotated[
         list[Path],
@@ -29,7 +40,10 @@ def video(
     look: Look,
     frames: Annotated[
         str | None,
-        typer.Option(help="FIRST-LAST. Default: the source's, or from first to last keyframe of the lights."),
+        typer.Option(
+            help="1-100, 1-100x2 or 1-10,20,30-40. Default: the source's, or from first to last keyframe of "
+            "the lights."
+        ),
     ] = None,
     rate: Annotated[float | None, typer.Option(help="Frames a second. Default: the source's, or 24.")] = None,
     steady: Annotated[
@@ -38,6 +52,8 @@ def video(
     white: Annotated[
         float, typer.Option(min=1, help="Light that shows as white in all frames; what is below rolls off.")
     ] = 4.0,
+    precision: Precision = None,
+    threads: Threads = None,
     resume: Annotated[
         bool,
         typer.Option(
@@ -45,10 +61,28 @@ def video(
             help="Keep the frames that are there and were made with the same lights, plates and options.",
         ),
     ] = False,
+    part: Annotated[
+        Part,
+        typer.Option(
+            help="frames: of a chunk of a shot, no movie and no .nk; end: these, of all its frames."
+        ),
+    ] = Part.all,
+    dask: Annotated[
+        str | None, typer.Option(help="Have a Dask cluster make the frames: the scheduler, tcp://farm:8786.")
+    ] = None,
+    workers: Annotated[
+        int | None, typer.Option(min=1, help="Have so many processes on this machine make the frames.")
+    ] = None,
 ) -> None:
     """Relight a person frame by frame: lights that move (orbit=200, or a lights file), a person that does."""
+    from relight.cluster import render_distributed
     from relight.video import render_video
 
+    if part != Part.all and (dask or workers):
+        raise ValueError("--part: expected no --dask and no --workers, which make all frames")
+    render = partial(render_distributed, scheduler=dask, workers=workers) if dask or workers else render_video
+    settings = {"precision": precision} | ({} if threads is None else {"threads": threads})
+    settings |= {} if dask or workers else {"part": part.value}
     with progress_bar() as progress:
         tasks: dict = {}
 
@@ -58,8 +92,8 @@ def video(
             progress.update(tasks[what], completed=done)
 
         try:
-            problems = render_video(
-                source, look.lighting(), output, **look.settings(), frames=_span(frames), steady=steady,
+            problems = render(
+                source, look.lighting(), output, **look.settings(), **settings, frames=frames, steady=steady,
                 rate=rate, white=white, resume=resume, progress=report,
             )  # fmt: skip
         except KeyboardInterrupt as interruption:
@@ -71,14 +105,3 @@ def video(
         console.print(f"{path}")
     if problems:
         raise typer.Exit(1)
-
-
-def _span(text: str | None) -> tuple[int, int] | None:
-    """`1-200` as (1, 200)."""
-    if text is None:
-        return None
-    first, _, last = text.partition("-")
-    try:
-        return int(first), int(last or first)
-    except ValueError as error:
-        raise ValueError(f"--frames: expected FIRST-LAST, such as 1-200, got {text!r}") from error

@@ -13,6 +13,7 @@ from typing import Any
 
 import numpy as np
 
+HOLDS = "relight:holds"  # in an OpenEXR file, its size and channels: programs that change them keep NAME
 NAME = "Exif:ImageUniqueID"  # EXIF 2.32, section 4.6.6 G: 128 bits as 32 hexadecimal digits
 
 
@@ -28,10 +29,15 @@ def identity(*parts: Any) -> str:
     return sha.hexdigest()[:32]
 
 
+def contents(spec: Any) -> str:
+    """The size and the channels of a picture, of its OpenImageIO ImageSpec."""
+    return f"{spec.width} x {spec.height}: {', '.join(sorted(spec.channelnames))}"
+
+
 def _feed(sha: Any, part: Any) -> None:
     """Hash a part: its kind and its length first, so that no two lists of parts read the same."""
     if isinstance(part, Path):
-        text = _of_file(part)
+        text = of_file(part)
     elif isinstance(part, np.ndarray):
         sha.update(f"{part.dtype.str}{part.shape}".encode())
         sha.update(np.ascontiguousarray(part).data)
@@ -54,7 +60,7 @@ def _feed(sha: Any, part: Any) -> None:
     sha.update(f"{type(part).__name__} {len(text)} {text}".encode())
 
 
-def _of_file(path: Path) -> str:
+def of_file(path: Path) -> str:
     """The SHA-256 of what is in a file; "" where none can be read."""
     try:
         state = path.stat()

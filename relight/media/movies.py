@@ -119,6 +119,10 @@ class Movie:
         except ValueError as error:
             raise ValueError(f"{self.path}: {error}") from error
 
+    def file(self, number: int) -> Path | None:
+        """Where a frame is read."""
+        return self.path
+
     def identity(self, number: int) -> str:
         """Differs where the movie's file or the frame does."""
         return identity(self.path, number)

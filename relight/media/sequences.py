@@ -1,6 +1,7 @@
-"""Frame sequences: file names with a frame number, `plate.%04d.exr` or `plate.####.exr`."""
+"""Frame sequences: file names with a frame number, `plate.%04d.exr` or `plate.####.exr`; and frame ranges."""
 
 import functools
+import itertools
 import re
 from collections.abc import Callable
 from dataclasses import dataclass
@@ -13,6 +14,61 @@ from relight.media.identity import identity
 from shadow.files import AnyPath
 
 TOKEN = re.compile(r"%0?(?P<printf>\d*)d|(?P<hashes>#+)")
+SPAN = re.compile(r"([0-9]{1,20})(?:-([0-9]{1,20})(?:[x:]([0-9]{1,20}))?)?")  # 7, 1-100, 1-100x2 or 1-100:2
+LAST = 10**9  # of the frame numbers
+MOST = 10**6  # frames of a shot: 11 hours at 24 a second
+
+
+class Frames(tuple[int, ...]):
+    """The frames of a shot: their numbers, ascending, each once.
+
+    As text they are written as Open Job Description writes them, `1-10,20,30-40:2`.
+    """
+
+    @classmethod
+    def of(cls, frames: "str | tuple[int, int] | Frames") -> Self:
+        """From text, or (first, last). Text is `1-100`; `1-100x2` (as in Nuke) or `1-100:2` (as in Open Job
+        Description) for every second; or several of these: `1-10,20,30-40`.
+
+        Raises ValueError for other text, numbers beyond 0 to 10⁹, and more than a million frames.
+        """
+        if isinstance(frames, cls):
+            return frames
+        if isinstance(frames, str):
+            spans = [_span(text) for text in frames.split(",")]
+        else:
+            first, last = frames
+            spans = [(first, last, 1)]
+        if not all(0 <= first <= last <= LAST and step > 0 for first, last, step in spans):
+            raise ValueError(
+                f"frames: expected 0 <= first <= last <= {LAST} and steps of at least 1, got {frames!r}"
+            )
+        ranges = [range(first, last + 1, step) for first, last, step in spans]
+        if sum(map(len, ranges)) > MOST:
+            raise ValueError(f"frames: expected up to {MOST} in all, got {frames!r}")
+        return cls(sorted(set().union(*ranges)))
+
+    def __str__(self) -> str:
+        step = self[1] - self[0] if len(self) > 1 else 1
+        if step > 1 and self == tuple(range(self[0], self[-1] + 1, step)):
+            return f"{self[0]}-{self[-1]}:{step}"
+        runs = itertools.groupby(enumerate(self), key=lambda pair: pair[1] - pair[0])
+        ends = [(numbers[0], numbers[-1]) for _, run in runs if (numbers := [number for _, number in run])]
+        return ",".join(f"{first}-{last}" if last > first else f"{first}" for first, last in ends)
+
+    def chunks(self, count: int) -> "list[Frames]":
+        """The frames by `count`, in order; the last chunk may have fewer."""
+        return [Frames(self[start : start + count]) for start in range(0, len(self), count)]
+
+
+def _span(text: str) -> tuple[int, int, int]:
+    """`1-100x2` as (1, 100, 2)."""
+    match = SPAN.fullmatch(text.strip())
+    if match is None:
+        expected = "numbers such as 1-100, 1-100x2 or 1-10,20,30-40"
+        raise ValueError(f"frames: expected {expected}, got {text[:40]!r}")
+    first, last, step = match.groups()
+    return int(first), int(last or first), int(step or 1)
 
 
 @dataclass(frozen=True)
@@ -75,13 +131,18 @@ class Still:
     numbers: None = None
     rate: None = None
 
-    def __init__(self, picture: Any, made_of: Any = None) -> None:
-        """`made_of`: what the picture's identity is that of, where that is not the picture."""
-        self.picture = picture
+    def __init__(self, picture: Any, made_of: Any = None, path: Path | None = None) -> None:
+        """`made_of`: what the picture's identity is that of, where that is not the picture. `path`: where it
+        was read."""
+        self.picture, self._path = picture, path
         self._made_of = picture if made_of is None else made_of
 
     def read(self, number: int) -> Any:
         return self.picture
+
+    def file(self, number: int) -> Path | None:
+        """Where a frame is read, if it is."""
+        return self._path
 
     def identity(self, number: int) -> str:
         """Differs where the picture does."""
@@ -106,6 +167,10 @@ class Files:
 
     def read(self, number: int) -> np.ndarray:
         return self._read(self.sequence.path(number))
+
+    def file(self, number: int) -> Path | None:
+        """Where a frame is read."""
+        return self.sequence.path(number)
 
     def identity(self, number: int) -> str:
         """Differs where the frame's file does."""

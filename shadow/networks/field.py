@@ -136,7 +136,7 @@ class Visibility(NamedTuple):
     """The visibility of one subject in any light: dot products with its maps, and no network."""
 
     maps: FieldMaps  # (C, N) of the subject's pixels
-    silhouette: Silhouette
+    silhouette: Any  # Silhouette, or Pixels where no network follows
     anchors: torch.Tensor  # (K, 3)
 
     def __call__(self, directions: torch.Tensor) -> torch.Tensor:

@@ -18,8 +18,25 @@ def with_mirror(images: torch.Tensor) -> torch.Tensor:
     return torch.cat([images, images.flip(-1)])
 
 
-class Silhouette:
-    """The pixels of a subject on the canvas: where the mask (h, w) is above zero, N of them.
+class Pixels:
+    """The pixels of a subject on the canvas: where the mask (h, w) is above zero, N of them, in row order."""
+
+    def __init__(self, mask: torch.Tensor) -> None:
+        self.shape = mask.shape
+        self.pixels = (mask > 0).flatten().nonzero()[:, 0]  # (N,) on the canvas
+
+    def take(self, maps: torch.Tensor) -> torch.Tensor:
+        """The values (C, N) of canvas maps (C, h, w)."""
+        return maps.flatten(1).index_select(1, self.pixels)
+
+    def scatter(self, values: torch.Tensor) -> torch.Tensor:
+        """Values (C, N) as canvas maps (C, h, w), zero outside the subject."""
+        canvas = values.new_zeros(len(values), self.shape.numel())
+        return canvas.index_copy_(1, self.pixels, values).unflatten(1, self.shape)
+
+
+class Silhouette(Pixels):
+    """The same pixels, N of them, in the order in which the networks write them.
 
     The canvas has an even number of rows and columns. The order of the pixels is this class's own: by their
     place in their block of 2 x 2 pixels, then by block, since the networks write block by block.
@@ -39,7 +56,7 @@ class Silhouette:
         flipped = torch.tensor(FLIPPED, device=mask.device)[corner]
         # (N,) each, among the pixels of the blocks of the photograph, and of its mirror image
         self._taken = [place * len(own) + block for place in (corner, flipped)]
-        self.pixels = corners.flatten()[self._taken[0]]  # (N,) on the canvas, in row order
+        self.pixels = corners.flatten()[self._taken[0]]
         self._halves = [0, *within[:2].sum(dim=1).cumsum(0).tolist()]
 
     def sides(self, maps: torch.Tensor) -> tuple[torch.Tensor, torch.Tensor]:
@@ -48,15 +65,6 @@ class Silhouette:
             side.flatten(1).index_select(1, taken) for side, taken in zip(maps, self._taken, strict=True)
         )
         return own, mirrored
-
-    def take(self, maps: torch.Tensor) -> torch.Tensor:
-        """The values (C, N) of canvas maps (C, h, w)."""
-        return maps.flatten(1).index_select(1, self.pixels)
-
-    def scatter(self, values: torch.Tensor) -> torch.Tensor:
-        """Values (C, N) as canvas maps (C, h, w), zero outside the subject."""
-        canvas = values.new_zeros(len(values), self.shape.numel())
-        return canvas.index_copy_(1, self.pixels, values).unflatten(1, self.shape)
 
     def halved(self, column: int) -> tuple[slice, torch.Tensor, torch.Size]:
         """What a map at every second row and column, from column 0 or 1 on, shows of the subject: which of

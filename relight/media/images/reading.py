@@ -91,13 +91,23 @@ def read_layers(path: AnyPath) -> dict[str, np.ndarray]:
 
 
 def read_identity(path: AnyPath) -> str | None:
-    """The identity that a picture's file carries, from its header alone (see `relight.media.identity`); None
-    where it has none, or there is no picture."""
+    """The identity that a picture's file carries (see `relight.media.identity`); None where it has none, or
+    there is no picture, or not all of it: its last row cannot be read, or its size and channels are not those
+    that it was written with."""
     file = oiio.ImageInput.open(str(path))
     if file is None:
         problem(oiio)  # is taken note of, or it would be reported later
         return None
-    return file.spec().get_string_attribute(identity.NAME) or None
+    spec = file.spec()
+    found, holds = spec.get_string_attribute(identity.NAME), spec.get_string_attribute(identity.HOLDS)
+    try:
+        if not found or (holds and holds != identity.contents(spec)):
+            return None
+    except UnicodeDecodeError:  # the channels' names are garbled
+        return None
+    last = spec.y + spec.height - 1
+    pixels = file.read_scanlines(0, 0, last, last + 1, 0, 0, spec.nchannels, str(spec.format))
+    return None if pixels is None or problem(file) else found
 
 
 def load(

@@ -9,6 +9,7 @@ from pathlib import Path
 
 import numpy as np
 import OpenImageIO as oiio
+import torch
 from numpy.typing import ArrayLike
 from PIL import ExifTags, Image, PngImagePlugin
 
@@ -31,6 +32,7 @@ DEPTHS = {  # what each format is written as: the first is the default
     ".tiff": ("uint16", "uint8", "float"),
 }
 HALF_MAX = 65504.0
+HALF_OVER = 65520.0  # the least value that rounds to infinity
 DEPTH = "Z"  # the layer, and OpenEXR's name of its channel: half floats would make steps of it
 LONGEST_LAYER = 253  # bytes of UTF-8: with ".R" behind, the 255 of OpenEXR
 LOST = 0.01  # share of a layer's light that half floats may lose before a warning says so
@@ -106,6 +108,8 @@ def write(
         spec.channelformats = tuple("float" if name == DEPTH else "half" for name in names)
     if suffix in (".exr", ".tif", ".tiff"):
         spec.attribute("compression", "zip")
+    if suffix == ".exr" and metadata and identity.NAME in metadata:
+        spec.attribute(identity.HOLDS, identity.contents(spec))
     if depth.startswith("uint"):
         if view is None or "srgb" in " ".join(colour.find_view(view)[1:]).lower():
             spec.attribute("oiio:ColorSpace", "srgb_rec709_scene")
@@ -193,18 +197,21 @@ def half(values: np.ndarray, name: str) -> np.ndarray:
     Warns if that loses more than 1 % of the light, as of a light of intensity 1e-6: half floats come in steps
     of 6e-8 near zero. `name` is what the warning calls them. A fourth channel is alpha, and no light.
     """
-    with np.errstate(over="ignore"):
-        rounded = values.astype(np.float16).astype(np.float32)
-    if not np.isfinite(rounded).all():
+    tensor = torch.from_numpy(np.ascontiguousarray(values))  # torch rounds many at a time
+    low, high = map(float, tensor.aminmax())
+    if not -HALF_OVER < low <= high < HALF_OVER:
         return values
-    light = np.abs(values[..., :3])
-    lost = np.abs(values - rounded)[..., :3].sum(dtype=np.float64) / max(light.sum(dtype=np.float64), 1e-300)
-    if lost > LOST:
-        warnings.warn(
-            f"{name}: is so dim that half floats lose {100 * lost:.0f} % of its light; "
-            "raise its intensity, or write floats (depth='float', --exr-type float)",
-            stacklevel=2,
-        )
+    rounded = tensor.half().float().numpy()
+    # What half floats lose of a value is at most 2**-12 of it, or 2**-25: then bright layers need no look.
+    light = float(tensor.flatten(0, 1).abs().sum(dim=0)[:3].sum())
+    if light < values.size * 2**-25 / (LOST - 2**-12):
+        lost = np.abs(values - rounded)[..., :3].sum(dtype=np.float64) / max(light, 1e-300)
+        if lost > LOST:
+            warnings.warn(
+                f"{name}: is so dim that half floats lose {100 * lost:.0f} % of its light; "
+                "raise its intensity, or write floats (depth='float', --exr-type float)",
+                stacklevel=2,
+            )
     return rounded
 
 
@@ -220,7 +227,8 @@ def _joined(path: Path, stacks: Mapping[str, np.ndarray], dtype: type) -> np.nda
                 f"{path}: values above {HALF_MAX:g} do not fit half; "
                 "write it with depth='float' (--exr-type float)"
             )
-        joined[..., first:last] = half(stack, name) if halved else stack
+        stack = half(stack, name) if halved else stack
+        torch.from_numpy(joined)[..., first:last] = torch.from_numpy(stack)
     return joined
 
 

@@ -1,0 +1,185 @@
+"""What is kept of an analysed person, and what comes back."""
+
+import json
+
+import numpy as np
+import pytest
+import torch
+from safetensors import safe_open
+from safetensors.numpy import save_file
+
+import relight
+from relight import keeping
+from relight.canvas import Field
+
+KEY = relight.DirectionalLight(azimuth=-40, elevation=30, name="key")
+SKY = relight.EnvironmentLight(np.linspace(2, 0.1, 8, dtype=np.float32)[:, None, None] * np.ones((8, 16, 3)))
+LAMP = relight.PointLight((0.4, 0.3, 0.6), name="lamp")
+
+
+def clothed(size=(200, 160), seed=0):
+    """A linear plate (H, W, 3) of a textured figure, and its soft matte."""
+    random = np.random.default_rng(seed)
+    y, x = np.mgrid[: size[0], : size[1]]
+    body = np.maximum(np.abs(x - 80) / 28, np.abs(y - 110) / 78)
+    head = np.hypot(x - 80, y - 30) / 22
+    matte = np.clip((1.05 - np.minimum(body, head)) * 12, 0, 1).astype(np.float32)
+    shade = 0.2 + 0.5 * np.clip(1 - np.abs(x - 65) / 60, 0, 1)
+    plate = shade[..., None] * (0.6, 0.4, 0.3) * random.uniform(0.8, 1.2, (*size, 1))
+    return plate.astype(np.float32), matte
+
+
+@pytest.fixture(scope="module")
+def subject():
+    return relight.Subject(*clothed())
+
+
+@pytest.fixture
+def no_network(monkeypatch):
+    """Whoever loads a network, fails."""
+
+    def refuse(*arguments, **settings):
+        raise AssertionError("a network was loaded")
+
+    monkeypatch.setattr("shadow.networks.checkpoints.load", refuse)
+    monkeypatch.setattr("shadow.networks.checkpoints.read", refuse)
+
+
+def rms(first, second, inside):
+    return float(np.sqrt(((first - second)[inside] ** 2).mean()))
+
+
+def test_what_comes_back_is_relit_alike(subject, tmp_path, no_network):
+    subject.save(tmp_path / "kept.safetensors")
+    kept = relight.Subject.load(tmp_path / "kept.safetensors")
+    inside = subject.matte > 0
+    for light in (KEY, SKY, LAMP):
+        assert rms(kept.relit(light), subject.relit(light), inside) < 0.002
+    np.testing.assert_allclose(kept.matte, subject.matte, atol=3e-4)
+    assert rms(kept.albedo, subject.albedo, inside) < 2e-4
+    assert rms(kept.normals, subject.normals, inside) < 5e-4
+    assert rms(kept.depth, subject.depth, inside) < 1e-3
+    assert kept.camera == subject.camera
+    directions = np.float32([[0.6, 0.2, 0.7], [0, 0, 1]])
+    assert rms(kept.visibility(directions), subject.visibility(directions), np.s_[:, inside]) < 0.01
+    picture = relight.over(subject.relit(KEY), (0, 0, 0))
+    powers = [one.fitted(picture)[1].sum() for one in (kept, subject)]
+    np.testing.assert_allclose(*powers, rtol=0.05)
+
+
+def test_given_albedo_and_a_matte_with_specks_come_back(tmp_path):
+    plate, matte = clothed()
+    matte[2:4, 2:4] = 1
+    with pytest.warns(UserWarning, match="small parts far from the person"):
+        subject = relight.Subject(plate, matte, albedo=np.full_like(plate, 0.5))
+    subject.save(tmp_path / "kept.safetensors")
+    kept = relight.Subject.load(tmp_path / "kept.safetensors")
+    assert (kept.matte[2:4, 2:4] == 1).all()
+    np.testing.assert_allclose(kept.albedo[subject.matte > 0], 0.5, atol=1e-3)
+    np.testing.assert_allclose(kept.relit(KEY), subject.relit(KEY), atol=0.03)
+    assert rms(kept.relit(KEY), subject.relit(KEY), subject.matte > 0) < 0.002
+
+
+def test_it_is_linear_in_the_lights_and_may_be_steadied_and_kept_again(subject, tmp_path):
+    subject.save(tmp_path / "once.safetensors")
+    kept = relight.Subject.load(tmp_path / "once.safetensors")
+    twice = relight.DirectionalLight(azimuth=-40, elevation=30, intensity=2)
+    np.testing.assert_allclose(kept.relit(twice)[..., :3], 2 * kept.relit(KEY)[..., :3], rtol=1e-5, atol=1e-6)
+    kept.save(tmp_path / "again.safetensors")
+    again = relight.Subject.load(tmp_path / "again.safetensors")
+    assert rms(again.relit(KEY), kept.relit(KEY), subject.matte > 0) < 0.001
+    steady = kept.steadied([subject])
+    assert rms(steady.relit(KEY), subject.relit(KEY), subject.matte > 0) < 0.002
+
+
+def test_a_steadied_person_is_kept_as_one_field(tmp_path):
+    """The mean of frames' functions of light, and the function of their mean maps, are nearly the same."""
+    frames = [relight.Subject(*clothed(seed=seed)) for seed in range(3)]
+    steady = frames[1].steadied([frames[0], frames[2]])
+    steady.save(tmp_path / "steady.safetensors")
+    kept = relight.Subject.load(tmp_path / "steady.safetensors")
+    for light in (KEY, SKY):
+        error = rms(kept.relit(light), steady.relit(light), steady.matte > 0)
+        assert error < 0.002
+        assert error < 0.5 * rms(kept.relit(light), frames[1].relit(light), steady.matte > 0)
+
+
+def test_bright_and_dark_plates_keep_their_precision(tmp_path):
+    plate, matte = clothed()
+    for exposure in (1e-6, 1e7):
+        subject = relight.Subject(plate * np.float32(exposure), matte)
+        subject.save(tmp_path / "kept.safetensors")
+        kept = relight.Subject.load(tmp_path / "kept.safetensors")
+        assert rms(kept.relit(KEY), subject.relit(KEY), matte > 0) < 0.002
+
+
+def test_maps_of_the_anchors_are_of_low_rank(subject, tmp_path):
+    subject.save(tmp_path / "kept.safetensors")
+    with safe_open(tmp_path / "kept.safetensors", "np") as file:
+        about = json.loads(file.metadata()["relight"])
+    assert about["arrays"]["cast"][1][0] == keeping.RANK["cast"] < 96
+    kept = relight.Subject.load(tmp_path / "kept.safetensors")
+    field, exact = (Field.of(one._canvas.shading) for one in (kept, subject))
+    torch.testing.assert_close(field.residual, exact.residual, rtol=0, atol=0.05)
+
+
+@pytest.mark.parametrize("share", [0, 0.0001, 0.5, 0.999])
+def test_a_truncated_file_is_named(subject, tmp_path, share):
+    path = tmp_path / "kept.safetensors"
+    subject.save(path)
+    whole = path.read_bytes()
+    path.write_bytes(whole[: int(len(whole) * share)])
+    with pytest.raises(ValueError, match=r"kept\.safetensors: is damaged or truncated"):
+        relight.Subject.load(path)
+
+
+def test_a_flipped_bit_is_noticed(subject, tmp_path):
+    path = tmp_path / "kept.safetensors"
+    subject.save(path)
+    whole = bytearray(path.read_bytes())
+    for place in (len(whole) // 2, len(whole) - 3):
+        flipped = bytearray(whole)
+        flipped[place] ^= 16
+        path.write_bytes(flipped)
+        with pytest.raises(ValueError, match=r"kept\.safetensors: is damaged"):
+            relight.Subject.load(path)
+
+
+def test_what_is_no_analysis_is_refused(subject, tmp_path):
+    path = tmp_path / "kept.safetensors"
+    with pytest.raises(FileNotFoundError, match=r"kept\.safetensors: no such file"):
+        relight.Subject.load(path)
+    save_file({"weight": np.zeros(3, np.float32)}, path)
+    with pytest.raises(ValueError, match=r"kept\.safetensors: is no analysis that was kept"):
+        relight.Subject.load(path)
+    about = {"format": 99, "arrays": {}, "made_of": {}}
+    save_file({}, path, {"relight": json.dumps(about)})
+    with pytest.raises(ValueError, match="is of format 99, expected 1"):
+        relight.Subject.load(path)
+    save_file({}, path, {"relight": json.dumps(about | {"format": 1})})
+    with pytest.raises(ValueError, match=r"kept\.safetensors: is damaged"):
+        relight.Subject.load(path)
+    path.write_bytes(b"\x80\x05pickled")
+    with pytest.raises(ValueError, match="is damaged or truncated, or no safetensors file"):
+        relight.Subject.load(path)
+    with pytest.raises(ValueError, match=r"kept\.npz: expected a file name that ends in \.safetensors"):
+        subject.save(tmp_path / "kept.npz")
+
+
+def test_a_small_file_that_says_it_is_large_takes_no_memory(subject, tmp_path):
+    path = tmp_path / "kept.safetensors"
+    subject.save(path)
+    with safe_open(path, "np") as file:
+        about = json.loads(file.metadata()["relight"])
+        tensors = {name: file.get_tensor(name) for name in about["arrays"]}
+    about["arrays"]["colour"][1] = [3, 10**12]
+    save_file(tensors, path, {"relight": json.dumps(about)})
+    with pytest.raises(ValueError, match=r"is damaged: holds \d+ bytes of an array of 6000000000000"):
+        relight.Subject.load(path)
+
+
+def test_other_weights_are_said(subject, tmp_path, monkeypatch):
+    subject.save(tmp_path / "kept.safetensors")
+    monkeypatch.setattr("relight.subject.weights", lambda: ("other", "weights"))
+    with pytest.warns(UserWarning, match=r"kept\.safetensors: was analysed with other weights"):
+        relight.Subject.load(tmp_path / "kept.safetensors")

@@ -1,0 +1,290 @@
+"""A shot's analysis on the disk: kept, read, resumed, and noticed where it is stale."""
+
+import json
+import os
+import shutil
+import subprocess
+import sys
+import warnings
+from pathlib import Path
+
+import numpy as np
+import pytest
+from killing import kill
+from safetensors import safe_open
+from test_keeping import clothed
+
+import relight
+from relight import keeping, people, shot
+from relight.cli import app
+
+KEY = relight.DirectionalLight(azimuth=-40, elevation=30, name="key")
+FRAMES = range(101, 105)
+
+
+@pytest.fixture(scope="module")
+def analysed(tmp_path_factory):
+    """Four frames of somebody who drifts, nobody in the last of them, and what was kept of them."""
+    folder = tmp_path_factory.mktemp("analysed")
+    for number in FRAMES:
+        plate, matte = clothed(seed=1)
+        moved = [np.roll(image, number - 101, axis=1) for image in (plate, matte * (number < 104))]
+        relight.write(folder / f"plate.{number:04d}.exr", moved[0])
+        relight.write_mask(folder / f"matte.{number:04d}.png", moved[1])
+    assert relight.analyse_shot(folder / "plate.%04d.exr", folder / "shot.relight", **mattes(folder)) == {}
+    return folder
+
+
+@pytest.fixture
+def desk(analysed, tmp_path):
+    """A copy to spoil."""
+    shutil.copytree(analysed, tmp_path / "desk", copy_function=shutil.copy2)
+    return tmp_path / "desk"
+
+
+@pytest.fixture
+def no_network(monkeypatch):
+    """Whoever loads a network, fails."""
+
+    def refuse(*arguments, **settings):
+        raise AssertionError("a network was loaded")
+
+    monkeypatch.setattr("shadow.networks.checkpoints.load", refuse)
+    monkeypatch.setattr(people.Subject, "__init__", refuse)
+
+
+def mattes(folder):
+    return {"mask": folder / "matte.%04d.png", "threads": 1}
+
+
+def relit(desk, name="relit", **settings):
+    outputs = desk / f"{name}.%04d.exr"
+    return relight.render_video(desk / "shot.relight", KEY, outputs, **settings)
+
+
+def files(desk):
+    """{name: inode} of the kept frames: a frame that is written anew has another."""
+    return {path.name: path.stat().st_ino for path in sorted((desk / "shot.relight").iterdir())}
+
+
+def test_frames_are_those_of_the_plates_and_no_network_runs(desk, no_network, monkeypatch):
+    assert list(files(desk)) == [f"{number:06d}.safetensors" for number in FRAMES]
+    assert relit(desk) == {}
+    monkeypatch.undo()
+    direct = desk / "direct.%04d.exr"
+    assert relight.render_video(desk / "plate.%04d.exr", KEY, direct, **mattes(desk)) == {}
+    for number in FRAMES:
+        kept, made = (relight.read(desk / f"{name}.{number:04d}.exr") for name in ("relit", "direct"))
+        inside = made[..., 3] > 0
+        assert inside.any() == (number < 104)
+        assert np.sqrt(((kept - made)[inside] ** 2).mean()) < 0.002 if inside.any() else not kept.any()
+        carried = {
+            relight.media.images.read_identity(desk / f"{name}.{number:04d}.exr")
+            for name in ("relit", "direct")
+        }
+        assert len(carried) == 2  # each says what made it
+
+
+def test_a_file_says_what_it_was_made_of(desk):
+    with safe_open(desk / "shot.relight" / "000102.safetensors", "np") as file:
+        made_of = json.loads(file.metadata()["relight"])["made_of"]
+    plates = [source for source in made_of["sources"] if "plate" in source["path"]]
+    assert [source["path"] for source in plates] == [f"../plate.{n:04d}.exr" for n in FRAMES]
+    assert plates[1]["size"] == (desk / "plate.0102.exr").stat().st_size
+    assert len(plates[1]["sha256"]) == 64
+    assert made_of["precision"] in ("bfloat16", "float32")
+    assert len(made_of["weights"]) == 2
+
+
+def test_what_is_whole_and_fresh_is_kept(desk, monkeypatch):
+    before = files(desk)
+    damaged = desk / "shot.relight" / "000102.safetensors"
+    damaged.write_bytes(damaged.read_bytes()[:-100])
+    (desk / "shot.relight" / "000103.safetensors").unlink()
+    with pytest.warns(UserWarning, match="1 of 4 frames were damaged, or made from other plates"):
+        relight.analyse_shot(desk / "plate.%04d.exr", desk / "shot.relight", **mattes(desk))
+    after = files(desk)
+    assert [name for name in before if before[name] != after[name]] != []
+    assert before["000101.safetensors"] == after["000101.safetensors"]
+    monkeypatch.setattr(people.People, "at", None)  # nothing is left to analyse
+    relight.analyse_shot(desk / "plate.%04d.exr", desk / "shot.relight", **mattes(desk))
+    assert files(desk) == after
+
+
+def test_a_plate_that_changed_is_named_and_analysed_anew(desk):
+    relight.write(desk / "plate.0101.exr", clothed(seed=2)[0])
+    problems = relit(desk, frames=(101, 103))
+    assert list(problems) == [101, 102, 103]
+    assert "000101.safetensors: is stale, " in problems[101]
+    assert "plate.0101.exr has changed since; run `relight analyse` again" in problems[101]
+
+
+def test_a_plate_that_was_only_touched_or_copied_is_the_same(desk):
+    os.utime(desk / "plate.0101.exr")
+    with warnings.catch_warnings():
+        warnings.simplefilter("error")
+        assert relit(desk) == {}
+
+
+def test_plates_that_are_not_there_are_said_once(desk):
+    (desk / "plate.0102.exr").unlink()
+    with pytest.warns(UserWarning, match=r"plate\.0102\.exr is not there to compare with"):
+        assert relit(desk) == {}
+
+
+def test_other_weights_are_named(desk, monkeypatch):
+    monkeypatch.setattr(shot, "weights", lambda: ("other", "weights"))
+    with pytest.raises(
+        ValueError, match=r"none of 4 frames .*000101\.safetensors: was analysed with other weights"
+    ):
+        relit(desk)
+
+
+def test_frames_of_other_options_do_not_mix(desk):
+    relight.analyse_shot(
+        desk / "plate.%04d.exr", desk / "other.relight", frames=(102, 102), steady=False, **mattes(desk)
+    )
+    shutil.copy2(desk / "other.relight" / "000102.safetensors", desk / "shot.relight")
+    problems = relit(desk)
+    assert list(problems) == [102]
+    assert "was analysed with other options than 000101.safetensors" in problems[102]
+
+
+def test_frames_that_are_missing_or_damaged_are_named_and_the_rest_is_made(desk):
+    (desk / "shot.relight" / "000102.safetensors").unlink()
+    damaged = desk / "shot.relight" / "000103.safetensors"
+    damaged.write_bytes(damaged.read_bytes()[:5000])
+    problems = relit(desk)
+    assert list(problems) == [102, 103]
+    assert "000102.safetensors: no such file" in problems[102]
+    assert "000103.safetensors: is damaged or truncated" in problems[103]
+    assert (desk / "relit.0101.exr").exists()
+
+
+def test_lit_again_after_another_analysis(desk):
+    relit(desk, frames=(101, 102))
+    kept = (desk / "relit.0101.exr").stat().st_ino
+    with warnings.catch_warnings():
+        warnings.simplefilter("error")
+        relit(desk, frames=(101, 102), resume=True)
+    assert (desk / "relit.0101.exr").stat().st_ino == kept
+    (desk / "shot.relight" / "000102.safetensors").write_bytes(b"")
+    with pytest.warns(UserWarning, match="1 of 2 frames were damaged"):
+        relight.analyse_shot(desk / "plate.%04d.exr", desk / "shot.relight", frames="101-102", **mattes(desk))
+    with warnings.catch_warnings():  # it is the same analysis as before
+        warnings.simplefilter("error")
+        relit(desk, frames=(101, 102), resume=True)
+
+
+def test_a_still_is_kept_too(tmp_path, no_network, monkeypatch):
+    monkeypatch.undo()
+    plate, matte = clothed()
+    relight.write(tmp_path / "photo.exr", plate)
+    assert relight.analyse_shot(tmp_path / "photo.exr", tmp_path / "p.relight", mask=matte) == {}
+    assert [path.name for path in (tmp_path / "p.relight").iterdir()] == ["still.safetensors"]
+    light = relight.MovingLight(azimuth={1: -40, 2: 40}, name="key")
+    assert relight.render_video(tmp_path / "p.relight", light, tmp_path / "r.%d.exr") == {}
+    assert np.abs(relight.read(tmp_path / "r.1.exr") - relight.read(tmp_path / "r.2.exr")).max() > 0.1
+
+
+@pytest.mark.parametrize(
+    ("name", "value"),
+    [
+        ("mask", "m.png"),
+        ("key", "green"),
+        ("colour_space", "sRGB"),
+        ("steady", False),
+        ("precision", "float32"),
+    ],
+)
+def test_what_the_analysis_decided_is_not_decided_again(desk, name, value):
+    with pytest.raises(
+        ValueError, match=f"{name}: .*shot.relight is analysed already; give it to `relight analyse`"
+    ):
+        relit(desk, **{name: value})
+    assert not list(desk.glob("relit*"))
+
+
+@pytest.mark.parametrize(
+    ("arguments", "error", "message"),
+    [
+        ({"output": "shot"}, ValueError, r"shot: expected the name of a folder that ends in \.relight"),
+        ({"source": "s.relight"}, ValueError, r"s\.relight: is analysed already"),
+        ({"source": "gone.%04d.exr"}, FileNotFoundError, "no such frames"),
+        ({"precision": "half"}, ValueError, "precision: expected bfloat16 or float32, got 'half'"),
+        ({"threads": 0}, ValueError, "threads: expected 1 to 1024, got 0"),
+        ({"frames": (1, 2)}, ValueError, "frames: a still has none"),
+        (
+            {"mask": np.zeros((200, 160), np.float32)},
+            ValueError,
+            "none of 1 frames could be analysed; .*mask: is empty",
+        ),
+    ],
+)
+def test_bad_arguments_are_named(tmp_path, monkeypatch, arguments, error, message):
+    monkeypatch.chdir(tmp_path)
+    plate, matte = clothed()
+    settings = {"source": plate, "output": "shot.relight", "mask": matte} | arguments
+    with pytest.raises(error, match=message):
+        relight.analyse_shot(**settings)
+    assert not list(tmp_path.rglob("*.safetensors"))
+
+
+def test_a_folder_without_frames_is_named(tmp_path):
+    with pytest.raises(
+        FileNotFoundError, match=r"s\.relight: no analysed frames; `relight analyse` makes them"
+    ):
+        relight.render_video(tmp_path / "s.relight", KEY, tmp_path / "r.%d.exr")
+
+
+@pytest.mark.slow
+def test_killed_and_resumed(desk):
+    """The command is killed as it analyses; the next run makes what is missing and nothing else."""
+    folder = desk / "killed.relight"
+    folder.mkdir()
+    command = [
+        "analyse",
+        "plate.%04d.exr",
+        "--mask",
+        "matte.%04d.png",
+        "-o",
+        "killed.relight",
+        "--threads",
+        "1",
+    ]
+    environment = os.environ | {"PYTHONPATH": str(Path(relight.__file__).parents[1])}
+    program = [sys.executable, "-m", "relight.cli", *command]
+    assert kill(program, folder, 1, 0.0, cwd=desk, env=environment)
+    there = {path.name: path.stat().st_ino for path in folder.iterdir()}
+    assert 1 <= len(there) < 4
+    subprocess.run(program, check=True, cwd=desk, env=environment)
+    assert sorted(path.name for path in folder.iterdir()) == list(files(desk))
+    assert all((folder / name).stat().st_ino == inode for name, inode in there.items())
+    for name in files(desk):
+        made = [keeping.read_about(where / name) for where in (folder, desk / "shot.relight")]
+        assert made[0].pop("made_of")["sources"] == made[1].pop("made_of")["sources"]
+        assert made[0] == made[1]
+
+
+@pytest.mark.slow
+def test_a_range_is_analysed_with_the_frames_that_steady_its_ends(desk):
+    for frames in ("103-104", "101-102"):
+        relight.analyse_shot(desk / "plate.%04d.exr", desk / "parts.relight", frames=frames, **mattes(desk))
+    for name in files(desk):
+        parts = [desk / folder / name for folder in ("shot.relight", "parts.relight")]
+        first, second = ([keeping.read_about(path), path.read_bytes()[-5000:]] for path in parts)
+        assert first == second
+
+
+def test_the_commands(desk, monkeypatch):
+    from typer.testing import CliRunner
+
+    monkeypatch.chdir(desk)
+    run = CliRunner().invoke(app, ["video", "shot.relight", "--light", "azimuth=-40", "-o", "r.%04d.exr"])
+    assert run.exit_code == 0, run.output
+    assert len(list(desk.glob("r.*.exr"))) == 4
+    refused = CliRunner().invoke(
+        app, ["video", "shot.relight", "--mask", "m.png", "--light", "azimuth=-40", "-o", "r.%04d.exr"]
+    )
+    assert refused.exit_code == 2
+    assert "mask: shot.relight is analysed already" in refused.output
