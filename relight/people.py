@@ -71,6 +71,11 @@ class People:
                 return number, Camera.of(coverage, self._prepared.height, self._prepared.field_of_view)
         return None, None
 
+    @property
+    def camera(self) -> Camera | None:
+        """That of the room that the frames share, if they do."""
+        return self._room[1]
+
     def at(self, number: int) -> Any:
         """A Subject, or the like of one; raises as reading and `Subject` do."""
         around = self.around(number)
