@@ -91,7 +91,7 @@ def test_lighting_times_albedo_is_the_picture(subject):
     ("arguments", "message"),
     [
         ({"lights": []}, "lights: expected at least one"),
-        ({"passes": ["depth"]}, "passes: expected any of albedo, N, visibility, shading, got 'depth'"),
+        ({"passes": ["depth"]}, "passes: expected any of albedo, N, Z, visibility, shading, got 'depth'"),
         ({"lights": LIGHTS[:1] * 2}, "lights: expected different names, got key, key"),
     ],
 )

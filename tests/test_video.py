@@ -27,7 +27,7 @@ class Stub:
 
     made, steadied_by = [], []
 
-    def __init__(self, image, mask=None, normals=None, device=None):
+    def __init__(self, image, mask=None, normals=None, device=None, **room):
         alpha = image[..., 3] if mask is None else mask
         self.image = np.concatenate([image[..., :3] * alpha[..., None], alpha[..., None]], axis=-1)
         self.albedo = self.normals = image[..., :3]
