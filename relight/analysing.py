@@ -127,9 +127,13 @@ class _Analysing:
     def _make(self, number: int) -> bool:
         """Analyse a frame, unless it is there; whether that replaced another."""
         path = frame_file(self._folder, None if self._prepared.numbers is None else number)
-        around = self._people.made_of(number)
+        around = self._people.around(number)
         made = identity(
-            self._prepared.identity(number, around), self._options, *weights(), *self._computing.values()
+            self._prepared.identity(number, around),
+            self._people.camera,
+            self._options,
+            *weights(),
+            *self._computing.values(),
         )
         made_of = self._computing | {
             "identity": made,

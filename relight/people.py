@@ -72,6 +72,11 @@ class People:
                 return number, Camera.of(coverage, self._prepared.height, self._prepared.field_of_view)
         return None, None
 
+    @property
+    def camera(self) -> Camera | None:
+        """That of the room that the frames share, if they do."""
+        return self._room[1]
+
     def check(self, floor: Floor, number: int) -> None:
         """ValueError where the person cannot stand on the floor in the frame that says where the room is, or
         of a still in any. A shot that is analysed already says so frame by frame."""

@@ -75,8 +75,7 @@ class _MeanMaps:
     def field(self) -> Field:
         """One field that is nearly this mean: the mean of the frames' own maps, whatever the light.
 
-        What frames have is averaged where they agree, and there the mean of functions is near the function of
-        the means: relit pictures differ by 0.0003 RMS (`benchmarks/shot.py`).
+        Frames are averaged where they agree; there the mean of functions is near the function of the means.
         """
         fields = [Field.of(maps) for maps in self.maps]
         silhouette = fields[0].silhouette

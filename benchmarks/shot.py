@@ -1,0 +1,90 @@
+"""What a kept analysis saves: relighting a shot from it, against relighting the plates. One thread, in
+processor time, imports apart; the ratios are of one run, so that they hold on any machine.
+
+python benchmarks/shot.py [frames...]          20 and 200 unless given
+
+The bundled person drifts across 1920 x 1080, photographed with noise, and is relit by a key light and a rim.
+"""
+
+import resource
+import sys
+import tempfile
+import time
+from pathlib import Path
+
+import numpy as np
+import torch
+from flicker import moved
+
+import relight
+from relight.people import People
+from relight.preparation import Preparation
+from relight.rendering import render_subject
+
+PERSON = Path(__file__).parents[1] / "examples" / "person.png"
+SIZE = 1080, 1920
+LIGHTS = [
+    relight.DirectionalLight(azimuth=-40, elevation=30, intensity=2, name="key"),
+    relight.DirectionalLight(azimuth=150, elevation=20, name="rim"),
+]
+
+
+def write_plates(folder, frames):
+    """Plates and mattes, numbered from 1."""
+    person, random = relight.read(PERSON), np.random.default_rng(0)
+    for number in range(1, frames + 1):
+        picture = moved(person, 3.7 * number % 400, 0, 1040 / len(person), SIZE).clip(0)
+        picture[..., 3] = picture[..., 3].clip(0, 1)
+        plate = relight.over(picture, (0.3, 0.3, 0.3))
+        plate *= 1 + random.normal(0, 0.02, plate.shape).astype(np.float32)
+        relight.write(folder / f"plate.{number:04d}.exr", plate.clip(0))
+        relight.write_mask(folder / f"matte.{number:04d}.png", picture[..., 3])
+
+
+def pixels(source, frames, **settings):
+    """Seconds a frame from a source to relit pixels in memory, and a picture of each."""
+    people, pictures, seconds = People(Preparation(source, **settings), True, None, in_room=False), [], 0.0
+    for number in range(1, frames + 1):
+        start = time.process_time()
+        subject = people.at(number)
+        picture, _ = render_subject(subject, LIGHTS)
+        seconds += time.process_time() - start
+        pictures.append(picture[::7, ::7])
+    return seconds / frames, np.stack(pictures)
+
+
+def timed(function, *arguments, **settings):
+    start = time.process_time()
+    assert function(*arguments, **settings) == {}
+    return time.process_time() - start
+
+
+def measure(folder, frames):
+    write_plates(folder, frames)
+    plates, shot = folder / "plate.%04d.exr", folder / "shot.relight"
+    mask = folder / "matte.%04d.png"
+    analysis = timed(relight.analyse_shot, plates, shot, mask=mask) / frames
+    sizes = [path.stat().st_size for path in shot.iterdir()]
+    count = min(frames, 20)  # of pictures in memory
+    (direct, made), (kept, found) = pixels(plates, count, mask=mask), pixels(shot, count)
+    inside = made[..., 3] > 0
+    error = np.sqrt(((found - made)[inside][:, :3] ** 2).mean())
+    before = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss
+    from_shot = timed(relight.render_video, shot, LIGHTS, folder / "kept.%04d.exr") / frames
+    grown = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss - before
+    from_plates = timed(relight.render_video, plates, LIGHTS, folder / "made.%04d.exr", mask=mask) / frames
+    print(f"| {frames} frames | from the plates | from the analysis | ratio |\n|---|---|---|---|")
+    print(f"| to relit pixels | {direct:.2f} s | {kept:.3f} s | {direct / kept:.1f} |")
+    print(f"| to .exr files | {from_plates:.2f} s | {from_shot:.3f} s | {from_plates / from_shot:.1f} |")
+    print(f"analysis {analysis:.2f} s a frame; {max(sizes) / 1e6:.2f} MB at most; relit RMS {error:.5f};")
+    print(f"memory grew by {grown / 1024:.0f} MiB over {frames} frames relit\n", flush=True)
+
+
+if __name__ == "__main__":
+    torch.set_num_threads(1)
+    small = np.zeros((64, 48, 4), np.float32)
+    small[8:60, 12:36] = (0.4, 0.3, 0.2, 1)
+    relight.Subject(small).relit(LIGHTS)  # the networks' weights are loaded, and the first steps made
+    for frames in map(int, sys.argv[1:] or (20, 200)):
+        with tempfile.TemporaryDirectory() as folder:
+            measure(Path(folder), frames)
