@@ -386,7 +386,7 @@ function explain(root, error) {
 
 /** The page: its data lies in script elements. */
 export async function openPage(page) {
-  const root = page.getElementById("relight");
+  const root = page.getElementById("viewer");
   try {
     const scene = JSON.parse(page.getElementById("scene").textContent);
     const viewer = await Viewer.open(root, scene, fromBase64(page.getElementById("pack").textContent), true);
