@@ -12,7 +12,7 @@ from relight import __version__, keying
 from relight.cutting import Cutting
 from relight.floor import Floor
 from relight.lights.environment import FIELD_OF_VIEW
-from relight.lights.light import Light, Lights, by_name
+from relight.lights.light import Light, by_name
 from relight.lights.moving import MovingLight, lights_at
 from relight.lights.near import NearLight
 from relight.matching import PLATE, Matching, lights_in
