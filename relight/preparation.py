@@ -261,7 +261,10 @@ class Preparation:
 
     def size(self, number: int) -> tuple[int, int]:
         """(H, W) of the picture of a frame, in pixels."""
-        return np.shape(self.person(number).plate)[:2] if self.kept is None else self.kept.read(number).size
+        if self.kept is not None:
+            return self.kept.read(number).size
+        height, width = np.shape(self.person(number).plate)[:2]
+        return height, width
 
     def backdrop(self, number: int, lights: Iterable[Light], size: tuple[int, int]) -> Background | None:
         """What is behind the person of a frame, in a picture of `size` (H, W) and this frame's lights."""
