@@ -1,3 +1,4 @@
+import importlib
 from pathlib import Path
 
 import numpy as np
@@ -169,3 +170,14 @@ def test_what_is_cut_off_the_background_lights_too():
     low = PlateLight(Still(whole), 30).at(0, (20, 100))  # a third of it is shown
     fov = np.degrees(2 * np.arctan(3 * np.tan(np.radians(15))))
     assert np.abs(low.view((60, 100), fov) - whole).mean() < 0.01
+
+
+@pytest.mark.slow
+def test_found_light_is_nearer_the_truth_than_grey_light(monkeypatch):
+    """Two bodies of benchmarks/matching.py."""
+    monkeypatch.syspath_prepend(PERSON.parents[1] / "benchmarks")
+    measure = importlib.import_module("matching").measure
+    of_plate, of_reference = (np.array(list(table.values())) for table in measure([8, 9]).values())
+    assert of_plate[:, 3].mean() < 0.93 * of_plate[:, 4].mean()
+    assert of_reference[:, 3].mean() < 0.93 * of_reference[:, 4].mean()
+    assert of_reference[:, 0].mean() < of_reference[:, 1].mean()

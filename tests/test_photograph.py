@@ -73,7 +73,7 @@ def test_a_photograph_becomes_a_picture_in_a_street(tmp_path, monkeypatch):
         "apply photo.jpg --matte bluer.onnx,mean=0/0/0,std=1/1/1 --refine-matte 6 "
         "--light lamp:position=-0.9/0.6/0.9,radius=0.1,intensity=0.6,colour=1/0.7/0.4 "
         "--background street.jpg --match-plate --floor height=1.5,horizon=0.5 "
-        "--size background --scale 0.9 --offset 40/-14 --save-matte matte.png -o out.png -o out.exr -o out.nk"
+        "--size background --scale 0.6 --offset 38/-58 --save-matte matte.png -o out.png -o out.exr -o out.nk"
     )
     result = CliRunner().invoke(app, command.split())
     assert result.exit_code == 0, result.output
@@ -86,7 +86,7 @@ def test_a_photograph_becomes_a_picture_in_a_street(tmp_path, monkeypatch):
     assert {"shadow_floor_lamp", "shadow_floor_plate"} < set(layers)
 
     cut = relight.read_mask("matte.png")
-    truth = relight.place(matte, (300, 450), scale=0.9, offset=(40, -14))
+    truth = relight.place(matte, (300, 450), scale=0.6, offset=(38, -58))
     assert np.abs(cut - truth).mean() < 0.01  # upright, and cut out
     behind, inside = relight.media.images.scene_linear("street", street), cut > 0.9
     feet = np.flatnonzero(inside.any(axis=1))[-1]
