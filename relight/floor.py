@@ -1,7 +1,8 @@
 """The floor that the person stands on: the shadow that they throw on it, and what they hide of the sky.
 
 The floor is a plane. Light that reaches a point of it is the sum over the samples of all lights of
-power times cosine times visibility; a sample is visible unless the person, as `relight.solid` has them, is in between.
+power times cosine times visibility. A sample is visible unless the person, as `relight.solid` has them, is in
+between.
 What the floor is made of and how it was lit is not known. So its picture is multiplied by the ratio of that
 light with the person there to the light without them.
 """
@@ -47,8 +48,8 @@ class Floor:
         left; instead of the lowest points of the matte.
 
     The horizon says how the floor is tilted. Where it is not given, the height does, since the person's own
-    is known (see `relight.Subject`). Or else the feet do, if one is before the other; side by side, the camera
-    is taken to be level. The floor lies where the soles touch it. Where the frame cuts the feet off, it lies
+    is known (see `relight.Subject`). Or else the feet do, if one is before the other; side by side, they
+    say that it is level. The floor lies where the soles touch it. Where the frame cuts the feet off, it lies
     `height` below the camera; otherwise the height beside a horizon is only compared, and a warning says so
     if the person would be a giant or a dwarf.
 
@@ -229,7 +230,7 @@ class Sample(NamedTuple):
         return irradiance[..., None] * self.power
 
     def blur(self, away: torch.Tensor, times: torch.Tensor) -> torch.Tensor | None:
-        """How far (P,) edges of the shadow are spread, as of `Silhouette`; `away`, `times` as of `Plane.fall`.
+        """How far (P,) edges of the shadow are spread, as of `Silhouette`; `away`, `times`: `Plane.fall`.
 
         The standard deviation of a disc along one axis is half its radius.
         """
