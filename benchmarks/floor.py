@@ -1,6 +1,7 @@
 """Shadows on the floor against rays: rendered bodies on a plane, each in one hard light, seen by one camera.
 
 OMP_NUM_THREADS=1 python benchmarks/floor.py [VIEWS] [picture.png]     # intersection over union, a table
+OMP_NUM_THREADS=1 python benchmarks/floor.py --figure docs/floor.png   # where the missing back shows
 OMP_NUM_THREADS=1 python benchmarks/floor.py --cost                    # seconds a light at 1920 x 1080
 
 Bodies are of the generalisation split. Truth is the light stage's: of each point of the plane that the camera
@@ -26,6 +27,7 @@ from shadow.directions import from_spherical
 SIZE = 448  # pixels of the rendered frames
 WIDER = 1.4  # than what shows the body alone
 ELEVATIONS = 20, 60  # degrees
+FIGURE = 7, 12  # bodies
 
 
 class View:
@@ -105,15 +107,31 @@ def table(views, picture=None):
         scores.append([view.score(left) for left in found.values()])
         print(f"{seed}: " + ", ".join(f"{score:.3f}" for score in scores[-1]), file=sys.stderr)
         truth = np.where(view.shadow, 0.0, 1.0)[..., None].repeat(3, axis=2)
-        row = [np.where(view.mask[..., None], view.image, left * 0.6) for left in (truth, *found.values())]
-        shown.append(np.concatenate(row, axis=1))
+        shown.append(np.concatenate([drawn(view, left) for left in (truth, *found.values())], axis=1))
     flat, *ours = np.array(scores).T
     print("| shadow | intersection over union | better than flat |\n|---|---|---|")
     print(f"| the matte laid flat | {flat.mean():.3f} | |")
     for name, score in zip(("the library's own depth", "true depth"), ours, strict=True):
         print(f"| `--floor`, {name} | {score.mean():.3f} | {(score > flat).sum()} of {len(flat)} |")
     if picture:
-        relight.write(picture, np.float32(np.concatenate(shown)).clip(0, 1))
+        relight.write(picture, np.float32(np.concatenate(shown)))
+
+
+def figure(path):
+    """Draw the true shadow beside the one from true depth, of FIGURE."""
+    rows = []
+    for seed in FIGURE:
+        view = View(seed)
+        light = relight.DirectionalLight(view.direction)
+        ours = view.subject(view.depth).shadows(light, view.floor)[1]
+        truth = np.where(view.shadow, 0.0, 1.0)[..., None].repeat(3, axis=2)
+        rows.append([drawn(view, left)[SIZE // 8 : -SIZE // 16] for left in (truth, ours)])
+    relight.write(path, np.float32(np.concatenate([np.concatenate(row, axis=1) for row in rows])))
+
+
+def drawn(view, left):
+    """The body before its shadow (H, W, 3)."""
+    return np.where(view.mask[..., None], view.image, 0.1 + 0.5 * left).clip(0, 1)
 
 
 def cost():
@@ -142,5 +160,7 @@ def cost():
 if __name__ == "__main__":
     if sys.argv[1:] == ["--cost"]:
         cost()
+    elif sys.argv[1:2] == ["--figure"]:
+        figure(sys.argv[2])
     else:
         table(*map(int, sys.argv[1:2] or ["20"]), *sys.argv[2:])

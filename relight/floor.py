@@ -1,7 +1,8 @@
 """The floor that the person stands on: the shadow that they throw on it, and what they hide of the sky.
 
-The floor is a plane. Light that reaches a point of it is the sum over the samples of all lights of power times
-cosine times visibility; a sample is visible unless the person, as `relight.solid` has them, is in between.
+The floor is a plane. Light that reaches a point of it is the sum over the samples of all lights of
+power times cosine times visibility. A sample is visible unless the person, as `relight.solid` has them, is in
+between.
 What the floor is made of and how it was lit is not known. So its picture is multiplied by the ratio of that
 light with the person there to the light without them.
 """
@@ -26,7 +27,7 @@ from relight.solid import Silhouette, Solid, pixel_of
 from shadow.framing import bounding_box
 from shadow.mattes import person_in
 
-LOOKUPS = 2**24  # of silhouettes, for one light: more samples are looked up on a coarser grid of pixels
+LOOKUPS = 2**23  # of silhouettes, for one light: more samples are looked up on a coarser grid of pixels
 COARSE = 0.015  # metres between the points of a solid that one of many samples sees
 DISC = 32  # points over a sphere that shines
 SOLES = 1e-4  # share of the person's pixels that may seem to be below the ground
@@ -46,11 +47,11 @@ class Floor:
     feet: (x, y, x, y), the two points where the soles meet the ground, pixels of the picture from its top
         left; instead of the lowest points of the matte.
 
-    The horizon says how the floor is tilted. Where it is not given, the height does, since how tall the person
-    is is known (see `relight.Subject`); or else the feet, one of which is before the other; side by side, the
-    camera is taken to be level. The floor lies where the soles touch it. Where the frame cuts the feet off, it
-    lies `height` below the camera; otherwise that is only compared, and a warning says so if the person would
-    be a giant or a dwarf.
+    The horizon says how the floor is tilted. Where it is not given, the height does, since the person's own
+    is known (see `relight.Subject`). Or else the feet do, if one is before the other; side by side, they
+    say that it is level. The floor lies where the soles touch it. Where the frame cuts the feet off, it lies
+    `height` below the camera; otherwise the height beside a horizon is only compared, and a warning says so
+    if the person would be a giant or a dwarf.
 
     Raises
     ------
@@ -180,18 +181,21 @@ class Plane(NamedTuple):
     normal: torch.Tensor  # (3,) unit, upward
     below: float  # metres of the camera above it
 
-    def seen(self, camera: Camera, step: int) -> tuple[int, torch.Tensor]:
-        """What of it a camera sees: from which row on, and there the middles of `step` × `step` pixels,
-        (h, w, 3) metres."""
-        height, width = camera.size
-        horizon = height / 2 - camera.focal * float(self.normal[2] / self.normal[1])
-        top = min(max(math.floor(horizon), 0), height)
+    def horizon(self, camera: Camera) -> int:
+        """The first row of a camera's picture that shows some of it; as many as there are if none does."""
+        row = camera.size[0] / 2 - camera.focal * float(self.normal[2] / self.normal[1])
+        return min(max(math.floor(row), 0), camera.size[0])
+
+    def seen(self, camera: Camera, step: int) -> torch.Tensor:
+        """What a camera sees of it below the horizon, the middles of `step` × `step` pixels: (h, w, 3)
+        metres."""
+        (height, width), top = camera.size, self.horizon(camera)
         rows, columns = (
             torch.arange(low, high, step) + step / 2 for low, high in ((top, height), (0, width))
         )
         y, x = torch.meshgrid(rows, columns, indexing="ij")
         rays = camera.rays(x, y).permute(1, 2, 0)
-        return top, rays * (-self.below / (rays @ self.normal).clamp_max(-1e-6))[..., None]
+        return rays * (-self.below / (rays @ self.normal).clamp_max(-1e-6))[..., None]
 
     def fall(self, points: torch.Tensor, light: torch.Tensor) -> tuple[torch.Tensor, torch.Tensor]:
         """The ways (P, 3) from a light, as of `Silhouette`, to points (P, 3), and how many times (P,) as long
@@ -210,6 +214,10 @@ class Sample(NamedTuple):
     radius: float = 0.0  # of the part of the light that it stands for: radians, of a near one metres
     axis: torch.Tensor | None = None  # (3,) along which a near one shines most; None for all around
 
+    def reaches(self, plane: Plane) -> bool:
+        """Whether it lights the plane from above."""
+        return float(plane.normal @ self.light[:3] + plane.below * self.light[3]) > 1e-6
+
     def irradiance(self, plane: Plane, points: torch.Tensor) -> torch.Tensor:
         """Of points of a plane, none being in between: (3,), or of a near light (h, w, 3) at (h, w, 3)."""
         if not self.light[3]:
@@ -222,7 +230,7 @@ class Sample(NamedTuple):
         return irradiance[..., None] * self.power
 
     def blur(self, away: torch.Tensor, times: torch.Tensor) -> torch.Tensor | None:
-        """How far (P,) edges of the shadow are spread, as of `Silhouette`; `away`, `times` as of `Plane.fall`.
+        """How far (P,) edges of the shadow are spread, as of `Silhouette`; `away`, `times`: `Plane.fall`.
 
         The standard deviation of a disc along one axis is half its radius.
         """
@@ -269,27 +277,26 @@ class Stance(NamedTuple):
 
         Both (H, W, 3); zero above the horizon, and the first (3,) where it is the same all over.
         """
-        height, width = self.camera.size
-        step = max(1, math.ceil(math.sqrt(height * width * len(samples) / LOOKUPS)))
-        top, points = self.plane.seen(self.camera, step)
+        samples = [sample for sample in samples if sample.reaches(self.plane)]
+        top = self.plane.horizon(self.camera)
+        pixels = (self.camera.size[0] - top) * self.camera.size[1]
+        step = max(1, round(math.sqrt(pixels * len(samples) / LOOKUPS)))
+        points = self.plane.seen(self.camera, step)
         sharp = len(samples) == 1 and samples[0].radius == 0
         solid = self.solid if sharp else self.solid.coarser(COARSE)
         full, blocked = torch.zeros(3), torch.zeros(points.shape)
         for sample in samples:
             reaching = sample.irradiance(self.plane, points)
             full = full + reaching
-            if not reaching.any():
-                continue
             away, times = self.plane.fall(solid.points, sample.light)
             part = self._shaded(solid.points, away, times, sample.radius, top, step)
             if part is not None:
                 silhouette = Silhouette(solid, sample.light, sample.blur(away, times))
                 hidden = silhouette.at(points[part])[..., None]
                 blocked[part] += hidden * (reaching if reaching.ndim == 1 else reaching[part])
-        size = height, width
-        return full if full.ndim == 1 else _enlarged(full, top, step, size), _enlarged(
-            blocked, top, step, size
-        )
+        size = self.camera.size
+        full = full if full.ndim == 1 else _enlarged(full, top, step, size)
+        return full, _enlarged(blocked, top, step, size)
 
     def _shaded(
         self,
@@ -300,7 +307,8 @@ class Stance(NamedTuple):
         top: int,
         step: int,
     ) -> tuple[slice, slice] | None:
-        """The part of what `Plane.seen` gives that a shadow of points can reach; None if it is out of sight."""
+        """The part of what `Plane.seen` gives that a shadow of points can reach; None if it is
+        out of sight."""
         falls = times.isfinite()
         shadow = (points + away * times[:, None])[falls]
         if not len(shadow):

@@ -43,8 +43,8 @@ class Solid(NamedTuple):
         pixel = pixel_of(positions, known)
         front = np.where(inside, distance, np.nan)
         back = front + _thickness(inside, pixel)
-        # A sheet ends where its neighbour lies deeper, or nowhere: a wall goes down to that, so that the shell
-        # is closed from whichever side light comes.
+        # Where its neighbour lies deeper, or there is none, a sheet ends: a wall goes down from there, so
+        # that the shell is closed from whichever side light comes.
         walls = [
             (front, np.fmin(_neighbours(front, np.inf).max(axis=0), back)),
             (np.fmax(_neighbours(back, -np.inf).min(axis=0), front), back),

@@ -301,9 +301,9 @@ class Subject:
     ) -> tuple[dict[str, np.ndarray], np.ndarray]:
         """The shadow of each light on the floor, {name: (H, W, 3)}, and that of all of them, (H, W, 3).
 
-        float32 in [0, 1], by which the background is multiplied: the share of the floor's light that the person
-        leaves to it, 1 where that is all, and above the horizon. The shadow of all lights is the mean of
-        theirs, weighted by the irradiance of the floor. Raises ValueError where the person cannot stand there.
+        float32 in [0, 1], by which the background is multiplied: the share of the floor's light that the
+        person leaves to it, 1 where that is all, and above the horizon. The shadow of all lights is the mean
+        of theirs, weighted by the irradiance of the floor. ValueError where the person cannot stand there.
         """
         cut = bool(self.matte[-1].max() > 0.5)
         space, known = self._canvas.space, self._canvas.known

@@ -5,6 +5,7 @@ import torch
 import relight
 from relight.depth import Camera
 from relight.floor import Stance
+from relight.rendering import render_subject
 from shadow.directions import from_spherical
 
 RADIUS, TALL, AWAY, EYES = 0.1, 0.6, 3.0, 0.55  # metres; a post that stands on the floor before a camera
@@ -25,7 +26,7 @@ def rays():
 
 
 def crossed(origins, ways):
-    """Where lines, in the floor's axes, enter and leave an endless post: (H, W) times, NaN where they pass."""
+    """Where lines, in the floor's axes, enter and leave an endless post: (H, W) times, NaN where not."""
     x, z = origins[..., 0], origins[..., 2] + AWAY
     square = ways[..., 0] ** 2 + ways[..., 2] ** 2
     half = -(x * ways[..., 0] + z * ways[..., 2]) / square
@@ -65,7 +66,7 @@ def overlap(first, second):
     return (first & second).sum() / (first | second).sum()
 
 
-@pytest.mark.parametrize("azimuth, elevation", [(0, 40), (70, 30), (-120, 50), (180, 35)])
+@pytest.mark.parametrize(("azimuth", "elevation"), [(0, 40), (70, 30), (-120, 50), (180, 35)])
 def test_the_shadow_of_a_post_is_where_the_light_does_not_reach(post, azimuth, elevation):
     direction = from_spherical(azimuth, elevation)
     (shadow,), total = (lambda each, total: (each.values(), total))(
@@ -109,7 +110,8 @@ def test_a_sky_is_hidden_near_the_post_alone(post):
     _, shadow = post[0].shadows({"sky": sky})
     row = post[0].camera.bottom
     near, far = shadow[row + 1, SIZE[1] // 2], shadow[row + 1, 50]
-    assert near.max() < 0.65 and far.min() > 0.95
+    assert near.max() < 0.65
+    assert far.min() > 0.95
 
 
 def test_shadows_are_weighted_by_the_light_that_the_floor_gets(post):
@@ -128,7 +130,8 @@ def test_shadows_are_weighted_by_the_light_that_the_floor_gets(post):
 
 
 def test_the_floor_ends_at_the_horizon(post):
-    top, points = post[0].plane.seen(post[0].camera, 1)
+    plane, camera = post[0].plane, post[0].camera
+    top, points = plane.horizon(camera), plane.seen(camera, 1)
     assert top == int(HORIZON * SIZE[0])
     np.testing.assert_allclose(points[5:].numpy() @ UP, -post[0].plane.below, rtol=1e-3)
 
@@ -144,7 +147,7 @@ def test_height_says_how_the_floor_is_tilted(post):
 
 
 @pytest.mark.parametrize(
-    "text, problem",
+    ("text", "problem"),
     [
         ("height=0", "height: expected metres > 0"),
         ("height=-1,horizon=0.4", "height"),
@@ -168,7 +171,7 @@ def test_a_floor_is_read_from_text():
 
 def test_a_person_who_cannot_stand_there_is_refused(person):
     image, mask = person
-    with pytest.raises(ValueError, match="horizon above the soles, which are at 0.90"):
+    with pytest.raises(ValueError, match=r"horizon above the soles, which are at 0\.90"):
         relight.apply(image, relight.DirectionalLight(), mask=mask, floor=relight.Floor(horizon=0.95))
     with pytest.raises(ValueError, match="cuts the feet off"):
         relight.Floor(horizon=0.4).check(image[:150], mask[:150])
@@ -182,17 +185,19 @@ def test_the_background_alone_carries_the_shadow(person):
     lights = [relight.DirectionalLight(azimuth=50, elevation=40, name="key")]
     lights.append(relight.PointLight((-0.8, 0.5, 1.0), name="lamp"))
     options = {"mask": mask, "background": (0.5, 0.4, 0.3)}
-    without, layers = relight.render(image, lights, **options)
-    picture, shadowed = relight.render(image, lights, floor=relight.Floor(horizon=0.3), **options)
+    subject, floor, back = relight.Subject(image, mask), relight.Floor(horizon=0.3), options["background"]
+    without, layers = render_subject(subject, lights, background=back)
+    picture, shadowed = render_subject(subject, lights, background=back, floor=floor)
     assert shadowed.keys() - layers.keys() == {"shadow_floor_key", "shadow_floor_lamp"}
     for name in ("C_key", "C_lamp"):
         assert np.array_equal(layers[name], shadowed[name])
     groups = sum(layer[..., :3] for name, layer in shadowed.items() if name.startswith("C_"))
     np.testing.assert_allclose(groups, picture, atol=1e-6)
-    assert (picture <= without).all() and (picture < without - 0.1).any()
-    applied = relight.apply(image, lights, floor=relight.Floor(horizon=0.3), **options)
+    assert (picture <= without).all()
+    assert (picture < without - 0.1).any()
+    applied = relight.apply(image, lights, floor=floor, **options)
     np.testing.assert_allclose(applied, picture, atol=2e-3)
-    kept, alone = relight.render(image, lights, mask=mask, floor=relight.Floor(horizon=0.3))
+    kept, alone = render_subject(subject, lights, floor=floor)
     assert np.array_equal(alone["shadow_floor_key"], shadowed["shadow_floor_key"])
     assert np.array_equal(kept[..., 3], mask)
 

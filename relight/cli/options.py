@@ -163,8 +163,8 @@ class Look:
     floor: Annotated[
         str | None,
         typer.Option(
-            help="Throw the person's shadow on the ground: height=1.5,horizon=0.45, the camera's metres above "
-            "it and its horizon from the picture's top (0) to its bottom (1); or feet=X/Y/X/Y in pixels."
+            help="Throw the person's shadow on the ground: height=1.5,horizon=0.45, the camera's metres "
+            "above it and its horizon from the picture's top (0) to bottom (1); or feet=X/Y/X/Y in pixels."
         ),
     ] = None
     view: Annotated[
