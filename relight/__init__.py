@@ -9,7 +9,9 @@ from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:  # for editors and type checkers, which don't follow `__getattr__`
     from relight.analysing import analyse_shot
+    from relight.cluster import render_distributed
     from relight.composite import over, place
+    from relight.farm import write_job
     from relight.fitting import fit_lights
     from relight.keying import key
     from relight.lights.directional import DirectionalLight
@@ -47,9 +49,11 @@ _EXPORTS = {
     "read_mask": "relight.media.images",
     "read_normals": "relight.media.images",
     "render": "relight.rendering",
+    "render_distributed": "relight.cluster",
     "render_still": "relight.stills",
     "render_video": "relight.video",
     "write": "relight.media.images",
+    "write_job": "relight.farm",
     "write_lights": "relight.lights.files",
     "write_mask": "relight.media.images",
     "write_olat": "relight.olat",

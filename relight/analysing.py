@@ -22,7 +22,7 @@ def analyse_shot(
     source: Source,
     output: str | Path,
     *,
-    frames: tuple[int, int] | str | None = None,
+    frames: tuple[int, int] | str | Frames | None = None,
     mask: Source | None = None,
     key: str | None = None,
     cutting: Cutting | None = None,
@@ -162,7 +162,7 @@ def _holds(path: Path, made_of: str) -> bool:
         return False
 
 
-def _numbers(frames: tuple[int, int] | str | None, prepared: Preparation) -> Frames | list[int]:
+def _numbers(frames: tuple[int, int] | str | Frames | None, prepared: Preparation) -> Frames | list[int]:
     """The numbers of the frames to analyse; of a still, 0."""
     if prepared.numbers is None:
         if frames is not None:

@@ -1,270 +1,230 @@
-"""A shot on many machines: by Dask, where there is a cluster and no farm manager."""
+"""A shot as a job for a farm: an Open Job Description template, as AWS Deadline Cloud and others run it.
 
-import importlib
+Its steps are the commands of this package: `relight analyse`, `relight video`. See
+https://github.com/OpenJobDescription/openjd-specifications, "Template Schemas", version 2023-09.
+"""
+
+import json
 import os
-from collections import Counter, defaultdict
-from collections.abc import Iterable, Iterator
-from concurrent.futures import CancelledError, Executor
-from contextlib import contextmanager
-from dataclasses import replace
+import warnings
+from collections.abc import Iterable, Mapping
 from pathlib import Path
 from typing import Any
 
-from relight import __version__
+import torch
+import yaml
+
+from relight.lights.files import SUFFIXES as LIGHTS
+from relight.lights.files import read_lights, write_lights
 from relight.lights.light import Light
 from relight.lights.moving import MovingLight
 from relight.media import movies
 from relight.media.sequences import Frames, Sequence
-from relight.outputs import END, FRAMES, Report
-from relight.people import computing
-from relight.preparation import Preparation, Source
-from relight.subject import weights
-from relight.video import frames_of, render_video
+from relight.outputs import check
+from relight.preparation import BACKGROUND, Preparation
+from relight.shot import is_shot
+from relight.video import frames_of
+from shadow import files
 from shadow.networks.precision import in_use
 
-CHUNK = 10  # frames that are made together, at most: each chunk also analyses the two before it and after it
-TRIES = (
-    3  # times that a chunk is made before its frames are tried alone, and each of these before it is given up
-)
-PREPARED = (
-    "mask",
-    "key",
-    "cutting",
-    "colour_space",
-    "normals",
-    "axes",
-    "background",
-    "field_of_view",
-    "placement",
-)
-FILES = "mask", "background", "normals", "save_matte"  # settings that may be files
-PATIENCE = 10  # seconds for a scheduler to answer
+SUFFIXES = (".json", ".yaml", ".yml")
+CHUNK = 10  # frames of a task, unless asked otherwise
+ANALYSIS = (  # the options of `relight analyse`; the others are of `relight video` alone
+    "mask", "key", "matte", "refine_matte", "person", "size", "placement", "scale", "offset", "colour_space",
+    "normals", "axes", "depth", "height", "steady", "device",
+)  # fmt: skip
+SHARED = ("field_of_view",)  # what both take
+FILES = {
+    "mask": "IN",
+    "normals": "IN",
+    "depth": "IN",
+    "background": "IN",
+    "save_matte": "OUT",
+}  # options that may be files
 
 
-def render_distributed(
-    source: Source,
-    lights: Light | MovingLight | Iterable[Light | MovingLight],
+def write_job(
+    path: str | Path,
+    source: str | Path,
+    lights: str | Path | Light | MovingLight | Iterable[Light | MovingLight],
     outputs: str | Path | Iterable[str | Path],
     *,
-    scheduler: str | None = None,
-    workers: int | None = None,
-    frames: tuple[int, int] | str | None = None,
-    chunk: int | None = None,
+    frames: tuple[int, int] | str | Frames | None = None,
+    analysis: str | Path | None = None,
+    save_lights: str | Path | None = None,
+    chunk: int = CHUNK,
     precision: str | None = None,
-    threads: int = 1,
-    resume: bool = False,
-    progress: Report | None = None,
-    **settings: Any,
-) -> dict[int, str]:
-    """As `relight.render_video`, by the workers of a Dask cluster; the result is the same to the bit.
+    threads: int | None = None,
+    options: Mapping[str, Any] | None = None,
+) -> None:
+    """Write a job that does what `relight.render_video` does, on many machines.
+
+    Its steps are: Analyse, chunks of frames; Light, chunks of frames, each after all of Analyse; and where
+    there is a movie or a script, Finish, after all of Light. Tasks keep what is there already, so the farm
+    may run each again. Frames, chunk size, precision and threads are parameters of the job, as are plates,
+    lights and outputs: other lights are the same job with another parameter.
 
     Parameters
     ----------
-    source, lights, outputs, frames, resume, progress, settings: as of `relight.render_video`.
-    scheduler: address of a Dask scheduler, such as "tcp://farm:8786". Its workers need the same version of
-        relight, and see all files under the same paths.
-    workers: instead of a scheduler, so many processes on this machine.
-    chunk: frames of a task; unless given 10, or fewer so that each worker has four tasks.
-    precision, threads: as of `relight.analyse_shot`, of every worker. Precision is that of this machine unless
-        given.
-
-    A worker that dies loses at most the frame that it was making: its chunk goes to another. A chunk that fails
-    three times is tried frame by frame, and a frame that fails three times is given up. Movies and scripts are
-    made in the end, by this process.
-
-    Returns
-    -------
-    {frame number: what is wrong}: the frames that were given up.
+    path: the template, .json or .yaml. What lies in its folder is named relative to it, and the folder may
+        lie elsewhere on the farm; other files need one path on all machines.
+    source: a photograph, sequence or movie; or what `relight.analyse_shot` kept of one, and there is no step
+        Analyse.
+    lights, save_lights: a lights file; or lights, and the file to write them to, unless given beside the
+        template: `job.lights.yaml`.
+    outputs: as of `relight.render_video`.
+    frames: as of `relight.render_video`.
+    analysis: the folder in which the analysis is kept; unless given beside the template, called as the source
+        is: `plate.relight`.
+    chunk: frames of a task.
+    precision, threads: as of `relight.analyse_shot`, of each task; unless given those of this process. The
+        same on all machines: then frames are equal to the bit.
+    options: further ones of `relight analyse` and `relight video`, by name: {"mask": "matte.%04d.png",
+        "passes": "albedo,N", "steady": False}.
 
     Raises
     ------
-    ImportError: Dask is missing (extra `farm`). ConnectionError: the scheduler does not answer, or goes away;
-    the frames that are there stay, and `resume` goes on from them. Else as `relight.render_video`.
+    FileNotFoundError: no such files. OSError: it cannot be written. ValueError: bad arguments, outputs that
+    are read as well.
     """
-    _needs("distributed")
-    if (scheduler is None) == (workers is None):
-        raise ValueError("scheduler: expected either the address of a scheduler or a number of workers")
-    paths = [Path(path).absolute() for path in ([outputs] if isinstance(outputs, str | Path) else outputs)]
-    source = _absolute(source)
-    settings = settings | {name: _absolute(settings.get(name)) for name in FILES}
-    cutting = settings.get("cutting")
-    if cutting is not None and cutting.model is not None:
-        settings["cutting"] = replace(cutting, model=_absolute(cutting.model))
-    lamps: Any = lights
-    lamps = [lamps] if hasattr(lamps, "at") or hasattr(lamps, "samples") else list(lamps)
-    with computing(precision, threads):
-        settings |= {"threads": threads}
-        prepared = Preparation(source, **{name: settings[name] for name in PREPARED if name in settings})
-        if prepared.kept is None:
-            settings["precision"] = in_use(settings.get("device") or "cpu")
+    path, options = files.check_writable(path, SUFFIXES), dict(options or {})
+    paths = [Path(one) for one in ([outputs] if isinstance(outputs, str | Path) else outputs)]
+    if chunk < 1:
+        raise ValueError(f"chunk: expected at least 1 frame, got {chunk}")
+    for name in ANALYSIS if is_shot(source) else ():
+        if name in options:
+            raise ValueError(f"{name}: {source} is analysed already; give it to `relight analyse`")
+    if options.get("size") == BACKGROUND:
+        raise ValueError("size: expected WIDTHxHEIGHT, since an analysis knows no background")
+    lights_file, lamps = _lights(lights, save_lights or path.with_name(f"{path.stem}.lights.yaml"))
+    save_matte = options.get("save_matte")
+    given = [options.get(name) for name, flow in FILES.items() if flow == "IN"]
+    read = (source, lights_file, *given, *lamps)
+    check(paths, read, mattes=None if save_matte is None else Path(save_matte))
+    prepared = Preparation(source, mask=options.get("mask"))
     numbers = frames_of(frames, prepared.span, lamps)
-    report = progress or (lambda done, total, what: None)
-    # What can be refused is refused here: of no frames, that is all there is to do.
-    render_video(source, lamps, paths, frames=Frames(), part=FRAMES, **settings)
-    settings["save_lights"] = None
-    with _client(scheduler, workers) as client:
-        run = _Run(client, (source, lamps, paths), settings, resume)
-        problems = run.make(numbers.chunks(chunk or _chunk(len(numbers), client)), report)
-    if any(movies.is_movie(path) or path.suffix.lower() == ".nk" for path in paths):
-        missing = render_video(source, lamps, paths, frames=numbers, part=END, progress=report, **settings)
-        problems = missing | problems
-    elif len(problems) == len(numbers):
-        first = f"frame {numbers[0]}: {problems[numbers[0]]}"
-        raise ValueError(f"none of {len(numbers)} frames could be made; {first}")
-    return dict(sorted(problems.items()))
+    _warn_of_missing(prepared.numbers, numbers, source)
+    if not isinstance(lights, str | Path):
+        write_lights(lights_file, lamps)
+    kept = Path(source) if is_shot(source) else Path(analysis or path.with_name(f"{_stem(source)}.relight"))
+    job = _Job(path, numbers, chunk, precision or in_use("cpu"), threads or torch.get_num_threads())
+    words = job.options({name: value for name, value in options.items() if name not in ANALYSIS})
+    place = job.path("Analysis", kept, "INOUT" if kept != Path(source) else "IN", "DIRECTORY")
+    if kept != Path(source):
+        run = job.options({name: value for name, value in options.items() if name in ANALYSIS + SHARED})
+        plate = job.path("Plate", Path(source), "IN")
+        computed = ["--precision", "{{Param.Precision}}", "--threads", "{{Param.Threads}}"]
+        moving = prepared.numbers is not None
+        job.step("Analyse", ["analyse", plate, "-o", place, *run, *computed], chunked=moving)
+    lit = ["video", place, "--lights", job.path("Lights", lights_file, "IN")]
+    places = [job.path(f"Output{n or ''}", one, "OUT") for n, one in enumerate(paths)]
+    lit += [word for place in places for word in ("-o", place)] + words + ["--threads", "{{Param.Threads}}"]
+    job.step("Light", [*lit, "--part", "frames", "--resume"])
+    if any(movies.is_movie(one) or one.suffix.lower() == ".nk" for one in paths):
+        job.step("Finish", [*lit, "--part", "end", "--frames", "{{Param.Frames}}"], chunked=False)
+    job.write()
 
 
-@contextmanager
-def executor(scheduler: str) -> Iterator[Executor]:
-    """The workers of a Dask cluster as a pool, for `shadow.lightstage.stage.render_all`.
+class _Job:
+    """A template in the making."""
 
-    ImportError: Dask is missing (extra `farm`). ConnectionError: no scheduler answers at that address.
-    """
-    _needs("distributed")
-    with _client(scheduler, None) as client, client.get_executor(pure=False) as pool:
-        yield pool
+    def __init__(self, path: Path, frames: Frames, chunk: int, precision: str, threads: int) -> None:
+        self._path, self._folder = path, Path(os.path.abspath(path.parent))
+        self._contiguous = ":" not in str(frames)
+        self.parameters: list[dict[str, Any]] = [
+            {"name": "Frames", "type": "STRING", "default": str(frames)},
+            {"name": "ChunkSize", "type": "INT", "minValue": 1, "default": chunk},
+            {
+                "name": "Precision", "type": "STRING", "default": precision,
+                "allowedValues": ["bfloat16", "float32"],
+            },
+            {"name": "Threads", "type": "INT", "minValue": 1, "default": threads},
+        ]  # fmt: skip
+        self.steps: list[dict[str, Any]] = []
 
+    def path(self, name: str, path: Path, flow: str, kind: str = "FILE") -> str:
+        """A parameter for a path, and how a command names it. A folder and a name for sequences and outputs:
+        no file is called like a sequence."""
+        path = Path(os.path.abspath(path))
+        if kind == "FILE" and (flow == "OUT" or Sequence.of(path) is not None):
+            self.parameters.append({"name": name, "type": "STRING", "default": path.name})
+            return f"{self.path(f'{name}Folder', path.parent, flow, 'DIRECTORY')}/{{{{Param.{name}}}}}"
+        if path.is_relative_to(self._folder):  # only such paths may a template have as its defaults
+            about = {"type": "PATH", "objectType": kind, "dataFlow": flow}
+            path = path.relative_to(self._folder)
+        else:
+            about = {"type": "STRING"}
+        self.parameters.append({"name": name, **about, "default": path.as_posix()})
+        return f"{{{{Param.{name}}}}}"
 
-class _Run:
-    """The chunks of a shot on the workers of a cluster."""
+    def options(self, options: Mapping[str, Any]) -> list[str]:
+        """Options as the words of a command."""
+        words = []
+        for name, value in options.items():
+            option = name.replace("_", "-")
+            if isinstance(value, bool):
+                words.append(f"--{option}" if value else f"--no-{option}")
+            elif name in FILES and _is_file(value, FILES[name]):
+                title = "".join(word.capitalize() for word in name.split("_"))
+                words += [f"--{option}", self.path(title, Path(value), FILES[name])]
+            elif value is not None:
+                model, comma, rest = str(value).partition(",")
+                model = os.path.abspath(model) if os.path.isfile(model) else model
+                words += [f"--{option}", f"{model}{comma}{rest}"]
+        return words
 
-    def __init__(self, client: Any, arguments: tuple, settings: dict[str, Any], resume: bool) -> None:
-        self._client, self._arguments, self._settings = client, arguments, settings
-        self._resume = resume
-        self._failed: Counter[Frames] = Counter()
-        self._avoid: defaultdict[Frames, set[str]] = defaultdict(set)  # workers at which a chunk failed
+    def step(self, name: str, words: list[str], chunked: bool = True) -> None:
+        """A step that runs `relight` with these words, for chunks of frames or once; after the last step."""
+        space: dict[str, Any] = {}
+        if chunked:
+            words = [*words, "--frames", "{{Task.Param.Frames}}"]
+            # Frames side by side share the analysis of those around them. With gaps none are.
+            side_by_side = "CONTIGUOUS" if self._contiguous else "NONCONTIGUOUS"
+            chunks = {"defaultTaskCount": "{{Param.ChunkSize}}", "rangeConstraint": side_by_side}
+            numbers = {"name": "Frames", "type": "CHUNK[INT]", "range": "{{Param.Frames}}", "chunks": chunks}
+            space = {"parameterSpace": {"taskParameterDefinitions": [numbers]}}
+        after = {"dependencies": [{"dependsOn": self.steps[-1]["name"]}]} if self.steps else {}
+        script = {"actions": {"onRun": {"command": "relight", "args": words}}}
+        self.steps.append({"name": name, **after, **space, "script": script})
 
-    def make(self, chunks: list[Frames], report: Report) -> dict[int, str]:
-        """All frames; {frame number: what is wrong}. ConnectionError where the scheduler goes away.
-
-        A worker has one chunk at a time, so that its death is the fault of no other.
-        """
-        from distributed import as_completed
-
-        waiting, total = chunks[::-1], sum(map(len, chunks))
-        problems: dict[int, str] = {}
-        jobs: dict[Any, Frames] = {}
-        made, running = 0, as_completed()
-        while waiting or jobs:
-            while waiting and len(jobs) < max(1, sum(self._workers().values())):
-                future = self._submit(waiting[-1])
-                jobs[future] = waiting.pop()
-                running.add(future)
-            future = next(running)
-            frames = jobs.pop(future)
-            failed = self._failures(future, frames)
-            self._failed[frames] += bool(failed)
-            if self._failed[frames] < TRIES and len(failed) == len(frames) or not failed:
-                again = [frames] if failed else []
-            else:
-                again = [Frames([number]) for number in failed] if len(frames) > 1 else []
-                problems |= failed if len(frames) == 1 else {}
-            waiting += again[::-1]
-            made += len(frames) - sum(map(len, again))
-            report(made, total, "Relighting")
-        return problems
-
-    def _submit(self, frames: Frames) -> Any:
-        """A chunk on its way to a worker; where it has failed, to another if there is one."""
-        others = [address for address in self._workers() if address not in self._avoid[frames]]
-        place = {"workers": others, "allow_other_workers": True} if self._avoid[frames] and others else {}
-        resume = self._resume or self._failed[frames] > 0 or len(frames) == 1
-        made_with = (__version__, *weights())
-        return self._client.submit(
-            _make, self._arguments, self._settings, frames, resume, made_with, pure=False, **place
-        )
-
-    def _failures(self, future: Any, frames: Frames) -> dict[int, str]:
-        """What is wrong with the frames of a chunk that has come back."""
-        from distributed import CommClosedError, KilledWorker
-
-        try:
-            worker, failed = future.result()
-        except KilledWorker as death:
-            worker, reason = death.last_worker.address, "the worker died, perhaps for want of memory"
-            failed = dict.fromkeys(frames, f"{worker}: {reason}")
-        except (CancelledError, CommClosedError, TimeoutError) as error:
-            raise _gone(self._client) from error
-        if failed:
-            self._avoid[frames].add(worker)
-            for number in failed:
-                self._avoid[Frames([number])].add(worker)
-        return failed
-
-    def _workers(self) -> dict[str, int]:
-        """{address: tasks at a time} of the workers that there are."""
-        try:
-            found = self._client.scheduler_info(n_workers=-1)["workers"]
-        except (OSError, KeyError) as error:
-            raise _gone(self._client) from error
-        return {address: about["nthreads"] for address, about in found.items()}
+    def write(self) -> None:
+        template = {
+            "specificationVersion": "jobtemplate-2023-09",
+            "extensions": ["TASK_CHUNKING"],
+            "name": f"relight {self._path.stem}"[:128],
+            "parameterDefinitions": self.parameters,
+            "steps": self.steps,
+        }
+        if self._path.suffix.lower() == ".json":
+            text = json.dumps(template, indent=2)
+        else:
+            text = yaml.safe_dump(template, sort_keys=False)
+        with files.replacing(self._path) as beside:
+            beside.write_text(text + "\n", encoding="utf-8")
 
 
-def _make(
-    arguments: tuple, settings: dict[str, Any], frames: Frames, resume: bool, made_with: tuple[str, ...]
-) -> tuple[str, dict[int, str]]:
-    """What a worker does: the frames of a chunk. Its address, and what is wrong with frames."""
-    from distributed import get_worker
-
-    address = get_worker().address
-    try:
-        if (here := (__version__, *weights())) != made_with:
-            differs = "version of relight" if here[0] != __version__ else "weights"
-            raise ValueError(f"has another {differs}, expected {made_with}, got {here}")
-        return address, render_video(*arguments, frames=frames, part=FRAMES, resume=resume, **settings)
-    except (ImportError, MemoryError, OSError, TypeError, ValueError) as error:
-        return address, dict.fromkeys(frames, f"{address}: {error}")
+def _lights(lights: Any, path: str | Path) -> tuple[Path, list[Light | MovingLight]]:
+    """The lights file of a job, and the lights in it."""
+    if isinstance(lights, str | Path):
+        return Path(lights), read_lights(lights)
+    lamps = [lights] if hasattr(lights, "at") or hasattr(lights, "samples") else list(lights)
+    return files.check_writable(path, LIGHTS), lamps
 
 
-@contextmanager
-def _client(scheduler: str | None, workers: int | None) -> Iterator[Any]:
-    """A client of a cluster, which is started for it unless it is there."""
-    import dask
-    from distributed import Client, LocalCluster
-
-    # A task whose worker died is sent again from here, with what is there of it kept.
-    own = {"distributed.scheduler.allowed-failures": 0, "distributed.comm.timeouts.connect": PATIENCE}
-    quiet = {"distributed.logging.distributed": "critical"}
-    with dask.config.set(own | quiet):
-        if scheduler is None:
-            cluster = LocalCluster(
-                n_workers=workers, threads_per_worker=1, memory_limit=0, dashboard_address=None,
-                silence_logs="CRITICAL",
-            )  # fmt: skip
-            with cluster, Client(cluster) as client:
-                yield client
-            return
-        try:
-            client = Client(scheduler, timeout=PATIENCE)
-        except (OSError, ValueError) as error:
-            raise ConnectionError(f"{scheduler}: no Dask scheduler answers there") from error
-        try:
-            yield client
-        finally:
-            client.close(timeout=1)
+def _warn_of_missing(there: Any, numbers: Frames, source: object) -> None:
+    missing = [] if there is None else sorted(set(numbers).difference(there))
+    if missing:
+        warnings.warn(f"{source}: frames {Frames(missing)} are not there yet", stacklevel=3)
 
 
-def _gone(client: Any) -> ConnectionError:
-    address = getattr(client.scheduler, "addr", None) or "Dask"
-    return ConnectionError(f"{address}: the scheduler went away; the frames that are there stay (--resume)")
+def _stem(source: str | Path) -> str:
+    """What a source is called, without its frame number and suffix."""
+    sequence = Sequence.of(source)
+    return Path(source).stem if sequence is None else sequence.beside("").name
 
 
-def _chunk(frames: int, client: Any) -> int:
-    """Frames of a task: few enough that each worker has four of these, at least one."""
-    workers = sum(about["nthreads"] for about in client.scheduler_info(n_workers=-1)["workers"].values())
-    return max(1, min(CHUNK, frames // (4 * max(1, workers))))
-
-
-def _absolute(value: Any) -> Any:
-    """A path that means the same on each machine; what is no path of a file as it is."""
-    if not isinstance(value, str | Path) or not (os.path.exists(value) or Sequence.of(value)):
-        return value
-    return type(value)(os.path.abspath(value))
-
-
-def _needs(package: str) -> None:
-    """ImportError that names the extra, where it is missing."""
-    try:
-        importlib.import_module(package)
-    except ImportError as error:
-        raise ImportError(f"{package} is missing; install relight[farm]") from error
+def _is_file(value: object, flow: str) -> bool:
+    """Whether an option names a file or a sequence, not a colour or a network."""
+    if flow == "OUT":
+        return True
+    return isinstance(value, str | Path) and (os.path.isfile(value) or Sequence.of(value) is not None)

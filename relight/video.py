@@ -35,7 +35,7 @@ def render_video(
     lights: Light | MovingLight | Iterable[Light | MovingLight],
     outputs: str | Path | Iterable[str | Path],
     *,
-    frames: tuple[int, int] | str | None = None,
+    frames: tuple[int, int] | str | Frames | None = None,
     mask: Source | None = None,
     key: str | None = None,
     cutting: Cutting | None = None,
@@ -249,7 +249,9 @@ class _Shot:
 
 
 def frames_of(
-    frames: tuple[int, int] | str | None, span: tuple[int, int] | None, lights: list[Light | MovingLight]
+    frames: tuple[int, int] | str | Frames | None,
+    span: tuple[int, int] | None,
+    lights: list[Light | MovingLight],
 ) -> Frames:
     """The numbers of the frames to make, in order."""
     spans = [light.span for light in lights if isinstance(light, MovingLight) and light.span]

@@ -49,9 +49,11 @@ def differences(folder: Path, whole: Path) -> list[str]:
 
 
 def pictures(path: Path) -> list[np.ndarray]:
-    """All that a file shows: a movie's frames, a picture and its layers."""
+    """All that a file shows: a movie's frames, a picture and its layers; of a script, its bytes."""
     if path.is_dir():
         return []
+    if path.suffix in (".nk", ".safetensors"):
+        return [np.frombuffer(path.read_bytes(), np.uint8)]
     if path.suffix in (".mov", ".mp4"):
         movie = Movie(path)
         return [movie.read(number) for number in movie.numbers]

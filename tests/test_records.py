@@ -1,6 +1,9 @@
 import dataclasses
 import io
+import subprocess
+import sys
 import zipfile
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -304,3 +307,40 @@ def test_truth_is_asked_for_where_the_matte_shows_the_subject(ball, seed):
     assert inside.any()
     length = view["normals"].square().sum(dim=0)[inside[0]]
     torch.testing.assert_close(length, torch.ones_like(length))
+
+
+MOUNTED = """
+import sys
+forbidden = []
+def watch(event, arguments):
+    writes = event == "open" and arguments[1] is not None and set(str(arguments[1])) & set("wax+")
+    if event in ("mmap.__new__", "fcntl.flock", "fcntl.lockf") or writes:
+        forbidden.append((event, arguments[:2]))
+import numpy, torch
+from shadow.data.records import Records
+from shadow.framing import canvas_size
+from shadow.training.loop import _Photographs
+sys.addaudithook(watch)
+records = Records(sys.argv[1:])
+photographs = _Photographs(records, 1, canvas_size(128), 4, 0, len(records), augment=False)
+for index in range(len(photographs)):
+    photographs[index]
+assert not forbidden, forbidden
+print(len(records))
+"""
+
+
+def test_training_reads_as_a_mounted_object_store_lets_it(ball, tmp_path):
+    """Packs are opened, sought in and read: never mapped, locked or written, which such mounts refuse."""
+    for number in range(3):
+        records.write(tmp_path / f"{number}.npz", ball)
+    (shard,) = records.pack(tmp_path, tmp_path / "shards")
+    shard.chmod(0o444)
+    shard.parent.chmod(0o555)
+    try:
+        command = [sys.executable, "-c", MOUNTED, str(shard.parent)]
+        done = subprocess.run(command, capture_output=True, text=True, cwd=Path(__file__).parent.parent)
+    finally:
+        shard.parent.chmod(0o755)
+    assert done.returncode == 0, done.stderr
+    assert done.stdout.strip() == "3"

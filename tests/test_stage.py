@@ -193,3 +193,23 @@ def test_bounce_light_is_recorded_on_request():
     more = photographs.light(record, light) - photographs.light(direct, light)
     assert more.min() >= 0
     assert more.mean() > 0.005
+
+
+def test_other_machines_render_the_same_and_resume(mesh_file, tmp_path):
+    """Any pool will do; records are named by what they show, so one run goes on where another stopped."""
+    distributed = pytest.importorskip("distributed")
+    sources = [stage.Source.scan(mesh_file)]
+    settings = {"views": 2, "size": 48}
+    stage.render_all(sources, tmp_path / "here", processes=1, **settings)
+    with (
+        distributed.LocalCluster(
+            n_workers=1, threads_per_worker=1, processes=False, dashboard_address=None
+        ) as cluster,
+        distributed.Client(cluster) as client,
+        client.get_executor(pure=False) as pool,
+    ):
+        written, _, errors = stage.render_all(sources, tmp_path / "there", pool=pool, **settings)
+        assert (written, errors) == (2, {})
+        assert stage.render_all(sources, tmp_path / "there", pool=pool, **settings)[0] == 0
+    for path in (tmp_path / "here").iterdir():
+        assert path.read_bytes() == (tmp_path / "there" / path.name).read_bytes()

@@ -12,6 +12,7 @@ from relight import __version__
 from relight.cli.analyse import analyse
 from relight.cli.apply import apply
 from relight.cli.evaluation import evaluate
+from relight.cli.job import job
 from relight.cli.olat import olat
 from relight.cli.options import EXAMPLES
 from relight.cli.stage import stage
@@ -51,7 +52,7 @@ def main(
     """Relight a photographed person, light by light, in scene-linear colour."""
 
 
-for command in (apply, video):
+for command in (apply, video, job):
     app.command(epilog=EXAMPLES)(command)
 for command in (analyse, olat, stage, train, shrink):
     app.command()(command)

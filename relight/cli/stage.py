@@ -3,6 +3,7 @@
 Heavy modules are imported inside the command, so that `relight --help` answers at once.
 """
 
+from contextlib import nullcontext
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
@@ -57,12 +58,16 @@ def stage(
         typer.Option("--simulate", help="Drape the clothes of --bodies by physics: some 15 s a body more."),
     ] = False,
     processes: Annotated[int | None, typer.Option(min=1, help="Default: one a core.")] = None,
+    dask: Annotated[
+        str | None, typer.Option(help="Render on a Dask cluster: its scheduler, tcp://farm:8786.")
+    ] = None,
     pack: Annotated[
         Path | None, typer.Option(help="Then pack the records into shards of at most 60 MiB in this folder.")
     ] = None,
     sheet: Annotated[Path | None, typer.Option(help="Then draw a contact sheet of them (PNG).")] = None,
 ) -> None:
     """Render training records on the virtual light stage, pack them, or draw them for the eye."""
+    from relight.cluster import executor
     from shadow.data import records as record_files
     from shadow.evaluation import pictures
     from shadow.lightstage.stage import render_all
@@ -74,10 +79,11 @@ def stage(
     people = _people(bodies, pairs, split, records / "cloth" if simulate else None)
     sources = people + _scans([*(scan or []), *_listed(scan_list)], variants, folds)
     if sources:
-        written, on_disk, errors = render_all(
-            sources, records, views=views, size=size, behind=behind, jitter=jitter,
-            portrait=portrait, bounced=shading, raised=relief, processes=processes,
-        )  # fmt: skip
+        with executor(dask) if dask else nullcontext() as pool:
+            written, on_disk, errors = render_all(
+                sources, records, views=views, size=size, behind=behind, jitter=jitter,
+                portrait=portrait, bounced=shading, raised=relief, processes=processes, pool=pool,
+            )  # fmt: skip
         console.print(f"{written} records, {on_disk // max(1, written)} bytes a view")
         for source, error in errors.items():
             console.print(f"{source}: {error}")

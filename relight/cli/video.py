@@ -4,6 +4,7 @@ Heavy modules are imported inside the command, so that `relight --help` answers 
 """
 
 from enum import StrEnum
+from functools import partial
 from pathlib import Path
 from typing import Annotated
 
@@ -66,10 +67,22 @@ def video(
             help="frames: of a chunk of a shot, no movie and no .nk; end: these, of all its frames."
         ),
     ] = Part.all,
+    dask: Annotated[
+        str | None, typer.Option(help="Have a Dask cluster make the frames: the scheduler, tcp://farm:8786.")
+    ] = None,
+    workers: Annotated[
+        int | None, typer.Option(min=1, help="Have so many processes on this machine make the frames.")
+    ] = None,
 ) -> None:
     """Relight a person frame by frame: lights that move (orbit=200, or a lights file), a person that does."""
+    from relight.cluster import render_distributed
     from relight.video import render_video
 
+    if part != Part.all and (dask or workers):
+        raise ValueError("--part: expected no --dask and no --workers, which make all frames")
+    render = partial(render_distributed, scheduler=dask, workers=workers) if dask or workers else render_video
+    settings = {"precision": precision} | ({} if threads is None else {"threads": threads})
+    settings |= {} if dask or workers else {"part": part.value}
     with progress_bar() as progress:
         tasks: dict = {}
 
@@ -79,10 +92,9 @@ def video(
             progress.update(tasks[what], completed=done)
 
         try:
-            problems = render_video(
-                source, look.lighting(), output, **look.settings(), frames=frames, steady=steady, rate=rate,
-                white=white, precision=precision, threads=threads, resume=resume, part=part.value,
-                progress=report,
+            problems = render(
+                source, look.lighting(), output, **look.settings(), **settings, frames=frames, steady=steady,
+                rate=rate, white=white, resume=resume, progress=report,
             )  # fmt: skip
         except KeyboardInterrupt as interruption:
             console.print("interrupted; the same command with --resume goes on")

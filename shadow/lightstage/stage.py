@@ -8,7 +8,8 @@ give, and the bounce light of bounce.py.
 import hashlib
 import os
 from collections.abc import Callable, Collection
-from concurrent.futures import ProcessPoolExecutor, as_completed
+from concurrent.futures import Executor, ProcessPoolExecutor, as_completed
+from contextlib import nullcontext
 from dataclasses import asdict, dataclass
 from functools import partial
 from pathlib import Path
@@ -230,8 +231,9 @@ def render_all(
     bounced: bool = False,
     raised: bool = False,
     processes: int | None = None,
+    pool: Executor | None = None,
 ) -> tuple[int, int, dict[str, Exception]]:
-    """Render records of figures into the folder `out`, one process a core.
+    """Render records of figures into the folder `out`, one process a core; or by a pool of other machines.
 
     Views that are there already are left: an interrupted run goes on where it stopped. The result depends
     on the arguments alone, not on the order or the number of processes.
@@ -248,12 +250,13 @@ def render_all(
     raised: the fine contrast of the albedo as relief, see relief.py; of scans that have no normal map, whose
         folds are only painted.
     processes: default one a core.
+    pool: instead of processes; its workers see `out` and the sources under the same paths.
 
     Returns
     -------
     (records written, bytes written), and the errors by the source's name.
     """
-    out = Path(out)
+    out = Path(out).absolute()  # a worker may have another working directory
     out.mkdir(parents=True, exist_ok=True)
     work = partial(
         _render_figure,
@@ -270,10 +273,14 @@ def render_all(
     columns = TextColumn("{task.description}"), BarColumn(), MofNCompleteColumn(), TimeRemainingColumn()
     # One thread each: a forked process that inherits torch's threads waits for them forever, since a fork
     # copies none, and there is a process a core anyway. DataLoader's workers do the same.
-    pool = ProcessPoolExecutor(processes or os.cpu_count(), initializer=torch.set_num_threads, initargs=(1,))
-    with pool, Progress(*columns) as progress:
+    own = None
+    if pool is None:
+        own = ProcessPoolExecutor(
+            processes or os.cpu_count(), initializer=torch.set_num_threads, initargs=(1,)
+        )
+    with own or nullcontext(pool) as workers, Progress(*columns) as progress:
         task = progress.add_task("rendering", total=len(sources))
-        for future in as_completed(jobs := {pool.submit(work, source): source for source in sources}):
+        for future in as_completed(jobs := {workers.submit(work, source): source for source in sources}):
             try:
                 count, size_of_views = future.result()
                 written, size_on_disk = written + count, size_on_disk + size_of_views

@@ -1,0 +1,143 @@
+"""A shot on a Dask cluster whose workers, and scheduler, are killed."""
+
+import subprocess
+import sys
+from pathlib import Path
+
+import pytest
+from killing import differences
+from test_video import STILL, Stub, person
+
+import relight
+from relight import people
+from relight.media.movies import Movie
+
+dask = pytest.importorskip("dask")
+pytest.importorskip("distributed")  # before its configuration is changed
+psutil = pytest.importorskip("psutil")
+cluster = pytest.importorskip("relight.cluster")
+
+PRELOAD = str(Path(__file__).with_name("worker.py"))
+
+
+@pytest.fixture(autouse=True)
+def stub(monkeypatch):
+    """Here, and in workers."""
+    monkeypatch.setattr(people, "Subject", Stub)
+    with dask.config.set({"distributed.worker.preload": [PRELOAD]}):
+        yield
+
+
+@pytest.fixture
+def plates(tmp_path):
+    """Sixteen frames of somebody who walks."""
+    (tmp_path / "plates").mkdir()
+    for number in range(1, 17):
+        relight.write(tmp_path / "plates" / f"p.{number:02d}.exr", person(number % 10, 0.05 * number))
+    return tmp_path / "plates" / "p.%02d.exr"
+
+
+def outputs(folder):
+    folder.mkdir(exist_ok=True)
+    return [folder / name for name in ("r.%02d.exr", "r.nk", "r.mov")]
+
+
+def workers():
+    """The processes that make frames."""
+    children = psutil.Process().children()
+    alive = [child for child in children if child.status() != psutil.STATUS_ZOMBIE]
+    return [child for child in alive if "spawn_main" in " ".join(child.cmdline())]
+
+
+@pytest.mark.slow
+def test_workers_that_are_killed_lose_nothing(plates, tmp_path):
+    killed = []
+
+    def kill(done, total, what):
+        if what == "Relighting" and len(killed) < 3:
+            victim = workers()[-1]
+            victim.kill()
+            killed.append(victim.pid)
+
+    assert relight.render_video(plates, STILL, outputs(tmp_path / "one"), threads=1) == {}
+    found = cluster.render_distributed(plates, STILL, outputs(tmp_path / "many"), workers=2, progress=kill)
+    assert found == {}
+    assert len(set(killed)) == 3
+    assert differences(tmp_path / "many", tmp_path / "one") == []
+    assert workers() == []
+
+
+@pytest.mark.slow
+def test_frames_that_fail_are_named_and_the_rest_is_made(plates, tmp_path):
+    broken, deadly = (plates.with_name(f"p.{number:02d}.exr") for number in (3, 6))
+    broken.write_bytes(broken.read_bytes()[:300])
+    relight.write(deadly, person(value=3))
+    folder = tmp_path / "made"
+    arguments = {"frames": "1-8", "workers": 1, "chunk": 2, "steady": False}
+    problems = cluster.render_distributed(plates, STILL, outputs(folder), **arguments)
+    assert list(problems) == [3, 6]
+    assert "p.03.exr: " in problems[3]
+    assert "the worker died" in problems[6]
+    assert [path.name for path in sorted(folder.glob("*.exr"))] == [
+        f"r.{n:02d}.exr" for n in (1, 2, 4, 5, 7, 8)
+    ]
+    assert len(Movie(folder / "r.mov").numbers) == 8
+
+
+@pytest.mark.slow
+def test_a_scheduler_that_goes_away(plates, tmp_path):
+    started = [sys.executable, "-m", "dask"]
+    address = f"tcp://127.0.0.1:{free_port()}"
+    scheduler = subprocess.Popen(
+        [*started, "scheduler", "--port", address.rpartition(":")[2], "--no-dashboard"]
+    )
+    settings = {"cwd": Path(__file__).parent}
+    worker = subprocess.Popen(
+        [*started, "worker", address, "--nthreads", "1", "--preload", PRELOAD], **settings
+    )
+
+    def stop(done, total, what):
+        if what == "Relighting":
+            scheduler.kill()
+
+    try:
+        with pytest.raises(ConnectionError, match=f"{address}: the scheduler went away"):
+            cluster.render_distributed(
+                plates, STILL, outputs(tmp_path / "made"), scheduler=address, progress=stop
+            )
+    finally:
+        for process in (scheduler, worker):
+            process.kill()
+            process.wait()
+    there = {path: path.stat().st_mtime_ns for path in (tmp_path / "made").glob("*.exr")}
+    assert there
+    arguments = {"workers": 1, "resume": True}
+    assert cluster.render_distributed(plates, STILL, outputs(tmp_path / "made"), **arguments) == {}
+    assert all(path.stat().st_mtime_ns == time for path, time in there.items())
+    assert len(list((tmp_path / "made").glob("*.exr"))) == 16
+
+
+def test_bad_arguments_are_named(plates, tmp_path, monkeypatch):
+    one = tmp_path / "r.%02d.exr"
+    monkeypatch.setattr(cluster, "PATIENCE", 1)
+    for arguments, message in [
+        ({}, "scheduler: expected either"),
+        ({"scheduler": "tcp://127.0.0.1:9", "workers": 2}, "scheduler: expected either"),
+        ({"workers": 1, "passes": ["depths"]}, "passes: expected any of"),
+        ({"workers": 1, "frames": "2-1"}, "frames: expected"),
+    ]:
+        with pytest.raises(ValueError, match=message):
+            cluster.render_distributed(plates, STILL, one, **arguments)
+    with pytest.raises(ConnectionError, match=r"tcp://127\.0\.0\.1:9: no Dask scheduler answers there"):
+        cluster.render_distributed(plates, STILL, one, scheduler="tcp://127.0.0.1:9")
+    monkeypatch.setitem(sys.modules, "distributed", None)
+    with pytest.raises(ImportError, match=r"pip install 'relight\[farm\]'"):
+        cluster.render_distributed(plates, STILL, one, workers=1)
+
+
+def free_port():
+    import socket
+
+    with socket.socket() as listening:
+        listening.bind(("127.0.0.1", 0))
+        return listening.getsockname()[1]
