@@ -165,7 +165,7 @@ def test_lights_come_from_a_file_and_go_to_one(tmp_path, photo):
         ({"-o": "out.gif"}, "out.gif: expected a file name that ends in"),
         ({"-o": "none/out.exr"}, "the folder none does not exist"),
         ({"-o": "out.nk"}, "out.nk: a Nuke script needs an .exr to read"),
-        ({"--passes": "N,depth"}, "passes: expected any of albedo, N, visibility, shading, got 'depth'"),
+        ({"--passes": "N,depth"}, "passes: expected any of albedo, N, Z, visibility, shading, got 'depth'"),
     ],
 )
 def test_bad_input_is_one_line(tmp_path, monkeypatch, photo, change, message):

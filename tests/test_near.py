@@ -1,3 +1,6 @@
+import importlib.util
+from pathlib import Path
+
 import numpy as np
 import pytest
 import torch
@@ -179,3 +182,16 @@ def test_the_frames_of_a_shot_share_one_room(tmp_path):
     room = Camera.of(torch.from_numpy(mattes[0]), 0.8)
     assert np.median(depth[depth > 0]) == pytest.approx(room.distance, rel=0.01)
     assert Camera.of(torch.from_numpy(mattes[1]), 0.8).distance < 0.6 * room.distance
+
+
+@pytest.mark.slow
+def test_truth_is_nearer_to_a_near_light_than_to_a_distant_one():
+    """`benchmarks/near.py --truth`, on two bodies."""
+    path = Path(__file__).parent.parent / "benchmarks" / "near.py"
+    spec = importlib.util.spec_from_file_location("near", path)
+    benchmark = importlib.util.module_from_spec(spec)
+    spec.loader.exec_module(benchmark)
+    scores = benchmark.truth(2)
+    for what in ("visibility", "shading"):
+        assert scores[f"{what}, near"].mean() < 0.95 * scores[f"{what}, directional"].mean()
+    assert scores["depth"].mean() < 0.9 * scores["no depth"].mean()
