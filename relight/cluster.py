@@ -26,7 +26,7 @@ from shadow.networks.precision import in_use
 CHUNK = 10  # frames that are made together, at most: each chunk also analyses the two before it and after it
 TRIES = 3  # times that a frame is made alone, or fails with a reason, before it is given up
 FILES = "mask", "background", "normals", "depth", "save_matte"  # settings that may be files
-PATIENCE = 10  # seconds for a scheduler to answer
+PATIENCE = 30  # seconds for a scheduler to answer
 
 
 def render_distributed(

@@ -48,7 +48,7 @@ class Shot:
         if self.numbers == []:
             raise FileNotFoundError(f"{folder}: no analysed frames; `relight analyse` makes them")
         self._first: tuple[Path, dict[str, Any]] | None = None  # a frame, and what it is made of
-        self._checked: dict[int, dict[str, Any]] = {}
+        self._said: set[str] = set()  # what was warned of
 
     @property
     def rate(self) -> Fraction | None:
@@ -95,17 +95,23 @@ class Shot:
         if changed:
             raise ValueError(f"{path}: is stale, {changed[0]} has changed since; {AGAIN}")
         if missing:
-            warnings.warn(f"{self.folder}: {missing[0]} is not there to compare with", stacklevel=2)
+            self._say("missing", f"{missing[0]} is not there to compare with; nor may others be")
         first, other = self._first = self._first or (path, made_of)
         if made_of["options"] != other["options"]:
             raise ValueError(f"{path}: was analysed with other options than {first.name}; {AGAIN}")
         if made_of["precision"] != other["precision"]:
-            warnings.warn(
-                f"{self.folder}: {path.name} was analysed in {made_of['precision']}, {first.name} in "
-                f"{other['precision']}; `--precision` has machines agree",
-                stacklevel=2,
+            self._say(
+                "precision",
+                f"{path.name} was analysed in {made_of['precision']}, {first.name} in {other['precision']}; "
+                "`--precision` has machines agree",
             )
         return made_of
+
+    def _say(self, kind: str, message: str) -> None:
+        """Warn, once for all frames."""
+        if kind not in self._said:
+            self._said.add(kind)
+            warnings.warn(f"{self.folder}: {message}", stacklevel=2)
 
 
 def described(folder: Path, files: Iterable[Path]) -> list[dict[str, Any]]:

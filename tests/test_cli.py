@@ -8,7 +8,7 @@ import trimesh
 from typer.testing import CliRunner
 
 import relight
-from relight import olat, stills, video
+from relight import olat, people, stills
 from relight.cli import app
 from relight.cli.training import Model
 from relight.composite import place
@@ -232,7 +232,7 @@ def test_what_can_be_refused_is_refused_before_any_work(
 ):
     monkeypatch.chdir(tmp_path)
     (tmp_path / "x").mkdir()
-    for module in (stills, video, olat):
+    for module in (stills, people, olat):
         monkeypatch.setattr(module, "Subject", None)
     before = {path: path.read_bytes() for path in tmp_path.glob("*.*")}
     lights = [] if command == "olat" else ["--light", "azimuth=10"]

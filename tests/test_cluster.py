@@ -86,7 +86,7 @@ def test_frames_that_fail_are_named_and_the_rest_is_made(plates, tmp_path):
 
 @pytest.mark.slow
 def test_a_scheduler_that_goes_away(plates, tmp_path):
-    started = [sys.executable, "-m", "distributed.cli"]
+    started = [sys.executable, "-m", "dask"]
     address = f"tcp://127.0.0.1:{free_port()}"
     scheduler = subprocess.Popen(
         [*started, "scheduler", "--port", address.rpartition(":")[2], "--no-dashboard"]

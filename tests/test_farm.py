@@ -138,7 +138,7 @@ def test_a_job_makes_what_one_process_makes(shot):
         "parts": [
             ["--step", "Analyse", "-tp", "Frames=4-5"],
             ["--step", "Analyse", "-tp", "Frames=1-3"],
-            ["--step", "Light", "-tp", "Frames=5"],
+            ["--step", "Light", "-tp", "Frames=5-5"],
             ["--step", "Light", "--tasks", '[{"Frames": "1-2"}, {"Frames": "3-4"}]'],
             ["--step", "Finish"],
         ],
