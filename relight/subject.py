@@ -389,9 +389,9 @@ class Nobody:
     """The like of a Subject for a frame in which nobody is."""
 
     def __init__(self, size: tuple[int, ...]) -> None:
-        self.size = size
+        self.size = (size[0], size[1])
         self.matte = self.depth = np.zeros(size, np.float32)
-        self.distance, self.camera = 0.0, Camera((size[0], size[1]), 0.0, (0.0, 0.0), 0.0, 0)
+        self.distance, self.camera = 0.0, Camera(self.size, 0.0, (0.0, 0.0), 0.0, 0)
         self.albedo = self.normals = self.lighting(None)
 
     def save(self, path: AnyPath, *, made_of: Mapping[str, Any]) -> None:
