@@ -67,10 +67,8 @@ def frame(person, folder):
     print(
         f"  analyse: read {reading:.2f}, analyse {analysing:.2f}, steady {steadying:.2f}, keep {saving:.2f}"
     )
-    print(
-        f"  light: load {loading:.2f}, light {lighting:.2f}, write {writing:.2f}; "
-        f"finish: encode {encoding / 2:.2f}"
-    )
+    print(f"  light: load {loading:.2f}, light {lighting:.2f}, write {writing:.2f}")
+    print(f"  finish: encode {encoding / 2:.2f}")
     print(f"  MB: plate {megabytes(plate):.1f}, kept {megabytes(kept):.1f}, relit {megabytes(relit):.1f}")
 
 
