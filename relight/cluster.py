@@ -78,6 +78,10 @@ def render_distributed(
     cutting = settings.get("cutting")
     if cutting is not None and cutting.model is not None:
         settings["cutting"] = replace(cutting, model=_absolute(cutting.model))
+    matching = settings.get("matching")
+    if matching is not None:
+        found = {"reference": _absolute(matching.reference), "mask": _absolute(matching.mask)}
+        settings["matching"] = replace(matching, **found)
     lamps: Any = lights
     lamps = [lamps] if hasattr(lamps, "at") or hasattr(lamps, "samples") else list(lamps)
     with computing(precision, threads):

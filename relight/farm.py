@@ -39,6 +39,8 @@ FILES = {
     "normals": "IN",
     "depth": "IN",
     "background": "IN",
+    "match": "IN",
+    "match_mask": "IN",
     "save_matte": "OUT",
 }  # options that may be files
 

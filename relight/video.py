@@ -141,7 +141,7 @@ def render_video(
     if floor is not None and floor.feet is not None and prepared.numbers is not None:
         raise ValueError("floor: feet are those of a still; of a moving person expected height or horizon")
     numbers = frames_of(frames, prepared.span, lamps)
-    start = numbers[0] if numbers else 0
+    start = numbers[0] if numbers else (prepared.span or (0,))[0]
     first = lights_at(lamps, start)
     prepared.check_lights(first)
     if matching.keeps(lights_path) is not None and not prepared.borrows_once:
