@@ -7,7 +7,7 @@ import pytest
 from typer.testing import CliRunner
 
 import relight
-from relight import cli, olat, stills, video
+from relight import cli, olat, people, stills
 
 STILL = ["apply", "photo.png", "--mask", "mask.png", "-o", "a.exr"]
 SHOT = ["video", "p.%04d.png", "-o", "a.%d.png"]
@@ -72,7 +72,7 @@ def run(*arguments):
     ],
 )
 def test_nothing_is_touched(tmp_path, monkeypatch, arguments, message):
-    for module in (stills, video, olat):
+    for module in (stills, people, olat):
         monkeypatch.setattr(module, "Subject", None)
     before = {path: path.read_bytes() for path in tmp_path.rglob("*") if path.is_file()}
     result = run(*arguments)

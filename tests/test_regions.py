@@ -18,7 +18,7 @@ FACE, HANDS = REGIONS.index("face"), REGIONS.index("hands")
 
 @pytest.fixture(scope="module")
 def figure():
-    return bodies.body(6, "training")  # hands on her hips
+    return bodies.body(5, "generalisation")  # a hand on either side, both seen from the front
 
 
 def test_the_face_is_the_front_of_the_head_and_hands_are_two(figure):

@@ -25,7 +25,7 @@ from relight.canvas import Elsewhere
 from relight.media.buffers import to_array, to_buffer
 from relight.media.colour import encode
 from shading.diffuse import HAZE, Shading
-from shadow.framing import Framed, Framing
+from shadow.framing import Framing
 from shadow.networks.field import KAPPA, LIT, Visibility
 
 if TYPE_CHECKING:
@@ -106,31 +106,28 @@ class _Plate:
     """
 
     def __init__(self, subject: "Subject") -> None:
-        person, height = subject._person, subject._canvas.known.shape[0]
-        framed = Framed.of(person.colour, person.matte, height)
+        person, framing = subject._person, subject._framing
         rows, columns = person.matte.shape
         shrink = min(1.0, LARGEST / max(subject.size))
         size = (max(1, round(rows * shrink)), max(1, round(columns * shrink)))
         left, top = (round(start * shrink) for start in (person.left, person.top))
         self.size = tuple(max(1, round(side * shrink)) for side in subject.size)
         self.box = (left, top, size[1], size[0])
-        matte = subject.matte[person.top : person.top + rows, person.left : person.left + columns]
-        albedo = subject.albedo[person.top : person.top + rows, person.left : person.left + columns]
-        colour = person.colour.permute(1, 2, 0).numpy()
+        own = person.scatter(subject._colour)
+        colour, matte, albedo = (
+            image[person.top : person.top + rows, person.left : person.left + columns]
+            for image in (own, subject.matte, subject.albedo)
+        )
         brightest = float(np.quantile(colour[matte > 0], 0.999))
         self.gain = min(1.0, 1 / max(brightest, 1e-6)) if brightest <= 1 else 1 / brightest
-        self.photograph = _resized(colour, size) * np.float32(self.gain)
+        self.photograph = _resized(_filled(colour, matte > 0), size) * np.float32(self.gain)
         self.albedo = _resized(_filled(albedo, matte > 0), size)
         self.matte = _resized(np.ascontiguousarray(matte[..., None]), size)[..., 0].clip(0, 1)
         centre = tuple(
-            c * side / old
-            for c, side, old in zip(framed.framing.centre, size[::-1], (columns, rows), strict=True)
+            c * side / old for c, side, old in zip(framing.centre, size[::-1], (columns, rows), strict=True)
         )
-        self.framing = Framing(
-            (centre[0], centre[1]), framed.framing.scale * rows / size[0], framed.framing.canvas, size
-        )
-        known = framed.mask > 0.5
-        self.exposure = float(0.2 / framed.rgb[:, known].mean().clamp_min(1e-6)) / self.gain
+        self.framing = Framing((centre[0], centre[1]), framing.scale * rows / size[0], framing.canvas, size)
+        self.exposure = float(subject._exposure) / self.gain
 
 
 def _components(
