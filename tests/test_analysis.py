@@ -121,6 +121,7 @@ def test_a_network_that_is_shared_stays_where_it_is():
     assert {parameter.device.type for parameter in analysis.load().parameters()} == {"cpu"}
 
 
+@pytest.mark.slow
 def test_eight_threads_make_what_one_makes(person):
     rgb, mask = person
     plates = [np.roll(rgb, shift, axis=2) * np.float32(0.5 + shift / 8) for shift in range(8)]

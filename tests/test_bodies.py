@@ -77,6 +77,7 @@ def test_body_faces_outwards(people):
     assert 0.02 < volume < 0.5  # cubic metres; inside out it would be negative
 
 
+@pytest.mark.slow
 def test_same_seed_gives_the_same_body_in_another_process(people, tmp_path):
     script = (
         "import sys; from shadow.lightstage.people import bodies; import numpy as np;"

@@ -242,6 +242,7 @@ def test_what_can_be_refused_is_refused_before_any_work(
     assert {path: path.read_bytes() for path in tmp_path.glob("*.*")} == before
 
 
+@pytest.mark.slow
 def test_apply_and_video_take_the_same_look(tmp_path, photo):
     """Placed, with given normals, its matte kept: a frame of a video is the still."""
     normals = np.zeros((96, 80, 3), np.float32)
@@ -320,6 +321,7 @@ def test_help_does_not_load_the_networks():
     assert "apply" in result.output
 
 
+@pytest.mark.slow
 def test_from_a_mesh_to_weights_and_their_score(tmp_path):
     """The whole workshop, small: render, pack, draw, train two networks, score them."""
     mesh = trimesh.creation.capsule(height=1.2, radius=0.25)

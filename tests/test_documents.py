@@ -66,7 +66,14 @@ def named(path):
 
 
 @pytest.mark.filterwarnings("ignore:the network 'shading' was trained with")  # as docs/compositing.md says
-@pytest.mark.parametrize("document", DOCUMENTS, ids=named)
+@pytest.mark.parametrize(
+    "document",
+    [
+        path if path == ROOT / "README.md" else pytest.param(path, marks=pytest.mark.slow)
+        for path in DOCUMENTS
+    ],
+    ids=named,
+)
 def test_what_a_document_says_works(document, reader):
     read(document, reader, slow=False)
 

@@ -38,6 +38,7 @@ def test_examples_run(example, tmp_path):
     assert names == {".exr", ".png"}
 
 
+@pytest.mark.slow
 def test_the_environment_example_turns_its_sky(tmp_path):
     person = relight.read(ROOT / "examples" / "person.png")
     relight.write(tmp_path / "small.png", np.ascontiguousarray(person[::4, ::4]))
@@ -52,6 +53,7 @@ def test_the_environment_example_turns_its_sky(tmp_path):
     assert triptych.shape == (small.shape[0], 3 * small.shape[1], 3)
 
 
+@pytest.mark.slow
 def test_spherical_harmonics_lose_less_with_each_order(tmp_path):
     person = relight.read(ROOT / "examples" / "person.png")
     relight.write(tmp_path / "small.png", np.ascontiguousarray(person[::4, ::4]))

@@ -92,6 +92,7 @@ def test_it_is_linear_in_the_lights_and_may_be_steadied_and_kept_again(subject, 
     assert rms(steady.relit(KEY), subject.relit(KEY), subject.matte > 0) < 0.002
 
 
+@pytest.mark.slow
 def test_a_steadied_person_is_kept_as_one_field(tmp_path):
     """The mean of frames' functions of light, and the function of their mean maps, are nearly the same."""
     frames = [relight.Subject(*clothed(seed=seed)) for seed in range(3)]
@@ -104,6 +105,7 @@ def test_a_steadied_person_is_kept_as_one_field(tmp_path):
         assert error < 0.5 * rms(kept.relit(light), frames[1].relit(light), steady.matte > 0)
 
 
+@pytest.mark.slow
 def test_bright_and_dark_plates_keep_their_precision(tmp_path):
     plate, matte = clothed()
     for exposure in (1e-6, 1e7):

@@ -172,6 +172,7 @@ def test_without_pymatting_it_says_what_to_install(monkeypatch):
         relight.key(np.full((40, 40, 3), GREEN))
 
 
+@pytest.mark.slow
 def test_the_first_use_on_a_machine_says_what_takes_so_long(monkeypatch, tmp_path):
     plate = np.full((64, 48, 3), (0.05, 0.6, 0.05), np.float32)
     plate[12:60, 14:34] = (0.5, 0.4, 0.3)

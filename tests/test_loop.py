@@ -123,6 +123,7 @@ def test_a_photograph_that_shows_nothing_teaches_nothing(folder):
     assert all(not parameter.grad.any() for parameter in network.parameters())
 
 
+@pytest.mark.slow
 def test_an_interrupted_run_ends_where_an_uninterrupted_one_does(folder, tmp_path, monkeypatch):
     whole = run(SHADOW, folder, tmp_path / "whole", 4)
     recipe = Recipe(steps=4, size=128, batch=2, learning_rate=3e-3, warm_up=2)
@@ -285,6 +286,7 @@ def small(latent, **options):
     return replace(task, config={**task.config, "widths": [8, 8, 16, 16, 32]})
 
 
+@pytest.mark.slow
 def test_per_light_network_learns_which_side_is_lit(folder, tmp_path):
     recipe = Recipe(steps=90, size=128, batch=2, lights=3, learning_rate=3e-3, warm_up=10)
     path = fit(small("resb3"), recipe, [folder], tmp_path, estimator="true", workers=0)

@@ -87,6 +87,7 @@ def test_match_plate_lights_from_the_bright_side(folder):
     np.testing.assert_allclose(relight.read(folder / "out.exr"), expected, atol=5e-3)
 
 
+@pytest.mark.slow
 def test_match_takes_a_reference_with_its_mask(folder):
     lights = folder / "matched.json"
     result = run(

@@ -111,6 +111,7 @@ def test_a_larger_lamp_is_softer_and_as_bright(sphere):
     assert sums[1] == pytest.approx(sums[0], rel=0.1)
 
 
+@pytest.mark.slow
 def test_a_steadied_person_is_lit_alike(sphere):
     coverage, normals = ball(200, 160, centre=(0.51, 0.5))
     other = relight.Subject(image_of(coverage), normals=normals, camera=sphere.camera)

@@ -200,6 +200,7 @@ def test_the_generators_of_icon_and_econ_are_refused(tmp_path, key):
         pifuhd.load(tmp_path / "normal.pt")
 
 
+@pytest.mark.slow
 def test_our_networks_learn_from_its_normals(checkpoint, tmp_path):
     records.write(tmp_path / "ball.npz", sphere())
     recipe = recipes.Recipe(steps=1, size=128, batch=2)

@@ -102,6 +102,7 @@ def test_passes_of_both_names_are_written():
     assert {"albedo", "N"} < set(relight.read_layers("a.exr"))
 
 
+@pytest.mark.slow
 def test_a_resumed_shot_makes_the_mattes_that_are_missing():
     command = (*SHOT, *LAMP, "--save-matte", "m.%d.png")
     assert run(*command).exit_code == 0

@@ -43,6 +43,7 @@ def write(folder, out, models=(), **options):
     return report.write([folder / "a.npz"], out, models=files, **options)
 
 
+@pytest.mark.slow
 def test_every_table_and_figure(folder, tmp_path):
     models = {"resb3": "resb3", "mixed": "mixed", "other": "field"}
     text = write(folder, tmp_path, models, limit=1).read_text()

@@ -44,6 +44,7 @@ def run(folder, **models):
     )
 
 
+@pytest.mark.slow
 def test_untrained_shading_is_the_base_image_and_scores_as_it(folder):
     tallies, delights = run(folder, **{"w/o both": folder / "blind.safetensors"})
     base, ours, blind = (tallies[name] for name in ("base image", "ours", "w/o both"))

@@ -163,6 +163,7 @@ def test_frames_that_are_missing_or_damaged_are_named_and_the_rest_is_made(desk)
     assert (desk / "relit.0101.exr").exists()
 
 
+@pytest.mark.slow
 def test_lit_again_after_another_analysis(desk):
     relit(desk, frames=(101, 102))
     kept = (desk / "relit.0101.exr").stat().st_ino

@@ -210,6 +210,7 @@ def test_a_plate_that_changes_size_is_named_by_the_movie(stub, plates, tmp_path)
     assert len(list(tmp_path.glob("r.*.exr"))) == 5
 
 
+@pytest.mark.slow
 def test_frames_are_the_same_as_one_by_one(tmp_path):
     """With the networks: what is written is what Subject makes of each frame."""
     y, x = np.mgrid[:60, :50]
@@ -294,6 +295,7 @@ def test_an_interruption_loses_nothing(stub, plates, tmp_path, output):
     assert len(stub.made) == 5  # not asked to resume
 
 
+@pytest.mark.slow
 def test_memory_is_flat_over_a_thousand_frames(stub, tmp_path):
     (tmp_path / "plates").mkdir()
     plate = tmp_path / "plates" / "p.0001.png"
