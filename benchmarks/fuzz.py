@@ -3,7 +3,7 @@
 python benchmarks/fuzz.py N [--first SEED] [--journal FOLDER]
 
 Inputs and invariants are those of tests/fuzzing.py. Each input is made from its seed alone, on one thread;
-one in 12 goes to the networks. A child process tries them and notes each in the journal before and after, so
+one in 20 goes to the networks. A child process tries them and notes each in the journal before and after, so
 that a crash of native code or a hang is known by its seed. A run that was interrupted goes on where it was;
 several processes may share a range by --first.
 """
@@ -22,7 +22,7 @@ from random import Random
 sys.path.insert(0, str(Path(__file__).resolve().parents[1] / "tests"))
 
 CHEAP = (*("light text", "lights file", "damaged image") * 2, "damaged mask", "containers")
-NETWORKS = 12  # one input in so many goes to the networks
+NETWORKS = 20  # one input in so many goes to the networks
 HANG = 120  # seconds without a word
 STARTED = "started"
 
