@@ -21,6 +21,7 @@ from relight.rendering import Background
 LIGHTS = 8  # directional lights and lamps at most, and one environment
 KEY = DirectionalLight(azimuth=-40, elevation=30, angle=10, name="key")  # where no lights are given
 TINTS = 100  # colours of each locus, in equal steps of mired
+HeldLight = DirectionalLight | PointLight  # that have a handle on the page
 SHARED = ("intensity", "colour", "exposure", "temperature", "locus")
 COMMAND = ("relight", "apply", "photo.png")  # where nobody says what the photograph's file is
 
@@ -48,7 +49,7 @@ def scene_of(
     """
     named = checked_lights(KEY if lights is None else lights)
     skies = {name: light for name, light in named.items() if isinstance(light, EnvironmentLight)}
-    lamps = {name: light for name, light in named.items() if isinstance(light, DirectionalLight | PointLight)}
+    lamps = {name: light for name, light in named.items() if isinstance(light, HeldLight)}
     return {
         "title": title,
         "command": list(command),
@@ -77,7 +78,7 @@ def checked_lights(lights: Light | Iterable[Light]) -> dict[str, Light]:
     return named
 
 
-def parameters_of(light: DirectionalLight | PointLight, name: str | None = None) -> dict[str, Any]:
+def parameters_of(light: HeldLight, name: str | None = None) -> dict[str, Any]:
     """A light as the page has it."""
     shared = {"name": name or light.name or ""} | {key: getattr(light, key) for key in SHARED}
     if isinstance(light, PointLight):

@@ -13,16 +13,14 @@ from relight.lights.near import PointLight
 from relight.subject import Subject
 from relight.viewer.packing import pack
 from relight.viewer.page import module, style
-from relight.viewer.scene import LIGHTS, parameters_of
-
-Lamp = DirectionalLight | PointLight
+from relight.viewer.scene import LIGHTS, HeldLight, parameters_of
 
 
-def _to_browser(lights: list[Lamp], widget: Any) -> list[dict[str, Any]]:
+def _to_browser(lights: list[HeldLight], widget: Any) -> list[dict[str, Any]]:
     return [parameters_of(light) for light in lights]
 
 
-def _from_browser(lights: list[dict[str, Any]], widget: Any) -> list[Lamp]:
+def _from_browser(lights: list[dict[str, Any]], widget: Any) -> list[HeldLight]:
     kinds = [PointLight if "position" in light else DirectionalLight for light in lights]
     return [
         kind(**{**light, "name": light["name"] or None}) for kind, light in zip(kinds, lights, strict=True)

@@ -125,6 +125,7 @@ export class Stage {
   beginTurn() {
     const { state } = this.viewer;
     if (this.before) this.viewer.change((now) => (now.lights[now.selected] = structuredClone(this.before)), "aim");
+    this.before = null;
     for (const pointer of this.pointers.values()) pointer.start = pointer.now;
     this.began = { rotation: state.environment?.rotation, light: state.lights[state.selected] };
     if (!state.environment && this.pointers.size === 1) this.viewer.say("There is no environment to turn: drop a map on the panel.");
