@@ -150,6 +150,11 @@ def test_near_lights_are_python_s(page, person):
     refused = page.evaluate("(light) => relight.render([light]).catch((error) => error.message)", inside)
     with pytest.raises(ValueError, match=refused.split(";")[0]):
         person.relit(relight.PointLight(inside["position"]))
+    page.evaluate("(light) => relight.viewer.change((state) => (state.lights = [light]))", inside)
+    browsing.wait(page, "document.querySelector('.message').textContent.includes('the person')", 20)
+    press(page, "PageDown", *["Shift+PageDown"] * 3)
+    assert state(page)["lights"][0]["position"][2] > 1
+    assert page.locator(".message").inner_text() == ""
 
 
 def test_the_visibility_of_near_and_distant_lights_is_weighed_by_what_arrives(page, person):
