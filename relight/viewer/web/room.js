@@ -80,20 +80,21 @@ export class Room {
   /** Why no lamp can stand there, or null: relight/canvas.py, `check_outside`. */
   obstacle({ position, radius }) {
     const { canvas, camera, known, positions } = this;
+    const [x, y, z] = position;
     let gap = Infinity;
     for (let pixel = 0; pixel < known.length; pixel++) {
       if (!known[pixel]) continue;
-      const [x, y, z] = [0, 1, 2].map((axis) => positions[pixel * 4 + axis] - position[axis]);
-      gap = Math.min(gap, x * x + y * y + z * z);
+      const at = pixel * 4;
+      gap = Math.min(gap, (positions[at] - x) ** 2 + (positions[at + 1] - y) ** 2 + (positions[at + 2] - z) ** 2);
     }
     if (Math.sqrt(gap) <= Math.max(radius, camera.metresPerPixel / 2)) return "touches the person";
     const place = this.onPlate(position).map((value, axis) =>
       Math.floor((value - camera.centre[axis]) * camera.scale + canvas[axis] / 2),
     );
-    const inside = position[2] < camera.distance && place.every((value, axis) => value >= 0 && value < canvas[axis]);
+    const inside = z < camera.distance && place.every((value, axis) => value >= 0 && value < canvas[axis]);
     const pixel = place[1] * canvas[0] + place[0];
     if (!inside || !known[pixel]) return null;
-    const behind = -position[2] - this.depth[pixel];
+    const behind = -z - this.depth[pixel];
     return behind > 0 && behind < THICK * this.rim(place) * camera.metresPerPixel ? "is inside the person" : null;
   }
 
