@@ -128,6 +128,7 @@ def test_a_green_screen_is_keyed(tmp_path):
     assert (result.exit_code, result.output) == (2, "relight: image: shows no blue screen\n")
 
 
+@pytest.mark.slow
 def test_lights_come_from_a_file_and_go_to_one(tmp_path, photo):
     lights = tmp_path / "lights.yaml"
     first, again = tmp_path / "first.exr", tmp_path / "again.exr"
@@ -192,6 +193,7 @@ def test_apply_writes_layers_and_a_nuke_script(tmp_path, photo):
     assert "\n name Multiply_fill\n" in (tmp_path / "out.nk").read_text()
 
 
+@pytest.mark.slow
 def test_passes_were_called_layers(tmp_path, photo):
     result = run("apply", *photo, *LIGHTS, "-o", tmp_path / "out.exr", "--layers", "N")
     assert result.exit_code == 0, result.output
@@ -266,6 +268,7 @@ def test_the_version_and_the_examples_of_the_help_are_whole():
     assert "--environment studio.exr,rotation=90,intensity=2" in text
 
 
+@pytest.mark.slow
 def test_olat_writes_passes_and_their_directions(tmp_path, photo):
     result = run("olat", *photo, "-o", tmp_path / "o.exr", "-o", tmp_path / "o.nk")
     assert result.exit_code == 0, result.output

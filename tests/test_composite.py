@@ -231,7 +231,7 @@ def anything():
 
 
 @pytest.mark.usefixtures("small_networks")
-@settings(max_examples=30, deadline=None)
+@settings(max_examples=15, deadline=None)
 @given(
     image=mostly(nearly_images(slice(4)), nearly_images(slice(3)), anything()),
     mask=mostly(st.none(), nearly_images(3), anything()),

@@ -136,6 +136,7 @@ def test_given_visibility_is_used(person):
         shading.infer(rgb, mask, lights, visibility=lit[:2])
 
 
+@pytest.mark.slow
 def test_given_normals_shade(person):
     rgb, mask = person
     toward = np.full((*mask.shape, 3), (0, 0, 1.0))

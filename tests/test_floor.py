@@ -105,6 +105,7 @@ def test_a_soft_light_takes_as_much_light_and_has_no_edge(post):
     assert (1 - soft).sum() == pytest.approx((1 - hard).sum(), rel=0.1)
 
 
+@pytest.mark.slow
 def test_a_sky_is_hidden_near_the_post_alone(post):
     sky = relight.EnvironmentLight(np.ones((16, 32, 3), np.float32))
     _, shadow = post[0].shadows({"sky": sky})

@@ -14,7 +14,7 @@ EXAMPLES = {
     "damaged image": 150,
     "damaged mask": 100,
     "containers": 10,
-    "apply": 6,
+    "apply": 4,
 }
 
 

@@ -67,6 +67,7 @@ def test_what_comes_back_is_relit_alike(subject, tmp_path, no_network):
     np.testing.assert_allclose(*powers, rtol=0.05)
 
 
+@pytest.mark.slow
 def test_given_albedo_and_a_matte_with_specks_come_back(tmp_path):
     plate, matte = clothed()
     matte[2:4, 2:4] = 1

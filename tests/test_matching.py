@@ -42,6 +42,7 @@ def halves(picture):
     return grey[:, :middle][inside[:, :middle]].mean(), grey[:, middle:][inside[:, middle:]].mean()
 
 
+@pytest.mark.slow
 def test_the_light_of_a_reference_lights_another():
     person = np.ascontiguousarray(relight.read(PERSON)[::3, ::3])
     subject = relight.Subject(person)
@@ -68,6 +69,7 @@ def test_no_subject_and_no_matte_are_said(folder):
         relight.match(np.ones((8, 8, 4)), np.ones((8, 8, 4)))
 
 
+@pytest.mark.slow
 def test_match_plate_lights_from_the_bright_side(folder):
     light, place = folder / "light.yaml", folder / "street.png"
     result = run(

@@ -100,6 +100,7 @@ def _specked(matte, *places):
     return matte
 
 
+@pytest.mark.slow
 @pytest.mark.filterwarnings("ignore:mask:UserWarning")
 @pytest.mark.parametrize(
     "spoil",

@@ -152,6 +152,7 @@ def test_normals_that_were_inferred_before_are_no_foreigners(person):
     silent(lambda: relight.Subject(rgb, mask, normals=found))
 
 
+@pytest.mark.slow
 def test_other_normals_warn_naming_both(person, tmp_path):
     rgb, mask = person
     checksum = save(tmp_path / "mine.safetensors")
@@ -202,6 +203,7 @@ def test_each_network_of_a_subject_speaks_for_itself(person, tmp_path):
     assert len(caught) == 1
 
 
+@pytest.mark.slow
 def test_a_sequence_warns_once(person):
     """By Python's own default filter: once for each place in the caller's code and each network."""
     rgb, mask = person

@@ -21,6 +21,7 @@ def test_olat_lights_are_the_olat_directions():
         assert len({light.name for light in lights}) == len(lights)
 
 
+@pytest.mark.slow
 def test_one_file_of_layers(tmp_path):
     steps = []
     paths = write_olat(
@@ -41,6 +42,7 @@ def test_one_file_of_layers(tmp_path):
     assert (tmp_path / "o.nk").read_text().count("\nMultiply {") == 64
 
 
+@pytest.mark.slow
 def test_a_sequence(tmp_path):
     paths = write_olat(tmp_path / "o.%04d.exr", IMAGE, behind=True)
     assert paths[:96] == [tmp_path / f"o.{number:04d}.exr" for number in range(1, 97)]

@@ -391,6 +391,7 @@ def test_masks_of_either_byte_order_are_one(person):
     np.testing.assert_array_equal(*pictures)
 
 
+@pytest.mark.slow
 def test_a_spawned_pool_relights_what_it_is_sent():
     """Two processes: one relights a Subject, steadied, that this process made; one makes its own."""
     light = relight.DirectionalLight(azimuth=30)

@@ -15,6 +15,7 @@ def test_baseline_is_the_sign_of_the_cosine():
     np.testing.assert_array_equal(shadow.baseline(normals, 5 * lights), shadow.baseline(normals, lights))
 
 
+@pytest.mark.slow
 def test_shapes_types_and_the_outside(person):
     rgb, mask = person
     lights = olat(behind=True)
