@@ -206,7 +206,7 @@ def test_a_near_light_is_where_the_hand_holds_it(page, person, tmp_path):
     np.testing.assert_allclose(read.position, lamp["position"], atol=1e-4)
     words = shlex.split(page.evaluate("relight.command()"))
     assert Look(light=[words[words.index("--light") + 1]]).lighting() == [read]
-    browsing.wait(page, "location.hash.includes('position')")
+    browsing.wait(page, "location.hash.includes('radius')")  # which the last key gave it
     page.reload()
     browsing.wait(page, "Boolean(window.relight)")
     np.testing.assert_allclose(state(page)["lights"][0]["position"], lamp["position"], atol=1e-4)
