@@ -3,7 +3,7 @@
 python benchmarks/viewer.py [image]
 
 The person is placed on a plate of 1024 x 1024 pixels. A frame is what a drag costs: every light is drawn anew
-on the canvas, the sum is enlarged, and the picture shown.
+on the canvas, the sum is enlarged, and the picture shown. Lights are distant and hard, or points in the room.
 """
 
 import sys
@@ -16,10 +16,12 @@ sys.path.append(str(Path(__file__).parents[1] / "tests"))
 import browsing
 
 FRAMES = 10
-TIME = """async ([count, frames]) => {
+TIME = """async ([count, frames, near]) => {
     const { viewer } = relight, { gl } = viewer.engine, pixel = new Uint8Array(4);
     const lights = (turn) => Array.from({ length: count }, (_, index) => ({
-        name: "", azimuth: turn + index * 45, elevation: 20, angle: 0, intensity: 1, colour: [1, 1, 1],
+        name: "", intensity: 1, colour: [1, 1, 1],
+        ...(near ? { position: [Math.sin(turn + index), 0.5, Math.cos(turn + index)], radius: 0 }
+            : { azimuth: turn + index * 45, elevation: 20, angle: 0 }),
         exposure: 0, temperature: null, locus: "planckian", muted: false, solo: false,
     }));
     const frame = (turn) => {
@@ -42,8 +44,12 @@ def main(path):
         print(f"page of a 1024 x 1024 subject: {file.stat().st_size / 1e6:.2f} MB")
         with browsing.browser() as browser:
             page = browsing.opened(browser, file)
-            one, eight = (page.evaluate(TIME, [count, FRAMES]) for count in (1, 8))
-    print(f"1 light: {1000 / one:.1f} frames a second; 8 lights: {1000 / eight:.1f}; ratio {eight / one:.2f}")
+            for near in (False, True):
+                one, eight = (page.evaluate(TIME, [count, FRAMES, near]) for count in (1, 8))
+                print(
+                    f"1 {'near' if near else 'distant'} light: {1000 / one:.1f} frames a second; "
+                    f"8: {1000 / eight:.1f}; ratio {eight / one:.2f}"
+                )
 
 
 if __name__ == "__main__":

@@ -236,8 +236,8 @@ class Subject:
         Parameters
         ----------
         path: the file to write, .html; None for a widget (extra `notebook`), see `relight.viewer.widget`.
-        lights: what it begins with: up to eight `DirectionalLight` and one `EnvironmentLight`; a soft key
-            light unless given.
+        lights: what it begins with: up to eight `DirectionalLight` and `PointLight`, and one
+            `EnvironmentLight`; a soft key light unless given.
         background: as of `relight.over`; None for none.
         title: of the page. command: the words that relight the photograph on the command line, without its
             lights, for the page to complete.
@@ -254,7 +254,11 @@ class Subject:
         from relight.viewer.page import write_page
         from relight.viewer.scene import COMMAND, scene_of
 
-        scene = scene_of(self.size, lights, background, title=title, command=command or COMMAND)
+        several = None if lights is None else as_lights(lights)
+        scene = scene_of(self.size, several, background, title=title, command=command or COMMAND)
+        for light in several or []:
+            if isinstance(light, NearLight):
+                check_outside(light, self._canvas.space, self._canvas.known)
         if path is not None:
             return write_page(path, scene, self)
         try:

@@ -93,6 +93,17 @@ def test_lights_that_the_page_cannot_show_are_refused(lights, words):
         scene_of((4, 4), lights)
 
 
+def test_rectangles_are_refused_and_lamps_where_none_can_stand(subject, tmp_path):
+    softbox = relight.RectLight((0, 1, 1), (0, 0, 0), 1, 1)
+    with pytest.raises(
+        TypeError, match="shows DirectionalLight, PointLight and EnvironmentLight, got RectLight"
+    ):
+        scene_of((4, 4), softbox)
+    with pytest.raises(ValueError, match="touches the person"):
+        subject.view(tmp_path / "page.html", relight.PointLight((0, 0, 0), radius=0.3))
+    assert not list(tmp_path.iterdir())
+
+
 def test_a_steadied_subject_has_no_page(subject, tmp_path):
     with pytest.raises(ValueError, match="steadied"):
         subject.steadied([subject]).view(tmp_path / "page.html")

@@ -9,6 +9,7 @@ import browsing
 import numpy as np
 import pytest
 import shipped
+import torch
 from scipy.ndimage import binary_erosion
 
 import relight
@@ -131,6 +132,135 @@ def test_the_page_relights_as_python_does(name, subjects, browser, tmp_path):
     assert compare(both, subject.relit(lights[:10]))[0] <= RMSE
     assert not page.complaints
     page.context.close()
+
+
+def test_near_lights_are_python_s(page, person):
+    lights = [
+        relight.PointLight((-0.6, 0.4, 0.8)),
+        relight.PointLight((0.5, 0.2, 0.3), radius=0.2, colour=(1, 0.8, 0.6), exposure=-1),
+        relight.PointLight((0.6, 0.3, -0.6), radius=0.1, temperature=3000),
+        relight.PointLight((0, -0.7, 0.6), intensity=0.3),
+    ]
+    given = list(map(parameters_of, lights))
+    for light, found in zip(lights, browsing.rendered(page, given), strict=True):
+        rmse, largest = compare(found, person.relit(light))
+        assert rmse <= RMSE
+        assert largest <= LARGEST
+    inside = given[0] | {"position": [0, 0, -0.05]}
+    refused = page.evaluate("(light) => relight.render([light]).catch((error) => error.message)", inside)
+    with pytest.raises(ValueError, match=refused.split(";")[0]):
+        person.relit(relight.PointLight(inside["position"]))
+    page.evaluate("(light) => relight.viewer.change((state) => (state.lights = [light]))", inside)
+    browsing.wait(page, "document.querySelector('.message').textContent.includes('the person')", 20)
+    press(page, "PageDown", *["Shift+PageDown"] * 3)
+    assert state(page)["lights"][0]["position"][2] > 1
+    assert page.locator(".message").inner_text() == ""
+
+
+def test_the_visibility_of_near_and_distant_lights_is_weighed_by_what_arrives(page, person):
+    lights = [relight.PointLight((-0.6, 0.4, 0.8), radius=0.1), relight.DirectionalLight(azimuth=60)]
+    page.evaluate(
+        "(lights) => relight.viewer.change((state) => lights.forEach((light, at) => "
+        "Object.assign((state.lights[at] = { muted: false, solo: false }), light)))",
+        list(map(parameters_of, lights)),
+    )
+    browsing.settled(page)
+    found = browsing.shown(page, "visibility")[..., 0]
+    camera, depth = person.camera, torch.from_numpy(person.depth)
+    rows, columns = torch.meshgrid(*(torch.arange(side) + 0.5 for side in person.size), indexing="ij")
+    ways = torch.tensor(lights[0].position)[:, None, None] - camera.positions(columns, rows, depth)
+    arriving = (1 / (ways**2).sum(dim=0)).numpy()
+    near, far = map(person.unshadowed, lights)
+    inside = binary_erosion(person.matte > 0.99, iterations=5)
+    truth = (near * arriving + far) / (arriving + 1)
+    assert np.sqrt(((found - truth)[inside] ** 2).mean()) < 0.02
+
+
+def test_a_near_light_is_where_the_hand_holds_it(page, person, tmp_path):
+    page.evaluate("relight.viewer.change((state) => state.lights.pop())")
+    page.get_by_label("Near").check(force=True)
+    browsing.settled(page)
+    assert np.linalg.norm(state(page)["lights"][0]["position"]) > 0.3
+    middles = {}
+    for side, right in {"left": -1.1, "right": 1.1}.items():
+        drag(page, right, 0.2)
+        handle = page.locator(".handle.near").bounding_box()
+        middles[side] = handle["x"] + handle["width"] / 2
+        place = state(page)["lights"][0]["position"]
+        assert np.sign(place[0]) == np.sign(right)
+        bright = browsing.shown(page)[..., :3].sum(axis=-1)
+        assert np.sign(lopsided(bright)) == np.sign(right)
+    x = page.evaluate(
+        "relight.viewer.stage.element.getBoundingClientRect().left + relight.viewer.stage.middle[0]"
+    )
+    assert middles["left"] < x - 50 < x + 50 < middles["right"]
+    page.mouse.wheel(0, -300)
+    press(page, "ArrowUp", "PageDown", ".")
+    lamp = state(page)["lights"][0]
+    assert lamp["position"][2] < place[2] - 0.1
+    assert page.locator(".handle.near").bounding_box()["x"] == pytest.approx(handle["x"], abs=1)
+
+    (tmp_path / "lights.yaml").write_text(page.evaluate("relight.lights()"))
+    (read,) = relight.read_lights(tmp_path / "lights.yaml")
+    assert isinstance(read, relight.PointLight)
+    np.testing.assert_allclose(read.position, lamp["position"], atol=1e-4)
+    words = shlex.split(page.evaluate("relight.command()"))
+    assert Look(light=[words[words.index("--light") + 1]]).lighting() == [read]
+    browsing.wait(page, "location.hash.includes('radius')")  # which the last key gave it
+    page.reload()
+    browsing.wait(page, "Boolean(window.relight)")
+    np.testing.assert_allclose(state(page)["lights"][0]["position"], lamp["position"], atol=1e-4)
+    press(page, "d")
+    assert "azimuth" in state(page)["lights"][0]
+    press(page, "Control+z")
+    assert "position" in state(page)["lights"][0]
+
+
+def lopsided(bright):
+    """How much more of it is on the right than on the left of the picture's middle."""
+    half = bright.shape[1] // 2
+    return bright[:, -half:].sum() - bright[:, :half].sum()
+
+
+def test_two_fingers_make_a_light_softer_and_bring_it_nearer(page):
+    touch = page.context.new_cdp_session(page)
+    x, y = page.evaluate("relight.viewer.stage.middle")
+
+    def pinch(start, end):
+        for kind, apart in (("touchStart", start), ("touchMove", end)):
+            points = [{"x": x + side * apart, "y": y, "id": side + 1} for side in (-1, 1)]
+            touch.send("Input.dispatchTouchEvent", {"type": kind, "touchPoints": points})
+        touch.send("Input.dispatchTouchEvent", {"type": "touchEnd", "touchPoints": []})
+        browsing.settled(page)
+
+    before = state(page)["lights"][0]
+    pinch(50, 150)
+    assert state(page)["lights"][0] == before | {"angle": pytest.approx(20, abs=1)}
+    press(page, "d")
+    before = state(page)["lights"][0]
+    pinch(50, 60)
+    assert state(page)["lights"][0]["position"][2] > before["position"][2] + 0.1
+
+
+def test_what_is_dropped_on_the_person_is_behind_them_and_on_the_panel_around_them(page):
+    drop = """async ([where, name, width]) => {
+        const canvas = Object.assign(document.createElement("canvas"), { width, height: 16 });
+        canvas.getContext("2d").fillRect(0, 0, width, 16);
+        const png = await new Promise((done) => canvas.toBlob(done));
+        const dataTransfer = new DataTransfer();
+        dataTransfer.items.add(new File([png], name));
+        document.querySelector(where).dispatchEvent(new DragEvent("drop", { dataTransfer, bubbles: true }));
+    }"""
+    page.evaluate(drop, [".picture", "wall.png", 24])
+    browsing.wait(page, "relight.viewer.state.background === 'picture'")
+    page.evaluate(drop, [".panel", "sky.png", 32])
+    browsing.wait(page, "relight.viewer.environment?.path === 'sky.png'")
+    x, y = page.evaluate("relight.viewer.stage.middle")
+    page.mouse.move(x, y)
+    page.mouse.down(button="right")
+    page.mouse.move(x + 40, y)
+    page.mouse.up(button="right")
+    assert state(page)["environment"]["rotation"] > 1
 
 
 def test_the_light_follows_the_hand_on_all_four_sides(page):

@@ -46,3 +46,12 @@ def test_lights_that_the_widget_cannot_show_are_refused(person):
         subject.view(None, nine)
     assert json.dumps(subject.view().get_state(["lights"])["lights"])
     assert np.isfinite(subject.view().snapshot()).all()
+
+
+def test_a_lamp_goes_to_the_browser_and_back(person):
+    subject = relight.Subject(*person)
+    lamp = relight.PointLight((-1, 0.5, 1), radius=0.1, name="lamp")
+    widget = subject.view(None, lamp)
+    told = json.loads(json.dumps(widget.get_state()["lights"]))
+    widget.set_state({"lights": [told[0] | {"position": [1, 0.5, 1]}]})
+    assert widget.lights == [relight.PointLight((1, 0.5, 1), radius=0.1, name="lamp")]

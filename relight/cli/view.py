@@ -41,6 +41,11 @@ def view(
         typer.Option(help="An image, a linear colour such as 0.2/0.2/0.2, or environment."),
     ] = None,
     colour_space: ColourSpace = None,
+    depth: Annotated[str | None, typer.Option(help="Use this depth, as of `relight apply`.")] = None,
+    height: Annotated[
+        float | None, typer.Option(help="Metres of the person that the photograph shows; 1.75 unless given.")
+    ] = None,
+    field_of_view: Annotated[float, typer.Option(help="Of the camera, vertical, in degrees.")] = 40.0,
     open_: Annotated[bool, typer.Option("--open", help="Open the page in the browser.")] = False,
     device: Device = None,
 ) -> None:
@@ -56,14 +61,17 @@ def view(
         "--refine-matte": refine_matte,
         "--person": person,
         "--colour-space": colour_space,
+        "--depth": depth,
+        "--height": height,
+        "--field-of-view": None if field_of_view == 40.0 else field_of_view,
     }
     words = [text for option, value in options.items() if value is not None for text in (option, str(value))]
     with console.status("Reading") as status:
         written = write_view(
             output, image, Look(light, environment, lights).lighting() if given else None, mask=mask, key=key,
             cutting=Cutting.parse(matte, person, refine_matte), background=parse_background(background),
-            colour_space=colour_space, command=("relight", "apply", image, *words), device=device,
-            progress=status.update,
+            colour_space=colour_space, depth=depth, height=height, field_of_view=field_of_view,
+            command=("relight", "apply", image, *words), device=device, progress=status.update,
         )  # fmt: skip
     console.print(f"{written}")
     if open_:

@@ -13,6 +13,7 @@ bits each. Whatever the direction of a light, it then costs as many products a p
 import io
 import json
 import struct
+import warnings
 import zlib
 from typing import TYPE_CHECKING, Any
 
@@ -22,6 +23,7 @@ import torch
 from PIL import Image
 
 from relight.canvas import Elsewhere
+from relight.depth import Space
 from relight.media.buffers import to_array, to_buffer
 from relight.media.colour import encode
 from shading.diffuse import HAZE, Shading
@@ -61,10 +63,14 @@ def pack(subject: "Subject") -> bytes:
     cast, cast_mix = _components(maps.cast.cpu(), CAST, continued, LIT)
     residual, residual_mix = _components(shading.residual.cpu(), RESIDUAL, continued, 0)
     surface = torch.cat([continued(maps.normals), continued(maps.sharpness)])
+    with warnings.catch_warnings():  # of a guessed height: the page says so where a light comes near
+        warnings.simplefilter("ignore")
+        depth = extend(canvas.space.depth[None])
     guide = (canvas.image / BRIGHTEST * 255).round().clamp(0, 255)
     arrays = {
         "features": torch.cat([cast, residual]).numpy().astype(np.uint8),
         "surface": surface.numpy().astype(np.float16).view(np.uint16),
+        "depth": depth.numpy().astype(np.float16).view(np.uint16),
         "guide": torch.cat([guide, canvas.known[None] * 255.0]).numpy().astype(np.uint8),
         "matte": np.round(plate.matte * 255).astype(np.uint8)[None],
         "anchors": visibility.anchors.cpu().numpy(),
@@ -79,6 +85,7 @@ def pack(subject: "Subject") -> bytes:
         "canvas": canvas.known.shape[::-1],
         "centre": plate.framing.centre,
         "scale": plate.framing.scale,
+        "camera": _camera(canvas.space),
         "exposure": plate.exposure,
         "gain": plate.gain,
         "haze": HAZE,
@@ -91,6 +98,22 @@ def pack(subject: "Subject") -> bytes:
     }
     text = json.dumps(description).encode()
     return b"".join([struct.pack("<I", len(text)), text, stream, *files])
+
+
+def _camera(space: Space) -> dict[str, Any]:
+    """What takes pixels of the canvas and their depth to the room and back: see `relight.depth`."""
+    camera, framing = space.camera, space.framing
+    rows, columns = camera.size
+    return {
+        "size": (columns, rows),
+        "focal": camera.focal,
+        "middle": camera.middle,
+        "distance": camera.distance,
+        "centre": framing.centre,
+        "scale": framing.scale,
+        "metresPerPixel": space.metres_per_pixel,
+        "guessed": camera.guessed,
+    }
 
 
 class _Plate:

@@ -20,10 +20,10 @@ SUFFIXES = (".html", ".htm")
 
 # The program's files, each after those that it imports from.
 MODULES = (
-    "pack", "lights", "engine", "environment", "dom", "ball", "state", "png", "stage", "controls", "actions",
-    "keys", "viewer",
+    "pack", "lights", "room", "engine", "environment", "dom", "ball", "state", "png", "stage", "controls",
+    "actions", "keys", "viewer",
 )  # fmt: skip
-SHADERS = ("quad", "common", "light", "sum", "prepare", "enlarge", "compose", "reduce", "show")
+SHADERS = ("quad", "common", "light", "near", "sum", "prepare", "enlarge", "compose", "reduce", "show")
 
 
 def write_page(path: AnyPath, scene: Mapping[str, Any], subject: "Subject") -> Path:

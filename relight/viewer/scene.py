@@ -13,13 +13,15 @@ from relight.composite import cover
 from relight.lights.directional import DirectionalLight
 from relight.lights.environment import EnvironmentLight
 from relight.lights.light import Light, by_name
+from relight.lights.near import PointLight
 from relight.media.colour import LOCI, encode, temperature
 from relight.media.images import scene_linear
 from relight.rendering import Background
 
-LIGHTS = 8  # directional lights at most, and one environment
+LIGHTS = 8  # directional lights and lamps at most, and one environment
 KEY = DirectionalLight(azimuth=-40, elevation=30, angle=10, name="key")  # where no lights are given
 TINTS = 100  # colours of each locus, in equal steps of mired
+HeldLight = DirectionalLight | PointLight  # that have a handle on the page
 SHARED = ("intensity", "colour", "exposure", "temperature", "locus")
 COMMAND = ("relight", "apply", "photo.png")  # where nobody says what the photograph's file is
 
@@ -37,7 +39,7 @@ def scene_of(
     Parameters
     ----------
     size: (H, W) of the picture.
-    lights: up to eight directional lights and one environment; a soft key light unless given.
+    lights: up to eight directional lights and lamps, and one environment; a soft key light unless given.
     background: as of `relight.over`.
     title: what the page is called. command: the words that relight the photograph, without its lights.
 
@@ -47,7 +49,7 @@ def scene_of(
     """
     named = checked_lights(KEY if lights is None else lights)
     skies = {name: light for name, light in named.items() if isinstance(light, EnvironmentLight)}
-    lamps = {name: light for name, light in named.items() if isinstance(light, DirectionalLight)}
+    lamps = {name: light for name, light in named.items() if isinstance(light, HeldLight)}
     return {
         "title": title,
         "command": list(command),
@@ -63,23 +65,26 @@ def checked_lights(lights: Light | Iterable[Light]) -> dict[str, Light]:
     named = by_name(lights)
     skies = [light for light in named.values() if isinstance(light, EnvironmentLight)]
     for light in named.values():
-        if not isinstance(light, DirectionalLight | EnvironmentLight):
+        if not isinstance(light, DirectionalLight | PointLight | EnvironmentLight):
             raise TypeError(
-                f"lights: the viewer shows DirectionalLight and EnvironmentLight, got {type(light).__name__}"
+                "lights: the viewer shows DirectionalLight, PointLight and EnvironmentLight, "
+                f"got {type(light).__name__}"
             )
     if len(named) - len(skies) > LIGHTS or len(skies) > 1:
         raise ValueError(
-            f"lights: the viewer shows up to {LIGHTS} directional lights and one environment, "
+            f"lights: the viewer shows up to {LIGHTS} directional lights and lamps, and one environment, "
             f"got {len(named) - len(skies)} and {len(skies)}"
         )
     return named
 
 
-def parameters_of(light: DirectionalLight, name: str | None = None) -> dict[str, Any]:
+def parameters_of(light: HeldLight, name: str | None = None) -> dict[str, Any]:
     """A light as the page has it."""
-    shared = {key: getattr(light, key) for key in SHARED}
+    shared = {"name": name or light.name or ""} | {key: getattr(light, key) for key in SHARED}
+    if isinstance(light, PointLight):
+        return shared | {"position": list(light.position), "radius": light.radius}
     angles = {"azimuth": round(light.azimuth, 4), "elevation": round(light.elevation, 4)}
-    return {"name": name or light.name or "", **angles, "angle": light.angle, **shared}
+    return shared | angles | {"angle": light.angle}
 
 
 def _environment(light: EnvironmentLight, name: str) -> dict[str, Any]:

@@ -9,18 +9,22 @@ import traitlets
 
 from relight.lights.directional import DirectionalLight
 from relight.lights.light import Light
+from relight.lights.near import PointLight
 from relight.subject import Subject
 from relight.viewer.packing import pack
 from relight.viewer.page import module, style
-from relight.viewer.scene import LIGHTS, parameters_of
+from relight.viewer.scene import LIGHTS, HeldLight, parameters_of
 
 
-def _to_browser(lights: list[DirectionalLight], widget: Any) -> list[dict[str, Any]]:
+def _to_browser(lights: list[HeldLight], widget: Any) -> list[dict[str, Any]]:
     return [parameters_of(light) for light in lights]
 
 
-def _from_browser(lights: list[dict[str, Any]], widget: Any) -> list[DirectionalLight]:
-    return [DirectionalLight(**{**light, "name": light["name"] or None}) for light in lights]
+def _from_browser(lights: list[dict[str, Any]], widget: Any) -> list[HeldLight]:
+    kinds = [PointLight if "position" in light else DirectionalLight for light in lights]
+    return [
+        kind(**{**light, "name": light["name"] or None}) for kind, light in zip(kinds, lights, strict=True)
+    ]
 
 
 class Viewer(anywidget.AnyWidget):
@@ -28,17 +32,18 @@ class Viewer(anywidget.AnyWidget):
 
     Attributes
     ----------
-    lights: up to eight `DirectionalLight`, those that shine. Dragging in the notebook changes the list;
-        setting the list moves the lights. Observe it as any trait: `widget.observe(changed, "lights")`.
+    lights: up to eight `DirectionalLight` and `PointLight`, those that shine. Dragging in the notebook
+        changes the list; setting the list moves the lights. Observe it as any trait:
+        `widget.observe(changed, "lights")`.
     """
 
     _esm = module() + "\nexport default { render };\n"
     _css = style()
     pack = traitlets.Bytes().tag(sync=True)
     scene = traitlets.Dict().tag(sync=True)
-    lights = traitlets.List(traitlets.Instance(DirectionalLight), maxlen=LIGHTS).tag(
-        sync=True, to_json=_to_browser, from_json=_from_browser
-    )
+    lights = traitlets.List(
+        traitlets.Union([traitlets.Instance(DirectionalLight), traitlets.Instance(PointLight)]), maxlen=LIGHTS
+    ).tag(sync=True, to_json=_to_browser, from_json=_from_browser)
 
     def __init__(self, subject: Subject, scene: Mapping[str, Any]) -> None:
         self._subject = subject

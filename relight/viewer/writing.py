@@ -4,8 +4,11 @@ import os
 from collections.abc import Callable, Iterable, Sequence
 from pathlib import Path
 
+import numpy as np
+
 from relight import keying
 from relight.cutting import Cutting
+from relight.lights.environment import FIELD_OF_VIEW
 from relight.lights.light import Light
 from relight.media import movies
 from relight.media.sequences import Sequence as Frames
@@ -27,6 +30,9 @@ def write_view(
     cutting: Cutting | None = None,
     background: Background | str | Path | None = None,
     colour_space: str | None = None,
+    depth: np.ndarray | str | os.PathLike | None = None,
+    height: float | None = None,
+    field_of_view: float = FIELD_OF_VIEW,
     command: Sequence[str] = COMMAND,
     device: str | None = None,
     progress: Callable[[str], None] | None = None,
@@ -36,9 +42,9 @@ def write_view(
     Parameters
     ----------
     output: the file, .html.
-    image, mask, key, cutting, colour_space: as of `relight.render_still`.
-    lights: what the page begins with: up to eight `DirectionalLight` and one `EnvironmentLight`; a soft key
-        light unless given.
+    image, mask, key, cutting, colour_space, depth, height, field_of_view: as of `relight.render_still`.
+    lights: what the page begins with: up to eight `DirectionalLight` and `PointLight`, and one
+        `EnvironmentLight`; a soft key light unless given.
     background: as of `relight.render_still`.
     command: the words of the command that relights this photograph, without its lights: the page completes
         and copies it.
@@ -64,14 +70,18 @@ def write_view(
     shown = list(checked_lights(KEY if lights is None else lights).values())
     inputs.device("device", device)
     prepared = Preparation(
-        image, mask=mask, key=key, cutting=cutting, colour_space=colour_space, background=background
-    )
+        image, mask=mask, key=key, cutting=cutting, colour_space=colour_space, background=background,
+        depth=depth, height=height, field_of_view=field_of_view,
+    )  # fmt: skip
     prepared.check_lights(shown)
     if (key is not None or cutting is not None) and not keying.is_compiled():
         report(keying.COMPILING)
     person = prepared.person(0)
     report("Analysing")
-    subject = Subject(person.plate, person.matte, device=device)
+    subject = Subject(
+        person.plate, person.matte, depth=person.depth, height=height, field_of_view=field_of_view,
+        device=device,
+    )  # fmt: skip
     backdrop = prepared.backdrop(0, shown, subject.size)
     title = Path(image).name if isinstance(image, str | os.PathLike) else "relight"
     report(f"Writing {path}")

@@ -1,7 +1,7 @@
 // What buttons and keys do.
 
 import { LIGHTS } from "./engine.js";
-import { LOCI, clamp } from "./lights.js";
+import { LOCI, clamp, isNear } from "./lights.js";
 import { toPng } from "./png.js";
 import { checkedLight, toCommand, toFragment, toYaml } from "./state.js";
 import { LOOK_NAMES } from "./controls.js";
@@ -20,6 +20,11 @@ export function actionsOf(viewer) {
   return {
     aim: (azimuth, elevation) =>
       onLight((light) => {
+        if (isNear(light)) {
+          const [x, y, z] = light.position;
+          light.position = [x + azimuth / 100, y + elevation / 100, z];
+          return;
+        }
         light.azimuth = ((((light.azimuth + azimuth + 180) % 360) + 360) % 360) - 180;
         light.elevation = clamp(light.elevation + elevation, -90, 90);
       }, "keys"),
@@ -37,7 +42,22 @@ export function actionsOf(viewer) {
         state.selected = Math.max(0, Math.min(next, state.lights.length - 1));
       }),
     toggle: (key) => change((_, light) => light && (light[key] = !light[key])),
-    nudge: (key, step) => onLight((light) => (light[key] = clamp(light[key] + step, key === "angle" ? 0 : -64, key === "angle" ? 180 : 64)), "keys"),
+    push: (centimetres) =>
+      onLight((light) => {
+        if (isNear(light)) light.position = viewer.room.pushed(light.position, centimetres / 100);
+        else viewer.say("A distant light has no distance: D brings it near.");
+      }, "keys"),
+    switch: () => {
+      change((state, light) => light && (state.lights[state.selected] = viewer.room.switched(light)));
+      const light = selected(viewer.state);
+      if (light && isNear(light) && viewer.room.camera.guessed) viewer.say("The frame cuts the person: metres are as if it showed 1.75 of them. Give relight view --height.");
+    },
+    brighten: (step) => onLight((light) => (light.exposure = clamp(light.exposure + step, -64, 64)), "keys"),
+    soften: (steps) =>
+      onLight((light) => {
+        if (isNear(light)) light.radius = clamp(light.radius + steps / 100, 0, viewer.room.height);
+        else light.angle = clamp(light.angle + 2 * steps, 0, 180);
+      }, "keys"),
     warmth: (mireds) => onLight((light) => (light.temperature = clamp(1e6 / (1e6 / (light.temperature ?? 6500) + mireds), ...LOCI[light.locus])), "keys"),
     orbit: () => (viewer.playing === null ? viewer.play() : viewer.stop()),
     turn: (degrees) =>

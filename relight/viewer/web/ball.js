@@ -1,6 +1,6 @@
 // A small matte sphere, lit by lights as the person is: where they stand, at a glance.
 
-import { direction, dot } from "./lights.js";
+import { direction, dot, softness } from "./lights.js";
 import { encoded } from "./environment.js";
 
 /** Paints lights, [{ light, colour: [r, g, b] }], on a square canvas; `ambient` keeps its night side visible. */
@@ -8,7 +8,7 @@ export function paintBall(canvas, lights, ambient = 0.02) {
   const size = canvas.width;
   const context = canvas.getContext("2d");
   const image = context.createImageData(size, size);
-  const lit = lights.map(({ light, colour }) => ({ toward: direction(light), soft: light.angle / 180, colour }));
+  const lit = lights.map(({ light, colour }) => ({ toward: direction(light), soft: softness(light) / 180, colour }));
   const radius = size / 2 - 1;
   for (let y = 0; y < size; y++) {
     for (let x = 0; x < size; x++) {

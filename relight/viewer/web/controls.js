@@ -4,7 +4,7 @@ import { chroma, paintBall, toHex } from "./ball.js";
 import { choice, h, iconButton, slider } from "./dom.js";
 import { LIGHTS, LOOKS } from "./engine.js";
 import { decoded } from "./environment.js";
-import { LOCI, clamp, power } from "./lights.js";
+import { LOCI, clamp, isNear, power } from "./lights.js";
 import { nameOf, shining } from "./state.js";
 
 export const LOOK_NAMES = {
@@ -106,11 +106,24 @@ export class Controls {
     );
     this.swatch.addEventListener("change", () => this.viewer.endGesture());
     this.white = h("button", { type: "button", class: "quiet", onclick: () => this.change((state) => Object.assign(selected(state), { temperature: null, colour: [1, 1, 1] })) }, "White");
+    const distant = (state) => selected(state) && !isNear(selected(state)) && selected(state);
+    const near = (state) => selected(state) && isNear(selected(state)) && selected(state);
+    const reach = Math.max(1.5 * this.viewer.room.height, 0.5);
+    const metres = { step: 0.01, unit: "m", low: -1e6, high: 1e6 };
+    this.aims = [
+      this.bound("Azimuth", "azimuth", distant, { min: -180, max: 180, step: 0.5, unit: "°", digits: 1 }),
+      this.bound("Elevation", "elevation", distant, { min: -90, max: 90, step: 0.5, unit: "°", digits: 1 }),
+    ];
+    this.places = ["Right", "Up", "To camera"].map((label, axis) =>
+      this.bound(label, axis, (state) => near(state)?.position, { ...metres, min: -reach, max: reach }),
+    );
+    this.distance = choice(`distance${this.id}`, "Distance", [["far", "Far"], ["near", "Near"]], () => this.viewer.actions.switch());
+    this.softness = this.bound("Softness", "angle", distant, { min: 0, max: 120, step: 0.5, unit: "°", digits: 1, high: 180 });
+    this.radius = this.bound("Radius", "radius", near, { ...metres, min: 0, max: reach / 5, low: 0 });
     this.sliders = [
-      this.bound("Azimuth", "azimuth", selected, { min: -180, max: 180, step: 0.5, unit: "°", digits: 1 }),
-      this.bound("Elevation", "elevation", selected, { min: -90, max: 90, step: 0.5, unit: "°", digits: 1 }),
       this.bound("Exposure", "exposure", selected, { min: -6, max: 6, step: 0.05, unit: "stops", low: -64, high: 64 }),
-      this.bound("Softness", "angle", selected, { min: 0, max: 120, step: 0.5, unit: "°", digits: 1, high: 180 }),
+      this.softness,
+      this.radius,
       this.bound("Kelvin", "temperature", selected, {
         min: mired(12000), max: mired(1800), step: 0.5, unit: "K", digits: 0, neutral: 6500,
         low: LOCI.planckian[0], high: LOCI.planckian[1], place: mired, value: mired,
@@ -120,8 +133,9 @@ export class Controls {
     this.inspected = h(
       "section",
       { class: "inspector", "aria-label": "The selected light" },
-      h("div", { class: "aim" }, this.ball, h("div", { class: "aims" }, ...this.sliders.slice(0, 2))),
-      ...this.sliders.slice(2),
+      h("div", { class: "aim" }, this.ball, h("div", { class: "aims" }, this.distance, ...this.aims)),
+      ...this.places,
+      ...this.sliders,
       h("div", { class: "row" }, h("span", { class: "label" }, "Colour"), this.swatch, this.white),
     );
     return this.inspected;
@@ -204,7 +218,11 @@ export class Controls {
     this.empty.hidden = state.lights.length > 0 || Boolean(state.environment);
     this.inspected.hidden = !selected;
     if (selected) {
-      this.sliders.forEach((control) => control.refresh(state));
+      const lamp = isNear(selected);
+      this.distance.set(lamp ? "near" : "far");
+      for (const control of [...this.aims, this.softness]) control.hidden = lamp;
+      for (const control of [...this.places, this.radius]) control.hidden = !lamp;
+      [...this.aims, ...this.places, ...this.sliders].forEach((control) => control.refresh(state));
       this.inspected.classList.toggle("untinted", selected.temperature === null);
       this.swatch.value = toHex(selected.colour);
       const lit = [...active].map((light) => ({ light, colour: power(light, viewer.tints) }));

@@ -1,6 +1,7 @@
 // The picture: WebGL2 passes that repeat relight.Subject.relit, and how it is shown.
 //
 //   light    for each light, on the networks' canvas: its shading and its visibility (a layer each)
+//   near     the same for a lamp in the room
 //   sum      Σ colour · layer                                                        (on the canvas)
 //   enlarge  joint bilateral upsampling to the person's pixels                       (on the plate)
 //   compose  × albedo × coverage, over the background; or another look               (the picture)
@@ -9,11 +10,13 @@
 //
 // Off-screen images have their top row first: row 0 of a texture is the picture's top row.
 
-import { dot } from "./lights.js";
+import { dot, isNear } from "./lights.js";
 
 export const LIGHTS = 8; // of which each can be alone; the layer after them is the environment's
 const LAYERS = LIGHTS + 1;
 const ROWS = 14; // vec4 a sample: see shaders/light.glsl
+const RAYS = 16; // to a lamp that has a size: SAMPLES of relight/lights/near.py
+const TABLE = 128; // sides of the table of the components' weights by direction
 const BATCH = 60; // samples a draw: 60 · 14 vec4 fit the 16 KiB that every uniform block may have
 export const LOOKS = ["picture", "light", "visibility", "normals", "albedo", "photograph"];
 export const LUMINANCE = [0.2126, 0.7152, 0.0722];
@@ -22,9 +25,9 @@ export const LUMINANCE = [0.2126, 0.7152, 0.0722];
 export class Unsupported extends Error {}
 
 export class Engine {
-  /** `pack`: what `unpack` gives, and its images decoded; `shaders`: {name: text}. */
-  constructor(canvas, pack, shaders) {
-    Object.assign(this, { canvas, pack, shaders });
+  /** `pack`: what `unpack` gives, and its images decoded; `room`: the Room of it; `shaders`: {name: text}. */
+  constructor(canvas, pack, room, shaders) {
+    Object.assign(this, { canvas, pack, room, shaders });
     const { size, box, canvas: field } = pack.description;
     [canvas.width, canvas.height] = size;
     Object.assign(this, { size, box, field });
@@ -42,7 +45,7 @@ export class Engine {
       throw new Unsupported("This graphics driver cannot draw to float images, which light is summed in.");
     }
     this.programs = Object.fromEntries(
-      ["light", "sum", "prepare", "enlarge", "compose", "reduce", "show"].map((name) => [
+      ["light", "near", "sum", "prepare", "enlarge", "compose", "reduce", "show"].map((name) => [
         name,
         program(gl, this.shaders.quad, this.shaders.common + this.shaders[name]),
       ]),
@@ -50,6 +53,7 @@ export class Engine {
     gl.bindVertexArray(gl.createVertexArray());
     this.layers = Array(LAYERS).fill(null); // what each layer shows: the samples it was drawn from
     this.enlarged = null; // the normals, once they are asked for
+    this.table = null; // of the components' weights, once there is a lamp
     this.background = null;
     this.makeTextures();
     this.block = gl.createBuffer();
@@ -67,6 +71,7 @@ export class Engine {
     const layers = arrays.features.shape[0] / 4;
     this.features = texture(gl, { size: field, layers, data: interleaved(arrays.features) });
     this.surface = texture(gl, { size: field, format: "half", data: interleaved(arrays.surface) });
+    this.positions = texture(gl, { size: field, format: "float", data: this.room.positions });
     this.guide = texture(gl, { size: field, data: interleaved(arrays.guide) });
     this.matte = texture(gl, { size: box.slice(2), format: "grey", data: arrays.matte.data });
     this.photograph = texture(gl, { size: box.slice(2), format: "sRGB", data: images.photograph });
@@ -111,12 +116,17 @@ export class Engine {
 
   /**
    * Draws the light of these layers: [{ samples, colour: [r, g, b] }], by slot; null where there is none.
-   * A layer whose samples are the same object as before is not drawn anew.
+   * Samples are those of `lights.js`, or a lamp { position, radius }; a layer whose samples are the same object
+   * as before is not drawn anew.
    */
   setLights(layers) {
     layers.forEach((layer, slot) => {
-      if (layer && this.layers[slot] !== layer.samples) this.drawLayer(slot, layer.samples);
+      if (!layer || this.layers[slot] === layer.samples) return;
+      this.layers[slot] = layer.samples;
+      if (isNear(layer.samples)) this.drawLamp(slot, layer.samples);
+      else this.drawLayer(slot, layer.samples);
     });
+    const lamps = layers.flatMap((layer) => (layer && isNear(layer.samples) ? [...layer.samples.position, layer.samples.radius] : [0, 0, 0, -1]));
     const colours = new Float32Array(LAYERS * 3);
     layers.forEach((layer, slot) => layer && colours.set(layer.colour, slot * 3));
     // Half floats hold 65504: the sum is kept within about one, and its scale apart.
@@ -127,6 +137,8 @@ export class Engine {
     strengths.forEach((strength, slot) => (shares[slot] = all ? strength / all : 0));
     this.draw("sum", this.total, {
       layers: this.lit,
+      positions: this.positions,
+      "lamps[0]": { quads: new Float32Array(lamps) },
       "colours[0]": { vectors: colours.map((value) => value / this.scale) },
       "shares[0]": { numbers: shares },
     });
@@ -135,7 +147,6 @@ export class Engine {
 
   drawLayer(slot, samples) {
     const { gl } = this;
-    this.layers[slot] = samples;
     const total = samples.reduce((sum, { power }) => sum + dot(LUMINANCE, power), 0) || 1;
     for (let first = 0; first < Math.max(1, samples.length); first += BATCH) {
       const batch = samples.slice(first, first + BATCH);
@@ -156,22 +167,63 @@ export class Engine {
     }
   }
 
+  drawLamp(slot, { position, radius }) {
+    const sides = position.map(Math.abs);
+    const least = sides.indexOf(Math.min(...sides));
+    this.table ??= texture(this.gl, { size: [TABLE, TABLE], layers: 13, format: "float", data: this.tableOf(), smooth: true });
+    this.draw("near", { ...this.lit, layer: slot }, {
+      features: this.features,
+      surface: this.surface,
+      positions: this.positions,
+      table: this.table,
+      position,
+      axis: [0, 1, 2].map((side) => Number(side === least)),
+      radius,
+      rays: radius ? RAYS : 1,
+      haze: this.pack.description.haze,
+    });
+  }
+
+  /** The components' weights in all directions, on an octahedral map: see shaders/near.glsl. */
+  tableOf() {
+    if (this.weights) return this.weights;
+    const texels = TABLE * TABLE;
+    this.weights = new Float32Array(texels * 4 * 13);
+    for (let texel = 0; texel < texels; texel++) {
+      const [right, up] = [texel % TABLE, Math.floor(texel / TABLE)].map((place) => (2 * place) / (TABLE - 1) - 1);
+      const front = 1 - Math.abs(right) - Math.abs(up);
+      const fold = (value, other) => (front < 0 ? (1 - Math.abs(other)) * (value < 0 ? -1 : 1) : value);
+      const place = [fold(right, up), fold(up, right), front];
+      const length = Math.hypot(...place);
+      const { shadow, bounce } = this.weightsOf(place.map((value) => value / length));
+      const rows = [...shadow.subarray(0, -1), ...bounce.subarray(0, -1), shadow.at(-1), bounce.at(-1)];
+      rows.forEach((value, index) => (this.weights[(Math.floor(index / 4) * texels + texel) * 4 + (index % 4)] = value));
+    }
+    return this.weights;
+  }
+
   /** The weights of the components in a direction: those of anchors near it, mixed. */
-  writeSample(row, { toward, power }) {
+  weightsOf(toward) {
     const { anchors, cast, residual } = this.mixes;
     const nearness = anchors.map((anchor) => Math.exp(this.pack.description.kappa * (dot(anchor, toward) - 1)));
     const total = nearness.reduce((sum, value) => sum + value, 0);
     const mixed = (mix) => {
       const weights = new Float64Array(mix[0].length);
       nearness.forEach((value, anchor) => {
-        if (value > 1e-12 * total) mix[anchor].forEach((part, index) => (weights[index] += (part * value) / total));
+        if (value < 1e-9 * total) return;
+        const parts = mix[anchor];
+        for (let index = 0; index < parts.length; index++) weights[index] += (parts[index] * value) / total;
       });
       return weights;
     };
-    const [shadow, bounce] = [mixed(cast), mixed(residual)];
+    return { shadow: mixed(cast), bounce: mixed(residual) };
+  }
+
+  writeSample(row, { toward, power }) {
+    const { shadow, bounce } = this.weightsOf(toward);
     row.set([...toward, shadow.at(-1), ...power, bounce.at(-1)]);
     row.set(shadow.subarray(0, -1), 8);
-    row.set(bounce.subarray(0, -1), 8 + cast[0].length - 1);
+    row.set(bounce.subarray(0, -1), 8 + shadow.length - 1);
   }
 
   enlarge(source, destination) {
@@ -314,7 +366,7 @@ function formats(gl) {
   };
 }
 
-function texture(gl, { size, layers, format = "bytes", data = null, mipmaps = false }) {
+function texture(gl, { size, layers, format = "bytes", data = null, mipmaps = false, smooth = mipmaps }) {
   const kind = layers ? gl.TEXTURE_2D_ARRAY : gl.TEXTURE_2D;
   const handle = gl.createTexture();
   const [internal, channels, type] = formats(gl)[format];
@@ -324,8 +376,8 @@ function texture(gl, { size, layers, format = "bytes", data = null, mipmaps = fa
   if (layers) gl.texImage3D(kind, 0, internal, ...size, layers, 0, channels, type, data);
   else gl.texImage2D(kind, 0, internal, ...size, 0, channels, type, data);
   if (mipmaps) gl.generateMipmap(kind);
-  gl.texParameteri(kind, gl.TEXTURE_MIN_FILTER, mipmaps ? gl.LINEAR_MIPMAP_LINEAR : gl.NEAREST);
-  gl.texParameteri(kind, gl.TEXTURE_MAG_FILTER, mipmaps ? gl.LINEAR : gl.NEAREST);
+  gl.texParameteri(kind, gl.TEXTURE_MIN_FILTER, mipmaps ? gl.LINEAR_MIPMAP_LINEAR : smooth ? gl.LINEAR : gl.NEAREST);
+  gl.texParameteri(kind, gl.TEXTURE_MAG_FILTER, smooth ? gl.LINEAR : gl.NEAREST);
   for (const side of [gl.TEXTURE_WRAP_S, gl.TEXTURE_WRAP_T]) gl.texParameteri(kind, side, gl.CLAMP_TO_EDGE);
   return { handle, kind, size };
 }
@@ -369,6 +421,7 @@ function setUniform(gl, place, value) {
   if (typeof value === "number") gl.uniform1f(place, value);
   else if (value.whole !== undefined) gl.uniform1i(place, value.whole);
   else if (value.vectors) gl.uniform3fv(place, value.vectors);
+  else if (value.quads) gl.uniform4fv(place, value.quads);
   else if (value.numbers) gl.uniform1fv(place, value.numbers);
   else gl[`uniform${value.length}fv`](place, value);
 }

@@ -6,24 +6,28 @@ import { h } from "./dom.js";
 export function keyTable(viewer) {
   const { actions } = viewer;
   const aim = (azimuth, elevation) => (event) => actions.aim(azimuth * (event.shiftKey ? 10 : 1), elevation * (event.shiftKey ? 10 : 1));
+  const push = (centimetres) => (event) => actions.push(centimetres * (event.shiftKey ? 10 : 1));
   const look = (name) => () => actions.look(name);
   return [
     ["Lights"],
     ["ArrowLeft", "", "", aim(-1, 0)],
     ["ArrowRight", "", "", aim(1, 0)],
-    ["ArrowUp", "← → ↑ ↓", "move the light a degree; with Shift ten", aim(0, 1)],
+    ["ArrowUp", "← → ↑ ↓", "move the light a degree, or a centimetre; with Shift ten", aim(0, 1)],
     ["ArrowDown", "", "", aim(0, -1)],
+    ["d", "D", "near, in the room; and distant again", actions.switch],
+    ["PageUp", "Page ↑ ↓", "push a near light away, draw it nearer", push(5)],
+    ["PageDown", "", "", push(-5)],
     ["a", "A", "add a light", actions.add],
     ["Delete", "Delete", "delete it", () => actions.remove(viewer.state.selected)],
     ["Backspace", "", "", () => actions.remove(viewer.state.selected)],
     ["digit", "1 – 8", "select a light", (event) => viewer.select(Number(event.key) - 1)],
     ["s", "S", "solo", () => actions.toggle("solo")],
     ["m", "M", "mute", () => actions.toggle("muted")],
-    ["+", "+ −", "a quarter of a stop brighter, darker", () => actions.nudge("exposure", 0.25)],
-    ["=", "", "", () => actions.nudge("exposure", 0.25)],
-    ["-", "", "", () => actions.nudge("exposure", -0.25)],
-    [".", ". ,", "softer, harder", () => actions.nudge("angle", 2)],
-    [",", "", "", () => actions.nudge("angle", -2)],
+    ["+", "+ −", "a quarter of a stop brighter, darker", () => actions.brighten(0.25)],
+    ["=", "", "", () => actions.brighten(0.25)],
+    ["-", "", "", () => actions.brighten(-0.25)],
+    [".", ". ,", "softer, harder", () => actions.soften(1)],
+    [",", "", "", () => actions.soften(-1)],
     ["k", "K J", "cooler, warmer", () => actions.warmth(-10)],
     ["j", "", "", () => actions.warmth(10)],
     ["t", "T", "play an orbit, and stop", actions.orbit],
@@ -77,7 +81,7 @@ export function helpSheet(table) {
   }
   const hands = [
     ["Drag on the picture", "the light follows, as on a sphere around the person; beyond the ring it goes behind"],
-    ["Wheel, pinch", "softer and harder"],
+    ["Wheel, pinch", "softer and harder; a near light away and toward the camera, with Shift softer and harder"],
     ["Right button, two fingers", "turn the environment"],
     ["Drop a file", "on the picture: the background; on the panel: an environment (.hdr or a picture)"],
     ["Double click a slider", "back to its neutral value"],

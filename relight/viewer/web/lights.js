@@ -1,12 +1,18 @@
-// Lights as Python's: the parameters of relight.DirectionalLight, the directions that a light comes down to.
+// Lights as Python's: the parameters of relight.DirectionalLight and relight.PointLight, and the directions that
+// a distant light comes down to.
 
 const SOFT_SAMPLES = 32; // directions over the disc of a soft light: relight/lights/directional.py
 export const DEGREE = Math.PI / 180;
 
 export const LOCI = { planckian: [1000, 40000], daylight: [4000, 25000] }; // kelvin
 
-/** Unit vector toward a light: x to image right, y up, z to the camera. */
-export function direction({ azimuth, elevation }) {
+/** Whether a light stands in the room, at a position. */
+export const isNear = (light) => "position" in light;
+
+/** Unit vector toward a light, of a near one from the subject's middle: x to image right, y up, z to the camera. */
+export function direction(light) {
+  if (isNear(light)) return light.position.some(Boolean) ? normalised(light.position) : [0, 0, 1];
+  const { azimuth, elevation } = light;
   const across = Math.cos(elevation * DEGREE);
   return [
     across * Math.sin(azimuth * DEGREE),
@@ -18,6 +24,12 @@ export function direction({ azimuth, elevation }) {
 /** { azimuth, elevation } in degrees of a vector. */
 export function angles([x, y, z]) {
   return { azimuth: Math.atan2(x, z) / DEGREE, elevation: Math.atan2(y, Math.hypot(x, z)) / DEGREE };
+}
+
+/** Degrees across a light, of a near one as the subject's middle sees it. */
+export function softness(light) {
+  if (!isNear(light)) return light.angle;
+  return (2 * Math.asin(Math.min(1, light.radius / Math.max(Math.hypot(...light.position), 1e-6)))) / DEGREE;
 }
 
 /** Linear RGB: colour × the temperature's tint × intensity × 2 ** exposure. */
@@ -36,8 +48,9 @@ function tintOf(kelvin, locus, tints) {
   return colours[index].map((low, channel) => low + (colours[index + 1][channel] - low) * share);
 }
 
-/** What a light of unit power comes down to: [{ toward, power: [r, g, b] }]. */
+/** What a light of unit power comes down to: [{ toward, power: [r, g, b] }]; of a near one it is the lamp. */
 export function samples(light) {
+  if (isNear(light)) return { position: light.position, radius: light.radius };
   const axis = direction(light);
   const towards = light.angle === 0 ? [axis] : cap(axis, (light.angle / 2) * DEGREE);
   const facing = towards.reduce((sum, toward) => sum + dot(toward, axis), 0);

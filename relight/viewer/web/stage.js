@@ -1,17 +1,20 @@
 // The picture under one's hands: drag and the light follows, wheel and pinch, handles, the wipe.
 //
 // Directions lie on the stage as on a map of the sphere, seen from the camera (Lambert's azimuthal equal-area
-// projection): the camera in the middle, beside the person on the inner ring, behind them beyond it.
+// projection): the camera in the middle, beside the person on the inner ring, behind them beyond it. A near light
+// lies where the camera sees it, or at the stage's edge; a drag moves it in parallel to the picture.
 
 import { chroma, paintBall } from "./ball.js";
 import { h } from "./dom.js";
 import { LIGHTS } from "./engine.js";
-import { angles, clamp, direction, power } from "./lights.js";
+import { angles, clamp, direction, isNear, power } from "./lights.js";
 import { shining } from "./state.js";
 
 const MARGIN = 24; // CSS pixels around the picture
 const FARTHEST = Math.SQRT2; // of the map, where the light is right behind
 const WHEEL = 0.04; // degrees of softness a pixel of the wheel
+const PUSH = 0.0008; // of the person's height, that it pushes a near light
+const RIM = 30; // CSS pixels from the stage's edge to a near light that is seen beyond it
 
 /** A place on the map, in units of the inner ring, right and up, to a direction. */
 export function unprojected(right, up) {
@@ -73,6 +76,7 @@ export class Stage {
     const scale = Math.min((width - 2 * margin) / size[0], (height - 2 * margin) / size[1]);
     if (!(scale > 0)) return;
     const [w, t] = [size[0] * scale, size[1] * scale];
+    this.scale = scale; // CSS pixels a pixel of the picture
     this.frame = { left: (width - w) / 2, top: (height - t) / 2, width: w, height: t };
     Object.assign(this.canvas.style, { left: `${this.frame.left}px`, top: `${this.frame.top}px`, width: `${w}px`, height: `${t}px` });
     this.middle = [
@@ -121,8 +125,9 @@ export class Stage {
   beginTurn() {
     const { state } = this.viewer;
     if (this.before) this.viewer.change((now) => (now.lights[now.selected] = structuredClone(this.before)), "aim");
+    this.before = null;
     for (const pointer of this.pointers.values()) pointer.start = pointer.now;
-    this.began = { rotation: state.environment?.rotation, angle: state.lights[state.selected]?.angle };
+    this.began = { rotation: state.environment?.rotation, light: state.lights[state.selected] };
     if (!state.environment && this.pointers.size === 1) this.viewer.say("There is no environment to turn: drop a map on the panel.");
   }
 
@@ -136,6 +141,15 @@ export class Stage {
   }
 
   aim([x, y]) {
+    const { room, state } = this.viewer;
+    const { position } = state.lights[state.selected];
+    if (position) {
+      const place = [(x - this.frame.left) / this.scale, (y - this.frame.top) / this.scale];
+      const moved = room.seenAt(place, position[2]);
+      this.viewer.change((now) => (now.lights[now.selected].position = moved), "aim");
+      this.element.classList.add("placing");
+      return;
+    }
     const toward = unprojected((x - this.middle[0]) / this.radius, (this.middle[1] - y) / this.radius);
     this.viewer.change((state) => Object.assign(state.lights[state.selected], angles(toward)), "aim");
     this.element.classList.add("aiming");
@@ -149,7 +163,10 @@ export class Stage {
     this.viewer.change((state) => {
       if (state.environment) state.environment.rotation = this.began.rotation + (moved / this.radius) * 45;
       const light = state.lights[state.selected];
-      if (light && pinch !== 1) light.angle = clamp((this.began.angle + 10) * pinch - 10, 0, 180);
+      const { light: began } = this.began;
+      if (!light || pinch === 1) return;
+      if (isNear(light)) light.position = this.viewer.room.drawn(began.position, pinch);
+      else light.angle = clamp((began.angle + 10) * pinch - 10, 0, 180);
     }, "turn");
   }
 
@@ -160,20 +177,35 @@ export class Stage {
       return;
     }
     this.task = this.before = null;
-    this.element.classList.remove("aiming");
+    this.element.classList.remove("aiming", "placing");
     this.viewer.endGesture();
   }
 
   wheel(event) {
     event.preventDefault();
-    const step = event.deltaY * (event.deltaMode === 1 ? 16 : 1) * WHEEL;
+    const { room } = this.viewer;
+    const pixels = (event.deltaY || event.deltaX) * (event.deltaMode === 1 ? 16 : 1); // with Shift it is sideways
     this.viewer.change((state) => {
       const light = state.lights[state.selected];
-      if (light) light.angle = clamp(light.angle - step, 0, 180);
+      if (!light) return;
+      if (!isNear(light)) light.angle = clamp(light.angle - pixels * WHEEL, 0, 180);
+      else if (event.shiftKey) light.radius = clamp(light.radius - pixels * PUSH * 0.25 * room.height, 0, room.height);
+      else light.position = room.pushed(light.position, -pixels * PUSH * room.height);
     }, "wheel");
     this.tell();
     clearTimeout(this.wheeling);
     this.wheeling = setTimeout(() => this.viewer.endGesture(), 400);
+  }
+
+  /** Where a light's handle is, CSS pixels on the stage. */
+  placeOf(light) {
+    if (!isNear(light)) {
+      const [right, up] = projected(direction(light));
+      return [this.middle[0] + right * this.radius, this.middle[1] - up * this.radius];
+    }
+    const [x, y] = this.viewer.room.onPicture(light.position).map((value) => value * this.scale);
+    const { clientWidth, clientHeight } = this.element;
+    return [clamp(this.frame.left + x, RIM, clientWidth - RIM), clamp(this.frame.top + y, RIM, clientHeight - RIM)];
   }
 
   /** Shows for a moment what the selected light is set to. */
@@ -192,8 +224,9 @@ export class Stage {
       const light = state.lights[index];
       handle.hidden = !light || this.viewer.bare;
       if (handle.hidden) return;
-      const [right, up] = projected(direction(light));
-      handle.style.transform = `translate(${this.middle[0] + right * this.radius}px, ${this.middle[1] - up * this.radius}px)`;
+      const [left, top] = this.placeOf(light);
+      handle.style.transform = `translate(${left}px, ${top}px)`;
+      handle.classList.toggle("near", isNear(light));
       handle.classList.toggle("selected", index === state.selected);
       handle.classList.toggle("off", !active.has(light));
       const name = light.name || `light${index + 1}`;
@@ -218,7 +251,14 @@ export class Stage {
   }
 }
 
-function described({ azimuth, elevation, angle }) {
+function described(light) {
+  if (isNear(light)) {
+    const metres = (value) => value.toFixed(2).replace("-", "−").replace(/^−0.00$/, "0.00");
+    const [x, y, z] = light.position.map(metres);
+    const size = light.radius ? `, radius ${metres(light.radius)}` : "";
+    return `${x} right, ${y} up, ${z} to the camera${size} m`;
+  }
+  const { azimuth, elevation, angle } = light;
   const degrees = (value) => `${value.toFixed(0).replace("-", "−").replace(/^−0$/, "0")}°`;
   const behind = direction({ azimuth, elevation })[2] < -0.02 ? ", behind" : "";
   const soft = angle ? `, softness ${degrees(angle)}` : "";

@@ -1,35 +1,36 @@
 // What the page shows, as plain data: checked when it comes from outside, and written out again as a link, as
 // a lights file and as a command.
 
-import { LOCI } from "./lights.js";
+import { LOCI, isNear } from "./lights.js";
 import { LIGHTS, LOOKS } from "./engine.js";
 
 /** Something from outside that cannot be used, in a sentence. */
 export class Invalid extends Error {}
 
 const BLANK = {
-  azimuth: 0,
-  elevation: 0,
   intensity: 1,
   colour: [1, 1, 1],
   exposure: 0,
   temperature: null,
   locus: "planckian",
 };
-const LIGHT = { name: "", ...BLANK, angle: 0, muted: false, solo: false };
+const SWITCHES = { muted: false, solo: false };
+const LIGHT = { name: "", azimuth: 0, elevation: 0, ...BLANK, angle: 0, ...SWITCHES };
+const LAMP = { name: "", position: [0, 0, 1], ...BLANK, radius: 0, ...SWITCHES };
 const RANGES = {
   azimuth: [-Infinity, Infinity],
   elevation: [-90, 90],
   intensity: [0, 1e6],
   exposure: [-64, 64],
   angle: [0, 180],
+  radius: [0, 1e6],
   rotation: [-Infinity, Infinity],
 };
 
 export const LIMITS = RANGES;
 
-/** A light with all its parameters, from some of them; Invalid for what relight.DirectionalLight refuses. */
-export function checkedLight(given, kind = LIGHT) {
+/** A light with all its parameters, from some of them; Invalid for what its class in Python refuses. */
+export function checkedLight(given, kind = isNear(given) ? LAMP : LIGHT) {
   const light = { ...kind };
   for (const [key, value] of Object.entries(given)) {
     if (!(key in light)) throw new Invalid(`${key}: is no parameter of a light.`);
@@ -43,7 +44,8 @@ export function checkedLight(given, kind = LIGHT) {
       throw new Invalid(`${key}: expected a number${Number.isFinite(low) ? ` from ${low} to ${high}` : ""}, got ${value}.`);
     }
   }
-  const { colour, locus, temperature } = light;
+  const { colour, locus, temperature, position } = light;
+  if (position && !isPlace(position)) throw new Invalid(`position: expected three numbers of metres, got ${position}.`);
   const whole = Array.isArray(colour) && colour.length === 3;
   if (!whole || !colour.every((value) => Number.isFinite(value) && value >= 0 && value <= 1e6)) {
     throw new Invalid(`colour: expected three numbers from 0 up, got ${colour}.`);
@@ -54,8 +56,11 @@ export function checkedLight(given, kind = LIGHT) {
     throw new Invalid(`temperature: expected ${low} to ${high} kelvin, got ${temperature}.`);
   }
   if (typeof light.name !== "string" && light.name !== null) throw new Invalid("name: expected text.");
-  return { ...light, name: nameOf(light.name), colour: [...colour] };
+  return { ...light, name: nameOf(light.name), colour: [...colour], ...(position && { position: [...position] }) };
 }
+
+const isPlace = (position) =>
+  Array.isArray(position) && position.length === 3 && position.every((value) => Math.abs(value) <= 1e6);
 
 /** A name as OpenEXR layers can have it: no control characters, not too long. */
 export const nameOf = (text) => (text ?? "").replace(/\p{Cc}/gu, "").trim().slice(0, 80);
@@ -168,15 +173,17 @@ function numberOf(name, text) {
 /** A number of few digits: 1e-4 is the precision of an angle. */
 export const short = (value) => (typeof value === "number" ? String(Number(value.toFixed(4))) : value);
 
-/** The settings of a light that are not its defaults, as [key, value]; the angles always. */
+const placing = (light) => (isNear(light) ? ["position"] : ["azimuth", "elevation"]);
+
+/** The settings of a light that are not its defaults, as [key, value]; where it is always. */
 function settings(light, first) {
-  const keys = ["intensity", "colour", "exposure", "temperature", "locus", "angle"];
-  const told = keys.filter((key) => key in light && String(light[key]) !== String(LIGHT[key]));
+  const keys = ["intensity", "colour", "exposure", "temperature", "locus", "angle", "radius"];
+  const told = keys.filter((key) => key in light && String(light[key]) !== String({ ...LIGHT, ...LAMP }[key]));
   return [...first, ...told].map((key) => [key, light[key]]);
 }
 
 /** `name:azimuth=-40,elevation=30,colour=1/0.9/0.8`, as `relight apply --light` takes it. */
-export function asText(light, first = ["azimuth", "elevation"]) {
+export function asText(light, first = placing(light)) {
   const parts = settings(light, first).map(([key, value]) => `${key}=${[value].flat().map(short).join("/")}`);
   return `${light.name ? `${light.name}:` : ""}${parts.join(",")}`;
 }
@@ -187,7 +194,7 @@ function parsed(text) {
   for (const part of text.slice(colon + 1).split(",").filter(Boolean)) {
     const [key, value] = part.split("=");
     const numbers = (value ?? "").split("/").map((number) => numberOf(key, number === "" ? NaN : key === "locus" ? 0 : number));
-    given[key] = key === "locus" ? value : key === "colour" ? numbers : numbers[0];
+    given[key] = key === "locus" ? value : key === "colour" || key === "position" ? numbers : numbers[0];
   }
   return given;
 }
@@ -213,7 +220,7 @@ export function toYaml(state, environment) {
       lines.push(`    ${key}: ${text}`);
     }
   };
-  for (const light of named(shining(state))) entry(light, ["azimuth", "elevation"]);
+  for (const light of named(shining(state))) entry(light, placing(light), isNear(light) ? ["type: point"] : []);
   if (environment && !state.environment.muted) {
     entry(state.environment, ["rotation"], ["type: environment", `image: ${JSON.stringify(environment.path)}`]);
   }

@@ -7,8 +7,9 @@ import { h } from "./dom.js";
 import { Engine, LIGHTS, LUMINANCE, Unsupported } from "./engine.js";
 import { Refused, encoded, lampsOf, readImage, turned } from "./environment.js";
 import { actionOf, helpSheet, keyTable } from "./keys.js";
-import { dot, power, samples } from "./lights.js";
+import { angles, dot, isNear, power, samples } from "./lights.js";
 import { fromBase64, unpack } from "./pack.js";
+import { Room } from "./room.js";
 import { Stage, unprojected } from "./stage.js";
 import { Invalid, checkedEnvironment, checkedLight, fromFragment, initial, shining, toFragment, toYaml, toCommand } from "./state.js";
 
@@ -35,6 +36,7 @@ export class Viewer {
     this.environment = null; // { path, lamps, strength }
     this.backdrop = null; // { name, width, height, rgb }
     this.listeners = new Set();
+    this.room = new Room(pack);
     this.state = initial(scene);
   }
 
@@ -50,7 +52,7 @@ export class Viewer {
     this.actions = actionsOf(this);
     this.keys = keyTable(this);
     this.stage = new Stage(this);
-    this.engine = new Engine(this.stage.canvas, this.pack, SHADERS);
+    this.engine = new Engine(this.stage.canvas, this.pack, this.room, SHADERS);
     if (this.backdrop) this.engine.setBackground(this.backdrop);
     this.controls = new Controls(this);
     this.help = helpSheet(this.keys);
@@ -123,12 +125,10 @@ export class Viewer {
   play() {
     if (!this.state.lights.length) return;
     const start = performance.now();
-    const { azimuth } = this.state.lights[this.state.selected];
+    const begun = this.state.lights[this.state.selected];
     const turn = (now) => {
-      this.change((state) => {
-        const degrees = azimuth + (360 * Math.max(0, now - start)) / ORBIT;
-        state.lights[state.selected].azimuth = ((((degrees + 180) % 360) + 360) % 360) - 180;
-      }, "orbit");
+      const orbited = turnedLight(begun, (360 * Math.max(0, now - start)) / ORBIT);
+      this.change((state) => Object.assign(state.lights[state.selected], orbited), "orbit");
       this.playing = requestAnimationFrame(turn);
     };
     this.playing = requestAnimationFrame(turn);
@@ -183,9 +183,12 @@ export class Viewer {
       const bounds = ball.getBoundingClientRect();
       const right = ((event.clientX - bounds.left) / bounds.width) * 2 - 1;
       const up = 1 - ((event.clientY - bounds.top) / bounds.height) * 2;
-      const [x, y, z] = unprojected(right, up);
-      const light = { azimuth: (Math.atan2(x, z) * 180) / Math.PI, elevation: (Math.asin(Math.max(-1, Math.min(1, y))) * 180) / Math.PI };
-      this.change((state) => Object.assign(state.lights[state.selected], light), "ball");
+      const toward = unprojected(right, up);
+      this.change((state) => {
+        const light = state.lights[state.selected];
+        const metres = isNear(light) && Math.hypot(...light.position);
+        Object.assign(light, metres ? { position: toward.map((part) => part * metres) } : angles(toward));
+      }, "ball");
     };
     ball.addEventListener("pointerdown", (event) => {
       this.stop();
@@ -258,6 +261,18 @@ export class Viewer {
 
   // --- showing
 
+  /** Says so while a lamp is where none can stand. */
+  checkLamps() {
+    const { lights } = this.state;
+    const lamp = lights[this.state.selected];
+    const blocked = lamp && isNear(lamp) ? this.room.obstacle(lamp) : null;
+    if (blocked !== this.blocked && (blocked || this.blocked)) {
+      if (blocked) this.say(`${lamp.name || "The lamp"} ${blocked}: move it beside them, or Python refuses it.`, true);
+      else this.stage.message.replaceChildren();
+    }
+    this.blocked = blocked;
+  }
+
   /** Brings all up to date with the state, the picture with the browser's next frame. */
   refresh() {
     if (!this.engine) return;
@@ -273,6 +288,7 @@ export class Viewer {
       this.redraw();
       this.controls.update(this.state);
       this.stage.update(this.state);
+      this.checkLamps();
     });
   }
 
@@ -299,7 +315,8 @@ export class Viewer {
     const layers = Array.from({ length: LIGHTS }, (_, slot) => {
       const light = state.lights[slot];
       if (!light || !active.has(light)) return null;
-      return { samples: this.samplesOf(slot, [light.azimuth, light.elevation, light.angle], () => samples(light)), colour: power(light, this.tints) };
+      const settings = isNear(light) ? [...light.position, light.radius] : [light.azimuth, light.elevation, light.angle];
+      return { samples: this.samplesOf(slot, settings, () => samples(light)), colour: power(light, this.tints) };
     });
     const { environment } = state;
     const shines = environment && this.environment && !environment.muted;
@@ -313,14 +330,16 @@ export class Viewer {
   }
 
   samplesOf(slot, settings, make) {
-    const key = settings.join();
+    const key = settings.join(); // of three numbers or of four: a lamp's is no distant light's
     if (this.drawn[slot].key !== key) this.drawn[slot] = { key, samples: make() };
     return this.drawn[slot].samples;
   }
 
-  /** Lights, as Python's DirectionalLight has them, to {width, height, data}: linear premultiplied RGBA. */
+  /** Lights, as Python's DirectionalLight and PointLight have them, to {width, height, data}: linear premultiplied RGBA. */
   async render(lights) {
     const given = lights.map((light) => checkedLight(light));
+    const blocked = given.filter(isNear).map((lamp) => this.room.obstacle(lamp)).find(Boolean);
+    if (blocked) throw new Invalid(`position: ${blocked}; expected a light beside them.`);
     let picture = null;
     for (let first = 0; first < Math.max(1, given.length); first += LIGHTS) {
       const layers = Array.from({ length: LIGHTS + 1 }, (_, slot) => {
@@ -376,6 +395,12 @@ export class Viewer {
     this.written = toFragment(this.state);
     history.replaceState(null, "", `#${this.written}`);
   }
+}
+
+/** Where a light stands after a turn about the vertical, from the camera toward image right. */
+function turnedLight(light, degrees) {
+  if (isNear(light)) return { position: turned([{ toward: light.position }], degrees)[0].toward };
+  return { azimuth: ((((light.azimuth + degrees + 180) % 360) + 360) % 360) - 180 };
 }
 
 /** Says in place of a picture why there is none. */
