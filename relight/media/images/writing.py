@@ -35,6 +35,7 @@ HALF_MAX = 65504.0
 HALF_OVER = 65520.0  # the least value that rounds to infinity
 DEPTH = "Z"  # the layer, and OpenEXR's name of its channel: half floats would make steps of it
 LONGEST_LAYER = 253  # bytes of UTF-8: with ".R" behind, the 255 of OpenEXR
+SAMPLED = 16  # one pixel in so many tells that a layer is bright
 LOST = 0.01  # share of a layer's light that half floats may lose before a warning says so
 JPEG_LARGEST = 65500  # pixels a side, of libjpeg
 JPEG_QUALITY = 98  # of 100: differences that the eye does not find
@@ -192,7 +193,7 @@ def _layer(name: str, layer: ArrayLike, size: tuple[int, ...]) -> np.ndarray:
 
 
 def half(values: np.ndarray, name: str) -> np.ndarray:
-    """float32 values (H, W, C) rounded to what a half float holds, unless one of them is too bright for it.
+    """float32 values (..., C) rounded to what a half float holds, unless one of them is too bright for it.
 
     Warns if that loses more than 1 % of the light, as of a light of intensity 1e-6: half floats come in steps
     of 6e-8 near zero. `name` is what the warning calls them. A fourth channel is alpha, and no light.
@@ -201,18 +202,27 @@ def half(values: np.ndarray, name: str) -> np.ndarray:
     low, high = map(float, tensor.aminmax())
     if not -HALF_OVER < low <= high < HALF_OVER:
         return values
-    rounded = tensor.half().float().numpy()
-    # What half floats lose of a value is at most 2**-12 of it, or 2**-25: then bright layers need no look.
-    light = float(tensor.flatten(0, 1).abs().sum(dim=0)[:3].sum())
-    if light < values.size * 2**-25 / (LOST - 2**-12):
-        lost = np.abs(values - rounded)[..., :3].sum(dtype=np.float64) / max(light, 1e-300)
-        if lost > LOST:
-            warnings.warn(
-                f"{name}: is so dim that half floats lose {100 * lost:.0f} % of its light; "
-                "raise its intensity, or write floats (depth='float', --exr-type float)",
-                stacklevel=2,
-            )
-    return rounded
+    rounded = tensor.half()
+    _check_lost(tensor, rounded, name)
+    return rounded.float().numpy()
+
+
+def _check_lost(values: torch.Tensor, rounded: torch.Tensor, name: str) -> None:
+    """Warn where half floats lose too much of the light of `values` (..., C)."""
+    # What half floats lose of a value is at most 2**-12 of it, or 2**-25: then bright layers need no look. Nor
+    # do those of which a part is as bright.
+    enough = values.numel() * 2**-25 / (LOST - 2**-12)
+    for part in (values.flatten(0, -2)[::SAMPLED], values.flatten(0, -2)):
+        light = float(part[:, :3].abs().sum())
+        if light >= enough:
+            return
+    lost = float((values - rounded)[..., :3].abs().sum(dtype=torch.float64)) / max(light, 1e-300)
+    if lost > LOST:
+        warnings.warn(
+            f"{name}: is so dim that half floats lose {100 * lost:.0f} % of its light; "
+            "raise its intensity, or write floats (depth='float', --exr-type float)",
+            stacklevel=3,
+        )
 
 
 def _joined(path: Path, stacks: Mapping[str, np.ndarray], dtype: type) -> np.ndarray:
@@ -221,14 +231,17 @@ def _joined(path: Path, stacks: Mapping[str, np.ndarray], dtype: type) -> np.nda
     own = {f"layers[{DEPTH!r}]"} & stacks.keys() if dtype == np.float16 else set()
     joined = np.empty((*next(iter(stacks.values())).shape[:2], channels[-1]), np.float32 if own else dtype)
     for (name, stack), (first, last) in zip(stacks.items(), itertools.pairwise(channels), strict=True):
-        halved = dtype == np.float16 and name not in own
-        if halved and max(stack.max(), -stack.min()) > HALF_MAX:
-            raise ValueError(
-                f"{path}: values above {HALF_MAX:g} do not fit half; "
-                "write it with depth='float' (--exr-type float)"
-            )
-        stack = half(stack, name) if halved else stack
-        torch.from_numpy(joined)[..., first:last] = torch.from_numpy(stack)
+        tensor = torch.from_numpy(np.ascontiguousarray(stack))
+        if dtype == np.float16 and name not in own:
+            low, high = map(float, tensor.aminmax())
+            if max(high, -low) > HALF_MAX:
+                raise ValueError(
+                    f"{path}: values above {HALF_MAX:g} do not fit half; "
+                    "write it with depth='float' (--exr-type float)"
+                )
+            exact, tensor = tensor, tensor.half()
+            _check_lost(exact, tensor, name)
+        torch.from_numpy(joined)[..., first:last] = tensor
     return joined
 
 
