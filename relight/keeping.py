@@ -87,7 +87,7 @@ def write_nobody(path: AnyPath, size: tuple[int, ...], made_of: Mapping[str, Any
 def read_about(path: AnyPath) -> dict[str, Any]:
     """What a file says of itself, without its arrays. FileNotFoundError: there is none. ValueError: it is no
     analysis that was kept, is damaged, or of another format."""
-    return _opened(path)[0]
+    return _opened(path, whole=False)[0]
 
 
 def read(path: AnyPath) -> tuple[Kept, dict[str, Any]]:
@@ -105,14 +105,15 @@ def read(path: AnyPath) -> tuple[Kept, dict[str, Any]]:
         raise ValueError(f"{path}: is damaged: {error}") from error
 
 
-def _opened(path: AnyPath) -> tuple[dict[str, Any], dict[str, np.ndarray]]:
+def _opened(path: AnyPath, whole: bool = True) -> tuple[dict[str, Any], dict[str, np.ndarray]]:
     path = Path(path)
     if not path.is_file():
         raise FileNotFoundError(f"{path}: no such file")
     try:
         with safe_open(path, framework="np") as file:
             about = json.loads((file.metadata() or {}).get("relight", "{}"))
-            tensors = {name: file.get_tensor(name) for name in about.get("arrays", {})}
+            names = about.get("arrays", {})
+            tensors = {name: file.get_tensor(name) for name in names if whole}
     except (SafetensorError, json.JSONDecodeError) as error:
         raise ValueError(f"{path}: is damaged or truncated, or no safetensors file: {error}") from error
     except (AttributeError, TypeError) as error:
@@ -255,11 +256,12 @@ def _inflated(data: np.ndarray, dtype: np.dtype, shape: tuple[int, ...]) -> np.n
     """The array of a tensor of bytes; ValueError where that is not of the size it says."""
     expected = math.prod(shape) * dtype.itemsize
     inflater = zlib.decompressobj()
-    found = np.frombuffer(inflater.decompress(data.tobytes(), expected + 1), np.uint8)
+    found = np.frombuffer(inflater.decompress(data, expected + 1), np.uint8)
     if len(found) != expected or not inflater.eof:
         raise ValueError(f"holds {len(found)} bytes of an array of {expected}")
     if dtype == np.uint8:
-        return np.add.accumulate(found.reshape(shape), axis=-1, dtype=np.uint8)
+        return torch.tensor(found.reshape(shape)).cumsum(-1, dtype=torch.uint8).numpy()  # faster than NumPy's
     if dtype == np.float16:
-        found = np.ascontiguousarray(found.reshape(2, -1).T)
+        low, high = found.reshape(2, -1)
+        return (high * np.uint16(256) | low).view(dtype).reshape(shape)
     return found.view(dtype).reshape(shape).copy()
