@@ -256,7 +256,7 @@ def _inflated(data: np.ndarray, dtype: np.dtype, shape: tuple[int, ...]) -> np.n
     """The array of a tensor of bytes; ValueError where that is not of the size it says."""
     expected = math.prod(shape) * dtype.itemsize
     inflater = zlib.decompressobj()
-    found = np.frombuffer(inflater.decompress(data, expected + 1), np.uint8)
+    found = np.frombuffer(inflater.decompress(data.data, expected + 1), np.uint8)
     if len(found) != expected or not inflater.eof:
         raise ValueError(f"holds {len(found)} bytes of an array of {expected}")
     if dtype == np.uint8:

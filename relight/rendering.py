@@ -183,7 +183,7 @@ def light_groups(
     ------
     ValueError: no light, or two of one name. TypeError: not lights.
     """
-    groups, colour = {}, 0.0
+    groups, colour = {}, torch.zeros(())
     for name, layer in subject.pixels_in_each(lights):
         group = torch.from_numpy(_rounded(layer.numpy(), f"C_{name}", exr_type))
         colour = colour + group[:, :3]

@@ -105,8 +105,9 @@ def write(
     stacks = {"image": pixels, **{f"layers[{name!r}]": stack for name, stack in stacks.items()}}
     exact = {f"layers[{DEPTH!r}]"} & stacks.keys()
     if depth == "half":
-        for name in stacks.keys() - exact:
-            _check_half(path, name, stacks[name])
+        for name, stack in stacks.items():
+            if name not in exact:
+                _check_half(path, name, stack)
     spec = new_spec(pixels.shape[:2], depth, names, metadata)
     if depth == "half" and DEPTH in names:
         spec.channelformats = tuple("float" if name == DEPTH else "half" for name in names)
