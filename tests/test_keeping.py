@@ -67,6 +67,21 @@ def test_what_comes_back_is_relit_alike(subject, tmp_path, no_network):
     np.testing.assert_allclose(*powers, rtol=0.05)
 
 
+@pytest.mark.parametrize("given", [False, True])
+def test_colour_of_a_large_person_is_shortened(tmp_path, monkeypatch, given):
+    plate, matte = clothed()
+    subject = relight.Subject(plate, matte, albedo=plate if given else None)
+    inside, sizes = subject.matte > 0, []
+    for name in ("exact.safetensors", "short.safetensors"):
+        subject.save(tmp_path / name)
+        sizes.append((tmp_path / name).stat().st_size)
+        monkeypatch.setattr(keeping, "LARGE", 1000)
+    exact, short = (relight.Subject.load(tmp_path / f"{name}.safetensors") for name in ("exact", "short"))
+    assert sizes[1] < 0.9 * sizes[0]
+    assert 1e-5 < rms(short.relit(KEY), exact.relit(KEY), inside) < 0.002
+    np.testing.assert_allclose(short.albedo[inside], exact.albedo[inside], rtol=0.02, atol=1e-3)
+
+
 def test_given_albedo_and_a_matte_with_specks_come_back(tmp_path):
     plate, matte = clothed()
     matte[2:4, 2:4] = 1
