@@ -267,7 +267,7 @@ def _lengthened(array: np.ndarray) -> torch.Tensor:
 def _deflated(array: np.ndarray) -> bytes:
     strategy = zlib.Z_DEFAULT_STRATEGY
     if array.dtype == np.uint16:
-        steps = np.diff(array.view(np.int16), axis=-1, prepend=np.int16(0))
+        steps: Any = np.diff(array.view(np.int16), axis=-1, prepend=np.int16(0))
         array, strategy = (steps << 1) ^ (steps >> 15), zlib.Z_RLE  # noise has no matches farther away
     elif array.dtype == np.uint8:
         array = np.diff(array, axis=-1, prepend=np.uint8(0))  # modulo 256
