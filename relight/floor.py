@@ -133,7 +133,7 @@ class Floor:
             warnings.warn(
                 f"floor: with height={self.height:g} and horizon={self.horizon:g} the person would be "
                 f"{times:.2g} times as tall as they are taken to be; is one of the two mistaken?",
-                stacklevel=2,
+                stacklevel=4,  # the caller of `Subject.shadows`
             )
         return Plane(normal, below)
 

@@ -10,9 +10,10 @@ import torch
 from relight.depth import Camera
 from relight.floor import Floor
 from relight.foreground import matte_of, plate_of
+from relight.nobody import Nobody
 from relight.preparation import Preparation
 from relight.steadying import AROUND
-from relight.subject import Nobody, Subject
+from relight.subject import Subject
 from shadow.mattes import person_in
 from shadow.networks.precision import using
 

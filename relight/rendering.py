@@ -183,21 +183,18 @@ def light_groups(
     ------
     ValueError: no light, or two of one name. TypeError: not lights.
     """
-    groups = {}
-    for name, light in by_name(lights).items():
-        layer = subject.relit(light)
-        groups[f"C_{name}"] = _rounded(layer, f"C_{name}", exr_type)
+    groups, colour = {}, torch.zeros(())
+    for name, layer in subject.pixels_in_each(lights):
+        group = torch.from_numpy(_rounded(layer.numpy(), f"C_{name}", exr_type))
+        colour = colour + group[:, :3]
+        groups[f"C_{name}"] = subject.on_plate(group)
     if not groups:
         raise ValueError("lights: expected at least one")
-    picture = np.zeros_like(layer)
-    for group in groups.values():
-        picture += group
-    picture[..., 3] = layer[..., 3]  # coverage does not add up
-    return picture, groups
+    return subject.on_plate(torch.cat([colour, layer[:, 3:]], dim=1)), groups  # coverage does not add up
 
 
 def _rounded(values: np.ndarray, name: str, exr_type: str) -> np.ndarray:
-    """A layer (H, W, C) as a file of that kind holds it."""
+    """A layer (..., C) as a file of that kind holds it."""
     return half(values, name) if exr_type == "half" else values
 
 

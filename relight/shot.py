@@ -13,7 +13,8 @@ from typing import Any, TypeGuard
 from relight import keeping
 from relight.media.identity import of_file
 from relight.media.sequences import Sequence
-from relight.subject import Nobody, Subject, load, weights
+from relight.nobody import Nobody, load
+from relight.subject import Subject, weights
 from shadow.files import AnyPath
 
 SUFFIX = ".relight"

@@ -115,17 +115,18 @@ class Extension:
         height, width = mask.shape
         distance = ndimage.distance_transform_cdt(~self.known.cpu().numpy(), "chessboard")
         y, x = np.nonzero((distance > 0) & (distance <= round(reach * height)))
-        y, x = (places[np.argsort(distance[y, x], kind="stable")] for places in (y, x))  # ring by ring
+        order = np.argsort(distance[y, x], kind="stable")  # ring by ring
+        y, x = y[order], x[order]
         step = np.arange(-1, 2)
-        rows, columns = y[:, None, None] + step[:, None], x[:, None, None] + step
-        beyond = (rows < 0) | (rows >= height) | (columns < 0) | (columns >= width)
-        # A neighbour beyond the canvas is taken to be the pixel itself, which is not known yet.
         pixels = y * width + x
-        neighbours = np.where(beyond, pixels[:, None, None], rows * width + columns).reshape(-1, 9)
-        ring = distance.ravel()
-        weights = (ring[neighbours] < ring[pixels][:, None]).astype(np.float32)
+        # A neighbour beyond the canvas is farther than all others: so its value, some pixel's, has no weight.
+        neighbours = (pixels[:, None] + (step[:, None] * width + step).ravel()).clip(0, height * width - 1)
+        ring = np.pad(distance, 1, constant_values=height + width)
+        place = (y + 1) * (width + 2) + x + 1
+        around = place[:, None] + (step[:, None] * (width + 2) + step).ravel()
+        weights = (ring.ravel()[around] < distance[y, x][:, None]).astype(np.float32)
         weights /= weights.sum(axis=1, keepdims=True)
-        sizes = np.bincount(ring[pixels])[1:].tolist()
+        sizes = np.bincount(distance[y, x])[1:].tolist()
         # Of each ring its pixels (n,), their neighbours (n, 9) and the neighbours' weights (n, 9).
         parts = (torch.from_numpy(a).to(mask.device).split(sizes) for a in (pixels, neighbours, weights))
         self.rings = list(zip(*parts, strict=True))

@@ -1,5 +1,6 @@
 import os
 from dataclasses import dataclass
+from enum import StrEnum
 
 import numpy as np
 import pytest
@@ -14,11 +15,16 @@ class Pair:
     second: float
 
 
+class Choice(StrEnum):
+    GREEN = "green"
+
+
 def test_the_same_parts_have_the_same_identity():
     parts = (1, "a", np.arange(6).reshape(2, 3), {"x": None, "y": [1, 2]}, Pair(1, 2), np.sin)
     assert identity(*parts) == identity(*parts)
     assert len(identity(*parts)) == 32
     assert identity({"x": 1, "y": 2}) == identity({"y": 2, "x": 1})
+    assert identity(Choice.GREEN) == identity("green")  # as the command line says it
     noncontiguous = np.arange(12).reshape(3, 4)[:, ::2]
     assert identity(noncontiguous) == identity(noncontiguous.copy())
 

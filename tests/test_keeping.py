@@ -67,6 +67,22 @@ def test_what_comes_back_is_relit_alike(subject, tmp_path, no_network):
     np.testing.assert_allclose(*powers, rtol=0.05)
 
 
+@pytest.mark.parametrize("given", [False, True])
+def test_colour_of_a_large_person_is_shortened(tmp_path, monkeypatch, given):
+    plate, matte = clothed()
+    subject = relight.Subject(plate, matte, albedo=plate if given else None)
+    inside, sizes = subject.matte > 0, []
+    for name in ("exact.safetensors", "short.safetensors"):
+        subject.save(tmp_path / name)
+        with safe_open(tmp_path / name, "np") as file:
+            sizes.append(len(file.get_tensor("given_albedo" if given else "colour")))
+        monkeypatch.setattr(keeping, "LARGE", 1000)
+    exact, short = (relight.Subject.load(tmp_path / f"{name}.safetensors") for name in ("exact", "short"))
+    assert sizes[1] < 0.8 * sizes[0]
+    assert 1e-5 < rms(short.relit(KEY), exact.relit(KEY), inside) < 0.002
+    np.testing.assert_allclose(short.albedo[inside], exact.albedo[inside], rtol=0.02, atol=1e-3)
+
+
 @pytest.mark.slow
 def test_given_albedo_and_a_matte_with_specks_come_back(tmp_path):
     plate, matte = clothed()
@@ -157,9 +173,9 @@ def test_what_is_no_analysis_is_refused(subject, tmp_path):
         relight.Subject.load(path)
     about = {"format": 99, "arrays": {}, "made_of": {}}
     save_file({}, path, {"relight": json.dumps(about)})
-    with pytest.raises(ValueError, match="is of format 99, expected 1"):
+    with pytest.raises(ValueError, match="is of format 99, expected 2"):
         relight.Subject.load(path)
-    save_file({}, path, {"relight": json.dumps(about | {"format": 1})})
+    save_file({}, path, {"relight": json.dumps(about | {"format": keeping.FORMAT})})
     with pytest.raises(ValueError, match=r"kept\.safetensors: is damaged"):
         relight.Subject.load(path)
     path.write_bytes(b"\x80\x05pickled")

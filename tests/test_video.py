@@ -4,10 +4,12 @@ import warnings
 
 import numpy as np
 import pytest
+import torch
 from killing import differences
 
 import relight
 from relight import people, video
+from relight.lights.light import by_name
 from relight.media.movies import Movie, write_movie
 
 RISING = relight.MovingLight(intensity={1: 0.1, 5: 0.5}, name="key")
@@ -36,6 +38,13 @@ class Stub:
 
     def relit(self, light):
         return self.image * np.float32([light.intensity] * 3 + [1])
+
+    def pixels_in_each(self, lights):
+        for name, light in by_name(lights).items():
+            yield name, torch.from_numpy(self.relit(light)).flatten(0, 1)
+
+    def on_plate(self, pixels):
+        return pixels.numpy().reshape(*self.size, -1)
 
     def lighting(self, lights):
         return self.albedo

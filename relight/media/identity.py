@@ -4,6 +4,7 @@ A picture's file carries it as EXIF's ImageUniqueID, a movie as its comment.
 """
 
 import dataclasses
+import enum
 import functools
 import hashlib
 import numbers
@@ -20,9 +21,9 @@ NAME = "Exif:ImageUniqueID"  # EXIF 2.32, section 4.6.6 G: 128 bits as 32 hexade
 def identity(*parts: Any) -> str:
     """32 hexadecimal digits, which differ where the parts do (SHA-256).
 
-    Parts are None, numbers, texts and arrays; paths, which count by what is in the file; sequences, mappings
-    and dataclasses of these. Whatever else there is counts by its `identity`, if it has one, else by the name
-    of its class or function.
+    Parts are None, numbers, texts and arrays; members of enumerations, which count as their value; paths,
+    which count by what is in the file; sequences, mappings and dataclasses of these. Whatever else there is
+    counts by its `identity`, if it has one, else by the name of its class or function.
     """
     sha = hashlib.sha256()
     _feed(sha, parts)
@@ -36,6 +37,7 @@ def contents(spec: Any) -> str:
 
 def _feed(sha: Any, part: Any) -> None:
     """Hash a part: its kind and its length first, so that no two lists of parts read the same."""
+    part = part.value if isinstance(part, enum.Enum) else part
     if isinstance(part, Path):
         text = of_file(part)
     elif isinstance(part, np.ndarray):

@@ -34,9 +34,11 @@ def scene_linear(name: str, image: ArrayLike) -> np.ndarray:
         raise ValueError(f"{name}: contains NaN or infinite values")
     if linear.shape[-1] == 4:
         alpha = linear[..., 3]
-        if alpha.min() < -1e-3 or alpha.max() > 1 + 1e-3:  # filtering overshoots a little
-            raise ValueError(f"{name}: expected alpha in [0, 1], got [{alpha.min():g}, {alpha.max():g}]")
-        linear = np.concatenate([linear[..., :3], alpha[..., None].clip(0, 1)], axis=-1)
+        low, high = alpha.min(), alpha.max()
+        if low < -1e-3 or high > 1 + 1e-3:  # filtering overshoots a little
+            raise ValueError(f"{name}: expected alpha in [0, 1], got [{low:g}, {high:g}]")
+        if low < 0 or high > 1:
+            linear = np.concatenate([linear[..., :3], alpha[..., None].clip(0, 1)], axis=-1)
     return linear
 
 

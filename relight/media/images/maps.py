@@ -56,7 +56,7 @@ def write_mask(
         raise ValueError(f"{path}: expected .png, .tif or .exr for a matte")
     depth = checked_depth(path, depth or ("half" if path.suffix.lower() == ".exr" else "uint16"))
     pixels = coverage("mask", mask)[..., None]
-    save(path, pixels, new_spec(pixels, depth, ["Y"], metadata))
+    save(path, [pixels], new_spec(pixels.shape[:2], depth, ["Y"], metadata))
 
 
 def read_depth(path: AnyPath) -> np.ndarray:

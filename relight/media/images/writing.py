@@ -1,10 +1,9 @@
 """Writing images: layers, depths, and what a file says of itself."""
 
 import io
-import itertools
 import reprlib
 import warnings
-from collections.abc import Mapping
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from pathlib import Path
 
 import numpy as np
@@ -35,6 +34,8 @@ HALF_MAX = 65504.0
 HALF_OVER = 65520.0  # the least value that rounds to infinity
 DEPTH = "Z"  # the layer, and OpenEXR's name of its channel: half floats would make steps of it
 LONGEST_LAYER = 253  # bytes of UTF-8: with ".R" behind, the 255 of OpenEXR
+SAMPLED = 16  # one pixel in so many tells that a layer is bright
+ROWS = 64  # of a file that are written at a time; whole blocks of OpenEXR's compression
 LOST = 0.01  # share of a layer's light that half floats may lose before a warning says so
 JPEG_LARGEST = 65500  # pixels a side, of libjpeg
 JPEG_QUALITY = 98  # of 100: differences that the eye does not find
@@ -102,8 +103,12 @@ def write(
         prefix = "" if _is_depth(name, stack) else f"{name}."
         names += [prefix + channel for channel in _channels(name, stack)]
     stacks = {"image": pixels, **{f"layers[{name!r}]": stack for name, stack in stacks.items()}}
-    pixels = _joined(path, stacks, np.float16 if depth == "half" else np.float32)
-    spec = new_spec(pixels, depth, names, metadata)
+    exact = {f"layers[{DEPTH!r}]"} & stacks.keys()
+    if depth == "half":
+        for name, stack in stacks.items():
+            if name not in exact:
+                _check_half(path, name, stack)
+    spec = new_spec(pixels.shape[:2], depth, names, metadata)
     if depth == "half" and DEPTH in names:
         spec.channelformats = tuple("float" if name == DEPTH else "half" for name in names)
     if suffix in (".exr", ".tif", ".tiff"):
@@ -117,7 +122,8 @@ def write(
     else:
         spec.attribute("oiio:ColorSpace", "lin_rec709_scene")
         spec.attribute("chromaticities", oiio.TypeDesc("float[8]"), colour.REC709)
-    save(path, pixels, spec)
+    halved = depth == "half" and not exact
+    save(path, _blocks(list(stacks.values()), torch.float16 if halved else torch.float32), spec)
 
 
 def checked_depth(path: Path, depth: str | None) -> str:
@@ -131,10 +137,10 @@ def checked_depth(path: Path, depth: str | None) -> str:
 
 
 def new_spec(
-    pixels: np.ndarray, depth: str, names: list[str], metadata: Metadata | None = None
+    size: tuple[int, ...], depth: str, names: list[str], metadata: Metadata | None = None
 ) -> oiio.ImageSpec:
-    """What a file of these pixels (H, W, C), in channels of these names, says of itself."""
-    spec = oiio.ImageSpec(pixels.shape[1], pixels.shape[0], pixels.shape[2], depth)
+    """What a file of `size` (H, W), in channels of these names, says of itself."""
+    spec = oiio.ImageSpec(size[1], size[0], len(names), depth)
     spec.channelnames = tuple(names)
     spec.alpha_channel = names.index("A") if "A" in names else -1
     spec.attribute("Software", f"relight {__version__}")
@@ -192,7 +198,7 @@ def _layer(name: str, layer: ArrayLike, size: tuple[int, ...]) -> np.ndarray:
 
 
 def half(values: np.ndarray, name: str) -> np.ndarray:
-    """float32 values (H, W, C) rounded to what a half float holds, unless one of them is too bright for it.
+    """float32 values (..., C) rounded to what a half float holds, unless one of them is too bright for it.
 
     Warns if that loses more than 1 % of the light, as of a light of intensity 1e-6: half floats come in steps
     of 6e-8 near zero. `name` is what the warning calls them. A fourth channel is alpha, and no light.
@@ -201,47 +207,66 @@ def half(values: np.ndarray, name: str) -> np.ndarray:
     low, high = map(float, tensor.aminmax())
     if not -HALF_OVER < low <= high < HALF_OVER:
         return values
-    rounded = tensor.half().float().numpy()
+    _check_lost(tensor, name)
+    return tensor.half().float().numpy()
+
+
+def _check_lost(values: torch.Tensor, name: str) -> None:
+    """Warn where half floats lose too much of the light of `values` (..., C)."""
     # What half floats lose of a value is at most 2**-12 of it, or 2**-25: then bright layers need no look.
-    light = float(tensor.flatten(0, 1).abs().sum(dim=0)[:3].sum())
-    if light < values.size * 2**-25 / (LOST - 2**-12):
-        lost = np.abs(values - rounded)[..., :3].sum(dtype=np.float64) / max(light, 1e-300)
-        if lost > LOST:
-            warnings.warn(
-                f"{name}: is so dim that half floats lose {100 * lost:.0f} % of its light; "
-                "raise its intensity, or write floats (depth='float', --exr-type float)",
-                stacklevel=2,
-            )
-    return rounded
+    # A part that is as bright is enough to know.
+    enough = values.numel() * 2**-25 / (LOST - 2**-12)
+    for part in (values.flatten(0, -2)[::SAMPLED], values.flatten(0, -2)):
+        light = float(part[:, :3].abs().sum())
+        if light >= enough:
+            return
+    lost = float((values - values.half())[..., :3].abs().sum(dtype=torch.float64)) / max(light, 1e-300)
+    if lost > LOST:
+        warnings.warn(
+            f"{name}: is so dim that half floats lose {100 * lost:.0f} % of its light; "
+            "raise its intensity, or write floats (depth='float', --exr-type float)",
+            stacklevel=3,
+        )
 
 
-def _joined(path: Path, stacks: Mapping[str, np.ndarray], dtype: type) -> np.ndarray:
-    """All channels (H, W, C) of a file in one array of the file's own depth, to hold them only once."""
-    channels = np.cumsum([0] + [stack.shape[-1] for stack in stacks.values()])
-    own = {f"layers[{DEPTH!r}]"} & stacks.keys() if dtype == np.float16 else set()
-    joined = np.empty((*next(iter(stacks.values())).shape[:2], channels[-1]), np.float32 if own else dtype)
-    for (name, stack), (first, last) in zip(stacks.items(), itertools.pairwise(channels), strict=True):
-        halved = dtype == np.float16 and name not in own
-        if halved and max(stack.max(), -stack.min()) > HALF_MAX:
-            raise ValueError(
-                f"{path}: values above {HALF_MAX:g} do not fit half; "
-                "write it with depth='float' (--exr-type float)"
-            )
-        stack = half(stack, name) if halved else stack
-        torch.from_numpy(joined)[..., first:last] = torch.from_numpy(stack)
-    return joined
+def _check_half(path: Path, name: str, stack: np.ndarray) -> None:
+    """ValueError for a stack (H, W, C) that half floats cannot hold; warns as `half` does."""
+    tensor = torch.from_numpy(np.ascontiguousarray(stack))
+    low, high = map(float, tensor.aminmax())
+    if max(high, -low) > HALF_MAX:
+        raise ValueError(
+            f"{path}: values above {HALF_MAX:g} do not fit half; "
+            "write it with depth='float' (--exr-type float)"
+        )
+    _check_lost(tensor, name)
 
 
-def save(path: Path, pixels: np.ndarray, spec: oiio.ImageSpec) -> None:
-    """Write a file that is whole or not there."""
+def _blocks(stacks: Sequence[np.ndarray], dtype: torch.dtype) -> Iterator[np.ndarray]:
+    """The rows of a file, some at a time, with the channels of all stacks (rows, W, C): so that they are held
+    only once."""
+    tensors = [torch.from_numpy(np.ascontiguousarray(stack)) for stack in stacks]
+    height, width = tensors[0].shape[:2]
+    channels = [tensor.shape[-1] for tensor in tensors]
+    for start in range(0, height, ROWS):
+        block = torch.empty(min(ROWS, height - start), width, sum(channels), dtype=dtype)
+        for part, tensor in zip(block.split(channels, dim=-1), tensors, strict=True):
+            part.copy_(tensor[start : start + ROWS].to(dtype))  # rounding what lies together is faster
+        yield block.numpy()
+
+
+def save(path: Path, blocks: Iterable[np.ndarray], spec: oiio.ImageSpec) -> None:
+    """Write a file that is whole or not there, from its rows (rows, W, C), some or all at a time."""
     with files.replacing(path) as beside:
         if path.suffix.lower() in (".jpeg", ".jpg"):
-            beside.write_bytes(_jpeg(pixels, spec))
+            beside.write_bytes(_jpeg(np.concatenate(list(blocks)), spec))
             return
         file = oiio.ImageOutput.create(str(path))  # by its suffix
         if file is None:
             raise OSError(f"{path}: cannot be written: {problem(oiio)}")
-        written = file.open(str(beside), spec) and file.write_image(np.ascontiguousarray(pixels))
+        written, row = file.open(str(beside), spec), 0
+        for block in blocks if written else ():
+            written = written and file.write_scanlines(row, row + len(block), 0, block)
+            row += len(block)
         if not (file.close() and written):
             raise OSError(f"{path}: cannot be written: {problem(file)}")
         if path.suffix.lower() == ".png":
