@@ -2,6 +2,7 @@
 
 import subprocess
 import sys
+import time
 from pathlib import Path
 
 import pytest
@@ -55,9 +56,10 @@ def test_workers_that_are_killed_lose_nothing(plates, tmp_path):
 
     def kill(done, total, what):
         if what == "Relighting" and len(killed) < 3:
-            victim = workers()[-1]
-            victim.kill()
-            killed.append(victim.pid)
+            while not (alive := workers()):  # both were killed, and are being started again
+                time.sleep(0.1)
+            alive[-1].kill()
+            killed.append(alive[-1].pid)
 
     assert relight.render_video(plates, STILL, outputs(tmp_path / "one"), threads=1) == {}
     found = cluster.render_distributed(plates, STILL, outputs(tmp_path / "many"), workers=2, progress=kill)
