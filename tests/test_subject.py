@@ -5,7 +5,7 @@ import pytest
 import torch
 
 import relight
-from relight import subject as subject_module
+from relight import inference
 from shading import diffuse
 from shadow.networks.backbone import Backbone
 
@@ -169,7 +169,7 @@ def test_a_portrait_crop_is_not_darkened_at_the_frame(monkeypatch):
     coverage, _ = ball(250, 170, centre=(0.5, 1.0), radius=0.9)  # cut by three sides of the frame
     assert coverage[-1].min() == 1
     grey = Delighter(lambda rgb, mask: torch.full_like(rgb, 0.5))
-    monkeypatch.setattr(subject_module.diffuse, "load", lambda **_: grey)
+    monkeypatch.setattr(inference.diffuse, "load", lambda **_: grey)
     subject = relight.Subject(
         image_of(coverage, (0.4, 0.4, 0.4)), normals=np.full((250, 170, 3), (0.0, 0.0, 1.0))
     )
@@ -199,7 +199,7 @@ def test_soft_edges_hold_neither_background_nor_black(monkeypatch):
     front, back = np.array([0.4, 0.4, 0.4]), np.array([0.02, 0.9, 0.05])
     photo = (coverage[..., None] * front + (1 - coverage[..., None]) * back).astype(np.float32)
     grey = Delighter(lambda rgb, mask: torch.full_like(rgb, 0.5) * (mask > 0))
-    monkeypatch.setattr(subject_module.diffuse, "load", lambda **_: grey)
+    monkeypatch.setattr(inference.diffuse, "load", lambda **_: grey)
     subject = relight.Subject(photo, mask=coverage, normals=normals)
     covered = coverage > 0
     # One colour in one light: the albedo is 0.5 to the last pixel of the edge, no green, no dark rim.
@@ -220,7 +220,7 @@ def test_a_hard_masks_rim_holds_no_background(monkeypatch):
     front = np.where(blue > 0, (0.1, 0.1, 0.6), (0.4, 0.4, 0.4))
     photo = coverage[..., None] * front + (1 - coverage[..., None]) * (0.02, 0.9, 0.05)
     paint = Delighter(lambda rgb, mask: rgb * (mask > 0))
-    monkeypatch.setattr(subject_module.diffuse, "load", lambda **_: paint)
+    monkeypatch.setattr(inference.diffuse, "load", lambda **_: paint)
     mask = coverage > 0.3  # as segmentation networks and a magic wand cut: half-covered pixels count as whole
     albedo = relight.Subject(photo.astype(np.float32), mask=mask, normals=normals).albedo
     ball_only = mask & (blue[..., 0] == 0)
@@ -250,7 +250,7 @@ def test_albedo_keeps_texture_and_loses_the_light(monkeypatch):
     photo = np.concatenate([albedo * light, np.ones((height, width, 1))], -1) * coverage[..., None]
     truth = torch.tensor([0.4, 0.32, 0.24])[:, None, None]  # the network sees the cloth but no threads
     monkeypatch.setattr(
-        subject_module.diffuse, "load", lambda **_: Delighter(lambda rgb, mask: truth * (mask > 0))
+        inference.diffuse, "load", lambda **_: Delighter(lambda rgb, mask: truth * (mask > 0))
     )
     subject = relight.Subject(photo.astype(np.float32), normals=normals)
     inside = ball(height, width, radius=0.33)[0] == 1
@@ -300,7 +300,7 @@ def test_noise_in_the_black_is_not_lifted_to_white(monkeypatch):
     photo[:120, :, :3] = 0
     photo[80, 90, :3] = 2e-4  # a hot pixel in the deepest shadow
     grey = Delighter(lambda rgb, mask: torch.full_like(rgb, 0.5) * (mask > 0))
-    monkeypatch.setattr(subject_module.diffuse, "load", lambda **_: grey)
+    monkeypatch.setattr(inference.diffuse, "load", lambda **_: grey)
     albedo = relight.Subject(photo, normals=normals).albedo
     assert 0 < albedo[80, 90].max() < 0.03  # the mean light is 0.5: lifted 100 times at most
     assert albedo[200, 90].min() > 0.4
