@@ -67,7 +67,7 @@ def pack(subject: "Subject") -> bytes:
         warnings.simplefilter("ignore")
         depth = extend(canvas.space.depth[None])
     guide = (canvas.image / BRIGHTEST * 255).round().clamp(0, 255)
-    arrays = {
+    arrays: dict[str, np.ndarray] = {
         "features": torch.cat([cast, residual]).numpy().astype(np.uint8),
         "surface": surface.numpy().astype(np.float16).view(np.uint16),
         "depth": depth.numpy().astype(np.float16).view(np.uint16),
