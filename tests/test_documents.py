@@ -8,8 +8,12 @@ import documents
 import numpy as np
 import pytest
 from documents import DOCUMENTS, ROOT, blocks
+from typer.main import get_command
 
 import relight
+import shading
+import shadow
+from relight.cli import app
 from relight.media.movies import Movie
 
 README = (ROOT / "README.md").read_text()
@@ -161,6 +165,28 @@ def test_the_readme_is_short_and_its_links_lead_somewhere():
                 headings = re.findall(r"^#+ (.*)$", linked.read_text(), re.MULTILINE)
                 anchors = [re.sub(r"[^\w -]", "", text.lower()).replace(" ", "-") for text in headings]
                 assert heading in anchors, f"{document.name}: {target}"
+
+
+@pytest.mark.parametrize("package", [relight, shadow, shading], ids=lambda package: package.__name__)
+def test_every_public_name_is_in_a_document(package):
+    pages = "\n".join(page.read_text() for page in DOCUMENTS if page.name != "architecture.md")
+    for name in package.__all__:
+        assert re.search(rf"\b{package.__name__}\.{name}\b", pages), f"{package.__name__}.{name}"
+
+
+def test_options_in_prose_are_those_of_a_command():
+    def options(command):
+        yield from (option for given in command.params for option in (*given.opts, *given.secondary_opts))
+        for each in getattr(command, "commands", {}).values():
+            yield from options(each)
+
+    ours = {*options(get_command(app)), "--help"}
+    programs = [*(ROOT / "benchmarks").glob("*.py"), *(ROOT / "examples").glob("*.py")]
+    ours |= {found for path in programs for found in re.findall(r'"(--[\w-]+)"', path.read_text())}
+    for document in [*DOCUMENTS, ROOT / "shadow" / "weights" / "MODEL_CARD.md"]:
+        prose = documents.FENCE.sub("", document.read_text())
+        named = {*re.findall(r"(?<![\w-])--[a-z][\w-]*", re.sub(r"<!--.*?-->", "", prose, flags=re.DOTALL))}
+        assert named <= ours, f"{document.name}: {named - ours}"
 
 
 def test_every_module_is_named_in_the_architecture():
