@@ -5,13 +5,13 @@ python benchmarks/lights.py [image] [mask]
 """
 
 import sys
-import time
 from functools import partial
 from pathlib import Path
 
 import numpy as np
 import OpenImageIO as oiio
 import torch
+from timing import quickest
 
 import relight
 from shadow import inputs, visibility
@@ -20,16 +20,6 @@ from shadow.framing import Framing
 
 REPEATS = 7
 PLATES = ((512, 512), (1080, 1920), (2160, 3840))
-
-
-def seconds(function):
-    """Processor time of the quickest of several calls: the one that the machine disturbed least."""
-    times = []
-    for _ in range(REPEATS):
-        start = time.process_time()
-        function()
-        times.append(time.process_time() - start)
-    return min(times)
 
 
 def on_plate(image, height, width):
@@ -55,7 +45,7 @@ def main(path, mask=None):
     lights = torch.from_numpy(olat())
 
     one, all_lights = (
-        seconds(lambda chosen=chosen: field.analyse(rgb, framed_mask)[1](chosen))
+        quickest(lambda chosen=chosen: field.analyse(rgb, framed_mask)[1](chosen), REPEATS)
         for chosen in (lights[:1], lights)
     )
     print(
@@ -68,8 +58,8 @@ def main(path, mask=None):
     for height, width in PLATES:
         plate = on_plate(matted, height, width)
         subject = relight.Subject(plate)
-        analysis = seconds(partial(relight.Subject, plate))
-        relit = seconds(partial(subject.relit, light))
+        analysis = quickest(partial(relight.Subject, plate), REPEATS)
+        relit = quickest(partial(subject.relit, light), REPEATS)
         share = f"1/{analysis / relit:.0f}"
         print(f"{width} x {height}: analysis {analysis:.3f} s; a new light {relit:.4f} s, {share} of it")
 

@@ -15,6 +15,7 @@ from pathlib import Path
 
 import numpy as np
 import torch
+from timing import quickest
 
 import relight
 from relight.lights.light import Light
@@ -53,19 +54,9 @@ def cost(path: Path) -> None:
         ("rectangle", relight.RectLight(place, centre, 1.0, 0.5), soft),
     ]
     for name, near, far in lights:
-        ours, theirs = (seconds(partial(subject.relit, light)) for light in (near, far))
+        ours, theirs = (quickest(partial(subject.relit, light), REPEATS) for light in (near, far))
         kind = "hard" if far is hard else "soft"
         print(f"{name}: {ours:.3f} s; {kind} distant light {theirs:.3f} s; ratio {ours / theirs:.1f}")
-
-
-def seconds(function) -> float:
-    """Processor time of the quickest of several calls: the one that the machine disturbed least."""
-    times = []
-    for _ in range(REPEATS):
-        start = time.process_time()
-        function()
-        times.append(time.process_time() - start)
-    return min(times)
 
 
 def truth(bodies: int) -> dict[str, np.ndarray]:

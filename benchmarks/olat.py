@@ -10,6 +10,7 @@ from pathlib import Path
 
 import numpy as np
 import torch
+from timing import quickest
 
 import relight
 import shading
@@ -18,16 +19,6 @@ from shadow.networks.unet import UNet
 
 SIZE = 512
 REPEATS = 5
-
-
-def seconds(function):
-    """The quickest of several calls: the one that the machine disturbed least."""
-    times = []
-    for _ in range(REPEATS):
-        start = time.perf_counter()
-        function()
-        times.append(time.perf_counter() - start)
-    return min(times)
 
 
 def main(path):
@@ -40,8 +31,8 @@ def main(path):
     network = UNet(latent="resb7").eval().to(memory_format=torch.channels_last)  # untrained: as fast
     x = torch.rand(1, 9, SIZE, SIZE).to(memory_format=torch.channels_last)
     with torch.no_grad():
-        theirs = seconds(lambda: network(x))
-    ours = seconds(lambda: shading.infer(rgb, mask, lights))
+        theirs = quickest(lambda: network(x), REPEATS, time.perf_counter)
+    ours = quickest(lambda: shading.infer(rgb, mask, lights), REPEATS, time.perf_counter)
     print(f"{torch.get_num_threads()} threads: 64 shadings of {SIZE} x {SIZE} by shading.infer {ours:.3f} s;")
     print(f"a forward of resb7 {theirs:.3f} s: as much as {ours / theirs:.2f} of them")
 

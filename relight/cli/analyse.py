@@ -22,6 +22,7 @@ from relight.cli.options import (
     offset_of,
     progress_bar,
     size_of,
+    tell,
 )
 
 
@@ -100,8 +101,4 @@ def analyse(
         except KeyboardInterrupt as interruption:
             console.print("interrupted; the same command goes on")
             raise typer.Exit(130) from interruption
-    for number, problem in problems.items():
-        console.print(f"frame {number}: {problem}")
-    console.print(f"{output}")
-    if problems:
-        raise typer.Exit(1)
+    tell(problems, [output])

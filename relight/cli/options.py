@@ -2,7 +2,7 @@
 
 import inspect
 import re
-from collections.abc import Callable
+from collections.abc import Callable, Iterable, Mapping
 from dataclasses import dataclass, fields
 from enum import StrEnum
 from functools import wraps
@@ -267,6 +267,16 @@ def progress_bar() -> Progress:
     """A bar with the time left."""
     columns = (TextColumn("{task.description}"), BarColumn(), MofNCompleteColumn(), TimeRemainingColumn())
     return Progress(*columns, console=console)
+
+
+def tell(problems: Mapping[int, str], outputs: Iterable[Path]) -> None:
+    """Say which frames could not be made, and what was written; exit code 1 if there are any."""
+    for number, problem in problems.items():
+        console.print(f"frame {number}: {problem}")
+    for path in outputs:
+        console.print(f"{path}")
+    if problems:
+        raise typer.Exit(1)
 
 
 def by_kind(outputs: list[Path]) -> tuple[list[Path], list[Path]]:

@@ -10,7 +10,7 @@ from typing import Annotated, Any
 
 import typer
 
-from relight.cli.options import Look, Precision, Threads, console, progress_bar, with_options
+from relight.cli.options import Look, Precision, Threads, console, progress_bar, tell, with_options
 
 
 class Part(StrEnum):
@@ -99,9 +99,4 @@ def video(
         except KeyboardInterrupt as interruption:
             console.print("interrupted; the same command with --resume goes on")
             raise typer.Exit(130) from interruption
-    for number, problem in problems.items():
-        console.print(f"frame {number}: {problem}")
-    for path in output:
-        console.print(f"{path}")
-    if problems:
-        raise typer.Exit(1)
+    tell(problems, output)
