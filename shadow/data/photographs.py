@@ -6,6 +6,7 @@ import torch.nn.functional as F
 from kornia.enhance import jpeg_codec_differentiable, sharpness
 
 from shadow.data.records import ENCODING, REGIONS, Record
+from shadow.data.skin import scattered
 from shadow.directions import from_spherical
 from shadow.framing import Framing, affine_sample, bounding_box
 
@@ -87,7 +88,7 @@ def softbox(directions: np.ndarray, azimuth: float = 40.0, elevation: float = 35
 
 def light(record: Record, weights: np.ndarray, gloss: float = 0.0, shininess: float = 20.0) -> np.ndarray:
     """The record photographed under `weights` (D, 3): linear colour (N, 3), by direct light (Section 3) and,
-    if that was traced, by what bounces of it.
+    if that was traced, by what bounces of it. On skin the direct light is `scattered`.
 
     `gloss` adds a Blinn-Phong highlight, seen from the camera axis, that the albedo does not explain.
     """
@@ -98,7 +99,7 @@ def light(record: Record, weights: np.ndarray, gloss: float = 0.0, shininess: fl
     shading = (normals @ lights[shining].T).clamp_min_(0).mul_(visibility[:, shining])
     strength, patterns = map(torch.from_numpy, record.bounce)
     bounced = (strength @ torch.einsum("kdc,dc->kc", patterns, power)).clamp_min_(0)
-    colour = torch.from_numpy(record.albedo) * (shading @ power[shining] + bounced)
+    colour = torch.from_numpy(record.albedo) * (scattered(record, shading @ power[shining]) + bounced)
     if gloss > 0:
         bright = power.sum(dim=1) > 0.1
         half = F.normalize(lights[bright] + torch.tensor([0.0, 0.0, 1.0]), dim=1)
