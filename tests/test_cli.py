@@ -369,6 +369,7 @@ def test_from_a_mesh_to_weights_and_their_score(tmp_path):
         (["evaluate", "tables", "--records", ".", "--out", "r", "--model", "ours"], "expected NAME=FILE"),
         (["train", "shadow", "--records", ".", "--out", "run"], "steps: expected a number"),
         (["train", "shadow", "--records", ".", "--out", "run", "--no-normals"], "no such network"),
+        (["train", "shading", "--records", ".", "--out", "run", "--no-depth"], "--no-depth: expected"),
         (["train", "shadow", "--records", "absent", "--out", "run", "--steps", "1"], "nothing at absent"),
         (["train", "shadow", "--records", ".", "--out", "run", "--steps", "1", "--size", "99"], "multiple"),
     ],

@@ -11,6 +11,7 @@ from shadow.directions import from_spherical
 from shadow.framing import Framing, affine_sample, bounding_box
 
 LUMINANCE = np.float32([0.2126, 0.7152, 0.0722])  # of linear Rec.709 (ITU-R BT.709)
+KINDS = ("hard", "sky", "any")  # of everyday light
 
 
 def random_lighting(rng: np.random.Generator, directions: np.ndarray, unfilled: float = 0.0) -> np.ndarray:
@@ -39,14 +40,17 @@ def random_lighting(rng: np.random.Generator, directions: np.ndarray, unfilled: 
     return (share * hard / hard.sum() * 3 + (1 - share) * 4 * soft).astype(np.float32)
 
 
-def everyday_lighting(rng: np.random.Generator, directions: np.ndarray) -> np.ndarray:
+def everyday_lighting(
+    rng: np.random.Generator, directions: np.ndarray, kind: str | None = None
+) -> np.ndarray:
     """Weights (D, 3) of a random lighting over `directions` (D, 3), as pictures that are relit were taken in.
 
-    A third has one or two hard lamps, or the sun, and 0 to 10 % of ambient light; a third a sky and a large
-    key; the rest are those of `random_lighting`. In the first two the key is as warm as lamps and a low sun
-    are, the sky bluer than it, and the ground throws the key's light back, warmer still.
+    A third are "hard", one or two lamps or the sun, with 0 to 10 % of ambient light; a third "sky", with a
+    large key; a third "any", as of `random_lighting`. In the first two the key is as warm as lamps and a low
+    sun are, the sky bluer than it, and the ground throws the key's light back, warmer still. `kind`: one of
+    KINDS, drawn if None.
     """
-    kind = rng.choice(["hard", "sky", "any"])
+    kind = rng.choice(KINDS) if kind is None else kind
     if kind == "any":
         return random_lighting(rng, directions, unfilled=0.1)
     odds = np.exp(1.0 * directions[:, 2] + 0.7 * directions[:, 1])
