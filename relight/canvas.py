@@ -9,7 +9,9 @@ import torch.nn.functional as F
 from scipy.ndimage import distance_transform_edt
 
 from relight.depth import Space
+from relight.lights.light import Light
 from relight.lights.near import NearLight
+from relight.media.colour import luminance
 from shading import Analysis
 from shading.diffuse import Shading
 from shadow.directions import olat
@@ -65,6 +67,29 @@ class Canvas(NamedTuple):
         )
         normals = analysis.canvas_normals.cpu()
         return cls(space.framing, known, image, normals, visibility, shading, albedo, light, space)
+
+    def lit(self, lights: Iterable[Light]) -> torch.Tensor:
+        """Σ intensity · shading (3, h, w); ValueError for a light in the room that touches the person."""
+        several = list(lights)
+        near = [light for light in several if isinstance(light, NearLight)]
+        samples = [light.samples() for light in several if light not in near]
+        total = weighted_sum(self.shading, samples, self.known.shape, channels=3)
+        for light in near:
+            check_outside(light, self.space, self.known)
+            power = torch.from_numpy(np.float32(light.power))[:, None, None]
+            total += power * near_sum(self.shading, light, self.space)[0]
+        return total
+
+    def unshadowed(self, light: Light) -> torch.Tensor:
+        """The share (1, h, w) of a light that no part of the person blocks, see `Subject.unshadowed`."""
+        if isinstance(light, NearLight):
+            lit, whole = near_sum(self.visibility, light, self.space)
+            return (lit / whole.clamp_min(1e-30))[None]
+        directions, powers = light.samples()
+        weights = luminance(powers).clip(0)
+        weights = weights / max(weights.sum(), 1e-9)
+        samples = [(directions, weights[:, None])]
+        return weighted_sum(self.visibility, samples, self.known.shape, channels=1)
 
 
 class Elsewhere(NamedTuple):

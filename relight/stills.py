@@ -119,17 +119,16 @@ def render_still(
     )
     if lights_path is not None:
         matching.write_lights(lights_path, lights)
-    pictures = [path for path in paths if path.suffix.lower() != ".nk"]
-    for path in pictures:
+    metadata = described(subject, passes)
+    for path in (pictures := [path for path in paths if path.suffix.lower() != ".nk"]):
         report(f"Writing {path}")
-        write_picture(path, picture, layers, display, exr_type, described(subject, passes))
-    written = pictures
-    if matte_path is not None:
-        images.write_mask(matte_path, person.plate[..., 3] if person.matte is None else person.matte)
-        written = [*written, matte_path]
-    for path in (path for path in paths if path not in pictures):
+        write_picture(path, picture, layers, display, exr_type, metadata)
+    mattes = [] if matte_path is None else [matte_path]
+    for path in mattes:
+        images.write_mask(path, person.plate[..., 3] if person.matte is None else person.matte)
+    scripts = [path for path in paths if path not in pictures]
+    for path in scripts:
         exr = next(other for other in pictures if other.suffix.lower() == ".exr")
         groups = {name.removeprefix("C_"): (exr, name) for name in layers if name.startswith("C_")}
         nuke.write_script(path, groups, picture.shape[:2])
-        written = [*written, path]
-    return written
+    return [*pictures, *mattes, *scripts]

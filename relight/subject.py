@@ -12,26 +12,21 @@ import torch
 import torch.nn.functional as F
 
 from relight import keeping, steadying
-from relight.canvas import Canvas, check_outside, near_sum, weighted_sum
-from relight.depth import Camera, Space, given_depth
+from relight.canvas import Canvas
+from relight.depth import Camera
 from relight.floor import Floor, Stance
-from relight.foreground import Foreground, given_albedo, matte_of, photograph, plate_of
+from relight.foreground import plate_of
+from relight.inference import infer
 from relight.keeping import Kept
 from relight.lights.environment import FIELD_OF_VIEW
 from relight.lights.light import Light, as_lights, by_name
-from relight.lights.near import NearLight
-from relight.media.colour import luminance
-from relight.upsampling import JointBilateral
-from shading import Analysis, diffuse
+from relight.upsampling import JointBilateral, as_seen
 from shading.albedo import solve_lighting
-from shadow import analysis, inputs
+from shadow import inputs
 from shadow.directions import olat
 from shadow.files import AnyPath
-from shadow.foreign import OnnxDepth
-from shadow.framing import Extension, Framed, Framing
-from shadow.mattes import person_in
+from shadow.framing import Extension, Framed
 from shadow.networks.checkpoints import checksum
-from shadow.normals import on_canvas, resolve
 
 REACH = 0.08  # of the canvas, how far maps are continued beyond the matte: for hair and soft edges
 AT_ONCE = 2  # lights whose maps are brought to the plate together: more are no faster and take more memory
@@ -88,35 +83,7 @@ class Subject:
         camera: Camera | None = None,
         device: str | torch.device | None = None,
     ) -> None:
-        place = inputs.device("device", device) or torch.device("cpu")
-        pixels = plate_of(image)
-        alpha = matte_of(pixels, mask)
-        paint = None if albedo is None else given_albedo(albedo, tuple(alpha.shape))
-        relative = isinstance(depth, str | os.PathLike)
-        model = OnnxDepth(depth) if isinstance(depth, str | os.PathLike) else None
-        away = None if depth is None or relative else given_depth(depth, tuple(alpha.shape))
-        person_matte = person_in(alpha)
-        camera = camera or Camera.of(person_matte, height, field_of_view)
-        field, shader = analysis.load(device=place), diffuse.load(device=place)
-        seen = None if normals is None else photograph(pixels).to(place)
-        surface = resolve(normals, seen, alpha.to(place), field, shader)
-
-        person = Foreground.of(alpha, person_matte, mask is not None)
-        colour = person.own_colour(pixels)
-        framed = Framed.of(colour, person.matte, field.size)
-        surface = on_canvas(None if surface is None else person.crop(surface), framed.framing)
-        found = Analysis(framed.to(place), field, shader, surface)
-
-        exposure = 0.2 / float(framed.rgb[:, framed.mask > 0.5].mean().clamp_min(1e-6))
-        if paint is not None:
-            paint = person.crop(paint)
-            self._albedo = person.take(paint)
-            paint = Framed.of(paint, person.matte, field.size).rgb
-        on_plate = framed.framing.shifted(person.left, person.top, person.size)
-        away = away if model is None else model.depth(photograph(pixels))
-        space = Space.of(found, camera, on_plate, person_matte, away, relative)
-        canvas = Canvas.of(found, _display(framed.rgb * exposure), paint, space)
-        self._arrange(person, person.take(colour), exposure, framed.framing, canvas)
+        self._arrange(infer(image, mask, albedo, normals, depth, height, field_of_view, camera, device))
 
     def save(self, path: AnyPath, *, made_of: Mapping[str, Any] | None = None) -> None:
         """Keep what was found in a file, .safetensors: `Subject.load` relights it without a network.
@@ -129,8 +96,7 @@ class Subject:
         ------
         ValueError: another suffix. OSError: no such folder, or the file cannot be written.
         """
-        given = None if self._canvas.light is not None else self._albedo
-        kept = Kept(self._person, self._colour, given, self._exposure, self._framing, self._canvas)
+        kept = Kept(self._person, self._colour, self._given, self._exposure, self._framing, self._canvas)
         keeping.write(path, kept, {"weights": list(weights()), **(made_of or {})})
 
     @classmethod
@@ -146,32 +112,25 @@ class Subject:
         kept, made_of = keeping.read(path)
         if made_of.get("weights") != list(weights()):
             warnings.warn(f"{path}: was analysed with other weights than this version's", stacklevel=2)
-        return cls._of(kept)
-
-    @classmethod
-    def _of(cls, kept: Kept) -> Self:
         subject = cls.__new__(cls)
-        if kept.albedo is not None:
-            subject._albedo = kept.albedo
-        subject._arrange(kept.person, kept.colour, kept.exposure, kept.framing, kept.canvas)
+        subject._arrange(kept)
         return subject
 
-    def _arrange(
-        self, person: Foreground, colour: torch.Tensor, exposure: float, framing: Framing, canvas: Canvas
-    ) -> None:
-        """Take the person's pixels, their `colour` (P, 3), and what the networks found; make the way from the
-        canvas to the plate. `framing` is that of the person's box."""
-        self._person, self._colour, self._exposure, self._framing = person, colour, exposure, framing
+    def _arrange(self, kept: Kept) -> None:
+        """Take what the networks found, and make the way from their canvas to the plate."""
+        self._person, self._colour, self._given, self._exposure, self._framing, canvas = kept
         self._extend = Extension(canvas.known, REACH)
-        self._enlarge = JointBilateral(
-            framing, _display(colour * exposure), canvas.image, canvas.known, person.pixels
-        )
+        guide = as_seen(self._colour * self._exposure)
+        self._enlarge = JointBilateral(self._framing, guide, canvas.image, canvas.known, self._person.pixels)
         self._use(canvas)
 
     def _use(self, canvas: Canvas) -> None:
         """Take what the networks found from `canvas`."""
         self._canvas = canvas
-        if canvas.light is not None:
+        if canvas.light is None:
+            assert self._given is not None
+            self._albedo = self._given
+        else:
             light = self._to_plate(canvas.light).clamp_min(1e-30)  # farther out than maps reach, it is zero
             self._albedo = (self._colour / light).clamp(0, 1)
 
@@ -217,7 +176,7 @@ class Subject:
         """As `layers`, one after the other, and of each the person's pixels alone: (P, 4), for `on_plate`."""
         named = list(by_name(lights).items())
         for several in (named[start : start + AT_ONCE] for start in range(0, len(named), AT_ONCE)):
-            enlarged = self._to_plate(torch.cat([self._sum([light]) for _, light in several]))
+            enlarged = self._to_plate(torch.cat([self._canvas.lit([light]) for _, light in several]))
             for (name, _), lighting in zip(several, enlarged.split(3, dim=1), strict=True):
                 yield name, self._in_light(lighting)
 
@@ -262,23 +221,9 @@ class Subject:
         TypeError, ValueError: lights or a background that the page cannot show, a path of another suffix, a
         steadied subject. OSError: the file cannot be written. ModuleNotFoundError: no anywidget.
         """
-        from relight.viewer.page import write_page
-        from relight.viewer.scene import COMMAND, scene_of
+        from relight.viewer.showing import show
 
-        several = None if lights is None else as_lights(lights)
-        scene = scene_of(self.size, several, background, title=title, command=command or COMMAND)
-        for light in several or []:
-            if isinstance(light, NearLight):
-                check_outside(light, self._canvas.space, self._canvas.known)
-        if path is not None:
-            return write_page(path, scene, self)
-        try:
-            from relight.viewer.widget import Viewer
-        except ModuleNotFoundError as error:
-            raise ModuleNotFoundError(
-                "a view in a notebook needs anywidget: pip install 'relight[notebook]'"
-            ) from error
-        return Viewer(self, scene)
+        return show(self, path, lights, background, title, command)
 
     def fitted(self, image: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """The lighting in which the person looks most like `image`, see `relight.fit_lights`.
@@ -301,15 +246,7 @@ class Subject:
         Of a hard light its visibility; of a soft one or an environment the mean over its directions, weighted
         by their luminance; of a light in the room, by how much of it would come from each.
         """
-        if isinstance(light, NearLight):
-            lit, whole = near_sum(self._canvas.visibility, light, self._canvas.space)
-            return self._person.scatter(self._to_plate((lit / whole.clamp_min(1e-30))[None]))[..., 0]
-        directions, powers = light.samples()
-        weights = luminance(powers).clip(0)
-        weights = weights / max(weights.sum(), 1e-9)
-        shape = self._canvas.known.shape
-        maps = weighted_sum(self._canvas.visibility, [(directions, weights[:, None])], shape, channels=1)
-        return self._person.scatter(self._to_plate(maps))[..., 0]
+        return self._person.scatter(self._to_plate(self._canvas.unshadowed(light)))[..., 0]
 
     def shadows(
         self, lights: Light | Iterable[Light], floor: Floor
@@ -392,19 +329,7 @@ class Subject:
 
     def _lighting(self, lights: Light | Iterable[Light]) -> torch.Tensor:
         """Σ intensity · shading of the subject's pixels (P, 3)."""
-        return self._to_plate(self._sum(as_lights(lights)))
-
-    def _sum(self, several: Sequence[Light]) -> torch.Tensor:
-        """Σ intensity · shading on the canvas (3, h, w)."""
-        canvas = self._canvas
-        near = [light for light in several if isinstance(light, NearLight)]
-        samples = [light.samples() for light in several if light not in near]
-        total = weighted_sum(canvas.shading, samples, canvas.known.shape, channels=3)
-        for light in near:
-            check_outside(light, canvas.space, canvas.known)
-            power = torch.from_numpy(np.float32(light.power))[:, None, None]
-            total += power * near_sum(canvas.shading, light, canvas.space)[0]
-        return total
+        return self._to_plate(self._canvas.lit(as_lights(lights)))
 
     def _to_plate(self, maps: torch.Tensor) -> torch.Tensor:
         """Canvas maps (C, h, w) to the subject's pixels on the plate (P, C)."""
@@ -421,8 +346,3 @@ def _representable(colour: torch.Tensor) -> torch.Tensor:
     if not torch.isfinite(colour).all():
         raise ValueError("lights: are too bright, the picture would be infinite; expected less intensity")
     return colour
-
-
-def _display(colour: torch.Tensor) -> torch.Tensor:
-    """Exposed linear colour as the eye spaces it, for comparing: about [0, 1]."""
-    return colour.clamp(0, 4) ** (1 / 2.2)

@@ -9,6 +9,7 @@ SIGMA = 0.1  # guide difference (display-encoded) at which a canvas pixel counts
 FLOOR = 1e-3  # least range weight: where no neighbour looks alike, the nearest decide
 UNKNOWN = 1e-4  # weight of canvas pixels off the subject: they count where nothing else is near
 TAPS = 4  # canvas pixels along each axis
+BRIGHTEST = 4 ** (1 / 2.2)  # of a guide
 STRIP = 1 << 14  # plate pixels at a time, to bound the memory
 
 
@@ -73,6 +74,11 @@ class JointBilateral:
             mean = F.embedding_bag(indices, table, per_sample_weights=weights.float(), mode="sum")
             enlarged.append(mean.div_(total))
         return torch.cat(enlarged)[:, : len(maps)]
+
+
+def as_seen(colour: torch.Tensor) -> torch.Tensor:
+    """Exposed linear colour as the eye spaces it, for guides: in [0, BRIGHTEST]."""
+    return colour.clamp(0, 4) ** (1 / 2.2)
 
 
 def _taps(length: int, centre: float, scale: float, size: int) -> tuple[torch.Tensor, torch.Tensor]:

@@ -135,11 +135,7 @@ def render_video(
         depth=depth, height=height, background=background, field_of_view=field_of_view, placement=placement,
         matching=matching,
     )  # fmt: skip
-    if prepared.kept is not None and (precision is not None or not steady):
-        option = "steady" if precision is None else "precision"
-        raise ValueError(f"{option}: {source} is analysed already; give it to `relight analyse`")
-    if floor is not None and floor.feet is not None and prepared.numbers is not None:
-        raise ValueError("floor: feet are those of a still; of a moving person expected height or horizon")
+    _check_fits(prepared, source, precision, steady, floor)
     numbers = frames_of(frames, prepared.span, lamps)
     start = numbers[0] if numbers else (prepared.span or (0,))[0]
     first = lights_at(lamps, start)
@@ -275,6 +271,17 @@ class _Shot:
                 sink.write(number, picture, layers, made, metadata)
         if matte is not None:
             images.write_mask(matte, subject.matte, metadata={NAME: made})
+
+
+def _check_fits(
+    prepared: Preparation, source: Source, precision: str | None, steady: bool, floor: Floor | None
+) -> None:
+    """ValueError for options that a kept analysis, or a person who moves, leaves no room for."""
+    if prepared.kept is not None and (precision is not None or not steady):
+        option = "steady" if precision is None else "precision"
+        raise ValueError(f"{option}: {source} is analysed already; give it to `relight analyse`")
+    if floor is not None and floor.feet is not None and prepared.numbers is not None:
+        raise ValueError("floor: feet are those of a still; of a moving person expected height or horizon")
 
 
 def frames_of(

@@ -1,6 +1,6 @@
 """Table 6 and Figure 6: shading against path-traced truth; and what old light is left in the albedo."""
 
-from collections.abc import Iterable
+from collections.abc import Iterable, Mapping
 from dataclasses import dataclass, field
 from pathlib import Path
 
@@ -70,7 +70,7 @@ class Delight:
 def evaluate(
     paths: Iterable[str | Path],
     *,
-    models: dict[str, str | Path] | None = None,
+    models: Mapping[str, str | Path] | None = None,
     out: str | Path | None = None,
     normals_model: str | Path | None = None,
     field_model: str | Path = "field",
@@ -100,7 +100,7 @@ def evaluate(
     FileNotFoundError, ValueError: no records, records without bounce light, damaged weights, a network that
     is not what its row says.
     """
-    networks = {name: diffuse.load(path) for name, path in ({"ours": "shading"} | (models or {})).items()}
+    networks = {name: diffuse.load(path) for name, path in {"ours": "shading", **(models or {})}.items()}
     for name, network in networks.items():
         inputs = getattr(network, "normals", True), getattr(network, "visibility", "inferred")
         if name in ROWS and inputs != ROWS[name][0]:

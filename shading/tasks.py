@@ -85,7 +85,7 @@ def _albedo_error(estimate: torch.Tensor, truth: torch.Tensor, inside: torch.Ten
 def shading_loss(network: nn.Module, batch: Batch) -> torch.Tensor:
     """Errors of shading and albedo, and of the photograph that they make under the lighting it was taken in:
     what one takes for shadow the other must not take for paint."""
-    model = getattr(network, "module", network)
+    model: Any = getattr(network, "module", network)
     with torch.no_grad():
         anchors = model.anchors.expand(len(batch["rgb"]), -1, -1)
         guides = _inferred(batch, anchors, lambda image: image[..., ::2, ::2])
@@ -96,14 +96,14 @@ def shading_loss(network: nn.Module, batch: Batch) -> torch.Tensor:
     visible = _inferred(batch, batch["directions"], take)
     estimate = model.shading(maps, take(batch["estimated_normals"]), visible, batch["directions"])
     shading, albedo = true_shading(batch, take), take(batch["albedo"])
-    photographs = [
+    estimated, photographed = (
         _encoded(paint * torch.einsum("blhw,blc->bchw", light.clamp(0, 1), batch["weights"]))
         for paint, light in (
             (maps.albedo.clamp(0, 1.5) ** ENCODING, estimate),
             (albedo, shading),
         )
-    ]
-    agreement = ((_aligned(*photographs, inside) - photographs[1]) * inside).abs().sum()
+    )
+    agreement = ((_aligned(estimated, photographed, inside) - photographed) * inside).abs().sum()
     return (
         SHADING * _shading_error(estimate, shading, inside)
         + _albedo_error(maps.albedo, _encoded(albedo), inside)
@@ -111,7 +111,7 @@ def shading_loss(network: nn.Module, batch: Batch) -> torch.Tensor:
     )
 
 
-def _diffuse(network: nn.Module, batch: Batch) -> Iterator[tuple[Diffuse, Take]]:
+def _diffuse(network: Any, batch: Batch) -> Iterator[tuple[Diffuse, Take]]:
     """Diffuse of each photograph of the batch."""
     for i in range(len(batch["rgb"])):
         rgb, matte, surface = batch["rgb"][i], batch["matte"][i, 0], batch["estimated_normals"][i]
@@ -136,7 +136,7 @@ def _shading_score(network: nn.Module, batch: Batch) -> dict[str, float]:
     paint, within = _encoded(batch["albedo"]), inside.float()
     images = {"l1_photograph": batch["image"][:, :3]}
     if analysed[0][0].albedo is not None:
-        images["l1"] = _encoded(torch.stack([each.albedo for each, _ in analysed]))
+        images["l1"] = _encoded(torch.stack([each.albedo for each, _ in analysed if each.albedo is not None]))
     for name, image in images.items():
         error = (_aligned(image, paint, within) - paint).abs() * within
         scores[name] = float(error.sum() / (3 * within.sum()))

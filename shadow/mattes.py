@@ -39,7 +39,7 @@ def person_in(matte: torch.Tensor) -> torch.Tensor:
         count = int((~kept[1:]).sum())
         warnings.warn(
             f"mask: {left_out} pixels in {count} small parts far from the person are left out",
-            stacklevel=3,
+            stacklevel=4,  # the caller of `relight.Subject`, or of `shadow.analyse`
         )
     belongs = torch.from_numpy(kept[labels]).to(matte.device)
     return ((matte - FAINT) / (1 - 2 * FAINT)).clamp(0, 1) * belongs
@@ -49,7 +49,7 @@ def _warn_if_inverted(solid: np.ndarray) -> None:
     height, width = solid.shape
     middle = solid[int(0.45 * height) : int(0.55 * height) + 1, int(0.45 * width) : int(0.55 * width) + 1]
     if solid[[0, 0, -1, -1], [0, -1, 0, -1]].all() and middle.mean() < 0.5:
-        warnings.warn("mask: covers the corners and not the middle; is it inverted?", stacklevel=4)
+        warnings.warn("mask: covers the corners and not the middle; is it inverted?", stacklevel=5)
 
 
 def _near(large: torch.Tensor) -> torch.Tensor:

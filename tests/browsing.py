@@ -11,6 +11,7 @@ from contextlib import contextmanager
 import numpy as np
 
 POLICY = "default-src 'none'; script-src 'unsafe-inline'; style-src 'unsafe-inline'"
+HOSTILE = "<script>window.hostile = 1</script><img src=x onerror='window.hostile = 1'>"
 FLAGS = (
     "--no-sandbox",
     "--use-angle=swiftshader",
@@ -113,3 +114,27 @@ def shown(page, look="light"):
         look,
     )
     return np.frombuffer(base64.b64decode(data), np.uint8).reshape(height, width, 4) / 255
+
+
+def drag(page, right, up):
+    """Press in the middle of the stage and drag: `right` and `up` in radii of the inner ring."""
+    x, y, radius = page.evaluate(
+        """() => { const { stage } = relight.viewer, at = stage.element.getBoundingClientRect();
+                   return [at.left + stage.middle[0], at.top + stage.middle[1], stage.radius]; }"""
+    )
+    page.mouse.move(x, y)
+    page.mouse.down()
+    page.mouse.move(x + right * radius / 2, y - up * radius / 2)
+    page.mouse.move(x + right * radius, y - up * radius)
+    page.mouse.up()
+    settled(page)
+
+
+def state(page):
+    return page.evaluate("relight.viewer.state")
+
+
+def press(page, *keys):
+    for key in keys:
+        page.keyboard.press(key)
+    settled(page)

@@ -1,11 +1,16 @@
-"""A sphere as a record: every value of it is known in closed form. And no test is skipped in silence."""
+"""What several tests begin with; and no test is skipped in silence."""
 
 import os
+from pathlib import Path
 
+import browsing
 import numpy as np
 import pytest
+import standins
 import torch
 
+import relight
+from relight import people
 from shadow import directions
 from shadow.data.records import Record
 
@@ -43,6 +48,58 @@ def person():
     mask[20:180, 60:100] = 1
     mask[60:80, 30:130] = 1
     return rgb, mask
+
+
+@pytest.fixture
+def stub(monkeypatch):
+    """Shots analysed by no network: their Subjects are `standins.FlatSubject`."""
+    monkeypatch.setattr(people, "Subject", standins.FlatSubject)
+    standins.FlatSubject.made, standins.FlatSubject.steadied_by = [], []
+    return standins.FlatSubject
+
+
+@pytest.fixture
+def plates(tmp_path):
+    """Five frames, 101 to 105, of somebody who walks and grows brighter."""
+    (tmp_path / "plates").mkdir()
+    for number in range(101, 106):
+        relight.write(
+            tmp_path / "plates" / f"p.{number:04d}.exr", standins.somebody(number - 99, 0.1 * (number - 100))
+        )
+    return tmp_path / "plates" / "p.####.exr"
+
+
+@pytest.fixture(scope="module")
+def browser():
+    with browsing.browser() as found:
+        yield found
+
+
+@pytest.fixture(scope="module")
+def viewed():
+    """The bundled person, small, as a Subject."""
+    person = relight.read(Path(__file__).parent.parent / "examples" / "person.png")
+    return relight.Subject(np.ascontiguousarray(person[::2, ::2]))
+
+
+@pytest.fixture(scope="module")
+def page_file(viewed, tmp_path_factory):
+    """Their page, which names whatever it can with text that is hostile."""
+    lights = [
+        relight.DirectionalLight(azimuth=-40, elevation=30, intensity=2, temperature=4500, name="key"),
+        relight.DirectionalLight(azimuth=140, elevation=20, colour=(0.5, 0.7, 1), name=browsing.HOSTILE[:80]),
+    ]
+    file, command = tmp_path_factory.mktemp("page") / "person.html", ["relight", "apply", "it's.png"]
+    return browsing.policed(viewed.view(file, lights, title=browsing.HOSTILE, command=command))
+
+
+@pytest.fixture
+def page(browser, page_file):
+    """That page in a window of its own; it complains of nothing."""
+    found = browsing.opened(browser, page_file)
+    yield found
+    assert not found.complaints
+    found.context.close()
 
 
 @pytest.hookimpl(wrapper=True)

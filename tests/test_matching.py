@@ -134,7 +134,7 @@ def test_match_takes_a_reference_with_its_mask(folder):
 @pytest.mark.parametrize("command", ["apply", "video"])
 def test_what_cannot_be_matched_is_refused(command, folder, tmp_path, monkeypatch, arguments, message):
     monkeypatch.chdir(folder)
-    monkeypatch.setattr("relight.subject.Analysis", None)  # no network runs
+    monkeypatch.setattr("relight.inference.Analysis", None)  # no network runs
     relight.write_mask("empty.png", np.zeros(relight.read("photo.png").shape[:2]))
     if "--match-plate" not in arguments and "--match" not in arguments:
         arguments = [*arguments, "--light", "azimuth=30"]

@@ -4,7 +4,7 @@ Heavy modules are imported inside the command, so that `relight --help` answers 
 """
 
 from pathlib import Path
-from typing import Annotated
+from typing import Annotated, Any
 
 import typer
 
@@ -51,7 +51,7 @@ def job(
         raise ValueError(f"output: expected one job, {', '.join(SUFFIXES)}, got {len(jobs)}")
     look.settings()  # says what is wrong with the texts
     given = {name: value for name, value in context.params.items() if _given(context, name)}
-    lights = look.lights if {*LIGHTS} & {*given} == {"lights"} else look.lighting()
+    lights: Any = look.lights if {*LIGHTS} & {*given} == {"lights"} else look.lighting()
     write_job(
         jobs[0], source, lights, [path for path in output if path not in jobs], frames=frames,
         analysis=analysis, save_lights=look.save_lights, chunk=chunk_size, precision=precision,

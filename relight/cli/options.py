@@ -7,7 +7,7 @@ from dataclasses import dataclass, fields
 from enum import StrEnum
 from functools import wraps
 from pathlib import Path
-from typing import Annotated, Any, get_type_hints
+from typing import Annotated, Any, cast, get_type_hints
 
 import typer
 from rich.console import Console
@@ -256,7 +256,7 @@ def with_options(options: type) -> Callable:
             for parameter in own.parameters.values()
             if parameter.name != "look"
         ]
-        run.__signature__ = own.replace(parameters=[*kept, *shared])
+        run.__signature__ = own.replace(parameters=[*kept, *shared])  # type: ignore[attr-defined]  # for typer
         run.__annotations__ = {parameter.name: parameter.annotation for parameter in (*kept, *shared)}
         return run
 
@@ -291,10 +291,10 @@ def size_of(text: str | None) -> tuple[int, int] | str | None:
     return height, width
 
 
-def offset_of(text: str) -> tuple[int, ...]:
+def offset_of(text: str) -> tuple[int, int]:
     """`120/-40` as (right, up)."""
     try:
-        return tuple(map(int, text.split("/")))
+        return cast(tuple[int, int], tuple(map(int, text.split("/"))))  # `Placement` counts them
     except ValueError as error:
         raise ValueError(f"--offset: expected RIGHT/UP in pixels, such as 120/-40, got {text!r}") from error
 

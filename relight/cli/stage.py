@@ -103,8 +103,8 @@ def _people(bodies: str | None, pairs: str | None, split: str, cloth: Path | Non
     """The clothed bodies and pairs of a split. cloth: the folder of simulated garments, None: none are."""
     from shadow.lightstage.stage import Source
 
-    simulated = {"simulate": cloth is not None, "cache": cloth}
-    people = [Source.body(seed, split, **simulated) for seed in _seeds("--bodies", bodies)]
+    simulate = cloth is not None
+    people = [Source.body(seed, split, simulate=simulate, cache=cloth) for seed in _seeds("--bodies", bodies)]
     return people + [Source.pair(seed, split) for seed in _seeds("--pairs", pairs)]
 
 
@@ -125,8 +125,9 @@ def _scans(meshes: list[Path], variants: str | None, folds: bool) -> list["Sourc
 
 def _listed(path: Path | None) -> list[Path]:
     """The meshes that a text file names, one a line, beside the file."""
-    names = [] if path is None else path.read_text().split("\n")
-    return [path.parent / name.strip() for name in names if name.strip()]
+    if path is None:
+        return []
+    return [path.parent / name.strip() for name in path.read_text().split("\n") if name.strip()]
 
 
 def _seeds(option: str, text: str | None) -> range:

@@ -6,7 +6,7 @@ Heavy modules are imported inside the command, so that `relight --help` answers 
 from enum import StrEnum
 from functools import partial
 from pathlib import Path
-from typing import Annotated
+from typing import Annotated, Any
 
 import typer
 
@@ -81,7 +81,7 @@ def video(
     if part != Part.all and (dask or workers):
         raise ValueError("--part: expected no --dask and no --workers, which make all frames")
     render = partial(render_distributed, scheduler=dask, workers=workers) if dask or workers else render_video
-    settings = {"precision": precision} | ({} if threads is None else {"threads": threads})
+    settings: dict[str, Any] = {"precision": precision} | ({} if threads is None else {"threads": threads})
     settings |= {} if dask or workers else {"part": part.value}
     with progress_bar() as progress:
         tasks: dict = {}

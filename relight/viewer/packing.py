@@ -26,6 +26,7 @@ from relight.canvas import Elsewhere
 from relight.depth import Space
 from relight.media.buffers import to_array, to_buffer
 from relight.media.colour import encode
+from relight.upsampling import BRIGHTEST
 from shading.diffuse import HAZE, Shading
 from shadow.framing import Framing
 from shadow.networks.field import KAPPA, LIT, Visibility
@@ -37,7 +38,6 @@ CAST, RESIDUAL = 24, 24  # components kept, as many as shaders/light.glsl mixes
 LARGEST = 2048  # pixels a side of the plate in a page; larger plates are reduced
 FILES = ("photograph", "albedo")
 QUALITY = 98  # of JPEG, without subsampling: at 95 the picture would be off by 0.012 (RMS), now by half that
-BRIGHTEST = 4 ** (1 / 2.2)  # of a guide: see `relight.subject`
 
 
 def pack(subject: "Subject") -> bytes:
@@ -67,7 +67,7 @@ def pack(subject: "Subject") -> bytes:
         warnings.simplefilter("ignore")
         depth = extend(canvas.space.depth[None])
     guide = (canvas.image / BRIGHTEST * 255).round().clamp(0, 255)
-    arrays = {
+    arrays: dict[str, np.ndarray] = {
         "features": torch.cat([cast, residual]).numpy().astype(np.uint8),
         "surface": surface.numpy().astype(np.float16).view(np.uint16),
         "depth": depth.numpy().astype(np.float16).view(np.uint16),

@@ -1,5 +1,7 @@
 """Random photographs of records, lit anew each time one is drawn (Section 3, "Data Generation")."""
 
+from typing import Any
+
 import numpy as np
 import torch
 import torch.nn.functional as F
@@ -10,7 +12,7 @@ from shadow.data.skin import scattered
 from shadow.directions import from_spherical
 from shadow.framing import Framing, affine_sample, bounding_box
 
-LUMINANCE = np.float32([0.2126, 0.7152, 0.0722])  # of linear Rec.709 (ITU-R BT.709)
+LUMINANCE = np.array([0.2126, 0.7152, 0.0722], np.float32)  # of linear Rec.709 (ITU-R BT.709)
 KINDS = ("hard", "sky", "any")  # of everyday light
 
 
@@ -76,7 +78,7 @@ def everyday_lighting(
     return (share * key / key.sum() * 3 + (1 - share) * 4 * ambient).astype(np.float32)
 
 
-def _warm(warmth: float) -> np.ndarray:
+def _warm(warmth: np.ndarray) -> np.ndarray:
     """Linear Rec.709 (N, 3) of luminance 1, of lights of warmth (N,): about 0.6 at 3000 K, 0 at 6500 K, -0.2
     at 9000 K."""
     colour = np.exp(np.asarray(warmth)[:, None] * [0.9, 0.0, -1.7])
@@ -183,7 +185,7 @@ def sample(
     """
     record = record.cropped(size[0])
     count = len(record.directions)
-    weights = lighting
+    weights: Any = lighting
     if weights is None:
         draw = everyday_lighting if augment else random_lighting
         weights = draw(rng, record.directions)

@@ -62,6 +62,7 @@ class Record:
     ) -> "Record":
         """From floats inside the mask: normals (N, 3) unit, albedo (N, 3) linear in [0, 1], visibility
         (N, D) bool, bounce light in factors (N, K) and (K, D, 3), depth (N, 1), regions (N,)."""
+        shares, patterns = (None, None) if bounce is None else bounce
         return cls(
             mask.astype(bool),
             np.round(normals * 127).astype(np.int8),
@@ -69,11 +70,8 @@ class Record:
             np.packbits(visibility.astype(bool), axis=1),
             directions.astype(np.float32),
             about or {},
-            *(
-                (None, None)
-                if bounce is None
-                else (bounce[0].astype(np.float16), bounce[1].astype(np.float32))
-            ),
+            None if shares is None else shares.astype(np.float16),
+            None if patterns is None else patterns.astype(np.float32),
             None if depth is None else depth.astype(np.float16),
             None if regions is None else regions.astype(np.uint8),
         )
@@ -97,7 +95,7 @@ class Record:
     @property
     def bounce(self) -> tuple[np.ndarray, np.ndarray]:
         """Bounce light in factors, (N, K) and (K, D, 3) float32: zero if none was traced."""
-        if self.bounce_float16 is None:
+        if self.bounce_float16 is None or self.bounce_patterns is None:
             return (
                 np.zeros((len(self.normals_int8), BOUNCE_RANK), np.float32),
                 np.zeros((BOUNCE_RANK, len(self.directions), 3), np.float32),
@@ -105,7 +103,7 @@ class Record:
         return self.bounce_float16.astype(np.float32), self.bounce_patterns
 
     @property
-    def depth(self):
+    def depth(self) -> np.ndarray | None:
         """(N, 1) float32, away from the camera along its axis, relative to the mean of the subject's pixels,
         in units of the height that the mask shows at that mean depth; None if it was not recorded.
 
@@ -164,7 +162,13 @@ def _strided(about: dict[str, Any], stride: int) -> dict[str, Any]:
 def to_bytes(record: Record) -> bytes:
     """A record as the bytes of its compressed .npz file."""
     stream = io.BytesIO()
-    bounce = {"bounce": record.bounce_float16, "bounce_patterns": record.bounce_patterns}
+    perhaps = {
+        "bounce": record.bounce_float16,
+        "bounce_patterns": record.bounce_patterns,
+        "depth": record.depth_float16,
+        "regions": record.regions,
+    }
+    known: dict[str, Any] = {name: values for name, values in perhaps.items() if values is not None}
     np.savez_compressed(
         stream,
         size=np.array(record.mask.shape),
@@ -174,9 +178,7 @@ def to_bytes(record: Record) -> bytes:
         visibility=record.visibility_bits,
         directions=record.directions,
         about=np.frombuffer(json.dumps(record.about).encode(), np.uint8),
-        **({} if record.bounce_float16 is None else bounce),
-        **({} if record.depth_float16 is None else {"depth": record.depth_float16}),
-        **({} if record.regions is None else {"regions": record.regions}),
+        **known,
     )
     return stream.getvalue()
 
@@ -221,7 +223,8 @@ def pack(folder: str | Path, out: str | Path) -> list[Path]:
         raise ValueError(f"folder: {folder} holds no records (.npz)")
     order = np.random.default_rng(0).permutation(len(files))
     Path(out).mkdir(parents=True, exist_ok=True)
-    shards, room = [], 0
+    shards: list[list[Path]] = []
+    room = 0
     for file in (files[i] for i in order):
         size = file.stat().st_size + 2 * len(file.name) + 128  # a zip entry's own bytes
         if size > room:
@@ -243,7 +246,7 @@ class Records:
     """The records under some paths, by index: folders of .npz files and .zip shards, or single files."""
 
     def __init__(self, paths: Iterable[str | Path]) -> None:
-        self.entries = []  # (file, member of the archive or None)
+        self.entries: list[tuple[Path, str | None]] = []  # (file, member of the archive or None)
         for path in map(Path, paths):
             if not path.exists():
                 raise FileNotFoundError(f"records: there is nothing at {path}")

@@ -50,7 +50,8 @@ def evaluate(
         scores.append([*map(float, errors), float(metrics.depth_order(estimate, truth, inside))])
     if not scores:
         raise ValueError("records: expected some with depth, found none; render them again")
-    return DepthScore(*map(float, np.nanmean(scores, axis=0)), len(scores))
+    error, flat, order = map(float, np.nanmean(scores, axis=0))
+    return DepthScore(error, flat, order, len(scores))
 
 
 def report(score: DepthScore) -> str:

@@ -59,9 +59,8 @@ def depth_order(
     """
     right = total = truth.new_zeros(())
     for axis in (0, 1):
-        near, far = (slice(None, -reach), slice(reach, None))
-        if axis:
-            near, far = (slice(None), near), (slice(None), far)
+        rows = (slice(None),) * axis
+        near, far = (*rows, slice(None, -reach)), (*rows, slice(reach, None))
         apart = (truth[far] - truth[near]) * (mask[near] & mask[far])
         border = apart.abs() > step
         agree = (estimate[far] - estimate[near]).sign() * apart.sign()
@@ -79,8 +78,8 @@ def ssim(estimate: torch.Tensor, truth: torch.Tensor, mask: torch.Tensor) -> tor
     if min(bottom - top, right - left) < WINDOW:
         raise ValueError(f"mask: its bounding box is smaller than {WINDOW} x {WINDOW} pixels, SSIM's window")
     size = (bottom - top, right - left)
-    boxes = (image[..., top:bottom, left:right].reshape(-1, 1, *size) for image in (estimate, truth))
-    return ssim_map(*boxes, WINDOW, padding="valid").mean(dim=(1, 2, 3)).view(estimate.shape[:-2])
+    ours, theirs = (image[..., top:bottom, left:right].reshape(-1, 1, *size) for image in (estimate, truth))
+    return ssim_map(ours, theirs, WINDOW, padding="valid").mean(dim=(1, 2, 3)).view(estimate.shape[:-2])
 
 
 def otsu(values: torch.Tensor) -> float:

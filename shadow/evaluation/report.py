@@ -2,7 +2,7 @@
 
 import json
 import time
-from collections.abc import Iterable, Iterator
+from collections.abc import Iterable, Iterator, Mapping
 from pathlib import Path
 from statistics import median
 from typing import Any
@@ -48,7 +48,7 @@ def write(
     paths: Iterable[str | Path],
     out: str | Path,
     *,
-    models: dict[str, str | Path] | None = None,
+    models: Mapping[str, str | Path] | None = None,
     normals_model: str | Path | None = None,
     soft: str | Path | None = None,
     seed: int = 0,
@@ -77,7 +77,7 @@ def write(
     FileNotFoundError, ValueError: no records, damaged weights, a network that is not what its row says, soft
         maps that fit no record.
     """
-    models = {"ours": "field"} | (models or {})
+    models = {"ours": "field", **(models or {})}
     records = Records(paths)
     networks = {name: visibility.load(model) for name, model in models.items()}
     for name, network in networks.items():
@@ -198,19 +198,17 @@ def _figure_2(path: Path, tally: scores.Tally) -> Row:
     return {"lights": lights.tolist(), "mean": mean.tolist(), "deviation": deviation.tolist()}
 
 
-def _figure_4(
-    path: Path, records: Records, network: nn.Module, surface: Any, seed: int, limit: int | None
-) -> Row:
+def _figure_4(path: Path, records: Records, network: Any, surface: Any, seed: int, limit: int | None) -> Row:
     views = min(limit or len(records), LEVELS_VIEWS, len(records))
     tallies = scores.intensity_sweep(records, network, surface, LEVELS, seed=seed, limit=views)
     names, columns = ("ours", ESTIMATED), zip(*tallies, strict=True)
     dice = {name: [t.score().dice for t in column] for name, column in zip(names, columns, strict=True)}
-    series = {name: np.transpose(pairs) for name, pairs in dice.items()}
+    series = {name: (np.array(pairs)[:, 0], np.array(pairs)[:, 1]) for name, pairs in dice.items()}
     plots.curves(path, LEVELS, series, "intensity of the input (1: a normal exposure)", "Dice")
     return {"views": views, "levels": LEVELS.tolist(), "dice": dice}
 
 
-def _milliseconds(network: nn.Module, view: View, lights: torch.Tensor) -> float:
+def _milliseconds(network: Any, view: View, lights: torch.Tensor) -> float:
     network.to(view.rgb.device, memory_format=torch.channels_last)
     times = []
     for _ in range(1 + REPEATS):  # the first allocates

@@ -125,7 +125,8 @@ def compare(
     tallies = {name: Tally() for name in (*networks, ESTIMATED, TRUE)}
     first, angles = next(iter(networks.values())), []
     for index in track(records.spread(limit or len(records)), "evaluating"):
-        record, views = records[index], {}
+        record = records[index]
+        views: dict[tuple[int, int], tuple[View, Any]] = {}
         for name, network in networks.items():
             if network.size in views:
                 view, given = views[network.size]
@@ -244,7 +245,8 @@ def against_soft_maps(
     Returns {figure: (theirs, ours)}, Tallies of the frontal lights that there are files for. ValueError if
     there are none, or one has another size.
     """
-    found, tallies = _soft_maps(folder), {}
+    found = _soft_maps(folder)
+    tallies: dict[str, tuple[Tally, Tally]] = {}
     for index in track(records.spread(limit or len(records)), "soft maps"):
         file, member = records.entries[index]
         name = Path(member or file).stem
@@ -275,7 +277,7 @@ def against_soft_maps(
 
 def _soft_maps(folder: str | Path) -> dict[str, dict[int, Path]]:
     """{record: {light: path}} of the files in a folder."""
-    found = {}
+    found: dict[str, dict[int, Path]] = {}
     for path in sorted(Path(folder).iterdir()):
         record, _, light = path.stem.rpartition("_")
         if record and light.isdigit():
@@ -298,7 +300,7 @@ def _grey(path: Path) -> np.ndarray:
         image = oiio.ImageBuf(str(path))
         if image.has_error:
             raise ValueError(f"soft: {path} is not an image: {image.geterror()}")
-        grey = np.ascontiguousarray(image.get_pixels("float")[..., 0])
+        grey = np.ascontiguousarray(np.asarray(image.get_pixels("float"))[..., 0])
     if not np.isfinite(grey).all():
         raise ValueError(f"soft: {path} contains NaN or infinite values")
     return grey

@@ -37,10 +37,10 @@ def raise_folds(record: Record, height: float = 1.0) -> Record:
     right_down = spatial_gradient(contrast, "diff")[0, 0]
     inner = 1 - F.max_pool2d(1 - mask[None].float(), 3, stride=1, padding=1)
     slope = height * window * (right_down * inner)[:, mask].T * torch.tensor([1, -1])
-    normals = torch.from_numpy(record.normals)
-    normals = normals - torch.cat([slope, torch.zeros(len(slope), 1)], dim=1) * normals[:, 2:]
-    normals[:, 2].clamp_min_(LEAST_Z)
-    normals = F.normalize(normals, dim=1).numpy()
+    smooth_normals = torch.from_numpy(record.normals)
+    turned = smooth_normals - torch.cat([slope, torch.zeros(len(slope), 1)], dim=1) * smooth_normals[:, 2:]
+    turned[:, 2].clamp_min_(LEAST_Z)
+    normals = F.normalize(turned, dim=1).numpy()
     lit = record.visibility * (normals @ record.directions.T > 0)
     kept = torch.exp(-ENCODING * contrast[0, 0])[mask].numpy()
     return Record.of(

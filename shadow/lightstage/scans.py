@@ -4,6 +4,7 @@ import io
 import json
 import struct
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import trimesh
@@ -112,7 +113,8 @@ def srgb_to_linear(encoded: np.ndarray) -> np.ndarray:
 
 
 def _mesh_albedo(mesh: trimesh.Trimesh) -> Albedo:
-    faces, visual = np.asarray(mesh.faces), mesh.visual
+    faces = np.asarray(mesh.faces)
+    visual: Any = mesh.visual
     material = getattr(visual, "material", None)
     texture = getattr(material, "baseColorTexture", None) or getattr(material, "image", None)
     uv = getattr(visual, "uv", None)
@@ -129,8 +131,9 @@ def _mesh_albedo(mesh: trimesh.Trimesh) -> Albedo:
 
 def _mesh_detail(mesh: trimesh.Trimesh, scales: dict[str, float]) -> Detail | None:
     """The mesh's normal map, or None."""
-    material, uv = getattr(mesh.visual, "material", None), getattr(mesh.visual, "uv", None)
-    texture = getattr(material, "normalTexture", None)
+    visual: Any = mesh.visual
+    material: Any = getattr(visual, "material", None)
+    texture, uv = getattr(material, "normalTexture", None), getattr(visual, "uv", None)
     if not isinstance(texture, Image.Image) or uv is None:
         return None
     texels = decoded(np.asarray(texture.convert("RGB")), scales.get(material.name, 1.0))
@@ -140,7 +143,7 @@ def _mesh_detail(mesh: trimesh.Trimesh, scales: dict[str, float]) -> Detail | No
 
 def _flat(face: np.ndarray, barycentric: np.ndarray) -> np.ndarray:
     """The normal map of a mesh without one."""
-    return np.broadcast_to(np.float32([0, 0, 1]), (len(face), 3))
+    return np.broadcast_to(np.array([0, 0, 1], np.float32), (len(face), 3))
 
 
 def _mesh_tangents(mesh: trimesh.Trimesh) -> np.ndarray:

@@ -73,7 +73,7 @@ class Scene:
 
     def _detailed(self, normal: np.ndarray, face: np.ndarray, barycentric: np.ndarray) -> np.ndarray:
         """Unit normals (N, 3) turned as the figure's normal map, if it has one, says at these points."""
-        if self.figure.detail is None:
+        if self.figure.detail is None or self.figure.tangents is None:
             return normal
         tangent = np.einsum("nk,nkc->nc", barycentric, self.figure.tangents[face])
         tangent[:, :3] = tangent[:, :3] @ self._rotation.T

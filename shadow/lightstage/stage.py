@@ -9,7 +9,7 @@ import hashlib
 import os
 from collections.abc import Callable, Collection
 from concurrent.futures import Executor, ProcessPoolExecutor, as_completed
-from contextlib import nullcontext
+from contextlib import AbstractContextManager, nullcontext
 from dataclasses import asdict, dataclass
 from functools import partial
 from pathlib import Path
@@ -60,7 +60,7 @@ def views(
     `portrait`, its head alone to the upper three quarters of it.
     """
     angles = 360 / count * np.arange(count)
-    if rng is None:
+    if rng is None or figure is None:
         return [View(float(angle)) for angle in angles]
     camera = _portrait if portrait else _whole
     angles = angles + rng.uniform(0, 360)
@@ -270,16 +270,19 @@ def render_all(
         bounced=bounced,
         raised=raised,
     )
-    written, size_on_disk, errors = 0, 0, {}
+    written, size_on_disk = 0, 0
+    errors: dict[str, Exception] = {}
     columns = TextColumn("{task.description}"), BarColumn(), MofNCompleteColumn(), TimeRemainingColumn()
     # One thread each: a forked process that inherits torch's threads waits for them forever, since a fork
     # copies none, and there is a process a core anyway. DataLoader's workers do the same.
-    own = None
+    own: AbstractContextManager[Executor]
     if pool is None:
         own = ProcessPoolExecutor(
             processes or os.cpu_count(), initializer=torch.set_num_threads, initargs=(1,)
         )
-    with own or nullcontext(pool) as workers, Progress(*columns) as progress:
+    else:
+        own = nullcontext(pool)
+    with own as workers, Progress(*columns) as progress:
         task = progress.add_task("rendering", total=len(sources))
         for future in as_completed(jobs := {workers.submit(work, source): source for source in sources}):
             try:

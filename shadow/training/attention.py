@@ -1,15 +1,16 @@
 """Where the losses look: how often at each pixel, as the recipe has it."""
 
+from collections.abc import Mapping
+
 import torch
 import torch.nn.functional as F
 
-from shadow.data.photographs import Sample
 from shadow.training.recipes import Recipe
 
 REACH = 3  # canvas pixels on either side of a border of cast shadow that are near it
 
 
-def attention(batch: Sample, recipe: Recipe) -> torch.Tensor:
+def attention(batch: Mapping[str, torch.Tensor], recipe: Recipe) -> torch.Tensor:
     """How often (B, 1, H, W) the losses look at each pixel, as a multiple: 1 inside the mask, more near
     borders of cast shadow, under any of the batch's lights, and on faces and hands; 0 outside."""
     weight = torch.ones_like(batch["mask"])
@@ -20,7 +21,7 @@ def attention(batch: Sample, recipe: Recipe) -> torch.Tensor:
     return weight * (batch["mask"] > 0.5)
 
 
-def near_borders(batch: Sample) -> torch.Tensor:
+def near_borders(batch: Mapping[str, torch.Tensor]) -> torch.Tensor:
     """The share (B, 1, H, W) of the lights under which a border of cast shadow is near a pixel: where of two
     surfaces that face the light side by side one is lit and the other is not."""
     facing = torch.einsum("bdc,bchw->bdhw", batch["directions"], batch["normals"]) > 0.05

@@ -81,7 +81,7 @@ class _State:
         torch.manual_seed(recipe.seed)
         self.task, self.recipe, self.out, self.device = task, recipe, out, device
         self.config = {"size": recipe.size, **task.config}
-        network = task.network(**self.config)
+        network: Any = task.network(**self.config)  # torch's annotations of `to` know no memory format
         if init:
             load_start(network, init, task.kind)
         self.network = network.to(device, memory_format=torch.channels_last)
@@ -109,7 +109,8 @@ class _State:
 
     def averaged(self) -> nn.Module:
         """The network with the averaged parameters: what is scored and shipped."""
-        network = self.task.network(**self.config).to(self.device, memory_format=torch.channels_last)
+        network: Any = self.task.network(**self.config)
+        network = network.to(self.device, memory_format=torch.channels_last)
         network.load_state_dict(self.average)
         return network.eval()
 
@@ -176,7 +177,7 @@ def _prepare(
 
 
 def _gradient(
-    task: Task, model: nn.Module, batch: Batch, recipe: Recipe, device: torch.device, auxiliary: _Auxiliary
+    task: Task, model: Any, batch: Batch, recipe: Recipe, device: torch.device, auxiliary: _Auxiliary
 ) -> torch.Tensor:
     """Adds the gradient of the mini-batch's mean loss to the parameters; returns the loss.
 
@@ -191,8 +192,8 @@ def _gradient(
         # Processes exchange their gradients with the last part only.
         with model.no_sync() if distributed and number < len(parts) else nullcontext():
             with autocast(device, recipe.bfloat16):
-                part = _prepare(dict(zip(batch, part, strict=True)), device, auxiliary, recipe)
-                loss = task.loss(model, part) / len(parts)
+                prepared = _prepare(dict(zip(batch, part, strict=True)), device, auxiliary, recipe)
+                loss = task.loss(model, prepared) / len(parts)
             loss.backward()
         total += loss.detach()
     return total
@@ -248,14 +249,11 @@ def fit(
     auxiliary = _auxiliary(task, estimator, visibility, device)
     facts = _facts(task, init, estimator, visibility)
     # Each process draws its own photographs: the seeds lie further apart than any number of processes.
+    seed, done = recipe.seed + 7919 * rank, state.step
     photographs = _Photographs(
-        source,
-        recipe.seed + 7919 * rank,
-        size,
-        recipe.lights or task.lights,
-        state.step * recipe.batch,
-        (recipe.steps - state.step) * recipe.batch,
-    )
+        source, seed, size, recipe.lights or task.lights, done * recipe.batch,
+        (recipe.steps - done) * recipe.batch,
+    )  # fmt: skip
     loader = _loader(photographs, recipe.batch, device, workers)
     columns = TextColumn("{task.description}"), BarColumn(), MofNCompleteColumn(), TimeRemainingColumn()
     with Progress(*columns, disable=rank > 0) as progress:
@@ -264,7 +262,7 @@ def fit(
         losses = []
         for batch in loader:
             # What a loss leaves to chance is the step's alone: a resumed run ends where a whole one does.
-            torch.manual_seed(recipe.seed + 7919 * rank + 104729 * state.step)
+            torch.manual_seed(seed + 104729 * state.step)
             losses.append(_gradient(task, model, batch, recipe, device, auxiliary))
             state.update()
             now = time.monotonic()
@@ -272,7 +270,7 @@ def fit(
             last = state.step == recipe.steps
             if state.step % LOG_EVERY and not last:
                 continue
-            row = {"step": state.step, "images": state.step * recipe.batch * world}
+            row: dict[str, float] = {"step": state.step, "images": state.step * recipe.batch * world}
             row |= {"seconds": round(state.seconds, 1), "loss": round(torch.stack(losses).mean().item(), 5)}
             losses = []
             if not math.isfinite(row["loss"]):
@@ -281,11 +279,7 @@ def fit(
             if last or now - saved_at > 60 * checkpoint_minutes:
                 if rank == 0:
                     state.save({**facts, "images": row["images"], "records": len(source)})
-                    if validation:
-                        picture = out / f"samples-{state.step:06d}.png"
-                        row |= _validate(
-                            task, state.averaged(), Records(validation), size, auxiliary, picture
-                        )
+                    row |= _validate(state, validation, size, auxiliary) if validation else {}
                 saved_at = time.monotonic()
             if rank == 0:
                 with open(out / "log.jsonl", "a") as file:
@@ -332,15 +326,10 @@ def _one_thread(_worker: int) -> None:
 
 @torch.no_grad()
 def _validate(
-    task: Task,
-    network: nn.Module,
-    records: Records,
-    size: tuple[int, int],
-    auxiliary: _Auxiliary,
-    picture: Path,
+    state: _State, validation: Iterable[str | Path], size: tuple[int, int], auxiliary: _Auxiliary
 ) -> dict[str, float]:
-    """Mean scores on a fixed choice of photographs, and a picture of the first four."""
-    device = next(network.parameters()).device
+    """Mean scores on a fixed choice of photographs, and a picture of the first four in the run's folder."""
+    task, network, device, records = state.task, state.averaged(), state.device, Records(validation)
     count = min(VALIDATION_SAMPLES, len(records))
     photographs = _Photographs(records, 1, size, task.lights, 0, count, augment=False)
     scores = []
@@ -349,7 +338,7 @@ def _validate(
             batch = _prepare(batch, device, auxiliary)
             scores.append(task.score(network, batch))
             if len(scores) == 1:
-                pictures.write_grid(picture, task.show(network, batch))
+                pictures.write_grid(state.out / f"samples-{state.step:06d}.png", task.show(network, batch))
     # A batch of records without depth has no score of it.
     keys = dict.fromkeys(key for score in scores for key in score)
     return {key: round(float(np.mean([score[key] for score in scores if key in score])), 5) for key in keys}

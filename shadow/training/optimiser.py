@@ -27,7 +27,9 @@ class Optimiser:
         if recipe.optimiser not in ("adam", "muon"):
             raise ValueError(f"optimiser: expected adam or muon, got {recipe.optimiser!r}")
         muon = recipe.optimiser == "muon"
-        self.weights, matrices, vectors = [], [], []
+        self.weights: list[nn.Parameter] = []
+        matrices: list[nn.Parameter] = []
+        vectors: list[nn.Parameter] = []
         for name, parameter in network.named_parameters():
             # Muon's authors leave the last layer to Adam; by Muon, one that starts at zero grows slowly.
             last = "head" in name.split(".")
@@ -42,12 +44,15 @@ class Optimiser:
             {"params": matrices, "weight_decay": decay},
             {"params": vectors, "weight_decay": 0},  # biases and norms
         ]
-        self.parts = [torch.optim.AdamW([group for group in groups if group["params"]], betas=recipe.betas)]
+        self.parts: list[torch.optim.Optimizer] = [
+            torch.optim.AdamW([group for group in groups if group["params"]], betas=recipe.betas)
+        ]
         if self.views:
             # torch's Muon orthogonalises in bfloat16 whatever the parameters are.
             if native_bfloat16(self.views[0].device):
-                settings = {"weight_decay": decay, "adjust_lr_fn": "match_rms_adamw"}
-                self.parts.append(torch.optim.Muon(self.views, **settings))
+                self.parts.append(
+                    torch.optim.Muon(self.views, weight_decay=decay, adjust_lr_fn="match_rms_adamw")
+                )
             else:
                 self.parts.append(FloatMuon(self.views, weight_decay=decay))
 
@@ -84,7 +89,7 @@ class FloatMuon(torch.optim.Optimizer):
         super().__init__(params, {"lr": lr, "weight_decay": weight_decay, "momentum": momentum})
 
     @torch.no_grad()
-    def step(self) -> None:
+    def step(self, closure: None = None) -> None:  # type: ignore[override]  # there is no closure to call
         """One step down the gradients, with Nesterov's momentum."""
         for group in self.param_groups:
             for parameter in (each for each in group["params"] if each.grad is not None):

@@ -54,7 +54,7 @@ class Recipe:
 
 # Section 3, "Training and Implementation Details".
 PAPER_EPOCHS = 31
-PAPER = {
+PAPER: dict[str, Any] = {
     "size": 512,
     "batch": 1,
     "lights": 1,

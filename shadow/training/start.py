@@ -56,10 +56,11 @@ def load_start(network: nn.Module, path: str | Path, kind: str) -> None:
 def _deepen(network: nn.Module, state: dict[str, torch.Tensor]) -> dict[str, torch.Tensor]:
     """Make the identity of the residual blocks that `state` lacks, so that a deeper network starts where a
     shallower one has come to (Net2Net, CGS16); returns the parameters of these blocks."""
-    blocks = {}
+    blocks: dict[str, torch.Tensor] = {}
     for name, module in network.named_modules():
         if isinstance(module, Residual) and f"{name}.conv2.weight" not in state:
             nn.init.zeros_(module.conv2.weight)
+            assert module.conv2.bias is not None
             nn.init.zeros_(module.conv2.bias)
             blocks |= {f"{name}.{key}": value for key, value in module.state_dict().items()}
     return blocks

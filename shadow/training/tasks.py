@@ -43,7 +43,7 @@ def field_loss(network: nn.Module, batch: Batch) -> torch.Tensor:
     normals as they are, or those of the batch's estimator: its sharpness says how far to trust them, and a
     gate that bends them was worth nothing (see the model card).
     """
-    field = getattr(network, "module", network)
+    field: Any = getattr(network, "module", network)
     blocks = random_blocks(batch["attention"])
     maps = network(batch["image"], blocks)
     normals, truth, mask = (take_blocks(batch[key], blocks) for key in ("normals", "visibility", "mask"))
@@ -115,17 +115,15 @@ def per_light_loss(network: nn.Module, batch: Batch) -> torch.Tensor:
     return _masked_mean((maps - (2 * batch["visibility"] - 1)).abs(), batch["mask"] > 0.5)
 
 
-def _analysed(
-    network: nn.Module, batch: Batch
-) -> tuple[torch.Tensor | None, torch.Tensor, torch.Tensor | None]:
+def _analysed(network: Any, batch: Batch) -> tuple[torch.Tensor | None, torch.Tensor, torch.Tensor | None]:
     """The normals (B, 3, H, W), if the network says or takes any, the visibility (B, D, H, W), and the depth
     (B, H, W), if the network says any."""
     given = batch.get("estimated_normals", [None] * len(batch["rgb"]))
     views = zip(batch["rgb"], batch["matte"][:, 0], given, batch["directions"], strict=True)
     found = [(network.analyse(rgb, mask, surface), lights) for rgb, mask, surface, lights in views]
-    surfaces = [surface for (surface, _), _ in found]
+    surfaces: list[Any] = [surface for (surface, _), _ in found]
     maps = torch.stack([visibility(lights) for (_, visibility), lights in found])
-    depths = [getattr(visibility, "depth", None) for (_, visibility), _ in found]
+    depths: list[Any] = [getattr(visibility, "depth", None) for (_, visibility), _ in found]
     surface, depth = (None if each[0] is None else torch.stack(each) for each in (surfaces, depths))
     return surface, maps, depth
 

@@ -108,7 +108,20 @@ def write(
         for name, stack in stacks.items():
             if name not in exact:
                 _check_half(path, name, stack)
-    spec = new_spec(pixels.shape[:2], depth, names, metadata)
+    spec = _header(suffix, new_spec(pixels.shape[:2], depth, names, metadata), depth, names, view, metadata)
+    halved = depth == "half" and not exact
+    save(path, _blocks(list(stacks.values()), torch.float16 if halved else torch.float32), spec)
+
+
+def _header(
+    suffix: str,
+    spec: oiio.ImageSpec,
+    depth: str,
+    names: list[str],
+    view: str | None,
+    metadata: Metadata | None,
+) -> oiio.ImageSpec:
+    """The spec of a file of channels `names`, and how it is compressed and encoded."""
     if depth == "half" and DEPTH in names:
         spec.channelformats = tuple("float" if name == DEPTH else "half" for name in names)
     if suffix in (".exr", ".tif", ".tiff"):
@@ -122,8 +135,7 @@ def write(
     else:
         spec.attribute("oiio:ColorSpace", "lin_rec709_scene")
         spec.attribute("chromaticities", oiio.TypeDesc("float[8]"), colour.REC709)
-    halved = depth == "half" and not exact
-    save(path, _blocks(list(stacks.values()), torch.float16 if halved else torch.float32), spec)
+    return spec
 
 
 def checked_depth(path: Path, depth: str | None) -> str:

@@ -9,6 +9,7 @@ origin.
 from dataclasses import dataclass, field
 from functools import cached_property, lru_cache
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 from scipy.sparse import csr_matrix, identity
@@ -109,7 +110,7 @@ def mannequin() -> Mannequin:
     )
 
 
-def _rest(model: object, phenotype: dict[str, float], face: Face) -> tuple[np.ndarray, np.ndarray]:
+def _rest(model: Any, phenotype: dict[str, float], face: Face) -> tuple[np.ndarray, np.ndarray]:
     import torch
 
     with torch.no_grad():
@@ -119,7 +120,8 @@ def _rest(model: object, phenotype: dict[str, float], face: Face) -> tuple[np.nd
         for name, value in face.actions.items():
             coefficients[:, model.blendshape_labels.index(f"facial_action:{name}")] = value
         out = model.get_rest_model(coefficients)
-    return tuple(_y_up(out[key][0].numpy().astype(float)) for key in ("rest_vertices", "rest_bone_heads"))
+    vertices, heads = (out[key][0].numpy().astype(float) for key in ("rest_vertices", "rest_bone_heads"))
+    return _y_up(vertices), _y_up(heads)
 
 
 def _region(bone: str) -> int:

@@ -196,17 +196,8 @@ def drape(
     points (P, 3), their outward normals (P, 3)). held (V,) in [0, 1]: 1 stays at the start, 0 is free.
     gap: metres kept from the obstacle. weight: of gravity. bending in [0, 1]: resistance to folding.
     """
-    edges, side, shared = edges_of(faces)
-    # Bending springs join the two vertices opposite an inner edge.
-    opposite = np.roll(faces, 1, axis=1).ravel()
-    order = np.argsort(side.ravel(), kind="stable")
-    inner = np.flatnonzero(shared == 2)
-    first = np.concatenate([[0], np.cumsum(shared)])[inner]
-    across = np.stack([opposite[order[first]], opposite[order[first + 1]]], axis=1)
-    springs = np.concatenate([edges, across])
     count = len(start)
-    stiffness = np.concatenate([np.ones(len(edges)), np.full(len(across), bending)]).astype(np.float32)
-    length = np.linalg.norm(rest[springs[:, 1]] - rest[springs[:, 0]], axis=1).astype(np.float32)
+    springs, stiffness, length = _springs(faces, rest, bending)
     column = np.arange(len(springs))
     incidence = csr_matrix(
         (
@@ -244,13 +235,46 @@ def drape(
                 nearest = tree.query(position[index])[1]
                 planes.append((index, points[nearest], normals[nearest]))
         for index, points, normals in planes:
-            depth = gap - np.einsum("ij,ij->i", position[index] - points, normals)
-            touching = np.flatnonzero((depth > 0) & (depth < 0.12))
-            where = index[touching]
-            position[where] += normals[touching] * depth[touching, None]
-            # Friction: what touches the body keeps a part of its place.
-            previous[where] += 0.6 * (position[where] - previous[where])
+            _push_out(position, previous, index, points, normals, gap)
     return position.astype(float)
+
+
+def _springs(
+    faces: np.ndarray, rest: np.ndarray, bending: float
+) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """The springs of cloth: the vertices (S, 2) that each joins, its stiffness (S,) and length at rest (S,).
+
+    There is one along each edge, and one across each inner edge, of stiffness `bending`, between the two
+    vertices opposite to it.
+    """
+    edges, side, shared = edges_of(faces)
+    opposite = np.roll(faces, 1, axis=1).ravel()
+    order = np.argsort(side.ravel(), kind="stable")
+    inner = np.flatnonzero(shared == 2)
+    first = np.concatenate([[0], np.cumsum(shared)])[inner]
+    across = np.stack([opposite[order[first]], opposite[order[first + 1]]], axis=1)
+    springs = np.concatenate([edges, across])
+    stiffness = np.concatenate([np.ones(len(edges)), np.full(len(across), bending)]).astype(np.float32)
+    length = np.linalg.norm(rest[springs[:, 1]] - rest[springs[:, 0]], axis=1).astype(np.float32)
+    return springs, stiffness, length
+
+
+def _push_out(
+    position: np.ndarray,
+    previous: np.ndarray,
+    index: np.ndarray,
+    points: np.ndarray,
+    normals: np.ndarray,
+    gap: float,
+) -> None:
+    """Bring the vertices `index` to `gap` metres before the planes at `points` with these `normals`, (N, 3)
+    each, in place."""
+    depth = gap - np.einsum("ij,ij->i", position[index] - points, normals)
+    touching = np.flatnonzero((depth > 0) & (depth < 0.12))
+    where = index[touching]
+    position[where] += normals[touching] * depth[touching, None]
+    # Friction: what touches the body keeps a part of its place.
+    previous[where] += 0.6 * (position[where] - previous[where])
 
 
 def fold_noise(points: np.ndarray, rng: np.random.Generator, wavelength: float, waves: int = 6) -> np.ndarray:

@@ -64,7 +64,7 @@ class Contact:
     def __init__(self, layers: list[Layer], region: np.ndarray, *, spans: bool, gap: float) -> None:
         self.layers, self.spans = layers, spans
         self.beside: dict[bool, list[np.ndarray]] = {}  # nearest vertices at the end, which hardly changes
-        self.last = (-1, None, None)
+        self.last: tuple[int, np.ndarray, np.ndarray] | None = None
         counts = np.cumsum([0] + [len(layer.member) for layer in layers])
         self.faces = np.concatenate(
             [layer.faces + start for layer, start in zip(layers, counts[:-1], strict=True)]
@@ -80,19 +80,17 @@ class Contact:
         self.other = self._planes(BESIDES[region], gap, deepest=0.02)
 
     def _planes(self, bits: np.ndarray, gap: float, deepest: float) -> solver.Planes:
-        vectors = [np.zeros((len(bits), 3), np.float32) for _ in range(3)]
+        point, normal, motion = (np.zeros((len(bits), 3), np.float32) for _ in range(3))
         near = np.full(len(bits), -1, np.int32)
-        return solver.Planes(near, bits, *vectors, np.float32(gap), np.float32(deepest))
+        return solver.Planes(near, bits, point, normal, motion, np.float32(gap), np.float32(deepest))
 
     def _at(self, frame: int) -> tuple[np.ndarray, np.ndarray]:
         """Positions and normals (P, 3) of the obstacle, kept for the next frame, which starts there."""
-        if self.last[0] != frame:
+        if self.last is None or self.last[0] != frame:
             parts = [layer.positions(frame) for layer in self.layers]
             normals = [vertex_normals(p, layer.faces) for p, layer in zip(parts, self.layers, strict=True)]
-            self.last = (
-                frame,
-                *(np.ascontiguousarray(np.concatenate(x), np.float32) for x in (parts, normals)),
-            )
+            points, upward = (np.ascontiguousarray(np.concatenate(x), np.float32) for x in (parts, normals))
+            self.last = frame, points, upward
         return self.last[1:]
 
     def during(self, frame: int) -> solver.Obstacle:

@@ -155,14 +155,14 @@ def _curtain(
     side_length = min(length, rng.uniform(0.11, 0.17))
     down = side_length + (length - side_length) * behind * behind * (3 - 2 * behind)
     ragged = 1 + 0.06 * fold_noise(here, rng, 0.03)[:, None]
-    rings = [here]
+    stack = [here]
     for f in fall:
         # Ears and cheeks are wider than the skull behind them: step out first, then fall, gathering at the
         # neck.
         ring = here + outward * (0.012 * min(1, 4 * f) * sideways) - np.array([0, 1.0, 0]) * f * down * ragged
         ring[:, 0] *= 1 - 0.25 * np.clip((f * down[:, 0] - 0.08) / 0.2, 0, 1)
-        rings.append(ring)
-    rings = np.stack(rings)
+        stack.append(ring)
+    rings = np.stack(stack)
     band = strip(rings, closed=False)
     ids = np.concatenate([chain, len(raised) + np.arange(count * len(chain))])
     rest = np.concatenate([raised, rings[1:].reshape(-1, 3)])
@@ -179,9 +179,9 @@ def _curtain(
     layers = [(skin[head > 0.5], normal[head > 0.5])] + [
         (points, normals) for points, normals, *_ in wardrobe.obstacles
     ]
-    obstacle = tuple(np.concatenate(column) for column in zip(*layers, strict=True))
+    surface, upward = (np.concatenate(column) for column in zip(*layers, strict=True))
     falling = np.arange(len(raised), len(rest))
-    posed = drape(start, faces, rest, [(falling, *obstacle)], held, gap=0.008, bending=0.5, weight=0.8)
+    posed = drape(start, faces, rest, [(falling, surface, upward)], held, gap=0.008, bending=0.5, weight=0.8)
     below = 1 - held
     strand = fold_noise(rest * [1, 0.1, 1], rng, 0.012) + 0.6 * fold_noise(rest * [1, 0.1, 1], rng, 0.03)
     posed += vertex_normals(posed, faces) * (0.0022 * strand * (0.3 + 0.7 * below))[:, None]

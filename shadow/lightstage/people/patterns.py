@@ -4,6 +4,7 @@ A cut is a scalar over the rest surface whose zero line is the seam; below the h
 tube about the legs (skirts, coats).
 """
 
+from collections.abc import Callable
 from dataclasses import dataclass, field
 
 import numpy as np
@@ -250,6 +251,20 @@ def _followed(points: np.ndarray, skirt: cKDTree) -> csr_matrix:
     return csr_matrix((share.ravel(), (rows, near.ravel())), (len(near), skirt.n))
 
 
+def _radius_of(skirt: np.ndarray, centre: np.ndarray) -> Callable[[np.ndarray, float], np.ndarray]:
+    """How far a surface (P, 3) about the vertical through `centre` is from it, at angles (N,) and a height:
+    the mean of its three nearest points there."""
+    radius = np.linalg.norm((skirt - centre) * [1, 0, 1], axis=1)
+    angle = np.arctan2(skirt[:, 0], skirt[:, 2] - centre[2])
+    tree = cKDTree(np.stack([np.cos(angle) * 0.3, np.sin(angle) * 0.3, skirt[:, 1]], 1))
+
+    def at(angle: np.ndarray, y: float) -> np.ndarray:
+        there = np.stack([np.cos(angle) * 0.3, np.sin(angle) * 0.3, np.full(len(angle), y)], 1)
+        return radius[tree.query(there, k=3)[1]].mean(axis=1)
+
+    return at
+
+
 def _let_down(
     person: Person,
     fit: Fit,
@@ -276,13 +291,7 @@ def _let_down(
     out = out / radius[:, None]
     angle = _evened(np.unwrap(np.arctan2(out[:, 0], out[:, 2])), closed)
     out = np.stack([np.sin(angle), np.zeros(len(angle)), np.cos(angle)], axis=1)
-    tree = cKDTree(skirt)
-    skirt_out = (skirt - centre) * [1, 0, 1]
-    skirt_radius, skirt_angle = (
-        np.linalg.norm(skirt_out, axis=1),
-        np.arctan2(skirt[:, 0], skirt[:, 2] - centre[2]),
-    )
-    by_angle = cKDTree(np.stack([np.cos(skirt_angle) * 0.3, np.sin(skirt_angle) * 0.3, skirt[:, 1]], 1))
+    tree, skirt_radius = cKDTree(skirt), _radius_of(skirt, centre)
     pitch = 0.017
     # Folds widen from nothing at the hip towards the hem.
     folds = np.cos(angle * rng.integers(7, 15) + 1.5 * np.sin(angle * 2 + rng.uniform(0, 6)))
@@ -292,10 +301,7 @@ def _let_down(
     grown, first = radius, len(rest)
     for k in range(1, count + 1):
         y = fit.bottom - k * fit.below / count
-        _, near = by_angle.query(
-            np.stack([np.cos(angle) * 0.3, np.sin(angle) * 0.3, np.full(len(angle), y)], 1), k=3
-        )
-        needed = skirt_radius[near].mean(axis=1) + fit.ease if y > -0.12 else grown
+        needed = skirt_radius(angle, y) + fit.ease if y > -0.12 else grown
         # It grows no faster than it falls: a shelf at the hip would crumple.
         grown = grown + np.clip(needed - grown, 0, 0.8 * fit.below / count) + fit.flare * fit.below / count
         depth = min(1.0, k * fit.below / count / 0.5)

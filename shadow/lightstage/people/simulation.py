@@ -95,9 +95,10 @@ class Simulator:
         laps = [(sheets @ points).astype(np.float32) for points in frames]
         member, solid = self.person.tights_member, np.ones(len(rest), bool)
         bare = self.person.posed(tights.weights, self.person.tights_rest)
+        nowhere = np.zeros(sheets.shape[0])
         self.layers += [
             Layer(tights.faces, lambda k: bodies[min(k, MOVING)], member, between, solid, bare=bare),
-            Layer(faces, lambda k: laps[min(k, MOVING)], *np.zeros((3, sheets.shape[0])), lap=True),
+            Layer(faces, lambda k: laps[min(k, MOVING)], nowhere, nowhere, nowhere, lap=True),
         ]
         self._note(rest)
 

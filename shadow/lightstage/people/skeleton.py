@@ -9,6 +9,7 @@ knees stay hinges.
 from dataclasses import dataclass
 
 import numpy as np
+from numpy.typing import ArrayLike
 
 from shadow.lightstage.figure import unit
 
@@ -130,7 +131,7 @@ class Posing:
         for bone, share in (("neck01", 0.2), ("neck02", 0.2), ("neck03", 0.2), ("head", 0.4)):
             self.rotations[bone] = euler(pitch * share, yaw * share, roll * share)
 
-    def arm(self, side: str, upper: np.ndarray, lower: np.ndarray, pronation: float = 0) -> None:
+    def arm(self, side: str, upper: ArrayLike, lower: ArrayLike, pronation: float = 0) -> None:
         """upper, lower: directions in the chest frame with x outwards from the body; pronation: degrees."""
         mirror = np.array([SIDES[side], 1, 1])
         self.aim_arm(side, unit(np.asarray(upper, float) * mirror), unit(np.asarray(lower, float) * mirror))
@@ -152,7 +153,7 @@ class Posing:
     def hand_to(self, side: str, target: np.ndarray, hint: tuple, pronation: float = 0) -> None:
         """Bring the wrist to a point of the rest chest frame; hint: where the elbow points, x outwards."""
         joints = self.joints("arm", side)
-        upper, lower = (np.linalg.norm(joints[k + 1] - joints[k]) for k in (0, 1))
+        upper, lower = (float(np.linalg.norm(joints[k + 1] - joints[k])) for k in (0, 1))
         directions = reach(joints[0], target, upper, lower, np.asarray(hint, float) * [SIDES[side], 1, 1])
         self.aim_arm(side, *directions)
         self.pronate(side, pronation)

@@ -21,8 +21,8 @@ class Cloth(NamedTuple):
     lightness: np.ndarray  # (V,) inverse mass, 1/kg
     edges: np.ndarray  # (E, 2)
     length: np.ndarray  # (E,) at rest, metres
-    tension: float  # compliance of an edge that is stretched
-    compression: float  # compliance of one that is compressed
+    tension: np.float32  # compliance of an edge that is stretched
+    compression: np.float32  # compliance of one that is compressed
     hinges: np.ndarray  # (H, 4): the two ends of an inner edge, the two vertices opposite it
     stencil: np.ndarray  # (H, 4): their weights in the bending vector
     bending: np.ndarray  # (H,) compliance of a hinge
@@ -30,8 +30,8 @@ class Cloth(NamedTuple):
     tether: np.ndarray  # (V,) the nearest held vertex along the cloth, or itself
     leash: np.ndarray  # (V,) metres of cloth to it
     rest: np.ndarray  # (V, 3) as cut: cloth that is close there does not fend itself off
-    friction: float  # Coulomb's coefficient against the obstacle
-    thickness: float  # metres kept between cloth and cloth
+    friction: np.float32  # Coulomb's coefficient against the obstacle
+    thickness: np.float32  # metres kept between cloth and cloth
 
 
 class Planes(NamedTuple):
@@ -43,8 +43,8 @@ class Planes(NamedTuple):
     point: np.ndarray  # (V, 3)
     normal: np.ndarray  # (V, 3)
     motion: np.ndarray  # (V, 3) of the obstacle, metres a step
-    gap: float  # metres kept from the obstacle
-    deepest: float  # metres inside beyond which the obstacle is not the cloth's own
+    gap: np.float32  # metres kept from the obstacle
+    deepest: np.float32  # metres inside beyond which the obstacle is not the cloth's own
 
 
 class Obstacle(NamedTuple):

@@ -4,6 +4,8 @@ Each is a piece of a second layer: cut out of the garment's own cloth by a scala
 and raised from where that cloth hangs. So it follows every fold, draped or simulated.
 """
 
+from typing import Any
+
 import numpy as np
 
 from shadow.lightstage.figure import unit, vertex_normals
@@ -91,16 +93,17 @@ def pockets(person: Person, garment: Garment, kind: str, fabric: Fabric) -> list
     x, y, z = garment[2].T
     head = person.skeleton.head
     chest, hip = head("spine02")[1] + 0.06, head("upperleg01.L")[1]
-    boxes = {
+    # Middle and half the size, (x, y) metres; to the front or the back; on which sides.
+    boxes: dict[str, list[Any]] = {
         "chest": [((0.085, chest), (0.055, 0.06), 1, (1,))],
         "hips": [
             ((0.105, hip + 0.05), (0.07, 0.075), 1, (-1, 1)),
             ((0.105, hip + 0.12), (0.078, 0.022), 1, (-1, 1)),
         ],
         "seat": [((0.085, hip + 0.04), (0.062, 0.07), -1, (-1, 1))],
-    }[kind]
+    }
     parts: list[Part] = []
-    for level, (middle, half, facing, sides) in enumerate(boxes):
+    for level, (middle, half, facing, sides) in enumerate(boxes[kind]):
         for side in sides:
             off = np.abs(np.stack([x * side - middle[0], y - middle[1]], axis=1))
             inside = np.where(z * facing > 0, (half - off).min(axis=1), -1.0)

@@ -56,11 +56,13 @@ def collar(
         ],
     }[kind]
     share = 0.25 + 0.75 * back**1.5 if kind == "hood" else 1.0
-    rings = [here] + [
-        here + out * metres * (share if kind == "hood" else 1) * wave + up * tall * height * share
-        for metres, height in profile
-    ]
-    rings = np.stack(rings)
+    rings = np.stack(
+        [here]
+        + [
+            here + out * metres * (share if kind == "hood" else 1) * wave + up * tall * height * share
+            for metres, height in profile
+        ]
+    )
     band = strip(rings, closed)
     if kind != "stand":
         band = band[:, ::-1]  # folded outwards, the inner side shows
