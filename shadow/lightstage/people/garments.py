@@ -9,7 +9,7 @@ from scipy.sparse import csr_matrix, diags
 from scipy.spatial import cKDTree
 
 from shadow.lightstage.figure import unit, vertex_normals
-from shadow.lightstage.people import tailoring, trimmings
+from shadow.lightstage.people import pocketing, tailoring, trimmings
 from shadow.lightstage.people.anatomy import ARMS, LEGS, Person
 from shadow.lightstage.people.cloth import clip, drape, edges_of, fold_noise, line, subdivide
 from shadow.lightstage.people.fabric import Fabric, Part
@@ -35,7 +35,9 @@ class Wardrobe:
         self.obstacles: list[tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]] = []
         posed = person.posed(tights.weights, person.tights_rest)
         between = self._between_legs(person.tights_rest, tights.faces)
-        self.obstacles.append((posed, vertex_normals(posed, tights.faces), self.membership, between))
+        normals = vertex_normals(posed, tights.faces)
+        posed = posed + normals * pocketing.bulge(person)[:, None]
+        self.obstacles.append((posed, normals, self.membership, between))
         if simulator:
             simulator.stand(self._between_thighs(person.tights_rest, tights.faces))
 
