@@ -37,6 +37,7 @@ def body(seed: int, split: str, *, simulate: bool = False, cache: Path | None = 
     rng = chance(seed, split)
     shape = Shape.draw(rng)
     pose, name = poses.draw(shape.skeleton, rng), f"{split}-{seed:06d}"
+    pose.on_heels(outfits.heel(rng, shape.woman))
     return shape.dressed(pose, rng, split, name, simulate=simulate, cache=cache)
 
 
