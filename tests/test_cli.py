@@ -117,6 +117,7 @@ def test_the_person_stands_in_the_environment(tmp_path, photo):
     assert np.abs(picture[matte == 1] - 0.5).max() > 0.05
 
 
+@pytest.mark.slow
 def test_a_green_screen_is_keyed(tmp_path):
     y, x = np.mgrid[:96, :80]
     person = (np.hypot((x - 40) * 1.5, y - 48) < 40)[..., None]

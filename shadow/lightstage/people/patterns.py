@@ -27,11 +27,11 @@ class Fit:
     the limb's near its root, never below the limb's own there. below: length let down under `bottom`;
     flare: metres outwards a metre down. open_front: half width of the gap of an open jacket at the hem, 0
     if closed. held: edges that stay in place, of "waist", "hem", "neck", "ankles". weight, bending: as in
-    `drape`; slack: cloth length over the cut's. wrinkles: metres of fine creases; thickness: metres of an edge.
-    collar: its height, and its kind, "stand", "fold" or "hood". buttons: whether the front has them. sewn:
-    what is sewn on, of "placket", "cuffs", "waistband", "lapels", "chest", "hips", "seat" (pockets). swing:
-    metres by which an open front stands off. crease: metres of ironed creases of trousers; pleats: how many
-    a skirt has.
+    `drape`; slack: cloth length over the cut's. wrinkles: metres of fine creases; thickness: metres of an
+    edge. collar: its height, and its kind, "stand", "fold" or "hood". buttons: whether the front has them.
+    sewn: what is sewn on, of "placket", "cuffs", "waistband", "lapels", "chest", "hips", "seat" (pockets).
+    swing: metres by which an open front stands off. crease: metres of ironed creases of trousers; pleats: how
+    many a skirt has.
     """
 
     top: float = 9.0
