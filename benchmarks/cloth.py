@@ -33,7 +33,9 @@ class Noting(Simulator):
 def dressed(seed):
     rng = bodies.chance(seed, "training")
     shape = bodies.Shape.draw(rng)
-    person = shape.posed(poses.draw(shape.skeleton, rng))
+    pose = poses.draw(shape.skeleton, rng)
+    pose.on_heels(outfits.heel(rng, shape.woman))
+    person = shape.posed(pose)
     simulator = Noting(person, f"training-{seed:06d}")
     outfits.dress(Wardrobe(person, rng, simulator), rng, "training", shape.woman)
     return person, simulator.sewn

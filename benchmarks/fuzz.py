@@ -1,11 +1,12 @@
 """Hostile inputs in great numbers: how many are refused, how many answered, and what breaks.
 
-python benchmarks/fuzz.py N [--first SEED] [--journal FOLDER]
+python benchmarks/fuzz.py N [--first SEED] [--kind KIND] [--journal FOLDER]
 
-Inputs and invariants are those of tests/fuzzing.py. Each input is made from its seed alone, on one thread;
-one in 20 goes to the networks. A child process tries them and notes each in the journal before and after, so
-that a crash of native code or a hang is known by its seed. A run that was interrupted goes on where it was;
-several processes may share a range by --first.
+Inputs and invariants are those of tests/fuzzing.py. Each input is made from its kind and seed alone, on one
+thread. Unless one kind is asked for, the kinds take turns, and one input in 13 goes to the networks. A child
+process tries them and notes each in the journal before and after, so that a crash of native code or a hang is
+known by its seed. A run that was interrupted goes on where it was; several processes may share a range by
+--first.
 """
 
 import argparse
@@ -22,22 +23,22 @@ from random import Random
 sys.path.insert(0, str(Path(__file__).resolve().parents[1] / "tests"))
 
 CHEAP = (*("light text", "lights file", "damaged image") * 2, "damaged mask", "containers")
-NETWORKS = 20  # one input in so many goes to the networks
-HANG = 120  # seconds without a word
+NETWORKS = 13  # one input in so many goes to the networks
+HANG = 300  # seconds without a word
 STARTED = "started"
 
 
 def kind_of(seed):
-    """What an input is, by its seed."""
+    """What an input is where the kinds take turns."""
     return "apply" if seed % NETWORKS == 0 else CHEAP[seed % len(CHEAP)]
 
 
-def attempt(seed, folder):
+def attempt(kind, seed, folder):
     """What became of an input: refused, answered, or the bug and where it is, on one line."""
     from fuzzing import Violation, outcome
 
     try:
-        return outcome(kind_of(seed), Random(f"relight {seed}"), folder)
+        return outcome(kind, Random(f"relight {seed}"), folder)
     except Violation as violation:
         return f"violation\t{violation!r}"
     except Exception as error:
@@ -45,8 +46,8 @@ def attempt(seed, folder):
         return f"traceback\t{error!r} in {Path(frame.filename).name}:{frame.lineno}"
 
 
-def child(seeds, journal):
-    """Try the seeds in turn, each noted before and after."""
+def child(inputs, journal):
+    """Try the inputs, (kind, seed) each, in turn, each noted before and after."""
     import torch
 
     torch.set_num_threads(1)
@@ -55,48 +56,41 @@ def child(seeds, journal):
         tempfile.TemporaryDirectory(dir=memory) as folder,
         journal.open("a", buffering=1, errors="backslashreplace") as notes,
     ):
-        for seed in seeds:
-            notes.write(f"{seed}\t{STARTED}\n")
-            found = " ".join(attempt(seed, Path(folder)).splitlines())
-            notes.write(f"{seed}\t{found}\n")
+        for kind, seed in inputs:
+            notes.write(f"{kind}\t{seed}\t{STARTED}\n")
+            found = " ".join(attempt(kind, seed, Path(folder)).splitlines())
+            notes.write(f"{kind}\t{seed}\t{found}\n")
 
 
 def entries(journal):
-    """{seed: what became of it} as far as the journal knows; STARTED where a child ended meanwhile."""
+    """{(kind, seed): what became of it} as the journal says; STARTED where a child ended meanwhile."""
     found = {}
     if journal.exists():
         for line in journal.read_text(errors="replace").splitlines():
-            seed, _, what = line.partition("\t")
-            found[int(seed)] = what
+            kind, seed, what = line.split("\t", 2)
+            found[kind, int(seed)] = what
     return found
 
 
-def watch(first, last, journal):
-    """Children, one after another, until all seeds are done."""
+def left(inputs, journal):
+    """Those that are not done yet."""
+    done = entries(journal)
+    return [each for each in inputs if done.get(each, STARTED) == STARTED]
+
+
+def watch(inputs, journal):
+    """Children, one after another, until all inputs are done."""
     environment = os.environ | {"OMP_NUM_THREADS": "1"}
-    while True:
-        done = entries(journal)
-        left = [seed for seed in range(first, last) if done.get(seed, STARTED) == STARTED]
-        if not left:
-            return
-        command = [
-            sys.executable,
-            __file__,
-            str(last - left[0]),
-            "--first",
-            str(left[0]),
-            "--child",
-            str(journal),
-        ]
+    while left(inputs, journal):
         journal.touch()  # or the silence since an earlier run would be taken for a hang
-        process = subprocess.Popen(command, env=environment)
+        process = subprocess.Popen([sys.executable, *sys.argv, "--child", str(journal)], env=environment)
         why = f"crash\texit status {_wait(process, journal)}"
         if process.returncode:
-            stopped = [seed for seed, what in entries(journal).items() if what == STARTED]
+            stopped = [each for each, what in entries(journal).items() if what == STARTED]
             if not stopped:
                 raise SystemExit(f"no input was tried: {why}")
             with journal.open("a") as notes:
-                notes.writelines(f"{seed}\t{why}\n" for seed in stopped)
+                notes.writelines(f"{kind}\t{seed}\t{why}\n" for kind, seed in stopped)
 
 
 def _wait(process, journal):
@@ -114,8 +108,8 @@ def _wait(process, journal):
 def report(found):
     """The figures, by kind, and each bug by its seed."""
     counts = collections.defaultdict(collections.Counter)
-    for seed, what in found.items():
-        counts[kind_of(seed)][what.split("\t")[0]] += 1
+    for (kind, _), what in found.items():
+        counts[kind][what.split("\t")[0]] += 1
     columns = ("refused", "answered", "traceback", "violation", "crash")
     print("| kind | inputs |", " | ".join(columns), "|")
     print("|---|---|" + "---|" * len(columns))
@@ -124,9 +118,9 @@ def report(found):
     total = sum(counts.values(), collections.Counter())
     print(f"| all | {total.total()} |", " | ".join(str(total[column]) for column in columns), "|")
     print(f"NaN or infinite pictures: {sum('NaN' in what for what in found.values())}")
-    for seed, what in sorted(found.items()):
+    for (kind, seed), what in sorted(found.items()):
         if what not in ("refused", "answered", STARTED):
-            print(seed, kind_of(seed), what, sep="\t")
+            print(kind, seed, what, sep="\t")
 
 
 def main():
@@ -135,17 +129,19 @@ def main():
     )
     parser.add_argument("count", type=int, metavar="N")
     parser.add_argument("--first", type=int, default=0)
+    parser.add_argument("--kind", help="this kind alone")
     parser.add_argument("--journal", type=Path, default=Path("fuzz"))
     parser.add_argument("--report", action="store_true", help="print what the journals say and try nothing")
     parser.add_argument("--child", type=Path, help=argparse.SUPPRESS)
     given = parser.parse_args()
     seeds = range(given.first, given.first + given.count)
+    inputs = [(given.kind or kind_of(seed), seed) for seed in seeds]
     if given.child:
-        done = entries(given.child)
-        return child([seed for seed in seeds if done.get(seed, STARTED) == STARTED], given.child)
+        return child(left(inputs, given.child), given.child)
     given.journal.mkdir(parents=True, exist_ok=True)
     if not given.report:
-        watch(seeds.start, seeds.stop, given.journal / f"{seeds.start}-{seeds.stop}.tsv")
+        name = f"{given.kind or 'all'}-{seeds.start}-{seeds.stop}.tsv".replace(" ", "-")
+        watch(inputs, given.journal / name)
     found = {}
     for journal in sorted(given.journal.glob("*.tsv")):
         found |= entries(journal)

@@ -11,16 +11,20 @@ from collections.abc import Callable
 from pathlib import Path
 from random import Random
 from typing import Any
+from unittest import mock
 
 import hostile
 import numpy as np
+import torch
 import yaml
 
 import relight
 from relight.lights.light import by_name
+from shadow import analysis
 
 REFUSED, ANSWERED = "refused", "answered"
 ALLOWED = (ValueError, TypeError, OSError)
+SMALL_CANVAS = 128  # pixels in height, on which seven of eight pictures are analysed
 LONGEST = 2000  # characters of an error: a line that a person reads
 
 
@@ -197,12 +201,22 @@ def containers(random: Random, folder: Path) -> None:
 def apply(random: Random, folder: Path) -> None:
     """A photograph, a matte and lights, through the networks; half of them such as may be refused."""
     rng = np.random.default_rng(random.randrange(2**32))
-    size = random.randrange(8, 64), random.randrange(8, 64)
-    spoil = random.random() < 0.3
+    size = hostile.size(random)
+    spoil = random.random() < 0.25
     image, mask = hostile.photograph(random, rng, size), hostile.matte(random, rng, size)
     if spoil:
         image, mask = hostile.spoilt(random, rng, image), hostile.spoilt(random, rng, mask)
     lights = [hostile.lamp(random, spoil) for _ in range(random.randrange(1, 4))]
+    # The networks' own canvas costs nine times as much, and nothing else about it is different.
+    height = random.choice([None, *[SMALL_CANVAS] * 7])
+    field = analysis.load(device=torch.device("cpu"))
+    with mock.patch.object(field, "size", height or field.size):
+        _apply(random, folder, image, mask, lights)
+
+
+def _apply(
+    random: Random, folder: Path, image: np.ndarray, mask: np.ndarray, lights: list[relight.DirectionalLight]
+) -> None:
     subject = relight.Subject(image, mask)
     picture = subject.relit(lights)
     require(picture.dtype == np.float32 and picture.shape == (*image.shape[:2], 4), "no picture")
@@ -210,14 +224,12 @@ def apply(random: Random, folder: Path) -> None:
     require(np.array_equal(picture[..., 3], subject.matte), "alpha is not the matte")
     require_same("alpha and the mask given", picture[..., 3], _as_float(mask), 1e-3)
     require(not picture[..., :3][picture[..., 3] == 0].any(), "light where nobody is")
-    layers = subject.layers(by_name(lights).values())
+    layers = subject.layers([_scaled(light, 2) for light in by_name(lights).values()])
     total = sum(layer[..., :3].astype(np.float64) for layer in layers.values())
-    require_same("sum of the layers", total, picture[..., :3])
-    brighter = subject.relit([_scaled(light, 2) for light in lights])
-    require_same("twice the intensity", brighter[..., :3], 2 * picture[..., :3])
+    require_same("sum of the layers of lights twice as bright", total, 2 * picture[..., :3])
     for name in ("albedo", "normals"):
         require_finite(name, getattr(subject, name))
-    if random.random() < 0.2 and image.dtype in (np.uint8, np.uint16, np.float32):
+    if random.random() < 0.05 and image.dtype in (np.uint8, np.uint16, np.float32):
         plate, depth = folder / ("plate.exr" if image.dtype == np.float32 else "plate.tif"), image.dtype.name
         relight.write(plate, image, depth=depth.replace("float32", "float"))
         same = relight.apply(relight.read(plate), lights, mask=mask)

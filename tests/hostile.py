@@ -149,6 +149,13 @@ def resealed(content: bytes) -> bytes:
     return bytes(data)
 
 
+def size(random: Random) -> tuple[int, int]:
+    """(height, width) of a small picture. Two of three are upright, as persons are, and cheap."""
+    height = random.randrange(4, 64)
+    upright = random.random() < 2 / 3
+    return height, max(2, round(height * random.uniform(0.15, 0.5))) if upright else random.randrange(4, 64)
+
+
 def photograph(random: Random, rng: np.random.Generator, size: tuple[int, int]) -> np.ndarray:
     low = rng.uniform(0, random.choice([0.01, 0.5, 1, 1, 10]), (4, 4, random.choice([3, 3, 4])))
     rows, columns = (np.linspace(0, 3.999, side).astype(int) for side in size)
@@ -208,6 +215,6 @@ def lamp(random: Random, spoil: bool) -> relight.DirectionalLight:
         direction,
         intensity=intensity,
         colour=[random.uniform(0, 1) for _ in range(3)],
-        angle=random.choice([0, 0, 0, 10, 180]),
+        angle=random.choice([0, 0, 0, 0, 0, 10, 180]),
         temperature=random.choice([None, None, 1000, 5000, 40000]),
     )

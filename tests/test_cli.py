@@ -117,6 +117,7 @@ def test_the_person_stands_in_the_environment(tmp_path, photo):
     assert np.abs(picture[matte == 1] - 0.5).max() > 0.05
 
 
+@pytest.mark.slow
 def test_a_green_screen_is_keyed(tmp_path):
     y, x = np.mgrid[:96, :80]
     person = (np.hypot((x - 40) * 1.5, y - 48) < 40)[..., None]
@@ -369,6 +370,7 @@ def test_from_a_mesh_to_weights_and_their_score(tmp_path):
         (["evaluate", "tables", "--records", ".", "--out", "r", "--model", "ours"], "expected NAME=FILE"),
         (["train", "shadow", "--records", ".", "--out", "run"], "steps: expected a number"),
         (["train", "shadow", "--records", ".", "--out", "run", "--no-normals"], "no such network"),
+        (["train", "shading", "--records", ".", "--out", "run", "--no-depth"], "--no-depth: expected"),
         (["train", "shadow", "--records", "absent", "--out", "run", "--steps", "1"], "nothing at absent"),
         (["train", "shadow", "--records", ".", "--out", "run", "--steps", "1", "--size", "99"], "multiple"),
     ],

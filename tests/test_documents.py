@@ -134,6 +134,7 @@ def test_the_readme_snippet_writes_both_lights(reader):
     assert set(relight.read_layers(reader / "relit.exr")) == {"C_key", "C_rim"}
 
 
+@pytest.mark.slow
 def test_the_readme_orbit_is_a_movie_in_which_the_light_moves(reader):
     block = next(block for block in blocks(ROOT / "README.md") if "orbit.mp4" in block.text)
     (words,) = block.commands()

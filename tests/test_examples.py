@@ -29,7 +29,7 @@ def run(*command, cwd=ROOT):
     return done.stdout
 
 
-@pytest.mark.parametrize("example", ["simple.py", "layers.py"])
+@pytest.mark.parametrize("example", ["simple.py", pytest.param("layers.py", marks=pytest.mark.slow)])
 def test_examples_run(example, tmp_path):
     person = relight.read(ROOT / "examples" / "person.png")
     relight.write(tmp_path / "small.png", np.ascontiguousarray(person[::3, ::3]))
@@ -70,6 +70,7 @@ def test_spherical_harmonics_lose_less_with_each_order(tmp_path):
     assert relight.read(tmp_path / "spherical_harmonics.png").max() > 0.5
 
 
+@pytest.mark.slow
 def test_a_light_goes_around_in_a_movie(tmp_path):
     person = relight.read(ROOT / "examples" / "person.png")
     relight.write(tmp_path / "small.png", np.ascontiguousarray(person[::4, ::4]))
@@ -80,6 +81,7 @@ def test_a_light_goes_around_in_a_movie(tmp_path):
     assert np.abs(first - second).max() > 0.05  # it moves
 
 
+@pytest.mark.slow
 def test_light_groups_add_up_in_the_file(tmp_path):
     person = relight.read(ROOT / "examples" / "person.png")
     relight.write(tmp_path / "small.png", np.ascontiguousarray(person[::3, ::3]))

@@ -13,8 +13,12 @@ def photograph():
     return np.ascontiguousarray(relight.read(PERSON)[::3, ::3])
 
 
-def test_lights_that_were_set_are_found(photograph):
-    subject = relight.Subject(photograph)
+@pytest.fixture(scope="module")
+def subject(photograph):
+    return relight.Subject(photograph)
+
+
+def test_lights_that_were_set_are_found(subject):
     warm = relight.DirectionalLight(azimuth=-50, elevation=30, colour=(1, 0.8, 0.5))
     cold = relight.DirectionalLight(azimuth=120, elevation=10, colour=(0.2, 0.3, 0.5))
     picture = subject.relit([warm, cold])
@@ -31,9 +35,8 @@ def test_lights_that_were_set_are_found(photograph):
     assert error < 0.2
 
 
-def test_a_photograph_is_explained_by_its_lights(photograph):
+def test_a_photograph_is_explained_by_its_lights(photograph, subject):
     lights = relight.fit_lights(photograph)
-    subject = relight.Subject(photograph)
     inside = photograph[..., 3] > 0.9
     again, seen = subject.relit(lights)[inside][:, :3], photograph[inside][:, :3]
     assert np.corrcoef(again.ravel(), seen.ravel())[0, 1] > 0.95
@@ -43,7 +46,6 @@ def test_a_photograph_is_explained_by_its_lights(photograph):
     np.testing.assert_allclose(total[1], 2 * total[0], rtol=0.02)
 
 
-def test_another_size_is_refused(photograph):
-    subject = relight.Subject(photograph)
+def test_another_size_is_refused(photograph, subject):
     with pytest.raises(ValueError, match="image: expected the subject's size"):
         relight.fit_lights(photograph[:-1], subject)

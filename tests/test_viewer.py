@@ -47,7 +47,14 @@ def compare(found, truth):
     return float(np.sqrt(((shown - meant) ** 2).mean())), float(np.abs(shown - meant)[inside].max())
 
 
-@pytest.mark.parametrize("name", ["person", "body-generalisation-000007-00", "body-generalisation-000023-00"])
+@pytest.mark.parametrize(
+    "name",
+    [
+        "person",
+        pytest.param("body-generalisation-000007-00", marks=pytest.mark.slow),
+        pytest.param("body-generalisation-000023-00", marks=pytest.mark.slow),
+    ],
+)
 def test_the_page_relights_as_python_does(name, subjects, browser, tmp_path):
     subject, random = subjects[name], np.random.default_rng(3)
     lights = [

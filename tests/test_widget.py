@@ -30,6 +30,12 @@ widget
 """
 
 
+@pytest.fixture(scope="module")
+def subject():
+    image = relight.read(ROOT / "examples" / "person.png")
+    return relight.Subject(np.ascontiguousarray(image[::4, ::4]))
+
+
 def test_a_notebook_shows_the_widget_and_its_lights_go_both_ways():
     notebook = nbformat.v4.new_notebook(cells=[nbformat.v4.new_code_cell(CELL)])
     nbclient.NotebookClient(notebook, timeout=300, kernel_name="python3").execute()
@@ -38,18 +44,16 @@ def test_a_notebook_shows_the_widget_and_its_lights_go_both_ways():
     assert "application/vnd.jupyter.widget-view+json" in shown["data"]
 
 
-def test_lights_that_the_widget_cannot_show_are_refused(person):
-    rgb, mask = person
-    subject = relight.Subject(rgb, mask)
+def test_lights_that_the_widget_cannot_show_are_refused(subject):
     nine = [relight.DirectionalLight(name=str(number)) for number in range(9)]
     with pytest.raises(ValueError, match="up to 8 directional lights"):
         subject.view(None, nine)
-    assert json.dumps(subject.view().get_state(["lights"])["lights"])
-    assert np.isfinite(subject.view().snapshot()).all()
+    widget = subject.view()
+    assert json.dumps(widget.get_state(["lights"])["lights"])
+    assert np.isfinite(widget.snapshot()).all()
 
 
-def test_a_lamp_goes_to_the_browser_and_back(person):
-    subject = relight.Subject(*person)
+def test_a_lamp_goes_to_the_browser_and_back(subject):
     lamp = relight.PointLight((-1, 0.5, 1), radius=0.1, name="lamp")
     widget = subject.view(None, lamp)
     told = json.loads(json.dumps(widget.get_state()["lights"]))

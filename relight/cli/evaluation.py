@@ -3,6 +3,7 @@
 Heavy modules are imported inside the commands, so that `relight --help` answers at once.
 """
 
+from enum import StrEnum
 from pathlib import Path
 from typing import Annotated
 
@@ -11,6 +12,13 @@ import typer
 from relight.cli.options import console
 
 evaluate = typer.Typer(no_args_is_help=True, help="Score networks on records that they were not trained on.")
+
+
+class Light(StrEnum):
+    hard = "hard"
+    sky = "sky"
+    any = "any"
+
 
 ScoredRecords = Annotated[list[Path], typer.Option(help="Records or shards to score on. Repeatable.")]
 NormalsWeights = Annotated[
@@ -28,13 +36,17 @@ def evaluate_visibility(
     normals: NormalsWeights = None,
     seed: LightingSeed = 0,
     limit: Limit = None,
+    light: Annotated[
+        Light | None,
+        typer.Option(help="Photograph the records in everyday light of this kind, not in any mixture."),
+    ] = None,
 ) -> None:
     """Print RMSE, PSNR and Dice of the visibility maps (Section 4.1) beside the sign(N·L) baselines."""
     from shadow.evaluation import scores
 
     found, angle = scores.evaluate(
-        records, model=model, normals_model=normals, seed=seed, limit=limit
-    )  # fmt: skip
+        records, model=model, normals_model=normals, seed=seed, limit=limit, light=light
+    )
     print(scores.report(found, angle))
 
 

@@ -3,6 +3,7 @@
 Heavy modules are imported inside the command, so that `relight --help` answers at once.
 """
 
+from dataclasses import replace
 from enum import StrEnum
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
@@ -45,6 +46,9 @@ def train(
     ] = Model.field,
     no_normals: Annotated[
         bool, typer.Option("--no-normals", help="A network that sees no normals (Tables 3 and 6).")
+    ] = False,
+    no_depth: Annotated[
+        bool, typer.Option("--no-depth", help="A field that says nothing of depth (benchmarks/ablations.py).")
     ] = False,
     preset: Annotated[
         Preset, typer.Option(help="Where the options below start from: our recipe, or the paper's.")
@@ -106,7 +110,7 @@ def train(
     from shadow.training.loop import fit
     from shadow.training.recipes import preset as recipe_of
 
-    task = _task(network, model, not no_normals, visibility)
+    task = _task(network, model, not no_normals, visibility, not no_depth)
     recipe = recipe_of(
         preset, task, records, steps=steps, size=size, batch=batch, lights=lights,
         learning_rate=learning_rate, borders=borders, faces=faces, angles=angles, average=average, seed=seed,
@@ -119,12 +123,20 @@ def train(
     console.print(f"{path}")
 
 
-def _task(network: Network, model: Model, with_normals: bool, visibility: str) -> "Task":
+def _task(
+    network: Network, model: Model, with_normals: bool, visibility: str, with_depth: bool = True
+) -> "Task":
     """What `train` trains."""
     from shading.tasks import per_light_task, shading_task
     from shadow.training.tasks import SHADOW, per_light
 
     one_pass = model is Model.field
+    if not with_depth:
+        if network is Network.shadow and one_pass and with_normals:
+            return replace(SHADOW, config={"depth": False})
+        raise ValueError(
+            "--no-depth: expected `train shadow --model field`, the one network that infers depth"
+        )
     if network is Network.shading and one_pass:
         return shading_task(with_normals, ABLATIONS.get(visibility, "inferred"))
     if network is Network.shading and with_normals and visibility not in ABLATIONS:

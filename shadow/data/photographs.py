@@ -8,10 +8,12 @@ import torch.nn.functional as F
 from kornia.enhance import jpeg_codec_differentiable, sharpness
 
 from shadow.data.records import ENCODING, REGIONS, Record
+from shadow.data.skin import scattered
 from shadow.directions import from_spherical
 from shadow.framing import Framing, affine_sample, bounding_box
 
 LUMINANCE = np.array([0.2126, 0.7152, 0.0722], np.float32)  # of linear Rec.709 (ITU-R BT.709)
+KINDS = ("hard", "sky", "any")  # of everyday light
 
 
 def random_lighting(rng: np.random.Generator, directions: np.ndarray, unfilled: float = 0.0) -> np.ndarray:
@@ -40,14 +42,17 @@ def random_lighting(rng: np.random.Generator, directions: np.ndarray, unfilled: 
     return (share * hard / hard.sum() * 3 + (1 - share) * 4 * soft).astype(np.float32)
 
 
-def everyday_lighting(rng: np.random.Generator, directions: np.ndarray) -> np.ndarray:
+def everyday_lighting(
+    rng: np.random.Generator, directions: np.ndarray, kind: str | None = None
+) -> np.ndarray:
     """Weights (D, 3) of a random lighting over `directions` (D, 3), as pictures that are relit were taken in.
 
-    A third has one or two hard lamps, or the sun, and 0 to 10 % of ambient light; a third a sky and a large
-    key; the rest are those of `random_lighting`. In the first two the key is as warm as lamps and a low sun
-    are, the sky bluer than it, and the ground throws the key's light back, warmer still.
+    A third are "hard", one or two lamps or the sun, with 0 to 10 % of ambient light; a third "sky", with a
+    large key; a third "any", as of `random_lighting`. In the first two the key is as warm as lamps and a low
+    sun are, the sky bluer than it, and the ground throws the key's light back, warmer still. `kind`: one of
+    KINDS, drawn if None.
     """
-    kind = rng.choice(["hard", "sky", "any"])
+    kind = rng.choice(KINDS) if kind is None else kind
     if kind == "any":
         return random_lighting(rng, directions, unfilled=0.1)
     odds = np.exp(1.0 * directions[:, 2] + 0.7 * directions[:, 1])
@@ -89,7 +94,7 @@ def softbox(directions: np.ndarray, azimuth: float = 40.0, elevation: float = 35
 
 def light(record: Record, weights: np.ndarray, gloss: float = 0.0, shininess: float = 20.0) -> np.ndarray:
     """The record photographed under `weights` (D, 3): linear colour (N, 3), by direct light (Section 3) and,
-    if that was traced, by what bounces of it.
+    if that was traced, by what bounces of it. On skin the direct light is `scattered`.
 
     `gloss` adds a Blinn-Phong highlight, seen from the camera axis, that the albedo does not explain.
     """
@@ -100,7 +105,7 @@ def light(record: Record, weights: np.ndarray, gloss: float = 0.0, shininess: fl
     shading = (normals @ lights[shining].T).clamp_min_(0).mul_(visibility[:, shining])
     strength, patterns = map(torch.from_numpy, record.bounce)
     bounced = (strength @ torch.einsum("kdc,dc->kc", patterns, power)).clamp_min_(0)
-    colour = torch.from_numpy(record.albedo) * (shading @ power[shining] + bounced)
+    colour = torch.from_numpy(record.albedo) * (scattered(record, shading @ power[shining]) + bounced)
     if gloss > 0:
         bright = power.sum(dim=1) > 0.1
         half = F.normalize(lights[bright] + torch.tensor([0.0, 0.0, 1.0]), dim=1)

@@ -148,7 +148,15 @@ class Record:
             bounce_float16=None if self.bounce_float16 is None else self.bounce_float16[kept],
             depth_float16=None if self.depth_float16 is None else self.depth_float16[kept],
             regions=None if self.regions is None else self.regions[kept],
+            about=_strided(self.about, stride),
         )
+
+
+def _strided(about: dict[str, Any], stride: int) -> dict[str, Any]:
+    """What is said of a record of which every `stride`-th pixel is kept: its focal length is shorter."""
+    if "camera" not in about:
+        return about
+    return about | {"camera": about["camera"] | {"focal": about["camera"]["focal"] / stride}}
 
 
 def to_bytes(record: Record) -> bytes:

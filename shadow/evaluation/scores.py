@@ -11,7 +11,7 @@ import torch
 from rich.progress import track
 
 from shadow import normals, visibility
-from shadow.data.photographs import photograph, sample
+from shadow.data.photographs import KINDS, everyday_lighting, photograph, sample
 from shadow.data.records import Record, Records
 from shadow.evaluation import metrics
 from shadow.framing import canvas_size
@@ -105,13 +105,20 @@ class Tally:
 
 
 def compare(
-    records: Records, networks: dict[str, Any], surface: Any, *, seed: int = 0, limit: int | None = None
+    records: Records,
+    networks: dict[str, Any],
+    surface: Any,
+    *,
+    seed: int = 0,
+    limit: int | None = None,
+    light: str | None = None,
 ) -> tuple[dict[str, Tally], float]:
     """Tally every network of `networks` {name: network} on records, and both sign(N·L) baselines.
 
-    Every record is photographed once under a random lighting fixed by `seed`, framed on each network's
-    canvas, and asked for all its frontal lights; maps are binary, metrics masked. The baselines are on the
-    canvas of the first network. All are given the normals of `surface`, see `normals_of`.
+    Every record is photographed once under a random lighting fixed by `seed`, or in everyday light of the
+    kind `light` (`photographs.KINDS`), framed on each network's canvas, and asked for all its frontal lights;
+    maps are binary, metrics masked. The baselines are on the canvas of the first network. All are given the
+    normals of `surface`, see `normals_of`.
 
     Returns {name: Tally} and the mean angular error of the estimated normals in degrees.
     """
@@ -124,7 +131,7 @@ def compare(
             if network.size in views:
                 view, given = views[network.size]
             else:
-                view = View.of(record, (seed, index), network.size)
+                view = View.of(record, (seed, index), network.size, _lighting(record, (seed, index), light))
                 given = view.given(surface, network)
             estimated, binary = view.binary(network, given)
             views[network.size] = view, estimated
@@ -134,6 +141,13 @@ def compare(
         tallies[TRUE].add(view.sign(view.normals), view)
         angles.append(float(metrics.angular_error(estimated, view.normals, view.mask > 0.5)))
     return tallies, float(np.mean(angles))
+
+
+def _lighting(record: Record, seed: tuple[int, int], light: str | None) -> np.ndarray | None:
+    """Weights (D, 3) of everyday light of this kind over the record's directions; None: the view's own."""
+    if light is None:
+        return None
+    return everyday_lighting(np.random.default_rng((*seed, KINDS.index(light))), record.directions, light)
 
 
 def normals_of(network: Any, model: str | Path | None = None) -> Any:
@@ -151,6 +165,7 @@ def evaluate(
     normals_model: str | Path | None = None,
     seed: int = 0,
     limit: int | None = None,
+    light: str | None = None,
 ) -> tuple[dict[str, Score], float]:
     """Score visibility on records against sign(N·L) from estimated and from true normals, see `compare`.
 
@@ -159,15 +174,18 @@ def evaluate(
     paths: record folders or shards.
     model, normals_model: names of shipped weights or .safetensors paths; see `normals_of`.
     limit: use this many records, spread evenly.
+    light: photograph them in everyday light of this kind, "hard", "sky" or "any"; None: as in `compare`.
 
     Returns
     -------
     {"field": Score, "sign(N·L), estimated normals": Score, "sign(N·L), true normals": Score}, and the mean
     angular error of the normals in degrees.
     """
+    if light not in (None, *KINDS):
+        raise ValueError(f"light: expected one of {', '.join(KINDS)}, got {light!r}")
     network = visibility.load(model)
     surface = normals_of(network, normals_model)
-    tallies, angle = compare(Records(paths), {"field": network}, surface, seed=seed, limit=limit)
+    tallies, angle = compare(Records(paths), {"field": network}, surface, seed=seed, limit=limit, light=light)
     return {name: tally.score() for name, tally in tallies.items()}, angle
 
 

@@ -141,7 +141,7 @@ def skin(weights: csr_matrix, transforms: np.ndarray, rest: np.ndarray) -> np.nd
 
 @dataclass(frozen=True)
 class Person:
-    """One shape in one pose. rest: (19158, 3); rotations: (3, 3) by bone, held and seated, as of `Posing`."""
+    """One shape in one pose. rest: (19158, 3); rotations: (3, 3) by bone; the others as of `Posing`."""
 
     base: Mannequin
     skeleton: Skeleton
@@ -149,6 +149,8 @@ class Person:
     rotations: dict[str, np.ndarray]
     held: dict[str, str] = field(default_factory=dict)
     seated: bool = False
+    pocketed: tuple[str, ...] = ()
+    heel: float = 0.0
 
     @cached_property
     def transforms(self) -> np.ndarray:

@@ -13,7 +13,7 @@ from scipy.sparse import csr_matrix, identity
 
 from shadow.data import records
 from shadow.lightstage.figure import Figure, interpolate, unit, vertex_normals
-from shadow.lightstage.people import outfits, poses
+from shadow.lightstage.people import outfits, pocketing, poses
 from shadow.lightstage.people.anatomy import REGIONS, Mannequin, Person, mannequin
 from shadow.lightstage.people.cloth import compact
 from shadow.lightstage.people.fabric import Fabric, Noise, Part
@@ -22,6 +22,7 @@ from shadow.lightstage.people.garments import Wardrobe
 from shadow.lightstage.people.simulation import Simulator
 from shadow.lightstage.people.skeleton import Posing, Skeleton
 
+IN_POCKET = 0.006  # metres inside a pocket from which a hand is not seen
 SPLITS = ("training", "validation", "generalisation")
 
 
@@ -36,6 +37,7 @@ def body(seed: int, split: str, *, simulate: bool = False, cache: Path | None = 
     rng = chance(seed, split)
     shape = Shape.draw(rng)
     pose, name = poses.draw(shape.skeleton, rng), f"{split}-{seed:06d}"
+    pose.on_heels(outfits.heel(rng, shape.woman))
     return shape.dressed(pose, rng, split, name, simulate=simulate, cache=cache)
 
 
@@ -92,11 +94,22 @@ class Shape:
         return _assemble(parts, person, name)
 
     def posed(self, pose: Posing) -> Person:
-        """Undressed in this pose, arms and hands moved out of the trunk."""
+        """Undressed in this pose, arms and hands moved out of the trunk, or into pockets."""
         still = Person(self.base, self.skeleton, self.rest, {})
         trunk = still.membership(self.base.tights.weights)[:, 0] > 0.75
         pose.clear_of(still.tights_rest[trunk], still.tights_normals[trunk], ease=0.012)
-        return Person(self.base, self.skeleton, self.rest, pose.rotations, pose.held, pose.seated)
+        for side in pose.pocketed:
+            pocketing.slip(pose, side, Person(self.base, self.skeleton, self.rest, pose.rotations))
+        return Person(
+            self.base,
+            self.skeleton,
+            self.rest,
+            pose.rotations,
+            pose.held,
+            pose.seated,
+            tuple(pose.pocketed),
+            pose.heel,
+        )
 
 
 # Skin ------------------------------------------------------------------------------------------------------
@@ -107,6 +120,8 @@ def _skin(person: Person, covered: np.ndarray, rng: np.random.Generator) -> Part
     surface = person.base.body
     rest = surface.rows @ person.rest
     hidden = covered[person.base.tights_under_body]
+    for side in person.pocketed:
+        hidden |= pocketing.inside(person, side) > IN_POCKET
     faces, rows = compact(surface.faces[~hidden[surface.faces].all(axis=1)], surface.rows)
     rest, weights = rows @ person.rest, rows @ person.base.weights
     # From deep brown to pale, about evenly in perceived lightness.

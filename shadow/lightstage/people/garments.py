@@ -9,9 +9,9 @@ from scipy.sparse import csr_matrix, diags
 from scipy.spatial import cKDTree
 
 from shadow.lightstage.figure import unit, vertex_normals
-from shadow.lightstage.people import tailoring, trimmings
+from shadow.lightstage.people import pocketing, tailoring, trimmings
 from shadow.lightstage.people.anatomy import ARMS, LEGS, Person
-from shadow.lightstage.people.cloth import clip, drape, edges_of, fold_noise, line, subdivide
+from shadow.lightstage.people.cloth import drape, edges_of, fold_noise, line
 from shadow.lightstage.people.fabric import Fabric, Part
 from shadow.lightstage.people.hollows import crotch
 from shadow.lightstage.people.patterns import Fit, Pattern, cut_line
@@ -34,19 +34,21 @@ class Wardrobe:
         self.outer: tailoring.Garment | None = None  # the garment put on last, as it hangs
         self.obstacles: list[tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]] = []
         posed = person.posed(tights.weights, person.tights_rest)
-        between = self._between_legs(person.tights_rest, tights.faces)
-        self.obstacles.append((posed, vertex_normals(posed, tights.faces), self.membership, between))
+        between = self.between_legs(person.tights_rest, tights.faces)
+        normals = vertex_normals(posed, tights.faces)
+        posed = posed + normals * pocketing.bulge(person)[:, None]
+        self.obstacles.append((posed, normals, self.membership, between))
         if simulator:
-            simulator.stand(self._between_thighs(person.tights_rest, tights.faces))
+            simulator.stand(self.between_thighs(person.tights_rest, tights.faces))
 
-    def _between_legs(self, rest: np.ndarray, faces: np.ndarray) -> np.ndarray:
+    def between_legs(self, rest: np.ndarray, faces: np.ndarray) -> np.ndarray:
         """Whether each vertex faces the other leg or buttock: cloth about both legs spans that gap."""
         low = rest[:, 1] < self.person.skeleton.head("upperleg01.L")[1] + 0.12
         return low & (np.sign(rest[:, 0]) * vertex_normals(rest, faces)[:, 0] < -0.2)
 
-    def _between_thighs(self, rest: np.ndarray, faces: np.ndarray) -> np.ndarray:
+    def between_thighs(self, rest: np.ndarray, faces: np.ndarray) -> np.ndarray:
         """The same below the crotch: the seat above it is filled for simulated cloth."""
-        return self._between_legs(rest, faces) & (rest[:, 1] < crotch(self.person)[1])
+        return self.between_legs(rest, faces) & (rest[:, 1] < crotch(self.person)[1])
 
     def _meets(self, region: np.ndarray) -> list[tuple[np.ndarray, np.ndarray, np.ndarray]]:
         """For each region of the cloth the obstacles that it can touch: limbs meet their own limb only, so
@@ -71,7 +73,7 @@ class Wardrobe:
         limbs = 0.13 * self.membership[:, ARMS].sum(axis=1) + 0.08 * self.membership[:, LEGS].sum(axis=1)
         limbs *= 1 + max(fit.sleeve_width, fit.leg_width) - 0.7 * (fit.leg_width > 0)
         tucking = "waist" in fit.held
-        self._hide_under(inside - limbs, margin=0.015 if tucking else 0.13 if fit.open_front else 0.05)
+        self.hide_under(inside - limbs, margin=0.015 if tucking else 0.13 if fit.open_front else 0.05)
         self.covered |= inside - limbs > 0.035
         pattern = Pattern.draw(self.person, fit, inside, self.rng)
         pattern, posed = (self._simulated if self.simulator else self._draped)(fit, pattern)
@@ -98,7 +100,7 @@ class Wardrobe:
         coarse = pattern
         pattern, step = coarse.subdivided(self.person)
         cut = physical(self.person, fit, pattern, (step @ carried(self.person, fit, coarse)).tocsr())
-        between = self._between_thighs(pattern.rest, pattern.faces)
+        between = self.between_thighs(pattern.rest, pattern.faces)
         posed = self.simulator.drape(cut, between, _outside(fit, pattern))
         self._covers(fit, pattern, posed)
         return pattern, posed
@@ -107,7 +109,7 @@ class Wardrobe:
         """What the next layer meets."""
         normals = vertex_normals(posed, pattern.faces)
         outer = posed + normals * 1.5 * fit.wrinkles
-        between = self._between_legs(pattern.rest, pattern.faces)
+        between = self.between_legs(pattern.rest, pattern.faces)
         layer = (outer, normals, self.person.membership(pattern.weights), between)
         outside = _outside(fit, pattern)
         self.obstacles.append(tuple(column[outside] for column in layer))
@@ -162,48 +164,7 @@ class Wardrobe:
                 parts += tailoring.pockets(person, garment, kind, fabric)
         return parts
 
-    def shoes(self, fit: Fit, sole: float, fabric: Fabric) -> None:
-        """Shoes or boots from the feet of the tights; `fit.leg` is the share of the leg they start at.
-
-        sole: metres of sole under the foot.
-        """
-        person, tights = self.person, self.person.base.tights
-        rest = person.tights_rest
-        inside = np.full(len(rest), -1.0)
-        for k in LEGS:
-            along, _, _ = person.limb_coordinates(k, rest)
-            mine = self.membership[:, k] > 0.5
-            inside[mine] = (along[mine] - fit.leg) * 0.8
-        self.covered |= inside > 0.015
-        faces, rows = clip(tights.faces, inside)
-        faces, step = subdivide(faces, rows.shape[0])
-        rows = step @ rows
-        shaped = rest + person.tights_normals * fit.ease
-        ground = rest[:, 1].min()
-        shaped = rows @ shaped
-        # The sole: a flat slab that stands out a little all round.
-        low = np.clip((ground + 0.022 - shaped[:, 1]) / 0.012, 0, 1)
-        sideways = vertex_normals(shaped, faces) * [1, 0, 1]
-        shaped = shaped + sideways * (0.005 * np.clip(low * 2, 0, 1))[:, None]
-        shaped[:, 1] = np.where(
-            low > 0, np.minimum(shaped[:, 1], ground + 0.022 - low * (0.022 + sole)), shaped[:, 1]
-        )
-        weights = rows @ tights.weights
-        posed = person.posed(weights, shaped)
-        membership = person.membership(weights)
-        posed += (
-            vertex_normals(posed, faces)
-            * (fit.wrinkles * fold_noise(shaped, self.rng, 0.03) * (low == 0))[:, None]
-        )
-        between = self._between_legs(shaped, faces)
-        self.obstacles.append((posed, vertex_normals(posed, faces), membership, between))
-        if self.simulator:
-            self.simulator.follow(faces, shaped, weights.tocsr(), self._between_thighs(shaped, faces))
-        vertices, lined, source = line(posed, faces, fit.thickness, 0.04)
-        region = np.argmax(membership, axis=1)
-        self.parts.append(Part(vertices, lined, shaped[source], region[source], fabric))
-
-    def _hide_under(self, inside: np.ndarray, margin: float) -> None:
+    def hide_under(self, inside: np.ndarray, margin: float) -> None:
         """Remove what lies `margin` metres inside a garment about to be worn: nobody sees it, and it cannot
         come through. `inside` is that garment's cut."""
         tree = cKDTree(self.person.tights_rest)

@@ -6,8 +6,19 @@ only; a full-length robe, afro hair and helmets in generalisation only.
 
 import numpy as np
 
-from shadow.lightstage.people import fabric, glasses, hair, held, locks, props, seats, tailoring
+from shadow.lightstage.people import (
+    fabric,
+    footwear,
+    glasses,
+    hair,
+    held,
+    locks,
+    props,
+    seats,
+    tailoring,
+)
 from shadow.lightstage.people.fabric import Fabric
+from shadow.lightstage.people.footwear import Shoe
 from shadow.lightstage.people.garments import Wardrobe
 from shadow.lightstage.people.patterns import Fit
 
@@ -15,6 +26,15 @@ HAIR = {"training": {}, "validation": {"curls": 3.0}, "generalisation": {"afro":
 HATS = {"training": {}, "validation": {}, "generalisation": {"helmet": 1.5}}
 OVER = {"training": {}, "validation": {"long vest": 3.0}, "generalisation": {}}
 WHOLE = {"training": {}, "validation": {}, "generalisation": {"robe": 1.2}}
+
+TALL = 0.93  # share of the leg above which a shaft makes a boot
+HIGH = 0.04  # metres from which a heel is high
+
+
+def heel(rng: np.random.Generator, woman: bool) -> float:
+    """Metres by which a heel stands above the ball of its foot: none, low, or high."""
+    kind = pick(rng, {"flat": 6, "low": 2.5, "high": 2.5 * woman})
+    return {"flat": 0.0, "low": rng.uniform(0.012, HIGH), "high": rng.uniform(HIGH, 0.085)}[kind]
 
 
 def pick(rng: np.random.Generator, chances: dict[str, float]) -> str:
@@ -26,18 +46,24 @@ def dress(wardrobe: Wardrobe, rng: np.random.Generator, split: str, woman: bool)
     """Draw an outfit for the person of the wardrobe and put it on."""
     tailor = _Tailor(wardrobe, rng, split)
     whole = pick(rng, {"two pieces": 9, "dress": 2.5 * woman, **WHOLE[split]})
-    boots = rng.random() < 0.2
-    tailor.shoes(boots)
+    shoe = tailor.footwear(woman)
+    tall = shoe is not None and shoe.leg < TALL
+    tucked_in = tall and rng.random() < 0.6  # trousers in boots
+    skirt = whole == "two pieces" and woman and rng.random() < 0.22
+    in_boots = whole == "two pieces" and not skirt and tucked_in
+    if not in_boots:
+        tailor.shoes(shoe)
     if whole == "two pieces":
-        skirt = woman and rng.random() < 0.22
         tucked = rng.random() < (0.6 if skirt else 0.2)
         if tucked:
             tailor.top(tucked=True, woman=woman)
         if skirt:
             tailor.skirt()
         else:
-            tailor.trousers(boots)
-        if rng.random() < (0.6 if tucked else 0.15):
+            tailor.trousers(shoe if tall else None, in_boots)
+        if in_boots:
+            tailor.shoes(shoe)
+        if rng.random() < (0.6 if tucked else 0.15) and not in_boots:
             tailor.belt()
         if not tucked:
             tailor.top(tucked=False, woman=woman)
@@ -84,31 +110,54 @@ class _Tailor:
         )
         return Fit(**{**common, **choices})
 
-    def shoes(self, boots: bool) -> None:
-        rng = self.rng
-        if rng.random() < 0.04:
-            return
-        ground = self.wardrobe.person.tights_rest[:, 1].min()
-        leg = rng.uniform(0.62, 0.88) if boots else rng.uniform(0.97, 1.0)
-        self.wardrobe.shoes(
-            Fit(leg=leg, ease=rng.uniform(0.004, 0.009), wrinkles=0.0012, thickness=0.005),
-            rng.uniform(0.008, 0.03),
-            fabric.shoe(rng, ground + rng.uniform(0.004, 0.02)),
+    def footwear(self, woman: bool) -> Shoe | None:
+        """What is worn on feet whose heels the pose has raised; None is barefoot."""
+        rng, heel = self.rng, self.wardrobe.person.heel
+        if not heel and rng.random() < 0.05:
+            return None
+        high = heel > HIGH
+        kind = pick(
+            rng, {"shoe": 8 * (not high), "boot": 2 + 2 * (heel > 0), "pump": 5 * woman * (heel > 0.02)}
+        )
+        if kind == "pump":
+            thin = high and rng.random() < 0.6
+            return Shoe(
+                leg=0.93, low=True, ease=0.003, sole=rng.uniform(0.003, 0.01), pointed=rng.uniform(0, 0.02),
+                tip=rng.uniform(0.2, 0.4) if thin else rng.uniform(0.6, 0.9),
+            )  # fmt: skip
+        boot = kind == "boot"
+        return Shoe(
+            leg=rng.uniform(0.55, 0.9) if boot else rng.uniform(0.97, 1.0),
+            ease=rng.uniform(0.004, 0.009),
+            shaft=rng.uniform(0.004, 0.016) if boot else 0.0,
+            sole=rng.uniform(0.008, 0.03) if not heel else rng.uniform(0.005, 0.012),
+            tip=rng.uniform(0.55, 0.98),
+            pointed=rng.uniform(0, 0.012) if heel else 0.0,
         )
 
-    def trousers(self, boots: bool) -> None:
+    def shoes(self, shoe: Shoe | None) -> None:
+        if shoe is None:
+            return
+        rng, ground = self.rng, self.wardrobe.person.tights_rest[:, 1].min()
+        leather = shoe.low or (shoe.leg < TALL and rng.random() < 0.6)
+        cloth = fabric.leather(rng) if leather else fabric.shoe(rng, ground + rng.uniform(0.004, 0.02))
+        footwear.put_on(self.wardrobe, shoe, cloth, rng)
+
+    def trousers(self, boots: Shoe | None, in_boots: bool) -> None:
         rng = self.rng
         kind = pick(rng, {"slim": 3, "straight": 4, "wide": 1.5, "shorts": 1.6, "leggings": 0.6})
-        if boots and kind in ("straight", "wide"):
+        if in_boots:
             kind = "slim"
+        elif kind == ("slim" if boots else "leggings" if self.wardrobe.person.pocketed else None):
+            kind = "straight"  # wide enough for boots under them, or for a pocket
         if kind == "leggings":
             self.leggings()
             return
         leg = rng.uniform(0.93, 1.0)
         if kind == "shorts":
             leg = rng.uniform(0.22, 0.55)
-        elif boots:
-            leg = 0.93
+        elif in_boots:
+            leg = min(boots.leg + 0.07, 0.95)
         loose = {"slim": 0.1, "straight": 0.4, "wide": 0.8, "shorts": 0.5}[kind] + 0.2 * rng.random()
         width = {
             "slim": 0.7,
@@ -126,7 +175,7 @@ class _Tailor:
                 leg=leg,
                 leg_width=width,
                 fill=0.0,
-                held=("waist",),
+                held=("waist", "ankles") if in_boots else ("waist",),
                 sewn=("waistband", "seat") if jeans or rng.random() < 0.5 else ("waistband",),
                 crease=rng.uniform(0.004, 0.009) if ironed else 0.0,
             ),

@@ -26,12 +26,12 @@ class Fit:
     1 hangs straight from the chest, 0 follows the waist; sleeve_width, leg_width: radius at the hem over
     the limb's near its root, never below the limb's own there. below: length let down under `bottom`;
     flare: metres outwards a metre down. open_front: half width of the gap of an open jacket at the hem, 0
-    if closed. held: edges that stay in place, of "waist", "hem", "neck". weight, bending: as in `drape`;
-    slack: cloth length over the cut's. wrinkles: metres of fine creases; thickness: metres of an edge.
-    collar: its height, and its kind, "stand", "fold" or "hood". buttons: whether the front has them. sewn:
-    what is sewn on, of "placket", "cuffs", "waistband", "lapels", "chest", "hips", "seat" (pockets). swing:
-    metres by which an open front stands off. crease: metres of ironed creases of trousers; pleats: how many
-    a skirt has.
+    if closed. held: edges that stay in place, of "waist", "hem", "neck", "ankles". weight, bending: as in
+    `drape`; slack: cloth length over the cut's. wrinkles: metres of fine creases; thickness: metres of an
+    edge. collar: its height, and its kind, "stand", "fold" or "hood". buttons: whether the front has them.
+    sewn: what is sewn on, of "placket", "cuffs", "waistband", "lapels", "chest", "hips", "seat" (pockets).
+    swing: metres by which an open front stands off. crease: metres of ironed creases of trousers; pleats: how
+    many a skirt has.
     """
 
     top: float = 9.0
@@ -85,7 +85,7 @@ class Pattern:
         if fit.below:
             faces, rest, weights, region = _let_down(person, fit, faces, rest, weights, region, uncut, rng)
         plain = np.concatenate([uncut, rest[len(uncut) :]])
-        return cls(faces, rest, weights, region, _held(person, fit, rest), plain)
+        return cls(faces, rest, weights, region, _held(person, fit, rest, region), plain)
 
     def subdivided(self, person: Person) -> tuple["Pattern", csr_matrix]:
         """With four faces for one, and the operator that makes its vertices of the old ones."""
@@ -214,7 +214,7 @@ def _straight(person: Person, rest: np.ndarray, chest: float, centre: float) -> 
     return scaled
 
 
-def _held(person: Person, fit: Fit, rest: np.ndarray) -> np.ndarray:
+def _held(person: Person, fit: Fit, rest: np.ndarray, region: np.ndarray) -> np.ndarray:
     held = np.zeros(len(rest))
     if "waist" in fit.held:
         held = np.maximum(held, np.clip(1 - (fit.top - rest[:, 1]) / 0.05, 0, 1))
@@ -223,6 +223,11 @@ def _held(person: Person, fit: Fit, rest: np.ndarray) -> np.ndarray:
     if "neck" in fit.held:
         throat = person.skeleton.head("neck01")
         held = np.maximum(held, np.clip((rest[:, 1] - throat[1] + 0.06) / 0.05, 0, 0.9))
+    if "ankles" in fit.held:
+        for k in LEGS:
+            along, _, _ = person.limb_coordinates(k, rest)
+            end = np.clip((along - fit.leg + 0.08) / 0.03, 0, 1)
+            held = np.where(region == k, np.maximum(held, end), held)
     return held
 
 

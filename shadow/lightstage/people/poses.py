@@ -186,9 +186,12 @@ def _akimbo(pose: Posing, side: str) -> None:
 
 
 def _pocket(pose: Posing, side: str) -> None:
-    hip = pose.skeleton.head(f"upperleg01.{side}")
-    target = hip + [SIDES[side] * 0.10, 0.05 + pose.spread(0.02), 0.05 + pose.spread(0.03)]
-    pose.hand_to(side, target, (0.7, 0.0, -1.0), 10)
+    """A hand that will be put into a pocket, once it is known where the hip is."""
+    if pose.seated:
+        _held_in_front(pose, side)
+        return
+    _down(pose, side)
+    pose.pocketed.append(side)
 
 
 def _across(pose: Posing, side: str) -> None:
@@ -341,7 +344,7 @@ _ARMS = {
     "down": (_down, (5, 1)),
     "swung": (_swung, (2, 2)),
     "akimbo": (_akimbo, (2, 1)),
-    "pocket": (_pocket, (1.5, 0)),
+    "pocket": (_pocket, (2.5, 0)),
     "across": (_across, (1.5, 1)),
     "front": (_held_in_front, (2, 1)),
     "face": (_to_face, (1.2, 1)),

@@ -18,7 +18,7 @@ from scipy.sparse.csgraph import dijkstra
 
 from shadow.files import replacing
 from shadow.lightstage.figure import unit, vertex_normals
-from shadow.lightstage.people import solver
+from shadow.lightstage.people import pocketing, solver
 from shadow.lightstage.people.anatomy import Person, skin
 from shadow.lightstage.people.cloth import edges_of, fold_noise
 from shadow.lightstage.people.contact import Contact, Layer
@@ -32,7 +32,7 @@ ANCHOR, CELL = 0.01, 0.06  # pull a step of the vertices that spread the folds; 
 SLIDE = 0.2  # metres between where cloth has slid one way and another
 STEEPEST = 6.0  # cotangent of a triangle's angle beyond which it is a sliver
 CLEAR = 0.0003  # metres outside a limb that is not its own, at which cloth ends
-RECIPE = 8  # part of every digest: count up when the same input is to give other folds
+RECIPE = 9  # part of every digest: count up when the same input is to give other folds
 
 
 @dataclass(frozen=True)
@@ -91,7 +91,13 @@ class Simulator:
         creases = Creases(tights.faces, len(rest))
         sheets, faces = lap(self.person)
         frames = [skin(weights, self.pose(frame), rest) for frame in range(MOVING + 1)]
-        bodies = [creases.filled(points).astype(np.float32) for points in frames]
+        swollen = pocketing.bulge(self.person)
+        bodies = [creases.filled(points) for points in frames]
+        if swollen.any():
+            for frame, points in enumerate(bodies):
+                share = min(1.0, 1.5 * frame / MOVING)
+                points += vertex_normals(points, tights.faces) * (share * swollen)[:, None]
+        bodies = [points.astype(np.float32) for points in bodies]
         laps = [(sheets @ points).astype(np.float32) for points in frames]
         member, solid = self.person.tights_member, np.ones(len(rest), bool)
         bare = self.person.posed(tights.weights, self.person.tights_rest)
@@ -101,6 +107,7 @@ class Simulator:
             Layer(faces, lambda k: laps[min(k, MOVING)], nowhere, nowhere, nowhere, lap=True),
         ]
         self._note(rest)
+        self._note(swollen)
 
     def follow(self, faces: np.ndarray, rest: np.ndarray, weights: csr_matrix, between: np.ndarray) -> None:
         """Add a layer that follows the bones alone: shoes."""

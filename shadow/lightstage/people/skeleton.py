@@ -14,6 +14,7 @@ from numpy.typing import ArrayLike
 from shadow.lightstage.figure import unit
 
 SIDES = {"L": 1.0, "R": -1.0}
+BEHIND_ANKLE = 0.03  # metres from the ankle back to the middle of the heel
 
 
 @dataclass(frozen=True)
@@ -109,6 +110,8 @@ class Posing:
         self.lift = 0.0
         self.held: dict[str, str] = {}  # a thing of `held.SIZES` by the hand that holds it, or by "both"
         self.seated = False
+        self.pocketed: list[str] = []  # sides whose hand is to go into a pocket at the hip
+        self.heel = 0.0  # metres under the heels of the feet over those under their balls
 
     def spread(self, scale: float) -> float:
         return float(np.clip(self.rng.normal(), -2.2, 2.2) * scale)
@@ -202,6 +205,20 @@ class Posing:
         # The sole stays level where the leg is near the ground, and toes trail where it is lifted.
         level = (thigh @ self.rotations[f"lowerleg01.{side}"]).T @ facing
         self.rotations[f"foot.{side}"] = level if abs(pitch - knee) < 65 else turn((1, 0, 0), 25)
+
+    def on_heels(self, metres: float) -> None:
+        """Raise the feet on their balls, heels `metres` above them; the toes stay level."""
+        self.heel = metres
+        for side in "LR":
+            ankle, ball = self.skeleton.head(f"foot.{side}"), self.skeleton.head(f"toe2-1.{side}")
+            forward = (ball - ankle) * [1, 0, 1]
+            length = np.linalg.norm(forward) + BEHIND_ANKLE
+            axis = np.cross([0, 1.0, 0], forward)
+            angle = np.degrees(np.arcsin(min(metres / length, 0.6)))
+            level = self.rotations.get(f"foot.{side}", np.eye(3))
+            self.rotations[f"foot.{side}"] = level @ turn(axis, angle)
+            for toe in range(1, 6):
+                self.rotations[f"toe{toe}-1.{side}"] = turn(axis, -angle)
 
     def clear_of(self, points: np.ndarray, normals: np.ndarray, ease: float) -> None:
         """Swing the arms outwards until elbow and forearm stay `ease` metres off the torso.
