@@ -1,5 +1,6 @@
 """Light that enters skin and leaves it beside: the edges of shadows on skin are red."""
 
+import numpy as np
 import torch
 from kornia.filters import gaussian_blur2d
 
@@ -19,7 +20,7 @@ def scattered(record: Record, irradiance: torch.Tensor) -> torch.Tensor:
     reach. Skin at the same place in the picture is taken for near in space. Records that do not say what
     their pixels are of, or how large, stay as they are.
     """
-    skin, camera = record.shares.any(axis=1), record.about.get("camera")
+    skin, camera = np.any(record.shares, axis=1), record.about.get("camera")
     if camera is None or not skin.any():
         return irradiance
     pixels = camera["focal"] / record.about["view"]["distance"]  # a metre

@@ -214,7 +214,7 @@ class Posing:
             forward = (ball - ankle) * [1, 0, 1]
             length = np.linalg.norm(forward) + BEHIND_ANKLE
             axis = np.cross([0, 1.0, 0], forward)
-            angle = np.degrees(np.arcsin(min(metres / length, 0.6)))
+            angle = np.degrees(np.arcsin(min(float(metres / length), 0.6)))
             level = self.rotations.get(f"foot.{side}", np.eye(3))
             self.rotations[f"foot.{side}"] = level @ turn(axis, angle)
             for toe in range(1, 6):
