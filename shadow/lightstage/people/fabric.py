@@ -41,6 +41,7 @@ class Part:
     region: np.ndarray
     fabric: Fabric
     shown: np.ndarray | int = 0  # an index into `records.REGIONS`, or one of each vertex: face, hands, other
+    sewn: bool = False  # whether it lies on a garment, which does not push out what is worn over both
 
 
 class Noise:

@@ -12,10 +12,12 @@ from shadow.lightstage.people.anatomy import LEGS, Person
 from shadow.lightstage.people.cloth import clip, fold_noise, line, strip, subdivide
 from shadow.lightstage.people.fabric import Fabric, Part
 from shadow.lightstage.people.garments import Wardrobe
+from shadow.lightstage.people.hollows import Creases
 from shadow.lightstage.people.skeleton import SIDES
 
 WALL = 0.022  # metres of the foot over which the sole's side reaches up
 CLEAR = 0.004  # metres between a shaft and the trousers in it
+GIVES = 0.012  # metres by which a shaft gives way at most
 ROUND = 28  # corners of a heel block's outline
 BLOCK = (1.0, 0.75, 0.45, 0.2, 0.07, 0.0)  # shares of a block's height at which it has a ring, from the top
 
@@ -40,7 +42,7 @@ def put_on(wardrobe: Wardrobe, shoe: Shoe, fabric: Fabric, rng: np.random.Genera
     person, tights = wardrobe.person, wardrobe.person.base.tights
     inside = _cut(person, shoe)
     wardrobe.covered |= inside > (0.005 if shoe.low else 0.015)
-    wardrobe.hide_under(inside, 0.02)
+    wardrobe.hide_under(inside, 0.012)
     faces, rows = clip(tights.faces, inside)
     faces, step = subdivide(faces, rows.shape[0])
     rows = step @ rows
@@ -50,7 +52,10 @@ def put_on(wardrobe: Wardrobe, shoe: Shoe, fabric: Fabric, rng: np.random.Genera
     normals = vertex_normals(posed, faces)
     creases = 0.0012 * fold_noise(shaped, rng, 0.03) * ~wall
     shaft = shaped[:, 1] > person.skeleton.head("foot.L")[1]
-    given = np.where(shaft, _tight(wardrobe, posed, normals), -1)
+    given = np.where(shaft, _tight(wardrobe, posed, normals), 0).clip(0, GIVES)
+    mean = Creases(faces, len(posed)).mean
+    for _ in range(6):
+        given = np.maximum(given, mean @ given)
     posed += normals * np.maximum(creases, given)[:, None]
     member = person.membership(weights)
     between = wardrobe.between_legs(shaped, faces)

@@ -19,6 +19,7 @@ from shadow.lightstage.people.simulation import Cut, Simulator
 
 # Height of the finest creases on simulated cloth over those on draped cloth; what is wider it folds itself.
 SIMULATED_WRINKLES = 0.35
+SEWN = 0.02  # metres inside a garment from which it hides what is sewn to another
 LONG = 0.25  # metres let down below which a garment hangs about both legs
 
 
@@ -31,6 +32,7 @@ class Wardrobe:
         self.membership = person.tights_member
         self.covered = np.zeros(len(self.membership), bool)
         self.parts: list[Part] = []
+        self.packed = False  # whether there is a pack on the back
         self.outer: tailoring.Garment | None = None  # the garment put on last, as it hangs
         self.obstacles: list[tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]] = []
         posed = person.posed(tights.weights, person.tights_rest)
@@ -169,7 +171,7 @@ class Wardrobe:
         come through. `inside` is that garment's cut."""
         tree = cKDTree(self.person.tights_rest)
         for part in self.parts:
-            hidden = inside[tree.query(part.rest)[1]] > margin
+            hidden = inside[tree.query(part.rest)[1]] > (min(margin, SEWN) if part.sewn else margin)
             part.faces = part.faces[~hidden[part.faces].all(axis=1)]
 
     def _wrinkles(self, fit: Fit, rest: np.ndarray, region: np.ndarray) -> np.ndarray:

@@ -13,6 +13,8 @@ from shadow.lightstage.people.garments import Wardrobe
 
 # The hairline: metres above the eyes at degrees around the head from the face to the nape.
 AROUND = np.array([0, 35, 55, 68, 82, 92, 112, 130, 180])
+PRESSED = 0.005  # metres of hair under a hat
+ABOVE_SHOULDER = 0.012  # metres of air under hair that ends above a shoulder
 HAIRLINE = np.array([0.066, 0.06, 0.045, 0.012, -0.03, 0.002, 0.004, -0.05, -0.085])
 
 
@@ -79,8 +81,17 @@ class Skull:
         return Part(self.posed(points), faces, points, np.zeros(len(points), int), fabric)
 
 
-def grow(skull: Skull, wardrobe: Wardrobe, rng: np.random.Generator, style: str, fabric: Fabric) -> None:
-    """Put hair of a style on the head: "buzz", "short", "afro", "bob", "long", "bun", "ponytail", "curls"."""
+def grow(
+    skull: Skull,
+    wardrobe: Wardrobe,
+    rng: np.random.Generator,
+    style: str,
+    fabric: Fabric,
+    *,
+    pressed: bool = False,
+) -> None:
+    """Put hair of a style on the head: "buzz", "short", "afro", "bob", "long", "bun", "ponytail", "curls";
+    pressed: under a hat."""
     volume = {
         "buzz": 0.003,
         "short": rng.uniform(0.008, 0.02),
@@ -89,19 +100,20 @@ def grow(skull: Skull, wardrobe: Wardrobe, rng: np.random.Generator, style: str,
         "bun": 0.007,
         "ponytail": 0.007,
     }.get(style, rng.uniform(0.012, 0.022))
+    volume = min(volume, PRESSED) if pressed else volume
     points = skull.points
     recede = rng.uniform(-0.008, 0.014)
     line_height = skull.eyes[1] + np.interp(skull.around(points), AROUND, HAIRLINE)
-    line_height = line_height + recede * (skull.around(points) < 60) + 0.004 * fold_noise(points, rng, 0.03)
+    line_height = line_height + recede * (skull.around(points) < 60) + 0.0015 * fold_noise(points, rng, 0.03)
     above = points[:, 1] - line_height
     full = np.clip(above / (0.03 if style not in ("afro", "curls") else 0.018), 0, 1)
     full = full * (2 - full)
     up = np.clip(skull.direction[:, 1], 0, 1)
-    lift = volume * (0.2 + 0.8 * full * (0.6 + 0.4 * up)) + 0.0015
+    lift = volume * (0.12 + 0.88 * full * (0.6 + 0.4 * up)) + 0.001
     if style in ("bob", "long"):
         # The sides fall over the ears; nothing tapers but the hairline over the face.
         lift = volume * (0.35 + 0.65 * np.clip(above / 0.02, 0, 1)) + 0.0015
-        lift += np.where(skull.around(points) > 60, 0.006, 0)
+        lift += np.where(skull.around(points) > 60, 0.002 if pressed else 0.006, 0)
     strands = points * ([1, 0.2, 1] if style not in ("afro", "curls") else [1, 1, 1])
     size = 0.035 if style in ("afro", "curls") else 0.02
     rough = {"curls": 0.22, "short": rng.uniform(0.1, 0.22), "afro": 0.13}.get(style, 0.06)
@@ -154,6 +166,8 @@ def _curtain(
     behind = np.clip((skull.around(here) - 100) / 35, 0, 1)[:, None]
     side_length = min(length, rng.uniform(0.11, 0.17))
     down = side_length + (length - side_length) * behind * behind * (3 - 2 * behind)
+    room = _above_shoulders(skull.posed(here + outward * 0.012 * sideways), wardrobe)[:, None]
+    down = np.where(behind < 1, np.minimum(down, room + (down - room) * behind**2), down)
     ragged = 1 + 0.06 * fold_noise(here, rng, 0.03)[:, None]
     stack = [here]
     for f in fall:
@@ -187,6 +201,15 @@ def _curtain(
     posed += vertex_normals(posed, faces) * (0.0022 * strand * (0.3 + 0.7 * below))[:, None]
     vertices, lined, source = line(posed, faces, 0.003, 0.5)
     wardrobe.parts.append(Part(vertices, lined, rest[source], np.zeros(len(vertices), int), fabric))
+
+
+def _above_shoulders(points: np.ndarray, wardrobe: Wardrobe) -> np.ndarray:
+    """Metres (N,) that hair can fall from posed points (N, 3) before it meets a shoulder."""
+    under = np.concatenate([layer[0] for layer in wardrobe.obstacles])
+    near = cKDTree(under[:, [0, 2]]).query_ball_point(points[:, [0, 2]], 0.025)
+    highest = [max((y for y in under[ids, 1] if y < point[1]), default=-np.inf)
+               for point, ids in zip(points, near, strict=True)]  # fmt: skip
+    return np.maximum(points[:, 1] - highest - ABOVE_SHOULDER, 0.02)
 
 
 def _bun(skull: Skull, wardrobe: Wardrobe, rng: np.random.Generator, fabric: Fabric) -> None:

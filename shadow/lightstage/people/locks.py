@@ -13,17 +13,17 @@ STEPS, SIDES = 7, 5  # rings of a lock, and the corners of each
 def tousled(skull: Skull, fabric: Fabric, rng: np.random.Generator) -> Part:
     """Locks all over the top of the head, in a direction that wanders, 2 to 5 cm long."""
     above = skull.points[:, 1] - skull.eyes[1] - np.interp(skull.around(skull.points), AROUND, HAIRLINE)
-    roots = rng.choice(np.flatnonzero(above > 0.01), 420, replace=False)
+    roots = rng.choice(np.flatnonzero(above > 0.01), 900, replace=False)
     points, out = skull.points[roots], skull.direction[roots]
     combed = unit(rng.normal(size=3) * [1, 0.3, 1])
     wander = np.stack([fold_noise(points, rng, 0.06) for _ in range(3)], axis=1)
     flat = unit(combed + 0.9 * wander)
     flat = unit(flat - (flat * out).sum(axis=1, keepdims=True) * out)
     length = (
-        rng.uniform(0.02, 0.05) * rng.uniform(0.6, 1.3, len(roots)) * np.clip(above[roots] / 0.04, 0.4, 1)
+        rng.uniform(0.022, 0.05) * rng.uniform(0.6, 1.3, len(roots)) * np.clip(above[roots] / 0.04, 0.4, 1)
     )
     lift = rng.uniform(0.1, 0.45)
-    return _grown(skull, points, out, flat, length, lift, rng.uniform(0.006, 0.01), fabric, rng)
+    return _grown(skull, points, out, flat, length, lift, rng.uniform(0.0035, 0.006), fabric, rng)
 
 
 def fringe(skull: Skull, fabric: Fabric, rng: np.random.Generator) -> Part:
@@ -31,13 +31,13 @@ def fringe(skull: Skull, fabric: Fabric, rng: np.random.Generator) -> Part:
     around = skull.around(skull.points)
     line = skull.points[:, 1] - skull.eyes[1] - np.interp(around, AROUND, HAIRLINE)
     front = np.flatnonzero((np.abs(line - 0.012) < 0.01) & (around < 58))
-    roots = rng.choice(front, min(70, len(front)), replace=False)
+    roots = rng.choice(front, min(200, len(front)), replace=False)
     points, out = skull.points[roots], skull.direction[roots]
     swept = rng.normal() * 0.5
-    down = unit(np.array([swept, -1.0, 0.25]) + 0.15 * rng.normal(size=(len(roots), 3)))
+    down = unit(np.array([swept, -1.0, 0.25]) + 0.12 * rng.normal(size=(len(roots), 3)))
     fall = points[:, 1] - skull.eyes[1] - rng.uniform(0.026, 0.042)
     length = np.clip(fall, 0.012, 0.07) * rng.uniform(0.85, 1.1, len(roots))
-    return _grown(skull, points, out, down, length, 0.45, rng.uniform(0.003, 0.0045), fabric, rng)
+    return _grown(skull, points, out, down, length, 0.3, rng.uniform(0.0017, 0.0028), fabric, rng)
 
 
 def _grown(

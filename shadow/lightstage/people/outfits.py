@@ -79,7 +79,7 @@ def dress(wardrobe: Wardrobe, rng: np.random.Generator, split: str, woman: bool)
     for side, thing in wardrobe.person.held.items():
         paint = fabric.leather(rng) if thing in ("bag", "case") else Fabric.plain(fabric.colour(rng))
         held.hold(wardrobe, rng, side, thing, paint)
-    if wardrobe.person.seated and rng.random() < 0.7:
+    if wardrobe.person.seated and rng.random() < 0.85:
         seats.sit(
             wardrobe, rng, fabric.leather(rng) if rng.random() < 0.5 else Fabric.plain(fabric.colour(rng))
         )
@@ -368,7 +368,7 @@ def _crown(wardrobe: Wardrobe, rng: np.random.Generator, split: str, woman: bool
     if worn != "none":
         style = "buzz" if style in ("short", "afro", "curls", "bun") else style
     if style != "bald":
-        hair.grow(skull, wardrobe, rng, style, colour)
+        hair.grow(skull, wardrobe, rng, style, colour, pressed=worn != "none")
     if style == "short" and rng.random() < 0.5:
         wardrobe.parts.append(locks.tousled(skull, colour, rng))
     if worn == "none" and style in ("short", "bob", "long", "ponytail", "bun") and rng.random() < 0.3:

@@ -169,10 +169,17 @@ def let_out(person: Person, fit: Fit) -> np.ndarray:
         own = np.interp(along * 24, np.arange(25) + 0.5, mean)
         goal = np.maximum(own * 1.03, reference * (1 + (width - 1) * np.clip(along, 0, 1)))
         blend = np.clip((along - 0.08) / 0.3, 0, 1) * np.clip((member - 0.3) / 0.5, 0, 1)
+        if "ankles" in fit.held and k in LEGS:
+            blend *= np.clip((fit.leg - along) / 0.15, 0, 1)
         rest = rest + radial * ((goal / own - 1) * blend)[:, None]
     ease = np.full(len(rest), fit.ease)
     if "hem" in fit.held:  # tucked in: flat under the waistband
         ease *= np.clip((person.tights_rest[:, 1] - fit.bottom) / 0.1, 0.15, 1)
+    if "ankles" in fit.held:
+        for k in LEGS:
+            along, _, _ = person.limb_coordinates(k, person.tights_rest)
+            mine = person.tights_member[:, k] > 0.5
+            ease[mine] *= np.clip((fit.leg - along[mine]) / 0.15, 0.25, 1)
     rest = rest + normals * ease[:, None]
     # Neither half crosses the middle, however deep the cleft that it was let out from.
     half = person.tights_rest[:, 0]

@@ -2,6 +2,7 @@
 
 import numpy as np
 import trimesh
+from scipy.ndimage import median_filter
 
 from shadow.lightstage.figure import unit, vertex_normals
 from shadow.lightstage.people import fabric
@@ -67,7 +68,9 @@ def _wrap(
 ) -> tuple[np.ndarray, np.ndarray]:
     """Lay a path (N, 3) on the outermost cloth of the trunk: per point the farthest surface from the axis."""
     points, normals, member = (np.concatenate([layer[k] for layer in wardrobe.obstacles]) for k in range(3))
-    trunk = member[:, 0] > 0.6
+    chest, throat = _bone(wardrobe, "spine02"), wardrobe.person.skeleton.head("neck01")[1]
+    height = (points - chest[:, 3]) @ chest[:, :3][:, 1]  # of the unposed chest: straps pass beside the neck
+    trunk = (member[:, 0] > 0.6) & (height < throat + 0.02)
     points, normals = points[trunk], normals[trunk]
     out = unit(path - centre)
     laid, facing = path.copy(), out.copy()
@@ -79,7 +82,9 @@ def _wrap(
         if len(near):
             best = near[np.argmax(depth[near])]
             laid[i], facing[i] = base + ray * (depth[best] + lift), normals[best]
-    for _ in range(3):  # a strap is taut: smooth the path
+    away = np.linalg.norm(laid - centre, axis=1)
+    laid = centre + out * median_filter(away, 7, mode="nearest")[:, None]
+    for _ in range(6):  # a strap is taut: smooth the path
         laid[1:-1] = (laid[:-2] + laid[1:-1] * 2 + laid[2:]) / 4
         facing[1:-1] = unit(facing[:-2] + facing[1:-1] + facing[2:])
     return laid, unit(facing)
@@ -110,6 +115,7 @@ def shoulder_bag(wardrobe: Wardrobe, rng: np.random.Generator, cloth: Fabric) ->
 
 def backpack(wardrobe: Wardrobe, rng: np.random.Generator, cloth: Fabric) -> None:
     """A pack on the back with two straps over the shoulders."""
+    wardrobe.packed = True
     head = wardrobe.person.skeleton.head
     chest = _bone(wardrobe, "spine02")
     size = np.array([rng.uniform(0.26, 0.34), rng.uniform(0.36, 0.5), rng.uniform(0.12, 0.2)])
@@ -119,12 +125,18 @@ def backpack(wardrobe: Wardrobe, rng: np.random.Generator, cloth: Fabric) -> Non
     centre = np.array([0, head("spine02")[1] + 0.05, back - size[2] / 2 - 0.01])
     _add(wardrobe, (points + centre) @ chest[:, :3].T + chest[:, 3], faces, points, cloth)
     for side in (-1.0, 1.0):
-        # From the pack over the shoulder, down the chest and outwards to the side.
-        angle = np.linspace(-0.3 * np.pi, 0.85 * np.pi, 48)
-        low = np.clip(angle / np.pi - 0.35, 0, 1)
+        # From the pack over the shoulder and down the chest, then about the flank back to the pack.
+        over = np.linspace(-0.3 * np.pi, 0.5 * np.pi, 32)
+        around = np.linspace(0, 0.8 * np.pi, 32)[1:]
+        share = (around / around[-1])[:, None]
         middle = np.array([0.0, head("spine01")[1] - 0.05, head("spine01")[2]])
-        axis = middle + np.stack([side * (0.095 + 0.12 * low), -0.1 * low, -0.02 * low], 1)
-        path = axis + np.stack([side * 0.08 * low, 0.12 * np.cos(angle), 0.12 * np.sin(angle)], 1)
+        sunk = np.array([[side * 0.095, 0, 0]]) * (1 - share) - [[0, 0.24, 0]] * share
+        axis = middle + np.concatenate([np.tile([[side * 0.095, 0, 0]], (32, 1)), sunk])
+        spoke = [
+            np.stack([0 * over, np.cos(over), np.sin(over)], axis=1),
+            np.stack([side * np.sin(around), 0 * around, np.cos(around)], axis=1),
+        ]
+        path = axis + 0.12 * np.concatenate(spoke)
         laid, facing = _wrap(
             wardrobe, path @ chest[:, :3].T + chest[:, 3], axis @ chest[:, :3].T + chest[:, 3], 0.005
         )

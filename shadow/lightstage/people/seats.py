@@ -28,7 +28,7 @@ def sit(wardrobe: Wardrobe, rng: np.random.Generator, cloth: Fabric) -> None:
     width, depth = rng.uniform(0.36, 0.46), rng.uniform(0.36, 0.44)
     thick = rng.uniform(0.02, 0.07)
     centre = np.array([0, top - thick / 2, 0.06])
-    stool = rng.random() < 0.4
+    stool = rng.random() < 0.4 or wardrobe.packed
     if stool:
         seat = trimesh.creation.cylinder(rng.uniform(0.17, 0.21), thick, sections=48)
         seat.apply_transform(trimesh.transformations.rotation_matrix(np.pi / 2, [1, 0, 0]))

@@ -41,7 +41,7 @@ def applied(
     region = np.zeros(len(posed), int) if region is None else region
     # Rows of `clip` mix two vertices at most: the region is the nearer one's.
     nearest = np.asarray(rows.argmax(axis=1)).ravel()
-    return [Part(vertices, closed, (rows @ rest)[source], region[nearest][source], fabric)]
+    return [Part(vertices, closed, (rows @ rest)[source], region[nearest][source], fabric, sewn=True)]
 
 
 def placket(garment: Garment, low: float, high: float, fabric: Fabric) -> list[Part]:

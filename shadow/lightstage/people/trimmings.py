@@ -103,6 +103,7 @@ def buttons(garment: Garment, low: float, high: float, gap: float, rng: np.rando
                 np.tile(rest[at], (len(points), 1)),
                 np.zeros(len(points), int),
                 fabric,
+                sewn=True,
             )
         )
     return sewn
