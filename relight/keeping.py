@@ -187,6 +187,7 @@ def _components(name: str, maps: torch.Tensor) -> dict[str, np.ndarray]:
 
 
 def _restored(about: dict[str, Any], arrays: dict[str, np.ndarray]) -> Kept:
+    _check_measures(about)
     tensors = {name: torch.from_numpy(array) for name, array in arrays.items()}
     exposure = float(about["exposure"])
     rows, columns = about["box"]
@@ -206,6 +207,24 @@ def _restored(about: dict[str, Any], arrays: dict[str, np.ndarray]) -> Kept:
     given = _lengthened(arrays["given_albedo"]).T if "given_albedo" in arrays else None
     colour = _lengthened(arrays["colour"]).T / _unit(exposure)
     return Kept(person, colour, given, exposure, framing, _canvas(tensors, on_plate, camera, exposure))
+
+
+def _check_measures(about: dict[str, Any]) -> None:
+    """ValueError for measures that no person in a picture has."""
+    size, corner, box = (tuple(about[name]) for name in ("size", "corner", "box"))
+    camera = about["camera"]
+    sides = list(zip(size, corner, box, strict=True))
+    if not all(type(pixels) is int for side in sides for pixels in side):
+        raise ValueError("measures in pixels are no whole numbers")
+    if not all(0 <= first < first + extent <= whole for whole, first, extent in sides):
+        raise ValueError(f"a box of {box} pixels at {corner} is not in a plate of {size}")
+    if tuple(camera["size"]) != size:
+        raise ValueError(f"the camera's plate is one of {camera['size']} pixels, not of {size}")
+    positive = [about["exposure"], about["scale"], camera["focal"], camera["distance"]]
+    if not np.isfinite([*positive, *about["centre"], *camera["middle"], camera["bottom"]]).all():
+        raise ValueError("a measure is not finite")
+    if min(positive) <= 0:
+        raise ValueError(f"expected measures above zero, got {min(positive)}")
 
 
 def _canvas(tensors: dict[str, torch.Tensor], framing: Framing, camera: Camera, exposure: float) -> Canvas:

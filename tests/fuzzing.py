@@ -8,28 +8,38 @@ it documents. Whatever else is raised is a bug: `Violation` where an invariant b
 import json
 import warnings
 from collections.abc import Callable
+from contextlib import nullcontext
 from pathlib import Path
 from random import Random
 from typing import Any
-from unittest import mock
 
 import hostile
 import numpy as np
-import torch
 import yaml
+from commandlines import command_line
+from damage import (
+    containers,
+    damaged_analysis,
+    damaged_image,
+    damaged_mask,
+    damaged_movie,
+    damaged_weights,
+    small_canvas,
+)
+from invariants import (
+    ALLOWED,
+    Violation,
+    require,
+    require_finite,
+    require_named,
+    require_same,
+    require_usable,
+)
 
 import relight
 from relight.lights.light import by_name
-from shadow import analysis
 
 REFUSED, ANSWERED = "refused", "answered"
-ALLOWED = (ValueError, TypeError, OSError)
-SMALL_CANVAS = 128  # pixels in height, on which seven of eight pictures are analysed
-LONGEST = 2000  # characters of an error: a line that a person reads
-
-
-class Violation(AssertionError):
-    """An answer that breaks an invariant, or an error that no person could use."""
 
 
 def outcome(kind: str, random: Random, folder: Path) -> str:
@@ -41,27 +51,9 @@ def outcome(kind: str, random: Random, folder: Path) -> str:
         except ALLOWED as error:
             if isinstance(error, UnicodeError):
                 raise
-            text = str(error)
-            require(text.strip() and "\n" not in text and len(text) < LONGEST, f"error of no use: {text!r}")
+            require_usable(str(error))
             return REFUSED
     return ANSWERED
-
-
-def require(holds: Any, what: str) -> None:
-    if not holds:
-        raise Violation(what)
-
-
-def require_finite(name: str, array: np.ndarray) -> None:
-    require(np.isfinite(array).all(), f"{name}: NaN or infinite")
-
-
-def require_same(what: str, one: np.ndarray, other: np.ndarray, tolerance: float = 1e-5) -> None:
-    """Equal to `tolerance`, relative to the largest value of the other."""
-    require(one.shape == other.shape, f"{what}: {one.shape} and {other.shape}")
-    scale = np.abs(other).max(initial=1e-30).astype(np.float64)
-    worst = np.abs(one.astype(np.float64) - other).max(initial=0) / scale
-    require(worst <= tolerance, f"{what}: {worst:.3g} of the largest value apart")
 
 
 # Lights
@@ -114,7 +106,7 @@ def lights_file(random: Random, folder: Path) -> None:
     try:
         lights = relight.read_lights(path)
     except ALLOWED as error:
-        require(str(path) in str(error), f"an error that doesn't name the file: {error}")
+        require_named(path, error)
         raise
     for light in lights:
         _check_light(light.at(random.choice([1, 7, 50])) if hasattr(light, "at") else light)
@@ -129,72 +121,6 @@ def lights_file(random: Random, folder: Path) -> None:
         )
 
 
-# Files
-
-
-def damaged_image(random: Random, folder: Path) -> None:
-    """A picture's file with bytes changed, cut off, doubled or shuffled."""
-    path = _damaged_file(random, folder)
-    try:
-        picture = relight.read(path)
-    except ALLOWED as error:
-        require(str(path) in str(error), f"an error that doesn't name the file: {error}")
-        raise
-    require(picture.ndim == 3 and picture.shape[-1] in (3, 4) and picture.dtype == np.float32, "no picture")
-    require_finite("read", picture)
-
-
-def damaged_mask(random: Random, folder: Path) -> None:
-    """The same as a matte."""
-    path = _damaged_file(random, folder, grey=random.random() < 0.7)
-    try:
-        mask = relight.read_mask(path)
-    except ALLOWED as error:
-        require(str(path) in str(error), f"an error that doesn't name the file: {error}")
-        raise
-    require(mask.ndim == 2 and mask.dtype == np.float32, "no matte")
-    require(mask.min() >= 0 and mask.max() <= 1, "matte out of [0, 1]")
-
-
-def _damaged_file(random: Random, folder: Path, grey: bool = False) -> Path:
-    suffix, depth, alpha = random.choice(hostile.GREY if grey else hostile.FORMATS)
-    whole = folder / f"whole-{grey}-{depth}-{alpha}{suffix}"  # the same for all inputs of a folder
-    if grey and not whole.exists():
-        relight.write_mask(whole, np.random.default_rng(1).uniform(0, 1, (24, 20)), depth=depth)
-    elif not whole.exists():
-        pixels = np.random.default_rng(1).uniform(0, 1, (24, 20, 4 if alpha else 3)).astype(np.float32)
-        pixels[..., :3] *= pixels[..., 3:] if alpha else 1
-        relight.write(whole, pixels, depth=depth)
-    path = folder / f"damaged{random.choice([suffix] * 9 + ['.png', '.exr', '.jpg'])}"
-    damaged = hostile.damaged(random, whole.read_bytes())
-    path.write_bytes(hostile.resealed(damaged) if suffix == ".png" and random.random() < 0.7 else damaged)
-    return path
-
-
-def containers(random: Random, folder: Path) -> None:
-    """The same pixels in two files, and in a file and none."""
-    rng = np.random.default_rng(random.randrange(2**32))
-    shape = (random.randrange(1, 40), random.randrange(1, 40), random.choice([3, 4]))
-    dtype = random.choice([np.uint8, np.uint16])
-    pixels = rng.integers(0, np.iinfo(dtype).max, shape, dtype=dtype, endpoint=True)
-    depth = np.dtype(dtype).name
-    pictures = []
-    for name in ("one.png", "other.tif"):
-        relight.write(folder / name, pixels, depth=depth)
-        pictures.append(relight.read(folder / name))
-        require_finite(name, pictures[-1])
-    require_same("PNG and TIFF", *pictures)
-    relight.write(folder / "light.exr", pictures[0], depth="float")
-    require(
-        np.array_equal(relight.read(folder / "light.exr"), pictures[0]), "other floats from an OpenEXR file"
-    )
-    relight.write(folder / "light.tif", pictures[0], depth="float")
-    require_same("floats from a TIFF", relight.read(folder / "light.tif"), pictures[0], 1e-6)
-    opaque = pictures[0][..., :3]
-    relight.write(folder / "light.hdr", opaque)
-    require_same("HDR", relight.read(folder / "light.hdr"), opaque, 0.01)
-
-
 # Pictures
 
 
@@ -207,10 +133,7 @@ def apply(random: Random, folder: Path) -> None:
     if spoil:
         image, mask = hostile.spoilt(random, rng, image), hostile.spoilt(random, rng, mask)
     lights = [hostile.lamp(random, spoil) for _ in range(random.randrange(1, 4))]
-    # The networks' own canvas costs nine times as much, and nothing else about it is different.
-    height = random.choice([None, *[SMALL_CANVAS] * 7])
-    field = analysis.load(device=torch.device("cpu"))
-    with mock.patch.object(field, "size", height or field.size):
+    with random.choice([nullcontext, *[small_canvas] * 7])():
         _apply(random, folder, image, mask, lights)
 
 
@@ -257,6 +180,10 @@ KINDS: dict[str, Callable[[Random, Path], None]] = {
     "lights file": lights_file,
     "damaged image": damaged_image,
     "damaged mask": damaged_mask,
+    "damaged movie": damaged_movie,
+    "damaged weights": damaged_weights,
+    "damaged analysis": damaged_analysis,
     "containers": containers,
     "apply": apply,
+    "command line": command_line,
 }

@@ -3,6 +3,7 @@
 Everything is drawn from a `random.Random`, which is a seed's or Hypothesis's own.
 """
 
+import re
 import struct
 import zlib
 from random import Random
@@ -147,6 +148,21 @@ def resealed(content: bytes) -> bytes:
         struct.pack_into(">I", data, end, zlib.crc32(data[here + 4 : end]))
         here = end + 4
     return bytes(data)
+
+
+def edited_header(random: Random, content: bytes) -> bytes:
+    """A safetensors file whose JSON says something else: a number exchanged, or the text edited."""
+    end = 8 + int.from_bytes(content[:8], "little")
+    text = content[8:end].decode(errors="replace")
+    numbers = list(re.finditer(r"-?[0-9][0-9.e+-]*", text))
+    if numbers and random.random() < 0.7:
+        number = random.choice(numbers)
+        other = random.choice([*NUMBERS, number[0] + "0", number[0][:-1], "[]", "null", "true"])
+        text = text[: number.start()] + str(other) + text[number.end() :]
+    else:
+        text = edited(random, text)
+    header = text.encode("utf-8", "surrogatepass")
+    return len(header).to_bytes(8, "little") + header + content[end:]
 
 
 def size(random: Random) -> tuple[int, int]:

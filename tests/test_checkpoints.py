@@ -60,6 +60,18 @@ def test_damage_is_found(saved):
         visibility.load(path)
 
 
+@pytest.mark.parametrize("odd", [float("nan"), float("inf")])
+def test_weights_that_are_not_finite_are_refused(saved, odd):
+    network, path, _ = saved
+    with torch.no_grad():
+        network.backbone.head.bias[0] = odd
+    checkpoints.save(path, network, "field", SMALL, {})
+    with pytest.raises(
+        ValueError, match=r"small.safetensors is damaged: backbone.head.bias holds NaN or inf"
+    ):
+        visibility.load(path)
+
+
 def test_another_network_is_refused(saved):
     with pytest.raises(ValueError, match="holds a 'field' network, expected shading"):
         diffuse.load(saved[1])

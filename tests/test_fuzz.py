@@ -14,7 +14,11 @@ EXAMPLES = {
     "damaged image": 150,
     "damaged mask": 100,
     "containers": 10,
-    "apply": 4,
+    "damaged movie": 60,
+    "damaged weights": 15,
+    "damaged analysis": 40,
+    "apply": 8,
+    "command line": 12,
 }
 
 

@@ -197,6 +197,30 @@ def test_a_small_file_that_says_it_is_large_takes_no_memory(subject, tmp_path):
         relight.Subject.load(path)
 
 
+@pytest.mark.parametrize(
+    ("name", "value", "message"),
+    [
+        ("corner", [0.5, 1], "measures in pixels are no whole numbers"),
+        ("corner", [-1, 1], r"a box of .* pixels at \(-1, 1\) is not in a plate of"),
+        ("size", [20, 2000], "is not in a plate of"),
+        ("size", [200, 1600], "the camera's plate is one of"),
+        ("exposure", 0, "expected measures above zero, got 0"),
+        ("scale", float("nan"), "a measure is not finite"),
+        ("centre", ["a", "b"], ""),
+        ("camera", None, ""),
+    ],
+)
+def test_odd_measures_are_refused(subject, tmp_path, name, value, message):
+    path = tmp_path / "kept.safetensors"
+    subject.save(path)
+    with safe_open(path, "np") as file:
+        about = json.loads(file.metadata()["relight"])
+        tensors = {name: file.get_tensor(name) for name in about["arrays"]}
+    save_file(tensors, path, {"relight": json.dumps(about | {name: value})})
+    with pytest.raises(ValueError, match=rf"kept\.safetensors: is damaged: .*{message}"):
+        relight.Subject.load(path)
+
+
 def test_other_weights_are_said(subject, tmp_path, monkeypatch):
     subject.save(tmp_path / "kept.safetensors")
     monkeypatch.setattr("relight.subject.weights", lambda: ("other", "weights"))

@@ -10,7 +10,7 @@ import pytest
 from av.video.reformatter import ColorPrimaries, ColorRange, Colorspace, ColorTrc
 
 from relight.media import colour
-from relight.media.movies import Movie, is_movie, write_movie
+from relight.media.movies import Movie, is_movie, read_comment, write_movie
 
 RNG = np.random.default_rng(0)
 HEIGHT, WIDTH = 48, 64
@@ -256,3 +256,15 @@ def test_write_errors_leave_nothing(tmp_path, name, frames, arguments, error, me
 def test_names_of_movies():
     assert is_movie("a/plate.MOV")
     assert not is_movie("plate.%04d.exr")
+
+
+@pytest.mark.parametrize("suffix", [".mov", ".mp4"])
+def test_tags_need_not_be_utf8(tmp_path, suffix):
+    """As those of an old recorder: Latin-1."""
+    path = tmp_path / f"a{suffix}"
+    write_movie(path, [tiles()], comment="Zoë, Köln")
+    content = path.read_bytes()
+    assert "Zoë, Köln".encode() in content
+    path.write_bytes(content.replace("Zoë, Köln".encode(), b"Zo\xeb, K\xf6ln  "))
+    assert Movie(path).read(1).shape == (HEIGHT, WIDTH, 3)
+    assert read_comment(path).startswith("Zo")

@@ -168,6 +168,13 @@ def test_a_truncated_file_is_named(tmp_path, legacy, share):
         pifuhd.load(path)
 
 
+def test_weights_that_are_not_finite_are_refused(tmp_path):
+    parameters = narrow()
+    parameters["netG.netF.model.1.bias"][0] = float("nan")
+    with pytest.raises(ValueError, match=r"nan.pt is damaged: model.1.bias holds NaN or infinite values"):
+        pifuhd.load(save(tmp_path / "nan.pt", parameters))
+
+
 def test_other_files_are_named(tmp_path):
     (tmp_path / "text.pt").write_text("not found")
     with pytest.raises(ValueError, match=r"text.pt is no PyTorch checkpoint"):

@@ -12,7 +12,7 @@ from typing import Any
 
 import av
 import numpy as np
-from av.container import OutputContainer
+from av.container import InputContainer, OutputContainer
 from av.video.reformatter import ColorPrimaries, ColorRange, Colorspace, ColorTrc, Interpolation
 from av.video.stream import VideoStream
 from numpy.typing import ArrayLike
@@ -81,7 +81,7 @@ class Movie:
         if not self.path.exists():
             raise FileNotFoundError(f"{path}: no such file")
         try:
-            with av.open(str(path)) as container:
+            with _opened(path) as container:
                 stream = container.streams.video[0]
                 self.rate = stream.average_rate
                 shown = {packet.pts for packet in container.demux(stream) if not packet.is_discard}
@@ -133,7 +133,7 @@ class Movie:
         An AVI has no times of presentation. Where its frames are not stored in the order they are shown, as
         B-frames are not, they are counted as they are decoded, which ends at the first that is damaged.
         """
-        with av.open(str(self.path), options={"err_detect": "explode"}) as container:
+        with _opened(self.path, err_detect="explode") as container:
             stream = container.streams.video[0]
             stream.thread_type = "AUTO"
             counted = container.format.name == "avi" and stream.codec_context.has_b_frames
@@ -210,10 +210,15 @@ def write_movie(
 def read_comment(path: AnyPath) -> str | None:
     """The comment that a movie carries; None where there is none, or no movie."""
     try:
-        with av.open(str(path)) as file:
+        with _opened(path) as file:
             return file.metadata.get("comment")
     except (OSError, av.error.FFmpegError):
         return None
+
+
+def _opened(path: AnyPath, **options: str) -> InputContainer:
+    """A movie to read. Its tags, which nobody needs, may be in any encoding, as those of an old AVI are."""
+    return av.open(str(path), options=options, metadata_errors="replace")
 
 
 def check_writable(path: AnyPath) -> Path:

@@ -60,6 +60,13 @@ def read(
         raise ValueError(f"weights: {path} is damaged: a scale has no tensor of its size") from error
 
 
+def check_finite(what: str, network: nn.Module) -> None:
+    """ValueError, which begins with `what`, for parameters that are NaN or infinite."""
+    for key, value in network.state_dict().items():
+        if not torch.isfinite(value).all():
+            raise ValueError(f"{what} is damaged: {key} holds NaN or infinite values")
+
+
 @functools.lru_cache(maxsize=8)
 def _load(path: Path, checksum: str | None, kinds: tuple, device: torch.device) -> Any:
     state, metadata = read(path, checksum)
@@ -77,6 +84,7 @@ def _load(path: Path, checksum: str | None, kinds: tuple, device: torch.device) 
     except Exception as error:  # a network that is made with odd values fails in many ways
         reason = textwrap.shorten(str(error), 300)
         raise ValueError(f"weights: {path} does not fit this version's network: {reason}") from error
+    check_finite(f"weights: {path}", network)
     identity = metadata.get("shrunk_from") or checksum or sha256(path)
     network.origin = Origin(path.stem, identity, recipe)
     return network.eval().requires_grad_(False).to(device, memory_format=torch.channels_last)

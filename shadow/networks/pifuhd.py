@@ -125,6 +125,7 @@ def _load(path: Path, device: torch.device) -> FrontNormals:
     except RuntimeError as error:
         reason = " ".join(str(error).split())
         raise ValueError(f"normals: {path} holds another generator than PIFuHD's: {reason}") from error
+    checkpoints.check_finite(f"normals: {path}", network)
     network.origin = checkpoints.Origin(path.stem, checkpoints.sha256(path), {})
     return network.eval().requires_grad_(False).to(device)
 
