@@ -29,7 +29,13 @@ SMOOTH = 5  # canvas pixels, the side of the square over which differences are a
 
 
 def steadied(canvas: Canvas, around: Iterable[Canvas], alike: float = ALIKE) -> Canvas:
-    """A frame's canvas, averaged with those of the frames `around` it as far as they are `alike`."""
+    """A frame's canvas, averaged with those of the frames `around` it as far as they are `alike`.
+
+    Raises ValueError where some frames' albedo was given and that of others was found.
+    """
+    around = list(around)
+    if any((other.light is None) is not (canvas.light is None) for other in around):
+        raise ValueError("around: expected an albedo given for all of the frames, or for none")
     probed = canvas.shading(PROBES)
     seen: list[tuple[Canvas, torch.Tensor | None, torch.Tensor]] = [
         (canvas, None, torch.ones(1, *canvas.known.shape))

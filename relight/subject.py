@@ -139,7 +139,7 @@ class Subject:
 
         `around` are the subjects of a few frames before and after, as they were made. Where these agree, the
         maps become their mean; where something moves, as a shadow does, each frame keeps its own. See
-        `relight.steadying`.
+        `relight.steadying`. ValueError where the albedo was given to some of the subjects and not to others.
         """
         steady = copy.copy(self)
         for name in ("albedo", "normals", "depth", "_texture"):

@@ -113,3 +113,13 @@ def test_a_steadied_subject_is_linear_and_steadier():
     assert after < 0.7 * before
     assert not np.array_equal(steady.albedo, frames[1].albedo)
     np.testing.assert_array_equal(frames[1].steadied([]).relit(key), frames[1].relit(key))
+
+
+def test_frames_whose_albedo_is_given_are_steadied_by_such_alone(person):
+    rgb, mask = person
+    given = relight.Subject(rgb, mask, albedo=np.full_like(rgb, 0.5))
+    found = relight.Subject(rgb, mask)
+    for frame, other in ((given, found), (found, given)):
+        with pytest.raises(ValueError, match="around: expected an albedo given for all of the frames"):
+            frame.steadied([other])
+    np.testing.assert_allclose(given.steadied([given]).albedo, given.albedo, atol=1e-5)
