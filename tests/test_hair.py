@@ -70,7 +70,8 @@ def test_straps_of_a_pack_go_from_the_pack_to_the_pack(person):
     wardrobe = Wardrobe(person, np.random.default_rng(0))
     props.backpack(wardrobe, np.random.default_rng(0), GREY)
     pack, *straps = wardrobe.parts
-    assert wardrobe.packed and len(straps) == 2
+    assert wardrobe.packed
+    assert len(straps) == 2
     for strap in straps:
         path = strap.vertices.reshape(-1, 7, 3).mean(axis=1)
         turns = np.diff(path, axis=0)
