@@ -106,6 +106,9 @@ def grow(
     line_height = skull.eyes[1] + np.interp(skull.around(points), AROUND, HAIRLINE)
     line_height = line_height + recede * (skull.around(points) < 60) + 0.0015 * fold_noise(points, rng, 0.03)
     above = points[:, 1] - line_height
+    # No hair grows on the throat, under the skull.
+    nape = np.maximum(-skull.direction[:, 2] - 0.35, skull.direction[:, 1] + 0.55)
+    above = np.minimum(above, 0.08 * nape)
     full = np.clip(above / (0.03 if style not in ("afro", "curls") else 0.018), 0, 1)
     full = full * (2 - full)
     up = np.clip(skull.direction[:, 1], 0, 1)

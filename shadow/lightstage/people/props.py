@@ -130,8 +130,8 @@ def backpack(wardrobe: Wardrobe, rng: np.random.Generator, cloth: Fabric) -> Non
         around = np.linspace(0, 0.8 * np.pi, 32)[1:]
         share = (around / around[-1])[:, None]
         middle = np.array([0.0, head("spine01")[1] - 0.05, head("spine01")[2]])
-        sunk = np.array([[side * 0.095, 0, 0]]) * (1 - share) - [[0, 0.24, 0]] * share
-        axis = middle + np.concatenate([np.tile([[side * 0.095, 0, 0]], (32, 1)), sunk])
+        sunk = np.array([[side * 0.125, 0, 0]]) * (1 - share) - [[0, 0.24, 0]] * share
+        axis = middle + np.concatenate([np.tile([[side * 0.125, 0, 0]], (32, 1)), sunk])
         spoke = [
             np.stack([0 * over, np.cos(over), np.sin(over)], axis=1),
             np.stack([side * np.sin(around), 0 * around, np.cos(around)], axis=1),
