@@ -196,16 +196,22 @@ def small_canvas() -> mock._patch:
     return mock.patch.object(analysis.load(device=torch.device("cpu")), "size", SMALL_CANVAS)
 
 
-def damaged_analysis(random: Random, folder: Path) -> None:
-    """The kept analysis of a person: it is refused, or the person can be relit."""
-    whole = folder / f"kept-{random.choice(['own', 'given'])}.safetensors"
-    if not whole.exists():
+def kept_person(folder: Path, given: bool = False) -> Path:
+    """The kept analysis of a person, their albedo inferred or `given`."""
+    path = folder / f"kept-{given}.safetensors"
+    if not path.exists():
         rng = np.random.default_rng(1)
         mask = np.zeros((24, 20), np.float32)
         mask[4:22, 6:14] = rng.uniform(0.6, 1, (18, 8))
         image = rng.uniform(0, 1, (24, 20, 3)).astype(np.float32)
         with small_canvas():
-            relight.Subject(image, mask, albedo=image if "given" in whole.stem else None).save(whole)
+            relight.Subject(image, mask, albedo=image if given else None).save(path)
+    return path
+
+
+def damaged_analysis(random: Random, folder: Path) -> None:
+    """The kept analysis of a person: it is refused, or the person can be relit."""
+    whole = kept_person(folder, random.choice([True, False]))
     path = folder / "damaged.safetensors"
     path.write_bytes(_damaged_tensors(random, whole.read_bytes()))
     lights = [relight.DirectionalLight(azimuth=40), relight.PointLight((0, 0.5, 2))]

@@ -24,6 +24,7 @@ from damage import (
     damaged_mask,
     damaged_movie,
     damaged_weights,
+    kept_person,
     small_canvas,
 )
 from invariants import (
@@ -38,6 +39,7 @@ from invariants import (
 
 import relight
 from relight.lights.light import by_name
+from relight.lights.moving import MovingLight, parse
 
 REFUSED, ANSWERED = "refused", "answered"
 
@@ -83,6 +85,38 @@ def _check_light(light: Any) -> None:
         np.allclose(np.linalg.norm(directions, axis=1), 1, atol=1e-4), "directions of other lengths than 1"
     )
     require(not np.isnan(powers).any() and powers.min() >= 0, "NaN or negative light")
+
+
+def lamp_text(random: Random, folder: Path) -> None:
+    """A light of any kind as the command line takes it, most of them in the room, on a person who is kept."""
+    kinds = {"radius": ["position"], "height": ["position", "toward", "width"], "angle": [], "orbit": []}
+    last = random.choice([*kinds])
+    keys = [*kinds[last], last, *random.sample(["intensity", "colour", "exposure", "temperature"], 1)]
+    settings = []
+    for key in keys:
+        count = 3 if key in ("position", "toward", "colour") else 1
+        settings.append(f"{key}={'/'.join(_lamp_value(random, key) for _ in range(count))}")
+    text = random.choice(["", "lamp:"]) + ",".join(settings)
+    light = parse(hostile.edited(random, text) if random.random() < 0.1 else text)
+    if isinstance(light, MovingLight):
+        light = light.at(random.choice([1, 2, 50]))
+    subject, sun = relight.Subject.load(kept_person(folder)), relight.DirectionalLight(azimuth=40)
+    picture = subject.relit(light)
+    require_finite("relit", picture)
+    require(picture[..., :3].min() >= 0, "negative light")
+    require_same(
+        "sum of two lights", subject.relit([light, sun])[..., :3], (picture + subject.relit(sun))[..., :3]
+    )
+
+
+def _lamp_value(random: Random, key: str) -> str:
+    if random.random() < 0.1:
+        return str(random.choice(hostile.NUMBERS))
+    if key in ("position", "toward"):
+        return str(random.choice([0, round(random.uniform(-1, 1), 2), random.uniform(-4, 4)]))
+    if key in ("radius", "width", "height"):
+        return str(random.choice([0, 1e-4, 0.1, random.uniform(0, 3)]))
+    return hostile.text_value(random, key)
 
 
 def lights_file(random: Random, folder: Path) -> None:
@@ -177,6 +211,7 @@ def _scaled(light: relight.DirectionalLight, factor: float) -> relight.Direction
 
 KINDS: dict[str, Callable[[Random, Path], None]] = {
     "light text": light_text,
+    "lamp text": lamp_text,
     "lights file": lights_file,
     "damaged image": damaged_image,
     "damaged mask": damaged_mask,

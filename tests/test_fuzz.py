@@ -10,6 +10,7 @@ from hypothesis import strategies as st
 
 EXAMPLES = {
     "light text": 150,
+    "lamp text": 40,
     "lights file": 100,
     "damaged image": 150,
     "damaged mask": 100,

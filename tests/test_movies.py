@@ -268,3 +268,13 @@ def test_tags_need_not_be_utf8(tmp_path, suffix):
     path.write_bytes(content.replace("Zoë, Köln".encode(), b"Zo\xeb, K\xf6ln  "))
     assert Movie(path).read(1).shape == (HEIGHT, WIDTH, 3)
     assert read_comment(path).startswith("Zo")
+
+
+def test_an_unknown_codec_is_named(tmp_path):
+    path = tmp_path / "a.mov"
+    write_movie(path, [tiles()])
+    content = path.read_bytes()
+    assert content.count(b"apch") == 1
+    path.write_bytes(content.replace(b"apch", b"zzzz"))
+    with pytest.raises(ValueError, match=r"a\.mov: is in a codec that FFmpeg does not decode"):
+        Movie(path).read(1)

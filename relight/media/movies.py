@@ -83,6 +83,8 @@ class Movie:
         try:
             with _opened(path) as container:
                 stream = container.streams.video[0]
+                if stream.codec_context is None:
+                    raise ValueError(f"{path}: is in a codec that FFmpeg does not decode")
                 self.rate = stream.average_rate
                 shown = {packet.pts for packet in container.demux(stream) if not packet.is_discard}
         except (av.error.FFmpegError, IndexError) as error:
