@@ -1,11 +1,15 @@
+import errno
 import gc
+import os
 import tracemalloc
 import warnings
 
 import numpy as np
+import OpenImageIO as oiio
 import pytest
 import torch
 from killing import differences
+from test_writers import half, without_layers
 
 import relight
 from relight import people, video
@@ -429,6 +433,79 @@ def test_a_finished_movie_that_is_asked_to_be_another_is_made_anew(stub, plates,
     assert len(movie.numbers) == len(range(*(arguments | other)["frames"])) + 1
     assert movie.rate == (arguments | other)["rate"]
     assert not (tmp_path / "r.mov.frames").exists()
+
+
+def test_frames_that_another_program_changed_are_made_anew(stub, plates, tmp_path):
+    """Their size, or layers; or they are cut short. All still say what made them."""
+    video.render_video(plates, STILL, tmp_path / "r.%04d.exr")
+    first, second, third = (tmp_path / f"r.{number:04d}.exr" for number in (101, 102, 103))
+    half(oiio.ImageBuf(str(first))).write(str(first))
+    without_layers(oiio.ImageBuf(str(second))).write(str(second))
+    third.write_bytes(third.read_bytes()[:-100])
+    kept = [(tmp_path / f"r.{number:04d}.exr").stat().st_ino for number in (104, 105)]
+    with pytest.warns(UserWarning, match="resume: 3 of 5 frames"):
+        assert video.render_video(plates, STILL, tmp_path / "r.%04d.exr", resume=True) == {}
+    assert kept == [(tmp_path / f"r.{number:04d}.exr").stat().st_ino for number in (104, 105)]
+    for path in (first, second, third):
+        assert relight.read(path).shape == (HEIGHT, WIDTH, 4)
+        assert set(relight.read_layers(path)) == {"C_key"}
+
+
+def test_frames_of_another_precision_or_other_threads_are_made_anew(stub, plates, tmp_path):
+    path = tmp_path / "r.%04d.exr"
+    video.render_video(plates, STILL, path, precision="float32", threads=1)
+    for precision, threads in (("bfloat16", 1), ("bfloat16", 2)):
+        with pytest.warns(UserWarning, match="resume: 5 of 5 frames"):
+            video.render_video(plates, STILL, path, precision=precision, threads=threads, resume=True)
+
+
+def test_a_full_disk_keeps_what_is_finished(stub, plates, tmp_path, monkeypatch):
+    flush = os.fsync
+
+    def full(descriptor):
+        if len(list(tmp_path.glob("r.*.exr"))) >= 3:
+            raise OSError(errno.ENOSPC, os.strerror(errno.ENOSPC))
+        flush(descriptor)
+
+    monkeypatch.setattr(os, "fsync", full)
+    problems = video.render_video(plates, STILL, tmp_path / "r.%04d.exr")
+    assert list(problems) == [104, 105]
+    assert "No space left on device" in problems[104]
+    there = {path: path.stat().st_ino for path in tmp_path.glob("r.*")}
+    assert len(there) == 3
+    monkeypatch.undo()
+    monkeypatch.setattr(people, "Subject", Stub)
+    assert video.render_video(plates, STILL, tmp_path / "r.%04d.exr", resume=True) == {}
+    assert all(path.stat().st_ino == inode for path, inode in there.items())
+    assert len(list(tmp_path.glob("r.*.exr"))) == 5
+
+
+def test_two_runs_that_write_one_movie_do_not_mix(stub, plates, tmp_path):
+    """Here the second is over when the first begins to encode."""
+    other = relight.DirectionalLight(intensity=1, name="key")
+
+    def meanwhile(done, total, what):
+        if done == total:
+            video.render_video(plates, other, tmp_path / "r.mov", white=1)
+
+    with pytest.raises(ValueError, match=r"r\.mov: frame 101 is not there as this run made it; does another"):
+        video.render_video(plates, STILL, tmp_path / "r.mov", white=1, progress=meanwhile)
+    np.testing.assert_allclose(Movie(tmp_path / "r.mov").read(5)[5, 8], (0.5, 0.5, 0.5, 1), atol=0.02)
+    assert not (tmp_path / "r.mov.frames").exists()
+
+
+def test_autocropped_frames_are_the_same_picture(stub, plates, tmp_path):
+    for name, autocrop in (("whole", False), ("box", True)):
+        video.render_video(plates, STILL, tmp_path / f"{name}.%04d.exr", autocrop=autocrop)
+    for number in range(101, 106):
+        paths = [tmp_path / f"{name}.{number:04d}.exr" for name in ("whole", "box")]
+        np.testing.assert_array_equal(*map(relight.read, paths))
+        np.testing.assert_array_equal(*(relight.read_layers(path)["C_key"] for path in paths))
+        spec = oiio.ImageInput.open(str(paths[1])).spec()
+        assert (spec.x, spec.y, spec.width, spec.height) == (number - 99, 2, 4, 8)
+    stub.made.clear()
+    assert video.render_video(plates, STILL, tmp_path / "box.%04d.exr", resume=True) == {}
+    assert stub.made == []
 
 
 def test_an_environment_counts_by_its_pixels(stub, plates, tmp_path):
