@@ -4,7 +4,8 @@ processor time, imports apart; the ratios are of one run, so that they hold on a
 python benchmarks/shot.py [frames...]          20 and 200 unless given
 
 The bundled person drifts across 1920 x 1080, photographed with noise, and is relit by a key light and a rim.
-Last, what a close-up takes on the disk, where a person covers four fifths of the frame.
+Memory is what a process holds after a tenth frame and after the last one, to tell whether it grows with the
+shot. Last, what a close-up takes on the disk, where a person covers four fifths of the frame.
 """
 
 import resource
@@ -60,30 +61,43 @@ def pixels(source, frames, **settings):
 
 
 def timed(function, *arguments, **settings):
+    """Processor seconds, and MiB that the process holds after each frame."""
+    held = []
+
+    def progress(done, total, what):
+        pages = int(Path("/proc/self/statm").read_text().split()[1])
+        held.append(pages * resource.getpagesize() / 2**20)
+
     start = time.process_time()
-    assert function(*arguments, **settings) == {}
-    return time.process_time() - start
+    assert function(*arguments, progress=progress, **settings) == {}
+    return time.process_time() - start, held
 
 
 def measure(folder, frames):
     write_plates(folder, frames)
     plates, shot = folder / "plate.%04d.exr", folder / "shot.relight"
     mask = folder / "matte.%04d.png"
-    analysis = timed(relight.analyse_shot, plates, shot, mask=mask) / frames
+    analysis, analysing = timed(relight.analyse_shot, plates, shot, mask=mask)
     sizes = [path.stat().st_size for path in shot.iterdir()]
     count = min(frames, 20)  # of pictures in memory
     (direct, made), (kept, found) = pixels(plates, count, mask=mask), pixels(shot, count)
     inside = made[..., 3] > 0
     error = np.sqrt(((found - made)[inside][:, :3] ** 2).mean())
-    before = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss
-    from_shot = timed(relight.render_video, shot, LIGHTS, folder / "kept.%04d.exr") / frames
-    grown = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss - before
-    from_plates = timed(relight.render_video, plates, LIGHTS, folder / "made.%04d.exr", mask=mask) / frames
+    relit = folder / "relit.%04d.exr"
+    from_shot, relighting = timed(relight.render_video, shot, LIGHTS, relit)
+    cropped, _ = timed(relight.render_video, shot, LIGHTS, relit, autocrop=True)
+    from_plates, _ = timed(relight.render_video, plates, LIGHTS, relit, mask=mask)
     print(f"| {frames} frames | from the plates | from the analysis | ratio |\n|---|---|---|---|")
     print(f"| to relit pixels | {direct:.2f} s | {kept:.3f} s | {direct / kept:.1f} |")
-    print(f"| to .exr files | {from_plates:.2f} s | {from_shot:.3f} s | {from_plates / from_shot:.1f} |")
-    print(f"analysis {analysis:.2f} s a frame; {max(sizes) / 1e6:.2f} MB at most; relit RMS {error:.5f};")
-    print(f"memory grew by {grown / 1024:.0f} MiB over {frames} frames relit\n", flush=True)
+    print(
+        f"| to .exr files | {from_plates / frames:.2f} s | {from_shot / frames:.3f} s "
+        f"| {from_plates / from_shot:.1f} |"
+    )
+    print(f"to .exr files, autocropped, from the analysis {cropped / frames:.3f} s; the analysis itself")
+    print(f"{analysis / frames:.2f} s a frame, {max(sizes) / 1e6:.2f} MB at most; relit RMS {error:.5f}")
+    for name, held in (("analysing", analysing), ("relighting", relighting)):
+        print(f"memory, {name}: {held[9]:.0f} MiB after 10 frames, {held[-1]:.0f} MiB after {frames}")
+    print(flush=True)
 
 
 def measure_close_up(folder):

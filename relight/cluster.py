@@ -201,7 +201,7 @@ def _make(
     address = get_worker().address
     try:
         if (here := (__version__, *weights())) != made_with:
-            differs = "version of relight" if here[0] != __version__ else "weights"
+            differs = "version of relight" if here[0] != made_with[0] else "weights"
             raise ValueError(f"has another {differs}, expected {made_with}, got {here}")
         return address, render_video(*arguments, frames=frames, part=FRAMES, resume=resume, **settings)
     except (ImportError, MemoryError, OSError, TypeError, ValueError) as error:

@@ -191,11 +191,11 @@ def _restored(about: dict[str, Any], arrays: dict[str, np.ndarray]) -> Kept:
     tensors = {name: torch.from_numpy(array) for name, array in arrays.items()}
     exposure = float(about["exposure"])
     rows, columns = about["box"]
-    inside = np.unpackbits(arrays["inside"], count=rows * columns).astype(bool)
+    inside = torch.from_numpy(np.flatnonzero(np.unpackbits(arrays["inside"], count=rows * columns)))
     alpha, matte = torch.zeros(2, rows * columns)
-    alpha[torch.from_numpy(inside)] = tensors["coverage"].float()
+    alpha[inside] = tensors["coverage"].float()
     if "matte" in tensors:
-        matte[torch.from_numpy(inside)] = tensors["matte"].float()
+        matte[inside] = tensors["matte"].float()
     else:
         matte = alpha
     size, (top, left) = tuple(about["size"]), about["corner"]

@@ -125,13 +125,13 @@ def open_outputs(
     resume: bool,
     part: str,
     display: dict,
-    depth: str,
+    exr: dict,
     rate: float | Fraction,
     names: list[str],
 ) -> list["FileSink | MovieSink | ScriptSink"]:
     """Where the frames of outputs go, scripts last. `names` are the layers that a script mixes; `display`
-    what `relight.write` and `write_movie` take; `depth` that of .exr files. Raises ValueError for what holds
-    no frames or no alpha."""
+    what `relight.write` and `write_movie` take; `exr` what the former takes for .exr. Raises ValueError for
+    what holds no frames or no alpha."""
     outputs = list(outputs)
     check_display(display)
     scripts = [path for path in outputs if path.suffix.lower() == ".nk"]
@@ -146,15 +146,15 @@ def open_outputs(
             expected = "a movie, or a frame number in the name, such as relit.%04d.exr"
             raise ValueError(f"{path}: expected {expected}")
         else:
-            sinks.append(FileSink(sequence, resume or part == END, display, depth))
+            sinks.append(FileSink(sequence, resume or part == END, display, exr))
     return sinks + [ScriptSink(path, sinks, names, rate) for path in scripts]
 
 
 class FileSink:
     """A file a frame."""
 
-    def __init__(self, sequence: Sequence, resume: bool, display: dict, depth: str) -> None:
-        self.sequence, self.resume, self.display, self.depth = sequence, resume, display, depth
+    def __init__(self, sequence: Sequence, resume: bool, display: dict, exr: dict) -> None:
+        self.sequence, self.resume, self.display, self.exr = sequence, resume, display, exr
         self.path = sequence
 
     def begin(self, made: Made) -> None:
@@ -176,13 +176,15 @@ class FileSink:
         self, number: int, picture: np.ndarray, layers: Layers, made: str, metadata: images.Metadata
     ) -> None:
         carried = {NAME: self._identity(made), **metadata}
-        write_picture(self.sequence.path(number), picture, layers, self.display, self.depth, carried)
+        write_picture(self.sequence.path(number), picture, layers, self.display, self.exr, carried)
 
     def finish(self, numbers: Frames, made: Made, problems: dict, report: Report) -> None:
         """Nothing is left to do."""
 
     def _identity(self, made: str) -> str:
-        return identity(made, self.depth if self.sequence.after.lower().endswith(".exr") else self.display)
+        if self.sequence.after.lower().endswith(".exr"):
+            return identity(made, self.exr["depth"])  # cropped or not it is the same picture
+        return identity(made, self.display)
 
 
 class ScriptSink:
@@ -243,10 +245,16 @@ class MovieSink:
     ) -> None:
         self.frames.folder.mkdir(exist_ok=True)
         shown = picture.clip(-images.HALF_MAX, images.HALF_MAX)
-        images.write(self.frames.path(number), shown, metadata={NAME: identity(made)})
+        images.write(self.frames.path(number), shown, autocrop=True, metadata={NAME: identity(made)})
 
     def finish(self, numbers: Frames, made: Made, problems: dict, report: Report) -> None:
         if not self.whole:
+            others = [n for n in numbers if n not in problems and not self.has(n, made[n])]
+            if others:
+                raise ValueError(
+                    f"{self.path}: frame {others[0]} is not there as this run made it; "
+                    "does another run write the same movie?"
+                )
             held, comment = self._held(numbers, report), None if problems else self._identity(made)
             movies.write_movie(self.path, held, rate=self.rate, comment=comment, **self.display)
             if not problems:
@@ -282,11 +290,11 @@ def write_picture(
     picture: np.ndarray,
     layers: Layers,
     display: dict,
-    depth: str,
+    exr: dict,
     metadata: images.Metadata | None = None,
 ) -> None:
-    """A picture in a file; an .exr, of that depth, holds its layers too."""
+    """A picture in a file; an .exr holds its layers too."""
     if path.suffix.lower() == ".exr":
-        images.write(path, picture, layers=layers, depth=depth, metadata=metadata)
+        images.write(path, picture, layers=layers, metadata=metadata, **exr)
     else:
         images.write(path, picture, metadata=metadata, **display)

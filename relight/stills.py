@@ -39,6 +39,7 @@ def render_still(
     height: float | None = None,
     passes: Iterable[str] = (),
     exr_type: str = "half",
+    autocrop: bool = False,
     floor: Floor | None = None,
     view: str | None = None,
     exposure: float = 0.0,
@@ -57,7 +58,8 @@ def render_still(
     outputs: a path or several: files that `relight.write` writes, of which an .exr holds light groups and
         passes as layers; and with an .exr, a Nuke script, .nk, that rebuilds the mix.
     passes: further layers of an .exr, of relight.rendering.PASSES.
-    exr_type: "half" or "float", what an .exr holds.
+    exr_type: "half" or "float", what an .exr holds. autocrop: whether it stores the person's box alone; as
+        of `relight.write`.
     floor: relight.Floor that the person stands on: their shadow falls on the background.
     view, exposure: how light becomes what a display shows, see `relight.media.colour.encode`.
     save_matte: also write the matte alone, grey: PNG, TIFF or OpenEXR.
@@ -119,10 +121,10 @@ def render_still(
     )
     if lights_path is not None:
         matching.write_lights(lights_path, lights)
-    metadata = described(subject, passes)
+    exr, metadata = {"depth": exr_type, "autocrop": autocrop}, described(subject, passes)
     for path in (pictures := [path for path in paths if path.suffix.lower() != ".nk"]):
         report(f"Writing {path}")
-        write_picture(path, picture, layers, display, exr_type, metadata)
+        write_picture(path, picture, layers, display, exr, metadata)
     mattes = [] if matte_path is None else [matte_path]
     for path in mattes:
         images.write_mask(path, person.plate[..., 3] if person.matte is None else person.matte)

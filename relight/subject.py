@@ -343,6 +343,6 @@ def weights() -> tuple[str, str]:
 
 def _representable(colour: torch.Tensor) -> torch.Tensor:
     """The colour as it is; ValueError if any of it is beyond float32."""
-    if not torch.isfinite(colour).all():
+    if not torch.isfinite(torch.stack(colour.aminmax())).all():  # which pass NaN on
         raise ValueError("lights: are too bright, the picture would be infinite; expected less intensity")
     return colour

@@ -51,6 +51,7 @@ def render_video(
     height: float | None = None,
     passes: Iterable[str] = (),
     exr_type: str = "half",
+    autocrop: bool = False,
     floor: Floor | None = None,
     steady: bool = True,
     rate: float | None = None,
@@ -82,7 +83,8 @@ def render_video(
         `relight.media.sequences.Frames`. Unless given, those of the source; of a still, those of the mask or
         the background, or from the first keyframe of the lights to the last.
     passes: further layers of an .exr, of relight.rendering.PASSES.
-    exr_type: "half" or "float", what .exr files hold.
+    exr_type: "half" or "float", what .exr files hold. autocrop: whether they store the person's box alone;
+        as of `relight.write`.
     floor: relight.Floor that the person stands on: their shadow falls on the background. The floor stands
         still, and the person's lowest point is on it in every frame.
     steady: average what the networks find of a moving person over 5 frames, where it is alike.
@@ -154,7 +156,7 @@ def render_video(
     mattes = _mattes(matte_path)
     sinks: list[Any] = open_outputs(
         paths, transparent=not prepared.has_background, resume=resume, part=part, display=display,
-        depth=exr_type, rate=rate or prepared.rate or RATE, names=names,
+        exr={"depth": exr_type, "autocrop": autocrop}, rate=rate or prepared.rate or RATE, names=names,
     )  # fmt: skip
     if lights_path is not None:
         size = prepared.size(start) if matching.plate else (1, 1)

@@ -11,6 +11,8 @@ import torch
 from test_images import AP1, PREMULTIPLIED, STRAIGHT, store
 
 import relight
+from relight.media.identity import NAME
+from relight.media.images import read_identity
 
 
 def test_layers_come_back_under_their_names(tmp_path):
@@ -65,6 +67,39 @@ def test_light_that_half_floats_lose_is_warned_of(tmp_path):
         relight.write(tmp_path / "h.exr", PREMULTIPLIED, layers=bright)
         relight.write(tmp_path / "h.exr", 0 * PREMULTIPLIED)
     np.testing.assert_allclose(relight.read_layers(tmp_path / "f.exr")["C_dim"], dim["C_dim"], rtol=1e-6)
+
+
+@pytest.mark.parametrize("depth", ["half", "float"])
+def test_autocrop_stores_the_box_and_reads_back_whole(tmp_path, depth):
+    picture, layer, z = np.zeros((90, 70, 4)), np.zeros((90, 70, 3)), np.zeros((90, 70))
+    picture[40:60, 30:50] = PREMULTIPLIED[:20, :20]
+    layer[20:25, 10:12] = -0.25
+    z[75, 60] = 2
+    for name, autocrop in (("whole", False), ("box", True)):
+        relight.write(
+            tmp_path / f"{name}.exr",
+            picture.astype(np.float32),
+            layers={"N": layer, "Z": z},
+            depth=depth,
+            autocrop=autocrop,
+            metadata={NAME: "a" * 32},
+        )
+        assert read_identity(tmp_path / f"{name}.exr") == "a" * 32
+    spec = oiio.ImageInput.open(str(tmp_path / "box.exr")).spec()
+    assert (spec.x, spec.y, spec.width, spec.height) == (10, 20, 51, 56)
+    assert (spec.full_x, spec.full_y, spec.full_width, spec.full_height) == (0, 0, 70, 90)
+    whole, box = (relight.read_layers(tmp_path / f"{name}.exr") for name in ("whole", "box"))
+    assert whole.keys() == box.keys() == {"N", "Z"}
+    for name in whole:
+        np.testing.assert_array_equal(whole[name], box[name])
+    np.testing.assert_array_equal(*(relight.read(tmp_path / f"{name}.exr") for name in ("whole", "box")))
+
+
+def test_autocrop_of_nothing_and_elsewhere(tmp_path):
+    relight.write(tmp_path / "n.exr", np.zeros((9, 7, 4), np.float32), autocrop=True)
+    np.testing.assert_array_equal(relight.read(tmp_path / "n.exr"), np.zeros((9, 7, 4)))
+    with pytest.raises(ValueError, match=r"n\.png: autocrop needs a \.exr file"):
+        relight.write(tmp_path / "n.png", PREMULTIPLIED, autocrop=True)
 
 
 def test_chroma_at_half_the_size_is_refused_in_one_line(tmp_path):

@@ -98,10 +98,12 @@ ENCODE = """
 import hashlib, os, sys
 from pathlib import Path
 import numpy as np
+import torch
 from scipy.ndimage import gaussian_filter
 from relight.media.movies import write_movie
 if sys.argv[1] == "one core" and hasattr(os, "sched_setaffinity"):
     os.sched_setaffinity(0, {min(os.sched_getaffinity(0))})
+torch.set_num_threads(1 if sys.argv[1] == "one core" else 3)
 noise = gaussian_filter(np.random.default_rng(0).random((270, 480, 3), np.float32), (4, 4, 0))
 for name in ("a.mp4", "a.mov"):
     write_movie(name, [np.roll(noise, 3 * number, axis=1) for number in range(12)])
@@ -110,7 +112,7 @@ for name in ("a.mp4", "a.mov"):
 
 
 def test_the_same_frames_give_the_same_file(tmp_path):
-    """On any number of cores, and whatever the memory held before, which glibc fills as it is told."""
+    """On any number of cores and threads, whatever the memory held before, which glibc fills as told."""
     made = set()
     for cores, filling in (("all cores", "0"), ("one core", "170")):
         environment = {

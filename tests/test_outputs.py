@@ -69,7 +69,14 @@ def test_a_refused_run_keeps_the_frames_of_the_one_before():
     kept = held_frames(Path("a.mov"))
     kept.folder.mkdir()
     relight.write(kept.path(1), np.zeros((4, 4, 4), np.float32))
-    run = {"transparent": True, "part": "all", "display": {}, "depth": "half", "rate": 24, "names": []}
+    run = {
+        "transparent": True,
+        "part": "all",
+        "display": {},
+        "exr": {"depth": "half"},
+        "rate": 24,
+        "names": [],
+    }
     with pytest.raises(ValueError, match=r"a\.nk: a Nuke script needs a sequence"):
         open_outputs([Path("a.mov"), Path("a.nk")], resume=False, **run)
     assert kept.numbers() == [1]

@@ -1,10 +1,14 @@
 """Shots that are interrupted, broken or asked for again: what is kept, made anew, and reported."""
 
+import errno
+import os
 import warnings
 
 import numpy as np
+import OpenImageIO as oiio
 import pytest
 from standins import HEIGHT, WIDTH, somebody
+from test_writers import half, without_layers
 
 import relight
 from relight import video
@@ -176,3 +180,47 @@ def test_one_frame_that_cannot_be_made_leaves_the_rest(tmp_path):
     with pytest.warns(UserWarning, match="resume: 3 of 5 frames"):
         assert list(video.render_video(**arguments, exr_type="float", resume=True)) == [2]
     assert relight.read(tmp_path / "r.4.exr").max() > 65504
+
+
+def test_frames_that_another_program_changed_are_made_anew(stub, plates, tmp_path):
+    """Their size, or layers; or they are cut short. All still say what made them."""
+    video.render_video(plates, STILL, tmp_path / "r.%04d.exr")
+    first, second, third = (tmp_path / f"r.{number:04d}.exr" for number in (101, 102, 103))
+    half(oiio.ImageBuf(str(first))).write(str(first))
+    without_layers(oiio.ImageBuf(str(second))).write(str(second))
+    third.write_bytes(third.read_bytes()[:-100])
+    kept = [(tmp_path / f"r.{number:04d}.exr").stat().st_ino for number in (104, 105)]
+    with pytest.warns(UserWarning, match="resume: 3 of 5 frames"):
+        assert video.render_video(plates, STILL, tmp_path / "r.%04d.exr", resume=True) == {}
+    assert kept == [(tmp_path / f"r.{number:04d}.exr").stat().st_ino for number in (104, 105)]
+    for path in (first, second, third):
+        assert relight.read(path).shape == (HEIGHT, WIDTH, 4)
+        assert set(relight.read_layers(path)) == {"C_key"}
+
+
+def test_frames_of_another_precision_or_other_threads_are_made_anew(stub, plates, tmp_path):
+    path = tmp_path / "r.%04d.exr"
+    video.render_video(plates, STILL, path, precision="float32", threads=1)
+    for precision, threads in (("bfloat16", 1), ("bfloat16", 2)):
+        with pytest.warns(UserWarning, match="resume: 5 of 5 frames"):
+            video.render_video(plates, STILL, path, precision=precision, threads=threads, resume=True)
+
+
+def test_a_full_disk_keeps_what_is_finished(stub, plates, tmp_path, monkeypatch):
+    flush = os.fsync
+
+    def full(descriptor):
+        if len(list(tmp_path.glob("r.*.exr"))) >= 3:
+            raise OSError(errno.ENOSPC, os.strerror(errno.ENOSPC))
+        flush(descriptor)
+
+    monkeypatch.setattr(os, "fsync", full)
+    problems = video.render_video(plates, STILL, tmp_path / "r.%04d.exr")
+    assert list(problems) == [104, 105]
+    assert "No space left on device" in problems[104]
+    there = {path: path.stat().st_ino for path in tmp_path.glob("r.*")}
+    assert len(there) == 3
+    monkeypatch.setattr(os, "fsync", flush)
+    assert video.render_video(plates, STILL, tmp_path / "r.%04d.exr", resume=True) == {}
+    assert all(path.stat().st_ino == inode for path, inode in there.items())
+    assert len(list(tmp_path.glob("r.*.exr"))) == 5

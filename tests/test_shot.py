@@ -1,5 +1,6 @@
 """A shot's analysis on the disk: kept, read, resumed, and noticed where it is stale."""
 
+import errno
 import json
 import os
 import shutil
@@ -12,6 +13,7 @@ import numpy as np
 import pytest
 from killing import kill
 from safetensors import safe_open
+from safetensors.numpy import save_file
 from test_keeping import clothed
 
 import relight
@@ -109,6 +111,74 @@ def test_what_is_whole_and_fresh_is_kept(desk, monkeypatch):
     monkeypatch.setattr(people.People, "at", None)  # nothing is left to analyse
     relight.analyse_shot(desk / "plate.%04d.exr", desk / "shot.relight", **mattes(desk))
     assert files(desk) == after
+
+
+class Saved:
+    """Stands in for a Subject of which nothing but its being analysed counts."""
+
+    def __init__(self, *arguments, **settings):
+        pass
+
+    def steadied(self, around):
+        return self
+
+    def save(self, path, made_of):
+        keeping.write_nobody(path, (4, 4), {"weights": list(shot.weights()), **made_of})
+
+
+@pytest.mark.parametrize("other", [{"threads": 2}, {"precision": "float32"}, {"precision": "bfloat16"}])
+def test_an_analysis_of_other_threads_or_precision_is_another(desk, monkeypatch, other):
+    made = keeping.read_about(desk / "shot.relight" / "000101.safetensors")["made_of"]
+    monkeypatch.setattr(people.People, "at", lambda self, number: Saved())
+    settings = mattes(desk) | {"precision": made["precision"]} | other
+    if all(made[name] == value for name, value in other.items()):
+        relight.analyse_shot(desk / "plate.%04d.exr", desk / "shot.relight", **settings)
+        return
+    before = files(desk)
+    with pytest.warns(UserWarning, match="4 of 4 frames were damaged, or made from other plates, with other"):
+        relight.analyse_shot(desk / "plate.%04d.exr", desk / "shot.relight", **settings)
+    assert all(files(desk)[name] != inode for name, inode in before.items())
+
+
+def test_frames_of_another_precision_are_said(desk):
+    path = desk / "shot.relight" / "000102.safetensors"
+    with safe_open(path, "np") as file:
+        about = json.loads(file.metadata()["relight"])
+        tensors = {name: file.get_tensor(name) for name in about["arrays"]}
+    about["made_of"]["precision"] = "float8"
+    save_file(tensors, path, {"relight": json.dumps(about)})
+    with pytest.warns(UserWarning, match=r"000102\.safetensors was analysed in float8, 000101"):
+        assert relit(desk) == {}
+
+
+def test_a_plate_that_is_missing_in_the_middle_is_named_and_the_rest_analysed(desk, monkeypatch):
+    (desk / "plate.0102.exr").unlink()
+    monkeypatch.setattr(people, "Subject", Saved)
+    problems = relight.analyse_shot(desk / "plate.%04d.exr", desk / "parts.relight", **mattes(desk))
+    assert list(problems) == [102]
+    assert "plate.0102.exr: no such file" in problems[102]
+    assert len(list((desk / "parts.relight").iterdir())) == 3
+
+
+def test_a_full_disk_keeps_what_is_analysed(desk, monkeypatch):
+    flush, folder = os.fsync, desk / "full.relight"
+
+    def full(descriptor):
+        if len(list(folder.glob("[!.]*"))) >= 2:
+            raise OSError(errno.ENOSPC, os.strerror(errno.ENOSPC))
+        flush(descriptor)
+
+    monkeypatch.setattr(people.People, "at", lambda self, number: Saved())
+    with monkeypatch.context() as disk:
+        disk.setattr(os, "fsync", full)
+        problems = relight.analyse_shot(desk / "plate.%04d.exr", folder, **mattes(desk))
+    assert list(problems) == [103, 104]
+    assert "No space left on device" in problems[103]
+    there = {path: path.stat().st_ino for path in folder.iterdir()}
+    assert len(there) == 2
+    assert relight.analyse_shot(desk / "plate.%04d.exr", folder, **mattes(desk)) == {}
+    assert all(path.stat().st_ino == inode for path, inode in there.items())
+    assert len(list(folder.iterdir())) == 4
 
 
 def test_a_plate_that_changed_is_named_and_analysed_anew(desk):

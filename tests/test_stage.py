@@ -1,7 +1,10 @@
+import shutil
+
 import numpy as np
 import pytest
 import torch
 import trimesh
+from typer.testing import CliRunner
 
 from shadow import directions
 from shadow.data import photographs, records
@@ -196,20 +199,26 @@ def test_bounce_light_is_recorded_on_request():
 
 
 def test_other_machines_render_the_same_and_resume(mesh_file, tmp_path):
-    """Any pool will do; records are named by what they show, so one run goes on where another stopped."""
+    """Records are named by what they show, so a run that stopped here goes on by the workers of a cluster."""
     distributed = pytest.importorskip("distributed")
-    sources = [stage.Source.scan(mesh_file)]
-    settings = {"views": 2, "size": 48}
-    stage.render_all(sources, tmp_path / "here", processes=1, **settings)
-    with (
-        distributed.LocalCluster(
-            n_workers=1, threads_per_worker=1, processes=False, dashboard_address=None
-        ) as cluster,
-        distributed.Client(cluster) as client,
-        client.get_executor(pure=False) as pool,
-    ):
-        written, _, errors = stage.render_all(sources, tmp_path / "there", pool=pool, **settings)
-        assert (written, errors) == (2, {})
-        assert stage.render_all(sources, tmp_path / "there", pool=pool, **settings)[0] == 0
-    for path in (tmp_path / "here").iterdir():
-        assert path.read_bytes() == (tmp_path / "there" / path.name).read_bytes()
+    from relight.cli import app
+
+    words = ["--scan", str(mesh_file), "--views", "3", "--size", "48"]
+    here, there = tmp_path / "here", tmp_path / "there"
+    assert CliRunner().invoke(app, ["stage", str(here), *words, "--processes", "1"]).exit_code == 0
+    there.mkdir()
+    first = sorted(here.iterdir())[0]
+    shutil.copy2(first, there)
+    kept = (there / first.name).stat().st_ino
+    with distributed.LocalCluster(
+        n_workers=1, threads_per_worker=1, processes=False, protocol="tcp://", dashboard_address=None
+    ) as cluster:
+        dask = ["--dask", cluster.scheduler_address]
+        for written in (2, 0):
+            result = CliRunner().invoke(app, ["stage", str(there), *words, *dask])
+            assert result.exit_code == 0, result.output
+            assert f"{written} records" in result.output
+    assert (there / first.name).stat().st_ino == kept
+    assert {path.name: path.read_bytes() for path in here.iterdir()} == {
+        path.name: path.read_bytes() for path in there.iterdir()
+    }

@@ -2,6 +2,7 @@ import gc
 import tracemalloc
 
 import numpy as np
+import OpenImageIO as oiio
 import pytest
 from killing import differences
 from standins import HEIGHT, WIDTH, brightness, somebody
@@ -229,3 +230,31 @@ def test_bad_arguments_are_named(tmp_path, monkeypatch, arguments, error, messag
     with pytest.raises(error, match=message):
         video.render_video(**arguments)
     assert list(tmp_path.iterdir()) == before
+
+
+def test_two_runs_that_write_one_movie_do_not_mix(stub, plates, tmp_path):
+    """Here the second is over when the first begins to encode."""
+    other = relight.DirectionalLight(intensity=1, name="key")
+
+    def meanwhile(done, total, what):
+        if done == total:
+            video.render_video(plates, other, tmp_path / "r.mov", white=1)
+
+    with pytest.raises(ValueError, match=r"r\.mov: frame 101 is not there as this run made it; does another"):
+        video.render_video(plates, STILL, tmp_path / "r.mov", white=1, progress=meanwhile)
+    np.testing.assert_allclose(Movie(tmp_path / "r.mov").read(5)[5, 8], (0.5, 0.5, 0.5, 1), atol=0.02)
+    assert not (tmp_path / "r.mov.frames").exists()
+
+
+def test_autocropped_frames_are_the_same_picture(stub, plates, tmp_path):
+    for name, autocrop in (("whole", False), ("box", True)):
+        video.render_video(plates, STILL, tmp_path / f"{name}.%04d.exr", autocrop=autocrop)
+    for number in range(101, 106):
+        paths = [tmp_path / f"{name}.{number:04d}.exr" for name in ("whole", "box")]
+        np.testing.assert_array_equal(*map(relight.read, paths))
+        np.testing.assert_array_equal(*(relight.read_layers(path)["C_key"] for path in paths))
+        spec = oiio.ImageInput.open(str(paths[1])).spec()
+        assert (spec.x, spec.y, spec.width, spec.height) == (number - 99, 2, 4, 8)
+    stub.made.clear()
+    assert video.render_video(plates, STILL, tmp_path / "box.%04d.exr", resume=True) == {}
+    assert stub.made == []

@@ -159,6 +159,12 @@ class Look:
     exr_type: Annotated[
         ExrType, typer.Option(help="What an .exr holds: float for lights so dim that half loses some.")
     ] = ExrType.half
+    autocrop: Annotated[
+        bool,
+        typer.Option(
+            help="Store no more of an .exr than the person's box (its data window): a third of the time."
+        ),
+    ] = False
     layers: Annotated[str | None, typer.Option(hidden=True, help="The former name of --passes.")] = None
     floor: Annotated[
         str | None,
@@ -220,6 +226,7 @@ class Look:
             "height": self.height,
             "passes": _words(self.passes) + _words(self.layers),
             "exr_type": self.exr_type.value,
+            "autocrop": self.autocrop,
             "floor": None if self.floor is None else Floor.parse(self.floor),
             "view": self.view,
             "exposure": self.exposure,

@@ -32,7 +32,8 @@ def identity(*parts: Any) -> str:
 
 def contents(spec: Any) -> str:
     """The size and the channels of a picture, of its OpenImageIO ImageSpec."""
-    return f"{spec.width} x {spec.height}: {', '.join(sorted(spec.channelnames))}"
+    size = f"{spec.width} x {spec.height} of {spec.full_width} x {spec.full_height}"
+    return f"{size}: {', '.join(sorted(spec.channelnames))}"
 
 
 def _feed(sha: Any, part: Any) -> None:

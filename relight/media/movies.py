@@ -5,13 +5,16 @@ yuv420p, for looking at; a .mov is ProRes, 4444 with straight alpha or 422 HQ wi
 """
 
 import functools
+from collections import deque
 from collections.abc import Callable, Iterable, Iterator
+from concurrent.futures import ThreadPoolExecutor
 from fractions import Fraction
 from pathlib import Path
 from typing import Any
 
 import av
 import numpy as np
+import torch
 from av.container import InputContainer, OutputContainer
 from av.video.reformatter import ColorPrimaries, ColorRange, Colorspace, ColorTrc, Interpolation
 from av.video.stream import VideoStream
@@ -29,6 +32,7 @@ READ = (*WRITTEN, ".avi", ".m4v", ".mkv", ".mxf", ".webm")
 EXACT = Interpolation.BILINEAR | Interpolation.ACCURATE_RND
 SLOWEST, FASTEST = 0.01, 1000  # frames a second
 HD = 720  # rows from which an undeclared matrix is taken to be BT.709's, as players do; BT.601's below
+AHEAD = 4  # frames that are converted, on as many threads at most, while one is encoded
 WHITE = 4.0  # light that a movie shows as white, the same at all frames: two stops above a white surface
 PRIMARIES: dict[int, str] = {  # H.273 code to linear colour space of colour-science; BT.709 if undeclared
     ColorPrimaries.BT709: "ITU-R BT.709",
@@ -178,7 +182,7 @@ def write_movie(
         1 comes back exact but for the movie's own rounding.
     comment: a text that the file carries; see `read_comment`.
 
-    The same frames give the same file.
+    The same frames give the same file, on any number of torch's threads, which convert them.
 
     Raises
     ------
@@ -194,8 +198,8 @@ def write_movie(
                 if comment is not None:
                     file.metadata["comment"] = comment
                 stream = None
-                for number, frame in enumerate(frames):
-                    codes = _codes(path, frame, view, exposure, white)
+                convert = functools.partial(_codes, path, view=view, exposure=exposure, white=white)
+                for number, codes in enumerate(_ahead(convert, frames)):
                     stream = stream or _stream(file, path, codes.shape, rate)
                     if codes.shape[:2] != (stream.height, stream.width):
                         raise ValueError(f"{path}: frame {number + 1} has another size than the first")
@@ -207,6 +211,22 @@ def write_movie(
                 file.mux(stream.encode())
         except av.error.FFmpegError as error:
             raise OSError(f"{path}: cannot be written: {error}") from error
+
+
+def _ahead(function: Callable[[Any], Any], items: Iterable[Any]) -> Iterator[Any]:
+    """A function of each item, in order; the next few are worked on while one is used."""
+    threads = min(AHEAD, torch.get_num_threads())
+    if threads == 1:
+        yield from map(function, items)
+        return
+    with ThreadPoolExecutor(threads) as pool:
+        coming: deque = deque()
+        for item in items:
+            coming.append(pool.submit(function, item))
+            if len(coming) == AHEAD:
+                yield coming.popleft().result()
+        while coming:
+            yield coming.popleft().result()
 
 
 def read_comment(path: AnyPath) -> str | None:

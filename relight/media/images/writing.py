@@ -52,6 +52,7 @@ def write(
     *,
     layers: Mapping[str, ArrayLike] | None = None,
     depth: str | None = None,
+    autocrop: bool = False,
     metadata: Metadata | None = None,
     view: str | None = None,
     exposure: float = 0.0,
@@ -68,6 +69,8 @@ def write(
         "Z" (H, W) is the depth: the channel Z, float32 in any file.
     depth: "uint8", "uint16", "half" or "float", as the format allows. Unless given: half for .exr, uint8 for
         .png and .jpg, uint16 for .tif, float for .hdr.
+    autocrop: of an .exr, store no more than the box in which anything is not zero: its data window. `read`,
+        and programs that honour the display window, show the whole picture; others the box alone.
     metadata: {name: text, number or tuple of numbers} for the file's header.
     view, exposure, white: how integers show what may be brighter than a display; see
         `relight.media.colour.encode`.
@@ -86,8 +89,8 @@ def write(
     path = Path(path)
     depth = checked_depth(path, depth)
     suffix = path.suffix.lower()
-    if layers and suffix != ".exr":
-        raise ValueError(f"{path}: layers need a .exr file")
+    if (layers or autocrop) and suffix != ".exr":
+        raise ValueError(f"{path}: {'layers need' if layers else 'autocrop needs'} a .exr file")
     pixels = scene_linear("image", image)
     if pixels.shape[-1] == 4 and suffix in (".hdr", ".jpeg", ".jpg"):
         if pixels[..., 3].min() < 1:
@@ -103,12 +106,17 @@ def write(
         prefix = "" if _is_depth(name, stack) else f"{name}."
         names += [prefix + channel for channel in _channels(name, stack)]
     stacks = {"image": pixels, **{f"layers[{name!r}]": stack for name, stack in stacks.items()}}
+    rows, columns = _occupied(list(stacks.values())) if autocrop else map(slice, pixels.shape[:2])
+    stacks = {name: stack[rows, columns] for name, stack in stacks.items()}
     exact = {f"layers[{DEPTH!r}]"} & stacks.keys()
     if depth == "half":
         for name, stack in stacks.items():
             if name not in exact:
                 _check_half(path, name, stack)
-    spec = _header(suffix, new_spec(pixels.shape[:2], depth, names, metadata), depth, names, view, metadata)
+    spec = new_spec(stacks["image"].shape[:2], depth, names, metadata)
+    spec.x, spec.y = columns.start or 0, rows.start or 0
+    spec.full_height, spec.full_width = pixels.shape[:2]
+    spec = _header(suffix, spec, depth, names, view, metadata)
     halved = depth == "half" and not exact
     save(path, _blocks(list(stacks.values()), torch.float16 if halved else torch.float32), spec)
 
@@ -253,6 +261,22 @@ def _check_half(path: Path, name: str, stack: np.ndarray) -> None:
     _check_lost(tensor, name)
 
 
+def _occupied(stacks: Sequence[np.ndarray]) -> tuple[slice, slice]:
+    """Rows and columns outside of which all stacks (H, W, C) are zero; one pixel where all is."""
+    rows, columns = np.zeros(stacks[0].shape[0], bool), np.zeros(stacks[0].shape[1], bool)
+    for stack in stacks:
+        bits = np.ascontiguousarray(stack, np.float32).view(np.uint32).reshape(len(stack), -1)
+        rows |= np.bitwise_or.reduce(bits, axis=1) != 0  # several times as fast as comparing each
+        columns |= np.bitwise_or.reduce(bits, axis=0).reshape(len(columns), -1).any(axis=1)
+    return _span(rows), _span(columns)
+
+
+def _span(occupied: np.ndarray) -> slice:
+    """From the first to the last that is; the first of all where none is."""
+    found = np.flatnonzero(occupied)
+    return slice(int(found[0]), int(found[-1]) + 1) if len(found) else slice(0, 1)
+
+
 def _blocks(stacks: Sequence[np.ndarray], dtype: torch.dtype) -> Iterator[np.ndarray]:
     """The rows of a file, some at a time, with the channels of all stacks (rows, W, C): so that they are held
     only once."""
@@ -275,7 +299,7 @@ def save(path: Path, blocks: Iterable[np.ndarray], spec: oiio.ImageSpec) -> None
         file = oiio.ImageOutput.create(str(path))  # by its suffix
         if file is None:
             raise OSError(f"{path}: cannot be written: {problem(oiio)}")
-        written, row = file.open(str(beside), spec), 0
+        written, row = file.open(str(beside), spec), spec.y
         for block in blocks if written else ():
             written = written and file.write_scanlines(row, row + len(block), 0, block)
             row += len(block)
