@@ -4,6 +4,7 @@ import subprocess
 import sys
 import time
 from pathlib import Path
+from types import SimpleNamespace
 
 import pytest
 from killing import differences
@@ -12,6 +13,8 @@ from test_video import STILL, Stub, person
 import relight
 from relight import people
 from relight.media.movies import Movie
+from relight.media.sequences import Frames
+from relight.subject import weights
 
 dask = pytest.importorskip("dask")
 pytest.importorskip("distributed")  # before its configuration is changed
@@ -117,6 +120,52 @@ def test_a_scheduler_that_goes_away(plates, tmp_path):
     assert cluster.render_distributed(plates, STILL, outputs(tmp_path / "made"), **arguments) == {}
     assert all(path.stat().st_mtime_ns == time for path, time in there.items())
     assert len(list((tmp_path / "made").glob("*.exr"))) == 16
+
+
+@pytest.mark.slow
+def test_a_full_disk_keeps_what_is_finished(plates, tmp_path, monkeypatch):
+    monkeypatch.setenv("WRONG", "full disk")
+    output, settings = tmp_path / "r.%02d.exr", {"workers": 1, "chunk": 4, "steady": False}
+    problems = cluster.render_distributed(plates, STILL, output, frames="1-8", **settings)
+    there = {path: path.stat().st_ino for path in tmp_path.glob("*.exr")}
+    assert list(problems) == [6, 7, 8]
+    assert all("No space left on device" in reason for reason in problems.values())
+    assert sorted(path.name for path in tmp_path.iterdir()) == [
+        "plates",
+        *(f"r.{n:02d}.exr" for n in range(1, 6)),
+    ]
+    monkeypatch.delenv("WRONG")
+    assert cluster.render_distributed(plates, STILL, output, frames="1-8", resume=True, **settings) == {}
+    assert all(path.stat().st_ino == inode for path, inode in there.items())
+    assert len(list(tmp_path.glob("*.exr"))) == 8
+
+
+@pytest.mark.slow
+def test_workers_without_the_weights_or_with_others_leave_frames_to_the_rest(plates, tmp_path):
+    from distributed import Nanny, Scheduler, SpecCluster
+
+    def worker(wrong):
+        return {"cls": Nanny, "options": {"nthreads": 1, "env": {"WRONG": wrong}}}
+
+    scheduler = {"cls": Scheduler, "options": {"dashboard": False, "host": "127.0.0.1"}}
+    kinds = {wrong: worker(wrong) for wrong in ("no weights", "other weights", "")}
+    with SpecCluster(kinds, scheduler, silence_logs="CRITICAL") as several:
+        settings = {"scheduler": several.scheduler_address, "chunk": 2, "steady": False}
+        output = tmp_path / "r.%02d.exr"
+        assert cluster.render_distributed(plates, STILL, output, frames="1-8", **settings) == {}
+    assert len(list(tmp_path.glob("r.*.exr"))) == 8
+
+
+@pytest.mark.parametrize("number", [0, 1])
+def test_a_worker_of_another_version_or_other_weights_names_itself(number, monkeypatch):
+    expected = [relight.__version__, *weights()]
+    expected[number] = "another"
+    monkeypatch.setattr("distributed.get_worker", lambda: SimpleNamespace(address="tcp://w:1"))
+    address, failed = cluster._make((), {}, Frames([3, 4]), False, tuple(expected))
+    assert address == "tcp://w:1"
+    assert list(failed) == [3, 4]
+    kind = ("version of relight", "weights")[number]
+    assert failed[3].startswith(f"tcp://w:1: has another {kind}, expected ('")
 
 
 def test_bad_arguments_are_named(plates, tmp_path, monkeypatch):

@@ -1,12 +1,17 @@
-"""What Dask workers preload in tests: a slow stand-in for the networks, which a bright frame kills."""
+"""What Dask workers preload in tests: a slow stand-in for the networks, which a bright frame kills.
 
+What else is wrong with a worker is said by the environment variable WRONG.
+"""
+
+import errno
 import os
 import signal
 import time
+from pathlib import Path
 
 from test_video import Stub
 
-from relight import people
+from relight import cluster, people
 
 
 class Slow(Stub):
@@ -17,4 +22,24 @@ class Slow(Stub):
         return super().relit(light)
 
 
+def without_weights():
+    raise FileNotFoundError("field.safetensors: no such file")
+
+
+def full(descriptor):
+    """A disk that holds five frames."""
+    folder = Path(os.readlink(f"/proc/self/fd/{descriptor}")).parent
+    if len(list(folder.glob("r.*.exr"))) >= 5:
+        raise OSError(errno.ENOSPC, os.strerror(errno.ENOSPC))
+    full.flush(descriptor)
+
+
+full.flush = getattr(os.fsync, "flush", os.fsync)  # Dask loads this module twice
 people.Subject = Slow
+wrong = os.environ.get("WRONG")
+if wrong == "no weights":
+    cluster.weights = without_weights
+elif wrong == "other weights":
+    cluster.weights = lambda: ("other", "weights")
+elif wrong == "full disk":
+    os.fsync = full

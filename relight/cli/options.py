@@ -162,7 +162,7 @@ class Look:
     autocrop: Annotated[
         bool,
         typer.Option(
-            help="Store no more of an .exr than the person's box (its data window): a third of the time."
+            help="Store no more of an .exr than the person's box, its data window: a quarter of the time."
         ),
     ] = False
     layers: Annotated[str | None, typer.Option(hidden=True, help="The former name of --passes.")] = None
