@@ -33,14 +33,17 @@ def test_no_hair_grows_on_the_throat(person, style):
 
 
 def test_hair_at_the_sides_ends_above_the_shoulders(person):
-    skull, part = grown(person, "long")
-    around = skull.around(part.rest)
-    shoulder = person.transforms[person.base.names.index("upperarm01.L")] @ [
-        *person.skeleton.head("upperarm01.L"),
-        1,
-    ]
-    beside = part.vertices[(around > 75) & (around < 95), 1]
-    assert beside.min() > shoulder[1] - 0.02
+    skull = hair.Skull(person)
+    wardrobe = Wardrobe(person, np.random.default_rng(0))
+    top = skull.posed(skull.eyes[None])[0] - [0, 0.1, 0]  # shoulders drawn up
+    plane = np.stack(np.meshgrid(np.linspace(-0.2, 0.2, 41), [0.0], np.linspace(-0.2, 0.2, 41)), -1)
+    plane = plane.reshape(-1, 3) + top
+    up = np.tile([0.0, 1.0, 0.0], (len(plane), 1))
+    wardrobe.obstacles.append((plane, up, np.zeros((len(plane), 5)), np.zeros(len(plane), bool)))
+    hair.grow(skull, wardrobe, np.random.default_rng(0), "long", GREY)
+    part = wardrobe.parts[0]
+    beside = np.abs(skull.around(part.rest) - 85) < 10
+    assert skull.posed(part.rest[beside])[:, 1].min() > top[1]
 
 
 def test_hair_under_a_hat_is_flat(person):
