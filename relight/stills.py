@@ -121,10 +121,10 @@ def render_still(
     )
     if lights_path is not None:
         matching.write_lights(lights_path, lights)
-    exr, metadata = {"depth": exr_type, "autocrop": autocrop}, described(subject, passes)
+    settings, metadata = {"depth": exr_type, "autocrop": autocrop}, described(subject, passes)
     for path in (pictures := [path for path in paths if path.suffix.lower() != ".nk"]):
         report(f"Writing {path}")
-        write_picture(path, picture, layers, display, exr, metadata)
+        write_picture(path, picture, layers, display, settings, metadata)
     mattes = [] if matte_path is None else [matte_path]
     for path in mattes:
         images.write_mask(path, person.plate[..., 3] if person.matte is None else person.matte)

@@ -250,6 +250,6 @@ def _assemble(parts: list[Part], person: Person, name: str) -> Figure:
 def _frame(joints: np.ndarray) -> tuple[np.ndarray, float]:
     """Two axes (2, 3) across a limb with joints (3, 3), and its mean radius, for garment coordinates."""
     along = joints[2] - joints[0]
-    length = np.linalg.norm(along)
+    length = float(np.linalg.norm(along))
     side = unit(np.cross([0, 0, 1.0], along))
     return np.stack([side, np.cross(along / length, side)]), 0.11 * length

@@ -78,7 +78,10 @@ class Wardrobe:
         self.hide_under(inside - limbs, margin=0.015 if tucking else 0.13 if fit.open_front else 0.05)
         self.covered |= inside - limbs > 0.035
         pattern = Pattern.draw(self.person, fit, inside, self.rng)
-        pattern, posed = (self._simulated if self.simulator else self._draped)(fit, pattern)
+        if self.simulator is None:
+            pattern, posed = self._draped(fit, pattern)
+        else:
+            pattern, posed = self._simulated(self.simulator, fit, pattern)
         return self._finished(fit, pattern, posed, fabric)
 
     def _draped(self, fit: Fit, pattern: Pattern) -> tuple[Pattern, np.ndarray]:
@@ -97,13 +100,13 @@ class Wardrobe:
         fine, step = pattern.subdivided(self.person)
         return fine, step @ posed
 
-    def _simulated(self, fit: Fit, pattern: Pattern) -> tuple[Pattern, np.ndarray]:
+    def _simulated(self, simulator: Simulator, fit: Fit, pattern: Pattern) -> tuple[Pattern, np.ndarray]:
         """The same by physics, on the refined pattern."""
         coarse = pattern
         pattern, step = coarse.subdivided(self.person)
         cut = physical(self.person, fit, pattern, (step @ carried(self.person, fit, coarse)).tocsr())
         between = self.between_thighs(pattern.rest, pattern.faces)
-        posed = self.simulator.drape(cut, between, _outside(fit, pattern))
+        posed = simulator.drape(cut, between, _outside(fit, pattern))
         self._covers(fit, pattern, posed)
         return pattern, posed
 
@@ -155,7 +158,7 @@ class Wardrobe:
         if "placket" in fit.sewn:
             low = fit.bottom - fit.below
             parts += tailoring.placket(garment, low, person.skeleton.head("neck01")[1] - fit.vee, fabric)
-        if "cuffs" in fit.sewn:
+        if "cuffs" in fit.sewn and fit.sleeve is not None:
             parts += tailoring.cuffs(person, garment, region, fit.sleeve, fabric)
         if "waistband" in fit.sewn:
             parts += tailoring.waistband(garment, fit.top, fabric)

@@ -56,8 +56,8 @@ class Grip:
 
 def hold(wardrobe: Wardrobe, rng: np.random.Generator, side: str, thing: str, cloth: Fabric) -> bool:
     """Put a thing of SIZES into a hand ("L", "R"), or between both ("both"); whether it found room there."""
-    size, spread = SIZES[thing]
-    size = np.array(size) * rng.uniform(1 - spread, 1 + spread)
+    usual, spread = SIZES[thing]
+    size = np.array(usual) * rng.uniform(1 - spread, 1 + spread)
     if side == "both":
         return _between_hands(wardrobe, size, cloth)
     grip = Grip.of(wardrobe, side)

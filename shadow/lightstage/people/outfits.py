@@ -4,6 +4,8 @@ Common cuts are worn in every split. Reserved cuts and hair: a long sleeveless c
 only; a full-length robe, afro hair and helmets in generalisation only.
 """
 
+from collections.abc import Callable
+
 import numpy as np
 
 from shadow.lightstage.people import (
@@ -94,7 +96,7 @@ class _Tailor:
         self.loose = rng.beta(1.3, 1.8)
         self.crumpled = rng.uniform(0.3, 1.8) ** 1.3
 
-    def cloth(self, only: object = None) -> Fabric:
+    def cloth(self, only: Callable | None = None) -> Fabric:
         return fabric.draw(self.rng, self.split, only)
 
     def fit(self, loose: float, **choices: object) -> Fit:
@@ -156,7 +158,7 @@ class _Tailor:
         leg = rng.uniform(0.93, 1.0)
         if kind == "shorts":
             leg = rng.uniform(0.22, 0.55)
-        elif in_boots:
+        elif in_boots and boots is not None:
             leg = min(boots.leg + 0.07, 0.95)
         loose = {"slim": 0.1, "straight": 0.4, "wide": 0.8, "shorts": 0.5}[kind] + 0.2 * rng.random()
         width = {
@@ -216,6 +218,8 @@ class _Tailor:
 
     def belt(self) -> None:
         """A belt over what was put on last, at the waist."""
+        if self.wardrobe.outer is None:
+            return
         metal = Fabric.plain(self.rng.choice([0.12, 0.45]) * np.array([1.0, 0.92, 0.78]))
         width = self.rng.uniform(0.025, 0.045)
         at = self.waist - 0.02
@@ -224,6 +228,8 @@ class _Tailor:
 
     def tie(self) -> None:
         """A necktie over the shirt that was put on last."""
+        if self.wardrobe.outer is None:
+            return
         person = self.wardrobe.person
         self.wardrobe.parts += tailoring.tie(person, self.wardrobe.outer, self.cloth(), self.rng)
 

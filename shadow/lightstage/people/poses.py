@@ -28,8 +28,8 @@ def draw(skeleton: Skeleton, rng: np.random.Generator) -> Posing:
     _LEGS[legs](pose)
     _torso(pose, lively)
     for side in "LR":
-        kinds = [(18, 2), (30, 0), (75, 0), (6, 9), (3, 16)]  # relaxed, hooked, a fist, open, spread wide
-        pose.fingers(side, *kinds[rng.choice(5, p=[0.42, 0.23, 0.12, 0.11, 0.12])])
+        curls = [(18, 2), (30, 0), (75, 0), (6, 9), (3, 16)]  # relaxed, hooked, a fist, open, spread wide
+        pose.fingers(side, *curls[rng.choice(5, p=[0.42, 0.23, 0.12, 0.11, 0.12])])
     both = rng.random() < 0.4
     kinds, chances = zip(*_ARMS.items(), strict=True)
     weights = np.array([c[1 if lively else 0] for _, c in chances])
