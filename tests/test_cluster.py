@@ -8,7 +8,8 @@ from types import SimpleNamespace
 
 import pytest
 from killing import differences
-from test_video import STILL, Stub, person
+from standins import FlatSubject, somebody
+from test_video import STILL
 
 import relight
 from relight import people
@@ -27,7 +28,7 @@ PRELOAD = str(Path(__file__).with_name("worker.py"))
 @pytest.fixture(autouse=True)
 def stub(monkeypatch):
     """Here, and in workers."""
-    monkeypatch.setattr(people, "Subject", Stub)
+    monkeypatch.setattr(people, "Subject", FlatSubject)
     with dask.config.set({"distributed.worker.preload": [PRELOAD]}):
         yield
 
@@ -37,7 +38,7 @@ def plates(tmp_path):
     """Sixteen frames of somebody who walks."""
     (tmp_path / "plates").mkdir()
     for number in range(1, 17):
-        relight.write(tmp_path / "plates" / f"p.{number:02d}.exr", person(number % 10, 0.05 * number))
+        relight.write(tmp_path / "plates" / f"p.{number:02d}.exr", somebody(number % 10, 0.05 * number))
     return tmp_path / "plates" / "p.%02d.exr"
 
 
@@ -76,7 +77,7 @@ def test_workers_that_are_killed_lose_nothing(plates, tmp_path):
 def test_frames_that_fail_are_named_and_the_rest_is_made(plates, tmp_path):
     broken, deadly = (plates.with_name(f"p.{number:02d}.exr") for number in (3, 6))
     broken.write_bytes(broken.read_bytes()[:300])
-    relight.write(deadly, person(value=3))
+    relight.write(deadly, somebody(value=3))
     folder = tmp_path / "made"
     arguments = {"frames": "1-8", "workers": 1, "chunk": 2, "steady": False}
     problems = cluster.render_distributed(plates, STILL, outputs(folder), **arguments)

@@ -5,7 +5,8 @@ from pathlib import Path
 
 import pytest
 from killing import differences, finished, kill
-from test_video import RISING, Stub, person
+from standins import FlatSubject, somebody
+from test_video import RISING
 
 from relight import people, video
 
@@ -13,8 +14,8 @@ SLOWLY = """
 import sys, time
 import relight.people
 from test_kill import make
-from test_video import Stub
-class Slow(Stub):
+from standins import FlatSubject
+class Slow(FlatSubject):
     def relit(self, light):
         time.sleep(0.1)
         return super().relit(light)
@@ -26,12 +27,12 @@ make(sys.argv[1])
 def make(output):
     """Ten frames in a rising light."""
     settings = {"background": (0.1, 0.1, 0.1), "frames": (1, 10), "resume": True}
-    assert video.render_video(person(), RISING, output, **settings) == {}
+    assert video.render_video(somebody(), RISING, output, **settings) == {}
 
 
 @pytest.mark.parametrize(("name", "files"), [("r.%02d.exr", 2), ("r.mp4", 4)])
 def test_killed_and_resumed(tmp_path, monkeypatch, name, files):
-    monkeypatch.setattr(people, "Subject", Stub)
+    monkeypatch.setattr(people, "Subject", FlatSubject)
     whole, folder = tmp_path / "whole", tmp_path / "killed"
     for path in (whole, folder):
         path.mkdir()
