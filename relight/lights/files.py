@@ -41,7 +41,7 @@ import yaml
 
 from relight.lights.directional import DirectionalLight
 from relight.lights.environment import EnvironmentLight
-from relight.lights.light import REQUIRED, Light, parameters
+from relight.lights.light import LONGEST_NAME, REQUIRED, Light, parameters
 from relight.lights.moving import MovingLight, kind_of
 from relight.lights.near import PointLight, RectLight
 from shadow.files import AnyPath, replacing
@@ -124,7 +124,7 @@ def _entries(path: AnyPath) -> list[Any]:
         raise ValueError(f"{path}: expected 'lights:' and a list of lights, got {reprlib.repr(document)}")
     for key in document:
         if key != "lights":
-            raise ValueError(f"{path}: {key}: not known here; expected lights")
+            raise ValueError(f"{path}: {_shown(key)}: not known here; expected lights")
     if not isinstance(document["lights"], list):
         raise ValueError(f"{path}: lights: expected a list, got {reprlib.repr(document['lights'])}")
     return document["lights"]
@@ -136,7 +136,7 @@ def _light(path: AnyPath, number: int, entry: Any) -> Light | MovingLight:
     if not isinstance(entry, dict):
         raise ValueError(f"{where}: expected parameters and their values, got {reprlib.repr(entry)}")
     if isinstance(entry.get("name"), str):
-        where = f"{where} ({entry['name']})"
+        where = f"{where} ({_shown(entry['name'])})"
     usual = next(name for name, kind in TYPES.items() if kind is kind_of(map(str, entry)))
     kind = entry.get("type", usual)
     if not isinstance(kind, str) or kind not in TYPES:
@@ -145,7 +145,7 @@ def _light(path: AnyPath, number: int, entry: Any) -> Light | MovingLight:
     known = parameters(TYPES[kind])
     for key in arguments:
         if key not in known and key != "orbit":
-            raise ValueError(f"{where}: {key}: not known; expected {', '.join(known)}, orbit")
+            raise ValueError(f"{where}: {_shown(key)}: not known; expected {', '.join(known)}, orbit")
     for key, default in known.items():
         if default is REQUIRED and key not in arguments:
             raise ValueError(f"{where}: {key}: is missing")
@@ -158,7 +158,14 @@ def _light(path: AnyPath, number: int, entry: Any) -> Light | MovingLight:
             return MovingLight(TYPES[kind], **arguments)
         return TYPES[kind](**arguments)
     except (OSError, TypeError, ValueError) as error:
-        raise ValueError(f"{where}: {error}") from error
+        problem = " ".join(str(error).splitlines())  # the name of an image may have several
+        raise ValueError(f"{where}: {problem}") from error
+
+
+def _shown(word: Any) -> str:
+    """A name or key of a file in an error: as it is, or short and quoted where it would break the line."""
+    fits = isinstance(word, str) and word.isprintable() and len(word) <= LONGEST_NAME
+    return word if fits else reprlib.repr(word)
 
 
 def _entry(path: Path, light: Light | MovingLight) -> dict[str, Any]:
@@ -189,7 +196,7 @@ def _unique(pairs: list[tuple[Any, Any]]) -> dict[Any, Any]:
     found: dict[Any, Any] = {}
     for key, value in pairs:
         if key in found:
-            raise ValueError(f"{key!r} is there twice")
+            raise ValueError(f"{reprlib.repr(key)} is there twice")
         found[key] = value
     return found
 
