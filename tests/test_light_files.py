@@ -112,6 +112,25 @@ def test_mistakes_are_named(tmp_path, text, message):
         relight.read_lights(path)
 
 
+@pytest.mark.parametrize(
+    ("entry", "message"),
+    [
+        ({"name": "a\nb", "azimut": 3}, r"light 1 \('a\\nb'\): azimut: not known"),
+        ({"name": "x" * 5000, "azimut": 3}, r"light 1 \('xxx.*\.\.\..*xxx'\): azimut: not known"),
+        ({"a\nb": 3}, r"light 1: 'a\\nb': not known"),
+        ({"x" * 5000: 3}, r"light 1: 'xxx.*\.\.\..*xxx': not known"),
+        ({"image": "a\nb.exr", "type": "environment"}, "light 1: .*a b.exr: no such file"),
+    ],
+)
+def test_mistakes_are_named_in_one_short_line(tmp_path, entry, message):
+    path = tmp_path / "l.json"
+    path.write_text(json.dumps({"lights": [entry]}))
+    with pytest.raises(ValueError, match=message) as caught:
+        relight.read_lights(path)
+    assert len(str(caught.value).splitlines()) == 1
+    assert len(str(caught.value)) < 500
+
+
 def test_mistakes_in_json_are_named(tmp_path):
     path = tmp_path / "l.json"
     for text, message in [

@@ -158,7 +158,14 @@ def _light(path: AnyPath, number: int, entry: Any) -> Light | MovingLight:
             return MovingLight(TYPES[kind], **arguments)
         return TYPES[kind](**arguments)
     except (OSError, TypeError, ValueError) as error:
-        raise ValueError(f"{where}: {error}") from error
+        problem = " ".join(str(error).splitlines())  # the name of an image may have several
+        raise ValueError(f"{where}: {problem}") from error
+
+
+def _shown(word: Any) -> str:
+    """A name or key of a file in an error: as it is, or short and quoted where it would break the line."""
+    fits = isinstance(word, str) and word.isprintable() and len(word) <= LONGEST_NAME
+    return word if fits else reprlib.repr(word)
 
 
 def _shown(word: Any) -> str:
