@@ -1,6 +1,5 @@
 import json
 import os
-import re
 
 import numpy as np
 import pytest
@@ -208,20 +207,10 @@ def test_other_programs_read_what_is_written(tmp_path):
     assert in_yaml == json.loads((tmp_path / "l.json").read_text(encoding="utf-8"))
 
 
-@pytest.mark.parametrize(
-    "text",
-    [
-        '{"lights": [{"name": "a\\nb", "3": 1}]}',
-        '{"lights": [{"azimuth\\n": 1}]}',
-        '{"lights": [], "a\\nb": 1}',
-        '{"a\\nb": 1, "a\\nb": 2}',
-        json.dumps({"lights": [{"x" * 5000: 1}]}),
-    ],
-)
-def test_an_error_is_a_line_whatever_the_file_s_words_are(tmp_path, text):
-    path = tmp_path / "lights.json"
+@pytest.mark.parametrize("text", ['{"lights": [], "a\\nb": 1}', '{"a\\nb": 1, "a\\nb": 2}'])
+def test_so_are_those_of_its_own_keys(tmp_path, text):
+    path = tmp_path / "l.json"
     path.write_text(text)
-    with pytest.raises(ValueError, match=re.escape(str(path))) as caught:
+    with pytest.raises(ValueError, match=r"l\.json: .*a\\nb") as caught:
         relight.read_lights(path)
-    assert "\n" not in str(caught.value)
-    assert len(str(caught.value)) < 600
+    assert len(str(caught.value).splitlines()) == 1
