@@ -1,5 +1,7 @@
 """Checks at the public edge: what a caller hands over becomes float32 tensors, or a clear error."""
 
+import sys
+import warnings
 from collections.abc import Sequence
 
 import numpy as np
@@ -7,6 +9,7 @@ import torch
 from numpy.typing import ArrayLike
 
 Array = ArrayLike | torch.Tensor  # what a caller may hand over
+PACKAGES = ("relight", "shading", "shadow", "torch")  # whose lines no warning points at
 LARGEST = 1e15  # value whose square, summed over a picture, is still a float32
 
 
@@ -123,3 +126,12 @@ def photograph(
 def like(result: torch.Tensor, original: Array) -> np.ndarray | torch.Tensor:
     """`result` as what the caller handed over: a NumPy array, or a tensor on the caller's device."""
     return result.to(original.device) if isinstance(original, torch.Tensor) else result.cpu().numpy()
+
+
+def warn(message: str) -> None:
+    """Warn at the line that called our packages, whatever they call within (Python 3.12's warnings can skip
+    files by themselves)."""
+    level, frame = 2, sys._getframe(1)
+    while frame.f_back is not None and frame.f_globals.get("__name__", "").split(".")[0] in PACKAGES:
+        level, frame = level + 1, frame.f_back
+    warnings.warn(message, stacklevel=level)

@@ -1,11 +1,11 @@
 """What of a matte belongs to the person: noise, compression and stray pixels are left out of the analysis."""
 
-import warnings
-
 import numpy as np
 import torch
 import torch.nn.functional as F
 from scipy import ndimage
+
+from shadow import inputs
 
 FAINT = 0.1  # coverage that counts as none, and as far from whole as counts as whole: noise, JPEG at an edge
 SMALL = 0.02  # of the largest part's coverage, below which a part that stands apart is a speck
@@ -37,10 +37,7 @@ def person_in(matte: torch.Tensor) -> torch.Tensor:
     left_out = int(np.count_nonzero(solid & ~kept[labels]))
     if left_out:
         count = int((~kept[1:]).sum())
-        warnings.warn(
-            f"mask: {left_out} pixels in {count} small parts far from the person are left out",
-            stacklevel=4,  # the caller of `relight.Subject`, or of `shadow.analyse`
-        )
+        inputs.warn(f"mask: {left_out} pixels in {count} small parts far from the person are left out")
     belongs = torch.from_numpy(kept[labels]).to(matte.device)
     return ((matte - FAINT) / (1 - 2 * FAINT)).clamp(0, 1) * belongs
 
@@ -49,7 +46,7 @@ def _warn_if_inverted(solid: np.ndarray) -> None:
     height, width = solid.shape
     middle = solid[int(0.45 * height) : int(0.55 * height) + 1, int(0.45 * width) : int(0.55 * width) + 1]
     if solid[[0, 0, -1, -1], [0, -1, 0, -1]].all() and middle.mean() < 0.5:
-        warnings.warn("mask: covers the corners and not the middle; is it inverted?", stacklevel=5)
+        inputs.warn("mask: covers the corners and not the middle; is it inverted?")
 
 
 def _near(large: torch.Tensor) -> torch.Tensor:

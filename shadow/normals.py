@@ -1,7 +1,6 @@
 """Surface normals of the photographed person, in the camera frame: the field's own, or from elsewhere."""
 
 import os
-import warnings
 from pathlib import Path
 from typing import Any
 
@@ -143,10 +142,9 @@ def _warn_if_others(network: nn.Module, source: Any) -> None:
     same = name == used.name if checksum is None else checksum == used.sha256
     if same:
         return
-    warnings.warn(
+    inputs.warn(
         f"the network {own.name!r} was trained with the normals of {_called(name, checksum)} and is given "
-        f"those of {_called(used.name, used.sha256)}: other errors than it has learned to expect (Table 3)",
-        stacklevel=4,
+        f"those of {_called(used.name, used.sha256)}: other errors than it has learned to expect (Table 3)"
     )
 
 

@@ -1,4 +1,4 @@
-import importlib.util
+import importlib
 from pathlib import Path
 
 import numpy as np
@@ -186,12 +186,10 @@ def test_the_frames_of_a_shot_share_one_room(tmp_path):
 
 
 @pytest.mark.slow
-def test_truth_is_nearer_to_a_near_light_than_to_a_distant_one():
+def test_truth_is_nearer_to_a_near_light_than_to_a_distant_one(monkeypatch):
     """`benchmarks/near.py --truth`, on two bodies."""
-    path = Path(__file__).parent.parent / "benchmarks" / "near.py"
-    spec = importlib.util.spec_from_file_location("near", path)
-    benchmark = importlib.util.module_from_spec(spec)
-    spec.loader.exec_module(benchmark)
+    monkeypatch.syspath_prepend(Path(__file__).parent.parent / "benchmarks")
+    benchmark = importlib.import_module("near")
     scores = benchmark.truth(2)
     for what in ("visibility", "shading"):
         assert scores[f"{what}, near"].mean() < 0.95 * scores[f"{what}, directional"].mean()

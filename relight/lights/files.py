@@ -168,12 +168,6 @@ def _shown(word: Any) -> str:
     return word if fits else reprlib.repr(word)
 
 
-def _shown(word: Any) -> str:
-    """A name or key of a file in an error: as it is, or short and quoted where it would break the line."""
-    fits = isinstance(word, str) and word.isprintable() and len(word) <= LONGEST_NAME
-    return word if fits else reprlib.repr(word)
-
-
 def _entry(path: Path, light: Light | MovingLight) -> dict[str, Any]:
     """A light's mapping in the file `path`: what is not the default, its name first."""
     made = light.kind if isinstance(light, MovingLight) else type(light)
