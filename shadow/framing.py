@@ -15,12 +15,14 @@ from scipy import ndimage
 
 MARGIN = 0.04  # of the canvas, on each side: little, since a larger subject is seen better (model card)
 ASPECT = 0.75  # width over height
+LARGEST = 8192  # height of a canvas: a larger one is a mistake, or a damaged file
 
 
 def canvas_size(height: int) -> tuple[int, int]:
-    """(height, width) of the canvas. The height must be a multiple of 128, so that both divide by 32."""
-    if height % 128:
-        raise ValueError(f"size: expected a multiple of 128, got {height}")
+    """(height, width) of the canvas. The height must be a multiple of 128, so that both divide by 32, and at
+    most LARGEST."""
+    if height % 128 or not 0 < height <= LARGEST:
+        raise ValueError(f"size: expected a multiple of 128 up to {LARGEST}, got {height}")
     return height, int(height * ASPECT)
 
 

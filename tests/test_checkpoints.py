@@ -60,6 +60,16 @@ def test_damage_is_found(saved):
         visibility.load(path)
 
 
+@pytest.mark.parametrize("size", [0, -128, 100, 2**40, 128.5])
+def test_a_canvas_that_cannot_be_is_refused(saved, size):
+    _, path, _ = saved
+    state, metadata = checkpoints.read(path)
+    config = json.dumps({**json.loads(metadata["config"]), "size": size})
+    save_file(state, path, metadata | {"config": config})
+    with pytest.raises(ValueError, match=f"{path.name} does not fit this version's network: size: expected"):
+        visibility.load(path)
+
+
 @pytest.mark.parametrize("odd", [float("nan"), float("inf")])
 def test_weights_that_are_not_finite_are_refused(saved, odd):
     network, path, _ = saved

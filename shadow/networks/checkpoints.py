@@ -22,6 +22,7 @@ from safetensors.torch import save as to_bytes
 from torch import nn
 
 from shadow.files import replacing
+from shadow.framing import canvas_size
 
 _LOADING = threading.Lock()
 SCALE = ".scale"  # what the key of an int8 tensor's scales ends in
@@ -80,6 +81,7 @@ def _load(path: Path, checksum: str | None, kinds: tuple, device: torch.device) 
     try:
         network = networks[metadata["network"]](**json.loads(metadata["config"]))
         network.load_state_dict({key: value.float() for key, value in state.items()}, strict=True)
+        canvas_size(network.size)
         recipe = json.loads(metadata.get("recipe", "{}"))
     except Exception as error:  # a network that is made with odd values fails in many ways
         reason = textwrap.shorten(str(error), 300)
