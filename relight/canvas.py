@@ -45,7 +45,7 @@ class Canvas(NamedTuple):
     visibility: Maps
     shading: Maps
     albedo: torch.Tensor  # (3, h, w) linear, in [0, 1]
-    light: torch.Tensor | None  # (1, h, w) in which it was photographed; None if the albedo is given
+    light: torch.Tensor | None  # (3, h, w) in which it was photographed; None if the albedo is given
     space: Space  # where the person is in the room
 
     @classmethod
@@ -190,14 +190,17 @@ def check_outside(light: NearLight, space: Space, known: torch.Tensor) -> None:
 
 
 def _photographed_shading(framed: torch.Tensor, albedo: torch.Tensor, known: torch.Tensor) -> torch.Tensor:
-    """The light that the person was photographed in, on the canvas (1, h, w): image over albedo.
+    """The light that the person was photographed in, on the canvas (3, h, w): image over albedo.
 
-    It has no colour, since the albedo has the photograph's. Least squares of image = shading · albedo over
-    3 x 3 pixels, drawn toward the mean light where the albedo is too dark to tell. Positive everywhere on the
-    subject.
+    Least squares of image = shading · albedo over 3 x 3 pixels: of the three colours together, drawn toward
+    the mean light where the albedo is too dark to tell, and then of each colour, drawn toward that of all. So
+    of a colour that a material hardly has, the light is as strong as of the others. Positive everywhere on
+    the subject.
     """
     mean = (framed[:, known].mean() / albedo[:, known].mean().clamp_min(1e-6)).clamp_min(1e-6)
-    products = torch.stack([framed * albedo, albedo**2]).mean(dim=1)
-    around = F.avg_pool2d(products * known, 3, stride=1, padding=1)
-    shading = (around[:1] + DARK * mean) / (around[1:] + DARK)
-    return torch.maximum(shading, DEEPEST * mean)
+    explained, squared = (
+        F.avg_pool2d(product * known, 3, stride=1, padding=1) for product in (framed * albedo, albedo**2)
+    )
+    grey = (explained.mean(dim=0) + DARK * mean) / (squared.mean(dim=0) + DARK)
+    light = (explained + DARK * grey) / (squared + DARK)
+    return torch.maximum(light, DEEPEST * mean)

@@ -27,6 +27,10 @@ Visible = Callable[[torch.Tensor], torch.Tensor]  # unit directions (D, 3) to vi
 # dark, and a haze over deep shadows (SSIM 0.737 with it, 0.741 without, on 16 validation views).
 HAZE = 0.01
 
+# How the outputs of the albedo's gain, its brightness, warmth and green, make the logarithm of red's, green's
+# and blue's gains. The first alone is a gain without colour.
+LOG_GAINS = ((1.0, 1.0, 1.0), (1.0, 0.0, -1.0), (-0.5, 1.0, -0.5))
+
 
 @overload
 def base(
@@ -83,6 +87,7 @@ class ShadingField(nn.Module):
         size: int = 256,  # canvas height that the network was trained for
         normals: bool = True,  # as an input and in the base, or in neither (Table 6)
         visibility: str | None = "inferred",  # likewise; "baseline" is sign(N·L), None is neither (Table 6)
+        gains: int = 1,  # outputs of the albedo's gain: 1 its brightness, 3 its colour too (LOG_GAINS)
         **backbone: Any,
     ) -> None:
         super().__init__()
@@ -90,11 +95,13 @@ class ShadingField(nn.Module):
             raise ValueError(f"visibility: expected inferred, baseline or None, got {visibility!r}")
         self.size, self.normals, self.visibility = size, normals, visibility
         self.register_buffer("anchors", torch.from_numpy(olat(behind=True)), persistent=False)
+        self.register_buffer("log_gains", torch.tensor(LOG_GAINS[:gains]), persistent=False)
         lights = len(self.anchors)
         guides = 0 if visibility is None else lights
-        self.backbone = Backbone(7 if normals else 4, lights + 1, guides=guides, **backbone)
+        self.backbone = Backbone(7 if normals else 4, lights + gains, guides=guides, **backbone)
 
     anchors: torch.Tensor  # (K, 3)
+    log_gains: torch.Tensor  # (gains, 3)
 
     def forward(
         self,
@@ -109,9 +116,10 @@ class ShadingField(nn.Module):
             visibility = torch.einsum("kc,bchw->bkhw", self.anchors, normals[..., ::2, ::2]).gt(0).float()
         x = torch.cat([image, normals], dim=1) if self.normals else image
         maps = self.backbone(x, blocks, None if self.visibility is None else visibility).float()
-        residual, log_gain = maps.split([len(self.anchors), 1], dim=1)
+        residual, gain = maps.split([len(self.anchors), len(self.log_gains)], dim=1)
+        log_gain = torch.einsum("bg...,gc->bc...", gain.clamp(-3, 3), self.log_gains)
         photograph = image[:, :3] if blocks is None else take_blocks(image[:, :3], blocks)
-        return ShadingMaps(residual, photograph * log_gain.clamp(-3, 3).exp())
+        return ShadingMaps(residual, photograph * log_gain.exp())
 
     def shading(
         self, maps: ShadingMaps, normals: torch.Tensor, visibility: torch.Tensor, directions: torch.Tensor
@@ -143,8 +151,10 @@ class ShadingField(nn.Module):
             self.anchors,
             known=self.visibility == "inferred",
         )
-        albedo = ((own.albedo + mirrored.albedo) / 2).clamp(0, 1) ** ENCODING
-        return Diffuse(shading, silhouette.scatter(albedo))
+        albedo = ((own.albedo + mirrored.albedo) / 2) ** ENCODING
+        if len(self.log_gains) > 1:
+            albedo *= _balance(albedo, silhouette.take(image[0, :3]) ** ENCODING)
+        return Diffuse(shading, silhouette.scatter(albedo.clamp(0, 1)))
 
     def _guides(self, visibility: Visible, mirror: torch.Tensor) -> torch.Tensor | None:
         """Visibility of the anchors (2, K, h/2, w/2) at every second pixel of the photograph, and of its
@@ -157,6 +167,14 @@ class ShadingField(nn.Module):
         else:
             pair = visibility(own)[:, ::2, ::2], visibility(other)[:, ::2, 1::2]
         return torch.stack([pair[0], pair[1].flip(-1)])
+
+
+def _balance(albedo: torch.Tensor, photograph: torch.Tensor) -> torch.Tensor:
+    """Factors (3, 1) with which an albedo (3, N) has the mean colour of the photograph (3, N), and still its
+    own mean brightness."""
+    own, seen = (image.mean(dim=1, keepdim=True).clamp_min(1e-6) for image in (albedo, photograph))
+    factors = seen / own
+    return factors * own.sum() / (factors * own).sum()
 
 
 class Shading(NamedTuple):

@@ -159,7 +159,7 @@ def _shading_show(network: nn.Module, batch: Batch) -> Iterator[list[torch.Tenso
 
 def shading_task(normals: bool = True, visibility: str | None = "inferred") -> Task:
     """The one-pass residual field; with other arguments, the ablations of Table 6."""
-    config = {"normals": normals, "visibility": visibility}
+    config = {"normals": normals, "visibility": visibility, "gains": 3}
     return Task(
         "shading", ShadingField, shading_loss, _shading_score, _shading_show, 40, True, config, {}, True
     )
