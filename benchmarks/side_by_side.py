@@ -4,8 +4,8 @@ python benchmarks/side_by_side.py OUT.png --weights FIELD SHADING [--weights ...
     [--records FOLDER ...] [--views 3]
 
 Weights are names ("field", "shading") or paths. Of each picture, and of `--views` of each folder's records,
-there is a row for each set of weights: photograph, normals, albedo, and the person lit by a key from the left,
-from above, and from behind on the right. Under those of a record stands the truth, without bounce light.
+there is a row for each set of weights: photograph, normals, albedo, and the person lit from the left, from
+above, and from behind on the right. Under those of a record stands the truth, without bounce light.
 """
 
 import argparse
