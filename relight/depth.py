@@ -121,12 +121,15 @@ class Space:
         matte: torch.Tensor,
         given: torch.Tensor | None = None,
         relative: bool = False,
+        own_normals: bool = True,
     ) -> "Space":
         """From the analysis of a person with this matte (H, W) on the whole plate.
 
         `given`: depth (1, H, W) of the plate that takes the place of what was found, in metres or `relative`.
+        `own_normals`: the normals are the network's. Those that somebody gave are integrated as they are,
+        since the network's depth belongs to its own.
         """
-        known, anchor = analysis.framed.mask.cpu() > 0.5, analysis.canvas_depth
+        known, anchor = analysis.framed.mask.cpu() > 0.5, analysis.canvas_depth if own_normals else None
         if anchor is not None:
             top, _, bottom, _ = bounding_box(matte)
             anchor = anchor.cpu() * (bottom - top) * camera.metres_per_pixel

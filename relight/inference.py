@@ -63,6 +63,6 @@ def infer(
         paint = Framed.of(paint, person.matte, field.size).rgb
     on_plate = framed.framing.shifted(person.left, person.top, person.size)
     away = away if model is None else model.depth(photograph(pixels))
-    space = Space.of(found, camera, on_plate, person_matte, away, relative)
+    space = Space.of(found, camera, on_plate, person_matte, away, relative, surface is None)
     canvas = Canvas.of(found, as_seen(framed.rgb * exposure), paint, space)
     return Kept(person, person.take(colour), given, exposure, framed.framing, canvas)

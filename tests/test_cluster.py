@@ -49,9 +49,14 @@ def outputs(folder):
 
 def workers():
     """The processes that make frames."""
-    children = psutil.Process().children()
-    alive = [child for child in children if child.status() != psutil.STATUS_ZOMBIE]
-    return [child for child in alive if "spawn_main" in " ".join(child.cmdline())]
+    return [child for child in psutil.Process().children() if makes_frames(child)]
+
+
+def makes_frames(process):
+    try:
+        return process.status() != psutil.STATUS_ZOMBIE and "spawn_main" in " ".join(process.cmdline())
+    except psutil.NoSuchProcess:  # it ended while it was looked at
+        return False
 
 
 @pytest.mark.slow
