@@ -66,9 +66,12 @@ def lights_in(
     shares = powers.mean(axis=1).cumsum() / powers.mean(axis=1).sum()
     kept = int((shares < 1 - FAINT).sum()) + 1
     brighter = powers.sum(axis=0) / np.maximum(powers[:kept].sum(axis=0), 1e-9)
+    powers = powers[:kept] * brighter
+    # What each colour lacks differs: of two lights about alike the other may now be the stronger.
+    order = np.argsort(-powers.mean(axis=1), kind="stable")
     return [
-        replace(light, colour=(power * brighter).tolist(), name=f"{FITTED}{number}")
-        for number, (light, power) in enumerate(zip(lights[:kept], powers, strict=False), 1)
+        replace(lights[index], colour=powers[index].tolist(), name=f"{FITTED}{number}")
+        for number, index in enumerate(order, 1)
     ]
 
 

@@ -6,6 +6,7 @@ import pytest
 from typer.testing import CliRunner
 
 import relight
+from relight import matching
 from relight.cli import app
 from relight.matching import AROUND, PlateLight
 from relight.media.sequences import Files, Sequence, Still
@@ -62,6 +63,18 @@ def test_the_light_of_a_reference_lights_another():
     np.testing.assert_allclose(again[inside].mean(), reference[inside].mean(), rtol=0.1)
     brighter = relight.match(subject, reference * np.float32((2, 2, 2, 1)))
     np.testing.assert_allclose(sum(light.power.mean() for light in brighter), 2 * powers.sum(), rtol=0.02)
+
+
+def test_the_strongest_is_first_by_what_is_given(monkeypatch):
+    """The faint light that is left out is blue, so that blue lights grow more than others."""
+    colours = [(10, 10, 10), (1.05, 1, 0.95), (0.9, 0.9, 1.199), (0, 0, 0.3)]
+    fitted = [relight.DirectionalLight((0, 0, 1), colour=colour) for colour in colours]
+    monkeypatch.setattr(matching, "fit_lights", lambda *_: fitted)
+    lights = matching.lights_in(relight.read(PERSON)[::8, ::8])
+    assert [light.name for light in lights] == ["match1", "match2", "match3"]
+    powers = np.array([light.power for light in lights])
+    assert (np.diff(powers.mean(axis=1)) <= 0).all()
+    np.testing.assert_allclose(powers.sum(axis=0), np.sum(colours, axis=0), rtol=1e-5)
 
 
 def test_no_subject_and_no_matte_are_said(folder):
