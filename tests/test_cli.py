@@ -1,3 +1,4 @@
+import json
 import subprocess
 import sys
 
@@ -14,6 +15,7 @@ from relight.cli.training import Model
 from relight.composite import place
 from relight.media.movies import Movie
 from shadow import analysis
+from shadow.networks import checkpoints
 
 LIGHTS = [
     "--light",
@@ -21,6 +23,7 @@ LIGHTS = [
     "--light",
     "fill:azimuth=60,intensity=0.5",
 ]
+RESB3 = ["--model", "resb3"]
 
 
 @pytest.fixture
@@ -344,6 +347,11 @@ def test_from_a_mesh_to_weights_and_their_score(tmp_path):
     result = run("train", "shadow", *common, "--out", tmp_path / "field")
     assert result.exit_code == 0, result.output
     field = tmp_path / "field" / "field.safetensors"
+    deeper = tmp_path / "deeper"
+    result = run("train", "shadow", *common, "--out", deeper, "--init", field, "--blocks", "1,1,2,4,7")
+    assert result.exit_code == 0, result.output
+    _, metadata = checkpoints.read(deeper / "field.safetensors")
+    assert json.loads(metadata["config"])["encoder"] == [1, 1, 2, 4, 7]
     result = run(
         "train", "shading", *common, "--out", tmp_path / "shading", "--init", field, "--visibility", field
     )
@@ -371,6 +379,9 @@ def test_from_a_mesh_to_weights_and_their_score(tmp_path):
         (["train", "shadow", "--records", ".", "--out", "run"], "steps: expected a number"),
         (["train", "shadow", "--records", ".", "--out", "run", "--no-normals"], "no such network"),
         (["train", "shading", "--records", ".", "--out", "run", "--no-depth"], "--no-depth: expected"),
+        (["train", "shadow", "--records", ".", "--out", "run", "--blocks", "1,2,3"], "expected 5 numbers"),
+        (["train", "shadow", "--records", ".", "--out", "run", "--blocks", "1,1,2,0,6"], "got '1,1,2,0,6'"),
+        (["train", "shadow", "--records", ".", "--out", "run", *RESB3, "--blocks", "1,1,2,4,6"], "one-pass"),
         (["train", "shadow", "--records", "absent", "--out", "run", "--steps", "1"], "nothing at absent"),
         (["train", "shadow", "--records", ".", "--out", "run", "--steps", "1", "--size", "99"], "multiple"),
     ],

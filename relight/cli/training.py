@@ -21,6 +21,7 @@ class Network(StrEnum):
     shading = "shading"
 
 
+LEVELS = 5  # of the backbone that the one-pass networks share
 ABLATIONS = {"baseline": "baseline", "none": None}  # --visibility, of Table 6
 
 
@@ -50,6 +51,14 @@ def train(
     no_depth: Annotated[
         bool, typer.Option("--no-depth", help="A field that says nothing of depth (benchmarks/ablations.py).")
     ] = False,
+    blocks: Annotated[
+        str | None,
+        typer.Option(
+            metavar="N,N,N,N,N",
+            help="Residual blocks of a one-pass network's levels on the way down, half the resolution first "
+            "[1,1,2,4,6]. Those that --init lacks begin as the identity.",
+        ),
+    ] = None,
     preset: Annotated[
         Preset, typer.Option(help="Where the options below start from: our recipe, or the paper's.")
     ] = Preset.fast,
@@ -111,6 +120,10 @@ def train(
     from shadow.training.recipes import preset as recipe_of
 
     task = _task(network, model, not no_normals, visibility, not no_depth)
+    if blocks is not None:
+        if model is not Model.field:
+            raise ValueError(f"--blocks: expected a one-pass network (--model field), got {model}")
+        task = replace(task, config=task.config | {"encoder": _levels(blocks)})
     recipe = recipe_of(
         preset, task, records, steps=steps, size=size, batch=batch, lights=lights,
         learning_rate=learning_rate, borders=borders, faces=faces, angles=angles, average=average, seed=seed,
@@ -148,6 +161,14 @@ def _task(
     raise ValueError(
         f"train {network}: there is no such network with these of --model, --no-normals and --visibility"
     )
+
+
+def _levels(text: str) -> list[int]:
+    """The residual blocks of each level of a backbone, of an option's text."""
+    parts = text.split(",")
+    if len(parts) != LEVELS or not all(part.strip().isdecimal() and int(part) > 0 for part in parts):
+        raise ValueError(f"--blocks: expected {LEVELS} numbers above 0, such as 1,1,2,4,6, got {text!r}")
+    return [int(part) for part in parts]
 
 
 def shrink(
