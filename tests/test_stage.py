@@ -137,6 +137,17 @@ def test_portraits_show_the_top_and_are_cut_below():
         assert abs(np.nonzero(mask)[1].mean() - 31.5) < 8
 
 
+def test_portraits_are_rather_of_faces(ball):
+    """Of whole figures as many views are from the front as from behind."""
+    shares = []
+    for portrait in (False, True):
+        found = [stage.views(3, ball, np.random.default_rng(seed), portrait) for seed in range(200)]
+        azimuths = np.radians([view.azimuth for each in found for view in each])
+        shares.append((np.cos(azimuths) > 0).mean())
+        assert abs(np.sin(azimuths).mean()) < 0.06  # neither side is preferred
+    np.testing.assert_allclose(shares, (0.5, 0.63), atol=0.04)
+
+
 @pytest.fixture(scope="module")
 def mesh_file(tmp_path_factory):
     path = tmp_path_factory.mktemp("meshes") / "capsule.ply"
