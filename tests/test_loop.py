@@ -55,6 +55,31 @@ def test_learning_rate_warms_up_and_falls_to_zero():
     assert rates[-1] == pytest.approx(0, abs=1e-9)
 
 
+@pytest.mark.parametrize("abreast", [1, 2, 4, 8])
+def test_a_mini_batch_is_its_photographs_however_many_are_taken_at_a_time(abreast, monkeypatch):
+    """Five of them, so that one is left over; of the same width are taken together."""
+    monkeypatch.setattr(loop, "ABREAST", abreast)
+    widths, seen = [9, 3, 7, 3, 5], []
+    columns = torch.arange(16)
+    matte = torch.stack([(columns < width).float().expand(1, 16, 16) for width in widths])
+    torch.manual_seed(0)
+    batch = {"rgb": torch.rand(5, 3, 16, 16) * matte, "matte": matte, "mask": matte}
+    network = torch.nn.Conv2d(4, 1, 3)
+
+    def loss(network, part):
+        seen.append(part["matte"].amax(dim=(1, 2)).sum(dim=1).tolist())
+        return network(part["image"]).square().mean()
+
+    task, recipe = replace(SHADOW, loss=loss), Recipe(steps=1, batch=5, bfloat16=False)
+    cpu = torch.device("cpu")
+    total = loop._gradient(task, network, batch, recipe, cpu, loop._Auxiliary(None, None))
+    assert seen == [sorted(widths)[start : start + abreast] for start in range(0, 5, abreast)]
+    whole = network(encode_image(batch["rgb"], matte)).square().mean()
+    torch.testing.assert_close(total, whole.detach())
+    (expected,) = torch.autograd.grad(whole, [network.weight])
+    torch.testing.assert_close(network.weight.grad, expected)
+
+
 @pytest.mark.slow
 def test_normals_of_a_sphere_are_learned(folder, tmp_path):
     path = run(SHADOW, folder, tmp_path, 12, validation=[folder])
