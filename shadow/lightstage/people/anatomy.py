@@ -111,15 +111,24 @@ def mannequin() -> Mannequin:
 
 
 def _rest(model: Any, phenotype: dict[str, float], face: Face) -> tuple[np.ndarray, np.ndarray]:
+    """Vertices (V, 3) and the bones' heads (J, 3) of a body at rest, in metres, y up.
+
+    On one thread: how many share a sum decides its last digit, and a seed is to be the same body everywhere.
+    """
     import torch
 
-    with torch.no_grad():
-        coefficients = model.get_phenotype_blendshape_coefficients(
-            **phenotype, **face.ancestry, local_changes=face.changes
-        )
-        for name, value in face.actions.items():
-            coefficients[:, model.blendshape_labels.index(f"facial_action:{name}")] = value
-        out = model.get_rest_model(coefficients)
+    threads = torch.get_num_threads()
+    torch.set_num_threads(1)
+    try:
+        with torch.no_grad():
+            coefficients = model.get_phenotype_blendshape_coefficients(
+                **phenotype, **face.ancestry, local_changes=face.changes
+            )
+            for name, value in face.actions.items():
+                coefficients[:, model.blendshape_labels.index(f"facial_action:{name}")] = value
+            out = model.get_rest_model(coefficients)
+    finally:
+        torch.set_num_threads(threads)
     vertices, heads = (out[key][0].numpy().astype(float) for key in ("rest_vertices", "rest_bone_heads"))
     return _y_up(vertices), _y_up(heads)
 
