@@ -29,7 +29,7 @@ CHOICES: dict[str, tuple[list[str], float]] = {
     "half the rate": (["--learning-rate", "3.5e-4"], 1.0),
     "shorter average": (["--average", "0.99"], 1.0),
     "canvas of 512": (["--size", "512"], 1.8),
-    "twice the blocks below a quarter": (["--blocks", "1,1,4,8,12"], 1.4),
+    "twice the blocks below a quarter": (["--blocks", "1,1,4,8,12"], 1.5),
 }
 
 

@@ -64,15 +64,9 @@ def views(
     angles = 360 / count * np.arange(count)
     if rng is None or figure is None:
         return [View(float(angle)) for angle in angles]
+    camera = _portrait if portrait else _whole
     angles = angles + rng.uniform(0, 360)
-    if portrait:
-        return [_portrait(figure, _frontal(_about(angle, count, rng)), rng) for angle in angles]
-    return [_whole(figure, _about(angle, count, rng), rng) for angle in angles]
-
-
-def _about(azimuth: float, count: int, rng: np.random.Generator) -> float:
-    """An azimuth near one of `count` around the subject, in [0, 360)."""
-    return (azimuth + rng.uniform(-0.5, 0.5) * 360 / count) % 360
+    return [camera(figure, (angle + rng.uniform(-0.5, 0.5) * 360 / count) % 360, rng) for angle in angles]
 
 
 def _frontal(azimuth: float) -> float:
@@ -94,6 +88,7 @@ def _whole(figure: Figure, azimuth: float, rng: np.random.Generator) -> View:
 
 def _portrait(figure: Figure, azimuth: float, rng: np.random.Generator) -> View:
     """A camera at the height of what it looks at, or nearly: the figure from its top down to a random cut."""
+    azimuth = _frontal(azimuth)
     top = figure.vertices[:, 1].max()
     span = top * np.exp(rng.uniform(np.log(0.15), np.log(0.75)))
     across, middle, along = figure.vertices[figure.vertices[:, 1] > top - span].mean(axis=0)

@@ -186,11 +186,11 @@ def _gradient(
     (see `shadow.networks.backbone.windows`). For each alone all weights would be cast and laid out anew, a
     fifth of the time where matrices have a unit of their own (AMX).
     """
-    count = len(batch["rgb"])
+    count = share = len(batch["rgb"])
     if device.type == "cpu":
+        share = ABREAST
         narrow_first = (batch["matte"] > 0).any(dim=2).sum(dim=(1, 2)).argsort(stable=True)
         batch = {key: value[narrow_first] for key, value in batch.items()}
-    share = ABREAST if device.type == "cpu" else count
     parts = list(zip(*(value.split(share) for value in batch.values()), strict=True))
     distributed = isinstance(model, nn.parallel.DistributedDataParallel)
     total = torch.zeros((), device=device)
