@@ -124,6 +124,7 @@ class _Run:
     def __init__(self, client: Any, arguments: tuple, settings: dict[str, Any], resume: bool) -> None:
         self._client, self._arguments, self._settings = client, arguments, settings
         self._resume = resume
+        self._scheduler = client.scheduler.addr  # a client that has given up no longer knows
         self._failed: Counter[int] = Counter()  # times that a frame failed
         self._avoid: defaultdict[int, set[str]] = defaultdict(set)  # workers at which it did
 
@@ -177,7 +178,7 @@ class _Run:
             failed = dict.fromkeys(frames, f"{worker}: {reason}")
             counted = len(frames) == 1  # of several nobody knows which it was
         except (CancelledError, CommClosedError, TimeoutError) as error:
-            raise _gone(self._client) from error
+            raise self._gone() from error
         for number in failed:
             self._avoid[number].add(worker)
             self._failed[number] += counted
@@ -188,8 +189,12 @@ class _Run:
         try:
             found = self._client.scheduler_info(n_workers=-1)["workers"]
         except (OSError, KeyError) as error:
-            raise _gone(self._client) from error
+            raise self._gone() from error
         return {address: about["nthreads"] for address, about in found.items()}
+
+    def _gone(self) -> ConnectionError:
+        why = "the scheduler went away; the frames that are there stay (--resume)"
+        return ConnectionError(f"{self._scheduler}: {why}")
 
 
 def _make(
@@ -237,11 +242,6 @@ def _client(scheduler: str | None, workers: int | None) -> Iterator[Any]:
             yield client
         finally:
             client.close(timeout=1)
-
-
-def _gone(client: Any) -> ConnectionError:
-    address = getattr(client.scheduler, "addr", None) or "Dask"
-    return ConnectionError(f"{address}: the scheduler went away; the frames that are there stay (--resume)")
 
 
 def _chunk(frames: int, client: Any) -> int:

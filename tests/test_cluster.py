@@ -3,6 +3,7 @@
 import subprocess
 import sys
 import time
+from concurrent.futures import Future
 from pathlib import Path
 from types import SimpleNamespace
 
@@ -126,6 +127,16 @@ def test_a_scheduler_that_goes_away(plates, tmp_path):
     assert cluster.render_distributed(plates, STILL, outputs(tmp_path / "made"), **arguments) == {}
     assert all(path.stat().st_mtime_ns == time for path, time in there.items())
     assert len(list((tmp_path / "made").glob("*.exr"))) == 16
+
+
+def test_a_scheduler_that_went_away_is_named_also_when_the_client_has_given_up():
+    address = "tcp://192.0.2.1:8786"
+    client = SimpleNamespace(scheduler=SimpleNamespace(addr=address))
+    run, cancelled = cluster._Run(client, (), {}, False), Future()
+    client.scheduler = None
+    cancelled.cancel()
+    with pytest.raises(ConnectionError, match=f"{address}: the scheduler went away"):
+        run._failures(cancelled, Frames([1, 2]))
 
 
 @pytest.mark.slow
