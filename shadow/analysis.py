@@ -1,4 +1,4 @@
-"""One analysis of a photographed person: the network runs once, then any number of lights may be asked."""
+"""The analysis of a photographed person: the network runs once, then answers for any number of lights."""
 
 import os
 from collections.abc import Callable
@@ -11,7 +11,7 @@ import torch.nn.functional as F
 
 from shadow import inputs
 from shadow.framing import Framed
-from shadow.mattes import person_in
+from shadow.matte_cleanup import clean_matte
 from shadow.networks import checkpoints
 from shadow.networks.field import VisibilityField
 from shadow.networks.unet import LATENTS, PerLight
@@ -20,31 +20,47 @@ from shadow.normals import on_canvas, resolve
 NETWORKS = {"field": VisibilityField} | dict.fromkeys(LATENTS, PerLight)
 
 Array = np.ndarray | torch.Tensor
-Normals = Array | Callable | str | os.PathLike  # whatever `shadow.normals.load` takes
+Normals = Array | Callable | str | os.PathLike  # what `shadow.normals.load` takes
 
 
 def load(name: str | os.PathLike = "field", device: torch.device | str = "cpu") -> Any:
-    """The shipped visibility network, or one trained by `relight train shadow` (a .safetensors path): the
-    field or the paper's per-light network, whichever the file says."""
+    """Load the shipped visibility network, or one trained by `relight train shadow` (a .safetensors path).
+
+    It is the field or the paper's per-light network, as the file says.
+    """
     return checkpoints.load(name, NETWORKS, package="shadow", device=device)
 
 
 class Analysis:
-    """What the visibility network found in one photograph. Made by `shadow.analyse`.
+    """What the visibility network inferred from one photograph. Made by `shadow.analyse`.
 
     Attributes
     ----------
-    framed: shadow.framing.Framed, the photograph on the networks' canvas of h x w pixels.
-    canvas_normals: (3, h, w) tensor of unit normals, zero outside the mask.
-    canvas_visibility: unit directions (D, 3) to maps (D, h, w) in [0, 1], tensors, zero outside the mask.
-    canvas_depth: (h, w) tensor as `depth`, zero outside the mask; None where the network says nothing of it.
+    framed
+        shadow.framing.Framed, the photograph on the networks' canvas of h x w pixels.
+    canvas_normals
+        (3, h, w) tensor of unit normals, zero outside the mask.
+    canvas_visibility
+        Unit directions (D, 3) to maps (D, h, w) in [0, 1], tensors, zero outside the mask.
+    canvas_depth
+        (h, w) tensor like `depth`, zero outside the mask; None from a network that infers no depth.
+
+    Examples
+    --------
+    >>> rgb, mask = np.full((64, 48, 3), 0.3, np.float32), np.zeros((64, 48), np.float32)
+    >>> mask[8:56, 12:36] = 1
+    >>> analysis = shadow.analyse(rgb, mask)
+    >>> analysis.visibility([[0.0, 0.0, 1.0]]).shape
+    (1, 64, 48)
     """
 
     def __init__(
         self, framed: Framed, network: Any, normals: torch.Tensor | None, like: Array | None = None
     ) -> None:
-        """From a photograph on the canvas; `normals` (3, h, w) take the place of the network's own. Maps are
-        handed out as what `like` is: tensors on its device, or else NumPy arrays."""
+        """Run the network on a framed photograph; `normals` (3, h, w) replace the network's own.
+
+        Maps are returned in the type of `like`: tensors on its device, or NumPy arrays.
+        """
         self.framed = framed
         self._like: Any = like
         self.canvas_normals, self.canvas_visibility = network.analyse(framed.rgb, framed.mask, normals)
@@ -52,28 +68,30 @@ class Analysis:
 
     @cached_property
     def normals(self) -> Array:
-        """(H, W, 3) float32 unit vectors in the camera frame (x right, y up, z to the camera), zero outside
-        the matte."""
+        """Unit normals (H, W, 3), float32, in the camera frame (x right, y up, z to the camera).
+
+        They are zero outside the matte.
+        """
         maps = F.normalize(self.framed.restored(self.canvas_normals), dim=0)
         return inputs.like(maps.permute(1, 2, 0), self._like)
 
     @cached_property
     def depth(self) -> Array | None:
-        """(H, W) float32 along the camera's axis, positive away from the camera, relative to its mean over
-        the subject, in units of the height that the matte shows; zero outside the matte.
+        """Depth (H, W), float32, along the camera's axis: positive away from the camera.
 
-        None from networks that infer no depth: the paper's, and fields trained before there was any.
+        It is relative to its mean over the subject, in units of the height of the matte, and zero outside the
+        matte. It is None for networks that infer no depth: the paper's, and fields trained without it.
         """
         if self.canvas_depth is None:
             return None
         return inputs.like(self.framed.restored(self.canvas_depth[None])[0], self._like)
 
     def visibility(self, directions: Array) -> Array:
-        """Self-shadow maps (D, H, W) float32 in [0, 1]: 1 is lit, zero outside the matte; binary = `> 0.5`.
+        """Return self-shadow maps (D, H, W), float32 in [0, 1]: 1 is lit, zero outside the matte.
 
-        `directions` (D, 3) point toward the lights, camera frame, any length but zero. The memory is 4 D H W
-        bytes. Raises TypeError or ValueError for a wrong shape or dtype, NaN or infinite values, or a
-        direction of zero length.
+        `directions` (D, 3) point toward the lights, in the camera frame, and may have any length but zero.
+        For binary maps use `> 0.5`. The maps take 4 D H W bytes. Raises TypeError or ValueError for a wrong
+        shape or dtype, NaN or infinite values, or a direction of zero length.
         """
         return self._restored(self.canvas_visibility(self._lights(directions)))
 
@@ -81,7 +99,7 @@ class Analysis:
         return inputs.directions("directions", directions).to(self.framed.rgb.device)
 
     def _restored(self, maps: torch.Tensor) -> Array:
-        """Canvas maps (D, h, w) in [0, 1] as the caller's (D, H, W)."""
+        """Bring canvas maps (D, h, w) in [0, 1] to the plate (D, H, W), in the caller's type."""
         return inputs.like(self.framed.restored(maps).clamp(0, 1), self._like)
 
 
@@ -93,28 +111,43 @@ def analyse(
     model: str | os.PathLike = "field",
     device: str | torch.device | None = None,
 ) -> Analysis:
-    """Analyse the person in an image, once.
+    """Analyse the person in an image, once for any number of lights.
 
     Parameters
     ----------
-    rgb: (H, W, 3) float, linear Rec.709, any size and exposure; NumPy or torch.
-    mask: (H, W) in [0, 1], the matte of the person.
-    normals: (H, W, 3) camera-frame normals to use instead of the field's own (for a per-light network, the
-        shipped field's); or anything else that `shadow.normals.load` takes.
-    model: name of shipped weights, or the path of a checkpoint of either kind of network.
-    device: where the networks run, such as "cuda"; where `rgb` is unless given.
+    rgb
+        (H, W, 3) float, linear Rec.709, any size and exposure; NumPy or torch.
+    mask
+        (H, W) in [0, 1], the matte of the person.
+    normals
+        (H, W, 3) camera-frame normals that replace those of the field (for a per-light network: of the
+        shipped field), or anything else that `shadow.normals.load` accepts.
+    model
+        Name of shipped weights, or the path of a checkpoint of either kind of network.
+    device
+        Where the networks run, such as "cuda". By default where `rgb` is.
 
     Returns
     -------
-    Analysis: its `normals` and `depth`, and its `visibility(directions)`. With the field a light costs dot
-    products and no network, with a per-light network one pass.
+    Analysis
+        Its `normals`, `depth` and `visibility(directions)`. A light costs dot products with the field, and a
+        network pass with a per-light network.
 
     Raises
     ------
-    TypeError, ValueError: wrong shape or dtype, NaN or infinite values, an empty mask, an unknown device.
+    TypeError, ValueError
+        Wrong shape or dtype, NaN or infinite values, an empty mask, an unknown device.
+
+    Examples
+    --------
+    >>> rgb, mask = np.full((64, 48, 3), 0.3, np.float32), np.zeros((64, 48), np.float32)
+    >>> mask[8:56, 12:36] = 1
+    >>> analysis = shadow.analyse(rgb, mask)
+    >>> analysis.visibility([[0.0, 0.0, 1.0]]).shape
+    (1, 64, 48)
     """
     image, matte = inputs.photograph(rgb, mask, inputs.device("device", device))
     network = load(model, image.device)
-    framed = Framed.of(image, person_in(matte), network.size)
+    framed = Framed.of(image, clean_matte(matte), network.size)
     surface = on_canvas(resolve(normals, image, matte, network), framed.framing)
     return Analysis(framed, network, surface, rgb)

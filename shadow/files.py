@@ -1,4 +1,4 @@
-"""Files that are whole or not there."""
+"""Atomic writing: a file is complete, or it is not there."""
 
 import os
 import secrets
@@ -7,21 +7,24 @@ from contextlib import contextmanager
 from pathlib import Path
 
 AnyPath = str | os.PathLike[str]
-SPARE = 16384  # bytes that must fit after a file for it to count as whole: more than a library's buffer
+PROBE_BYTES = 16384  # written after a file to prove that the disk is not full: more than a library's buffer
 
 
 @contextmanager
 def replacing(path: AnyPath) -> Iterator[Path]:
-    """A path to write to, perhaps of another suffix, whose file takes `path`'s place when the block ends.
+    """Yield a temporary path to write to; the file there replaces `path` when the block ends.
 
-    It is flushed to the disk first: a reader finds the old file or the new one, whole. If the block raises,
-    or the process is killed, the old file is left as it was and nothing beside it: where the system can
-    (Linux, on most file systems), what is being written has no name. Elsewhere a kill leaves a hidden file.
-    A symbolic link is written through: the file that it points to is replaced, and the link stays.
+    The temporary path may have another suffix. The file is flushed to the disk first, so a reader finds
+    either the old file or the new one, complete. If the block raises, or the process is killed, the old file
+    stays as it was and nothing else is left: on most file systems of Linux, the new file has no name until it
+    is complete. Elsewhere a killed process leaves a hidden file. A symbolic link stays, and the file that it
+    points to is replaced.
 
     Raises
     ------
-    OSError: what the system refuses, such as a full disk, in words that name `path` alone.
+    OSError
+        The system refuses, for example because the disk is full. The message names `path`, not the temporary
+        file.
     """
     path = Path(path)
     target = Path(os.path.realpath(path))
@@ -35,7 +38,7 @@ def replacing(path: AnyPath) -> Iterator[Path]:
                 _flush(file.fileno())
         else:
             _flush(unnamed)
-            # A directory descriptor, though not needed for an absolute path, makes Python follow the link.
+            # Python follows the link only if a directory descriptor is given, though the path is absolute.
             os.link(written, beside, src_dir_fd=unnamed)
         os.replace(beside, target)
     except Exception as error:
@@ -50,27 +53,33 @@ def replacing(path: AnyPath) -> Iterator[Path]:
 
 
 def _flush(descriptor: int) -> None:
-    """Bring a file to the disk; OSError where there is no room for more.
+    """Flush a file to the disk; raises OSError if the disk is full.
 
-    What libraries write as they close a file may be lost on a full disk without a word (OpenEXR, libtiff).
-    Then nothing more can be written either.
+    OpenEXR and libtiff report no error if a full disk loses what they write on closing. In that case another
+    write fails too, so this function tries one.
     """
     size = os.lseek(descriptor, 0, os.SEEK_END)
     with open(descriptor, "r+b", closefd=False) as file:
         file.seek(size)
-        file.write(bytes(SPARE))
+        file.write(bytes(PROBE_BYTES))
         file.flush()
     os.ftruncate(descriptor, size)
     os.fsync(descriptor)
 
 
 def check_writable(path: AnyPath, suffixes: Collection[str]) -> Path:
-    """`path` as a Path, if a file can be put there.
+    """Return `path` as a Path if a file can be written there.
 
     Raises
     ------
-    ValueError: the name ends in none of `suffixes`. FileNotFoundError: the folder does not exist.
-    IsADirectoryError: `path` is a folder. PermissionError: the folder takes no new files.
+    ValueError
+        The name ends in none of `suffixes`.
+    FileNotFoundError
+        The folder does not exist.
+    IsADirectoryError
+        `path` is a folder.
+    PermissionError
+        The folder takes no new files.
     """
     path = Path(path)
     if path.suffix.lower() not in suffixes:
@@ -86,7 +95,7 @@ def check_writable(path: AnyPath, suffixes: Collection[str]) -> Path:
 
 
 def _about(path: Path, error: Exception, temporary: tuple[str, ...]) -> OSError | None:
-    """An error in the words of a user, who knows `path` and no temporary name; None if it is so already."""
+    """Return the error with `path` in place of the temporary names; None if it contains none of them."""
     words = str(error)
     if isinstance(error, OSError) and error.errno and error.filename in (None, *temporary):
         words = str(error.strerror)
@@ -103,8 +112,8 @@ def _about(path: Path, error: Exception, temporary: tuple[str, ...]) -> OSError 
 
 
 def _unnamed(folder: Path) -> int | None:
-    """The descriptor of a new file without a name, or None where there are none."""
+    """Return the descriptor of a new file without a name, or None if the system does not support these."""
     try:
         return os.open(folder, os.O_TMPFILE | os.O_RDWR, 0o666)
-    except (AttributeError, OSError):  # not Linux; or a file system without it, such as NFS
+    except (AttributeError, OSError):  # not Linux, or a file system without O_TMPFILE, such as NFS
         return None

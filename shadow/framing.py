@@ -1,8 +1,8 @@
-"""From a plate of any size to the networks' canvas around the subject, and back.
+"""Transform a plate of any size to the networks' canvas around the subject, and back.
 
-The networks see people at one scale. Training and inference share this framing: the subject's bounding box
-is centred on a portrait canvas (3:4) and scaled to fill it but for a margin, which a side that the plate's
-frame cuts has not.
+The networks see people at one scale. Training and inference use the same framing: the subject's bounding box
+is centred on a portrait canvas (3:4) and scaled to fill it, except for a margin. There is no margin on a side
+where the plate's frame cuts the subject.
 """
 
 import math
@@ -13,21 +13,24 @@ import torch
 import torch.nn.functional as F
 from scipy import ndimage
 
-MARGIN = 0.04  # of the canvas, on each side: little, since a larger subject is seen better (model card)
+CANVAS_MARGIN = 0.04  # share of the canvas on each side: small, since larger subjects give better maps
 ASPECT = 0.75  # width over height
-LARGEST = 8192  # height of a canvas: a larger one is a mistake, or a damaged file
+LARGEST_CANVAS = 8192  # pixels of height: a larger value is a mistake, or comes from a damaged file
 
 
 def canvas_size(height: int) -> tuple[int, int]:
-    """(height, width) of the canvas. The height must be a multiple of 128, so that both divide by 32, and at
-    most LARGEST."""
-    if height % 128 or not 0 < height <= LARGEST:
-        raise ValueError(f"size: expected a multiple of 128 up to {LARGEST}, got {height}")
+    """Return (height, width) of the canvas.
+
+    Raises ValueError unless the height is a multiple of 128 (so that both are multiples of 32) and at most
+    LARGEST_CANVAS.
+    """
+    if height % 128 or not 0 < height <= LARGEST_CANVAS:
+        raise ValueError(f"size: expected a multiple of 128 up to {LARGEST_CANVAS}, got {height}")
     return height, int(height * ASPECT)
 
 
 def bounding_box(mask: torch.Tensor, threshold: float = 0.5) -> tuple[int, int, int, int]:
-    """(top, left, bottom, right) in pixels of `mask` (H, W) above `threshold`; bottom, right exclusive."""
+    """Return (top, left, bottom, right) of `mask` (H, W) > `threshold`, in pixels; the last two exclusive."""
     rows = torch.nonzero((mask > threshold).any(dim=1))[:, 0]
     columns = torch.nonzero((mask > threshold).any(dim=0))[:, 0]
     if not len(rows):
@@ -36,12 +39,12 @@ def bounding_box(mask: torch.Tensor, threshold: float = 0.5) -> tuple[int, int, 
 
 
 def affine_sample(tensor: torch.Tensor, matrix: torch.Tensor, size: tuple[int, ...]) -> torch.Tensor:
-    """`tensor` (C, H, W) sampled on a canvas of `size` (h, w); zero beyond its frame.
+    """Sample `tensor` (C, H, W) on a canvas of `size` (h, w); zero beyond its frame.
 
-    `matrix` (2, 3) takes a canvas position (x, y, 1) in pixels to a position in the tensor, pixel centres
-    at half-integers. Where the canvas is the coarser one, each of its pixels is the mean of several samples,
-    so that fine texture does not alias. Where these lie depends on the matrix alone: a tensor that is cropped
-    otherwise, and a matrix to match, give the same values.
+    `matrix` (2, 3) maps a canvas position (x, y, 1) in pixels to a position in the tensor; pixel centres are
+    at half-integers. If the canvas is coarser than the tensor, each canvas pixel is the mean of several
+    samples, so that fine texture does not alias. The sample positions depend on the matrix only: another crop
+    of the tensor, with the matrix that belongs to it, gives the same values.
     """
     height, width = size
     shrink = float(torch.linalg.det(matrix[:, :2]).abs().sqrt())
@@ -56,7 +59,7 @@ def affine_sample(tensor: torch.Tensor, matrix: torch.Tensor, size: tuple[int, .
 
 @dataclass(frozen=True)
 class Framing:
-    """Where the canvas lies on the plate: `scale` canvas pixels a plate pixel, around `centre` (x, y)."""
+    """The place of the canvas on the plate: `scale` canvas pixels for a plate pixel, centred at (x, y)."""
 
     centre: tuple[float, float]
     scale: float
@@ -65,14 +68,14 @@ class Framing:
 
     @classmethod
     def around(cls, mask: torch.Tensor, height: int) -> "Framing":
-        """The framing of the subject that `mask` (H, W) shows, on a canvas of `height` pixels."""
+        """Return the framing of the subject that `mask` (H, W) shows, on a canvas of `height` pixels."""
         top, left, bottom, right = bounding_box(mask)
         canvas, plate = canvas_size(height), (mask.shape[0], mask.shape[1])
-        # Where the plate's frame cuts the subject, so does the canvas's: with a margin there, the networks
-        # would see a body that ends, and round it off.
+        # Where the plate's frame cuts the subject, the frame of the canvas cuts it too. With a margin, the
+        # networks would see the end of the body there and round it off.
         low, cut_low = np.array([top, left]), np.array([top, left]) == 0
         high, cut_high = np.array([bottom, right]), np.array([bottom, right]) == plate
-        usable = 1 - MARGIN * (2 - cut_low - cut_high)
+        usable = 1 - CANVAS_MARGIN * (2 - cut_low - cut_high)
         scale = float((usable * canvas / (high - low)).min())
         half = np.array(canvas) / scale / 2
         centre = np.where(cut_low & ~cut_high, half, (low + high) / 2)
@@ -80,36 +83,36 @@ class Framing:
         return cls((float(centre[1]), float(centre[0])), scale, canvas, plate)
 
     def shifted(self, left: int, top: int, plate: tuple[int, int]) -> "Framing":
-        """The same canvas on a larger plate, in which this one's begins at (left, top)."""
+        """Return the same canvas on a larger plate, in which this framing's plate begins at (left, top)."""
         return replace(self, centre=(self.centre[0] + left, self.centre[1] + top), plate=plate)
 
     def onto(self, other: "Framing") -> torch.Tensor:
-        """(2, 3) that takes a position on this canvas to the position on another canvas of the same plate."""
+        """Return the matrix (2, 3) from positions on this canvas to those on another of the same plate."""
         scale = other.scale / self.scale
         here, there = (torch.tensor(framing.canvas[::-1]) / 2 for framing in (self, other))
         moved = (torch.tensor(self.centre) - torch.tensor(other.centre)) * other.scale
         return torch.cat([torch.eye(2) * scale, (moved + there - here * scale)[:, None]], dim=1)
 
     def crop(self, tensor: torch.Tensor) -> torch.Tensor:
-        """(C, H, W) on the plate to (C, h, w) on the canvas; zero beyond the plate."""
+        """Sample (C, H, W) on the plate as (C, h, w) on the canvas; zero beyond the plate."""
         step = 1 / self.scale
         offset = [c - n / 2 * step for c, n in zip(self.centre, self.canvas[::-1], strict=True)]
         return affine_sample(tensor, torch.tensor([[step, 0, offset[0]], [0, step, offset[1]]]), self.canvas)
 
     def restore(self, tensor: torch.Tensor) -> torch.Tensor:
-        """(C, h, w) on the canvas to (C, H, W) on the plate; zero beyond the canvas."""
+        """Sample (C, h, w) on the canvas as (C, H, W) on the plate; zero beyond the canvas."""
         offset = [n / 2 - c * self.scale for c, n in zip(self.centre, self.canvas[::-1], strict=True)]
         matrix = torch.tensor([[self.scale, 0, offset[0]], [0, self.scale, offset[1]]])
         return affine_sample(tensor, matrix, self.plate)
 
 
 class Extension:
-    """Continues canvas maps past the edge of `mask` (h, w) by `reach` of its height; zero farther out.
+    """Extrapolate canvas maps beyond the edge of `mask` (h, w), by `reach` times its height.
 
-    Values inside are kept. Without this, enlarging a map that is zero outside the subject would draw a dark
-    line along every matte edge (normalised convolution, Knutsson and Westin 1993). Ring after ring, a pixel
-    is the mean of those next to it that are known by then. Which those are depends on the mask alone: it is
-    worked out once, and a call touches only the rings.
+    Values inside are kept, and values farther out are zero. Without this, enlarging a map that is zero
+    outside the subject would draw a dark line along every matte edge. The method is normalised convolution
+    (Knutsson and Westin 1993), ring by ring: a pixel is the mean of the neighbours that already have a value.
+    The neighbours depend on the mask only, so they are found once for all maps.
     """
 
     def __init__(self, mask: torch.Tensor, reach: float = 1 / 32) -> None:
@@ -121,7 +124,7 @@ class Extension:
         y, x = y[order], x[order]
         step = np.arange(-1, 2)
         pixels = y * width + x
-        # A neighbour beyond the canvas is farther than all others: so its value, some pixel's, has no weight.
+        # A neighbour beyond the canvas counts as farther than all others, so its weight is 0.
         neighbours = (pixels[:, None] + (step[:, None] * width + step).ravel()).clip(0, height * width - 1)
         ring = np.pad(distance, 1, constant_values=height + width)
         place = (y + 1) * (width + 2) + x + 1
@@ -129,12 +132,12 @@ class Extension:
         weights = (ring.ravel()[around] < distance[y, x][:, None]).astype(np.float32)
         weights /= weights.sum(axis=1, keepdims=True)
         sizes = np.bincount(distance[y, x])[1:].tolist()
-        # Of each ring its pixels (n,), their neighbours (n, 9) and the neighbours' weights (n, 9).
+        # For each ring: its pixels (n,), their neighbours (n, 9) and the neighbours' weights (n, 9).
         parts = (torch.from_numpy(a).to(mask.device).split(sizes) for a in (pixels, neighbours, weights))
         self.rings = list(zip(*parts, strict=True))
 
     def __call__(self, maps: torch.Tensor) -> torch.Tensor:
-        """Canvas maps (C, h, w) to the same, continued."""
+        """Return canvas maps (C, h, w) extrapolated beyond the mask's edge."""
         table = (maps * self.known).flatten(1).T.contiguous()
         for ring, neighbours, weights in self.rings:
             table[ring] = F.embedding_bag(neighbours, table, per_sample_weights=weights, mode="sum")
@@ -142,13 +145,13 @@ class Extension:
 
 
 def extend(maps: torch.Tensor, mask: torch.Tensor, reach: float = 1 / 32) -> torch.Tensor:
-    """Canvas maps (C, h, w) continued past the edge of `mask` (h, w), as `Extension` does."""
+    """Extrapolate canvas maps (C, h, w) beyond the edge of `mask` (h, w); see `Extension`."""
     return Extension(mask, reach)(maps)
 
 
 @dataclass(frozen=True)
 class Framed:
-    """A photograph and its matte on the networks' canvas, and the way back."""
+    """A photograph and its matte on the networks' canvas, and the mapping back to the plate."""
 
     framing: Framing
     rgb: torch.Tensor  # (3, h, w) linear
@@ -157,10 +160,10 @@ class Framed:
 
     @classmethod
     def of(cls, rgb: torch.Tensor, matte: torch.Tensor, height: int) -> "Framed":
-        """A photograph (3, H, W) and its matte (H, W) on a canvas of `height` pixels.
+        """Frame a photograph (3, H, W) and its matte (H, W) on a canvas of `height` pixels.
 
-        Colour is the mean over what the plate covers: no black at the plate's frame. ValueError if the
-        subject is so thin that no pixel of the canvas shows it.
+        A canvas pixel that the plate covers partly has the mean colour of that part, so the plate's frame
+        leaves no black edge. Raises ValueError if the subject is too thin for any canvas pixel to show it.
         """
         framing = Framing.around(matte, height)
         mask = framing.crop(matte[None])[0].clamp(0, 1)
@@ -174,10 +177,10 @@ class Framed:
         return cls(framing, colour, mask, matte)
 
     def restored(self, maps: torch.Tensor) -> torch.Tensor:
-        """Canvas maps (C, h, w) to the plate (C, H, W): continued to the matte's edge, zero beyond it."""
+        """Resample canvas maps (C, h, w) to the plate (C, H, W), extrapolated to the matte's edge."""
         return self.framing.restore(extend(maps, self.mask)) * (self.matte > 0)
 
     def to(self, device: torch.device | str) -> "Framed":
-        """The same, its tensors on another device."""
+        """Return a copy with its tensors on another device."""
         moved = (tensor.to(device) for tensor in (self.rgb, self.mask, self.matte))
         return Framed(self.framing, *moved)

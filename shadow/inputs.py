@@ -1,4 +1,4 @@
-"""Checks at the public edge: what a caller hands over becomes float32 tensors, or a clear error."""
+"""Validate public arguments: convert them to float32 tensors, or raise an error that names the argument."""
 
 import sys
 import warnings
@@ -8,9 +8,13 @@ import numpy as np
 import torch
 from numpy.typing import ArrayLike
 
-Array = ArrayLike | torch.Tensor  # what a caller may hand over
-PACKAGES = ("relight", "shading", "shadow", "torch")  # whose lines no warning points at
-LARGEST = 1e15  # value whose square, summed over a picture, is still a float32
+Array = ArrayLike | torch.Tensor
+PACKAGES = ("relight", "shading", "shadow", "torch")  # a warning shows the line that called these
+LARGEST_VALUE = 1e15  # its square, summed over a picture, still fits in float32
+
+
+class EmptyMaskError(ValueError):
+    """A mask shows no subject: no value is above one half."""
 
 
 def _tensor(name: str, value: Array, expected: str) -> torch.Tensor:
@@ -34,7 +38,7 @@ def _finite(name: str, tensor: torch.Tensor) -> torch.Tensor:
 
 
 def image(name: str, value: Array) -> torch.Tensor:
-    """A linear image (H, W, 3), float, as a (3, H, W) float32 tensor."""
+    """Return a linear image (H, W, 3), float, as a (3, H, W) float32 tensor."""
     expected = "a float array of shape (H, W, 3), linear"
     tensor = _tensor(name, value, expected)
     if tensor.ndim != 3 or tensor.shape[-1] != 3 or 0 in tensor.shape:
@@ -45,14 +49,17 @@ def image(name: str, value: Array) -> torch.Tensor:
 
 
 def bounded(name: str, pixels: torch.Tensor) -> torch.Tensor:
-    """Those pixels; ValueError where sums over them would be beyond float32."""
-    if (largest := pixels.abs().max()) > LARGEST:
-        raise ValueError(f"{name}: expected values of at most {LARGEST:g}, got {largest:g}")
+    """Return the pixels; raises ValueError if sums over them could overflow float32."""
+    if (largest := pixels.abs().max()) > LARGEST_VALUE:
+        raise ValueError(f"{name}: expected values of at most {LARGEST_VALUE:g}, got {largest:g}")
     return pixels
 
 
 def mask(name: str, value: Array, size: Sequence[int]) -> torch.Tensor:
-    """A mask (H, W) in [0, 1], float or bool, of the image's size, as a float32 tensor (H, W)."""
+    """Return a mask (H, W) in [0, 1], float or bool, of the image's size, as a float32 tensor (H, W).
+
+    Raises EmptyMaskError if no value is above 0.5, and TypeError or ValueError for another mask.
+    """
     expected = f"an array of shape {tuple(size)} in [0, 1], the size of the image"
     tensor = _tensor(name, value, expected)
     if tuple(tensor.shape) != tuple(size):
@@ -63,12 +70,12 @@ def mask(name: str, value: Array, size: Sequence[int]) -> torch.Tensor:
     if tensor.min() < 0 or tensor.max() > 1:
         raise ValueError(f"{name}: expected values in [0, 1], got [{tensor.min():g}, {tensor.max():g}]")
     if not (tensor > 0.5).any():
-        raise ValueError(f"{name}: is empty (no value above 0.5), so there is no subject")
+        raise EmptyMaskError(f"{name}: is empty (no value above 0.5), so there is no subject")
     return tensor
 
 
 def directions(name: str, value: Array) -> torch.Tensor:
-    """Light directions (D, 3), any length but zero, as unit float32 vectors."""
+    """Return light directions (D, 3) of any length but zero as unit float32 vectors."""
     expected = "light directions of shape (D, 3)"
     tensor = _tensor(name, value, expected)
     if tensor.ndim != 2 or tensor.shape[-1] != 3 or len(tensor) == 0:
@@ -81,7 +88,7 @@ def directions(name: str, value: Array) -> torch.Tensor:
 
 
 def normals(name: str, value: Array, size: Sequence[int]) -> torch.Tensor:
-    """Camera-frame normals (H, W, 3) as a (3, H, W) float32 tensor; zero vectors are left zero."""
+    """Return camera-frame normals (H, W, 3) as a (3, H, W) float32 tensor; zero vectors stay zero."""
     tensor = image(name, value)
     if tuple(tensor.shape[1:]) != tuple(size):
         raise ValueError(f"{name}: expected shape {(*size, 3)}, got {(*tensor.shape[1:], 3)}")
@@ -89,7 +96,7 @@ def normals(name: str, value: Array, size: Sequence[int]) -> torch.Tensor:
 
 
 def visibility(name: str, value: Array, shape: Sequence[int]) -> torch.Tensor:
-    """Visibility maps (D, H, W) in [0, 1] as a float32 tensor."""
+    """Return visibility maps (D, H, W) in [0, 1] as a float32 tensor."""
     tensor = _tensor(name, value, f"a float array of shape {shape} in [0, 1]")
     if tuple(tensor.shape) != tuple(shape):
         raise ValueError(f"{name}: expected shape {shape}, got {tuple(tensor.shape)}")
@@ -100,7 +107,7 @@ def visibility(name: str, value: Array, shape: Sequence[int]) -> torch.Tensor:
 
 
 def device(name: str, value: str | torch.device | None) -> torch.device | None:
-    """A torch.device that this machine has; `value` None stays None."""
+    """Return a torch.device that this machine has; None stays None."""
     if value is None:
         return None
     try:
@@ -115,8 +122,10 @@ def device(name: str, value: str | torch.device | None) -> torch.device | None:
 def photograph(
     rgb: Array, matte: Array, place: torch.device | None = None
 ) -> tuple[torch.Tensor, torch.Tensor]:
-    """The arguments `rgb`, a linear image (H, W, 3), and `mask`, its matte (H, W), as tensors (3, H, W) and
-    (H, W) on the device `place`, or where the image is."""
+    """Return a linear image (H, W, 3) and its matte (H, W) as tensors (3, H, W) and (H, W).
+
+    They are on the device `place`, or on the image's device. Errors call the arguments `rgb` and `mask`.
+    """
     pixels = bounded("rgb", image("rgb", rgb))
     coverage = mask("mask", matte, pixels.shape[1:])
     place = place or pixels.device
@@ -124,13 +133,15 @@ def photograph(
 
 
 def like(result: torch.Tensor, original: Array) -> np.ndarray | torch.Tensor:
-    """`result` as what the caller handed over: a NumPy array, or a tensor on the caller's device."""
+    """Return `result` in the type of `original`: a NumPy array, or a tensor on its device."""
     return result.to(original.device) if isinstance(original, torch.Tensor) else result.cpu().numpy()
 
 
 def warn(message: str) -> None:
-    """Warn at the line that called our packages, whatever they call within (Python 3.12's warnings can skip
-    files by themselves)."""
+    """Emit a warning that shows the line from which our packages were called.
+
+    Python 3.12 can do this with `skip_file_prefixes`; this package supports 3.11.
+    """
     level, frame = 2, sys._getframe(1)
     while frame.f_back is not None and frame.f_globals.get("__name__", "").split(".")[0] in PACKAGES:
         level, frame = level + 1, frame.f_back

@@ -1,4 +1,4 @@
-"""Surface normals of the photographed person, in the camera frame: the field's own, or from elsewhere."""
+"""Surface normals of the photographed person in the camera frame, from the field or from another source."""
 
 import os
 from pathlib import Path
@@ -11,27 +11,27 @@ from torch import nn
 
 from shadow import inputs
 from shadow.directions import CAMERA, from_axes
-from shadow.foreign import OnnxNormals
 from shadow.framing import Framed, Framing
 from shadow.networks import checkpoints, pifuhd
 from shadow.networks.field import VisibilityField
+from shadow.networks.foreign import OnnxNormals
 
 
-class GivenNormals:
-    """Normals that something else made: an array, or a function of the image."""
+class ProvidedNormals:
+    """Normals that the user provides: an array, or a function of the image."""
 
     def __init__(self, values: Any, axes: str = CAMERA, origin: checkpoints.Origin | None = None) -> None:
         self.values, self.matrix, self.origin = values, torch.from_numpy(from_axes(axes)), origin
 
     def normals(self, rgb: torch.Tensor, mask: torch.Tensor) -> torch.Tensor:
-        """rgb (3, H, W), linear, and mask (H, W) to unit normals (3, H, W), zero outside the mask."""
+        """Return unit normals (3, H, W), zero outside the mask, of linear rgb (3, H, W) and mask (H, W)."""
         values = self.values
         if callable(values):
             values = values(rgb.permute(1, 2, 0).contiguous().cpu().numpy(), mask.cpu().numpy())
         given = inputs.normals("normals", values, mask.shape).to(mask.device)
         vectors = torch.einsum("ij,jhw->ihw", self.matrix.to(mask.device), given) * (mask > 0)
         if vectors[2].sum() < 0:
-            raise ValueError("normals: point away from the camera; say their convention with axes")
+            raise ValueError("normals: point away from the camera; give their axes, such as +x-y-z")
         return vectors
 
 
@@ -42,46 +42,56 @@ def load(
     order: str | None = None,
     device: torch.device | str = "cpu",
 ) -> Any:
-    """Where normals come from, for `infer_normals` and for whatever takes `normals`.
+    """Load a source of normals, for `infer_normals` and for every argument `normals`.
 
     Parameters
     ----------
-    source: one of
-        - the visibility field's own: "field", the shipped one, or the .safetensors file of `relight train
-          shadow`;
-        - PIFuHD's front-normal generator: the path of your own checkpoint, a .pt file (see
-          `shadow.networks.pifuhd`);
-        - a network of others, an .onnx file (extra `matte`): DAViD's normals and multi-task models by their
-          inputs and outputs, any other with `order` (see `shadow.foreign.OnnxNormals`);
-        - a function (rgb, mask) -> (H, W, 3), of float32 NumPy arrays: the photograph (H, W, 3), linear
+    source
+        One of the following:
+
+        - "field", the shipped visibility field, or the .safetensors file of a field that was trained by
+          `relight train shadow`;
+        - the path of your own PIFuHD checkpoint, a .pt file (see `shadow.networks.pifuhd`);
+        - the path of your own .onnx file (extra `matte`): DAViD's normals and multi-task models are
+          recognised by their inputs and outputs, any other needs `order` (see
+          `shadow.networks.foreign.OnnxNormals`);
+        - a function (rgb, mask) -> (H, W, 3) of float32 NumPy arrays: the photograph (H, W, 3), linear
           Rec.709, and the matte (H, W) in [0, 1];
         - an array (H, W, 3) of the photograph's size, such as `relight.read_normals` reads from an image.
-    axes: of the function's, the array's or the ONNX file's vectors: "+x+y+z" is the camera frame (x right,
-        y up, z to the camera), "+x-y-z" OpenCV's; see `shadow.directions.from_axes`.
-    order: "rgb" or "bgr", in which an ONNX file that is not DAViD's wants the photograph.
-    device: where a network that is loaded from a file runs; an ONNX file runs on the CPU.
+    axes
+        Axes of the vectors of a function, an array or an ONNX file: "+x+y+z" is the camera frame (x right, y
+        up, z to the camera), "+x-y-z" OpenCV's; see `shadow.directions.from_axes`.
+    order
+        Channel order, "rgb" or "bgr", of the input of an ONNX file that is not DAViD's.
+    device
+        Where a network that is loaded from a file runs; an ONNX file runs on the CPU.
 
     Returns
     -------
-    An object with `normals(rgb, mask)`: tensors (3, H, W), linear, and (H, W) to unit normals (3, H, W) in
-    the camera frame, zero outside the mask. That of a field wants both framed on its canvas.
+    Any
+        An object with the method `normals(rgb, mask)`. It takes tensors (3, H, W), linear, and (H, W), and
+        returns unit normals (3, H, W) in the camera frame, zero outside the mask. A field expects both on its
+        canvas.
 
     Raises
     ------
-    FileNotFoundError: no such file. ValueError: no such weights, a damaged file, another kind of network,
-    unknown axes, or axes of a network, whose convention is known.
+    FileNotFoundError
+        No such file.
+    ValueError
+        No such weights, a damaged file, another kind of network, unknown axes, or axes given for a network
+        whose convention is known.
     """
-    a_file, loaded = isinstance(source, str | os.PathLike), _says_normals(source)
+    a_file, loaded = isinstance(source, str | os.PathLike), _infers_normals(source)
     if not a_file and not loaded:
         name = getattr(source, "__name__", "a function") if callable(source) else "another program"
-        return GivenNormals(source, axes, checkpoints.Origin(name, None, {}))
+        return ProvidedNormals(source, axes, checkpoints.Origin(name, None, {}))
     if a_file and Path(source).suffix.lower() == ".onnx":
         return OnnxNormals(source, axes=axes, order=order)
     if order is not None:
-        raise ValueError("order: expected none but for an .onnx file")
+        raise ValueError("order: applies to .onnx files only; leave it out")
     if axes != CAMERA:
         known = source if a_file else type(source).__name__
-        raise ValueError(f"axes: those of {known} are known; expected none, got {axes!r}")
+        raise ValueError(f"axes: those of {known} are known; leave axes out, got {axes!r}")
     if loaded:
         return source
     if Path(source).suffix in ("", ".safetensors"):
@@ -94,14 +104,15 @@ def load(
     )
 
 
-def _says_normals(source: Any) -> bool:
+def _infers_normals(source: Any) -> bool:
     return callable(getattr(source, "normals", None))
 
 
 def on_plate(source: Any, rgb: torch.Tensor, mask: torch.Tensor) -> torch.Tensor:
-    """Unit normals (3, H, W), zero outside the mask, of a linear photograph (3, H, W) and its matte (H, W).
+    """Return unit normals (3, H, W), zero outside the mask, of a photograph (3, H, W) and its matte (H, W).
 
-    `source` is what `load` returns; a field sees the person on its canvas. A network runs where it is.
+    The photograph is linear. `source` is what `load` returns. A field sees the person on its canvas. A
+    network runs on the device to which it was loaded.
     """
     here = rgb.device
     if isinstance(source, nn.Module):
@@ -116,25 +127,26 @@ def on_plate(source: Any, rgb: torch.Tensor, mask: torch.Tensor) -> torch.Tensor
 def resolve(
     given: Any, rgb: Any, mask: torch.Tensor, network: nn.Module, *more: nn.Module
 ) -> torch.Tensor | None:
-    """What a caller gave as `normals`, for `on_canvas`: (3, H, W) on the plate, or None where the visibility
-    network `network` is a field and its own are wanted.
+    """Return the normals that the networks are given, (3, H, W) on the plate, or None for the field's own.
 
-    Warns if `network`, or one of `more` that take the same normals, was trained with others. A bare array
-    does not say where it comes from, `infer_normals` perhaps: it passes.
+    The result is None if `network` is a visibility field and its own normals are used. Warns if `network`, or
+    one of `more` that take the same normals, was trained with normals from another source. An array gives no
+    warning, since its source is unknown.
     """
     if given is None:
         source = network if isinstance(network, VisibilityField) else load(device=rgb.device)
-    elif callable(given) or _says_normals(given) or isinstance(given, str | os.PathLike):
+    elif callable(given) or _infers_normals(given) or isinstance(given, str | os.PathLike):
         source = load(given, device=rgb.device)
     else:
-        source = GivenNormals(given)
+        source = ProvidedNormals(given)
     for trained in (network, *more):
-        _warn_if_others(trained, source)
+        _warn_if_unfamiliar(trained, source)
     same = getattr(source, "origin", source) == getattr(network, "origin", network)
     return None if same else on_plate(source, rgb, mask)
 
 
-def _warn_if_others(network: nn.Module, source: Any) -> None:
+def _warn_if_unfamiliar(network: nn.Module, source: Any) -> None:
+    """Warn if a network was trained with normals from another source."""
     used, own = getattr(source, "origin", None), getattr(network, "origin", None)
     if used is None or own is None or own.recipe.get("normals") is None:
         return
@@ -143,39 +155,51 @@ def _warn_if_others(network: nn.Module, source: Any) -> None:
     if same:
         return
     inputs.warn(
-        f"the network {own.name!r} was trained with the normals of {_called(name, checksum)} and is given "
-        f"those of {_called(used.name, used.sha256)}: other errors than it has learned to expect (Table 3)"
+        f"the network {own.name!r} was trained with the normals of {_label(name, checksum)} and is given "
+        f"those of {_label(used.name, used.sha256)}, whose errors it has not learned to expect (Table 3)"
     )
 
 
-def _called(name: str, checksum: str | None) -> str:
+def _label(name: str, checksum: str | None) -> str:
     return repr(name) if checksum is None else f"{name!r} ({checksum[:8]})"
 
 
 def on_canvas(given: torch.Tensor | None, framing: Framing) -> torch.Tensor | None:
-    """Unit normals (3, h, w) on the canvas, of what `resolve` returns; None stays None."""
+    """Resample the result of `resolve` to the canvas: unit normals (3, h, w); None stays None."""
     return None if given is None else F.normalize(framing.crop(given), dim=0)
 
 
 def infer_normals(
     rgb: np.ndarray | torch.Tensor, mask: np.ndarray | torch.Tensor, *, model: Any = "field"
 ) -> np.ndarray | torch.Tensor:
-    """Surface normals of the person in an image.
+    """Infer surface normals of the person in an image.
 
     Parameters
     ----------
-    rgb: (H, W, 3) float, linear Rec.709, any size and exposure; NumPy or torch.
-    mask: (H, W) in [0, 1], the matte of the person.
-    model: name of shipped weights, path of a checkpoint, or anything else that `shadow.normals.load` takes.
+    rgb
+        (H, W, 3) float, linear Rec.709, any size and exposure; NumPy or torch.
+    mask
+        (H, W) in [0, 1], the matte of the person.
+    model
+        Name of shipped weights, path of a checkpoint, or anything else that `shadow.normals.load` accepts.
 
     Returns
     -------
-    (H, W, 3) float32 unit vectors in the camera frame (x right, y up, z to the camera), zero outside the
-    mask. NumPy or torch, as `rgb` was, on its device.
+    np.ndarray | torch.Tensor
+        (H, W, 3) float32 unit vectors in the camera frame (x right, y up, z to the camera), zero outside the
+        mask. NumPy or torch, as `rgb` was, on its device.
 
     Raises
     ------
-    TypeError, ValueError: wrong shape or dtype, NaN or infinite values, an empty mask.
+    TypeError, ValueError
+        Wrong shape or dtype, NaN or infinite values, an empty mask.
+
+    Examples
+    --------
+    >>> rgb, mask = np.full((64, 48, 3), 0.3, np.float32), np.zeros((64, 48), np.float32)
+    >>> mask[8:56, 12:36] = 1
+    >>> shadow.infer_normals(rgb, mask).shape
+    (64, 48, 3)
     """
     image, matte = inputs.photograph(rgb, mask)
     return inputs.like(on_plate(load(model, device=image.device), image, matte).permute(1, 2, 0), rgb)

@@ -1,4 +1,4 @@
-"""Visibility (self-shadow) maps, as a user calls for them."""
+"""Visibility (self-shadow) maps in one call, and the sign(N·L) baseline."""
 
 import os
 
@@ -11,20 +11,31 @@ __all__ = ["baseline", "infer", "load"]
 
 
 def baseline(normals: Array, directions: Array) -> Array:
-    """The sign(N·L) baseline of Section 4.1: lit where the surface faces the light.
+    """Return the sign(N·L) baseline of Section 4.1: lit where the surface faces the light.
 
     Parameters
     ----------
-    normals: (H, W, 3) float, camera frame; zero vectors mark the outside of the mask.
-    directions: (D, 3) light directions, any length but zero.
+    normals
+        (H, W, 3) float, camera frame; zero vectors mark the outside of the mask.
+    directions
+        (D, 3) light directions, any length but zero.
 
     Returns
     -------
-    (D, H, W) float32, 0 or 1, zero outside the mask; NumPy or torch, as `normals` was.
+    Array
+        (D, H, W) float32, 0 or 1, zero outside the mask; NumPy or torch, as `normals` was.
 
     Raises
     ------
-    TypeError, ValueError: wrong shape or dtype, NaN or infinite values, a zero-length direction.
+    TypeError, ValueError
+        Wrong shape or dtype, NaN or infinite values, a zero-length direction.
+
+    Examples
+    --------
+    >>> facing = np.zeros((2, 2, 3), np.float32)
+    >>> facing[..., 2] = 1
+    >>> shadow.baseline(facing, [[0.0, 0.0, 1.0], [0.0, 0.0, -1.0]])[:, 0, 0].tolist()
+    [1.0, 0.0]
     """
     surface = inputs.image("normals", normals)
     lights = inputs.directions("directions", directions).to(surface.device)
@@ -39,22 +50,33 @@ def infer(
     normals: Normals | None = None,
     model: str | os.PathLike = "field",
 ) -> Array:
-    """Visibility maps of the person in an image, for any light directions.
+    """Infer visibility maps of the person in an image, for any light directions.
 
     Parameters
     ----------
-    rgb, mask, normals, model: as of `shadow.analyse`.
-    directions: (D, 3) toward the lights, camera frame, any length but zero.
+    rgb, mask, normals, model
+        As in `shadow.analyse`.
+    directions
+        (D, 3) toward the lights, camera frame, any length but zero.
 
     Returns
     -------
-    (D, H, W) float32 in [0, 1], 1 = lit, zero outside the mask; binary = `> 0.5`. NumPy or torch, as `rgb`
-    was, on its device. With the field the cost hardly depends on D (one network pass), with a per-light
-    network it is D passes; the memory is 4 D H W bytes.
+    Array
+        (D, H, W) float32 in [0, 1], 1 = lit, zero outside the mask; binary = `> 0.5`. NumPy or torch, as
+        `rgb` was, on its device. With the field, the cost hardly depends on D (one network pass); with a
+        per-light network it is D passes. The maps take 4 D H W bytes.
 
     Raises
     ------
-    TypeError, ValueError: wrong shape or dtype, NaN or infinite values, an empty mask, a zero direction.
+    TypeError, ValueError
+        Wrong shape or dtype, NaN or infinite values, an empty mask, a zero direction.
+
+    Examples
+    --------
+    >>> rgb, mask = np.full((64, 48, 3), 0.3, np.float32), np.zeros((64, 48), np.float32)
+    >>> mask[8:56, 12:36] = 1
+    >>> shadow.infer(rgb, mask, [[0.0, 0.0, 1.0]]).shape
+    (1, 64, 48)
     """
-    inputs.directions("directions", directions)  # what is wrong is said before the network runs
+    inputs.directions("directions", directions)  # fail before the network runs
     return analyse(rgb, mask, normals=normals, model=model).visibility(directions)

@@ -1,31 +1,31 @@
-"""Random photographs of records, lit anew each time one is drawn (Section 3, "Data Generation")."""
+"""Random photographs of records, with a new random lighting each time (Section 3, "Data Generation")."""
 
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 import torch
 import torch.nn.functional as F
-from kornia.enhance import jpeg_codec_differentiable, sharpness
 
 from shadow.data.records import ENCODING, REGIONS, Record
-from shadow.data.skin import scattered
+from shadow.data.skin import scatter
 from shadow.directions import from_spherical
 from shadow.framing import Framing, affine_sample, bounding_box
 
 LUMINANCE = np.array([0.2126, 0.7152, 0.0722], np.float32)  # of linear Rec.709 (ITU-R BT.709)
+LOCAL_CONTRAST_SIGMA = 0.03  # of the blur that separates local contrast, relative to the picture's height
 KINDS = ("hard", "sky", "any")  # of everyday light
 
 
 def random_lighting(rng: np.random.Generator, directions: np.ndarray, unfilled: float = 0.0) -> np.ndarray:
-    """Weights (D, 3) of a random lighting over `directions` (D, 3): any mixture is weights over the set.
+    """Draw the weights (D, 3) of a random lighting over `directions` (D, 3).
 
-    One to four hard lights, each of its own colour, above an ambient environment that varies slowly with
-    direction. Real photographs go from one to the other, so the share of hard light does too. `unfilled` of
-    the lightings, a share in [0, 1], have no ambient light, as on a dark stage.
+    One to four hard lights of different colours are added to an ambient environment that varies slowly with
+    direction. The fraction of hard light is random, since real photographs range from soft to hard light. The
+    fraction `unfilled`, in [0, 1], of the lightings has no ambient light, as on a dark stage.
     """
     hard = np.zeros((len(directions), 3), np.float32)
     for _ in range(rng.choice([1, 2, 3, 4], p=[0.5, 0.3, 0.12, 0.08])):
-        # Key lights stand above and before the subject more often than not.
+        # Key lights are usually above and in front of the subject.
         odds = np.exp(1.0 * directions[:, 2] + 0.7 * directions[:, 1])
         tint = np.exp(rng.normal(0, 0.15, 3))
         hard[rng.choice(len(directions), p=odds / odds.sum())] += rng.uniform(0.3, 1.0) * tint
@@ -33,7 +33,7 @@ def random_lighting(rng: np.random.Generator, directions: np.ndarray, unfilled: 
     axis[0, 1] = abs(axis[0, 1]) + 0.5  # light comes from above more often
     cosines = directions @ axis.T / np.linalg.norm(axis, axis=1)
     lobes = rng.uniform(0.05, 0.3) + np.exp(rng.uniform(0, 3, 3) * (cosines - 1))
-    lobes[np.arange(len(directions)) % 3 != rng.integers(3)] = 0  # a third of the samples is enough
+    lobes[np.arange(len(directions)) % 3 != rng.integers(3)] = 0  # every third sample is enough
     soft = lobes * rng.uniform(0, 1, 3) @ np.exp(rng.normal(0, 0.12, (3, 3)))
     soft = soft / soft.sum(axis=0).mean()
     share = rng.choice([rng.uniform(0.6, 0.95), rng.uniform(0, 0.6), 0.0], p=[0.5, 0.3, 0.2])
@@ -45,12 +45,12 @@ def random_lighting(rng: np.random.Generator, directions: np.ndarray, unfilled: 
 def everyday_lighting(
     rng: np.random.Generator, directions: np.ndarray, kind: str | None = None
 ) -> np.ndarray:
-    """Weights (D, 3) of a random lighting over `directions` (D, 3), as pictures that are relit were taken in.
+    """Draw the weights (D, 3) of an everyday lighting over `directions` (D, 3), typical of users' pictures.
 
-    A third are "hard", one or two lamps or the sun, with 0 to 10 % of ambient light; a third "sky", with a
-    large key; a third "any", as of `random_lighting`. In the first two the key is as warm as lamps and a low
-    sun are, the sky bluer than it, and the ground throws the key's light back, warmer still. `kind`: one of
-    KINDS, drawn if None.
+    A third are "hard": one or two lamps or the sun, with 0 to 10 % of ambient light. A third are "sky": a
+    large key light. A third are "any": those of `random_lighting`. In the first two kinds the key light is as
+    warm as lamps or a low sun, the sky is bluer than the key, and the ground reflects the key's light in a
+    warmer colour. `kind`: one of KINDS, drawn if None.
     """
     kind = rng.choice(KINDS) if kind is None else kind
     if kind == "any":
@@ -65,47 +65,51 @@ def everyday_lighting(
         key[keys] = _warm(warmth) * rng.uniform(0.3, 1.0, (count, 1))
     else:
         share = rng.uniform(0.2, 0.65)
-        breadth = rng.uniform(6, 20)  # half its strength 28 to 15 degrees from its middle
+        breadth = rng.uniform(6, 20)  # falls to half its strength 28 to 15 degrees from its centre
         key = np.exp(breadth * (directions @ directions[keys[0]] - 1))[:, None] * _warm(warmth)
-        key[key.sum(axis=1) < 0.05] = 0  # what is faint costs time and is not seen
+        key[key.sum(axis=1) < 0.05] = 0  # the faintest lights are invisible and cost time
     up = directions[:, 1:2]
     ground = rng.uniform(0.05, 0.35) * _warm(warmth[:1] + rng.uniform(0, 0.25))
     sky = (0.55 + 0.45 * up) ** rng.uniform(0.5, 2) * _warm(warmth[:1] - rng.uniform(0.05, 0.7))
     ambient = sky + np.maximum(-up, 0) * ground
-    ambient[np.arange(len(directions)) % 3 != rng.integers(3)] = 0  # a third of the samples is enough
+    ambient[np.arange(len(directions)) % 3 != rng.integers(3)] = 0  # every third sample is enough
     ambient *= 3 / ambient.sum()
-    # Of what comes from all around, a surface gets a quarter: so much more of it is as bright as the key.
+    # A surface receives a quarter of uniform light, so four times the weight is as bright as a key light.
     return (share * key / key.sum() * 3 + (1 - share) * 4 * ambient).astype(np.float32)
 
 
 def _warm(warmth: np.ndarray) -> np.ndarray:
-    """Linear Rec.709 (N, 3) of luminance 1, of lights of warmth (N,): about 0.6 at 3000 K, 0 at 6500 K, -0.2
-    at 9000 K."""
+    """Return colours (N, 3), linear Rec.709 of luminance 1, for lights of warmth (N,).
+
+    The warmth is about 0.6 at 3000 K, 0 at 6500 K and -0.2 at 9000 K.
+    """
     colour = np.exp(np.asarray(warmth)[:, None] * [0.9, 0.0, -1.7])
     return colour / (colour @ LUMINANCE)[:, None]
 
 
-def softbox(directions: np.ndarray, azimuth: float = 40.0, elevation: float = 35.0) -> np.ndarray:
-    """Weights (D,) of a large softbox over `directions` (D, 3), which sum to one: a lobe that has half its
-    strength 24 degrees from where the softbox stands, by default at upper right."""
-    lobe = np.exp(8 * (directions @ from_spherical(azimuth, elevation) - 1))
+def softbox(directions: np.ndarray) -> np.ndarray:
+    """Return the weights (D,), which sum to one, of a large softbox at the upper right.
+
+    The lobe falls to half its strength 24 degrees from the centre. `directions`: (D, 3) unit vectors.
+    """
+    lobe = np.exp(8 * (directions @ from_spherical(40.0, 35.0) - 1))
     return lobe / lobe.sum()
 
 
 def light(record: Record, weights: np.ndarray, gloss: float = 0.0, shininess: float = 20.0) -> np.ndarray:
-    """The record photographed under `weights` (D, 3): linear colour (N, 3), by direct light (Section 3) and,
-    if that was traced, by what bounces of it. On skin the direct light is `scattered`.
+    """Light the record by `weights` (D, 3) and return its linear colour (N, 3).
 
-    `gloss` adds a Blinn-Phong highlight, seen from the camera axis, that the albedo does not explain.
+    The light is direct (Section 3), with bounce light if the record has it, and subsurface scattering on
+    skin. `gloss` adds a Blinn-Phong highlight, seen from the camera's axis, that the albedo does not explain.
     """
-    # In torch, whose threads the data loader's workers can limit; BLAS behind NumPy takes every core.
+    # In torch, whose threads the data loader's workers can limit; NumPy's BLAS would use every core.
     normals, visibility = torch.from_numpy(record.normals), torch.from_numpy(record.visibility)
     lights, power = torch.from_numpy(record.directions), torch.from_numpy(weights)
     shining = power.any(dim=1)
     shading = (normals @ lights[shining].T).clamp_min_(0).mul_(visibility[:, shining])
     strength, patterns = map(torch.from_numpy, record.bounce)
     bounced = (strength @ torch.einsum("kdc,dc->kc", patterns, power)).clamp_min_(0)
-    colour = torch.from_numpy(record.albedo) * (scattered(record, shading @ power[shining]) + bounced)
+    colour = torch.from_numpy(record.albedo) * (scatter(record, shading @ power[shining]) + bounced)
     if gloss > 0:
         bright = power.sum(dim=1) > 0.1
         half = F.normalize(lights[bright] + torch.tensor([0.0, 0.0, 1.0]), dim=1)
@@ -114,9 +118,56 @@ def light(record: Record, weights: np.ndarray, gloss: float = 0.0, shininess: fl
     return colour.numpy()
 
 
-def photograph(rgb: torch.Tensor, mask: torch.Tensor, rng: np.random.Generator) -> torch.Tensor:
-    """A linear image (3, H, W) as a camera would deliver it: exposure, white balance, a background shining
-    through the matte's edge, sensor noise, clipping, 8 bits; linear again."""
+class PictureStyle(NamedTuple):
+    """The tones and colours that cameras, phones and raw converters give to a picture, on encoded values.
+
+    The default changes nothing. Local contrast comes first, then the tone curve, then saturation.
+    """
+
+    contrast: float = 0.0  # of a sigmoid from (0, 0) to (1, 1); its slope at the pivot is 1.2 at 3, 1.7 at 6
+    pivot: float = 0.5  # encoded value at which the sigmoid is steepest
+    saturation: float = 1.0  # factor of the difference from grey
+    local_contrast: float = 0.0  # factor added to the difference from the blurred luma
+
+    def __call__(self, encoded: torch.Tensor) -> torch.Tensor:
+        """Return the picture (3, H, W) of an encoded picture (3, H, W), both in [0, 1]."""
+        if self.local_contrast:
+            from kornia.filters import gaussian_blur2d
+
+            luma, sigma = _luma(encoded), LOCAL_CONTRAST_SIGMA * encoded.shape[1]
+            kernel = (4 * round(sigma) + 1,) * 2
+            blurred = gaussian_blur2d(luma[None], kernel, (sigma, sigma), border_type="replicate")[0]
+            encoded = (encoded + self.local_contrast * (luma - blurred)).clamp(0, 1)
+        if self.contrast:
+            ends = torch.tensor([0.0, 1.0]).to(encoded)
+            low, high = torch.sigmoid(self.contrast * (ends - self.pivot))
+            encoded = (torch.sigmoid(self.contrast * (encoded - self.pivot)) - low) / (high - low)
+        return torch.lerp(_luma(encoded), encoded, self.saturation).clamp(0, 1)
+
+
+def _luma(encoded: torch.Tensor) -> torch.Tensor:
+    """Return the luma (1, H, W) of an encoded picture (3, H, W)."""
+    return torch.einsum("chw,c->hw", encoded, torch.from_numpy(LUMINANCE).to(encoded))[None]
+
+
+def random_style(rng: np.random.Generator) -> PictureStyle:
+    """Draw a picture style such as phones and raw converters have."""
+    return PictureStyle(
+        contrast=rng.uniform(0.5, 6),
+        pivot=rng.uniform(0.4, 0.6),
+        saturation=float(np.clip(np.exp(rng.normal(0.12, 0.2)), 0.7, 1.6)),
+        local_contrast=rng.uniform(0, 0.6),
+    )
+
+
+def photograph(
+    rgb: torch.Tensor, mask: torch.Tensor, rng: np.random.Generator, style: PictureStyle | None = None
+) -> torch.Tensor:
+    """Simulate a camera that sees a linear image (3, H, W), and return its picture as a linear image.
+
+    The camera applies exposure, white balance, background colour at the matte's edge, sensor noise, clipping,
+    its picture style and quantisation to 8 bits.
+    """
     mean = (rgb * mask).sum() / (3 * mask.sum()).clamp_min(1)
     tint = torch.from_numpy(np.exp(rng.normal(0, 0.08, 3)).astype(np.float32)).view(3, 1, 1)
     rgb = rgb * tint * (np.exp(rng.uniform(np.log(0.06), np.log(0.6))) / mean.clamp_min(1e-6))
@@ -129,24 +180,35 @@ def photograph(rgb: torch.Tensor, mask: torch.Tensor, rng: np.random.Generator) 
         noise = F.avg_pool2d(noise, 3, stride=1, padding=1) * 2
     rgb = rgb + noise * (shot**2 * rgb.clamp_min(0) + read**2).sqrt()
     encoded = rgb.clamp(0, 1) ** (1 / ENCODING)
+    if style is not None:
+        encoded = style(encoded)
     return ((encoded * 255).round() / 255) ** ENCODING
 
 
 def compress(rgb: torch.Tensor, quality: float) -> torch.Tensor:
-    """A linear image (3, H, W) after a JPEG file of this quality in [1, 100]; sides are multiples of 16."""
+    """Compress a linear image (3, H, W) as JPEG of a quality in [1, 100]. H and W are multiples of 16."""
+    from kornia.enhance import jpeg_codec_differentiable
+
     encoded = rgb.clamp(0, 1) ** (1 / ENCODING)
     return jpeg_codec_differentiable(encoded[None], torch.tensor([float(quality)]))[0].clamp(0, 1) ** ENCODING
 
 
 def sharpen(rgb: torch.Tensor, factor: float) -> torch.Tensor:
-    """A linear image (3, H, W) as a camera sharpens it by a `factor` above 1, or as a lens blurs it by one in
-    [0, 1): 3 x 3 pixels on the encoded image."""
+    """Sharpen a linear image (3, H, W) by a `factor` above 1, or blur it by a `factor` in [0, 1).
+
+    The filter has 3 x 3 pixels and works on the encoded image.
+    """
+    from kornia.enhance import sharpness
+
     return sharpness(rgb.clamp(0, 1) ** (1 / ENCODING), factor) ** ENCODING
 
 
 def rough_matte(mask: torch.Tensor, rng: np.random.Generator) -> torch.Tensor:
-    """A matte (1, H, W) as somebody's tool cuts it: here inside the subject's edge, there outside, by up to a
-    hundredth of the height; the edge soft or hard, and what is thinner than that lost or filled."""
+    """Return an inaccurate matte (1, H, W), such as a matting tool makes, of a mask (1, H, W).
+
+    Its edge is soft or hard, and lies inside or outside the subject's edge by up to 1 % of the height.
+    Thinner parts are lost, and thinner gaps are filled.
+    """
     reach = 2 * round(rng.uniform(0.004, 0.012) * mask.shape[1]) + 1
     soft = F.avg_pool2d(mask, reach, stride=1, padding=reach // 2, count_include_pad=False)
     level = torch.from_numpy(rng.uniform(0.15, 0.85, (1, 1, 9, 7)).astype(np.float32))
@@ -155,16 +217,21 @@ def rough_matte(mask: torch.Tensor, rng: np.random.Generator) -> torch.Tensor:
 
 
 class Sample(dict):
-    """Tensors of one training example, all in the canvas and its (possibly turned) camera frame.
+    """Tensors of one training example, on the canvas and in its (possibly rotated) camera frame.
 
-    rgb (3, h, w) linear photograph; matte (1, h, w), which a network is given with it; mask (1, h, w), where
-    the subject is and the matte says so; normals (3, h, w) unit; albedo (3, h, w) linear; directions (L, 3);
-    visibility (L, h, w) in [0, 1]; weights (L, 3), what each direction shone with in the photograph. Bounce
-    light, in Rec.709 luminance, is bounce_patterns (L, K) times bounce (K, h, w). depth (1, h, w), away from
-    the camera, is relative to its mean in the mask, in units of the height that the mask has here; it is
-    zero, and depth_known (1,) too, where the record has none. regions (2, h, w): the share of each pixel that
-    is of a face, and of hands; zero where the record does not say. What is not the photograph's holds inside
-    the mask.
+    All but the photograph and the matte are valid inside the mask only.
+
+    - rgb (3, h, w): the linear photograph.
+    - matte (1, h, w): the second input of the network.
+    - mask (1, h, w): the intersection of the subject and the matte.
+    - normals (3, h, w), unit; albedo (3, h, w), linear.
+    - directions (L, 3); visibility (L, h, w) in [0, 1].
+    - weights (L, 3): the light from each direction in the photograph.
+    - bounce_patterns (L, K) and bounce (K, h, w), whose product is the bounce light in Rec.709 luminance.
+    - depth (1, h, w): away from the camera, relative to its mean in the mask, in units of the mask's height
+      on this canvas; depth_known (1,). Both are zero if the record has no depth.
+    - regions (2, h, w): the fraction of each pixel that belongs to a face, and to hands; zero if the record
+      has no regions.
     """
 
 
@@ -176,12 +243,12 @@ def sample(
     augment: bool = True,
     lighting: np.ndarray | None = None,
 ) -> Sample:
-    """A random photograph of the record, with its truth, framed on a canvas of `size` (h, w).
+    """Draw a random photograph of the record and its ground truth, framed on a canvas of `size` (h, w).
 
-    `lights` directions are drawn from the record's set (all of them, in order, if None), those that light the
-    photograph among them if there is room. With `augment` the picture is flipped, turned in the image plane,
-    scaled and moved, and normals and directions turn with it. `lighting`, weights (D, 3) over the record's
-    directions, is drawn if None.
+    `lights` directions are drawn from the record's set, those that light the photograph first; None uses all
+    of them in order. With `augment` the picture is flipped, rotated in the image plane, scaled and moved, and
+    normals and directions rotate with it. `lighting` (D, 3) are the weights of the record's directions, drawn
+    if None.
     """
     record = record.cropped(size[0])
     count = len(record.directions)
@@ -206,16 +273,16 @@ def sample(
         record.shares,
         record.visibility[:, chosen],
     ]
-    turn, matrix = _movement(record, rng, size, augment)
+    turn, matrix = _placement(record, rng, size, augment)
     planes = affine_sample(record.image(np.concatenate(values, axis=1)), matrix, size)
     mask = planes[:1]
-    straight = planes[1:] / mask.clamp_min(0.02)  # bilinear sampling premultiplied by the mask
+    straight = planes[1:] / mask.clamp_min(0.02)  # bilinear sampling has premultiplied by the mask
     channels = [3, 3, 3, bounce.shape[1], 1, len(REGIONS) - 1, len(chosen)]
     rgb, normals, albedo, bounce, depth, regions, visibility = straight.split(channels)
     frame = torch.eye(3)
     frame[:2, :2] = torch.from_numpy(turn)
     turned = torch.einsum("ij,jhw->ihw", frame, normals)
-    rgb, matte = _delivered(rgb, mask, rng) if augment else (rgb, mask)
+    rgb, matte = _degrade(rgb, mask, rng) if augment else (rgb, mask)
     return Sample(
         rgb=rgb,
         matte=matte,
@@ -226,16 +293,21 @@ def sample(
         visibility=visibility.clamp(0, 1),
         weights=torch.from_numpy(weights[chosen]),
         bounce=bounce,
-        depth=_depth_on(depth, mask, record, matrix),
+        depth=_canvas_depth(depth, mask, record, matrix),
         depth_known=torch.tensor([float(record.depth is not None)]),
         regions=regions.clamp(0, 1),
         bounce_patterns=torch.from_numpy(patterns[:, chosen] @ LUMINANCE).T.contiguous(),
     )
 
 
-def _depth_on(depth: torch.Tensor, mask: torch.Tensor, record: Record, matrix: torch.Tensor) -> torch.Tensor:
-    """Depth (1, h, w) in units of the record's height, as Sample has it: less of the subject may show, or
-    show larger. mask: (1, h, w). matrix: (2, 3) from canvas to record."""
+def _canvas_depth(
+    depth: torch.Tensor, mask: torch.Tensor, record: Record, matrix: torch.Tensor
+) -> torch.Tensor:
+    """Convert depth (1, h, w) in units of the height of the record's mask to the unit of `Sample`.
+
+    The canvas may show a part of the subject, or show it larger. mask: (1, h, w). matrix: (2, 3) from canvas
+    to record.
+    """
     inside = mask > 0.5
     if not inside.any():
         return torch.zeros_like(depth)
@@ -244,30 +316,33 @@ def _depth_on(depth: torch.Tensor, mask: torch.Tensor, record: Record, matrix: t
     return (depth - depth[inside].mean()) * magnification * (bottom - top) / (lower - upper) * (mask > 0)
 
 
-def _movement(
+def _placement(
     record: Record, rng: np.random.Generator, size: tuple[int, int], augment: bool
 ) -> tuple[np.ndarray, torch.Tensor]:
-    """How the record lies on a canvas of `size` (h, w): the turn (2, 2) of the picture, x right and y up, and
-    the matrix (2, 3) that `affine_sample` takes from canvas to record."""
+    """Draw the placement of the record on a canvas of `size` (h, w).
+
+    Returns the rotation (2, 2) of the picture, x right and y up, and the matrix (2, 3) from canvas to record
+    that `affine_sample` takes.
+    """
     framing = Framing.around(torch.from_numpy(record.mask), size[0])
     turn = np.eye(2)
     scale, shift = 1.0, np.zeros(2)
     if augment:
         angle = np.radians(np.clip(rng.normal(0, 12), -40, 40))
         below, beside = record.mask[-1].any(), record.mask[:, [0, -1]].any()
-        if beside:  # the canvas is narrow: turned far, it would show the frame's upright edge
+        if beside:  # the canvas is narrow: a large rotation would show the vertical edge of the frame
             angle /= 4
         flip = rng.choice([-1.0, 1.0])
         turn = np.diag([flip, 1]) @ [[np.cos(angle), -np.sin(angle)], [np.sin(angle), np.cos(angle)]]
         scale = np.exp(rng.normal(0, 0.08))
         shift = rng.normal(0, 0.03, 2) * size[0]
-        if below:  # what is turned with the body, the frame's edge, stays outside
+        if below:  # keep the lower edge of the frame, which rotates with the body, outside
             shift[1] -= abs(np.sin(angle)) * size[1] / 2
         if below or rng.random() < 0.15:  # a portrait: the frame cuts the body
             zoom = rng.uniform(1.05, 1.5) if below else rng.uniform(1.3, 2.6)
             scale *= zoom
             shift[1] -= (zoom - 1) * rng.uniform(0.2, 0.45) * size[0]  # toward the head
-    # Canvas to record, in pixels with y down: the inverse of turn, then of scale.
+    # From canvas to record, in pixels with y down: the inverse of the rotation, then of the scale.
     downward = np.diag([1.0, -1.0])
     linear = downward @ turn.T @ downward / (scale * framing.scale)
     offset = np.array(framing.centre) - linear @ (np.array([size[1], size[0]]) / 2 + shift * [1, -1])
@@ -275,11 +350,12 @@ def _movement(
     return turn, matrix
 
 
-def _delivered(
+def _degrade(
     rgb: torch.Tensor, mask: torch.Tensor, rng: np.random.Generator
 ) -> tuple[torch.Tensor, torch.Tensor]:
-    """A linear image (3, h, w) and its mask (1, h, w) as a camera and a matting tool deliver them."""
-    rgb, matte = photograph(rgb, mask, rng), mask
+    """Simulate a camera for a linear image (3, h, w), and a matting tool for its mask (1, h, w)."""
+    style = random_style(rng) if rng.random() < 1 / 3 else None
+    rgb, matte = photograph(rgb, mask, rng, style), mask
     if rng.random() < 0.3:
         rgb = sharpen(rgb, rng.uniform(0, 4))
     if rng.random() < 0.3:

@@ -1,9 +1,8 @@
-"""Training records: one rendered view each.
+"""Training records, each of which is one rendered view.
 
-A record holds what the virtual light stage saw inside the mask: normals, albedo, depth, one visibility bit
-for each direction of its set and, if it was asked to, the light that bounced there. Photographs are lit from
-it anew each time it is drawn (`shadow.data.photographs`). On disk a record is one compressed .npz file; a
-shard is a zip archive of such files.
+A record holds the results of the light stage inside the mask: normals, albedo, depth, one visibility bit for
+each light direction and, optionally, bounce light. `shadow.data.photographs` renders a new photograph from it
+each time. On disk a record is one compressed .npz file; a shard is a zip archive of such files.
 """
 
 import io
@@ -21,17 +20,17 @@ from shadow.files import replacing
 from shadow.framing import bounding_box
 
 SHARD_BYTES = 60 * 2**20
-BOUNCE_RANK = 8  # patterns of bounce light over the lights of a view: they keep 96 % of it
-REGIONS = ("other", "face", "hands")  # what a pixel may belong to
-ENCODING = 2.2  # albedo is stored as 8 bits of albedo ** (1 / 2.2), finer in dark cloth
+BOUNCE_RANK = 8  # rank of the factorised bounce light of a view, which keeps 96 % of it
+REGIONS = ("other", "face", "hands")  # labels of pixels
+ENCODING = 2.2  # albedo is stored as 8 bits of albedo ** (1 / 2.2), which resolves dark cloth better
 
 
 @dataclass(frozen=True)
 class Record:
-    """One view, as stored. N pixels lie inside the mask, in row order; D directions.
+    """One view, with N pixels inside the mask, in row order, and D directions.
 
-    The stored types are the record: writing and reading back gives the same arrays. The properties give
-    floats.
+    The fields have the types of the file, so that a record that is written and read back is the same. The
+    properties convert them to floats.
     """
 
     mask: np.ndarray  # (H, W) bool
@@ -39,13 +38,11 @@ class Record:
     albedo_uint8: np.ndarray  # (N, 3) encoded albedo × 255
     visibility_bits: np.ndarray  # (N, ceil(D / 8)) uint8, packed along the directions
     directions: np.ndarray  # (D, 3) float32 unit vectors, camera frame
-    about: dict = field(default_factory=dict)  # figure, split, view: whatever JSON holds
-    bounce_float16: np.ndarray | None = None  # (N, K) and
-    bounce_patterns: np.ndarray | None = None  # (K, D, 3): their product is the bounce light, or neither is
-    depth_float16: np.ndarray | None = None  # (N, 1), see `depth`; None in records from before there was any
-    regions: np.ndarray | None = (
-        None  # (N,) uint8, indices into REGIONS; None where nobody knows, as of scans
-    )
+    about: dict = field(default_factory=dict)  # figure, split, view and other values that JSON can hold
+    bounce_float16: np.ndarray | None = None  # (N, K); its product with bounce_patterns is the bounce light
+    bounce_patterns: np.ndarray | None = None  # (K, D, 3); both are None if bounce light was not traced
+    depth_float16: np.ndarray | None = None  # (N, 1), see `depth`; None in old records
+    regions: np.ndarray | None = None  # (N,) uint8, indices into REGIONS; None if unknown, as in scans
 
     @classmethod
     def of(
@@ -60,8 +57,11 @@ class Record:
         depth: np.ndarray | None = None,
         regions: np.ndarray | None = None,
     ) -> "Record":
-        """From floats inside the mask: normals (N, 3) unit, albedo (N, 3) linear in [0, 1], visibility
-        (N, D) bool, bounce light in factors (N, K) and (K, D, 3), depth (N, 1), regions (N,)."""
+        """Make a record from floats inside the mask.
+
+        normals (N, 3) unit, albedo (N, 3) linear in [0, 1], visibility (N, D) bool, bounce light as factors
+        (N, K) and (K, D, 3), depth (N, 1), regions (N,).
+        """
         shares, patterns = (None, None) if bounce is None else bounce
         return cls(
             mask.astype(bool),
@@ -78,23 +78,23 @@ class Record:
 
     @property
     def normals(self) -> np.ndarray:
-        """(N, 3) float32 unit vectors."""
+        """Camera-frame normals (N, 3), float32 unit vectors."""
         vectors = self.normals_int8.astype(np.float32)
         return vectors / np.linalg.norm(vectors, axis=1, keepdims=True)
 
     @property
     def albedo(self) -> np.ndarray:
-        """(N, 3) float32 linear, in [0, 1]."""
+        """Albedo (N, 3), float32, linear in [0, 1]."""
         return (self.albedo_uint8.astype(np.float32) / 255) ** ENCODING
 
     @property
     def visibility(self) -> np.ndarray:
-        """(N, D) uint8, 1 = lit."""
+        """Visibility (N, D), uint8: 1 is lit."""
         return np.unpackbits(self.visibility_bits, axis=1, count=len(self.directions))
 
     @property
     def bounce(self) -> tuple[np.ndarray, np.ndarray]:
-        """Bounce light in factors, (N, K) and (K, D, 3) float32: zero if none was traced."""
+        """Bounce light as two factors, (N, K) and (K, D, 3), float32: zero if it was not traced."""
         if self.bounce_float16 is None or self.bounce_patterns is None:
             return (
                 np.zeros((len(self.normals_int8), BOUNCE_RANK), np.float32),
@@ -104,31 +104,35 @@ class Record:
 
     @property
     def depth(self) -> np.ndarray | None:
-        """(N, 1) float32, away from the camera along its axis, relative to the mean of the subject's pixels,
-        in units of the height that the mask shows at that mean depth; None if it was not recorded.
+        """Depth (N, 1) along the camera's axis, float32, or None if it was not recorded.
 
-        `about["camera"]` says what takes it back to positions: `focal`, the focal length in pixels, and
-        `mean_depth`, the mean's own distance from the camera in the same units.
+        It increases away from the camera and is relative to the mean over the subject's pixels. Its unit is
+        the height of the mask at that mean depth. `about["camera"]` has the values that convert it to
+        positions: `focal`, the focal length in pixels, and `mean_depth`, the distance from the camera to the
+        mean depth in the same unit.
         """
         return None if self.depth_float16 is None else self.depth_float16.astype(np.float32)
 
     @property
     def shares(self) -> np.ndarray:
-        """(N, 2) float32: 1 where a pixel is of a face, and of hands; zero if nobody knows."""
+        """Masks of faces and of hands (N, 2), float32, 0 or 1; zero if the regions are unknown."""
         if self.regions is None:
             return np.zeros((len(self.normals_int8), len(REGIONS) - 1), np.float32)
         return (self.regions[:, None] == np.arange(1, len(REGIONS))).astype(np.float32)
 
     def image(self, values: np.ndarray) -> torch.Tensor:
-        """Values inside the mask (N, C) as an image (C, H, W) float32, zero outside."""
+        """Return values inside the mask (N, C) as an image (C, H, W), float32, zero outside the mask."""
         canvas = np.zeros((values.shape[1], *self.mask.shape), np.float32)
         canvas[:, self.mask] = values.T
         return torch.from_numpy(canvas)
 
     def cropped(self, height: int) -> "Record":
-        """The record without the empty margins of its frame, and with every second, third... pixel only if
-        the subject is then still taller than `height`: what costs time and is not seen goes. One empty pixel
-        stays where there were any, which says that no frame cuts the subject there."""
+        """Return the record without the empty margins of its frame, and at a lower resolution if possible.
+
+        Only every n-th pixel is kept, with the largest n for which the subject is still at least `height`
+        pixels tall. One empty pixel stays on each side that had any, to show that the frame does not cut the
+        subject there.
+        """
         top, left, bottom, right = bounding_box(torch.from_numpy(self.mask))
         rows, columns = self.mask.shape
         around = ((min(top, 1), min(rows - bottom, 1)), (min(left, 1), min(columns - right, 1)))
@@ -153,14 +157,14 @@ class Record:
 
 
 def _strided(about: dict[str, Any], stride: int) -> dict[str, Any]:
-    """What is said of a record of which every `stride`-th pixel is kept: its focal length is shorter."""
+    """Adapt `about` to a record that keeps every `stride`-th pixel, which shortens the focal length."""
     if "camera" not in about:
         return about
     return about | {"camera": about["camera"] | {"focal": about["camera"]["focal"] / stride}}
 
 
 def to_bytes(record: Record) -> bytes:
-    """A record as the bytes of its compressed .npz file."""
+    """Encode a record as the bytes of its compressed .npz file."""
     stream = io.BytesIO()
     perhaps = {
         "bounce": record.bounce_float16,
@@ -184,7 +188,7 @@ def to_bytes(record: Record) -> bytes:
 
 
 def from_bytes(data: bytes, name: str | Path = "record") -> Record:
-    """The record that `to_bytes` wrote; ValueError naming it if it is damaged."""
+    """Decode the record that `to_bytes` wrote. Raises ValueError with its name if it is damaged."""
     try:
         with np.load(io.BytesIO(data), allow_pickle=False) as arrays:
             size = tuple(arrays["size"])
@@ -205,7 +209,7 @@ def from_bytes(data: bytes, name: str | Path = "record") -> Record:
 
 
 def write(path: Path, record: Record) -> int:
-    """Write a record's file. Returns the bytes on disk."""
+    """Write a record to a file, and return the file's size in bytes."""
     data = to_bytes(record)
     with replacing(path) as beside:
         beside.write_bytes(data)
@@ -213,10 +217,10 @@ def write(path: Path, record: Record) -> int:
 
 
 def pack(folder: str | Path, out: str | Path) -> list[Path]:
-    """Pack the records of `folder` into shards `out`/shard-000.zip, ... of at most 60 MiB each.
+    """Pack the records of `folder` into shards `out`/shard-000.zip, ... of at most 60 MiB; return the paths.
 
-    Records are dealt over the shards in a fixed random order, so that any subset of shards is a fair
-    sample. Returns the paths.
+    Records are distributed over the shards in a fixed random order, so that any subset of shards is a random
+    sample.
     """
     files = sorted(Path(folder).glob("*.npz"))
     if not files:
@@ -226,7 +230,7 @@ def pack(folder: str | Path, out: str | Path) -> list[Path]:
     shards: list[list[Path]] = []
     room = 0
     for file in (files[i] for i in order):
-        size = file.stat().st_size + 2 * len(file.name) + 128  # a zip entry's own bytes
+        size = file.stat().st_size + 2 * len(file.name) + 128  # with the headers of a zip entry
         if size > room:
             shards.append([])
             room = SHARD_BYTES - 1024
@@ -249,7 +253,7 @@ class Records:
         self.entries: list[tuple[Path, str | None]] = []  # (file, member of the archive or None)
         for path in map(Path, paths):
             if not path.exists():
-                raise FileNotFoundError(f"records: there is nothing at {path}")
+                raise FileNotFoundError(f"records: no such file or folder: {path}")
             for file in sorted(path.glob("*")) if path.is_dir() else [path]:
                 if file.suffix == ".npz":
                     self.entries.append((file, None))
@@ -263,7 +267,7 @@ class Records:
         return len(self.entries)
 
     def spread(self, count: int) -> list[int]:
-        """Indices of `count` records, or of all if there are fewer, spread evenly over the whole."""
+        """Return the indices of `count` evenly spread records, or of all if there are fewer."""
         return np.linspace(0, len(self) - 1, min(count, len(self))).round().astype(int).tolist()
 
     def __getitem__(self, index: int) -> Record:

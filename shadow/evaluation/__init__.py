@@ -1,0 +1,1 @@
+"""Metrics, tables and figures that compare networks with path-traced ground truth."""

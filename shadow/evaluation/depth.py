@@ -1,4 +1,4 @@
-"""Scores of the depth that a visibility field infers, on records that hold its truth."""
+"""Score the depth that a visibility field infers, on records with the true depth."""
 
 from collections.abc import Iterable
 from pathlib import Path
@@ -16,11 +16,11 @@ from shadow.framing import canvas_size
 
 
 class DepthScore(NamedTuple):
-    """Means over views."""
+    """Mean scores over views."""
 
     error: float  # per cent of the subject's height, see `metrics.depth_error`
-    flat: float  # the same error of no depth at all, to compare with
-    order: float  # share of pairs across borders of limbs in their true order, see `metrics.depth_order`
+    flat: float  # the same error for a constant depth, as a baseline
+    order: float  # fraction of pixel pairs across limb borders in the true order, see `metrics.depth_order`
     views: int
 
 
@@ -29,9 +29,9 @@ def evaluate(
 ) -> DepthScore:
     """Score the depth of a field on records, each photographed once under a random lighting.
 
-    paths: record folders or shards; records without depth are passed over. model: a name of shipped weights
-    or a .safetensors path. limit: use this many records, spread evenly. Raises ValueError if the network
-    infers no depth, or no record has any.
+    paths: record folders or shards; records without depth are skipped. model: a name of shipped weights or a
+    .safetensors path. limit: use this many records, spread evenly. Raises ValueError if the network infers no
+    depth, or no record has any.
     """
     network, found = visibility.load(model), Records(paths)
     if not getattr(network, "depth", False):
@@ -55,8 +55,8 @@ def evaluate(
 
 
 def report(score: DepthScore) -> str:
-    """The score as a sentence."""
+    """Format the score as a sentence."""
     return (
-        f"Depth: {score.error:.2f} % of the height off ({score.flat:.2f} % without any), right order across "
-        f"{100 * score.order:.1f} % of the borders of limbs, on {score.views} views."
+        f"Depth: mean error {score.error:.2f} % of the height ({score.flat:.2f} % for a flat person), "
+        f"correct order across {100 * score.order:.1f} % of the borders of limbs, on {score.views} views."
     )

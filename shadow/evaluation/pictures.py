@@ -1,4 +1,4 @@
-"""Contact sheets: what a person looks at to judge records and networks."""
+"""Contact sheets, to judge records and networks by eye."""
 
 from collections.abc import Iterable
 from pathlib import Path
@@ -12,15 +12,16 @@ from shadow.data import photographs, records
 from shadow.files import replacing
 
 DISPLAY = 1 / 2.2
+ROW_SIZE = (256, 192)  # height and width, in pixels, of a picture on a contact sheet
 
 
 def show_normals(normals: torch.Tensor) -> torch.Tensor:
-    """Unit vectors (3, H, W) as colour in [0, 1]; zero vectors black."""
+    """Show unit vectors (3, H, W) as colours in [0, 1], and zero vectors as black."""
     return (normals * 0.5 + 0.5) * (normals.norm(dim=0, keepdim=True) > 0.5)
 
 
 def show_linear(image: torch.Tensor) -> torch.Tensor:
-    """Linear (1|3, H, W), encoded for display, clipped, as (3, H, W)."""
+    """Encode a linear image (1|3, H, W) for display, clipped, as (3, H, W)."""
     return (image.clamp(0, 1) ** DISPLAY).expand(3, -1, -1)
 
 
@@ -28,18 +29,16 @@ def write_grid(path: str | Path, rows: Iterable[Iterable[torch.Tensor]]) -> None
     """Write rows of equally large (3, H, W) pictures in [0, 1] as one 8-bit PNG."""
     grid = torch.cat([torch.cat(list(row), dim=2) for row in rows], dim=1)
     pixels = np.ascontiguousarray((grid.clamp(0, 1) * 255).round().byte().permute(1, 2, 0).cpu().numpy())
-    output: Any = oiio.ImageOutput.create("png")  # none only where OpenImageIO was built without PNG
+    output: Any = oiio.ImageOutput.create("png")  # None only if OpenImageIO was built without PNG
     spec = oiio.ImageSpec(pixels.shape[1], pixels.shape[0], 3, "uint8")
     with replacing(path) as beside:
         if not (output.open(str(beside), spec) and output.write_image(pixels) and output.close()):
             raise OSError(f"path: cannot write {path}: {output.geterror()}")
 
 
-def record_row(
-    record: records.Record, size: tuple[int, int] = (256, 192), seed: int = 0
-) -> list[torch.Tensor]:
-    """One row of a contact sheet: a lit photograph, normals, albedo, and visibility of three lights."""
-    sample = photographs.sample(record, np.random.default_rng(seed), size, augment=False)
+def record_row(record: records.Record, seed: int) -> list[torch.Tensor]:
+    """Make one row of a contact sheet: photograph, normals, albedo, and visibility of three lights."""
+    sample = photographs.sample(record, np.random.default_rng(seed), ROW_SIZE, augment=False)
     mask = sample["mask"] > 0.5
     wanted = torch.tensor([[-0.75, 0.3, 0.6], [0.75, 0.3, 0.6], [0.0, 0.8, 0.6]])
     lights = (wanted @ sample["directions"].T).argmax(dim=1)
@@ -54,7 +53,7 @@ def record_row(
     ]
 
 
-def contact_sheet(paths: Iterable[str | Path], out: str | Path, count: int = 10, seed: int = 0) -> None:
-    """Draw `count` records found under `paths`, a row each, spread over the whole set, as a PNG at `out`."""
+def contact_sheet(paths: Iterable[str | Path], out: str | Path, count: int = 10) -> None:
+    """Draw `count` evenly spread records of `paths`, one in each row, as a PNG at `out`."""
     found = records.Records(paths)
-    write_grid(out, [record_row(found[index], seed=seed + index) for index in found.spread(count)])
+    write_grid(out, [record_row(found[index], index) for index in found.spread(count)])

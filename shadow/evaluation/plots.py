@@ -1,4 +1,4 @@
-"""The figures of the tables' report, drawn with matplotlib (the extra `train`)."""
+"""The figures of the report, drawn with matplotlib (extra `train`)."""
 
 from collections.abc import Mapping
 from pathlib import Path
@@ -11,15 +11,15 @@ from shadow.files import replacing
 
 
 def heat(values: torch.Tensor) -> torch.Tensor:
-    """Values (H, W) in [0, 1] as a picture (3, H, W), by the colours of viridis."""
+    """Show values (H, W) in [0, 1] as a picture (3, H, W) in the colours of viridis."""
     colours = _matplotlib().colormaps["viridis"](values.clamp(0, 1).numpy())
     return torch.from_numpy(colours[..., :3]).permute(2, 0, 1).float()
 
 
 def hemispheres(path: Path, directions: np.ndarray, panels: Mapping[str, np.ndarray]) -> None:
-    """Draw values over the frontal hemisphere, seen from the camera (x right, y up), as Figure 2 does.
+    """Draw values over the frontal hemisphere, seen from the camera (x right, y up), as in Figure 2.
 
-    directions: (D, 3) unit vectors. panels: {title: (D,)}, side by side, each with its own scale. Every point
+    directions: (D, 3) unit vectors. panels: {title: (D,)}, side by side, each with its own scale. Each point
     of a disc has the colour of the nearest direction.
     """
     step = (np.arange(600) + 0.5) / 300 - 1
@@ -47,7 +47,7 @@ def curves(
 ) -> None:
     """Draw {name: (mean, standard deviation)}, each (N,), over ascending x (N,) on a logarithmic axis.
 
-    Lines in bands of one deviation either side, as Figure 4 has them.
+    As in Figure 4, each line has a band of one standard deviation on either side.
     """
     figure = _figure(6.5, 4)
     axes = figure.add_subplot()
@@ -71,7 +71,7 @@ def _matplotlib() -> Any:
 
 
 def _figure(width: float, height: float) -> Any:
-    """A figure of so many inches, on no screen."""
+    """Return a new figure of a size in inches that needs no display."""
     _matplotlib()
     from matplotlib.figure import Figure
 

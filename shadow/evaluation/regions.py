@@ -1,4 +1,4 @@
-"""Scores of faces and hands by themselves, on records that say where these are."""
+"""Score normals and cast shadows on faces and on hands, on records with regions."""
 
 from collections.abc import Iterable
 from pathlib import Path
@@ -17,15 +17,15 @@ from shadow.framing import canvas_size
 from shadow.networks.field import Visibility
 
 WHOLE = "whole body"
-FEWEST = 30  # canvas pixels of a region, below which a view does not show it
+MIN_REGION_PIXELS = 30  # a view with fewer canvas pixels of a region does not count
 
 
 class RegionScore(NamedTuple):
-    """Of one region: the normals' mean error over views; cast shadows over all pixels and lights."""
+    """Scores of one region: the error of normals, a mean over views, and cast shadows over all pixels."""
 
     angle: float  # degrees
-    found: float  # share of the cast shadow that the maps have; of the frontal lights, where N·L is above 0
-    false: float  # share of the lit pixels there that the maps have in shadow
+    recall: float  # fraction of cast shadow (N·L > 0, frontal lights) that is in shadow in the maps
+    false: float  # fraction of the lit pixels (same lights) that is in shadow in the maps
     views: int
 
 
@@ -37,12 +37,12 @@ def evaluate(
     seed: int = 0,
     limit: int | None = None,
 ) -> dict[str, RegionScore]:
-    """Score normals and cast shadows on faces and hands; each record is photographed once, lit at random.
+    """Score normals and cast shadows on faces and hands; each record is photographed once in random light.
 
-    paths: record folders or shards; records that do not say where faces and hands are (those of scans, and
-    old ones) are passed over. model, normals_model: as of `scores.evaluate`. limit: use this many records,
-    spread evenly. Returns {"whole body", "face", "hands": RegionScore}, those that any view shows. Raises
-    ValueError if no record says.
+    paths: record folders or shards; records without regions (those of scans, and old ones) are skipped.
+    model, normals_model: see `scores.evaluate`. limit: use this many records, spread evenly. Returns
+    {"whole body", "face", "hands": RegionScore}, without those that no view shows. Raises ValueError if no
+    record has regions.
     """
     network, found = visibility.load(model), Records(paths)
     surface = normals_of(network, normals_model)
@@ -62,12 +62,12 @@ def evaluate(
         for name, share in zip(REGIONS[1:], drawn["regions"], strict=True):
             places[name] = inside & (share > 0.5)
         for name, place in places.items():
-            if place.sum() < FEWEST:
+            if place.sum() < MIN_REGION_PIXELS:
                 continue
             angles.setdefault(name, []).append(float(metrics.angular_error(normals, drawn["normals"], place)))
-            counts[name] = counts.get(name, np.zeros(4)) + _cast(drawn, maps, place)
+            counts[name] = counts.get(name, np.zeros(4)) + _count_cast(drawn, maps, place)
     if not angles:
-        raise ValueError("records: expected some that say where faces are, found none; render bodies again")
+        raise ValueError("records: expected some with regions, found none; render bodies again")
     return {
         name: RegionScore(
             float(np.mean(column)),
@@ -79,9 +79,11 @@ def evaluate(
     }
 
 
-def _cast(drawn: Sample, maps: Visibility, place: torch.Tensor) -> np.ndarray:
-    """Of the pixels (h, w) of a place that face a frontal light: cast shadow found, all of it, false shadow,
-    all that is lit; summed over the lights."""
+def _count_cast(drawn: Sample, maps: Visibility, place: torch.Tensor) -> np.ndarray:
+    """Count cast shadows over the pixels `place` (h, w) that face a frontal light, summed over the lights.
+
+    Returns the number of pixels with found cast shadow, cast shadow, false shadow, and light.
+    """
     frontal = drawn["directions"][:, 2] > FRONTAL
     lights, truth = drawn["directions"][frontal], drawn["visibility"][frontal][:, place] > 0.5
     facing = torch.einsum("dc,cp->dp", lights, drawn["normals"][:, place]) > 0
@@ -91,10 +93,10 @@ def _cast(drawn: Sample, maps: Visibility, place: torch.Tensor) -> np.ndarray:
 
 
 def report(scores: dict[str, RegionScore]) -> str:
-    """The scores as a Markdown table."""
-    rows = ["| where | normals, degrees off ↓ | cast shadow found, % ↑ | lit but dark, % ↓ | views |"]
+    """Format the scores as a Markdown table."""
+    rows = ["| region | error of normals, degrees ↓ | cast shadow found, % ↑ | false shadow, % ↓ | views |"]
     rows.append("|---|---|---|---|---|")
     for name, score in scores.items():
-        share = f"{100 * score.found:.1f} | {100 * score.false:.1f}"
+        share = f"{100 * score.recall:.1f} | {100 * score.false:.1f}"
         rows.append(f"| {name} | {score.angle:.1f} | {share} | {score.views} |")
     return "\n".join(rows)

@@ -1,4 +1,4 @@
-"""The paper's tables and figures on any records, as a Markdown report beside its figures in JSON."""
+"""Reproduce the paper's tables and figures on any records, as a Markdown report and as JSON."""
 
 import json
 import time
@@ -21,13 +21,13 @@ from shadow.networks import checkpoints
 from shadow.networks.unet import LATENTS, PerLight
 from shadow.training.loop import TRUE_NORMALS
 
-LEVELS = 10 ** np.arange(-6, 2.1, 0.5)  # of Figure 4: from all black, in 8 bits, to all white
-LEVELS_VIEWS = 20  # that Figure 4 looks at, each at every level
-REPEATS = 5  # of what is timed
+LEVELS = 10 ** np.arange(-6, 2.1, 0.5)  # intensities of Figure 4, from a black 8-bit image to a white one
+LEVELS_VIEWS = 20  # views of Figure 4, each at every level
+REPEATS = 5  # repetitions of a timed call
 
-Row = dict[str, Any]  # of a table, as JSON holds it
+Row = dict[str, Any]  # a row of a table, in the types of JSON
 
-# What the paper prints, measured on its own data and an RTX 2080.
+# The paper's values, measured on its own data and an RTX 2080.
 BASELINE, OURS = Score((0.432, 0.056), (0.834, 0.049)), Score((0.313, 0.051), (0.881, 0.041))
 WITHOUT_NORMALS, MIXED = Score((0.334, 0.054), (0.867, 0.045)), Score((0.352, 0.053), (0.862, 0.044))
 LATENT = {  # milliseconds, millions of parameters, score
@@ -36,7 +36,7 @@ LATENT = {  # milliseconds, millions of parameters, score
     "resb11": (15.7, 83.5, Score((0.315, 0.052), (0.879, 0.041))),
     "attention": (15.9, 39.0, Score((0.322, 0.053), (0.876, 0.042))),
 }
-RELIGHTING4D = {  # theirs (Relighting4D), ours, on subjects of the People Snapshot Dataset
+RELIGHTING4D = {  # (Relighting4D, the paper), on subjects of the People Snapshot Dataset
     "f1c": (Score((0.404, 0.086), (0.849, 0.095)), Score((0.423, 0.088), (0.815, 0.114))),
     "f3c": (Score((0.401, 0.093), (0.854, 0.095)), Score((0.434, 0.096), (0.812, 0.120))),
     "f4c": (Score((0.403, 0.087), (0.848, 0.096)), Score((0.425, 0.094), (0.812, 0.124))),
@@ -58,24 +58,33 @@ def write(
 
     Parameters
     ----------
-    paths: record folders or shards.
-    out: folder, made if it is not there.
-    models: {name: shipped name or .safetensors path}. "ours" (the shipped field unless given) is the network
-        of Tables 2, 3 and 5 and of the figures; "without-normals" and "mixed" are the rows of Table 3;
-        "resb3", "resb7", "resb11", "attention" those of Table 4; any other name is a row more of Table 2.
-    normals_model: whose normals all of them are tested with, see `evaluation.normals_of`; those of "ours" if
-        None.
-    soft: folder of another method's soft maps for Table 5, see `evaluation.against_soft_maps`.
-    seed: of the lightings the records are photographed under. limit: use this many records, spread evenly.
+    paths
+        Record folders or shards.
+    out
+        Folder, created if it does not exist.
+    models
+        {name: shipped name or .safetensors path}. "ours" (the shipped field unless given) is the network of
+        Tables 2, 3 and 5 and of the figures. "without-normals" and "mixed" are rows of Table 3. "resb3",
+        "resb7", "resb11" and "attention" are rows of Table 4. Any other name is an additional row of Table 2.
+    normals_model
+        Source of the normals for all networks, see `scores.normals_of`; "ours" if None.
+    soft
+        Folder of another method's soft maps for Table 5, see `scores.against_soft_maps`.
+    seed
+        Seed of the random lightings of the photographs.
+    limit
+        Use this many records, spread evenly.
 
     Returns
     -------
-    The path of report.md.
+    Path
+        The path of report.md.
 
     Raises
     ------
-    FileNotFoundError, ValueError: no records, damaged weights, a network that is not what its row says, soft
-        maps that fit no record.
+    FileNotFoundError, ValueError
+        There are no records, weights are damaged, a network does not match its row, or no soft map belongs to
+        a record.
     """
     models = {"ours": "field", **(models or {})}
     records = Records(paths)
@@ -86,7 +95,7 @@ def write(
     surface = scores.normals_of(ours, normals_model)
     out.mkdir(parents=True, exist_ok=True)
 
-    table_5 = _table_5(records, soft, ours, surface, seed, limit) if soft else []  # bad maps show at once
+    table_5 = _table_5(records, soft, ours, surface, seed, limit) if soft else []  # first, to fail early
     tallies, angle = scores.compare(records, networks, surface, seed=seed, limit=limit)
     scored = {name: tally.score() for name, tally in tallies.items()}
     figures = {
@@ -118,7 +127,7 @@ def write(
 
 
 def _check(name: str, network: nn.Module, model: str | Path) -> None:
-    """Refuse a network whose file says that it is not what its row claims."""
+    """Raise ValueError if the architecture or training of a network is not that of its row."""
     if name in LATENTS:
         fits = isinstance(network, PerLight) and network.latent == name and network.normals
     elif name == "without-normals":
@@ -130,11 +139,11 @@ def _check(name: str, network: nn.Module, model: str | Path) -> None:
     else:
         fits = True
     if not fits:
-        raise ValueError(f"model: {model} was not trained as {name!r} says")
+        raise ValueError(f"model: {model} is not a network for the row {name!r}")
 
 
 def _plain(score: Score | None) -> dict[str, Any] | None:
-    """A Score for JSON; None if there is none."""
+    """Convert a Score for JSON; None stays None."""
     return None if score is None else {"rmse": score.rmse, "psnr": score.psnr, "dice": score.dice}
 
 
@@ -161,7 +170,7 @@ def _table_3(scored: dict[str, Score]) -> list[Row]:
 
 
 def _table_4(scored: dict[str, Score], networks: dict[str, nn.Module], view: View) -> list[Row]:
-    """Time and size of each latent, trained or not, and of ours: the network alone, on one canvas."""
+    """Measure time and size of each latent, trained or not, and of ours, without pre- and postprocessing."""
     candidates = {name: networks.get(name) or PerLight(latent=name).eval() for name in LATENTS}
     rows = []
     for name, network in (candidates | {"ours": networks["ours"]}).items():
@@ -211,15 +220,15 @@ def _figure_4(path: Path, records: Records, network: Any, surface: Any, seed: in
 def _milliseconds(network: Any, view: View, lights: torch.Tensor) -> float:
     network.to(view.rgb.device, memory_format=torch.channels_last)
     times = []
-    for _ in range(1 + REPEATS):  # the first allocates
+    for _ in range(1 + REPEATS):  # the first call allocates memory and is not counted
         start = time.perf_counter()
-        network.analyse(view.rgb, view.mask, view.normals)[1](lights).sum().item()  # waits for a GPU
+        network.analyse(view.rgb, view.mask, view.normals)[1](lights).sum().item()  # item() waits for a GPU
         times.append(1000 * (time.perf_counter() - start))
     return median(times[1:])
 
 
 def _cells(score: dict[str, Any] | None, psnr: bool = False, none: str = "–") -> list[str]:
-    """The cells of a score, or of none."""
+    """Format the cells of a score, or of a missing one."""
     if score is None:
         return [none, *["–"] * (1 + psnr)]
     rmse, dice = ("{:.3f} ({:.3f})".format(*score[metric]) for metric in ("rmse", "dice"))
@@ -256,7 +265,7 @@ def _lines_of_table_5(rows: list[Row]) -> Iterator[list[str]]:
 
 
 def _tables(figures: Row) -> tuple[str, str, str, str]:
-    """Tables 2 to 5 as Markdown."""
+    """Format Tables 2 to 5 as Markdown."""
     header = ["ms ↓", "params, M ↓", "RMSE ↓", "Dice ↑"]
     paper = ["paper: ms", "paper: params, M", "paper: RMSE", "paper: Dice"]
     return (
@@ -277,19 +286,19 @@ def _tables(figures: Row) -> tuple[str, str, str, str]:
 
 
 def _markdown(figures: Row) -> str:
-    """The report, of what report.json holds alone."""
+    """Format the report from the content of report.json."""
     table_2, table_3, table_4, table_5 = _tables(figures)
     models = ", ".join(f"{name} is `{model}`" for name, model in figures["models"].items())
     height, width = figures["canvas"]
-    soft = "Theirs made binary by Otsu's threshold." if figures["table5"] else "No soft maps were given."
+    soft = "Their maps are thresholded by Otsu's method." if figures["table5"] else "No soft maps were given."
     return f"""# Self-shadow maps, scored as in the paper
 
 {figures["views"]} views of {", ".join(figures["records"])}, each photographed once under a random lighting
-(seed {figures["seed"]}) and asked for its frontal lights: {figures["maps"]} maps on a canvas of
-{height} × {width}. Here {models}. Estimated normals are those of `{figures["normals"]}`, off by
-{figures["normals_error"]:.1f} degrees. Maps are binary, metrics masked (Section 4.1), figures the mean
-(standard deviation) over maps. The paper's columns are what it prints for its own data, which is not public.
-All figures are in [report.json](report.json).
+(seed {figures["seed"]}) and evaluated for its frontal lights: {figures["maps"]} maps on a canvas of
+{height} × {width}. Networks: {models}. Estimated normals are those of `{figures["normals"]}`, with a mean
+error of {figures["normals_error"]:.1f} degrees. Maps are binary, and metrics are measured inside the mask
+(Section 4.1). Values are means (standard deviations) over maps. The paper's columns are its own values for
+its own data, which is not public. All values are in [report.json](report.json).
 
 ## Table 2: against the baseline
 
@@ -303,22 +312,22 @@ All figures are in [report.json](report.json).
 
 {table_4}
 
-Time: one light on that canvas, the network alone, on {figures["device"]} (threads: {figures["threads"]});
-the paper's is for 512 × 512 on an RTX 2080. Ours answers for all {len(figures["figure2"]["lights"])} lights
-in {figures["table4"][-1]["milliseconds_all"]:.1f} ms.
+Times are those of the network alone, for one light on that canvas, on {figures["device"]} (threads:
+{figures["threads"]}); the paper's times are for 512 × 512 on an RTX 2080. Ours infers all
+{len(figures["figure2"]["lights"])} lights in {figures["table4"][-1]["milliseconds_all"]:.1f} ms.
 
 ## Figure 2: error over the frontal hemisphere
 
 ![Mean and standard deviation of the RMSE for each light direction](figure-2.png)
 
-Seen from the camera, x right and y up: the centre is a light at the camera, the rim one from the side.
+Seen from the camera, x right and y up: the centre is a light at the camera, the rim is a light at the side.
 
 ## Figure 4: Dice against the intensity of the input
 
 ![Dice of ours and of the baseline, from a black image to a white one](figure-4.png)
 
-Bands are one standard deviation. {figures["figure4"]["views"]} views, through a camera of 8 bits that clips
-at white; normals are estimated anew at each level.
+Bands are one standard deviation. {figures["figure4"]["views"]} views, seen by an 8-bit camera that clips at
+white; normals are estimated at each level.
 
 ## Table 5: against soft maps of another method
 

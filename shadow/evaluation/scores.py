@@ -1,4 +1,4 @@
-"""Scores of visibility networks, and of the normals they take, on records, as Section 4 measures them."""
+"""Score visibility networks and their normals on records, as in Sections 4.1 to 4.3."""
 
 from collections.abc import Iterable
 from dataclasses import dataclass, field, replace
@@ -18,30 +18,29 @@ from shadow.framing import canvas_size
 from shadow.networks.backbone import ENCODING, EXPOSURE
 from shadow.networks.field import VisibilityField
 
-FRONTAL = 1e-6  # the paper's 64 lights are those before the subject: z > 0
+FRONTAL = 1e-6  # least z of a frontal light: the paper's 64 lights have z > 0
 TRUE, ESTIMATED = "sign(N·L), true normals", "sign(N·L), estimated normals"
 
 
 @dataclass(frozen=True)
 class Score:
-    """Mean and standard deviation over the maps, as the paper prints them."""
+    """Mean and standard deviation over the maps, as in the paper's tables."""
 
     rmse: tuple[float, float]
     dice: tuple[float, float]
 
     @property
     def psnr(self) -> float:
-        """Of the mean RMSE, in dB (Section 4.1)."""
+        """PSNR of the mean RMSE, in dB (Section 4.1)."""
         return float(metrics.psnr(torch.tensor(self.rmse[0])))
 
 
 @dataclass(frozen=True)
 class View:
-    """A record photographed under one lighting and framed on a canvas, with the truth, visibility for the
-    frontal lights."""
+    """A photograph of a record on a canvas, with the true visibility of the frontal lights."""
 
     rgb: torch.Tensor  # (3, h, w) linear photograph
-    scene: torch.Tensor  # (3, h, w) the same before it met a camera
+    scene: torch.Tensor  # (3, h, w) linear, before the simulated camera
     mask: torch.Tensor  # (h, w)
     normals: torch.Tensor  # (3, h, w) true
     albedo: torch.Tensor  # (3, h, w) true, linear
@@ -52,8 +51,11 @@ class View:
     def of(
         cls, record: Record, seed: tuple[int, int], height: int, lighting: np.ndarray | None = None
     ) -> "View":
-        """The view of `record` on a canvas of `height` pixels; `seed` decides its camera, and its lighting if
-        that is None: weights (D, 3) over the record's directions."""
+        """Make the view of `record` on a canvas of `height` pixels.
+
+        `seed` determines the simulated camera. `lighting`, weights (D, 3) over the record's directions, is
+        drawn by `seed` if None.
+        """
         rng = np.random.default_rng(seed)
         drawn = sample(record, rng, canvas_size(height), augment=False, lighting=lighting)
         frontal = drawn["directions"][:, 2] > FRONTAL
@@ -64,41 +66,43 @@ class View:
         return cls(*(tensor.to(place) for tensor in (rgb, drawn["rgb"], *truth)))
 
     def given(self, surface: Any, network: Any) -> torch.Tensor | None:
-        """Normals (3, h, w) of `surface` for a visibility network, or None if it is the network itself, whose
-        own come with its maps."""
+        """Infer the normals (3, h, w) that a visibility network is given, by the network `surface`.
+
+        Returns None if `surface` is that network itself, which infers normals together with its maps.
+        """
         return None if surface is network else surface.to(self.rgb.device).normals(self.rgb, self.mask)
 
     def binary(self, network: Any, given: torch.Tensor | None) -> tuple[torch.Tensor, torch.Tensor]:
-        """Normals (3, h, w), those given or the network's own, and its maps (D, h, w) bool."""
+        """Return normals (3, h, w), given or the network's own, and the network's maps (D, h, w) bool."""
         surface, visibility = network.to(self.rgb.device).analyse(self.rgb, self.mask, given)
         return surface, visibility(self.lights) > 0.5
 
     def sign(self, surface: torch.Tensor) -> torch.Tensor:
-        """The baseline of Section 4.1 from normals (3, h, w): (D, h, w) bool."""
+        """Return the baseline of Section 4.1, (D, h, w) bool, from normals (3, h, w)."""
         return torch.einsum("dc,chw->dhw", self.lights, surface) > 0
 
 
 @dataclass(frozen=True)
 class Tally:
-    """RMSE and Dice of one map after the other. A map is one light of one record."""
+    """RMSE and Dice of maps, collected. A map is that of one light and one record."""
 
     rmse: list[float] = field(default_factory=list)
     dice: list[float] = field(default_factory=list)
     lights: list[list[float]] = field(default_factory=list)
 
     def add(self, binary: torch.Tensor, view: View, chosen: torch.Tensor | slice = slice(None)) -> None:
-        """Score binary maps (D, h, w) against the view's, all or the `chosen` lights'."""
+        """Score binary maps (D, h, w) against the view's maps of all lights, or of the `chosen` ones."""
         estimate, truth, inside = binary[chosen].float(), view.visibility[chosen], view.mask > 0.5
         self.rmse.extend(metrics.rmse(estimate, truth, inside).tolist())
         self.dice.extend(metrics.dice(estimate, truth, inside).tolist())
         self.lights.extend(view.lights[chosen].tolist())
 
     def score(self) -> Score:
-        """The Score of all maps."""
+        """Return the Score over all maps."""
         return Score(*((float(np.mean(x)), float(np.std(x))) for x in (self.rmse, self.dice)))
 
     def by_light(self) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-        """Directions (D, 3), and mean and standard deviation (D,) of the RMSE of each (Figure 2)."""
+        """Return directions (D, 3), and the mean and standard deviation (D,) of their RMSE (Figure 2)."""
         lights, index = np.unique(np.round(self.lights, 4), axis=0, return_inverse=True)
         groups = [np.array(self.rmse)[index.ravel() == i] for i in range(len(lights))]
         return lights, np.array([g.mean() for g in groups]), np.array([g.std() for g in groups])
@@ -113,12 +117,12 @@ def compare(
     limit: int | None = None,
     light: str | None = None,
 ) -> tuple[dict[str, Tally], float]:
-    """Tally every network of `networks` {name: network} on records, and both sign(N·L) baselines.
+    """Score each network of `networks` {name: network} on records, and both sign(N·L) baselines.
 
-    Every record is photographed once under a random lighting fixed by `seed`, or in everyday light of the
-    kind `light` (`photographs.KINDS`), framed on each network's canvas, and asked for all its frontal lights;
-    maps are binary, metrics masked. The baselines are on the canvas of the first network. All are given the
-    normals of `surface`, see `normals_of`.
+    Each record is photographed once under a random lighting that `seed` determines, or in everyday light of
+    the kind `light` (`photographs.KINDS`), and framed on the canvas of each network. The binary maps of all
+    frontal lights are scored inside the mask. The baselines use the canvas of the first network. All networks
+    take the normals of `surface`, see `normals_of`.
 
     Returns {name: Tally} and the mean angular error of the estimated normals in degrees.
     """
@@ -144,15 +148,18 @@ def compare(
 
 
 def _lighting(record: Record, seed: tuple[int, int], light: str | None) -> np.ndarray | None:
-    """Weights (D, 3) of everyday light of this kind over the record's directions; None: the view's own."""
+    """Draw the weights (D, 3) of everyday light of a kind; None stays None."""
     if light is None:
         return None
     return everyday_lighting(np.random.default_rng((*seed, KINDS.index(light))), record.directions, light)
 
 
 def normals_of(network: Any, model: str | Path | None = None) -> Any:
-    """Whose normals a visibility network is tested with: those of `model`, a name or path as
-    `shadow.normals.load` takes it, if there is one; else its own, or the shipped field's if it has none."""
+    """Return the network whose normals a visibility network is given.
+
+    It is `model`, a name or path for `shadow.normals.load`, if that is given. Otherwise it is the network
+    itself, or the shipped field if the network infers no normals.
+    """
     if model is None and isinstance(network, VisibilityField):
         return network
     return normals.load(model or "field")
@@ -171,15 +178,20 @@ def evaluate(
 
     Parameters
     ----------
-    paths: record folders or shards.
-    model, normals_model: names of shipped weights or .safetensors paths; see `normals_of`.
-    limit: use this many records, spread evenly.
-    light: photograph them in everyday light of this kind, "hard", "sky" or "any"; None: as in `compare`.
+    paths
+        Record folders or shards.
+    model, normals_model
+        Names of shipped weights or .safetensors paths; see `normals_of`.
+    limit
+        Use this many records, spread evenly.
+    light
+        Kind of everyday light for the photographs, "hard", "sky" or "any"; None for that of `compare`.
 
     Returns
     -------
-    {"field": Score, "sign(N·L), estimated normals": Score, "sign(N·L), true normals": Score}, and the mean
-    angular error of the normals in degrees.
+    tuple[dict[str, Score], float]
+        {"field": Score, "sign(N·L), estimated normals": Score, "sign(N·L), true normals": Score}, and the
+        mean angular error of the normals in degrees.
     """
     if light not in (None, *KINDS):
         raise ValueError(f"light: expected one of {', '.join(KINDS)}, got {light!r}")
@@ -190,7 +202,7 @@ def evaluate(
 
 
 def report(scores: dict[str, Score], angle: float) -> str:
-    """The scores as a Markdown table."""
+    """Format the scores as a Markdown table."""
     rows = ["| visibility | RMSE ↓ | PSNR ↑ | Dice ↑ |", "|---|---|---|---|"]
     for name, score in scores.items():
         (rmse, rmse_sd), (dice, dice_sd) = score.rmse, score.dice
@@ -209,10 +221,10 @@ def intensity_sweep(
     seed: int = 0,
     limit: int | None = None,
 ) -> list[tuple[Tally, Tally]]:
-    """Figure 4: (ours, baseline), Tallies of the network and of sign(N·L), for each intensity of the input.
+    """Return a Tally of the network and one of sign(N·L) for each intensity of the input (Figure 4).
 
-    At level 1 the mean inside the mask is that of a normal exposure, 0.2 of white. A camera stands between:
-    8 bits, display-encoded, clipped at white. Normals are estimated anew from what it delivers.
+    At level 1 the mean inside the mask is that of a normal exposure, 0.2 of white. A camera is simulated: 8
+    bits, display-encoded, clipped at white. Normals are estimated from its picture at each level.
     """
     tallies = [(Tally(), Tally()) for _ in levels]
     for index in track(records.spread(limit or len(records)), "intensities"):
@@ -236,14 +248,15 @@ def against_soft_maps(
     seed: int = 0,
     limit: int | None = None,
 ) -> dict[str, tuple[Tally, Tally]]:
-    """Table 5: soft visibility maps of another method, made binary by Otsu's threshold, scored beside ours.
+    """Score soft visibility maps of another method, thresholded by Otsu's method, and ours (Table 5).
 
-    A map is a file of `folder` named <record>_<light>: the record's file name, and the number of the light in
-    its direction set (`shadow.directions.olat`) with two digits, as in body-000007-02_13.png; .npy (H, W) or
-    an image whose first channel counts; as large as the record, brighter where lit, on any scale.
+    Each file of `folder` is a map with the name <record>_<light>: the file name of the record, and the
+    two-digit number of the light in its direction set (`shadow.directions.olat`), such as
+    body-000007-02_13.png. It is a .npy array (H, W) of the record's size, or an image whose first channel is
+    used. Larger values mean more light, on any scale.
 
-    Returns {figure: (theirs, ours)}, Tallies of the frontal lights that there are files for. ValueError if
-    there are none, or one has another size.
+    Returns {figure: (theirs, ours)}, Tallies of the frontal lights that have files. Raises ValueError if
+    there are no files, or a file has another size.
     """
     found = _soft_maps(folder)
     tallies: dict[str, tuple[Tally, Tally]] = {}
@@ -263,7 +276,7 @@ def against_soft_maps(
         chosen = torch.from_numpy(known[record.directions[:, 2] > FRONTAL])
         if not chosen.any():
             continue
-        # Framed as a record, theirs is resampled just as the truth is.
+        # Their maps take the place of the record's visibility, so that they are resampled like the truth.
         packed = np.packbits(bits, axis=1)
         view = View.of(record, (seed, index), network.size)
         other = View.of(replace(record, visibility_bits=packed), (seed, index), network.size)
@@ -276,7 +289,7 @@ def against_soft_maps(
 
 
 def _soft_maps(folder: str | Path) -> dict[str, dict[int, Path]]:
-    """{record: {light: path}} of the files in a folder."""
+    """List the files in a folder as {record: {light: path}}."""
     found: dict[str, dict[int, Path]] = {}
     for path in sorted(Path(folder).iterdir()):
         record, _, light = path.stem.rpartition("_")
@@ -286,12 +299,12 @@ def _soft_maps(folder: str | Path) -> dict[str, dict[int, Path]]:
 
 
 def _binary(grey: np.ndarray) -> np.ndarray:
-    """Lit or not, by Otsu's threshold; all alike are lit, unless they are zero."""
+    """Threshold a map by Otsu's method. A constant map is lit unless it is zero."""
     return grey > (0 if grey.min() == grey.max() else metrics.otsu(torch.from_numpy(grey)))
 
 
 def _grey(path: Path) -> np.ndarray:
-    """(H, W) float32 of a .npy file or an image's first channel."""
+    """Read an array (H, W), float32, from a .npy file or the first channel of an image."""
     if path.suffix == ".npy":
         grey = np.load(path, allow_pickle=False).astype(np.float32)
         if grey.ndim != 2:

@@ -1,5 +1,7 @@
-"""Folds in the mesh of a scan that has none: its cloth subdivided once and raised by ridged noise, so that
-folds turn the surface and cast shadows, which a normal map and painted folds cannot.
+"""Add geometric folds to the clothes of a scan.
+
+The mesh is subdivided once and displaced by ridged noise. Unlike folds in a normal map or texture, these turn
+the surface and cast shadows.
 """
 
 from dataclasses import replace
@@ -8,18 +10,18 @@ import numpy as np
 from scipy.sparse import coo_matrix, csr_matrix
 from scipy.sparse.csgraph import connected_components
 
-from shadow.lightstage.figure import Albedo, Figure, unit, vertex_normals
-from shadow.lightstage.people.fabric import Noise
+from shadow.lightstage.figure import Albedo, Figure, normalize, vertex_normals
+from shadow.lightstage.people.cloth.fabric import Noise
 
-HEIGHTS = 0.008, 0.024  # metres from the floor to the crest of a fold
-WIDTHS = 0.045, 0.11  # metres from crest to crest
-LENGTH = 2.0, 4.5  # of a fold, in its widths
-SMOOTHINGS = 12  # of where cloth ends, from vertex to neighbours: folds run out over some 2 cm
-HEAD = 0.84  # of the height: what lies above is taken for a head, or raised hands
-TOUCHING = 1e-5  # metres: vertices nearer than this are one, split by the texture
-SKIN_RED, SKIN_GREEN = (0.4, 0.72), (0.2, 0.36)  # shares of linear skin's red and green in its colour's sum
-TONE = 0.35  # distance in log colour ratios at which something is no longer of this person's skin
-# Barycentric coordinates in the parent of the corners of the four faces that it is divided into.
+FOLD_HEIGHTS = 0.008, 0.024  # metres from the valley to the crest of a fold: lowest and highest
+FOLD_WIDTHS = 0.045, 0.11  # metres from crest to crest: smallest and largest
+FOLD_LENGTHS = 2.0, 4.5  # in widths: smallest and largest
+SMOOTHING_STEPS = 12  # over which folds fade out at the edge of the cloth, within about 2 cm
+HEAD_HEIGHT = 0.84  # share of the height above which everything counts as head or raised hands
+WELD_DISTANCE = 1e-5  # metres: closer vertices are one vertex that a texture seam has split
+SKIN_RED, SKIN_GREEN = (0.4, 0.72), (0.2, 0.36)  # ranges in linear skin, as shares of red + green + blue
+SKIN_DISTANCE = 0.35  # largest distance in log colour ratios to the skin of the same person
+# Barycentric coordinates, in the parent face, of the corners of its four children.
 QUARTERS = np.array(
     [
         [[1, 0, 0], [0.5, 0.5, 0], [0.5, 0, 0.5]],
@@ -30,56 +32,57 @@ QUARTERS = np.array(
 )
 
 
-def folded(figure: Figure, rng: np.random.Generator) -> Figure:
-    """The figure with random folds in its cloth: not its head, its skin, or what is separate from its body.
+def add_folds(figure: Figure, rng: np.random.Generator) -> Figure:
+    """Return the figure with random folds in its cloth.
 
-    Its mesh is four times as fine. Its shading normals turn as the surface does, and its colours and normal
-    map stay where they were.
+    The head, skin, and parts that are not connected to the body have no folds. The mesh has four times as
+    many faces. Shading normals follow the surface; colours and normal map stay in place.
     """
-    share = _smoothed(figure, _cloth(figure))
-    fine, share = _subdivided(figure, share)
-    point = _points(fine.vertices)
-    normals = _averaged(fine.normals, point)
-    height = share * _relief(fine.vertices, rng)
+    share = _smooth_mask(figure, _cloth_mask(figure))
+    fine, share = _subdivide(figure, share)
+    point = _weld(fine.vertices)
+    normals = _average_welded(fine.normals, point)
+    height = share * _ridge_heights(fine.vertices, rng)
     raised = fine.vertices + (height[:, None] * normals).astype(np.float32)
-    before, after = (_averaged(vertex_normals(each, fine.faces), point) for each in (fine.vertices, raised))
-    turned = unit(fine.normals + after - before)
+    before, after = (
+        _average_welded(vertex_normals(each, fine.faces), point) for each in (fine.vertices, raised)
+    )
+    turned = normalize(fine.normals + after - before)
     return replace(fine, vertices=raised.astype(np.float32), normals=turned.astype(np.float32))
 
 
-def _relief(points: np.ndarray, rng: np.random.Generator) -> np.ndarray:
-    """Heights (V,) in metres: two systems of long ridges in directions of their own, stronger here and
-    weaker there."""
+def _ridge_heights(points: np.ndarray, rng: np.random.Generator) -> np.ndarray:
+    """Draw heights (V,) in metres: two systems of long ridges in random directions, whose strength varies."""
     total = np.zeros(len(points))
     for strength in (1.0, rng.uniform(0.3, 0.7)):
-        noise, width = Noise(rng), np.exp(rng.uniform(*np.log(WIDTHS)))
-        axes = np.linalg.qr(rng.normal(size=(3, 3)))[0] * [1, 1, 1 / rng.uniform(*LENGTH)]
+        noise, width = Noise(rng), np.exp(rng.uniform(*np.log(FOLD_WIDTHS)))
+        axes = np.linalg.qr(rng.normal(size=(3, 3)))[0] * [1, 1, 1 / rng.uniform(*FOLD_LENGTHS)]
         bend = np.stack([noise(points + 5 * k, 3 * width) for k in range(3)], axis=1) - 0.5
         ridged = 1 - np.abs(2 * noise((points + 0.8 * width * bend) @ axes, width) - 1)  # a crest at 1/2
         patches = np.clip(3 * noise(points + 11, 0.25) - 0.6, 0.15, 1)
         total += strength * patches * ridged**2
-    return rng.uniform(*HEIGHTS) * total
+    return rng.uniform(*FOLD_HEIGHTS) * total
 
 
-def _cloth(figure: Figure) -> np.ndarray:
-    """Which vertices (V,) are cloth: below the head, of the largest piece, and not of the skin's colour.
+def _cloth_mask(figure: Figure) -> np.ndarray:
+    """Return which vertices (V,) are cloth: below the head, in the largest component, not skin-coloured.
 
-    A scan does not say what it is made of. Skin is taken to have the tone that most of what looks like skin
-    has in the upper part of the figure, where faces are.
+    A scan has no labels. The tone of the skin is assumed to be the median of the skin-like colours in the
+    upper part of the figure, where the face is.
     """
     colour = _vertex_colours(figure)
     share = colour / colour.sum(axis=1, keepdims=True)
     red, green = share[:, 0], share[:, 1]
     skin = (SKIN_RED[0] < red) & (red < SKIN_RED[1]) & (SKIN_GREEN[0] < green) & (green < SKIN_GREEN[1])
-    above = figure.vertices[:, 1] > HEAD * figure.vertices[:, 1].max()
+    above = figure.vertices[:, 1] > HEAD_HEIGHT * figure.vertices[:, 1].max()
     if (face := skin & above).any():
         tone = np.log(colour[:, :2] / colour[:, 1:])
-        skin &= np.linalg.norm(tone - np.median(tone[face], axis=0), axis=1) < TONE
-    return ~skin & ~above & _largest_piece(figure)
+        skin &= np.linalg.norm(tone - np.median(tone[face], axis=0), axis=1) < SKIN_DISTANCE
+    return ~skin & ~above & _largest_component(figure)
 
 
 def _vertex_colours(figure: Figure) -> np.ndarray:
-    """The albedo (V, 3) at the vertices, and a little above zero."""
+    """Return the albedo (V, 3) at the vertices, bounded away from zero."""
     face, corner = np.divmod(np.arange(figure.faces.size), 3)
     albedo = figure.albedo(face, np.eye(3)[corner])
     colours = np.full(figure.vertices.shape, 0.5)
@@ -87,20 +90,20 @@ def _vertex_colours(figure: Figure) -> np.ndarray:
     return colours + 1e-3
 
 
-def _points(vertices: np.ndarray) -> np.ndarray:
-    """The number (V,) of each vertex's place: those that a texture's seam splits share one."""
-    places = np.round(vertices / TOUCHING).astype(np.int64)
+def _weld(vertices: np.ndarray) -> np.ndarray:
+    """Return the index (V,) of each vertex's position; vertices that a texture seam splits share one."""
+    places = np.round(vertices / WELD_DISTANCE).astype(np.int64)
     return np.unique(places, axis=0, return_inverse=True)[1].ravel()
 
 
-def _averaged(vectors: np.ndarray, point: np.ndarray) -> np.ndarray:
-    """Unit vectors (V, 3) averaged over the vertices in one place, so that no seam opens."""
+def _average_welded(vectors: np.ndarray, point: np.ndarray) -> np.ndarray:
+    """Average unit vectors (V, 3) over the vertices at the same position, so that no seam opens."""
     sums = np.stack([np.bincount(point, vectors[:, axis]) for axis in range(3)], axis=1)
-    return unit(sums)[point]
+    return normalize(sums)[point]
 
 
-def _edges(figure: Figure, point: np.ndarray) -> csr_matrix:
-    """Which places are joined by an edge (P, P)."""
+def _adjacency(figure: Figure, point: np.ndarray) -> csr_matrix:
+    """Return the adjacency matrix (P, P) of positions."""
     ends = point[figure.faces[:, [0, 1, 1, 2, 2, 0]].reshape(-1, 2)]
     count = point.max() + 1
     joined = coo_matrix((np.ones(2 * len(ends)), (ends.ravel(), ends[:, ::-1].ravel())), shape=(count, count))
@@ -109,29 +112,29 @@ def _edges(figure: Figure, point: np.ndarray) -> csr_matrix:
     return matrix
 
 
-def _largest_piece(figure: Figure) -> np.ndarray:
-    """Which vertices (V,) are of the largest connected piece: the rest are eyes, hair, things."""
-    point = _points(figure.vertices)
-    label = connected_components(_edges(figure, point), directed=False)[1][point]
+def _largest_component(figure: Figure) -> np.ndarray:
+    """Return which vertices (V,) belong to the largest connected component; others are eyes, hair, props."""
+    point = _weld(figure.vertices)
+    label = connected_components(_adjacency(figure, point), directed=False)[1][point]
     return label == np.bincount(label).argmax()
 
 
-def _smoothed(figure: Figure, cloth: np.ndarray) -> np.ndarray:
-    """A share of cloth (V,) in [0, 1]: one inside it, falling to zero at what is not."""
-    point = _points(figure.vertices)
-    edges = _edges(figure, point)
+def _smooth_mask(figure: Figure, cloth: np.ndarray) -> np.ndarray:
+    """Return the weight of the folds (V,) in [0, 1]: 1 inside the cloth, falling to 0 at its edge."""
+    point = _weld(figure.vertices)
+    edges = _adjacency(figure, point)
     count = np.bincount(point)
     share = np.bincount(point, cloth) / count
     other = share < 0.5
     neighbours = np.asarray(edges.sum(axis=1)).ravel()
-    for _ in range(SMOOTHINGS):
+    for _ in range(SMOOTHING_STEPS):
         share = (share + edges @ share / np.maximum(neighbours, 1)) / 2
         share[other] = 0
     return share[point]
 
 
-def _subdivided(figure: Figure, share: np.ndarray) -> tuple[Figure, np.ndarray]:
-    """The figure and its vertices' values (V,) with each face divided into four; textures follow."""
+def _subdivide(figure: Figure, share: np.ndarray) -> tuple[Figure, np.ndarray]:
+    """Divide each face of the figure into four; also interpolates the vertex values `share` (V,)."""
     faces = figure.faces
     edges = np.sort(faces[:, [0, 1, 1, 2, 2, 0]].reshape(-1, 2), axis=1)
     ends, inverse = np.unique(edges, axis=0, return_inverse=True)
@@ -156,9 +159,9 @@ def _subdivided(figure: Figure, share: np.ndarray) -> tuple[Figure, np.ndarray]:
         figure,
         vertices=halved(figure.vertices).astype(np.float32),
         faces=quarters.astype(np.int32),
-        normals=unit(halved(figure.normals)).astype(np.float32),
+        normals=normalize(halved(figure.normals)).astype(np.float32),
         albedo=follow(figure.albedo),
-        detail=None if figure.detail is None else follow(figure.detail),
+        normal_map=None if figure.normal_map is None else follow(figure.normal_map),
         tangents=tangents,
     )
     return fine, halved(share)

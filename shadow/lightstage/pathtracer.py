@@ -1,4 +1,4 @@
-"""The reference for bounce.py: Mitsuba's path tracer, one light at a time."""
+"""Mitsuba's path tracer, one light at a time: the reference for bounce.py."""
 
 from types import ModuleType
 from typing import Any
@@ -12,22 +12,32 @@ from shadow.lightstage.stage import View
 def path_trace(
     figure: Figure, view: View, size: int, light: np.ndarray, *, samples: int = 32, bounces: int = 4
 ) -> np.ndarray:
-    """Path-traced diffuse shading of one view under one light (Section 3).
+    """Path-trace the diffuse shading of one view in one light (Section 3).
 
-    The figure's albedo is taken at the triangles' corners and interpolated between them, so a texture finer
-    than the mesh is lost to its bounces. Mitsuba's scalar variant: slow, but it needs no LLVM, whose
-    incompatible versions end the process.
+    The albedo is sampled at the corners of the triangles and interpolated, so bounce light does not see
+    texture that is finer than the mesh. Mitsuba's scalar variant is slow, but it does not need LLVM, of which
+    an incompatible version ends the process.
 
     Parameters
     ----------
-    figure: Figure, in metres. view: View. size: pixels of the square image's side.
-    light: (3,) unit direction to a distant light of intensity 1, camera frame.
-    samples: paths a pixel. bounces: after the first hit; 0 is direct light only.
+    figure
+        The figure, in metres.
+    view
+        The camera.
+    size
+        Side of the square image in pixels.
+    light
+        (3,) unit direction to a distant light of intensity 1, in the camera frame.
+    samples
+        Paths for each pixel.
+    bounces
+        Bounces after the first hit; 0 is direct light only.
 
     Returns
     -------
-    (H, W, 3) float32 linear Rec.709, the albedo of the first hit divided out: 1 is a surface that faces the
-    unoccluded light and sees nothing else of the body. NaN where the camera sees nothing.
+    np.ndarray
+        (H, W, 3) float32, linear Rec.709, divided by the albedo of the first hit: 1 is a surface that faces
+        the unoccluded light and receives no other light. NaN where the camera sees nothing.
     """
     import mitsuba as mi
 
@@ -65,7 +75,7 @@ def path_trace(
 
 
 def _mesh(mi: ModuleType, figure: Figure) -> Any:
-    """The figure for Mitsuba, two-sided; every triangle has corners of its own, for the albedo there."""
+    """Convert the figure to a two-sided Mitsuba mesh with separate vertices for each triangle's albedo."""
     properties = mi.Properties()
     properties["bsdf"] = mi.load_dict(
         {

@@ -1,4 +1,4 @@
-"""Scans and other meshes as figures: whoever owns textured people lights them on the same stage."""
+"""Load scans and other textured meshes of people as figures for the same stage."""
 
 import io
 import json
@@ -10,33 +10,43 @@ import numpy as np
 import trimesh
 from PIL import Image
 
-from shadow.lightstage.figure import Albedo, Detail, Figure, interpolate, joined, standing, unit
-from shadow.lightstage.normalmaps import decoded, tangents
+from shadow.lightstage.figure import Albedo, Figure, NormalMap, interpolate, joined, normalize, stand_on_floor
+from shadow.lightstage.normalmaps import decode_normal_map, tangents
+from shadow.srgb import decode_srgb
 
-GREY = 0.5  # linear albedo of a mesh that brings no colour
-STORED = "_TANGENT"  # what trimesh, which drops glTF's TANGENT, keeps as an attribute of the user's own
+GREY = 0.5  # linear albedo of a mesh without colour
+TANGENT_ATTRIBUTE = "_TANGENT"  # user-defined attribute: trimesh keeps these, but drops glTF's TANGENT
 
 
-def load(path: str | Path) -> Figure:
-    """A mesh file as a figure.
+def load(path: str | Path, normal_map: bool = True) -> Figure:
+    """Load a mesh file as a figure.
 
-    path: any file that trimesh reads (OBJ, PLY, GLB, ...), in metres, y up, the person facing +z.
-    The base colour texture is read bilinearly and taken as sRGB; without one, vertex colours (sRGB), a plain
-    material colour (linear in glTF, sRGB elsewhere), or a 0.5 grey. Smooth normals stored in the file are
-    kept, and so is the normal map of a glTF file (.glb, .gltf), in the file's tangents or, where it has none,
-    those of MikkTSpace. The figure is moved to stand on y = 0 with the middle of its bounding box at
-    x = z = 0.
-    Raises ValueError, naming the path, for a file that cannot be read or holds no triangles.
+    The base colour comes from the texture (sRGB, sampled bilinearly), or else from vertex colours (sRGB), a
+    plain material colour (linear in glTF, sRGB elsewhere), or a grey of 0.5. Normals in the file are kept.
+    The normal map of a glTF file is used with the file's tangents or, without these, those of MikkTSpace. The
+    figure is moved to stand on y = 0 with the centre of its bounding box at x = z = 0.
+
+    Parameters
+    ----------
+    path
+        Any file that trimesh reads (OBJ, PLY, GLB, ...), in metres, y up, the person facing +z.
+    normal_map
+        Whether to use the normal map of a glTF file (.glb, .gltf).
+
+    Raises
+    ------
+    ValueError
+        The file cannot be read, or has no triangles. The message names the path.
     """
     path = Path(path)
     try:
         scene, scales = _read(path)
-        # Graph nodes carry the placement of each geometry.
+        # The nodes of the scene graph place the geometries.
         meshes = [
-            _placed(scene.geometry[geometry], transform)
+            _transformed(scene.geometry[geometry], transform)
             for transform, geometry in (scene.graph[node] for node in scene.graph.nodes_geometry)
         ]
-    except Exception as error:  # trimesh's readers raise whatever their parsers do
+    except Exception as error:  # trimesh's readers raise many kinds of errors
         raise ValueError(f"path: cannot read a mesh from {path}: {error}") from error
     meshes = [mesh for mesh in meshes if isinstance(mesh, trimesh.Trimesh) and len(mesh.faces)]
     if not meshes:
@@ -47,24 +57,24 @@ def load(path: str | Path) -> Figure:
     first_vertex = np.cumsum([0] + [len(mesh.vertices) for mesh in meshes[:-1]])
     faces = np.concatenate([mesh.faces + start for mesh, start in zip(meshes, first_vertex, strict=True)])
     counts = [len(mesh.faces) for mesh in meshes]
-    details = [_mesh_detail(mesh, scales) for mesh in meshes]
-    mapped = any(detail is not None for detail in details)
+    maps = [_mesh_normal_map(mesh, scales) for mesh in meshes]
+    mapped = normal_map and any(each is not None for each in maps)
     return Figure(
-        vertices=standing(vertices).astype(np.float32),
+        vertices=stand_on_floor(vertices).astype(np.float32),
         faces=faces.astype(np.int32),
-        normals=np.concatenate([unit(mesh.vertex_normals) for mesh in meshes]).astype(np.float32),
+        normals=np.concatenate([normalize(mesh.vertex_normals) for mesh in meshes]).astype(np.float32),
         albedo=joined([_mesh_albedo(mesh) for mesh in meshes], counts),
         name=path.stem,
-        detail=joined([detail or _flat for detail in details], counts) if mapped else None,
+        normal_map=joined([each or _flat_normals for each in maps], counts) if mapped else None,
         tangents=np.concatenate([_mesh_tangents(mesh) for mesh in meshes]) if mapped else None,
     )
 
 
 def _read(path: Path) -> tuple[trimesh.Scene, dict[str, float]]:
-    """The meshes of a file, and the scales of the normal maps of a glTF file by the names of their materials.
+    """Read the meshes of a file, and {material name: scale of its normal map} of a glTF file.
 
-    trimesh drops both the tangents and the scales: the former are renamed on the way to it, and materials are
-    numbered, since their names need not differ.
+    trimesh drops tangents and scales. So tangents are renamed to a user-defined attribute, and materials are
+    numbered, because their names need not be unique.
     """
     data, kind = path.read_bytes(), path.suffix.lower()
     if kind == ".glb":
@@ -84,7 +94,7 @@ def _read(path: Path) -> tuple[trimesh.Scene, dict[str, float]]:
     for mesh in header.get("meshes", []):
         for primitive in mesh["primitives"]:
             if "TANGENT" in primitive["attributes"]:
-                primitive["attributes"][STORED] = primitive["attributes"].pop("TANGENT")
+                primitive["attributes"][TANGENT_ATTRIBUTE] = primitive["attributes"].pop("TANGENT")
     text = json.dumps(header).encode()
     if binary is not None:
         text += b" " * (-len(text) % 4)
@@ -95,21 +105,15 @@ def _read(path: Path) -> tuple[trimesh.Scene, dict[str, float]]:
     return scene, scales
 
 
-def _placed(mesh: trimesh.Trimesh, transform: np.ndarray) -> trimesh.Trimesh:
-    """A copy of the mesh where its node puts it, its stored tangents too."""
+def _transformed(mesh: trimesh.Trimesh, transform: np.ndarray) -> trimesh.Trimesh:
+    """Return a copy of the mesh, with its stored tangents, transformed by its node."""
     placed = mesh.copy(include_cache=True)
-    if (stored := placed.vertex_attributes.get(STORED)) is not None:
+    if (stored := placed.vertex_attributes.get(TANGENT_ATTRIBUTE)) is not None:
         turned = np.asarray(stored, np.float64).copy()
-        turned[:, :3] = unit(turned[:, :3] @ transform[:3, :3].T)
-        turned[:, 3] *= np.sign(np.linalg.det(transform[:3, :3]))  # a mirror image has the other hand
-        placed.vertex_attributes[STORED] = turned
+        turned[:, :3] = normalize(turned[:, :3] @ transform[:3, :3].T)
+        turned[:, 3] *= np.sign(np.linalg.det(transform[:3, :3]))  # a reflection changes the handedness
+        placed.vertex_attributes[TANGENT_ATTRIBUTE] = turned
     return placed.apply_transform(transform)
-
-
-def srgb_to_linear(encoded: np.ndarray) -> np.ndarray:
-    """sRGB-encoded values in [0, 1] as linear float32."""
-    encoded = np.asarray(encoded, np.float32)
-    return np.where(encoded <= 0.04045, encoded / 12.92, ((encoded + 0.055) / 1.055) ** 2.4)
 
 
 def _mesh_albedo(mesh: trimesh.Trimesh) -> Albedo:
@@ -119,54 +123,55 @@ def _mesh_albedo(mesh: trimesh.Trimesh) -> Albedo:
     texture = getattr(material, "baseColorTexture", None) or getattr(material, "image", None)
     uv = getattr(visual, "uv", None)
     if isinstance(texture, Image.Image) and uv is not None:
-        texels = srgb_to_linear(np.asarray(texture.convert("RGB")) / np.float32(255))
+        texels = decode_srgb(np.asarray(texture.convert("RGB")) / np.float32(255))
         factor = _factor(material, default=1.0)
         return lambda face, barycentric: _bilinear(texels, interpolate(uv, faces[face], barycentric)) * factor
     if getattr(visual, "kind", None) in ("vertex", "face"):
-        colours = srgb_to_linear(visual.vertex_colors[:, :3] / np.float32(255))
+        colours = decode_srgb(visual.vertex_colors[:, :3] / np.float32(255))
         return lambda face, barycentric: interpolate(colours, faces[face], barycentric).astype(np.float32)
     plain = _factor(material, default=GREY)
     return lambda face, barycentric: np.broadcast_to(plain, (len(face), 3)).astype(np.float32)
 
 
-def _mesh_detail(mesh: trimesh.Trimesh, scales: dict[str, float]) -> Detail | None:
-    """The mesh's normal map, or None."""
+def _mesh_normal_map(mesh: trimesh.Trimesh, scales: dict[str, float]) -> NormalMap | None:
+    """Return the normal map of the mesh, or None."""
     visual: Any = mesh.visual
     material: Any = getattr(visual, "material", None)
     texture, uv = getattr(material, "normalTexture", None), getattr(visual, "uv", None)
     if not isinstance(texture, Image.Image) or uv is None:
         return None
-    texels = decoded(np.asarray(texture.convert("RGB")), scales.get(material.name, 1.0))
+    texels = decode_normal_map(np.asarray(texture.convert("RGB")), scales.get(material.name, 1.0))
     faces = np.asarray(mesh.faces)
     return lambda face, barycentric: _bilinear(texels, interpolate(uv, faces[face], barycentric))
 
 
-def _flat(face: np.ndarray, barycentric: np.ndarray) -> np.ndarray:
-    """The normal map of a mesh without one."""
+def _flat_normals(face: np.ndarray, barycentric: np.ndarray) -> np.ndarray:
+    """Return the directions of a flat normal map, for a mesh without one."""
     return np.broadcast_to(np.array([0, 0, 1], np.float32), (len(face), 3))
 
 
 def _mesh_tangents(mesh: trimesh.Trimesh) -> np.ndarray:
-    """Tangents (F, 3, 4) of the mesh's corners: those stored, or made; zero without texture coordinates."""
+    """Return the tangents (F, 3, 4) of the corners, from the file or computed; zero without texture
+    coordinates."""
     faces, uv = np.asarray(mesh.faces), getattr(mesh.visual, "uv", None)
-    if (stored := mesh.vertex_attributes.get(STORED)) is not None:
+    if (stored := mesh.vertex_attributes.get(TANGENT_ATTRIBUTE)) is not None:
         return np.asarray(stored, np.float32)[faces]
     if uv is None:
         return np.zeros((*faces.shape, 4), np.float32)
-    return tangents(np.asarray(mesh.vertices), faces, unit(mesh.vertex_normals), uv)
+    return tangents(np.asarray(mesh.vertices), faces, normalize(mesh.vertex_normals), uv)
 
 
 def _factor(material: object, default: float) -> np.ndarray:
-    """The material's plain colour (3,), linear; glTF stores it linear, OBJ's diffuse colour is sRGB."""
+    """Return the material's plain linear colour (3,); glTF stores it linear, OBJ as sRGB."""
     if (factor := getattr(material, "baseColorFactor", None)) is not None:
         return np.asarray(factor[:3], np.float32) / np.float32(255)
     if default == GREY and (diffuse := getattr(material, "diffuse", None)) is not None:
-        return srgb_to_linear(np.asarray(diffuse[:3]) / np.float32(255))
+        return decode_srgb(np.asarray(diffuse[:3]) / np.float32(255))
     return np.full(3, default, np.float32)
 
 
 def _bilinear(texels: np.ndarray, uv: np.ndarray) -> np.ndarray:
-    """Texels (H, W, 3) at uv (N, 2), v up from the bottom row; texture coordinates repeat."""
+    """Sample texels (H, W, 3) bilinearly at uv (N, 2), with v up from the bottom row; the texture repeats."""
     height, width = texels.shape[:2]
     x, y = uv[:, 0] * width - 0.5, (1 - uv[:, 1]) * height - 0.5
     column, row = np.floor(x).astype(np.int64), np.floor(y).astype(np.int64)

@@ -1,8 +1,8 @@
-"""The virtual light stage: cameras around a figure, and ray-traced truth for every direction of the set.
+"""The virtual light stage: cameras around a figure, and ray-traced ground truth for a set of lights.
 
-No path tracer is needed for visibility: the hit points of the camera rays, then one shadow ray to each
-light (Section 3, "Data Generation"). Path-traced shading is direct light, which normals and visibility
-give, and the bounce light of bounce.py.
+For visibility, one shadow ray is traced from each hit of a camera ray to each light (Section 3, "Data
+Generation"). Path-traced shading is the sum of direct light, which follows from normals and visibility, and
+the bounce light of bounce.py.
 """
 
 import hashlib
@@ -10,7 +10,7 @@ import os
 from collections.abc import Callable, Collection
 from concurrent.futures import Executor, ProcessPoolExecutor, as_completed
 from contextlib import AbstractContextManager, nullcontext
-from dataclasses import asdict, dataclass
+from dataclasses import asdict, dataclass, replace
 from functools import partial
 from pathlib import Path
 
@@ -22,15 +22,15 @@ from shadow import directions
 from shadow.data import records
 from shadow.lightstage import bounce, relief, scans, variants
 from shadow.lightstage.figure import Figure
-from shadow.lightstage.people import bodies, pairs
+from shadow.lightstage.people.generate import bodies, pairs
 from shadow.lightstage.scene import Scene, Surface
 
-FRONTAL = 1.5  # exponent that draws the azimuths of portraits toward the face; 1 leaves them even
+FRONTAL = 1.5  # exponent that moves the azimuths of portraits toward the face; 1 is a uniform distribution
 
 
 @dataclass(frozen=True)
 class View:
-    """A camera that looks at the figure's vertical axis, or past it. The defaults are those of Section 3."""
+    """A camera around the figure. The defaults are those of Section 3."""
 
     azimuth: float = 0.0  # degrees around the figure, from its front toward its left hand
     distance: float = 1.75  # metres from the axis
@@ -40,14 +40,14 @@ class View:
     pan: float = 0.0  # degrees, positive looks past the axis to image left
 
     def rotation(self) -> np.ndarray:
-        """World to camera (3, 3)."""
+        """Return the rotation (3, 3) from world to camera."""
         a, p = np.radians([self.azimuth + self.pan, self.pitch])
         around = [[np.cos(a), 0, -np.sin(a)], [0, 1, 0], [np.sin(a), 0, np.cos(a)]]
         tilt = [[1, 0, 0], [0, np.cos(p), np.sin(p)], [0, -np.sin(p), np.cos(p)]]
         return np.array(tilt) @ np.array(around)
 
     def position(self) -> np.ndarray:
-        """The camera in the world (3,)."""
+        """Return the position (3,) of the camera in the world, in metres."""
         a = np.radians(self.azimuth)
         return np.array([self.distance * np.sin(a), self.height, self.distance * np.cos(a)])
 
@@ -55,11 +55,11 @@ class View:
 def views(
     count: int, figure: Figure | None = None, rng: np.random.Generator | None = None, portrait: bool = False
 ) -> list[View]:
-    """`count` views evenly around the subject: those of Section 3, or with `rng` jittered around `figure`.
+    """Return `count` evenly spaced views: those of Section 3 or, with `rng`, jittered ones of `figure`.
 
-    Jitter is of angle, camera height and distance; a longer distance comes with a longer lens, and the
-    camera is tilted and framed so that the whole figure is seen, as a photographer would; or, with
-    `portrait`, its head alone to the upper three quarters of it, and rather from the front than from behind.
+    Jitter varies angle, camera height and distance, with a longer lens at a longer distance. The camera is
+    pitched and framed so that the whole figure is visible. With `portrait`, it frames between the head and
+    the upper three quarters of the figure, more often from the front.
     """
     angles = 360 / count * np.arange(count)
     if rng is None or figure is None:
@@ -70,14 +70,17 @@ def views(
 
 
 def _frontal(azimuth: float) -> float:
-    """An azimuth in [0, 360) moved toward the face, where it stays on its side: of even ones nearly two in
-    three are then within 90 degrees of it, as most portraits are."""
+    """Move an azimuth in [0, 360) toward the front, on the same side.
+
+    Of uniformly distributed azimuths, nearly two thirds are then within 90 degrees of the front, as in most
+    portraits.
+    """
     side = (azimuth + 180) % 360 - 180
     return float(np.sign(side) * 180 * (abs(side) / 180) ** FRONTAL) % 360
 
 
 def _whole(figure: Figure, azimuth: float, rng: np.random.Generator) -> View:
-    """A camera that sees all of the figure."""
+    """Draw a camera that sees the whole figure."""
     top = figure.vertices[:, 1].max()
     reach = max(top / 2, np.linalg.norm(figure.vertices[:, [0, 2]], axis=1).max())
     distance, height = rng.uniform(1.75, 5.0), np.clip(rng.normal(1.0, 0.35), 0.3, 2.0)
@@ -87,7 +90,7 @@ def _whole(figure: Figure, azimuth: float, rng: np.random.Generator) -> View:
 
 
 def _portrait(figure: Figure, azimuth: float, rng: np.random.Generator) -> View:
-    """A camera at the height of what it looks at, or nearly: the figure from its top down to a random cut."""
+    """Draw a camera that sees the figure from its top to a random cut, from about the height of that part."""
     azimuth = _frontal(azimuth)
     top = figure.vertices[:, 1].max()
     span = top * np.exp(rng.uniform(np.log(0.15), np.log(0.75)))
@@ -95,7 +98,7 @@ def _portrait(figure: Figure, azimuth: float, rng: np.random.Generator) -> View:
     distance, height = rng.uniform(1.3, 4.0), np.clip(rng.normal(middle, 0.2), 0.3, 2.0)
     x, _, z = View(azimuth, distance, height).position() - (across, 0, along)
     away = np.hypot(x, z)
-    aside = np.degrees(np.arctan(rng.normal(0, 0.1) * span / away))  # nobody stands just in the middle
+    aside = np.degrees(np.arctan(rng.normal(0, 0.1) * span / away))  # people are not exactly centred
     pan = (np.degrees(np.arctan2(x, z)) + aside - azimuth + 180) % 360 - 180
     pitch = np.degrees(np.arctan2(top - span / 2 - height, away))
     fov = 2 * np.degrees(np.arctan(span / 2 * rng.uniform(1.02, 1.2) / (away - 0.1)))
@@ -103,7 +106,10 @@ def _portrait(figure: Figure, azimuth: float, rng: np.random.Generator) -> View:
 
 
 def camera_rays(view: View, size: int) -> tuple[np.ndarray, np.ndarray]:
-    """Origins and directions (size * size, 3), in row order, of the pixels' centres in the camera frame."""
+    """Return origins and directions (size * size, 3) of rays through pixel centres, in row order.
+
+    They are in the camera frame.
+    """
     extent = np.tan(np.radians(view.fov) / 2)
     step = extent * ((np.arange(size) + 0.5) * 2 / size - 1)
     x, y = np.meshgrid(step, -step)
@@ -118,20 +124,27 @@ def render(
 
     Parameters
     ----------
-    figure: Figure, in metres.
-    view: View.
-    size: pixels of the square image's side.
-    lights: (D, 3) unit directions in the camera frame.
-    bounced: trace the light that the figure throws on itself as well, which path-traced shading needs.
+    figure
+        The figure, in metres.
+    view
+        The camera.
+    size
+        Side of the square image in pixels.
+    lights
+        (D, 3) unit directions in the camera frame.
+    bounced
+        Whether to trace bounce light too, which path-traced shading needs.
 
     Returns
     -------
-    Record. Visibility is zero where the geometric or the shading normal faces away from the light, so that
-    smooth normals cannot leak light through a coarse surface.
+    records.Record
+        Visibility is zero where the geometric or the shading normal faces away from the light, so that
+        interpolated normals do not leak light through a coarse surface.
 
     Raises
     ------
-    ValueError: the camera sees nothing of the figure.
+    ValueError
+        The camera sees nothing of the figure.
     """
     scene = Scene(figure, view.rotation(), view.position())
     seen, surface = scene.trace(*camera_rays(view, size))
@@ -146,7 +159,7 @@ def render(
 
 
 def _depth(surface: Surface, mask: np.ndarray, view: View) -> tuple[np.ndarray, dict[str, float]]:
-    """Depth (N, 1) as `Record.depth` has it, and the camera that takes it back to positions."""
+    """Return depth (N, 1) in the unit of `Record.depth`, and the values that convert it to positions."""
     focal = len(mask) / 2 / np.tan(np.radians(view.fov) / 2)
     away = -surface.position[:, 2:]
     rows = np.flatnonzero(mask.any(axis=1))
@@ -158,13 +171,13 @@ def _depth(surface: Surface, mask: np.ndarray, view: View) -> tuple[np.ndarray, 
 def _bounce(
     scene: Scene, surface: Surface, mask: np.ndarray, lights: np.ndarray, seed: int
 ) -> tuple[np.ndarray, np.ndarray]:
-    """Bounce light in factors, (N, K) and (K, D, 3), traced at a quarter of the pixels: it is smooth."""
+    """Trace bounce light at a quarter of the pixels, since it is smooth; return factors (N, K), (K, D, 3)."""
     quarter = np.zeros_like(mask)
     quarter[::2, ::2] = True
     sparse = surface.take(quarter[mask])
-    shading = bounce.bounce(scene, sparse, lights, np.random.default_rng(seed))
-    strength, patterns = bounce.factors(shading)
-    return bounce.spread(strength, sparse, surface, mask), patterns
+    shading = bounce.indirect_shading(scene, sparse, lights, np.random.default_rng(seed))
+    strength, patterns = bounce.factorise(shading)
+    return bounce.upsample(strength, sparse, surface, mask), patterns
 
 
 def _seed(*parts: object) -> int:
@@ -173,32 +186,34 @@ def _seed(*parts: object) -> int:
 
 @dataclass(frozen=True)
 class Source:
-    """Where a figure comes from. What it is may take a second to make, so a worker does."""
+    """The name of a figure and a function that makes it, to be called in a worker process."""
 
-    name: str  # what its records are called
+    name: str  # prefix of the names of its records
     load: Callable[[], Figure]
 
     @classmethod
     def body(cls, seed: int, split: str, *, simulate: bool = False, cache: Path | None = None) -> "Source":
-        """A clothed body; simulate, cache: as of `bodies.body`."""
+        """Return the source of a clothed body; see `bodies.body`."""
         name = f"body-{split}-{seed:06d}" + ("-simulated" if simulate else "")
         return cls(name, partial(bodies.body, seed, split, simulate=simulate, cache=cache))
 
     @classmethod
     def pair(cls, seed: int, split: str) -> "Source":
-        """Two clothed people in touch."""
+        """Return the source of two clothed people who touch each other; see `pairs.pair`."""
         return cls(f"pair-{split}-{seed:06d}", partial(pairs.pair, seed, split))
 
     @classmethod
-    def scan(cls, path: str | Path) -> "Source":
-        """A mesh or scan, as of `scans.load`."""
-        return cls(f"scan-{Path(path).stem}", partial(scans.load, path))
+    def scan(cls, path: str | Path, normal_map: bool = True) -> "Source":
+        """Return the source of a mesh or scan; see `scans.load`."""
+        return cls(f"scan-{Path(path).stem}", partial(scans.load, path, normal_map))
 
     @classmethod
-    def variant(cls, path: str | Path, number: int, folded: bool = False) -> "Source":
-        """A scan in another build and other colours, as of `variants.variant`."""
+    def variant(
+        cls, path: str | Path, number: int, folded: bool = False, normal_map: bool = True
+    ) -> "Source":
+        """Return the source of a scan with another build and other colours; see `variants.variant`."""
         name = f"scan-{variants.name(path, number, folded)}"
-        return cls(name, partial(variants.variant, path, number, folded))
+        return cls(name, partial(variants.variant, path, number, folded, normal_map))
 
 
 def _render_figure(
@@ -207,12 +222,14 @@ def _render_figure(
     view_count: int,
     size: int,
     behind: bool,
+    light_count: int | None,
     jitter: bool,
     portrait: bool,
     bounced: bool,
     raised: bool,
+    fabrics: bool,
 ) -> tuple[int, int]:
-    """All the views of one figure: (records written, bytes written)."""
+    """Render all views of one figure; return the number of records and bytes written."""
     os.environ["OMP_NUM_THREADS"] = "1"
     paths = [out / f"{source.name}-{index:02d}.npz" for index in range(view_count)]
     if all(path.exists() for path in paths):
@@ -223,9 +240,14 @@ def _render_figure(
     sizes = []
     for path, view in zip(paths, views(view_count, figure, rng, portrait), strict=True):
         if not path.exists():
+            own = np.random.default_rng(_seed(path.stem))
+            if light_count is not None:
+                lights = directions.stratified(light_count, own, behind)
+            if fabrics and figure.redraw_fabrics is not None:
+                figure = replace(figure, albedo=figure.redraw_fabrics(own))
             record = render(figure, view, size, lights, bounced)
-            # A normal map holds the folds that are painted elsewhere: raised, they would be there twice.
-            painted = raised and figure.detail is None
+            # A normal map already has the folds that are painted in the texture.
+            painted = raised and figure.normal_map is None
             sizes.append(records.write(path, relief.raise_folds(record) if painted else record))
     return len(sizes), sum(sizes)
 
@@ -237,35 +259,54 @@ def render_all(
     views: int = 9,
     size: int = 512,
     behind: bool = False,
+    lights: int | None = None,
     jitter: bool = False,
     portrait: bool = False,
     bounced: bool = False,
     raised: bool = False,
+    fabrics: bool = False,
     processes: int | None = None,
     pool: Executor | None = None,
 ) -> tuple[int, int, dict[str, Exception]]:
-    """Render records of figures into the folder `out`, one process a core; or by a pool of other machines.
+    """Render records of figures into the folder `out`, in one process for each core or in a given pool.
 
-    Views that are there already are left: an interrupted run goes on where it stopped. The result depends
-    on the arguments alone, not on the order or the number of processes.
+    Existing views are kept, so an interrupted run continues where it stopped. The result depends on the
+    arguments only, not on the order or the number of processes.
 
     Parameters
     ----------
-    sources: Sources.
-    views: views a figure, evenly around it (Section 3: 9).
-    size: pixels of the square image's side (Section 3: 512).
-    behind: 32 directions behind the subject as well as the 64 of the frontal hemisphere.
-    jitter: vary camera height, distance and field of view.
-    portrait: jitter, and come close: the frame cuts the figure, somewhere from its neck to its shins.
-    bounced: bounce light too, for path-traced shading.
-    raised: the fine contrast of the albedo as relief, see relief.py; of scans that have no normal map, whose
-        folds are only painted.
-    processes: default one a core.
-    pool: instead of processes; its workers see `out` and the sources under the same paths.
+    sources
+        The figures.
+    out
+        Folder of the records, created if it does not exist.
+    views
+        Number of views around each figure (Section 3: 9).
+    size
+        Side of the square image in pixels (Section 3: 512).
+    behind
+        Whether to add 32 directions behind the subject to the 64 of the frontal hemisphere.
+    lights
+        Number of directions, drawn at random for each view, instead of those. With `behind`, a third of them
+        are behind the subject. Fewer directions take less time, and networks see more different ones.
+    jitter
+        Whether to vary camera height, distance and field of view.
+    portrait
+        Whether to take close-up views with jitter, in which the frame cuts the figure between neck and shins.
+    bounced
+        Whether to trace bounce light, for path-traced shading.
+    raised
+        Whether to convert painted folds of scans without a normal map to relief (relief.py).
+    fabrics
+        Whether to draw other fabrics and colours of a body's clothes for each view. Their shape stays.
+    processes
+        Number of processes, by default one for each core.
+    pool
+        Used instead of processes. Its workers see `out` and the sources under the same paths.
 
     Returns
     -------
-    (records written, bytes written), and the errors by the source's name.
+    tuple[int, int, dict[str, Exception]]
+        The number of records and of bytes written, and {source name: error}.
     """
     out = Path(out).absolute()  # a worker may have another working directory
     out.mkdir(parents=True, exist_ok=True)
@@ -275,16 +316,18 @@ def render_all(
         view_count=views,
         size=size,
         behind=behind,
+        light_count=lights,
         jitter=jitter,
         portrait=portrait,
         bounced=bounced,
         raised=raised,
+        fabrics=fabrics,
     )
     written, size_on_disk = 0, 0
     errors: dict[str, Exception] = {}
     columns = TextColumn("{task.description}"), BarColumn(), MofNCompleteColumn(), TimeRemainingColumn()
-    # One thread each: a forked process that inherits torch's threads waits for them forever, since a fork
-    # copies none, and there is a process a core anyway. DataLoader's workers do the same.
+    # One thread in each process: after a fork, torch's threads do not exist and would be waited for forever.
+    # DataLoader's workers do the same.
     own: AbstractContextManager[Executor]
     if pool is None:
         own = ProcessPoolExecutor(
@@ -298,7 +341,7 @@ def render_all(
             try:
                 count, size_of_views = future.result()
                 written, size_on_disk = written + count, size_on_disk + size_of_views
-            except ValueError as error:  # a mesh that cannot be read must not stop the night's run
+            except ValueError as error:  # one unreadable mesh must not stop a long run
                 errors[jobs[future].name] = error
             progress.advance(task)
     return written, size_on_disk, errors

@@ -1,4 +1,4 @@
-"""The image network that the visibility field and the shading field share: one forward for one image."""
+"""The image network of the visibility field and the shading field: one forward for one image."""
 
 import itertools
 from collections.abc import Sequence
@@ -9,17 +9,18 @@ from torch import nn
 
 from shadow.framing import bounding_box
 
-ENCODING = 2.2  # exponent of the display-like encoding that images and albedo are seen in
+ENCODING = 2.2  # exponent of the display-like encoding of images and albedo
 EXPOSURE = 0.2  # mean linear luminance inside the mask, after normalisation
-MARGIN = 8  # pixels of empty canvas that a subject keeps around it
-COARSEST = 32  # pixels that one of the lowest level stands for
+MARGIN_PIXELS = 8  # empty canvas pixels that are computed around a subject
+COARSEST_STRIDE = 32  # canvas pixels for each pixel of the lowest level
 
 
 def encode_image(rgb: torch.Tensor, mask: torch.Tensor) -> torch.Tensor:
-    """What a network sees: exposure-normalised, display-like encoding, masked, and the mask itself.
+    """Return the input of a network: exposure-normalised colour in a display-like encoding, and the mask.
 
-    rgb: (B, 3, H, W) linear, >= 0. mask: (B, 1, H, W) in [0, 1]. Returns (B, 4, H, W), the colour in about
-    [0, 2]. Section 3 asks for any overall intensity: dividing by the mean over the mask gives exactly that.
+    rgb: (B, 3, H, W) linear, >= 0. mask: (B, 1, H, W) in [0, 1]. Returns (B, 4, H, W); the colour is masked,
+    and in about [0, 2]. Section 3 trains with random overall intensities. Dividing by the mean over the mask
+    makes the networks exactly invariant to them.
     """
     area = mask.sum(dim=(-2, -1), keepdim=True).clamp_min(1)
     mean = (rgb * mask).sum(dim=(-2, -1), keepdim=True).mean(dim=1, keepdim=True) / area
@@ -28,14 +29,18 @@ def encode_image(rgb: torch.Tensor, mask: torch.Tensor) -> torch.Tensor:
 
 
 class ChannelNorm(nn.LayerNorm):
-    """Layer normalisation over the channels of each pixel: it cannot see how much background there is,
-    as GroupNorm and InstanceNorm do."""
+    """Layer normalisation over the channels of each pixel.
+
+    Unlike GroupNorm and InstanceNorm it does not depend on how much of the picture is background.
+    """
 
     def forward(self, x: torch.Tensor) -> torch.Tensor:
         return super().forward(x.permute(0, 2, 3, 1)).permute(0, 3, 1, 2)
 
 
 class Residual(nn.Module):
+    """Pre-activation residual block (HZRS16): x + two normalised 3 x 3 convolutions of x."""
+
     def __init__(self, channels: int) -> None:
         super().__init__()
         self.norm1, self.conv1 = ChannelNorm(channels), nn.Conv2d(channels, channels, 3, padding=1)
@@ -49,9 +54,10 @@ class Residual(nn.Module):
 class Backbone(nn.Module):
     """U-Net with additive skips (RFB15) and pre-activation residual blocks (HZRS16).
 
-    The image is read at half resolution (2 x 2 pixels unshuffled into channels), so that the top level is
-    affordable on a CPU, and the head writes 2 x 2 pixels back. The empty canvas around the subject, a third
-    or so where somebody stands upright, is not read at all.
+    It takes the place of the encoder and decoder of Section 3, Table 1. The image is read at half resolution
+    (2 x 2 pixels unshuffled into channels), so that the top level is affordable on a CPU, and the head writes
+    2 x 2 pixels back. The empty canvas around the subject, about a third for a standing person, is not
+    computed.
     """
 
     def __init__(
@@ -76,18 +82,19 @@ class Backbone(nn.Module):
         )
         self.norm = ChannelNorm(widths[0])
         self.head = nn.Conv2d(widths[0], 4 * out_channels, 1)
-        for parameter in self.head.parameters():  # every network starts at its base: see field.py, diffuse.py
+        for parameter in self.head.parameters():  # field.py and diffuse.py say what an output of zero means
             nn.init.zeros_(parameter)
 
     def forward(
         self, x: torch.Tensor, blocks: torch.Tensor | None = None, guides: torch.Tensor | None = None
     ) -> torch.Tensor:
-        """(B, in_channels, H, W), the first four as `encode_image` makes them, and guides (B, guides, H/2,
-        W/2), if any, to (B, out_channels, H, W), zero far from the subjects; H and W multiples of 32.
+        """Map images (B, in_channels, H, W) to (B, out_channels, H, W), zero far from the subjects.
 
-        With `blocks`, to what `take_blocks` takes of it, (B, out_channels, 4, P), and at less cost.
+        The first four input channels are those of `encode_image`; `guides` are (B, guides, H/2, W/2). H and W
+        are multiples of 32. With `blocks` (B, P) the result is `take_blocks(maps, blocks)`, (B, out_channels,
+        4, P), at a lower cost.
         """
-        canvas, (rows, columns) = x.shape[2:], windows(x[:, 3])
+        canvas, (rows, columns) = x.shape[2:], subject_window(x[:, 3])
         x = F.pixel_unshuffle(x[..., rows, columns], 2)
         if guides is not None:
             guides = guides[..., _halved(rows), _halved(columns)]
@@ -102,25 +109,39 @@ class Backbone(nn.Module):
             x = skips.pop() + F.interpolate(up(x), scale_factor=2.0, mode="bilinear")
             x = residuals(x)
         x = F.silu(self.norm(x))
-        if blocks is None:
-            maps = F.pixel_shuffle(self.head(x), 2)
-            beyond = columns.start, canvas[1] - columns.stop, rows.start, canvas[0] - rows.stop
-            return F.pad(maps, beyond)
-        row, column = blocks // (canvas[1] // 2), blocks % (canvas[1] // 2)
-        blocks = (row - rows.start // 2) * x.shape[3] + column - columns.start // 2
-        # A product of matrices, which a CPU does several times as fast as a convolution of 1 x 1 pixels.
+        if blocks is not None:
+            row, column = blocks // (canvas[1] // 2), blocks % (canvas[1] // 2)
+            return self._head_at(x, row - rows.start // 2, column - columns.start // 2)
+        maps = F.pixel_shuffle(self.head(x), 2)
+        return F.pad(maps, (columns.start, canvas[1] - columns.stop, rows.start, canvas[0] - rows.stop))
+
+    def _head_at(self, x: torch.Tensor, row: torch.Tensor, column: torch.Tensor) -> torch.Tensor:
+        """Apply the head to single pixels of features (B, C, h, w), whose rows and columns are (B, P).
+
+        Returns (B, out_channels, 4, P): the 2 x 2 image pixels of each. Pixels outside the features give
+        zero.
+        """
+        read = (row >= 0) & (row < x.shape[2]) & (column >= 0) & (column < x.shape[3])
+        # A CPU computes a matrix product several times as fast as a 1 x 1 convolution.
         pixels = x.permute(0, 2, 3, 1).flatten(1, 2)
-        features = pixels.gather(1, blocks[..., None].expand(-1, -1, x.shape[1]))
-        maps = F.linear(features, self.head.weight.flatten(1), self.head.bias)
-        return maps.unflatten(2, (-1, 4)).permute(0, 2, 3, 1)
+        index = (row * x.shape[3] + column) * read
+        features = pixels.gather(1, index[..., None].expand(-1, -1, x.shape[1]))
+        assert self.head.bias is not None
+        weight, bias = (
+            parameter.flatten(1).unflatten(0, (-1, 4)).transpose(0, 1).flatten(0, 1)  # the 2 x 2 pixels first
+            for parameter in (self.head.weight, self.head.bias[:, None])
+        )
+        maps = F.linear(features, weight, bias[:, 0])
+        if not read.all():
+            maps = maps * read[..., None]
+        return maps.unflatten(2, (4, -1)).permute(0, 3, 2, 1)  # channels are innermost in memory
 
 
-def windows(mask: torch.Tensor) -> tuple[slice, slice]:
-    """The rows and columns (slices) that the subjects of masks (B, H, W) need: around all that is above zero,
-    MARGIN to each side or to the canvas's edge.
+def subject_window(mask: torch.Tensor) -> tuple[slice, slice]:
+    """Return the slices of rows and columns that contain the subjects of masks (B, H, W) and a margin.
 
-    They begin and end at multiples of COARSEST, so that the pixels of all levels stay where they are on the
-    canvas: in a video, whose mattes tremble, a window that moved would make the maps tremble.
+    They begin and end at multiples of COARSEST_STRIDE, so that the pixels of all levels keep their places on
+    the canvas. Mattes in a video flicker: a window that moved with them would make the maps flicker too.
     """
     seen, (height, width) = mask.amax(dim=0), mask.shape[1:]
     if not (seen > 0).any():
@@ -130,7 +151,8 @@ def windows(mask: torch.Tensor) -> tuple[slice, slice]:
 
 
 def _window(low: int, high: int, extent: int) -> slice:
-    start, stop = (low - MARGIN) // COARSEST * COARSEST, -(-(high + MARGIN) // COARSEST) * COARSEST
+    start = (low - MARGIN_PIXELS) // COARSEST_STRIDE * COARSEST_STRIDE
+    stop = -(-(high + MARGIN_PIXELS) // COARSEST_STRIDE) * COARSEST_STRIDE
     return slice(max(start, 0), min(stop, extent))
 
 
@@ -139,7 +161,7 @@ def _halved(span: slice) -> slice:
 
 
 def take_blocks(image: torch.Tensor, blocks: torch.Tensor) -> torch.Tensor:
-    """The 2 x 2 pixels of each block: (B, C, H, W) to (B, C, 4, P); `blocks` (B, P) count in row order."""
+    """Return the 2 x 2 pixels (B, C, 4, P) of blocks (B, P), counted in row order, of images (B, C, H, W)."""
     width = image.shape[3]
     corner = blocks // (width // 2) * 2 * width + blocks % (width // 2) * 2
     corners = torch.stack([corner, corner + 1, corner + width, corner + width + 1], dim=1)
@@ -147,5 +169,5 @@ def take_blocks(image: torch.Tensor, blocks: torch.Tensor) -> torch.Tensor:
 
 
 def _gather(image: torch.Tensor, index: torch.Tensor) -> torch.Tensor:
-    """(B, C, H, W) and (B, P) to (B, C, P)."""
+    """Return the pixels (B, C, P) of images (B, C, H, W) at flat indices (B, P)."""
     return image.flatten(2).gather(2, index[:, None].expand(-1, image.shape[1], -1))

@@ -1,8 +1,8 @@
 """Weights by name: safetensors files shipped in the packages, checked against their sha256.
 
-A file carries what it is: `network` (the class), `config` (its constructor arguments) and `recipe` (how it
-was trained) stand in its metadata as JSON. Tensors are stored as float16 and loaded as float32; convolutions
-may be stored as int8 with a scale for each output channel, in half the room.
+A file describes its network in its metadata, as JSON: `network` (the class), `config` (its constructor
+arguments) and `recipe` (how it was trained). Tensors are stored as float16 and loaded as float32.
+Convolutions may be stored as int8 with a scale for each output channel, which takes half the space.
 """
 
 import functools
@@ -23,21 +23,22 @@ from torch import nn
 
 from shadow.files import replacing
 from shadow.framing import canvas_size
+from shadow.networks.precision import freeze
 
 _LOADING = threading.Lock()
-SCALE = ".scale"  # what the key of an int8 tensor's scales ends in
+SCALE = ".scale"  # suffix of the key of an int8 tensor's scales
 
 
 class Origin(NamedTuple):
-    """Where a network's parameters come from: `network.origin` of whatever was loaded from a file."""
+    """The source of a network's parameters, in `network.origin` of a network that was loaded from a file."""
 
-    name: str  # of the file, without its suffix
-    sha256: str | None  # of the file, or of the one it was shrunk from; tells it from others of its name
-    recipe: dict  # how it was trained, as the file says
+    name: str  # file name without its suffix
+    sha256: str | None  # of the file, or of the original if it was shrunk; unlike the name it is unique
+    recipe: dict  # how it was trained, from the file's metadata
 
 
 def sha256(path: str | os.PathLike) -> str:
-    """Hexadecimal sha256 of a file."""
+    """Return the hexadecimal sha256 of a file."""
     with open(path, "rb") as file:
         return hashlib.file_digest(file, "sha256").hexdigest()
 
@@ -45,7 +46,7 @@ def sha256(path: str | os.PathLike) -> str:
 def read(
     path: str | os.PathLike, checksum: str | None = None
 ) -> tuple[dict[str, torch.Tensor], dict[str, str]]:
-    """(state, metadata) of a .safetensors file; ValueError if it is damaged."""
+    """Read (state, metadata) from a .safetensors file. Raises ValueError if it is damaged."""
     data = Path(path).read_bytes()
     if checksum and hashlib.sha256(data).hexdigest() != checksum:
         raise ValueError(f"weights: {path} is damaged (its sha256 differs); install the package again")
@@ -62,9 +63,9 @@ def read(
 
 
 def check_finite(what: str, network: nn.Module) -> None:
-    """ValueError, which begins with `what`, for parameters that are NaN or infinite."""
+    """Raise ValueError if a parameter is NaN or infinite; the message begins with `what`."""
     for key, value in network.state_dict().items():
-        if not torch.isfinite(value).all():
+        if not torch.isfinite(torch.stack(value.aminmax())).all():  # aminmax propagates NaN
             raise ValueError(f"{what} is damaged: {key} holds NaN or infinite values")
 
 
@@ -77,19 +78,27 @@ def _load(path: Path, checksum: str | None, kinds: tuple, device: torch.device) 
             f"weights: {path} holds a {metadata.get('network')!r} network, expected {' or '.join(networks)}"
         )
     if "config" not in metadata:
-        raise ValueError(f"weights: {path} does not say what its network is made with (config)")
+        raise ValueError(f"weights: {path} lacks the constructor arguments of its network (metadata config)")
     try:
-        network = networks[metadata["network"]](**json.loads(metadata["config"]))
-        network.load_state_dict({key: value.float() for key, value in state.items()}, strict=True)
+        with torch.device("meta"):  # no memory and no random numbers for parameters that are replaced anyway
+            network = networks[metadata["network"]](**json.loads(metadata["config"]))
+        layouts = {4: torch.channels_last}
+        values = {
+            key: value.to(torch.float32, memory_format=layouts.get(value.ndim, torch.preserve_format))
+            for key, value in state.items()
+        }
+        network.load_state_dict(values, strict=True, assign=True)
         canvas_size(network.size)
         recipe = json.loads(metadata.get("recipe", "{}"))
-    except Exception as error:  # a network that is made with odd values fails in many ways
+    except Exception as error:  # invalid constructor arguments raise many kinds of errors
         reason = textwrap.shorten(str(error), 300)
         raise ValueError(f"weights: {path} does not fit this version's network: {reason}") from error
     check_finite(f"weights: {path}", network)
     identity = metadata.get("shrunk_from") or checksum or sha256(path)
     network.origin = Origin(path.stem, identity, recipe)
-    return network.eval().requires_grad_(False).to(device, memory_format=torch.channels_last)
+    network = network.eval().to(device, memory_format=torch.channels_last)
+    freeze(network)
+    return network
 
 
 def load(
@@ -99,20 +108,27 @@ def load(
     package: str,
     device: torch.device | str = "cpu",
 ) -> Any:
-    """The network `name`, ready for inference on `device`. It is shared with whoever loads it there: nobody
-    may change it.
+    """Load the network `name` for inference on `device`.
+
+    The network is shared between all callers on that device, who must not change it.
 
     Parameters
     ----------
-    name: a name in `<package>/weights/index.json`, or the path of a .safetensors file.
-    networks: {network: class}, the classes that are welcome here.
-    package: "shadow" or "shading".
-    device: a torch.device or its name.
+    name
+        A name in `<package>/weights/index.json`, or the path of a .safetensors file.
+    networks
+        {network: class}, the classes that are accepted.
+    package
+        "shadow" or "shading".
+    device
+        A torch.device or its name.
 
     Raises
     ------
-    ValueError: no such name, a damaged file, or a network of another kind.
-    FileNotFoundError: `name` is a path at which there is no file.
+    ValueError
+        The name is unknown, the file is damaged, or the network is of another kind.
+    FileNotFoundError
+        `name` is a path at which there is no file.
     """
     kinds = tuple(networks.items())
     if str(name).endswith(".safetensors"):
@@ -125,12 +141,12 @@ def load(
 
 
 def checksum(name: str, package: str) -> str:
-    """The sha256 of the weights `name` that "shadow" or "shading" ships."""
+    """Return the sha256 of the weights `name` that "shadow" or "shading" ships."""
     return json.loads((resources.files(package) / "weights" / "index.json").read_text())[name]["sha256"]
 
 
 def _shared(path: Path, checksum: str | None, kinds: tuple, device: torch.device | str) -> Any:
-    with _LOADING:  # threads that ask at once share one network
+    with _LOADING:  # concurrent threads share one network
         return _load(path, checksum, kinds, torch.device(device))
 
 
@@ -145,10 +161,10 @@ def save(path: str | os.PathLike, network: nn.Module, kind: str, config: dict, r
 
 
 def shrink(source: str | os.PathLike, target: str | os.PathLike) -> str:
-    """Write the weights of a file with their convolutions as int8, and return the new file's sha256.
+    """Store the convolutions of a weights file as int8 in a new file, and return its sha256.
 
-    The values of an output channel are rounded to 127 steps of the largest either way: of the normals, that
-    turns the mean vector by 0.1 degrees.
+    The values of an output channel are rounded to multiples of 1/127 of the largest magnitude. This changes
+    the field's normals by 0.1 degrees on average.
     """
     state, metadata = read(source)
     small = {}

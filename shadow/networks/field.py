@@ -2,9 +2,11 @@
 
 visibility(p, L) = attached(N(p)·L) × cast(w(L)·f(p))
 
-`attached` is the surface turning away, from the normals; `cast` is an occluder in between. Feature k of f is
-the logit of anchor direction k, and w(L) interpolates between the anchors near L. The head starts at zero:
-all faces the camera, is equally far from it, and nothing casts a shadow.
+It infers the self-shadow maps of Section 3, for which the paper's network (unet.py) runs once for each light,
+and the normals that the paper takes from PIFuHD. `attached` says whether the surface faces the light (the
+test of Section 4.1, made soft), `cast` whether something occludes it. Feature k of f is the logit of anchor
+direction k, and w(L) interpolates between the anchors near L. The head starts at zero: in an untrained
+network all surfaces face the camera at the same depth, and nothing casts a shadow.
 """
 
 from collections.abc import Callable
@@ -17,33 +19,35 @@ from torch import nn
 from shadow.directions import olat
 from shadow.networks.backbone import Backbone, encode_image
 from shadow.networks.mirror import MIRROR, Silhouette, with_mirror
-from shadow.networks.precision import autocast
+from shadow.networks.precision import autocast, with_cast_weights
 
-LIT = 3.0  # cast logit of the untrained field: sigmoid(3) = 0.95, lit
+LIT_LOGIT = 3.0  # cast-shadow logit of the untrained field: sigmoid(3) = 0.95, lit
 SHARPNESS = 20.0  # slope of the untrained gate in N·L
 KAPPA = 50.0  # concentration of an anchor's kernel: half weight at 10 degrees, anchors stand 18 apart
-STRIP = 2048  # pixels at a time, so that their anchors' weights stay in the cache
-REACH = 0.2  # difference of cosines from the nearest anchor at which others weigh 4e-5 of it
+STRIP_PIXELS = 2048  # processed together, so that the weights of their anchors stay in the processor's cache
+COSINE_CUTOFF = 0.2  # cosine difference to the nearest anchor beyond which an anchor has < 5e-5 of its weight
 
 
 def anchor_weights(directions: torch.Tensor, anchors: torch.Tensor) -> torch.Tensor:
-    """w(L): (..., D, 3) unit directions and (K, 3) anchors to (..., D, K) weights that sum to one."""
+    """Return w(L), weights (..., D, K) that sum to one, of anchors (K, 3) for directions (..., D, 3)."""
     weights = torch.softmax(KAPPA * (directions @ anchors.T), dim=-1)
-    # Those of anchors far away are subnormal numbers, with which a CPU multiplies ten times as slowly.
+    # Weights of distant anchors are subnormal numbers, which a CPU multiplies ten times as slowly.
     return weights * (weights > 1e-12)
 
 
-def interpolated(directions: torch.Tensor, anchors: torch.Tensor, *maps: torch.Tensor) -> list[torch.Tensor]:
-    """w(L)·f of maps (K, N) of the anchors (K, 3), at N pixels with a unit direction each (3, N): (N,) each.
+def interpolate_anchors(
+    directions: torch.Tensor, anchors: torch.Tensor, *maps: torch.Tensor
+) -> list[torch.Tensor]:
+    """Return w(L)·f (N,) for each of the maps f (K, N), where each of the N pixels has a direction (3, N).
 
-    Pixels that lie together look in about the same direction: few of the anchors count for a strip of them.
+    Neighbouring pixels have similar directions, so few anchors have weight in a strip of them.
     """
     results = [features.new_empty(features.shape[1]) for features in maps]
-    for start in range(0, directions.shape[1], STRIP):
-        strip = slice(start, start + STRIP)
+    for start in range(0, directions.shape[1], STRIP_PIXELS):
+        strip = slice(start, start + STRIP_PIXELS)
         cosines = anchors @ directions[:, strip]
         cosines -= cosines.amax(dim=0)
-        near = (cosines.amax(dim=1) > -REACH).nonzero()[:, 0]
+        near = (cosines.amax(dim=1) > -COSINE_CUTOFF).nonzero()[:, 0]
         weights = cosines[near].mul_(KAPPA).exp_()
         weights /= weights.sum(dim=0)
         for result, features in zip(results, maps, strict=True):
@@ -51,39 +55,46 @@ def interpolated(directions: torch.Tensor, anchors: torch.Tensor, *maps: torch.T
     return results
 
 
-def both_sides(own: torch.Tensor, mirrored: torch.Tensor, anchors: torch.Tensor) -> torch.Tensor:
-    """The mean of features (K, N) of the anchors (K, 3): a photograph's, and its mirror image's, brought to
-    the same anchors, which are not each other's mirror."""
+def average_mirrored(own: torch.Tensor, mirrored: torch.Tensor, anchors: torch.Tensor) -> torch.Tensor:
+    """Return the mean of the features (K, N) of a photograph and of its mirror image, for the anchors (K, 3).
+
+    The anchors are not symmetric, so the mirrored features are first interpolated at the mirrored anchors.
+    """
     across = anchor_weights(anchors * MIRROR.to(anchors.device), anchors)
     return torch.addmm(own, across, mirrored).div_(2)
 
 
 class FieldMaps(NamedTuple):
-    """What the image alone decides; everything about a light is a dot product with these."""
+    """The maps of an image that hold for every light; a light's visibility is a dot product with them."""
 
     normals: torch.Tensor  # (B, 3, H, W) unit normals, which gate the attached shadow
-    cast: torch.Tensor  # (B, K, H, W) cast-shadow logit of each anchor direction, relative to LIT
+    cast: torch.Tensor  # (B, K, H, W) cast-shadow logit of each anchor direction, relative to LIT_LOGIT
     sharpness: torch.Tensor  # (B, 1, H, W) slope of the gate: low where the normals are uncertain
     depth: torch.Tensor  # (B, 1, H, W) away from the camera, in heights of the matte; or (B, 0, H, W), none
 
     def at(self, take: Callable[[torch.Tensor], torch.Tensor]) -> "FieldMaps":
-        """The maps where `take` takes them from (B, C, H, W)."""
+        """Apply `take`, which selects pixels of images (B, C, H, W), to every map."""
         return FieldMaps(*(take(image) for image in self))
 
 
 class VisibilityField(nn.Module):
+    """The network that maps a photograph and its matte to `FieldMaps` (see the module's docstring)."""
+
     anchors: torch.Tensor  # (K, 3)
 
     def __init__(self, size: int = 256, depth: bool = False, **backbone: Any) -> None:
         super().__init__()
         self.size = size  # canvas height that the network was trained for
-        self.depth = depth  # whether it says how far away the surface is
+        self.depth = depth  # whether it infers depth
         self.register_buffer("anchors", torch.from_numpy(olat(behind=True)), persistent=False)
         self.backbone = Backbone(4, 3 + len(self.anchors) + 1 + depth, **backbone)
 
     def forward(self, image: torch.Tensor, blocks: torch.Tensor | None = None) -> FieldMaps:
-        """Encoded image and mask (B, 4, H, W) to FieldMaps; or to what `take_blocks` takes of them, which
-        saves the training the memory of all lights at all pixels."""
+        """Return the FieldMaps of encoded images and masks (B, 4, H, W).
+
+        With `blocks` the result is `maps.at(take_blocks)` of these blocks: training could not hold all lights
+        at all pixels in memory.
+        """
         maps = self.backbone(image, blocks).float()
         surface, cast, log_sharpness, depth = maps.split([3, len(self.anchors), 1, int(self.depth)], dim=1)
         toward_camera = torch.tensor([0.0, 0.0, 1.0], device=image.device).view(1, 3, 1, 1)
@@ -91,23 +102,23 @@ class VisibilityField(nn.Module):
         return FieldMaps(normals, cast, SHARPNESS * log_sharpness.clamp(-3, 3).exp(), depth)
 
     def log_visibility(self, maps: FieldMaps, directions: torch.Tensor) -> torch.Tensor:
-        """Logarithm of the visibility (B, D, H, W) of unit directions (B, D, 3)."""
+        """Return the logarithm of the visibility (B, D, H, W) of unit directions (B, D, 3)."""
         attached = maps.sharpness * torch.einsum("bdc,bchw->bdhw", directions, maps.normals)
         cast = torch.einsum("bdk,bkhw->bdhw", anchor_weights(directions, self.anchors), maps.cast)
-        return F.logsigmoid(attached) + F.logsigmoid(cast + LIT)
+        return F.logsigmoid(attached) + F.logsigmoid(cast + LIT_LOGIT)
 
     @torch.no_grad()
     def infer(self, rgb: torch.Tensor, mask: torch.Tensor) -> tuple[FieldMaps, Silhouette]:
-        """Framed rgb (3, h, w), linear, and mask (h, w) to the FieldMaps (C, N) of the N pixels inside it."""
+        """Return the FieldMaps (C, N) of framed linear rgb (3, h, w), at the N pixels of a mask (h, w)."""
         silhouette = Silhouette(mask)
         image = with_mirror(encode_image(rgb[None], mask[None, None]))
         with autocast(rgb.device):
-            both = self(image, silhouette.blocks)
+            both = with_cast_weights(self)(image, silhouette.blocks)
         own, mirrored = (FieldMaps(*side) for side in zip(*map(silhouette.sides, both), strict=True))
         turned = MIRROR.to(rgb.device)[:, None] * mirrored.normals
         maps = FieldMaps(
             F.normalize(own.normals + turned, dim=0),
-            both_sides(own.cast, mirrored.cast, self.anchors),
+            average_mirrored(own.cast, mirrored.cast, self.anchors),
             (own.sharpness * mirrored.sharpness).sqrt(),
             (own.depth + mirrored.depth) / 2,
         )
@@ -115,7 +126,7 @@ class VisibilityField(nn.Module):
 
     @torch.no_grad()
     def normals(self, rgb: torch.Tensor, mask: torch.Tensor) -> torch.Tensor:
-        """Framed rgb (3, h, w), linear, and mask (h, w) to unit normals (3, h, w), zero outside the mask."""
+        """Return unit normals (3, h, w), zero outside the mask, of framed linear rgb (3, h, w)."""
         maps, silhouette = self.infer(rgb, mask)
         return silhouette.scatter(maps.normals)
 
@@ -123,8 +134,9 @@ class VisibilityField(nn.Module):
     def analyse(
         self, rgb: torch.Tensor, mask: torch.Tensor, normals: torch.Tensor | None = None
     ) -> tuple[torch.Tensor, "Visibility"]:
-        """Framed rgb (3, h, w), linear, and mask (h, w) to unit normals (3, h, w), zero outside the mask, and
-        to the visibility of any light. Normals (3, h, w) that are given take the place of the network's own.
+        """Return unit normals (3, h, w), zero outside the mask, and the visibility of any light.
+
+        rgb (3, h, w) is framed and linear, mask (h, w). Given normals (3, h, w) replace the network's own.
         """
         maps, silhouette = self.infer(rgb, mask)
         if normals is not None:
@@ -133,46 +145,58 @@ class VisibilityField(nn.Module):
 
 
 class Visibility(NamedTuple):
-    """The visibility of one subject in any light: dot products with its maps, and no network."""
+    """The visibility of one subject for any light: dot products with its maps, without a network."""
 
     maps: FieldMaps  # (C, N) of the subject's pixels
     silhouette: Any  # Silhouette, or Pixels where no network follows
     anchors: torch.Tensor  # (K, 3)
 
     def __call__(self, directions: torch.Tensor) -> torch.Tensor:
-        """Unit directions (D, 3) to maps (D, h, w) in [0, 1], zero outside the subject."""
+        """Return maps (D, h, w) in [0, 1], zero outside the subject, for unit directions (D, 3)."""
         return self.silhouette.scatter(self.at_pixels(directions))
 
     @torch.no_grad()
-    def each(self, directions: torch.Tensor) -> torch.Tensor:
-        """A unit direction a pixel (3, h, w) to one map (h, w), as a light in the room needs it."""
+    def per_pixel(self, directions: torch.Tensor) -> torch.Tensor:
+        """Return the map (h, w) in which each pixel has its own light direction (3, h, w)."""
         toward = self.silhouette.take(directions)
-        (cast,) = interpolated(toward, self.anchors, self.maps.cast)
+        (cast,) = interpolate_anchors(toward, self.anchors, self.maps.cast)
         return self.silhouette.scatter(self.gated(cast, toward)[None])[0]
 
     def gated(self, cast: torch.Tensor, directions: torch.Tensor) -> torch.Tensor:
-        """Visibility (N,) from the cast logits (N,) of the pixels' own directions (3, N)."""
+        """Return visibility (N,) from the cast-shadow logits (N,) of the pixels' own directions (3, N)."""
         attached = (directions * self.maps.normals).sum(dim=0).mul_(self.maps.sharpness[0]).sigmoid_()
-        return cast.add(LIT).sigmoid_().mul_(attached)
+        return cast.add(LIT_LOGIT).sigmoid_().mul_(attached)
 
     @property
     def depth(self) -> torch.Tensor | None:
-        """(h, w) away from the camera, relative to the subject's mean, in units of the height that the mask
-        shows; zero outside it. None from a network that says nothing of depth."""
+        """Depth (h, w) away from the camera, relative to the subject's mean; zero outside the subject.
+
+        It is in units of the height that the mask shows. None from a network that infers no depth.
+        """
         if not len(self.maps.depth):
             return None
         return self.silhouette.scatter(self.maps.depth - self.maps.depth.mean())[0]
 
-    def halved(self, directions: torch.Tensor, column: int) -> torch.Tensor:
-        """The same at every second row and column, from column 0 or 1 on: (D, h / 2, w / 2)."""
-        chosen, place, size = self.silhouette.halved(column)
-        maps = directions.new_zeros(len(directions), size.numel())
-        return maps.index_copy_(1, place, self.at_pixels(directions, chosen)).unflatten(1, size)
+    def at_half_resolution(self, own: torch.Tensor, mirrored: torch.Tensor) -> torch.Tensor:
+        """Return the visibility (2, D, h/2, w/2) at every second row and column.
+
+        The first is that of the photograph, for unit directions `own` (D, 3); the second that of its mirror
+        image, for the directions `mirrored` (D, 3) in the photograph's own frame. The channels of a pixel are
+        adjacent in memory, as convolutions read them.
+        """
+        height, width = (length // 2 for length in self.silhouette.shape)
+        maps = own.new_zeros(2, height * width, len(own))
+        for side, directions in enumerate((own, mirrored)):
+            chosen, place = self.silhouette.at_half_resolution(bool(side))
+            maps[side].index_copy_(0, place, self.at_pixels(directions, chosen).T)
+        return maps.unflatten(1, (height, width)).permute(0, 3, 1, 2)
 
     @torch.no_grad()
     def at_pixels(self, directions: torch.Tensor, chosen: slice = slice(None)) -> torch.Tensor:
-        """Visibility (D, n) of the subject's pixels, or of those chosen: `VisibilityField.log_visibility`,
-        without its logarithm, which costs ten times the product."""
+        """Return visibility (D, n) of the subject's pixels, or of those chosen, for unit directions (D, 3).
+
+        It is `VisibilityField.log_visibility` without the logarithm, which costs ten times the product.
+        """
         normals, cast, sharpness = (image[:, chosen] for image in self.maps[:3])
         attached = (directions @ normals).mul_(sharpness).sigmoid_()
-        return (anchor_weights(directions, self.anchors) @ cast).add_(LIT).sigmoid_().mul_(attached)
+        return (anchor_weights(directions, self.anchors) @ cast).add_(LIT_LOGIT).sigmoid_().mul_(attached)

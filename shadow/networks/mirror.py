@@ -1,7 +1,6 @@
-"""A photograph and its mirror image, seen together: the mean of what a network says of the two.
+"""Average the maps of a photograph and of its mirror image, whose errors differ.
 
-A network's errors in the one are others than in the other. Both are asked for the subject's pixels alone,
-which are some quarter of the canvas.
+Maps are computed at the subject's pixels only, which are about a quarter of the canvas.
 """
 
 import torch
@@ -9,12 +8,12 @@ import torch.nn.functional as F
 
 from shadow.networks.backbone import take_blocks
 
-MIRROR = torch.tensor([-1.0, 1.0, 1.0])  # takes a vector to the camera frame of the mirrored picture
-FLIPPED = [1, 0, 3, 2]  # the pixels of a 2 x 2 block, in `take_blocks`' order, as the mirror image has them
+MIRROR = torch.tensor([-1.0, 1.0, 1.0])  # factors that convert a vector to the frame of the mirror image
+FLIPPED = [1, 0, 3, 2]  # for each pixel of a 2 x 2 block, in the order of `take_blocks`, its mirrored pixel
 
 
 def with_mirror(images: torch.Tensor) -> torch.Tensor:
-    """(1, C, h, w) to (2, C, h, w): the images, and their mirror images."""
+    """Return images (1, C, h, w) and their mirror images: (2, C, h, w)."""
     return torch.cat([images, images.flip(-1)])
 
 
@@ -26,20 +25,20 @@ class Pixels:
         self.pixels = (mask > 0).flatten().nonzero()[:, 0]  # (N,) on the canvas
 
     def take(self, maps: torch.Tensor) -> torch.Tensor:
-        """The values (C, N) of canvas maps (C, h, w)."""
+        """Return the values (C, N) of canvas maps (C, h, w)."""
         return maps.flatten(1).index_select(1, self.pixels)
 
     def scatter(self, values: torch.Tensor) -> torch.Tensor:
-        """Values (C, N) as canvas maps (C, h, w), zero outside the subject."""
+        """Return values (C, N) as canvas maps (C, h, w), zero outside the subject."""
         canvas = values.new_zeros(len(values), self.shape.numel())
         return canvas.index_copy_(1, self.pixels, values).unflatten(1, self.shape)
 
 
 class Silhouette(Pixels):
-    """The same pixels, N of them, in the order in which the networks write them.
+    """The N pixels of a subject, ordered by their place within a 2 x 2 block first, and by block second.
 
-    The canvas has an even number of rows and columns. The order of the pixels is this class's own: by their
-    place in their block of 2 x 2 pixels, then by block, since the networks write block by block.
+    The networks write block by block, and in this order the pixels of every second row and column are a
+    slice. The canvas has an even number of rows and columns.
     """
 
     def __init__(self, mask: torch.Tensor) -> None:
@@ -55,22 +54,26 @@ class Silhouette(Pixels):
         corner, block = within.nonzero(as_tuple=True)
         flipped = torch.tensor(FLIPPED, device=mask.device)[corner]
         # (N,) each, among the pixels of the blocks of the photograph, and of its mirror image
-        self._taken = [place * len(own) + block for place in (corner, flipped)]
-        self.pixels = corners.flatten()[self._taken[0]]
+        self._taken = [block * 4 + place for place in (corner, flipped)]
+        self.pixels = corners[corner, block]
         self._halves = [0, *within[:2].sum(dim=1).cumsum(0).tolist()]
 
     def sides(self, maps: torch.Tensor) -> tuple[torch.Tensor, torch.Tensor]:
-        """The values (C, N) of the photograph and of its mirror image, of maps (2, C, 4, P) of the blocks."""
+        """Return values (C, N) of the photograph and of its mirror image, of block maps (2, C, 4, P)."""
+        # The networks write the channels of a pixel side by side, so selecting rows is a fast copy.
+        pixels = maps.permute(0, 3, 2, 1).flatten(1, 2)
         own, mirrored = (
-            side.flatten(1).index_select(1, taken) for side, taken in zip(maps, self._taken, strict=True)
+            side.index_select(0, taken).T for side, taken in zip(pixels, self._taken, strict=True)
         )
         return own, mirrored
 
-    def halved(self, column: int) -> tuple[slice, torch.Tensor, torch.Size]:
-        """What a map at every second row and column, from column 0 or 1 on, shows of the subject: which of
-        the N pixels, where they are in that map, and the map's size (h / 2, w / 2)."""
-        chosen = slice(self._halves[column], self._halves[column + 1])
+    def at_half_resolution(self, mirrored: bool) -> tuple[slice, torch.Tensor]:
+        """Return which of the N pixels lie in every second row and column, and their flat indices (n,) in a
+        map (h/2, w/2) of these.
+
+        The even columns of the mirror image are the photograph's odd ones, from right to left.
+        """
+        chosen = slice(self._halves[mirrored], self._halves[mirrored + 1])
         width = self.shape[1]
-        row, place = self.pixels[chosen] // width, self.pixels[chosen] % width
-        size = torch.Size((self.shape[0] // 2, width // 2))
-        return chosen, row // 2 * size[1] + place // 2, size
+        row, column = self.pixels[chosen] // width // 2, self.pixels[chosen] % width // 2
+        return chosen, row * (width // 2) + (width // 2 - 1 - column if mirrored else column)

@@ -1,8 +1,8 @@
-"""PIFuHD's front-normal generator, from a user's own checkpoint: the normals that the paper used.
+"""PIFuHD's front-normal generator, from a checkpoint of the user: the auxiliary normals of Section 3.
 
-The network is the global generator of pix2pixHD (Wang et al. 2018), trained as a part of PIFuHD (SSSJ20); its
-weights are not ours to ship. Layout of the checkpoint and the image it expects: lib/networks.py and
-lib/data/EvalDataset.py of github.com/facebookresearch/pifuhd.
+The network is the global generator of pix2pixHD (Wang et al. 2018), trained as a part of PIFuHD (SSSJ20). Its
+licence does not let us distribute the weights. The layout of the checkpoint and of the input image is that of
+lib/networks.py and lib/data/EvalDataset.py in github.com/facebookresearch/pifuhd.
 """
 
 import argparse
@@ -21,16 +21,19 @@ from torch import nn
 
 from shadow.framing import Framing, bounding_box, extend
 from shadow.networks import checkpoints
+from shadow.srgb import LAST_LINEAR, SLOPE
 
 SIZE = 512  # pixels of the square canvas
 # Side of the canvas over the longer side of the person. PIFuHD's own crop is 1.3 times the extent of the
 # key points, which leaves out the crown of the head and the soles.
-ROOM = 1.2
-GREY = 0.5  # display-encoded, behind the person
-PREFIX = "netG.netF."  # the generator among the parts of PIFuHD
+CANVAS_PER_PERSON = 1.2
+GREY_BACKGROUND = 0.5  # display-encoded, behind the person
+PREFIX = "netG.netF."  # of the generator's keys in a checkpoint
 
 
 class Residual(nn.Module):
+    """Residual block of pix2pixHD; `conv_block` is its name in the checkpoint."""
+
     def __init__(self, channels: int) -> None:
         super().__init__()
         first, second = (
@@ -46,7 +49,7 @@ class Residual(nn.Module):
 class FrontNormals(nn.Module):
     """The global generator of pix2pixHD: 4 down-samplings, 9 residual blocks, 4 up-samplings.
 
-    The layers stand in one sequence, so that their numbers are the checkpoint's keys.
+    The layers form one sequence, so that their indices match the checkpoint's keys.
     """
 
     origin: checkpoints.Origin
@@ -68,49 +71,52 @@ class FrontNormals(nn.Module):
         self.model = nn.Sequential(*layers)
 
     def forward(self, image: torch.Tensor) -> torch.Tensor:
-        """Display-encoded image (B, 3, H, W) in [-1, 1] to normals (B, 3, H, W) in [-1, 1], of any length."""
+        """Map a display-encoded image (B, 3, H, W) in [-1, 1] to normals (B, 3, H, W) of any length."""
         return self.model(image)
 
     @torch.no_grad()
     def normals(self, rgb: torch.Tensor, mask: torch.Tensor) -> torch.Tensor:
-        """rgb (3, H, W), linear, and mask (H, W) to unit normals (3, H, W), zero outside the mask.
+        """Infer unit normals (3, H, W), zero outside the mask, from linear rgb (3, H, W) and a mask (H, W).
 
-        Any size; the person is framed here. The generator learned from pictures as they are displayed, so 1
-        must be the display's white: unlike our networks it minds the exposure.
+        The image may have any size, since this method frames the person. The generator was trained on
+        display-encoded images, so 1 must be the display's white. Unlike our networks, it depends on exposure.
         """
         framing = _framing(mask)
-        behind = _display(rgb) * mask + GREY * (1 - mask)
-        framed = 2 * framing.crop(behind) - 1  # zero beyond the plate, so black, as PIFuHD pads
+        behind = _display(rgb) * mask + GREY_BACKGROUND * (1 - mask)
+        framed = 2 * framing.crop(behind) - 1  # black beyond the plate, as in PIFuHD's padding
         vectors = F.normalize(self(framed[None])[0], dim=0)
         known = framing.crop(mask[None])[0]
         return F.normalize(framing.restore(extend(vectors, known)), dim=0) * (mask > 0)
 
 
 def _framing(mask: torch.Tensor) -> Framing:
-    """A square canvas centred on the subject that `mask` (H, W) shows."""
+    """Return a square canvas centred on the subject of `mask` (H, W)."""
     top, left, bottom, right = bounding_box(mask)
-    scale = SIZE / (ROOM * max(bottom - top, right - left))
+    scale = SIZE / (CANVAS_PER_PERSON * max(bottom - top, right - left))
     return Framing(
         ((left + right) / 2, (top + bottom) / 2), scale, (SIZE, SIZE), (mask.shape[0], mask.shape[1])
     )
 
 
 def _display(rgb: torch.Tensor) -> torch.Tensor:
-    """Linear to sRGB, clipped to [0, 1] (IEC 61966-2-1)."""
+    """Encode linear values as sRGB, clipped to [0, 1] (IEC 61966-2-1)."""
     rgb = rgb.clamp(0, 1)
-    return torch.where(rgb <= 0.0031308, 12.92 * rgb, 1.055 * rgb ** (1 / 2.4) - 0.055)
+    return torch.where(rgb <= LAST_LINEAR, SLOPE * rgb, 1.055 * rgb ** (1 / 2.4) - 0.055)
 
 
 def load(path: str | os.PathLike, device: torch.device | str = "cpu") -> FrontNormals:
-    """The front-normal generator in a PIFuHD checkpoint, ready for inference on `device`. It is shared:
-    nobody may change it.
+    """Load the front-normal generator of a PIFuHD checkpoint for inference on `device`.
 
-    Nothing in the file is run: of pickled objects, only its options (argparse.Namespace) are let in.
+    The network is shared between callers, who must not change it. No code in the file is executed: the only
+    pickled object that is accepted is the training options (argparse.Namespace).
 
     Raises
     ------
-    FileNotFoundError: no such file. ValueError: it is damaged, holds pickled code, holds no front-normal
-    generator, or one that wants more than the photograph, as those of ICON and ECON.
+    FileNotFoundError
+        No such file.
+    ValueError
+        The file is damaged, contains pickled code or no front-normal generator, or its generator takes more
+        than the photograph, as those of ICON and ECON do.
     """
     return _load(Path(path).resolve(strict=True), torch.device(device))
 
@@ -124,27 +130,27 @@ def _load(path: Path, device: torch.device) -> FrontNormals:
         network.load_state_dict(parameters, strict=True, assign=True)
     except RuntimeError as error:
         reason = " ".join(str(error).split())
-        raise ValueError(f"normals: {path} holds another generator than PIFuHD's: {reason}") from error
+        raise ValueError(f"normals: {path} does not contain PIFuHD's generator: {reason}") from error
     checkpoints.check_finite(f"normals: {path}", network)
     network.origin = checkpoints.Origin(path.stem, checkpoints.sha256(path), {})
     return network.eval().requires_grad_(False).to(device)
 
 
 def _read(path: Path) -> Any:
-    """What is in the checkpoint, tensors on the CPU."""
+    """Read the checkpoint, with tensors on the CPU."""
     try:
         with torch.serialization.safe_globals([argparse.Namespace]):
-            # Mapped where the format allows, for the generator is half of the file.
+            # Memory-mapped where the format allows it, since half of the file is not the generator.
             return torch.load(path, map_location="cpu", weights_only=True, mmap=zipfile.is_zipfile(path))
-    except Exception as error:  # bytes that are no checkpoint fail in many ways
+    except Exception as error:  # damaged files raise many kinds of errors
         code = re.search(r"GLOBAL (\S+)", str(error))
         if isinstance(error, pickle.UnpicklingError) and code:
-            raise ValueError(f"normals: {path} holds pickled code, {code[1]}, which is not run") from error
-        raise ValueError(f"normals: {path} is no PyTorch checkpoint, or is truncated") from error
+            raise ValueError(f"normals: {path} contains pickled code, {code[1]}, which is not run") from error
+        raise ValueError(f"normals: {path} is not a PyTorch checkpoint, or is truncated") from error
 
 
 def _generator(path: Path, checkpoint: Any) -> dict[str, torch.Tensor]:
-    """The front-normal generator's own parameters, as float32 copies."""
+    """Return the parameters of the front-normal generator, as float32 copies."""
     checkpoint = checkpoint if isinstance(checkpoint, dict) else {}
     parameters = checkpoint.get("model_state_dict", checkpoint.get("state_dict"))  # the second is ICON's
     found = {
@@ -154,7 +160,7 @@ def _generator(path: Path, checkpoint: Any) -> dict[str, torch.Tensor]:
     }
     if "model.1.weight" not in found or found["model.1.weight"].ndim != 4:
         raise ValueError(
-            f"normals: {path} holds no front-normal generator: model_state_dict has no {PREFIX}model.1.weight"
+            f"normals: {path} has no front-normal generator: model_state_dict lacks {PREFIX}model.1.weight"
         )
     channels = found["model.1.weight"].shape[1]
     if channels != 3:

@@ -1,22 +1,28 @@
-"""In which precision a processor runs networks fastest: bfloat16 where it is native, else float32.
+"""The precision in which networks run: bfloat16 where the processor has it natively, float32 elsewhere.
 
-On x86-64 without AVX-512's bfloat16 instructions, bfloat16 is five to thirteen times slower than float32.
+On x86-64 without AVX-512's bfloat16 instructions, bfloat16 is 5 to 13 times slower than float32.
 """
 
+import copy
+import threading
 from collections.abc import Iterator
 from contextlib import AbstractContextManager, contextmanager
 from contextvars import ContextVar
+from weakref import WeakKeyDictionary
 
 import torch
+from torch import nn
 
 PRECISIONS = ("bfloat16", "float32")
 _CHOSEN: ContextVar[str | None] = ContextVar("precision", default=None)
+_FROZEN: WeakKeyDictionary[nn.Module, nn.Module | None] = WeakKeyDictionary()  # network: its bfloat16 copy
+_CASTING = threading.Lock()
 
 
 def native_bfloat16(device: torch.device | str) -> bool:
-    """Whether bfloat16 is faster than float32 on a device of this machine.
+    """Return whether bfloat16 is faster than float32 on a device of this machine.
 
-    A processor that cannot be asked, and one other than x86-64, counts as not.
+    The answer is no for a processor that cannot be asked, and for one other than x86-64.
     """
     device = torch.device(device)
     if device.type == "cuda":
@@ -24,8 +30,8 @@ def native_bfloat16(device: torch.device | str) -> bool:
             return torch.cuda.is_bf16_supported(including_emulation=False)
     if device.type != "cpu":
         return False
-    # What the processor has; what oneDNN takes of it (ONEDNN_MAX_CPU_ISA), and torch (ATEN_CPU_CAPABILITY).
-    # No public function says the first two, so another version of torch may lack the private ones.
+    # What the processor supports, and what oneDNN (ONEDNN_MAX_CPU_ISA) and torch (ATEN_CPU_CAPABILITY) use of
+    # it. The first two have no public function, so another version of torch may lack them.
     try:
         supported = torch.cpu._is_avx512_bf16_supported() and torch.ops.mkldnn._is_mkldnn_bf16_supported()
     except (AttributeError, RuntimeError):
@@ -35,8 +41,11 @@ def native_bfloat16(device: torch.device | str) -> bool:
 
 @contextmanager
 def using(precision: str | None) -> Iterator[None]:
-    """Within this block networks run in that precision, of PRECISIONS, on any processor: so that machines
-    that share a job agree. None leaves it to each. ValueError for what is neither."""
+    """Run the networks in `precision`, one of PRECISIONS, within this block.
+
+    Machines with different processors agree in this way on one precision for a job. With None, each uses the
+    fast one. Raises ValueError for any other value.
+    """
     if precision is not None and precision not in PRECISIONS:
         raise ValueError(f"precision: expected {' or '.join(PRECISIONS)}, got {precision!r}")
     token = _CHOSEN.set(precision)
@@ -47,17 +56,43 @@ def using(precision: str | None) -> Iterator[None]:
 
 
 def in_use(device: torch.device | str) -> str:
-    """The precision that networks run in on a device: the one chosen, or what is fast there."""
+    """Return the precision that networks run in on a device: the one chosen, or the fast one there."""
     return _CHOSEN.get() or ("bfloat16" if native_bfloat16(device) else "float32")
 
 
 def autocast(device: torch.device | str, enabled: bool = True) -> AbstractContextManager:
-    """The context in which a network runs in the precision that is `in_use`; with `enabled=False` in float32,
-    inside another such context too.
+    """Return the context in which a network runs in the precision that is `in_use`.
 
-    It belongs around networks alone: sampling positions in bfloat16 turned normals by 6 degrees.
+    With `enabled=False` it runs in float32, even inside another such context. Enclose the networks only:
+    sampling positions in bfloat16 turned normals by 6 degrees.
     """
     device = torch.device(device)
     if enabled and in_use(device) == "bfloat16":
         return torch.autocast(device.type, torch.bfloat16)
     return torch.autocast(device.type, enabled=False)
+
+
+def freeze(network: nn.Module) -> None:
+    """Declare that a network's parameters never change again, so that a cast copy of them may be kept."""
+    _FROZEN[network.requires_grad_(False)] = None
+
+
+def with_cast_weights(network: nn.Module) -> nn.Module:
+    """Return the network, or a copy with bfloat16 weights, to be called inside `autocast`.
+
+    Autocast casts all weights at every call. The weights of a frozen network on the CPU are cast once
+    instead, and the copy is kept as long as the network. It computes bit-identical values.
+    """
+    device = next(network.parameters()).device
+    if network not in _FROZEN or device.type != "cpu" or in_use(device) != "bfloat16":
+        return network
+    with _CASTING:
+        if (half := _FROZEN[network]) is None:
+            convolutions = (module for module in network.modules() if isinstance(module, nn.Conv2d))
+            cast = {
+                id(parameter): nn.Parameter(parameter.bfloat16(), requires_grad=False)
+                for convolution in convolutions
+                for parameter in convolution.parameters()
+            }
+            _FROZEN[network] = half = copy.deepcopy(network, cast)  # the memo replaces the parameters
+    return half

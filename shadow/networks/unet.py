@@ -1,7 +1,8 @@
-"""The paper's network (Section 3, Table 1): a U-Net, one forward for one image and one light.
+"""The paper's network (Section 3, Table 1): a U-Net with one forward for each image and light.
 
-Table 1 fixes the kernels, the five strides and the 512 channels at 1/32 of the image. Widths and sets a block
-it leaves open: these, and the decoder as the encoder's mirror, meet all four parameter counts of Table 4.
+Table 1 gives the kernels, the five strides and the 512 channels at 1/32 of the resolution. It does not give
+the widths of the other levels and the number of sets in each block. With the values here, and a decoder that
+mirrors the encoder, all four parameter counts of Table 4 are met.
 """
 
 from collections.abc import Callable
@@ -14,11 +15,11 @@ from torch import nn
 from shadow.networks.backbone import encode_image
 
 WIDTHS = (64, 128, 192, 256, 512)  # channels of the blocks, 1/2 to 1/32
-LIGHTS_AT_ONCE = 8  # forwards that run together at inference: 1 GB of activations on a canvas of 512 x 384
+LIGHTS_AT_ONCE = 8  # batch size at inference: 1 GB of activations on a canvas of 512 x 384
 
 
 class ConvSet(nn.Sequential):
-    """Convolution, instance normalisation, activation: a set of Section 3."""
+    """Convolution, instance normalisation and activation: a "set" of Section 3."""
 
     def __init__(
         self, in_channels: int, out_channels: int, kernel: int = 3, stride: int = 1, norm: bool = True
@@ -29,7 +30,7 @@ class ConvSet(nn.Sequential):
 
 
 class Residual(nn.Module):
-    """ResB of Table 1. The parameters of Table 4 leave room for one convolution in each of the two."""
+    """ResB of Table 1, with one convolution: two would exceed the parameter counts of Table 4."""
 
     def __init__(self, channels: int, kernel: int) -> None:
         super().__init__()
@@ -40,9 +41,11 @@ class Residual(nn.Module):
 
 
 class Attention(nn.Sequential):
-    """Four identical multi-head self-attention layers (VSP*17) over the pixels of the latent image (Section
-    4.2). The width between the linear projections follows from the parameters of Table 4; a pixel's place is
-    known from the zero padding of the convolutions before."""
+    """Four identical multi-head self-attention layers (VSP*17) over the latent pixels (Section 4.2).
+
+    The width between the linear projections follows from the parameter count of Table 4. There is no
+    positional encoding: the zero padding of the preceding convolutions encodes the position.
+    """
 
     def __init__(self, channels: int) -> None:
         width = 7 * channels
@@ -63,6 +66,8 @@ LATENTS = {"resb3": _residuals(3), "resb7": _residuals(7), "resb11": _residuals(
 
 
 class UNet(nn.Module):
+    """Encoder, latent transformation and decoder of Table 1, with skip connections between equal levels."""
+
     def __init__(
         self,
         in_channels: int = 9,  # RGB, normals and light direction; 6 without normals
@@ -75,8 +80,8 @@ class UNet(nn.Module):
         if latent not in LATENTS:
             raise ValueError(f"latent: expected one of {', '.join(LATENTS)}, got {latent!r}")
         steps = list(zip((in_channels, *widths), widths, strict=False))
-        # The first convolution has no normalisation (as in IZZE17): it would subtract whatever is the same in
-        # all pixels, and that is what the light direction is.
+        # The first convolution has no normalisation (as in IZZE17), which would remove the light direction,
+        # since that is the same in all pixels.
         self.encoder = nn.ModuleList(
             nn.Sequential(ConvSet(before, width, norm=level > 0), ConvSet(width, width, stride=2))
             for level, (before, width) in enumerate(steps)
@@ -85,7 +90,7 @@ class UNet(nn.Module):
         mirrored = widths[::-1]
         self.decoder = nn.ModuleList(
             nn.Sequential(
-                ConvSet(below + width, width),  # what comes from below, and the skip
+                ConvSet(below + width, width),  # the upsampled features and the skip connection
                 ConvSet(width, width),
                 ConvSet(width, width),
             )
@@ -95,8 +100,10 @@ class UNet(nn.Module):
         self.linear = linear
 
     def forward(self, x: torch.Tensor) -> torch.Tensor:
-        """(B, in_channels, H, W) to (B, out_channels, H, W), in [-1, 1] unless linear; H and W multiples of
-        32, and not both 32, since a single latent pixel cannot be normalised."""
+        """Map (B, in_channels, H, W) to (B, out_channels, H, W), in [-1, 1] unless linear.
+
+        H and W are multiples of 32, and not both 32, since a single latent pixel cannot be normalised.
+        """
         skips = []
         for down in self.encoder:
             x = down(x)
@@ -110,18 +117,20 @@ class UNet(nn.Module):
 
 
 class PerLight(nn.Module):
-    """The paper's visibility network (Section 3): colour, normals and a light's direction in, its map out."""
+    """The paper's visibility network (Section 3), from colour, normals and a light direction to a map."""
 
     def __init__(self, size: int = 256, latent: str = "resb7", normals: bool = True, **unet: Any) -> None:
         super().__init__()
         self.size = size  # canvas height that the network was trained for
         self.latent = latent
-        self.normals = normals  # or colour and direction alone: the ablation of Table 3
+        self.normals = normals  # False: colour and direction only, the ablation "w/o Nor." of Table 3
         self.unet = UNet(9 if normals else 6, 1, latent, **unet)
 
     def forward(self, image: torch.Tensor, normals: Any, directions: torch.Tensor) -> torch.Tensor:
-        """Encoded image and mask (B, 4, H, W), normals (B, 3, H, W) or None, and unit directions (B, D, 3) to
-        maps (B, D, H, W) in [-1, 1]: -1 is shadow and 1 is light, the ends of tanh."""
+        """Infer maps (B, D, H, W) in [-1, 1], the range of tanh, where -1 is shadow and 1 is light.
+
+        image: encoded image and mask (B, 4, H, W). normals: (B, 3, H, W) or None. directions: (B, D, 3) unit.
+        """
         masked = torch.cat([image[:, :3], normals], dim=1) if self.normals else image[:, :3]
         lights = directions.shape[1]
         masked = masked[:, None].expand(-1, lights, -1, -1, -1)
@@ -133,11 +142,11 @@ class PerLight(nn.Module):
     def analyse(
         self, rgb: torch.Tensor, mask: torch.Tensor, normals: torch.Tensor | None = None
     ) -> tuple[torch.Tensor | None, Callable[[torch.Tensor], torch.Tensor]]:
-        """Framed rgb (3, h, w), linear, mask (h, w) and normals (3, h, w), which may be None if the network
-        takes none, to these normals and a function of directions.
+        """Return the given normals and a function that infers visibility from directions.
 
-        The function takes unit directions (D, 3) and returns their visibility (D, h, w) in [0, 1], zero
-        outside the mask; it runs the network once for each.
+        rgb (3, h, w), linear, and mask (h, w) are on the canvas. normals (3, h, w) may be None if the network
+        takes none. The function takes unit directions (D, 3) and returns their visibility (D, h, w) in [0,
+        1], zero outside the mask. It runs the network once for each direction.
         """
         image = encode_image(rgb[None], mask[None, None])
         surface = None if normals is None else normals[None]

@@ -1,4 +1,4 @@
-"""Where the losses look: how often at each pixel, as the recipe has it."""
+"""Weights of the pixels in the losses, as the recipe sets them."""
 
 from collections.abc import Mapping
 
@@ -7,12 +7,15 @@ import torch.nn.functional as F
 
 from shadow.training.recipes import Recipe
 
-REACH = 3  # canvas pixels on either side of a border of cast shadow that are near it
+BORDER_PIXELS = 3  # canvas pixels on either side of the border of a cast shadow that count as near it
 
 
 def attention(batch: Mapping[str, torch.Tensor], recipe: Recipe) -> torch.Tensor:
-    """How often (B, 1, H, W) the losses look at each pixel, as a multiple: 1 inside the mask, more near
-    borders of cast shadow, under any of the batch's lights, and on faces and hands; 0 outside."""
+    """Return the weight (B, 1, H, W) of each pixel in the losses.
+
+    It is 1 inside the mask and 0 outside. It is higher near borders of cast shadow under any of the batch's
+    lights, and on faces and hands.
+    """
     weight = torch.ones_like(batch["mask"])
     if recipe.borders != 1:
         weight = weight + (recipe.borders - 1) * near_borders(batch)
@@ -22,11 +25,13 @@ def attention(batch: Mapping[str, torch.Tensor], recipe: Recipe) -> torch.Tensor
 
 
 def near_borders(batch: Mapping[str, torch.Tensor]) -> torch.Tensor:
-    """The share (B, 1, H, W) of the lights under which a border of cast shadow is near a pixel: where of two
-    surfaces that face the light side by side one is lit and the other is not."""
+    """Return the fraction (B, 1, H, W) of the lights for which a pixel is near the border of a cast shadow.
+
+    Such a border lies between two neighbouring pixels that face the light and of which only one is lit.
+    """
     facing = torch.einsum("bdc,bchw->bdhw", batch["directions"], batch["normals"]) > 0.05
     facing = facing & (batch["mask"] > 0.5)
     lit, dark = ((facing & side).float() for side in (batch["visibility"] > 0.5, batch["visibility"] <= 0.5))
-    window = 2 * REACH + 1
-    both = F.max_pool2d(lit, window, 1, REACH) * F.max_pool2d(dark, window, 1, REACH)
+    window = 2 * BORDER_PIXELS + 1
+    both = F.max_pool2d(lit, window, 1, BORDER_PIXELS) * F.max_pool2d(dark, window, 1, BORDER_PIXELS)
     return both.mean(dim=1, keepdim=True)

@@ -1,7 +1,7 @@
-"""The fit loop, shared by every network of the project; what a network learns is a Task.
+"""The training loop of all networks; a Task defines what a network learns.
 
-On one machine: `relight train ...`. On several GPUs: `torchrun --nproc-per-node 4 -m relight.cli train ...`;
-the mini-batch is then per GPU.
+On one machine run `relight train ...`, on several GPUs `torchrun --nproc-per-node 4 -m relight.cli train
+...`; the mini-batch is then that of each GPU.
 """
 
 import json
@@ -38,16 +38,19 @@ from shadow.training.recipes import Recipe, Task, learning_rate
 from shadow.training.start import load_start
 
 VALIDATION_SAMPLES = 32
-TRUE_NORMALS = "true"  # instead of estimated ones: the records' own (the "mixed" row of Table 3)
-ABREAST = 4  # photographs that a CPU takes at a time
-LOG_EVERY = 50  # steps; a checkpoint that is due waits for the next
+TRUE_NORMALS = "true"  # use the records' normals instead of estimated ones (the row "Mixed" of Table 3)
+CPU_BATCH = 4  # photographs that a CPU processes together
+LOG_STEPS = 50  # between two lines of the log
 
-Batch = dict[str, Any]  # of Sample, each tensor with a batch axis; what `_prepare` adds, too
+Batch = dict[str, Any]  # the tensors of Sample, each with a batch axis, and those that `_prepare` adds
 
 
 class _Photographs(Dataset):
-    """Photograph number i, made from the records: the same for any number of workers, so that a resumed
-    run sees exactly what an uninterrupted one would."""
+    """Numbered random photographs of the records.
+
+    They do not depend on the number of workers, so that a resumed run sees the same photographs as an
+    uninterrupted run.
+    """
 
     def __init__(
         self,
@@ -74,7 +77,7 @@ class _Photographs(Dataset):
 
 
 class _State:
-    """A run between two steps: the network, its exponential moving average, the optimiser, the clock."""
+    """The state of a run: the network, its exponential moving average, the optimiser and the clock."""
 
     def __init__(
         self, task: Task, recipe: Recipe, out: Path, device: torch.device, init: str | Path | None
@@ -97,11 +100,11 @@ class _State:
             self.average, self.step, self.seconds = saved["average"], saved["step"], saved["seconds"]
 
     def update(self) -> None:
-        """One step down the gradient."""
+        """Take one optimiser step and update the moving average."""
         if self.recipe.clip is not None:
             nn.utils.clip_grad_norm_(self.network.parameters(), self.recipe.clip)
         self.optimiser.step(learning_rate(self.recipe, self.step))
-        # A young average forgets faster.
+        # The decay is smaller at the beginning, so that the average forgets the initial weights.
         decay = min(self.recipe.average, (1 + self.step) / (10 + self.step))
         with torch.no_grad():
             for key, value in self.network.state_dict().items():
@@ -109,14 +112,14 @@ class _State:
         self.step += 1
 
     def averaged(self) -> nn.Module:
-        """The network with the averaged parameters: what is scored and shipped."""
+        """Return the network with the averaged parameters, which are scored and saved."""
         network: Any = self.task.network(**self.config)
         network = network.to(self.device, memory_format=torch.channels_last)
         network.load_state_dict(self.average)
         return network.eval()
 
     def save(self, facts: dict[str, Any]) -> None:
-        """The checkpoint, and the averaged weights with the recipe and `facts`."""
+        """Write the checkpoint, and the averaged weights with the recipe and `facts`."""
         saved = {"network": self.network.state_dict(), "optimiser": self.optimiser.state_dict()}
         clock = {"step": self.step, "seconds": self.seconds}
         with replacing(self.checkpoint) as beside:
@@ -127,16 +130,16 @@ class _State:
 
 
 class _Auxiliary(NamedTuple):
-    """Trained networks that a task takes its input from, or None."""
+    """Trained networks whose output is an input of a task, or None."""
 
-    normals: Callable | None  # of a batch; None where the field's own will do
+    normals: Callable | None  # maps a batch to its normals; None uses those of the field
     field: VisibilityField | None
 
 
 def _auxiliary(
     task: Task, estimator: str | Path | None, visibility: str | Path, device: torch.device
 ) -> _Auxiliary:
-    """`estimator`: as `fit` takes it, but None only where no normals are wanted."""
+    """Load the networks that the task needs. `estimator` is that of `fit`, or None if the task needs none."""
     surface = field = None
     if task.needs_visibility:
         field = checkpoints.load(visibility, {"field": VisibilityField}, package="shadow").to(device)
@@ -148,7 +151,7 @@ def _auxiliary(
 
 
 def _estimated(source: Any, batch: Batch) -> torch.Tensor:
-    """Normals (B, 3, H, W) of the batch's photographs: by our network all at once, by another one by one."""
+    """Infer normals (B, 3, H, W) of the batch: together with a visibility field, otherwise one by one."""
     if isinstance(source, VisibilityField):
         return source(batch["image"]).normals
     views = zip(batch["rgb"], batch["matte"][:, 0], strict=True)
@@ -159,7 +162,7 @@ def _estimated(source: Any, batch: Batch) -> torch.Tensor:
 def _prepare(
     batch: Batch, device: torch.device, auxiliary: _Auxiliary, recipe: Recipe | None = None
 ) -> Batch:
-    """The batch on the device, with what the networks need. recipe: for the losses, None for scores."""
+    """Move the batch to the device and add the networks' inputs. `recipe` is None for scores."""
     batch = {key: value.to(device, non_blocking=True) for key, value in batch.items()}
     batch["image"] = encode_image(batch["rgb"], batch["matte"]).contiguous(memory_format=torch.channels_last)
     if recipe is not None:
@@ -180,22 +183,23 @@ def _prepare(
 def _gradient(
     task: Task, model: Any, batch: Batch, recipe: Recipe, device: torch.device, auxiliary: _Auxiliary
 ) -> torch.Tensor:
-    """Adds the gradient of the mini-batch's mean loss to the parameters; returns the loss.
+    """Add the gradient of the mini-batch's mean loss to the parameters, and return the loss.
 
-    On a CPU a few photographs of about the same width at a time. Of many the canvas has to hold the widest
-    (see `shadow.networks.backbone.windows`). For each alone all weights would be cast and laid out anew, a
-    fifth of the time where matrices have a unit of their own (AMX).
+    A CPU processes CPU_BATCH photographs of similar width at a time. A larger group would need a window as
+    wide as its widest photograph (see `shadow.networks.backbone.subject_window`). For single photographs, all
+    weights would be cast and laid out each time, which takes a fifth of the time on processors with a matrix
+    unit (AMX).
     """
     count = share = len(batch["rgb"])
     if device.type == "cpu":
-        share = ABREAST
+        share = CPU_BATCH
         narrow_first = (batch["matte"] > 0).any(dim=2).sum(dim=(1, 2)).argsort(stable=True)
         batch = {key: value[narrow_first] for key, value in batch.items()}
     parts = list(zip(*(value.split(share) for value in batch.values()), strict=True))
     distributed = isinstance(model, nn.parallel.DistributedDataParallel)
     total = torch.zeros((), device=device)
     for number, part in enumerate(parts, 1):
-        # Processes exchange their gradients with the last part only.
+        # Processes exchange their gradients only with the last group.
         with model.no_sync() if distributed and number < len(parts) else nullcontext():
             with autocast(device, recipe.bfloat16):
                 prepared = _prepare(dict(zip(batch, part, strict=True)), device, auxiliary, recipe)
@@ -218,32 +222,45 @@ def fit(
     workers: int | None = None,
     checkpoint_minutes: float = 5.0,
 ) -> Path:
-    """Train a network; resumes from `out`/checkpoint.pt if there is one.
+    """Train a network, or resume from `out`/checkpoint.pt if it exists.
 
     Parameters
     ----------
-    task: Task. recipe: Recipe.
-    records: paths of record folders or shards.
-    out: folder for checkpoint.pt, log.jsonl, samples-*.png and <kind>.safetensors (the averaged weights).
-    validation: paths of records to score on at every checkpoint; never trained on.
-    init: .safetensors to start from: of the same kind, or of another network with the same backbone; as deep,
-        or shallower.
-    estimator: whose normals the network takes: a name or path as `shadow.normals.load` takes it (PIFuHD's
-        too), or "true" for those of the records. If None, a visibility field's gate takes its own, and other
-        networks those of `visibility`. The weights record which, since training and testing on different
-        normals costs accuracy (Table 3).
-    visibility: the visibility field (name or path) where the task takes its maps as input, recorded likewise.
-    workers: processes that make photographs; default 1 on a CPU, 12 on a GPU.
-    checkpoint_minutes: between checkpoints; one that is due waits for the next log line.
+    task
+        What the network learns.
+    recipe
+        How it learns.
+    records
+        Paths of record folders or shards.
+    out
+        Folder for checkpoint.pt, log.jsonl, samples-*.png and <kind>.safetensors (the averaged weights).
+    validation
+        Paths of records to score on at every checkpoint; never trained on.
+    init
+        .safetensors file of initial weights: a network of the same kind, or another one with the same
+        backbone. It may be shallower, but not deeper.
+    estimator
+        Source of the normals that the network takes: a name or path for `shadow.normals.load` (also PIFuHD),
+        or "true" for those of the records. With None, a visibility field uses its own, and other networks
+        those of `visibility`. The weights file stores the source, since training and inference with different
+        normals reduces accuracy (Table 3).
+    visibility
+        Name or path of the visibility field whose maps are an input of the task. The weights file stores it.
+    workers
+        Processes that make photographs, by default 1 for a CPU and 12 for a GPU.
+    checkpoint_minutes
+        Minutes between checkpoints. Each checkpoint also writes a line of log.jsonl.
 
     Returns
     -------
-    The path of the weights.
+    Path
+        The path of the weights.
 
     Raises
     ------
-    FileNotFoundError, ValueError: no records, damaged weights, another architecture; a loss that is not
-        finite stops the run with its step, the last checkpoint intact.
+    FileNotFoundError, ValueError
+        There are no records, the weights are damaged or have another architecture, or the loss is not finite.
+        In the last case the error names the step, and the last checkpoint stays.
     """
     if task.needs_normals and estimator is None:
         estimator = visibility
@@ -254,7 +271,7 @@ def fit(
     model = nn.parallel.DistributedDataParallel(state.network) if world > 1 else state.network
     auxiliary = _auxiliary(task, estimator, visibility, device)
     facts = _facts(task, init, estimator, visibility)
-    # Each process draws its own photographs: the seeds lie further apart than any number of processes.
+    # Each process draws its own photographs. The stride keeps the seeds of different runs apart.
     seed, done = recipe.seed + 7919 * rank, state.step
     photographs = _Photographs(
         source, seed, size, recipe.lights or task.lights, done * recipe.batch,
@@ -267,14 +284,15 @@ def fit(
         saved_at = tick = time.monotonic()
         losses = []
         for batch in loader:
-            # What a loss leaves to chance is the step's alone: a resumed run ends where a whole one does.
+            # The step seeds the loss's random choices, so that a resumed run equals an uninterrupted one.
             torch.manual_seed(seed + 104729 * state.step)
             losses.append(_gradient(task, model, batch, recipe, device, auxiliary))
             state.update()
             now = time.monotonic()
             state.seconds, tick = state.seconds + now - tick, now
-            last = state.step == recipe.steps
-            if state.step % LOG_EVERY and not last:
+            # A step may take seconds, so a checkpoint does not wait for the next line of the log.
+            due = state.step == recipe.steps or now - saved_at > 60 * checkpoint_minutes
+            if state.step % LOG_STEPS and not due:
                 continue
             row: dict[str, float] = {"step": state.step, "images": state.step * recipe.batch * world}
             row |= {"seconds": round(state.seconds, 1), "loss": round(torch.stack(losses).mean().item(), 5)}
@@ -282,7 +300,7 @@ def fit(
             if not math.isfinite(row["loss"]):
                 raise ValueError(f"training: the loss at step {state.step} is not finite")
             progress.update(bar, completed=state.step, description=f"{task.kind} {row['loss']:.4f}")
-            if last or now - saved_at > 60 * checkpoint_minutes:
+            if due:
                 if rank == 0:
                     state.save({**facts, "images": row["images"], "records": len(source)})
                     row |= _validate(state, validation, size, auxiliary) if validation else {}
@@ -299,7 +317,7 @@ def fit(
 def _facts(
     task: Task, init: str | Path | None, estimator: str | Path | None, visibility: str | Path
 ) -> dict[str, Any]:
-    """What the weights' recipe says of the networks that they were trained from and with."""
+    """Return the entries of the recipe that name the networks from which and with which it was trained."""
     facts = {"init": Path(init).stem} if init else {}
     if estimator is not None:
         facts["normals"] = Path(estimator).stem
@@ -311,7 +329,7 @@ def _facts(
 
 
 def _place() -> tuple[torch.device, int, int]:
-    """(device, rank, number of processes): one process, or as many as torchrun started."""
+    """Return (device, rank, number of processes), with one process unless torchrun started several."""
     gpu = f"cuda:{os.environ.get('LOCAL_RANK', 0)}"
     device = torch.device(gpu if torch.cuda.is_available() else "cpu")
     if int(os.environ.get("WORLD_SIZE", 1)) == 1:
@@ -334,7 +352,7 @@ def _one_thread(_worker: int) -> None:
 def _validate(
     state: _State, validation: Iterable[str | Path], size: tuple[int, int], auxiliary: _Auxiliary
 ) -> dict[str, float]:
-    """Mean scores on a fixed choice of photographs, and a picture of the first four in the run's folder."""
+    """Return mean scores on fixed photographs, and draw the first four into the run's folder."""
     task, network, device, records = state.task, state.averaged(), state.device, Records(validation)
     count = min(VALIDATION_SAMPLES, len(records))
     photographs = _Photographs(records, 1, size, task.lights, 0, count, augment=False)
@@ -345,6 +363,6 @@ def _validate(
             scores.append(task.score(network, batch))
             if len(scores) == 1:
                 pictures.write_grid(state.out / f"samples-{state.step:06d}.png", task.show(network, batch))
-    # A batch of records without depth has no score of it.
+    # A batch in which no record has depth has no score of depth.
     keys = dict.fromkeys(key for score in scores for key in score)
     return {key: round(float(np.mean([score[key] for score in scores if key in score])), 5) for key in keys}

@@ -1,4 +1,4 @@
-"""The optimiser of the fit loop: Adam as in the paper, or Muon, which learns more from a photograph."""
+"""The optimiser of the training loop: Adam, as in Section 3, or Muon, which needs fewer photographs."""
 
 from collections.abc import Iterable
 from typing import TYPE_CHECKING, Any
@@ -11,16 +11,16 @@ from shadow.networks.precision import native_bfloat16
 if TYPE_CHECKING:
     from shadow.training.recipes import Recipe
 
-THIN = 32  # of a matrix with fewer rows or columns there is little to orthogonalise
+MIN_MATRIX_SIDE = 32  # a matrix with fewer rows or columns gains little from orthogonalisation
 
 
 class Optimiser:
     """AdamW, or, if the recipe says "muon", Muon for matrices and AdamW for the other parameters.
 
     Muon (Jordan et al. 2024, kellerjordan.github.io/posts/muon) makes all singular values of a matrix's step
-    alike; a convolution is a matrix of as many rows as it has output channels. The steps are scaled to the
-    size of Adam's (LSY*25, "Muon is Scalable for LLM Training"), so that one learning rate serves both. With
-    Muon, `network` must be in channels-last memory, where a convolution's weights are such a matrix.
+    equal. A convolution is a matrix with one row for each output channel. The steps are scaled to the size of
+    Adam's (LSY*25, "Muon is Scalable for LLM Training"), so that one learning rate serves both. Muon needs
+    `network` in channels-last memory, where a convolution's weights have the layout of such a matrix.
     """
 
     def __init__(self, network: nn.Module, recipe: "Recipe") -> None:
@@ -31,13 +31,13 @@ class Optimiser:
         matrices: list[nn.Parameter] = []
         vectors: list[nn.Parameter] = []
         for name, parameter in network.named_parameters():
-            # Muon's authors leave the last layer to Adam; by Muon, one that starts at zero grows slowly.
+            # Muon's authors train the last layer with Adam. With Muon, a zero-initialised one grows slowly.
             last = "head" in name.split(".")
-            if muon and not last and min(len(parameter), parameter[0].numel()) >= THIN:
+            if muon and not last and min(len(parameter), parameter[0].numel()) >= MIN_MATRIX_SIDE:
                 self.weights.append(parameter)
             else:
                 (matrices if parameter.ndim > 1 else vectors).append(parameter)
-        # torch's Muon takes two-dimensional parameters: these share the memory of the weights.
+        # torch's Muon takes two-dimensional parameters. These views share the memory of the weights.
         self.views = [nn.Parameter(_rows(weight.detach()).view(len(weight), -1)) for weight in self.weights]
         decay = recipe.weight_decay
         groups = [
@@ -48,7 +48,7 @@ class Optimiser:
             torch.optim.AdamW([group for group in groups if group["params"]], betas=recipe.betas)
         ]
         if self.views:
-            # torch's Muon orthogonalises in bfloat16 whatever the parameters are.
+            # torch's Muon always orthogonalises in bfloat16.
             if native_bfloat16(self.views[0].device):
                 self.parts.append(
                     torch.optim.Muon(self.views, weight_decay=decay, adjust_lr_fn="match_rms_adamw")
@@ -57,7 +57,7 @@ class Optimiser:
                 self.parts.append(FloatMuon(self.views, weight_decay=decay))
 
     def step(self, learning_rate: float) -> None:
-        """One step down the gradients, which are then gone."""
+        """Take one step and clear the gradients."""
         for weight, view in zip(self.weights, self.views, strict=True):
             view.grad = None if weight.grad is None else _rows(weight.grad).reshape(view.shape)
         for part in self.parts:
@@ -77,7 +77,7 @@ class Optimiser:
 
 
 class FloatMuon(torch.optim.Optimizer):
-    """torch.optim.Muon, orthogonalising in float32: several times as fast where bfloat16 is not native."""
+    """Muon in float32, which is several times as fast as torch.optim.Muon on processors without bfloat16."""
 
     def __init__(
         self,
@@ -90,21 +90,23 @@ class FloatMuon(torch.optim.Optimizer):
 
     @torch.no_grad()
     def step(self, closure: None = None) -> None:  # type: ignore[override]  # there is no closure to call
-        """One step down the gradients, with Nesterov's momentum."""
+        """Take one step with Nesterov's momentum."""
         for group in self.param_groups:
             for parameter in (each for each in group["params"] if each.grad is not None):
                 state = self.state[parameter]
                 momentum = state.setdefault("momentum_buffer", torch.zeros_like(parameter))
                 momentum.lerp_(parameter.grad, 1 - group["momentum"])
-                update = orthogonal(parameter.grad.lerp(momentum, group["momentum"]))
+                update = orthogonalise(parameter.grad.lerp(momentum, group["momentum"]))
                 parameter.mul_(1 - group["lr"] * group["weight_decay"])
-                # As large as Adam's step (LSY*25, Section 2.2).
+                # Scaled to the size of Adam's step (LSY*25, Section 2.2).
                 parameter.add_(update, alpha=-group["lr"] * 0.2 * max(parameter.shape) ** 0.5)
 
 
-def orthogonal(matrix: torch.Tensor) -> torch.Tensor:
-    """A matrix (N, M) with all its singular values brought near one, by five steps of Newton and Schulz's
-    iteration with Jordan's coefficients."""
+def orthogonalise(matrix: torch.Tensor) -> torch.Tensor:
+    """Return a matrix (N, M) with the same singular vectors and all singular values near one.
+
+    Uses five steps of the Newton-Schulz iteration with Jordan's coefficients.
+    """
     a, b, c = 3.4445, -4.7750, 2.0315
     wide = matrix if len(matrix) <= matrix.shape[1] else matrix.T
     x = wide / wide.norm().clamp_min(1e-7)
@@ -115,5 +117,5 @@ def orthogonal(matrix: torch.Tensor) -> torch.Tensor:
 
 
 def _rows(weight: torch.Tensor) -> torch.Tensor:
-    """A convolution's (out, in, h, w) as (out, h, w, in), the order of channels-last memory."""
+    """View a convolution's weights (out, in, h, w) as (out, h, w, in), the channels-last order."""
     return weight if weight.ndim == 2 else weight.permute(0, 2, 3, 1)

@@ -1,4 +1,7 @@
-"""What a network learns, a Task, and how, a Recipe: the paper's (Section 3), and one that is faster."""
+"""Tasks and recipes: a Task defines what a network learns, a Recipe defines how.
+
+There are two recipes: the paper's (Section 3), and a faster one.
+"""
 
 import math
 from collections.abc import Callable, Iterable
@@ -13,42 +16,40 @@ from shadow.data.records import Records
 
 @dataclass(frozen=True)
 class Task:
-    """What the fit loop has to know of a network."""
+    """The description of a network for the training loop."""
 
-    kind: str  # the name in the weight file
+    kind: str  # the name in the weights file
     network: type[nn.Module]
     loss: Callable  # (network, batch) -> scalar
     score: Callable  # (network, batch) -> {metric: mean over the batch}
     show: Callable  # (network, batch) -> rows of pictures
-    lights: int  # directions a sample carries
-    needs_normals: bool  # batch["estimated_normals"], a trained field's or from elsewhere
-    config: dict = field(default_factory=dict)  # what the network is built with, beside its size
-    recipe: dict = field(default_factory=dict)  # what it needs other than Recipe says
-    needs_visibility: bool = False  # batch["visibility_network"], a trained field, and its "visibility_maps"
+    lights: int  # directions of a sample
+    needs_normals: bool  # needs batch["estimated_normals"], from a trained field or another estimator
+    config: dict = field(default_factory=dict)  # arguments of the network, besides its size
+    recipe: dict = field(default_factory=dict)  # values that replace the defaults of Recipe
+    needs_visibility: bool = False  # needs batch["visibility_network"], a trained field, and its maps
 
 
 @dataclass(frozen=True)
 class Recipe:
-    """Everything that decides the result but the records and the machine."""
+    """All settings that determine the result, apart from the records and the machine."""
 
     steps: int
     size: int = 256  # canvas height in pixels
     batch: int = 8
-    lights: int | None = None  # directions a photograph is asked for; the task's own number if None
+    lights: int | None = None  # directions that are evaluated for each photograph; None: those of the task
     learning_rate: float = 1e-3
     warm_up: int = 200  # steps
-    cosine: bool = True  # the rate falls to zero as half a cosine; else it stays
+    cosine: bool = True  # whether the rate falls to zero along half a cosine, or stays constant
     optimiser: str = "muon"  # or "adam": see shadow.training.optimiser
-    betas: tuple[float, float] = (0.9, 0.98)  # of AdamW, which without weight decay is Adam
+    betas: tuple[float, float] = (0.9, 0.98)  # of AdamW, which is Adam if there is no weight decay
     weight_decay: float = 0.02
-    clip: float | None = 1.0  # norm of the gradient
+    clip: float | None = 1.0  # largest norm of the gradient
     average: float = 0.999  # decay of the exponential moving average; 0 keeps the last weights
-    bfloat16: bool = True  # activations, where the processor has it; parameters are float32 either way
-    borders: float = 1.0  # how many times as often the losses look at pixels near borders of cast shadow,
-    faces: float = 1.0  # and at pixels of faces and hands, as at others
-    angles: float = (
-        0.0  # share of the normals' loss that is their angle; the rest is their difference's length
-    )
+    bfloat16: bool = True  # bfloat16 activations where the processor has it; parameters are always float32
+    borders: float = 1.0  # sampling weight of pixels near borders of cast shadows in the losses
+    faces: float = 1.0  # sampling weight of pixels of faces and hands
+    angles: float = 0.0  # fraction of the angle in the loss of normals; the rest is the vectors' distance
     seed: int = 0
 
 
@@ -71,12 +72,12 @@ PAPER: dict[str, Any] = {
 
 
 def preset(name: str, task: Task, records: Iterable[str | Path], **changes: Any) -> Recipe:
-    """The Recipe of a preset for a task, with `changes` (those that are None change nothing).
+    """Return the Recipe of a preset for a task, with `changes`; changes that are None are ignored.
 
-    "paper" is Section 3's: Adam at a constant 5e-6, one map a step, float32, and 31 epochs over the maps of
-    `records` (paths; as many maps each as the first has) unless `steps` says otherwise. "fast" is ours: Muon
-    at a far higher rate that warms up and falls, bfloat16, and several lights of several photographs in a
-    step; its `steps` must be given.
+    "paper" is that of Section 3: Adam at a constant 5e-6, one map in each step, and float32. Unless `steps`
+    is given, it runs 31 epochs over the maps of `records` (paths), where each record is assumed to have as
+    many maps as the first. "fast" is ours: Muon at a much higher rate that warms up and decays, bfloat16, and
+    several lights of several photographs in each step. It needs `steps`.
     """
     if name not in ("paper", "fast"):
         raise ValueError(f"preset: expected paper or fast, got {name!r}")
@@ -84,14 +85,14 @@ def preset(name: str, task: Task, records: Iterable[str | Path], **changes: Any)
     chosen = chosen | {key: value for key, value in changes.items() if value is not None}
     if "steps" not in chosen:
         if name == "fast":
-            raise ValueError("steps: expected a number, since preset 'fast' has none of its own")
+            raise ValueError("steps: expected a number, since the preset 'fast' does not set it")
         source = Records(records)
         chosen["steps"] = PAPER_EPOCHS * len(source) * len(source[0].directions) // chosen["batch"]
     return Recipe(**chosen)
 
 
 def learning_rate(recipe: Recipe, step: int) -> float:
-    """Linear warm-up, then half a cosine to zero, or constant."""
+    """Return the rate at a step: a linear warm-up, then half a cosine to zero, or constant."""
     rise = min(1.0, (step + 1) / max(1, recipe.warm_up))
     if not recipe.cosine:
         return recipe.learning_rate * rise

@@ -1,4 +1,4 @@
-"""What a network starts from: weights of its own kind, or the backbone of another."""
+"""Initialise a network from weights of the same kind, or from the backbone of another network."""
 
 from pathlib import Path
 
@@ -10,15 +10,16 @@ from shadow.networks.backbone import Residual
 
 
 def warm_start(network: nn.Module, path: str | Path) -> None:
-    """Take the backbone of another network's weights, except its head.
+    """Copy the backbone, except its head, from the weights file of another network.
 
-    Input channels that the other network lacks start at zero, and residual blocks that it lacks as the
-    identity, so the features start as they were.
+    Input channels that the other network lacks start at zero, and residual blocks that it lacks start as the
+    identity, so the features are unchanged at first. Raises ValueError for another architecture.
     """
     state, metadata = checkpoints.read(path)
     own = network.state_dict()
     if not all(any(key.startswith("backbone.") for key in keys) for keys in (own, state)):
-        raise ValueError(f"init: {path} is a {metadata.get('network')!r} network, of another architecture")
+        kind = metadata.get("network")
+        raise ValueError(f"init: {path} is a {kind!r} network, which has another architecture")
     for key, value in state.items():
         if not key.startswith("backbone.") or key.startswith("backbone.head."):
             continue
@@ -34,9 +35,9 @@ def warm_start(network: nn.Module, path: str | Path) -> None:
 
 
 def load_start(network: nn.Module, path: str | Path, kind: str) -> None:
-    """Start a network from weights: all of the same kind of network, as deep or shallower, or the backbone of
-    another. Outputs that the head has and the weights lack come last, and start at zero.
+    """Copy the weights of a network of the same kind, or the backbone of another network.
 
+    The other network may be shallower. Outputs of the head that it lacks are the last ones and start at zero.
     Raises ValueError for weights of another architecture.
     """
     state, metadata = checkpoints.read(path)
@@ -54,8 +55,10 @@ def load_start(network: nn.Module, path: str | Path, kind: str) -> None:
 
 
 def _deepen(network: nn.Module, state: dict[str, torch.Tensor]) -> dict[str, torch.Tensor]:
-    """Make the identity of the residual blocks that `state` lacks, so that a deeper network starts where a
-    shallower one has come to (Net2Net, CGS16); returns the parameters of these blocks."""
+    """Set the residual blocks that `state` lacks to the identity, and return their parameters.
+
+    A deeper network then starts with the output of the shallower one (Net2Net, CGS16).
+    """
     blocks: dict[str, torch.Tensor] = {}
     for name, module in network.named_modules():
         if isinstance(module, Residual) and f"{name}.conv2.weight" not in state:

@@ -1,5 +1,4 @@
-"""What the networks of this package learn: losses, scores and pictures of the visibility field, with its
-normals, and of the paper's per-light network, for the fit loop."""
+"""Losses, scores and pictures of the visibility field and of the paper's per-light network."""
 
 from collections.abc import Iterator
 from typing import Any
@@ -16,9 +15,9 @@ from shadow.training.recipes import Task
 
 Batch = dict[str, Any]
 
-BLOCKS = 1024  # of 2 x 2 pixels of a photograph, that the losses look at
-DEPTH, SLOPE = 2.0, 0.1  # weights of the depth's error, in heights, and of its slopes', in radians
-OWN_UNIT = 0.05  # heights: depths that deviate less than this from their mean are hardly rescaled
+BLOCKS = 1024  # blocks of 2 x 2 pixels of each photograph that the losses use
+DEPTH_WEIGHT, SLOPE_WEIGHT = 2.0, 0.1  # of the errors of depth, in heights, and of its slopes, in radians
+DEPTH_RIDGE = 0.05  # heights: depths that deviate less than this from their mean are hardly rescaled
 
 
 def _masked_mean(values: torch.Tensor, mask: torch.Tensor) -> torch.Tensor:
@@ -26,22 +25,22 @@ def _masked_mean(values: torch.Tensor, mask: torch.Tensor) -> torch.Tensor:
 
 
 def random_blocks(attention: torch.Tensor) -> torch.Tensor:
-    """BLOCKS random 2 x 2 pixel blocks (B, BLOCKS), for `take_blocks`, each as likely as its pixel of most
-    attention (B, 1, H, W), which is zero outside the subject.
+    """Draw BLOCKS random 2 x 2 pixel blocks (B, BLOCKS) for `take_blocks`.
 
-    Of an empty map any blocks: a photograph may happen to be cut so that it shows next to nothing.
+    A block's probability is proportional to the highest `attention` (B, 1, H, W) of its pixels, which is zero
+    outside the subject. If the map is empty, any blocks are drawn: a random crop may show almost no subject.
     """
     inside = F.max_pool2d(attention, 2).flatten(1)
     return torch.multinomial(inside + 1e-9, BLOCKS, replacement=True)
 
 
 def field_loss(network: nn.Module, batch: Batch) -> torch.Tensor:
-    """Errors of the normals and of the visibility, to the same weight, and of depth where records have it.
+    """Return the errors of normals and visibility, with equal weights, and of depth if the records have it.
 
-    On a random choice of 2 x 2 pixel blocks inside the mask: the background teaches nothing, neighbours teach
-    little, and features times lights at every pixel would cost as much as the network. The gate takes the
-    normals as they are, or those of the batch's estimator: its sharpness says how far to trust them, and a
-    gate that bends them was worth nothing (see the model card).
+    They are computed on random 2 x 2 pixel blocks inside the mask: the background teaches nothing, neighbours
+    teach little, and the product of features and lights at every pixel would cost as much as the network. The
+    attached shadow takes the normals of the field or of the batch's estimator. Its sharpness expresses how
+    reliable they are.
     """
     field: Any = getattr(network, "module", network)
     blocks = random_blocks(batch["attention"])
@@ -63,38 +62,41 @@ def field_loss(network: nn.Module, batch: Batch) -> torch.Tensor:
 def _depth_error(
     estimate: torch.Tensor, truth: torch.Tensor, inside: torch.Tensor, height: int
 ) -> torch.Tensor:
-    """Difference of depths (B, 1, 4, P) of blocks, whatever the estimate's offset and scale (RLH*20, MiDaS),
-    and of their slopes from pixel to pixel as angles, which occlusions cannot dominate.
+    """Return the error of the depths (B, 1, 4, P) of blocks, plus the error of their slopes.
 
-    The scale is the best one (least squares) with a ridge toward 1: it leaves flat estimates as they are, and
-    of all scales the truth's own is the best, so that depth keeps its unit. `height`: canvas pixels.
+    The first is invariant to offset and scale (RLH*20, MiDaS). The scale is the least-squares one with a
+    ridge toward 1, which leaves flat estimates unchanged and makes the error lowest at the true scale, so
+    that depth keeps its unit. Slopes between pixels are angles, so that occlusions do not dominate. `height`:
+    canvas pixels.
     """
     count = inside.sum(dim=(2, 3), keepdim=True).clamp_min(1)
     estimate, truth = (
         (depth - (depth * inside).sum(dim=(2, 3), keepdim=True) / count) * inside
         for depth in (estimate, truth)
     )
-    ridge = count * OWN_UNIT**2
+    ridge = count * DEPTH_RIDGE**2
     fixed = estimate.detach()
     scale = ((fixed * truth).sum(dim=(2, 3), keepdim=True) + ridge) / (
         fixed.square().sum(dim=(2, 3), keepdim=True) + ridge
     )
     scaled = estimate * scale.clamp_min(0.1)
     whole = inside.all(dim=2, keepdim=True)
-    steps = [(1, 0), (3, 2), (2, 0), (3, 1)]  # of the pixels of a block: to the right, and down
+    steps = [(1, 0), (3, 2), (2, 0), (3, 1)]  # pairs of pixels of a block: to the right, and down
     slopes = [
         torch.stack([torch.atan(height * (d[:, :, a] - d[:, :, b])) for a, b in steps], dim=2)
         for d in (scaled, truth)
     ]
     bent = _masked_mean((slopes[0] - slopes[1]).abs(), whole.expand_as(slopes[0]))
-    return DEPTH * _masked_mean((scaled - truth).abs(), inside) + SLOPE * bent
+    return DEPTH_WEIGHT * _masked_mean((scaled - truth).abs(), inside) + SLOPE_WEIGHT * bent
 
 
 def _normals_error(
     estimate: torch.Tensor, truth: torch.Tensor, inside: torch.Tensor, angles: float = 0.0
 ) -> torch.Tensor:
-    """Length of the difference of unit vectors: near the angle itself, so that outliers do not rule; or a
-    share `angles` of the angle in radians, which counts those that are far off more."""
+    """Return the distance between unit vectors, blended with their angle by the fraction `angles`.
+
+    The distance is close to the angle in radians, but gives large errors less weight.
+    """
     length = ((estimate - truth).square().sum(dim=1, keepdim=True) + 1e-4).sqrt()
     if not angles:
         return _masked_mean(length, inside)
@@ -103,21 +105,23 @@ def _normals_error(
 
 
 def _entropy(log_lit: torch.Tensor, truth: torch.Tensor, inside: torch.Tensor) -> torch.Tensor:
-    """Binary cross-entropy of the product's probability."""
+    """Return the binary cross-entropy of the predicted probability of light."""
     log_lit = log_lit.clamp_max(-1e-5)
     log_dark = torch.log(-torch.expm1(log_lit))
     return _masked_mean(-(truth * log_lit + (1 - truth) * log_dark), inside)
 
 
 def per_light_loss(network: nn.Module, batch: Batch) -> torch.Tensor:
-    """L1 (Section 3) inside the mask, of maps whose shadow is -1 and light is 1."""
+    """Return the L1 error (Section 3) inside the mask of maps in which shadow is -1 and light is 1."""
     maps = network(batch["image"], batch.get("estimated_normals"), batch["directions"])
     return _masked_mean((maps - (2 * batch["visibility"] - 1)).abs(), batch["mask"] > 0.5)
 
 
 def _analysed(network: Any, batch: Batch) -> tuple[torch.Tensor | None, torch.Tensor, torch.Tensor | None]:
-    """The normals (B, 3, H, W), if the network says or takes any, the visibility (B, D, H, W), and the depth
-    (B, H, W), if the network says any."""
+    """Infer normals (B, 3, H, W), visibility (B, D, H, W) and depth (B, H, W) of the batch.
+
+    Normals are None if the network neither infers nor takes any. Depth is None if the network infers none.
+    """
     given = batch.get("estimated_normals", [None] * len(batch["rgb"]))
     views = zip(batch["rgb"], batch["matte"][:, 0], given, batch["directions"], strict=True)
     found = [(network.analyse(rgb, mask, surface), lights) for rgb, mask, surface, lights in views]
@@ -129,8 +133,11 @@ def _analysed(network: Any, batch: Batch) -> tuple[torch.Tensor | None, torch.Te
 
 
 def _score(network: nn.Module, batch: Batch) -> dict[str, float]:
-    """RMSE and Dice of binary maps, beside sign(N·L) from the same normals, and how far these and depth are
-    off."""
+    """Return the scores of a batch.
+
+    They are RMSE and Dice of binary maps and of sign(N·L) from the same normals, and errors of normals and
+    depth.
+    """
     inside, truth = batch["mask"] > 0.5, (batch["visibility"] > 0.5).float()
     surface, maps, depth = _analysed(network, batch)
     estimates, scores = {"": maps > 0.5}, {}
@@ -164,7 +171,7 @@ SHADOW = Task("field", VisibilityField, field_loss, _score, _show, 20, False, {"
 
 
 def per_light(latent: str, with_normals: bool = True) -> Task:
-    """The task of the paper's per-light network with this latent transformation (Section 4.2)."""
+    """Return the task of the paper's per-light network with a latent transformation of Section 4.2."""
     config = {"latent": latent, "normals": with_normals}
     recipe = {"batch": 2, "lights": 4, "learning_rate": 5e-4}
     return Task(latent, PerLight, per_light_loss, _score, _show, 20, with_normals, config, recipe)

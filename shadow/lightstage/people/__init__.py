@@ -1,0 +1,1 @@
+"""Clothed people, drawn at random: imports run generate -> accessories -> cloth -> body."""

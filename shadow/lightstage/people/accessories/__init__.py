@@ -1,0 +1,1 @@
+"""Accessories of a dressed person: hair, hats, glasses, shoes, bags, hand-held objects and seats."""

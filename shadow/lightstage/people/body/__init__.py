@@ -1,0 +1,1 @@
+"""The body: shape, face, skeleton and skinning."""

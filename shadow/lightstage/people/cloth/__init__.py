@@ -1,0 +1,1 @@
+"""Cloth: fabrics, patterns, draping, simulation, and the garments made of them."""

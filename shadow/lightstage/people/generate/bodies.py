@@ -1,0 +1,277 @@
+"""Random clothed, posed people: `body(seed, split)`.
+
+The three splits share no person, because the name of the split is hashed into the seed. Some cuts and
+patterns are reserved too: validation adds floral prints, generalisation adds herringbone and tie-dye.
+"""
+
+import zlib
+from collections.abc import Sequence
+from dataclasses import dataclass
+from functools import partial
+from pathlib import Path
+
+import numpy as np
+from scipy.sparse import csr_matrix, identity
+
+from shadow.data import records
+from shadow.lightstage.figure import Figure, interpolate, normalize, vertex_normals
+from shadow.lightstage.mesh import remove_unused
+from shadow.lightstage.people.body.anatomy import REGIONS, BaseMesh, Person, base_mesh
+from shadow.lightstage.people.body.faces import Face
+from shadow.lightstage.people.body.skeleton import Pose, Skeleton
+from shadow.lightstage.people.cloth import pockets
+from shadow.lightstage.people.cloth.fabric import Fabric, MeshPart, Noise, replace_cloth
+from shadow.lightstage.people.cloth.garments import Wardrobe
+from shadow.lightstage.people.cloth.simulation import Simulator
+from shadow.lightstage.people.generate import outfits, poses
+
+IN_POCKET = 0.006  # metres inside a pocket beyond which a hand is hidden
+SPLITS = ("training", "validation", "generalisation")
+
+
+def body(seed: int, split: str, *, simulate: bool = False, cache: Path | None = None) -> Figure:
+    """Generate a clothed person in a pose. The same seed and split give the same arrays in any process.
+
+    Parameters
+    ----------
+    seed
+        An integer >= 0.
+    split
+        "training", "validation" or "generalisation".
+    simulate
+        Whether to simulate the cloth, which takes about 20 s of a core instead of one. The person and the
+        clothes are the same, but the clothes fold.
+    cache
+        Folder that stores simulated garments, or None.
+
+    Raises
+    ------
+    ValueError
+        Another split, or a negative seed.
+    """
+    rng = random_generator(seed, split)
+    shape = Shape.draw(rng)
+    pose, name = poses.draw(shape.skeleton, rng), f"{split}-{seed:06d}"
+    pose.raise_heels(outfits.heel(rng, shape.woman))
+    return shape.dress(pose, rng, split, name, simulate=simulate, cache=cache)
+
+
+def random_generator(seed: int, split: str, *more: int) -> np.random.Generator:
+    """Return the generator of a figure's random choices; `more` distinguishes kinds of figures."""
+    if split not in SPLITS:
+        raise ValueError(f"split: expected one of {', '.join(SPLITS)}, got {split!r}")
+    if seed < 0:
+        raise ValueError(f"seed: expected an integer >= 0, got {seed}")
+    return np.random.default_rng([zlib.crc32(split.encode()), seed, *more])
+
+
+@dataclass(frozen=True)
+class Shape:
+    """A person's body at rest, neither posed nor dressed. rest: (19158, 3) vertices in metres."""
+
+    base: BaseMesh
+    rest: np.ndarray
+    skeleton: Skeleton
+    woman: bool
+
+    @classmethod
+    def draw(cls, rng: np.random.Generator) -> "Shape":
+        """Draw a random adult."""
+        base = base_mesh()
+        gender = rng.choice([rng.uniform(0, 0.2), rng.uniform(0.8, 1)])
+        rest, heads = base.shape(
+            dict(
+                gender=gender,
+                age=rng.uniform(0.55, 0.95),
+                muscle=rng.uniform(0.25, 0.8),
+                weight=np.clip(rng.normal(0.5, 0.17), 0.1, 0.98),
+                height=rng.uniform(0.3, 0.75),
+                proportions=rng.uniform(0.3, 0.9),
+            ),
+            Face.draw(rng),
+        )
+        return cls(base, rest, Skeleton(heads, base.parents, base.names), gender > 0.5)
+
+    def dress(
+        self,
+        pose: Pose,
+        rng: np.random.Generator,
+        split: str,
+        name: str,
+        *,
+        simulate: bool = False,
+        cache: Path | None = None,
+    ) -> Figure:
+        """Return the figure in a pose and in clothes that are drawn for it. simulate, cache: see `body`."""
+        person = self.posed(pose)
+        wardrobe = Wardrobe(person, rng, Simulator(person, name, cache) if simulate else None)
+        outfits.dress(wardrobe, rng, split, self.woman)
+        parts = [_skin(person, wardrobe.covered, rng), _eyes(person, rng), *wardrobe.parts]
+        return _assemble(parts, person, name, split)
+
+    def posed(self, pose: Pose) -> Person:
+        """Return the undressed person in a pose, with arms moved out of the trunk, and hands into pockets."""
+        still = Person(self.base, self.skeleton, self.rest, {})
+        trunk = still.region_weights(self.base.tights.weights)[:, 0] > 0.75
+        pose.keep_arms_off(still.tights_rest[trunk], still.tights_normals[trunk], ease=0.012)
+        for side in pose.pocketed:
+            pockets.put_in(pose, side, Person(self.base, self.skeleton, self.rest, pose.rotations))
+        return Person(
+            self.base,
+            self.skeleton,
+            self.rest,
+            pose.rotations,
+            pose.held,
+            pose.seated,
+            tuple(pose.pocketed),
+            pose.heel,
+        )
+
+
+# Skin ------------------------------------------------------------------------------------------------------
+
+
+def _skin(person: Person, covered: np.ndarray, rng: np.random.Generator) -> MeshPart:
+    """Return the skin that no garment hides, with the colours of a face."""
+    surface = person.base.body
+    rest = surface.rows @ person.rest
+    hidden = covered[person.base.tights_under_body]
+    for side in person.pocketed:
+        hidden |= pockets.inside(person, side) > IN_POCKET
+    faces, rows = remove_unused(surface.faces[~hidden[surface.faces].all(axis=1)], surface.rows)
+    rest, weights = rows @ person.rest, rows @ person.base.weights
+    # From deep brown to pale, about uniformly in perceived lightness.
+    depth = rng.random() ** 0.75
+    tone = np.array([0.06, 0.032, 0.02]) ** (1 - depth) * np.array([0.62, 0.42, 0.32]) ** depth
+    tone = tone * rng.uniform(0.92, 1.08, 3)
+    mouth, left, right = _face_landmarks(person)
+    brows, noise = rng.uniform(0.2, 0.85), Noise(rng)
+
+    def texture(u: np.ndarray, v: np.ndarray, p: np.ndarray) -> np.ndarray:
+        uneven = 0.9 + 0.12 * noise.octaves(p, 0.03) + 0.08 * noise(p, 0.004)
+        colour = tone * uneven[:, None]
+        ruddy = 0.25 * noise.octaves(p + 1, 0.06)
+        colour = colour * (1 + ruddy[:, None] * np.array([0.15, -0.12, -0.15]))
+        lip = np.clip(1.6 - np.hypot((p[:, 0] - mouth[0]) / 0.026, (p[:, 1] - mouth[1]) / 0.009) * 1.2, 0, 1)
+        lip = lip * (p[:, 2] > mouth[2])
+        colour = colour * (1 + lip[:, None] * np.array([-0.05, -0.35, -0.25]))
+        for eye in (left, right):
+            side = np.sign(eye[0])
+            x, y = (p[:, 0] - eye[0]) * side, p[:, 1] - eye[1] - 0.024
+            brow = np.clip(1.5 - np.hypot(x / 0.022, (y + 6 * x * x) / 0.0045), 0, 1) * (p[:, 2] > eye[2])
+            lash = np.clip(1.4 - np.hypot(x / 0.017, (y + 0.017) / 0.006), 0, 1) * (p[:, 2] > eye[2])
+            colour = colour * (
+                1 - (brows * brow * (0.6 + 0.4 * noise(p, 0.003)) + 0.3 * lash * 0.5).clip(0, 0.95)[:, None]
+            )
+        return colour
+
+    label = _face_and_hands(person, rest, weights)
+    return MeshPart(
+        person.posed(weights, rest), faces, rest, np.zeros(len(rest), int), Fabric(texture), label
+    )
+
+
+def _face_and_hands(person: Person, rest: np.ndarray, weights: csr_matrix) -> np.ndarray:
+    """Return the index into `records.REGIONS` of each vertex (V,) of the skin.
+
+    The face is the head in front of the ears, from the chin up. Hands begin at the wrists.
+    """
+    names = person.base.names
+    head = weights @ np.array([name == "head" or name.startswith("eye.") for name in names], float)
+    hand = weights @ np.array([name.startswith(("finger", "metacarpal", "wrist")) for name in names], float)
+    _, left, right = _face_landmarks(person)
+    ears = (left[2] + right[2]) / 2 - 0.055  # metres behind the eyes
+    face = (head > 0.5) & (rest[:, 2] > ears)
+    return np.where(
+        face, records.REGIONS.index("face"), np.where(hand > 0.5, records.REGIONS.index("hands"), 0)
+    )
+
+
+def _face_landmarks(person: Person) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """Return the positions of mouth, left and right eye at rest, from MakeHuman's teeth and eyeballs."""
+    teeth = person.rest[14992:15128]
+    left, right = person.rest[14598:14670].mean(axis=0), person.rest[14670:14742].mean(axis=0)
+    return np.array([0, teeth[:, 1].mean(), teeth[:, 2].mean()]), left, right
+
+
+def _eyes(person: Person, rng: np.random.Generator) -> MeshPart:
+    surface = person.base.eyes
+    rest = surface.rows @ person.rest
+    _, left, right = _face_landmarks(person)
+    iris = [np.array([0.03, 0.018, 0.012]), np.array([0.06, 0.1, 0.14]), np.array([0.06, 0.08, 0.04])][
+        rng.choice(3, p=[0.7, 0.18, 0.12])
+    ]
+
+    def texture(u: np.ndarray, v: np.ndarray, p: np.ndarray) -> np.ndarray:
+        centre = np.where(p[:, :1] > 0, left, right)
+        off = np.hypot(p[:, 0] - centre[:, 0], p[:, 1] - centre[:, 1])
+        white = np.array([0.55, 0.5, 0.47])
+        return np.where((off < 0.0028)[:, None], 0.02, np.where((off < 0.0062)[:, None], iris, white))
+
+    return MeshPart(
+        person.posed(surface.weights, rest),
+        surface.faces,
+        rest,
+        np.zeros(len(rest), int),
+        Fabric(texture),
+        records.REGIONS.index("face"),
+    )
+
+
+# Assembly --------------------------------------------------------------------------------------------------
+
+
+def _assemble(parts: list[MeshPart], person: Person, name: str, split: str) -> Figure:
+    """Join the parts of a dressed person into a figure on the floor."""
+    for part in parts:
+        part.faces, rows = remove_unused(part.faces, identity(len(part.vertices), format="csr"))
+        kept = rows.indices
+        part.vertices, part.rest, part.region = part.vertices[kept], part.rest[kept], part.region[kept]
+        part.label = np.broadcast_to(part.label, rows.shape[1])[kept]
+    first = np.cumsum([0] + [len(part.vertices) for part in parts])
+    vertices = np.concatenate([part.vertices for part in parts])
+    faces = np.concatenate([part.faces + start for part, start in zip(parts, first[:-1], strict=True)])
+    rest = np.concatenate([part.rest for part in parts])
+    region = np.concatenate([part.region for part in parts])[faces[:, 0]]
+    label = np.concatenate([part.label for part in parts])[faces[:, 0]].astype(np.uint8)
+    owner = np.repeat(np.arange(len(parts)), [len(part.faces) for part in parts])
+    normals = np.concatenate([vertex_normals(part.vertices, part.faces) for part in parts])
+    pelvis = person.transforms[0, :, :3] @ person.skeleton.heads[0] + person.transforms[0, :, 3]
+    vertices = vertices - [pelvis[0], vertices[:, 1].min(), pelvis[2]]
+    fabrics = [part.fabric for part in parts]
+    frames = {k: _frame(person.limb_joints(k)) for k in range(1, len(REGIONS))}
+    middle = person.skeleton.head("spine03")
+
+    def albedo(worn: Sequence[Fabric], face: np.ndarray, barycentric: np.ndarray) -> np.ndarray:
+        points = interpolate(rest, faces[face], barycentric)
+        u, v = np.arctan2(points[:, 0], points[:, 2] - middle[2]) * 0.15, points[:, 1].copy()
+        here = region[face]
+        for k, (across, radius) in frames.items():
+            mine = np.flatnonzero(here == k)
+            _, axis, metres = person.limb_coordinates(k, points[mine])
+            local = (points[mine] - axis) @ across.T
+            u[mine], v[mine] = np.arctan2(local[:, 0], local[:, 1]) * radius, metres
+        colour = np.empty((len(face), 3), np.float32)
+        part = owner[face]
+        for k in np.unique(part):
+            mine = part == k
+            colour[mine] = worn[k](u[mine], v[mine], points[mine])
+        return colour
+
+    return Figure(
+        vertices.astype(np.float32),
+        faces.astype(np.int32),
+        normals.astype(np.float32),
+        partial(albedo, fabrics),
+        name,
+        regions=label,
+        redraw_fabrics=lambda rng: partial(albedo, replace_cloth(fabrics, rng, split)),
+    )
+
+
+def _frame(joints: np.ndarray) -> tuple[np.ndarray, float]:
+    """Return two axes (2, 3) across a limb with joints (3, 3), and its mean radius in metres."""
+    along = joints[2] - joints[0]
+    length = float(np.linalg.norm(along))
+    side = normalize(np.cross([0, 0, 1.0], along))
+    return np.stack([side, np.cross(along / length, side)]), 0.11 * length
