@@ -1,19 +1,18 @@
-"""Diffuse albedo of the photographed subject (delighting), and the light that it was photographed in."""
+"""Estimate the diffuse albedo of a photographed person (delighting), and the light of the photograph."""
 
 import os
 
 import numpy as np
 import torch
 import torch.nn.functional as F
-from scipy.optimize import nnls
 
 from shading.analysis import analyse
 from shadow import inputs
 from shadow.analysis import Array, Normals
 from shadow.directions import olat
 
-FIT_HEIGHT = 64  # pixels of the picture that the lighting is solved on: light has no finer detail
-SPREAD = 0.02  # share of the squared light that keeps the solution from one lamp where several would do
+FIT_HEIGHT = 64  # rows of the picture from which the lighting is solved: diffuse light has no finer detail
+RIDGE = 0.02  # ridge penalty, relative to the mean squared light, which spreads light over similar directions
 
 
 def infer_albedo(
@@ -23,22 +22,31 @@ def infer_albedo(
     normals: Normals | None = None,
     model: str | os.PathLike = "shading",
 ) -> Array:
-    """Diffuse albedo of the person in an image, without the light it was photographed in.
+    """Infer the diffuse albedo of the person in an image.
 
     Parameters
     ----------
-    As `shading.analyse`.
+    rgb, mask, normals, model
+        See `shading.analyse`.
 
     Returns
     -------
-    (H, W, 3) float32 linear Rec.709 in [0, 1], zero outside the mask, in the photograph's colours; at the
-    network's resolution, enlarged. `relight.Subject` brings the plate's own texture back. NumPy or torch, as
-    `rgb` was, on its device.
+    Array
+        (H, W, 3) float32, linear Rec.709 in [0, 1], zero outside the mask. It has the mean colour of the
+        photograph and is upsampled from the network's resolution; `relight.Subject` restores the texture of
+        the plate. NumPy or torch, as `rgb` was, on its device.
 
     Raises
     ------
-    TypeError, ValueError: wrong shape or dtype, NaN or infinite values, an empty mask, a model that infers no
-    albedo.
+    TypeError, ValueError
+        Wrong shape or dtype, NaN or infinite values, an empty mask, a model that infers no albedo.
+
+    Examples
+    --------
+    >>> rgb, mask = np.full((64, 48, 3), 0.3, np.float32), np.zeros((64, 48), np.float32)
+    >>> mask[8:56, 12:36] = 1
+    >>> shading.infer_albedo(rgb, mask).shape
+    (64, 48, 3)
     """
     return analyse(rgb, mask, normals=normals, model=model).albedo
 
@@ -50,26 +58,36 @@ def infer_lighting(
     normals: Normals | None = None,
     model: str | os.PathLike = "shading",
 ) -> tuple[Array, Array, Array]:
-    """The light that the person was photographed in, and the albedo that goes with it.
+    """Estimate the light in which the person was photographed, and the albedo.
 
-    Image = albedo × Σ weight × shading: with the inferred albedo and the shadings of a fixed set of lights,
-    the weights are a non-negative least-squares problem (Lawson and Hanson 1974), one for each colour.
+    Image = albedo × Σ weight × shading. With the inferred albedo and the shadings of a fixed set of lights,
+    the weights of each colour channel solve a non-negative least-squares problem (Lawson and Hanson 1974).
 
     Parameters
     ----------
-    As `infer_albedo`.
+    rgb, mask, normals, model
+        See `shading.analyse`.
 
     Returns
     -------
-    directions: (96, 3) float32 unit vectors, `shadow.directions.olat(behind=True)`.
-    weights: (96, 3) float32, >= 0: linear Rec.709 intensity of each of these lights. What colour they had is
-        in the albedo, which has the photograph's: together they are about white.
-    albedo: (H, W, 3) float32 linear in [0, 1], as `infer_albedo` gives it, scaled so that the three of them
-        make up the image's exposure.
+    directions : Array
+        (96, 3) float32 unit vectors, `shadow.directions.olat(behind=True)`.
+    weights : Array
+        (96, 3) float32, >= 0: the linear Rec.709 intensity of each of these lights, in the exposure of the
+        image. Their sum is about white, because the mean colour of the light is part of the albedo.
+    albedo : Array
+        (H, W, 3) float32, linear in [0, 1], that of `infer_albedo`.
 
     Raises
     ------
-    As `infer_albedo`.
+    TypeError, ValueError
+        See `infer_albedo`.
+
+    Examples
+    --------
+    >>> rgb, mask = np.full((64, 48, 3), 0.3, np.float32), np.zeros((64, 48), np.float32)
+    >>> mask[8:56, 12:36] = 1
+    >>> directions, weights, albedo = shading.infer_lighting(rgb, mask)
     """
     found = analyse(rgb, mask, normals=normals, model=model)
     albedo, framed = found.albedo, found.framed
@@ -81,8 +99,13 @@ def infer_lighting(
 def solve_lighting(
     image: torch.Tensor, albedo: torch.Tensor, shading: torch.Tensor, mask: torch.Tensor
 ) -> torch.Tensor:
-    """Non-negative weights (D, 3) with which the shadings (D, h, w) of D lights, times the albedo (3, h, w),
-    make the linear image (3, h, w) inside the mask (h, w), in the sense of least squares."""
+    """Solve for the non-negative weights (D, 3) of D lights by least squares inside the mask (h, w).
+
+    The weighted sum of their shadings (D, h, w), times the albedo (3, h, w), approximates the linear image
+    (3, h, w).
+    """
+    from scipy.optimize import nnls  # the import takes a tenth of a second, and few calls need it
+
     step = max(1, mask.shape[0] // FIT_HEIGHT)
     inside = F.avg_pool2d((mask > 0.5).float()[None], step)[0] > 0.5
 
@@ -92,7 +115,7 @@ def solve_lighting(
     weights = []
     for colour, paint in zip(image, albedo, strict=True):
         explained, observed = pixels(shading * paint).T, pixels(colour[None])[0]
-        ridge = SPREAD * np.sqrt((explained**2).sum(axis=0).mean())
+        ridge = RIDGE * np.sqrt((explained**2).sum(axis=0).mean())
         system = np.concatenate([explained, ridge * np.eye(len(shading))])
         weights.append(nnls(system, np.concatenate([observed, np.zeros(len(shading))]))[0])
     return torch.from_numpy(np.stack(weights, axis=1)).to(image)

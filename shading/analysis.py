@@ -1,4 +1,4 @@
-"""One analysis of a photographed person: shadow's, and on top of it shading for any light, and albedo."""
+"""The analysis of a photographed person: that of `shadow`, with the albedo and the shading for any light."""
 
 import os
 from functools import cached_property
@@ -10,19 +10,30 @@ from shading import diffuse
 from shadow import analysis, inputs
 from shadow.analysis import Array, Normals
 from shadow.framing import Framed
-from shadow.mattes import person_in
+from shadow.matte_cleanup import clean_matte
 from shadow.normals import on_canvas, resolve
 
 
 class Analysis(analysis.Analysis):
-    """What both networks found in one photograph. Made by `shading.analyse`.
+    """What both networks inferred from one photograph. Made by `shading.analyse`.
 
     Attributes
     ----------
-    framed, canvas_normals, canvas_visibility: as of `shadow.Analysis`.
-    canvas_shading: unit directions (D, 3) to linear shading (D, h, w) in [0, 1], tensors; their visibility
-        (D, h, w) may be given as well.
-    canvas_albedo: (3, h, w) tensor, linear in [0, 1]; None from a network that infers none.
+    framed, canvas_normals, canvas_visibility
+        As in `shadow.Analysis`.
+    canvas_shading
+        A function from unit directions (D, 3) to linear shading (D, h, w) in [0, 1], tensors. The visibility
+        (D, h, w) of these directions is an optional second argument.
+    canvas_albedo
+        (3, h, w) tensor, linear in [0, 1]; None from a network that infers no albedo.
+
+    Examples
+    --------
+    >>> rgb, mask = np.full((64, 48, 3), 0.3, np.float32), np.zeros((64, 48), np.float32)
+    >>> mask[8:56, 12:36] = 1
+    >>> analysis = shading.analyse(rgb, mask)
+    >>> analysis.shading([[0.0, 0.0, 1.0]]).shape, analysis.albedo.shape
+    ((1, 64, 48), (64, 48, 3))
     """
 
     def __init__(
@@ -38,14 +49,14 @@ class Analysis(analysis.Analysis):
         self.canvas_shading, self.canvas_albedo = found
 
     def shading(self, directions: Array, visibility: Array | None = None) -> Array:
-        """Diffuse shading (D, H, W) float32 in [0, 1] by one light of unit intensity at a time.
+        """Return the diffuse shading (D, H, W), float32 in [0, 1], by each light of unit intensity alone.
 
-        Linear, bounce light from the body included; 1 is a surface that faces an unoccluded light, or
-        brighter; zero outside the matte.
+        It is linear and includes light that the body reflects onto itself. 1 is a surface that faces an
+        unoccluded light (brighter values are clamped). It is zero outside the matte.
 
-        `directions` (D, 3) point toward the lights; their `visibility` (D, H, W) may be given. Raises
-        TypeError or ValueError for wrong shapes or dtypes, NaN or infinite values, values out of range, or a
-        direction of zero length.
+        `directions` (D, 3) point toward the lights. `visibility` (D, H, W) replaces the inferred visibility
+        of these lights. Raises TypeError or ValueError for wrong shapes or dtypes, NaN or infinite values,
+        values out of range, or a direction of zero length.
         """
         lights, seen = self._lights(directions), None
         if visibility is not None:
@@ -55,8 +66,11 @@ class Analysis(analysis.Analysis):
 
     @cached_property
     def albedo(self) -> Array:
-        """(H, W, 3) float32 linear Rec.709 in [0, 1], zero outside the matte, in the photograph's colours, at
-        the network's resolution, enlarged. ValueError from a network that infers none."""
+        """Albedo (H, W, 3), float32, linear Rec.709 in [0, 1], zero outside the matte.
+
+        It has the mean colour of the photograph and is upsampled from the network's resolution. Raises
+        ValueError if the network infers no albedo.
+        """
         if self.canvas_albedo is None:
             raise ValueError("model: infers shading only, expected one that infers albedo as well")
         maps = self.framed.restored(self.canvas_albedo).clamp(0, 1)
@@ -71,29 +85,44 @@ def analyse(
     model: str | os.PathLike = "shading",
     device: str | torch.device | None = None,
 ) -> Analysis:
-    """Analyse the person in an image, once.
+    """Analyse the person in an image, once for any number of lights.
 
     Parameters
     ----------
-    rgb: (H, W, 3) float, linear Rec.709, any size and exposure; NumPy or torch.
-    mask: (H, W) in [0, 1], the matte of the person.
-    normals: (H, W, 3) camera-frame normals to use instead of inferring them with the shipped network; or
-        anything else that `shadow.normals.load` takes.
-    model: name of shipped shading weights, or the path of a checkpoint.
-    device: where the networks run, such as "cuda"; where `rgb` is unless given.
+    rgb
+        (H, W, 3) float, linear Rec.709, any size and exposure; NumPy or torch.
+    mask
+        (H, W) in [0, 1], the matte of the person.
+    normals
+        (H, W, 3) camera-frame normals that replace those of the shipped visibility field, or anything else
+        that `shadow.normals.load` accepts.
+    model
+        Name of shipped shading weights, or the path of a checkpoint.
+    device
+        Where the networks run, such as "cuda". By default where `rgb` is.
 
     Returns
     -------
-    Analysis: `normals`, `albedo`, `visibility(directions)` and `shading(directions)`. Two network passes in
-    all; a light costs dot products.
+    Analysis
+        Its `normals`, `albedo`, `visibility(directions)` and `shading(directions)`. Both networks run once
+        here; a light costs dot products.
 
     Raises
     ------
-    TypeError, ValueError: wrong shape or dtype, NaN or infinite values, an empty mask, an unknown device.
+    TypeError, ValueError
+        Wrong shape or dtype, NaN or infinite values, an empty mask, an unknown device.
+
+    Examples
+    --------
+    >>> rgb, mask = np.full((64, 48, 3), 0.3, np.float32), np.zeros((64, 48), np.float32)
+    >>> mask[8:56, 12:36] = 1
+    >>> analysis = shading.analyse(rgb, mask)
+    >>> analysis.shading([[0.0, 0.0, 1.0]]).shape, analysis.albedo.shape
+    ((1, 64, 48), (64, 48, 3))
     """
     image, matte = inputs.photograph(rgb, mask, inputs.device("device", device))
     network, field = diffuse.load(model, image.device), analysis.load(device=image.device)
-    framed = Framed.of(image, person_in(matte), network.size)
+    framed = Framed.of(image, clean_matte(matte), network.size)
     surface = on_canvas(resolve(normals, image, matte, field, network), framed.framing)
     return Analysis(framed, field, network, surface, rgb)
 
@@ -107,22 +136,35 @@ def infer(
     visibility: Array | None = None,
     model: str | os.PathLike = "shading",
 ) -> Array:
-    """Diffuse shading of the person in an image, lit by one unit-intensity light at a time.
+    """Infer the diffuse shading of the person in an image by each light of unit intensity alone.
 
     Parameters
     ----------
-    rgb, mask, normals, model: as of `analyse`.
-    directions: (D, 3) toward the lights, camera frame, any length but zero.
-    visibility: (D, H, W) in [0, 1], self-shadow maps of these lights to use instead of inferring them.
+    rgb, mask, normals, model
+        As in `analyse`.
+    directions
+        (D, 3) toward the lights, camera frame, any length but zero.
+    visibility
+        (D, H, W) in [0, 1], self-shadow maps that replace the inferred ones of these lights.
 
     Returns
     -------
-    (D, H, W) float32 linear shading in [0, 1], bounce light from the body included; 1 is a surface facing an
-    unoccluded light, or brighter; zero outside the mask. NumPy or torch, as `rgb` was, on its device.
+    Array
+        (D, H, W) float32, linear shading in [0, 1], including light that the body reflects onto itself. 1 is
+        a surface that faces an unoccluded light. It is zero outside the mask. NumPy or torch, as `rgb` was,
+        on its device.
 
     Raises
     ------
-    TypeError, ValueError: wrong shape or dtype, NaN or infinite values, an empty mask, a zero direction.
+    TypeError, ValueError
+        Wrong shape or dtype, NaN or infinite values, an empty mask, a zero direction.
+
+    Examples
+    --------
+    >>> rgb, mask = np.full((64, 48, 3), 0.3, np.float32), np.zeros((64, 48), np.float32)
+    >>> mask[8:56, 12:36] = 1
+    >>> shading.infer(rgb, mask, [[0.0, 0.0, 1.0]]).shape
+    (1, 64, 48)
     """
-    inputs.directions("directions", directions)  # what is wrong is said before the networks run
+    inputs.directions("directions", directions)  # fail before the networks run
     return analyse(rgb, mask, normals=normals, model=model).shading(directions, visibility)

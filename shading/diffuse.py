@@ -2,8 +2,10 @@
 
 shading(p, L) = base(p, L) + residual(p, L),  base = max(N·L, 0) × visibility
 
-The base is direct light on the estimated surface. The residual, which is learned, is what the body throws on
-itself, and what repairs the base. Both networks say linear values; shading is these, held to [0, 1].
+The base is direct light on the estimated surface. The residual is learned: it adds the light that the body
+reflects onto itself, and corrects errors of the base. There are two networks: `ShadingField` infers all
+lights in one forward, `PerLightShading` is the paper's. Both predict linear values, which are clamped to [0,
+1].
 """
 
 import os
@@ -16,19 +18,20 @@ from torch import nn
 from shadow.directions import olat
 from shadow.networks import checkpoints
 from shadow.networks.backbone import ENCODING, Backbone, encode_image, take_blocks
-from shadow.networks.field import Visibility, anchor_weights, both_sides, interpolated
+from shadow.networks.field import Visibility, anchor_weights, average_mirrored, interpolate_anchors
 from shadow.networks.mirror import MIRROR, Pixels, Silhouette, with_mirror
-from shadow.networks.precision import autocast
+from shadow.networks.precision import autocast, with_cast_weights
 from shadow.networks.unet import LIGHTS_AT_ONCE, UNet
 
 Visible = Callable[[torch.Tensor], torch.Tensor]  # unit directions (D, 3) to visibility (D, h, w)
 
-# What the residual field adds is less by this at inference: so little is a guess that hedges between lit and
-# dark, and a haze over deep shadows (SSIM 0.737 with it, 0.741 without, on 16 validation views).
-HAZE = 0.01
+# Subtracted from positive residuals at inference. Where the network is unsure whether a pixel is lit, it
+# predicts a small positive residual, which veils deep shadows (on 16 validation views, SSIM is 0.741 with
+# this correction and 0.737 without).
+RESIDUAL_BIAS = 0.01
 
-# How the outputs of the albedo's gain, its brightness, warmth and green, make the logarithm of red's, green's
-# and blue's gains. The first alone is a gain without colour.
+# Contributions of the network's outputs (rows: brightness, warmth, green) to the logarithms of the gains of
+# red, green and blue. The first row alone is a gain without colour.
 LOG_GAINS = ((1.0, 1.0, 1.0), (1.0, 0.0, -1.0), (-0.5, 1.0, -0.5))
 
 
@@ -47,9 +50,11 @@ def base(
 def base(
     normals: torch.Tensor | None, visibility: torch.Tensor | None, directions: torch.Tensor
 ) -> torch.Tensor | float:
-    """The base image from tensors: normals (B, 3, H, W), visibility (B, D, H, W), directions (B, D, 3) to
-    (B, D, H, W). Without normals it is the visibility, without visibility max(N·L, 0), without both 0: the
-    ablations of Table 6."""
+    """Return the base image (B, D, H, W) of normals (B, 3, H, W) and visibility (B, D, H, W).
+
+    `directions` are (B, D, 3). Ablations of Table 6: without normals the base is the visibility, without
+    visibility it is max(N·L, 0), without both it is 0.
+    """
     if normals is None:
         return 0.0 if visibility is None else visibility
     facing = torch.einsum("bdc,bchw->bdhw", directions, normals).clamp_min(0)
@@ -57,37 +62,38 @@ def base(
 
 
 class ShadingMaps(NamedTuple):
-    """What the image alone decides."""
+    """The maps of an image that hold for every light."""
 
     residual: torch.Tensor  # (B, K, H, W) of each anchor direction, linear
     albedo: torch.Tensor  # (B, 3, H, W) encoded, albedo ** (1 / ENCODING)
 
 
 class Diffuse(NamedTuple):
-    """An analysed subject: a function of light, and what it shines on."""
+    """An analysed subject: its shading as a function of light, and its albedo."""
 
-    # Unit directions (D, 3) to (D, h, w) in [0, 1], zero outside the mask. Their visibility (D, h, w) may be
-    # given as well.
+    # From unit directions (D, 3) to (D, h, w) in [0, 1], zero outside the mask. The visibility (D, h, w) of
+    # these directions is an optional second argument.
     shading: Any
-    albedo: torch.Tensor | None  # (3, h, w) linear in [0, 1]; None from a network that infers none
+    albedo: torch.Tensor | None  # (3, h, w) linear in [0, 1]; None from a network that infers no albedo
 
 
 class ShadingField(nn.Module):
     """The one-pass network: one forward gives the residual of every light direction, and the albedo.
 
     As in the visibility field, feature k is the residual of anchor direction k, and w(L) interpolates between
-    anchors. Image = albedo × Σ light × shading, so whoever explains one has to know the other. The albedo is
-    the photograph times a gain, which need not know the texture, only the light. It has no colour: nobody can
-    tell from one picture the tint of the light from that of all paint. The head starts at zero: untrained,
-    shading is the base image and albedo the photograph.
+    anchors. Image = albedo × Σ light × shading, so one network infers both. The albedo is the photograph
+    multiplied by a gain: the gain depends only on the light, and the photograph supplies the texture. A
+    single gain has no colour, since one picture cannot distinguish the tint of the light from a tint of all
+    surfaces. The head starts at zero: in an untrained network, the shading is the base image and the albedo
+    is the photograph.
     """
 
     def __init__(
         self,
         size: int = 256,  # canvas height that the network was trained for
-        normals: bool = True,  # as an input and in the base, or in neither (Table 6)
-        visibility: str | None = "inferred",  # likewise; "baseline" is sign(N·L), None is neither (Table 6)
-        gains: int = 1,  # outputs of the albedo's gain: 1 its brightness, 3 its colour too (LOG_GAINS)
+        normals: bool = True,  # whether they are an input and part of the base (Table 6)
+        visibility: str | None = "inferred",  # likewise; or "baseline", sign(N·L); or None (Table 6)
+        gains: int = 1,  # outputs for the albedo's gain: 1 is its brightness, 3 its colour too (LOG_GAINS)
         **backbone: Any,
     ) -> None:
         super().__init__()
@@ -95,7 +101,9 @@ class ShadingField(nn.Module):
             raise ValueError(f"visibility: expected inferred, baseline or None, got {visibility!r}")
         self.size, self.normals, self.visibility = size, normals, visibility
         self.register_buffer("anchors", torch.from_numpy(olat(behind=True)), persistent=False)
-        self.register_buffer("log_gains", torch.tensor(LOG_GAINS[:gains]), persistent=False)
+        # On the CPU, even if `checkpoints.load` builds the network on the meta device: files hold no buffers.
+        log_gains = torch.tensor(LOG_GAINS[:gains], device="cpu")
+        self.register_buffer("log_gains", log_gains, persistent=False)
         lights = len(self.anchors)
         guides = 0 if visibility is None else lights
         self.backbone = Backbone(7 if normals else 4, lights + gains, guides=guides, **backbone)
@@ -110,8 +118,11 @@ class ShadingField(nn.Module):
         visibility: torch.Tensor | None,
         blocks: torch.Tensor | None = None,
     ) -> ShadingMaps:
-        """Encoded image and mask (B, 4, H, W), normals (B, 3, H, W), and visibility of the anchor directions
-        at every second pixel (B, K, H/2, W/2), to ShadingMaps; or to what `take_blocks` takes of them."""
+        """Return the ShadingMaps of encoded images and masks (B, 4, H, W) with normals (B, 3, H, W).
+
+        `visibility` is that of the anchor directions at every second pixel, (B, K, H/2, W/2). With `blocks`
+        the result is `take_blocks` of the maps.
+        """
         if self.visibility == "baseline":
             visibility = torch.einsum("kc,bchw->bkhw", self.anchors, normals[..., ::2, ::2]).gt(0).float()
         x = torch.cat([image, normals], dim=1) if self.normals else image
@@ -124,8 +135,10 @@ class ShadingField(nn.Module):
     def shading(
         self, maps: ShadingMaps, normals: torch.Tensor, visibility: torch.Tensor, directions: torch.Tensor
     ) -> torch.Tensor:
-        """Linear shading (B, D, H, W), not yet held to [0, 1], of unit directions (B, D, 3), given their
-        visibility (B, D, H, W)."""
+        """Return linear shading (B, D, H, W), not yet clamped, for unit directions (B, D, 3).
+
+        `visibility` is that of these directions, (B, D, H, W).
+        """
         residual = torch.einsum("bdk,bkhw->bdhw", anchor_weights(directions, self.anchors), maps.residual)
         known = visibility if self.visibility == "inferred" else None
         return base(normals if self.normals else None, known, directions) + residual
@@ -134,17 +147,20 @@ class ShadingField(nn.Module):
     def analyse(
         self, rgb: torch.Tensor, mask: torch.Tensor, normals: torch.Tensor, visibility: Visible
     ) -> Diffuse:
-        """Framed rgb (3, h, w), mask (h, w), normals (3, h, w), and the visibility of any light, to Diffuse.
-        Its shading runs no network but the visibility's."""
+        """Infer shading and albedo of framed rgb (3, h, w), with its mask (h, w) and normals (3, h, w).
+
+        `visibility` is a function of light directions. The returned shading calls it, and runs no network of
+        its own.
+        """
         silhouette, mirror = Silhouette(mask), MIRROR.to(rgb.device)
         image = with_mirror(encode_image(rgb[None], mask[None, None]))
         surface = torch.stack([normals, mirror.view(3, 1, 1) * normals.flip(-1)])
         guides = self._guides(visibility, mirror)
         with autocast(rgb.device):
-            both = self(image, surface, guides, silhouette.blocks)
+            both = with_cast_weights(self)(image, surface, guides, silhouette.blocks)
         own, mirrored = (ShadingMaps(*side) for side in zip(*map(silhouette.sides, both), strict=True))
         shading = Shading(
-            both_sides(own.residual, mirrored.residual, self.anchors),
+            average_mirrored(own.residual, mirrored.residual, self.anchors),
             silhouette.take(normals) if self.normals else None,
             visibility,
             silhouette,
@@ -157,42 +173,47 @@ class ShadingField(nn.Module):
         return Diffuse(shading, silhouette.scatter(albedo.clamp(0, 1)))
 
     def _guides(self, visibility: Visible, mirror: torch.Tensor) -> torch.Tensor | None:
-        """Visibility of the anchors (2, K, h/2, w/2) at every second pixel of the photograph, and of its
-        mirror image, whose even columns are the photograph's odd ones."""
+        """Return the visibility of the anchors (2, K, h/2, w/2), of the photograph and its mirror image.
+
+        It is that of every second pixel. The mirror image's even columns are the photograph's odd ones.
+        """
         if self.visibility != "inferred":
             return None
         own, other = self.anchors, self.anchors * mirror
         if isinstance(visibility, Visibility):
-            pair = visibility.halved(own, 0), visibility.halved(other, 1)
-        else:
-            pair = visibility(own)[:, ::2, ::2], visibility(other)[:, ::2, 1::2]
-        return torch.stack([pair[0], pair[1].flip(-1)])
+            return visibility.at_half_resolution(own, other)
+        return torch.stack([visibility(own)[:, ::2, ::2], visibility(other)[:, ::2, 1::2].flip(-1)])
 
 
 def _balance(albedo: torch.Tensor, photograph: torch.Tensor) -> torch.Tensor:
-    """Factors (3, 1) with which an albedo (3, N) has the mean colour of the photograph (3, N), and still its
-    own mean brightness."""
+    """Return factors (3, 1) that give an albedo (3, N) the mean colour of the photograph (3, N).
+
+    They preserve the mean brightness of the albedo.
+    """
     own, seen = (image.mean(dim=1, keepdim=True).clamp_min(1e-6) for image in (albedo, photograph))
     factors = seen / own
     return factors * own.sum() / (factors * own).sum()
 
 
 class Shading(NamedTuple):
-    """The shading of one subject by any light: dot products with its maps; no network but visibility's."""
+    """The shading of one subject by any light: dot products with its maps."""
 
     residual: torch.Tensor  # (K, N) of each anchor direction at the subject's pixels, linear
-    normals: torch.Tensor | None  # (3, N), if the base image has them
+    normals: torch.Tensor | None  # (3, N); None if the base image has none
     visibility: Visible
     silhouette: Pixels
     anchors: torch.Tensor  # (K, 3)
-    known: bool  # the base image has the visibility
+    known: bool  # whether the base image includes the visibility
 
     @torch.no_grad()
     def __call__(self, directions: torch.Tensor, seen: torch.Tensor | None = None) -> torch.Tensor:
-        """Unit directions (D, 3), whose visibility `seen` (D, h, w) may be given, to (D, h, w) in [0, 1]:
-        base + w(L)·residual, as `ShadingField.shading` says it, less the haze; zero outside the subject."""
+        """Return shading (D, h, w) in [0, 1], zero outside the subject, for unit directions (D, 3).
+
+        It is base + w(L)·residual, as in `ShadingField.shading`, minus RESIDUAL_BIAS. `seen` (D, h, w) is the
+        visibility of these directions, if it is already known.
+        """
         residual = anchor_weights(directions, self.anchors) @ self.residual
-        residual -= residual.clamp(0, HAZE)
+        residual -= residual.clamp(0, RESIDUAL_BIAS)
         if self.normals is not None:
             base = (directions @ self.normals).clamp_min_(0)
             residual += base * self._seen(directions, seen) if self.known else base
@@ -201,16 +222,17 @@ class Shading(NamedTuple):
         return self.silhouette.scatter(residual.clamp_(0, 1))
 
     @torch.no_grad()
-    def each(self, directions: torch.Tensor) -> torch.Tensor:
-        """A unit direction a pixel (3, h, w) to one map (h, w) in [0, 1], as a light in the room needs it."""
+    def per_pixel(self, directions: torch.Tensor) -> torch.Tensor:
+        """Return the map (h, w), in [0, 1], in which each pixel has its own light direction (3, h, w)."""
         toward = self.silhouette.take(directions)
         lit = None
-        if self.known and isinstance(self.visibility, Visibility):  # of the same anchors
-            residual, cast = interpolated(toward, self.anchors, self.residual, self.visibility.maps.cast)
+        if self.known and isinstance(self.visibility, Visibility):  # which has the same anchors
+            cast = self.visibility.maps.cast
+            residual, cast = interpolate_anchors(toward, self.anchors, self.residual, cast)
             lit = self.visibility.gated(cast, toward)
         else:
-            (residual,) = interpolated(toward, self.anchors, self.residual)
-        residual -= residual.clamp(0, HAZE)
+            (residual,) = interpolate_anchors(toward, self.anchors, self.residual)
+        residual -= residual.clamp(0, RESIDUAL_BIAS)
         if self.normals is not None:
             base = (toward * self.normals).sum(dim=0).clamp_min_(0)
             residual += base if lit is None else base * lit
@@ -219,20 +241,20 @@ class Shading(NamedTuple):
         return self.silhouette.scatter(residual.clamp_(0, 1)[None])[0]
 
     def _seen(self, directions: torch.Tensor, seen: torch.Tensor | None) -> torch.Tensor:
-        """Visibility (D, N) of the subject's pixels; the field's need not be drawn on the canvas."""
+        """Return the visibility (D, N) of the subject's pixels."""
         if seen is None and isinstance(self.visibility, Visibility):
             return self.visibility.at_pixels(directions)
         return self.silhouette.take(self.visibility(directions) if seen is None else seen)
 
 
 class PerLightShading(nn.Module):
-    """The paper's shading network: its U-Net with a linear head, one forward for one light (Section 4.4)."""
+    """The paper's shading network (Section 4.4): a U-Net with linear output, one forward for each light."""
 
     def __init__(self, size: int = 256, latent: str = "resb7", **unet: Any) -> None:
         super().__init__()
         self.size = size  # canvas height that the network was trained for
         self.unet = UNet(10, 1, latent, linear=True, **unet)
-        for parameter in self.unet.head.parameters():  # untrained, shading is the base image
+        for parameter in self.unet.head.parameters():  # untrained, the shading is the base image
             nn.init.zeros_(parameter)
 
     def forward(
@@ -242,8 +264,10 @@ class PerLightShading(nn.Module):
         visibility: torch.Tensor,
         directions: torch.Tensor,
     ) -> torch.Tensor:
-        """Encoded image and mask (B, 4, H, W), normals (B, 3, H, W), and unit directions (B, D, 3) with their
-        visibility (B, D, H, W), to linear shading (B, D, H, W), not yet held to [0, 1]."""
+        """Return linear shading (B, D, H, W), not yet clamped, for unit directions (B, D, 3).
+
+        The image and mask (B, 4, H, W) are encoded; normals are (B, 3, H, W), visibility (B, D, H, W).
+        """
         lights = directions.shape[1]
         seen = torch.cat([image[:, :3], normals], dim=1)[:, None].expand(-1, lights, -1, -1, -1)
         broadcast = directions[..., None, None].expand(-1, -1, -1, *image.shape[-2:])
@@ -254,7 +278,10 @@ class PerLightShading(nn.Module):
     def analyse(
         self, rgb: torch.Tensor, mask: torch.Tensor, normals: torch.Tensor, visibility: Visible
     ) -> Diffuse:
-        """As `ShadingField.analyse`, but the shading runs the network once a light; there is no albedo."""
+        """Return shading that runs the network once for each light, and no albedo.
+
+        The arguments are those of `ShadingField.analyse`.
+        """
         image = encode_image(rgb[None], mask[None, None])
 
         def shading(directions: torch.Tensor, seen: torch.Tensor | None = None) -> torch.Tensor:
@@ -268,6 +295,6 @@ class PerLightShading(nn.Module):
 
 
 def load(name: str | os.PathLike = "shading", device: torch.device | str = "cpu") -> Any:
-    """The shipped shading network, or one trained by `relight train shading` (a .safetensors path)."""
+    """Load the shipped shading network, or one trained by `relight train shading` (a .safetensors path)."""
     networks = {"shading": ShadingField, "shading-per-light": PerLightShading}
     return checkpoints.load(name, networks, package="shading", device=device)

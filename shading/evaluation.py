@@ -1,4 +1,4 @@
-"""Table 6 and Figure 6: shading against path-traced truth; and what old light is left in the albedo."""
+"""Score shading against path tracing (Table 6, Figure 6), and measure shadows that remain in the albedo."""
 
 from collections.abc import Iterable, Mapping
 from dataclasses import dataclass, field
@@ -19,46 +19,46 @@ from shadow.framing import canvas_size
 from shadow.networks.backbone import ENCODING
 
 BASE = "base image"
-BINARY = "base image, binary visibility"  # as the paper's maps are
-ROWS = {  # of Table 6: what each network must be, and what the paper prints
+BINARY = "base image, binary visibility"  # as in the paper, whose maps are binary
+ROWS = {  # of Table 6: the inputs (normals, visibility) of each network, and the paper's RMSE and SSIM
     "baseline visibility": ((True, "baseline"), "0.153 (0.024)", "0.702 (0.062)"),
     "w/o both": ((False, None), "0.140 (0.025)", "0.746 (0.057)"),
     "w/o visibility": ((True, None), "0.139 (0.023)", "0.734 (0.058)"),
     "w/o normals": ((False, "inferred"), "0.137 (0.023)", "0.749 (0.056)"),
     "ours": ((True, "inferred"), "0.135 (0.024)", "0.751 (0.056)"),
 }
-KEY_SHARE = 0.3  # of the photograph's light that one lamp must give, for its shadow to be looked for
-SHOWN = 6  # views of Figure 6
+KEY_SHARE = 0.3  # the shadow of the strongest lamp is evaluated if the lamp has this share of the light
+FIGURE_VIEWS = 6  # rows of Figure 6
 ERROR_WHITE = 0.5  # absolute error that the heatmaps show as brightest
 
 
 @dataclass(frozen=True)
 class Tally:
-    """One value a map: a map is one light of one record."""
+    """RMSE and SSIM of maps, collected. A map is that of one light and one record."""
 
     rmse: list[float] = field(default_factory=list)
     ssim: list[float] = field(default_factory=list)
 
     def add(self, estimate: torch.Tensor, truth: torch.Tensor, inside: torch.Tensor) -> None:
-        """Maps (D, H, W) of one record; inside: (H, W) bool."""
+        """Score maps (D, H, W) of one record; inside: (H, W) bool."""
         self.rmse.extend(metrics.rmse(estimate, truth, inside).tolist())
         self.ssim.extend(metrics.ssim(estimate, truth, inside).tolist())
 
 
 @dataclass(frozen=True)
 class Delight:
-    """One value a photograph with a hard shadow: of an image that is taken for the albedo."""
+    """Scores of an albedo estimate, one for each photograph with a hard shadow."""
 
-    lit: list[float] = field(default_factory=list)  # L1 of the encoded albedo where the key light falls
-    shadow: list[float] = field(default_factory=list)  # and in its shadow
-    left: list[float] = field(default_factory=list)  # stops by which the shadow is darker than it should be
+    lit: list[float] = field(default_factory=list)  # L1 of the encoded albedo in the key light
+    shadow: list[float] = field(default_factory=list)  # the same in the shadow of the key light
+    left: list[float] = field(default_factory=list)  # stops by which the albedo is too dark in that shadow
 
     def add(
         self, encoded: torch.Tensor, truth: torch.Tensor, lit: torch.Tensor, shadow: torch.Tensor
     ) -> None:
-        """Encoded albedo (3, H, W), estimated and true; lit, shadow: (H, W) bool."""
+        """Score encoded albedo (3, H, W), estimated against true; lit, shadow: (H, W) bool."""
         scale = (truth * lit).sum((-2, -1)) / (encoded * lit).sum((-2, -1)).clamp_min(1e-3)
-        encoded = encoded * scale[:, None, None]  # exposure and white balance are nobody's to know
+        encoded = encoded * scale[:, None, None]  # since exposure and white balance are ambiguous
         error = (encoded - truth).abs().mean(dim=0)
         stops = ENCODING * torch.log2(encoded.clamp_min(0.02) / truth.clamp_min(0.02)).mean(dim=0)
         self.lit.append(float(error[lit].mean()))
@@ -79,32 +79,42 @@ def evaluate(
 ) -> tuple[dict[str, Tally], dict[str, Delight]]:
     """Score shading networks on records with bounce light, as Table 6 does, and the albedo of "ours".
 
-    Every record is photographed once under a random lighting fixed by `seed`, framed on the canvas, and asked
-    for its frontal lights. RMSE is masked, SSIM is of the mask's bounding box (Section 4.4).
+    Each record is photographed once under a random lighting that `seed` determines, and framed on the canvas.
+    Its frontal lights are scored by RMSE inside the mask and SSIM in the mask's bounding box (Section 4.4).
 
     Parameters
     ----------
-    paths: record folders or shards, made with `relight stage --shading`.
-    models: {row of Table 6: name or .safetensors path}; "ours" is the shipped one unless given.
-    out: PNG to draw Figure 6 into, or None.
-    field_model, normals_model: names or paths of the field that all rows take their visibility from, and of
-        what they take their normals from, if not the same.
-    limit: use this many records, spread evenly.
+    paths
+        Record folders or shards, made with `relight stage --shading`.
+    models
+        {row of Table 6: name or .safetensors path}; "ours" is the shipped one unless given.
+    out
+        Path of a PNG for Figure 6, or None.
+    field_model
+        Name or path of the visibility field whose maps all rows take.
+    normals_model
+        Name or path of the network whose normals all rows take; by default the visibility field.
+    seed
+        Seed of the random lightings.
+    limit
+        Use this many records, spread evenly.
 
     Returns
     -------
-    {row: Tally}, the base image that "ours" starts from among them, and {"photograph" or "albedo": Delight}.
+    tuple[dict[str, Tally], dict[str, Delight]]
+        {row: Tally}, including the base image of "ours", and {"photograph" or "albedo": Delight}.
 
     Raises
     ------
-    FileNotFoundError, ValueError: no records, records without bounce light, damaged weights, a network that
-    is not what its row says.
+    FileNotFoundError, ValueError
+        There are no records, records lack bounce light, weights are damaged, or a network does not match its
+        row.
     """
     networks = {name: diffuse.load(path) for name, path in {"ours": "shading", **(models or {})}.items()}
     for name, network in networks.items():
         inputs = getattr(network, "normals", True), getattr(network, "visibility", "inferred")
         if name in ROWS and inputs != ROWS[name][0]:
-            raise ValueError(f"model: the network given for {name!r} was not trained as that")
+            raise ValueError(f"model: the network given for the row {name!r} was not trained with its inputs")
     field = visibility.load(field_model)
     elsewhere = None if normals_model is None else normals.load(normals_model)
     found = Records(paths)
@@ -114,7 +124,7 @@ def evaluate(
     for number, index in enumerate(track(chosen, "evaluating")):
         record, rng = found[index], np.random.default_rng((seed, index))
         if record.bounce_float16 is None:
-            raise ValueError("records: made without bounce light; render them with `relight stage --shading`")
+            raise ValueError("records: have no bounce light; render them with `relight stage --shading`")
         view = sample(record, rng, canvas_size(networks["ours"].size), augment=False)
         rgb, mask = photograph(view["rgb"], view["mask"], rng), view["mask"][0]
         frontal, inside = view["directions"][:, 2] > FRONTAL, mask > 0.5
@@ -134,7 +144,7 @@ def evaluate(
                 _score_albedo(delights, analysed.albedo, view, rgb, inside)
         for name, shading in maps.items():
             tallies[name].add(shading, truth, inside)
-        if out is not None and number % max(1, len(chosen) // SHOWN) == 0:
+        if out is not None and number % max(1, len(chosen) // FIGURE_VIEWS) == 0:
             rows.append(_figure_row(rgb * inside, truth, maps, (7 * number + 20) % len(lights)))
     if out is not None:
         pictures.write_grid(out, rows)
@@ -148,12 +158,15 @@ def _score_albedo(
     rgb: torch.Tensor,
     inside: torch.Tensor,
 ) -> None:
-    """Tally the albedo, and beside it the photograph, if one lamp of the lighting is strong enough."""
+    """Score the albedo, and the photograph as a baseline, if one lamp of the lighting is strong enough.
+
+    Appends to `delights`, {"photograph" or "albedo": Delight}.
+    """
     power = view["weights"].sum(dim=1)
     key = int(power.argmax())
     facing = torch.einsum("c,chw->hw", view["directions"][key], view["normals"]) > 0.1
     lit = inside & facing & (view["visibility"][key] > 0.9)
-    shadow = inside & facing & (view["visibility"][key] < 0.1)  # cast: the part that has an edge
+    shadow = inside & facing & (view["visibility"][key] < 0.1)  # cast shadow only, which has a hard edge
     if albedo is None or power[key] < KEY_SHARE * power.sum() or min(lit.sum(), shadow.sum()) < 100:
         return
     truth = view["albedo"] ** (1 / ENCODING)
@@ -164,7 +177,7 @@ def _score_albedo(
 def _figure_row(
     photo: torch.Tensor, truth: torch.Tensor, maps: dict[str, torch.Tensor], light: int
 ) -> list[torch.Tensor]:
-    """Photograph, truth, then each estimate with its absolute error."""
+    """Make one row of Figure 6: photograph, truth, and each estimate with its absolute error."""
     columns = [pictures.show_linear(photo), pictures.show_linear(truth[light][None])]
     for shading in maps.values():
         error = (shading[light] - truth[light]).abs() / ERROR_WHITE
@@ -173,7 +186,7 @@ def _figure_row(
 
 
 def report(tallies: dict[str, Tally], delights: dict[str, Delight]) -> str:
-    """The scores as Markdown tables, the paper's beside them."""
+    """Format the scores as Markdown tables beside those of the paper."""
     rows = [
         "| variant | RMSE ↓ | SSIM ↑ | paper: RMSE | paper: SSIM |",
         "|---|---|---|---|---|",
@@ -186,7 +199,7 @@ def report(tallies: dict[str, Tally], delights: dict[str, Delight]) -> str:
         rows.append(f"| {' | '.join((name, *own, *paper))} |")
     rows += [
         "",
-        "| taken for the albedo | L1, lit ↓ | L1, in shadow ↓ | shadow left, stops ↓ |",
+        "| albedo from | L1, lit ↓ | L1, in shadow ↓ | shadow left, stops ↓ |",
         "|---|---|---|---|",
     ]
     for name, delight in delights.items():

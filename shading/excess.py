@@ -1,7 +1,7 @@
-"""Albedo that no surface has: brighter than paint can be, or more colourful in shadow than where it is lit.
+"""Measure implausible albedo: brighter than any paint, or more saturated in shadow than in the light.
 
-A light that is bluer or warmer than another leaves its colour in what only it reaches. An albedo that takes
-this for paint is wrong, and relit it glows.
+Where one light of several is occluded, a photograph has the colour of the others. An albedo that keeps this
+colour is wrong, and glows when it is relit.
 """
 
 from collections.abc import Iterable
@@ -17,25 +17,26 @@ from shadow import visibility
 from shadow.data.photographs import everyday_lighting, photograph, sample
 from shadow.data.records import Records
 from shadow.framing import canvas_size
+from shadow.networks.backbone import ENCODING
 
-BRIGHTEST = 0.9  # of fresh snow, or chalk
-MARGIN = 0.12  # of saturation in [0, 1], which noise and eight bits may add
-BINS = 12  # steps of each channel of the encoded true albedo: pixels in one bin are of one material
-FEWEST = 40  # lit canvas pixels of a material, to compare with
-DARK, LIT = 0.15, 0.5  # of the most light that falls on a pixel of the view
+BRIGHTEST_PAINT = 0.9  # albedo of fresh snow or chalk
+SATURATION_MARGIN = 0.12  # saturation in [0, 1] that noise and quantisation to 8 bits may add
+BINS = 12  # in each channel of the encoded true albedo; pixels in one bin count as one material
+MIN_LIT_PIXELS = 40  # of a material, for a comparison
+DARK_SHARE, LIT_SHARE = 0.15, 0.5  # of the light on the brightest pixel of the view
 
 
 class Excess(NamedTuple):
-    """Shares of the subject's pixels, over all views."""
+    """Fractions of the subject's pixels, over all views."""
 
-    bright: float  # whose albedo is above BRIGHTEST
-    colourful: float  # in shadow, more saturated by MARGIN than the median of their material where it is lit
-    compared: float  # in shadow, of a material that is also lit: of so many could it be said
+    bright: float  # with an albedo above BRIGHTEST_PAINT
+    colourful: float  # in shadow, and more saturated than the median of the same material in light
+    compared: float  # in shadow, and of a material that is in light elsewhere, so that it can be compared
     views: int
 
     @property
     def wrong(self) -> float:
-        """The two kinds of mistakes together."""
+        """The fraction with either of the two errors."""
         return self.bright + self.colourful
 
 
@@ -48,13 +49,13 @@ def evaluate(
     seed: int = 0,
     limit: int | None = None,
 ) -> dict[str, Excess]:
-    """Measure the mistakes of the albedo on records, each photographed once in light as of
-    `photographs.everyday_lighting`: keys warmer than the sky.
+    """Measure implausible albedo on records.
 
-    paths: record folders or shards. model, field_model: names of shipped weights or .safetensors paths.
-    limit: use this many records, spread evenly. Returns {"photograph" or "albedo": Excess}; the photograph,
-    exposed to the albedo's own brightness, is what one has without an albedo. Raises ValueError if the
-    network infers no albedo.
+    Each record is photographed once under `photographs.everyday_lighting`, whose key lights are warmer than
+    the sky. paths: record folders or shards. model, field_model: names of shipped weights or .safetensors
+    paths. limit: use this many records, spread evenly. Returns {"photograph" or "albedo": Excess}; the
+    photograph, scaled to the brightness of the albedo, is the baseline. Raises ValueError if the network
+    infers no albedo.
     """
     network, field, found = diffuse.load(model), visibility.load(field_model), Records(paths)
     chosen = found.spread(limit or len(found))
@@ -81,36 +82,38 @@ def evaluate(
 
 
 def count(estimate: np.ndarray, truth: np.ndarray, light: np.ndarray) -> np.ndarray:
-    """Pixels that are too bright, too colourful, compared, and all, of linear albedo (N, 3), its truth (N, 3)
-    and the light (N,) that falls there, on any scale."""
+    """Count the pixels that are too bright, too saturated, compared, and all pixels.
+
+    estimate, truth: linear albedo (N, 3). light: (N,) light on each pixel, on any scale.
+    """
     saturation, true_saturation = _saturation(estimate), _saturation(truth)
     light = light / max(np.percentile(light, 99), 1e-6)
-    encoded = np.clip(truth, 0, 1) ** (1 / 2.2)
+    encoded = np.clip(truth, 0, 1) ** (1 / ENCODING)
     steps = np.minimum((encoded * BINS).astype(int), BINS - 1)
     material = steps @ [BINS * BINS, BINS, 1]
     colourful, compared = np.zeros(len(light), bool), np.zeros(len(light), bool)
     for one in np.unique(material):
         mine = material == one
-        lit, dark = mine & (light > LIT), mine & (light < DARK)
-        if lit.sum() < FEWEST or not dark.any():
+        lit, dark = mine & (light > LIT_SHARE), mine & (light < DARK_SHARE)
+        if lit.sum() < MIN_LIT_PIXELS or not dark.any():
             continue
         compared |= dark
-        # Paint itself differs a little within a bin.
+        # The true saturation varies within a bin.
         own = true_saturation - np.median(true_saturation[lit])
-        colourful |= dark & (saturation - own > np.median(saturation[lit]) + MARGIN)
-    bright = estimate.max(axis=1) > BRIGHTEST
+        colourful |= dark & (saturation - own > np.median(saturation[lit]) + SATURATION_MARGIN)
+    bright = estimate.max(axis=1) > BRIGHTEST_PAINT
     return np.array([bright.sum(), (colourful & ~bright).sum(), compared.sum(), len(light)], float)
 
 
 def _saturation(linear: np.ndarray) -> np.ndarray:
-    """(N,) of colours (N, 3): 0 grey, 1 pure; hardly any of what is almost black."""
+    """Return the saturation (N,) of colours (N, 3), 0 for grey, 1 for pure, and near 0 for near-black."""
     top = linear.max(axis=1)
     return (top - linear.min(axis=1)) / np.maximum(top, 0.02)
 
 
 def report(found: dict[str, Excess]) -> str:
-    """The shares as a Markdown table."""
-    rows = ["| taken for the albedo | above 0.9, % ↓ | more colourful in shadow, % ↓ | together, % ↓ |"]
+    """Format the fractions as a Markdown table."""
+    rows = ["| albedo from | above 0.9, % ↓ | more colourful in shadow, % ↓ | together, % ↓ |"]
     rows.append("|---|---|---|---|")
     for name, each in found.items():
         shares = " | ".join(f"{100 * x:.2f}" for x in (each.bright, each.colourful, each.wrong))

@@ -1,4 +1,4 @@
-"""Losses of the shading networks, for the shared fit loop."""
+"""Losses, scores and pictures of the shading networks, for the training loop."""
 
 import functools
 from collections.abc import Callable, Iterator
@@ -8,19 +8,21 @@ import torch
 import torch.nn.functional as F
 from torch import nn
 
-from shading.diffuse import Diffuse, PerLightShading, ShadingField, base
+from shading.diffuse import Diffuse, PerLightShading, ShadingField, Visible, base
 from shadow.evaluation import metrics, pictures
 from shadow.networks.backbone import ENCODING, take_blocks
 from shadow.training.recipes import Task
 from shadow.training.tasks import random_blocks
 
-SOFT = 0.05  # shading error below which the loss is square; beyond, it seeks the median: lit or dark, no haze
-SHADING = 5.0  # weight of the error in the shading
-ABSOLUTE = 0.2  # weight of the error in the albedo's overall colour and brightness
-AGREEMENT = 0.5  # weight of the error in the photograph that albedo and shading make together
+# Shading error at which the loss changes from quadratic to linear. The minimum of a linear loss is the
+# median, which is lit or dark; that of a quadratic loss is the mean, which makes shadows grey.
+LOSS_KNEE = 0.05
+SHADING_WEIGHT = 5.0  # of the error of the shading
+ABSOLUTE_WEIGHT = 0.2  # of the error of the albedo's overall colour and brightness
+PHOTOGRAPH_WEIGHT = 0.5  # of the error of the photograph that albedo and shading reproduce
 
 Batch = dict[str, Any]
-Take = Callable[[torch.Tensor], torch.Tensor]  # of maps (..., H, W), some of their pixels
+Take = Callable[[torch.Tensor], torch.Tensor]  # selects pixels of maps (..., H, W)
 
 
 def _encoded(linear: torch.Tensor) -> torch.Tensor:
@@ -28,33 +30,40 @@ def _encoded(linear: torch.Tensor) -> torch.Tensor:
 
 
 def _aligned(estimate: torch.Tensor, truth: torch.Tensor, inside: torch.Tensor) -> torch.Tensor:
-    """The estimate, each channel scaled to the truth's mean inside the mask.
+    """Scale each channel of the estimate to the truth's mean inside the mask.
 
-    Exposure and the colour of the light cannot be told from those of the albedo (image = albedo × light), and
-    without this their error drowns that of the shadows left behind. The gradient is that of the whole: with
-    the scale held fixed, shadows left in the albedo pull all of it darker.
+    Since image = albedo × light, the exposure and colour of the light are ambiguous. Without this scaling,
+    their error would be much larger than that of shadows that remain in the albedo. The gradient includes the
+    scale: with a constant scale, shadows that remain in the albedo would make all of it darker.
     """
     means = [(image * inside).sum(dim=(-2, -1), keepdim=True) for image in (truth, estimate)]
     return estimate * (means[0] / means[1].clamp_min(1e-3)).clamp(0.2, 5)
 
 
 def true_shading(batch: Batch, take: Take = lambda image: image) -> torch.Tensor:
-    """Path-traced shading (B, L, H, W) of the batch's directions, at most 1, where `take` takes it."""
+    """Return the path-traced shading (B, L, H, W), at most 1, of the batch's directions.
+
+    `take` selects pixels of the maps.
+    """
     normals, visibility, bounce = (take(batch[key]) for key in ("normals", "visibility", "bounce"))
     indirect = torch.einsum("blk,bkhw->blhw", batch["bounce_patterns"], bounce).clamp_min(0)
     return (base(normals, visibility, batch["directions"]) + indirect).clamp_max(1)
 
 
 def _inferred(batch: Batch, directions: torch.Tensor, take: Take = lambda image: image) -> torch.Tensor:
-    """Visibility (B, D, H, W) of unit directions (B, D, 3) by the batch's field where `take` takes it, zero
-    outside the matte, as the field's `analyse` gives it in use."""
+    """Infer visibility (B, D, H, W) of unit directions (B, D, 3) by the batch's field.
+
+    It is zero outside the matte, like the result of the field's `analyse`. `take` selects pixels of the maps.
+    """
     maps, matte = batch["visibility_maps"].at(take), take(batch["matte"])
     return batch["visibility_network"].log_visibility(maps, directions).exp() * (matte > 0)
 
 
 def _shading_error(estimate: torch.Tensor, truth: torch.Tensor, inside: torch.Tensor) -> torch.Tensor:
-    """L1, square near zero, of the shading and of its differences between neighbours, which are the shadows'
-    edges. Of 2 x 2 blocks (B, L, 4, ...). Below zero is right where the truth is 0: there it is held to 0."""
+    """Return the smooth L1 error of the shading and of its differences between neighbours (shadow edges).
+
+    Both are 2 x 2 blocks (B, L, 4, ...). Estimates below zero have no error where the truth is 0.
+    """
     difference = torch.where((estimate < 0) & (truth < 1e-3), 0.0, estimate - truth)
     total = (_soft(difference) * inside).sum()
     whole = inside.amin(dim=2, keepdim=True)
@@ -63,28 +72,37 @@ def _shading_error(estimate: torch.Tensor, truth: torch.Tensor, inside: torch.Te
 
 
 def _soft(error: torch.Tensor) -> torch.Tensor:
-    return (error.square() + SOFT**2).sqrt() - SOFT
+    return (error.square() + LOSS_KNEE**2).sqrt() - LOSS_KNEE
 
 
 def _edges(blocks: torch.Tensor) -> list[torch.Tensor]:
-    """Differences between columns, and between rows, of 2 x 2 blocks (B, C, 4, ...): (B, C, 2, ...)."""
+    """Return the differences (B, C, 2, ...) between the columns, and between the rows, of 2 x 2 blocks.
+
+    The blocks are (B, C, 4, ...).
+    """
     top, bottom, left, right = (0, 1), (2, 3), (0, 2), (1, 3)
     return [blocks[:, :, a] - blocks[:, :, b] for a, b in ((top, bottom), (left, right))]
 
 
 def _albedo_error(estimate: torch.Tensor, truth: torch.Tensor, inside: torch.Tensor) -> torch.Tensor:
-    """L1 of the aligned encoded albedo and of its differences between neighbours, which hold texture and
-    refuse shadow edges; and a little L1 of the albedo as it is. Of 2 x 2 blocks (B, 3, 4, P)."""
+    """Return the L1 error of the aligned encoded albedo and of its differences between neighbours.
+
+    The differences preserve texture and penalise shadow edges. The L1 error without alignment is added with a
+    small weight. Both are 2 x 2 blocks (B, 3, 4, P).
+    """
     difference = (_aligned(estimate, truth, inside) - truth) * inside
     whole = inside.amin(dim=2, keepdim=True)
-    total = difference.abs().sum() + ABSOLUTE * ((estimate - truth) * inside).abs().sum()
+    total = difference.abs().sum() + ABSOLUTE_WEIGHT * ((estimate - truth) * inside).abs().sum()
     total = total + sum((edge * whole).abs().sum() for edge in _edges(difference))
     return total / (3 * inside.sum()).clamp_min(1)
 
 
 def shading_loss(network: nn.Module, batch: Batch) -> torch.Tensor:
-    """Errors of shading and albedo, and of the photograph that they make under the lighting it was taken in:
-    what one takes for shadow the other must not take for paint."""
+    """Return the weighted errors of shading, albedo, and the photograph that they reproduce in its lighting.
+
+    The error of the photograph keeps shading and albedo consistent: what is shadow in one must not be paint
+    in the other.
+    """
     model: Any = getattr(network, "module", network)
     with torch.no_grad():
         anchors = model.anchors.expand(len(batch["rgb"]), -1, -1)
@@ -103,16 +121,16 @@ def shading_loss(network: nn.Module, batch: Batch) -> torch.Tensor:
             (albedo, shading),
         )
     )
-    agreement = ((_aligned(estimated, photographed, inside) - photographed) * inside).abs().sum()
+    reproduction = ((_aligned(estimated, photographed, inside) - photographed) * inside).abs().sum()
     return (
-        SHADING * _shading_error(estimate, shading, inside)
+        SHADING_WEIGHT * _shading_error(estimate, shading, inside)
         + _albedo_error(maps.albedo, _encoded(albedo), inside)
-        + AGREEMENT * agreement / (3 * inside.sum()).clamp_min(1)
+        + PHOTOGRAPH_WEIGHT * reproduction / (3 * inside.sum()).clamp_min(1)
     )
 
 
-def _diffuse(network: Any, batch: Batch) -> Iterator[tuple[Diffuse, Take]]:
-    """Diffuse of each photograph of the batch."""
+def _diffuse(network: Any, batch: Batch) -> Iterator[tuple[Diffuse, Visible]]:
+    """Yield, for each photograph of the batch, its Diffuse and the visibility as a function of directions."""
     for i in range(len(batch["rgb"])):
         rgb, matte, surface = batch["rgb"][i], batch["matte"][i, 0], batch["estimated_normals"][i]
         visibility = lambda lights, i=i: _inferred(batch, lights[None], lambda image: image[i : i + 1])[0]  # noqa: E731
@@ -120,8 +138,11 @@ def _diffuse(network: Any, batch: Batch) -> Iterator[tuple[Diffuse, Take]]:
 
 
 def _shading_score(network: nn.Module, batch: Batch) -> dict[str, float]:
-    """RMSE of the shading beside that of the base image; L1 of the aligned encoded albedo beside that of the
-    photograph itself."""
+    """Return the scores of a batch.
+
+    They are the RMSE of the shading and of the base image, and the L1 error of the encoded albedo and of the
+    photograph, both aligned.
+    """
     inside, truth = batch["mask"] > 0.5, true_shading(batch)
     analysed = list(_diffuse(network, batch))
     shading = torch.stack(
@@ -158,7 +179,7 @@ def _shading_show(network: nn.Module, batch: Batch) -> Iterator[list[torch.Tenso
 
 
 def shading_task(normals: bool = True, visibility: str | None = "inferred") -> Task:
-    """The one-pass residual field; with other arguments, the ablations of Table 6."""
+    """Return the task of the shading field; arguments that are not the defaults give ablations of Table 6."""
     config = {"normals": normals, "visibility": visibility, "gains": 3}
     return Task(
         "shading", ShadingField, shading_loss, _shading_score, _shading_show, 40, True, config, {}, True
@@ -166,7 +187,7 @@ def shading_task(normals: bool = True, visibility: str | None = "inferred") -> T
 
 
 def per_light_loss(network: nn.Module, batch: Batch) -> torch.Tensor:
-    """L1 of the linear shading (Sections 3 and 4.4)."""
+    """Return the L1 error of the linear shading (Sections 3 and 4.4)."""
     with torch.no_grad():
         visible = _inferred(batch, batch["directions"])
     estimate = network(batch["image"], batch["estimated_normals"], visible, batch["directions"])
@@ -175,7 +196,7 @@ def per_light_loss(network: nn.Module, batch: Batch) -> torch.Tensor:
 
 
 def per_light_task(latent: str = "resb7") -> Task:
-    """The paper's network, one forward a light."""
+    """Return the task of the paper's network, which needs one forward for each light."""
     recipe = {"batch": 2, "lights": 4, "learning_rate": 5e-4}
     return Task(
         "shading-per-light", PerLightShading, per_light_loss, _shading_score, _shading_show, 20, True,
