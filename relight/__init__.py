@@ -8,61 +8,66 @@ from importlib import import_module
 from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:  # for editors and type checkers, which don't follow `__getattr__`
-    from relight.analysing import analyse_shot
-    from relight.cluster import render_distributed
-    from relight.composite import over, place
-    from relight.farm import write_job
-    from relight.fitting import fit_lights
-    from relight.floor import Floor
-    from relight.keying import key
+    from relight.compositing.composite import over
+    from relight.compositing.floor import Floor
+    from relight.compositing.placement import place
+    from relight.distributed.dask_cluster import render_distributed
+    from relight.distributed.openjd import write_job
+    from relight.light_estimation import fit_lights, match
     from relight.lights.directional import DirectionalLight
     from relight.lights.environment import EnvironmentLight
-    from relight.lights.files import read_lights, write_lights
     from relight.lights.moving import MovingLight
     from relight.lights.near import PointLight, RectLight
-    from relight.matching import match
-    from relight.matting import matte
+    from relight.matting.chroma_key import key
+    from relight.matting.networks import matte
     from relight.media.images import read, read_layers, read_mask, read_normals, write, write_mask
-    from relight.olat import write_olat
+    from relight.pipeline.analyse import analyse_shot
+    from relight.pipeline.export import export_person
+    from relight.pipeline.olat import write_olat
+    from relight.pipeline.options import Compute, Lighting, Output, Source
+    from relight.pipeline.render import render_shot
     from relight.rendering import apply, render
-    from relight.stills import render_still
+    from relight.scene.lights import read_lights, write_lights
     from relight.subject import Subject
-    from relight.video import render_video
-    from relight.viewer.writing import write_view
+    from relight.viewer.shot import write_view
 
 __version__ = "0.2.0"
 
 _EXPORTS = {
+    "Compute": "relight.pipeline.options",
     "DirectionalLight": "relight.lights.directional",
     "EnvironmentLight": "relight.lights.environment",
-    "Floor": "relight.floor",
+    "Floor": "relight.compositing.floor",
+    "Lighting": "relight.pipeline.options",
     "MovingLight": "relight.lights.moving",
+    "Output": "relight.pipeline.options",
     "PointLight": "relight.lights.near",
     "RectLight": "relight.lights.near",
+    "Source": "relight.pipeline.options",
     "Subject": "relight.subject",
-    "analyse_shot": "relight.analysing",
+    "analyse_shot": "relight.pipeline.analyse",
     "apply": "relight.rendering",
-    "fit_lights": "relight.fitting",
-    "key": "relight.keying",
-    "match": "relight.matching",
-    "matte": "relight.matting",
-    "over": "relight.composite",
-    "place": "relight.composite",
+    "export_person": "relight.pipeline.export",
+    "fit_lights": "relight.light_estimation",
+    "key": "relight.matting.chroma_key",
+    "match": "relight.light_estimation",
+    "matte": "relight.matting.networks",
+    "over": "relight.compositing.composite",
+    "place": "relight.compositing.placement",
     "read": "relight.media.images",
     "read_layers": "relight.media.images",
-    "read_lights": "relight.lights.files",
+    "read_lights": "relight.scene.lights",
     "read_mask": "relight.media.images",
     "read_normals": "relight.media.images",
     "render": "relight.rendering",
-    "render_distributed": "relight.cluster",
-    "render_still": "relight.stills",
-    "render_video": "relight.video",
+    "render_distributed": "relight.distributed.dask_cluster",
+    "render_shot": "relight.pipeline.render",
     "write": "relight.media.images",
-    "write_job": "relight.farm",
-    "write_lights": "relight.lights.files",
+    "write_job": "relight.distributed.openjd",
+    "write_lights": "relight.scene.lights",
     "write_mask": "relight.media.images",
-    "write_olat": "relight.olat",
-    "write_view": "relight.viewer.writing",
+    "write_olat": "relight.pipeline.olat",
+    "write_view": "relight.viewer.shot",
 }
 
 __all__ = list(_EXPORTS)

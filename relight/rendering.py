@@ -1,29 +1,29 @@
-"""Lights in, picture out; and its layers: light groups that sum to the picture, and passes it is made of."""
+"""Render a picture of a relit person, its light groups, which sum to the picture, and its passes."""
 
 import os
-from collections.abc import Callable, Iterable, Sequence
+from collections.abc import Callable, Iterable
 from pathlib import Path
 
 import numpy as np
 import torch
 
-from relight.composite import behind, over
-from relight.floor import Floor
-from relight.lights.environment import FIELD_OF_VIEW, EnvironmentLight
-from relight.lights.light import Light, by_name
+from relight.analysis.infer import check_inputs, infer
+from relight.compositing.composite import Background, behind, over
+from relight.compositing.floor import Floor
+from relight.lights.environment import FIELD_OF_VIEW
+from relight.lights.light import Lights, by_name
 from relight.media.images import Metadata, half
 from relight.subject import Subject
 
-PASSES = ("albedo", "N", "Z", "visibility", "shading")
+PASSES = ("albedo", "N", "Z", "P", "visibility", "shading")
 EXR_TYPES = ("half", "float")
 
-Background = np.ndarray | Sequence[float] | EnvironmentLight
 Layers = dict[str, np.ndarray]
 
 
 def apply(
     image: np.ndarray,
-    lights: Light | Iterable[Light],
+    lights: Lights,
     *,
     background: Background | None = None,
     mask: np.ndarray | None = None,
@@ -39,33 +39,48 @@ def apply(
 
     Parameters
     ----------
-    image: (H, W, 3|4). Integers are sRGB-encoded with straight alpha; floats linear Rec.709, premultiplied.
-    lights: a light, or any number of them.
-    background: image of any size, fitted to cover the frame; a linear (r, g, b); or a
-        relight.EnvironmentLight, as a camera sees it (see `over`). None keeps the alpha.
-    mask: (H, W) in [0, 1], the matte of the person; needed unless the image has alpha.
-    albedo: (H, W, 3) to use instead of inferring it.
-    normals: (H, W, 3) camera-frame normals to use instead of inferring them; or anything else that
-        `shadow.normals.load` takes.
-    depth, height, field_of_view: of the person and the photograph's camera, which lights in the room need; as
-        of `relight.Subject`.
-    floor: relight.Floor that the person stands on: their shadow falls on the background.
-    device: where the networks run, such as "cuda"; the CPU unless given.
+    image
+        (H, W, 3|4). Integers are sRGB-encoded with straight alpha; floats linear Rec.709, premultiplied.
+    lights
+        A light, or any number of them.
+    background
+        An image of any size, scaled to cover the frame; a linear (r, g, b); or a relight.EnvironmentLight,
+        which is rendered as the camera sees it (see `relight.over`). None keeps the alpha.
+    mask
+        (H, W) in [0, 1], the matte of the person; needed unless the image has alpha.
+    albedo
+        (H, W, 3), replaces the inferred albedo.
+    normals
+        (H, W, 3) camera-frame normals that replace the inferred ones, or anything else that
+        `shadow.normals.load` accepts.
+    depth, height, field_of_view
+        Properties of the person and the photograph's camera, see `relight.Subject`. Near lights need them.
+    floor
+        relight.Floor on which the person stands. The person's shadow on it is cast on the background.
+    device
+        Device of the networks, such as "cuda"; the CPU by default.
 
     Returns
     -------
-    (H, W, 4) float32, linear Rec.709, premultiplied; or (H, W, 3) over a background. Exactly linear in the
-    lights' intensities, unbounded.
+    np.ndarray
+        (H, W, 4) float32, linear Rec.709, premultiplied; or (H, W, 3) over a background. Exactly linear in
+        the lights' intensities, unbounded.
 
     Raises
     ------
-    TypeError, ValueError: as `Subject`, `Subject.relit` and `over` do.
+    TypeError, ValueError
+        What `relight.Subject`, `Subject.relit` and `relight.over` refuse.
+
+    Examples
+    --------
+    >>> import numpy as np, relight
+    >>> photo = np.zeros((64, 48, 4), np.float32)
+    >>> photo[8:56, 12:36] = 0.3, 0.3, 0.3, 1
+    >>> key = relight.DirectionalLight(azimuth=-40, elevation=30, intensity=2)
+    >>> relight.apply(photo, key, background=(0.1, 0.1, 0.1)).shape
+    (64, 48, 3)
     """
-    if floor is not None:
-        floor.check(image, mask)
-    subject = Subject(
-        image, mask, albedo, normals, depth=depth, height=height, field_of_view=field_of_view, device=device
-    )
+    subject = _analysed(image, mask, albedo, normals, depth, height, field_of_view, floor, device)
     picture = subject.relit(lights)
     if background is None:
         return picture
@@ -74,7 +89,7 @@ def apply(
 
 def render(
     image: np.ndarray,
-    lights: Light | Iterable[Light],
+    lights: Lights,
     *,
     background: Background | None = None,
     mask: np.ndarray | None = None,
@@ -88,73 +103,111 @@ def render(
     floor: Floor | None = None,
     device: str | torch.device | None = None,
 ) -> tuple[np.ndarray, Layers]:
-    """As `apply`, and the same picture in layers: what an OpenEXR file is written from.
+    """Relight the person in an image, and return the layers of the picture too, for an OpenEXR file.
 
     Parameters
     ----------
-    As `apply`'s; and
-    passes: what the picture is made of, any of "albedo", "N", "Z", "visibility", "shading" (see `passes_of`).
-    exr_type: "half" or "float", what the file will hold: the picture is the sum of groups rounded to it.
+    image, lights, background, mask, albedo, normals, depth, height, field_of_view, floor, device
+        See `relight.apply`.
+    passes
+        Any of "albedo", "N", "Z", "P", "visibility", "shading", see `passes_of`.
+    exr_type
+        "half" or "float", the file's type: the picture is the sum of groups rounded to it.
 
     Returns
     -------
-    The picture and its layers, as `render_subject` returns them.
+    tuple[np.ndarray, Layers]
+        The picture and its layers, see `render_subject`.
 
     Raises
     ------
-    TypeError, ValueError: as `apply` and `render_subject` do.
+    TypeError, ValueError
+        What `relight.apply` and `render_subject` refuse.
+
+    Examples
+    --------
+    >>> import numpy as np, relight
+    >>> photo = np.zeros((64, 48, 4), np.float32)
+    >>> photo[8:56, 12:36] = 0.3, 0.3, 0.3, 1
+    >>> key = relight.DirectionalLight(azimuth=-40, name="key")
+    >>> picture, layers = relight.render(photo, key, passes=["N", "P"])
+    >>> sorted(layers)
+    ['C_key', 'N', 'P']
     """
-    lights = list(by_name(lights).values())  # what is wrong with them is said before the networks run
+    lights = list(by_name(lights).values())  # refuse what is wrong with them before the networks run
     passes = check_names(passes)
     check_exr_type(exr_type)
-    if floor is not None:
-        floor.check(image, mask)
-    subject = Subject(
-        image, mask, albedo, normals, depth=depth, height=height, field_of_view=field_of_view, device=device
-    )
+    subject = _analysed(image, mask, albedo, normals, depth, height, field_of_view, floor, device)
     return render_subject(
         subject, lights, background=background, passes=passes, exr_type=exr_type, floor=floor
     )
 
 
+def _analysed(
+    image: np.ndarray,
+    mask: np.ndarray | None,
+    albedo: np.ndarray | None,
+    normals: np.ndarray | Callable | str | os.PathLike | None,
+    depth: np.ndarray | str | os.PathLike | None,
+    height: float | None,
+    field_of_view: float,
+    floor: Floor | None,
+    device: str | torch.device | None,
+) -> Subject:
+    """Return the subject of an image; refuse a floor on which it cannot stand before the networks run."""
+    given = check_inputs(
+        image, mask, albedo, normals, depth, height=height, field_of_view=field_of_view, device=device
+    )
+    if floor is not None:
+        floor.check(given.matte)
+    return Subject.from_record(infer(given))
+
+
 def render_subject(
     subject: Subject,
-    lights: Light | Iterable[Light],
+    lights: Lights,
     *,
     background: Background | None = None,
     passes: Iterable[str] = (),
     exr_type: str = "half",
     floor: Floor | None = None,
 ) -> tuple[np.ndarray, Layers]:
-    """A picture of an analysed person, and its layers.
+    """Render a picture of an analysed person, and its layers.
 
     Parameters
     ----------
-    subject: relight.Subject.
-    lights: one light or more.
-    background: as of `apply`.
-    passes: further layers, of PASSES.
-    exr_type: as of `render`.
-    floor: as of `apply`.
+    subject
+        relight.Subject.
+    lights
+        One light or more.
+    background, floor
+        See `relight.apply`.
+    passes
+        Further layers, of PASSES.
+    exr_type
+        See `relight.render`.
 
     Returns
     -------
-    The picture, as `apply` returns it, and its layers, ready for `write`: light groups "C_<light>" (H, W, 4)
-    whose colours, so rounded, sum to the picture's; over a background one more, "C_background" (H, W, 3),
-    what is seen of it; and the passes (see `passes_of`). On a floor "shadow_floor_<light>" (H, W, 3) too, by
-    which the background would be multiplied if there were no other light; "C_background" has the shadow of
-    all lights in it.
+    tuple[np.ndarray, Layers]
+        The picture, as `relight.apply` returns it, and its layers, for `relight.write`:
+
+    - "C_<light>" (H, W, 4), light groups whose colours, rounded to `exr_type`, sum to the picture's;
+    - over a background "C_background" (H, W, 3), its visible part with the shadow of all lights in it;
+    - on a floor "shadow_floor_<light>" (H, W, 3), the factor of the background if there were no other light;
+    - the passes, see `passes_of`.
 
     Raises
     ------
-    ValueError: no light, two lights of one name, an unknown pass.
+    ValueError
+        No light, two lights of one name, an unknown pass.
     """
     passes = check_names(passes)
     picture, groups = light_groups(subject, lights, exr_type)
     further, shadow = passes_of(subject, lights, passes), None
     if floor is not None:
-        each, shadow = subject.shadows(lights, floor)
-        further |= {f"shadow_floor_{name}": layer for name, layer in each.items()}
+        per_light, shadow = subject.shadows(lights, floor)
+        further |= {f"shadow_floor_{name}": layer for name, layer in per_light.items()}
     if background is None:
         return picture, groups | further
     check_free(by_name(lights))
@@ -162,29 +215,34 @@ def render_subject(
     return picture[..., :3] + groups["C_background"], groups | further
 
 
-def light_groups(
-    subject: Subject, lights: Light | Iterable[Light], exr_type: str = "half"
-) -> tuple[np.ndarray, Layers]:
-    """The person's picture and what each light gives to it.
+def light_groups(subject: Subject, lights: Lights, exr_type: str = "half") -> tuple[np.ndarray, Layers]:
+    """Render the person's picture, and the part of each light in it.
 
     Parameters
     ----------
-    subject: relight.Subject.
-    lights: one light or more.
-    exr_type: as of `render`.
+    subject
+        relight.Subject.
+    lights
+        One light or more.
+    exr_type
+        See `relight.render`.
 
     Returns
     -------
-    The picture (H, W, 4), linear, premultiplied, and its groups {"C_<light>": (H, W, 4)}, ready for `write`.
-    For half-float files the groups' values are rounded and the picture is their sum: so it still is when they
-    come back from the file. Each carries the matte as its alpha.
+    tuple[np.ndarray, Layers]
+        The picture (H, W, 4), linear, premultiplied, and its groups {"C_<light>": (H, W, 4)}, as
+        `relight.write` takes them. For half-float files the groups are rounded and the picture is their sum,
+        so that it still is after a round trip through the file. Each carries the matte as its alpha.
 
     Raises
     ------
-    ValueError: no light, or two of one name. TypeError: not lights.
+    TypeError
+        Not lights.
+    ValueError
+        No light, or two of one name.
     """
     groups, colour = {}, torch.zeros(())
-    for name, layer in subject.pixels_in_each(lights):
+    for name, layer in subject.pixels_per_light(lights):
         group = torch.from_numpy(_rounded(layer.numpy(), f"C_{name}", exr_type))
         colour = colour + group[:, :3]
         groups[f"C_{name}"] = subject.on_plate(group)
@@ -194,39 +252,47 @@ def light_groups(
 
 
 def _rounded(values: np.ndarray, name: str, exr_type: str) -> np.ndarray:
-    """A layer (..., C) as a file of that kind holds it."""
+    """Return a layer (..., C) as a file of this type holds it."""
     return half(values, name) if exr_type == "half" else values
 
 
 def check_exr_type(exr_type: str) -> None:
-    """ValueError for what a layered file does not hold."""
+    """Raise ValueError for a type that layered files do not have."""
     if exr_type not in EXR_TYPES:
         raise ValueError(f"exr_type: expected {' or '.join(EXR_TYPES)}, got {exr_type!r}")
 
 
-def passes_of(subject: Subject, lights: Light | Iterable[Light], names: Iterable[str]) -> Layers:
-    """What the picture is made of, at the plate's size, zero outside the matte and not premultiplied.
+def passes_of(subject: Subject, lights: Lights, names: Iterable[str]) -> Layers:
+    """Return passes at the plate's size, zero outside the matte and not premultiplied.
 
     Parameters
     ----------
-    subject: relight.Subject.
-    lights: one light or more.
-    names: any of
-        "albedo": (H, W, 3), linear Rec.709.
-        "N": (H, W, 3), normals in the camera frame: x right, y up, z to the camera.
-        "Z": (H, W), metres from the camera along its axis; see `described` for where the origin lies.
-        "visibility": for each light `visibility_<light>` (H, W), the share of it that no part of the person
-            blocks.
-        "shading": for each light `shading_<light>` (H, W, 3), what it would do to a white person: the light
-            group is `albedo × shading_<light> × alpha`.
+    subject
+        relight.Subject.
+    lights
+        One light or more.
+    names
+        Any of "albedo": (H, W, 3), linear Rec.709. "N": (H, W, 3), normals in the camera frame: x right, y
+        up, z to the camera. "Z": (H, W), metres from the camera along its axis. "P": (H, W, 3), metres from
+        the subject's middle in the camera's axes, see `Subject.position`. "visibility": `visibility_<light>`
+        (H, W) for each light, the share of it that the person does not block. "shading": `shading_<light>`
+        (H, W, 3) for each light, the picture of a white person: the light group is `albedo × shading_<light>
+        × alpha`.
 
     Returns
     -------
-    {layer name: array}, float32. Raises ValueError for other names.
+    Layers
+        {layer name: array}, float32.
+
+    Raises
+    ------
+    ValueError
+        Another name.
     """
     names = check_names(names)
     layers = {"albedo": subject.albedo} if "albedo" in names else {}
     layers |= {"N": subject.normals} if "N" in names else {}
+    layers |= {"P": subject.position} if "P" in names else {}
     if "Z" in names:
         layers["Z"] = np.where(subject.matte > 0, subject.distance + subject.depth, np.float32(0))
     named = by_name(lights)
@@ -237,17 +303,30 @@ def passes_of(subject: Subject, lights: Light | Iterable[Light], names: Iterable
     return layers
 
 
-def described(subject: Subject, passes: Iterable[str]) -> Metadata:
-    """What a file's header says of its passes: of Z, `relight:distance`, metres from the camera to the origin
-    of the room, and `relight:focal_length` in pixels, which with Z and a pixel give a position."""
-    if "Z" not in passes:
+def metadata_of(subject: Subject, passes: Iterable[str]) -> Metadata:
+    """Return the header entries that the passes Z and P need.
+
+    `relight:distance` is in metres from the camera to the origin of positions, the subject's middle;
+    `relight:focal_length` in pixels. With Z and a pixel they give a position. `relight:camera` is where the
+    camera is, (x, y, z) in metres, in the axes and from the origin of positions.
+    """
+    if not {"Z", "P"} & set(passes):
         return {}
-    return {"relight:distance": subject.distance, "relight:focal_length": subject.camera.focal}
+    return {
+        "relight:distance": subject.distance,
+        "relight:focal_length": subject.camera.focal,
+        "relight:camera": subject.camera.eye,
+    }
 
 
 def check_names(names: Iterable[str], outputs: Iterable[Path] | None = None) -> tuple[str, ...]:
-    """The names of passes, checked: ValueError unless all are passes'; or, of a picture that goes to files
-    alone, where no .exr among these outputs holds them."""
+    """Check the names of passes, and return them.
+
+    Raises
+    ------
+    ValueError
+        A name is not of PASSES; or no .exr among `outputs`, if these are given, could hold the passes.
+    """
     names = tuple(names)
     for name in names:
         if name not in PASSES:
@@ -258,6 +337,6 @@ def check_names(names: Iterable[str], outputs: Iterable[Path] | None = None) -> 
 
 
 def check_free(names: Iterable[str]) -> None:
-    """ValueError where a light over a background has the name of the background's layer."""
+    """Raise ValueError where a light over a background has the name of the background's layer."""
     if "background" in names:
         raise ValueError("lights: 'background' names the background's layer; give the light another name")

@@ -1,26 +1,29 @@
-"""The analysed person: albedo, normals, visibility and shading, ready for any number of lights."""
+"""The analysed person: albedo, normals, depth, visibility and shading, ready for any number of lights."""
 
 import copy
 import os
 import warnings
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from functools import cached_property
+from pathlib import Path
 from typing import Any, Self
 
 import numpy as np
 import torch
 import torch.nn.functional as F
 
-from relight import keeping, steadying
-from relight.canvas import Canvas
-from relight.depth import Camera
-from relight.floor import Floor, Stance
-from relight.foreground import plate_of
-from relight.inference import infer
-from relight.keeping import Kept
+from relight.analysis import storage, temporal
+from relight.analysis.camera import Camera
+from relight.analysis.foreground import linear_plate
+from relight.analysis.infer import check_inputs, infer
+from relight.analysis.maps import AnalysisMaps
+from relight.analysis.record import AnalysisRecord
+from relight.analysis.upsampling import EXTENSION_SHARE, JointBilateral, encode_guide
+from relight.compositing.floor import Floor
+from relight.compositing.floor_shadow import FloorShadow
 from relight.lights.environment import FIELD_OF_VIEW
-from relight.lights.light import Light, as_lights, by_name
-from relight.upsampling import JointBilateral, as_seen
+from relight.lights.light import Light, Lights, as_lights, by_name
+from relight.lights.moving import MovingLight
 from shading.albedo import solve_lighting
 from shadow import inputs
 from shadow.directions import olat
@@ -28,46 +31,70 @@ from shadow.files import AnyPath
 from shadow.framing import Extension, Framed
 from shadow.networks.checkpoints import checksum
 
-REACH = 0.08  # of the canvas, how far maps are continued beyond the matte: for hair and soft edges
-AT_ONCE = 2  # lights whose maps are brought to the plate together: more are no faster and take more memory
+LIGHTS_PER_BATCH = 2  # whose maps are upsampled together: more are no faster and take more memory
 
 
 class Subject:
-    """A person in an image, analysed once; then each light costs a weighted sum and no network.
+    """A person in an image, analysed once. Each light then costs a weighted sum and no network.
 
-    The networks run when the subject is made, so that bad input fails there and relighting takes a
-    predictable time. They see a canvas around the person; what they find is brought back to the plate's own
-    pixels, guided by its colours, while texture comes from the plate itself.
+    The networks run when the subject is made, so bad input fails there, and relighting takes a predictable
+    time. They see a canvas around the person. Their maps are upsampled to the plate, guided by its colours;
+    texture comes from the plate itself.
+
+    A Subject can be pickled and sent to another process. Spawn such processes: a process that is forked after
+    torch has run on two threads or more hangs at its first network (Python's `multiprocessing` forks by
+    default before Python 3.14 on Linux).
 
     Parameters
     ----------
-    image: (H, W, 3|4). Integers are sRGB-encoded with straight alpha; floats linear Rec.709, premultiplied.
-    mask: (H, W) in [0, 1], or uint8 or uint16 over the full range: the matte of the person. Needed unless the
-        image has alpha, which it replaces. Pixels that a mask covers in part, and the rim of a hard mask, are
-        taken to show the background too, so their colour is continued from inside. Small parts far from the
-        person, and faint coverage there, are kept in the alpha, but the networks do not see them (a warning
-        says how many pixels).
-    albedo: (H, W, 3) to use instead of inferring it; integers sRGB, floats linear in [0, 1].
-    normals: (H, W, 3) camera-frame normals (x right, y up, z to the camera) to use instead of inferring them;
-        or anything else that `shadow.normals.load` takes, such as a PIFuHD checkpoint.
-    depth: (H, W) floats, metres along the camera's axis, larger farther away, to use instead of what the
-        normals say; differences alone count. Or the path of an ONNX file, DAViD's depth or multi-task model,
-        whose depth is scaled to that of the normals.
-    height: metres of the person that the matte shows, 1.75 unless given; a warning says so where the frame
-        cuts the person and metres are needed.
-    field_of_view: of the photograph's camera, vertical, in degrees.
-    camera: relight.depth.Camera of another frame, such as the first of a shot: positions are then in the same
-        room, and `height` and `field_of_view` are not looked at.
-    device: where the networks run, such as "cuda"; the CPU unless given. Relighting itself runs on the CPU.
-
-    A Subject can be pickled and sent to another process. Spawn such processes: a process that is forked after
-    torch has run on two threads or more hangs at its first network (Python's `multiprocessing` forks unless
-    it is told otherwise, before Python 3.14 on Linux).
+    image
+        (H, W, 3|4). Integers are sRGB-encoded with straight alpha; floats linear Rec.709, premultiplied.
+    mask
+        (H, W) in [0, 1], or uint8 or uint16 over the full range: the matte of the person. It is needed unless
+        the image has alpha, which it replaces. Pixels with partial coverage, and the rim of a hard mask, are
+        assumed to show the background too, so their colour is extrapolated from inside. Small parts far from
+        the person, and faint coverage there, stay in the alpha, but the networks do not see them (a warning
+        gives the number of pixels).
+    albedo
+        (H, W, 3), replaces the inferred albedo; integers are sRGB, floats linear in [0, 1].
+    normals
+        (H, W, 3) camera-frame normals (x right, y up, z to the camera) that replace the inferred ones, or
+        anything else that `shadow.normals.load` accepts, such as a PIFuHD checkpoint.
+    depth
+        (H, W) floats that replace the depth integrated from the normals: metres along the camera's axis,
+        larger farther away. Its offset has no effect, and values outside the matte are ignored. Or a picture
+        of relative depth, uint8 or uint16, near white or near black, whose scale is fitted to the depth of
+        the normals. Or the path of an ONNX file, DAViD's depth or multi-task model, which is scaled in the
+        same way.
+    height
+        Height in metres of the part of the person that the matte shows, in [0.01, 100]; 1.75 by default. If
+        the frame cuts the person and metres are needed, a warning asks for it.
+    field_of_view
+        Vertical field of view of the photograph's camera in degrees, in [0.001, 170].
+    camera
+        relight.analysis.camera.Camera of another frame, such as the first of a shot. Positions are then in
+        the same world space, and `height` and `field_of_view` have no effect.
+    device
+        Device of the networks, such as "cuda"; the CPU by default. Relighting itself runs on the CPU.
 
     Raises
     ------
-    TypeError: a dtype that is not welcome. ValueError: wrong shapes, NaN or infinite values, values out of
-    range, neither mask nor alpha, an empty mask, an unknown device.
+    TypeError
+        A dtype that is not accepted.
+    ValueError
+        Wrong shapes, NaN or infinite values, values out of range, neither mask nor alpha, an unknown device.
+    relight.errors.EmptyMatteError
+        The matte shows no person.
+
+    Examples
+    --------
+    >>> import numpy as np, relight
+    >>> photo = np.zeros((64, 48, 4), np.float32)
+    >>> photo[8:56, 12:36] = 0.3, 0.3, 0.3, 1
+    >>> subject = relight.Subject(photo)
+    >>> picture = subject.relit([relight.DirectionalLight(azimuth=-40, elevation=30)])
+    >>> picture.shape, picture.dtype.name
+    ((64, 48, 4), 'float32')
     """
 
     def __init__(
@@ -83,266 +110,505 @@ class Subject:
         camera: Camera | None = None,
         device: str | torch.device | None = None,
     ) -> None:
-        self._arrange(infer(image, mask, albedo, normals, depth, height, field_of_view, camera, device))
+        given = check_inputs(image, mask, albedo, normals, depth, height, field_of_view, camera, device)
+        self._set_record(infer(given))
 
-    def save(self, path: AnyPath, *, made_of: Mapping[str, Any] | None = None) -> None:
-        """Keep what was found in a file, .safetensors: `Subject.load` relights it without a network.
-
-        The person's pixels are kept as half floats, the networks' maps in 8 bits: what is relit differs by
-        about 0.001 RMS, of a steadied person by up to 0.0025. `made_of` is what else the file says of its
-        making, as JSON holds it.
-
-        Raises
-        ------
-        ValueError: another suffix. OSError: no such folder, or the file cannot be written.
-        """
-        kept = Kept(self._person, self._colour, self._given, self._exposure, self._framing, self._canvas)
-        keeping.write(path, kept, {"weights": list(weights()), **(made_of or {})})
+    @classmethod
+    def from_record(cls, record: AnalysisRecord) -> Self:
+        """Make a subject of an analysis, see `relight.analysis.infer`."""
+        subject = cls.__new__(cls)
+        subject._set_record(record)
+        return subject
 
     @classmethod
     def load(cls, path: AnyPath) -> Self:
-        """The person that `save`, or `relight analyse`, kept in a file. No network runs or is read.
+        """Load a person that `save`, or `relight analyse`, wrote. No network runs or is read.
 
         Raises
         ------
-        FileNotFoundError: no such file. ValueError: it is damaged, or holds something else.
+        FileNotFoundError
+            No such file.
+        relight.errors.DamagedFileError
+            The file is damaged, or no analysis.
+        relight.errors.StaleAnalysisError
+            The file is of another version of the format.
+        relight.errors.EmptyMatteError
+            The frame shows no person.
 
-        Warns where other weights than this version's found what is in it.
+        Warns
+        -----
+        UserWarning
+            Other weights than this version's made the analysis.
         """
-        kept, made_of = keeping.read(path)
-        if made_of.get("weights") != list(weights()):
+        record, provenance = storage.read_record(path)
+        if provenance.get("weights") != list(weights()):
             warnings.warn(f"{path}: was analysed with other weights than this version's", stacklevel=2)
-        subject = cls.__new__(cls)
-        subject._arrange(kept)
-        return subject
+        return cls.from_record(record)
 
-    def _arrange(self, kept: Kept) -> None:
-        """Take what the networks found, and make the way from their canvas to the plate."""
-        self._person, self._colour, self._given, self._exposure, self._framing, canvas = kept
-        self._extend = Extension(canvas.known, REACH)
-        guide = as_seen(self._colour * self._exposure)
-        self._enlarge = JointBilateral(self._framing, guide, canvas.image, canvas.known, self._person.pixels)
-        self._use(canvas)
+    def save(self, path: AnyPath, *, provenance: Mapping[str, Any] | None = None) -> None:
+        """Save the analysis to a file, which `Subject.load` relights without a network.
 
-    def _use(self, canvas: Canvas) -> None:
-        """Take what the networks found from `canvas`."""
-        self._canvas = canvas
-        if canvas.light is None:
-            assert self._given is not None
-            self._albedo = self._given
-        else:
-            light = self._to_plate(canvas.light).clamp_min(1e-30)  # farther out than maps reach, it is zero
-            self._albedo = (self._colour / light).clamp(0, 1)
-
-    def steadied(self, around: Iterable["Subject"]) -> "Subject":
-        """The same person with the trembling of the networks taken out, for sequences.
-
-        `around` are the subjects of a few frames before and after, as they were made. Where these agree, the
-        maps become their mean; where something moves, as a shadow does, each frame keeps its own. See
-        `relight.steadying`. ValueError where the albedo was given to some of the subjects and not to others.
-        """
-        steady = copy.copy(self)
-        for name in ("albedo", "normals", "depth", "_texture"):
-            steady.__dict__.pop(name, None)
-        steady._use(steadying.steadied(self._canvas, [subject._canvas for subject in around]))
-        return steady
-
-    def relit(self, lights: Light | Iterable[Light]) -> np.ndarray:
-        """The person in new light.
+        The person's pixels are stored as half floats, the networks' maps in 8 bits. A relit picture differs
+        by about 0.001 RMS, for a temporally filtered person by up to 0.0025.
 
         Parameters
         ----------
-        lights: a light, or any number of them; none gives black.
+        path
+            The file, .safetensors.
+        provenance
+            Further information about the origin of the analysis, in types of JSON.
+
+        Raises
+        ------
+        ValueError
+            Another suffix.
+        OSError
+            No such folder, or the file cannot be written.
+        """
+        storage.write_record(path, self._record, {"weights": list(weights()), **(provenance or {})})
+
+    def _set_record(self, record: AnalysisRecord) -> None:
+        """Take an analysis, and prepare the upsampling from the canvas to the plate."""
+        self._record = record
+        maps, person = record.maps, record.foreground
+        self._extend = Extension(maps.known, EXTENSION_SHARE)
+        guide = encode_guide(record.colour * record.exposure)
+        self._upsample = JointBilateral(record.framing, guide, maps.image, maps.known, person.pixels)
+        self._set_maps(maps)
+
+    def _set_maps(self, maps: AnalysisMaps) -> None:
+        """Take the maps of an analysis, and the albedo that follows from them."""
+        self._record = self._record._replace(maps=maps)
+        if maps.light is None:
+            assert self._record.provided_albedo is not None
+            self._albedo = self._record.provided_albedo
+        else:
+            light = self._to_plate(maps.light).clamp_min(1e-30)  # zero beyond the reach of the extension
+            self._albedo = (self._record.colour / light).clamp(0, 1)
+
+    def temporally_filtered(self, neighbours: Iterable["Subject"]) -> "Subject":
+        """Return the same person without the flicker of the networks' errors, for sequences.
+
+        Where neighbouring frames agree, the maps become their mean. Where something moves, such as a shadow,
+        each frame keeps its own. See `relight.analysis.temporal`.
+
+        Parameters
+        ----------
+        neighbours
+            The subjects of a few frames before and after, not filtered themselves.
+
+        Raises
+        ------
+        ValueError
+            The albedo was provided for some of the subjects and inferred for others.
+        """
+        filtered = copy.copy(self)
+        for name in ("albedo", "normals", "depth", "position", "_texture"):  # computed from other maps
+            filtered.__dict__.pop(name, None)
+        maps = [subject._record.maps for subject in neighbours]
+        filtered._set_maps(temporal.temporally_filtered(self._record.maps, maps))
+        return filtered
+
+    def relit(self, lights: Lights) -> np.ndarray:
+        """Relight the person.
+
+        Parameters
+        ----------
+        lights
+            A light, or any number of them; none gives black.
 
         Returns
         -------
-        (H, W, 4) float32, linear Rec.709, premultiplied, never clipped. Exactly linear: the colour of
-        `relit(a + b)` is that of `relit(a)` plus that of `relit(b)`, and twice the intensity gives twice the
-        colour, to float32 rounding. Alpha is the matte. ValueError where the lights are so bright that the
-        picture is beyond float32.
+        np.ndarray
+            (H, W, 4) float32, linear Rec.709, premultiplied, never clipped; alpha is the matte. Exactly
+            linear: the colour of `relit(a + b)` is that of `relit(a)` plus that of `relit(b)`, and twice the
+            intensity gives twice the colour, to float32 rounding.
+
+        Raises
+        ------
+        TypeError
+            Not lights, or lights that move.
+        ValueError
+            A near light that touches the person, or lights so bright that the picture exceeds float32.
+
+        Examples
+        --------
+        >>> import numpy as np, relight
+        >>> subject = relight.Subject(np.full((64, 48, 3), 0.3, np.float32), np.eye(64, 48, k=-8) < 0.5)
+        >>> key = relight.DirectionalLight(azimuth=-40, intensity=1)
+        >>> bright = relight.DirectionalLight(azimuth=-40, intensity=2)
+        >>> once, twice = subject.relit(key)[..., :3], subject.relit(bright)[..., :3]
+        >>> np.allclose(2 * once, twice)
+        True
         """
-        return self.on_plate(self._in_light(self._lighting(lights)))
+        return self.on_plate(self._picture(self._lighting(lights)))
 
-    def layers(self, lights: Light | Iterable[Light]) -> dict[str, np.ndarray]:
-        """The person in each light alone: {name: (H, W, 4)}, lights without a name as `light1`, `light2`...
+    def layers(self, lights: Lights) -> dict[str, np.ndarray]:
+        """Relight the person by each light alone.
 
-        Each is a complete premultiplied picture and carries the matte as its alpha. The colours of all layers
-        sum to the colour of `relit(lights)`; the alpha, which is the same person's coverage, does not add up.
-        ValueError if two lights have one name.
+        Parameters
+        ----------
+        lights
+            A light, or any number of them; those without a name are `light1`, `light2`...
+
+        Returns
+        -------
+        dict[str, np.ndarray]
+            {name: (H, W, 4)} float32, linear Rec.709. Each is a complete premultiplied picture with the matte
+            as its alpha. The colours of all layers sum to the colour of `relit(lights)`; the alpha does not
+            add up.
+
+        Raises
+        ------
+        ValueError
+            Two lights have one name.
         """
-        return {name: self.on_plate(pixels) for name, pixels in self.pixels_in_each(lights)}
+        return {name: self.on_plate(pixels) for name, pixels in self.pixels_per_light(lights)}
 
-    def pixels_in_each(self, lights: Light | Iterable[Light]) -> Iterator[tuple[str, torch.Tensor]]:
-        """As `layers`, one after the other, and of each the person's pixels alone: (P, 4), for `on_plate`."""
+    def pixels_per_light(self, lights: Lights) -> Iterator[tuple[str, torch.Tensor]]:
+        """Yield the layers one after the other, as the person's pixels alone: (P, 4), for `on_plate`."""
         named = list(by_name(lights).items())
-        for several in (named[start : start + AT_ONCE] for start in range(0, len(named), AT_ONCE)):
-            enlarged = self._to_plate(torch.cat([self._canvas.lit([light]) for _, light in several]))
-            for (name, _), lighting in zip(several, enlarged.split(3, dim=1), strict=True):
-                yield name, self._in_light(lighting)
+        for start in range(0, len(named), LIGHTS_PER_BATCH):
+            batch = named[start : start + LIGHTS_PER_BATCH]
+            upsampled = self._to_plate(torch.cat([self._record.maps.lit([light]) for _, light in batch]))
+            for (name, _), lighting in zip(batch, upsampled.split(3, dim=1), strict=True):
+                yield name, self._picture(lighting)
 
     def on_plate(self, pixels: torch.Tensor) -> np.ndarray:
-        """The person's pixels (P, C) in the plate's frame: (H, W, C) float32, zero outside the matte."""
-        return self._person.scatter(pixels)
+        """Put the person's pixels (P, C) into a plate: (H, W, C) float32, zero outside the matte."""
+        return self._record.foreground.scatter(pixels)
 
-    def lighting(self, lights: Light | Iterable[Light]) -> np.ndarray:
-        """What the lights would do to a white person: (H, W, 3) float32, linear, zero outside the matte.
+    def lighting(self, lights: Lights) -> np.ndarray:
+        """Return the picture of a white person: (H, W, 3) float32, linear, zero outside the matte.
 
-        The colour of `relit(lights)` is `albedo × lighting(lights) × alpha`: with the albedo, what a
-        compositor needs to grade light and colour apart. Raises as `relit` does.
+        The colour of `relit(lights)` is `albedo × lighting(lights) × alpha`. With the albedo, a compositor
+        can grade light and colour separately. Raises as `relit` does.
         """
-        return self._person.scatter(_representable(self._lighting(lights)))
+        return self.on_plate(_representable(self._lighting(lights)))
+
+    def unshadowed(self, light: Light) -> np.ndarray:
+        """Return the fraction of a light that the person does not block: (H, W) float32 in [0, 1].
+
+        For a hard light this is its visibility. For a soft light or an environment it is the mean over its
+        directions, weighted by luminance; for a near light, weighted by irradiance. It is zero outside the
+        matte.
+        """
+        return self.on_plate(self._to_plate(self._record.maps.unshadowed(light)))[..., 0]
+
+    def shadows(self, lights: Lights, floor: Floor) -> tuple[dict[str, np.ndarray], np.ndarray]:
+        """Compute the shadow that the person casts on a floor.
+
+        Parameters
+        ----------
+        lights
+            A light, or any number of them.
+        floor
+            relight.Floor.
+
+        Returns
+        -------
+        tuple[dict[str, np.ndarray], np.ndarray]
+            {name: (H, W, 3)}, the shadow of each light, and (H, W, 3), that of all lights: float32 in [0, 1],
+            factors for the background. They are the fraction of the floor's light that the person does not
+            block, and 1 above the horizon. The shadow of all lights is the mean of the others, weighted by
+            irradiance.
+
+        Raises
+        ------
+        ValueError
+            The person cannot stand on this floor.
+        """
+        maps = self._record.maps
+        geometry, cut = maps.geometry, bool(self.matte[-1].max() > 0.5)
+        shadow = FloorShadow.of(floor, geometry.camera, geometry.positions, maps.known, cut)
+        return shadow.shadows(by_name(lights))
+
+    def upsampled(self, maps: torch.Tensor) -> np.ndarray:
+        """Upsample maps of the networks' canvas, (C, h, w), to the plate: (H, W, C) float32, zero outside."""
+        return self.on_plate(self._to_plate(maps))
+
+    def fit_lighting(self, image: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        """Fit the lighting in which the person looks most like `image`, see `relight.fit_lights`.
+
+        Returns directions (96, 3), `shadow.directions.olat(behind=True)`, and their intensities (96, 3) >= 0.
+        """
+        record, plate = self._record, linear_plate(image)
+        if plate.shape[:2] != self.size:
+            raise ValueError(f"image: expected the subject's size {self.size}, got {plate.shape[:2]}")
+        person, maps = record.foreground, record.maps
+        colour = person.own_colour(plate, photographed=plate.shape[-1] == 3)
+        framed = Framed.of(colour, person.matte, record.framing.canvas[0])
+        directions = torch.from_numpy(olat(behind=True))
+        powers = solve_lighting(framed.rgb, maps.albedo, maps.shading(directions), maps.known.float())
+        return directions.numpy(), powers.numpy()
 
     def view(
         self,
         path: str | os.PathLike | None = None,
-        lights: Light | Iterable[Light] | None = None,
+        lights: Lights | None = None,
         *,
         background: Any = None,
         title: str = "relight",
         command: Sequence[str] | None = None,
+        background_name: str | None = None,
     ) -> Any:
-        """The person with the light in one's hand: a page in one HTML file, or a widget in a notebook.
+        """Show the person on a page with lights that can be dragged: an HTML file, or a notebook widget.
 
         Parameters
         ----------
-        path: the file to write, .html; None for a widget (extra `notebook`), see `relight.viewer.widget`.
-        lights: what it begins with: up to eight `DirectionalLight` and `PointLight`, and one
-            `EnvironmentLight`; a soft key light unless given.
-        background: as of `relight.over`; None for none.
-        title: of the page. command: the words that relight the photograph on the command line, without its
-            lights, for the page to complete.
+        path
+            The file to write, .html; None for a widget (extra `notebook`), see `relight.viewer.widget`.
+        lights
+            The initial lights: up to eight `DirectionalLight` and `PointLight`, and one `EnvironmentLight`; a
+            soft key light by default.
+        background
+            See `relight.over`; None for no background.
+        title
+            Title of the page.
+        command
+            The words of the command that relights the photograph, without lights, which the page adds.
+        background_name
+            The background's file, or `environment`, for this command; None omits it from the command.
 
         Returns
         -------
-        The path written, or the widget. The page needs no server and no network.
+        Any
+            The path written, or the widget. The page needs no server and no network.
 
         Raises
         ------
-        TypeError, ValueError: lights or a background that the page cannot show, a path of another suffix, a
-        steadied subject. OSError: the file cannot be written. ModuleNotFoundError: no anywidget.
+        TypeError, ValueError
+            Lights or a background that the page cannot show, another suffix, a temporally filtered subject.
+        OSError
+            The file cannot be written.
+        ModuleNotFoundError
+            Anywidget is missing.
         """
-        from relight.viewer.showing import show
+        from relight.viewer import packing, page, scene
 
-        return show(self, path, lights, background, title, command)
+        first = None if lights is None else as_lights(lights)
+        about = scene.scene_of(
+            self.size, first, background, title=title, command=command or scene.COMMAND,
+            background_name=background_name,
+        )  # fmt: skip
+        scene.check_positions(first or [], self._record.maps)
+        person = (self._record, self.matte, self.albedo)
+        if path is not None:
+            return page.write_page(path, about, *person)
+        from relight.viewer.widget import Viewer
 
-    def fitted(self, image: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        """The lighting in which the person looks most like `image`, see `relight.fit_lights`.
+        return Viewer(packing.pack(*person), about, self.relit)
 
-        Returns directions (96, 3), `shadow.directions.olat(behind=True)`, and their intensities (96, 3) >= 0.
+    def export(
+        self,
+        path: AnyPath,
+        lights: Light | MovingLight | Iterable[Light | MovingLight] | None = None,
+        *,
+        triangles: int = 120_000,
+        texture: str = "albedo",
+    ) -> Path:
+        """Write the person for other programs: a textured mesh with camera and lights, or a Nuke script.
+
+        A `.nk` has a group with knobs for up to four lights. It moves shadows too, with the nodes that Nuke
+        brings along, and reads `<name>_layers.exr` beside it, which is written as well.
+
+        The mesh is in metres, y up, and its feet are on the ground plane, y = 0. Its front is what the camera
+        saw; no picture shows the back, which is a guess. Rendered through the camera it overlays the plate.
+        See `docs/scene.md`. Needs the extra `scene`.
+
+        Parameters
+        ----------
+        path
+            The file: .glb (glTF 2.0); .usda, .usdc or .usdz (USD); or .nk (Nuke). The texture of a .usda or
+            .usdc is written beside it.
+        lights
+            Lights that are also written, as by `relight.write_lights`. The knobs of a .nk begin with them:
+            up to four DirectionalLight, a key light by default.
+        triangles
+            Largest number of triangles, at least 1,000.
+        texture
+            "albedo" for a matte surface in new light, or "photograph" for an unlit surface.
+
+        Returns
+        -------
+        Path
+            The path written.
+
+        Raises
+        ------
+        ValueError
+            Another suffix or texture, too few triangles; for a .nk other lights, or a mesh's options.
+        TypeError
+            Not lights.
+        OSError
+            The file cannot be written.
+        ModuleNotFoundError
+            The extra `scene` is missing.
+
+        Warns
+        -----
+        UserWarning
+            Lights that glTF cannot hold.
         """
-        pixels = plate_of(image)
-        if pixels.shape[:2] != (size := self._person.size):
-            raise ValueError(f"image: expected the subject's size {size}, got {pixels.shape[:2]}")
-        colour = self._person.own_colour(pixels, photographed=pixels.shape[-1] == 3)
-        framed = Framed.of(colour, self._person.matte, self._framing.canvas[0])
-        directions = torch.from_numpy(olat(behind=True))
-        shading, canvas = self._canvas.shading(directions), self._canvas
-        powers = solve_lighting(framed.rgb, canvas.albedo, shading, canvas.known.float())
-        return directions.numpy(), powers.numpy()
+        from relight.media.nuke import is_script
+        from relight.scene import asset, nuke_script, writing
 
-    def unshadowed(self, light: Light) -> np.ndarray:
-        """The share of a light that no part of the person blocks: (H, W) float32 in [0, 1], zero outside.
+        path = asset.checked(path, texture, triangles)
+        if is_script(path):
+            return writing.write_script(path, self, nuke_script.checked_lights(lights))
+        return writing.write(path, self.asset(lights, triangles=triangles, texture=texture))
 
-        Of a hard light its visibility; of a soft one or an environment the mean over its directions, weighted
-        by their luminance; of a light in the room, by how much of it would come from each.
-        """
-        return self._person.scatter(self._to_plate(self._canvas.unshadowed(light)))[..., 0]
+    def asset(
+        self,
+        lights: Light | MovingLight | Iterable[Light | MovingLight] | None = None,
+        *,
+        triangles: int = 120_000,
+        texture: str = "albedo",
+    ) -> Any:
+        """Return the mesh, camera and lights that `export` writes; the arguments are the same."""
+        from relight.scene.asset import make
+        from relight.scene.mesh import Surface
 
-    def shadows(
-        self, lights: Light | Iterable[Light], floor: Floor
-    ) -> tuple[dict[str, np.ndarray], np.ndarray]:
-        """The shadow of each light on the floor, {name: (H, W, 3)}, and that of all of them, (H, W, 3).
+        maps = self._record.maps
+        geometry = maps.geometry
+        layers = torch.cat([geometry.depth[None], maps.normals, torch.ones_like(geometry.depth)[None]])
+        depth, *normals, known = self._extend(layers).numpy()
+        facing = np.stack(normals, axis=-1)
+        surface = Surface(depth, facing, known > 0.5, geometry.framing, geometry.camera, self.matte)
+        unlit = texture == "photograph"
+        colour = self.on_plate(self._record.colour) if unlit else self.albedo
+        return make(surface, colour, lights, triangles, unlit)
 
-        float32 in [0, 1], by which the background is multiplied: the share of the floor's light that the
-        person leaves to it, 1 where that is all, and above the horizon. The shadow of all lights is the mean
-        of theirs, weighted by the irradiance of the floor. ValueError where the person cannot stand there.
-        """
-        cut = bool(self.matte[-1].max() > 0.5)
-        space, known = self._canvas.space, self._canvas.known
-        return Stance.of(floor, space.camera, space.positions, known, cut).shadows(by_name(lights))
+    @property
+    def record(self) -> AnalysisRecord:
+        """The analysis that the subject is made of."""
+        return self._record
 
     @property
     def size(self) -> tuple[int, int]:
-        """(H, W) of the plate, in pixels."""
-        return self._person.size
-
-    @cached_property
-    def matte(self) -> np.ndarray:
-        """(H, W) float32 in [0, 1]: the person's coverage, the alpha of what is relit."""
-        return self._person.scatter(self._person.coverage[:, None])[..., 0]
-
-    @cached_property
-    def albedo(self) -> np.ndarray:
-        """(H, W, 3) float32 linear Rec.709 in [0, 1]: the plate's texture without its light; zero outside."""
-        return self._person.scatter(self._albedo)
-
-    @cached_property
-    def normals(self) -> np.ndarray:
-        """(H, W, 3) float32 unit vectors in the camera frame, at the networks' detail; zero outside."""
-        return self._person.scatter(F.normalize(self._to_plate(self._canvas.normals), dim=1))
-
-    @cached_property
-    def depth(self) -> np.ndarray:
-        """(H, W) float32 metres along the camera's axis, positive away from the camera, relative to the
-        subject's middle; zero outside the matte."""
-        return self._person.scatter(self._to_plate(self._canvas.space.depth[None]))[..., 0]
+        """(H, W) of the plate, pixels."""
+        return self._record.foreground.size
 
     @property
     def camera(self) -> Camera:
-        """The plate's camera, which takes pixels and depth to positions in the room."""
-        return self._canvas.space.camera
+        """The plate's camera, which turns pixels and depth into positions."""
+        return self._record.maps.geometry.camera
 
     @property
     def distance(self) -> float:
         """Metres from the camera to the subject's middle, along the camera's axis."""
         return self.camera.distance
 
-    def visibility(self, directions: np.ndarray) -> np.ndarray:
-        """Self-shadow maps (D, H, W) float32 in [0, 1]: 1 = lit, zero outside the matte.
+    @cached_property
+    def matte(self) -> np.ndarray:
+        """(H, W) float32 in [0, 1], read-only: the person's coverage, the alpha of relit pictures."""
+        return _read_only(self.on_plate(self._record.foreground.coverage[:, None])[..., 0])
 
-        `directions` (D, 3) point toward the lights. Raises TypeError or ValueError for a wrong shape or
-        dtype, NaN or infinite values, or a direction of zero length.
+    @cached_property
+    def albedo(self) -> np.ndarray:
+        """(H, W, 3) float32, linear Rec.709 in [0, 1], read-only: the plate without light; zero outside."""
+        return _read_only(self.on_plate(self._albedo))
+
+    @cached_property
+    def normals(self) -> np.ndarray:
+        """(H, W, 3) float32 unit vectors, camera frame, read-only, at the networks' detail; zero outside."""
+        return _read_only(self.on_plate(F.normalize(self._to_plate(self._record.maps.normals), dim=1)))
+
+    @cached_property
+    def depth(self) -> np.ndarray:
+        """(H, W) float32, read-only: metres along the camera's axis from the subject's middle, positive away
+        from the camera; zero outside the matte."""
+        return _read_only(self.on_plate(self._to_plate(self._record.maps.geometry.depth[None]))[..., 0])
+
+    @cached_property
+    def position(self) -> np.ndarray:
+        """(H, W, 3) float32, read-only: metres in the camera's axes from the subject's middle, x to image
+        right, y up, z to the camera; zero outside the matte."""
+        height, width = self.size
+        rows, columns = torch.meshgrid(torch.arange(height), torch.arange(width), indexing="ij")
+        place = self.camera.positions(columns + 0.5, rows + 0.5, torch.tensor(self.depth))
+        return _read_only(place.permute(1, 2, 0).numpy() * (self.matte > 0)[..., None])
+
+    def visibility(self, directions: np.ndarray) -> np.ndarray:
+        """Compute self-shadow maps for light directions.
+
+        Parameters
+        ----------
+        directions
+            (D, 3), toward the lights, camera frame, any length but zero.
+
+        Returns
+        -------
+        np.ndarray
+            (D, H, W) float32 in [0, 1]: 1 is lit; zero outside the matte.
+
+        Raises
+        ------
+        TypeError, ValueError
+            Wrong shape or dtype, NaN or infinite values, a direction of zero length.
         """
-        maps = self._canvas.visibility(inputs.directions("directions", directions))
-        return np.ascontiguousarray(self._person.scatter(self._to_plate(maps)).transpose(2, 0, 1))
+        return self._maps_on_plate(self._record.maps.visibility, directions)
 
     def shading(self, directions: np.ndarray) -> np.ndarray:
-        """Diffuse shading (D, H, W) float32 in [0, 1] by one unit light at a time, zero outside the matte.
+        """Compute the diffuse shading by one light of unit intensity at a time.
 
-        `directions` (D, 3) point toward the lights. Linear; 1 is a surface that faces an unoccluded light.
-        Raises as `visibility` does.
+        Parameters
+        ----------
+        directions
+            (D, 3), toward the lights, camera frame, any length but zero.
+
+        Returns
+        -------
+        np.ndarray
+            (D, H, W) float32, linear, in [0, 1]: 1 is a surface that faces an unblocked light; zero outside
+            the matte.
+
+        Raises
+        ------
+        TypeError, ValueError
+            As for `visibility`.
         """
-        maps = self._canvas.shading(inputs.directions("directions", directions))
-        return np.ascontiguousarray(self._person.scatter(self._to_plate(maps)).transpose(2, 0, 1))
+        return self._maps_on_plate(self._record.maps.shading, directions)
+
+    def _maps_on_plate(self, maps: Callable[[torch.Tensor], torch.Tensor], directions: Any) -> np.ndarray:
+        """Return the maps (D, H, W) of light directions (D, 3)."""
+        upsampled = self._to_plate(maps(inputs.directions("directions", directions)))
+        return np.ascontiguousarray(self.on_plate(upsampled).transpose(2, 0, 1))
 
     @cached_property
     def _texture(self) -> torch.Tensor:
-        """The albedo of the subject's pixels, premultiplied (P, 3)."""
-        return self._albedo * self._person.coverage[:, None]
+        """The albedo of the person's pixels, premultiplied (P, 3)."""
+        return self._albedo * self._record.foreground.coverage[:, None]
 
-    def _in_light(self, lighting: torch.Tensor) -> torch.Tensor:
-        """The picture (P, 4) of the subject's pixels, of the lighting (P, 3) that falls on them."""
+    def _picture(self, lighting: torch.Tensor) -> torch.Tensor:
+        """Return the picture (P, 4) of the person's pixels under a lighting (P, 3)."""
         picture = torch.empty(len(lighting), 4)
         torch.mul(lighting, self._texture, out=picture[:, :3])
-        picture[:, 3] = self._person.coverage
+        picture[:, 3] = self._record.foreground.coverage
         return _representable(picture)
 
-    def _lighting(self, lights: Light | Iterable[Light]) -> torch.Tensor:
-        """Σ intensity · shading of the subject's pixels (P, 3)."""
-        return self._to_plate(self._canvas.lit(as_lights(lights)))
+    def _lighting(self, lights: Lights) -> torch.Tensor:
+        """Return Σ intensity · shading of the person's pixels (P, 3)."""
+        return self._to_plate(self._record.maps.lit(as_lights(lights)))
 
     def _to_plate(self, maps: torch.Tensor) -> torch.Tensor:
-        """Canvas maps (C, h, w) to the subject's pixels on the plate (P, C)."""
-        return self._enlarge(self._extend(maps))
+        """Upsample canvas maps (C, h, w) to the person's pixels on the plate (P, C)."""
+        return self._upsample(self._extend(maps))
 
 
 def weights() -> tuple[str, str]:
-    """The checksums of the weights that persons are analysed with."""
+    """Return the checksums of the networks' weights."""
     return checksum("field", "shadow"), checksum("shading", "shading")
 
 
+def _read_only(array: np.ndarray) -> np.ndarray:
+    """Make an array read-only, since the subject keeps it."""
+    array.flags.writeable = False
+    return array
+
+
 def _representable(colour: torch.Tensor) -> torch.Tensor:
-    """The colour as it is; ValueError if any of it is beyond float32."""
+    """Return the colour; raises ValueError if any of it exceeds float32."""
     if not torch.isfinite(torch.stack(colour.aminmax())).all():  # which pass NaN on
         raise ValueError("lights: are too bright, the picture would be infinite; expected less intensity")
     return colour

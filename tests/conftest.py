@@ -1,38 +1,21 @@
 """What several tests begin with; and no test is skipped in silence."""
 
 import os
-from pathlib import Path
 
-import browsing
 import numpy as np
 import pytest
-import standins
 import torch
+from helpers import ROOT, browsing, standins
+from helpers.sphere import sphere
 
 import relight
-from relight import people
-from shadow import directions
-from shadow.data.records import Record
+from relight.pipeline import frames
 
 if "PYTEST_XDIST_WORKER" in os.environ:  # a process for each core: their threads would wait for each other
     torch.set_num_threads(1)
     os.environ["OMP_NUM_THREADS"] = "1"  # of the processes that tests start
-
-
-def sphere(size=96, radius=0.8, behind=True):
-    """A white-to-red unit sphere seen along -z without perspective: it casts no shadow on itself."""
-    step = (np.arange(size) + 0.5) * 2 / size - 1
-    x, y = np.meshgrid(step / radius, -step / radius)
-    mask = x**2 + y**2 < 0.98
-    normals = np.stack([x, y, np.sqrt(np.clip(1 - x**2 - y**2, 0, 1))], axis=-1)[mask]
-    albedo = np.stack(
-        [np.full(len(normals), 0.8), normals[:, 2] * 0.5 + 0.3, np.full(len(normals), 0.4)], axis=1
-    )
-    lights = directions.olat(behind)
-    depth = -normals[:, 2:] / 2  # a sphere is twice its radius high
-    lit = normals @ lights.T > 0
-    about = {"figure": "sphere"}
-    return Record.of(mask, normals, albedo, lit, lights, about, depth=depth - depth.mean())
+    # numba sets the number of threads of OpenMP, which torch uses too, when its first kernel is compiled.
+    os.environ["NUMBA_NUM_THREADS"] = "1"
 
 
 @pytest.fixture
@@ -53,8 +36,8 @@ def person():
 @pytest.fixture
 def stub(monkeypatch):
     """Shots analysed by no network: their Subjects are `standins.FlatSubject`."""
-    monkeypatch.setattr(people, "Subject", standins.FlatSubject)
-    standins.FlatSubject.made, standins.FlatSubject.steadied_by = [], []
+    monkeypatch.setattr(frames, "Subject", standins.FlatSubject)
+    standins.FlatSubject.made, standins.FlatSubject.filtered_by = [], []
     return standins.FlatSubject
 
 
@@ -78,7 +61,7 @@ def browser():
 @pytest.fixture(scope="module")
 def viewed():
     """The bundled person, small, as a Subject."""
-    person = relight.read(Path(__file__).parent.parent / "examples" / "person.png")
+    person = relight.read(ROOT / "examples" / "person.png")
     return relight.Subject(np.ascontiguousarray(person[::2, ::2]))
 
 
@@ -93,21 +76,59 @@ def page_file(viewed, tmp_path_factory):
     return browsing.policed(viewed.view(file, lights, title=browsing.HOSTILE, command=command))
 
 
-@pytest.fixture
-def page(browser, page_file):
-    """That page in a window of its own; it complains of nothing."""
+@pytest.fixture(scope="module")
+def kept_page(browser, page_file):
+    """That page in a window that the tests of a file share, and the state that it began with."""
     found = browsing.opened(browser, page_file)
-    yield found
-    assert not found.complaints
+    yield found, browsing.begun(found)
     found.context.close()
 
 
-@pytest.hookimpl(wrapper=True)
-def pytest_runtest_makereport(item, call):
-    """In continuous integration a skipped test has failed, unless it is for want of a GPU."""
-    report = yield
+@pytest.fixture
+def page(kept_page):
+    """That page as it was opened; it complains of nothing."""
+    found, begun = kept_page
+    found.complaints.clear()
+    browsing.reset(found, begun)
+    yield found
+    assert not found.complaints
+
+
+# What takes long, the longest first: a file that came last would keep one process busy while the others wait.
+LONG = (
+    "relight/app/", "relight/viewer/", "relight/comfyui/test_extension", "shadow/lightstage/", "relight/cli/",
+    "test_documents", "test_docstrings", "test_shipped", "shadow/training/", "relight/pipeline/test_cache",
+)  # fmt: skip
+
+
+def _start(item):
+    """The place of a test's file in LONG, or its end."""
+    path = item.path.relative_to(ROOT / "tests").as_posix()
+    return next((place for place, start in enumerate(LONG) if path.startswith(start)), len(LONG))
+
+
+def pytest_collection_modifyitems(items):
+    """Let processes that share the tests begin with the files that take long."""
+    if "PYTEST_XDIST_WORKER" in os.environ:
+        items.sort(key=_start)
+
+
+def _fail_if_skipped_in_ci(report):
+    """Turn a skip into a failure in continuous integration, unless it is for want of a GPU."""
     if report.skipped and os.environ.get("CI") and not hasattr(report, "wasxfail"):
         reason = report.longrepr[2] if isinstance(report.longrepr, tuple) else str(report.longrepr)
         if "GPU" not in reason:
             report.outcome, report.longrepr = "failed", f"skipped in continuous integration: {reason}"
     return report
+
+
+@pytest.hookimpl(wrapper=True)
+def pytest_runtest_makereport(item, call):
+    return _fail_if_skipped_in_ci((yield))
+
+
+# `pytest.importorskip` at the top of a module skips the module while it is collected: none of its tests
+# exist then, so the hook above sees no report of them.
+@pytest.hookimpl(wrapper=True)
+def pytest_make_collect_report(collector):
+    return _fail_if_skipped_in_ci((yield))

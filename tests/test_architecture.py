@@ -1,17 +1,18 @@
 import ast
+import graphlib
 import pkgutil
 import subprocess
 import sys
 import tomllib
 from importlib import import_module
-from pathlib import Path
 from types import ModuleType
 
 import pytest
+from helpers import ROOT
+from helpers.architecture import FOLDERS
 
 import relight
 
-ROOT = Path(__file__).parent.parent
 APART = {
     f"shadow.{role}" for role in ("data", "training", "evaluation", "lightstage")
 }  # what made the weights
@@ -39,6 +40,47 @@ def test_imports_run_one_way(package):
     for path in files:
         ours = {top for name in imported(path) if (top := name.split(".")[0]) in LOWER} - {package}
         assert ours <= LOWER[package], f"{path} imports {ours}"
+
+
+# `Subject.view` and `Subject.export` hand the person over to what is built upon them, when they are called.
+UPWARD = {("subject", "viewer"), ("subject", "scene")}
+
+
+def module_of(path):
+    parts = path.relative_to(ROOT).with_suffix("").parts
+    return ".".join(parts[:-1] if parts[-1] == "__init__" else parts)
+
+
+MODULES = {module_of(path): path for package in LOWER for path in (ROOT / package).rglob("*.py")}
+
+
+def dependencies(name):
+    """The modules of ours that a module imports, in its functions too."""
+    for found in imported(MODULES[name]):
+        while found and found not in MODULES:
+            found = found.rpartition(".")[0]
+        if found and found not in (name, "relight"):  # the top package hands out names lazily
+            yield found
+
+
+def test_no_files_import_each_other_in_a_circle():
+    sorter = graphlib.TopologicalSorter({name: {*dependencies(name)} for name in MODULES})
+    sorter.prepare()  # CycleError names the circle
+
+
+def test_the_folders_of_relight_import_downward():
+    def folder(name):
+        return name.split(".")[1] if name.startswith("relight.") else None
+
+    for name in MODULES:
+        if (above := folder(name)) is None or above == "errors":
+            continue
+        assert above in FOLDERS, f"{name} is in no folder of the design"
+        for other in dependencies(name):
+            below = folder(other)
+            if below in (None, "errors") or (above, below) in UPWARD:
+                continue
+            assert FOLDERS.index(above) <= FOLDERS.index(below), f"{name} imports {other}"
 
 
 def test_what_infers_does_not_import_what_made_its_weights():
@@ -120,3 +162,16 @@ def test_every_package_and_weight_file_is_installed():
         patterns = setuptools["package-data"][package]
         for path in (ROOT / package / "weights").iterdir():
             assert any(path.relative_to(ROOT / package).match(pattern) for pattern in patterns), path
+
+
+PEOPLE = ("generate", "accessories", "cloth", "body")  # each folder imports only those after it
+
+
+@pytest.mark.parametrize("folder", PEOPLE)
+def test_the_folders_of_people_import_one_way(folder):
+    package = "shadow.lightstage.people"
+    files = list((ROOT / "shadow" / "lightstage" / "people" / folder).glob("*.py"))
+    assert len(files) > 1
+    above = {f"{package}.{name}" for name in PEOPLE[: PEOPLE.index(folder)]}
+    for path in files:
+        assert not [name for name in imported(path) if within(name, above)], path

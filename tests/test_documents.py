@@ -4,10 +4,11 @@ import re
 import shlex
 from collections import Counter
 
-import documents
 import numpy as np
 import pytest
-from documents import DOCUMENTS, ROOT, blocks
+from helpers import ROOT, documents
+from helpers.architecture import FOLDERS
+from helpers.documents import DOCUMENTS, blocks
 from typer.main import get_command
 
 import relight
@@ -20,6 +21,7 @@ README = (ROOT / "README.md").read_text()
 RUN = {"sh", "python", "yaml"}
 # What cannot be shipped, and how many blocks need it.
 NEEDS = {
+    "a ComfyUI folder": 1,
     "a model of your own": 1,
     "a CUDA GPU": 2,
     "a Dask cluster": 2,
@@ -70,14 +72,8 @@ def named(path):
 
 
 @pytest.mark.filterwarnings("ignore:the network 'shading' was trained with")  # as docs/compositing.md says
-@pytest.mark.parametrize(
-    "document",
-    [
-        path if path == ROOT / "README.md" else pytest.param(path, marks=pytest.mark.slow)
-        for path in DOCUMENTS
-    ],
-    ids=named,
-)
+@pytest.mark.slow
+@pytest.mark.parametrize("document", DOCUMENTS, ids=named)
 def test_what_a_document_says_works(document, reader):
     read(document, reader, slow=False)
 
@@ -190,17 +186,25 @@ def test_options_in_prose_are_those_of_a_command():
         assert named <= ours, f"{document.name}: {named - ours}"
 
 
-def test_every_module_is_named_in_the_architecture():
+def test_the_architecture_names_files_and_functions_that_exist():
     page = (ROOT / "docs" / "architecture.md").read_text()
-    rows = dict(re.findall(r"^\| `([\w/]+\.py)` \| (.+) \|$", page, re.MULTILINE))
-    modules = {
-        path.relative_to(ROOT).as_posix()
-        for package in ("relight", "shading", "shadow")
-        for path in (ROOT / package).rglob("*.py")
-        if path.stat().st_size  # an empty __init__.py says nothing
-    }
-    assert modules == set(rows)
-    assert all(sentence.endswith(".") for sentence in rows.values())
-    named = re.findall(r"`((?:relight|shading|shadow|benchmarks|examples|docs)/[\w/]+(?:\.\w+)?)`", page)
-    for name in named:
-        assert (ROOT / name).exists(), name
+    folder, named = None, []
+    for name in re.findall(r"`([\w/]+(?:\.\w+)?)`", page):
+        if "/" in name:
+            folder = ROOT / name if (ROOT / name).is_dir() else (ROOT / name).parent
+            named.append(ROOT / name)
+        elif name.endswith((".py", ".js")):  # beside the file that was named before it
+            named.append(folder / name)
+    assert len(named) > 50
+    assert not [path for path in named if not path.exists()]
+    sources = "".join(path.read_text() for path in named if path.suffix == ".py")
+    for cls, function in re.findall(r"`([A-Z]\w+)\.(\w+)`", page):
+        assert f"class {cls}" in sources, cls
+        assert f"def {function}(" in sources, function
+
+
+def test_the_architecture_says_the_order_that_the_tests_check():
+    page = (ROOT / "docs" / "architecture.md").read_text()
+    rows = re.findall(r"^\| `relight/(\w+)(?:\.py)?` \|", page, re.MULTILINE)
+    present = [name for name in FOLDERS if list((ROOT / "relight").glob(f"{name}*"))]
+    assert rows == present

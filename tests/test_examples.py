@@ -4,15 +4,13 @@ import os
 import re
 import subprocess
 import sys
-from pathlib import Path
 
 import numpy as np
 import pytest
+from helpers import ROOT
 
 import relight
 from relight.media.movies import Movie
-
-ROOT = Path(__file__).parent.parent
 
 
 def run(*command, cwd=ROOT):

@@ -7,8 +7,8 @@ import sys
 from importlib import resources
 
 import pytest
-import shipped
 import torch
+from helpers import shipped
 from safetensors.torch import save_file
 
 from shadow.networks import checkpoints

@@ -10,15 +10,22 @@ from typer.core import TyperGroup
 
 from relight import __version__
 from relight.cli.analyse import analyse
+from relight.cli.app import app as app_command
 from relight.cli.apply import apply
+from relight.cli.comfyui import comfyui
 from relight.cli.evaluation import evaluate
+from relight.cli.export import export
 from relight.cli.job import job
 from relight.cli.olat import olat
 from relight.cli.options import EXAMPLES
 from relight.cli.stage import stage
 from relight.cli.training import shrink, train
-from relight.cli.video import video
 from relight.cli.view import view
+
+EXTRAS = {  # of modules that only some commands need
+    "anny": "stage", "embreex": "stage", "mitsuba": "stage", "numba": "stage", "trimesh": "stage",
+    "kornia": "train", "matplotlib": "train",
+}  # fmt: skip
 
 
 class _OneLineErrors(TyperGroup):
@@ -28,7 +35,10 @@ class _OneLineErrors(TyperGroup):
         try:
             return super().invoke(ctx)
         except (ImportError, OSError, TypeError, ValueError) as error:
-            typer.echo(f"relight: {' '.join(str(error).split())}", err=True)
+            message = " ".join(str(error).split())
+            if isinstance(error, ModuleNotFoundError) and (extra := EXTRAS.get(error.name or "")):
+                message = f"needs {error.name}; install it with: pip install 'relight[{extra}]'"
+            typer.echo(f"relight: {message}", err=True)
             raise typer.Exit(2) from error
         except MemoryError as error:
             typer.echo(f"relight: not enough memory: {error}", err=True)
@@ -53,8 +63,10 @@ def main(
     """Relight a photographed person, light by light, in scene-linear colour."""
 
 
-for command in (apply, video, job):
+for command in (apply, job):
     app.command(epilog=EXAMPLES)(command)
-for command in (view, analyse, olat, stage, train, shrink):
+app.command("video", epilog=EXAMPLES, help="The same as `relight apply`.")(apply)
+for command in (view, analyse, export, olat, comfyui, stage, train, shrink):
     app.command()(command)
+app.command("app")(app_command)
 app.add_typer(evaluate, name="evaluate")

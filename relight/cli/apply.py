@@ -1,33 +1,74 @@
-"""`relight apply`: a still.
+"""`relight apply`, also called `relight video`: stills, sequences, movies and analysis caches relit.
 
 Heavy modules are imported inside the command, so that `relight --help` answers at once.
 """
 
-from pathlib import Path
-from typing import Annotated
+from functools import partial
+from typing import Annotated, Any
 
 import typer
 
-from relight.cli.options import Look, console, with_options
+from relight.cli.options import (
+    Frames,
+    OptionsFile,
+    console,
+    progress_bars,
+    report_failures,
+    with_options,
+)
+from relight.pipeline.option_fields import Phase
+from relight.pipeline.options import Compute, Lighting, Output, Source
 
 
-@with_options(Look)
+@with_options()
 def apply(
-    image: Annotated[str, typer.Argument(help="The photograph: PNG, JPEG, TIFF, OpenEXR...")],
-    output: Annotated[
-        list[Path],
+    source: Source,
+    output: Output,
+    lighting: Lighting,
+    compute: Compute,
+    frames: Frames = None,
+    resume: Annotated[
+        bool,
         typer.Option(
-            "-o",
-            "--output",
-            help="File to write; .exr keeps each light as a layer, .nk rebuilds the mix in Nuke. Repeatable.",
+            "--resume",
+            help="Keep existing frames that were made from the same lights, sources and options.",
         ),
-    ],
-    look: Look,
+    ] = False,
+    phase: Annotated[
+        Phase,
+        typer.Option(
+            help="frames: write the frames of a chunk, but no movie and no .nk; finalize: write these from "
+            "the frames of all chunks."
+        ),
+    ] = Phase.all,
+    dask: Annotated[
+        str | None,
+        typer.Option(help="Render on a Dask cluster: the address of its scheduler, tcp://farm:8786."),
+    ] = None,
+    workers: Annotated[
+        int | None, typer.Option(min=1, help="Render with this many processes on this machine.")
+    ] = None,
+    options_file: OptionsFile = None,
 ) -> None:
-    """Relight the person in IMAGE and write the picture."""
-    from relight.stills import render_still
+    """Relight the person in SOURCE: a still, a sequence, a movie or an analysis cache."""
+    from relight.pipeline.render import render_shot
 
-    with console.status("Reading") as status:
-        written = render_still(image, look.lighting(), output, **look.settings(), progress=status.update)
-    for path in written:
-        console.print(f"{path}")
+    distributed = dask is not None or workers is not None
+    if phase is not Phase.all and distributed:
+        raise ValueError("--phase: expected no --dask and no --workers, which make all frames")
+    render: Any = partial(render_shot, phase=phase)
+    if distributed:
+        from relight.distributed.dask_cluster import render_distributed
+
+        render = partial(render_distributed, scheduler=dask, workers=workers)
+    with progress_bars() as report:
+        try:
+            problems = render(
+                source, lighting, output, compute=compute, frames=frames, resume=resume,
+                progress=report,
+            )  # fmt: skip
+        except KeyboardInterrupt as interruption:
+            console.print("interrupted; the same command with --resume continues")
+            raise typer.Exit(130) from interruption
+    matte = [] if output.save_matte is None else [output.save_matte]
+    report_failures(problems, [*output.paths, *matte])

@@ -23,9 +23,9 @@ class Light(StrEnum):
 ScoredRecords = Annotated[list[Path], typer.Option(help="Records or shards to score on. Repeatable.")]
 NormalsWeights = Annotated[
     str | None,
-    typer.Option(help="Whose normals, if not the tested field's own: a name, or a file."),
+    typer.Option(help="Normals network: a name, or a file. Default: the tested field's own normals."),
 ]
-LightingSeed = Annotated[int, typer.Option(help="Of the lightings the records are photographed under.")]
+LightingSeed = Annotated[int, typer.Option(help="Seed of the random lightings of the photographs.")]
 Limit = Annotated[int | None, typer.Option(min=1, help="Score this many records, spread evenly.")]
 
 
@@ -38,7 +38,7 @@ def evaluate_visibility(
     limit: Limit = None,
     light: Annotated[
         Light | None,
-        typer.Option(help="Photograph the records in everyday light of this kind, not in any mixture."),
+        typer.Option(help="Photograph the records in everyday light of this kind instead of a mixture."),
     ] = None,
 ) -> None:
     """Print RMSE, PSNR and Dice of the visibility maps (Section 4.1) beside the sign(N·L) baselines."""
@@ -57,7 +57,7 @@ def evaluate_depth(
     seed: LightingSeed = 0,
     limit: Limit = None,
 ) -> None:
-    """Print how far depth is off, in per cent of the height, and its order across the borders of limbs."""
+    """Print the error of depth, in per cent of the height, and of its order at the borders of limbs."""
     from shadow.evaluation import depth
 
     print(depth.report(depth.evaluate(records, model=model, seed=seed, limit=limit)))
@@ -71,7 +71,7 @@ def evaluate_regions(
     seed: LightingSeed = 0,
     limit: Limit = None,
 ) -> None:
-    """Print the normals' error and the cast shadows found on faces and hands, beside the whole body's."""
+    """Print the error of normals and cast shadows on faces and hands, beside that of the whole body."""
     from shadow.evaluation import regions
 
     print(
@@ -87,7 +87,7 @@ def evaluate_tables(
         list[str] | None,
         typer.Option(
             help="A network, as NAME=FILE. Names: ours (instead of the shipped field), without-normals, "
-            "mixed, resb3, resb7, resb11, attention, or any other for a row more of Table 2. Repeatable."
+            "mixed, resb3, resb7, resb11, attention, or any other for a further row of Table 2. Repeatable."
         ),
     ] = None,
     soft: Annotated[
@@ -98,7 +98,7 @@ def evaluate_tables(
     seed: LightingSeed = 0,
     limit: Limit = None,
 ) -> None:
-    """Write the paper's Tables 2 to 5 and Figures 2 and 4, measured on these records, beside its figures."""
+    """Measure the paper's Tables 2 to 5 and Figures 2 and 4 on these records, beside the paper's values."""
     from shadow.evaluation import report
 
     path = report.write(
@@ -117,13 +117,13 @@ def evaluate_shading(
             "w/o visibility, w/o both, baseline visibility; or any other. Repeatable."
         ),
     ] = None,
-    figure: Annotated[Path | None, typer.Option(help="PNG to draw Figure 6 into.")] = None,
+    figure: Annotated[Path | None, typer.Option(help="Also write Figure 6 to this PNG.")] = None,
     normals: NormalsWeights = None,
     field: Annotated[str, typer.Option(help="Visibility weights: a name, or a file.")] = "field",
     seed: LightingSeed = 0,
     limit: Limit = None,
 ) -> None:
-    """Print Table 6: RMSE and SSIM of the shading against path-traced truth; and the albedo's errors."""
+    """Print Table 6 (RMSE and SSIM of the shading, compared with path tracing) and the albedo's errors."""
     from shading import evaluation
 
     tallies, delights = evaluation.evaluate(
@@ -141,7 +141,7 @@ def evaluate_albedo(
     seed: LightingSeed = 0,
     limit: Limit = None,
 ) -> None:
-    """Print the share of pixels whose albedo no surface has: above 0.9, or more colourful in shadow."""
+    """Print the fraction of pixels with an implausible albedo: above 0.9, or more colourful in shadow."""
     from shading import excess
 
     print(excess.report(excess.evaluate(records, model=model, field_model=field, seed=seed, limit=limit)))

@@ -8,41 +8,29 @@ from typing import Annotated
 
 import typer
 
-from relight.cli.options import ColourSpace, Device, Matte, RefineMatte, Who, by_kind, console, progress_bar
+from relight.cli.options import Frame, console, progress_bars, with_options
+from relight.pipeline.options import Compute, Source
 
 
+@with_options()
 def olat(
-    image: Annotated[str, typer.Argument(help="The photograph: PNG, JPEG, TIFF, OpenEXR...")],
+    source: Source,
     output: Annotated[
         list[Path],
         typer.Option(
             "-o",
             "--output",
-            help="An .exr, of which each light is a layer, or one a light, such as olat.%04d.exr; and a .nk, "
-            "if wanted, to mix them in Nuke.",
+            help="An .exr with a layer for each light, or a file for each light, such as olat.%04d.exr; and "
+            "a .nk that mixes them in Nuke.",
         ),
     ],
-    mask: Annotated[str | None, typer.Option(help="The matte, unless the image has alpha.")] = None,
-    matte: Matte = None,
-    refine_matte: RefineMatte = None,
-    person: Who = None,
-    behind: Annotated[bool, typer.Option(help="32 directions behind the person too.")] = False,
-    colour_space: ColourSpace = None,
-    device: Device = None,
+    compute: Compute,
+    behind: Annotated[bool, typer.Option("--behind", help="Add 32 directions behind the person.")] = False,
+    frame: Frame = None,
 ) -> None:
-    """Write the person in IMAGE in one light at a time, from 64 directions, and a file of the directions."""
-    from relight.cutting import Cutting
-    from relight.olat import write_olat
+    """Write the person in one light at a time, from 64 directions, and a lights file of the directions."""
+    from relight.pipeline.olat import write_olat
 
-    pictures, scripts = by_kind(output)
-    cutting = Cutting.parse(matte, person, refine_matte)
-    if len(pictures) != 1 or len(scripts) > 1:
-        raise ValueError("-o: expected one .exr and at most one .nk")
-    with progress_bar() as progress:
-        task = progress.add_task("Lights", total=None)
-        paths = write_olat(
-            pictures[0], image, mask, cutting=cutting, colour_space=colour_space, behind=behind,
-            device=device, script=next(iter(scripts), None),
-            progress=lambda done, total: progress.update(task, completed=done, total=total),
-        )  # fmt: skip
+    with progress_bars() as report:
+        paths = write_olat(source, output, behind=behind, frame=frame, compute=compute, progress=report)
     console.print(f"{paths[0]}" if len(paths) < 4 else f"{paths[0]} ... {len(paths)} files")

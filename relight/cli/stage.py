@@ -16,73 +16,94 @@ if TYPE_CHECKING:
 
 
 def stage(
-    records: Annotated[Path, typer.Argument(help="Folder of records, one file a view.")],
+    records: Annotated[Path, typer.Argument(help="Folder of the records, with a file for each view.")],
     bodies: Annotated[
         str | None, typer.Option(help="Render clothed bodies of these seeds: FIRST:LAST, last exclusive.")
     ] = None,
     pairs: Annotated[
-        str | None, typer.Option(help="Render two people in touch, of these seeds: FIRST:LAST.")
+        str | None, typer.Option(help="Render two people who touch, of these seeds: FIRST:LAST.")
     ] = None,
     split: Annotated[
-        str, typer.Option(help="The bodies' and pairs' split: training, validation or generalisation.")
+        str, typer.Option(help="Split of the bodies and pairs: training, validation or generalisation.")
     ] = "training",
     scan: Annotated[
         list[Path] | None, typer.Option(help="Render this mesh or scan (OBJ, PLY, GLB). Repeatable.")
     ] = None,
     scan_list: Annotated[
-        Path | None, typer.Option(help="Render the meshes that this text file names, one a line, beside it.")
+        Path | None,
+        typer.Option(help="Render the meshes that this text file lists, one on each line, relative to it."),
     ] = None,
     variants: Annotated[
-        str | None, typer.Option(help="Instead of each scan these of its variants: FIRST:LAST.")
+        str | None, typer.Option(help="Render these variants of each scan instead of it: FIRST:LAST.")
     ] = None,
     folds: Annotated[
         bool,
-        typer.Option("--folds", help="With folds raised from the cloth of --variants, which cast shadows."),
+        typer.Option("--folds", help="Add geometric folds, which cast shadows, to the cloth of --variants."),
     ] = False,
-    views: Annotated[int, typer.Option(min=1, help="Views a figure.")] = 9,
-    size: Annotated[int, typer.Option(min=16, help="Pixels of the image's side.")] = 512,
-    behind: Annotated[bool, typer.Option(help="32 directions behind the subject too.")] = False,
+    views: Annotated[int, typer.Option(min=1, help="Views of each figure.")] = 9,
+    size: Annotated[int, typer.Option(min=16, help="Side of the image in pixels.")] = 512,
+    behind: Annotated[bool, typer.Option(help="Add 32 directions behind the subject.")] = False,
+    directions: Annotated[
+        int | None,
+        typer.Option(
+            min=1,
+            help="Light directions of a view, drawn at random for each view; with --behind a third of them "
+            "are behind. Default: the same 64 for every view, 96 with --behind.",
+        ),
+    ] = None,
     jitter: Annotated[bool, typer.Option(help="Vary camera height, distance and field of view.")] = False,
     portrait: Annotated[
-        bool, typer.Option("--portrait", help="Jitter, and come close: the frame cuts the figure.")
+        bool, typer.Option("--portrait", help="Close-up views with jitter: the frame cuts the figure.")
     ] = False,
     shading: Annotated[
-        bool, typer.Option(help="Trace the bounce light too, for path-traced shading.")
+        bool, typer.Option(help="Also trace indirect light, for path-traced shading.")
     ] = False,
     relief: Annotated[
         bool,
-        typer.Option("--relief", help="Raise the folds that are only painted on a scan without normal map."),
+        typer.Option("--relief", help="Convert painted folds of scans without a normal map to relief."),
     ] = False,
     simulate: Annotated[
         bool,
-        typer.Option("--simulate", help="Drape the clothes of --bodies by physics: some 15 s a body more."),
+        typer.Option(
+            "--simulate", help="Simulate the cloth of --bodies, which takes about 15 s more for each body."
+        ),
     ] = False,
-    processes: Annotated[int | None, typer.Option(min=1, help="Default: one a core.")] = None,
+    fabrics: Annotated[
+        bool,
+        typer.Option("--fabrics", help="Draw other fabrics and colours for each view of a body."),
+    ] = False,
+    no_normal_maps: Annotated[
+        bool, typer.Option("--no-normal-maps", help="Ignore the normal maps of scans.")
+    ] = False,
+    processes: Annotated[
+        int | None, typer.Option(min=1, help="Number of processes. Default: one for each core.")
+    ] = None,
     dask: Annotated[
         str | None, typer.Option(help="Render on a Dask cluster: its scheduler, tcp://farm:8786.")
     ] = None,
     pack: Annotated[
         Path | None, typer.Option(help="Then pack the records into shards of at most 60 MiB in this folder.")
     ] = None,
-    sheet: Annotated[Path | None, typer.Option(help="Then draw a contact sheet of them (PNG).")] = None,
+    sheet: Annotated[
+        Path | None, typer.Option(help="Then draw a contact sheet of the records (PNG).")
+    ] = None,
 ) -> None:
-    """Render training records on the virtual light stage, pack them, or draw them for the eye."""
-    from relight.cluster import executor
+    """Render training records on the virtual light stage, pack them, or draw a contact sheet."""
+    from relight.distributed.dask_cluster import executor
     from shadow.data import records as record_files
     from shadow.evaluation import pictures
     from shadow.lightstage.stage import render_all
 
     if relief and (bodies is not None or pairs is not None):
-        raise ValueError(
-            "--relief: expected scans alone, since folds of --bodies and --pairs are not painted"
-        )
+        raise ValueError("--relief: expected scans only, since --bodies and --pairs have no painted folds")
     people = _people(bodies, pairs, split, records / "cloth" if simulate else None)
-    sources = people + _scans([*(scan or []), *_listed(scan_list)], variants, folds)
+    sources = people + _scans([*(scan or []), *_listed(scan_list)], variants, folds, not no_normal_maps)
     if sources:
-        with executor(dask) if dask else nullcontext() as pool:
+        with executor(dask) if dask is not None else nullcontext() as pool:
             written, on_disk, errors = render_all(
-                sources, records, views=views, size=size, behind=behind, jitter=jitter,
-                portrait=portrait, bounced=shading, raised=relief, processes=processes, pool=pool,
+                sources, records, views=views, size=size, behind=behind, lights=directions,
+                jitter=jitter, portrait=portrait, bounced=shading, raised=relief, fabrics=fabrics,
+                processes=processes, pool=pool,
             )  # fmt: skip
         console.print(f"{written} records, {on_disk // max(1, written)} bytes a view")
         for source, error in errors.items():
@@ -100,7 +121,7 @@ def stage(
 
 
 def _people(bodies: str | None, pairs: str | None, split: str, cloth: Path | None) -> list["Source"]:
-    """The clothed bodies and pairs of a split. cloth: the folder of simulated garments, None: none are."""
+    """Return the sources of bodies and pairs of a split. `cloth`: folder of simulated garments, or None."""
     from shadow.lightstage.stage import Source
 
     simulate = cloth is not None
@@ -108,30 +129,32 @@ def _people(bodies: str | None, pairs: str | None, split: str, cloth: Path | Non
     return people + [Source.pair(seed, split) for seed in _seeds("--pairs", pairs)]
 
 
-def _scans(meshes: list[Path], variants: str | None, folds: bool) -> list["Source"]:
-    """Scans, or variants of each."""
+def _scans(meshes: list[Path], variants: str | None, folds: bool, normal_maps: bool) -> list["Source"]:
+    """Return the sources of scans, or of variants of each."""
     from shadow.lightstage.stage import Source
 
     if folds and variants is None:
-        raise ValueError("--folds: expected --variants with it, whose cloth is folded")
+        raise ValueError("--folds: expected --variants as well, to whose cloth folds are added")
     if variants is None:
-        return [Source.scan(path) for path in meshes]
+        return [Source.scan(path, normal_maps) for path in meshes]
     if not meshes:
-        raise ValueError("--variants: expected --scan or --scan-list with it, to make variants of")
+        raise ValueError("--variants: expected --scan or --scan-list as well")
     return [
-        Source.variant(path, number, folds) for path in meshes for number in _seeds("--variants", variants)
+        Source.variant(path, number, folds, normal_maps)
+        for path in meshes
+        for number in _seeds("--variants", variants)
     ]
 
 
 def _listed(path: Path | None) -> list[Path]:
-    """The meshes that a text file names, one a line, beside the file."""
+    """Return the mesh files that a text file lists, one on each line, relative to it."""
     if path is None:
         return []
     return [path.parent / name.strip() for name in path.read_text().split("\n") if name.strip()]
 
 
 def _seeds(option: str, text: str | None) -> range:
-    """`0:100` as a range."""
+    """Parse `0:100` as a range."""
     if text is None:
         return range(0)
     first, _, last = text.partition(":")

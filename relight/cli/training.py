@@ -41,65 +41,74 @@ class Preset(StrEnum):
 def train(
     network: Network,
     records: Annotated[list[Path], typer.Option(help="Records or shards to train on. Repeatable.")],
-    out: Annotated[Path, typer.Option(help="Folder of the run; a run found there is resumed.")],
+    out: Annotated[Path, typer.Option(help="Folder of the run; an existing run is resumed.")],
     model: Annotated[
         Model, typer.Option(help="Our one-pass field, or the paper's per-light network by latent.")
     ] = Model.field,
     no_normals: Annotated[
-        bool, typer.Option("--no-normals", help="A network that sees no normals (Tables 3 and 6).")
+        bool, typer.Option("--no-normals", help="Train a network without normals as input (Tables 3 and 6).")
     ] = False,
     no_depth: Annotated[
-        bool, typer.Option("--no-depth", help="A field that says nothing of depth (benchmarks/ablations.py).")
+        bool,
+        typer.Option("--no-depth", help="Train a field without the depth output (benchmarks/ablations.py)."),
     ] = False,
     blocks: Annotated[
         str | None,
         typer.Option(
             metavar="N,N,N,N,N",
-            help="Residual blocks of a one-pass network's levels on the way down, half the resolution first "
-            "[1,1,2,4,6]. Those that --init lacks begin as the identity.",
+            help="Residual blocks of each encoder level of a one-pass network, from half the resolution down "
+            "[1,1,2,4,6]. Blocks that --init lacks start as the identity.",
         ),
     ] = None,
     preset: Annotated[
-        Preset, typer.Option(help="Where the options below start from: our recipe, or the paper's.")
+        Preset, typer.Option(help="Defaults of the options below: our recipe, or the paper's.")
     ] = Preset.fast,
     steps: Annotated[
-        int | None, typer.Option(min=1, help="Mini-batches in all; --preset paper: 31 epochs.")
+        int | None, typer.Option(min=1, help="Mini-batches; with --preset paper, 31 epochs.")
     ] = None,
     size: Annotated[
         int | None, typer.Option(help="Height of the canvas in pixels, a multiple of 128 [256; paper: 512].")
     ] = None,
     batch: Annotated[
-        int | None, typer.Option(min=1, help="Photographs a mini-batch [8; per-light: 2; paper: 1].")
+        int | None, typer.Option(min=1, help="Photographs in a mini-batch [8; per-light: 2; paper: 1].")
     ] = None,
     lights: Annotated[
-        int | None, typer.Option(min=1, help="Lights a photograph [field: 20; per-light: 4; paper: 1].")
+        int | None,
+        typer.Option(min=1, help="Lights for each photograph [field: 20; per-light: 4; paper: 1]."),
     ] = None,
     learning_rate: Annotated[
-        float | None, typer.Option(help="At its peak [1e-3; per-light: 5e-4; paper: 5e-6].")
+        float | None, typer.Option(help="Peak learning rate [1e-3; per-light: 5e-4; paper: 5e-6].")
     ] = None,
     borders: Annotated[
         float | None,
-        typer.Option(min=1, help="Times as often the losses look at pixels near borders of cast shadow [1]."),
+        typer.Option(
+            min=1,
+            help="How much more often the losses sample pixels near borders of cast shadows [1].",
+        ),
     ] = None,
     faces: Annotated[
-        float | None, typer.Option(min=1, help="Times as often they look at pixels of faces and hands [1].")
+        float | None,
+        typer.Option(min=1, help="How much more often they sample pixels of faces and hands [1]."),
     ] = None,
     angles: Annotated[
-        float | None, typer.Option(min=0, max=1, help="Share of the normals' loss that is their angle [0].")
+        float | None, typer.Option(min=0, max=1, help="Share of the angle in the loss of the normals [0].")
     ] = None,
     average: Annotated[
-        float | None, typer.Option(min=0, max=1, help="Decay a step of the average of the weights [0.999].")
+        float | None,
+        typer.Option(min=0, max=1, help="Decay of the moving average of the weights, per step [0.999]."),
     ] = None,
-    seed: Annotated[int, typer.Option(help="Of photographs and weights.")] = 0,
+    seed: Annotated[int, typer.Option(help="Seed of photographs and weights.")] = 0,
     init: Annotated[
         Path | None,
-        typer.Option(help="Weights to start from: the same network's, maybe less deep, or another backbone."),
+        typer.Option(
+            help="Weights to start from: of the same network, which may be less deep, or of another backbone."
+        ),
     ] = None,
     normals: Annotated[
         str | None,
         typer.Option(
-            help="Normals to learn with: a field, a PIFuHD checkpoint; true: the records' own [shadow: its "
-            "own; shading and per-light networks: those of --visibility]."
+            help="Normals to train with: a field, a PIFuHD checkpoint, or true for those of the records "
+            "[shadow: its own; shading and per-light networks: those of --visibility]."
         ),
     ] = None,
     visibility: Annotated[
@@ -112,10 +121,12 @@ def train(
     validation: Annotated[
         list[Path] | None, typer.Option(help="Records to score at each checkpoint. Repeatable.")
     ] = None,
-    workers: Annotated[int | None, typer.Option(min=0, help="Processes that make photographs.")] = None,
-    minutes: Annotated[float, typer.Option(min=0, help="Between checkpoints.")] = 5,
+    workers: Annotated[
+        int | None, typer.Option(min=0, help="Number of processes that make photographs.")
+    ] = None,
+    minutes: Annotated[float, typer.Option(min=0, help="Minutes between checkpoints.")] = 5,
 ) -> None:
-    """Train a network, or go on with a run that was interrupted."""
+    """Train a network, or continue a run that was interrupted."""
     from shadow.training.loop import fit
     from shadow.training.recipes import preset as recipe_of
 
@@ -139,7 +150,7 @@ def train(
 def _task(
     network: Network, model: Model, with_normals: bool, visibility: str, with_depth: bool = True
 ) -> "Task":
-    """What `train` trains."""
+    """Return the task of a training command."""
     from shading.tasks import per_light_task, shading_task
     from shadow.training.tasks import SHADOW, per_light
 
@@ -164,7 +175,7 @@ def _task(
 
 
 def _levels(text: str) -> list[int]:
-    """The residual blocks of each level of a backbone, of an option's text."""
+    """Parse the number of residual blocks of each level of a backbone."""
     parts = text.split(",")
     if len(parts) != LEVELS or not all(part.strip().isdecimal() and int(part) > 0 for part in parts):
         raise ValueError(f"--blocks: expected {LEVELS} numbers above 0, such as 1,1,2,4,6, got {text!r}")

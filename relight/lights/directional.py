@@ -10,31 +10,50 @@ import numpy as np
 from relight.lights.light import Light, checked_number, checked_numbers
 from shadow.directions import from_spherical, to_spherical
 
-SOFT_SAMPLES = 32  # directions over the disc of a soft light
+SOFT_SAMPLE_COUNT = 32  # directions over the disc of a soft light
 
 
 @dataclass(frozen=True, init=False)
 class DirectionalLight(Light):
-    """A light so far away that its rays are parallel, as UsdLux's DistantLight.
+    """A light so far away that its rays are parallel, like UsdLux's DistantLight.
 
     Parameters
     ----------
-    direction: (x, y, z) from the subject *to* the light, camera frame, any length but zero; or
-    azimuth, elevation: degrees. Azimuth turns from the camera (0) toward image right (90), so -40 is a light
-        at image left; elevation rises from the horizon (0) to overhead (90). Each is 0 unless given.
-    intensity: >= 0. At 1, a white surface that faces the light has the value 1.
-    colour: linear Rec.709, each >= 0.
-    exposure: stops; doubles the light for each.
-    temperature: kelvin, or None for no tint: multiplies `colour` at luminance 1.
-    locus: what is that hot: "planckian", a black body, [1000, 40000] K (lamps, candles, the sun); or
-        "daylight", CIE daylight, [4000, 25000] K, where 6504 K is white (D65).
-    angle: angular diameter in degrees, [0, 180]: 0 is a hard light; the sun has 0.53; softboxes, tens.
-    name: names the light's layer.
+    direction
+        (x, y, z) from the subject *to* the light, in the camera frame, of any length but zero. It replaces
+        azimuth and elevation.
+    azimuth
+        Degrees from the camera (0) toward image right (90), so -40 is a light at image left; 0 by default.
+    elevation
+        Degrees from the horizon (0) to overhead (90); 0 by default.
+    intensity
+        At least 0. At 1, a white surface that faces the light has the value 1.
+    colour
+        Linear Rec.709, each >= 0.
+    exposure
+        Stops, in [-64, 64]; each doubles the light.
+    temperature
+        Kelvin, or None for no tint: multiplies `colour` at luminance 1.
+    locus
+        The colours of temperatures: "planckian", a black body, in [1000, 40000] K (lamps, candles, the sun);
+        or "daylight", CIE daylight, in [4000, 25000] K, where 6504 K is white (D65).
+    angle
+        Angular diameter in degrees, in [0, 180]: 0 is a hard light, the sun has 0.53, softboxes have tens.
+    name
+        Name of the light's layer.
 
     Raises
     ------
-    TypeError, ValueError: not numbers, NaN or infinite, out of range, a zero-length direction, or both
-    `direction` and `azimuth` or `elevation`.
+    TypeError, ValueError
+        Not numbers, NaN or infinite, out of range, a zero-length direction, or both `direction` and `azimuth`
+        or `elevation`.
+
+    Examples
+    --------
+    >>> import relight
+    >>> sun = relight.DirectionalLight(azimuth=-40, elevation=30, angle=0.53, temperature=5600)
+    >>> round(sun.azimuth), round(sun.elevation)
+    (-40, 30)
     """
 
     direction: tuple[float, float, float]
@@ -88,35 +107,35 @@ class DirectionalLight(Light):
         return float(to_spherical(self.direction)[1])
 
     def settings(self) -> dict[str, Any]:
-        """{parameter: value} of the constructor, as far as they are not its defaults.
+        """Return {parameter: value} of the constructor, without those that have their defaults.
 
-        The direction as azimuth and elevation, rounded to 1e-4 degrees: exact for lights made from those.
+        The direction is given as azimuth and elevation, rounded to 1e-4 degrees.
         """
         settings = super().settings()
         del settings["direction"]
         return settings | {"azimuth": round(self.azimuth, 4), "elevation": round(self.elevation, 4)}
 
     def samples(self) -> tuple[np.ndarray, np.ndarray]:
-        """What the light comes down to: unit directions (K, 3) and linear RGB intensities (K, 3), float32.
+        """Return the light as unit directions (K, 3) and linear RGB intensities (K, 3), float32.
 
-        K is 1 for a hard light and 32 for a soft one. A soft light gives an unoccluded surface that faces
-        it the same irradiance as the hard light, as UsdLux's `normalize` does.
+        K is 1 for a hard light and 32 for a soft one. An unblocked surface that faces a soft light gets the
+        same irradiance as from the hard light, as with UsdLux's `normalize`.
         """
         axis = np.array(self.direction)
         directions = axis[None] if self.angle == 0 else _cap(axis, self.angle / 2)
         intensities = np.broadcast_to(self.power / (directions @ axis).sum(), directions.shape)
-        with np.errstate(over="ignore"):  # what becomes infinite is refused where the light is used
+        with np.errstate(over="ignore"):  # infinite values are refused where the light is used
             return directions.astype(np.float32), intensities.astype(np.float32)
 
 
 def _cap(axis: np.ndarray, radius: float) -> np.ndarray:
-    """Directions (SOFT_SAMPLES, 3) over the spherical cap within `radius` degrees of `axis`.
+    """Return directions (SOFT_SAMPLE_COUNT, 3) over the spherical cap within `radius` degrees of `axis`.
 
-    A golden-angle spiral in equal steps along the axis, which are equal areas of the sphere (Archimedes):
-    stratified, and the same each time.
+    They form a golden-angle spiral in equal steps along the axis, which are equal areas of the sphere
+    (Archimedes).
     """
-    step = np.arange(SOFT_SAMPLES)
-    along = 1 - (1 - math.cos(math.radians(radius))) * (step + 0.5) / SOFT_SAMPLES
+    step = np.arange(SOFT_SAMPLE_COUNT)
+    along = 1 - (1 - math.cos(math.radians(radius))) * (step + 0.5) / SOFT_SAMPLE_COUNT
     angle = math.pi * (3 - math.sqrt(5)) * step
     across = np.sqrt(1 - along**2)
     aside = np.cross(axis, np.eye(3)[np.abs(axis).argmin()])

@@ -1,4 +1,4 @@
-"""The lights file: a lighting as YAML or JSON, for people and for programs.
+"""The lights file: lights as YAML or JSON, for people and for programs.
 
     lights:
       - name: key
@@ -19,9 +19,9 @@
         position: [-0.6, 0.4, 0.8]
         radius: 0.1
 
-Each light has the parameters of its class, by name; its type is "directional" unless it says so, or has a
-position. The file of an environment's image is looked for beside the lights file. In place of a value may
-stand keyframes by frame, and `orbit: 200` turns a light once around the subject in 200 frames (see
+Each light has the parameters of its class, by name. Its type is "directional" unless it is given or follows
+from the parameters. The path of an environment's image is relative to the lights file. A value may be
+keyframes by frame, and `orbit: 200` turns a light once around the subject in 200 frames (see
 `relight.MovingLight`):
 
       - name: sun
@@ -41,9 +41,10 @@ import yaml
 
 from relight.lights.directional import DirectionalLight
 from relight.lights.environment import EnvironmentLight
-from relight.lights.light import LONGEST_NAME, REQUIRED, Light, parameters
+from relight.lights.light import MAX_NAME_BYTES, REQUIRED, Light, parameters
 from relight.lights.moving import MovingLight, kind_of
 from relight.lights.near import PointLight, RectLight
+from relight.media.regular_file import check_regular_file
 from shadow.files import AnyPath, replacing
 
 TYPES: dict[str, type[Light]] = {
@@ -53,8 +54,8 @@ TYPES: dict[str, type[Light]] = {
     "rect": RectLight,
 }
 SUFFIXES = (".yaml", ".yml", ".json")
-MOST_KEYS = 1000  # of a mapping, merged ones included
-MERGE = "tag:yaml.org,2002:merge"
+MAX_KEYS = 1000  # of a mapping, merged ones included
+MERGE_TAG = "tag:yaml.org,2002:merge"
 
 
 def read_lights(path: AnyPath) -> list[Light | MovingLight]:
@@ -62,14 +63,18 @@ def read_lights(path: AnyPath) -> list[Light | MovingLight]:
 
     Parameters
     ----------
-    path: a .yaml, .yml or .json file: `lights`, a list, each a mapping of a light's parameters (see
-        `relight.DirectionalLight`, `relight.EnvironmentLight` and `relight.MovingLight`), with
-        `type: environment` where it is one.
+    path
+        A .yaml, .yml or .json file: `lights`, a list, each a mapping of a light's parameters (see
+        `relight.DirectionalLight`, `relight.EnvironmentLight` and `relight.MovingLight`), with `type:
+        environment` where it is one.
 
     Raises
     ------
-    FileNotFoundError: no such file. ValueError: not YAML or JSON, unknown or repeated keys, values that the
-    light refuses; the message names the file, the light and the key.
+    FileNotFoundError
+        No such file.
+    ValueError
+        Not YAML or JSON, unknown or repeated keys, values that the light refuses; the message names the file,
+        the light and the key.
     """
     return [_light(path, number, entry) for number, entry in enumerate(_entries(path), 1)]
 
@@ -79,14 +84,20 @@ def write_lights(path: AnyPath, lights: Iterable[Light | MovingLight]) -> None:
 
     Parameters
     ----------
-    path: .yaml, .yml or .json. Its folder must exist.
-    lights: any number of lights. Directions are written as azimuth and elevation, rounded to 1e-4 degrees; an
+    path
+        .yaml, .yml or .json. Its folder must exist.
+    lights
+        Any number of lights. Directions are written as azimuth and elevation, rounded to 1e-4 degrees; an
         environment's image by its path, relative to the lights file unless it is absolute.
 
     Raises
     ------
-    ValueError: another suffix, an environment that is an array and no file. TypeError: not lights.
-    OSError: the file cannot be written.
+    ValueError
+        Another suffix, an environment that is an array and no file.
+    TypeError
+        Not lights.
+    OSError
+        The file cannot be written.
     """
     path = _lights_path(path)
     document = {"lights": [_entry(path, light) for light in lights]}
@@ -98,6 +109,20 @@ def write_lights(path: AnyPath, lights: Iterable[Light | MovingLight]) -> None:
         beside.write_text(text, encoding="utf-8")
 
 
+def to_entries(lights: Iterable[Light | MovingLight]) -> list[dict[str, Any]]:
+    """Return lights as the entries of a lights file, with absolute paths. Raises as `write_lights` does."""
+    folder = Path.cwd()
+    entries = [_entry(folder / "lights.json", light) for light in lights]
+    return [
+        entry | ({"image": os.path.abspath(entry["image"])} if "image" in entry else {}) for entry in entries
+    ]
+
+
+def from_entries(entries: Iterable[Any]) -> list[Light | MovingLight]:
+    """Return the lights of entries that `to_entries` returned. Raises as `read_lights` does."""
+    return [_light("lights", number, entry) for number, entry in enumerate(entries, 1)]
+
+
 def _lights_path(path: AnyPath) -> Path:
     path = Path(path)
     if path.suffix.lower() not in SUFFIXES:
@@ -106,18 +131,16 @@ def _lights_path(path: AnyPath) -> Path:
 
 
 def _entries(path: AnyPath) -> list[Any]:
-    """The lights of a file as mappings, their keys and values still unchecked."""
-    path = _lights_path(path)
+    """Read the lights of a file as mappings, whose keys and values are still unchecked."""
+    path = check_regular_file(_lights_path(path))
     try:
         text = path.read_text(encoding="utf-8")
         if path.suffix.lower() == ".json":
             document = json.loads(text, object_pairs_hook=_unique)
         else:
             document = yaml.load(text, _Loader)  # a SafeLoader
-    except FileNotFoundError as error:
-        raise FileNotFoundError(f"{path}: no such file") from error
     except (ValueError, RecursionError, yaml.YAMLError, AttributeError, KeyError, TypeError) as error:
-        # The last three are PyYAML's, for tags that don't fit: `!!bool perhaps`.
+        # PyYAML raises the last three for tags that do not fit: `!!bool perhaps`.
         problem = " ".join(str(error).split())
         raise ValueError(f"{path}: is not a lights file: {problem}") from error
     if not isinstance(document, dict) or "lights" not in document:
@@ -131,7 +154,7 @@ def _entries(path: AnyPath) -> list[Any]:
 
 
 def _light(path: AnyPath, number: int, entry: Any) -> Light | MovingLight:
-    """A light from its mapping in a file."""
+    """Make a light of its mapping in a file."""
     where = f"{path}: light {number}"
     if not isinstance(entry, dict):
         raise ValueError(f"{where}: expected parameters and their values, got {reprlib.repr(entry)}")
@@ -163,13 +186,13 @@ def _light(path: AnyPath, number: int, entry: Any) -> Light | MovingLight:
 
 
 def _shown(word: Any) -> str:
-    """A name or key of a file in an error: as it is, or short and quoted where it would break the line."""
-    fits = isinstance(word, str) and word.isprintable() and len(word) <= LONGEST_NAME
+    """Return a name or key of a file for an error; shortened and quoted where it would break the line."""
+    fits = isinstance(word, str) and word.isprintable() and len(word) <= MAX_NAME_BYTES
     return word if fits else reprlib.repr(word)
 
 
 def _entry(path: Path, light: Light | MovingLight) -> dict[str, Any]:
-    """A light's mapping in the file `path`: what is not the default, its name first."""
+    """Return a light's mapping for the file `path`: what is not the default, its name first."""
     made = light.kind if isinstance(light, MovingLight) else type(light)
     kinds = {kind for kind, cls in TYPES.items() if issubclass(made, cls)}
     if not kinds:
@@ -183,7 +206,7 @@ def _entry(path: Path, light: Light | MovingLight) -> dict[str, Any]:
 
 
 def _plain(value: Any) -> Any:
-    """40 rather than 40.0, as a person would write it."""
+    """Return a value as a person would write it: 40 instead of 40.0."""
     if isinstance(value, tuple):
         return tuple(map(_plain, value))
     if isinstance(value, dict):
@@ -192,7 +215,7 @@ def _plain(value: Any) -> Any:
 
 
 def _unique(pairs: list[tuple[Any, Any]]) -> dict[Any, Any]:
-    """A JSON object as a dictionary; ValueError if a key comes twice, of which JSON would keep the last."""
+    """Return a JSON object as a dictionary; raises ValueError for a repeated key."""
     found: dict[Any, Any] = {}
     for key, value in pairs:
         if key in found:
@@ -202,7 +225,7 @@ def _unique(pairs: list[tuple[Any, Any]]) -> dict[Any, Any]:
 
 
 class _Loader(yaml.SafeLoader):
-    """Safe YAML in which no key comes twice, merged keys are few, and numbers and words are YAML 1.2's.
+    """Safe YAML 1.2 without repeated keys, and with few merged ones.
 
     PyYAML reads YAML 1.1, where 010 is eight, 1:30 is ninety, 1e3 is a text and `on` is true.
     """
@@ -211,12 +234,12 @@ class _Loader(yaml.SafeLoader):
         for key, _ in node.value:
             if not isinstance(key, yaml.ScalarNode):
                 raise yaml.constructor.ConstructorError(None, None, "a key is no text", key.start_mark)
-        _unique([(self.construct_object(key), None) for key, _ in node.value if key.tag != MERGE])
+        _unique([(self.construct_object(key), None) for key, _ in node.value if key.tag != MERGE_TAG])
         return super().construct_mapping(node, deep)
 
     def flatten_mapping(self, node: yaml.MappingNode) -> None:
         super().flatten_mapping(node)
-        if len(node.value) > MOST_KEYS:  # merges of merges grow exponentially
+        if len(node.value) > MAX_KEYS:  # merges of merges grow exponentially
             raise yaml.constructor.ConstructorError(None, None, "merges too many keys", node.start_mark)
 
     def construct_integer(self, node: yaml.ScalarNode) -> int:

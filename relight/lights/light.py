@@ -1,4 +1,4 @@
-"""What every light is: strength and colour, samples, and text that it is read from; and lights by name."""
+"""The base class of lights: strength and colour, samples, parsing from text; and lights by name."""
 
 import inspect
 import math
@@ -6,21 +6,21 @@ import reprlib
 import unicodedata
 from collections.abc import Iterable
 from dataclasses import dataclass
-from typing import Any, Self, cast
+from typing import Any, Self
 
 import numpy as np
 
 from relight.media import colour as colours
 
-VECTORS = ("direction", "colour", "position", "toward")
-TEXTS = ("locus", "name")
-LONGEST_NAME = 240  # bytes: with "visibility_" before and ".R" behind, within the 255 of OpenEXR
+VECTOR_PARAMETERS = ("direction", "colour", "position", "toward")
+TEXT_PARAMETERS = ("colour_space", "locus", "name")
+MAX_NAME_BYTES = 240  # with "visibility_" before and ".R" behind, within the 255 of OpenEXR
 REQUIRED = inspect.Parameter.empty
 
 
 @dataclass(frozen=True, init=False)
 class Light:
-    """What every light has; `relight.DirectionalLight` says what the parameters mean."""
+    """What all lights have in common; see `relight.DirectionalLight` for the parameters."""
 
     intensity: float
     colour: tuple[float, float, float]
@@ -40,7 +40,7 @@ class Light:
         name: str | None,
         **own: Any,
     ) -> None:
-        """Check what every light has, and set it and the light's `own` fields as frozen dataclasses do."""
+        """Check and set the common fields and the light's `own` ones, as frozen dataclasses do."""
         rgb = checked_numbers("colour", colour, 3)
         if min(rgb) < 0:
             raise ValueError(f"colour: expected values >= 0, got {rgb}")
@@ -70,7 +70,7 @@ class Light:
         return np.array(self.colour) * tint * self.intensity * 2.0**self.exposure
 
     def settings(self) -> dict[str, Any]:
-        """{parameter: value} of the constructor, as far as they are not its defaults."""
+        """Return {parameter: value} of the constructor, without those that have their defaults."""
         optional = {
             key: default for key, default in parameters(type(self)).items() if default is not REQUIRED
         }
@@ -79,10 +79,21 @@ class Light:
 
     @classmethod
     def parse(cls, text: str) -> Self:
-        """A light from text: `key:azimuth=-40,elevation=30,intensity=2,colour=1/0.9/0.8`.
+        """Parse a light from text: `key:azimuth=-40,elevation=30,intensity=2,colour=1/0.9/0.8`.
 
-        `name:` may be left out. Each `parameter=value` is one of the constructor's; vectors have slashes
-        between their numbers. ValueError if the text does not read so.
+        `name:` is optional. Each `parameter=value` is one of the constructor's; the numbers of a vector are
+        separated by slashes.
+
+        Raises
+        ------
+        ValueError
+            The text does not have this form, or the light refuses a value.
+
+        Examples
+        --------
+        >>> import relight
+        >>> relight.DirectionalLight.parse("key:azimuth=-40,intensity=2").intensity
+        2.0
         """
         name, colon, settings = text.rpartition(":")
         try:
@@ -97,32 +108,42 @@ class Light:
             raise ValueError(f"light {text!r}: {error}") from error
 
     def samples(self) -> tuple[np.ndarray, np.ndarray]:
-        """What the light comes down to: unit directions (K, 3) and linear RGB intensities (K, 3), float32."""
+        """Return the light as unit directions (K, 3) and linear RGB intensities (K, 3), float32."""
         raise NotImplementedError
 
 
-Lights = Light | Iterable[Light]  # as functions take them
+Lights = Light | Iterable[Light]  # what functions accept
+
+
+def as_rig(lights: Any, expected: str = "lights") -> list[Any]:
+    """Return one light, or several, as a list; they may move.
+
+    Raises TypeError for anything else; `expected` is what its message asks for.
+    """
+    alone = hasattr(lights, "samples") or hasattr(lights, "at")  # a light, of whatever class
+    try:
+        several: list[Any] = [lights] if alone else list(lights)
+    except TypeError as error:
+        raise TypeError(f"lights: expected {expected}, got {type(lights).__name__}") from error
+    for light in several:
+        if not hasattr(light, "samples") and not hasattr(light, "at"):
+            raise TypeError(f"lights: expected lights, e.g. DirectionalLight, got {type(light).__name__}")
+    return several
 
 
 def as_lights(lights: Lights) -> list[Light]:
-    """One light or an iterable of lights as a list; TypeError for what is none, or moves."""
-    alone = hasattr(lights, "samples") or hasattr(lights, "at")  # a light, of whatever class
-    try:
-        several: list[Any] = [lights] if alone else list(cast(Iterable[Light], lights))
-    except TypeError as error:
-        raise TypeError(f"lights: expected lights, got {type(lights).__name__}") from error
+    """Return one light, or several, as a list; raises TypeError for anything else, and for moving lights."""
+    several = as_rig(lights)
     for light in several:
         if hasattr(light, "at"):
             raise TypeError(
                 f"lights: {light.name or 'a light'} moves; give the light of one frame, light.at(frame)"
             )
-        if not hasattr(light, "samples"):
-            raise TypeError(f"lights: expected lights, e.g. DirectionalLight, got {type(light).__name__}")
     return several
 
 
 def by_name(lights: Lights) -> dict[str, Light]:
-    """{name: light}, those without a name as `light1`, `light2`...; ValueError if two have one name."""
+    """Return {name: light}, unnamed ones as `light1`, `light2`...; raises ValueError if two have one name."""
     several = as_lights(lights)
     names = [light.name or f"light{number}" for number, light in enumerate(several, 1)]
     if len(set(names)) < len(names):
@@ -131,17 +152,17 @@ def by_name(lights: Lights) -> dict[str, Light]:
 
 
 def check_name(name: Any) -> None:
-    """TypeError or ValueError unless `name` can name a light, and layers of an OpenEXR file after it."""
+    """Raise TypeError or ValueError unless `name` can name a light, and layers of an OpenEXR file."""
     if not isinstance(name, str) or not name:
         raise TypeError(f"name: expected a non-empty string, got {reprlib.repr(name)}")
     if any(unicodedata.category(character) in ("Cc", "Cs") for character in name):
         raise ValueError(f"name: expected no control characters, got {reprlib.repr(name)}")
-    if len(name.encode()) > LONGEST_NAME:
-        raise ValueError(f"name: expected at most {LONGEST_NAME} bytes of UTF-8, got {len(name.encode())}")
+    if len(name.encode()) > MAX_NAME_BYTES:
+        raise ValueError(f"name: expected at most {MAX_NAME_BYTES} bytes of UTF-8, got {len(name.encode())}")
 
 
 def checked_numbers(name: str, value: Any, count: int) -> tuple[float, ...]:
-    """`value` as a tuple of `count` finite floats."""
+    """Return `value` as a tuple of `count` finite floats; TypeError or ValueError otherwise."""
     expected, got = ("numbers", value) if count > 1 else ("number", value[0])
     try:
         if isinstance(value, str) or any(isinstance(number, str | bool) for number in value):
@@ -155,7 +176,7 @@ def checked_numbers(name: str, value: Any, count: int) -> tuple[float, ...]:
 
 
 def checked_number(name: str, value: Any, low: float = -math.inf, high: float = math.inf) -> float:
-    """`value` as one finite float in [low, high]."""
+    """Return `value` as one finite float in [low, high]; TypeError or ValueError otherwise."""
     (number,) = checked_numbers(name, (value,), 1)
     if not low <= number <= high:
         raise ValueError(f"{name}: expected {low:g} to {high:g}, got {number:g}")
@@ -163,7 +184,7 @@ def checked_number(name: str, value: Any, low: float = -math.inf, high: float = 
 
 
 def parse_settings(light: type[Light], settings: Iterable[str]) -> dict[str, Any]:
-    """Arguments of a light's constructor from texts `parameter=value`; vectors as `1/0.9/0.8`."""
+    """Return the arguments of a light's constructor from texts `parameter=value`; vectors as `1/0.9/0.8`."""
     known = parameters(light)
     arguments: dict[str, Any] = {}
     for setting in settings:
@@ -173,19 +194,19 @@ def parse_settings(light: type[Light], settings: Iterable[str]) -> dict[str, Any
             raise ValueError(
                 f"{setting!r} is {problem}; expected parameter=value,... with {', '.join(known)}"
             )
-        if key in TEXTS:
+        if key in TEXT_PARAMETERS:
             arguments[key] = value
             continue
         try:
             numbers = tuple(map(float, value.split("/")))
         except ValueError as error:
             raise ValueError(f"{key} expects a number, got {value!r}") from error
-        if key not in VECTORS and len(numbers) > 1:
+        if key not in VECTOR_PARAMETERS and len(numbers) > 1:
             raise ValueError(f"{key} expects one number, got {value!r}")
-        arguments[key] = numbers if key in VECTORS else numbers[0]
+        arguments[key] = numbers if key in VECTOR_PARAMETERS else numbers[0]
     return arguments
 
 
 def parameters(light: type[Light]) -> dict[str, Any]:
-    """What a class of lights is made from, in order: {parameter: its default, or REQUIRED}."""
+    """Return the parameters of a class of lights, in order: {parameter: its default, or REQUIRED}."""
     return {key: parameter.default for key, parameter in inspect.signature(light).parameters.items()}

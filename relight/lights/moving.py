@@ -16,8 +16,8 @@ from relight.lights.light import Light, parameters
 from relight.lights.near import PointLight, RectLight
 
 Keyframes = dict[float, float | tuple[float, ...]]  # {frame: value}, in the order of frames
-ORBITS = ("azimuth", "rotation")  # what an orbit turns: a lamp around the subject, an environment around it
-CARRIED = ("position", "toward")  # and what it carries around the vertical through the subject's middle
+ORBIT_ANGLES = ("azimuth", "rotation")  # parameters to which an orbit adds its angle
+ORBIT_POSITIONS = ("position", "toward")  # parameters that an orbit turns about the subject's vertical
 
 
 @dataclass(frozen=True, init=False)
@@ -26,19 +26,29 @@ class MovingLight:
 
     Parameters
     ----------
-    kind: relight.DirectionalLight, PointLight, RectLight or EnvironmentLight.
-    orbit: frames of one turn around the subject, negative to turn the other way. At frame 1 the light stands
-        at its azimuth (an environment at its rotation, a light in the room at its position), which grows
-        from there.
-    settings: the parameters of `kind`. A number or a vector may be keyframes, {frame: value}: from one to the
-        next it changes linearly, a `direction` along the great circle; before the first and after the last
-        it rests.
+    kind
+        relight.DirectionalLight, PointLight, RectLight or EnvironmentLight.
+    orbit
+        Frames of one turn around the subject, negative for the other way. At frame 1 the light is at its
+        azimuth (an environment at its rotation, a near light at its position), which grows from there.
+    settings
+        The parameters of `kind`. A number or a vector may be keyframes, {frame: value}. Between two of them
+        it changes linearly, a `direction` along the great circle; before the first and after the last it is
+        constant.
 
     Raises
     ------
-    TypeError, ValueError: what `kind` refuses at one of the keyframes; a frame that is no number; keyframes
-    of text; opposite directions in succession, which many great circles join; an orbit of no frames, or of a
-    light that is given by its direction.
+    TypeError, ValueError
+        What `kind` refuses at one of the keyframes; a frame that is no number; keyframes of text; opposite
+        directions in succession, which many great circles join; an orbit of no frames, or of a light that is
+        given by its direction.
+
+    Examples
+    --------
+    >>> import relight
+    >>> sunrise = relight.MovingLight(azimuth={1: -90, 101: 10}, elevation=20)
+    >>> round(sunrise.at(51).azimuth)
+    -40
     """
 
     kind: type[Light]
@@ -70,24 +80,24 @@ class MovingLight:
 
     @property
     def span(self) -> tuple[float, float] | None:
-        """(first, last) keyframe; None if there is none."""
+        """The frames of the first and the last keyframe; None without keyframes."""
         frames = sorted({frame for keyframes in self.moves.values() for frame in keyframes})
         return (frames[0], frames[-1]) if frames else None
 
     def at(self, frame: float) -> Light:
-        """The light of a frame, which may lie between whole ones."""
+        """Return the light at a frame, which may lie between whole ones."""
         settings = self.rests | {key: _between(key, frames, frame) for key, frames in self.moves.items()}
         turn = 0.0 if self.orbit is None else 360 * (frame - 1) / self.orbit
-        for key in ORBITS if self.orbit is not None else ():
+        for key in ORBIT_ANGLES if self.orbit is not None else ():
             if key in parameters(self.kind):
                 settings[key] = settings.get(key, 0.0) + turn
-        for key in CARRIED if self.orbit is not None else ():
+        for key in ORBIT_POSITIONS if self.orbit is not None else ():
             if key in settings:
                 settings[key] = _turned(settings[key], turn)
         return self.kind(**settings)
 
     def settings(self) -> dict[str, Any]:
-        """{parameter: value or keyframes} from which the light can be made again, as far as not default."""
+        """Return {parameter: value or keyframes} of the constructor, without defaults."""
         rests = self.at(1).settings()
         direction = ("azimuth", "elevation") if "direction" in self.moves else ()
         settings = {key: value for key, value in rests.items() if key not in (*self.moves, *direction)}
@@ -95,20 +105,21 @@ class MovingLight:
 
 
 def lights_at(lights: Iterable[Light | MovingLight], frame: float) -> list[Light]:
-    """The lights of a frame: those that move as they are then, the others as they are."""
+    """Return the lights at a frame, moving ones as they are then."""
     return [light.at(frame) if isinstance(light, MovingLight) else light for light in lights]
 
 
 def kind_of(settings: Iterable[str]) -> type[Light]:
-    """The kind of light that has these parameters, unless it is an environment."""
+    """Return the class of a light with these parameters, other than environments."""
     keys = set(settings)
-    if keys & {"toward", "width", "height"}:
+    spot = keys & {"cone", "softness", "radius"}
+    if keys & {"width", "height"} or ("toward" in keys and not spot):
         return RectLight
-    return PointLight if keys & {"position", "radius"} else DirectionalLight
+    return PointLight if spot or "position" in keys else DirectionalLight
 
 
 def parse(text: str, kind: type[Light] | None = None) -> Light | MovingLight:
-    """A light from text, as the `parse` of its kind reads it; with `orbit=200` in it, one that moves."""
+    """Parse a light from text, see `Light.parse`; with `orbit=200` in it, a moving one."""
     kind = kind or kind_of(re.findall(r"(?:^|[,:])\s*(\w+)\s*=", text))
     orbit = re.search(r"(?:^|(?<=[,:]))\s*orbit\s*=([^,]*)(?:,|$)", text)
     if orbit is None:
@@ -121,7 +132,7 @@ def parse(text: str, kind: type[Light] | None = None) -> Light | MovingLight:
 
 
 def _turned(vector: Iterable[float], degrees: float) -> tuple[float, ...]:
-    """A vector turned about the vertical as azimuth does, from the camera toward image right."""
+    """Turn a vector about the vertical as azimuth does, from the camera toward image right."""
     x, y, z = vector
     cosine, sine = math.cos(math.radians(degrees)), math.sin(math.radians(degrees))
     return x * cosine + z * sine, y, z * cosine - x * sine
@@ -132,7 +143,7 @@ def _is_number(value: Any) -> bool:
 
 
 def _keyframes(key: str, keyframes: Mapping[Any, Any]) -> Keyframes:
-    """{frame: value} in order, checked; JSON has its frames as text."""
+    """Check {frame: value} and return it in order of frames, which JSON has as text."""
     if not keyframes:
         raise ValueError(f"{key}: expected keyframes, got none")
     checked: Keyframes = {}
@@ -153,7 +164,7 @@ def _keyframes(key: str, keyframes: Mapping[Any, Any]) -> Keyframes:
 
 
 def _between(key: str, keyframes: Keyframes, frame: float) -> float | tuple[float, ...]:
-    """The value at a frame: a float or a tuple of three."""
+    """Interpolate the value at a frame: a float or a tuple of three."""
     frames = list(keyframes)
     after = bisect.bisect(frames, frame)
     if after in (0, len(frames)):
@@ -167,7 +178,7 @@ def _between(key: str, keyframes: Keyframes, frame: float) -> float | tuple[floa
 
 
 def _great_circle(start: np.ndarray, end: np.ndarray, share: float) -> tuple[float, ...]:
-    """A direction between two, at even speed (Shoemake 1985)."""
+    """Interpolate between two directions at constant speed (Shoemake 1985)."""
     start, end = start / np.linalg.norm(start), end / np.linalg.norm(end)
     angle = math.acos(np.clip(start @ end, -1, 1))
     if angle > math.pi - 1e-6:

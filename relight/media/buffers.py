@@ -7,12 +7,12 @@ import OpenImageIO as oiio
 
 
 def to_buffer(pixels: np.ndarray) -> oiio.ImageBuf:
-    """An array (H, W, C), cast to float32, as a buffer."""
+    """Return an array (H, W, C), cast to float32, as a buffer."""
     return oiio.ImageBuf(np.ascontiguousarray(pixels, np.float32))
 
 
 def to_array(buffer: oiio.ImageBuf, dtype: str = "float") -> np.ndarray:
-    """A buffer's pixels (H, W, C). RuntimeError, in OpenImageIO's words, if making them failed."""
+    """Return the pixels (H, W, C) of a buffer; raises RuntimeError with OpenImageIO's message for errors."""
     pixels = None if buffer.has_error else buffer.get_pixels(dtype)
     if pixels is None:
         raise RuntimeError(f"OpenImageIO: {problem(buffer)}")

@@ -1,49 +1,60 @@
 """Colour: to linear Rec.709, the working space, and from it to a display; the colour of a temperature.
 
 Names of colour spaces are those of OpenColorIO's built-in configuration, "sRGB", "lin_rec709", "ACEScg",
-"lin_rec2020"..., and of the configuration that the environment variable OCIO names, if it is set.
+"lin_rec2020"...; of the configuration that the environment variable OCIO names, if it is set; and of
+OpenColorIO's studio configuration, `ocio://studio-config-latest`, which knows the cameras' logarithmic
+spaces.
+
+colour-science takes most of a second to import, so it is imported where a conversion needs it.
 """
 
-import atexit
 import functools
 import math
 import os
-import sys
-import warnings
 from collections.abc import Callable
 
 import numpy as np
 import OpenImageIO as oiio
 from numpy.typing import ArrayLike
 
+from relight.media import encodings
 from relight.media.buffers import to_array, to_buffer
-from relight.media.profiles import Profile
+from relight.media.encodings import (
+    D50,
+    D65,
+    REC709,
+    Encoding,
+    colour_science,
+    decode_srgb,
+    rgb_to_xyz,
+)
+from relight.media.icc import Profile
+from shadow.srgb import encode_srgb
 
-with warnings.catch_warnings():
-    warnings.simplefilter("ignore")  # colour-science warns at import that Matplotlib is not installed
-    import colour
-
-# colour-science keeps OpenImageIO objects alive past the end of their module, for which its bindings print a
-# page of harmless "leaked instance" lines at exit.
-atexit.register(vars(sys.modules["colour.io.image"]).clear)
-
-# A name; the chromaticities of linear light; or an ICC profile.
-Space = str | tuple[float, ...] | Profile
+# A name; the chromaticities of linear light; what a file says; or an ICC profile.
+Space = str | tuple[float, ...] | Encoding | Profile
 LINEAR = "lin_rec709"
 SRGB = "sRGB"
 ALIASES = {"rec.709": LINEAR, "rec.2020": "lin_rec2020", "rec2020": "lin_rec2020"}  # linear, as in the field
 BUILT_IN = "ocio://default"  # whatever $OCIO says: reading a PNG must not depend on it
+STUDIO = "ocio://studio-config-latest"
 INTERCHANGE = "aces_interchange"  # the role by which configurations understand each other: ACES2065-1
-D50 = (0.3457, 0.3585)  # the white of ICC profiles
-REC709 = (0.64, 0.33, 0.30, 0.60, 0.15, 0.06, 0.3127, 0.3290)  # chromaticities of R, G, B and white
+LINEAR_SPACES = {  # names of the Color Interop Forum
+    "lin_rec709_scene": REC709,
+    "lin_ap1_scene": encodings.AP1,
+    "lin_ap0_scene": encodings.AP0,
+    "lin_rec2020_scene": encodings.REC2020,
+    "lin_p3d65_scene": encodings.P3_D65,
+    "lin_adobergb_scene": encodings.ADOBE_RGB,
+}
 LOCI = {"planckian": (1000.0, 40000.0), "daylight": (4000.0, 25000.0)}  # kelvin; CIE 015 for daylight
-ROWS = 64  # at a time: colour-science works in float64
+ROWS = 64  # at a time: transfer functions work in float64
 KNEE = 0.6  # light that a display shows as it is, however bright the rest
 
 
 @functools.cache
 def _config(path: str) -> oiio.ColorConfig:
-    """An OpenColorIO configuration; ValueError if there is none at `path`."""
+    """Return an OpenColorIO configuration. Raises ValueError if there is none at `path`."""
     config = oiio.ColorConfig(path)
     if config.geterror():
         raise ValueError(f"OCIO: cannot read the configuration {path!r}")
@@ -51,23 +62,34 @@ def _config(path: str) -> oiio.ColorConfig:
 
 
 def _find(space: str) -> tuple[str, str]:
-    """(configuration's path, name in it) of a colour space, the built-in configuration first."""
+    """Return (configuration path, name in it) of a colour space; the built-in one is searched first."""
     wanted = ALIASES.get(str(space).lower(), str(space))
-    for path in filter(None, (BUILT_IN, os.environ.get("OCIO"))):
+    for path in filter(None, (BUILT_IN, os.environ.get("OCIO"), STUDIO)):
         name = _config(path).resolve(wanted)
         if _config(path).getColorSpaceIndex(name) >= 0:
             return path, name
+    alike = [
+        name for name in _config(STUDIO).getColorSpaceNames() if wanted and wanted.lower() in name.lower()
+    ]
+    if alike:
+        raise ValueError(f"colour_space: unknown {space!r}, expected a whole name: {', '.join(alike)}")
     known = ", ".join(_config(BUILT_IN).getColorSpaceNames())
-    raise ValueError(f"colour_space: unknown {space!r}, expected {SRGB!r}, {LINEAR!r} or one of: {known}")
+    raise ValueError(
+        f"colour_space: unknown {space!r}, expected {SRGB!r}, {LINEAR!r}, one of: {known}; one of {STUDIO}, "
+        "such as 'ARRI LogC4'; or one of the configuration that the environment variable OCIO names"
+    )
 
 
 def resolve(space: str) -> str:
-    """The canonical name of a colour space, so that aliases compare equal; ValueError if it is unknown."""
+    """Return the canonical name of a colour space, so that aliases compare equal.
+
+    Raises ValueError if it is unknown.
+    """
     return _find(space)[1]
 
 
 def _convert(pixels: np.ndarray, source: str, target: str, path: str) -> np.ndarray:
-    """(H, W, 3) float32 from one space of a configuration to another."""
+    """Convert pixels (H, W, 3), float32, from one space of a configuration to another."""
     converted = oiio.ImageBufAlgo.colorconvert(
         to_buffer(pixels), source, target, unpremult=False, colorconfig=path
     )
@@ -80,31 +102,36 @@ def _convert(pixels: np.ndarray, source: str, target: str, path: str) -> np.ndar
 def _srgb_table(dtype: np.dtype) -> np.ndarray:
     """Linear value of every code of an integer dtype: exact, and faster than computing each pixel."""
     codes = np.arange(np.iinfo(dtype).max + 1) / np.iinfo(dtype).max
-    return colour.models.eotf_sRGB(codes).astype(np.float32)
+    return decode_srgb(codes).astype(np.float32)
 
 
 def decode(pixels: np.ndarray, space: Space) -> np.ndarray:
-    """Pixels of a colour space to linear Rec.709.
+    """Convert pixels of a colour space to linear Rec.709.
 
     Parameters
     ----------
-    pixels: (H, W, 3), uint8 or uint16 over their full range, or floating with 1 as the encoding's white.
-    space: name of the colour space that `pixels` are in; or the chromaticities of linear light, x and y of
-        red, green, blue and white, as an OpenEXR file has them; or an ICC profile.
+    pixels
+        (H, W, 3), uint8 or uint16 over their full range, or floating with 1 as the encoding's white.
+    space
+        The colour space that `pixels` are in: its name; the chromaticities of linear light, x and y of red,
+        green, blue and white; an Encoding; or an ICC profile.
 
     Returns
     -------
-    (H, W, 3) float32. Nothing is clipped.
+    np.ndarray
+        (H, W, 3) float32. Nothing is clipped.
 
     Raises
     ------
-    ValueError: the name is unknown, the chromaticities span no colours, or the profile says nothing of
-    such values.
+    ValueError
+        The name is unknown, the chromaticities span no colours, or the profile says nothing of such values.
     """
     if isinstance(space, Profile):
         return _through_profile(pixels, space)
-    if not isinstance(space, str):
-        return np.asarray(pixels, np.float32) @ _to_rec709(tuple(space)).T
+    if isinstance(space, tuple):
+        space = Encoding(space)
+    if isinstance(space, Encoding):
+        return _through_encoding(pixels, space)
     path, space = _find(space)
     if space == resolve(SRGB) and pixels.dtype in (np.uint8, np.uint16):
         return _srgb_table(pixels.dtype)[pixels]
@@ -114,14 +141,37 @@ def decode(pixels: np.ndarray, space: Space) -> np.ndarray:
     if space == resolve(LINEAR):
         return pixels
     if space == resolve(SRGB):
-        return _by_rows(colour.models.eotf_sRGB, pixels)
+        return _by_rows(lambda rows: decode_srgb(rows.astype(np.float64)), pixels)
     if path == BUILT_IN:
         return _convert(pixels, space, LINEAR, path)
     return _convert(_convert(pixels, space, INTERCHANGE, path), "ACES2065-1", LINEAR, BUILT_IN)
 
 
+@functools.cache
+def linear_space(space: str) -> tuple[str, Encoding]:
+    """Return the name by which files state a linear colour space, and its encoding.
+
+    Raises ValueError for a space that is not linear, or of which no chromaticities are known here.
+    """
+    known = {
+        resolve(name): (name, Encoding(chromaticities)) for name, chromaticities in LINEAR_SPACES.items()
+    }
+    found = known.get(resolve(space))
+    if found is None:
+        raise ValueError(f"colour_space: expected a linear one, {', '.join(known)}; got {space!r}")
+    return found
+
+
+def from_rec709(rgb: np.ndarray, space: str) -> np.ndarray:
+    """Return linear Rec.709 (..., 3) in another linear colour space, float32; raises as `linear_space`."""
+    matrix = linear_space(space)[1].matrix
+    if np.array_equal(matrix, np.eye(3)):
+        return rgb
+    return rgb @ np.linalg.inv(matrix.astype(np.float64)).T.astype(np.float32)
+
+
 def _through_profile(pixels: np.ndarray, profile: Profile) -> np.ndarray:
-    """Pixels of an ICC profile's space to linear Rec.709; of a profile that is sRGB's, exactly as sRGB."""
+    """Convert pixels of an ICC profile's space to linear Rec.709. A profile of sRGB is exactly sRGB."""
     codes = np.linspace(0, 1, 18, dtype=np.float32)[:, None].repeat(3, axis=1)
     probe = np.concatenate([np.eye(3, dtype=np.float32), codes])[None]
     if np.allclose(_from_profile(probe, profile), decode(probe, SRGB), atol=1e-3):  # a quarter of a code
@@ -130,32 +180,41 @@ def _through_profile(pixels: np.ndarray, profile: Profile) -> np.ndarray:
 
 
 def _from_profile(pixels: np.ndarray, profile: Profile) -> np.ndarray:
+    if profile.encoding is not None:
+        return _through_encoding(pixels, profile.encoding)
     light = profile.light(pixels)
     if profile.colorants is None:
         return light
-    rec709 = colour.RGB_COLOURSPACES["ITU-R BT.709"]
-    whites = colour.xy_to_XYZ(D50), colour.xy_to_XYZ(rec709.whitepoint)
-    adapted = colour.adaptation.matrix_chromatic_adaptation_VonKries(*whites, transform="Bradford")
-    return light @ (rec709.matrix_XYZ_to_RGB @ adapted @ profile.colorants.T).T.astype(np.float32)
+    to_rec709 = np.linalg.inv(rgb_to_xyz(REC709)) @ encodings.adaptation(D50, D65)
+    return light @ (to_rec709 @ profile.colorants.T).T.astype(np.float32)
 
 
-@functools.cache
-def _to_rec709(chromaticities: tuple[float, ...]) -> np.ndarray:
-    """(3, 3) float32 from linear light of these primaries and white, adapted by Bradford, as OpenEXR does."""
-    x_y = np.array(chromaticities, np.float64)
-    if x_y.shape == (8,) and np.allclose(x_y, REC709, atol=2e-3):
-        return np.eye(3, dtype=np.float32)
-    try:
-        if x_y.shape != (8,) or not np.isfinite(x_y).all() or not x_y[7]:
-            raise ValueError(f"expected eight numbers, got {chromaticities}")
-        space = colour.RGB_Colourspace("file", x_y[:6].reshape(3, 2), x_y[6:])
-        return colour.matrix_RGB_to_RGB(space, "ITU-R BT.709", "Bradford").astype(np.float32)
-    except (ValueError, np.linalg.LinAlgError) as error:
-        raise ValueError(f"chromaticities: {chromaticities} span no colours: {error}") from error
+def _through_encoding(pixels: np.ndarray, encoding: Encoding) -> np.ndarray:
+    """Decode pixels (H, W, 3) of an encoding to linear Rec.709."""
+    matrix = encoding.matrix.T
+    if np.issubdtype(pixels.dtype, np.integer) and encoding.transfer is decode_srgb:
+        light = _srgb_table(pixels.dtype)[pixels]
+    elif np.issubdtype(pixels.dtype, np.integer):
+        light = _table(encoding.transfer, pixels.dtype)[pixels]
+    else:
+        pixels = np.asarray(pixels, np.float32)
+        light = (
+            pixels
+            if encoding.is_linear
+            else _by_rows(lambda rows: encoding.transfer(rows.astype(np.float64)), pixels)
+        )
+    return light if np.array_equal(matrix, np.eye(3)) else light @ matrix
+
+
+@functools.lru_cache(maxsize=8)
+def _table(transfer: encodings.Transfer, dtype: np.dtype) -> np.ndarray:
+    """Light, float32, of every code of an integer dtype."""
+    codes = np.arange(np.iinfo(dtype).max + 1) / np.iinfo(dtype).max
+    return np.asarray(transfer(codes), np.float32)
 
 
 def _by_rows(function: Callable[[np.ndarray], np.ndarray], pixels: np.ndarray) -> np.ndarray:
-    """A function of colour-science on (H, W, 3), a few rows at a time: it needs much memory. Float32."""
+    """Apply a function to (H, W, 3), a few rows at a time: its float64 takes much memory. Float32."""
     result = np.empty(pixels.shape, np.float32)
     for row in range(0, len(pixels), ROWS):
         result[row : row + ROWS] = function(pixels[row : row + ROWS])
@@ -169,11 +228,15 @@ def encode(
 
     Parameters
     ----------
-    rgb: scene-linear light, unbounded.
-    view: name of a view transform of the default display of OpenColorIO's built-in configuration or $OCIO's,
-        or a part of it that no other has, e.g. "aces". None encodes for an sRGB display (IEC 61966-2.1).
-    exposure: stops, in [-64, 64]; doubles the light for each.
-    white: for sRGB, the exposed light >= 1 that becomes the display's white; None: the brightest there is.
+    rgb
+        Scene-linear light, unbounded.
+    view
+        Name of a view transform of the default display of OpenColorIO's built-in configuration or $OCIO's, or
+        a part of it that no other has, e.g. "aces". None encodes for an sRGB display (IEC 61966-2.1).
+    exposure
+        Stops, in [-64, 64]; doubles the light for each.
+    white
+        For sRGB, the exposed light >= 1 that becomes the display's white; None: the brightest there is.
 
     Light up to 1 comes out exact if there is none above `white` = 1. Else what is above 0.6 is compressed, by
     channel and as little as brings `white` to the display's white (Reinhard et al. 2002, equation 4, above a
@@ -181,7 +244,8 @@ def encode(
 
     Raises
     ------
-    ValueError: no such view, exposure or white out of range, $OCIO that cannot be used.
+    ValueError
+        No such view, exposure or white out of range, $OCIO that cannot be used.
     """
     if not -64 <= exposure <= 64:
         raise ValueError(f"exposure: expected -64 to 64 stops, got {exposure:g}")
@@ -191,9 +255,12 @@ def encode(
     white = max(1.0, float(rgb.max(initial=0)) * float(gain)) if white is None else white
     if not 1 <= white < math.inf:
         raise ValueError(f"white: expected a finite number >= 1, got {white:g}")
-    return _by_rows(
-        lambda rows: colour.models.eotf_inverse_sRGB(np.clip(_roll_off(rows * gain, white), 0, 1)), rgb
-    )
+    return _by_rows(lambda rows: encode_srgb(_shown(rows * gain, white)), rgb)
+
+
+def _shown(rgb: np.ndarray, white: float) -> np.ndarray:
+    """Light within [0, 1], float64, of which `white` is 1."""
+    return np.clip(_roll_off(rgb, white), 0, 1).astype(np.float64)
 
 
 def _roll_off(rgb: np.ndarray, white: float) -> np.ndarray:
@@ -206,7 +273,9 @@ def _roll_off(rgb: np.ndarray, white: float) -> np.ndarray:
 
 
 def find_view(view: str) -> tuple[str, str, str]:
-    """(configuration's path, display, view) of a view that `view` names in part; ValueError if none does.
+    """Return (path of the configuration, display, view) of the view that a part of its name identifies.
+
+    Raises ValueError if none does.
 
     The configuration is $OCIO's if that is set, else the built-in one; the display is its default.
     """
@@ -222,7 +291,7 @@ def find_view(view: str) -> tuple[str, str, str]:
 
 
 def _through_view(rgb: np.ndarray, view: str) -> np.ndarray:
-    """(H, W, 3) linear Rec.709 through a view transform, clipped to the display's [0, 1]."""
+    """Apply a view transform to linear Rec.709 (H, W, 3), clipped to [0, 1] of the display."""
     path, display, view = find_view(view)
     config, source = _config(path), LINEAR
     if config.getColorSpaceIndex(config.resolve(LINEAR)) < 0:
@@ -242,12 +311,15 @@ def temperature(kelvin: float, locus: str = "planckian") -> tuple[float, float, 
 
     Parameters
     ----------
-    kelvin: correlated colour temperature, in the range that `LOCI` gives for the locus, else ValueError.
-    locus: "planckian", a black body: Planck's law through the CIE 1931 2 degree observer. Or "daylight": the
-        CIE daylight locus (CIE 015, method of Judd et al. 1964), on which 6504 K is D65, Rec.709's white.
+    kelvin
+        Correlated colour temperature, in the range that `LOCI` gives for the locus, else ValueError.
+    locus
+        "planckian", a black body: Planck's law through the CIE 1931 2 degree observer. Or "daylight": the CIE
+        daylight locus (CIE 015, method of Judd et al. 1964), on which 6504 K is D65, Rec.709's white.
 
     Candle light is redder than Rec.709 can hold and loses its negative blue.
     """
+    colour = colour_science()
     low, high = LOCI[locus]
     if not low <= kelvin <= high:
         raise ValueError(f"temperature: expected {low:g} to {high:g} kelvin on this locus, got {kelvin:g}")
@@ -261,10 +333,12 @@ def temperature(kelvin: float, locus: str = "planckian") -> tuple[float, float, 
 
 def luminance_weights(chromaticities: tuple[float, ...] | None = None) -> np.ndarray:
     """Luminance (3,) of red, green and blue of these primaries and white, Rec.709's unless given."""
-    x_y = np.array(REC709 if chromaticities is None else chromaticities, np.float64)
-    return colour.RGB_Colourspace("file", x_y[:6].reshape(3, 2), x_y[6:]).matrix_RGB_to_XYZ[1]
+    return rgb_to_xyz(REC709 if chromaticities is None else chromaticities)[1]
+
+
+LUMINANCE = luminance_weights()
 
 
 def luminance(rgb: ArrayLike) -> np.ndarray:
     """Luminance Y (...) of linear Rec.709 colours (..., 3); white has 1."""
-    return rgb @ colour.RGB_COLOURSPACES["ITU-R BT.709"].matrix_RGB_to_XYZ[1]
+    return rgb @ LUMINANCE

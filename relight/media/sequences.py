@@ -1,36 +1,45 @@
-"""Frame sequences: file names with a frame number, `plate.%04d.exr` or `plate.####.exr`; and frame ranges."""
+"""Frame sequences: file names with a frame number, `plate.%04d.exr` or `plate.####.exr`; and frame ranges.
+
+A sequence of OpenEXR files may name a layer of them: `plate.%04d.exr:albedo`.
+"""
 
 import functools
 import itertools
 import re
-from collections.abc import Callable
+import warnings
+from collections.abc import Callable, Iterator
 from dataclasses import dataclass
+from fractions import Fraction
 from pathlib import Path
 from typing import Any, Self
 
 import numpy as np
 
-from relight.media.identity import identity
+from relight.errors import MissingFramesError
+from relight.media.content_hash import FileRecord, content_hash, hash_file
+from relight.media.images.layers import split_layer
 from shadow.files import AnyPath
 
 TOKEN = re.compile(r"%0?(?P<printf>\d*)d|(?P<hashes>#+)")
-SPAN = re.compile(r"([0-9]{1,20})(?:-([0-9]{1,20})(?:[x:]([0-9]{1,20}))?)?")  # 7, 1-100, 1-100x2 or 1-100:2
-LAST = 10**9  # of the frame numbers
-MOST = 10**6  # frames of a shot: 11 hours at 24 a second
+SPAN = re.compile(
+    r"(-?[0-9]{1,20})(?:-(-?[0-9]{1,20})(?:[x:]([0-9]{1,20}))?)?"
+)  # 7, -3-100, 1-100x2, 1-100:2
+MAX_FRAME_NUMBER = 10**9
+MAX_FRAMES = 10**6  # of a shot: 11 hours at 24 a second
 
 
-class Frames(tuple[int, ...]):
+class FrameRange(tuple[int, ...]):
     """The frames of a shot: their numbers, ascending, each once.
 
     As text they are written as Open Job Description writes them, `1-10,20,30-40:2`.
     """
 
     @classmethod
-    def of(cls, frames: "str | tuple[int, int] | Frames") -> Self:
+    def of(cls, frames: "str | tuple[int, int] | FrameRange") -> Self:
         """From text, or (first, last). Text is `1-100`; `1-100x2` (as in Nuke) or `1-100:2` (as in Open Job
         Description) for every second; or several of these: `1-10,20,30-40`.
 
-        Raises ValueError for other text, numbers beyond 0 to 10⁹, and more than a million frames.
+        Raises ValueError for other text, numbers beyond ±10⁹, and more than a million frames.
         """
         if isinstance(frames, cls):
             return frames
@@ -39,13 +48,14 @@ class Frames(tuple[int, ...]):
         else:
             first, last = frames
             spans = [(first, last, 1)]
-        if not all(0 <= first <= last <= LAST and step > 0 for first, last, step in spans):
+        most = MAX_FRAME_NUMBER
+        if not all(-most <= first <= last <= most and step > 0 for first, last, step in spans):
             raise ValueError(
-                f"frames: expected 0 <= first <= last <= {LAST} and steps of at least 1, got {frames!r}"
+                f"frames: expected {-most} <= first <= last <= {most} and steps of at least 1, got {frames!r}"
             )
         ranges = [range(first, last + 1, step) for first, last, step in spans]
-        if sum(map(len, ranges)) > MOST:
-            raise ValueError(f"frames: expected up to {MOST} in all, got {frames!r}")
+        if sum(map(len, ranges)) > MAX_FRAMES:
+            raise ValueError(f"frames: expected up to {MAX_FRAMES} in all, got {frames!r}")
         return cls(sorted(set().union(*ranges)))
 
     def __str__(self) -> str:
@@ -56,13 +66,13 @@ class Frames(tuple[int, ...]):
         ends = [(numbers[0], numbers[-1]) for _, run in runs if (numbers := [number for _, number in run])]
         return ",".join(f"{first}-{last}" if last > first else f"{first}" for first, last in ends)
 
-    def chunks(self, count: int) -> "list[Frames]":
-        """The frames by `count`, in order; the last chunk may have fewer."""
-        return [Frames(self[start : start + count]) for start in range(0, len(self), count)]
+    def chunks(self, count: int) -> "list[FrameRange]":
+        """Return the frames in chunks of `count`, in order; the last chunk may have fewer."""
+        return [FrameRange(self[start : start + count]) for start in range(0, len(self), count)]
 
 
 def _span(text: str) -> tuple[int, int, int]:
-    """`1-100x2` as (1, 100, 2)."""
+    """Parse `1-100x2` as (1, 100, 2)."""
     match = SPAN.fullmatch(text.strip())
     if match is None:
         expected = "numbers such as 1-100, 1-100x2 or 1-10,20,30-40"
@@ -72,24 +82,28 @@ def _span(text: str) -> tuple[int, int, int]:
 
 
 @dataclass(frozen=True)
-class Sequence:
-    """The files of a sequence: `before`, the frame number with at least `digits` digits, `after`."""
+class FrameSequence:
+    """The files of a sequence: `before`, the frame number with at least `digits` digits, `after`.
+
+    `layer`: of OpenEXR files, the one that is meant; None for the picture itself.
+    """
 
     folder: Path
     before: str
     digits: int
     after: str
+    layer: str | None = None
 
     @classmethod
     def of(cls, path: AnyPath) -> Self | None:
-        """The sequence that `path` names, or None if it names a single file.
+        """Return the sequence that `path` names, or None if it names a single file.
 
         The frame number is `%04d` (or `%d`) or `####`, one `#` a digit, once in the file's name. A file of
         that very name is what it is.
 
         Raises ValueError if there are two frame numbers.
         """
-        path = Path(path)
+        path, layer = split_layer(path)
         tokens = list(TOKEN.finditer(path.name))
         if not tokens or path.is_file():
             return None
@@ -97,10 +111,11 @@ class Sequence:
             raise ValueError(f"{path}: expected one frame number, such as %04d or ####, got {len(tokens)}")
         token = tokens[0]
         digits = len(token["hashes"]) if token["hashes"] else int(token["printf"] or 1)
-        return cls(path.parent, path.name[: token.start()], max(digits, 1), path.name[token.end() :])
+        return cls(path.parent, path.name[: token.start()], max(digits, 1), path.name[token.end() :], layer)
 
     def __str__(self) -> str:
-        return str(self.folder / f"{self.before}{self.printf}{self.after}")
+        layer = "" if self.layer is None else f":{self.layer}"
+        return str(self.folder / f"{self.before}{self.printf}{self.after}{layer}")
 
     @property
     def printf(self) -> str:
@@ -108,21 +123,31 @@ class Sequence:
         return f"%0{self.digits}d"
 
     def path(self, number: int) -> Path:
-        """The file of a frame."""
+        """Return the file of a frame.
+
+        The sign of a negative number takes the place of a digit, as in C and Nuke.
+        """
         return self.folder / f"{self.before}{number:0{self.digits}d}{self.after}"
 
     def beside(self, suffix: str) -> Path:
-        """The one file of another kind that goes with the sequence: `plate.json` with `plate.%04d.exr`."""
+        """Return the file of another kind for the whole sequence: `plate.json` for `plate.%04d.exr`."""
         return self.folder / f"{self.before.rstrip('._-') or 'frames'}{suffix}"
 
     def numbers(self) -> list[int]:
-        """The frames that are on the disk, in order."""
-        if not self.folder.is_dir():
-            return []
-        name = re.compile(rf"{re.escape(self.before)}(\d{{{self.digits},}}){re.escape(self.after)}")
-        found = (name.fullmatch(path.name) for path in self.folder.iterdir())
-        numbers = {int(match[1]) for match in found if match}
-        return sorted(number for number in numbers if self.path(number).is_file())
+        """Return the frames that exist on the disk, in order."""
+        numbers = {number for number, _ in self._candidates()}
+        return sorted(number for number in numbers if self.path(number).is_file())  # with as many digits
+
+    def padded_otherwise(self) -> list[str]:
+        """Return the names of files whose frame number has other digits, such as -0003 for -003."""
+        return sorted(name for number, name in self._candidates() if not self.path(number).is_file())
+
+    def _candidates(self) -> Iterator[tuple[int, str]]:
+        """Yield the number and name of each file whose frame number has any count of digits."""
+        pattern = re.compile(rf"{re.escape(self.before)}(-?\d+){re.escape(self.after)}")
+        for path in self.folder.iterdir() if self.folder.is_dir() else ():
+            if match := pattern.fullmatch(path.name):
+                yield int(match[1]), path.name
 
 
 class Still:
@@ -131,47 +156,60 @@ class Still:
     numbers: None = None
     rate: None = None
 
-    def __init__(self, picture: Any, made_of: Any = None, path: Path | None = None) -> None:
-        """`made_of`: what the picture's identity is that of, where that is not the picture. `path`: where it
-        was read."""
-        self.picture, self._path = picture, path
-        self._made_of = picture if made_of is None else made_of
+    def __init__(self, picture: Any, hashed: Any = None, record: FileRecord | None = None) -> None:
+        """Take the picture, the value that is hashed in its place, and the record of its file."""
+        self.picture, self.record = picture, record
+        self._hashed = picture if hashed is None else hashed
 
     def read(self, number: int) -> Any:
         return self.picture
 
     def file(self, number: int) -> Path | None:
-        """Where a frame is read, if it is."""
-        return self._path
+        """Return the file of a frame, or None."""
+        return None if self.record is None else self.record.path
 
-    def identity(self, number: int) -> str:
-        """Differs where the picture does."""
-        return self._identity
+    def content_hash(self, number: int) -> str:
+        """Return a hash of the picture."""
+        return self._content_hash
 
     @functools.cached_property
-    def _identity(self) -> str:
-        return identity(self._made_of)
+    def _content_hash(self) -> str:
+        return content_hash(self._hashed)
 
 
-class Files:
-    """The frames of a sequence, by `read`, a function of a path."""
+class SequenceReader:
+    """The frames of a sequence, by `read`, a function of a path.
 
-    rate: None = None
+    rate: frames a second, where the files of a plate state it.
+    """
 
-    def __init__(self, sequence: Sequence, read: Callable[[Path], np.ndarray]) -> None:
+    rate: Fraction | None = None
+
+    def __init__(self, sequence: FrameSequence, read: Callable[[Path], np.ndarray]) -> None:
         self.sequence = sequence
         self.numbers = sequence.numbers()
         self._read = read
         if not self.numbers:
-            raise FileNotFoundError(f"{sequence}: no such frames")
+            raise MissingFramesError(f"{sequence}: no such frames")
+        if others := sequence.padded_otherwise():
+            warnings.warn(
+                f"{sequence}: leaves out {others[0]}{f' and {len(others) - 1} more' if others[1:] else ''}, "
+                "whose frame number has other digits; rename them",
+                stacklevel=3,
+            )
 
     def read(self, number: int) -> np.ndarray:
-        return self._read(self.sequence.path(number))
+        path, layer = self.sequence.path(number), self.sequence.layer
+        return self._read(path if layer is None else Path(f"{path}:{layer}"))
 
     def file(self, number: int) -> Path | None:
-        """Where a frame is read."""
+        """Return the file of a frame."""
         return self.sequence.path(number)
 
-    def identity(self, number: int) -> str:
-        """Differs where the frame's file does."""
-        return identity(self.sequence.path(number))
+    def content_hash(self, number: int, sha256: str | None = None) -> str:
+        """Return a hash that differs where the frame's file or the layer does.
+
+        `sha256`: of the file as it was read; unless given, as it is.
+        """
+        held = hash_file(self.sequence.path(number)) if sha256 is None else sha256
+        return content_hash(held) if self.sequence.layer is None else content_hash(held, self.sequence.layer)

@@ -1,4 +1,4 @@
-"""Writes the viewer's page: one HTML file that holds the person, the lights and the program."""
+"""Write the viewer's page: one HTML file that holds the person, the lights and the program."""
 
 import base64
 import functools
@@ -8,35 +8,55 @@ import re
 from collections.abc import Mapping
 from importlib.resources import files
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
+import numpy as np
+
+from relight.analysis.record import AnalysisRecord
 from relight.viewer.packing import pack
 from shadow.files import AnyPath, check_writable, replacing
-
-if TYPE_CHECKING:
-    from relight.subject import Subject
 
 SUFFIXES = (".html", ".htm")
 
 # The program's files, each after those that it imports from.
 MODULES = (
-    "pack", "lights", "room", "engine", "environment", "dom", "ball", "state", "png", "stage", "controls",
-    "actions", "keys", "viewer",
+    "pack", "lights", "room", "gl", "engine", "colour", "environment", "opened", "dom", "sliders", "ball",
+    "state", "png", "stage", "plan", "inspector", "sheet", "surround", "controls", "actions", "keys",
+    "viewer", "entry",
 )  # fmt: skip
 SHADERS = ("quad", "common", "light", "near", "sum", "prepare", "enlarge", "compose", "reduce", "show")
 
 
-def write_page(path: AnyPath, scene: Mapping[str, Any], subject: "Subject") -> Path:
-    """Write a subject's page, whole or not at all; ValueError for a path of another suffix."""
+def write_page(
+    path: AnyPath, scene: Mapping[str, Any], record: AnalysisRecord, matte: np.ndarray, albedo: np.ndarray
+) -> Path:
+    """Write a person's page, whole or not at all.
+
+    Parameters
+    ----------
+    path
+        The file, .html or .htm.
+    scene
+        What the page begins with, see `relight.viewer.scene`.
+    record, matte, albedo
+        Of the person, see `relight.viewer.packing.pack`.
+
+    Raises
+    ------
+    ValueError
+        Another suffix; a temporally filtered person.
+    OSError
+        The file cannot be written.
+    """
     target = check_writable(path, SUFFIXES)
-    text = page(scene, pack(subject))
+    text = page(scene, pack(record, matte, albedo))
     with replacing(target) as beside:
         beside.write_text(text, encoding="utf-8")
     return target
 
 
 def page(scene: Mapping[str, Any], packed: bytes) -> str:
-    """The page as text, from what `relight.viewer.scene` and `relight.viewer.packing` make."""
+    """Return the page as text, from what `relight.viewer.scene` and `relight.viewer.packing` make."""
     return _text("page.html").format(
         title=html.escape(scene["title"]),
         style=style(),
@@ -48,7 +68,7 @@ def page(scene: Mapping[str, Any], packed: bytes) -> str:
 
 @functools.cache
 def module() -> str:
-    """The program as one ES module, its files one after the other, with its shaders; exports none."""
+    """Return the program as one ES module without exports: its files one after the other, and its shaders."""
     shaders = {name: _text(f"shaders/{name}.glsl") for name in SHADERS}
     parts = [f"const SHADERS = {_within_script(json.dumps(shaders))};"]
     for name in MODULES:
@@ -58,7 +78,7 @@ def module() -> str:
 
 
 def style() -> str:
-    """The page's style sheet, which keeps to what is within `.relight`."""
+    """Return the page's style sheet, all of whose rules are below `.relight`."""
     return _text("style.css")
 
 
@@ -67,5 +87,5 @@ def _text(name: str) -> str:
 
 
 def _within_script(text: str) -> str:
-    """JSON in which no text ends the script element that holds it (`</script>`, `<!--`)."""
+    """Escape JSON so that no text ends the script element that holds it (`</script>`, `<!--`)."""
     return text.replace("<", "\\u003c")

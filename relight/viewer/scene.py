@@ -1,4 +1,4 @@
-"""What the viewer begins with: the lights, what is behind the person, and how colours are named."""
+"""What the viewer begins with: lights, background, and the colours of temperatures."""
 
 import base64
 import functools
@@ -9,59 +9,72 @@ from typing import Any
 import numpy as np
 from PIL import Image
 
-from relight.composite import cover
+from relight.analysis.maps import AnalysisMaps
+from relight.compositing.composite import Background
+from relight.compositing.placement import cover
 from relight.lights.directional import DirectionalLight
 from relight.lights.environment import EnvironmentLight
-from relight.lights.light import Light, by_name
-from relight.lights.near import PointLight
+from relight.lights.light import Light, Lights, by_name
+from relight.lights.near import NearLight, PointLight
 from relight.media.colour import LOCI, encode, temperature
 from relight.media.images import scene_linear
-from relight.rendering import Background
 
-LIGHTS = 8  # directional lights and lamps at most, and one environment
-KEY = DirectionalLight(azimuth=-40, elevation=30, angle=10, name="key")  # where no lights are given
-TINTS = 100  # colours of each locus, in equal steps of mired
-HeldLight = DirectionalLight | PointLight  # that have a handle on the page
-SHARED = ("intensity", "colour", "exposure", "temperature", "locus")
-COMMAND = ("relight", "apply", "photo.png")  # where nobody says what the photograph's file is
+MAX_LIGHTS = 8  # directional and point lights, beside one environment
+DEFAULT_LIGHT = DirectionalLight(azimuth=-40, elevation=30, angle=10, name="key")
+TINT_COUNT = 100  # colours of each locus, in equal steps of mired
+HandleLight = DirectionalLight | PointLight  # lights that have a handle on the page
+SHARED_PARAMETERS = ("intensity", "colour", "exposure", "temperature", "locus")
+COMMAND = ("relight", "apply", "photo.png")  # unless the caller names the file
 
 
 def scene_of(
     size: tuple[int, int],
-    lights: Light | Iterable[Light] | None = None,
+    lights: Lights | None = None,
     background: Background | None = None,
     *,
     title: str = "relight",
     command: Sequence[str] = COMMAND,
+    background_name: str | None = None,
 ) -> dict[str, Any]:
-    """A scene as the page's program reads it, ready for JSON.
+    """Describe a scene as the page's program reads it, ready for JSON.
 
     Parameters
     ----------
-    size: (H, W) of the picture.
-    lights: up to eight directional lights and lamps, and one environment; a soft key light unless given.
-    background: as of `relight.over`.
-    title: what the page is called. command: the words that relight the photograph, without its lights.
+    size
+        (H, W) of the picture.
+    lights
+        Up to eight directional lights and lamps, and one environment; a soft key light unless given.
+    background
+        See `relight.over`.
+    title
+        Of the page.
+    command
+        The words that relight the photograph on the command line, without its lights.
+    background_name
+        The background's file, or `environment`, as `--background` takes it; None where it has none.
 
     Raises
     ------
-    ValueError: too many lights, two of one name. TypeError: lights of another kind, or that move.
+    ValueError
+        Too many lights, two of one name.
+    TypeError
+        Lights of another kind, or that move.
     """
-    named = checked_lights(KEY if lights is None else lights)
+    named = checked_lights(DEFAULT_LIGHT if lights is None else lights)
     skies = {name: light for name, light in named.items() if isinstance(light, EnvironmentLight)}
-    lamps = {name: light for name, light in named.items() if isinstance(light, HeldLight)}
+    lamps = {name: light for name, light in named.items() if isinstance(light, HandleLight)}
     return {
         "title": title,
         "command": list(command),
         "lights": [parameters_of(light, name) for name, light in lamps.items()],
         "environment": next((_environment(light, name) for name, light in skies.items()), None),
         "tints": {locus: _tints(locus) for locus in LOCI},
-        **_backdrop(background, size),
+        **_backdrop(background, size, background_name),
     }
 
 
-def checked_lights(lights: Light | Iterable[Light]) -> dict[str, Light]:
-    """Lights by name; ValueError or TypeError where the page cannot show them."""
+def checked_lights(lights: Lights) -> dict[str, Light]:
+    """Return lights by name; raise ValueError or TypeError where the page cannot show them."""
     named = by_name(lights)
     skies = [light for light in named.values() if isinstance(light, EnvironmentLight)]
     for light in named.values():
@@ -70,43 +83,56 @@ def checked_lights(lights: Light | Iterable[Light]) -> dict[str, Light]:
                 "lights: the viewer shows DirectionalLight, PointLight and EnvironmentLight, "
                 f"got {type(light).__name__}"
             )
-    if len(named) - len(skies) > LIGHTS or len(skies) > 1:
+        if isinstance(light, PointLight) and light.has_cone:
+            raise ValueError("lights: the viewer shows lamps that shine all around; a light has a cone")
+    if len(named) - len(skies) > MAX_LIGHTS or len(skies) > 1:
         raise ValueError(
-            f"lights: the viewer shows up to {LIGHTS} directional lights and lamps, and one environment, "
+            f"lights: the viewer shows up to {MAX_LIGHTS} directional lights and lamps, and one environment, "
             f"got {len(named) - len(skies)} and {len(skies)}"
         )
     return named
 
 
-def parameters_of(light: HeldLight, name: str | None = None) -> dict[str, Any]:
-    """A light as the page has it."""
-    shared = {"name": name or light.name or ""} | {key: getattr(light, key) for key in SHARED}
+def check_positions(lights: Iterable[Light], maps: AnalysisMaps) -> None:
+    """Raise ValueError for a near light that touches the person."""
+    for light in lights:
+        if isinstance(light, NearLight):
+            maps.check_outside(light)
+
+
+def parameters_of(light: HandleLight, name: str | None = None) -> dict[str, Any]:
+    """Return a light as the page's program has it."""
+    shared = {"name": name or light.name or "", **_shared(light)}
     if isinstance(light, PointLight):
         return shared | {"position": list(light.position), "radius": light.radius}
     angles = {"azimuth": round(light.azimuth, 4), "elevation": round(light.elevation, 4)}
     return shared | angles | {"angle": light.angle}
 
 
+def _shared(light: Light) -> dict[str, Any]:
+    return {key: getattr(light, key) for key in SHARED_PARAMETERS}
+
+
 def _environment(light: EnvironmentLight, name: str) -> dict[str, Any]:
     directions, powers = light.image.lamps
     return {
         "path": str(light.image.path or "environment.exr"),
-        "settings": {"name": name, "rotation": light.rotation} | {key: getattr(light, key) for key in SHARED},
+        "settings": {"name": name, "rotation": light.rotation, **_shared(light)},
         "lamps": np.concatenate([directions, powers], axis=1).astype(float).round(7).tolist(),
     }
 
 
 @functools.cache
 def _tints(locus: str) -> dict[str, Any]:
-    """Colours of temperatures, from hot to cold: the page interpolates between them."""
+    """Return the colours of temperatures, from hot to cold, between which the page interpolates."""
     coldest, hottest = LOCI[locus]
-    mireds = np.linspace(1e6 / hottest, 1e6 / coldest, TINTS)
+    mireds = np.linspace(1e6 / hottest, 1e6 / coldest, TINT_COUNT)
     colours = [temperature(float(np.clip(1e6 / mired, coldest, hottest)), locus) for mired in mireds]
     return {"mired": [mireds[0], mireds[1] - mireds[0]], "colours": np.round(colours, 6).tolist()}
 
 
-def _backdrop(background: Background | None, size: tuple[int, int]) -> dict[str, Any]:
-    """What is behind the person: a colour, or a picture as large as the page's and encoded for a display."""
+def _backdrop(background: Background | None, size: tuple[int, int], name: str | None) -> dict[str, Any]:
+    """Describe the background: a colour, or a picture of the plate's size, encoded for a display."""
     if background is None:
         return {"background": None, "backdrop": None}
     if isinstance(background, EnvironmentLight):
@@ -121,5 +147,5 @@ def _backdrop(background: Background | None, size: tuple[int, int]) -> dict[str,
     codes = np.round(encode(pixels.clip(0, 1), white=1) * 255).astype(np.uint8)
     file = io.BytesIO()
     Image.fromarray(codes).save(file, "JPEG", quality=92, optimize=True)
-    picture = {"name": "background.jpg", "data": base64.b64encode(file.getvalue()).decode()}
+    picture = {"name": name, "data": base64.b64encode(file.getvalue()).decode()}
     return {"background": "picture", "backdrop": picture}

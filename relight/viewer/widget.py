@@ -1,26 +1,30 @@
 """The viewer in a notebook: the page's program as a widget whose lights are also Python's."""
 
-from collections.abc import Iterable, Mapping
+from collections.abc import Callable, Iterable, Mapping
 from typing import Any
 
-import anywidget
 import numpy as np
-import traitlets
+
+try:
+    import anywidget
+    import traitlets
+except ModuleNotFoundError as error:
+    raise ModuleNotFoundError(
+        "a view in a notebook needs anywidget: pip install 'relight[notebook]'"
+    ) from error
 
 from relight.lights.directional import DirectionalLight
-from relight.lights.light import Light
+from relight.lights.light import Light, as_rig
 from relight.lights.near import PointLight
-from relight.subject import Subject
-from relight.viewer.packing import pack
 from relight.viewer.page import module, style
-from relight.viewer.scene import LIGHTS, HeldLight, parameters_of
+from relight.viewer.scene import MAX_LIGHTS, HandleLight, parameters_of
 
 
-def _to_browser(lights: list[HeldLight], widget: Any) -> list[dict[str, Any]]:
+def _to_browser(lights: list[HandleLight], widget: Any) -> list[dict[str, Any]]:
     return [parameters_of(light) for light in lights]
 
 
-def _from_browser(lights: list[dict[str, Any]], widget: Any) -> list[HeldLight]:
+def _from_browser(lights: list[dict[str, Any]], widget: Any) -> list[HandleLight]:
     kinds = [PointLight if "position" in light else DirectionalLight for light in lights]
     return [
         kind(**{**light, "name": light["name"] or None}) for kind, light in zip(kinds, lights, strict=True)
@@ -28,13 +32,14 @@ def _from_browser(lights: list[dict[str, Any]], widget: Any) -> list[HeldLight]:
 
 
 class Viewer(anywidget.AnyWidget):
-    """A subject with the light in one's hand. Made by `Subject.view()`.
+    """A person whose lights one drags. `Subject.view()` makes it.
 
     Attributes
     ----------
-    lights: up to eight `DirectionalLight` and `PointLight`, those that shine. Dragging in the notebook
-        changes the list; setting the list moves the lights. Observe it as any trait:
-        `widget.observe(changed, "lights")`.
+    lights
+        Up to eight `DirectionalLight` and `PointLight`, those that shine. Dragging in the notebook changes
+        the list; setting the list moves the lights. Observe it as any trait: `widget.observe(changed,
+        "lights")`.
     """
 
     _esm = module() + "\nexport default { render };\n"
@@ -42,15 +47,18 @@ class Viewer(anywidget.AnyWidget):
     pack = traitlets.Bytes().tag(sync=True)
     scene = traitlets.Dict().tag(sync=True)
     lights = traitlets.List(
-        traitlets.Union([traitlets.Instance(DirectionalLight), traitlets.Instance(PointLight)]), maxlen=LIGHTS
+        traitlets.Union([traitlets.Instance(DirectionalLight), traitlets.Instance(PointLight)]),
+        maxlen=MAX_LIGHTS,
     ).tag(sync=True, to_json=_to_browser, from_json=_from_browser)
 
-    def __init__(self, subject: Subject, scene: Mapping[str, Any]) -> None:
-        self._subject = subject
-        begun = _from_browser(scene["lights"], self)
-        super().__init__(pack=pack(subject), scene=dict(scene), lights=begun)
+    def __init__(
+        self, packed: bytes, scene: Mapping[str, Any], relit: Callable[[list[Light]], np.ndarray]
+    ) -> None:
+        """`packed`, `scene`: see `packing` and `scene` in this package. `relit`: relights the person."""
+        self._relit = relit
+        first = _from_browser(scene["lights"], self)
+        super().__init__(pack=packed, scene=dict(scene), lights=first)
 
     def snapshot(self, further: Light | Iterable[Light] = ()) -> np.ndarray:
-        """`Subject.relit` by the widget's lights and by `further` ones, such as an environment."""
-        others = [further] if isinstance(further, Light) else list(further)
-        return self._subject.relit([*self.lights, *others])
+        """Relight the person by the widget's lights and by `further` ones; see `Subject.relit`."""
+        return self._relit([*self.lights, *as_rig(further)])

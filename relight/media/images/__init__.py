@@ -4,25 +4,37 @@ Inside, an image is (H, W, 3) or (H, W, 4) float32: linear Rec.709, premultiplie
 sRGB-encoded with straight alpha, a file of floats scene-linear and premultiplied, unless it says otherwise.
 """
 
-from relight.media.images.edge import coverage, scene_linear
+from relight.media.images.edge import coverage, person_mask, scene_linear
+from relight.media.images.layers import split_layer
+from relight.media.images.loading import read_pixel_aspect
 from relight.media.images.maps import read_depth, read_mask, read_normals, write_mask
-from relight.media.images.reading import read, read_identity, read_layers
+from relight.media.images.metadata import TIMECODE, TypedValue, read_frame_rate, read_metadata
+from relight.media.images.reading import read, read_camera, read_content_hash, read_layers, read_size
 from relight.media.images.writing import DEPTHS, HALF_MAX, Metadata, check_writable, half, write
 
 __all__ = [
     "DEPTHS",
     "HALF_MAX",
+    "TIMECODE",
     "Metadata",
+    "TypedValue",
     "check_writable",
     "coverage",
     "half",
+    "person_mask",
     "read",
+    "read_camera",
+    "read_content_hash",
     "read_depth",
-    "read_identity",
+    "read_frame_rate",
     "read_layers",
     "read_mask",
+    "read_metadata",
     "read_normals",
+    "read_pixel_aspect",
+    "read_size",
     "scene_linear",
+    "split_layer",
     "write",
     "write_mask",
 ]

@@ -1,27 +1,41 @@
 """Arrays at the public edge: what a caller hands over becomes linear Rec.709, premultiplied, or an error."""
 
+from collections.abc import Sequence
+from typing import TYPE_CHECKING, Any
+
 import numpy as np
 from numpy.typing import ArrayLike
 
+from relight.errors import EmptyMatteError
 from relight.media import colour
+from relight.media.encodings import Encoding
+
+if TYPE_CHECKING:
+    import torch
 
 
 def scene_linear(name: str, image: ArrayLike) -> np.ndarray:
-    """An image at the public edge to linear Rec.709, premultiplied.
+    """Convert a public image to linear Rec.709, premultiplied.
 
     Parameters
     ----------
-    name: what to call it in an error.
-    image: (H, W, 3) or (H, W, 4). uint8 and uint16 are sRGB-encoded with straight alpha; floating dtypes
-        are scene-linear Rec.709 with premultiplied alpha.
+    name
+        What to call it in an error.
+    image
+        (H, W, 3) or (H, W, 4). uint8 and uint16 are sRGB-encoded with straight alpha; floating dtypes are
+        scene-linear Rec.709 with premultiplied alpha.
 
     Returns
     -------
-    (H, W, 3) or (H, W, 4) float32, colour unbounded, alpha in [0, 1].
+    np.ndarray
+        (H, W, 3) or (H, W, 4) float32, colour unbounded, alpha in [0, 1].
 
     Raises
     ------
-    TypeError: another dtype. ValueError: another shape, NaN or infinite values, alpha outside [0, 1].
+    TypeError
+        Another dtype.
+    ValueError
+        Another shape, NaN or infinite values, alpha outside [0, 1].
     """
     pixels = as_array(name, image)
     if pixels.dtype not in (np.uint8, np.uint16) and not np.issubdtype(pixels.dtype, np.floating):
@@ -45,10 +59,11 @@ def scene_linear(name: str, image: ArrayLike) -> np.ndarray:
 def as_array(name: str, value: ArrayLike) -> np.ndarray:
     """Whatever a caller hands over as a NumPy array in this machine's byte order; tensors without gradient.
 
-    TypeError if it is no array, such as a ragged list; `name` is what the error calls it.
+    Raises TypeError if it is no array, such as a ragged list; `name` is what the error calls it.
     """
     if hasattr(value, "detach"):  # a tensor, without importing torch to ask
-        value = value.detach().cpu()
+        tensor: Any = value.detach().cpu()
+        value = tensor.float() if str(tensor.dtype) == "torch.bfloat16" else tensor  # NumPy has no such type
     try:
         array = np.asarray(value)
     except (TypeError, ValueError) as error:
@@ -57,13 +72,13 @@ def as_array(name: str, value: ArrayLike) -> np.ndarray:
 
 
 def linearise(pixels: np.ndarray, *, straight: bool, space: colour.Space) -> np.ndarray:
-    """Pixels (H, W, 3|4) of a colour space, with straight or premultiplied alpha, to linear premultiplied."""
+    """Convert pixels (H, W, 3|4) of a colour space, straight or premultiplied, to linear premultiplied."""
     if pixels.shape[-1] == 3:
         return colour.decode(pixels, space)
     rgb, alpha = pixels[..., :3], pixels[..., 3:]
     if np.issubdtype(pixels.dtype, np.integer):
         alpha = alpha / np.float32(np.iinfo(pixels.dtype).max)
-    if not straight and isinstance(space, tuple):  # other primaries, but linear
+    if not straight and _is_light(space):  # of other primaries, perhaps
         return np.concatenate([colour.decode(rgb, space), alpha], axis=-1, dtype=np.float32)
     if not straight and isinstance(space, str) and colour.resolve(space) == colour.resolve(colour.LINEAR):
         return np.asarray(pixels, np.float32)
@@ -73,10 +88,15 @@ def linearise(pixels: np.ndarray, *, straight: bool, space: colour.Space) -> np.
     return np.concatenate([colour.decode(rgb, space) * alpha, alpha], axis=-1, dtype=np.float32)
 
 
-def coverage(name: str, mask: ArrayLike) -> np.ndarray:
-    """A matte at the public edge as (H, W) float32 in [0, 1].
+def _is_light(space: colour.Space) -> bool:
+    """Return whether values of a space are linear light, in any primaries."""
+    return isinstance(space, tuple) or (isinstance(space, Encoding) and space.is_linear)
 
-    `mask` is floating in [0, 1], or uint8 or uint16 over the full range. TypeError for another dtype,
+
+def coverage(name: str, mask: ArrayLike) -> np.ndarray:
+    """Convert a public matte to (H, W) float32 in [0, 1].
+
+    `mask` is floating in [0, 1], or uint8 or uint16 over the full range. Raises TypeError for another dtype,
     ValueError for another shape, NaN or values out of range; `name` is what the error calls it.
     """
     matte = as_array(name, mask)
@@ -89,3 +109,32 @@ def coverage(name: str, mask: ArrayLike) -> np.ndarray:
     if not (matte.min() >= 0 and matte.max() <= 1):
         raise ValueError(f"{name}: expected values in [0, 1], got [{matte.min():g}, {matte.max():g}]")
     return matte.astype(np.float32)
+
+
+def person_mask(name: str, mask: ArrayLike, size: Sequence[int]) -> "torch.Tensor":
+    """Convert a public matte of a person to a float32 tensor (H, W) in [0, 1].
+
+    Parameters
+    ----------
+    name
+        What to call it in an error.
+    mask
+        (H, W), floats or bools in [0, 1], or uint8 or uint16 over the full range.
+    size
+        (H, W) that is expected, pixels.
+
+    Raises
+    ------
+    TypeError, ValueError
+        Another dtype or shape, NaN or values out of range.
+    relight.errors.EmptyMatteError
+        No coverage is above one half.
+    """
+    from shadow import inputs
+
+    values = as_array(name, mask)
+    values = coverage(name, values) if values.dtype.kind == "u" else values
+    try:
+        return inputs.mask(name, values, size)
+    except inputs.EmptyMaskError as error:
+        raise EmptyMatteError(str(error)) from None

@@ -5,50 +5,83 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import ArrayLike
 
+from relight.media import colour
 from relight.media.images.edge import coverage
-from relight.media.images.reading import load
+from relight.media.images.loading import layers_of, load
+from relight.media.images.reading import squared
+from relight.media.images.stored import StoredPicture
 from relight.media.images.writing import Metadata, check_writable, checked_depth, new_spec, save
+from relight.media.matte import matte_of
 from shadow.directions import CAMERA, from_axes
 from shadow.files import AnyPath
 
+GREY = 0.01  # most that red, green and blue of a grey picture differ
 
-def read_mask(path: AnyPath) -> np.ndarray:
-    """Read a matte: (H, W) float32 in [0, 1], from the alpha channel unless it is opaque, else from grey.
 
-    A matte is coverage, not colour: its values are taken as they are stored. Raises as `read` does, and
-    ValueError for a picture that is neither transparent nor grey.
+def read_mask(path: AnyPath, *, layer: str | None = None) -> np.ndarray:
+    """Read a matte (H, W), float32 in [0, 1], from the alpha channel, or from grey if there is no alpha.
+
+    A matte is coverage, not colour, so no colour space is applied. An opaque alpha channel is ignored.
+    `layer` is a layer of an OpenEXR file, as in `relight.read`. Raises as `read` does, and ValueError for a
+    picture that is neither transparent nor grey, or for object numbers (OpenEXR's UINT) other than 0 and 1.
+
+    Examples
+    --------
+    >>> matte = relight.read_mask("matte.png")
+    >>> float(matte.max())
+    1.0
     """
-    pixels, _, names = load(path)
+    stored = load(path, layer=layer, space=colour.LINEAR)
+    matte = squared(path, _coverage(path, stored)[..., None], stored.aspect)[..., 0]
+    return np.clip(matte, 0, 1, dtype=np.float32)
+
+
+def _coverage(path: AnyPath, stored: StoredPicture) -> np.ndarray:
+    """Return the matte (H, W) of a picture's channels, as they are stored."""
+    pixels, names = stored.pixels, stored.names
     if np.issubdtype(pixels.dtype, np.integer):
         pixels = pixels / np.float32(np.iinfo(pixels.dtype).max)
     if not np.isfinite(pixels).all():
         raise ValueError(f"{path}: contains NaN or infinite values")
-    alpha = names.index("A") if "A" in names else -1  # of a GIF, OpenImageIO says a channel too far
-    if alpha >= 0 and pixels[..., alpha].min() < 1:
-        matte = pixels[..., alpha]
-    else:
-        matte = pixels[..., 0]
-        if np.ptp(np.delete(pixels, alpha, axis=-1) if alpha >= 0 else pixels, axis=-1).max() > 0.01:
-            raise ValueError(
-                f"{path}: expected a mask (grey, or with transparency), got an opaque colour image"
-            )
-    return np.clip(matte, 0, 1, dtype=np.float32)
+    if stored.unsigned and pixels.max() > 1:
+        raise ValueError(
+            f"{path}: holds OpenEXR's UINT with numbers up to {pixels.max():g}, expected 0 and 1: choose one "
+            "object and write its matte"
+        )
+    at = names.index("A") if "A" in names else None  # of a GIF, OpenImageIO says a channel too far
+    colours = pixels if at is None else np.delete(pixels, at, axis=-1)
+    found = matte_of(colours, None if at is None else pixels[..., at], opaque=1, grey=GREY)
+    if found is None:
+        raise ValueError(f"{path}: expected a mask (grey, or with transparency), got an opaque colour image")
+    return found
 
 
 def write_mask(
     path: AnyPath, mask: ArrayLike, *, depth: str | None = None, metadata: Metadata | None = None
 ) -> None:
-    """Write a matte as a grey image, which `read_mask` reads back: coverage as it is, no colour encoding.
+    """Write a matte as a grey image without colour encoding, which `read_mask` reads back.
 
     Parameters
     ----------
-    path: .png, .tif or .exr. Its folder must exist.
-    mask: (H, W) in [0, 1], or uint8 or uint16 over the full range.
-    depth: as of `write`, but 16 bits unless given. metadata: as of `write`.
+    path
+        .png, .tif or .exr. Its folder must exist.
+    mask
+        (H, W) in [0, 1], or uint8 or uint16 over the full range.
+    depth
+        See `write`; 16 bits by default.
+    metadata
+        See `write`.
 
     Raises
     ------
-    TypeError, ValueError: wrong shape, dtype or values, a format that may lose some. OSError: as of `write`.
+    TypeError, ValueError
+        Wrong shape, dtype or values, or a lossy format.
+    OSError
+        See `write`.
+
+    Examples
+    --------
+    >>> relight.write_mask("copy.png", relight.read_mask("matte.png"))
     """
     path = Path(path)
     check_writable(path)
@@ -59,57 +92,86 @@ def write_mask(
     save(path, [pixels], new_spec(pixels.shape[:2], depth, ["Y"], metadata))
 
 
-def read_depth(path: AnyPath) -> np.ndarray:
+def read_depth(path: AnyPath, *, layer: str | None = None) -> np.ndarray:
     """Read a depth: (H, W) float32, metres away from the camera, as they are stored.
 
-    From the channel Z, unless the file has one channel alone. Raises as `read` does, and ValueError for other
-    channels or for integers, of which nobody knows how many metres they are.
+    From the layer, else from the channel Z of the file or of its only layer "depth", whose name may have
+    several words (`ViewLayer.Depth`), unless the file has one channel alone. What is infinite or not a number
+    stays so: renderers write it where there is nothing.
+    Raises as `read` does, and ValueError for other channels or for integers, of which nobody knows how many
+    metres they are.
     """
-    pixels, _, names = load(path)
+    if layer is None and Path(path).suffix.lower() == ".exr" and Path(path).is_file():
+        layer = _depth_layer(list(layers_of(path)))
+    stored = load(path, layer=layer, space=colour.LINEAR)
+    pixels, names = stored.pixels, stored.names
     if "Z" not in names and len(names) > 1:
         raise ValueError(f"{path}: expected a channel Z, or one alone; got {', '.join(names)}")
     depth = pixels[..., names.index("Z") if "Z" in names else 0]
-    if np.issubdtype(depth.dtype, np.integer):
+    if stored.unsigned or np.issubdtype(depth.dtype, np.integer):
         raise ValueError(f"{path}: holds integers, expected depth as floats, in metres")
-    if not np.isfinite(depth).all():
-        raise ValueError(f"{path}: contains NaN or infinite values")
-    return np.asarray(depth, np.float32)
+    if not np.isfinite(depth).any():
+        raise ValueError(f"{path}: contains NaN or infinite values alone")
+    return squared(path, np.asarray(depth, np.float32)[..., None], stored.aspect, nearest=True)[..., 0]
+
+
+def _depth_layer(names: list[str]) -> str | None:
+    """Return the name of the layer that is the depth; None where there is none, or no telling which."""
+    whole = [name for name in names if name.lower() in ("z", "depth")]
+    last_words = [name for name in names if name.lower().endswith(".depth")]
+    if whole:
+        return whole[0]
+    return last_words[0] if len(last_words) == 1 else None
 
 
 def read_normals(path: AnyPath, *, axes: str = CAMERA, layer: str | None = None) -> np.ndarray:
-    """Read a normal map: unit vectors, as they are stored. No colour space is applied to them.
+    """Read a normal map as unit vectors, without a colour space.
 
     Parameters
     ----------
-    path: integers (PNG, TIFF) hold n = 2v - 1, v over their full range; floats (OpenEXR) n itself, signed.
-    axes: what the file's first, second and third channel are measured along: "+x+y+z" is the camera frame (x
-        right, y up, z to the camera), "+x-y-z" OpenCV's; see `shadow.directions.from_axes`. Normals in world
-        space have to be turned by the camera's rotation first.
-    layer: of an OpenEXR file, such as "N"; unless given, the channels R, G, B or X, Y, Z without a layer.
+    path
+        Integers (PNG, TIFF) hold n = 2v - 1, v over their full range; floats (OpenEXR) n itself, signed.
+    axes
+        Axes of the file's three channels: "+x+y+z" is the camera frame (x right, y up, z to the camera),
+        "+x-y-z" is OpenCV's; see `shadow.directions.from_axes`. Normals in world space have to be converted
+        by the camera's rotation first.
+    layer
+        A layer of an OpenEXR file, such as "N"; by default the channels R, G, B or X, Y, Z without a layer.
 
     Returns
     -------
-    (H, W, 3) float32 in the camera frame; zero where the file holds no normal: black, white or mid-grey.
+    np.ndarray
+        (H, W, 3) float32 in the camera frame; zero where the file has no normal: black, white or mid-grey.
 
     Raises
     ------
-    As `read` does, and ValueError for other channels, no such layer, unknown axes, or floats that are encoded
-    as integers should be.
+    FileNotFoundError
+        See `read`.
+    ValueError
+        See `read`; also other channels, no such layer, unknown axes, or floats in the encoding of integers.
+
+    Examples
+    --------
+    >>> normals = relight.read_normals("normals.exr", axes="+x-y-z")
+    >>> normals.shape[2]
+    3
     """
-    pixels, _, names = load(path)
-    prefix = "" if layer is None else f"{layer}."
+    stored = load(path, layer=layer, space=colour.LINEAR)
+    names = stored.names
     for channels in ("RGB", "XYZ", "rgb", "xyz"):
-        if all(prefix + channel in names for channel in channels):
+        if all(channel in names for channel in channels):
             break
     else:
+        prefix = "" if layer is None else f"{layer}."
         wanted = f"{prefix}R, {prefix}G, {prefix}B or {prefix}X, {prefix}Y, {prefix}Z"
         raise ValueError(f"{path}: expected channels {wanted}; got {', '.join(names)}")
-    stored = pixels[..., [names.index(prefix + channel) for channel in channels]]
-    vectors = stored.astype(np.float32)
-    if np.issubdtype(stored.dtype, np.integer):
-        vectors = vectors * (2 / np.iinfo(stored.dtype).max) - 1
+    pixels = stored.pixels[..., [names.index(channel) for channel in channels]]
+    vectors = pixels.astype(np.float32)
+    if np.issubdtype(pixels.dtype, np.integer):
+        vectors = vectors * (2 / np.iinfo(pixels.dtype).max) - 1
     if not np.isfinite(vectors).all():
         raise ValueError(f"{path}: contains NaN or infinite values")
+    vectors = squared(path, vectors, stored.aspect, nearest=True)
     length = np.linalg.norm(vectors, axis=-1, keepdims=True)
     known = (length > 0.5) & (length < 1.5)  # black and white decode to 1.73, mid-grey to 0
     if not known.any():

@@ -1,38 +1,53 @@
-"""What phones and cameras write and OpenImageIO does not read: HEIC, AVIF and camera raw (extra `phone`)."""
+"""What phones and cameras write and OpenImageIO does not read: AVIF, HEIC and camera raw."""
 
 from collections.abc import Callable
 from pathlib import Path
-from typing import Any
 
 import numpy as np
-import OpenImageIO as oiio
+from PIL import ExifTags, Image
 
 from relight.media import colour
+from relight.media.encodings import Encoding, decode_srgb
+from relight.media.icc import Profile
+from relight.media.images import headers, isobmff
+from relight.media.images.stored import StoredPicture
+from relight.media.images.turning import upright
 
 HEIF = (".heic", ".heif", ".hif")
 AVIF = (".avif",)
 RAW = (".arw", ".cr2", ".cr3", ".dng", ".nef", ".orf", ".pef", ".raf", ".raw", ".rw2", ".srw")
-# Colour that a HEIF file says by numbers (ITU-T H.273): a display's curve, and P3's or Rec.709's primaries.
-CURVES = (1, 2, 6, 13)
-PRIMARIES = {1: colour.SRGB, 2: colour.SRGB, 12: "Display P3 - Display"}
+AVIF_BRANDS = {b"avif", b"avis"}
+HEIF_BRANDS = {b"heic", b"heix", b"heim", b"heis", b"hevc", b"hevx", b"mif1", b"msf1"}
+BRANDS = 256  # bytes at a file's start that hold its brands (ISO/IEC 14496-12)
+NAMED_WRONGLY = (b"\xff\xd8\xff", b"\x89PNG", b"RIFF")  # JPEG, PNG, WebP, which phones also name .heic
+UNSPECIFIED = 2  # of H.273's code points
+NAMES = {1: ("Y",), 2: ("Y", "A"), 3: ("R", "G", "B"), 4: ("R", "G", "B", "A")}
 
-Pixels = tuple[np.ndarray, oiio.ImageSpec]
 
+def reader(path: Path) -> Callable[[Path], StoredPicture] | None:
+    """Return what reads a file of this name here, or None for OpenImageIO.
 
-def reader(path: Path) -> Callable[[Path], Pixels] | None:
-    """What reads a file of this name here, or None for OpenImageIO.
-
-    It returns pixels (H, W, C), upright, uint8, uint16 or float32, and the file's spec. It raises ImportError
-    without the extra, ValueError for a damaged file.
+    The brand of an ISO file counts before its name. The reader raises ImportError without the extra,
+    ValueError for a damaged file.
     """
-    readers = (
-        dict.fromkeys(HEIF, _read_heif) | dict.fromkeys(AVIF, _read_avif) | dict.fromkeys(RAW, _read_raw)
-    )
-    return readers.get(path.suffix.lower())
+    suffix = path.suffix.lower()
+    if suffix in RAW:
+        return _read_raw
+    with path.open("rb") as file:
+        start = file.read(BRANDS)
+    if start[4:8] == b"ftyp":
+        brands = {start[at : at + 4] for at in range(8, min(len(start), int.from_bytes(start[:4])), 4)}
+        if brands & AVIF_BRANDS:
+            return _read_avif
+        if brands & HEIF_BRANDS:
+            return _read_heif
+    if start.startswith(NAMED_WRONGLY):
+        return None
+    return _read_heif if suffix in HEIF else _read_avif if suffix in AVIF else None
 
 
-def _read_heif(path: Path) -> Pixels:
-    """HEIC by libheif, which turns it upright itself; 10 and 12 bits become 16."""
+def _read_heif(path: Path) -> StoredPicture:
+    """Read HEIC by libheif, which turns it upright itself; 10 and 12 bits become 16."""
     try:
         import pillow_heif
     except ImportError as error:
@@ -41,30 +56,85 @@ def _read_heif(path: Path) -> Pixels:
         file = pillow_heif.open_heif(str(path), convert_hdr_to_8bit=False)
         pixels = np.asarray(file)
     except (RuntimeError, OSError, EOFError, SyntaxError, ValueError) as error:
-        raise ValueError(f"{path}: cannot be read as HEIC: {error}") from error
+        raise ValueError(f"{path}: cannot be read as HEIC: {_line(error)}") from error
     depth = int(file.info.get("bit_depth", 8))
     if pixels.dtype == np.uint16:  # libheif shifts codes up: white would be less than full
         codes = pixels >> (16 - depth)
         pixels = np.rint(codes * (65535 / (2**depth - 1))).astype(np.uint16)
-    return _described(path, pixels, file.info.get("icc_profile"), file.info.get("nclx_profile"))
+    numbers = file.info.get("nclx_profile")
+    points = numbers and (numbers["color_primaries"], numbers["transfer_characteristics"])
+    space = _stated_space(file.info.get("icc_profile"), points, _exif(file.info.get("exif")))
+    straight = not getattr(file, "premultiplied_alpha", False)
+    return _stored(pixels, space, straight=straight)
 
 
-def _read_avif(path: Path) -> Pixels:
-    """AVIF by Pillow, 8 bits a channel."""
-    from PIL import Image, ImageOps
-
+def _read_avif(path: Path) -> StoredPicture:
+    """Read AVIF by Pillow, 8 bits a channel; the colours of an opaque one of more bits by FFmpeg."""
     try:
         with Image.open(path, formats=["AVIF"]) as file:
-            profile = file.info.get("icc_profile")
-            upright = ImageOps.exif_transpose(file)
-            pixels = np.asarray(upright)
-    except (OSError, SyntaxError, ValueError) as error:
-        raise ValueError(f"{path}: cannot be read as AVIF: {error}") from error
-    return _described(path, pixels, profile, None)
+            profile, exif = file.info.get("icc_profile"), file.getexif()
+            pixels = np.asarray(file)
+    except Exception as error:  # the decoder's own errors have classes below Exception alone
+        raise ValueError(f"{path}: cannot be read as AVIF: {_line(error)}") from error
+    with path.open("rb") as file:
+        points = isobmff.read_code_points(file.read(isobmff.HEADER))
+    deep, coded = _decoded_by_ffmpeg(path)
+    opaque = pixels.ndim == 2 or pixels.shape[2] == 3
+    if deep is not None and opaque and pixels.shape[:2] == deep.shape[:2]:
+        pixels = deep
+    pixels = upright(
+        pixels[..., None] if pixels.ndim == 2 else pixels, exif.get(ExifTags.Base.Orientation, 1)
+    )
+    return _stored(pixels, _stated_space(profile, points or coded, exif), straight=True)
 
 
-def _read_raw(path: Path) -> Pixels:
-    """Camera raw by LibRaw: the camera's white balance, no brightening, linear Rec.709, upright."""
+def _decoded_by_ffmpeg(path: Path) -> tuple[np.ndarray | None, tuple[int, int] | None]:
+    """Return the colours (H, W, 3) uint16 of an AVIF of more than 8 bits, and its stream's code points.
+
+    None for what FFmpeg does not decode, or decodes in 8 bits.
+    """
+    import av
+
+    from relight.media.video_frames import read_codes
+
+    try:
+        with av.open(str(path)) as file:
+            frame = next(file.decode(video=0))
+            points = (int(frame.color_primaries), int(frame.color_trc))
+            bits = max(component.bits for component in frame.format.components)
+            codes = read_codes(frame, "libdav1d")[..., :3] if bits > 8 else None
+    except (av.error.FFmpegError, IndexError, StopIteration, ValueError):
+        return None, None
+    return codes, points
+
+
+def _exif(data: bytes | None) -> Image.Exif:
+    """Parse Exif data, none where it is damaged."""
+    exif = Image.Exif()
+    try:
+        exif.load(data or b"")
+    except Exception:  # of many classes, and a picture without Exif is one all the same
+        return Image.Exif()
+    return exif
+
+
+def _stated_space(profile: bytes | None, points: tuple[int, int] | None, exif: Image.Exif) -> colour.Space:
+    """Return the colour space that a file states: by a profile, by H.273's code points, or by Exif."""
+    if profile:
+        try:
+            return Profile.parse(profile)
+        except ValueError as error:
+            raise ValueError(f"its colour profile {error}; say which colour_space it is") from error
+    if points is not None and points != (UNSPECIFIED, UNSPECIFIED):
+        return Encoding.from_code_points(*points, unspecified=decode_srgb)
+    try:
+        return headers.encoding_of_exif(exif) or colour.SRGB
+    except Exception:  # as above
+        return colour.SRGB
+
+
+def _read_raw(path: Path) -> StoredPicture:
+    """Read camera raw by LibRaw: the camera's white balance, no brightening, linear Rec.709, upright."""
     try:
         import rawpy
     except ImportError as error:
@@ -79,37 +149,16 @@ def _read_raw(path: Path) -> Pixels:
         words = error.args[0] if error.args else error
         text = words.decode(errors="replace") if isinstance(words, bytes) else words
         raise ValueError(f"{path}: cannot be read as camera raw: {text}") from error
-    pixels = developed.astype(np.float32) / 65535
-    spec = _spec(pixels)
-    spec.attribute("oiio:ColorSpace", colour.LINEAR)
-    return pixels, spec
+    return _stored(developed.astype(np.float32) / 65535, colour.LINEAR, straight=False)
 
 
-def _described(path: Path, pixels: np.ndarray, profile: bytes | None, numbers: Any) -> Pixels:
-    """Pixels with straight alpha and what the file says of its colour: a profile, or H.273's numbers."""
+def _stored(pixels: np.ndarray, space: colour.Space, *, straight: bool) -> StoredPicture:
     pixels = pixels[..., None] if pixels.ndim == 2 else pixels
-    spec = _spec(pixels)
-    spec.attribute("oiio:UnassociatedAlpha", 1)
-    if profile:
-        spec.attribute(
-            "ICCProfile", oiio.TypeDesc(f"uint8[{len(profile)}]"), np.frombuffer(profile, np.uint8)
-        )
-    elif numbers:
-        primaries, curve = numbers["color_primaries"], numbers["transfer_characteristics"]
-        if primaries not in PRIMARIES or curve not in CURVES:
-            raise ValueError(
-                f"{path}: expected sRGB or Display P3, got colour of primaries {primaries} and curve {curve} "
-                "(ITU-T H.273); convert it first"
-            )
-        spec.attribute("oiio:ColorSpace", PRIMARIES[primaries])
-    return pixels, spec
+    return StoredPicture(pixels, NAMES[pixels.shape[-1]], space, straight=straight)
 
 
-def _spec(pixels: np.ndarray) -> oiio.ImageSpec:
-    height, width, channels = pixels.shape
-    spec = oiio.ImageSpec(width, height, channels, str(pixels.dtype).replace("float32", "float"))
-    spec.channelnames = {1: ("Y",), 2: ("Y", "A")}.get(channels, ("R", "G", "B", "A")[:channels])
-    return spec
+def _line(error: Exception) -> str:
+    return str(error).strip().partition("\n")[0]
 
 
 def _missing(path: Path, package: str) -> ImportError:

@@ -13,13 +13,15 @@ from numpy.typing import ArrayLike
 from PIL import ExifTags, Image, PngImagePlugin
 
 from relight import __version__
-from relight.media import colour, identity
+from relight.media import colour, content_hash
 from relight.media.buffers import problem
 from relight.media.images.edge import as_array, scene_linear
+from relight.media.images.metadata import TypedValue
 from shadow import files
 from shadow.files import AnyPath
 
-Metadata = Mapping[str, str | int | float | tuple[float, ...]]  # {name: value} of a file's header
+# {name: value} of a file's header
+Metadata = Mapping[str, str | int | float | tuple[float, ...] | TypedValue]
 
 DEPTHS = {  # what each format is written as: the first is the default
     ".exr": ("half", "float"),
@@ -34,6 +36,7 @@ HALF_MAX = 65504.0
 HALF_OVER = 65520.0  # the least value that rounds to infinity
 DEPTH = "Z"  # the layer, and OpenEXR's name of its channel: half floats would make steps of it
 LONGEST_LAYER = 253  # bytes of UTF-8: with ".R" behind, the 255 of OpenEXR
+NO_COLOUR = ("N", "P")  # layers of three channels that are no colour
 SAMPLED = 16  # one pixel in so many tells that a layer is bright
 ROWS = 64  # of a file that are written at a time; whole blocks of OpenEXR's compression
 LOST = 0.01  # share of a layer's light that half floats may lose before a warning says so
@@ -42,7 +45,10 @@ JPEG_QUALITY = 98  # of 100: differences that the eye does not find
 
 
 def check_writable(path: AnyPath) -> tuple[str, ...]:
-    """The depths that `path` can be written with, default first; raises as `write` does if there are none."""
+    """Return the depths in which `path` can be written, default first.
+
+    Raises as `write` does if there are none.
+    """
     return DEPTHS[files.check_writable(path, DEPTHS).suffix.lower()]
 
 
@@ -57,40 +63,66 @@ def write(
     view: str | None = None,
     exposure: float = 0.0,
     white: float | None = None,
+    colour_space: str | None = None,
 ) -> None:
-    """Write an image. The file appears when it is complete; an error leaves what was there before.
+    """Write an image. The file appears when it is complete; after an error, the old file is unchanged.
 
     Parameters
     ----------
-    path: its suffix is the format: .exr, .hdr, .jpg, .png, .tif. Its folder must exist.
-    image: (H, W, 3|4), integers sRGB with straight alpha, floats linear Rec.709 premultiplied.
-    layers: {name: (H, W) or (H, W, 1|3|4) float}, for .exr: written as `name.R` ... `name.A`, or `name.Y`, or
-        `N.X` ... `N.Z` for normals, behind the image's own R, G, B, A. Values are kept as they are. A layer
-        "Z" (H, W) is the depth: the channel Z, float32 in any file.
-    depth: "uint8", "uint16", "half" or "float", as the format allows. Unless given: half for .exr, uint8 for
+    path
+        Its suffix is the format: .exr, .hdr, .jpg, .png, .tif. Its folder must exist.
+    image
+        (H, W, 3|4), integers sRGB with straight alpha, floats linear Rec.709 premultiplied.
+    layers
+        {name: (H, W) or (H, W, 1|3|4) float}, for .exr: written as `name.R` ... `name.A`, or `name.Y`, or
+        `N.X` ... `N.Z` for normals, after the image's R, G, B, A. Values are not converted. A layer "Z" (H,
+        W) is the depth: the channel Z, which is always float32.
+    depth
+        "uint8", "uint16", "half" or "float", if the format has it. The default is half for .exr, uint8 for
         .png and .jpg, uint16 for .tif, float for .hdr.
-    autocrop: of an .exr, store no more than the box in which anything is not zero: its data window. `read`,
-        and programs that honour the display window, show the whole picture; others the box alone.
-    metadata: {name: text, number or tuple of numbers} for the file's header.
-    view, exposure, white: how integers show what may be brighter than a display; see
+    autocrop
+        Whether an .exr stores only the box of its pixels that are not zero, its data window. `read`, and
+        programs that honour the display window, show the whole picture; others show the box only.
+    metadata
+        {name: text, number or tuple of numbers} for the file's header.
+    view, exposure, white
+        How values that are brighter than a display are encoded as integers; see
         `relight.media.colour.encode`.
-
-    Floats are written scene-linear Rec.709 and premultiplied. Integers are written for display, with straight
-    alpha: unless there is a `view`, sRGB, in which light up to 1 is exact and brighter highlights roll off.
+    colour_space
+        A linear colour space for an .exr or a .tif of floats, such as "ACEScg", "ACES2065-1" or "Rec.2020".
+        The image and its layers are converted to it, except normals, positions and single values. The file
+        states its chromaticities. The default is linear Rec.709.
 
     Raises
     ------
-    TypeError, ValueError: wrong shape, dtype, suffix or depth; NaN or infinite values; values that half
-    cannot hold; alpha that is not 1 in a format without alpha; layers outside .exr.
-    OSError: the folder does not exist or the file cannot be written.
+    TypeError, ValueError
+        Wrong shape, dtype, suffix or depth; NaN or infinite values; values that half cannot hold; alpha that
+        is not 1 in a format without alpha; layers in a format other than .exr.
+    OSError
+        The folder does not exist, or the file cannot be written.
 
-    Warns of layers so dim that half floats lose more than 1 % of their light.
+    Warns
+    -----
+    UserWarning
+        A layer is so dim that half floats lose more than 1 % of its light.
+
+    Notes
+    -----
+    Floats are written scene-linear and premultiplied. Integers are encoded for a display, with straight
+    alpha: without a `view` as sRGB, in which values up to 1 are exact and brighter highlights are compressed.
+
+    Examples
+    --------
+    >>> image = relight.read("examples/person.png")
+    >>> relight.write("copy.exr", image, layers={"C_key": image})
     """
     path = Path(path)
     depth = checked_depth(path, depth)
     suffix = path.suffix.lower()
     if (layers or autocrop) and suffix != ".exr":
         raise ValueError(f"{path}: {'layers need' if layers else 'autocrop needs'} a .exr file")
+    if colour_space is not None:
+        check_colour_space(path, depth, colour_space)
     pixels = scene_linear("image", image)
     if pixels.shape[-1] == 4 and suffix in (".hdr", ".jpeg", ".jpg"):
         if pixels[..., 3].min() < 1:
@@ -102,6 +134,12 @@ def write(
     if depth.startswith("uint"):
         pixels = _encoded(pixels, view, exposure, white)
     stacks = {name: _layer(name, layer, pixels.shape[:2]) for name, layer in (layers or {}).items()}
+    if colour_space is not None:
+        pixels = _in_space(pixels, colour_space)
+        stacks = {
+            name: stack if name in NO_COLOUR or stack.shape[-1] < 3 else _in_space(stack, colour_space)
+            for name, stack in stacks.items()
+        }
     for name, stack in stacks.items():
         prefix = "" if _is_depth(name, stack) else f"{name}."
         names += [prefix + channel for channel in _channels(name, stack)]
@@ -116,7 +154,7 @@ def write(
     spec = new_spec(stacks["image"].shape[:2], depth, names, metadata)
     spec.x, spec.y = columns.start or 0, rows.start or 0
     spec.full_height, spec.full_width = pixels.shape[:2]
-    spec = _header(suffix, spec, depth, names, view, metadata)
+    spec = _header(suffix, spec, depth, names, view, metadata, colour_space or colour.LINEAR)
     halved = depth == "half" and not exact
     save(path, _blocks(list(stacks.values()), torch.float16 if halved else torch.float32), spec)
 
@@ -128,26 +166,44 @@ def _header(
     names: list[str],
     view: str | None,
     metadata: Metadata | None,
+    colour_space: str,
 ) -> oiio.ImageSpec:
-    """The spec of a file of channels `names`, and how it is compressed and encoded."""
+    """Return the spec of a file of channels `names`, with its compression and encoding."""
     if depth == "half" and DEPTH in names:
         spec.channelformats = tuple("float" if name == DEPTH else "half" for name in names)
     if suffix in (".exr", ".tif", ".tiff"):
         spec.attribute("compression", "zip")
-    if suffix == ".exr" and metadata and identity.NAME in metadata:
-        spec.attribute(identity.HOLDS, identity.contents(spec))
+    if suffix == ".exr" and metadata and content_hash.HASH_ATTRIBUTE in metadata:
+        spec.attribute(content_hash.CONTENTS_ATTRIBUTE, content_hash.describe_contents(spec))
     if depth.startswith("uint"):
         if view is None or "srgb" in " ".join(colour.find_view(view)[1:]).lower():
             spec.attribute("oiio:ColorSpace", "srgb_rec709_scene")
         spec.attribute("oiio:UnassociatedAlpha", 1)
     else:
-        spec.attribute("oiio:ColorSpace", "lin_rec709_scene")
-        spec.attribute("chromaticities", oiio.TypeDesc("float[8]"), colour.REC709)
+        name, encoding = colour.linear_space(colour_space)
+        spec.attribute("oiio:ColorSpace", name)
+        spec.attribute("chromaticities", oiio.TypeDesc("float[8]"), encoding.chromaticities)
     return spec
 
 
+def check_colour_space(path: Path, depth: str, colour_space: str) -> None:
+    """Raise ValueError for a colour space that a file of `depth` cannot be written in."""
+    if path.suffix.lower() not in (".exr", ".tif", ".tiff") or depth.startswith("uint"):
+        raise ValueError(f"{path}: colour_space needs an .exr, or a .tif of floats")
+    colour.linear_space(colour_space)
+
+
+def _in_space(pixels: np.ndarray, colour_space: str) -> np.ndarray:
+    """Return linear Rec.709 (H, W, 3|4) in another linear space, alpha as it is."""
+    rgb = colour.from_rec709(pixels[..., :3].astype(np.float32, copy=False), colour_space)
+    return np.concatenate([rgb, pixels[..., 3:]], axis=-1, dtype=np.float32)
+
+
 def checked_depth(path: Path, depth: str | None) -> str:
-    """`depth`, or the format's own where it is None; ValueError where the format has no such depth."""
+    """Return `depth`, or the default of the format if it is None.
+
+    Raises ValueError if the format does not have this depth.
+    """
     depths = check_writable(path)
     if depth is None:
         return depths[0]
@@ -159,13 +215,15 @@ def checked_depth(path: Path, depth: str | None) -> str:
 def new_spec(
     size: tuple[int, ...], depth: str, names: list[str], metadata: Metadata | None = None
 ) -> oiio.ImageSpec:
-    """What a file of `size` (H, W), in channels of these names, says of itself."""
+    """Return the spec of a file of `size` (H, W) with channels of these names."""
     spec = oiio.ImageSpec(size[1], size[0], len(names), depth)
     spec.channelnames = tuple(names)
     spec.alpha_channel = names.index("A") if "A" in names else -1
     spec.attribute("Software", f"relight {__version__}")
     for name, value in (metadata or {}).items():
-        if isinstance(value, tuple):
+        if isinstance(value, TypedValue):
+            spec.attribute(name, oiio.TypeDesc(value.kind), value.value)
+        elif isinstance(value, tuple):
             spec.attribute(name, oiio.TypeDesc(f"float[{len(value)}]"), value)
         else:
             spec.attribute(name, value)
@@ -190,14 +248,18 @@ def _is_depth(name: str, stack: np.ndarray) -> bool:
 
 
 def _channels(name: str, stack: np.ndarray) -> str:
-    """Names of a layer's channels: colour, one value, the axes of the normals, or the depth."""
+    """Return the names of a layer's channels: colour, one value, axes of normals, or depth."""
     if _is_depth(name, stack):
         return DEPTH
-    return "XYZ" if name == "N" and stack.shape[-1] == 3 else {1: "Y", 3: "RGB", 4: "RGBA"}[stack.shape[-1]]
+    return (
+        "XYZ"
+        if name in ("N", "P") and stack.shape[-1] == 3
+        else {1: "Y", 3: "RGB", 4: "RGBA"}[stack.shape[-1]]
+    )
 
 
 def _layer(name: str, layer: ArrayLike, size: tuple[int, ...]) -> np.ndarray:
-    """A layer as (H, W, 1|3|4), checked."""
+    """Check a layer, and return it as (H, W, 1|3|4)."""
     if not isinstance(name, str) or not name:
         raise TypeError(f"layers: expected names that are non-empty strings, got {name!r}")
     text = name.encode(errors="replace")
@@ -220,8 +282,8 @@ def _layer(name: str, layer: ArrayLike, size: tuple[int, ...]) -> np.ndarray:
 def half(values: np.ndarray, name: str) -> np.ndarray:
     """float32 values (..., C) rounded to what a half float holds, unless one of them is too bright for it.
 
-    Warns if that loses more than 1 % of the light, as of a light of intensity 1e-6: half floats come in steps
-    of 6e-8 near zero. `name` is what the warning calls them. A fourth channel is alpha, and no light.
+    Warns if that loses more than 1 % of the light, such as a light of intensity 1e-6: near zero, half floats
+    come in steps of 6e-8. `name` is what the warning calls them. A fourth channel is alpha, and no light.
     """
     tensor = torch.from_numpy(np.ascontiguousarray(values))  # torch rounds many at a time
     low, high = map(float, tensor.aminmax())
@@ -250,8 +312,8 @@ def _check_lost(values: torch.Tensor, name: str) -> None:
 
 
 def _check_half(path: Path, name: str, stack: np.ndarray) -> None:
-    """ValueError for a stack (H, W, C) that half floats cannot hold; warns as `half` does."""
-    tensor = torch.from_numpy(np.ascontiguousarray(stack))
+    """Raise ValueError for a stack (H, W, C) that half floats cannot hold; warns as `half` does."""
+    tensor = torch.from_numpy(np.require(stack, requirements=("C", "W")))  # torch warns of what is read-only
     low, high = map(float, tensor.aminmax())
     if max(high, -low) > HALF_MAX:
         raise ValueError(
@@ -262,7 +324,7 @@ def _check_half(path: Path, name: str, stack: np.ndarray) -> None:
 
 
 def _occupied(stacks: Sequence[np.ndarray]) -> tuple[slice, slice]:
-    """Rows and columns outside of which all stacks (H, W, C) are zero; one pixel where all is."""
+    """Return the rows and columns beyond which all stacks (H, W, C) are zero; one pixel if all is zero."""
     rows, columns = np.zeros(stacks[0].shape[0], bool), np.zeros(stacks[0].shape[1], bool)
     for stack in stacks:
         bits = np.ascontiguousarray(stack, np.float32).view(np.uint32).reshape(len(stack), -1)
@@ -278,9 +340,8 @@ def _span(occupied: np.ndarray) -> slice:
 
 
 def _blocks(stacks: Sequence[np.ndarray], dtype: torch.dtype) -> Iterator[np.ndarray]:
-    """The rows of a file, some at a time, with the channels of all stacks (rows, W, C): so that they are held
-    only once."""
-    tensors = [torch.from_numpy(np.ascontiguousarray(stack)) for stack in stacks]
+    """Yield blocks of rows with the channels of all stacks (rows, W, C), to avoid a copy of them all."""
+    tensors = [torch.from_numpy(np.require(stack, requirements=("C", "W"))) for stack in stacks]
     height, width = tensors[0].shape[:2]
     channels = [tensor.shape[-1] for tensor in tensors]
     for start in range(0, height, ROWS):
@@ -310,7 +371,7 @@ def save(path: Path, blocks: Iterable[np.ndarray], spec: oiio.ImageSpec) -> None
 
 
 def _jpeg(pixels: np.ndarray, spec: oiio.ImageSpec) -> bytes:
-    """A JPEG file of encoded pixels (H, W, 1|3) in [0, 1].
+    """Return a JPEG file of encoded pixels (H, W, 1|3) in [0, 1].
 
     By Pillow, in memory: OpenImageIO's writer ends the process when the disk is full.
     """
@@ -318,7 +379,7 @@ def _jpeg(pixels: np.ndarray, spec: oiio.ImageSpec) -> bytes:
     for attribute in spec.extra_attribs:
         if attribute.name in ExifTags.Base.__members__:
             exif[ExifTags.Base[attribute.name]] = attribute.value
-        elif attribute.name == identity.NAME:
+        elif attribute.name == content_hash.HASH_ATTRIBUTE:
             exif.get_ifd(ExifTags.IFD.Exif)[ExifTags.Base.ImageUniqueID] = attribute.value
     file = io.BytesIO()
     codes = np.rint(pixels * 255).astype(np.uint8)
@@ -327,7 +388,7 @@ def _jpeg(pixels: np.ndarray, spec: oiio.ImageSpec) -> bytes:
 
 
 def _check_png(path: Path, written: Path) -> None:
-    """OSError unless a file is a whole PNG: OpenImageIO's writer does not notice a full disk."""
+    """Raise OSError unless a file is a whole PNG: OpenImageIO's writer does not notice a full disk."""
     try:
         # Not Image.open, which refuses pictures above 179 megapixels.
         with PngImagePlugin.PngImageFile(written) as file:

@@ -70,6 +70,7 @@ export function actionsOf(viewer) {
       viewer.setBackgroundKind(background === null ? "colour" : background !== "picture" && viewer.backdrop ? "picture" : "none");
     },
     look: (look) => {
+      if (!viewer.engine.looks.includes(look)) return viewer.say(`${LOOK_NAMES[look]}: needs WebGL 2, which this browser does not have.`);
       change((state) => (state.look = look));
       viewer.say(LOOK_NAMES[look]);
     },
@@ -84,8 +85,15 @@ export function actionsOf(viewer) {
       viewer.refresh();
     },
     copyLights: () => copy("The lights", toYaml(viewer.state, viewer.environment)),
-    copyCommand: () => copy("The command", toCommand(viewer.state, viewer.environment, viewer.scene, viewer.backdrop?.name)),
-    copyLink: () => copy("The link", `${location.href.split("#")[0]}#${toFragment(viewer.state)}`),
+    copyCommand: () => {
+      const unnamed = viewer.state.background === "picture" && !viewer.backdrop?.name;
+      return copy(unnamed ? "The command, without the background (it has no file)" : "The command", toCommand(viewer.state, viewer.environment, viewer.scene, viewer.backdrop?.name));
+    },
+    copyLink: () => {
+      const { environment, map, background, picture } = viewer.state;
+      const files = [environment && map && viewer.environment.path, background === "picture" && picture && viewer.backdrop.name].filter(Boolean);
+      return copy(files.length ? `The link (${files.join(" and ")} must be dropped on the page again)` : "The link", `${location.href.split("#")[0]}#${toFragment(viewer.state, viewer)}`);
+    },
     save: async () => {
       const { look, exposure } = viewer.state;
       viewer.stop();

@@ -1,7 +1,7 @@
 // A small matte sphere, lit by lights as the person is: where they stand, at a glance.
 
+import { encoded } from "./colour.js";
 import { direction, dot, softness } from "./lights.js";
-import { encoded } from "./environment.js";
 
 /** Paints lights, [{ light, colour: [r, g, b] }], on a square canvas; `ambient` keeps its night side visible. */
 export function paintBall(canvas, lights, ambient = 0.02) {
@@ -32,13 +32,3 @@ export function paintBall(canvas, lights, ambient = 0.02) {
   }
   context.putImageData(image, 0, 0);
 }
-
-/** A colour scaled so that its brightest channel is one, or black. */
-export function chroma(colour) {
-  const most = Math.max(...colour);
-  return colour.map((value) => (most ? value / most : 0));
-}
-
-/** Linear RGB as a swatch shows it: "#rrggbb". */
-export const toHex = (colour) =>
-  `#${chroma(colour).map((value) => Math.round(255 * encoded(value)).toString(16).padStart(2, "0")).join("")}`;

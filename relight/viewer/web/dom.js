@@ -18,8 +18,7 @@ const ICONS = {
   delete: "M6 6l12 12M18 6 6 18",
   play: "M8 5v14l11-7z",
   help: "M9.2 9a3 3 0 1 1 4.4 2.7c-1 .6-1.6 1.2-1.6 2.3M12 17.6v.1",
-  save: "M12 4v11m0 0-4.5-4.5M12 15l4.5-4.5M5 20h14",
-  copy: "M9 9h11v11H9zM5 15H4V4h11v1",
+  out: "M12 15V4m0 0L7.5 8.5M12 4l4.5 4.5M5 13v7h14v-7",
 };
 
 /** A button with an icon, whose name screen readers say. */
@@ -34,33 +33,6 @@ export function iconButton(icon, label, onclick, key = "") {
   button.append(svg);
   return button;
 }
-
-/**
- * A labelled slider with its number beside it.
- * `read` and `write`: between the value and the slider's place, if they differ; `double`: what a double click sets.
- */
-export function slider({ label, min, max, step, unit = "", digits = 2, neutral = 0, place = (v) => v, value = (p) => p, onchange, onend }) {
-  const range = h("input", { type: "range", min, max, step, "aria-label": label });
-  const number = h("input", { type: "text", inputmode: "decimal", class: "number", "aria-label": `${label}, exactly` });
-  const row = h("div", { class: "slider" }, h("span", { class: "label" }, label), range, h("span", { class: "value" }, number, h("span", { class: "unit" }, unit)));
-  range.addEventListener("input", () => onchange(value(Number(range.value))));
-  range.addEventListener("change", () => onend());
-  range.addEventListener("dblclick", () => (onchange(neutral), onend()));
-  number.addEventListener("change", () => {
-    const given = Number(number.value.replace(",", ".").replace("−", "-"));
-    if (number.value.trim() !== "" && Number.isFinite(given)) onchange(given);
-    onend();
-  });
-  row.set = (current) => {
-    range.value = place(current);
-    range.style.setProperty("--at", `${(100 * (range.value - min)) / (max - min)}%`);
-    range.setAttribute("aria-valuetext", `${written(current, digits)} ${unit}`);
-    if (document.activeElement !== number && number.getRootNode().activeElement !== number) number.value = written(current, digits);
-  };
-  return row;
-}
-
-const written = (value, digits) => Number(value.toFixed(digits)).toString().replace("-", "−");
 
 /** A choice of one among few. `options`: [[value, label]]. */
 export function choice(name, label, options, onchange) {

@@ -10,7 +10,8 @@
 //
 // Off-screen images have their top row first: row 0 of a texture is the picture's top row.
 
-import { dot, isNear } from "./lights.js";
+import { Unsupported, program, setUniform, target, texture } from "./gl.js";
+import { LUMINANCE, dot, isNear } from "./lights.js";
 
 export const LIGHTS = 8; // of which each can be alone; the layer after them is the environment's
 const LAYERS = LIGHTS + 1;
@@ -19,10 +20,6 @@ const RAYS = 16; // to a lamp that has a size: SAMPLES of relight/lights/near.py
 const TABLE = 128; // sides of the table of the components' weights by direction
 const BATCH = 60; // samples a draw: 60 · 14 vec4 fit the 16 KiB that every uniform block may have
 export const LOOKS = ["picture", "light", "visibility", "normals", "albedo", "photograph"];
-export const LUMINANCE = [0.2126, 0.7152, 0.0722];
-
-/** A browser that cannot show the page: what it lacks, for the person who opened it. */
-export class Unsupported extends Error {}
 
 export class Engine {
   /** `pack`: what `unpack` gives, and its images decoded; `room`: the Room of it; `shaders`: {name: text}. */
@@ -32,6 +29,7 @@ export class Engine {
     [canvas.width, canvas.height] = size;
     Object.assign(this, { size, box, field });
     this.mixes = mixes(pack);
+    this.looks = LOOKS;
     this.restore();
   }
 
@@ -62,6 +60,11 @@ export class Engine {
     gl.bindBufferBase(gl.UNIFORM_BUFFER, 0, this.block);
     gl.uniformBlockBinding(this.programs.light.handle, this.programs.light.block, 0);
     this.prepare();
+  }
+
+  /** Whether the browser has taken the GPU away, for a while. */
+  get lost() {
+    return this.gl.isContextLost();
   }
 
   makeTextures() {
@@ -117,7 +120,7 @@ export class Engine {
   /**
    * Draws the light of these layers: [{ samples, colour: [r, g, b] }], by slot; null where there is none.
    * Samples are those of `lights.js`, or a lamp { position, radius }; a layer whose samples are the same object
-   * as before is not drawn anew.
+   * as before is not drawn again.
    */
   setLights(layers) {
     layers.forEach((layer, slot) => {
@@ -160,7 +163,7 @@ export class Engine {
         features: this.features,
         surface: this.surface,
         count: { whole: batch.length },
-        haze: this.pack.description.haze,
+        residualBias: this.pack.description.residualBias,
         share: 1 / total,
       });
       gl.disable(gl.BLEND);
@@ -180,7 +183,7 @@ export class Engine {
       axis: [0, 1, 2].map((side) => Number(side === least)),
       radius,
       rays: radius ? RAYS : 1,
-      haze: this.pack.description.haze,
+      residualBias: this.pack.description.residualBias,
     });
   }
 
@@ -314,6 +317,11 @@ export class Engine {
     gl.readPixels(0, 0, ...size, gl.RGBA, type, data);
   }
 
+  /** Gives the GPU's memory back; nothing can be drawn after it. */
+  close() {
+    this.gl.getExtension("WEBGL_lose_context")?.loseContext();
+  }
+
   /** One pass over all pixels of a target, or of the page's canvas if it is null. */
   draw(name, destination, uniforms) {
     const { gl } = this;
@@ -354,74 +362,4 @@ function interleaved({ data, shape }) {
     for (let pixel = 0; pixel < pixels; pixel++) images[offset + pixel * 4] = data[plane * pixels + pixel];
   }
   return images;
-}
-
-function formats(gl) {
-  return {
-    bytes: [gl.RGBA8, gl.RGBA, gl.UNSIGNED_BYTE],
-    grey: [gl.R8, gl.RED, gl.UNSIGNED_BYTE],
-    half: [gl.RGBA16F, gl.RGBA, gl.HALF_FLOAT],
-    float: [gl.RGBA16F, gl.RGBA, gl.FLOAT],
-    sRGB: [gl.SRGB8_ALPHA8, gl.RGBA, gl.UNSIGNED_BYTE],
-  };
-}
-
-function texture(gl, { size, layers, format = "bytes", data = null, mipmaps = false, smooth = mipmaps }) {
-  const kind = layers ? gl.TEXTURE_2D_ARRAY : gl.TEXTURE_2D;
-  const handle = gl.createTexture();
-  const [internal, channels, type] = formats(gl)[format];
-  gl.bindTexture(kind, handle);
-  gl.pixelStorei(gl.UNPACK_ALIGNMENT, 1);
-  gl.pixelStorei(gl.UNPACK_COLORSPACE_CONVERSION_WEBGL, gl.NONE);
-  if (layers) gl.texImage3D(kind, 0, internal, ...size, layers, 0, channels, type, data);
-  else gl.texImage2D(kind, 0, internal, ...size, 0, channels, type, data);
-  if (mipmaps) gl.generateMipmap(kind);
-  gl.texParameteri(kind, gl.TEXTURE_MIN_FILTER, mipmaps ? gl.LINEAR_MIPMAP_LINEAR : smooth ? gl.LINEAR : gl.NEAREST);
-  gl.texParameteri(kind, gl.TEXTURE_MAG_FILTER, smooth ? gl.LINEAR : gl.NEAREST);
-  for (const side of [gl.TEXTURE_WRAP_S, gl.TEXTURE_WRAP_T]) gl.texParameteri(kind, side, gl.CLAMP_TO_EDGE);
-  return { handle, kind, size };
-}
-
-function target(gl, options) {
-  const made = texture(gl, options);
-  const framebuffer = gl.createFramebuffer();
-  gl.bindFramebuffer(gl.FRAMEBUFFER, framebuffer);
-  if (options.layers) gl.framebufferTextureLayer(gl.FRAMEBUFFER, gl.COLOR_ATTACHMENT0, made.handle, 0, 0);
-  else gl.framebufferTexture2D(gl.FRAMEBUFFER, gl.COLOR_ATTACHMENT0, gl.TEXTURE_2D, made.handle, 0);
-  return { ...made, framebuffer };
-}
-
-function program(gl, vertex, fragment) {
-  const handle = gl.createProgram();
-  for (const [type, text] of [
-    [gl.VERTEX_SHADER, vertex],
-    [gl.FRAGMENT_SHADER, fragment],
-  ]) {
-    const shader = gl.createShader(type);
-    gl.shaderSource(shader, text);
-    gl.compileShader(shader);
-    gl.attachShader(handle, shader);
-  }
-  gl.linkProgram(handle);
-  if (!gl.getProgramParameter(handle, gl.LINK_STATUS) && !gl.isContextLost()) {
-    const logs = gl.getAttachedShaders(handle).map((shader) => gl.getShaderInfoLog(shader));
-    throw new Unsupported(`This graphics driver refuses a shader: ${gl.getProgramInfoLog(handle)} ${logs.join(" ")}`);
-  }
-  const places = {};
-  const count = gl.getProgramParameter(handle, gl.ACTIVE_UNIFORMS) ?? 0;
-  for (let index = 0; index < count; index++) {
-    const { name } = gl.getActiveUniform(handle, index);
-    const place = gl.getUniformLocation(handle, name);
-    if (place !== null) places[name] = place;
-  }
-  return { handle, places, block: gl.getUniformBlockIndex(handle, "Samples") };
-}
-
-function setUniform(gl, place, value) {
-  if (typeof value === "number") gl.uniform1f(place, value);
-  else if (value.whole !== undefined) gl.uniform1i(place, value.whole);
-  else if (value.vectors) gl.uniform3fv(place, value.vectors);
-  else if (value.quads) gl.uniform4fv(place, value.quads);
-  else if (value.numbers) gl.uniform1fv(place, value.numbers);
-  else gl[`uniform${value.length}fv`](place, value);
 }

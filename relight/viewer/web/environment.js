@@ -1,6 +1,7 @@
 // Environment maps: a .hdr file or a picture, and the directional lights that it comes down to.
 // Latitude-longitude, as relight.EnvironmentLight: the centre is at the camera, the left half at image right.
 
+import { decoded } from "./colour.js";
 import { DEGREE } from "./lights.js";
 
 const LAMPS = 256; // directions at most
@@ -36,9 +37,6 @@ export async function readImage(file) {
   }
   return { name: file.name, width: canvas.width, height: canvas.height, rgb };
 }
-
-export const decoded = (code) => (code <= 0.04045 ? code / 12.92 : ((code + 0.055) / 1.055) ** 2.4);
-export const encoded = (light) => (light <= 0.0031308 ? light * 12.92 : 1.055 * light ** (1 / 2.4) - 0.055);
 
 /** Radiance's RGBE (Ward 1991), run-length encoded or not. */
 export function radiance(name, bytes) {

@@ -2,6 +2,23 @@
 
 import { h } from "./dom.js";
 
+const OF_INPUTS = /^(Arrow|Page|Home|End|Backspace|Delete)/; // keys with which sliders and choices are set
+const DRAG = ["Drag on the picture", "the light follows, on a sphere around the person; beyond the ring it moves behind them"];
+const FINGERS = [
+  DRAG,
+  ["Pinch", "makes a distant light softer or harder; moves a near light toward the camera or away from it"],
+  ["Drag two fingers", "turns the environment"],
+  ["Tap a handle", "selects that light"],
+  ["Drag the panel's grip", "shows more of the panel, or more of the picture"],
+];
+const MOUSE = [
+  DRAG,
+  ["Wheel", "makes a distant light softer or harder; moves a near light; with Shift a near light is softer or harder"],
+  ["Drag the right button", "turns the environment"],
+  ["Drop a file", "on the picture: the background; on the panel: an environment (.hdr or a picture)"],
+  ["Double click a slider", "sets its neutral value"],
+];
+
 /** [key as `KeyboardEvent.key` has it, with its modifiers; as people write it; what it does; action]. */
 export function keyTable(viewer) {
   const { actions } = viewer;
@@ -63,7 +80,7 @@ export function keyTable(viewer) {
 }
 
 /** The action of a key, if there is one. */
-export function actionOf(table, event) {
+function actionOf(table, event) {
   if (event.altKey) return null;
   const control = event.ctrlKey || event.metaKey ? "ctrl+" : "";
   const letter = event.key.length === 1 && event.key.toLowerCase() !== event.key.toUpperCase();
@@ -72,26 +89,54 @@ export function actionOf(table, event) {
   return table.find(([name, , , action]) => action && name === key)?.[3] ?? null;
 }
 
-/** A dialogue with hands and keys. */
-export function helpSheet(table) {
-  const list = h("dl", {});
-  for (const [key, text, does] of table) {
-    if (text === undefined) list.append(h("h3", {}, key));
-    else if (text) list.append(h("div", {}, h("dt", {}, text), h("dd", {}, does)));
+/** A key was pressed somewhere in a viewer. */
+export function keyDown(viewer, event) {
+  const { actions, stage } = viewer;
+  const { target } = event;
+  stage.element.classList.remove("by-hand");
+  if (viewer.help.open || target.matches?.("input[type=text], select, textarea")) return;
+  if (target.matches?.("input") && OF_INPUTS.test(event.key)) return;
+  if (target.matches?.(".divider") && /^Arrow(Left|Right)$/.test(event.key)) {
+    actions.moveWipe(event.key === "ArrowLeft" ? -0.02 : 0.02);
+    event.preventDefault();
+    return;
   }
-  const hands = [
-    ["Drag on the picture", "the light follows, as on a sphere around the person; beyond the ring it goes behind"],
-    ["Wheel, pinch", "softer and harder; a near light away and toward the camera, with Shift softer and harder"],
-    ["Right button, two fingers", "turn the environment"],
-    ["Drop a file", "on the picture: the background; on the panel: an environment (.hdr or a picture)"],
-    ["Double click a slider", "back to its neutral value"],
-  ];
+  if (event.key === " ") {
+    if (target.matches?.("button:not(.handle), input, summary")) return;
+    if (!viewer.held) viewer.hold(true);
+    event.preventDefault();
+    return;
+  }
+  const action = actionOf(viewer.keys, event);
+  if (!action) return;
+  event.preventDefault();
+  if (action !== actions.orbit) viewer.stop();
+  action(event);
+}
+
+export function keyUp(viewer, event) {
+  if (event.key === " " && viewer.held) viewer.hold(false);
+  viewer.endGesture();
+}
+
+const rows = (entries) => h("dl", {}, ...entries.map(([what, does]) => h("div", {}, h("dt", {}, what), h("dd", {}, does))));
+
+/** A dialogue with gestures and keys: first those of fingers where there is no mouse. */
+export function helpSheet(table) {
+  const touch = matchMedia("(pointer: coarse)").matches;
+  const keys = h("dl", { class: "keys" });
+  for (const [key, text, does] of table) {
+    if (text === undefined) keys.append(h("h4", {}, key));
+    else if (text) keys.append(h("div", {}, h("dt", {}, text), h("dd", {}, does)));
+  }
+  const fingers = h("section", {}, h("h3", {}, "Fingers"), rows(FINGERS));
+  const mouse = h("section", {}, h("h3", {}, "Mouse"), rows(MOUSE));
+  const keyboard = [h("h3", {}, "Keyboard"), keys];
   const sheet = h(
     "dialog",
     { class: "help", "aria-label": "Help" },
-    h("form", { method: "dialog" }, h("h2", {}, "Hands and keys"), h("button", { class: "quiet" }, "Close")),
-    h("dl", { class: "hands" }, ...hands.map(([what, does]) => h("div", {}, h("dt", {}, what), h("dd", {}, does)))),
-    list,
+    h("form", { method: "dialog" }, h("h2", {}, touch ? "Gestures and keys" : "Mouse and keys"), h("button", { class: "quiet" }, "Close")),
+    ...(touch ? [fingers, h("details", {}, h("summary", {}, "Mouse and keyboard"), mouse, ...keyboard)] : [mouse, ...keyboard, fingers]),
   );
   sheet.addEventListener("click", (event) => event.target === sheet && sheet.close());
   return sheet;

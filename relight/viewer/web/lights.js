@@ -4,6 +4,7 @@
 const SOFT_SAMPLES = 32; // directions over the disc of a soft light: relight/lights/directional.py
 export const DEGREE = Math.PI / 180;
 
+export const LUMINANCE = [0.2126, 0.7152, 0.0722];
 export const LOCI = { planckian: [1000, 40000], daylight: [4000, 25000] }; // kelvin
 
 /** Whether a light stands in the room, at a position. */
@@ -37,6 +38,12 @@ export function power(light, tints) {
   const tint = light.temperature === null ? [1, 1, 1] : tintOf(light.temperature, light.locus, tints);
   const strength = light.intensity * 2 ** light.exposure;
   return light.colour.map((value, channel) => value * tint[channel] * strength);
+}
+
+/** Irradiance at the subject's middle on a surface that faces the light: what a light meter held there reads. */
+export function irradiance(light, tints) {
+  const luminance = dot(LUMINANCE, power(light, tints));
+  return isNear(light) ? luminance / Math.max(dot(light.position, light.position), 1e-6) : luminance;
 }
 
 /** Linear Rec.709 of a colour temperature, from Python's table in equal steps of mired. */

@@ -1,10 +1,10 @@
-// Where the person is in the room, and lamps that stand there: see relight/depth.py and relight/lights/near.py.
+// Where the person is in the room, and lamps that stand there: see relight/analysis/depth.py and relight/lights/near.py.
 // Positions are metres in the camera's axes, from the subject's middle.
 
 import { DEGREE, angles, clamp, direction, isNear, softness } from "./lights.js";
 
 const NEAREST = 0.05; // of the camera's distance: lamps closer to the camera are shown as if there
-const THICK = 1.5; // how deep a limb surely is, over the distance to its rim: relight/canvas.py
+const THICK = 1.5; // how deep a limb surely is, over the distance to its rim: relight/analysis/maps.py
 const ASIDE = 0.5; // of the person's height: where a distant light comes to stand
 
 export class Room {
@@ -55,19 +55,25 @@ export class Room {
     ];
   }
 
-  /** As `onPlate` and `at`, of places on the page's picture, in its pixels. */
+  /** The largest z of a lamp: just before the camera. */
+  get nearest() {
+    return (1 - NEAREST) * this.camera.distance;
+  }
+
+  /** Where on the page's picture a position is seen, in the picture's pixels. */
   onPicture(position) {
     return this.onPlate(position).map((value) => value / this.perPixel);
   }
 
+  /** The position that a pixel of the page's picture shows at a z, or at the largest z of a lamp. */
   seenAt(place, z) {
-    return this.at(place.map((value) => value * this.perPixel), Math.min(z, (1 - NEAREST) * this.camera.distance));
+    return this.at(place.map((value) => value * this.perPixel), Math.min(z, this.nearest));
   }
 
   /** A position moved along the camera's ray through it, so that it is seen where it was. */
   pushed(position, metres) {
     const { distance } = this.camera;
-    const z = clamp(position[2] - metres, -20 * distance, (1 - NEAREST) * distance);
+    const z = clamp(position[2] - metres, -20 * distance, this.nearest);
     return this.at(this.onPlate(position), z);
   }
 
@@ -77,7 +83,7 @@ export class Room {
     return this.pushed(position, away / times - away);
   }
 
-  /** Why no lamp can stand there, or null: relight/canvas.py, `check_outside`. */
+  /** Why no lamp can stand there, or null: `check_outside` of relight/analysis/maps.py. */
   obstacle({ position, radius }) {
     const { canvas, camera, known, positions } = this;
     const [x, y, z] = position;

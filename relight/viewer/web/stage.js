@@ -4,7 +4,8 @@
 // projection): the camera in the middle, beside the person on the inner ring, behind them beyond it. A near light
 // lies where the camera sees it, or at the stage's edge; a drag moves it in parallel to the picture.
 
-import { chroma, paintBall } from "./ball.js";
+import { paintBall } from "./ball.js";
+import { chroma } from "./colour.js";
 import { h } from "./dom.js";
 import { LIGHTS } from "./engine.js";
 import { angles, clamp, direction, isNear, power } from "./lights.js";

@@ -27,13 +27,11 @@ const RANGES = {
   rotation: [-Infinity, Infinity],
 };
 
-export const LIMITS = RANGES;
-
 /** A light with all its parameters, from some of them; Invalid for what its class in Python refuses. */
 export function checkedLight(given, kind = isNear(given) ? LAMP : LIGHT) {
   const light = { ...kind };
   for (const [key, value] of Object.entries(given)) {
-    if (!(key in light)) throw new Invalid(`${key}: is no parameter of a light.`);
+    if (!Object.hasOwn(light, key)) throw new Invalid(`${key}: is no parameter of a light.`);
     if (value === undefined) continue;
     light[key] = value;
   }
@@ -50,7 +48,7 @@ export function checkedLight(given, kind = isNear(given) ? LAMP : LIGHT) {
   if (!whole || !colour.every((value) => Number.isFinite(value) && value >= 0 && value <= 1e6)) {
     throw new Invalid(`colour: expected three numbers from 0 up, got ${colour}.`);
   }
-  if (!(locus in LOCI)) throw new Invalid(`locus: expected planckian or daylight, got ${locus}.`);
+  if (!Object.hasOwn(LOCI, locus)) throw new Invalid(`locus: expected planckian or daylight, got ${locus}.`);
   const [low, high] = LOCI[locus];
   if (temperature !== null && !(temperature >= low && temperature <= high)) {
     throw new Invalid(`temperature: expected ${low} to ${high} kelvin, got ${temperature}.`);
@@ -75,6 +73,8 @@ export function initial(scene) {
     lights: scene.lights.slice(0, LIGHTS).map((light) => checkedLight(light)),
     selected: 0,
     environment: scene.environment ? checkedEnvironment(scene.environment.settings) : null,
+    map: 0, // which of the viewer's environment maps lights the person, and which picture is behind them
+    picture: 0,
     background: scene.background ?? null, // null, [r, g, b] linear, or "picture"
     look: "picture",
     wipe: null, // or { look, at }: what is right of `at`, a share of the width
@@ -90,8 +90,11 @@ export function shining({ lights }) {
 
 // --- links
 
-/** The state as a link's fragment; lights are written as the command line takes them. */
-export function toFragment(state) {
+/**
+ * The state as a link's fragment; lights are written as the command line takes them.
+ * `files`: { environment, backdrop }, whose names are written where they were dropped on the page: the link has no more of them.
+ */
+export function toFragment(state, files = {}) {
   const query = new URLSearchParams();
   for (const light of state.lights) query.append("light", asText(light));
   const numbers = (test) => state.lights.flatMap((light, index) => (test(light) ? [index + 1] : [])).join(" ");
@@ -103,7 +106,9 @@ export function toFragment(state) {
   if (state.environment) {
     query.set("environment", asText({ ...state.environment, name: "" }, ["rotation"]));
     set("dark", state.environment.muted ? "1" : "");
-  }
+    set("map", state.map ? files.environment?.path : "");
+  } else query.set("environment", "none");
+  if (state.background === "picture") set("picture", state.picture ? files.backdrop?.name : "");
   if (state.background) query.set("background", [state.background].flat().map(short).join("/"));
   set("look", state.look === "picture" ? "" : state.look);
   set("wipe", state.wipe && `${state.wipe.look}@${short(state.wipe.at)}`);
@@ -111,8 +116,11 @@ export function toFragment(state) {
   return query.toString();
 }
 
-/** The state that a fragment says, upon what `base` has; Invalid if it says what cannot be. */
-export function fromFragment(fragment, base) {
+/**
+ * The state that a fragment says, upon what `base` has; Invalid if it says what cannot be.
+ * `files`: the { maps, pictures } of the page. `lack` is told the name of a file that they do not have.
+ */
+export function fromFragment(fragment, base, { maps = [], pictures = [] } = {}, lack = () => {}) {
   const query = new URLSearchParams(fragment);
   const state = structuredClone(base);
   if (query.has("light")) {
@@ -127,14 +135,29 @@ export function fromFragment(fragment, base) {
     state.background = null;
   }
   state.selected = Math.min(Math.max(numberOf("selected", query.get("selected") ?? 1) - 1, 0), Math.max(state.lights.length - 1, 0));
-  if (query.has("environment") && state.environment) {
-    const muted = query.has("dark");
-    const given = parsed(`:${query.get("environment")}`);
-    state.environment = checkedEnvironment({ ...given, name: state.environment.name, muted });
+  if (query.get("environment") === "none") state.environment = null;
+  else if (query.has("environment")) {
+    const [name, muted] = [query.get("map"), query.has("dark")];
+    state.map = name === null ? 0 : maps.findIndex((map) => map?.path === name);
+    if (maps[state.map]) {
+      const given = parsed(`:${query.get("environment")}`);
+      state.environment = checkedEnvironment({ ...given, name: base.environment?.name ?? "environment", muted });
+    } else {
+      Object.assign(state, { environment: null, map: 0 });
+      lack(name ?? "the environment");
+    }
   }
   if (query.has("background")) {
-    const text = query.get("background");
-    state.background = text === "picture" ? text : checkedColour("background", text.split("/").map(Number));
+    const [text, name] = [query.get("background"), query.get("picture")];
+    state.picture = name === null ? 0 : pictures.findIndex((picture) => picture?.name === name);
+    if (text !== "picture") {
+      state.background = checkedColour("background", text.split("/").map(Number));
+      state.picture = 0;
+    } else if (pictures[state.picture]) state.background = text;
+    else {
+      Object.assign(state, { background: null, picture: 0 });
+      lack(name ?? "the background");
+    }
   }
   if (query.has("look")) state.look = checkedLook(query.get("look"));
   if (query.has("wipe")) {
@@ -170,8 +193,12 @@ function numberOf(name, text) {
 
 // --- texts that Python reads
 
-/** A number of few digits: 1e-4 is the precision of an angle. */
-export const short = (value) => (typeof value === "number" ? String(Number(value.toFixed(4))) : value);
+/** A number of seven digits, as Python and YAML read it: YAML takes an exponent only after a point. */
+export function short(value) {
+  if (typeof value !== "number") return value;
+  const text = String(Number(value.toPrecision(7)));
+  return text.includes("e") && !text.includes(".") ? text.replace("e", ".0e") : text;
+}
 
 const placing = (light) => (isNear(light) ? ["position"] : ["azimuth", "elevation"]);
 
@@ -221,23 +248,29 @@ export function toYaml(state, environment) {
     }
   };
   for (const light of named(shining(state))) entry(light, placing(light), isNear(light) ? ["type: point"] : []);
-  if (environment && !state.environment.muted) {
+  if (environment && environmentText(state)) {
     entry(state.environment, ["rotation"], ["type: environment", `image: ${JSON.stringify(environment.path)}`]);
   }
   return lines.length > 1 ? `${lines.join("\n")}\n` : "lights: []\n";
 }
 
+/** The lights that shine, each as `relight apply --light` takes it. */
+export const lightTexts = (state) => named(shining(state)).map((light) => asText(light));
+
+/** The environment's settings, as `relight apply --environment` takes them after its path; null where none shines. */
+export const environmentText = (state) =>
+  state.environment && !state.environment.muted ? asText({ ...state.environment, name: "" }, ["rotation"]) : null;
+
 /** The `relight apply` command that makes the same picture. */
-export function toCommand(state, environment, scene, backgroundName) {
+export function toCommand(state, environment, scene, backgroundName, output = "relit.png") {
   const words = [...scene.command];
-  for (const light of named(shining(state))) words.push("--light", asText(light));
-  if (environment && !state.environment.muted) {
-    words.push("--environment", `${environment.path},${asText({ ...state.environment, name: "" }, ["rotation"])}`);
-  }
-  if (state.background === "picture") words.push("--background", backgroundName);
+  for (const text of lightTexts(state)) words.push("--light", text);
+  const settings = environment && environmentText(state);
+  if (settings) words.push("--environment", `${environment.path},${settings}`);
+  if (state.background === "picture") words.push(...(backgroundName ? ["--background", backgroundName] : []));
   else if (state.background) words.push("--background", state.background.map(short).join("/"));
   if (state.exposure) words.push("--exposure", short(state.exposure));
-  words.push("-o", "relit.png");
+  words.push("-o", output);
   return words.map(quoted).join(" ");
 }
 

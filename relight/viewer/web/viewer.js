@@ -1,40 +1,47 @@
 // One page, or one widget in a notebook: the state, what changes it, and what shows it.
 
 import { actionsOf } from "./actions.js";
-import { toHex } from "./ball.js";
 import { Controls } from "./controls.js";
 import { h } from "./dom.js";
-import { Engine, LIGHTS, LUMINANCE, Unsupported } from "./engine.js";
-import { Refused, encoded, lampsOf, readImage, turned } from "./environment.js";
-import { actionOf, helpSheet, keyTable } from "./keys.js";
-import { angles, dot, isNear, power, samples } from "./lights.js";
-import { fromBase64, unpack } from "./pack.js";
+import { Engine, LIGHTS } from "./engine.js";
+import { Refused, lampsOf, readImage, turned } from "./environment.js";
+import { Unsupported } from "./gl.js";
+import { helpSheet, keyDown, keyTable, keyUp } from "./keys.js";
+import { isNear, power, samples } from "./lights.js";
+import { backdropOf, lampsOfRows, mapOf } from "./opened.js";
+import { unpack } from "./pack.js";
 import { Room } from "./room.js";
-import { Stage, unprojected } from "./stage.js";
-import { Invalid, checkedEnvironment, checkedLight, fromFragment, initial, shining, toFragment, toYaml, toCommand } from "./state.js";
+import { Stage } from "./stage.js";
+import { Invalid, checkedEnvironment, checkedLight, fromFragment, initial, shining, toFragment } from "./state.js";
+import { preferredSurround, surround } from "./surround.js";
 
 const ORBIT = 8000; // milliseconds a turn
 const STEPS = 200; // that can be undone
 const GREY = [0.0116, 0.0129, 0.0161]; // of a background that becomes a colour
 
 export class Viewer {
-  /** In `root`, from a scene (see relight/viewer/scene.py) and a pack; `linked`: whether the page's address holds the state. */
-  static async open(root, scene, bytes, linked) {
+  /**
+   * In `root`, from a scene (see relight/viewer/scene.py) and a pack; `linked`: whether the page's address holds the state.
+   * `host`: the application around it, if any: { environment(file), background(file), finish(), engine(viewer) };
+   * its engine draws where the browser has no WebGL 2.
+   */
+  static async open(root, scene, bytes, linked, host = null) {
     const pack = await unpack(bytes);
     const exact = { colorSpaceConversion: "none", premultiplyAlpha: "none" };
     const [photograph, albedo] = await Promise.all(
       [pack.files.photograph, pack.files.albedo].map((file) => createImageBitmap(file, exact)),
     );
     pack.images = { photograph, albedo };
-    return new Viewer(root, scene, pack, linked).begin();
+    return new Viewer(root, scene, pack, linked, host).begin();
   }
 
-  constructor(root, scene, pack, linked) {
-    Object.assign(this, { root, scene, pack, linked, tints: scene.tints });
+  constructor(root, scene, pack, linked, host) {
+    Object.assign(this, { root, scene, pack, linked, host, tints: scene.tints });
     Object.assign(this, { past: [], future: [], gesture: null, playing: null, bare: false, held: false });
     this.drawn = Array(LIGHTS + 1).fill({}); // of each slot: the settings that its samples are of
-    this.environment = null; // { path, lamps, strength }
-    this.backdrop = null; // { name, width, height, rgb }
+    // What was opened, which states name by number: 0 is the scene's, and stays empty where it has none.
+    this.maps = [null]; // { path, lamps, strength }
+    this.pictures = [null]; // { name, width, height, rgb }
     this.listeners = new Set();
     this.room = new Room(pack);
     this.state = initial(scene);
@@ -43,20 +50,17 @@ export class Viewer {
   async begin() {
     const { scene } = this;
     if (scene.environment) {
-      const lamps = scene.environment.lamps.map((lamp) => ({ toward: lamp.slice(0, 3), power: lamp.slice(3) }));
-      this.setEnvironment(scene.environment.path, lamps);
+      this.maps[0] = mapOf(scene.environment.path, lampsOfRows(scene.environment.lamps));
     }
-    if (scene.backdrop) {
-      this.backdrop = await readImage(new File([fromBase64(scene.backdrop.data)], scene.backdrop.name));
-    }
+    if (scene.backdrop) this.pictures[0] = await backdropOf(scene.backdrop);
     this.actions = actionsOf(this);
     this.keys = keyTable(this);
     this.stage = new Stage(this);
-    this.engine = new Engine(this.stage.canvas, this.pack, this.room, SHADERS);
-    if (this.backdrop) this.engine.setBackground(this.backdrop);
+    this.engine = this.newEngine();
+    this.setSurround(preferredSurround(), false);
     this.controls = new Controls(this);
     this.help = helpSheet(this.keys);
-    this.root.replaceChildren(this.stage.element, this.controls.element, this.help);
+    this.root.replaceChildren(this.stage.element, this.controls.grip, this.controls.element, this.help);
     this.listen();
     if (this.linked) this.readLink();
     this.stage.layout();
@@ -65,10 +69,29 @@ export class Viewer {
     return this;
   }
 
+  newEngine() {
+    try {
+      return new Engine(this.stage.canvas, this.pack, this.room, SHADERS);
+    } catch (error) {
+      if (!(error instanceof Unsupported) || !this.host) throw error;
+      return this.host.engine(this);
+    }
+  }
+
+  /** The environment map and the picture behind the person that the state names, or null. */
+  get environment() {
+    return this.maps[this.state.map] ?? null;
+  }
+
+  get backdrop() {
+    return this.pictures[this.state.picture] ?? null;
+  }
+
   listen() {
     const { root, stage } = this;
-    root.addEventListener("keydown", (event) => this.key(event));
-    root.addEventListener("keyup", (event) => this.keyUp(event));
+    root.addEventListener("keydown", (event) => keyDown(this, event));
+    root.addEventListener("keyup", (event) => keyUp(this, event));
+    root.addEventListener("pointerdown", (event) => event.target.closest?.(".out, .menu") || this.controls.openMenu(false));
     root.addEventListener("dragover", (event) => event.preventDefault());
     root.addEventListener("drop", (event) => this.drop(event));
     stage.canvas.addEventListener("webglcontextlost", (event) => event.preventDefault());
@@ -78,8 +101,12 @@ export class Viewer {
     });
     if (this.linked) {
       // Keys work wherever the focus is; in a notebook only within the widget.
-      document.addEventListener("keydown", (event) => root.contains(event.target) || this.key(event));
-      document.addEventListener("keyup", (event) => root.contains(event.target) || this.keyUp(event));
+      document.addEventListener("keydown", (event) => root.contains(event.target) || keyDown(this, event));
+      document.addEventListener("keyup", (event) => root.contains(event.target) || keyUp(this, event));
+      // Nothing fails in the console alone.
+      const fail = (error) => this.say(`Something went wrong in this page: ${error?.message ?? error}`, true);
+      addEventListener("error", (event) => fail(event.error));
+      addEventListener("unhandledrejection", (event) => fail(event.reason));
       addEventListener("hashchange", () => location.hash.slice(1) !== this.written && this.readLink());
     }
   }
@@ -143,60 +170,10 @@ export class Viewer {
     this.refresh();
   }
 
-  key(event) {
-    this.stage.element.classList.remove("by-hand");
-    if (this.help.open || event.target.matches?.("input[type=text], select, textarea")) return;
-    if (event.target.matches?.("input") && /^Arrow/.test(event.key)) return;
-    if (event.target.matches?.(".divider") && /^Arrow(Left|Right)$/.test(event.key)) {
-      this.actions.moveWipe(event.key === "ArrowLeft" ? -0.02 : 0.02);
-      event.preventDefault();
-      return;
-    }
-    if (event.key === " ") {
-      if (event.target.matches?.("button:not(.handle), input")) return;
-      if (!this.held) this.hold(true);
-      event.preventDefault();
-      return;
-    }
-    const action = actionOf(this.keys, event);
-    if (!action) return;
-    event.preventDefault();
-    if (action !== this.actions.orbit) this.stop();
-    action(event);
-  }
-
-  keyUp(event) {
-    if (event.key === " " && this.held) this.hold(false);
-    this.endGesture();
-  }
-
   /** Shows the photograph while a key is held. */
   hold(held) {
     this.held = held;
     this.redraw();
-  }
-
-  /** The sphere in the panel is a handle too. */
-  holdBall(ball) {
-    const aim = (event) => {
-      if (!ball.hasPointerCapture(event.pointerId)) return;
-      const bounds = ball.getBoundingClientRect();
-      const right = ((event.clientX - bounds.left) / bounds.width) * 2 - 1;
-      const up = 1 - ((event.clientY - bounds.top) / bounds.height) * 2;
-      const toward = unprojected(right, up);
-      this.change((state) => {
-        const light = state.lights[state.selected];
-        const metres = isNear(light) && Math.hypot(...light.position);
-        Object.assign(light, metres ? { position: toward.map((part) => part * metres) } : angles(toward));
-      }, "ball");
-    };
-    ball.addEventListener("pointerdown", (event) => {
-      this.stop();
-      ball.setPointerCapture(event.pointerId);
-      aim(event);
-    });
-    ball.addEventListener("pointermove", aim);
-    ball.addEventListener("pointerup", () => this.endGesture());
   }
 
   // --- files
@@ -212,19 +189,17 @@ export class Viewer {
 
   async openEnvironment(file) {
     await this.tryFile(async () => {
-      const image = await readImage(file);
-      this.setEnvironment(file.name, lampsOf(image));
-      this.change((state) => (state.environment = checkedEnvironment({})));
+      const found = this.host ? await this.host.environment(file) : null;
+      this.maps.push(found ? mapOf(found.path, lampsOfRows(found.lamps), found.file) : mapOf(file.name, lampsOf(await readImage(file))));
+      this.change((state) => Object.assign(state, { environment: checkedEnvironment({}), map: this.maps.length - 1 }));
       this.say(`The environment is ${file.name}`);
     });
   }
 
   async openBackground(file) {
     await this.tryFile(async () => {
-      this.backdrop = await readImage(file);
-      this.engine.setBackground(this.backdrop);
-      this.change((state) => (state.background = "picture"));
-      this.redraw();
+      this.pictures.push(this.host ? await backdropOf(await this.host.background(file)) : await readImage(file));
+      this.change((state) => Object.assign(state, { background: "picture", picture: this.pictures.length - 1 }));
       this.say(`The background is ${file.name}`);
     });
   }
@@ -238,11 +213,10 @@ export class Viewer {
     }
   }
 
-  /** A map's lamps, scaled so that half floats hold their sum. */
-  setEnvironment(path, lamps) {
-    const strength = lamps.reduce((sum, lamp) => sum + dot(LUMINANCE, lamp.power), 0) || 1;
-    this.environment = { path, strength, lamps: lamps.map((lamp) => ({ ...lamp, power: lamp.power.map((value) => value / strength) })) };
-    this.drawn[LIGHTS] = {};
+  /** Shows the picture before a dark, mid-grey or light surround; in an application all of its page. */
+  setSurround(name, keep = true) {
+    surround([this.root, this.root.closest(".relight-app")].filter(Boolean), name, keep);
+    this.refresh();
   }
 
   setBackgroundKind(kind) {
@@ -252,11 +226,6 @@ export class Viewer {
       return;
     }
     this.change((state) => (state.background = kind === "none" ? null : kind === "picture" ? "picture" : GREY));
-  }
-
-  hexOf(colour) {
-    const codes = colour.map((value) => Math.round(255 * encoded(Math.min(1, value))));
-    return `#${codes.map((code) => code.toString(16).padStart(2, "0")).join("")}`;
   }
 
   // --- showing
@@ -275,7 +244,7 @@ export class Viewer {
 
   /** Brings all up to date with the state, the picture with the browser's next frame. */
   refresh() {
-    if (!this.engine) return;
+    if (!this.controls) return;
     this.drawSoon();
     clearTimeout(this.writing);
     if (this.linked) this.writing = setTimeout(() => this.writeLink(), 250);
@@ -294,7 +263,8 @@ export class Viewer {
 
   redraw() {
     const { engine, state } = this;
-    if (engine.gl.isContextLost()) return;
+    if (engine.lost) return;
+    if (engine.backdrop !== this.backdrop) engine.setBackground(this.backdrop);
     engine.setLights(this.layersOf(state));
     const settings = { exposure: state.exposure, background: this.shownBackground() };
     if (this.held) engine.show("photograph", settings);
@@ -322,7 +292,7 @@ export class Viewer {
     const shines = environment && this.environment && !environment.muted;
     layers.push(
       shines && {
-        samples: this.samplesOf(LIGHTS, [environment.rotation], () => turned(this.environment.lamps, environment.rotation)),
+        samples: this.samplesOf(LIGHTS, [`map ${state.map}`, environment.rotation], () => turned(this.environment.lamps, environment.rotation)),
         colour: power(environment, this.tints).map((value) => value * this.environment.strength),
       },
     );
@@ -367,7 +337,7 @@ export class Viewer {
   async copy(what, text) {
     try {
       await navigator.clipboard.writeText(text);
-      this.say(`${what} can be pasted now.`);
+      this.say(`${what}: copied.`);
     } catch {
       const area = h("textarea", { readonly: true, rows: 8, "aria-label": what });
       area.value = text;
@@ -383,8 +353,10 @@ export class Viewer {
 
   readLink() {
     try {
-      const state = fromFragment(location.hash.slice(1), initial(this.scene));
+      const missing = [];
+      const state = fromFragment(location.hash.slice(1), initial(this.scene), this, (name) => missing.push(name));
       this.change((now) => Object.assign(now, state));
+      if (missing.length) this.say(`This page does not have ${missing.join(" and ")}, which the link shows: drop ${missing.length > 1 ? "them" : "it"} here again.`, true);
     } catch (error) {
       if (!(error instanceof Invalid)) throw error;
       this.say(`This link cannot be used. ${error.message}`, true);
@@ -392,7 +364,7 @@ export class Viewer {
   }
 
   writeLink() {
-    this.written = toFragment(this.state);
+    this.written = toFragment(this.state, this);
     history.replaceState(null, "", `#${this.written}`);
   }
 }
@@ -401,58 +373,4 @@ export class Viewer {
 function turnedLight(light, degrees) {
   if (isNear(light)) return { position: turned([{ toward: light.position }], degrees)[0].toward };
   return { azimuth: ((((light.azimuth + degrees + 180) % 360) + 360) % 360) - 180 };
-}
-
-/** Says in place of a picture why there is none. */
-function explain(root, error) {
-  const known = error instanceof Unsupported;
-  root.replaceChildren(h("p", { class: "sorry", role: "alert" }, known ? error.message : `The page cannot be shown: ${error.message}`));
-}
-
-/** The page: its data lies in script elements. */
-export async function openPage(page) {
-  const root = page.getElementById("viewer");
-  try {
-    const scene = JSON.parse(page.getElementById("scene").textContent);
-    const viewer = await Viewer.open(root, scene, fromBase64(page.getElementById("pack").textContent), true);
-    window.relight = api(viewer);
-  } catch (error) {
-    explain(root, error);
-    if (!(error instanceof Unsupported)) throw error;
-  }
-}
-
-/** What programs may do with a page. */
-const api = (viewer) => ({
-  render: (lights) => viewer.render(lights),
-  lights: () => toYaml(viewer.state, viewer.environment),
-  command: () => toCommand(viewer.state, viewer.environment, viewer.scene, viewer.backdrop?.name),
-  viewer,
-});
-
-/** The widget of a notebook (anywidget): its lights are those that shine, in Python and here. */
-export async function render({ model, el }) {
-  const root = h("div", { class: "relight embedded" });
-  el.append(root);
-  try {
-    const view = model.get("pack");
-    const viewer = await Viewer.open(root, model.get("scene"), new Uint8Array(view.buffer, view.byteOffset, view.byteLength), false);
-    const plain = (state) => shining(state).map(({ muted, solo, ...light }) => light);
-    let told = JSON.stringify(plain(viewer.state));
-    viewer.listeners.add((state) => {
-      const lights = plain(state);
-      if (JSON.stringify(lights) === told) return;
-      told = JSON.stringify(lights);
-      model.set("lights", lights);
-      model.save_changes();
-    });
-    model.on("change:lights", () => {
-      const lights = model.get("lights").map((light) => checkedLight(light));
-      if (JSON.stringify(lights.map(({ muted, solo, ...light }) => light)) === told) return;
-      viewer.change((state) => Object.assign(state, { lights, selected: Math.max(0, Math.min(state.selected, lights.length - 1)) }));
-    });
-    return () => viewer.stop();
-  } catch (error) {
-    explain(root, error);
-  }
 }

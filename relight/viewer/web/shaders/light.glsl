@@ -7,7 +7,7 @@ const vec3 LUMINANCE = vec3(0.2126, 0.7152, 0.0722);
 uniform sampler2DArray features;
 uniform sampler2D surface;  // normals, and the slope of the gate
 uniform int count;
-uniform float haze;
+uniform float residualBias;
 uniform float share;
 
 // A sample is 14 vec4: direction and the cast's constant, power and the residual's constant, the weights.
@@ -27,7 +27,7 @@ void main() {
     for (int k = CAST; k < CAST + RESIDUAL; k++) residual += dot(rows[14 * i + 2 + k], parts[k]);
     float facing = dot(here.xyz, toward.xyz);
     float visibility = 1.0 / ((1.0 + exp(-here.w * facing)) * (1.0 + exp(-logit)));
-    residual -= clamp(residual, 0.0, haze);
+    residual -= clamp(residual, 0.0, residualBias);
     float shading = clamp(max(facing, 0.0) * visibility + residual, 0.0, 1.0);
     result += vec4(power.rgb * shading, dot(LUMINANCE, power.rgb) * share * visibility);
   }

@@ -14,7 +14,7 @@ uniform vec3 position;
 uniform vec3 axis;  // that the way to the lamp turns from most
 uniform float radius;
 uniform float rays;
-uniform float haze;
+uniform float residualBias;
 
 // Octahedral map of the sphere, whose outermost texels lie on the fold.
 vec2 unfolded(vec3 toward) {
@@ -51,7 +51,7 @@ void main() {
     for (int k = CAST; k < CAST + RESIDUAL; k++) residual += dot(texture(table, vec3(place, k)), parts[k]);
     float facing = dot(here.xyz, toward);
     float visibility = 1.0 / ((1.0 + exp(-here.w * facing)) * (1.0 + exp(-logit)));
-    residual -= clamp(residual, 0.0, haze);
+    residual -= clamp(residual, 0.0, residualBias);
     result += vec4(vec3(clamp(max(facing, 0.0) * visibility + residual, 0.0, 1.0)), visibility);
     facings += along;
   }

@@ -1,0 +1,201 @@
+"""The person cut out of a plate: their coverage, their own colour, and which pixels show them."""
+
+from typing import Any, Self
+
+import numpy as np
+import torch
+import torch.nn.functional as F
+
+from relight.media.images import person_mask, scene_linear
+from relight.media.resampling import fill_unknown
+from shadow import inputs
+from shadow.framing import bounding_box
+from shadow.matte_cleanup import clean_matte
+
+OPAQUE_COVERAGE = 0.98  # above it, a photograph's pixel shows hardly any background
+NEARLY_OPAQUE_COVERAGE = 0.9  # counts as opaque where no pixel within EDGE_PIXELS has less
+EDGE_PIXELS = 2
+MIN_COVERAGE = 0.05  # below it, premultiplied colour is too coarse to divide by, or a matte is noise
+
+
+class Foreground:
+    """The person's part of a plate: the box around the matte, and in it the P pixels with coverage.
+
+    Attributes
+    ----------
+    size
+        (H, W) of the plate, pixels.
+    left, top
+        First column and row of the box on the plate.
+    alpha
+        (h, w) tensor in [0, 1], coverage in the box.
+    matte
+        (h, w) tensor in [0, 1], the part of `alpha` that belongs to the person and is not noise.
+    photographed
+        Whether partly covered pixels show the background too, as they do beside a separate mask.
+    pixels
+        (P,) tensor, indices into the box in row-major order.
+    coverage
+        (P,) tensor, `alpha` at `pixels`.
+    """
+
+    def __init__(
+        self,
+        size: tuple[int, int],
+        corner: tuple[int, int],
+        alpha: torch.Tensor,
+        matte: torch.Tensor,
+        photographed: bool,
+    ) -> None:
+        """Take the content of a box, whose first pixel is at `corner` (top, left) of the plate."""
+        self.size, self.alpha, self.matte, self.photographed = size, alpha, matte, photographed
+        self.top, self.left = corner
+        rows, columns = alpha.shape
+        self.box = np.s_[self.top : self.top + rows, self.left : self.left + columns]
+        self.pixels = torch.from_numpy(np.flatnonzero(alpha.numpy() > 0))  # faster than torch's
+        self.coverage = alpha.flatten()[self.pixels]
+        row = self.pixels // columns
+        self._plate_pixels = self.pixels + row * (size[1] - columns) + (self.top * size[1] + self.left)
+
+    @classmethod
+    def of(cls, alpha: torch.Tensor, matte: torch.Tensor, photographed: bool) -> Self:
+        """Cut the box out of a whole plate's `alpha` (H, W) and `matte` (H, W)."""
+        height, width = alpha.shape
+        top, left, bottom, right = bounding_box(alpha, threshold=0)
+        # One empty pixel around the person, unless the plate ends there: it tells the framing which sides
+        # the plate's frame cuts.
+        top, left = max(top - 1, 0), max(left - 1, 0)
+        box = np.s_[top : min(bottom + 1, height), left : min(right + 1, width)]
+        return cls((height, width), (top, left), alpha[box], matte[box], photographed)
+
+    def own_colour(self, plate: np.ndarray, photographed: bool | None = None) -> torch.Tensor:
+        """Estimate the person's own colour, without the background, continued beyond the matte's edge.
+
+        Parameters
+        ----------
+        plate
+            (H, W, 3|4) float32, linear Rec.709, premultiplied: theirs, or another of the same size.
+        photographed
+            As the attribute, for another plate.
+
+        Returns
+        -------
+        torch.Tensor
+            (3, h, w) in the box, linear Rec.709, not premultiplied, at least 0.
+
+        Raises
+        ------
+        ValueError
+            The matte shows a person where the plate's own alpha is zero.
+        """
+        photographed = self.photographed if photographed is None else photographed
+        return _own_colour(plate[self.box], self.alpha, photographed)
+
+    def crop(self, image: torch.Tensor) -> torch.Tensor:
+        """Return the part (C, h, w) of a plate-sized image (C, H, W) that is in the box."""
+        return image[(..., *self.box)]
+
+    def take(self, image: torch.Tensor) -> torch.Tensor:
+        """Return the person's pixels (P, C) of an image (C, h, w) of the box."""
+        return image.flatten(1)[:, self.pixels].T
+
+    def scatter(self, values: torch.Tensor) -> np.ndarray:
+        """Put the person's pixels (P, C) into an image (H, W, C) float32 that is zero elsewhere."""
+        image = np.zeros((self.size[0] * self.size[1], values.shape[1]), np.float32)
+        torch.from_numpy(image).index_copy_(0, self._plate_pixels, values)
+        return image.reshape(*self.size, -1)
+
+
+def linear_plate(image: np.ndarray) -> np.ndarray:
+    """Return a plate as (H, W, 3|4) float32, linear Rec.709, premultiplied; see `relight.Subject`.
+
+    Raises
+    ------
+    TypeError, ValueError
+        What `scene_linear` refuses, and values whose sums exceed float32.
+    """
+    pixels = scene_linear("image", image)
+    inputs.bounded("image", torch.from_numpy(pixels[..., :3]))
+    return pixels
+
+
+def plate_coverage(plate: np.ndarray, mask: Any = None) -> torch.Tensor:
+    """Return the person's coverage (H, W) in [0, 1]: the mask if there is one, else the plate's alpha.
+
+    Parameters
+    ----------
+    plate
+        (H, W, 3|4), as `linear_plate` returns it.
+    mask
+        (H, W), floats or bools in [0, 1], or uint8 or uint16 over the full range.
+
+    Raises
+    ------
+    TypeError, ValueError
+        Wrong shape, dtype or range; neither mask nor alpha.
+    relight.errors.EmptyMatteError
+        No coverage is above one half.
+    """
+    if mask is not None:
+        return person_mask("mask", mask, plate.shape[:2])
+    if plate.shape[-1] == 3:
+        raise ValueError("mask: the image has no alpha channel, so give the person's matte as a mask")
+    if plate[..., 3].min() == 1:
+        raise ValueError("mask: the image is opaque everywhere, so give the person's matte as a mask")
+    return person_mask("image's alpha", plate[..., 3], plate.shape[:2])
+
+
+def person_matte(image: np.ndarray, mask: Any = None) -> torch.Tensor:
+    """Return the matte (H, W) that the analysis works with: without noise and specks."""
+    return clean_matte(plate_coverage(linear_plate(image), mask))
+
+
+def without_alpha(plate: np.ndarray) -> torch.Tensor:
+    """Return a plate's colour (3, H, W), divided by its alpha if it has one: what a foreign network sees."""
+    rgb = torch.from_numpy(np.ascontiguousarray(plate)).permute(2, 0, 1)
+    return rgb[:3] / rgb[3:].clamp_min(MIN_COVERAGE) if len(rgb) == 4 else rgb
+
+
+def provided_albedo(albedo: np.ndarray, size: tuple[int, ...]) -> torch.Tensor:
+    """Check the caller's albedo and return it as (3, H, W), linear in [0, 1]; `size` is (H, W)."""
+    pixels = scene_linear("albedo", albedo)
+    if pixels.shape != (*size, 3):
+        raise ValueError(f"albedo: expected shape {(*size, 3)}, the size of the image, got {pixels.shape}")
+    if pixels.min() < 0 or pixels.max() > 1:
+        raise ValueError(f"albedo: expected values in [0, 1], got [{pixels.min():g}, {pixels.max():g}]")
+    return torch.from_numpy(pixels).permute(2, 0, 1)
+
+
+def _own_colour(plate: np.ndarray, alpha: torch.Tensor, photographed: bool) -> torch.Tensor:
+    """See `Foreground.own_colour`.
+
+    Premultiplied colour is divided by its alpha where there is enough of it. In a photograph with a separate
+    mask, partly covered pixels show the background as well, so only nearly opaque ones are trusted. A hard
+    mask calls the rim of the person opaque too: pixels next to an empty one are trusted only where no other
+    is near. Push-pull fills the rest from the trusted pixels, so that neither background nor black gets in.
+    """
+    rgb, own_alpha = plate[..., :3], plate[..., 3:]
+    matte = alpha.numpy()
+    known = matte >= (min(OPAQUE_COVERAGE, matte.max()) if photographed else MIN_COVERAGE)
+    if own_alpha.size:
+        known &= own_alpha[..., 0] >= MIN_COVERAGE
+        rgb = np.divide(rgb, own_alpha, out=np.zeros_like(rgb), where=known[..., None])
+    if not known.any():
+        raise ValueError("mask: the image is transparent where the mask shows a subject")
+    if photographed:
+        known = _away_from_the_rim(torch.from_numpy(known)[None], alpha[None])[0].numpy()
+    filled = fill_unknown(rgb, known)
+    return torch.from_numpy(np.where(known[..., None], rgb, filled).clip(0)).permute(2, 0, 1)
+
+
+def _away_from_the_rim(known: torch.Tensor, alpha: torch.Tensor) -> torch.Tensor:
+    """Return which opaque pixels (1, h, w) hold no background, from the opaque ones and the coverage."""
+    # A compressed matte varies a little inside the person, far from any edge.
+    covered = known | ~_dilated(alpha < NEARLY_OPAQUE_COVERAGE, EDGE_PIXELS)
+    inner = covered & ~_dilated(alpha <= MIN_COVERAGE, 1)
+    return inner | covered & ~_dilated(inner, 2)
+
+
+def _dilated(pixels: torch.Tensor, radius: int) -> torch.Tensor:
+    """Return where (1, H, W) one of these pixels is at most `radius` pixels away, diagonals included."""
+    return F.max_pool2d(pixels.float(), 2 * radius + 1, stride=1, padding=radius) > 0

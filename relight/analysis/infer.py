@@ -1,0 +1,104 @@
+"""From a plate to an `AnalysisRecord`: check the arguments, run the networks once."""
+
+import os
+from collections.abc import Callable
+from dataclasses import dataclass
+
+import numpy as np
+import torch
+
+from relight.analysis.camera import Camera
+from relight.analysis.depth import WorldGeometry, checked_depth
+from relight.analysis.foreground import (
+    Foreground,
+    linear_plate,
+    plate_coverage,
+    provided_albedo,
+    without_alpha,
+)
+from relight.analysis.maps import AnalysisMaps
+from relight.analysis.record import AnalysisRecord
+from relight.analysis.upsampling import encode_guide
+from relight.lights.environment import FIELD_OF_VIEW
+from shading import Analysis, diffuse
+from shadow import analysis, inputs
+from shadow.framing import Framed
+from shadow.matte_cleanup import clean_matte
+from shadow.networks.foreign import OnnxDepth
+from shadow.normals import on_canvas, resolve
+
+GUIDE_MEAN = 0.2  # mean of the person's linear colour after the exposure of a guide
+
+
+@dataclass(frozen=True)
+class AnalysisInputs:
+    """The checked arguments of `relight.Subject`. No network has run."""
+
+    plate: np.ndarray  # (H, W, 3|4) linear Rec.709, premultiplied
+    alpha: torch.Tensor  # (H, W) the person's coverage
+    matte: torch.Tensor  # (H, W) the same without noise and specks
+    has_mask: bool  # the coverage comes from a separate mask
+    albedo: torch.Tensor | None  # (3, H, W) in [0, 1]
+    normals: np.ndarray | Callable | str | os.PathLike | None
+    depth: torch.Tensor | OnnxDepth | None  # (1, H, W) metres; integers, or a network: relative
+    camera: Camera
+    device: torch.device
+
+
+def check_inputs(
+    image: np.ndarray,
+    mask: np.ndarray | None = None,
+    albedo: np.ndarray | None = None,
+    normals: np.ndarray | Callable | str | os.PathLike | None = None,
+    depth: np.ndarray | str | os.PathLike | None = None,
+    height: float | None = None,
+    field_of_view: float = FIELD_OF_VIEW,
+    camera: Camera | None = None,
+    device: str | torch.device | None = None,
+) -> AnalysisInputs:
+    """Check the arguments of `relight.Subject`, which documents them and the errors raised."""
+    place = inputs.device("device", device) or torch.device("cpu")
+    plate = linear_plate(image)
+    alpha = plate_coverage(plate, mask)
+    size = tuple(alpha.shape)
+    checked_albedo = None if albedo is None else provided_albedo(albedo, size)
+    matte = clean_matte(alpha)
+    provided: torch.Tensor | OnnxDepth | None = None
+    if depth is not None:
+        provided = OnnxDepth(depth) if isinstance(depth, str | os.PathLike) else checked_depth(depth, matte)
+    camera = camera or Camera.of(matte, height, field_of_view)
+    return AnalysisInputs(
+        plate, alpha, matte, mask is not None, checked_albedo, normals, provided, camera, place
+    )
+
+
+def infer(given: AnalysisInputs) -> AnalysisRecord:
+    """Analyse a person: run each network once. Raises ValueError for normals or depth of another picture."""
+    field, shader = analysis.load(device=given.device), diffuse.load(device=given.device)
+    photograph = without_alpha(given.plate)
+    seen = None if given.normals is None else photograph.to(given.device)
+    normals = resolve(given.normals, seen, given.alpha.to(given.device), field, shader)
+
+    person = Foreground.of(given.alpha, given.matte, given.has_mask)
+    colour = person.own_colour(given.plate)
+    framed = Framed.of(colour, person.matte, field.size)
+    normals = on_canvas(None if normals is None else person.crop(normals), framed.framing)
+    found = Analysis(framed.to(given.device), field, shader, normals)
+
+    exposure = GUIDE_MEAN / float(framed.rgb[:, framed.mask > 0.5].mean().clamp_min(1e-6))
+    pixel_albedo = canvas_albedo = None
+    if given.albedo is not None:
+        cropped = person.crop(given.albedo)
+        pixel_albedo = person.take(cropped)
+        canvas_albedo = Framed.of(cropped, person.matte, field.size).rgb
+    on_plate = framed.framing.shifted(person.left, person.top, person.size)
+    depth, relative = given.depth, False
+    if isinstance(depth, OnnxDepth):
+        depth, relative = depth.depth(photograph), True
+    elif depth is not None:
+        relative = not depth.is_floating_point()  # a picture of depth
+    geometry = WorldGeometry.of(
+        found, given.camera, on_plate, given.matte, depth, relative, own_normals=normals is None
+    )
+    maps = AnalysisMaps.of(found, encode_guide(framed.rgb * exposure), canvas_albedo, geometry)
+    return AnalysisRecord(person, person.take(colour), pixel_albedo, exposure, framed.framing, maps)

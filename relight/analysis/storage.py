@@ -1,0 +1,350 @@
+"""The analysis cache's file: an `AnalysisRecord`, or that a frame shows no person.
+
+The file is a safetensors file. Its metadata's `relight` is JSON, the header: the measures of the person, the
+provenance, and the dtype, shape and checksum of each array. Each array is a tensor of bytes, compressed by
+`relight.analysis.array_codec`. P are the person's pixels on the plate, in row-major order in the box around
+the matte; N their pixels on the networks' canvas, in row-major order.
+
+Colour is stored as half floats; for a person who fills most of an HD frame with 6 of the 10 bits of their
+mantissa, since the others hold little but the sensor's noise. The maps of the 96 anchor directions are stored
+as principal components, at most 8 bits each. The loss is a hundredth of the networks' own error.
+"""
+
+import json
+import math
+import zlib
+from collections.abc import Mapping
+from dataclasses import asdict
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import torch
+from safetensors import SafetensorError, safe_open
+from safetensors.numpy import save as to_bytes
+
+from relight.analysis.array_codec import compress, decompress
+from relight.analysis.camera import Camera
+from relight.analysis.components import principal_components
+from relight.analysis.depth import ProvidedDepth, WorldGeometry
+from relight.analysis.foreground import Foreground
+from relight.analysis.maps import AnalysisMaps, FieldArrays
+from relight.analysis.record import AnalysisRecord
+from relight.analysis.upsampling import GUIDE_MAX
+from relight.errors import DamagedFileError, EmptyMatteError, StaleAnalysisError
+from relight.media.regular_file import check_regular_file
+from shadow.files import AnyPath, check_writable, replacing
+from shadow.framing import Framing
+from shadow.networks.mirror import Pixels
+
+SUFFIX = ".safetensors"
+FORMAT = 3
+SHORTENING_PIXELS = 600_000  # a larger person's colour is shortened, for under 4 MB a frame of HD
+SHORTENED_BITS = 4  # of a half float's mantissa: steps of 1 %, as 8 bits of sRGB have in mid-grey
+RANK = {"cast": 32, "residual": 16}  # principal components of each kind of maps
+MIN_STEP = {"cast": 0.1, "residual": 0.005}  # least step between two 8-bit codes of a component
+HALF_MAX = 65504.0
+ANCHORS = 96  # light directions for which the networks have maps
+MAX_CANVAS_SIDE = 8192  # pixels
+MAX_BOX_PIXELS = 2**27  # of the plate, around the person
+BASE_BYTES, MAX_EXPANSION = 2**28, 100  # arrays of a file may take BASE_BYTES + MAX_EXPANSION times its size
+
+
+def write_record(path: AnyPath, record: AnalysisRecord, provenance: Mapping[str, Any]) -> None:
+    """Write a record and its provenance, which JSON must hold, to a file: whole or not at all.
+
+    Raises
+    ------
+    ValueError
+        Another suffix than `.safetensors`.
+    OSError
+        The file cannot be written.
+    """
+    path = check_writable(path, (SUFFIX,))
+    arrays = _plate_arrays(record) | _canvas_arrays(record)
+    person, framing = record.foreground, record.framing
+    tensors = {name: compress(array) for name, array in arrays.items()}
+    header = {
+        "format": FORMAT,
+        "size": person.size,
+        "corner": (person.top, person.left),
+        "box": person.alpha.shape,
+        "photographed": person.photographed,
+        "exposure": record.exposure,
+        "centre": framing.centre,
+        "scale": framing.scale,
+        "camera": asdict(record.maps.geometry.camera),
+        "arrays": {
+            name: (array.dtype.str, array.shape, zlib.crc32(tensors[name].data))
+            for name, array in arrays.items()
+        },
+        "provenance": {**provenance},
+    }
+    _save(path, tensors, header)
+
+
+def write_empty(path: AnyPath, size: tuple[int, ...], provenance: Mapping[str, Any]) -> None:
+    """Write that a picture of `size` (H, W) shows no person; raises as `write_record` does."""
+    header = {"format": FORMAT, "empty": size, "arrays": {}, "provenance": {**provenance}}
+    _save(check_writable(path, (SUFFIX,)), {}, header)
+
+
+def _save(path: Path, tensors: dict[str, np.ndarray], header: dict[str, Any]) -> None:
+    data = to_bytes(tensors, {"relight": json.dumps(header)})
+    with replacing(path) as beside:
+        beside.write_bytes(data)
+
+
+def read_header(path: AnyPath) -> dict[str, Any]:
+    """Read the header of a file, without its arrays.
+
+    Raises
+    ------
+    FileNotFoundError
+        No such file.
+    relight.errors.DamagedFileError
+        It is damaged, or no analysis.
+    relight.errors.StaleAnalysisError
+        It has the format of another version.
+    relight.errors.UnsupportedFileError
+        It is no regular file, such as a device or a pipe.
+    """
+    return _open(path, whole=False)[0]
+
+
+def read_record(path: AnyPath) -> tuple[AnalysisRecord, dict[str, Any]]:
+    """Read a record and its provenance; raises as `read_header`, and EmptyMatteError without a person."""
+    header, tensors = _open(path)
+    if "empty" in header:
+        raise EmptyMatteError(f"{path}: the frame shows no person")
+    try:
+        _check_measures(header)
+        _check_shapes(header, Path(path).stat().st_size)
+        arrays = {}
+        for name, (dtype, shape, checksum) in header["arrays"].items():
+            if zlib.crc32(tensors[name].data) != checksum:
+                raise ValueError(f"the checksum of {name} does not match")
+            arrays[name] = decompress(tensors[name], dtype, tuple(shape))
+        return _restored(header, arrays), header["provenance"]
+    except (ArithmeticError, LookupError, TypeError, ValueError, RuntimeError) as error:
+        raise DamagedFileError(f"{path}: is damaged: {error}") from error
+
+
+def _open(path: AnyPath, whole: bool = True) -> tuple[dict[str, Any], dict[str, np.ndarray]]:
+    """Return a file's header and, if `whole`, its tensors of bytes."""
+    path = check_regular_file(path)
+    try:
+        with safe_open(path, framework="np") as file:
+            header = json.loads((file.metadata() or {}).get("relight", "{}"))
+            names = header.get("arrays", {})
+            tensors = {name: file.get_tensor(name) for name in names if whole}
+    except (SafetensorError, json.JSONDecodeError, RecursionError) as error:
+        raise DamagedFileError(f"{path}: is damaged or truncated, or no safetensors file: {error}") from error
+    except (AttributeError, TypeError) as error:
+        raise DamagedFileError(f"{path}: is damaged: {error}") from error
+    if "format" not in header:
+        raise DamagedFileError(f"{path}: is no analysis by relight")
+    if header["format"] != FORMAT:
+        raise StaleAnalysisError(
+            f"{path}: has format {header['format']}, expected {FORMAT}; analyse the plate again"
+        )
+    if not isinstance(header.get("provenance"), dict):
+        raise DamagedFileError(f"{path}: is no analysis by relight")
+    return header, tensors
+
+
+def _plate_arrays(record: AnalysisRecord) -> dict[str, np.ndarray]:
+    """Return the arrays at the plate's resolution."""
+    person = record.foreground
+    unit = _unit(record.exposure)
+    arrays = {
+        "inside": np.packbits(person.alpha.numpy() > 0),
+        "coverage": _half(person.coverage).clip(np.finfo(np.float16).smallest_subnormal),
+        "colour": _shortened(record.colour.T * unit),
+    }
+    if record.provided_albedo is not None:
+        arrays["provided_albedo"] = _shortened(record.provided_albedo.T)
+    own = person.matte.flatten()[person.pixels]
+    if not torch.equal(own, person.coverage):  # noise and specks are left out of the matte
+        arrays["matte"] = _half(own)
+    return arrays
+
+
+def _canvas_arrays(record: AnalysisRecord) -> dict[str, np.ndarray]:
+    """Return the arrays on the networks' canvas."""
+    maps = record.maps
+    field = FieldArrays.of(maps.shading)
+    silhouette = field.silhouette
+    within = silhouette.scatter(torch.ones(1, len(silhouette.pixels), dtype=torch.uint8))[0]
+    unit = _unit(record.exposure)
+    arrays = {
+        "within": (within + maps.known).numpy(),  # 1 where the matte is above zero, 2 above a half
+        "image": (maps.image * (255 / GUIDE_MAX)).round().clamp(0, 255).to(torch.uint8).numpy(),
+        "normals": _half(field.normals),
+        "sharpness": _half(field.sharpness),
+        "albedo": _half(silhouette.take(maps.albedo)),
+        "depth": _half(silhouette.take(maps.geometry.depth[None])),
+    }
+    if maps.light is not None:
+        arrays["light"] = _half(silhouette.take(maps.light) * unit)
+    for name, values in (("cast", field.cast), ("residual", field.residual)):
+        arrays |= _quantised_components(name, values)
+    return arrays
+
+
+def _quantised_components(name: str, maps: torch.Tensor) -> dict[str, np.ndarray]:
+    """Return codes (R, N) in 8 bits, with `maps = basis (K, R) · codes + offset (K, 1)`."""
+    basis, coefficients = principal_components(maps, RANK[name])
+    low, high = coefficients.aminmax(dim=1, keepdim=True)
+    step = ((high - low) / 255).clamp_min(MIN_STEP[name])  # the same for most: their errors count alike
+    codes = ((coefficients - low) / step).round().to(torch.uint8)
+    return {
+        name: codes.numpy(),
+        f"{name}_basis": (basis * step.T).numpy(),
+        f"{name}_offset": (basis @ low).numpy(),
+    }
+
+
+def _check_measures(header: dict[str, Any]) -> None:
+    """Raise ValueError for measures that no person in a picture has."""
+    size, corner, box = (tuple(header[name]) for name in ("size", "corner", "box"))
+    camera = header["camera"]
+    sides = list(zip(size, corner, box, strict=True))
+    if not all(type(pixels) is int for side in sides for pixels in side):
+        raise ValueError("measures in pixels are no whole numbers")
+    if not all(0 <= first < first + extent <= whole for whole, first, extent in sides):
+        raise ValueError(f"a box of {box} pixels at {corner} is not in a plate of {size}")
+    if tuple(camera["size"]) != size:
+        raise ValueError(f"the camera's plate is one of {camera['size']} pixels, not of {size}")
+    positive = [header["exposure"], header["scale"], camera["focal"], camera["distance"]]
+    if not np.isfinite([*positive, *header["centre"], *camera["middle"], camera["bottom"]]).all():
+        raise ValueError("a measure is not finite")
+    if min(positive) <= 0:
+        raise ValueError(f"expected measures above zero, got {min(positive)}")
+
+
+def _check_shapes(header: dict[str, Any], file_bytes: int) -> None:
+    """Raise ValueError for shapes and dtypes that do not fit each other, or are too large for the file."""
+    arrays = header["arrays"]
+    shapes = {name: tuple(shape) for name, (_, shape, _) in arrays.items()}
+    if not all(type(side) is int and side > 0 for shape in shapes.values() for side in shape):
+        raise ValueError("the shape of an array is not of positive whole numbers")
+    box, canvas = math.prod(header["box"]), shapes["within"]
+    plate, pixels = shapes["coverage"][0], shapes["sharpness"][-1]
+    expected = {
+        "inside": ("|u1", (-(-box // 8),)),
+        "coverage": ("<f2", (plate,)),
+        "colour": ("<f2 <u2", (3, plate)),
+        "provided_albedo": ("<f2 <u2", (3, plate)),
+        "matte": ("<f2", (plate,)),
+        "within": ("|u1", canvas),
+        "image": ("|u1", (3, *canvas)),
+        "normals": ("<f2", (3, pixels)),
+        "sharpness": ("<f2", (1, pixels)),
+        "albedo": ("<f2", (3, pixels)),
+        "depth": ("<f2", (1, pixels)),
+        "light": ("<f2", (3, pixels)),
+    }
+    for name in RANK:
+        rank = shapes[name][0]
+        expected[name] = ("|u1", (rank, pixels))
+        expected[f"{name}_basis"] = ("<f4", (ANCHORS, rank))
+        expected[f"{name}_offset"] = ("<f4", (ANCHORS, 1))
+    for name, (dtype, _, _) in arrays.items():
+        dtypes, shape = expected[name]
+        if dtype not in dtypes.split() or shapes[name] != shape:
+            raise ValueError(f"{name} is {dtype} {shapes[name]}, expected {dtypes} {shape}")
+    if len(canvas) != 2 or max(canvas) > MAX_CANVAS_SIDE or pixels > math.prod(canvas):
+        raise ValueError(f"{pixels} pixels on a canvas of {canvas}")
+    if box > MAX_BOX_PIXELS or plate > box or max(shapes[name][0] for name in RANK) > ANCHORS:
+        raise ValueError(f"{plate} pixels of a person in a box of {box}")
+    needed = sum(math.prod(shapes[name]) * np.dtype(dtype).itemsize for name, (dtype, _, _) in arrays.items())
+    if needed > BASE_BYTES + MAX_EXPANSION * file_bytes:
+        raise ValueError(f"a file of {file_bytes} bytes claims arrays of {needed}")
+
+
+def _restored(header: dict[str, Any], arrays: dict[str, np.ndarray]) -> AnalysisRecord:
+    tensors = {name: torch.from_numpy(array) for name, array in arrays.items()}
+    exposure = float(header["exposure"])
+    rows, columns = header["box"]
+    inside = torch.from_numpy(np.flatnonzero(np.unpackbits(arrays["inside"], count=rows * columns)))
+    alpha, matte = torch.zeros(2, rows * columns)
+    alpha[inside] = tensors["coverage"].float()
+    if "matte" in tensors:
+        matte[inside] = tensors["matte"].float()
+    else:
+        matte = alpha
+    size, (top, left) = tuple(header["size"]), header["corner"]
+    box = rows, columns
+    person = Foreground(size, (top, left), alpha.view(box), matte.view(box), bool(header["photographed"]))
+    framing = Framing(tuple(header["centre"]), header["scale"], tuple(arrays["within"].shape), box)
+    on_plate = framing.shifted(left, top, size)
+    camera = Camera(**{name: _tuple(value) for name, value in header["camera"].items()})
+    albedo = _lengthened(arrays["provided_albedo"]).T if "provided_albedo" in arrays else None
+    colour = _lengthened(arrays["colour"]).T / _unit(exposure)
+    maps = _restored_maps(tensors, on_plate, camera, exposure)
+    return AnalysisRecord(person, colour, albedo, exposure, framing, maps)
+
+
+def _restored_maps(
+    tensors: dict[str, torch.Tensor], framing: Framing, camera: Camera, exposure: float
+) -> AnalysisMaps:
+    within = tensors["within"]
+    silhouette = Pixels(within)
+
+    def values(name: str) -> torch.Tensor:
+        return tensors[name].float()
+
+    def from_components(name: str) -> torch.Tensor:
+        return torch.addmm(tensors[f"{name}_offset"], tensors[f"{name}_basis"], values(name))
+
+    field = FieldArrays(
+        silhouette,
+        values("normals"),
+        values("sharpness"),
+        from_components("cast"),
+        from_components("residual"),
+    )
+    visibility, shading = field.light_maps()
+    light = silhouette.scatter(values("light")) / _unit(exposure) if "light" in tensors else None
+    depth = silhouette.scatter(values("depth"))[0]
+    return AnalysisMaps(
+        framing,
+        within > 1,
+        tensors["image"] * (GUIDE_MAX / 255),
+        silhouette.scatter(field.normals),
+        visibility,
+        shading,
+        silhouette.scatter(values("albedo")),
+        light,
+        WorldGeometry(camera, framing, ProvidedDepth(depth, within > 1)),
+    )
+
+
+def _tuple(value: Any) -> Any:
+    """Return JSON's lists as tuples."""
+    return tuple(value) if isinstance(value, list) else value
+
+
+def _unit(exposure: float) -> float:
+    """Return the power of two next to the exposure: it brings colour to about one, exactly undone."""
+    return 2.0 ** round(math.log2(exposure))
+
+
+def _half(values: torch.Tensor) -> np.ndarray:
+    return values.clamp(-HALF_MAX, HALF_MAX).half().numpy()
+
+
+def _shortened(values: torch.Tensor) -> np.ndarray:
+    """Return values (C, P) >= 0 as half floats; for a large person as the first bits of these, in uint16."""
+    halves = _half(values)
+    if halves.shape[-1] <= SHORTENING_PIXELS:
+        return halves
+    bits = halves.view(np.uint16) + np.uint16(1 << SHORTENED_BITS - 1)
+    return np.minimum(bits, halves.dtype.type(HALF_MAX).view(np.uint16)) >> SHORTENED_BITS
+
+
+def _lengthened(array: np.ndarray) -> torch.Tensor:
+    """Return the values that `_shortened` was given, to its precision."""
+    halves = (array << SHORTENED_BITS).view(np.float16) if array.dtype == np.uint16 else array
+    return torch.from_numpy(halves).float()

@@ -1,0 +1,200 @@
+"""A bilateral filter in time: a frame's maps, averaged with those of the frames around it where they agree.
+
+The networks see each frame by itself, and their errors flicker a little as the person moves across the
+canvas. The frames before and after are moved to where the person is now, and each pixel of them is weighted
+by how similar its shading is, under lights from all around. Flicker is small and averages out. A moving
+shadow or limb is a large change and keeps its own frame's maps. (Tomasi and Manduchi 1998, for the filter;
+Kuglin and Hines 1975, phase correlation, and Lucas and Kanade 1981, for the motion.)
+
+The weights do not depend on the lights of the relit picture, which stays linear in them.
+"""
+
+from collections.abc import Iterable
+from dataclasses import dataclass
+from typing import Any
+
+import torch
+import torch.nn.functional as F
+
+from relight.analysis.depth import WorldGeometry
+from relight.analysis.maps import AnalysisMaps, FieldArrays, LightMaps
+from shadow.directions import olat
+from shadow.framing import affine_sample
+
+RADIUS = 2  # frames before and after that take part
+RANGE_SIGMA = 0.07  # difference in shading at which a frame's weight falls to 60 %
+PROBE_LIGHTS = torch.from_numpy(olat())[::4]  # under which frames are compared
+SUBPIXEL_STEPS = 3  # corrections of the motion by less than a pixel
+WINDOW = 5  # canvas pixels, the side of the square over which differences are averaged
+
+
+def temporally_filtered(
+    maps: AnalysisMaps, neighbours: Iterable[AnalysisMaps], range_sigma: float = RANGE_SIGMA
+) -> AnalysisMaps:
+    """Average a frame's maps with those of neighbouring frames where they agree.
+
+    Parameters
+    ----------
+    maps
+        Of the frame.
+    neighbours
+        Maps of frames before and after it.
+    range_sigma
+        Difference in shading, in [0, 1], at which a neighbour's weight falls to 60 %.
+
+    Raises
+    ------
+    ValueError
+        The albedo was provided for some of the frames and inferred for others.
+    """
+    neighbours = list(neighbours)
+    if any((other.light is None) is not (maps.light is None) for other in neighbours):
+        raise ValueError("around: expected an albedo given for all of the frames, or for none")
+    probed = maps.shading(PROBE_LIGHTS)
+    aligned: list[tuple[AnalysisMaps, torch.Tensor | None, torch.Tensor]] = [
+        (maps, None, torch.ones(1, *maps.known.shape))
+    ]
+    for other in neighbours:
+        matrix = _motion(maps, other)
+        aligned.append((other, matrix, _weight(maps, probed, other, matrix, range_sigma)))
+    frames, matrices, weights = zip(*aligned, strict=True)
+    total = torch.stack(weights).sum(dim=0)
+    mean = _AlignedMean(matrices, tuple(weight / total for weight in weights))
+    return maps._replace(
+        normals=F.normalize(mean(frame.normals for frame in frames), dim=0),
+        visibility=_MeanLightMaps(mean, tuple(frame.visibility for frame in frames)),
+        shading=_MeanLightMaps(mean, tuple(frame.shading for frame in frames)),
+        albedo=mean(frame.albedo for frame in frames),
+        light=None if maps.light is None else mean(frame.light for frame in frames),
+        geometry=WorldGeometry(maps.geometry.camera, maps.framing, _MeanDepth(mean, frames)),
+    )
+
+
+@dataclass(frozen=True)
+class _AlignedMean:
+    """The weighted mean of the frames' maps (C, h, w), each aligned with the person on this frame's
+    canvas."""
+
+    matrices: tuple[torch.Tensor | None, ...]  # (2, 3) from this canvas to each frame's; None for itself
+    weights: tuple[torch.Tensor, ...]  # (1, h, w), which sum to one
+
+    def __call__(self, maps: Iterable[Any]) -> torch.Tensor:
+        aligned = map(_aligned, maps, self.matrices)
+        weighted = [weight * each for weight, each in zip(self.weights, aligned, strict=True)]
+        return torch.stack(weighted).sum(dim=0)
+
+
+@dataclass(frozen=True)
+class _MeanLightMaps:
+    """The mean of the frames' maps, as a function of the light's direction."""
+
+    mean: _AlignedMean
+    maps: tuple[LightMaps, ...]
+
+    def __call__(self, directions: torch.Tensor) -> torch.Tensor:
+        return self.mean(maps(directions) for maps in self.maps)
+
+    def field(self) -> FieldArrays:
+        """Return arrays whose maps are nearly this mean: the mean of the frames' arrays.
+
+        Frames are averaged where they agree. There the mean of functions is near the function of the means.
+        """
+        fields = [FieldArrays.of(maps) for maps in self.maps]
+        silhouette = fields[0].silhouette
+
+        def mean(name: str) -> torch.Tensor:
+            maps = (field.silhouette.scatter(getattr(field, name)) for field in fields)
+            return silhouette.take(self.mean(maps))
+
+        normals, *others = map(mean, FieldArrays._fields[1:])
+        return FieldArrays(silhouette, F.normalize(normals, dim=0), *others)
+
+    def per_pixel(self, directions: torch.Tensor) -> torch.Tensor:
+        """Return the map (h, w) for a direction per pixel (3, h, w), moved to each frame."""
+        moved = (_aligned(directions, _inverse(matrix)) for matrix in self.mean.matrices)
+        found = (
+            maps.per_pixel(F.normalize(toward, dim=0))[None]
+            for maps, toward in zip(self.maps, moved, strict=True)
+        )
+        return self.mean(found)[0]
+
+
+@dataclass(frozen=True)
+class _MeanDepth:
+    """The mean of the frames' depths (h, w), computed when it is asked for."""
+
+    mean: _AlignedMean
+    frames: tuple[AnalysisMaps, ...]
+
+    def __call__(self) -> torch.Tensor:
+        depth = self.mean(frame.geometry.depth[None] for frame in self.frames)[0]
+        return depth * self.frames[0].known
+
+
+def _aligned(maps: torch.Tensor, matrix: torch.Tensor | None) -> torch.Tensor:
+    """Resample maps (C, h, w) of another frame onto this frame's canvas."""
+    return maps if matrix is None else affine_sample(maps, matrix, maps.shape[1:])
+
+
+def _inverse(matrix: torch.Tensor | None) -> torch.Tensor | None:
+    """Return the matrix (2, 3) from positions on the other canvas to those on this one."""
+    if matrix is None:
+        return None
+    linear = torch.linalg.inv(matrix[:, :2])
+    return torch.cat([linear, -linear @ matrix[:, 2:]], dim=1)
+
+
+def _motion(maps: AnalysisMaps, other: AnalysisMaps) -> torch.Tensor:
+    """Return the matrix (2, 3) from a position on this canvas to the same part of the person on the other."""
+    here, there = maps.image * maps.known, other.image * other.known
+
+    def error(matrix: torch.Tensor) -> float:
+        return float((_aligned(there, matrix) - here).abs().mean())
+
+    unmoved = maps.framing.onto(other.framing)
+    jump = _translated(unmoved, _whole_pixel_shift(here, _aligned(there, unmoved)))
+    best = min((unmoved, jump), key=error)
+    for _ in range(SUBPIXEL_STEPS):
+        shift = _subpixel_shift(here, _aligned(there, best))
+        best = min((best, _translated(best, shift)), key=error)
+    return best
+
+
+def _translated(matrix: torch.Tensor, shift: torch.Tensor) -> torch.Tensor:
+    """Return the matrix preceded by a shift (2,) on this canvas."""
+    return torch.cat([matrix[:, :2], matrix[:, 2:] + matrix[:, :2] @ shift[:, None]], dim=1)
+
+
+def _whole_pixel_shift(first: torch.Tensor, second: torch.Tensor) -> torch.Tensor:
+    """Return (x, y), whole pixels, by which content moved between images (C, h, w): phase correlation."""
+    cross = (torch.fft.rfft2(first).conj() * torch.fft.rfft2(second)).sum(dim=0)
+    peaks = torch.fft.irfft2(cross / cross.abs().clamp_min(1e-9), s=first.shape[-2:])
+    height, width = peaks.shape
+    row, column = divmod(int(peaks.argmax()), width)
+    return torch.tensor(
+        [
+            (column + width // 2) % width - width // 2,
+            (row + height // 2) % height - height // 2,
+        ]
+    ).float()
+
+
+def _subpixel_shift(first: torch.Tensor, second: torch.Tensor) -> torch.Tensor:
+    """Return (x, y) by which the content moved, if by less than a pixel (Lucas and Kanade 1981)."""
+    gradients = torch.stack(torch.gradient(second, dim=(2, 1))).flatten(1)
+    normal = gradients @ gradients.T + 1e-6 * torch.eye(2)
+    return torch.linalg.solve(normal, gradients @ (first - second).flatten()).clamp(-1, 1)
+
+
+def _weight(
+    maps: AnalysisMaps, probed: torch.Tensor, other: AnalysisMaps, matrix: torch.Tensor, range_sigma: float
+) -> torch.Tensor:
+    """Return the weight (1, h, w) of another frame: 1 where its shading is equal, 0 where it is unknown."""
+    known = (_aligned(other.known[None].float(), matrix) > 0.99) & maps.known
+    difference = (_aligned(other.shading(PROBE_LIGHTS), matrix) - probed).abs().amax(dim=0, keepdim=True)
+    squared = _box_mean(difference**2 * known) / _box_mean(known.float()).clamp_min(1e-3)
+    return known * torch.exp(-squared / (2 * range_sigma**2))
+
+
+def _box_mean(image: torch.Tensor) -> torch.Tensor:
+    return F.avg_pool2d(image, WINDOW, stride=1, padding=WINDOW // 2)

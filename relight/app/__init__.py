@@ -1,0 +1,1 @@
+"""The local web application: drop a photograph, outline the person, move the lights, download the picture."""

@@ -1,0 +1,75 @@
+"""Read requests and answer them: JSON, refusals as sentences, and progress in lines."""
+
+import asyncio
+import contextlib
+import json
+from collections.abc import AsyncIterator, Awaitable, Callable
+from typing import Any
+from urllib.parse import quote
+
+from starlette.requests import Request
+from starlette.responses import JSONResponse, Response, StreamingResponse
+
+from relight.app.worker import EXPECTED, Refused
+
+BODY_BYTES = 4 << 20  # of a request that is no file
+
+
+async def json_of(request: Request) -> dict[str, Any]:
+    """Return a request's JSON object; raise Refused for anything else, or more than `BODY_BYTES`."""
+    body = b""
+    async for chunk in request.stream():
+        body += chunk
+        if len(body) > BODY_BYTES:
+            raise Refused("The request is too large.", 413)
+    try:
+        found = json.loads(body or b"{}")
+    except ValueError as error:
+        raise Refused("expected JSON", 400) from error
+    if not isinstance(found, dict):
+        raise Refused("expected a JSON object", 400)
+    return found
+
+
+def notes_of(found: dict[str, Any]) -> dict[str, str]:
+    """Return the warnings of a task as a header."""
+    return {"X-Notes": quote(json.dumps(found["notes"]))}
+
+
+def refusing(endpoint: Callable[[Request], Awaitable[Response]]) -> Callable[[Request], Awaitable[Response]]:
+    """Wrap an endpoint: it answers a refusal by a sentence, as JSON."""
+
+    async def answer(request: Request) -> Response:
+        try:
+            return await endpoint(request)
+        except Refused as error:
+            return JSONResponse({"sentence": str(error)}, error.status)
+        except (KeyError, *EXPECTED) as error:
+            return JSONResponse({"sentence": f"The request cannot be used: {type(error).__name__}."}, 400)
+
+    return answer
+
+
+def streamed(work: Callable[[Callable[[str], None]], Awaitable[dict[str, Any]]]) -> Response:
+    """Answer in lines of JSON: first the progress of the work, at last its result.
+
+    The work is cancelled when the page goes away.
+    """
+
+    async def lines() -> AsyncIterator[str]:
+        said: asyncio.Queue[str | None] = asyncio.Queue()
+        job = asyncio.ensure_future(work(said.put_nowait))
+        job.add_done_callback(lambda _: said.put_nowait(None))
+        try:
+            while (what := await said.get()) is not None:
+                yield json.dumps({"progress": what}) + "\n"
+            try:
+                yield json.dumps({"done": job.result()}) + "\n"
+            except Refused as error:
+                yield json.dumps({"sentence": str(error)}) + "\n"
+        finally:
+            job.cancel()
+            with contextlib.suppress(asyncio.CancelledError, Refused):
+                await job
+
+    return StreamingResponse(lines(), media_type="application/x-ndjson")

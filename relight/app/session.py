@@ -1,0 +1,225 @@
+"""What the server keeps while it runs: photographs and other files, in a folder removed when it stops."""
+
+import os
+import re
+import secrets
+import shutil
+import tempfile
+from collections.abc import AsyncIterable, Iterator
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Any
+
+from relight.app.worker import Refused
+
+UPLOAD_BYTES = 1 << 30  # of a file, at most
+SESSION_BYTES = 16 << 30  # of all files of a session
+PHOTOGRAPHS = 100  # at once
+LISTED = 500  # files of the root folder that the page lists
+NAME_LENGTH = 120  # characters
+PICTURES = (
+    ".jpg", ".jpeg", ".png", ".tif", ".tiff", ".exr", ".hdr", ".webp", ".avif", ".heic", ".heif", ".bmp",
+    ".dng", ".cr2", ".cr3", ".nef", ".arw", ".raf", ".rw2", ".orf", ".ppm", ".dpx",
+)  # fmt: skip
+MODELS = (".onnx",)
+
+
+@dataclass
+class Photograph:
+    """A photograph of the session.
+
+    Attributes
+    ----------
+    id:
+        Its name in addresses: random.
+    name:
+        Its file's name, as commands have it.
+    folder:
+        Holds its file and what is made of it.
+    about:
+        What `relight.app.tasks.read` found.
+    mask:
+        The name of its matte's file; None if the photograph has alpha, or no outline is accepted yet.
+    scene:
+        What the page's viewer begins with, once the photograph is analysed.
+    outputs:
+        Names of files that can be downloaded.
+    """
+
+    id: str
+    name: str
+    folder: Path
+    about: dict[str, Any] = field(default_factory=dict)
+    mask: str | None = None
+    scene: dict[str, Any] | None = None
+    outputs: set[str] = field(default_factory=set)
+
+    @property
+    def stem(self) -> str:
+        """The name without its suffix."""
+        return Path(self.name).stem
+
+    def to_json(self) -> dict[str, Any]:
+        """Return what the page shows of the photograph, in types of JSON."""
+        return {
+            "id": self.id,
+            "name": self.name,
+            "mask": self.mask,
+            "analysed": self.scene is not None,
+            **{key: self.about.get(key) for key in ("width", "height", "cut_out", "preview", "notes")},
+        }
+
+
+class Session:
+    """Photographs and other files of one run of the server.
+
+    Parameters
+    ----------
+    root:
+        The folder that files may be chosen from, or None.
+
+    Attributes
+    ----------
+    folder:
+        The session's temporary folder; `close` removes it.
+    """
+
+    def __init__(self, root: Path | None = None) -> None:
+        self.root = None if root is None else root.resolve()
+        self.folder = Path(tempfile.mkdtemp(prefix="relight-app-"))
+        self.photographs: dict[str, Photograph] = {}
+        self._files: dict[str, Path] = {}
+
+    def close(self) -> None:
+        """Remove the folder."""
+        shutil.rmtree(self.folder, ignore_errors=True)
+
+    def photograph(self, identity: str) -> Photograph:
+        """Return a photograph; raises Refused if there is none of that id."""
+        found = self.photographs.get(identity)
+        if found is None:
+            raise Refused("This photograph is no longer here: drop it again.", 404)
+        return found
+
+    def new_photograph(self, name: str) -> Photograph:
+        """Make room for a photograph's file; raises Refused for another kind of file, or one too many."""
+        if len(self.photographs) >= PHOTOGRAPHS:
+            raise Refused(f"{PHOTOGRAPHS} photographs are open, the most that fit: remove some first.", 409)
+        found = Photograph(secrets.token_hex(8), checked_name(name, PICTURES), self.folder)
+        found.folder = self.folder / "photographs" / found.id
+        found.folder.mkdir(parents=True)
+        self.photographs[found.id] = found
+        return found
+
+    def remove(self, photograph: Photograph) -> None:
+        """Forget a photograph and all that was made of it."""
+        self.photographs.pop(photograph.id, None)
+        shutil.rmtree(photograph.folder, ignore_errors=True)
+
+    def new_file(self, name: str, suffixes: tuple[str, ...]) -> tuple[str, Path]:
+        """Make room for another file, such as an environment: its id and path."""
+        identity = secrets.token_hex(8)
+        path = self.folder / "files" / identity / checked_name(name, suffixes)
+        path.parent.mkdir(parents=True)
+        self._files[identity] = path
+        return identity, path
+
+    def lend(self, identity: str, photograph: Photograph) -> str:
+        """Link another file beside a photograph, where commands name it; return its name."""
+        path = self._files.get(identity)
+        if path is None:
+            raise Refused("This file is no longer here: drop it again.", 404)
+        if path.name in (photograph.name, photograph.mask):
+            raise Refused(f"{path.name}: has the photograph's name; rename one of them.")
+        beside = photograph.folder / path.name
+        beside.unlink(missing_ok=True)
+        os.link(path, beside)
+        return path.name
+
+    def in_root(self) -> Iterator[str]:
+        """Yield the pictures that may be chosen, relative to the root."""
+        if self.root is None:
+            return
+        found = 0
+        for folder, folders, names in os.walk(self.root):
+            folders[:] = sorted(name for name in folders if not name.startswith("."))
+            for name in sorted(names):
+                if Path(name).suffix.lower() in PICTURES and not name.startswith("."):
+                    yield str((Path(folder) / name).relative_to(self.root))
+                    found += 1
+                    if found == LISTED:
+                        return
+
+    def copy_from_root(self, relative: str) -> Photograph:
+        """Copy a picture from the root; raises Refused for a path or link that leads out of it."""
+        sentence = "This file is not in the folder that relight app was started with."
+        if self.root is None or "\0" in relative:
+            raise Refused(sentence, 403)
+        path = (self.root / relative).resolve()
+        if not path.is_relative_to(self.root):
+            raise Refused(sentence, 403)
+        if not path.is_file():
+            raise Refused(f"{Path(relative).name}: no longer exists.", 404)
+        if path.stat().st_size > UPLOAD_BYTES:
+            raise Refused(_too_large(path.name), 413)
+        photograph = self.new_photograph(path.name)
+        try:
+            shutil.copyfile(path, photograph.folder / photograph.name)
+        except OSError as error:
+            self.remove(photograph)
+            raise Refused(_unwritten(error), 507) from error
+        return photograph
+
+    async def receive(self, chunks: AsyncIterable[bytes], path: Path) -> None:
+        """Write an upload; raises Refused if it is empty or too large, or if the disk is full."""
+        size, room = 0, SESSION_BYTES - self._size()
+        try:
+            with path.open("xb") as file:
+                async for chunk in chunks:
+                    size += len(chunk)
+                    if size > UPLOAD_BYTES:
+                        raise Refused(_too_large(path.name), 413)
+                    if size > room:
+                        raise Refused("The session is full: remove some photographs first.", 413)
+                    file.write(chunk)
+        except OSError as error:
+            raise Refused(_unwritten(error), 507) from error
+        if not size:
+            raise Refused(f"{path.name}: is empty.")
+
+    def _size(self) -> int:
+        """Return the size of all that the session holds, in bytes."""
+        return sum(
+            (Path(folder) / name).lstat().st_size
+            for folder, _, names in os.walk(self.folder)
+            for name in names
+        )
+
+
+def checked_name(name: str, suffixes: tuple[str, ...]) -> str:
+    """Return a file's name without its folders, as a file system and a command can have it.
+
+    Raises
+    ------
+    Refused
+        Its suffix is none of `suffixes`.
+    """
+    last = re.split(r"[/\\]", name)[-1]
+    last = re.sub(r"[\x00-\x1f\x7f]", "", last).strip()
+    stem, suffix = Path(last).stem, Path(last).suffix
+    if suffix.lower() not in suffixes:
+        kinds = "JPEG, PNG, HEIC, raw, EXR or TIFF" if ".jpg" in suffixes else " or ".join(suffixes)
+        raise Refused(f"{last or 'This file'}: expected a {kinds} file.", 415)
+    stem = stem.lstrip("-.")[: NAME_LENGTH - len(suffix)] or "photograph"
+    # A number sign or a percent sign would make the name a frame of a sequence.
+    return re.sub(r"#|%(?=\d*d)", "_", stem) + suffix
+
+
+def _too_large(name: str) -> str:
+    return f"{name}: is larger than {UPLOAD_BYTES >> 20} MB, the limit of an upload."
+
+
+def _unwritten(error: OSError) -> str:
+    return (
+        f"The file could not be saved: {error.strerror or 'the disk may be full'}. Make room, and try again."
+    )

@@ -1,0 +1,326 @@
+"""What the worker process computes.
+
+Each function runs in a photograph's folder and names files relative to it.
+Pictures are made by the code of `relight apply`, pages by that of `relight view`.
+"""
+
+import functools
+import io
+import json
+import os
+import warnings
+from collections import OrderedDict
+from collections.abc import Callable, Mapping, Sequence
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import OpenImageIO as oiio
+import torch
+from PIL import Image
+
+from relight.lights.environment import EnvironmentLight
+from relight.matting import networks, outline
+from relight.matting.sequence import MattingOptions
+from relight.media import images
+from relight.media.colour import encode
+from relight.pipeline.options import Lighting
+from relight.pipeline.render import lights_of
+from relight.subject import Subject
+from relight.viewer.packing import pack
+from relight.viewer.scene import scene_of
+
+PIXELS = 100_000_000  # of a photograph, at most
+PREVIEW_SIDE = 1600  # pixels, the longer side of what the page shows and the outline is solved on
+KEPT = 2  # subjects that are kept in memory, for stills
+REDUCED, MODEL, MATTE, PACK = "reduced.npy", "model.npy", "matte.npy", "pack.bin"
+Report = Callable[[str], None]
+
+_subjects: OrderedDict[str, Subject] = OrderedDict()
+
+
+def load_networks() -> None:
+    """Read the weights of the networks."""
+    from shading import diffuse
+    from shadow import analysis
+
+    analysis.load(device=torch.device("cpu"))
+    diffuse.load(device=torch.device("cpu"))
+
+
+def load_matting() -> None:
+    """Solve a small outline, which loads the solver's compiled code."""
+    square = outline.Outline([(8, 8), (24, 8), (24, 24), (8, 24)])
+    outline.outlined(np.random.default_rng(0).random((32, 32, 3), np.float32), square)
+
+
+def load_colours() -> None:
+    """Compute the colours of temperatures, which every page has."""
+    scene_of((1, 1))
+
+
+PREPARATIONS = (load_networks, load_matting, load_colours)  # the worker runs them while nobody waits for it
+
+
+def read(name: str, report: Report) -> dict[str, Any]:
+    """Read a photograph; write the copy that the page shows, and the one that outlines are solved on."""
+    _check_size(Path(name))
+    pixels = images.read(name)
+    height, width = pixels.shape[:2]
+    if min(height, width) < 16:
+        raise ValueError(f"{name}: expected 16 pixels a side or more, got {width} x {height}")
+    cut_out = pixels.shape[-1] == 4 and float(pixels[..., 3].min()) < 1
+    shrink = min(1.0, PREVIEW_SIDE / max(height, width))
+    size = (max(1, round(height * shrink)), max(1, round(width * shrink)))
+    reduced = _resized(pixels if cut_out else np.ascontiguousarray(pixels[..., :3]), size)
+    np.save(REDUCED, reduced.astype(np.float16))
+    codes = _encoded(reduced)
+    preview = "preview.png" if cut_out else "preview.jpg"
+    Image.fromarray(codes).save(preview, quality=90)
+    return {"width": width, "height": height, "cut_out": cut_out, "preview": preview}
+
+
+def outline_of(drawn: Mapping[str, Any], report: Report) -> dict[str, Any]:
+    """Return the matte of a drawn outline, as a grey PNG of the preview's size."""
+    return {"png": _png(_matte(drawn))}
+
+
+def matte_by_model(model: str, report: Report) -> dict[str, Any]:
+    """Return the matte that a network finds, as a grey PNG; the outline may correct it.
+
+    `model` is as `relight apply --matte` takes it.
+    """
+    report("Finding the person")
+    reduced = _reduced()
+    matting = MattingOptions.parse(model)
+    if matting is None or matting.model is None:
+        raise ValueError("model: expected an ONNX file, or the name of a model")
+    found = networks.matte(reduced, matting.model, **matting.options)
+    np.save(MODEL, found.astype(np.float16))
+    _solve.cache_clear()  # an outline may start from the model's matte
+    return {"png": _png(found)}
+
+
+def analyse(name: str, mask: str | None, drawn: Mapping[str, Any] | None, report: Report) -> dict[str, Any]:
+    """Refine an outline, analyse the person, and write what the page shows, all on the reduced copy.
+
+    The matte's file, `mask`, is written at full resolution when it is needed: see `full_matte`.
+    """
+    reduced = _reduced()
+    found = None
+    if mask is not None and drawn is not None:
+        report("Refining the edge")
+        found = outline.refine(reduced[..., :3], _matte(drawn))
+        np.save(MATTE, found.astype(np.float16))
+        Path(mask).unlink(missing_ok=True)
+    report("Analysing the person")
+    subject = Subject(reduced, found)
+    report("Preparing the light")
+    Path(PACK).write_bytes(pack(subject.record, subject.matte, subject.albedo, compression=1))
+    scene = scene_of(subject.size, title=name, command=_command(name, mask))
+    _keep(name, subject)
+    return {"scene": scene}
+
+
+def full_matte(name: str, mask: str, report: Report) -> dict[str, Any]:
+    """Write the accepted matte at the photograph's own size and detail, unless that has been done."""
+    if not Path(mask).exists():
+        report("Refining the edge")
+        found = np.load(MATTE).astype(np.float32)
+        pixels = images.read(name)
+        if found.shape != pixels.shape[:2]:
+            found = outline.refine(pixels, _resized(found[..., None], pixels.shape[:2])[..., 0].clip(0, 1))
+        images.write_mask(mask, found)
+    return {"file": mask}
+
+
+def environment(name: str, report: Report) -> dict[str, Any]:
+    """Return an environment map as the page's program takes it."""
+    light = EnvironmentLight(name)
+    found = scene_of((1, 1), light)["environment"]
+    return {"path": name, "lamps": found["lamps"]}
+
+
+def background(name: str, size: Sequence[int], report: Report) -> dict[str, Any]:
+    """Return a background as the page shows it: a JPEG that covers a frame (H, W), in base64."""
+    _check_size(Path(name))
+    scene = scene_of((size[0], size[1]), background=images.read(name)[..., :3], background_name=name)
+    return scene["backdrop"]
+
+
+def still(name: str, mask: str | None, look: Mapping[str, Any], report: Report) -> dict[str, Any]:
+    """Relight the reduced copy and return a PNG, for browsers that cannot render it themselves."""
+    from relight.compositing.composite import over
+
+    subject = _subjects.get(_key(name))
+    if subject is None:
+        report("Analysing the person")
+        found = None if mask is None else np.load(MATTE).astype(np.float32)
+        subject = Subject(_reduced(), found)
+        _keep(name, subject)
+    lighting = _lighting(look)
+    lights: Any = lights_of(lighting)
+    picture = subject.relit(lights)
+    behind: Any = lighting.background
+    if behind is not None:
+        picture = over(picture, images.read(behind) if isinstance(behind, str) else behind)
+    file = io.BytesIO()
+    Image.fromarray(_encoded(picture, _exposure(look))).save(file, "PNG", compress_level=1)
+    return {"png": file.getvalue()}
+
+
+def save(
+    name: str,
+    mask: str | None,
+    look: Mapping[str, Any],
+    output: str,
+    passes: Sequence[str],
+    report: Report,
+) -> dict[str, Any]:
+    """Write a picture at full resolution, the page, or the mesh."""
+    from relight.pipeline.options import Output, Source
+    from relight.pipeline.render import render_shot
+    from relight.viewer.shot import write_view
+
+    if mask is not None:
+        full_matte(name, mask, report)
+    source, lighting = Source(name, mask=mask), _lighting(look)
+    suffix = Path(output).suffix
+
+    def told(done: int, total: int, what: str) -> None:
+        report(what)
+
+    if suffix == ".html":
+        write_view(output, source, lighting, command=_command(name, mask), progress=told)
+    elif suffix == ".glb":
+        found = None if mask is None else images.read_mask(mask)
+        lights: Any = lights_of(lighting)
+        Subject(images.read(name), found).export(output, lights)
+    else:
+        render_shot(
+            source,
+            lighting,
+            Output((Path(output),), passes=tuple(passes), exposure=_exposure(look)),
+            progress=told,
+        )
+    return {"file": output}
+
+
+def _lighting(look: Mapping[str, Any]) -> Lighting:
+    """Return the options of `relight apply` that the settings of the page stand for."""
+    light, environment = tuple(look.get("lights") or ()), look.get("environment")
+    behind: Any = look.get("background") or None
+    if behind is not None:
+        behind = behind["file"] if isinstance(behind, Mapping) else tuple(map(float, behind))
+    if not light and not environment:
+        raise ValueError("There is no light: add one, or an environment.")
+    return Lighting(light=light, environment=(environment,) if environment else (), background=behind)
+
+
+def _exposure(look: Mapping[str, Any]) -> float:
+    return float(look.get("exposure") or 0)
+
+
+def _command(name: str, mask: str | None) -> list[str]:
+    """Return the words of the command that relights a photograph, without its lights."""
+    return ["relight", "apply", name, *(["--mask", mask] if mask else [])]
+
+
+def _matte(drawn: Mapping[str, Any]) -> np.ndarray:
+    """Return the matte of the reduced copy that was drawn; an outline that is accepted is not solved again.
+
+    Positions are fractions of width and height.
+    """
+    return _solve(os.getcwd(), json.dumps(drawn, sort_keys=True))
+
+
+@functools.lru_cache(maxsize=1)
+def _solve(folder: str, drawing: str) -> np.ndarray:
+    """Solve what was drawn, as JSON, for the matte of the reduced copy.
+
+    The copy is in `folder`, the working folder, which is named because the result is kept.
+    """
+    drawn = json.loads(drawing)
+    reduced = _reduced()
+    height, width = reduced.shape[:2]
+    scale = np.array([width, height], float)
+
+    def places(points: Any) -> np.ndarray:
+        found = np.reshape(np.asarray(points, float), (-1, 2))
+        return found.clip(-4, 5) * scale
+
+    strokes = [
+        outline.Stroke(bool(stroke["person"]), places(stroke["points"]), float(stroke["radius"]) * width)
+        for stroke in drawn.get("strokes") or []
+    ]
+    lasso = drawn.get("lasso") or None
+    rough = None
+    if drawn.get("model"):
+        rough = np.load(MODEL).astype(np.float32)
+    elif reduced.shape[-1] == 4:
+        rough = reduced[..., 3]
+    if rough is not None and not strokes and lasso is None:
+        return rough
+    meant = outline.Outline(None if lasso is None else places(lasso), strokes, rough)
+    return outline.outlined(reduced[..., :3], meant)
+
+
+def _key(name: str) -> str:
+    return str(Path(name).resolve())
+
+
+def _keep(name: str, subject: Subject) -> None:
+    """Keep a photograph's subject for stills, and forget the oldest ones."""
+    _subjects[_key(name)] = subject
+    _subjects.move_to_end(_key(name))
+    while len(_subjects) > KEPT:
+        _subjects.popitem(last=False)
+
+
+def _resized(image: np.ndarray, size: tuple[int, int]) -> np.ndarray:
+    """Return an image (h, w, C), float32, in another size (H, W), by a triangle filter."""
+    planes = torch.from_numpy(image).permute(2, 0, 1)[None]
+    found = torch.nn.functional.interpolate(planes, size, mode="bilinear", antialias=True)
+    return found[0].permute(1, 2, 0).contiguous().numpy()
+
+
+def _reduced() -> np.ndarray:
+    return np.load(REDUCED).astype(np.float32)
+
+
+def _check_size(path: Path) -> None:
+    """Raise ValueError for a picture of more pixels than may be decoded, as far as its header says."""
+    size = None
+    file = oiio.ImageInput.open(str(path))
+    if file is not None:
+        spec = file.spec()
+        size = (spec.width, spec.height)
+        file.close()
+    oiio.geterror()
+    if size is None:
+        with warnings.catch_warnings():
+            warnings.simplefilter("ignore")
+            try:
+                with Image.open(path) as picture:
+                    size = picture.size
+            except (OSError, ValueError, Image.DecompressionBombError):
+                return  # `relight.read` says what is wrong
+    if size[0] * size[1] > PIXELS:
+        raise ValueError(
+            f"{path}: has {size[0]} x {size[1]} pixels; expected {PIXELS // 1_000_000} million at most"
+        )
+
+
+def _encoded(pixels: np.ndarray, exposure: float = 0.0) -> np.ndarray:
+    """Encode linear, premultiplied (H, W, 3|4) for a display: uint8 with straight alpha."""
+    if pixels.shape[-1] == 3:
+        return np.round(encode(pixels.clip(0), exposure=exposure) * 255).astype(np.uint8)
+    alpha = pixels[..., 3:].clip(0, 1)
+    colour = encode((pixels[..., :3] / np.maximum(alpha, 1e-4)).clip(0), exposure=exposure)
+    return np.round(np.concatenate([colour, alpha], axis=-1) * 255).astype(np.uint8)
+
+
+def _png(matte: np.ndarray) -> bytes:
+    file = io.BytesIO()
+    Image.fromarray(np.round(matte * 255).astype(np.uint8)).save(file, "PNG", compress_level=1)
+    return file.getvalue()

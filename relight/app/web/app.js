@@ -1,0 +1,259 @@
+// The application: four steps, one photograph at a time, and what they share.
+
+import { h, iconButton, preferredSurround, surround } from "../viewer.js";
+import { Drop } from "./drop.js";
+import { Light } from "./light.js";
+import { OutlineStep } from "./outline.js";
+import { Refused, ask, askJson, follow } from "./requests.js";
+import { Save } from "./save.js";
+
+const STEPS = [
+  ["drop", "Photograph"],
+  ["outline", "Outline"],
+  ["light", "Light"],
+  ["save", "Save files"],
+];
+
+class Application {
+  constructor(root) {
+    this.root = root;
+    surround([root], preferredSurround());
+    this.photographs = [];
+    this.chosen = null; // the photograph at hand
+    this.step = "drop";
+    this.about = { root: [], models: [], suffixes: [] };
+    this.message = h("div", { class: "notice", role: "alert", hidden: true });
+    this.steps = Object.fromEntries(
+      STEPS.map(([name, label], index) => [
+        name,
+        h("button", { type: "button", class: "step", onclick: () => this.go(name) }, h("span", { class: "number", "aria-hidden": "true" }, `${index + 1}`), h("span", {}, label)),
+      ]),
+    );
+    this.strip = h("ul", { class: "strip", "aria-label": "Photographs" });
+    this.progress = this.progressSheet();
+    this.parts = { drop: new Drop(this), outline: new OutlineStep(this), light: new Light(this), save: new Save(this) };
+    this.main = h("main", {}, ...Object.values(this.parts).map((part) => part.element));
+    root.append(
+      h(
+        "header",
+        { class: "bar" },
+        h("h1", {}, "relight"),
+        h("nav", { "aria-label": "Steps" }, h("ol", {}, ...STEPS.map(([name]) => h("li", {}, this.steps[name])))),
+        this.strip,
+      ),
+      this.message,
+      this.main,
+      this.progress,
+    );
+    this.listen();
+  }
+
+  async begin() {
+    this.show("drop");
+    await this.trying(async () => {
+      this.about = await askJson("session");
+      this.photographs = this.about.photographs;
+      this.parts.drop.refresh();
+      this.refresh();
+    });
+    return this;
+  }
+
+  listen() {
+    addEventListener("unhandledrejection", (event) => this.fail(event.reason));
+    addEventListener("error", (event) => this.fail(event.error));
+    const { root } = this;
+    const brings = (event) => [...(event.dataTransfer?.types ?? [])].includes("Files");
+    root.addEventListener("dragover", (event) => {
+      if (!brings(event)) return;
+      event.preventDefault();
+      root.classList.add("dropping");
+    });
+    root.addEventListener("dragleave", (event) => event.relatedTarget || root.classList.remove("dropping"));
+    root.addEventListener("drop", (event) => {
+      root.classList.remove("dropping");
+      if (event.defaultPrevented || !brings(event)) return; // the light takes backgrounds and environments
+      event.preventDefault();
+      this.add([...event.dataTransfer.files]);
+    });
+    addEventListener("paste", (event) => {
+      const files = [...(event.clipboardData?.files ?? [])];
+      if (files.length) this.add(files);
+    });
+  }
+
+  // --- photographs
+
+  /** Uploads files, and goes on with the first of them. */
+  async add(files) {
+    const [known, other] = [[], []];
+    for (const file of files) (this.about.suffixes.some((suffix) => file.name.toLowerCase().endsWith(suffix)) ? known : other).push(file);
+    const problems = other.length ? [`${other[0].name}${other.length > 1 ? ` and ${other.length - 1} more` : ""}: no picture that can be read.`] : [];
+    let first = null;
+    await this.busy(async (say, signal) => {
+      for (const [index, file] of known.entries()) {
+        say(known.length > 1 ? `Reading ${file.name}, ${index + 1} of ${known.length}` : `Reading ${file.name}`);
+        try {
+          const photograph = await askJson(`photographs?name=${encodeURIComponent(file.name)}`, { body: file, signal });
+          this.photographs.push(photograph);
+          first ??= photograph;
+          this.refresh();
+        } catch (error) {
+          if (!(error instanceof Refused)) throw error;
+          problems.push(error.message);
+          if (/the most that fit/.test(error.message)) break;
+        }
+      }
+    });
+    if (first) await this.choose(first);
+    if (problems.length) this.tell(problems.join(" "), true);
+  }
+
+  /** Adds one that the server has: the example, or a file of the folder. */
+  async addFrom(path, value) {
+    await this.busy(async (say, signal) => {
+      say("Reading");
+      const photograph = await askJson(path, { body: JSON.stringify(value), signal });
+      this.photographs.push(photograph);
+      await this.choose(photograph);
+    });
+  }
+
+  /** Goes on with a photograph, at the step that it has come to. */
+  async choose(photograph) {
+    this.chosen = photograph;
+    this.refresh();
+    if (photograph.notes?.length) this.tell(photograph.notes.join(" "));
+    if (photograph.analysed) await this.go("light");
+    else if (photograph.cut_out) await this.analyse(null);
+    else await this.go("outline");
+  }
+
+  async remove(photograph) {
+    await this.trying(() => ask(`photographs/${photograph.id}`, { method: "DELETE" }));
+    this.photographs = this.photographs.filter((other) => other !== photograph);
+    if (this.chosen === photograph) {
+      this.chosen = null;
+      await this.go("drop");
+    }
+    this.refresh();
+  }
+
+  /** Accepts an outline, `drawn`, or the photograph's own: the light opens when the person is analysed. */
+  async analyse(drawn) {
+    const { chosen } = this;
+    await this.busy(async (say, signal) => {
+      say("Analysing the person");
+      const { photograph, notes } = await follow(`photographs/${chosen.id}/analyse`, { drawn }, say, signal);
+      Object.assign(chosen, photograph);
+      this.parts.light.forget(chosen);
+      await this.go("light");
+      if (notes.length) this.tell(notes.join(" "));
+    });
+  }
+
+  // --- steps
+
+  may(step) {
+    const { chosen } = this;
+    if (step === "drop") return true;
+    if (step === "outline") return Boolean(chosen);
+    return Boolean(chosen?.analysed);
+  }
+
+  async go(step) {
+    if (!this.may(step)) return;
+    this.show(step);
+    await this.trying(() => this.parts[step].open?.());
+    if (!this.aborting) this.parts[step].focus();
+  }
+
+  show(step) {
+    this.step = step;
+    this.hush();
+    if (step !== "light") this.parts.light.viewer?.stop(); // an orbit does not go on out of sight
+    for (const [name, part] of Object.entries(this.parts)) part.element.hidden = name !== step;
+    this.root.dataset.step = step;
+    this.refresh();
+  }
+
+  refresh() {
+    for (const [name, button] of Object.entries(this.steps)) {
+      button.disabled = !this.may(name);
+      button.toggleAttribute("aria-current", name === this.step);
+      if (name === this.step) button.setAttribute("aria-current", "step");
+    }
+    this.strip.hidden = this.photographs.length < 2;
+    this.strip.replaceChildren(
+      ...this.photographs.map((photograph) =>
+        h(
+          "li",
+          { class: photograph === this.chosen ? "chosen" : "" },
+          h("button", { type: "button", class: "thumb", title: photograph.name, "aria-label": photograph.name, "aria-pressed": String(photograph === this.chosen), onclick: () => this.choose(photograph) }, h("img", { src: `photographs/${photograph.id}/preview`, alt: "" })),
+          iconButton("delete", `Remove ${photograph.name}`, () => this.remove(photograph)),
+        ),
+      ),
+    );
+  }
+
+  // --- saying
+
+  progressSheet() {
+    this.doing = h("p", { role: "status", "aria-live": "polite" });
+    this.cancel = h("button", { type: "button", class: "quiet", onclick: () => this.aborting?.abort() }, "Cancel");
+    const sheet = h("dialog", { class: "progress", "aria-label": "Working" }, h("div", { class: "track", "aria-hidden": "true" }), this.doing, this.cancel);
+    sheet.addEventListener("cancel", (event) => {
+      event.preventDefault();
+      this.aborting?.abort();
+    });
+    return sheet;
+  }
+
+  /** Does what takes a while: it is told, and can be cancelled. Within something busy it is a part of that. */
+  async busy(work) {
+    const say = (text) => (this.doing.textContent = `${text}…`);
+    if (this.aborting) return work(say, this.aborting.signal);
+    this.aborting = new AbortController();
+    const began = this.step;
+    this.hush();
+    this.progress.showModal();
+    try {
+      await this.trying(() => work(say, this.aborting.signal));
+    } finally {
+      this.aborting = null;
+      this.progress.close();
+      if (this.step !== began) this.parts[this.step].focus(); // the dialogue has given it back to what is hidden now
+    }
+  }
+
+  /** Does something; what is refused is said. */
+  async trying(work) {
+    try {
+      return await work();
+    } catch (error) {
+      this.fail(error);
+    }
+  }
+
+  fail(error) {
+    if (error?.name === "AbortError") this.tell("Cancelled.");
+    else if (error instanceof Refused) this.tell(error.message, true);
+    else {
+      this.tell(`Something went wrong in the page: ${error?.message ?? error}`, true);
+      if (error) console.error(error);
+    }
+  }
+
+  tell(text, kept = false) {
+    clearTimeout(this.telling);
+    this.message.replaceChildren(h("span", {}, text), h("button", { type: "button", class: "quiet", onclick: () => this.hush() }, "Close"));
+    this.message.hidden = false;
+    if (!kept) this.telling = setTimeout(() => this.hush(), 6000);
+  }
+
+  hush() {
+    this.message.hidden = true;
+  }
+}
+
+window.relightApp = await new Application(document.getElementById("app")).begin();

@@ -1,0 +1,49 @@
+// The first step: a photograph comes in, by dropping, pasting or choosing it.
+
+import { h } from "../viewer.js";
+
+export class Drop {
+  constructor(app) {
+    this.app = app;
+    this.input = h("input", { type: "file", multiple: true, hidden: true });
+    this.input.addEventListener("change", () => {
+      const files = [...this.input.files];
+      this.input.value = "";
+      if (files.length) app.add(files);
+    });
+    this.choose = h("button", { type: "button", class: "primary", onclick: () => this.input.click() }, "Choose photographs…");
+    this.files = h("ul", { class: "files" });
+    this.folder = h("section", { class: "folder", "aria-label": "Files of the folder", hidden: true }, h("h2", {}, "Or choose from the folder"), this.files);
+    this.element = h(
+      "section",
+      { class: "drop", "aria-label": "Photograph" },
+      h(
+        "div",
+        { class: "target" },
+        h("h2", {}, "Drop a photograph of a person"),
+        h("p", {}, "Then outline the person and drag the lights. Nothing leaves this computer."),
+        h(
+          "div",
+          { class: "choices" },
+          this.choose,
+          h("button", { type: "button", class: "secondary", onclick: () => app.addFrom("example", {}) }, "Try the example"),
+        ),
+        h("p", { class: "small" }, "JPEG, PNG, HEIC, raw, EXR or TIFF, up to 100 megapixels. Pasting works too."),
+        this.input,
+      ),
+      this.folder,
+    );
+  }
+
+  focus() {
+    this.choose.focus({ preventScroll: true });
+  }
+
+  refresh() {
+    const { root } = this.app.about;
+    this.folder.hidden = !root.length;
+    this.files.replaceChildren(
+      ...root.map((path) => h("li", {}, h("button", { type: "button", class: "quiet", onclick: () => this.app.addFrom("root", { path }) }, path))),
+    );
+  }
+}

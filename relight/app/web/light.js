@@ -1,0 +1,124 @@
+// The third step: the viewer in place, with presets below it; stills by the server where the browser has no WebGL 2.
+
+import { Viewer, environmentText, h, keyDown, keyUp, lightTexts, short } from "../viewer.js";
+import { PRESETS, withPreset } from "./presets.js";
+import { ask, askJson } from "./requests.js";
+import { StillEngine } from "./still.js";
+import { THUMB, Thumbs } from "./thumbs.js";
+
+export class Light {
+  constructor(app) {
+    this.app = app;
+    this.rig = null; // what several photographs share: { state, maps, pictures }
+    this.place = h("div", { class: "place" });
+    this.presets = h("div", { class: "presets", role: "group", "aria-label": "Presets" });
+    this.presets.addEventListener("keydown", (event) => keyDown(this.viewer, event)); // as on the picture
+    this.presets.addEventListener("keyup", (event) => keyUp(this.viewer, event));
+    this.element = h("section", { class: "light", "aria-label": "Light" }, this.place, this.presets);
+  }
+
+  /** The photograph is analysed again: what is shown of it is old. */
+  forget(photograph) {
+    if (this.photograph === photograph) this.photograph = null;
+  }
+
+  async open() {
+    const { chosen } = this.app;
+    if (this.photograph === chosen) return;
+    await this.app.busy(async (say, signal) => {
+      say("Opening the light");
+      const address = `photographs/${chosen.id}`;
+      const [scene, pack] = await Promise.all([askJson(`${address}/scene`, { signal }), ask(`${address}/pack`, { signal })]);
+      const bytes = new Uint8Array(await pack.arrayBuffer());
+      await this.begin(chosen, scene, bytes);
+    });
+  }
+
+  focus() {
+    this.viewer?.stage.element.focus({ preventScroll: true });
+  }
+
+  async begin(photograph, scene, bytes) {
+    this.keepRig();
+    this.viewer?.stop();
+    this.viewer?.engine.close();
+    this.viewer = null;
+    const root = h("div", { class: "relight" });
+    this.place.replaceChildren(root);
+    const host = {
+      environment: (file) => askJson(`environments?name=${encodeURIComponent(file.name)}`, { body: file }),
+      background: (file) => askJson(`backgrounds?name=${encodeURIComponent(file.name)}&photograph=${photograph.id}`, { body: file }),
+      finish: () => this.app.go("save"),
+      engine: (viewer) => new StillEngine(viewer, photograph, () => this.look(viewer), (error) => this.app.fail(error)),
+    };
+    this.viewer = await Viewer.open(root, scene, bytes, false, host);
+    this.restoreRig();
+    this.photograph = photograph;
+    if (this.still) this.app.tell("This browser has no WebGL 2: the server makes each picture, which takes a moment.", true);
+    this.showPresets();
+  }
+
+  /** Whether the server makes the pictures. */
+  get still() {
+    return this.viewer?.engine instanceof StillEngine;
+  }
+
+  /** Keeps the rig for the next photograph. */
+  keepRig() {
+    const { viewer } = this;
+    if (viewer) this.rig = { state: structuredClone(viewer.state), maps: viewer.maps, pictures: viewer.pictures };
+  }
+
+  /** Lights the photograph as the one before it. */
+  restoreRig() {
+    const { rig, viewer } = this;
+    if (!rig) return;
+    Object.assign(viewer, { maps: rig.maps, pictures: rig.pictures });
+    viewer.change((state) => Object.assign(state, rig.state));
+    viewer.past = [];
+  }
+
+  /** What the server makes the picture of: as the copied command says it. */
+  look({ state, environment, backdrop } = this.viewer) {
+    const settings = environment && environmentText(state);
+    const { background } = state;
+    return {
+      lights: lightTexts(state),
+      environment: settings ? { file: environment.id, settings } : null,
+      background: background === "picture" ? backdrop && { file: backdrop.id } : background && background.map(short),
+      exposure: short(state.exposure),
+    };
+  }
+
+  // --- presets
+
+  showPresets() {
+    const { viewer } = this;
+    const { height } = viewer.room;
+    const entries = PRESETS.map(([id, name, lights]) => {
+      const canvas = h("canvas", { width: THUMB[0], height: THUMB[1], "aria-hidden": "true" });
+      const button = h(
+        "button",
+        { type: "button", class: "preset", "data-preset": id, onclick: () => viewer.change((state) => Object.assign(state, withPreset(state, lights(height)))) },
+        canvas,
+        h("span", {}, name),
+      );
+      return { canvas, button, lights: lights(height) };
+    });
+    this.presets.replaceChildren(...entries.map(({ button }) => button));
+    this.presets.classList.toggle("plain", this.still);
+    if (this.still) return;
+    setTimeout(() => this.app.trying(() => this.drawPresets(viewer, entries)), 60);
+  }
+
+  /** Draws the person in the light of each preset, as long as they are at hand. */
+  async drawPresets(viewer, entries) {
+    const thumbs = await Thumbs.of(viewer);
+    for (const { canvas, lights } of entries) {
+      if (this.viewer !== viewer) break;
+      thumbs.draw(canvas, lights);
+      await thumbs.drawn();
+    }
+    thumbs.close();
+  }
+}

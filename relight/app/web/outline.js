@@ -1,0 +1,371 @@
+// The second step: a line around the person, and strokes that correct what it found.
+//
+// Places are shares of the photograph's width and height. The server solves the matte; this file draws.
+
+import { h, iconButton } from "../viewer.js";
+import { ModelSheet } from "./models.js";
+import { Paper, veilOf } from "./paper.js";
+import { ask, askJson, notesOf, post } from "./requests.js";
+
+const CLOSE = 14; // CSS pixels from a line's first corner, within which it closes
+const DRAG = 5; // CSS pixels of motion that make a press a stroke
+const APART = 3; // CSS pixels between the points of a freehand line
+const STEP = 0.01; // of the picture, that an arrow key moves the pen
+const TOOLS = [
+  ["lasso", "Outline", "Draw a line around the person: drag, or click corner by corner"],
+  ["person", "Person", "Paint what belongs to the person"],
+  ["background", "Background", "Paint what does not belong to the person"],
+];
+
+export class OutlineStep {
+  constructor(app) {
+    this.app = app;
+    this.drawings = new Map(); // photograph id: { lasso, strokes, model }
+    this.canvas = h("canvas", { tabindex: 0, role: "application", "aria-label": "The photograph. Drag to draw around the person. With the keyboard: arrows move the pen, Enter sets a corner, C closes the line." });
+    this.paper = new Paper(this.canvas);
+    this.hint = h("p", { class: "hint", "aria-live": "polite" });
+    this.stage = h("div", { class: "paper" }, this.canvas, this.hint);
+    this.buttons = Object.fromEntries(TOOLS.map(([name, label, title]) => [name, h("button", { type: "button", class: "tool", title, onclick: () => this.use(name) }, label)]));
+    this.size = h("input", { type: "range", min: 1, max: 100, value: 30, "aria-label": "Brush size" });
+    this.size.addEventListener("input", () => this.draw());
+    this.undoButton = iconButton("undo", "Undo", () => this.undo(), "Ctrl Z");
+    this.redoButton = iconButton("redo", "Redo", () => this.redo(), "Ctrl Shift Z");
+    this.models = new ModelSheet((file, options) => this.findByFile(file, options), (name) => this.find({ name }));
+    this.accept = h("button", { type: "button", class: "primary", onclick: () => this.app.analyse(this.plain()) }, "Use this outline");
+    this.element = h(
+      "section",
+      { class: "outline", "aria-label": "Outline" },
+      this.stage,
+      h(
+        "div",
+        { class: "tools" },
+        h("div", { class: "group", role: "group", "aria-label": "Tool" }, ...Object.values(this.buttons)),
+        h("label", { class: "brush" }, h("span", {}, "Brush"), this.size),
+        h("div", { class: "group" }, this.undoButton, this.redoButton),
+        h("div", { class: "group zooms" }, h("button", { type: "button", class: "tool", "aria-label": "Zoom out", onclick: () => this.zoom(0.7) }, "−"), h("button", { type: "button", class: "tool", onclick: () => this.fit() }, "Fit"), h("button", { type: "button", class: "tool", "aria-label": "Zoom in", onclick: () => this.zoom(1.4) }, "+")),
+        h("button", { type: "button", class: "tool", onclick: () => this.models.open(this.app.about.models) }, "Find with a model…"),
+        this.models.file,
+        this.models.sheet,
+        this.accept,
+      ),
+    );
+    this.pointers = new Map();
+    this.listen();
+  }
+
+  listen() {
+    const on = (name, listener, options) => this.canvas.addEventListener(name, listener, options);
+    on("pointerdown", (event) => this.down(event));
+    on("pointermove", (event) => this.move(event));
+    for (const name of ["pointerup", "pointercancel"]) on(name, (event) => this.up(event));
+    on("pointerleave", () => ((this.pen = null), this.draw()));
+    on("contextmenu", (event) => event.preventDefault());
+    on("dblclick", () => this.close());
+    on("wheel", (event) => {
+      event.preventDefault();
+      this.zoom(Math.exp(-event.deltaY * (event.deltaMode === 1 ? 0.03 : 0.0015)), this.paper.at(event));
+    }, { passive: false });
+    this.element.addEventListener("keydown", (event) => this.key(event));
+    new ResizeObserver(() => this.canvas.clientWidth && this.fit()).observe(this.stage);
+  }
+
+  // --- opening
+
+  async open() {
+    const { chosen } = this.app;
+    if (this.photograph !== chosen) {
+      this.photograph = chosen;
+      this.paper.image = this.matte = null;
+      this.corners = [];
+      const picture = new Image();
+      picture.src = `photographs/${chosen.id}/preview`;
+      await picture.decode();
+      this.paper.image = picture;
+    }
+    if (!this.drawings.has(chosen.id)) this.drawings.set(chosen.id, { now: { lasso: null, strokes: [], model: false }, past: [], future: [] });
+    this.use(this.drawing.lasso || chosen.cut_out || this.drawing.model ? "person" : "lasso");
+    this.fit();
+    if (!this.matte && (this.drawn || chosen.cut_out)) await this.solve();
+  }
+
+  focus() {
+    this.canvas.classList.add("by-hand");
+    this.canvas.focus({ preventScroll: true });
+  }
+
+  get image() {
+    return this.paper.image;
+  }
+
+  get drawing() {
+    return this.drawings.get(this.photograph.id).now;
+  }
+
+  /** Whether there is anything to make a matte of. */
+  get drawn() {
+    const { lasso, strokes, model } = this.drawing;
+    return Boolean(lasso || strokes.length || model);
+  }
+
+  /** The drawing as the server takes it; null where the photograph's own alpha stands as it is. */
+  plain() {
+    return this.drawn ? this.drawing : null;
+  }
+
+  change(next) {
+    const kept = this.drawings.get(this.photograph.id);
+    kept.past.push(kept.now);
+    kept.future = [];
+    kept.now = next;
+    this.changed();
+  }
+
+  undo() {
+    if (this.corners.length) {
+      this.corners.pop();
+      this.draw();
+      return;
+    }
+    this.turn("past", "future");
+  }
+
+  redo() {
+    this.turn("future", "past");
+  }
+
+  turn(from, to) {
+    const kept = this.drawings.get(this.photograph.id);
+    if (!kept[from].length) return;
+    kept[to].push(kept.now);
+    kept.now = kept[from].pop();
+    this.changed();
+  }
+
+  changed() {
+    if (!this.drawn && !this.photograph.cut_out) this.matte = null;
+    this.draw();
+    clearTimeout(this.waiting);
+    this.waiting = setTimeout(() => this.app.trying(() => this.solve()), 120);
+  }
+
+  /** Has the server solve the matte of what is drawn; an older answer never follows a newer one. */
+  async solve() {
+    const { photograph } = this;
+    this.solving?.abort();
+    if (!this.drawn && !photograph.cut_out) return;
+    const solving = (this.solving = new AbortController());
+    this.draw();
+    try {
+      await this.shows(await post(`photographs/${photograph.id}/outline`, this.drawing, solving.signal), photograph);
+    } catch (error) {
+      if (error.name !== "AbortError") {
+        this.matte = null;
+        throw error;
+      }
+    } finally {
+      if (this.solving === solving) {
+        this.solving = null;
+        this.draw();
+      }
+    }
+  }
+
+  /** Shows the matte that a response holds: what is not the person is dimmed. */
+  async shows(response, photograph) {
+    const bitmap = await createImageBitmap(await response.blob());
+    if (photograph !== this.photograph) return;
+    this.matte = veilOf(bitmap);
+    const notes = notesOf(response);
+    if (notes.length) this.app.tell(notes.join(" "));
+  }
+
+  // --- a model's matte
+
+  async findByFile(file, options) {
+    await this.app.trying(async () => {
+      const kept = await askJson(`models?name=${encodeURIComponent(file.name)}`, { body: file });
+      await this.find({ file: kept.file, options });
+    });
+  }
+
+  async find(model) {
+    const { photograph } = this;
+    await this.app.busy(async (say, signal) => {
+      say("Finding the person");
+      const response = await ask(`photographs/${photograph.id}/model`, { body: JSON.stringify(model), signal });
+      await this.shows(response, photograph);
+      this.change({ lasso: null, strokes: [], model: true });
+      this.use("person");
+    });
+  }
+
+  // --- hands
+
+  use(tool) {
+    this.tool = tool;
+    this.corners = [];
+    for (const [name, button] of Object.entries(this.buttons)) button.setAttribute("aria-pressed", String(name === tool));
+    this.draw();
+  }
+
+  /** The brush's radius in CSS pixels, and as a share of the picture's width. */
+  get radius() {
+    return 2 + Number(this.size.value) * 0.6;
+  }
+
+  get reach() {
+    return this.radius / this.paper.width;
+  }
+
+  down(event) {
+    if (!this.image) return;
+    this.canvas.setPointerCapture(event.pointerId);
+    this.canvas.classList.add("by-hand"); // the focus is where the hand is: no need to mark it
+    this.canvas.focus({ preventScroll: true });
+    const place = this.paper.at(event);
+    this.pointers.set(event.pointerId, place);
+    if (this.pointers.size === 2 || event.button > 0 || this.spaced) {
+      this.line = null;
+      this.panning = { pointers: structuredClone([...this.pointers.values()]), view: this.paper.view };
+      return;
+    }
+    this.pressed = place;
+    this.line = [this.paper.share(place)];
+    this.freehand = false;
+    event.preventDefault();
+    this.draw();
+  }
+
+  move(event) {
+    if (!this.image) return;
+    const place = this.paper.at(event);
+    this.pen = event.pointerType === "mouse" ? place : null;
+    if (!this.pointers.has(event.pointerId)) {
+      this.draw();
+      return;
+    }
+    this.pointers.set(event.pointerId, place);
+    if (this.panning) this.paper.pan(this.panning.view, this.panning.pointers, [...this.pointers.values()]);
+    else if (this.line) {
+      if (Math.hypot(place[0] - this.pressed[0], place[1] - this.pressed[1]) > DRAG) this.freehand = true;
+      const last = this.paper.spot(this.line.at(-1));
+      if (this.freehand && Math.hypot(place[0] - last[0], place[1] - last[1]) >= APART) this.line.push(this.paper.share(place));
+    }
+    this.draw();
+  }
+
+  up(event) {
+    if (!this.pointers.delete(event.pointerId)) return;
+    if (this.panning) {
+      if (!this.pointers.size) this.panning = null;
+      return;
+    }
+    const { line } = this;
+    this.line = null;
+    if (!line || event.type === "pointercancel") return this.draw();
+    if (this.tool !== "lasso") this.stroke(line);
+    else if (this.freehand) {
+      this.corners.push(...line);
+      this.close();
+    } else this.corner(line[0]);
+    this.draw();
+  }
+
+  stroke(points) {
+    const { strokes } = this.drawing;
+    this.change({ ...this.drawing, strokes: [...strokes, { person: this.tool === "person", points, radius: this.reach }] });
+  }
+
+  corner(place) {
+    const first = this.corners.length > 2 && this.paper.spot(this.corners[0]);
+    const [x, y] = this.paper.spot(place);
+    if (first && Math.hypot(first[0] - x, first[1] - y) < CLOSE) this.close();
+    else this.corners.push(place);
+    this.draw();
+  }
+
+  /** Closes the line around the person. */
+  close() {
+    const { corners } = this;
+    this.corners = [];
+    if (this.tool !== "lasso" || corners.length < 3) return this.draw();
+    this.change({ ...this.drawing, lasso: corners });
+    this.use("person");
+  }
+
+  zoom(times, about) {
+    if (!this.image) return;
+    this.paper.zoom(times, about);
+    this.draw();
+  }
+
+  fit() {
+    if (!this.image) return;
+    this.paper.fit();
+    this.draw();
+  }
+
+  key(event) {
+    this.canvas.classList.remove("by-hand");
+    if (event.target.matches("input, dialog *")) return;
+    const control = event.ctrlKey || event.metaKey;
+    const moves = { ArrowLeft: [-1, 0], ArrowRight: [1, 0], ArrowUp: [0, -1], ArrowDown: [0, 1] };
+    if (control && event.key.toLowerCase() === "z") event.shiftKey ? this.redo() : this.undo();
+    else if (control) return;
+    else if (event.target === this.canvas && moves[event.key]) {
+      const far = STEP * (event.shiftKey ? 5 : 1);
+      const [across, down] = this.pen ? this.paper.share(this.pen) : [0.5, 0.5];
+      const [right, low] = moves[event.key];
+      this.pen = this.paper.spot([across + right * far, down + low * far]);
+    } else if (event.target === this.canvas && event.key === "Enter") {
+      const place = this.paper.share(this.pen ?? this.paper.spot([0.5, 0.5]));
+      this.tool === "lasso" ? this.corner(place) : this.stroke([place]);
+    } else if (event.key === "c") this.close();
+    else if (event.key === "Backspace" || event.key === "Escape") this.corners.length && this.undo();
+    else if (event.key === "+" || event.key === "=") this.zoom(1.4);
+    else if (event.key === "-") this.zoom(0.7);
+    else if (event.key === "0") this.fit();
+    else if (event.key === "1" || event.key === "2" || event.key === "3") this.use(TOOLS[event.key - 1][0]);
+    else return;
+    event.preventDefault();
+    this.draw();
+  }
+
+  // --- showing
+
+  draw() {
+    this.frame ??= requestAnimationFrame(() => {
+      this.frame = null;
+      this.paint();
+    });
+  }
+
+  paint() {
+    const { paper } = this;
+    if (!this.image || !paper.view || this.element.hidden) return;
+    const busy = Boolean(this.solving);
+    const brushes = this.tool !== "lasso";
+    paper.begin(this.matte);
+    if (!this.matte && this.drawing.lasso) paper.trace(this.drawing.lasso, true);
+    if (this.line && brushes) paper.brush(this.line, this.tool === "person", this.radius);
+    if (busy) for (const { points, person, radius } of this.drawing.strokes.slice(-1)) paper.brush(points, person, radius * paper.width);
+    if (!brushes) paper.trace([...this.corners, ...(this.line ?? [])], false, this.corners);
+    if (this.pen) paper.pen(this.pen, brushes ? this.radius : null);
+    this.say(busy);
+  }
+
+  say(busy) {
+    const kept = this.drawings.get(this.photograph.id);
+    this.undoButton.disabled = !kept.past.length && !this.corners.length;
+    this.redoButton.disabled = !kept.future.length;
+    this.accept.disabled = !this.matte || busy;
+    const text = busy
+      ? "Finding the edge…"
+      : this.corners.length
+        ? "Continue around the person. Click the first corner, or press C, to close the line."
+        : this.matte
+          ? "The dimmed part is left out. Paint with Person or Background where the edge is wrong."
+          : "Draw a line around the person. It need not be exact.";
+    if (this.hint.textContent !== text) this.hint.textContent = text;
+  }
+}

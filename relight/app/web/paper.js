@@ -1,0 +1,147 @@
+// The photograph on a canvas that can be zoomed and moved, and what is drawn over it.
+//
+// Places are shares of the photograph's width and height; spots are CSS pixels of the canvas.
+
+const ZOOM = [0.5, 16]; // of the scale at which all of the photograph is seen
+const LINE = "#f0b35a";
+const OUTLINED = "rgb(0 0 0 / 60%)"; // around lines, which are seen on any photograph
+
+export class Paper {
+  constructor(canvas) {
+    Object.assign(this, { canvas, image: null, view: null });
+  }
+
+  /** A pointer's spot. */
+  at(event) {
+    const bounds = this.canvas.getBoundingClientRect();
+    return [event.clientX - bounds.left, event.clientY - bounds.top];
+  }
+
+  /** A spot's place on the photograph. */
+  share([x, y]) {
+    const { scale, left, top } = this.view;
+    return [(x - left) / (scale * this.image.width), (y - top) / (scale * this.image.height)];
+  }
+
+  /** A place's spot on the canvas. */
+  spot([across, down]) {
+    const { scale, left, top } = this.view;
+    return [left + across * scale * this.image.width, top + down * scale * this.image.height];
+  }
+
+  /** CSS pixels that the photograph is wide. */
+  get width() {
+    return this.view.scale * this.image.width;
+  }
+
+  /** Shows all of the photograph. */
+  fit() {
+    const { clientWidth: width, clientHeight: height } = this.canvas;
+    const margin = Math.min(24, width / 20);
+    const scale = Math.min((width - 2 * margin) / this.image.width, (height - 2 * margin) / this.image.height);
+    this.fitted = scale;
+    this.view = { scale, left: (width - scale * this.image.width) / 2, top: (height - scale * this.image.height) / 2 };
+  }
+
+  zoom(times, about = [this.canvas.clientWidth / 2, this.canvas.clientHeight / 2]) {
+    this.change(this.view, times, about, about);
+  }
+
+  /** Moves and zooms with fingers, or one pointer: `began` and `now` are their spots, `view` the view they began with. */
+  pan(view, began, now) {
+    const middle = (spots) => [0, 1].map((axis) => spots.reduce((sum, spot) => sum + spot[axis], 0) / spots.length);
+    const spread = (spots) => (spots.length < 2 ? 1 : Math.hypot(spots[0][0] - spots[1][0], spots[0][1] - spots[1][1]) || 1);
+    this.change(view, now.length === began.length ? spread(now) / spread(began) : 1, middle(began), middle(now));
+  }
+
+  /** A view whose scale is multiplied, and whose spot `from` comes to lie at `to`. */
+  change(view, times, from, to) {
+    const scale = Math.min(Math.max(view.scale * times, ZOOM[0] * this.fitted), ZOOM[1] * this.fitted);
+    const by = scale / view.scale;
+    this.view = { scale, left: to[0] - (from[0] - view.left) * by, top: to[1] - (from[1] - view.top) * by };
+  }
+
+  // --- painting
+
+  /** Paints the photograph, and over it what is not the person. */
+  begin(veil) {
+    const { canvas } = this;
+    const density = devicePixelRatio || 1;
+    const size = [canvas.clientWidth, canvas.clientHeight].map((side) => Math.round(side * density));
+    if (canvas.width !== size[0] || canvas.height !== size[1]) [canvas.width, canvas.height] = size;
+    const context = (this.context = canvas.getContext("2d"));
+    context.setTransform(density, 0, 0, density, 0, 0);
+    context.clearRect(0, 0, canvas.width, canvas.height);
+    const { scale, left, top } = this.view;
+    const frame = [left, top, this.image.width * scale, this.image.height * scale];
+    context.imageSmoothingQuality = "high";
+    context.drawImage(this.image, ...frame);
+    if (veil) context.drawImage(veil, ...frame);
+  }
+
+  /** Paints a line through places, and a dot at each of `corners`. */
+  trace(places, closed, corners = []) {
+    const { context } = this;
+    if (!places.length) return;
+    context.beginPath();
+    for (const place of places) context.lineTo(...this.spot(place));
+    if (closed) context.closePath();
+    this.ink(4, 2, LINE);
+    for (const corner of corners) {
+      context.beginPath();
+      context.arc(...this.spot(corner), 4, 0, 7);
+      context.fillStyle = LINE;
+      context.fill();
+      context.stroke();
+    }
+  }
+
+  /** Paints a brush's stroke; `radius` in CSS pixels. */
+  brush(places, person, radius) {
+    const { context } = this;
+    context.beginPath();
+    for (const place of places) context.lineTo(...this.spot(place));
+    if (places.length === 1) context.lineTo(...this.spot(places[0]));
+    context.lineCap = context.lineJoin = "round";
+    context.lineWidth = 2 * radius;
+    context.strokeStyle = person ? "rgb(112 214 150 / 65%)" : "rgb(240 112 100 / 65%)";
+    context.stroke();
+  }
+
+  /** Paints the pen: the brush's ring, or a cross where `radius` is null. */
+  pen([x, y], radius) {
+    const { context } = this;
+    context.beginPath();
+    if (radius !== null) context.arc(x, y, radius, 0, 7);
+    else {
+      for (const [across, down] of [[8, 0], [0, 8]]) {
+        context.moveTo(x - across, y - down);
+        context.lineTo(x + across, y + down);
+      }
+    }
+    this.ink(3, 1.2, "#fff");
+  }
+
+  ink(outer, inner, colour) {
+    for (const [width, style] of [[outer, OUTLINED], [inner, colour]]) {
+      this.context.lineWidth = width;
+      this.context.strokeStyle = style;
+      this.context.stroke();
+    }
+  }
+}
+
+/** A grey bitmap, a matte, as a canvas that dims what is outside it. */
+export function veilOf(matte) {
+  const veil = document.createElement("canvas");
+  [veil.width, veil.height] = [matte.width, matte.height];
+  const context = veil.getContext("2d");
+  context.drawImage(matte, 0, 0);
+  const pixels = context.getImageData(0, 0, veil.width, veil.height);
+  for (let at = 0; at < pixels.data.length; at += 4) {
+    const outside = 255 - pixels.data[at];
+    pixels.data.set([24, 25, 28, outside * 0.86], at);
+  }
+  context.putImageData(pixels, 0, 0);
+  return veil;
+}

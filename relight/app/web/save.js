@@ -1,0 +1,135 @@
+// The last step: files at full resolution, and the command and the Python lines that make the same picture.
+
+import { h, toCommand } from "../viewer.js";
+import { follow } from "./requests.js";
+
+const FORMATS = [
+  [".png", "PNG", "The picture, transparent where there is no background"],
+  [".jpg", "JPEG", "The picture over its background, to send"],
+  [".tif", "TIFF", "The picture in 16 bits, for retouching"],
+  [".exr", "OpenEXR", "For compositing: scene-linear, with a layer for each light"],
+  [".html", "Page", "One file in which anyone can drag the lights"],
+  [".glb", "3D model", "The person as a mesh, for 3D programs"],
+];
+const PASSES = [["albedo", "Albedo"], ["N", "Normals"], ["Z", "Depth"], ["visibility", "Visibility"], ["shading", "Shading"]];
+
+export class Save {
+  constructor(app) {
+    this.app = app;
+    this.preview = h("canvas", { class: "result", role: "img", "aria-label": "The picture" });
+    this.passes = PASSES.map(([name, label]) => {
+      const box = h("input", { type: "checkbox", value: name });
+      return { box, element: h("label", {}, box, label) };
+    });
+    this.rows = Object.fromEntries(FORMATS.map((format) => [format[0], this.row(...format)]));
+    this.saveMatte = h("a", { class: "secondary", download: "" }, "Save the matte");
+    this.command = this.code("Command line");
+    this.python = this.code("Python");
+    this.element = h(
+      "section",
+      { class: "save", "aria-label": "Save files" },
+      h("div", { class: "shown" }, this.preview),
+      h(
+        "div",
+        { class: "options" },
+        h("h2", {}, "Save files"),
+        h("p", { class: "hint" }, "Files have the photograph's full resolution."),
+        h("ul", { class: "formats" }, ...Object.values(this.rows).map(({ element }) => element)),
+        h("h2", {}, "Make it again"),
+        h("p", { class: "hint" }, "The command and the lines of Python make the same picture, pixel for pixel. Both need the photograph, and its matte beside it."),
+        this.saveMatte,
+        this.command.element,
+        this.python.element,
+      ),
+    );
+  }
+
+  row(suffix, name, about) {
+    const button = h("button", { type: "button", class: "secondary", "aria-label": `Save ${name}`, onclick: () => this.save(suffix) }, "Save");
+    const extra = suffix === ".exr" ? [h("div", { class: "passes", role: "group", "aria-label": "Further layers" }, ...this.passes.map(({ element }) => element))] : [];
+    const detail = h("span", { class: "hint" }, about);
+    return { button, detail, about, element: h("li", { "data-suffix": suffix }, h("div", {}, h("b", {}, name), detail, ...extra), button) };
+  }
+
+  /** A command or program, with a button that copies it. */
+  code(label) {
+    const text = h("pre", { tabindex: 0, "aria-label": label });
+    const copy = h("button", { type: "button", class: "quiet", "aria-label": `Copy: ${label}`, onclick: () => this.copy(text.textContent) }, "Copy");
+    return { text, element: h("div", { class: "code" }, h("h3", {}, label, copy), text) };
+  }
+
+  async copy(text) {
+    try {
+      await navigator.clipboard.writeText(text);
+      this.app.tell("Copied.");
+    } catch {
+      this.app.tell("The browser does not let the page copy: select the text, and copy it by hand.", true);
+    }
+  }
+
+  focus() {
+    this.rows[".png"].button.focus({ preventScroll: true });
+  }
+
+  open() {
+    const { chosen, parts } = this.app;
+    const { viewer } = parts.light;
+    this.snapshot(viewer);
+    const look = parts.light.look();
+    this.rows[".jpg"].button.disabled = !look.background;
+    this.rows[".jpg"].detail.textContent = look.background ? this.rows[".jpg"].about : "Needs a background: choose a colour or a picture in the light step";
+    for (const [suffix, { element }] of Object.entries(this.rows)) element.hidden = !this.app.about.outputs.includes(suffix);
+    this.saveMatte.hidden = !chosen.mask;
+    if (chosen.mask) this.saveMatte.href = `photographs/${chosen.id}/files/${encodeURIComponent(chosen.mask)}`;
+    const output = `${chosen.name.replace(/\.\w+$/, "")}-relit.png`;
+    const command = toCommand(viewer.state, viewer.environment, viewer.scene, viewer.backdrop?.name, output);
+    // A browser would break lines within "--light".
+    const words = command.split(/(?<= )/).map((word) => (word.startsWith("-") ? h("span", {}, word) : word));
+    this.command.text.replaceChildren(...words);
+    this.python.text.textContent = toPython(look, chosen, viewer, output);
+  }
+
+  /** The picture as the light step shows it. */
+  snapshot(viewer) {
+    const { preview } = this;
+    viewer.redraw();
+    const { canvas } = viewer.stage;
+    const { width, height } = canvas;
+    const shrink = Math.min(1, 1600 / Math.max(width, height, 1));
+    [preview.width, preview.height] = [Math.max(1, Math.round(width * shrink)), Math.max(1, Math.round(height * shrink))];
+    preview.getContext("2d").drawImage(canvas, 0, 0, preview.width, preview.height);
+  }
+
+  async save(suffix) {
+    const { chosen, parts } = this.app;
+    await this.app.busy(async (say, signal) => {
+      say("Making the picture");
+      const passes = this.passes.filter(({ box }) => box.checked).map(({ box }) => box.value);
+      const { file, notes } = await follow(`photographs/${chosen.id}/save`, { suffix, passes, look: parts.light.look() }, say, signal);
+      const link = h("a", { href: `photographs/${chosen.id}/files/${encodeURIComponent(file)}`, download: file });
+      link.click();
+      this.app.tell([`Saved ${file}.`, ...notes].join(" "));
+    });
+  }
+}
+
+/** Lines of Python that make the same picture. */
+function toPython(look, photograph, viewer, output) {
+  const text = (value) => JSON.stringify(value);
+  const lights = look.lights.map((light) => `        ${text(light)},`);
+  const environment = look.environment && text(`${viewer.environment.path},${look.environment.settings}`);
+  const { background } = look;
+  return [
+    "import relight",
+    "",
+    "relight.render_shot(",
+    `    relight.Source(${text(photograph.name)}${photograph.mask ? `, mask=${text(photograph.mask)}` : ""}),`,
+    "    relight.Lighting(",
+    ...(lights.length ? ["        light=[", ...lights.map((line) => `    ${line}`), "        ],"] : []),
+    ...(environment ? [`        environment=[${environment}],`] : []),
+    ...(background ? [`        background=${Array.isArray(background) ? `(${background.join(", ")})` : text(viewer.backdrop.name)},`] : []),
+    "    ),",
+    `    ${Number(look.exposure) ? `relight.Output(${text(output)}, exposure=${look.exposure})` : text(output)},`,
+    ")",
+  ].join("\n");
+}

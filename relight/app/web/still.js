@@ -1,0 +1,85 @@
+// The picture where the browser has no WebGL 2: the server makes it of each state, a moment later.
+// It stands in for the viewer's Engine, so that handles, panel, keys and presets work as they do with it.
+
+import { post } from "./requests.js";
+
+const PAUSE = 80; // milliseconds after a change before a picture is asked for
+
+export class StillEngine {
+  /** `look()`: what the server makes the picture of; `fail(error)`: says what went wrong. */
+  constructor(viewer, photograph, look, fail) {
+    Object.assign(this, { viewer, photograph, look, fail });
+    this.canvas = viewer.stage.canvas;
+    [this.canvas.width, this.canvas.height] = viewer.pack.description.size;
+    this.looks = ["picture", "photograph"];
+    this.lost = false;
+    this.backdrop = null;
+    this.picture = null; // the last one that came
+    this.original = new Image();
+    this.original.src = `photographs/${photograph.id}/preview`;
+    this.original.decode().then(() => this.viewer.drawSoon(), fail);
+  }
+
+  setLights() {}
+
+  setBackground(picture) {
+    this.backdrop = picture;
+  }
+
+  /** Shows the last picture, or the photograph, and asks for the picture of the state where that is another. */
+  show(look, { part = [0, 1] }) {
+    const { width, height } = this.canvas;
+    const context = this.canvas.getContext("2d");
+    const left = Math.round(part[0] * width);
+    const across = Math.round(part[1] * width) - left;
+    const image = look === "photograph" ? this.original : this.picture;
+    context.save();
+    context.beginPath();
+    context.rect(left, 0, across, height);
+    context.clip();
+    context.clearRect(left, 0, across, height);
+    if (image) context.drawImage(image, 0, 0, width, height);
+    context.restore();
+    if (look !== "photograph") this.askSoon();
+  }
+
+  askSoon() {
+    const wanted = JSON.stringify(this.look());
+    if (wanted === this.wanted) return;
+    this.wanted = wanted;
+    clearTimeout(this.waiting);
+    this.waiting = setTimeout(() => this.ask(), PAUSE);
+  }
+
+  /** Asks for the picture; while one is made, only the last state waits. */
+  async ask() {
+    if (this.asking) return;
+    this.asking = true;
+    this.viewer.root.classList.add("waiting");
+    try {
+      while (this.made !== this.wanted) {
+        this.made = this.wanted;
+        const response = await post(`photographs/${this.photograph.id}/still`, JSON.parse(this.made));
+        this.picture = await createImageBitmap(await response.blob());
+        this.viewer.drawSoon();
+      }
+    } catch (error) {
+      this.fail(error);
+    } finally {
+      this.asking = false;
+      this.viewer.root.classList.remove("waiting");
+    }
+  }
+
+  /** What is shown, as {width, height, data}: encoded RGBA bytes with straight alpha, top row first. */
+  readShown() {
+    const { width, height } = this.canvas;
+    return { width, height, data: this.canvas.getContext("2d").getImageData(0, 0, width, height).data };
+  }
+
+  /** Ends what is on its way. */
+  close() {
+    clearTimeout(this.waiting);
+    this.wanted = this.made;
+  }
+}

@@ -1,0 +1,148 @@
+"""The process that computes for the server: one task at a time, started again when a task is cancelled."""
+
+import asyncio
+import contextlib
+import multiprocessing
+import os
+import traceback
+import warnings
+from collections.abc import Callable, Mapping
+from pathlib import Path
+from typing import Any
+
+EXPECTED = (ImportError, OSError, TypeError, ValueError)  # what bad input raises; anything else is a defect
+STOPPED = "The computation ended unexpectedly; there may be too little memory. Try a smaller photograph."
+DEFECT = "The computation failed, and that is a defect of relight. The terminal says more."
+
+
+class Refused(Exception):
+    """A request that cannot be met: a sentence for the page, and the status of HTTP."""
+
+    def __init__(self, sentence: str, status: int = 422) -> None:
+        super().__init__(sentence)
+        self.status = status
+
+
+class Worker:
+    """Runs the functions of `relight.app.tasks` in a process of its own.
+
+    The server answers while the networks run, a task can be cancelled at any time, and a crash or a lack of
+    memory ends a task and not the server.
+    """
+
+    def __init__(self) -> None:
+        self._process: Any = None
+        self._connection: Any = None
+        self._turn = asyncio.Lock()
+
+    def start(self) -> None:
+        """Start the process unless it runs; it loads its libraries before the first task."""
+        if self._process is not None and self._process.is_alive():
+            return
+        context = multiprocessing.get_context("spawn")
+        self._connection, theirs = context.Pipe()
+        self._process = context.Process(
+            target=_serve, args=(theirs,), daemon=True, name="relight app: worker"
+        )
+        self._process.start()
+        theirs.close()
+
+    def stop(self) -> None:
+        """End the process at once, whatever it does."""
+        if self._process is None:
+            return
+        self._process.kill()
+        self._process.join()
+        self._connection.close()
+        self._process = None
+
+    async def run(
+        self,
+        task: str,
+        folder: Path,
+        arguments: Mapping[str, Any],
+        report: Callable[[str], None] = lambda what: None,
+        *,
+        brief: bool = False,
+    ) -> Any:
+        """Run a task in `folder` when those before it are done; return what it returns.
+
+        A task whose caller is cancelled is ended with its process, unless it is `brief`.
+        Raises Refused for what the task refuses, with no path of this machine in its sentence.
+        """
+        async with self._turn:
+            self.start()
+            try:
+                self._connection.send((task, str(folder), dict(arguments)))
+                while True:
+                    answer = asyncio.ensure_future(asyncio.to_thread(self._connection.recv))
+                    try:
+                        kind, value = await asyncio.shield(answer)
+                    except asyncio.CancelledError:
+                        if not brief:
+                            self.stop()
+                        while brief and (await answer)[0] == "progress":
+                            answer = asyncio.ensure_future(asyncio.to_thread(self._connection.recv))
+                        with contextlib.suppress(Exception):
+                            await answer
+                        raise
+                    if kind == "progress":
+                        report(value)
+                    elif kind == "done":
+                        return value
+                    else:
+                        raise Refused(value)
+            except (EOFError, OSError) as error:
+                self.stop()
+                raise Refused(STOPPED) from error
+            finally:
+                self.start()
+
+
+def _serve(connection: Any) -> None:
+    """Run the tasks that arrive, until the server is gone; this is what the process does.
+
+    Until the first ones arrive, and between them, it loads what they will need.
+    """
+    import signal
+
+    signal.signal(signal.SIGINT, signal.SIG_IGN)  # Ctrl C ends the server, which ends this process
+    from relight.app import tasks
+
+    waiting = list(tasks.PREPARATIONS)
+    while True:
+        while waiting and not connection.poll():
+            with contextlib.suppress(Exception):  # the task that needs it says what is wrong
+                waiting.pop(0)()
+        try:
+            task, folder, arguments = connection.recv()
+        except EOFError:
+            return
+        connection.send(_answer(tasks, task, folder, arguments, connection))
+
+
+def _answer(
+    tasks: Any, task: str, folder: str, arguments: dict[str, Any], connection: Any
+) -> tuple[str, Any]:
+    """Run a task and return its answer: ("done", its value) or ("refused", a sentence)."""
+    try:
+        os.chdir(folder)
+        with warnings.catch_warnings(record=True) as said:
+            warnings.simplefilter("always", UserWarning)
+            value = getattr(tasks, task)(**arguments, report=lambda what: connection.send(("progress", what)))
+        notes = [_sentence(str(one.message), folder) for one in said if issubclass(one.category, UserWarning)]
+        return "done", {**value, "notes": list(dict.fromkeys(notes))}
+    except EXPECTED as error:
+        return "refused", _sentence(str(error), folder)
+    except MemoryError:
+        return "refused", STOPPED
+    except Exception:
+        traceback.print_exc()
+        return "refused", DEFECT
+
+
+def _sentence(text: str, folder: str) -> str:
+    """Return a message in one line, without the paths of this machine."""
+    for path in (folder, os.path.realpath(folder)):
+        text = text.replace(f"{path}{os.sep}", "").replace(path, "the session's folder")
+    return " ".join(text.replace(str(Path.home()), "~").split())

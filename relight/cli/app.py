@@ -1,0 +1,39 @@
+"""`relight app`: the local web application.
+
+Heavy modules are imported inside the command, so that `relight --help` answers at once.
+"""
+
+from collections.abc import Callable
+from pathlib import Path
+from typing import Annotated, Any
+
+import typer
+
+from relight.cli.options import console
+
+
+def app(
+    no_browser: Annotated[
+        bool, typer.Option("--no-browser", help="Print the address without opening a browser.")
+    ] = False,
+    port: Annotated[
+        int, typer.Option(min=0, max=65535, help="Port of 127.0.0.1. Default: any free one.")
+    ] = 0,
+    root: Annotated[
+        Path | None, typer.Option(help="A folder of pictures that the page lists and opens.")
+    ] = None,
+) -> None:
+    """Relight photographs in the browser: drop one, outline the person, drag the lights, save the result.
+
+    The page is served on this machine only. Stop the server with Ctrl C.
+    """
+    try:
+        from relight.app.server import serve
+    except ModuleNotFoundError as error:
+        raise ModuleNotFoundError(
+            f"the application needs {error.name}; install it with: pip install 'relight[app]'"
+        ) from error
+
+    opened: list[Callable[[str], Any]] = [typer.echo] if no_browser else [typer.echo, typer.launch]
+    console.print("The application listens on this machine alone. Stop it by Ctrl C.")
+    serve(root, port, opened)

@@ -1,0 +1,46 @@
+"""`relight export`: the person as a mesh for other 3D programs, or as a Nuke script.
+
+Heavy modules are imported inside the command, so that `relight --help` answers at once.
+"""
+
+from enum import StrEnum
+from pathlib import Path
+from typing import Annotated
+
+import typer
+
+from relight.cli.options import Frames, console, progress_bars, with_options
+from relight.pipeline.options import Compute, Lighting, Source
+
+
+class Texture(StrEnum):
+    """What the mesh shows."""
+
+    albedo = "albedo"
+    photograph = "photograph"
+
+
+@with_options(lighting=("light", "environment", "lights", "camera", "subject_at", "allow_external"))
+def export(
+    source: Source,
+    output: Annotated[
+        Path, typer.Option("-o", "--output", help="File to write: .glb, .usda, .usdc, .usdz or .nk.")
+    ],
+    lighting: Lighting,
+    compute: Compute,
+    frames: Frames = None,
+    triangles: Annotated[int, typer.Option(help="Largest number of triangles, at least 1000.")] = 120_000,
+    texture: Annotated[
+        Texture,
+        typer.Option(help="albedo: a matte surface for new light; photograph: an unlit surface."),
+    ] = Texture.albedo,
+) -> None:
+    """Write the person for other programs: a textured mesh with camera and lights, or a Nuke script."""
+    from relight.pipeline.export import export_person
+
+    with progress_bars() as report:
+        written = export_person(
+            output, source, lighting, frames=frames, triangles=triangles, texture=str(texture),
+            compute=compute, progress=report,
+        )  # fmt: skip
+    console.print(f"{written}")

@@ -1,0 +1,173 @@
+"""The node that analyses a person: what all others start from."""
+
+from collections.abc import Iterator
+from typing import Any
+
+import numpy as np
+import torch
+
+from relight.comfyui import host, tensors, widgets
+from relight.comfyui.subjects import Person, SubjectBatch, of_a_shot, one_by_one
+from relight.empty_subject import EmptySubject
+from relight.lights.environment import FIELD_OF_VIEW
+from relight.subject import Subject
+from shadow.directions import from_axes
+
+SHOT, SEPARATE = "one shot", "separate pictures"  # what a batch is
+NORMAL_AXES = ("+x+y+z", "+x-y+z", "-x+y+z", "+x-y-z")
+TO_CAMERA = np.array([0, 0, 1], np.float32)
+
+
+class Analyse:
+    """Infer normals, albedo, depth and self-shadowing of the person in each image."""
+
+    CATEGORY = "relight"
+    DESCRIPTION = (
+        "Analyses the person once; then any number of lights costs a weighted sum and no network. A batch is "
+        "a shot: its frames share one room and are filtered in time. ComfyUI keeps the result in its cache."
+    )
+    RETURN_TYPES = ("RELIGHT_SUBJECT", "IMAGE", "IMAGE", "IMAGE")
+    RETURN_NAMES = ("subject", "albedo", "normals", "depth")
+    OUTPUT_TOOLTIPS = (
+        "The analysed person.",
+        "The person's colour without light.",
+        "Normals as a picture: red to image right, green up, blue to the camera.",
+        "Depth as a picture: near is white, far is black, in a batch by one scale.",
+    )
+    FUNCTION = "analyse"
+
+    @classmethod
+    def INPUT_TYPES(cls) -> dict[str, Any]:
+        """Return ComfyUI's description of the inputs."""
+        return {
+            "required": {
+                "image": widgets.socket("IMAGE", "The photograph, or the frames of a shot."),
+                "mask_shows": widgets.choice((tensors.PERSON, tensors.BACKGROUND), widgets.MASK_SHOWS),
+                "batch": widgets.choice(
+                    (SHOT, SEPARATE), "Whether the images are one shot, filtered in time, or have no order."
+                ),
+                "height": widgets.number(
+                    1.75,
+                    0.05,
+                    20.0,
+                    0.01,
+                    "Metres of the person that the first image shows; less in a portrait.",
+                ),
+                "field_of_view": widgets.number(
+                    FIELD_OF_VIEW, 1.0, 170.0, 1.0, "Of the photograph's camera, vertical, in degrees."
+                ),
+            },
+            "optional": {
+                "mask": widgets.socket(
+                    "MASK", "The person's matte, one or one a frame. Needed unless the image has alpha."
+                ),
+                "normals": widgets.socket("IMAGE", "A picture of normals to use instead of inferring them."),
+                "normal_axes": widgets.choice(
+                    NORMAL_AXES,
+                    "What red, green and blue of the normals run along: +x+y+z is right, up, to the camera "
+                    "(OpenGL); +x-y+z has its green turned over (DirectX).",
+                ),
+                "depth": widgets.socket(
+                    "IMAGE",
+                    "A picture of depth, such as Depth Anything's, instead of what the normals say. Its "
+                    "scale is fitted to theirs, either way up.",
+                ),
+            },
+        }
+
+    def analyse(
+        self,
+        image: torch.Tensor,
+        mask_shows: str = tensors.PERSON,
+        batch: str = SHOT,
+        height: float = 1.75,
+        field_of_view: float = FIELD_OF_VIEW,
+        mask: torch.Tensor | None = None,
+        normals: torch.Tensor | None = None,
+        normal_axes: str = NORMAL_AXES[0],
+        depth: torch.Tensor | None = None,
+    ) -> tuple[SubjectBatch, torch.Tensor, torch.Tensor, torch.Tensor]:
+        """Analyse each image on the device that it is on."""
+        plates = tensors.pictures("image", image)
+        given: dict[str, np.ndarray] = {}
+        if mask is not None:
+            given["mask"] = tensors.mattes("mask", mask, plates.shape[1:3], mask_shows)
+        elif plates.shape[-1] == 3:
+            raise ValueError("mask: expected the person's matte; the image has no alpha")
+        if normals is not None:
+            given["normals"] = _normals(normals, normal_axes)
+        if depth is not None:
+            given["depth"] = _relative(tensors.pictures("depth", depth)[..., 0])
+        count = tensors.frames_together(
+            image=len(plates), **{name: len(maps) for name, maps in given.items()}
+        )
+        if count > len(plates):
+            raise ValueError(f"image: expected as many images as there are masks or maps, {count}")
+
+        def analyse(number: int, first: Subject | None) -> Person:
+            plate = tensors.light("image", plates[number])
+            maps: dict[str, Any] = {
+                name: maps[number if len(maps) > 1 else 0] for name, maps in given.items()
+            }
+            coverage = maps.get("mask", plate[..., -1])
+            if len(plates) > 1 and coverage.max() <= 0.5:
+                return EmptySubject(plate.shape[:2])
+            return Subject(
+                plate,
+                height=height,
+                field_of_view=field_of_view,
+                camera=None if first is None else first.camera,
+                device=image.device,
+                **maps,
+            )
+
+        order = of_a_shot if batch == SHOT else one_by_one
+        pictures = _Pictures()
+        people = pictures.taken(host.progress(order(count, analyse), count))
+        return (SubjectBatch(count, people), *pictures.images())
+
+
+class _Pictures:
+    """The pictures of what was found, taken while the subjects pass by."""
+
+    def __init__(self) -> None:
+        self._albedo: list[np.ndarray] = []
+        self._normals: list[np.ndarray] = []
+        self._depth: list[np.ndarray] = []
+        self._mattes: list[np.ndarray] = []
+
+    def taken(self, people: Iterator[tuple[Person, Person]]) -> Iterator[tuple[Person, Person]]:
+        """Yield the people, and take the pictures of each."""
+        for analysed, person in people:
+            matte = person.matte
+            self._albedo.append(np.dstack([person.albedo * matte[..., None], matte]))
+            normals = np.where(matte[..., None] > 0, person.normals, TO_CAMERA)
+            self._normals.append(normals / 2 + np.float32(0.5))
+            self._depth.append(person.depth)
+            self._mattes.append(matte)
+            yield analysed, person
+
+    def images(self) -> tuple[torch.Tensor, torch.Tensor, torch.Tensor]:
+        """Return IMAGEs of the albedo, the normals and the depth."""
+        inside = [depth[matte > 0] for depth, matte in zip(self._depth, self._mattes, strict=True)]
+        metres = np.concatenate(inside) if any(map(len, inside)) else np.zeros(1, np.float32)
+        near, far = metres.min(), metres.max()
+        nearness = [
+            np.where(matte > 0, (far - depth) / max(far - near, 1e-6), 0).astype(np.float32)
+            for depth, matte in zip(self._depth, self._mattes, strict=True)
+        ]
+        normals = torch.from_numpy(np.stack(self._normals))
+        return tensors.to_image(self._albedo), normals, tensors.as_grey(nearness)
+
+
+def _normals(image: torch.Tensor, axes: str) -> np.ndarray:
+    """Decode a picture of normals to normals (B, H, W, 3) in the camera frame."""
+    vectors = (tensors.pictures("normals", image)[..., :3] * 2 - 1) @ from_axes(axes).T
+    length = np.linalg.norm(vectors, axis=-1, keepdims=True)
+    return np.where(length > 1e-3, vectors / np.maximum(length, 1e-3), TO_CAMERA).astype(np.float32)
+
+
+def _relative(pictures: np.ndarray) -> np.ndarray:
+    """Depth pictures as 16-bit integers, which `relight.Subject` takes for depth of unknown scale."""
+    low, high = pictures.min(), pictures.max()
+    return np.round((pictures - low) / max(high - low, 1e-6) * 65535).astype(np.uint16)

@@ -1,0 +1,55 @@
+"""Registers the nodes in a ComfyUI folder: what `relight comfyui` calls."""
+
+from pathlib import Path
+
+from shadow.files import AnyPath, replacing
+
+LINES = '''"""The nodes of relight, which is installed as a package; written by `relight comfyui`."""
+from relight.comfyui import NODE_CLASS_MAPPINGS, NODE_DISPLAY_NAME_MAPPINGS, WEB_DIRECTORY  # noqa: F401
+'''
+
+
+def install(comfyui: AnyPath) -> Path:
+    """Write `custom_nodes/relight/__init__.py`, which imports the nodes, into a ComfyUI folder.
+
+    Parameters
+    ----------
+    comfyui
+        ComfyUI's folder: that of its program, or the data folder of ComfyUI Desktop.
+
+    Returns
+    -------
+    Path
+        The file. It appears whole or not at all, and an earlier one is replaced.
+
+    Raises
+    ------
+    FileNotFoundError
+        There is no such folder.
+    ValueError
+        It is not ComfyUI's, or has other nodes in `custom_nodes/relight`.
+    OSError
+        The file cannot be written.
+    """
+    root = Path(comfyui)
+    if not root.is_dir():
+        raise FileNotFoundError(f"{root}: no such folder")
+    if not (root / "custom_nodes").is_dir() or not any(
+        (root / name).is_dir() for name in ("comfy", "models")
+    ):
+        raise ValueError(f"{root}: expected ComfyUI's folder, the one that holds custom_nodes and models")
+    folder = root / "custom_nodes" / "relight"
+    file = folder / "__init__.py"
+    others = [path.name for path in folder.glob("*") if path.name not in ("__init__.py", "__pycache__")]
+    if others or (file.exists() and "relight.comfyui" not in file.read_text(encoding="utf-8")):
+        raise ValueError(f"{folder}: holds other nodes; expected this folder to be free")
+    new = not folder.exists()
+    folder.mkdir(exist_ok=True)
+    try:
+        with replacing(file) as beside:
+            beside.write_text(LINES, encoding="utf-8")
+    except BaseException:
+        if new:
+            folder.rmdir()
+        raise
+    return file

@@ -1,0 +1,217 @@
+"""The nodes that make pictures of an analysed person: in still and in moving light, and the passes."""
+
+from collections.abc import Callable
+from itertools import chain
+from typing import Any
+
+import numpy as np
+import torch
+
+from relight.comfyui import host, tensors, widgets
+from relight.comfyui.lights import Lights
+from relight.comfyui.subjects import Person, SubjectBatch
+from relight.compositing.composite import over
+from relight.compositing.floor import Floor
+from relight.lights.environment import EnvironmentLight
+from relight.lights.light import Light, by_name
+from relight.lights.moving import MovingLight
+from relight.subject import Subject
+
+PLACE = {
+    "background": widgets.socket("IMAGE", widgets.RENDER_BACKGROUND),
+    "floor": widgets.text("", widgets.FLOOR),
+    "exposure": widgets.number(0.0, -16.0, 16.0, 0.1, widgets.EXPOSURE),
+}
+
+
+class Render:
+    """The person in the lights, over a background or for one."""
+
+    CATEGORY = "relight"
+    DESCRIPTION = "The person in new light: exactly linear in the lights, with cast shadows."
+    RETURN_TYPES = ("IMAGE", "MASK", "IMAGE")
+    RETURN_NAMES = ("image", "mask", "light_only")
+    OUTPUT_TOOLTIPS = (
+        "The relit picture.",
+        "The person's matte: 1 is the person.",
+        "What the lights do to a white person.",
+    )
+    FUNCTION = "render"
+
+    @classmethod
+    def INPUT_TYPES(cls) -> dict[str, Any]:
+        """Return ComfyUI's description of the inputs."""
+        return {"required": {"subject": widgets.SUBJECT, "lights": widgets.LIGHTS}, "optional": dict(PLACE)}
+
+    def render(
+        self,
+        subject: SubjectBatch,
+        lights: Lights,
+        background: torch.Tensor | None = None,
+        floor: str = "",
+        exposure: float = 0.0,
+    ) -> tuple[torch.Tensor, torch.Tensor, torch.Tensor]:
+        """Relight each frame; see `relight.apply`."""
+        by_name(lights)  # two lights of one name are refused before the work
+        backdrop = Backdrop(background, floor)
+        count = tensors.frames_together(subject=len(subject), background=len(backdrop))
+        frames, masks, lighting = [], [], []
+        for number in host.progress(range(count), count):
+            person = subject[number]
+            frames.append(backdrop.behind(person, lights, number))
+            masks.append(person.matte)
+            lighting.append(person.lighting(lights))
+        return (
+            tensors.to_image(frames, exposure),
+            tensors.to_mask(masks),
+            tensors.to_image(lighting, exposure),
+        )
+
+
+class Orbit:
+    """The person in lights that turn around them."""
+
+    CATEGORY = "relight"
+    DESCRIPTION = "The lights turn about the person: a video of a still, or a moving light over a shot."
+    RETURN_TYPES = ("IMAGE", "MASK")
+    RETURN_NAMES = ("images", "masks")
+    OUTPUT_TOOLTIPS = ("The frames, for a video node.", "The person's matte in each frame.")
+    FUNCTION = "orbit"
+
+    @classmethod
+    def INPUT_TYPES(cls) -> dict[str, Any]:
+        """Return ComfyUI's description of the inputs."""
+        frames = (
+            "Frames of the video. A shot has its own number: its lights turn within as many as this says."
+        )
+        turns = (
+            "Turns within the frames: 1 is once around, from the camera toward image right; -1 the other way."
+        )
+        return {
+            "required": {
+                "subject": widgets.SUBJECT,
+                "lights": widgets.LIGHTS,
+                "frames": widgets.whole(48, 1, 100000, frames),
+                "turns": widgets.number(1.0, -1000.0, 1000.0, 0.25, turns),
+            },
+            "optional": {
+                "still_lights": widgets.socket("RELIGHT_LIGHTS", "Lights that stay where they are."),
+                **PLACE,
+            },
+        }
+
+    def orbit(
+        self,
+        subject: SubjectBatch,
+        lights: Lights,
+        frames: int,
+        turns: float = 1.0,
+        still_lights: Lights = (),
+        background: torch.Tensor | None = None,
+        floor: str = "",
+        exposure: float = 0.0,
+    ) -> tuple[torch.Tensor, torch.Tensor]:
+        """Relight each frame by the lights as `relight.MovingLight` turns them."""
+        backdrop = Backdrop(background, floor)
+        count = tensors.frames_together(subject=len(subject), background=len(backdrop))
+        count = frames if count == 1 else count
+        by_name((*lights, *still_lights))  # two lights of one name are refused before the work
+        moving = [orbiting(light, frames / turns) for light in lights] if turns else []
+        resting = still_lights if turns else (*lights, *still_lights)
+        pictures, masks = [], []
+        for number in host.progress(range(count), count):
+            person = subject[number]
+            pictures.append(
+                backdrop.behind(person, [*(light(number + 1) for light in moving), *resting], number)
+            )
+            masks.append(person.matte)
+        return tensors.to_image(pictures, exposure), tensors.to_mask(masks)
+
+
+class Passes:
+    """What the picture is made of, light by light."""
+
+    CATEGORY = "relight"
+    DESCRIPTION = "For each light its visibility, its shading and its light group, as batches."
+    RETURN_TYPES = ("IMAGE", "IMAGE", "IMAGE", "STRING")
+    RETURN_NAMES = ("visibility", "shading", "light_groups", "names")
+    OUTPUT_TOOLTIPS = (
+        "The share of each light that no part of the person blocks, values as they are.",
+        "What each light does to a white person.",
+        "The person in each light alone; in linear light they sum to the picture.",
+        "The names of the lights, one a line, in the order of the batches: all frames of one, then the next.",
+    )
+    FUNCTION = "passes"
+
+    @classmethod
+    def INPUT_TYPES(cls) -> dict[str, Any]:
+        """Return ComfyUI's description of the inputs."""
+        exposure = widgets.number(0.0, -16.0, 16.0, 0.1, widgets.EXPOSURE)
+        return {
+            "required": {"subject": widgets.SUBJECT, "lights": widgets.LIGHTS},
+            "optional": {"exposure": exposure},
+        }
+
+    def passes(
+        self, subject: SubjectBatch, lights: Lights, exposure: float = 0.0
+    ) -> tuple[torch.Tensor, torch.Tensor, torch.Tensor, str]:
+        """Render the passes of each light, all frames of one light after the other."""
+        named = by_name(lights)
+        if not named:
+            raise ValueError("lights: expected at least one")
+        visibility: dict[str, list[np.ndarray]] = {name: [] for name in named}
+        shading: dict[str, list[np.ndarray]] = {name: [] for name in named}
+        groups: dict[str, list[np.ndarray]] = {name: [] for name in named}
+        for person in host.progress(subject, len(subject)):
+            for name, light in named.items():
+                visibility[name].append(person.unshadowed(light))
+                shading[name].append(person.lighting(light))
+                groups[name].append(relit(person, [light]))
+        return (
+            tensors.as_grey(list(chain(*visibility.values()))),
+            tensors.to_image(list(chain(*shading.values())), exposure),
+            tensors.to_image(list(chain(*groups.values())), exposure),
+            "\n".join(named),
+        )
+
+
+class Backdrop:
+    """What is behind the person in each frame, and the floor there."""
+
+    def __init__(self, background: torch.Tensor | None, floor: str) -> None:
+        self._images = None if background is None else tensors.pictures("background", background)
+        self.floor = Floor.parse(floor) if floor.strip() else None
+        if self.floor is not None and background is None:
+            raise ValueError("floor: expected a background too, on which the shadow falls")
+
+    def __len__(self) -> int:
+        return 1 if self._images is None else len(self._images)
+
+    def picture(self, number: int) -> np.ndarray | None:
+        """Return what is behind the person in a frame, scene-linear; None for nothing."""
+        if self._images is None:
+            return None
+        return tensors.light("background", self._images[number if len(self) > 1 else 0])
+
+    def behind(self, person: Person, lights: Lights | list[Light], number: int) -> np.ndarray:
+        """Return the person in the lights over it, (H, W, 3) linear; without one (H, W, 4), premultiplied."""
+        picture, background = relit(person, lights), self.picture(number)
+        if background is None:
+            return picture
+        return over(
+            picture, background, None if self.floor is None else person.shadows(lights, self.floor)[1]
+        )
+
+
+def relit(person: Person, lights: Lights | list[Light]) -> np.ndarray:
+    """Return `Subject.relit(lights)`: (H, W, 4) linear, premultiplied; nothing where nobody is."""
+    return person.relit(lights) if isinstance(person, Subject) else np.zeros((*person.size, 4), np.float32)
+
+
+def orbiting(light: Light, frames: float) -> Callable[[float], Light]:
+    """Return the light of a frame, from 1, of a turn of so many frames about the person."""
+    if isinstance(light, EnvironmentLight):  # a map that is no file has no settings
+        settings = {"image": light.image} | Light.settings(light)
+    else:
+        settings = light.settings()
+    return MovingLight(type(light), orbit=frames, **settings).at

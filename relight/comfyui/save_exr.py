@@ -1,0 +1,92 @@
+"""The node that saves OpenEXR files: scene-linear, with light groups and passes."""
+
+from pathlib import Path
+from typing import Any
+
+import torch
+
+from relight.comfyui import host, tensors, widgets
+from relight.comfyui.lights import Lights
+from relight.comfyui.render import Backdrop
+from relight.comfyui.subjects import SubjectBatch
+from relight.media.images import write
+from relight.media.sequences import FrameSequence
+from relight.rendering import PASSES, check_names, metadata_of, render_subject
+
+
+class SaveEXR:
+    """The picture in scene-linear half floats, with its light groups."""
+
+    CATEGORY = "relight"
+    DESCRIPTION = "Saves multi-layer OpenEXR: the picture, a layer C_<light> for each light, and passes."
+    RETURN_TYPES = ("STRING",)
+    RETURN_NAMES = ("path",)
+    OUTPUT_TOOLTIPS = ("The file, or the first of a batch.",)
+    OUTPUT_NODE = True
+    FUNCTION = "save"
+
+    @classmethod
+    def INPUT_TYPES(cls) -> dict[str, Any]:
+        """Return ComfyUI's description of the inputs."""
+        return {
+            "required": {
+                "subject": widgets.SUBJECT,
+                "lights": widgets.LIGHTS,
+                "path": widgets.text(
+                    "relight/relit.####.exr",
+                    "The file, .exr, in ComfyUI's output folder, or a whole path. #### or %04d is the number "
+                    "of the frame; a batch needs it. Files of that name are replaced.",
+                ),
+                "first_frame": widgets.whole(1, 0, 1000000, "The number of the first frame."),
+                "passes": widgets.text(
+                    "", f"Further layers, any of {', '.join(PASSES)}, with commas between."
+                ),
+            },
+            "optional": {
+                "background": widgets.socket("IMAGE", widgets.RENDER_BACKGROUND),
+                "floor": widgets.text("", widgets.FLOOR),
+            },
+        }
+
+    def save(
+        self,
+        subject: SubjectBatch,
+        lights: Lights,
+        path: str,
+        first_frame: int = 1,
+        passes: str = "",
+        background: torch.Tensor | None = None,
+        floor: str = "",
+    ) -> dict[str, Any]:
+        """Write a file for each frame, as `relight apply` does."""
+        names = check_names(filter(None, (name.strip() for name in passes.split(","))))
+        backdrop = Backdrop(background, floor)
+        count = tensors.frames_together(subject=len(subject), background=len(backdrop))
+        files = _files(path, first_frame, count)
+        for number, file in host.progress(enumerate(files), count):
+            person = subject[number]
+            picture, layers = render_subject(
+                person,  # type: ignore[arg-type]
+                lights,
+                background=backdrop.picture(number),
+                passes=names,
+                floor=backdrop.floor,
+            )
+            write(file, picture, layers=layers, metadata=metadata_of(person, names))  # type: ignore[arg-type]
+        return {"ui": {"text": [str(file) for file in files]}, "result": (str(files[0]),)}
+
+
+def _files(path: str, first: int, count: int) -> list[Path]:
+    """Return the checked file of each frame; the folders of a relative path are created."""
+    output = host.folder("output").resolve()
+    file = (output / path).resolve()
+    if file.suffix.lower() != ".exr":
+        raise ValueError(f"path: expected a file name that ends in .exr, got {path!r}")
+    if not Path(path).is_absolute():
+        if not file.is_relative_to(output):
+            raise ValueError(f"path: leads out of ComfyUI's output folder: {path}; give the whole path")
+        file.parent.mkdir(parents=True, exist_ok=True)
+    sequence = FrameSequence.of(file)
+    if sequence is None and count > 1:
+        raise ValueError(f"path: expected a frame number such as #### for {count} frames, got {path!r}")
+    return [file if sequence is None else sequence.path(first + number) for number in range(count)]

@@ -1,0 +1,86 @@
+"""The person of each image of a batch, analysed, and filtered in time where the batch is one shot."""
+
+import tempfile
+from collections.abc import Callable, Iterator
+from pathlib import Path
+
+from relight import empty_subject
+from relight.analysis.temporal import RADIUS
+from relight.empty_subject import EmptySubject
+from relight.subject import Subject
+
+IN_MEMORY = 8  # frames, of about 0.2 GB each; a longer batch is kept in files
+
+Person = Subject | EmptySubject
+Analyse = Callable[[int, Subject | None], Person]
+
+
+class SubjectBatch:
+    """What a RELIGHT_SUBJECT socket carries: a `relight.Subject` for each image of a batch.
+
+    A few are kept in memory. Those of a longer batch are kept as `Subject.save` keeps them, in a temporary
+    folder that disappears with the batch, and read one by one.
+
+    Attributes
+    ----------
+    size
+        (H, W) of the images.
+    shown
+        The first subject, as it was analysed: what the viewer's page shows.
+    """
+
+    def __init__(self, count: int, people: Iterator[tuple[Person, Person]]) -> None:
+        """Take an iterator over the persons of `count` images, each as analysed and as filtered in time."""
+        self._folder = tempfile.TemporaryDirectory(prefix="relight-") if count > IN_MEMORY else None
+        self._people: list[Person | Path] = []
+        self.shown: Subject | None = None
+        for number, (analysed, filtered) in enumerate(people):
+            if self.shown is None and isinstance(analysed, Subject):
+                self.shown = analysed
+            self.size = filtered.size
+            self._people.append(filtered if self._folder is None else self._keep(number, filtered))
+
+    def _keep(self, number: int, person: Person) -> Path:
+        assert self._folder is not None
+        path = Path(self._folder.name) / f"{number}.safetensors"
+        person.save(path, provenance={})
+        return path
+
+    def __len__(self) -> int:
+        return len(self._people)
+
+    def __iter__(self) -> Iterator[Person]:
+        return map(self.__getitem__, range(len(self)))
+
+    def __getitem__(self, number: int) -> Person:
+        """Return the person of an image; a single one stands for all numbers."""
+        person = self._people[number if len(self) > 1 else 0]
+        return empty_subject.load_subject(person) if isinstance(person, Path) else person
+
+
+def one_by_one(count: int, analyse: Analyse) -> Iterator[tuple[Person, Person]]:
+    """Yield the person of each of `count` separate pictures, twice: nothing is filtered."""
+    for number in range(count):
+        person = analyse(number, None)
+        yield person, person
+
+
+def of_a_shot(count: int, analyse: Analyse) -> Iterator[tuple[Person, Person]]:
+    """Yield the person of each of `count` frames as analysed, and filtered in time as in a shot.
+
+    `analyse(number, first)` analyses a frame, in the room of the first subject that has been found. Of the
+    unfiltered subjects, those that the next frame needs are kept.
+    """
+    analysed: dict[int, Person] = {}
+    first: Subject | None = None
+    for number in range(count):
+        near = range(max(0, number - RADIUS), min(count, number + RADIUS + 1))
+        analysed = {n: person for n, person in analysed.items() if n in near}
+        for n in near:
+            if n not in analysed:
+                person = analyse(n, first)
+                first = person if first is None and isinstance(person, Subject) else first
+                analysed[n] = person
+        person = analysed[number]
+        others = [other for n, other in analysed.items() if n != number and isinstance(other, Subject)]
+        yield person, person.temporally_filtered(others) if isinstance(person, Subject) and others else person

@@ -1,0 +1,58 @@
+"""How the nodes describe their inputs to ComfyUI; every input has a tooltip."""
+
+from collections.abc import Sequence
+from typing import Any
+
+Input = tuple[Any, dict[str, Any]]
+
+MASK_SHOWS = (
+    "What is white in the mask. 'person' for segmentation and background removal nodes. 'background' for the "
+    "MASK output of Load Image, which is one minus the picture's alpha."
+)
+FLOOR = (
+    "The floor on which the person's shadow falls in the background: the camera's height above it in metres "
+    "and the horizon as a share of the picture's height from the top, one or both, such as height=1.5 or "
+    "height=1.5,horizon=0.45. Empty for no floor."
+)
+EXPOSURE = "Stops: each doubles the light. Light up to 1 is shown exactly, brighter highlights roll off."
+RENDER_BACKGROUND = (
+    "What is behind the person: one image, or one a frame; scaled to cover the frame and cropped. Without it "
+    "the image is straight colour, for the mask."
+)
+
+
+def socket(kind: str, tooltip: str) -> Input:
+    """Describe an input that comes from another node."""
+    return kind, {"tooltip": tooltip}
+
+
+def number(default: float, low: float, high: float, step: float, tooltip: str) -> Input:
+    """Describe a number in [low, high]."""
+    return "FLOAT", {
+        "default": default,
+        "min": low,
+        "max": high,
+        "step": step,
+        "round": False,
+        "tooltip": tooltip,
+    }
+
+
+def whole(default: int, low: int, high: int, tooltip: str) -> Input:
+    """Describe a whole number in [low, high]."""
+    return "INT", {"default": default, "min": low, "max": high, "tooltip": tooltip}
+
+
+def text(default: str, tooltip: str) -> Input:
+    """Describe a line of text."""
+    return "STRING", {"default": default, "multiline": False, "tooltip": tooltip}
+
+
+def choice(options: Sequence[str], tooltip: str) -> Input:
+    """Describe a choice, the first of the options unless chosen."""
+    return list(options), {"default": options[0], "tooltip": tooltip}
+
+
+SUBJECT = socket("RELIGHT_SUBJECT", "The analysed person, from Relight Analyse.")
+LIGHTS = socket("RELIGHT_LIGHTS", "The lights, from Relight Light, Lamp, Environment, Match or Viewer.")
+CHAINED = socket("RELIGHT_LIGHTS", "Further lights, to which this one is added.")

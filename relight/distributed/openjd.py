@@ -1,0 +1,275 @@
+"""A shot as a job for a farm: an Open Job Description template, which AWS Deadline Cloud and others run.
+
+Its steps are the commands of this package, `relight analyse` and `relight apply`. Files are parameters of the
+job, and arguments of the commands; all other options are JSON files that the template embeds. See
+https://github.com/OpenJobDescription/openjd-specifications, "Template Schemas", version 2023-09.
+"""
+
+import json
+import os
+import warnings
+from collections.abc import Iterator
+from dataclasses import fields, replace
+from pathlib import Path
+from typing import Any
+
+import torch
+import yaml
+
+from relight.media import movies, nuke
+from relight.media.sequences import FrameRange, FrameSequence
+from relight.pipeline.cache import check_not_analysed, is_cache
+from relight.pipeline.inputs import ShotInputs
+from relight.pipeline.option_fields import BACKGROUND, Options, Phase
+from relight.pipeline.options import Compute, Lighting, Output, Source, to_json
+from relight.pipeline.outputs import check_outputs
+from relight.pipeline.render import frames_of, lights_of, seen_by
+from relight.scene.lights import SUFFIXES as LIGHTS_SUFFIXES
+from relight.scene.lights import write_lights
+from shadow import files
+from shadow.networks.precision import in_use
+
+SUFFIXES = (".json", ".yaml", ".yml")
+CHUNK_FRAMES = 10  # of a task, unless asked otherwise
+
+
+def write_job(
+    path: str | Path,
+    source: Source | str | Path,
+    lighting: Lighting | Any,
+    output: Output | Any,
+    *,
+    compute: Compute | None = None,
+    frames: tuple[int, int] | str | FrameRange | None = None,
+    analysis: str | Path | None = None,
+    chunk: int = CHUNK_FRAMES,
+) -> None:
+    """Write a job that does what `relight.render_shot` does, on many machines.
+
+    Its steps are Analyse, in chunks of frames; Light, in chunks of frames, after all of Analyse; and Finish,
+    after all of Light, if there is a movie or a script. Tasks keep existing frames, so the farm can run each
+    one again. Frames, chunk size, precision, threads, plates, lights and outputs are parameters of the job:
+    for other lights, run the same job with another parameter.
+
+    Parameters
+    ----------
+    path
+        The template, .json or .yaml. Files in its folder are relative to it, and the folder may have another
+        path on the farm; other files need the same path on all machines.
+    source
+        Source, or the path of a plate. With an analysis cache there is no step Analyse.
+    lighting
+        Lighting, or lights. Unless the lights are those of one lights file, all lights are written to a
+        lights file: `save_lights` of the output, or `job.lights.yaml` beside the template.
+    output, frames
+        See `relight.render_shot`.
+    compute
+        Compute of each task. Precision and threads are by default those of this process; they are the same on
+        all machines, so that frames are bit-identical.
+    analysis
+        The folder of the analysis cache; by default beside the template, and named after the source:
+        `plate.relight`.
+    chunk
+        Number of frames in a task.
+
+    Raises
+    ------
+    FileNotFoundError
+        No such files.
+    OSError
+        It cannot be written.
+    ValueError
+        Bad arguments, outputs that are also inputs.
+
+    Examples
+    --------
+    >>> source = relight.Source("plate.%04d.exr", mask="matte.%04d.png")
+    >>> relight.write_job("job.json", source, "lights.yaml", "relit.%04d.exr")
+    """
+    path = files.check_writable(path, SUFFIXES)
+    source, lighting, output = Source.of(source), Lighting.of(lighting), Output.of(output)
+    compute = compute or Compute()
+    if chunk < 1:
+        raise ValueError(f"chunk: expected at least 1 frame, got {chunk}")
+    check_not_analysed(source, compute if is_cache(source.plate) else None)
+    if source.size == BACKGROUND:
+        raise ValueError("size: expected WIDTHxHEIGHT, since an analysis knows no background")
+    lights, lights_path = lights_of(lighting), _lights_path(lighting, output, path)
+    source = seen_by(source, lighting)
+    read = (
+        source.plate, source.mask, source.normals, source.depth, lighting.background, lighting.match,
+        lighting.match_mask, lights_path, *lights,
+    )  # fmt: skip
+    output = replace(output, save_lights=None)
+    check_outputs(output, read)
+    inputs = ShotInputs(Source(source.plate, mask=source.mask))
+    numbers = frames_of(frames, inputs, lights, output)
+    _warn_of_missing(inputs.numbers, numbers, source.plate)
+    if lights_path != lighting.lights:
+        write_lights(lights_path, lights)
+        lighting = replace(lighting, camera=None, subject_at=None, allow_external=False)
+    lighting = replace(lighting, lights=lights_path, light=(), environment=())
+    job = _Job(path, numbers, chunk, compute)
+    kept = Path(source.plate if is_cache(source.plate) else analysis or _analysis_beside(path, source))
+    _add_steps(job, source, lighting, output, compute, kept, moving=inputs.numbers is not None)
+    job.write()
+
+
+def _add_steps(
+    job: "_Job",
+    source: Source,
+    lighting: Lighting,
+    output: Output,
+    compute: Compute,
+    kept: Path,
+    moving: bool,
+) -> None:
+    """Add the steps of a job. `kept`: folder of the analysis. `moving`: whether the source has frames."""
+    threads = ["--threads", "{{Param.Threads}}"]
+    compute = Compute(device=compute.device)
+    analysed = is_cache(source.plate)
+    place = job.path("Analysis", kept, "IN" if analysed else "INOUT", "DIRECTORY")
+    if not analysed:
+        plate = job.path("Plate", Path(str(source.plate)), "IN")
+        words = ["analyse", plate, "-o", place, *job.files(source, "plate")]
+        words += ["--precision", "{{Param.Precision}}", *threads]
+        job.step("Analyse", words, {"source": source, "compute": compute}, chunked=moving)
+    words = ["apply", place, *job.files(lighting)]
+    for number, path in enumerate(output.paths):
+        words += ["-o", job.path(f"Output{number or ''}", path, "OUT")]
+    words += [*job.files(output, "paths"), *threads]
+    options: dict[str, Options] = {"lighting": lighting, "output": output, "compute": compute}
+    job.step("Light", [*words, "--phase", Phase.frames.value, "--resume"], options)
+    if any(movies.is_movie(path) or nuke.is_script(path) for path in output.paths):
+        words += ["--phase", Phase.finalize.value, "--frames", "{{Param.Frames}}"]
+        job.step("Finish", words, options, chunked=False)
+
+
+class _Job:
+    """A template that is being put together."""
+
+    def __init__(self, path: Path, frames: FrameRange, chunk: int, compute: Compute) -> None:
+        self._path, self._folder = path, Path(os.path.abspath(path.parent))
+        self._contiguous = ":" not in str(frames)
+        self.parameters: list[dict[str, Any]] = [
+            {"name": "Frames", "type": "STRING", "default": str(frames)},
+            {"name": "ChunkSize", "type": "INT", "minValue": 1, "default": chunk},
+            {
+                "name": "Precision", "type": "STRING", "default": compute.precision or in_use("cpu"),
+                "allowedValues": ["bfloat16", "float32"],
+            },
+            {
+                "name": "Threads", "type": "INT", "minValue": 1,
+                "default": compute.threads or torch.get_num_threads(),
+            },
+        ]  # fmt: skip
+        self.steps: list[dict[str, Any]] = []
+
+    def path(self, name: str, path: Path, flow: str, kind: str = "FILE") -> str:
+        """Add a parameter for a path, and return the text by which a command refers to it.
+
+        Sequences and outputs have a parameter for the folder and one for the name, because no file has the
+        name of a sequence.
+        """
+        path = Path(os.path.abspath(path))
+        if kind == "FILE" and (flow == "OUT" or FrameSequence.of(path) is not None):
+            self.parameters.append({"name": name, "type": "STRING", "default": path.name})
+            return f"{self.path(f'{name}Folder', path.parent, flow, 'DIRECTORY')}/{{{{Param.{name}}}}}"
+        if path.is_relative_to(self._folder):  # only such paths may a template have as its defaults
+            about = {"type": "PATH", "objectType": kind, "dataFlow": flow}
+            path = path.relative_to(self._folder)
+        else:
+            about = {"type": "STRING"}
+        self.parameters.append({"name": name, **about, "default": path.as_posix()})
+        return f"{{{{Param.{name}}}}}"
+
+    def files(self, options: Options, *apart: str) -> Iterator[str]:
+        """Yield the words that name the files of options, except those of the fields `apart`."""
+        for each in fields(options):  # type: ignore[arg-type]
+            value = getattr(options, each.name)
+            if (
+                each.metadata["path"]
+                and each.name not in apart
+                and _is_file(value, isinstance(options, Output))
+            ):
+                title = "".join(word.capitalize() for word in each.name.split("_"))
+                flow = "OUT" if isinstance(options, Output) else "IN"
+                yield f"--{each.name.replace('_', '-')}"
+                yield self.path(title, Path(value), flow)
+
+    def step(self, name: str, words: list[str], options: dict[str, Options], chunked: bool = True) -> None:
+        """Add a step that runs `relight` with these words and options, for chunks of frames or once."""
+        space: dict[str, Any] = {}
+        if chunked:
+            words = [*words, "--frames", "{{Task.Param.Frames}}"]
+            # Frames side by side share the analysis of those around them. With gaps none are.
+            side_by_side = "CONTIGUOUS" if self._contiguous else "NONCONTIGUOUS"
+            chunks = {"defaultTaskCount": "{{Param.ChunkSize}}", "rangeConstraint": side_by_side}
+            numbers = {"name": "Frames", "type": "CHUNK[INT]", "range": "{{Param.Frames}}", "chunks": chunks}
+            space = {"parameterSpace": {"taskParameterDefinitions": [numbers]}}
+        embedded: dict[str, Any] = {}
+        document = {group: stored for group, each in options.items() if (stored := _without_files(each))}
+        if document:
+            data = json.dumps(document, indent=1)
+            file = {"name": "Options", "type": "TEXT", "filename": "options.json", "data": data}
+            embedded = {"embeddedFiles": [file]}
+            words = [*words, "--options", "{{Task.File.Options}}"]
+        after = {"dependencies": [{"dependsOn": self.steps[-1]["name"]}]} if self.steps else {}
+        script = embedded | {"actions": {"onRun": {"command": "relight", "args": words}}}
+        self.steps.append({"name": name, **after, **space, "script": script})
+
+    def write(self) -> None:
+        template = {
+            "specificationVersion": "jobtemplate-2023-09",
+            "extensions": ["TASK_CHUNKING"],
+            "name": f"relight {self._path.stem}"[:128],
+            "parameterDefinitions": self.parameters,
+            "steps": self.steps,
+        }
+        if self._path.suffix.lower() == ".json":
+            text = json.dumps(template, indent=2)
+        else:
+            text = yaml.safe_dump(template, sort_keys=False)
+        with files.replacing(self._path) as beside:
+            beside.write_text(text + "\n", encoding="utf-8")
+
+
+def _lights_path(lighting: Lighting, output: Output, path: Path) -> Path:
+    """Return the path of the job's lights file, which is given or has to be written."""
+    if isinstance(lighting.lights, str | Path) and not (lighting.light or lighting.environment):
+        return Path(lighting.lights)
+    return files.check_writable(
+        output.save_lights or path.with_name(f"{path.stem}.lights.yaml"), LIGHTS_SUFFIXES
+    )
+
+
+def _warn_of_missing(there: Any, numbers: FrameRange, source: object) -> None:
+    missing = [] if there is None else sorted(set(numbers).difference(there))
+    if missing:
+        warnings.warn(f"{source}: frames {FrameRange(missing)} are not there yet", stacklevel=3)
+
+
+def _analysis_beside(path: Path, source: Source) -> Path:
+    """Return the folder of the analysis, beside the job and named after the source."""
+    sequence = FrameSequence.of(str(source.plate))
+    stem = Path(str(source.plate)).stem if sequence is None else sequence.beside("").name
+    return path.with_name(f"{stem}.relight")
+
+
+def _without_files(options: Options) -> dict[str, Any]:
+    """Return options as JSON without files that are parameters of the job; other paths become absolute."""
+    written = isinstance(options, Output)
+    kept = {
+        each.name
+        for each in fields(options)  # type: ignore[arg-type]
+        if each.name not in ("plate", "paths")
+        and not (each.metadata["path"] and _is_file(getattr(options, each.name), written))
+    }
+    return {name: value for name, value in to_json(options.absolute()).items() if name in kept}
+
+
+def _is_file(value: object, written: bool) -> bool:
+    """Return whether an option's value is a file or a sequence, not a colour or a network's name."""
+    if written:
+        return isinstance(value, Path)
+    return isinstance(value, str | Path) and (os.path.isfile(value) or FrameSequence.of(value) is not None)

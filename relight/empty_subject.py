@@ -1,0 +1,59 @@
+"""The counterpart of a Subject for frames of a shot that show no person."""
+
+from collections.abc import Iterator, Mapping
+from typing import Any
+
+import numpy as np
+import torch
+
+from relight.analysis import storage
+from relight.analysis.camera import Camera
+from relight.lights.light import Lights, by_name
+from relight.subject import Subject, weights
+from shadow.files import AnyPath
+
+
+class EmptySubject:
+    """A frame of `size` (H, W) without a person: what a Subject offers for rendering, all zero.
+
+    >>> from relight.empty_subject import EmptySubject
+    >>> float(EmptySubject((64, 48)).matte.max())
+    0.0
+    """
+
+    def __init__(self, size: tuple[int, ...]) -> None:
+        self.size = (size[0], size[1])
+        self.matte = self.depth = np.zeros(self.size, np.float32)
+        self.distance, self.camera = 0.0, Camera(self.size, 0.0, (0.0, 0.0), 0.0, 0)
+        self.albedo = self.normals = self.position = self.lighting(None)
+
+    def save(self, path: AnyPath, *, provenance: Mapping[str, Any]) -> None:
+        """See `Subject.save`."""
+        storage.write_empty(path, self.size, {"weights": list(weights()), **provenance})
+
+    def pixels_per_light(self, lights: Lights) -> Iterator[tuple[str, torch.Tensor]]:
+        """See `Subject.pixels_per_light`; all pixels of the plate are the person's, and zero."""
+        return ((name, torch.zeros(self.size[0] * self.size[1], 4)) for name in by_name(lights))
+
+    def on_plate(self, pixels: torch.Tensor) -> np.ndarray:
+        """See `Subject.on_plate`."""
+        return pixels.unflatten(0, self.size).numpy()
+
+    def lighting(self, lights: object) -> np.ndarray:
+        """See `Subject.lighting`: zero."""
+        return np.zeros((*self.size, 3), np.float32)
+
+    def unshadowed(self, light: object) -> np.ndarray:
+        """See `Subject.unshadowed`: zero."""
+        return self.matte
+
+    def shadows(self, lights: Lights, floor: object) -> tuple[dict[str, np.ndarray], np.ndarray]:
+        """See `Subject.shadows`: the floor is lit everywhere."""
+        lit = np.ones((*self.size, 3), np.float32)
+        return dict.fromkeys(by_name(lights), lit), lit
+
+
+def load_subject(path: AnyPath) -> Subject | EmptySubject:
+    """Load a frame of an analysis cache; raises as `Subject.load`."""
+    size = storage.read_header(path).get("empty")
+    return Subject.load(path) if size is None else EmptySubject(tuple(size))

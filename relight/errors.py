@@ -1,0 +1,35 @@
+"""Errors that callers may want to tell apart. Each is also a ValueError or an OSError, so that older handlers
+work.
+
+>>> import relight
+>>> from relight.errors import RelightError
+>>> try:
+...     relight.Subject.load("pyproject.toml")
+... except RelightError as error:
+...     print(type(error).__name__)
+DamagedFileError
+"""
+
+
+class RelightError(Exception):
+    """The base of the errors of this module: `except RelightError` catches them all."""
+
+
+class EmptyMatteError(RelightError, ValueError):
+    """A matte, a mask or a photograph shows no person: no coverage is above one half."""
+
+
+class DamagedFileError(RelightError, ValueError):
+    """A file is truncated, damaged or inconsistent, or is not of the kind that its name claims."""
+
+
+class UnsupportedFileError(RelightError, ValueError):
+    """A file is intact but holds what this version does not read, or it is not a regular file."""
+
+
+class StaleAnalysisError(RelightError, ValueError):
+    """An analysis does not fit its plate, its options or this version any more: analyse the plate again."""
+
+
+class MissingFramesError(RelightError, FileNotFoundError):
+    """Frames of a sequence are missing on disk."""

@@ -1,0 +1,271 @@
+"""Light estimated from pictures: from a photograph of a person, or from a background."""
+
+import re
+from collections.abc import Iterable
+from dataclasses import dataclass, replace
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from relight.analysis.foreground import linear_plate, plate_coverage
+from relight.compositing.placement import cover
+from relight.lights.directional import DirectionalLight
+from relight.lights.environment import EnvironmentLight
+from relight.lights.plate import opaque
+from relight.matting.sequence import MattingOptions, SequenceMatting
+from relight.media import images, movies
+from relight.media.sequences import FrameSequence, SequenceReader, Still
+from relight.subject import Subject
+
+PLATE = "plate"  # the name of the background's light
+MATCH_PREFIX = "match"  # of the names of a reference's lights
+DROPPED_SHARE = 0.01  # share of all light that the weakest lights of a reference have together
+WINDOW_RADIUS = 12  # frames before and after one whose backgrounds light it as well: a second in all
+MOVING_PLATE_ROWS = 96  # of a moving background's frames, from which its light is estimated
+
+
+def fit_lights(image: np.ndarray, subject: Subject | None = None) -> list[DirectionalLight]:
+    """Estimate the lights of a photograph: those in which the subject looks most like the image.
+
+    Image = albedo × Σ weight × shading is solved for the weights of the 96 OLAT directions by non-negative
+    least squares (`shading.infer_lighting`). To light another person like a reference picture, fit the
+    reference, and pass its lights to the other person's `Subject.relit`, or see `match`.
+
+    Parameters
+    ----------
+    image
+        (H, W, 3|4) as `relight.Subject` takes it.
+    subject
+        The Subject of that picture, or of another picture of the same person in the same pose and framing. By
+        default it is made from the image, which then needs alpha.
+
+    Returns
+    -------
+    list[DirectionalLight]
+        The lights, the strongest first, named `fit1`, `fit2`...; none for a black picture. They include the
+        exposure. The colour cast of a subject's own photograph is part of its albedo, so the sum of such
+        lights is about white.
+
+    Raises
+    ------
+    TypeError, ValueError
+        As `relight.Subject`; an image of another size than the subject's.
+
+    Examples
+    --------
+    >>> image = relight.read("reference.png")
+    >>> lights = relight.fit_lights(image, relight.Subject(image, relight.read_mask("matte.png")))
+    """
+    subject = Subject(image) if subject is None else subject
+    directions, powers = subject.fit_lighting(image)
+    order = np.argsort(-powers.sum(axis=1), kind="stable")
+    shining = [index for index in order if powers[index].any()]
+    return [
+        DirectionalLight(directions[index].tolist(), colour=powers[index].tolist(), name=f"fit{number}")
+        for number, index in enumerate(shining, 1)
+    ]
+
+
+def match(
+    subject: Subject, reference: np.ndarray, *, mask: np.ndarray | None = None
+) -> list[DirectionalLight]:
+    """Estimate the lights of a photograph of another person, to relight a subject with them.
+
+    Parameters
+    ----------
+    subject
+        relight.Subject, the person to relight.
+    reference
+        (H, W, 3|4), the photograph of another person, as `relight.Subject` takes it.
+    mask
+        (H, W), the matte of that person; needed unless the reference has alpha.
+
+    Returns
+    -------
+    list[DirectionalLight]
+        Lights for `subject.relit`, the strongest first, named `match1`, `match2`...; none for a black
+        picture. They have the exposure of the reference: a surface of the same albedo becomes as bright as
+        there. The weakest lights, together 1 % of the light, are dropped, and the others are scaled to the
+        same sum. A tint of the whole reference counts as part of its albedo (see `relight.fit_lights`).
+
+    Raises
+    ------
+    TypeError
+        No Subject.
+    TypeError, ValueError
+        As `relight.Subject`, of the reference.
+
+    Examples
+    --------
+    >>> subject = relight.Subject(relight.read("examples/person.png"))
+    >>> lights = relight.match(subject, relight.read("reference_cut.png"))
+    >>> picture = subject.relit(lights)
+    """
+    if not isinstance(subject, Subject):
+        raise TypeError(f"subject: expected a relight.Subject, got {type(subject).__name__}")
+    return lights_in(reference, mask)
+
+
+def lights_in(
+    reference: np.ndarray, mask: np.ndarray | None = None, device: str | None = None
+) -> list[DirectionalLight]:
+    """Estimate the lights of a photograph, as `match` does. `device`: where the networks run."""
+    lights = fit_lights(reference, Subject(reference, mask, device=device))
+    if not lights:
+        return []
+    powers = np.array([light.power for light in lights])
+    shares = powers.mean(axis=1).cumsum() / powers.mean(axis=1).sum()
+    kept = int((shares < 1 - DROPPED_SHARE).sum()) + 1
+    brighter = powers.sum(axis=0) / np.maximum(powers[:kept].sum(axis=0), 1e-9)
+    powers = powers[:kept] * brighter
+    # The scale differs from colour to colour, so two lights of about equal power may have changed places.
+    order = np.argsort(-powers.mean(axis=1), kind="stable")
+    return [
+        replace(lights[index], colour=powers[index].tolist(), name=f"{MATCH_PREFIX}{number}")
+        for number, index in enumerate(order, 1)
+    ]
+
+
+@dataclass(frozen=True)
+class Matching:
+    """Which lights of a shot are estimated from pictures.
+
+    Parameters
+    ----------
+    plate
+        Whether the background lights the person, see `relight.EnvironmentLight.from_plate`; the light's name
+        is "plate".
+    reference
+        A photograph of another person, as an image or a file, whose lights are estimated, see
+        `relight.match`.
+    mask
+        That person's matte, as a mask or a file.
+
+    Raises
+    ------
+    ValueError
+        A mask without a reference, a movie or a sequence.
+    """
+
+    plate: bool = False
+    reference: Any = None
+    mask: Any = None
+
+    def __post_init__(self) -> None:
+        if self.reference is None and self.mask is not None:
+            raise ValueError("match_mask: expected a reference as well (--match FILE), whose matte it is")
+        for path in (self.reference, self.mask):
+            if isinstance(path, str | Path) and (movies.is_movie(path) or FrameSequence.of(path) is not None):
+                raise ValueError(f"match: expected one picture's file, got {path}")
+
+    def sidecar_path(self, path: Path | None) -> Path | None:
+        """Return the path of the image of the background's light, beside a lights file.
+
+        None without either.
+        """
+        return path.with_name(f"{path.stem}.{PLATE}.exr") if path is not None and self.plate else None
+
+    def with_sidecar(self, path: Path, lights: Iterable[Any]) -> list[Any]:
+        """Return the lights for a lights file, after writing the background's light to an image beside it."""
+        sidecar = self.sidecar_path(path)
+        found = []
+        for light in lights:
+            if sidecar is not None and light.name == PLATE:
+                images.write(sidecar, light.image.pixels)
+                light = EnvironmentLight(sidecar, name=PLATE)
+            found.append(light)
+        return found
+
+    def check_names(self, names: Iterable[str]) -> None:
+        """Raise ValueError if a light has the name of a light that is estimated."""
+        for name in names:
+            taken = self.plate and name == PLATE
+            if taken or (self.reference is not None and re.fullmatch(rf"{MATCH_PREFIX}\d+", name)):
+                raise ValueError(
+                    f"lights: {name!r} is the name of a matched light; give the light another name"
+                )
+
+    def reference_person(
+        self, matting: MattingOptions | None = None
+    ) -> tuple[np.ndarray, np.ndarray | None] | None:
+        """Read and check the reference and its matte; None without a reference.
+
+        The matte of a reference that has none is inferred as that of the source, by `matting`. ValueError:
+        there is no matte, or it is empty.
+        """
+        if self.reference is None:
+            return None
+        reference, mask = self.reference, self.mask
+        if isinstance(reference, str | Path):
+            reference = images.read(reference)
+        if isinstance(mask, str | Path):
+            mask = images.read_mask(mask)
+        try:
+            pixels = linear_plate(reference)
+            alone = mask is None and (pixels.shape[-1] == 3 or pixels[..., 3].min() == 1)
+            if alone and matting is not None and matting.model is not None:
+                return SequenceMatting(matting, lambda number: reference, None).cut(0, None), None
+            if alone:
+                raise ValueError(
+                    "the reference has no matte; expected one with alpha, or its matte (--match-mask FILE)"
+                )
+            plate_coverage(pixels, mask)
+        except ValueError as error:
+            raise ValueError(f"match: {error}") from error
+        return reference, mask
+
+
+class PlateLight:
+    """The light of a background: once for a still, for each frame of one that moves.
+
+    The light of a moving background is averaged over a second with a Hann window, so that it does not
+    flicker.
+    """
+
+    def __init__(self, backgrounds: Still | SequenceReader | movies.Movie, field_of_view: float) -> None:
+        """Take the picture's vertical field of view in degrees; the background covers the picture."""
+        if isinstance(backgrounds, movies.Movie):  # a second reader: going back starts a movie over
+            backgrounds = movies.Movie(backgrounds.path, colour_space=backgrounds.colour_space)
+        self._backgrounds, self._field_of_view = backgrounds, field_of_view
+        self._maps: dict[int, np.ndarray] = {}
+
+    def check(self) -> None:
+        """Raise ValueError unless the background, or its first frame, is an opaque image."""
+        first = self._backgrounds.read((self._backgrounds.numbers or [0])[0])
+        if np.ndim(first) != 3:
+            raise ValueError("match_plate: expected a background that is an image (--background FILE)")
+        opaque(first)
+
+    def frames_for(self, number: int) -> list[int]:
+        """Return the frames of the background whose light is averaged for a frame."""
+        if self._backgrounds.numbers is None:
+            return [0]
+        there = set(self._backgrounds.numbers)
+        return [n for n in range(number - WINDOW_RADIUS, number + WINDOW_RADIUS + 1) if n in there]
+
+    def at(self, number: int, size: tuple[int, ...]) -> EnvironmentLight:
+        """Return the light of a frame, whose picture has a `size` (H, W).
+
+        Raises as reading and `EnvironmentLight.from_plate` do.
+        """
+        seen = self.frames_for(number)
+        self._maps = {n: found for n, found in self._maps.items() if n in seen}
+        for n in seen:
+            if n not in self._maps:
+                self._maps[n] = self._map(n, size)
+        if not seen:
+            self._backgrounds.read(number)  # raises, and names the missing frame
+        weights = [np.cos(np.pi / 2 * (n - number) / (WINDOW_RADIUS + 1)) ** 2 for n in seen]
+        return EnvironmentLight(np.average([self._maps[n] for n in seen], 0, weights), name=PLATE)
+
+    def _map(self, number: int, size: tuple[int, ...]) -> np.ndarray:
+        """Return the environment map of a frame of the background."""
+        pixels = opaque(self._backgrounds.read(number))
+        height, width = pixels.shape[:2]
+        # The cropped parts of a background, beside the picture or above and below, light the person too.
+        cut = max(1.0, size[1] / size[0] * height / width)
+        whole = np.degrees(2 * np.arctan(cut * np.tan(np.radians(self._field_of_view / 2))))
+        if self._backgrounds.numbers is not None and height > MOVING_PLATE_ROWS:
+            pixels = cover(pixels, (MOVING_PLATE_ROWS, max(1, round(width * MOVING_PLATE_ROWS / height))))
+        return EnvironmentLight.from_plate(pixels, min(float(whole), 170.0)).image.pixels

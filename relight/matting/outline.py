@@ -1,0 +1,349 @@
+"""A matte from what a person draws: an outline around the person, and strokes that say "person" or "not".
+
+The outline becomes a trimap: inside, outside, and a band around the line where either may be. The band is
+solved by closed-form matting (Levin et al., PAMI 2008) with a prior for each of its pixels, which joins two
+pieces of evidence: how far the pixel is from the line, and whether its colour is found inside or outside
+nearby. `outlined` solves the matte on a reduced copy, so that any photograph takes about the same time, and
+`refine` brings it to the photograph's own pixels: once more by closed-form matting in a narrow band, then by
+the linear model of colour that closed-form matting assumes within small windows (He and Sun, "Fast Guided
+Filter", 2015).
+
+Points are (x, y), pixels of the photograph from its top left corner; they may lie beyond the photograph.
+"""
+
+from collections.abc import Sequence
+from dataclasses import dataclass, field
+
+import numpy as np
+import torch
+from numpy.typing import ArrayLike
+from PIL import Image, ImageDraw
+from scipy import ndimage
+from scipy.spatial import cKDTree
+
+from relight.matting.refine import encoded_srgb
+from relight.media.images import coverage, scene_linear
+from relight.media.resampling import resize
+
+SLACK = 0.03  # of the outline's height: how far the true edge may be from the line that was drawn
+SOLVED_SIDE = 360  # pixels, the longer side of the copy on which an outline is solved
+REFINED_SIDE = 1200  # pixels, the longer side of the copy on which the edge is solved again
+BAND = 6  # pixels on either side of the edge that are solved again there
+NEIGHBOURS = 12  # samples of known colour that vote on a pixel
+PLACE = 0.08  # how far the picture's longer side is, as a distance of colours: near samples count more
+NEARNESS = 3.0  # logarithm of the odds at the band's rim, of being inside
+PRIOR = 0.02  # weight of the priors beside the matting Laplacian
+MARGIN = 0.12  # of the outline's size, of the photograph around it that is looked at
+FILTER = "triangle"  # of OpenImageIO, for copies
+PERSON, BACKGROUND, UNKNOWN = 1.0, 0.0, 0.5  # values of a trimap
+
+
+@dataclass(frozen=True)
+class Stroke:
+    """A line drawn with a round brush.
+
+    Parameters
+    ----------
+    person:
+        Whether the brush says "person"; otherwise it says "not the person".
+    points:
+        (N, 2), x and y in pixels; one point is a dot.
+    radius:
+        Of the brush, in pixels.
+    """
+
+    person: bool
+    points: ArrayLike
+    radius: float
+
+
+@dataclass(frozen=True)
+class Outline:
+    """What somebody drew on a photograph.
+
+    Parameters
+    ----------
+    lasso:
+        (N, 2) corners of a closed line around the person, x and y in pixels; three at least, or None. The
+        line may cross itself and leave the photograph.
+    strokes:
+        In the order in which they were drawn: a later one counts where two overlap.
+    matte:
+        (H, W) in [0, 1], a matte that the strokes correct, such as a network's; a lasso limits it.
+    """
+
+    lasso: ArrayLike | None = None
+    strokes: Sequence[Stroke] = field(default_factory=tuple)
+    matte: np.ndarray | None = None
+
+
+def outlined(image: ArrayLike, outline: Outline) -> np.ndarray:
+    """Return the matte that an outline means, from a reduced copy of the photograph.
+
+    Parameters
+    ----------
+    image:
+        (H, W, 3|4), opaque. Integers are sRGB-encoded; floats are linear Rec.709.
+    outline:
+        What was drawn.
+
+    Returns
+    -------
+    np.ndarray
+        (H, W) float32 in [0, 1].
+
+    Raises
+    ------
+    ValueError
+        Nothing was drawn, or nothing of the person is left by it.
+    """
+    pixels = scene_linear("image", image)[..., :3]
+    height, width = pixels.shape[:2]
+    top, left, bottom, right = _looked_at(outline, (height, width))
+    shrink = min(1.0, SOLVED_SIDE / max(bottom - top, right - left))
+    size = (max(3, round((bottom - top) * shrink)), max(3, round((right - left) * shrink)))
+    scale = np.array([size[1] / (right - left), size[0] / (bottom - top)])
+
+    known, distance = _drawn(outline, (top, left, bottom, right), size, scale)
+    seen = encoded_srgb(resize(pixels[top:bottom, left:right], size, FILTER))
+    alpha = _solved(seen, known, distance)
+    if alpha.max() <= 0.5:
+        raise ValueError("outline: nothing of the person is inside it; draw around the whole person")
+    if (alpha > 0.5).all() and size == (height, width):
+        raise ValueError("outline: the whole picture is inside it; expected something behind the person")
+    matte = np.zeros((height, width), np.float32)
+    matte[top:bottom, left:right] = resize(alpha[..., None], (bottom - top, right - left), FILTER)[
+        ..., 0
+    ].clip(0, 1)
+    return matte
+
+
+def refine(image: ArrayLike, matte: np.ndarray) -> np.ndarray:
+    """Return a matte of a reduced copy, such as `outlined` makes, at the photograph's own detail.
+
+    Parameters
+    ----------
+    image:
+        (H, W, 3|4), see `outlined`.
+    matte:
+        (H, W) in [0, 1], soft at the scale of the copy.
+
+    Returns
+    -------
+    np.ndarray
+        (H, W) float32 in [0, 1].
+
+    Raises
+    ------
+    ValueError
+        The matte is of another size than the photograph, or it shows no person.
+    """
+    pixels = scene_linear("image", image)[..., :3]
+    if matte.shape != pixels.shape[:2]:
+        raise ValueError(f"matte: expected the photograph's size {pixels.shape[:2]}, got {matte.shape}")
+    rows, columns = np.nonzero(matte > 0)
+    if not len(rows):
+        raise ValueError("matte: shows no person")
+    height, width = matte.shape
+    box = np.s_[
+        max(rows.min() - 8, 0) : min(rows.max() + 9, height),
+        max(columns.min() - 8, 0) : min(columns.max() + 9, width),
+    ]
+    fine, coarse = encoded_srgb(pixels[box]), np.asarray(matte[box], np.float32)
+    shrink = min(1.0, REFINED_SIDE / max(coarse.shape))
+    size = (max(3, round(coarse.shape[0] * shrink)), max(3, round(coarse.shape[1] * shrink)))
+    seen = resize(fine, size, FILTER)
+    rough = resize(coarse[..., None], size, FILTER)[..., 0].clip(0, 1)
+    known = np.full(size, UNKNOWN)
+    inside = rough > 0.5
+    known[ndimage.binary_erosion(inside, iterations=BAND, border_value=1)] = PERSON
+    known[~ndimage.binary_dilation(inside, iterations=BAND)] = BACKGROUND
+    alpha = _closed_form(seen, known, rough, np.full(size, PRIOR))
+    refined = np.zeros((height, width), np.float32)
+    refined[box] = alpha if shrink == 1 else _guided(seen, alpha, fine)
+    return refined
+
+
+def _looked_at(outline: Outline, size: tuple[int, int]) -> tuple[int, int, int, int]:
+    """Return the part of a photograph (H, W) that an outline concerns: top, left, bottom, right."""
+    height, width = size
+    points = [np.reshape(np.asarray(outline.lasso, float), (-1, 2))] if outline.lasso is not None else []
+    for stroke in outline.strokes:
+        drawn = np.reshape(np.asarray(stroke.points, float), (-1, 2))
+        if stroke.person and len(drawn):
+            points += [drawn - stroke.radius, drawn + stroke.radius]
+    if outline.matte is not None:
+        if outline.matte.shape != size:
+            raise ValueError(f"matte: expected the photograph's size {size}, got {outline.matte.shape}")
+        rows, columns = np.nonzero(coverage("matte", outline.matte) > 0.05)
+        if len(rows):
+            points.append(np.array([[columns.min(), rows.min()], [columns.max() + 1, rows.max() + 1]], float))
+    drawn = np.concatenate(points) if points else np.zeros((0, 2))
+    if not np.isfinite(drawn).all():
+        raise ValueError("outline: expected finite points")
+    if outline.lasso is not None and len(points[0]) < 3:
+        raise ValueError("outline: expected three points or more; draw around the whole person")
+    if not len(drawn):
+        raise ValueError("outline: nothing was drawn; draw a line around the person")
+    low, high = drawn.min(axis=0), drawn.max(axis=0)
+    margin = MARGIN * max(high - low) + 4
+    left, top = np.floor(np.clip(low - margin, 0, (width, height))).astype(int)
+    right, bottom = np.ceil(np.clip(high + margin, 0, (width, height))).astype(int)
+    if right - left < 3 or bottom - top < 3:
+        raise ValueError("outline: lies beside the photograph; draw around the person")
+    return top, left, bottom, right
+
+
+def _drawn(
+    outline: Outline, part: tuple[int, int, int, int], size: tuple[int, int], scale: np.ndarray
+) -> tuple[np.ndarray, np.ndarray]:
+    """Draw an outline on a copy (h, w): return its trimap, and the distance inside the edge.
+
+    The distance is in units of the tolerance of the drawn line.
+    """
+    top, left, bottom, right = part
+    corner = np.array([left, top])
+    inside = np.ones(size, bool)
+    slack = 1.0
+    if outline.matte is not None:
+        rough = resize(np.asarray(outline.matte[top:bottom, left:right, None], np.float32), size, FILTER)[
+            ..., 0
+        ]
+        inside = rough > 0.5
+        slack = max(2.0, SLACK / 3 * max(size))
+    elif outline.lasso is None:
+        inside = np.zeros(size, bool)
+    if outline.lasso is not None:
+        drawn = _filled((np.asarray(outline.lasso, float) - corner) * scale, size)
+        inside = drawn if outline.matte is None else inside & drawn
+        slack = slack if outline.matte is not None else max(2.0, SLACK * _extent(drawn))
+    distance = _inside(inside) / slack
+    known = np.where(distance >= 1, PERSON, np.where(distance <= -1, BACKGROUND, UNKNOWN))
+    for stroke in outline.strokes:
+        painted = _painted(
+            (np.reshape(np.asarray(stroke.points, float), (-1, 2)) - corner) * scale,
+            stroke.radius * scale.mean(),
+            size,
+        )
+        known[painted] = PERSON if stroke.person else BACKGROUND
+        near = ndimage.binary_dilation(painted, iterations=max(2, round(slack))) & ~painted
+        known[near & (known == (BACKGROUND if stroke.person else PERSON))] = UNKNOWN
+        distance = np.where(near, 0.0, np.where(painted, 1.0 if stroke.person else -1.0, distance))
+    return known, distance
+
+
+def _solved(seen: np.ndarray, known: np.ndarray, distance: np.ndarray) -> np.ndarray:
+    """Solve the matte (h, w) of a copy (h, w, 3), encoded, with the trimap `known`."""
+    if not (known == PERSON).any() and not ((known == UNKNOWN) & (distance > 0)).any():
+        return np.zeros(known.shape, np.float32)
+    unknown = known == UNKNOWN
+    if not unknown.any():
+        return known.astype(np.float32)
+    evidence = NEARNESS * distance + _votes(seen, known, distance)
+    prior = 1 / (1 + np.exp(-evidence))
+    return _closed_form(seen, known, prior, PRIOR * np.abs(2 * prior - 1))
+
+
+def _votes(seen: np.ndarray, known: np.ndarray, distance: np.ndarray) -> np.ndarray:
+    """Return for each unknown pixel the logarithm of the odds that its colour is that of the inside."""
+    height, width = known.shape
+    rows, columns = np.mgrid[:height, :width]
+    place = np.stack([rows, columns], axis=-1) / max(height, width)
+    features = np.concatenate([ndimage.gaussian_filter(seen, (0.7, 0.7, 0)), PLACE * place], axis=-1)
+    unknown = known == UNKNOWN
+    around = ndimage.binary_dilation(unknown, iterations=max(8, max(height, width) // 12))
+    logarithms = []
+    # Where the band leaves nothing surely inside, as in an arm, what is deepest in it stands for that.
+    for inside in (True, False):
+        surely = (known == (PERSON if inside else BACKGROUND)) & around
+        deep = unknown & ((distance > 0.5) if inside else (distance < -0.5))
+        samples = features[surely | deep]
+        if len(samples) < NEIGHBOURS:
+            return np.zeros(known.shape)
+        found, _ = cKDTree(samples).query(features[unknown], NEIGHBOURS, workers=1)
+        logarithms.append(np.mean(found, axis=1))
+    vote = np.zeros(known.shape)
+    inner, outer = logarithms
+    vote[unknown] = np.clip(6 * np.log((outer + 0.01) / (inner + 0.01)), -6, 6)
+    return vote
+
+
+def _closed_form(seen: np.ndarray, known: np.ndarray, prior: np.ndarray, weight: np.ndarray) -> np.ndarray:
+    """Solve (L + W) alpha = W prior in the unknown pixels, with L the matting Laplacian; (h, w) in [0, 1]."""
+    try:
+        from pymatting.laplacian.cf_laplacian import cf_laplacian
+        from pymatting.preconditioner.ichol import ichol
+        from pymatting.solver.cg import cg
+    except ImportError as error:
+        raise ImportError("outline: needs PyMatting; install it with: pip install 'relight[key]'") from error
+    import scipy.sparse
+
+    threads = torch.get_num_threads()
+    unknown = (known == UNKNOWN).ravel()
+    laplacian = cf_laplacian(seen.astype(float), epsilon=1e-5, is_known=~unknown.reshape(known.shape))
+    rows = laplacian[unknown]
+    own = scipy.sparse.csr_matrix(rows[:, unknown] + scipy.sparse.diags(weight.ravel()[unknown] + 1e-6))
+    target = weight.ravel()[unknown] * prior.ravel()[unknown] - rows[:, ~unknown] @ known.ravel()[~unknown]
+    alpha = known.ravel().copy()
+    start = prior.ravel()[unknown]
+    alpha[unknown] = cg(own, target, x0=start, M=ichol(own, discard_threshold=1e-3), rtol=1e-4, maxiter=300)
+    torch.set_num_threads(threads)  # numba has set the process' to the number of processors
+    return alpha.reshape(known.shape).clip(0, 1).astype(np.float32)
+
+
+def _guided(seen: np.ndarray, alpha: np.ndarray, fine: np.ndarray) -> np.ndarray:
+    """Upsample the matte `alpha` of a copy `seen` to the photograph `fine` by a guided filter.
+
+    Within small windows, the matte is linear in the colour.
+    """
+    window, epsilon = 5, 1e-4
+
+    def mean(values: np.ndarray) -> np.ndarray:
+        return ndimage.uniform_filter(values, (window, window, *[0] * (values.ndim - 2)))
+
+    centre, level = mean(seen), mean(alpha)
+    spread = mean(seen[..., :, None] * seen[..., None, :]) - centre[..., :, None] * centre[..., None, :]
+    along = mean(seen * alpha[..., None]) - centre * level[..., None]
+    slope = np.linalg.solve(spread + epsilon * np.eye(3, dtype=np.float32), along[..., None])[..., 0]
+    model = np.concatenate([mean(slope), mean(level - (slope * centre).sum(-1))[..., None]], axis=-1)
+    model = resize(model.astype(np.float32), fine.shape[:2], FILTER)
+    return ((model[..., :3] * fine).sum(-1) + model[..., 3]).clip(0, 1)
+
+
+def _filled(points: np.ndarray, size: tuple[int, int]) -> np.ndarray:
+    """Return the inside (h, w), bool, of a closed line (N, 2) of x and y, which may cross itself."""
+    picture = Image.new("1", (size[1], size[0]))
+    limits = 4.0 * max(size)
+    drawn = np.clip(points - 0.5, -limits, limits)
+    ImageDraw.Draw(picture).polygon([tuple(point) for point in drawn], fill=1, outline=1)
+    return ndimage.binary_fill_holes(np.asarray(picture))
+
+
+def _painted(points: np.ndarray, radius: float, size: tuple[int, int]) -> np.ndarray:
+    """Return what a round brush covers along a line (N, 2): (h, w), bool."""
+    picture = Image.new("1", (size[1], size[0]))
+    draw, limits = ImageDraw.Draw(picture), 4.0 * max(size)
+    drawn = [tuple(point) for point in np.clip(points - 0.5, -limits, limits)]
+    radius = max(0.5, min(radius, limits))
+    if len(drawn) > 1:
+        draw.line(drawn, fill=1, width=max(1, round(2 * radius)))
+    for x, y in drawn:
+        draw.ellipse([x - radius, y - radius, x + radius, y + radius], fill=1)
+    return np.array(picture)
+
+
+def _extent(drawn: np.ndarray) -> int:
+    """Return the larger of a region's height and width, in pixels."""
+    rows, columns = np.nonzero(drawn)
+    return 0 if not len(rows) else max(int(np.ptp(rows)), int(np.ptp(columns))) + 1
+
+
+def _inside(region: np.ndarray) -> np.ndarray:
+    """Return the distance (h, w) to the edge of a region, in pixels, positive inside.
+
+    The border of the picture is not an edge.
+    """
+    if region.all() or not region.any():
+        return np.full(region.shape, np.inf if region.any() else -np.inf)
+    inner, outer = ndimage.distance_transform_edt(region), ndimage.distance_transform_edt(~region)
+    return np.where(region, inner - 0.5, 0.5 - outer)

@@ -1,0 +1,113 @@
+"""Work on mattes: select one of several people, refine the edge, cut the person out of the photograph."""
+
+from importlib import import_module
+from typing import Any
+
+import numpy as np
+import torch
+from numpy.typing import ArrayLike
+from scipy.ndimage import distance_transform_edt, label
+
+from relight.media import colour
+from relight.media.images import scene_linear
+
+MIN_PERSON_SHARE = 0.1  # of the largest connected region's area: a smaller one is no person of its own
+
+
+def opaque_photograph(image: ArrayLike) -> np.ndarray:
+    """Return a photograph as (H, W, 3), linear Rec.709; raises ValueError if it is transparent."""
+    pixels = scene_linear("image", image)
+    if pixels.shape[-1] == 4 and pixels[..., 3].min() < 1:
+        raise ValueError("image: has transparency, which is a matte already; expected an opaque photograph")
+    return pixels[..., :3]
+
+
+def encoded_srgb(pixels: np.ndarray) -> np.ndarray:
+    """Encode linear pixels (H, W, 3) as third-party networks expect them: sRGB, float32 in [0, 1]."""
+    return colour.encode(pixels.clip(0, 1)).clip(0, 1).astype(np.float32)
+
+
+def select_person(found: np.ndarray, person: Any = None) -> np.ndarray:
+    """Return the matte (H, W) of one of several people, see `relight.matte`.
+
+    People are regions above 0.5 that do not touch. Each takes the soft edge and small parts nearest to it.
+    """
+    regions, count = label(found > 0.5, np.ones((3, 3)))
+    areas = np.bincount(regions.ravel(), minlength=count + 1)[1:]
+    order = np.argsort(-areas, kind="stable") + 1
+    people = [int(region) for region in order if areas[region - 1] >= MIN_PERSON_SHARE * areas.max()]
+    if not people:
+        return found
+    owner = np.where(np.isin(regions, people), regions, 0)
+    nearest = distance_transform_edt(owner == 0, return_distances=False, return_indices=True)
+    owner = owner[tuple(nearest)]
+    if np.ndim(person) == 1:
+        x, y = (int(value) for value in person)
+        if not (0 <= x < found.shape[1] and 0 <= y < found.shape[0]):
+            raise ValueError(f"person: expected a point in the picture, got {x}/{y}")
+        return np.where(owner == owner[y, x], found, 0)
+    number = 1 if person is None else person
+    if not isinstance(number, int) or not 1 <= number <= len(people):
+        raise ValueError(f"person: expected 1 to {len(people)}, as many as there are people, got {person!r}")
+    return np.where(owner == people[number - 1], found, 0)
+
+
+def refine_matte(pixels: np.ndarray, rough: np.ndarray, band: int) -> np.ndarray:
+    """Solve the edge of a rough mask by closed-form matting (Levin et al. 2008).
+
+    Parameters
+    ----------
+    pixels
+        (H, W, 3), the photograph, linear Rec.709.
+    rough
+        (H, W) in [0, 1].
+    band
+        Width in pixels, at least 2, of the band along the mask's edge that is solved.
+
+    Returns
+    -------
+    np.ndarray
+        (H, W) float32 in [0, 1].
+
+    Raises
+    ------
+    ValueError
+        A band out of range, or so wide that it leaves nothing of the person or of the background.
+    ImportError
+        PyMatting is missing (the extra `matte`).
+    """
+    if band < 2:
+        raise ValueError(f"refine_matte: expected a band of 2 pixels or more, got {band}")
+    inside = rough > 0.5
+    depth = np.where(inside, distance_transform_edt(inside), -distance_transform_edt(~inside))
+    if not (depth > band / 2).any() or not (depth < -band / 2).any():
+        raise ValueError(f"refine_matte: a band of {band} pixels leaves nothing of the person or behind them")
+    trimap = np.where(depth > band / 2, 1.0, np.where(depth < -band / 2, 0.0, 0.5))
+    rows, columns = np.nonzero(trimap > 0)
+    box = np.s_[max(rows.min() - 2, 0) : rows.max() + 3, max(columns.min() - 2, 0) : columns.max() + 3]
+    solve = _pymatting("alpha.estimate_alpha_cf", "estimate_alpha_cf")
+    threads = torch.get_num_threads()
+    alpha = np.zeros(rough.shape, np.float32)
+    alpha[box] = solve(encoded_srgb(pixels[box]).astype(float), trimap[box]).clip(0, 1)
+    torch.set_num_threads(threads)  # numba has set the process' to the number of processors
+    return alpha
+
+
+def cut_out(pixels: np.ndarray, alpha: np.ndarray) -> np.ndarray:
+    """Cut a person out of a photograph (H, W, 3), linear, by their matte (H, W): (H, W, 4), premultiplied.
+
+    Their own colours at soft edges come from multi-level foreground estimation (Germer et al. 2020).
+    """
+    estimate = _pymatting("foreground.estimate_foreground_ml", "estimate_foreground_ml")
+    threads = torch.get_num_threads()
+    own = estimate(pixels, alpha).clip(0)
+    torch.set_num_threads(threads)
+    own = np.where(alpha[..., None] >= 1, pixels, own)
+    return np.concatenate([own * alpha[..., None], alpha[..., None]], axis=-1, dtype=np.float32)
+
+
+def _pymatting(module: str, name: str) -> Any:
+    try:
+        return getattr(import_module(f"pymatting.{module}"), name)
+    except ImportError as error:
+        raise ImportError("matte: needs PyMatting; install it with: pip install 'relight[matte]'") from error

@@ -1,0 +1,147 @@
+"""Mattes for the frames of a shot: inferred by a network, or a rough mask refined."""
+
+from collections.abc import Callable
+from dataclasses import dataclass, field
+from typing import Any, Self
+
+import numpy as np
+
+from relight.matting import networks, refine
+from shadow.files import AnyPath
+
+WARM_UP_FRAMES = 5  # that a recurrent network sees before the first one that is asked for
+COLOUR_SIGMA = 0.03  # difference of encoded colour, RMS over the channels, at which a neighbour counts 60 %
+
+
+@dataclass(frozen=True)
+class MattingOptions:
+    """How a matte is inferred or refined.
+
+    Parameters
+    ----------
+    model
+        See `relight.matte`; None where a rough mask is refined.
+    options
+        The model's input and output format, see `relight.matting.networks.load`.
+    person
+        Which of several people, see `relight.matte`.
+    refine
+        Width in pixels of the band along the matte's edge that closed-form matting solves again.
+    """
+
+    model: AnyPath | None = None
+    options: dict[str, Any] = field(default_factory=dict)
+    person: Any = None
+    refine: int | None = None
+
+    @classmethod
+    def parse(cls, model: AnyPath | None, person: Any = None, refine: int | None = None) -> Self | None:
+        """Read the model and its format from text, `model.onnx,mean=0.5/0.5/0.5,std=1/1/1`.
+
+        None where there is nothing to infer or refine. Raises ValueError for other texts.
+        """
+        if model is None and refine is None:
+            if person is not None:
+                raise ValueError(
+                    "person: expected a matting model as well (--matte), whose people it is among"
+                )
+            return None
+        path, *words = str(model or "").split(",")
+        return cls(path or None, dict(map(_option, words)), person, refine)
+
+
+class SequenceMatting:
+    """Infers or refines the mattes of a shot.
+
+    They are temporally stable: by the state of a recurrent network, otherwise by averaging each matte with
+    those before and after it where the frames' colours agree.
+    """
+
+    def __init__(self, options: MattingOptions, read: Callable[[int], Any], numbers: Any) -> None:
+        """Take the function that reads a frame, and the numbers of the frames; None for a still."""
+        self._options, self._read, self._numbers = options, read, numbers
+        self._model = None
+        if options.model is not None:
+            self._model = networks.load(options.model, **options.options)
+        self._found: dict[int, tuple[np.ndarray, np.ndarray]] = {}
+
+    def frames_for(self, number: int) -> list[int]:
+        """Return the other frames on which a frame's matte depends."""
+        if self._numbers is None or self._model is None:
+            return []
+        if self._model.recurrent:
+            return [n for n in range(number - WARM_UP_FRAMES, number) if n in self._numbers]
+        return [n for n in (number - 1, number + 1) if n in self._numbers]
+
+    def cut(self, number: int, mask: np.ndarray | None) -> np.ndarray:
+        """Return the person of a frame (H, W, 4), linear and premultiplied.
+
+        A frame of a shot may have no person.
+
+        Raises as `relight.matte` does.
+        """
+        pixels = refine.opaque_photograph(self._read(number))
+        if self._model is None:
+            if mask is None:
+                raise ValueError("refine_matte: expected a mask or a matte to refine")
+            found = np.asarray(mask, np.float32)
+        else:
+            found = self._filtered(number)
+            if self._numbers is None and found.max() <= 0.5:
+                raise ValueError(
+                    f"matte: {self._options.model} found no person: nowhere above {found.max():.2g}"
+                )
+        if found.max() > 0.5 and self._model is not None:
+            found = refine.select_person(found, self._options.person)
+        if found.max() > 0.5 and self._options.refine is not None:
+            found = refine.refine_matte(pixels, found, self._options.refine)
+        return refine.cut_out(pixels, found)
+
+    def _filtered(self, number: int) -> np.ndarray:
+        """Return the matte of a frame, averaged with its neighbours unless the network is recurrent."""
+        assert self._model is not None
+        near = [number, *([] if self._model.recurrent else self.frames_for(number))]
+        self._found = {n: found for n, found in self._found.items() if abs(n - number) <= 2}
+        for n in near:
+            if n not in self._found:
+                self._found[n] = self._inferred(n)
+        seen, found = self._found[number]
+        total, weights = found.copy(), np.ones_like(found)
+        for n in near[1:]:
+            other, theirs = self._found[n]
+            if other.shape == seen.shape:
+                weight = np.exp(-((other - seen) ** 2).mean(axis=-1) / (2 * COLOUR_SIGMA**2))
+                total, weights = total + weight * theirs, weights + weight
+        return total / weights
+
+    def _inferred(self, number: int) -> tuple[np.ndarray, np.ndarray]:
+        """Return a frame, sRGB-encoded, and the matte that the network infers from it alone."""
+        assert self._model is not None
+        if self._model.recurrent and number - 1 not in self._found:
+            self._model.reset()
+            for before in self.frames_for(number):
+                self._model(refine.encoded_srgb(refine.opaque_photograph(self._read(before))))
+        seen = refine.encoded_srgb(refine.opaque_photograph(self._read(number)))
+        return seen, networks.reject_full_matte(self._model(seen), self._options.model or "")
+
+
+def _option(text: str) -> tuple[str, Any]:
+    """Parse `mean=0.5/0.5/0.5` as a name and a value."""
+    name, _, value = text.partition("=")
+    read: dict[str, Callable[[str], Any]] = {
+        "family": str,
+        "fit": str,
+        "order": str,
+        "size": int,
+        "output": int,
+        "mean": lambda text: tuple(map(float, text.split("/"))),
+        "std": lambda text: tuple(map(float, text.split("/"))),
+        "sigmoid": lambda text: {"yes": True, "no": False}[text],
+    }
+    try:
+        return name, read[name](value)
+    except (KeyError, ValueError) as error:
+        raise ValueError(
+            "--matte: expected MODEL,family=...,size=320,mean=0/0/0,std=1/1/1,order=rgb,fit=stretch,output=0,"
+            f"sigmoid=yes or no, or fewer of these; got {text!r}"
+        ) from error

@@ -1,0 +1,369 @@
+"""Loading pictures: pixels, and the one place in which it is decided what a file says of them."""
+
+import tempfile
+from collections.abc import Collection, Iterator
+from contextlib import contextmanager
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import OpenImageIO as oiio
+from PIL import JpegImagePlugin
+
+from relight.media import colour
+from relight.media.buffers import problem
+from relight.media.encodings import AP0, REC709, Encoding, decode_bt709, decode_linear
+from relight.media.icc import Profile
+from relight.media.images import headers, phone
+from relight.media.images.layers import Layer, Part, find_beauty, find_layer, index_layers, split_layer
+from relight.media.images.stored import StoredPicture
+from relight.media.images.turning import upright
+from shadow.files import AnyPath
+
+# OpenImageIO's own limit, 1024, is passed by an OpenEXR file of 256 lights; more than this is a damaged file.
+oiio.attribute("limits:channels", 1 << 14)
+LARGEST_PART = 1024  # number of parts of an OpenEXR file, beyond which it is damaged
+SIDEWAYS = range(5, 9)
+PHOTOMETRIC = {8: "CIE Lab", 9: "ICC Lab", 10: "ITU Lab", 32844: "LogL", 32845: "LogLuv"}  # of TIFF
+
+
+def load(
+    path: AnyPath,
+    *,
+    layer: str | None = None,
+    wanted: Collection[str] | None = None,
+    space: colour.Space | None = None,
+) -> StoredPicture:
+    """Load a picture as its file stores it.
+
+    Parameters
+    ----------
+    path
+        The file; of an OpenEXR file also `plate.exr:LAYER`.
+    layer
+        Of an OpenEXR file: its channels, under the names R, G, B, A, X, Y, Z. Unless given, all channels of
+        the file's only part, or of the part that holds the picture itself.
+    wanted
+        Names of the channels that are needed: the picture itself, and no more than lies from the first to the
+        last of them.
+    space
+        The colour space, where the caller knows it: then what the file states is not looked at.
+
+    Raises
+    ------
+    FileNotFoundError
+        No such file. ValueError, which names the file: no picture, a damaged one, no such layer, or a
+        statement that cannot be honoured.
+    """
+    path, named = split_layer(path)
+    layer = layer if layer is not None else named
+    if not path.exists():
+        raise FileNotFoundError(f"{path}: no such file")
+    if not path.is_file():
+        raise ValueError(f"{path}: expected a file")
+    read_phone = phone.reader(path)
+    with _named(path):
+        if read_phone is not None:
+            if layer is not None:
+                raise ValueError("layer: only OpenEXR files have layers")
+            picture = read_phone(path)
+            return picture if space is None else replace(picture, space=space)
+        with _openable(path) as file:
+            return _load(path, file, layer, wanted, space)
+
+
+@contextmanager
+def _named(path: Path) -> Iterator[None]:
+    """Name the file in each ValueError."""
+    try:
+        yield
+    except ValueError as error:
+        if str(error).startswith(str(path)):
+            raise
+        raise ValueError(f"{path}: {error}") from error
+
+
+def layers_of(path: AnyPath) -> dict[str, Layer]:
+    """Return the layers of an OpenEXR file, the picture itself without a name; raises as `load` does."""
+    path = Path(path)
+    with _named(path), _openable(path) as file:
+        return index_layers(_parts(_opened(file)))
+
+
+def read_pixel_aspect(path: AnyPath) -> float:
+    """Return how many times as wide as high a file's pixels are, standing upright; 1 where unknown."""
+    path, _ = split_layer(path)
+    if phone.reader(path) is not None:
+        return 1.0
+    with _named(path), _openable(path) as file:
+        opened = _opened(file)
+        return _upright_aspect(path, opened.format_name(), opened.spec())
+
+
+def _upright_aspect(path: Path, kind: str, spec: oiio.ImageSpec) -> float:
+    aspect = spec.get_float_attribute("PixelAspectRatio", 1.0) or 1.0
+    if kind == "jpeg":  # OpenImageIO takes densities for aspects, which are the inverse (JFIF 1.02)
+        aspect = 1 / aspect
+    if kind == "hdr":
+        with path.open("rb") as file:
+            header = headers.radiance_header(file.read(headers.RADIANCE_HEADER))
+        aspect = 1.0 if header is None else header.aspect
+    return 1 / aspect if spec.get_int_attribute("Orientation", 1) in SIDEWAYS else aspect
+
+
+@contextmanager
+def _openable(path: Path) -> Iterator[Path]:
+    """Give the file that OpenImageIO is to open: `path`, or for XYZE a copy that it takes for RGBE."""
+    with path.open("rb") as file:
+        start = file.read(headers.RADIANCE_HEADER)
+    header = headers.radiance_header(start) if start.startswith(b"#?") else None
+    if header is None or not header.is_xyz or header.format_at < 0:
+        yield path
+        return
+    with tempfile.TemporaryDirectory() as folder:
+        copy = Path(folder) / "rgbe.hdr"
+        content = bytearray(path.read_bytes())
+        content[header.format_at : header.format_at + 5] = b"_rgbe"
+        copy.write_bytes(content)
+        yield copy
+
+
+def _opened(file: Path) -> oiio.ImageInput:
+    """Open a picture. ValueError where it is none."""
+    hints = oiio.ImageSpec()
+    hints.attribute("oiio:UnassociatedAlpha", 1)  # or encoded values would come premultiplied
+    hints.attribute("pnm:pfmflip", 1)  # a PFM's first row is the lowest
+    opened = oiio.ImageInput.open(str(file), hints)
+    if opened is None:
+        raise ValueError(f"cannot be read as an image: {_reason(oiio)}")
+    return opened
+
+
+def _reason(source: object) -> str:
+    """Return OpenImageIO's words, and what to do where it cannot read chroma of half the size."""
+    reason = problem(source)
+    if "subsampl" in reason.lower():
+        reason = reason.rstrip(".") + "; save it as red, green and blue, or with chroma of full size"
+    return reason
+
+
+def _parts(file: oiio.ImageInput) -> list[Part]:
+    """Return the parts of an OpenEXR file that are not deep; of other files the first picture."""
+    many, parts = file.format_name() == "openexr", []
+    for index in range(LARGEST_PART if many else 1):
+        if not file.seek_subimage(index, 0):
+            problem(file)  # is taken note of, or it would be reported later
+            break
+        spec = file.spec(index, 0)
+        if not spec.deep:
+            parts.append(Part(index, spec.get_string_attribute("oiio:subimagename"), _channels(spec)))
+    if not parts:
+        raise ValueError("is a deep image, expected a flat one")
+    return parts
+
+
+def _channels(spec: oiio.ImageSpec) -> tuple[str, ...]:
+    try:
+        return tuple(spec.channelnames)
+    except UnicodeDecodeError as error:
+        raise ValueError("is damaged: its channels' names are garbled") from error
+
+
+def _load(
+    path: Path, file: Path, layer: str | None, wanted: Collection[str] | None, space: colour.Space | None
+) -> StoredPicture:
+    opened = _opened(file)
+    kind = opened.format_name()
+    if layer is not None and kind != "openexr":
+        raise ValueError("layer: only OpenEXR files have layers")
+    chosen = _chosen(_parts(opened), kind, layer, wanted)
+    names = {number: name for name, number in chosen.channels.items()}
+    if "X" in chosen.channels:  # vectors: their Y is not a grey picture
+        wanted = None
+    numbers = sorted(number for number, name in names.items() if wanted is None or name in wanted)
+    numbers = numbers or sorted(names)
+    spec = opened.spec(chosen.part.index, 0)
+    if kind == "jpeg" and str(spec.format) != "uint8":  # with a gain map, which OpenImageIO has applied
+        return _base_of_gain_map(path, space)
+    if kind == "bmp":
+        with path.open("rb") as start:
+            headers.check_bmp_masks(start.read(256))
+    _check_photometric(spec)
+    first, last = numbers[0], numbers[-1] + 1
+    try:
+        pixels, unsigned = _pixels(opened, chosen.part, spec, first, last)
+    except ValueError as error:
+        if "Ultra HDR" not in str(error):  # its gain map cannot be applied, and is not wanted
+            raise
+        return _base_of_gain_map(path, space)
+    if len(numbers) < last - first:
+        pixels = pixels[..., [number - first for number in numbers]]
+    if space is None:
+        space = _stated_space(path, kind, spec, np.issubdtype(pixels.dtype, np.integer))
+    return _stated(path, kind, spec, pixels, tuple(names[number] for number in numbers), space, unsigned)
+
+
+def _check_photometric(spec: oiio.ImageSpec) -> None:
+    """Raise ValueError for a TIFF of CIE Lab or LogLuv, which OpenImageIO hands over as if it were RGB."""
+    name = PHOTOMETRIC.get(spec.get_int_attribute("tiff:PhotometricInterpretation", -1))
+    if name is not None:
+        raise ValueError(f"holds {name}, expected red, green and blue; convert it")
+
+
+def _chosen(parts: list[Part], kind: str, layer: str | None, wanted: Collection[str] | None) -> Layer:
+    """Return the layer to load; its channels have their whole names where all of a part are asked for."""
+    if layer is not None:
+        return find_layer(index_layers(parts), layer)
+    if kind == "openexr" and (wanted is not None or len(parts) > 1):
+        beauty = find_beauty(index_layers(parts))
+        if wanted is not None:
+            return beauty
+        parts = [beauty.part]
+    return Layer(parts[0], {name: number for number, name in enumerate(parts[0].channels)})
+
+
+def _pixels(
+    file: oiio.ImageInput, part: Part, spec: oiio.ImageSpec, first: int, last: int
+) -> tuple[np.ndarray, bool]:
+    """Return the channels of a part from `first` to before `last`, (H, W, C) in its display window, and
+    whether any of them is OpenEXR's UINT."""
+    exr = file.format_name() == "openexr"
+    formats = [str(kind) for kind in (spec.channelformats or [spec.format] * spec.nchannels)][first:last]
+    unsigned = [index for index, kind in enumerate(formats) if exr and kind == "uint"]
+    kind = "float"
+    if not exr and str(spec.format) in ("uint8", "uint16"):
+        kind = str(spec.format)
+    elif not exr and "int" in str(spec.format):  # 32 bits, or signed: over the full range of the type
+        kind = "uint16"
+    try:
+        pixels = file.read_image(part.index, 0, first, last, kind)
+        failure = problem(file)  # a truncated JPEG returns a picture *and* an error
+        if pixels is None or failure:
+            raise ValueError(f"is damaged or truncated: {failure}")
+        for index in unsigned:  # as float, OpenImageIO would divide them by the highest number
+            values = file.read_image(part.index, 0, first + index, first + index + 1, "uint")
+            pixels[..., index] = 0 if values is None else values[..., 0]
+        file.close()
+        return _in_display_window(pixels, spec), bool(unsigned)
+    except MemoryError as error:
+        size = f"{spec.full_width} x {spec.full_height}"
+        raise ValueError(f"is damaged, or too large to read: it says {size} pixels") from error
+
+
+def _base_of_gain_map(path: Path, space: colour.Space | None) -> StoredPicture:
+    """Load the base picture of a JPEG with a gain map (ISO 21496-1, Ultra HDR): what every display shows."""
+    try:
+        with JpegImagePlugin.JpegImageFile(path) as file:
+            profile, orientation = file.info.get("icc_profile"), file.getexif().get(0x112, 1)
+            if space is None:
+                space = _profile(profile) if profile else headers.encoding_of_exif(file.getexif())
+            pixels = np.asarray(file.convert("RGB"))
+    except (OSError, SyntaxError) as error:
+        raise ValueError(f"cannot be read as an image: {error}") from error
+    pixels = upright(pixels, orientation)
+    return StoredPicture(pixels, ("R", "G", "B"), space or colour.SRGB, straight=True)
+
+
+def _stated(
+    path: Path,
+    kind: str,
+    spec: oiio.ImageSpec,
+    pixels: np.ndarray,
+    names: tuple[str, ...],
+    space: colour.Space,
+    unsigned: bool,
+) -> StoredPicture:
+    """Return a picture with what else its file states: orientation, alpha, pixel shape and exposure."""
+    orientation = spec.get_int_attribute("Orientation", 1)
+    if kind == "hdr":
+        with path.open("rb") as file:
+            header = headers.radiance_header(file.read(headers.RADIANCE_HEADER))
+        if header is not None:
+            pixels = pixels / np.array(header.exposure, np.float32)
+    if kind in ("bmp", "targa") and len(names) == 4 and _alpha_is_unused(path, kind, spec):
+        pixels, names = pixels[..., :3], names[:3]
+    return StoredPicture(
+        upright(pixels, orientation),
+        names,
+        space,
+        straight=bool(spec.get_int_attribute("oiio:UnassociatedAlpha")) or _is_straight(kind, pixels),
+        aspect=_upright_aspect(path, kind, spec),
+        unsigned=unsigned,
+    )
+
+
+def _is_straight(kind: str, pixels: np.ndarray) -> bool:
+    """Return whether integers are straight because their format cannot say otherwise; only TIFF can."""
+    return np.issubdtype(pixels.dtype, np.integer) and kind != "tiff"
+
+
+def _alpha_is_unused(path: Path, kind: str, spec: oiio.ImageSpec) -> bool:
+    """Return whether the fourth channel of a BMP or Targa file is no alpha."""
+    if kind == "targa":
+        return headers.has_unused_targa_alpha(path, spec.get_int_attribute("targa:alpha_type", -1))
+    with path.open("rb") as file:
+        return headers.has_unused_bmp_alpha(file.read(256))
+
+
+def _stated_space(path: Path, kind: str, spec: oiio.ImageSpec, integer: bool) -> colour.Space:
+    """Return the colour space that a file states, in the order of its specification, or its type implies."""
+    first: colour.Space | bytes | None = None
+    if kind == "png":
+        stated, precedes = headers.png_encoding(path)
+        first = stated if precedes or spec.getattribute("ICCProfile") is None else None
+    elif kind == "bmp":
+        first = headers.bmp_encoding(path.read_bytes())
+    elif kind == "hdr":
+        first = headers.radiance_encoding(path)
+    if isinstance(first, bytes):
+        return _profile(first)
+    if first is not None:
+        return first
+    profile = spec.getattribute("ICCProfile")
+    if profile is not None:
+        return _profile(np.asarray(profile, np.uint8).tobytes())
+    exif = headers.exif_encoding(path, kind)
+    if isinstance(exif, Encoding):
+        return exif if integer else Encoding(exif.chromaticities)
+    if exif is not None and integer:
+        return exif
+    if kind == "pnm":  # its specification says BT.709; what writes it writes sRGB, and light as floats
+        return colour.SRGB if integer else colour.LINEAR
+    return _named_space(spec, integer)
+
+
+def _named_space(spec: oiio.ImageSpec, integer: bool) -> colour.Space:
+    """Return the colour space of OpenImageIO's name, of chromaticities, or of the type."""
+    declared = spec.get_string_attribute("oiio:ColorSpace")
+    if not declared.isprintable():
+        raise ValueError("is damaged: the name of its colour space is garbled")
+    if declared == "Rec709":  # DPX and Cineon
+        return Encoding(REC709, decode_bt709)
+    if declared not in ("", "unknown"):  # a colorInteropID may say that the writer did not know
+        return declared
+    primaries, neutral = spec.getattribute("chromaticities"), spec.getattribute("adoptedNeutral")
+    if integer or (primaries is None and neutral is None):
+        is_aces = spec.get_int_attribute("acesImageContainerFlag") == 1 and not integer
+        return Encoding(AP0) if is_aces else colour.SRGB if integer else colour.LINEAR
+    white = None if neutral is None or len(neutral) != 2 else (float(neutral[0]), float(neutral[1]))
+    return Encoding(tuple(REC709 if primaries is None else primaries), decode_linear, white)
+
+
+def _profile(data: bytes) -> Profile:
+    try:
+        return Profile.parse(data)
+    except ValueError as error:
+        raise ValueError(f"its colour profile {error}; say which colour_space it is") from error
+
+
+def _in_display_window(pixels: np.ndarray, spec: oiio.ImageSpec) -> np.ndarray:
+    """Crop overscan and pad with nothing, so that the picture is what its display window shows."""
+    left, top = spec.x - spec.full_x, spec.y - spec.full_y
+    if (left, top, spec.width, spec.height) == (0, 0, spec.full_width, spec.full_height):
+        return pixels
+    window = np.zeros((spec.full_height, spec.full_width, pixels.shape[-1]), pixels.dtype)
+    rows = slice(max(top, 0), max(top + spec.height, 0))
+    columns = slice(max(left, 0), max(left + spec.width, 0))
+    inside = window[rows, columns]
+    inside[:] = pixels[max(-top, 0) :, max(-left, 0) :][: inside.shape[0], : inside.shape[1]]
+    return window

@@ -1,0 +1,58 @@
+"""The text of Nuke's nodes: knobs are words as Tcl reads them."""
+
+import re
+from collections.abc import Iterable
+from fractions import Fraction
+from typing import Any
+
+
+def root(
+    size: tuple[int, ...],
+    frames: tuple[int, int] | None,
+    rate: float | Fraction,
+    pixel_aspect: float = 1,
+) -> str:
+    """Write the script's settings: its format of `size` (H, W) pixels, its frames and frames a second.
+
+    Files are named relative to the script's folder.
+    """
+    first, last = frames or (1, 1)
+    height, width = size
+    return node(
+        "Root",
+        inputs=0,
+        project_directory=r'"\[python \{nuke.script_directory()\}]"',
+        frame=first,
+        first_frame=first,
+        last_frame=last,
+        fps=f"{float(rate):g}",
+        format=f'"{width} {height} 0 0 {width} {height} {pixel_aspect:g} relight"',
+    )
+
+
+def layer(name: str, channels: Iterable[str]) -> str:
+    """Declare a layer and its channels, as a script does before it uses them."""
+    return f"add_layer {{{name} {' '.join(f'{name}.{channel}' for channel in channels)}}}"
+
+
+def span(frames: tuple[int, int] | None) -> dict[str, int]:
+    """Return the knobs of a Read node for the frames of a sequence."""
+    if frames is None:
+        return {}
+    first, last = frames
+    return {"first": first, "last": last, "origfirst": first, "origlast": last}
+
+
+def node(kind: str, **knobs: Any) -> str:
+    """Write a node of a class with its knobs; the values are words as Tcl reads them."""
+    return "\n".join([f"{kind} {{", *(f" {knob} {value}" for knob, value in knobs.items()), "}"])
+
+
+def word_of(name: str) -> str:
+    """Return a name that Nuke accepts for nodes and layers: letters, digits and underscores."""
+    return re.sub(r"\W", "_", name, flags=re.ASCII)
+
+
+def quoted(text: str) -> str:
+    """Quote a text for Tcl, including braces, brackets and line breaks."""
+    return '"' + re.sub(r'([\\"\[\]{}$])', r"\\\1", text).replace("\n", "\\n") + '"'

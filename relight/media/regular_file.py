@@ -1,0 +1,32 @@
+"""Refuse what is no regular file before it is read: a device or a pipe would never end."""
+
+import os
+import stat
+from pathlib import Path
+
+from relight.errors import UnsupportedFileError
+
+
+def check_regular_file(path: str | os.PathLike[str]) -> Path:
+    """Return the path of a file that can be read to its end.
+
+    Raises
+    ------
+    FileNotFoundError
+        No such file.
+    relight.errors.UnsupportedFileError
+        A device, a pipe, a socket or a folder.
+
+    Examples
+    --------
+    >>> check_regular_file("pyproject.toml").name
+    'pyproject.toml'
+    """
+    path = Path(path)
+    try:
+        mode = path.stat().st_mode
+    except OSError as error:
+        raise FileNotFoundError(f"{path}: no such file") from error
+    if not stat.S_ISREG(mode):
+        raise UnsupportedFileError(f"{path}: is no regular file")
+    return path

@@ -1,0 +1,60 @@
+"""Timecode of SMPTE ST 12-1: as movies write it, 01:00:10:05, and as OpenEXR and DPX pack it."""
+
+import re
+from fractions import Fraction
+
+TEXT = re.compile(r"(\d{1,2}):(\d\d):(\d\d)([:;.])(\d\d)")  # a semicolon or a point drops frame numbers
+DROP = 1 << 6  # the bit of packed timecode that says so
+MOST_PACKED = 39  # frames: their tens have two bits
+
+
+def offset_timecode(text: str, frames: int, rate: float | Fraction) -> str | None:
+    """Return the timecode of a frame that is `frames` later; None for a text that is no timecode.
+
+    Examples
+    --------
+    >>> offset_timecode("01:00:59:24", 1, 25)
+    '01:01:00:00'
+    >>> offset_timecode("00:00:59;29", 1, Fraction(30000, 1001))
+    '00:01:00;02'
+    """
+    match = TEXT.fullmatch(text)
+    count = round(rate)
+    if match is None or count < 1:
+        return None
+    hours, minutes, seconds, number = (int(match[group]) for group in (1, 2, 3, 5))
+    dropped = count // 15 if match[4] != ":" else 0  # numbers left out in a minute, but for each tenth
+    minutes += 60 * hours
+    total = (60 * minutes + seconds) * count + number - dropped * (minutes - minutes // 10) + frames
+    if dropped:
+        tens, rest = divmod(total, 600 * count - 9 * dropped)
+        total += 9 * dropped * tens + dropped * (max(rest - dropped, 0) // (60 * count - dropped))
+    total %= 24 * 3600 * count
+    seconds, number = divmod(total, count)
+    minutes, seconds = divmod(seconds, 60)
+    hours, minutes = divmod(minutes, 60)
+    return f"{hours:02d}:{minutes:02d}:{seconds:02d}{match[4]}{number:02d}"
+
+
+def pack_timecode(text: str) -> tuple[int, int] | None:
+    """Return OpenEXR's time and user data of a timecode; None for a text or a number that it cannot hold."""
+    match = TEXT.fullmatch(text)
+    if match is None or int(match[5]) > MOST_PACKED:
+        return None
+    digits = [int(match[group]) for group in (5, 3, 2, 1)]
+    packed = sum((value % 10 | value // 10 << 4) << 8 * place for place, value in enumerate(digits))
+    return packed | (DROP if match[4] != ":" else 0), 0
+
+
+def unpack_timecode(packed: int) -> str:
+    """Return the timecode that OpenEXR's time and flags say.
+
+    Examples
+    --------
+    >>> unpack_timecode(pack_timecode("10:20:30:12")[0])
+    '10:20:30:12'
+    """
+    masks = (0x3F, 0x7F, 0x7F, 0x3F)  # of frames, seconds, minutes and hours; the other bits are flags
+    pairs = [packed >> 8 * place & mask for place, mask in enumerate(masks)]
+    number, seconds, minutes, hours = (10 * (pair >> 4) + (pair & 15) for pair in pairs)
+    return f"{hours:02d}:{minutes:02d}:{seconds:02d}{';' if packed & DROP else ':'}{number:02d}"

@@ -1,0 +1,176 @@
+"""Keeps the analysis of a still or a shot: one file a frame, which is relit without a network."""
+
+import warnings
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+from relight import __version__
+from relight.analysis import storage
+from relight.media.content_hash import content_hash
+from relight.media.sequences import FrameRange
+from relight.pipeline.cache import SUFFIX, describe_sources, frame_file, is_cache
+from relight.pipeline.frames import FrameAnalyser, computing
+from relight.pipeline.inputs import ShotInputs
+from relight.pipeline.options import Compute, Source
+from relight.pipeline.outputs import Report
+from relight.pipeline.plate_metadata import VERSION, PlateMetadataReader
+from relight.subject import weights
+from shadow import inputs as checks
+from shadow.networks.precision import in_use
+
+if TYPE_CHECKING:
+    from relight.pipeline.options import Picture
+
+
+def analyse_shot(
+    source: "Source | Picture",
+    output: str | Path,
+    *,
+    compute: Compute | None = None,
+    frames: tuple[int, int] | str | FrameRange | None = None,
+    progress: Report | None = None,
+) -> dict[int, str]:
+    """Analyse the person of a still, or of each frame of a shot, and store the analysis in a folder.
+
+    `render_shot` takes the folder as its source, and relights it without a network as often as the lights
+    change. Existing frames that are complete and were made from the same sources, options and weights are
+    kept. So an interrupted run continues where it stopped, and several machines can analyse ranges of a shot
+    into one folder. Each machine also analyses the neighbouring frames that the temporal filter needs.
+
+    Parameters
+    ----------
+    source
+        Source, or a plate; its size has to be in pixels.
+    output
+        A folder such as `shot.relight`, which is created. `000101.safetensors` is frame 101,
+        `still.safetensors` a still. `relight.analysis.storage` describes the files.
+    compute
+        Compute: device, precision and threads.
+    frames
+        Frames of a shot, see `relight.render_shot`; all by default.
+    progress
+        Called with (frames done, number of frames, name of the step) after every frame.
+
+    Returns
+    -------
+    dict[int, str]
+        {frame number: error} of the frames that could not be analysed. All others exist.
+
+    Raises
+    ------
+    FileNotFoundError
+        No such file or frames.
+    OSError
+        The folder cannot be created or written.
+    TypeError, ValueError
+        Bad arguments, or no frame could be analysed.
+
+    Examples
+    --------
+    >>> relight.analyse_shot("examples/person.png", "person.relight")
+    {}
+    """
+    source, compute, folder = Source.of(source), compute or Compute(), Path(output)
+    if folder.suffix.lower() != SUFFIX:
+        raise ValueError(f"{folder}: expected the name of a folder that ends in {SUFFIX}")
+    if is_cache(source.plate):
+        raise ValueError(f"{source.plate}: is analysed already")
+    report = progress or (lambda done, total, what: None)
+    checks.device("device", compute.device)
+    with computing(compute):
+        inputs = ShotInputs(source)
+        numbers = _numbers(frames, inputs)
+        folder.mkdir(parents=True, exist_ok=True)
+        inputs.compile_matting(report)
+        return _CacheWriter(inputs, folder, compute).write(numbers, report)
+
+
+class _CacheWriter:
+    """Writes the frames of a shot into its cache."""
+
+    def __init__(self, inputs: ShotInputs, folder: Path, compute: Compute) -> None:
+        self._inputs, self._folder = inputs, folder
+        self._analyser = FrameAnalyser(inputs, compute.device, shared_world=True)
+        self._plates = PlateMetadataReader(inputs.plates)
+        precision = in_use(compute.device or "cpu")
+        self._provenance: dict[str, Any] = {
+            "options": content_hash(inputs.options_hash, __version__),
+            "version": __version__,
+            "rate": None if inputs.rate is None else str(inputs.rate),
+            "field_of_view": inputs.field_of_view,
+            "pixel_aspect": inputs.pixel_aspect,
+            "precision": precision,
+            "threads": compute.threads,
+        }
+
+    def write(self, numbers: FrameRange | list[int], report: Report) -> dict[int, str]:
+        """Analyse all frames; return {frame number: error}. Raises ValueError if none could be analysed."""
+        problems: dict[int, str] = {}
+        replaced = 0
+        for done, number in enumerate(numbers, 1):
+            try:
+                replaced += self._write(number)
+            except (OSError, ValueError) as error:
+                problems[number] = str(error)
+            report(done, len(numbers), "Analysing")
+        if len(problems) == len(numbers):
+            first = f"frame {numbers[0]}: {problems[numbers[0]]}"
+            raise ValueError(f"none of {len(numbers)} frames could be analysed; {first}")
+        if replaced:
+            warnings.warn(
+                f"{self._folder}: {replaced} of {len(numbers)} frames were damaged, or made from other "
+                "plates, with other options or weights or by another version, and were analysed again",
+                stacklevel=3,
+            )
+        return problems
+
+    def _write(self, number: int) -> bool:
+        """Analyse a frame unless it is up to date; return whether that replaced another."""
+        path = frame_file(self._folder, None if self._inputs.numbers is None else number)
+        there = path.exists()
+        if there and _states(path, self._content_hash(number)):
+            return False
+        person = self._analyser.at(number)
+        records = self._inputs.records(self._analyser.around(number))
+        person.save(
+            path,
+            provenance=self._provenance
+            | {
+                "content_hash": self._content_hash(number, as_read=True),
+                "sources": describe_sources(self._folder, records),
+                "plate_metadata": self._plates.at(number).to_json(self._folder),
+            },
+        )
+        return there
+
+    def _content_hash(self, number: int, as_read: bool = False) -> str:
+        """Return a hash of all that determines the analysis of a frame."""
+        return content_hash(
+            self._inputs.person_hash(self._analyser.around(number), as_read),
+            self._analyser.camera,
+            self._provenance["options"],
+            *weights(),
+            self._provenance["precision"],
+            self._provenance["threads"],
+            VERSION,
+        )
+
+
+def _states(path: Path, made_from: str) -> bool:
+    """Return whether a frame's file is complete, and was made from exactly these inputs."""
+    try:
+        about = storage.read_header(path)
+        if "empty" not in about:
+            storage.read_record(path)
+        return about["provenance"].get("content_hash") == made_from
+    except (OSError, ValueError):
+        return False
+
+
+def _numbers(frames: tuple[int, int] | str | FrameRange | None, inputs: ShotInputs) -> FrameRange | list[int]:
+    """Return the numbers of the frames to analyse; [0] for a still."""
+    if inputs.numbers is None:
+        if frames is not None:
+            raise ValueError("frames: a still has none")
+        return [0]
+    return FrameRange.of(frames or (inputs.numbers[0], inputs.numbers[-1]))

@@ -1,0 +1,187 @@
+"""The analysis cache of a shot: a folder with one file a frame, in which each states what it was made from.
+
+No file stands for the whole shot, so any number of machines may write frames into one folder.
+"""
+
+import os
+import warnings
+from collections.abc import Iterable
+from fractions import Fraction
+from pathlib import Path
+from typing import Any, TypeGuard
+
+from relight.analysis import storage
+from relight.empty_subject import EmptySubject, load_subject
+from relight.errors import DamagedFileError, MissingFramesError, StaleAnalysisError
+from relight.lights.environment import FIELD_OF_VIEW
+from relight.media.content_hash import FileRecord
+from relight.media.sequences import FrameSequence
+from relight.pipeline.options import Compute, Source
+from relight.pipeline.plate_metadata import PlateMetadata, relative_path
+from relight.subject import Subject, weights
+from shadow.files import AnyPath
+
+SUFFIX = ".relight"
+STILL = f"still{storage.SUFFIX}"  # the name of the one file of a still
+AGAIN = "run `relight analyse` again"
+
+
+def is_cache(path: object) -> TypeGuard[str | Path]:
+    """Return whether a source is an analysis cache: a folder, or a path with its suffix."""
+    return isinstance(path, str | Path) and (Path(path).suffix.lower() == SUFFIX or Path(path).is_dir())
+
+
+def check_not_analysed(source: Source, compute: Compute | None = None) -> None:
+    """Raise ValueError if an analysis cache is given together with options that it was made with."""
+    given = [name for name in source.given() if name != "plate"]
+    given += ["precision"] if compute is not None and compute.precision is not None else []
+    if is_cache(source.plate) and given:
+        raise ValueError(f"{given[0]}: {source.plate} is analysed already; give it to `relight analyse`")
+
+
+def frame_file(folder: Path, number: int | None) -> Path:
+    """Return the file of a frame, or of a still if `number` is None."""
+    if number is None:
+        return folder / STILL
+    return FrameSequence(folder, "", 6, storage.SUFFIX).path(number)
+
+
+class AnalysisCache:
+    """The kept frames of a shot, checked as they are read.
+
+    Raises
+    ------
+    MissingFramesError
+        No such folder, or no frames in it.
+    """
+
+    def __init__(self, folder: AnyPath) -> None:
+        self.folder = Path(folder)
+        still = frame_file(self.folder, None)
+        self.numbers = (
+            None if still.is_file() else FrameSequence(self.folder, "", 6, storage.SUFFIX).numbers()
+        )
+        if self.numbers == []:
+            raise MissingFramesError(f"{folder}: no analysed frames; `relight analyse` makes them")
+        self._first: tuple[Path, dict[str, Any]] | None = None  # a frame, and its provenance
+        self._warned: set[str] = set()
+
+    @property
+    def rate(self) -> Fraction | None:
+        """Frames a second of the movie that was analysed."""
+        rate = self._stated("rate")
+        return None if rate is None else Fraction(rate)
+
+    @property
+    def field_of_view(self) -> float:
+        """Of the camera, vertical, in degrees."""
+        return self._stated("field_of_view") or FIELD_OF_VIEW
+
+    @property
+    def pixel_aspect(self) -> float:
+        """How many times as wide as high the pixels of the plates are that were analysed."""
+        return self._stated("pixel_aspect") or 1.0
+
+    def plate_metadata(self, number: int) -> PlateMetadata:
+        """Return what is kept of the statements of a frame's plate; nothing for a frame that is not there.
+
+        Raises DamagedFileError where it is damaged. Warns once of frames that an earlier version made: they
+        keep nothing.
+        """
+        path = self.file(number)
+        try:
+            provenance = storage.read_header(path)["provenance"]
+        except (OSError, ValueError):  # that frame was reported when it was its turn
+            return PlateMetadata()
+        if "plate_metadata" not in provenance:
+            self._warn(
+                "plate_metadata", f"keeps no timecode, camera metadata and sound of its plates; {AGAIN}"
+            )
+            return PlateMetadata()
+        try:
+            return PlateMetadata.from_json(provenance["plate_metadata"], self.folder)
+        except ValueError as error:
+            raise DamagedFileError(f"{path}: {error}") from error
+
+    def _stated(self, name: str) -> Any:
+        """Return the provenance of the first readable frame."""
+        for number in self.numbers or [0]:
+            try:
+                return storage.read_header(self.file(number))["provenance"].get(name)
+            except (OSError, ValueError):  # that frame is reported when it is its turn
+                continue
+        return None
+
+    def file(self, number: int) -> Path:
+        """Return the file of a frame."""
+        return frame_file(self.folder, None if self.numbers is None else number)
+
+    def content_hash(self, number: int) -> str:
+        """Return a hash of the analysis of a frame; "" if the frame cannot be used."""
+        try:
+            return self._checked(number)["content_hash"]
+        except (OSError, ValueError):
+            return ""
+
+    def read(self, number: int) -> Subject | EmptySubject:
+        """Return the person of a frame.
+
+        Raises
+        ------
+        FileNotFoundError
+            It is not there.
+        DamagedFileError
+            It is damaged.
+        StaleAnalysisError
+            Its plate, the weights or the options have changed.
+        """
+        self._checked(number)
+        return load_subject(self.file(number))
+
+    def _checked(self, number: int) -> dict[str, Any]:
+        """Return the provenance of a frame if the frame can be used."""
+        path = self.file(number)
+        provenance = storage.read_header(path)["provenance"]
+        if provenance.get("weights") != list(weights()):
+            raise StaleAnalysisError(f"{path}: was analysed with other weights than this version's; {AGAIN}")
+        if "content_hash" not in provenance:
+            raise ValueError(f"{path}: is not a frame of a shot")
+        changed, missing = compare_sources(self.folder, provenance)
+        if changed:
+            raise StaleAnalysisError(f"{path}: is stale, {changed[0]} has changed since; {AGAIN}")
+        if missing:
+            self._warn("missing", f"{missing[0]} is not there to compare with; others may be missing too")
+        first, other = self._first = self._first or (path, provenance)
+        if provenance["options"] != other["options"]:
+            raise StaleAnalysisError(f"{path}: was analysed with other options than {first.name}; {AGAIN}")
+        if provenance["precision"] != other["precision"]:
+            self._warn(
+                "precision",
+                f"{path.name} was analysed in {provenance['precision']}, {first.name} in "
+                f"{other['precision']}; give all machines the same --precision",
+            )
+        return provenance
+
+    def _warn(self, kind: str, message: str) -> None:
+        """Warn, once for all frames."""
+        if kind not in self._warned:
+            self._warned.add(kind)
+            warnings.warn(f"{self.folder}: {message}", stacklevel=2)
+
+
+def describe_sources(folder: Path, records: Iterable[FileRecord]) -> list[dict[str, Any]]:
+    """Return the files from which a frame was made, as entries of its provenance."""
+    return [record._asdict() | {"path": relative_path(record.path, folder)} for record in records]
+
+
+def compare_sources(folder: Path, provenance: dict[str, Any]) -> tuple[list[Path], list[Path]]:
+    """Return the files of a provenance that have changed, and those that do not exist."""
+    changed, missing = [], []
+    for source in provenance["sources"]:
+        record = FileRecord(**source | {"path": Path(os.path.normpath(folder / source["path"]))})
+        try:
+            if record.differs():
+                changed.append(record.path)
+        except OSError:
+            missing.append(record.path)
+    return changed, missing

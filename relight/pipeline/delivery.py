@@ -1,0 +1,91 @@
+"""What the outputs of a shot keep of its source: the shape of pixels, timecode, camera metadata and sound."""
+
+import warnings
+from collections.abc import Callable
+from fractions import Fraction
+
+import numpy as np
+
+from relight.media import images, movies
+from relight.media.movies import RATE
+from relight.media.movies.tracks import Tracks
+from relight.media.pixel_aspect import squeeze_pixels
+from relight.media.sequences import FrameRange
+from relight.pipeline.inputs import ShotInputs
+from relight.pipeline.plate_metadata import PlateMetadata, PlateMetadataReader
+from relight.rendering import Layers
+
+FOCAL_LENGTH = "relight:focal_length"
+
+
+class Delivery:
+    """What is kept of a shot's plates in .exr, .mov and .mp4.
+
+    pixel_aspect: how many times as wide as high the pixels of the plates are, and of what is written; 1 where
+    the picture has a size of its own.
+    """
+
+    def __init__(self, inputs: ShotInputs | None = None, rate: float | Fraction | None = None) -> None:
+        """`rate`: of the outputs, in frames a second; the source's unless given."""
+        self.pixel_aspect = 1.0 if inputs is None else inputs.pixel_aspect
+        self._stated = None if inputs is None else inputs.rate
+        self.rate: float | Fraction = rate or self._stated or RATE
+        self._plate_metadata: Callable[[int], PlateMetadata] = lambda number: PlateMetadata()
+        if inputs is not None:
+            self._plate_metadata = (
+                PlateMetadataReader(inputs.plates).at if inputs.cache is None else inputs.cache.plate_metadata
+            )
+
+    def metadata(self, number: int) -> images.Metadata:
+        """Return what the header of an .exr states of a plate's scene and camera."""
+        return self._plate_metadata(number).header
+
+    def tracks(self, numbers: FrameRange, path: object) -> Tracks:
+        """Return what a movie of these frames carries. `path`: of the movie, for warnings."""
+        first, last = self._plate_metadata(numbers[0]), self._plate_metadata(numbers[-1])
+        silent = Tracks(first.timecode, first.tags)
+        if first.sound is None or last.sound is None:
+            return silent
+        rates = {movies.frame_rate(each) for each in (self.rate, self._stated or RATE)}
+        if len(numbers) != numbers[-1] - numbers[0] + 1 or len(rates) > 1:
+            why = f"as its frames are not all those of a part of {first.sound}, at its rate"
+        elif not first.sound.is_file():  # it may have been moved since it was analysed
+            why = f"as {first.sound} is not there"
+        else:
+            return Tracks(first.timecode, first.tags, first.sound, first.begin, last.end)
+        warnings.warn(f"{path}: has no sound, {why}", stacklevel=2)
+        return silent
+
+    def squeeze(self, picture: np.ndarray) -> np.ndarray:
+        """Return a picture (H, W, C) or matte (H, W) of square pixels with pixels of the plates' shape."""
+        channels = picture[..., None] if picture.ndim == 2 else picture
+        squeezed = squeeze_pixels(channels, self.pixel_aspect)
+        return squeezed[..., 0] if picture.ndim == 2 else squeezed
+
+    def squeeze_layers(
+        self, picture: np.ndarray, layers: Layers, metadata: images.Metadata, exr_type: str
+    ) -> tuple[np.ndarray, Layers, images.Metadata]:
+        """Return a picture and its layers with pixels of the plates' shape, and what the header says.
+
+        Light groups are averaged, and the picture is their sum again; of passes, single values are taken,
+        since positions and normals of two surfaces are not to be mixed.
+        """
+        if self.pixel_aspect == 1:
+            return picture, layers, metadata
+        squeezed: Layers = {}
+        for name, layer in layers.items():
+            is_light = name.startswith(("C_", "shadow_floor"))
+            channels = layer[..., None] if layer.ndim == 2 else layer
+            pixels = squeeze_pixels(channels, self.pixel_aspect, nearest=not is_light)
+            if is_light and exr_type == "half":
+                pixels = images.half(np.asarray(pixels, np.float32), name)
+            squeezed[name] = pixels[..., 0] if layer.ndim == 2 else pixels
+        picture = self.squeeze(picture)
+        groups = [layer[..., :3] for name, layer in squeezed.items() if name.startswith("C_")]
+        if groups:
+            picture = np.concatenate([np.sum(groups, axis=0), picture[..., 3:]], axis=-1, dtype=np.float32)
+        shape: dict[str, float] = {"PixelAspectRatio": self.pixel_aspect}
+        focal = metadata.get(FOCAL_LENGTH)
+        if isinstance(focal, float):  # in heights of a pixel
+            shape[FOCAL_LENGTH] = focal * min(self.pixel_aspect, 1)
+        return picture, squeezed, {**metadata, **shape}

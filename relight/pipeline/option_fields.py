@@ -1,0 +1,213 @@
+"""What the fields of options are made of: their declaration, the texts they are read from, absolute paths.
+
+See `relight.pipeline.options`. Nothing heavy is imported.
+"""
+
+from __future__ import annotations
+
+import dataclasses
+import os
+import re
+from collections.abc import Callable
+from dataclasses import MISSING, field, fields
+from enum import Enum, StrEnum
+from pathlib import Path
+from typing import TYPE_CHECKING, Any, Self, cast
+
+if TYPE_CHECKING:
+    from relight.compositing.floor import Floor
+
+BACKGROUND = "background"  # as a size: the background's own
+ENVIRONMENT = "environment"  # as a background: what the camera sees of the environments among the lights
+
+
+class Screen(StrEnum):
+    """The colour of a screen that a person is keyed from."""
+
+    green = "green"
+    blue = "blue"
+
+
+class Fitting(StrEnum):
+    """How a photograph lies in a picture of another size."""
+
+    fit = "fit"
+    fill = "fill"
+    centre = "centre"
+
+
+class Alpha(StrEnum):
+    """Whether colours are multiplied by alpha."""
+
+    straight = "straight"
+    premultiplied = "premultiplied"
+
+
+class ExrType(StrEnum):
+    """The type of an OpenEXR file's channels."""
+
+    half = "half"
+    float = "float"
+
+
+class Phase(StrEnum):
+    """What a run does of a shot whose frames are made in chunks."""
+
+    all = "all"
+    frames = "frames"  # the frames of a chunk: no movie and no script
+    finalize = "finalize"  # movies and scripts, from the frames that the chunks have made
+
+
+def option(
+    help: str,  # as in typer.Option
+    default: Any = None,
+    *,
+    text: Any = str,
+    parse: Callable[[str], Any] | None = None,
+    flags: tuple[str, ...] = (),
+    path: bool = False,
+    **limits: Any,
+) -> Any:
+    """Declare a field that is an option of the command line as well.
+
+    Parameters
+    ----------
+    help
+        One or two sentences, for `--help`.
+    default
+        Of the field and of the option; MISSING for what must be given.
+    text
+        The type in which the command line takes it: str, int, float, bool, an enumeration, list[str].
+    parse
+        From the command line's text to the field's value.
+    flags
+        Names of the option, where `--field-name` is not the one.
+    path
+        Whether a text may name a file or a sequence of files.
+    limits
+        Further arguments of `typer.Option`, such as min.
+    """
+    metadata = {"help": help, "text": text, "parse": parse, "flags": flags, "path": path, "limits": limits}
+    return field(metadata=metadata) if default is MISSING else field(default=default, metadata=metadata)
+
+
+class Options:
+    """What the four kinds of options have in common."""
+
+    def __post_init__(self) -> None:
+        """Make lists tuples, and texts the members of an enumeration that they name."""
+        for each in fields(cast(Any, self)):
+            value, kind = getattr(self, each.name), each.metadata["text"]
+            if isinstance(value, list):
+                self._set(each.name, tuple(value))
+            elif isinstance(kind, type) and issubclass(kind, Enum) and value is not None:
+                if value not in list(kind):
+                    raise ValueError(f"{each.name}: expected one of {', '.join(kind)}, got {value!r}")
+                self._set(each.name, kind(value))
+
+    def _set(self, name: str, value: Any) -> None:
+        object.__setattr__(self, name, value)  # as frozen dataclasses initialise themselves
+
+    def given(self) -> dict[str, Any]:
+        """{field: value} of the fields that do not have their default."""
+        return {
+            each.name: getattr(self, each.name)
+            for each in fields(cast(Any, self))
+            if not _is_default(getattr(self, each.name), each.default)
+        }
+
+    def absolute(self) -> Self:
+        """Return the same options with absolute paths, which are valid in another working directory."""
+        changed = {
+            each.name: _absolute(getattr(self, each.name))
+            for each in fields(cast(Any, self))
+            if each.metadata["path"]
+        }
+        return dataclasses.replace(cast(Any, self), **changed)
+
+
+def parse_size(text: str) -> tuple[int, int] | str:
+    """Parse `1920x1080` as (height, width); `background` is returned unchanged."""
+    if text == BACKGROUND:
+        return text
+    try:
+        width, height = map(int, text.lower().split("x"))
+    except ValueError as error:
+        raise ValueError(f"--size: expected WIDTHxHEIGHT or background, got {text!r}") from error
+    return height, width
+
+
+def parse_offset(text: str) -> tuple[int, int]:
+    """Parse `120/-40` as (right, up)."""
+    try:
+        right, up = map(int, text.split("/"))
+    except ValueError as error:
+        raise ValueError(f"--offset: expected RIGHT/UP in pixels, such as 120/-40, got {text!r}") from error
+    return right, up
+
+
+def parse_person(text: str) -> int | tuple[int, int]:
+    """Parse `2` as a number, and `640/300` as a point."""
+    try:
+        values = tuple(map(int, text.split("/")))
+        return values[0] if len(values) == 1 else (values[0], values[1])
+    except (ValueError, IndexError) as error:
+        raise ValueError(f"--person: expected a number, or a point as X/Y, got {text!r}") from error
+
+
+def parse_background(text: str) -> tuple[float, ...] | str:
+    """Parse a colour such as `0.2/0.2/0.2`; return other text, a path or `environment`, unchanged."""
+    if re.fullmatch("#[0-9a-fA-F]{3,8}", text) or (text.count(",") == 2 and not Path(text).exists()):
+        raise ValueError(f"--background: expected a linear colour as 0.2/0.2/0.2, or a file, got {text!r}")
+    try:
+        return tuple(map(float, text.split("/")))
+    except ValueError:
+        return text
+
+
+def parse_place(text: str) -> tuple[float, ...] | str:
+    """Parse `1/0.9/2` as three numbers.
+
+    Return other text, the path of a prim or the name of a node, unchanged.
+    """
+    try:
+        numbers = tuple(map(float, text.split("/")))
+    except ValueError:
+        return text
+    return numbers if len(numbers) == 3 else text
+
+
+def parse_floor(text: str) -> Floor:
+    """Parse `height=1.5,horizon=0.45` or `feet=X/Y/X/Y` as a Floor."""
+    from relight.compositing.floor import Floor
+
+    return Floor.parse(text)
+
+
+def parse_passes(text: str) -> tuple[str, ...]:
+    """Parse `albedo,N` as ("albedo", "N")."""
+    return tuple(word.strip() for word in text.split(",") if word.strip())
+
+
+def _is_default(value: Any, default: Any) -> bool:
+    """Return whether a value is the default; an array never is."""
+    if value is default:
+        return True
+    return type(value) is type(default) and not hasattr(value, "shape") and value == default
+
+
+def _absolute(value: Any) -> Any:
+    """Return a path made absolute; other values, such as a colour or the name of a model, are unchanged."""
+    if isinstance(value, tuple) and value and all(isinstance(each, Path) for each in value):
+        return tuple(each.absolute() for each in value)
+    if isinstance(value, Path):
+        return value.absolute()
+    if not isinstance(value, str):
+        return value
+    if os.path.exists(value):
+        return os.path.abspath(value)
+    # The format of a matting model follows its path, and a layer that of a picture.
+    for path, separator, rest in (value.partition(","), value.rpartition(":")):
+        if separator and os.path.exists(path):
+            return f"{os.path.abspath(path)}{separator}{rest}"
+    return os.path.abspath(value) if re.search(r"%0?\d*d|#+", os.path.basename(value)) else value

@@ -1,0 +1,368 @@
+"""What a shot is made from: `Source`, `Lighting`, `Output` and `Compute`, which every layer passes on.
+
+Each option is declared here once: its type, its default and its help. The command line is generated from the
+fields; `to_json` and `from_json` carry the objects to farms and other programs. Nothing heavy is imported.
+
+>>> source = Source("plate.%04d.exr", mask="matte.%04d.png", height=1.8)
+>>> from_json(Source, to_json(source)) == source
+True
+"""
+
+from __future__ import annotations
+
+import dataclasses
+import os
+from collections.abc import Callable, Iterable, Mapping
+from dataclasses import MISSING, dataclass, fields
+from enum import Enum
+from pathlib import Path
+from typing import TYPE_CHECKING, Any, Literal, TypeVar, cast
+
+from relight.pipeline.option_fields import (
+    Alpha,
+    ExrType,
+    Fitting,
+    Options,
+    Screen,
+    option,
+    parse_background,
+    parse_floor,
+    parse_offset,
+    parse_passes,
+    parse_person,
+    parse_place,
+    parse_size,
+)
+
+if TYPE_CHECKING:
+    import numpy as np
+
+    from relight.compositing.floor import Floor
+    from relight.lights.environment import EnvironmentLight
+    from relight.lights.light import Light
+    from relight.lights.moving import MovingLight
+
+    Picture = np.ndarray | str | Path  # an image in memory, a file, a sequence or a movie
+    Normals = np.ndarray | Callable | str | os.PathLike
+    BackgroundSource = np.ndarray | tuple[float, ...] | EnvironmentLight | MovingLight | str | Path
+
+
+@dataclass(frozen=True)
+class Source(Options):
+    """The photograph or the frames, and all options that determine the person in them.
+
+    An analysis cache (`shot.relight`, see `relight.analyse_shot`) contains all of this. If it is the plate,
+    the other fields keep their defaults.
+
+    Examples
+    --------
+    >>> source = relight.Source("plate.%04d.exr", mask="matte.%04d.png", height=1.8)
+    """
+
+    plate: Picture = option(
+        "A photograph (PNG, JPEG, TIFF, OpenEXR...); a sequence such as plate.%04d.exr or plate.####.exr; a "
+        "movie; or an analysis cache, shot.relight, see `relight analyse`.",
+        MISSING,
+        path=True,
+        metavar="SOURCE",
+    )
+    mask: Picture | None = option(
+        "The matte of the person: a file, a sequence or a movie. Needed unless the source has alpha.",
+        path=True,
+    )
+    key: Screen | None = option(
+        "Key the person from a screen of this colour. A mask then marks where the person is.", text=Screen
+    )
+    matte: str | Path | None = option(
+        "Infer the matte with a network: MODEL.onnx, or a model name of rembg. For a model that is not "
+        "recognised add its input format: MODEL.onnx,mean=0/0/0,std=1/1/1,size=320 (also order, fit, "
+        "output, sigmoid, family).",
+        path=True,
+    )
+    refine_matte: int | None = option(
+        "Refine the inferred matte, or a rough --mask, in a band this many pixels wide along its edge.",
+        text=int,
+    )
+    person: int | tuple[int, int] | None = option(
+        "Which of several people: 2 is the second largest, X/Y the one nearest to that pixel.",
+        parse=parse_person,
+    )
+    size: tuple[int, int] | str | None = option(
+        "Size of the picture: 1920x1080, or background for that of the background. Default: the source's.",
+        parse=parse_size,
+    )
+    placement: Fitting = option(
+        "How the source is placed in a picture of another size.", Fitting.fit, text=Fitting
+    )
+    scale: float = option("Scale of the source, after --placement.", 1.0, text=float)
+    offset: tuple[int, int] = option(
+        "Shift of the source in pixels: RIGHT/UP. Default: 0/0.", (0, 0), parse=parse_offset
+    )
+    colour_space: str | None = option(
+        "Colour space of the source if its files do not state one: sRGB, ACEScg, Rec.2020, 'ARRI LogC4'..."
+    )
+    alpha: Alpha | None = option(
+        "Alpha of the source if its files state it wrongly: straight or premultiplied.", text=Alpha
+    )
+    normals: Normals | None = option(
+        "Use these camera-space normals: an image, a sequence, or a network (PIFuHD's .pt).", path=True
+    )
+    axes: str | None = option("Axes of the channels of those normals. Default: +x+y+z; OpenCV's are +x-y-z.")
+    depth: Picture | None = option(
+        "Use this depth: an .exr (channel Z, metres), a sequence, or a network (DAViD's .onnx).", path=True
+    )
+    height: float | None = option(
+        "Height in metres of the part of the person that the matte shows. Default: 1.75.", text=float
+    )
+    field_of_view: float | None = option(
+        "Vertical field of view of the camera, in degrees. Default: 40.", text=float
+    )
+    temporal_filter: bool = option(
+        "Average the analysis of a moving person over 5 frames where they agree, to reduce flicker.",
+        True,
+        text=bool,
+    )
+
+    @classmethod
+    def of(cls, source: Source | Picture) -> Source:
+        """Return options unchanged, or make those of a plate."""
+        return source if isinstance(source, Source) else cls(source)
+
+
+@dataclass(frozen=True)
+class Lighting(Options):
+    """The lights of a shot, and what is behind the person.
+
+    `lights` are a light, several, or the path of a lights file; `light` and `environment` add lights as the
+    command line spells them.
+
+    Examples
+    --------
+    >>> lighting = relight.Lighting("lights.yaml", background="street.jpg", match_plate=True)
+    """
+
+    lights: Light | MovingLight | Iterable[Light | MovingLight] | str | Path = option(
+        "A lights file (YAML or JSON), a USD stage, or a glTF scene.", (), path=True
+    )
+    camera: str | None = option(
+        "The camera in that stage or scene: the path of its prim, or the name of its node. Default: the only "
+        "one. The plate has its field of view unless --field-of-view is given."
+    )
+    subject_at: str | tuple[float, ...] | None = option(
+        "Where the middle of the person is in that stage or scene: the path of a prim or the name of a node, "
+        "or x/y/z in its units. Default: on the camera's axis at its focus distance.",
+        parse=parse_place,
+    )
+    allow_external: bool = option(
+        "Let that stage read files from outside its own folder.",
+        False,
+        text=bool,
+        flags=("--allow-external",),
+    )
+    light: tuple[str, ...] = option(
+        "A light, as in the example below. Also direction=x/y/z, exposure (stops), temperature (kelvin), "
+        "locus (planckian, daylight), angle (degrees; soft shadows), orbit (frames of one turn). Near "
+        "lights: position=x/y/z (metres), radius; or toward=x/y/z, width, height; cone (degrees), softness. "
+        "Repeatable.",
+        (),
+        text=list[str],
+    )
+    environment: tuple[str, ...] = option(
+        "Light from a latitude-longitude map, as in the example below. Its centre is at the camera. "
+        "Repeatable.",
+        (),
+        text=list[str],
+    )
+    background: BackgroundSource | None = option(
+        "An image, a sequence or a movie, of any size; a linear colour such as 0.2/0.2/0.2; or environment, "
+        "the camera's view of the environments among the lights.",
+        parse=parse_background,
+        path=True,
+    )
+    background_colour_space: str | None = option(
+        "Colour space of the background if its files do not state one."
+    )
+    match_plate: bool = option(
+        "Light the person from the background image, as if they stood in it.",
+        False,
+        text=bool,
+        flags=("--match-plate",),
+    )
+    match: Picture | None = option(
+        "Light the person as the person in this photograph is lit. It needs alpha, --match-mask or --matte.",
+        path=True,
+    )
+    match_mask: Picture | None = option("The matte of the --match photograph.", path=True)
+    floor: Floor | None = option(
+        "Cast the person's shadow on the ground: height=1.5,horizon=0.45, where height is that of the camera "
+        "in metres and horizon is a fraction of the picture from top (0) to bottom (1); or feet=X/Y/X/Y in "
+        "pixels.",
+        parse=parse_floor,
+    )
+
+    def __post_init__(self) -> None:
+        super().__post_init__()
+        lights: Any = self.lights
+        if not isinstance(lights, str | os.PathLike):
+            from relight.lights.light import as_rig
+
+            self._set("lights", tuple(as_rig(lights, "lights or the path of a lights file")))
+
+    @classmethod
+    def of(cls, lighting: Any) -> Lighting:
+        """Return options unchanged, or make those of lights."""
+        return lighting if isinstance(lighting, Lighting) else cls(lighting)
+
+    @property
+    def has_lights(self) -> bool:
+        """Whether there is any light, set or matched."""
+        given = self.lights or self.light or self.environment
+        return bool(given) or self.match_plate or self.match is not None
+
+
+@dataclass(frozen=True)
+class Output(Options):
+    """The files that a shot is written to.
+
+    Examples
+    --------
+    >>> output = relight.Output(["relit.exr", "relit.nk"], passes=["albedo", "N"])
+    """
+
+    paths: tuple[Path, ...] = option(
+        "A file to write, a sequence such as relit.%04d.exr, or a movie, .mp4 or .mov. An .exr keeps each "
+        "light as a layer; a .nk mixes the .exr in Nuke. Repeatable.",
+        MISSING,
+        text=list[Path],
+        flags=("-o", "--output"),
+        path=True,
+    )
+    passes: tuple[str, ...] = option(
+        "Further layers of the .exr: any of albedo,N,Z,P,visibility,shading.", (), parse=parse_passes
+    )
+    exr_type: ExrType = option(
+        "Type of the .exr channels; float for lights that are too dim for half.",
+        ExrType.half,
+        text=ExrType,
+    )
+    output_colour_space: str | None = option(
+        "Colour space of .exr outputs: ACEScg, ACES2065-1, Rec.2020, P3... Default: linear Rec.709.",
+    )
+    autocrop: bool = option(
+        "Store only the bounding box of the person in an .exr (its data window). Four times as fast.",
+        False,
+        text=bool,
+    )
+    view: str | None = option(
+        "View transform of display formats (PNG, JPEG, movies), such as aces, from OpenColorIO's built-in "
+        "configuration or $OCIO. Default: sRGB with compressed highlights."
+    )
+    exposure: float = option("Exposure of display formats, in stops.", 0.0, text=float)
+    white: float | None = option(
+        "Linear value that display formats show as white; highlights below it are compressed. Default: 4 for "
+        "sequences and movies, the brightest pixel for a still.",
+        text=float,
+        min=1,
+    )
+    save_matte: Path | None = option(
+        "Also write the matte, as a grey PNG, TIFF or OpenEXR file or sequence.", path=True
+    )
+    save_lights: Path | None = option("Also write all lights: YAML or JSON, USD, or glTF.", path=True)
+    rate: float | None = option(
+        "Frame rate of movies, in frames per second. Default: the source's, or 24.", text=float
+    )
+
+    def __post_init__(self) -> None:
+        super().__post_init__()
+        paths: Any = self.paths
+        self._set("paths", tuple(map(Path, [paths] if isinstance(paths, str | os.PathLike) else paths)))
+        for name in ("save_matte", "save_lights"):
+            if getattr(self, name) is not None:
+                self._set(name, Path(getattr(self, name)))
+        if isinstance(self.passes, str):
+            raise TypeError(f"passes: expected a sequence of names, got {self.passes!r}")
+        self._set("passes", tuple(self.passes))
+
+    @classmethod
+    def of(cls, output: Any) -> Output:
+        """Return options unchanged, or make those of paths."""
+        return output if isinstance(output, Output) else cls(output)
+
+
+@dataclass(frozen=True)
+class Compute(Options):
+    """Where and how the networks run.
+
+    Examples
+    --------
+    >>> compute = relight.Compute(device="cpu", precision="float32", threads=1)
+    """
+
+    device: str | None = option("Device of the networks: cpu, cuda, cuda:1... Default: cpu.")
+    precision: Literal["bfloat16", "float32"] | None = option(
+        "Precision of the networks: bfloat16 or float32. Default: the faster one on this processor."
+    )
+    threads: int | None = option(
+        "Number of CPU threads. With equal precision and threads, machines of one kind make bit-identical "
+        "frames.",
+        text=int,
+    )
+
+
+AnyOptions = TypeVar("AnyOptions", bound=Options)
+
+GROUPS: dict[str, type[Options]] = {
+    "source": Source,
+    "lighting": Lighting,
+    "output": Output,
+    "compute": Compute,
+}
+
+
+def to_json(options: Options) -> dict[str, Any]:
+    """Convert options to JSON types: {field: value} of all values that are not the default.
+
+    Raises TypeError, naming the field, for what is in memory alone: arrays and functions.
+    """
+    return {name: _plain(name, value) for name, value in options.given().items()}
+
+
+def from_json(kind: type[AnyOptions], document: Mapping[str, Any]) -> AnyOptions:
+    """Convert the result of `to_json` to options. Raises ValueError for unknown fields."""
+    known = {each.name for each in fields(cast(Any, kind))}
+    for name in document:
+        if name not in known:
+            raise ValueError(f"{name}: unknown option; expected any of {', '.join(sorted(known))}")
+    values = dict(document)
+    if isinstance(values.get("lights"), list):
+        from relight.lights.files import from_entries
+
+        values["lights"] = from_entries(values["lights"])
+    if isinstance(values.get("floor"), Mapping):
+        from relight.compositing.floor import Floor
+
+        values["floor"] = Floor(**{name: _tuples(value) for name, value in values["floor"].items()})
+    return kind(**{name: _tuples(value) for name, value in values.items()})
+
+
+def _plain(name: str, value: Any) -> Any:
+    """Convert a value to JSON types."""
+    if name == "lights" and isinstance(value, tuple):
+        from relight.lights.files import to_entries
+
+        return to_entries(value)
+    if isinstance(value, Enum):
+        return value.value
+    if isinstance(value, os.PathLike):
+        return os.fspath(value)
+    if isinstance(value, tuple | list):
+        return [_plain(name, each) for each in value]
+    if dataclasses.is_dataclass(value) and name == "floor":
+        return {each.name: _plain(each.name, getattr(value, each.name)) for each in fields(value)}
+    if value is None or isinstance(value, str | bool | int | float):
+        return value
+    raise TypeError(f"{name}: expected a path or a number, which JSON can hold, got {type(value).__name__}")
+
+
+def _tuples(value: Any) -> Any:
+    return tuple(map(_tuples, value)) if isinstance(value, list) else value

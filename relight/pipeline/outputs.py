@@ -1,0 +1,136 @@
+"""Checks of a shot's outputs. Everything that can be refused is refused before the networks run."""
+
+import os
+import re
+from collections.abc import Callable, Iterable
+from pathlib import Path
+
+from relight.lights.environment import Panorama
+from relight.lights.moving import MovingLight
+from relight.media import images, movies, nuke
+from relight.media.sequences import TOKEN, FrameSequence
+from relight.pipeline.options import Output
+from relight.scene.lights import SUFFIXES
+from shadow import files
+
+Report = Callable[[int, int, str], None]  # frames done, frames in all, what is done
+FRAME_NUMBER = "a movie, or a frame number in the name, such as relit.%04d.exr"
+
+
+def check_outputs(output: Output, sources: Iterable[object], sidecar: Path | None = None) -> None:
+    """Refuse what could not be written, or would overwrite what is read or written as well.
+
+    Parameters
+    ----------
+    output
+        Output.
+    sources
+        What is read. Paths count, and the images of environments; arrays do not.
+    sidecar
+        The image that is written beside the lights file.
+
+    Raises
+    ------
+    ValueError, OSError that names the path.
+    """
+    if not output.paths:
+        raise ValueError("output: expected at least one file to write (-o FILE)")
+    for path in output.paths:
+        if movies.is_movie(path):
+            movies.check_writable(path)
+        elif not nuke.is_script(path):
+            images.check_writable(path)
+        elif not any(is_exr(other) for other in output.paths):
+            raise ValueError(f"{path}: a Nuke script needs an .exr to read; add one with -o")
+    if output.save_matte is not None:
+        images.check_writable(output.save_matte)
+    if output.save_lights is not None:
+        files.check_writable(output.save_lights, SUFFIXES)
+    sources = list(sources)
+    written: list[Path] = []
+    further = [path for path in (output.save_matte, output.save_lights, sidecar) if path is not None]
+    for path in (*output.paths, *further):
+        check_not_read([path], sources)
+        if any(_same(place, other) for place in _places(path) for other in written):
+            raise ValueError(f"{path}: is written twice")
+        written += _places(path)
+
+
+def check_not_read(paths: Iterable[Path], sources: Iterable[object]) -> None:
+    """Refuse to write what is read: ValueError that names the path. `sources` as for `check_outputs`."""
+    read = [found for source in sources if (found := _path(source)) is not None]
+    for path in paths:
+        if any(_same(place, source) for place in _places(path) for source in read):
+            raise ValueError(f"{path}: is read as well, and would be overwritten")
+
+
+def _places(path: Path) -> list[Path]:
+    """Return where an output is written: itself, and a movie's frames until it is complete."""
+    return [path, Path(str(held_frames(path)))] if movies.is_movie(path) else [path]
+
+
+def has_frames(output: Output) -> bool:
+    """Return whether the outputs are sequences and movies, not single files.
+
+    Raises ValueError for a mixture.
+    """
+    pictures = [path for path in output.paths if not nuke.is_script(path)]
+    moving = [movies.is_movie(path) or FrameSequence.of(path) is not None for path in pictures]
+    if any(moving) and not all(moving):
+        raise ValueError(f"{pictures[moving.index(False)]}: expected {FRAME_NUMBER}")
+    matte = output.save_matte
+    if matte is not None and (FrameSequence.of(matte) is not None) is not any(moving):
+        expected = "a frame number in the name, such as matte.%04d.png" if any(moving) else "a single file"
+        raise ValueError(f"{matte}: expected {expected}, as {pictures[0]} has it")
+    return any(moving)
+
+
+def is_exr(path: Path) -> bool:
+    """Return whether a file name is that of an OpenEXR file, which can hold layers."""
+    return path.suffix.lower() == ".exr"
+
+
+def held_frames(movie: Path) -> FrameSequence:
+    """Return the half-float files of a movie's frames, which exist until the movie is complete."""
+    return FrameSequence(movie.with_name(f"{movie.name}.frames"), "", 6, ".exr")
+
+
+def _path(source: object) -> Path | None:
+    """Return the file or sequence of a source; None for a source in memory."""
+    if isinstance(source, MovingLight):
+        source = source.rests
+    image = source.get("image") if isinstance(source, dict) else getattr(source, "image", source)
+    image = image.path if isinstance(image, Panorama) else image
+    return images.split_layer(image)[0] if isinstance(image, str | os.PathLike) else None
+
+
+def _same(first: Path, second: Path) -> bool:
+    """Return whether two paths, of files or sequences, have a file in common.
+
+    Symbolic links are followed, as in writing.
+    """
+    if not _files(first).isdisjoint(_files(second)):
+        return True
+    first, second = (path.parent.resolve() / path.name for path in (first, second))
+    if first.parent != second.parent:
+        return False
+    return any(_pattern(one).fullmatch(_example(other)) for one, other in ((first, second), (second, first)))
+
+
+def _files(path: Path) -> set[Path]:
+    """Return the file of a path, or the existing files of its sequence, with links resolved."""
+    sequence = FrameSequence.of(path)
+    if sequence is None:
+        return {path.resolve()}
+    return {sequence.path(number).resolve() for number in sequence.numbers()}
+
+
+def _pattern(path: Path) -> re.Pattern:
+    """Return a pattern that matches the file names of a path; any digits match a frame number."""
+    parts = [re.escape(part) for part in TOKEN.sub("\0", path.name).split("\0")]
+    return re.compile(r"-?\d+".join(parts))
+
+
+def _example(path: Path) -> str:
+    """Return the name of a path's file, or of the first file of a sequence."""
+    return TOKEN.sub("1", path.name)

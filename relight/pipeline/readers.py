@@ -1,0 +1,91 @@
+"""What reads the frames of an argument: a still, a sequence of files or a movie."""
+
+import os
+from collections.abc import Callable
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+from relight.media import images, movies
+from relight.media.content_hash import FileRecord
+from relight.media.sequences import FrameSequence, SequenceReader, Still
+from shadow import normals as normals_module
+from shadow.directions import CAMERA
+
+if TYPE_CHECKING:
+    from relight.pipeline.options import Normals, Picture
+
+Reader = Still | SequenceReader | movies.Movie
+NETWORKS = ("", ".pt", ".onnx", ".safetensors")  # suffixes of what `shadow.normals.load` takes
+
+
+def reader_of(value: object, read: Callable, read_movie: Callable, colour_space: str | None = None) -> Reader:
+    """Return the reader of an argument. `read` and `read_movie` take the path of an image or of a movie."""
+    if not isinstance(value, str | Path):
+        return Still(value)
+    if movies.is_movie(value):
+        record = FileRecord.of(Path(value)) if Path(value).is_file() else None
+        movie = read_movie(value, colour_space=colour_space)
+        movie.record = record
+        return movie
+    sequence = FrameSequence.of(value)
+    return read_still(Path(value), read) if sequence is None else SequenceReader(sequence, read)
+
+
+def plate_reader(picture: object, colour_space: str | None, alpha: str | None = None) -> Reader:
+    """Return the reader of a plate or background. `colour_space` and `alpha` override those of the file."""
+    reader = reader_of(
+        picture,
+        lambda path: images.read(path, colour_space=colour_space, alpha=alpha),
+        lambda path, **space: movies.Movie(path, alpha=alpha, **space),
+        colour_space,
+    )
+    if isinstance(reader, SequenceReader):
+        reader.rate = images.read_frame_rate(reader.sequence.path(reader.numbers[0]))
+    return reader
+
+
+def matte_reader(mask: "Picture | None") -> Reader:
+    """Return the reader of a matte."""
+    return reader_of(mask, images.read_mask, movies.MatteMovie, "lin_rec709")
+
+
+def normals_reader(normals: "Normals | None", axes: str | None) -> Reader:
+    """Return the reader of normals along `axes`: images, sequences, arrays and networks."""
+    if normals is None:
+        if axes not in (None, CAMERA):
+            raise ValueError("axes: expected normals as well (--normals FILE), whose axes they are")
+        return Still(None)
+    axes = axes or CAMERA
+    if not isinstance(normals, str | os.PathLike):
+        return Still(normals if axes == CAMERA else normals_module.load(normals, axes=axes), normals)
+    if Path(normals).suffix.lower() in NETWORKS:
+        return Still(normals if axes == CAMERA else normals_module.load(normals, axes=axes), Path(normals))
+    return reader_of(os.fspath(normals), lambda path: images.read_normals(path, axes=axes), _refuse_movie)
+
+
+def depth_reader(depth: "Picture | os.PathLike | None") -> Reader:
+    """Return the reader of depth: images, sequences, arrays, and the path of an ONNX network."""
+    if isinstance(depth, str | os.PathLike) and Path(depth).suffix.lower() == ".onnx":
+        return Still(depth, Path(depth))
+    return reader_of(depth, images.read_depth, _refuse_movie)
+
+
+def read_still(path: Path, read: Callable) -> Still:
+    """Read a still, and record the bytes that were read. `path` may name a layer of an OpenEXR file."""
+    file, _ = images.split_layer(path)
+    if not file.is_file():
+        return Still(read(path))  # which says what is wrong
+    record = FileRecord.of(file)
+    picture = read(path)
+    check_unchanged(record)
+    return Still(picture, record=record)
+
+
+def check_unchanged(record: FileRecord) -> None:
+    """Raise ValueError if a file was changed while it was read."""
+    if record.differs():
+        raise ValueError(f"{record.path}: was changed while it was read; run the command again")
+
+
+def _refuse_movie(path: Path, **_: object) -> Still:
+    raise ValueError(f"normals, depth: expected images, got the movie {path}")

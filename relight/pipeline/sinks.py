@@ -1,0 +1,296 @@
+"""Where the frames of a shot go: files, movies and Nuke scripts, each complete or not there."""
+
+import contextlib
+from collections.abc import Iterator, Mapping
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any, Protocol
+
+import numpy as np
+
+from relight.media import images, movies, nuke
+from relight.media.colour import encode, linear_space
+from relight.media.content_hash import HASH_ATTRIBUTE, content_hash
+from relight.media.nuke_relight import LiveLight
+from relight.media.sequences import FrameRange, FrameSequence
+from relight.pipeline.delivery import Delivery
+from relight.pipeline.option_fields import Phase
+from relight.pipeline.options import Output
+from relight.pipeline.outputs import Report, held_frames, is_exr
+from relight.rendering import Layers
+
+Made = Mapping[int, str]  # {frame number: content hash of what the frame is made from}
+
+
+class Sink(Protocol):
+    """One output of a shot."""
+
+    path: Any
+
+    def begin(self, made: Made) -> None:
+        """Prepare for these frames."""
+
+    def has(self, number: int, made: str) -> bool:
+        """Return whether the frame exists, and was made from exactly these inputs."""
+
+    def exists(self, number: int) -> bool:
+        """Return whether the frame exists, from whatever inputs."""
+
+    def write(
+        self, number: int, picture: np.ndarray, layers: Layers, made: str, metadata: images.Metadata
+    ) -> None:
+        """Write a frame."""
+
+    def finish(self, numbers: FrameRange, made: Made, problems: dict, report: Report) -> None:
+        """Complete the output when all frames are there."""
+
+
+@dataclass(frozen=True)
+class SingleFile:
+    """The one file of a still, as a `FrameSequence` of one."""
+
+    file: Path
+
+    def path(self, number: int) -> Path:
+        return self.file
+
+    def __str__(self) -> str:
+        return str(self.file)
+
+
+def file_of(path: Path) -> FrameSequence | SingleFile:
+    """Return the sequence, or the single file, that a path names."""
+    return FrameSequence.of(path) or SingleFile(path)
+
+
+def display_of(output: Output, moving: bool) -> dict[str, Any]:
+    """Return the arguments of `relight.media.colour.encode` for an output.
+
+    All frames of a sequence share one white, so that they do not pump. Raises ValueError for values out of
+    range.
+    """
+    white = movies.WHITE if output.white is None and moving else output.white
+    display: dict[str, Any] = {"view": output.view, "exposure": output.exposure, "white": white}
+    encode(np.zeros((1, 1, 3), np.float32), **display)
+    return display
+
+
+def open_sinks(
+    output: Output,
+    *,
+    moving: bool,
+    transparent: bool,
+    resume: bool,
+    phase: Phase,
+    delivery: Delivery,
+    groups: list[str],
+) -> list[Sink]:
+    """Open the outputs of a shot, scripts last.
+
+    Parameters
+    ----------
+    output
+        Output. moving: whether it has frames, see `relight.pipeline.outputs.has_frames`.
+    transparent
+        Whether the pictures have alpha. resume: whether frames that are right are kept.
+    delivery
+        What the outputs keep of the source. groups: the light groups that a script mixes.
+
+    Raises
+    ------
+    ValueError
+        A movie that cannot hold the alpha; layers that a script cannot tell apart.
+    """
+    display = display_of(output, moving)
+    if output.output_colour_space is not None:
+        linear_space(output.output_colour_space)
+        if not any(is_exr(path) for path in output.paths):
+            raise ValueError("--output-colour-space: is that of .exr files; expected one among the outputs")
+    exr = {
+        "depth": output.exr_type.value,
+        "autocrop": output.autocrop,
+        "colour_space": output.output_colour_space,
+    }
+    sinks: list[Sink] = []
+    for path in output.paths:
+        if nuke.is_script(path):
+            continue
+        if movies.is_movie(path):
+            if transparent and path.suffix.lower() == ".mp4":
+                raise ValueError(f"{path}: .mp4 holds no alpha; give a background, or write a .mov")
+            sinks.append(MovieSink(path, resume or phase is not Phase.all, display, delivery))
+        else:
+            sinks.append(FileSink(file_of(path), resume or phase is Phase.finalize, display, exr, delivery))
+    exrs = [path for path in output.paths if is_exr(path)]
+    for path in (path for path in output.paths if nuke.is_script(path)):
+        read = {name: (file_of(exrs[0]), f"C_{name}") for name in groups}
+        sinks.append(
+            ScriptSink(path, read, moving, delivery, live={"albedo", "N", "P"} <= set(output.passes))
+        )
+    return sinks
+
+
+class FileSink:
+    """A file a frame."""
+
+    def __init__(
+        self,
+        path: FrameSequence | SingleFile,
+        resume: bool,
+        display: dict[str, Any],
+        exr: dict[str, Any],
+        delivery: Delivery,
+    ) -> None:
+        self.path, self.resume, self.display, self.exr, self.delivery = path, resume, display, exr, delivery
+
+    def begin(self, made: Made) -> None:
+        """Keep each file until the one that replaces it is complete."""
+
+    def has(self, number: int, made: str) -> bool:
+        path = self.path.path(number)
+        return self.resume and images.read_content_hash(path) == self._hash(path, made)
+
+    def exists(self, number: int) -> bool:
+        return self.path.path(number).exists()
+
+    def write(
+        self, number: int, picture: np.ndarray, layers: Layers, made: str, metadata: images.Metadata
+    ) -> None:
+        path = self.path.path(number)
+        metadata = {HASH_ATTRIBUTE: self._hash(path, made), **metadata}
+        if is_exr(path):
+            picture, layers, metadata = self.delivery.squeeze_layers(
+                picture, layers, metadata, self.exr["depth"]
+            )
+            images.write(path, picture, layers=layers, metadata=metadata, **self.exr)
+        else:
+            images.write(path, picture, metadata=metadata, **self.display)
+
+    def finish(self, numbers: FrameRange, made: Made, problems: dict, report: Report) -> None:
+        """Nothing is left to do."""
+
+    def _hash(self, path: Path, made: str) -> str:
+        if is_exr(path):
+            space = [self.exr["colour_space"]] if self.exr.get("colour_space") else []
+            return content_hash(made, self.exr["depth"], *space)  # cropped or not, it is the same picture
+        return content_hash(made, self.display)
+
+
+class ScriptSink:
+    """A Nuke script, written once the frames that it reads are there."""
+
+    def __init__(
+        self,
+        path: Path,
+        groups: Mapping[str, tuple[FrameSequence | SingleFile, str | None]],
+        moving: bool,
+        delivery: Delivery,
+        live: bool = False,
+    ) -> None:
+        """Take {light: (its file or sequence, the layer in it)}; all frames have all groups.
+
+        `live`: the files have the passes that Nuke's own light needs.
+        """
+        self.path, self.groups, self.moving, self.delivery = path, groups, moving, delivery
+        self.live = live
+        nuke.check_layers(layer for _, layer in groups.values() if layer is not None)
+
+    def begin(self, made: Made) -> None:
+        """Keep the script until the one that replaces it is complete."""
+
+    def has(self, number: int, made: str) -> bool:
+        return True
+
+    def exists(self, number: int) -> bool:
+        return True
+
+    def write(
+        self, number: int, picture: np.ndarray, layers: Layers, made: str, metadata: images.Metadata
+    ) -> None:
+        """Do nothing, since a script holds no frames."""
+
+    def finish(self, numbers: FrameRange, made: Made, problems: dict, report: Report) -> None:
+        files = [file.path(number) for number in numbers for file, _ in self.groups.values()]
+        files = [path for path in files if path.exists()]
+        size = images.read_size(files[0])
+        cameras = (images.read_camera(path) for path in files) if self.live else iter(())
+        live = next((LiveLight(*found) for found in cameras if found is not None), None)
+        frames = (numbers[0], numbers[-1]) if self.moving else None
+        groups = {name: (str(file), layer) for name, (file, layer) in self.groups.items()}
+        nuke.write_script(
+            self.path, groups, size, frames=frames, rate=self.delivery.rate,
+            pixel_aspect=self.delivery.pixel_aspect, live=live,
+        )  # fmt: skip
+
+
+class MovieSink:
+    """A movie. Until it is complete, its frames are half-float files in a folder beside it."""
+
+    def __init__(self, path: Path, resume: bool, display: dict[str, Any], delivery: Delivery) -> None:
+        self.path, self.resume, self.display, self.delivery = path, resume, display, delivery
+        self.frames = held_frames(path)
+        self.complete = False
+
+    def begin(self, made: Made) -> None:
+        """Drop the frames of an interrupted run, unless this run continues it."""
+        if not self.resume:
+            self._clear()
+        held = self.frames.folder.exists()
+        self.complete = self.resume and not held and movies.read_comment(self.path) == self._hash(made)
+
+    def has(self, number: int, made: str) -> bool:
+        return self.complete or images.read_content_hash(self.frames.path(number)) == content_hash(made)
+
+    def exists(self, number: int) -> bool:
+        held = self.frames.path(number).exists()
+        return held or (self.path.exists() and not self.frames.folder.exists())
+
+    def write(
+        self, number: int, picture: np.ndarray, layers: Layers, made: str, metadata: images.Metadata
+    ) -> None:
+        self.frames.folder.mkdir(exist_ok=True)
+        shown = picture.clip(-images.HALF_MAX, images.HALF_MAX)
+        images.write(
+            self.frames.path(number), shown, autocrop=True, metadata={HASH_ATTRIBUTE: content_hash(made)}
+        )
+
+    def finish(self, numbers: FrameRange, made: Made, problems: dict, report: Report) -> None:
+        if self.complete:
+            return
+        others = [n for n in numbers if n not in problems and not self.has(n, made[n])]
+        if others:
+            raise ValueError(
+                f"{self.path}: frame {others[0]} is not there as this run made it; "
+                "does another run write the same movie?"
+            )
+        held, comment = self._held(numbers, report), None if problems else self._hash(made)
+        movies.write_movie(
+            self.path, held, rate=self.delivery.rate, comment=comment, **self.display,
+            pixel_aspect=self.delivery.pixel_aspect, tracks=self.delivery.tracks(numbers, self.path),
+        )  # fmt: skip
+        if not problems:
+            self._clear()
+
+    def _hash(self, made: Made) -> str:
+        return content_hash(sorted(made.items()), self.display, self.delivery.rate)
+
+    def _held(self, numbers: FrameRange, report: Report) -> Iterator[np.ndarray]:
+        """Yield all frames; a missing one is replaced by the previous one, or by the first that exists."""
+        shown, size = next(number for number in numbers if self.frames.path(number).exists()), None
+        for done, number in enumerate(numbers, 1):
+            shown = number if self.frames.path(number).exists() else shown
+            picture = images.read(self.frames.path(shown))
+            size = size or picture.shape[:2]
+            if picture.shape[:2] != size:
+                raise ValueError(
+                    f"{self.path}: frame {shown} has another size than the first, "
+                    f"{picture.shape[:2]} instead of {size}"
+                )
+            yield self.delivery.squeeze(picture)
+            report(done, len(numbers), f"Encoding {self.path.name}")
+
+    def _clear(self) -> None:
+        for number in self.frames.numbers():
+            self.frames.path(number).unlink()
+        with contextlib.suppress(OSError):  # there is no such folder, or it holds other files
+            self.frames.folder.rmdir()

@@ -1,0 +1,93 @@
+"""The person as other programs take them: a mesh, its texture, the plate's camera and the lights."""
+
+import io
+from collections.abc import Iterable
+from pathlib import Path
+from typing import NamedTuple
+
+import numpy as np
+
+from relight.analysis.camera import Camera
+from relight.lights.light import Light, as_rig
+from relight.lights.moving import MovingLight
+from relight.media.colour import encode
+from relight.media.nuke import is_script
+from relight.media.resampling import fill_unknown
+from relight.scene import mesh
+from relight.scene.mesh import Mesh, Surface
+from shadow import files
+from shadow.files import AnyPath
+
+SUFFIXES = (".glb", ".usda", ".usdc", ".usdz", ".nk")
+TEXTURES = ("albedo", "photograph")
+
+
+class Asset(NamedTuple):
+    """What is written."""
+
+    mesh: Mesh
+    texture: bytes  # a PNG file, sRGB with straight alpha, over the mesh's box
+    unlit: bool  # the texture is the photograph in its own light
+    camera: Camera
+    lights: list[Light | MovingLight]
+
+    @property
+    def eye(self) -> np.ndarray:
+        """(3,) metres: where the camera is, from the subject's middle."""
+        return np.array(self.camera.eye)
+
+    @property
+    def ground(self) -> float:
+        """Metres from the subject's middle up to the ground, which is below: negative."""
+        return self.mesh.lowest
+
+
+def checked(path: AnyPath, texture: str, triangles: int) -> Path:
+    """Return the file to write; raise ValueError or OSError if it cannot be written, or for bad arguments."""
+    mesh.check_triangles(triangles)
+    if texture not in TEXTURES:
+        raise ValueError(f"texture: expected {' or '.join(TEXTURES)}, got {texture!r}")
+    found = files.check_writable(path, SUFFIXES)
+    if is_script(found) and (triangles, texture) != (mesh.TRIANGLES, TEXTURES[0]):
+        raise ValueError(f"{found}: holds no mesh; leave out triangles and texture")
+    return found
+
+
+def companion(path: Path, content: str, frame: str | None = None) -> Path:
+    """Return the file beside an asset or a script for its `content`, one of TEXTURES or "layers".
+
+    `frame`: the number of a frame, or the pattern of all, such as `%04d`; None for a still.
+    """
+    number = "" if frame is None else f".{frame}"
+    return path.with_name(f"{path.stem}_{content}{number}{'.exr' if is_script(path) else '.png'}")
+
+
+def make(
+    surface: Surface,
+    colour: np.ndarray,
+    lights: Iterable[Light | MovingLight] | Light | MovingLight | None,
+    triangles: int = mesh.TRIANGLES,
+    unlit: bool = False,
+) -> Asset:
+    """Make the asset of a person; `colour` (H, W, 3) is linear Rec.709 in [0, 1], zero outside the matte."""
+    several = [] if lights is None else as_rig(lights)
+    built = mesh.build(surface, triangles)
+    return Asset(built, painted(colour, surface.matte, built.box), unlit, surface.camera, several)
+
+
+def painted(colour: np.ndarray, matte: np.ndarray, box: tuple[int, int, int, int]) -> bytes:
+    """Encode the person's colour as a PNG: sRGB with straight alpha, continued beyond the matte.
+
+    Renderers that blend neighbouring pixels then find no black at the person's outline.
+    """
+    from PIL import Image
+
+    top, left, bottom, right = box
+    alpha = np.ascontiguousarray(matte[top:bottom, left:right], np.float32)
+    inside = colour[top:bottom, left:right]
+    linear = np.where(alpha[..., None] > 0, inside, fill_unknown(inside, alpha > 0)).clip(0, 1)
+    codes = np.round(encode(linear.astype(np.float32), white=1) * 255)
+    pixels = np.concatenate([codes, np.round(alpha[..., None] * 255)], axis=-1).astype(np.uint8)
+    file = io.BytesIO()
+    Image.fromarray(pixels).save(file, "PNG", compress_level=6)
+    return file.getvalue()

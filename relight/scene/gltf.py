@@ -1,0 +1,91 @@
+"""glTF 2.0: the person, the plate's camera and the lights in one binary file."""
+
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from relight.scene.asset import Asset
+from relight.scene.gltf_lights import EXTENSION, place_nodes, punctual_lights
+from shadow.files import replacing
+
+CUTOFF = 0.5  # coverage below which the mesh is cut away
+
+
+def write(path: Path, asset: Asset) -> None:
+    """Write a person: the nodes World, Person, Camera and the lights, the feet on the ground at y = 0."""
+    trimesh, image = _packages()
+    material = trimesh.visual.material.PBRMaterial(
+        name="Unlit" if asset.unlit else "Matte",
+        baseColorTexture=image(asset.texture),
+        metallicFactor=0.0,
+        roughnessFactor=1.0,
+        alphaMode="MASK",
+        alphaCutoff=CUTOFF,
+        doubleSided=True,
+    )
+    mesh = trimesh.Trimesh(
+        asset.mesh.points, asset.mesh.faces, vertex_normals=asset.mesh.normals, process=False,
+        visual=trimesh.visual.TextureVisuals(uv=asset.mesh.uv, material=material),
+    )  # fmt: skip
+    scene = trimesh.Scene()
+    scene.add_geometry(mesh, node_name="Person", geom_name="Person")
+
+    def complete(tree: dict[str, Any]) -> None:
+        _complete(tree, asset)
+
+    content = trimesh.exchange.gltf.export_glb(scene, include_normals=True, tree_postprocessor=complete)
+    with replacing(path) as written:
+        written.write_bytes(content)
+
+
+def _packages() -> tuple[Any, Any]:
+    """trimesh, and what opens a PNG."""
+    import io
+
+    from PIL import Image
+
+    try:
+        import trimesh
+    except ModuleNotFoundError as error:
+        raise ModuleNotFoundError(
+            'glTF needs the extra "scene": python -m pip install "relight[scene]"'
+        ) from error
+    return trimesh, lambda png: Image.open(io.BytesIO(png))
+
+
+def _complete(tree: dict[str, Any], asset: Asset) -> None:
+    """Add what trimesh does not write: the ground, the camera, the lights, the unlit material."""
+    nodes = tree["nodes"]
+    (root,) = tree["scenes"][tree["scene"]]["nodes"]
+    nodes[root] |= {"name": "World", "translation": [0.0, -asset.ground, 0.0]}
+    nodes[root].pop("matrix", None)
+    added: list[dict[str, Any]] = []
+    if "mesh" in nodes[root]:  # trimesh has a single mesh at the root
+        added.append({"name": "Person", "mesh": nodes[root].pop("mesh")})
+    height, width = asset.camera.size
+    tree["cameras"] = [
+        {
+            "name": "Camera",
+            "type": "perspective",
+            "perspective": {
+                "aspectRatio": width / height,
+                "yfov": 2 * float(np.arctan(height / 2 / asset.camera.focal)),
+                "znear": 0.01,
+            },
+        }
+    ]
+    added.append({"name": "Camera", "camera": 0, "translation": asset.eye.tolist()})
+    lights, places = punctual_lights(asset.lights)
+    if lights:
+        tree.setdefault("extensions", {})[EXTENSION] = {"lights": lights}
+        tree.setdefault("extensionsUsed", []).append(EXTENSION)
+        added += place_nodes(lights, places)
+    children = nodes[root].setdefault("children", [])
+    children += range(len(nodes), len(nodes) + len(added))
+    nodes += added
+    tree["asset"]["generator"] = "relight"
+    if asset.unlit:
+        tree.setdefault("extensionsUsed", []).append("KHR_materials_unlit")
+        for material in tree["materials"]:
+            material.setdefault("extensions", {})["KHR_materials_unlit"] = {}

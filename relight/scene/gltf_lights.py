@@ -1,0 +1,335 @@
+"""Lights of glTF scenes, KHR_lights_punctual: directional ones and points, with photometric units."""
+
+import json
+import math
+import struct
+import warnings
+from collections.abc import Iterable
+from pathlib import Path
+from typing import Any, NamedTuple
+
+import numpy as np
+
+from relight.lights.directional import DirectionalLight
+from relight.lights.environment import EnvironmentLight
+from relight.lights.light import Light
+from relight.lights.moving import MovingLight
+from relight.lights.near import PointLight, RectLight
+from relight.scene import units
+from relight.scene.usd_lights import Rig
+from shadow.files import AnyPath, check_writable, replacing
+
+SUFFIXES = (".gltf", ".glb")
+EXTENSION = "KHR_lights_punctual"
+MOST_LIGHTS = 1000
+MAGIC, JSON_CHUNK = 0x46546C67, 0x4E4F534A
+LARGEST_JSON = 2**28  # bytes
+
+
+class Node(NamedTuple):
+    """A node of a scene, and where it is."""
+
+    description: dict[str, Any]
+    world: np.ndarray  # (4, 4) of column vectors
+
+
+def read_rig(
+    path: AnyPath, camera: str | None = None, subject_at: str | Iterable[float] | None = None
+) -> Rig:
+    """Read the lights of a glTF scene into a camera's frame; see `relight.read_lights`.
+
+    Raises
+    ------
+    FileNotFoundError
+        No such file.
+    ValueError
+        Not glTF 2.0, no lights or too many, unknown nodes, several cameras and none named.
+    """
+    path = Path(path)
+    tree = _tree(path)
+    nodes = list(_nodes(path, tree))
+    seen, view, eye = _camera(path, tree, nodes, camera)
+    origin = _mark(path, nodes, subject_at)
+    if origin is None:
+        if eye is not None and any("position" in _kind(path, tree, node) for node in _lit(nodes)):
+            raise ValueError(f"{path}: glTF has no focus distance; say where the subject is (--subject-at)")
+        origin = np.zeros(3)
+    lights: list[Light | MovingLight] = [_light(path, tree, node, view, origin) for node in _lit(nodes)]
+    if not lights:
+        raise ValueError(f"{path}: holds no lights ({EXTENSION})")
+    if len(lights) > MOST_LIGHTS:
+        raise ValueError(f"{path}: holds {len(lights)} lights; expected at most {MOST_LIGHTS}")
+    return Rig(lights, seen, _angle(tree, nodes, seen))
+
+
+def write_lights(path: AnyPath, lights: Iterable[Light | MovingLight]) -> None:
+    """Write lights alone as a glTF scene: its axes are the camera's, its origin is the subject's middle."""
+    path = check_writable(path, SUFFIXES)
+    entries, places = punctual_lights(lights)
+    if not entries:
+        raise ValueError(f"{path}: expected lights that glTF has: directional ones and points")
+    nodes = place_nodes(entries, places)
+    tree = {
+        "asset": {"version": "2.0", "generator": "relight"},
+        "extensionsUsed": [EXTENSION],
+        "extensions": {EXTENSION: {"lights": entries}},
+        "scene": 0,
+        "scenes": [{"nodes": list(range(len(nodes)))}],
+        "nodes": nodes,
+    }
+    text = json.dumps(tree, indent=1 if path.suffix.lower() == ".gltf" else None).encode()
+    if path.suffix.lower() == ".glb":
+        text += b" " * (-len(text) % 4)
+        text = struct.pack("<5I", MAGIC, 2, 20 + len(text), len(text), JSON_CHUNK) + text
+    with replacing(path) as written:
+        written.write_bytes(text)
+
+
+def punctual_lights(lights: Iterable[Light | MovingLight]) -> tuple[list[dict[str, Any]], list[Light]]:
+    """Return glTF's description of each light that it can express, and those lights; warn of the others."""
+    found: list[dict[str, Any]] = []
+    ours: list[Light] = []
+    for number, given in enumerate(lights, 1):
+        light = given
+        name = light.name or f"light{number}"
+        if isinstance(light, MovingLight):
+            warnings.warn(f"{name}: glTF's lights do not move; it is written as at frame 1", stacklevel=3)
+            light = light.at(1)
+        if isinstance(light, EnvironmentLight):
+            warnings.warn(f"{name}: glTF has no environments; it is left out", stacklevel=3)
+            continue
+        power = np.asarray(light.power) * units.GLTF
+        brightest = float(power.max())
+        entry: dict[str, Any] = {
+            "name": name,
+            "color": (power / brightest if brightest > 0 else np.ones(3)).tolist(),
+            "intensity": brightest,
+        }
+        if isinstance(light, DirectionalLight):
+            entry["type"] = "directional"
+            if light.angle:
+                warnings.warn(
+                    f"{name}: glTF's lights have no size; it is written as a hard one", stacklevel=3
+                )
+        elif isinstance(light, RectLight):
+            entry |= {"type": "spot", "spot": {"innerConeAngle": 0.0, "outerConeAngle": math.pi / 2}}
+            warnings.warn(
+                f"{name}: glTF has no rectangles; it is written as a spot of 180 degrees", stacklevel=3
+            )
+        elif isinstance(light, PointLight):
+            entry["type"] = "point"
+            if light.has_cone:
+                entry["type"] = "spot"
+                entry["spot"] = _cone(light)
+            if light.radius:
+                warnings.warn(f"{name}: glTF's lights have no size; it is written as a point", stacklevel=3)
+        else:
+            raise TypeError(f"lights: expected lights, e.g. DirectionalLight, got {type(light).__name__}")
+        found.append(entry)
+        ours.append(light)
+    return found, ours
+
+
+def place_nodes(entries: list[dict[str, Any]], lights: list[Light]) -> list[dict[str, Any]]:
+    """Return a node for each light, which shines along its own -z."""
+    nodes = []
+    for index, (entry, light) in enumerate(zip(entries, lights, strict=True)):
+        node: dict[str, Any] = {"name": entry["name"], "extensions": {EXTENSION: {"light": index}}}
+        if isinstance(light, DirectionalLight):
+            node["rotation"] = _facing(np.array(light.direction))
+        elif isinstance(light, PointLight | RectLight):
+            node["translation"] = list(map(float, light.position))
+            node["rotation"] = _facing(-light.axis)
+        nodes.append(node)
+    return nodes
+
+
+def _cone(light: PointLight) -> dict[str, float]:
+    """Return the angles of a spotlight's cone; glTF has none wider than a hemisphere."""
+    if light.cone > 90:
+        warnings.warn(
+            f"{light.name or 'light'}: glTF's cones end at 90 degrees; it is written so", stacklevel=4
+        )
+    outer = math.radians(min(light.cone, 90))
+    return {"innerConeAngle": outer * (1 - light.softness), "outerConeAngle": outer}
+
+
+def _facing(z: np.ndarray) -> list[float]:
+    """Return the quaternion (x, y, z, w) that turns +z to a unit vector."""
+    if z[2] < -1 + 1e-12:
+        return [0.0, 1.0, 0.0, 0.0]
+    quaternion = np.array([-z[1], z[0], 0.0, 1 + z[2]])
+    return (quaternion / np.linalg.norm(quaternion)).tolist()
+
+
+def _tree(path: Path) -> dict[str, Any]:
+    """Read the JSON of a .gltf or .glb."""
+    try:
+        content = path.read_bytes()
+    except FileNotFoundError as error:
+        raise FileNotFoundError(f"{path}: no such file") from error
+    if path.suffix.lower() == ".glb":
+        if len(content) < 20 or struct.unpack_from("<I", content)[0] != MAGIC:
+            raise ValueError(f"{path}: is not a .glb file")
+        length, kind = struct.unpack_from("<2I", content, 12)
+        if kind != JSON_CHUNK or length > min(LARGEST_JSON, len(content) - 20):
+            raise ValueError(f"{path}: is damaged: its first chunk is no JSON of {length} bytes")
+        content = content[20 : 20 + length]
+    try:
+        tree = json.loads(content)
+    except (ValueError, RecursionError) as error:
+        raise ValueError(f"{path}: is not glTF: {' '.join(str(error).split())[:200]}") from error
+    if not isinstance(tree, dict) or not str(_get(tree, "asset", "version", default="")).startswith("2."):
+        raise ValueError(f"{path}: expected glTF 2.0")
+    return tree
+
+
+def _get(tree: Any, *keys: str, default: Any = None) -> Any:
+    """Return a value in nested objects, or `default`."""
+    for key in keys:
+        if not isinstance(tree, dict) or key not in tree:
+            return default
+        tree = tree[key]
+    return tree
+
+
+def _nodes(path: Path, tree: dict[str, Any]) -> Iterable[Node]:
+    """Yield the nodes of the file's scene with their transforms to the world, parents first."""
+    nodes, scenes = tree.get("nodes", []), tree.get("scenes", [])
+    try:
+        roots = scenes[tree.get("scene", 0)].get("nodes", []) if scenes else range(len(nodes))
+        stack = [(index, np.eye(4)) for index in reversed(roots)]
+        visited = set()
+        while stack:
+            index, above = stack.pop()
+            if index in visited or index < 0:
+                raise ValueError(f"{path}: node {index} is there twice; expected a tree of nodes")
+            visited.add(index)
+            node = nodes[index]
+            world = above @ _local(node)
+            if not np.isfinite(world).all():
+                raise ValueError(f"{path}: node {index}: has a transform that is not finite")
+            yield Node(node, world)
+            stack += [(child, world) for child in reversed(node.get("children", []))]
+    except (AttributeError, IndexError, KeyError, TypeError) as error:
+        raise ValueError(f"{path}: is damaged: its nodes do not form a tree") from error
+
+
+def _local(node: dict[str, Any]) -> np.ndarray:
+    """Return a node's own transform (4, 4)."""
+    if "matrix" in node:
+        return np.array(node["matrix"], float).reshape(4, 4).T
+    matrix = np.eye(4)
+    x, y, z, w = np.array(node.get("rotation", [0, 0, 0, 1]), float)
+    rotation = np.array(
+        [
+            [1 - 2 * (y * y + z * z), 2 * (x * y - z * w), 2 * (x * z + y * w)],
+            [2 * (x * y + z * w), 1 - 2 * (x * x + z * z), 2 * (y * z - x * w)],
+            [2 * (x * z - y * w), 2 * (y * z + x * w), 1 - 2 * (x * x + y * y)],
+        ]
+    )
+    matrix[:3, :3] = rotation * np.array(node.get("scale", [1, 1, 1]), float)
+    matrix[:3, 3] = np.array(node.get("translation", [0, 0, 0]), float)
+    return matrix
+
+
+def _named(nodes: list[Node], name: str) -> Node | None:
+    return next((node for node in nodes if node.description.get("name") == name), None)
+
+
+def _camera(
+    path: Path, tree: dict[str, Any], nodes: list[Node], name: str | None
+) -> tuple[str | None, np.ndarray, np.ndarray | None]:
+    """Return the camera's name, the rotation (3, 3) from world to camera, and the camera's position (3,)."""
+    cameras = [node for node in nodes if "camera" in node.description]
+    names = ", ".join(str(node.description.get("name")) for node in cameras[:20]) or "none"
+    if name is None:
+        if len(cameras) > 1:
+            raise ValueError(f"{path}: has several cameras; expected one of {names} (--camera)")
+        found = cameras[0] if cameras else None
+    else:
+        found = _named(cameras, name)
+        if found is None:
+            raise ValueError(f"{path}: has no camera {name}; its cameras are {names}")
+    if found is None:
+        return None, np.eye(3), None
+    axes = found.world[:3, :3] / np.linalg.norm(found.world[:3, :3], axis=0)
+    return str(found.description.get("name")), axes.T, found.world[:3, 3]
+
+
+def _angle(tree: dict[str, Any], nodes: list[Node], name: str | None) -> float | None:
+    """Return the camera's vertical angle of view in degrees, or None."""
+    node = None if name is None else _named([node for node in nodes if "camera" in node.description], name)
+    if node is None:
+        return None
+    yfov = _get(tree["cameras"][node.description["camera"]], "perspective", "yfov")
+    return None if yfov is None else math.degrees(yfov)
+
+
+def _mark(path: Path, nodes: list[Node], subject_at: str | Iterable[float] | None) -> np.ndarray | None:
+    """Return where the middle of the subject is in the world, or None if it is not said."""
+    if subject_at is None:
+        return None
+    if isinstance(subject_at, str):
+        node = _named(nodes, subject_at)
+        if node is None:
+            raise ValueError(f"{path}: has no node {subject_at}, where the subject was to be")
+        return node.world[:3, 3]
+    point = np.array(list(subject_at), float)
+    if point.shape != (3,) or not np.isfinite(point).all():
+        raise ValueError(f"subject_at: expected the name of a node or three numbers, got {subject_at!r}")
+    return point
+
+
+def _lit(nodes: list[Node]) -> list[Node]:
+    return [node for node in nodes if _get(node.description, "extensions", EXTENSION) is not None]
+
+
+def _kind(path: Path, tree: dict[str, Any], node: Node) -> tuple[str, ...]:
+    """Return the parameter that a node's light has: its direction or its position."""
+    return ("direction",) if _entry(path, tree, node).get("type") == "directional" else ("position",)
+
+
+def _entry(path: Path, tree: dict[str, Any], node: Node) -> dict[str, Any]:
+    """Return the file's description of a node's light."""
+    lights = _get(tree, "extensions", EXTENSION, "lights", default=[])
+    index = _get(node.description, "extensions", EXTENSION, "light")
+    if not isinstance(index, int) or not isinstance(lights, list) or not 0 <= index < len(lights):
+        raise ValueError(f"{path}: node {node.description.get('name')}: has no such light, {index}")
+    return lights[index]
+
+
+def _light(path: Path, tree: dict[str, Any], node: Node, view: np.ndarray, origin: np.ndarray) -> Light:
+    """Return a node's light as a light of relight."""
+    entry = _entry(path, tree, node)
+    name = node.description.get("name") or entry.get("name")
+    where = f"{path}: node {name}"
+    try:
+        settings: dict[str, Any] = {
+            "intensity": float(entry.get("intensity", 1.0)) / units.GLTF,
+            "colour": tuple(entry.get("color", (1.0, 1.0, 1.0))),
+            "name": name,
+        }
+        if entry["type"] == "directional":
+            return DirectionalLight(tuple((view @ node.world[:3, 2]).tolist()), **settings)
+        if entry["type"] not in ("point", "spot"):
+            raise ValueError(f"type: expected directional, point or spot, got {entry['type']!r}")
+        position = tuple((view @ (node.world[:3, 3] - origin)).tolist())
+        if entry["type"] == "spot":
+            spot = entry.get("spot", {})
+            outer = float(spot.get("outerConeAngle", math.pi / 4))
+            inner = float(spot.get("innerConeAngle", 0.0))
+            if not 0 <= inner <= outer <= math.pi / 2 + 1e-6 or outer == 0:
+                raise ValueError(f"spot: expected 0 <= inner <= outer <= pi / 2, got {inner:g} and {outer:g}")
+            axis = view @ node.world[:3, 2]
+            toward = np.array(position) - axis / np.linalg.norm(axis)
+            settings |= {
+                "toward": tuple(toward.tolist()),
+                "cone": math.degrees(outer),
+                "softness": 1 - inner / outer,
+            }
+        if entry.get("range") is not None:
+            warnings.warn(f"{where}: the range of a light is not applied", stacklevel=2)
+        return PointLight(position, **settings)
+    except (KeyError, TypeError, ValueError) as error:
+        raise ValueError(f"{where}: {error}") from error

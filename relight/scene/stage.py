@@ -1,0 +1,115 @@
+"""USD stages, opened with care: what they draw in is inside their own folder, and composes without errors."""
+
+import os
+import re
+from pathlib import Path
+from typing import Any
+
+from shadow.files import AnyPath
+
+SUFFIXES = (".usda", ".usdc", ".usdz", ".usd")
+MOST_LAYERS = 10_000
+
+
+def usd() -> Any:
+    """Return the package `pxr`; ModuleNotFoundError with advice where it is missing."""
+    try:
+        import pxr
+    except ModuleNotFoundError as error:
+        raise ModuleNotFoundError(
+            'USD needs the extra "scene": python -m pip install "relight[scene]"'
+        ) from error
+    return pxr
+
+
+def open_stage(path: AnyPath, *, allow_external: bool = False) -> Any:
+    """Open a USD stage.
+
+    Parameters
+    ----------
+    path
+        The file: .usda, .usdc, .usdz or .usd.
+    allow_external
+        Let the stage draw in files from outside its own folder.
+
+    Raises
+    ------
+    FileNotFoundError
+        No such file, or one that it draws in is missing.
+    ValueError
+        Not a USD file, files from outside its folder, layers that include themselves, other errors of
+        composition.
+    """
+    usd()
+    from pxr import Sdf, Tf, Usd
+
+    path = Path(path)
+    if not path.exists():
+        raise FileNotFoundError(f"{path}: no such file")
+    try:
+        layer = Sdf.Layer.FindOrOpen(str(path.resolve()))
+        if layer is not None:
+            layer.Reload()  # somebody may have opened it before it changed
+    except Tf.ErrorException as error:
+        raise ValueError(f"{path}: is not a USD stage: {_first_line(error)}") from error
+    if layer is None:
+        raise ValueError(f"{path}: is not a USD stage")
+    folder = path.resolve().parent
+    _check_layers(path, layer, folder, allow_external)
+    try:
+        stage = Usd.Stage.Open(layer)
+    except Tf.ErrorException as error:
+        raise ValueError(f"{path}: cannot be composed: {_first_line(error)}") from error
+    errors = stage.GetCompositionErrors()
+    if errors:
+        raise ValueError(f"{path}: cannot be composed: {_first_line(errors[0])}")
+    return stage
+
+
+def check_inside(path: AnyPath, found: str, what: str) -> None:
+    """Raise ValueError unless the file `found`, which `what` names, is inside the folder of a stage."""
+    folder = Path(path).resolve().parent
+    real = Path(os.path.realpath(found.partition("[")[0]))
+    if folder not in real.parents:
+        raise ValueError(
+            f"{path}: {what} lies outside the stage's folder, {found}; move it there, or allow external "
+            "files (--allow-external)"
+        )
+
+
+def _check_layers(path: Path, layer: Any, folder: Path, allow_external: bool) -> None:
+    """Follow what a layer draws in; errors for missing and external files, and for layers in a circle."""
+    from pxr import Sdf
+
+    done: set[str] = set()
+
+    def follow(layer: Any, above: tuple[str, ...]) -> None:
+        if layer.identifier in above:
+            raise ValueError(f"{path}: includes itself, by way of {layer.GetDisplayName()}")
+        if layer.identifier in done:
+            return
+        done.add(layer.identifier)
+        if len(done) > MOST_LAYERS:
+            raise ValueError(f"{path}: draws in more than {MOST_LAYERS} files")
+        for asset in layer.GetCompositionAssetDependencies():
+            if not allow_external and os.path.isabs(asset):
+                raise ValueError(
+                    f"{path}: has the absolute path {asset}; expected one relative to the stage, or allow "
+                    "external files (--allow-external)"
+                )
+            found = layer.ComputeAbsolutePath(asset)
+            if not allow_external:
+                check_inside(path, found, asset)
+            below = Sdf.Layer.FindOrOpen(found)
+            if below is None:
+                raise FileNotFoundError(f"{path}: draws in {asset}, which is missing or no USD file")
+            follow(below, (*above, layer.identifier))
+
+    follow(layer, ())
+
+
+def _first_line(error: Any) -> str:
+    """Return the first line of USD's message, without the place in USD's own source."""
+    said = " ".join(str(error).split())
+    match = re.search(r" : '(.*)'", said)
+    return re.sub(r"pxrInternal\S*", "the grammar", match[1] if match else said)[:300]

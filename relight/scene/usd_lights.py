@@ -1,0 +1,191 @@
+"""Lights of a USD stage as ours: UsdLux, brought into the camera's frame."""
+
+import math
+from collections.abc import Iterable
+from pathlib import Path
+from typing import Any, NamedTuple
+
+import numpy as np
+
+from relight.lights.light import Light
+from relight.lights.moving import MovingLight
+from relight.scene.stage import open_stage
+from relight.scene.usd_light_kinds import Found, LightConverter, Numbers
+from relight.scene.usd_view import StageView
+from shadow.files import AnyPath
+
+MOST_LIGHTS = 1000
+MOST_FRAMES = 10_000
+
+
+class Rig(NamedTuple):
+    """What a stage says of the light, and of the camera that sees the person in it."""
+
+    lights: list[Light | MovingLight]
+    camera: str | None = None  # the camera's path or name
+    vertical: float | None = None  # its angle of view in degrees
+
+
+def read_rig(
+    path: AnyPath,
+    camera: str | None = None,
+    subject_at: str | Iterable[float] | None = None,
+    *,
+    allow_external: bool = False,
+) -> Rig:
+    """Read the lights of a USD stage into a camera's frame.
+
+    Parameters
+    ----------
+    path
+        The stage: .usda, .usdc, .usdz or .usd.
+    camera
+        The path of the camera that took the plate. The only one in the stage unless given; where there is
+        none, the stage's own axes are taken for the camera's, and its origin for the subject's middle.
+    subject_at
+        Where the subject's middle is: the path of a prim, or (x, y, z) in the stage's units. Unless given, on
+        the camera's axis at its focus distance.
+    allow_external
+        Let the stage draw in files from outside its own folder.
+
+    Raises
+    ------
+    FileNotFoundError
+        No such file, or a texture or layer is missing.
+    ValueError
+        Not a stage, no lights or too many, an unknown camera or prim, files from outside.
+
+    Warns
+    -----
+    UserWarning
+        What our lights cannot represent, with the path of its prim.
+    """
+    stage = open_stage(path, allow_external=allow_external)
+    view = StageView(Path(path), stage, camera, subject_at)
+    return _Reader(view, allow_external).rig()
+
+
+class _Reader:
+    def __init__(self, view: StageView, external: bool) -> None:
+        self.view, self.path = view, view.path
+        self.convert = LightConverter(view, external)
+
+    def rig(self) -> Rig:
+        from pxr import Usd, UsdGeom
+
+        lights = []
+        prims = [prim for prim in self.view.prims() if self._is_light(prim)]
+        if len(prims) > MOST_LIGHTS:
+            raise ValueError(f"{self.path}: holds {len(prims)} lights; expected at most {MOST_LIGHTS}")
+        for prim in prims:
+            light = self._light(prim)
+            if light is not None:
+                lights.append((prim, light))
+        if not lights:
+            kinds = sorted({str(prim.GetTypeName()) for prim in self.view.prims() if prim.GetTypeName()})
+            raise ValueError(
+                f"{self.path}: holds no light that shines; found {', '.join(kinds[:8]) or 'nothing'}"
+            )
+        if self.view.camera is None:
+            return Rig(self._named(lights))
+        view = UsdGeom.Camera(self.view.camera).GetCamera(Usd.TimeCode.EarliestTime())
+        return Rig(
+            self._named(lights), str(self.view.camera.GetPath()), view.GetFieldOfView(view.FOVVertical)
+        )
+
+    def _is_light(self, prim: Any) -> bool:
+        from pxr import UsdLux
+
+        if prim.IsA(UsdLux.PortalLight):
+            self.convert.cannot(prim, "a portal guides a renderer's samples; it is left out")
+            return False
+        return prim.HasAPI(UsdLux.LightAPI)
+
+    def _light(self, prim: Any) -> Light | MovingLight | None:
+        """Convert one light, still or moving; None if it is hidden, or we have no such light."""
+        kind = self.convert.kind(prim)
+        if kind is None:
+            return None
+        self.convert.check_extras(prim)
+        frames = self._frames(prim)
+        found = [kind(prim, time) for time in frames]
+        if not any(settings["intensity"] > 0 for _, settings in found):
+            return None
+        try:
+            return _assembled(found, frames)
+        except (TypeError, ValueError) as error:
+            raise ValueError(f"{self.path}: {prim.GetPath()}: {error}") from error
+
+    def _frames(self, prim: Any) -> list[float]:
+        """Return the times at which a light is sampled: one, or every whole frame of a moving light."""
+        from pxr import UsdGeom
+
+        times: set[float] = set()
+        for start in filter(
+            None, (prim, self.view.camera, self.view.mark if not _is_point(self.view.mark) else None)
+        ):
+            attributes = list(start.GetAttributes()) if start == prim else []
+            if start == self.view.camera and self.view.mark is None:
+                attributes.append(UsdGeom.Camera(start).GetFocusDistanceAttr())
+            above = start
+            while above and not above.IsPseudoRoot():
+                if xform := UsdGeom.Xformable(above):
+                    times.update(xform.GetTimeSamples())
+                    attributes.append(UsdGeom.Imageable(above).GetVisibilityAttr())
+                above = above.GetParent()
+            for attribute in attributes:
+                times.update(attribute.GetTimeSamples())
+        if len(times) < 2:
+            return sorted(times) or [0.0]
+        first, last = math.floor(min(times)), math.ceil(max(times))
+        if last - first > MOST_FRAMES or not math.isfinite(last - first):
+            raise ValueError(
+                f"{self.path}: {prim.GetPath()}: has time samples from {first} to {last}; expected at most "
+                f"{MOST_FRAMES} frames"
+            )
+        return sorted(times | set(map(float, range(first, last + 1))))
+
+    def _named(self, lights: list[tuple[Any, Light | MovingLight]]) -> list[Light | MovingLight]:
+        """Return the lights with names: their display names, or those of their prims."""
+        taken: set[str] = set()
+        named = []
+        for prim, light in lights:
+            name = prim.GetDisplayName() or prim.GetName()
+            above = prim.GetParent()
+            while name in taken:
+                name = f"{above.GetName()}_{name}"
+                above = above.GetParent() if above.GetParent() else above
+            taken.add(name)
+            named.append(renamed(light, name))
+        return named
+
+
+def renamed(light: Light | MovingLight, name: str) -> Light | MovingLight:
+    """Return the same light under another name."""
+    if isinstance(light, MovingLight):
+        return MovingLight(light.kind, orbit=light.orbit, **light.rests | light.moves | {"name": name})
+    settings = {field: getattr(light, field) for field in light.__dataclass_fields__}
+    return type(light)(**settings | {"name": name})
+
+
+def _assembled(found: list[Found], frames: list[float]) -> Light | MovingLight:
+    """Return one light from its settings at some frames."""
+    kind, first = found[0]
+    if len(frames) == 1:
+        return kind(**first)
+    every = [settings for _, settings in found]
+    moving: Numbers = {}
+    rests: Numbers = {}
+    for key in first:
+        values: Any = [settings[key] for settings in every]
+        if key == "rotation":
+            values = np.rad2deg(np.unwrap(np.deg2rad(values))).tolist()
+        if key == "image" or all(np.allclose(value, values[0], rtol=1e-7, atol=1e-9) for value in values):
+            rests[key] = values[0]
+        else:
+            moving[key] = dict(zip(frames, values, strict=True))
+    return MovingLight(kind, **rests | moving) if moving else kind(**rests)
+
+
+def _is_point(mark: Any) -> bool:
+    return isinstance(mark, np.ndarray)

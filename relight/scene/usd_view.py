@@ -1,0 +1,119 @@
+"""How a USD stage stands before the plate's camera: transforms, the camera, the subject's place."""
+
+from collections.abc import Iterable
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+
+@dataclass(frozen=True)
+class View:
+    """The camera's frame at one time: world positions to metres from the subject's middle."""
+
+    axes: np.ndarray  # (3, 3): world directions to the camera's
+    origin: np.ndarray  # (3,) in the world, stage units: the subject's middle
+    scale: float  # metres a stage unit
+
+    def position(self, world: np.ndarray) -> tuple[float, ...]:
+        return tuple((self.axes @ (world - self.origin) * self.scale).tolist())
+
+    def direction(self, world: np.ndarray) -> tuple[float, ...]:
+        return tuple((self.axes @ world).tolist())
+
+
+class StageView:
+    """A stage, its units, and the camera's frame in it at any time."""
+
+    def __init__(
+        self, path: Path, stage: Any, camera: str | None, subject_at: str | Iterable[float] | None
+    ) -> None:
+        from pxr import UsdGeom
+
+        self.path, self.stage = path, stage
+        self.scale = float(UsdGeom.GetStageMetersPerUnit(stage))
+        self.z_up = UsdGeom.GetStageUpAxis(stage) == UsdGeom.Tokens.z
+        self.camera = self._camera(camera)
+        self.mark = self._mark(subject_at)
+
+    def prims(self) -> Iterable[Any]:
+        """Yield the prims of the stage, those of instances included."""
+        from pxr import Usd
+
+        return self.stage.Traverse(Usd.TraverseInstanceProxies(Usd.PrimDefaultPredicate))
+
+    def _camera(self, path: str | None) -> Any:
+        """Return the prim of the camera; None if the stage has none and none is asked for."""
+        from pxr import Sdf, UsdGeom
+
+        cameras = [prim for prim in self.prims() if prim.IsA(UsdGeom.Camera)]
+        listed = ", ".join(str(prim.GetPath()) for prim in cameras[:20]) or "none"
+        if path is None:
+            if len(cameras) > 1:
+                raise ValueError(f"{self.path}: has several cameras; expected one of {listed} (--camera)")
+            return cameras[0] if cameras else None
+        for prim in cameras:
+            if Sdf.Path.IsValidPathString(path) and prim.GetPath() == Sdf.Path(path):
+                return prim
+        raise ValueError(f"{self.path}: has no camera {path}; its cameras are {listed}")
+
+    def _mark(self, subject_at: str | Iterable[float] | None) -> Any:
+        """Return the subject's position: a prim, a point (3,) of the stage, or None."""
+        from pxr import Sdf
+
+        if subject_at is None:
+            return None
+        if isinstance(subject_at, str):
+            prim = self.stage.GetPrimAtPath(subject_at) if Sdf.Path.IsValidPathString(subject_at) else None
+            if not prim:
+                raise ValueError(f"{self.path}: has no prim {subject_at}, where the subject was to be")
+            return prim
+        point = np.array(list(subject_at), float)
+        if point.shape != (3,) or not np.isfinite(point).all():
+            raise ValueError(f"subject_at: expected the path of a prim or three numbers, got {subject_at!r}")
+        return point
+
+    def at(self, time: float) -> View:
+        """Return the camera's frame at a time."""
+        from pxr import UsdGeom
+
+        axes = np.eye(3)
+        if self.camera is None:
+            if self.z_up:
+                axes = np.array([[1.0, 0, 0], [0, 0, 1], [0, -1, 0]])
+            origin = np.zeros(3)
+        else:
+            world = self.matrix(self.camera, time)
+            axes = rotation(world).T
+            distance = UsdGeom.Camera(self.camera).GetFocusDistanceAttr().Get(time) or 0.0
+            if self.mark is None and distance <= 0:
+                raise ValueError(
+                    f"{self.path}: {self.camera.GetPath()} has no focus distance; say where the subject is "
+                    "(--subject-at)"
+                )
+            origin = world[:3, 3] - axes[2] * distance
+        if isinstance(self.mark, np.ndarray):
+            origin = self.mark
+        elif self.mark is not None:
+            origin = self.matrix(self.mark, time)[:3, 3]
+        return View(axes, origin, self.scale)
+
+    def matrix(self, prim: Any, time: float) -> np.ndarray:
+        """Return the transform (4, 4) of a prim to the world, for column vectors."""
+        from pxr import UsdGeom
+
+        matrix = UsdGeom.XformCache(time).GetLocalToWorldTransform(prim)
+        return np.array(matrix).T
+
+
+def rotation(matrix: np.ndarray, mirrored: bool = False) -> np.ndarray:
+    """Return the rotation (3, 3) closest to a transform, by polar decomposition.
+
+    `mirrored`: a reflection stays; otherwise the axis x gives way.
+    """
+    left, _, right = np.linalg.svd(matrix[:3, :3] / np.linalg.norm(matrix[:3, :3], axis=0).clip(1e-30))
+    closest = left @ right
+    if not mirrored and np.linalg.det(closest) < 0:
+        closest[:, 0] *= -1
+    return closest

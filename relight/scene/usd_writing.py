@@ -1,0 +1,172 @@
+"""Our lights as UsdLux prims of a stage."""
+
+import math
+import shutil
+from collections.abc import Iterable, Iterator
+from pathlib import Path
+from typing import Any, NamedTuple
+
+import numpy as np
+
+from relight.lights.directional import DirectionalLight
+from relight.lights.environment import EnvironmentLight
+from relight.lights.light import Light
+from relight.lights.moving import MovingLight
+from relight.lights.near import NearLight, PointLight, RectLight
+from relight.media import images
+from relight.scene import units
+
+HOTTEST = 10_000.0  # kelvin, of UsdLux
+
+
+class Place(NamedTuple):
+    """Where a stage is written: first in a folder of its own."""
+
+    target: Path  # where it will be
+    folder: Path  # where it and its files are until then
+
+
+def add_lights(stage: Any, parent: str, lights: Iterable[Light | MovingLight], place: Place) -> None:
+    """Add lights to a stage whose axes are the camera's, in metres from the subject's middle.
+
+    Parameters
+    ----------
+    stage
+        The stage.
+    parent
+        The path of the prim below which they come.
+    lights
+        Any number of them. Those that move get a time sample a frame.
+    place
+        Where the stage is written. Maps of environments that are not in its folder are written there too.
+    """
+    from pxr import Tf
+
+    taken: set[str] = set()
+    for number, light in enumerate(lights, 1):
+        name = light.name or f"light{number}"
+        word = Tf.MakeValidIdentifier(name)
+        while word in taken:
+            word += "_"
+        taken.add(word)
+        moments = list(_moments(light))
+        prim = _define(stage, f"{parent}/{word}", moments[0][1])
+        prim.SetDisplayName(name)
+        for time, still in moments:
+            _write(prim, still, time, place)
+
+
+def _moments(light: Light | MovingLight) -> Iterator[tuple[Any, Light]]:
+    """Yield pairs (time, light): the default time of a still light, every frame of a moving one."""
+    from pxr import Usd
+
+    if not isinstance(light, MovingLight):
+        yield Usd.TimeCode.Default(), light
+        return
+    first, last = light.span or (1.0, 1.0)
+    if light.orbit is not None:
+        first, last = min(first, 1.0), max(last, 1.0 + abs(light.orbit))
+    frames = {float(frame) for frame in range(math.floor(first), math.ceil(last) + 1)}
+    for keyframes in light.moves.values():
+        frames |= set(keyframes)
+    for frame in sorted(frames):
+        yield frame, light.at(frame)
+
+
+def _define(stage: Any, path: str, light: Light) -> Any:
+    from pxr import UsdLux
+
+    kinds = {
+        DirectionalLight: UsdLux.DistantLight,
+        PointLight: UsdLux.SphereLight,
+        RectLight: UsdLux.RectLight,
+        EnvironmentLight: UsdLux.DomeLight,
+    }
+    for kind, schema in kinds.items():
+        if isinstance(light, kind):
+            return schema.Define(stage, path).GetPrim()
+    raise TypeError(f"lights: expected lights, e.g. DirectionalLight, got {type(light).__name__}")
+
+
+def _write(prim: Any, light: Light, time: Any, place: Place) -> None:
+    """Set what UsdLux has for a light at one time."""
+    from pxr import Gf, UsdGeom, UsdLux
+
+    api = UsdLux.LightAPI(prim)
+    colour = np.array(light.colour)
+    kelvin = light.temperature
+    warm = kelvin is not None
+    if kelvin is not None and not (light.locus == "planckian" and kelvin <= HOTTEST):
+        strength = light.intensity * 2.0**light.exposure
+        colour, warm = light.power / strength if strength else colour, False
+    api.CreateColorAttr().Set(Gf.Vec3f(*map(float, colour)), time)
+    api.CreateExposureAttr().Set(light.exposure, time)
+    if warm:
+        api.CreateEnableColorTemperatureAttr(True)
+        api.CreateColorTemperatureAttr().Set(kelvin, time)
+    scale = 1.0
+    if isinstance(light, DirectionalLight):
+        UsdLux.DistantLight(prim).CreateAngleAttr().Set(light.angle, time)
+        scale, matrix = units.DISTANT, _frame(np.array(light.direction), np.zeros(3))
+    elif isinstance(light, PointLight):
+        sphere = UsdLux.SphereLight(prim)
+        sphere.CreateRadiusAttr().Set(light.radius, time)
+        if light.radius == 0:
+            sphere.CreateTreatAsPointAttr(True)
+        scale, matrix = units.SPHERE, _frame(-light.axis, np.array(light.position))
+    elif isinstance(light, RectLight):
+        rect = UsdLux.RectLight(prim)
+        rect.CreateWidthAttr().Set(light.width, time)
+        rect.CreateHeightAttr().Set(light.height, time)
+        scale, matrix = units.RECT, _frame(-light.axis, np.array(light.position))
+    else:
+        assert isinstance(light, EnvironmentLight)
+        turn = math.radians(light.rotation)
+        matrix = _frame(np.array([math.sin(turn), 0.0, math.cos(turn)]), np.zeros(3))
+        _texture(prim, light, place)
+    if isinstance(light, NearLight) and light.has_cone:
+        shaping = UsdLux.ShapingAPI.Apply(prim)
+        shaping.CreateShapingConeAngleAttr().Set(light.cone, time)
+        shaping.CreateShapingConeSoftnessAttr().Set(light.softness, time)
+    if not isinstance(light, EnvironmentLight):
+        api.CreateNormalizeAttr(True)
+    api.CreateIntensityAttr().Set(light.intensity * scale, time)
+    xform = UsdGeom.Xformable(prim)
+    operations = xform.GetOrderedXformOps()
+    operation = operations[0] if operations else xform.AddTransformOp()
+    operation.Set(Gf.Matrix4d(*matrix.T.ravel().tolist()), time)
+
+
+def _frame(z: np.ndarray, place: np.ndarray) -> np.ndarray:
+    """Return a transform (4, 4), for column vectors, with z along a unit vector and a horizontal x."""
+    x = np.cross((0.0, 1.0, 0.0), z)
+    length = np.linalg.norm(x)
+    x = x / length if length > 1e-6 else np.array([1.0, 0.0, 0.0])
+    matrix = np.eye(4)
+    matrix[:3] = np.stack([x, np.cross(z, x), z, place], axis=1)
+    return matrix
+
+
+def _texture(prim: Any, light: EnvironmentLight, place: Place) -> None:
+    """Name the map of an environment, which is put beside the stage unless it is there already."""
+    from pxr import Sdf, UsdLux
+
+    dome = UsdLux.DomeLight(prim)
+    if dome.GetTextureFileAttr().Get():
+        return
+    dome.CreateTextureFormatAttr(UsdLux.Tokens.latlong)
+    pixels, path = light.image.pixels, light.image.path
+    if path is not None and images.split_layer(path)[1] is not None:
+        path = None  # renderers know no layers in a name: the map is written by itself
+    if path is None and pixels.min() == pixels.max() == 1:
+        return  # an even sky of radiance 1 is what a dome without a texture is
+    home = place.target.resolve().parent
+    if path is not None and place.target.suffix.lower() != ".usdz" and home in path.resolve().parents:
+        name = path.resolve().relative_to(home).as_posix()
+    else:
+        name = f"{place.target.stem}_{prim.GetName()}{'.exr' if path is None else path.suffix}"
+        if path is None:
+            images.write(place.folder / name, pixels)
+        else:
+            shutil.copyfile(path, place.folder / name)
+    dome.CreateTextureFileAttr(Sdf.AssetPath(f"./{name}"))

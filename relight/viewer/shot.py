@@ -1,0 +1,91 @@
+"""Write the page of a frame of a shot, from files to a file; `relight view` calls it."""
+
+import os
+from collections.abc import Sequence
+from pathlib import Path
+from typing import Any
+
+from relight.pipeline.cache import check_not_analysed
+from relight.pipeline.frames import FrameAnalyser, computing
+from relight.pipeline.inputs import ShotInputs
+from relight.pipeline.olat import first_frame
+from relight.pipeline.options import Compute, Lighting, Source
+from relight.pipeline.outputs import Report
+from relight.pipeline.render import lights_of, seen_by
+from relight.viewer.page import SUFFIXES
+from relight.viewer.scene import COMMAND, DEFAULT_LIGHT, checked_lights
+from shadow import files, inputs
+
+
+def write_view(
+    output: str | Path,
+    source: Source | Any,
+    lighting: Lighting | Any = (),
+    *,
+    frame: int | None = None,
+    command: Sequence[str] = COMMAND,
+    compute: Compute | None = None,
+    progress: Report | None = None,
+) -> Path:
+    """Write an interactive page for relighting: one HTML file that needs no server and no network.
+
+    Parameters
+    ----------
+    output
+        The file, .html.
+    source
+        Source, or a plate or analysis cache, see `relight.render_shot`.
+    lighting
+        Lighting, or lights: the initial lights, and the background. Up to eight `DirectionalLight` and
+        `PointLight`, and one `EnvironmentLight`; a soft key light by default.
+    frame
+        The frame of a sequence, a movie or an analysis cache; the first by default.
+    command
+        The words of the command that relights this source, without lights, which the page adds.
+    compute
+        Compute: device, precision and threads.
+    progress
+        Called with (steps done, number of steps, name of the step).
+
+    Returns
+    -------
+    Path
+        The path written.
+
+    Raises
+    ------
+    FileNotFoundError, OSError
+        A file cannot be read or written.
+    TypeError, ValueError
+        Bad arguments, lights that the page cannot show. They are refused before the networks run.
+
+    Examples
+    --------
+    >>> import relight
+    >>> key = relight.DirectionalLight(azimuth=-40, elevation=30, name="key")
+    >>> relight.write_view("person.html", "examples/person.png", key).name
+    'person.html'
+    """
+    source, lighting, compute = Source.of(source), Lighting.of(lighting), compute or Compute()
+    report = progress or (lambda done, total, what: None)
+    path = files.check_writable(output, SUFFIXES)
+    lights: Any = lights_of(lighting) if lighting.has_lights else DEFAULT_LIGHT
+    source = seen_by(source, lighting)
+    shown = list(checked_lights(lights).values())
+    inputs.device("device", compute.device)
+    check_not_analysed(source, compute)
+    with computing(compute):
+        prepared = ShotInputs(source, lighting)
+        number = first_frame(prepared, frame)
+        prepared.check_lights(shown)
+        prepared.compile_matting(report)
+        report(0, 1, "Analysing")
+        subject = FrameAnalyser(prepared, compute.device, temporal_filter=False).person(number)
+    report(1, 1, "Analysing")
+    background = prepared.background(number, shown, subject.size)
+    plate = source.plate
+    title = Path(plate).name if isinstance(plate, str | os.PathLike) else "relight"
+    behind = lighting.background
+    name = str(behind) if isinstance(behind, str | os.PathLike) else None
+    subject.view(path, shown, background=background, title=title, command=command, background_name=name)
+    return path

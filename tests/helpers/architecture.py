@@ -1,0 +1,20 @@
+"""The order of the folders of `relight`."""
+
+FOLDERS = (  # from the top to the bottom: each imports only from those below it
+    "cli",
+    "comfyui",
+    "app",
+    "distributed",
+    "viewer",
+    "pipeline",
+    "scene",
+    "light_estimation",
+    "rendering",
+    "empty_subject",
+    "subject",
+    "analysis",
+    "compositing",
+    "matting",
+    "lights",
+    "media",
+)

@@ -1,0 +1,75 @@
+"""The application in a process of its own, and pages of it in a browser."""
+
+import os
+import signal
+import subprocess
+import sys
+from contextlib import contextmanager
+
+import pytest
+
+from helpers import ROOT
+from helpers.browsing import wait
+
+OUTLINED = "Boolean(relightApp.parts.outline.matte) && !relightApp.parts.outline.solving"
+LIT = "Boolean(relightApp.parts.light.viewer?.engine)"
+
+for extra in ("playwright", "starlette", "uvicorn"):
+    pytest.importorskip(extra)
+
+
+@contextmanager
+def served(*words, **environment):
+    """Run `relight app`; yield its address, token included, and the process."""
+    process = subprocess.Popen(
+        [sys.executable, "-m", "relight.cli", "app", "--no-browser", *map(str, words)],
+        stdout=subprocess.PIPE,
+        text=True,
+        env={**os.environ, "PYTHONPATH": str(ROOT), **environment},
+    )
+    try:
+        address = process.stdout.readline().strip()
+        assert address.startswith("http://127.0.0.1:"), "relight app printed no address"
+        yield address, process
+    finally:
+        process.send_signal(signal.SIGINT)
+        process.wait(30)
+
+
+def visited(browser, address, size=(1280, 800), before=None, **options):
+    """The application in a new window; its `complaints` are what the console was told."""
+    width, height = size
+    options = {"reduced_motion": "reduce"} | options  # software that draws an animation has no time for more
+    context = browser.new_context(viewport={"width": width, "height": height}, **options)
+    page = context.new_page()
+    page.set_default_timeout(240_000)  # software that draws WebGL on busy machines is slow
+    page.complaints = []
+    page.on("console", lambda message: page.complaints.append(message.text))
+    page.on("pageerror", lambda error: page.complaints.append(str(error)))
+    if before:
+        page.add_init_script(before)
+    page.goto(address)
+    wait(page, "Boolean(window.relightApp)")
+    return page
+
+
+def chosen(page, *paths):
+    """Choose photographs by the first step's file dialogue."""
+    page.locator(".drop input[type=file]").set_input_files([str(path) for path in paths])
+
+
+def lasso(page, points):
+    """Click a closed line around the person: places as shares of the photograph, (N, 2)."""
+    for across, down in [*points, points[0]]:
+        x, y = page.evaluate(
+            """([across, down]) => { const step = relightApp.parts.outline;
+                 const at = step.canvas.getBoundingClientRect();
+                 const [x, y] = step.paper.spot([across, down]); return [at.left + x, at.top + y]; }""",
+            [float(across), float(down)],
+        )
+        page.mouse.click(x, y)
+
+
+def at_step(page, step, seconds=240):
+    """Wait until the page is at a step and nothing is being done."""
+    wait(page, f"relightApp.step === '{step}' && !relightApp.aborting", seconds)

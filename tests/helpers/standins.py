@@ -1,0 +1,81 @@
+"""What stands in for a person, a photograph, a network: known exactly, and quick."""
+
+import numpy as np
+import torch
+
+import relight
+from relight.lights.light import by_name
+from shading import diffuse
+
+HEIGHT, WIDTH = 12, 16  # of a frame with somebody
+
+
+def ball(height, width, centre=(0.5, 0.5), radius=0.35, soft=1.0):
+    """Coverage (H, W) and camera-frame normals (H, W, 3) of a ball; sizes as shares of the height, `soft` in
+    pixels."""
+    y, x = np.mgrid[:height, :width] + 0.5
+    x, y = (x - centre[0] * width) / (radius * height), (centre[1] * height - y) / (radius * height)
+    squared = x**2 + y**2
+    normals = np.stack([x, y, np.sqrt(np.clip(1 - squared, 0, None))], axis=-1)
+    coverage = np.clip((1 - np.sqrt(squared)) * radius * height / soft + 0.5, 0, 1)
+    return coverage.astype(np.float32), (normals * (squared < 1)[..., None]).astype(np.float32)
+
+
+def image_of(coverage, colour=(0.5, 0.4, 0.3)):
+    coverage = coverage[..., None]
+    return np.concatenate([coverage * colour, coverage], axis=-1).astype(np.float32)
+
+
+class Delighter:
+    """Stands in for the shading network: knows the albedo."""
+
+    def __init__(self, answer):
+        self.answer = answer
+
+    def analyse(self, rgb, mask, normals, visibility):
+        return diffuse.Diffuse(visibility, self.answer(rgb, mask))
+
+
+def somebody(column=4, value=1.0):
+    """Somebody four pixels wide, (H, W, 4)."""
+    image = np.zeros((HEIGHT, WIDTH, 4), np.float32)
+    image[2:10, column : column + 4] = (value, value, value, 1)
+    return image
+
+
+class FlatSubject:
+    """Stands in for Subject: as bright as the image times the lights' intensities."""
+
+    made, filtered_by = [], []
+
+    def __init__(self, image, mask=None, normals=None, device=None, **room):
+        alpha = image[..., 3] if mask is None else mask
+        self.image = np.concatenate([image[..., :3] * alpha[..., None], alpha[..., None]], axis=-1)
+        self.albedo = self.normals = image[..., :3]
+        self.size, self.matte = alpha.shape, alpha
+        FlatSubject.made.append(self)
+
+    def relit(self, light):
+        return self.image * np.float32([light.intensity] * 3 + [1])
+
+    def pixels_per_light(self, lights):
+        for name, light in by_name(lights).items():
+            yield name, torch.from_numpy(self.relit(light)).flatten(0, 1)
+
+    def on_plate(self, pixels):
+        return pixels.numpy().reshape(*self.size, -1)
+
+    def lighting(self, lights):
+        return self.albedo
+
+    def unshadowed(self, light):
+        return self.image[..., 3]
+
+    def temporally_filtered(self, around):
+        FlatSubject.filtered_by.append(len(around))
+        return self
+
+
+def brightness(path):
+    picture = relight.read(path)
+    return float(picture[..., 0].max())

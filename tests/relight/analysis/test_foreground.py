@@ -1,0 +1,111 @@
+"""What of a plate is the person: mattes, edges, and what is behind them."""
+
+import numpy as np
+import pytest
+import torch
+from helpers.standins import Delighter, ball, image_of
+
+import relight
+from relight.analysis import infer
+
+LEFT = relight.DirectionalLight(azimuth=-60, name="left")
+
+
+def test_a_portrait_crop_is_not_darkened_at_the_frame(monkeypatch):
+    coverage, _ = ball(250, 170, centre=(0.5, 1.0), radius=0.9)  # cut by three sides of the frame
+    assert coverage[-1].min() == 1
+    grey = Delighter(lambda rgb, mask: torch.full_like(rgb, 0.5))
+    monkeypatch.setattr(infer.diffuse, "load", lambda **_: grey)
+    subject = relight.Subject(
+        image_of(coverage, (0.4, 0.4, 0.4)), normals=np.full((250, 170, 3), (0.0, 0.0, 1.0))
+    )
+    # One colour in one light, so one albedo. Black from beyond the frame would pass for shadow.
+    np.testing.assert_allclose(subject.albedo[coverage > 0.5], 0.5, atol=0.01)
+    np.testing.assert_allclose(subject.normals[-1], np.full((170, 3), (0, 0, 1)), atol=1e-4)
+
+
+def test_a_transparent_corner_far_from_the_subject_is_harmless():
+    coverage, _ = ball(200, 160, radius=0.2)
+    coverage[:3, :3] = 0.2
+    black = image_of(coverage)
+    black[:3, :3, :3] = 0
+    for image in (image_of(coverage), black):
+        subject = relight.Subject(image)
+        picture = subject.relit(LEFT)
+        assert np.isfinite(subject.albedo).all()
+        assert np.isfinite(picture).all()
+        np.testing.assert_array_equal(picture[..., 3], coverage)
+
+
+def test_soft_edges_hold_neither_background_nor_black(monkeypatch):
+    coverage, normals = ball(480, 360, soft=16)
+    front, back = np.array([0.4, 0.4, 0.4]), np.array([0.02, 0.9, 0.05])
+    photo = (coverage[..., None] * front + (1 - coverage[..., None]) * back).astype(np.float32)
+    grey = Delighter(lambda rgb, mask: torch.full_like(rgb, 0.5) * (mask > 0))
+    monkeypatch.setattr(infer.diffuse, "load", lambda **_: grey)
+    subject = relight.Subject(photo, mask=coverage, normals=normals)
+    covered = coverage > 0
+    # One colour in one light: the albedo is 0.5 to the last pixel of the edge, no green, no dark rim.
+    np.testing.assert_allclose(subject.albedo[covered], 0.5, atol=0.02)
+    picture = subject.relit(relight.DirectionalLight())
+    filled = relight.over(picture, back)
+    colour = picture[..., :3] / np.maximum(picture[..., 3:], 1e-6)
+    edge = (coverage > 0.02) & (coverage < 0.98)
+    assert np.ptp(colour[edge], axis=-1).max() < 0.05
+    expected = colour * coverage[..., None] + back * (1 - coverage[..., None])
+    np.testing.assert_allclose(filled, expected, atol=1e-5)
+
+
+def test_a_hard_masks_rim_holds_no_background(monkeypatch):
+    coverage, normals = ball(480, 360)
+    coverage[40:60, 100:102] = 1  # a feather in the hat, all rim
+    blue = np.zeros((480, 360, 1)) + (np.arange(480) < 62)[:, None, None]
+    front = np.where(blue > 0, (0.1, 0.1, 0.6), (0.4, 0.4, 0.4))
+    photo = coverage[..., None] * front + (1 - coverage[..., None]) * (0.02, 0.9, 0.05)
+    paint = Delighter(lambda rgb, mask: rgb * (mask > 0))
+    monkeypatch.setattr(infer.diffuse, "load", lambda **_: paint)
+    mask = coverage > 0.3  # as segmentation networks and a magic wand cut: half-covered pixels count as whole
+    albedo = relight.Subject(photo.astype(np.float32), mask=mask, normals=normals).albedo
+    ball_only = mask & (blue[..., 0] == 0)
+    assert np.ptp(albedo[ball_only], axis=-1).max() < 0.01  # grey to the last pixel
+    feather = albedo[40:60, 100:102]
+    assert (feather[..., 2] > 3 * feather[..., 1]).all()  # and its own colour, having no other
+
+
+def test_straight_and_premultiplied_sources_agree():
+    coverage, normals = ball(200, 160, soft=8)
+    premultiplied = image_of(coverage)
+    codes = np.full((200, 160, 4), 188, np.uint8)  # straight: one colour everywhere, transparent or not
+    linear = ((188 / 255 + 0.055) / 1.055) ** 2.4
+    premultiplied[..., :3] = coverage[..., None] * linear
+    codes[..., 3] = np.round(coverage * 255)
+    from_floats = relight.Subject(premultiplied, normals=normals).relit(LEFT)
+    from_codes = relight.Subject(codes, normals=normals).relit(LEFT)
+    np.testing.assert_allclose(from_codes, from_floats, atol=5e-3)
+
+
+def test_maps_are_continued_under_a_wide_soft_edge():
+    coverage, _ = ball(480, 360, radius=0.3, soft=60)
+    facing = np.where(coverage[..., None] > 0.5, (0.6, 0.0, 0.8), 0)  # known inside only
+    normals = relight.Subject(image_of(coverage), normals=facing).normals
+    np.testing.assert_allclose(normals[coverage > 0] @ (0.6, 0, 0.8), 1, atol=1e-3)
+
+
+@pytest.mark.slow
+def test_a_mask_replaces_the_alpha_and_may_be_integer():
+    coverage, normals = ball(120, 90)
+    smaller = ball(120, 90, radius=0.25)[0]
+    picture = relight.Subject(image_of(coverage), mask=smaller, normals=normals).relit(LEFT)
+    np.testing.assert_array_equal(picture[..., 3], smaller)
+    codes = np.round(smaller * 255).astype(np.uint8)
+    picture = relight.Subject(image_of(coverage), mask=codes, normals=normals).relit(LEFT)
+    np.testing.assert_allclose(picture[..., 3], smaller, atol=1 / 255)
+    whole = relight.Subject(image_of(coverage), mask=smaller > 0.5, normals=normals).relit(LEFT)
+    assert set(np.unique(whole[..., 3])) == {0, 1}
+
+
+def test_masks_of_either_byte_order_are_one(person):
+    rgb, mask = person
+    codes = (mask * 65535).astype(np.uint16)
+    pictures = [relight.apply(rgb, LEFT, mask=each) for each in (codes, codes.astype(">u2"))]
+    np.testing.assert_array_equal(*pictures)

@@ -1,0 +1,295 @@
+"""The application in a browser, as a person uses it: drop, outline, light, save."""
+
+import os
+import shlex
+import signal
+import time
+from pathlib import Path
+
+import numpy as np
+import pytest
+from helpers import ROOT, browsing
+from helpers.drawn import photographed, polygon
+from helpers.onnx_models import channel
+from helpers.serving import LIT, OUTLINED, at_step, chosen, lasso, served, visited
+from PIL import Image
+from typer.testing import CliRunner
+
+import relight
+from relight.cli import app as command_line
+from shadow.data.records import Records
+
+pytestmark = [pytest.mark.slow, browsing.NEEDS_CHROMIUM]
+SETTLED = """(({ engine }) => engine.picture && !engine.asking && engine.made === engine.wanted)(
+    relightApp.parts.light.viewer)"""
+
+DRAWN = """[...document.querySelectorAll(".preset canvas")].every(
+    (one) => one.getContext("2d").getImageData(64, 100, 1, 1).data[3] === 255)"""
+
+
+@pytest.fixture(scope="module")
+def photo(tmp_path_factory):
+    """A photograph, .jpg, and a line around the person: places as shares of its width and height."""
+    from skimage import data
+
+    image, matte = photographed(Records([ROOT / "tests" / "data"])[1], data.coffee(), 1, height=320)
+    path = tmp_path_factory.mktemp("photo") / "me.jpg"
+    Image.fromarray(image).save(path, quality=95)
+    return path, polygon(matte, 1) / 320
+
+
+@pytest.fixture(scope="module")
+def address(tmp_path_factory, photo):
+    root = tmp_path_factory.mktemp("root")
+    (root / "sub").mkdir()
+    (root / "sub" / "me.jpg").write_bytes(photo[0].read_bytes())
+    with served("--root", root) as (found, _):
+        yield found
+
+
+@pytest.fixture
+def page(browser, address):
+    found = visited(browser, address)
+    yield found
+    assert not found.complaints
+    found.context.close()
+
+
+def outlined(page, photo):
+    """Choose the photograph, and draw the line around the person."""
+    chosen(page, photo[0])
+    at_step(page, "outline")
+    browsing.wait(page, "Boolean(relightApp.parts.outline.image)")
+    lasso(page, photo[1])
+    browsing.wait(page, OUTLINED, 120)
+
+
+def lit(page, photo):
+    outlined(page, photo)
+    page.get_by_role("button", name="Use this outline").click()
+    at_step(page, "light")
+    browsing.wait(page, LIT, 120)
+
+
+def saved(page, name, folder):
+    """Save a file of the last step; its path."""
+    with page.expect_download(timeout=240000) as download:
+        page.get_by_role("button", name=f"Save {name}", exact=True).click()
+    path = Path(folder) / download.value.suggested_filename
+    download.value.save_as(path)
+    at_step(page, "save")
+    return path
+
+
+def without_advice(page):
+    """Drop the browser's advice about the test's own reading of pixels."""
+    page.complaints[:] = [line for line in page.complaints if "willReadFrequently" not in line]
+
+
+def notice(page):
+    browsing.wait(page, "!relightApp.message.hidden && !relightApp.aborting")
+    return page.locator(".notice span").inner_text()
+
+
+def test_from_a_photograph_to_the_files_that_the_copied_command_makes(page, photo, tmp_path, monkeypatch):
+    lit(page, photo)
+    page.locator("[data-preset=stage]").click()
+    page.evaluate("relightApp.parts.light.viewer.change((state) => (state.background = [0.2, 0.1, 0.05]))")
+    page.get_by_role("button", name="Save files…").click()
+    at_step(page, "save")
+    page.get_by_role("checkbox", name="Albedo").check()
+    exr, jpeg = saved(page, "OpenEXR", tmp_path), saved(page, "JPEG", tmp_path)
+    assert relight.read(jpeg).shape == (320, 320, 3)
+    with page.expect_download() as download:
+        page.get_by_text("Save the matte").click()
+    download.value.save_as(tmp_path / "me-matte.png")
+    (tmp_path / "me.jpg").write_bytes(photo[0].read_bytes())
+    words = shlex.split(page.get_by_label("Command line", exact=True).inner_text())
+    assert words[:5] == ["relight", "apply", "me.jpg", "--mask", "me-matte.png"]
+    words[-1] = "again.exr"
+    monkeypatch.chdir(tmp_path)
+    result = CliRunner().invoke(command_line, [*words[1:], "--passes", "albedo"])
+    assert result.exit_code == 0, result.output
+    ours, theirs = relight.media.images.read_layers(exr), relight.media.images.read_layers("again.exr")
+    assert set(ours) == set(theirs)
+    assert {"C_spot", "C_left", "C_right", "albedo"} <= set(ours)
+    for name in ours:  # to the last bit of a half float, since the two processes may sum in another order
+        np.testing.assert_allclose(ours[name], theirs[name], rtol=2e-3, atol=1e-6)
+    python = page.get_by_label("Python", exact=True).inner_text().replace("me-relit.png", "python.exr")
+    exec(python, {})
+    np.testing.assert_allclose(relight.read("python.exr"), relight.read("again.exr"), rtol=2e-3, atol=1e-6)
+
+
+def test_an_example_and_a_file_of_the_folder_are_a_click_away_and_share_one_rig(page):
+    page.get_by_role("button", name="Try the example").click()
+    at_step(page, "light")
+    browsing.wait(page, LIT, 120)
+    browsing.wait(page, DRAWN, 120)
+    without_advice(page)
+    page.locator("[data-preset=split]").click()
+    page.get_by_role("button", name="Photograph", exact=False).first.click()
+    page.get_by_role("button", name="sub/me.jpg").click()
+    at_step(page, "outline")
+    page.locator(".strip .thumb").first.click()
+    at_step(page, "light")
+    assert page.evaluate("relightApp.parts.light.viewer.state.lights.map((light) => light.azimuth)") == [-92]
+
+
+def test_a_models_matte_is_found_and_corrected(page, tmp_path):
+    codes = np.full((240, 200, 3), (20, 20, 60), np.uint8)
+    codes[40:200, 60:140] = (230, 20, 20)
+    Image.fromarray(codes).save(tmp_path / "red.png")
+    model = channel(tmp_path / "red.onnx", 0)
+    chosen(page, tmp_path / "red.png")
+    at_step(page, "outline")
+    page.get_by_role("button", name="Find with a model…").click()
+    page.get_by_label("Input options").fill("mean=0/0/0,std=1/1/1")
+    with page.expect_file_chooser() as chooser:
+        page.get_by_role("button", name="Open an ONNX file…").click()
+    chooser.value.set_files(str(model))
+    browsing.wait(page, OUTLINED, 120)
+    at_step(page, "outline")
+
+    def seen(x, y):
+        """How much of a place is dimmed, 0 to 255."""
+        return page.evaluate(
+            "([x, y]) => relightApp.parts.outline.matte.getContext('2d').getImageData(x, y, 1, 1).data[3]",
+            [x, y],
+        )
+
+    assert seen(100, 120) < 60
+    assert seen(20, 20) > 200
+    page.get_by_role("button", name="Background", exact=True).click()
+    page.evaluate(
+        """relightApp.parts.outline.change({ ...relightApp.parts.outline.drawing,
+             strokes: [{ person: false, points: [[0.5, 0.75], [0.5, 0.8]], radius: 0.1 }] })"""
+    )
+    time.sleep(0.3)
+    browsing.wait(page, OUTLINED, 120)
+    assert seen(100, 184) > 200
+    assert seen(100, 80) < 60
+    without_advice(page)
+
+
+def test_an_analysis_can_be_cancelled_and_done_again(page, photo):
+    outlined(page, photo)
+    page.evaluate(  # at once: a small photograph is analysed within a second
+        """async () => {
+            const named = (text) => (one) => one.textContent === text;
+            const buttons = [...document.querySelectorAll("button")];
+            buttons.find(named("Use this outline")).click();
+            while (!relightApp.aborting) await new Promise((done) => setTimeout(done, 1));
+            relightApp.cancel.click();
+        }"""
+    )
+    assert notice(page) == "Cancelled."
+    assert page.evaluate("relightApp.step") == "outline"
+    page.get_by_role("button", name="Use this outline").click()
+    at_step(page, "light")
+
+
+def test_two_tabs_and_one_that_is_closed_in_the_middle(browser, address, page, photo):
+    other = visited(browser, address)
+    outlined(other, photo)
+    other.get_by_role("button", name="Use this outline").click()
+    other.context.close()
+    lit(page, photo)
+    assert not page.evaluate("relightApp.message.hidden") or page.evaluate("relightApp.step") == "light"
+
+
+def test_bad_files_are_a_sentence_and_the_server_goes_on(page, photo, tmp_path):
+    (tmp_path / "text.jpg").write_text("this is no picture")
+    Image.fromarray(np.zeros((40, 40, 3), np.uint8)).save(tmp_path / "cut.png")
+    (tmp_path / "cut.png").write_bytes((tmp_path / "cut.png").read_bytes()[:60])
+    (tmp_path / "notes.txt").write_text("text")
+    for name in ("text.jpg", "cut.png", "notes.txt"):
+        chosen(page, tmp_path / name)
+        said = notice(page)
+        assert name in said
+        assert "/" not in said
+        page.evaluate("relightApp.hush()")
+    outlined(page, photo)
+    page.evaluate(
+        """relightApp.parts.outline.change({ lasso: null, model: false,
+             strokes: [{ person: false, points: [[0.5, 0.5]], radius: 0.1 }] })"""
+    )
+    assert "outline: nothing" in notice(page)
+    refusals = [line for line in page.complaints if "status of 422" in line]  # as browsers log every refusal
+    assert len(refusals) >= 3
+    page.complaints[:] = [line for line in page.complaints if line not in refusals]
+
+
+def test_where_there_is_no_webgl2_the_server_makes_the_pictures(browser, address, photo):
+    without = """(() => {
+        const own = HTMLCanvasElement.prototype.getContext;
+        HTMLCanvasElement.prototype.getContext = function (kind, ...rest) {
+            return kind === "webgl2" ? null : own.call(this, kind, ...rest);
+        };
+    })()"""
+    page = visited(browser, address, before=without)
+    outlined(page, photo)
+    page.get_by_role("button", name="Use this outline").click()
+    at_step(page, "light")
+    assert "no WebGL 2" in notice(page)
+    browsing.wait(page, SETTLED)
+    browsing.settled(page)  # the picture has come; the next frame draws it
+
+    def lopsided():
+        """How much brighter the person's left half is than the right one."""
+        return page.evaluate(
+            """() => {
+                const { engine, pack } = relightApp.parts.light.viewer;
+                const { width, data } = engine.readShown();
+                const [left, , across] = pack.description.box;
+                const sums = [0, 0];
+                for (let at = 0; at < data.length; at += 4) {
+                    sums[Number((at / 4) % width > left + across / 2)] += data[at + 1];
+                }
+                return sums[0] / sums[1];
+            }"""
+        )
+
+    before = lopsided()  # the key is at the left
+    x, y = page.evaluate(
+        """() => {
+            const { element, middle, radius } = relightApp.parts.light.viewer.stage;
+            const at = element.getBoundingClientRect();
+            return [at.left + middle[0] + 0.9 * radius, at.top + middle[1]];
+        }"""
+    )
+    page.mouse.click(x, y)  # the light goes where the hand is, as it does with WebGL
+    browsing.settled(page)
+    browsing.wait(page, SETTLED)
+    browsing.settled(page)
+    assert lopsided() < 0.6 * before
+    page.locator("[data-preset=golden-hour]").click()
+    page.keyboard.press("g")
+    browsing.settled(page)
+    browsing.wait(page, SETTLED)
+    browsing.settled(page)
+    assert page.evaluate("relightApp.parts.light.viewer.engine.readShown().data[3]") == 255  # a background
+    page.keyboard.press("n")
+    assert "needs WebGL 2" in page.locator(".message").inner_text()
+    page.get_by_role("button", name="Save files…").click()
+    at_step(page, "save")
+    without_advice(page)
+    assert not page.complaints
+    page.context.close()
+
+
+def test_the_folder_goes_and_no_path_of_the_machine_is_in_a_page(photo, tmp_path):
+    import urllib.request
+
+    with served(TMPDIR=str(tmp_path)) as (address, process):
+        assert [one.name for one in tmp_path.iterdir() if one.name.startswith("relight-app-")]
+        post = urllib.request.Request(
+            f"{address}photographs?name=me.jpg", photo[0].read_bytes(), method="POST"
+        )
+        said = urllib.request.urlopen(post).read().decode()
+        for path in ("", "session", "viewer.js", "web/app.js"):
+            said += urllib.request.urlopen(address + path).read().decode()
+        assert str(tmp_path) not in said
+        assert str(Path.home()) not in said
+        os.kill(process.pid, signal.SIGTERM)
+        process.wait(30)
+    assert not [one.name for one in tmp_path.iterdir() if one.name.startswith("relight-app-")]

@@ -1,0 +1,151 @@
+"""What the server keeps and whom it answers, without a browser."""
+
+import asyncio
+
+import pytest
+
+pytest.importorskip("starlette")
+pytest.importorskip("uvicorn")
+
+from relight.app.guard import Guard
+from relight.app.session import PICTURES, Session, checked_name
+from relight.app.worker import Refused
+
+TOKEN = "secret-token"
+
+
+@pytest.fixture
+def session(tmp_path):
+    (tmp_path / "root" / "sub").mkdir(parents=True)
+    (tmp_path / "root" / "a.jpg").write_bytes(b"picture")
+    (tmp_path / "root" / "sub" / "b.exr").write_bytes(b"picture")
+    (tmp_path / "root" / "notes.txt").write_bytes(b"text")
+    (tmp_path / "outside.jpg").write_bytes(b"private")
+    (tmp_path / "root" / "link.jpg").symlink_to(tmp_path / "outside.jpg")
+    found = Session(tmp_path / "root")
+    yield found
+    found.close()
+
+
+def status(path="/secret-token/", **headers):
+    """The status of a GET: 200 where the guard lets it pass."""
+    sent = []
+
+    async def page(scope, receive, send):
+        await send({"type": "http.response.start", "status": 200, "headers": []})
+        await send({"type": "http.response.body", "body": b""})
+
+    async def receive():
+        return {"type": "http.request", "body": b""}
+
+    async def send(message):
+        sent.append(message)
+
+    headers = {"host": "127.0.0.1:8000"} | headers
+    scope = {
+        "type": "http", "method": "GET", "path": path, "raw_path": path.encode(), "query_string": b"",
+        "headers": [(key.encode(), value.encode()) for key, value in headers.items()],
+    }  # fmt: skip
+    asyncio.run(Guard(page, TOKEN, 8000)(scope, receive, send))
+    assert any(key == b"content-security-policy" for key, _ in sent[0]["headers"])
+    return sent[0]["status"]
+
+
+def test_requests_need_the_token_this_host_and_no_other_origin():
+    assert status() == 200
+    assert status(host="localhost:8000", origin="http://localhost:8000") == 200
+    for path in ("/", "/secret-toke/", "/secret-token2/", "//secret-token/", "/session"):
+        assert status(path) == 403
+    assert status(host="rebound.example:8000") == 403  # a name that was made to point here
+    assert status(host="127.0.0.1:9999") == 403
+    assert status(host="") == 403
+    for origin in ("http://other.example", "null", "http://localhost:8000", "https://127.0.0.1:8000"):
+        assert status(origin=origin) == 403
+
+
+def test_files_of_the_root_alone_can_be_taken(session, tmp_path):
+    assert set(session.in_root()) == {"a.jpg", "link.jpg", "sub/b.exr"}
+    assert session.copy_from_root("sub/b.exr").name == "b.exr"
+    for path in (
+        "../outside.jpg",
+        "link.jpg",
+        str(tmp_path / "outside.jpg"),
+        "sub/../../outside.jpg",
+        "a\0.jpg",
+    ):
+        with pytest.raises(Refused, match="not in the folder"):
+            session.copy_from_root(path)
+    with pytest.raises(Refused, match=r"none.jpg: no longer exists"):
+        session.copy_from_root("none.jpg")
+    with pytest.raises(Refused, match=r"notes.txt: expected a JPEG"):
+        session.copy_from_root("notes.txt")
+    assert len(session.photographs) == 1
+
+
+@pytest.mark.parametrize(
+    ("given", "kept"),
+    [
+        ("me.jpg", "me.jpg"),
+        ("../../etc/me.JPG", "me.JPG"),
+        ("C:\\photos\\me.png", "me.png"),
+        ("-o.png", "o.png"),
+        ("shot.%04d.exr", "shot._04d.exr"),
+        ("shot.####.exr", "shot.____.exr"),
+        ("a\nb.tif", "ab.tif"),
+        (".jpg.jpg", "jpg.jpg"),
+        ("x" * 400 + ".jpeg", "x" * 115 + ".jpeg"),
+    ],
+)
+def test_names_are_what_commands_and_file_systems_can_have(given, kept):
+    assert checked_name(given, PICTURES) == kept
+
+
+@pytest.mark.parametrize("given", ["", "photo", "photo.svg", "photo.jpg.html", "..", "photo.jpg/"])
+def test_names_of_no_picture_are_refused(given):
+    with pytest.raises(Refused, match="expected a JPEG"):
+        checked_name(given, PICTURES)
+
+
+async def chunks(*parts):
+    for part in parts:
+        yield part
+
+
+def test_uploads_are_bounded_in_size_and_number(session, tmp_path, monkeypatch):
+    monkeypatch.setattr("relight.app.session.UPLOAD_BYTES", 10)
+    monkeypatch.setattr("relight.app.session.PHOTOGRAPHS", 2)
+    asyncio.run(session.receive(chunks(b"1234", b"5678"), tmp_path / "a.jpg"))
+    assert (tmp_path / "a.jpg").read_bytes() == b"12345678"
+    with pytest.raises(Refused, match=r"b.jpg: is larger than"):
+        asyncio.run(session.receive(chunks(b"1234", b"5678", b"901"), tmp_path / "b.jpg"))
+    with pytest.raises(Refused, match=r"c.jpg: is empty"):
+        asyncio.run(session.receive(chunks(), tmp_path / "c.jpg"))
+    monkeypatch.setattr("relight.app.session.SESSION_BYTES", 2)
+    with pytest.raises(Refused, match="session is full"):
+        asyncio.run(session.receive(chunks(b"123"), tmp_path / "d.jpg"))
+    session.new_photograph("a.jpg")
+    session.new_photograph("b.jpg")
+    with pytest.raises(Refused, match="2 photographs are open"):
+        session.new_photograph("c.jpg")
+
+
+def test_a_full_disk_is_said_without_a_path(session):
+    with pytest.raises(Refused, match="No space left on device") as refused:
+        asyncio.run(session.receive(chunks(b"x" * 100000), _Full()))
+    assert "/" not in str(refused.value)
+
+
+class _Full:
+    """A path on a disk that is full."""
+
+    name = "a.jpg"
+
+    def open(self, mode):
+        return open("/dev/full", "wb", buffering=0)
+
+
+def test_the_folder_goes_when_the_session_ends(session):
+    photograph = session.new_photograph("a.jpg")
+    assert photograph.folder.is_dir()
+    session.close()
+    assert not session.folder.exists()

@@ -1,0 +1,91 @@
+"""What the worker computes of a photograph, without a server: reduced for the page, whole for files."""
+
+import io
+
+import numpy as np
+import pytest
+from helpers.clothed import clothed
+from helpers.drawn import overlap, polygon
+from helpers.onnx_models import channel
+from PIL import Image
+
+import relight
+from relight.app import tasks
+from relight.matting import outline
+
+pytest.importorskip("pymatting")
+
+LOOK = {"lights": ["key:azimuth=-40,elevation=30"], "background": [0.1, 0.1, 0.1]}
+
+
+def silent(what):
+    """Take a report of progress."""
+
+
+def codes(png):
+    """Return the grey codes of a PNG in memory."""
+    return np.asarray(Image.open(io.BytesIO(png)), int)
+
+
+@pytest.fixture
+def folder(tmp_path, monkeypatch):
+    """A photograph of 200 x 160 pixels in the working folder, whose reduced copy is half as large."""
+    plate, matte = clothed()
+    behind = np.random.default_rng(1).uniform(0.1, 0.3, (200, 160, 1)) * (0.4, 0.6, 1)
+    pixels = plate * matte[..., None] + behind * (1 - matte[..., None])
+    Image.fromarray(np.round(255 * pixels ** (1 / 2.2)).astype(np.uint8)).save(tmp_path / "me.png")
+    monkeypatch.chdir(tmp_path)
+    monkeypatch.setattr(tasks, "PREVIEW_SIDE", 100)
+    tasks.read("me.png", silent)
+    lasso = polygon(matte, 0) / (160, 200)  # shares of width and height
+    return tmp_path, matte, {"lasso": lasso.tolist(), "strokes": [], "model": False}
+
+
+def test_an_outline_is_solved_once_until_it_changes(folder, monkeypatch):
+    path, _, drawn = folder
+    solve, solved = outline.outlined, []
+    monkeypatch.setattr(outline, "outlined", lambda *given: solved.append(1) or solve(*given))
+    first = tasks.outline_of(drawn, silent)["png"]
+    assert tasks.outline_of(dict(drawn), silent)["png"] == first
+    assert len(solved) == 1
+    half = {**drawn, "strokes": [{"person": False, "points": [[0.2, 0.8], [0.8, 0.8]], "radius": 0.3}]}
+    assert tasks.outline_of(half, silent)["png"] != first
+    model = channel(path / "red.onnx", 0)
+    by_model = {"lasso": None, "strokes": [], "model": True}
+    for scale in (1, 0.8):  # the second matte replaces the first one
+        found = tasks.matte_by_model(f"{model},mean=0/0/0,std={scale}/1/1", silent)["png"]
+        again = tasks.outline_of(by_model, silent)["png"]
+        np.testing.assert_allclose(codes(again), codes(found), atol=1)
+
+
+def test_what_the_worker_loads_while_it_waits_is_there(folder):
+    for prepare in tasks.PREPARATIONS:
+        prepare()
+
+
+@pytest.mark.slow
+def test_a_photograph_larger_than_its_copy_is_lit_reduced_and_saved_whole(folder):
+    path, matte, drawn = folder
+    reports = []
+    scene = tasks.analyse("me.png", "me-matte.png", drawn, reports.append)["scene"]
+    assert reports == ["Refining the edge", "Analysing the person", "Preparing the light"]
+    assert scene["command"] == ["relight", "apply", "me.png", "--mask", "me-matte.png"]
+    assert not (path / "me-matte.png").exists()  # nobody waits for it before the light
+    tasks.save("me.png", "me-matte.png", LOOK, "me-relit.png", [], silent)
+    found = relight.read(path / "me-relit.png")
+    assert found.shape[:2] == (200, 160)
+    mask = np.asarray(Image.open(path / "me-matte.png"))
+    assert overlap(mask / np.iinfo(mask.dtype).max, matte) > 0.95
+
+
+@pytest.mark.slow
+def test_an_outline_that_is_accepted_again_replaces_the_matte(folder):
+    path, _, drawn = folder
+    tasks.analyse("me.png", "me-matte.png", drawn, silent)
+    tasks.full_matte("me.png", "me-matte.png", silent)
+    first = np.asarray(Image.open(path / "me-matte.png"))
+    half = {**drawn, "strokes": [{"person": False, "points": [[0.2, 0.8], [0.8, 0.8]], "radius": 0.3}]}
+    tasks.analyse("me.png", "me-matte.png", half, silent)
+    tasks.full_matte("me.png", "me-matte.png", silent)
+    second = np.asarray(Image.open(path / "me-matte.png"))
+    assert second[170, 80] == 0 < first[170, 80]

@@ -1,0 +1,57 @@
+"""`relight comfyui`: the nodes' registration in a ComfyUI folder."""
+
+import importlib.util
+
+import pytest
+from typer.testing import CliRunner
+
+from relight.cli import app
+from relight.comfyui import NODE_CLASS_MAPPINGS
+from relight.comfyui.install import install
+
+
+@pytest.fixture
+def comfyui(tmp_path):
+    for name in ("custom_nodes", "models"):
+        (tmp_path / name).mkdir()
+    return tmp_path
+
+
+def test_two_lines_register_the_nodes(comfyui):
+    result = CliRunner().invoke(app, ["comfyui", str(comfyui)])
+    assert result.exit_code == 0, result.output
+    file = comfyui / "custom_nodes" / "relight" / "__init__.py"
+    assert len(file.read_text().splitlines()) == 2
+    spec = importlib.util.spec_from_file_location("registered", file)  # as ComfyUI loads it
+    module = importlib.util.module_from_spec(spec)
+    spec.loader.exec_module(module)
+    assert module.NODE_CLASS_MAPPINGS is NODE_CLASS_MAPPINGS
+    assert set(module.NODE_DISPLAY_NAME_MAPPINGS) == set(NODE_CLASS_MAPPINGS)
+    assert (file.parent / module.WEB_DIRECTORY / "relight.js").is_file()
+    before = file.read_bytes()
+    assert install(comfyui) == file  # again
+    assert file.read_bytes() == before
+    assert [path.name for path in file.parent.iterdir() if path.is_file()] == ["__init__.py"]
+
+
+def test_other_folders_are_refused(comfyui, tmp_path):
+    (tmp_path / "other").mkdir()
+    with pytest.raises(ValueError, match="expected ComfyUI's folder"):
+        install(tmp_path / "other")
+    with pytest.raises(FileNotFoundError, match="no such folder"):
+        install(tmp_path / "none")
+    theirs = comfyui / "custom_nodes" / "relight"
+    theirs.mkdir()
+    (theirs / "nodes.py").write_text("")
+    with pytest.raises(ValueError, match="holds other nodes"):
+        install(comfyui)
+    assert [path.name for path in theirs.iterdir()] == ["nodes.py"]
+    result = CliRunner().invoke(app, ["comfyui", str(tmp_path / "other")])
+    assert result.exit_code == 2
+
+
+def test_a_failed_write_leaves_nothing(comfyui, monkeypatch):
+    monkeypatch.setattr("relight.comfyui.install.LINES", 3)  # no text
+    with pytest.raises(TypeError):
+        install(comfyui)
+    assert not list((comfyui / "custom_nodes").iterdir())

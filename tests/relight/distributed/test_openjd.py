@@ -1,0 +1,148 @@
+"""A job for a farm: what the template says, and the same frames from it as from one process."""
+
+import json
+import os
+import subprocess
+import sys
+from pathlib import Path
+
+import numpy as np
+import pytest
+from helpers.killing import differences
+from openjd.model import decode_job_template
+from typer.testing import CliRunner
+
+import relight
+from relight.cli import app
+
+LIGHTS = ["--light", "key:azimuth=-40,elevation=30", "--light", "rim:azimuth=150,orbit=20"]
+OUTPUTS = ["relit.%04d.exr", "relit.nk", "relit.mov"]
+
+
+@pytest.fixture
+def shot(tmp_path, monkeypatch):
+    """Five plates and mattes of somebody who walks, and the desk they lie on."""
+    monkeypatch.chdir(tmp_path)
+    Path("plates").mkdir()
+    y, x = np.mgrid[:60, :50]
+    for number in range(1, 6):
+        mask = (np.hypot((x - 18 - 3 * number) / 9, (y - 30) / 26) < 1).astype(np.float32)
+        stripes = (0.3 + 0.2 * np.sin(y / 4 + number))[..., None] * (1, 0.8, 0.6)
+        relight.write(f"plates/p.{number:04d}.exr", stripes.astype(np.float32))
+        relight.write_mask(f"plates/m.{number:04d}.png", mask)
+    return ["plates/p.%04d.exr", "--mask", "plates/m.%04d.png"]
+
+
+def run(*words):
+    return CliRunner().invoke(app, [str(word) for word in words])
+
+
+def written(*words, path="job.json"):
+    result = run("job", *words, *(word for output in OUTPUTS for word in ("-o", output)), "-o", path)
+    assert result.exit_code == 0, result.output
+    return json.loads(Path(path).read_text())
+
+
+def command(template, step):
+    return " ".join(template["steps"][step]["script"]["actions"]["onRun"]["args"])
+
+
+def options(template, step):
+    (embedded,) = template["steps"][step]["script"]["embeddedFiles"]
+    assert "--options {{Task.File.Options}}" in command(template, step)
+    return json.loads(embedded["data"])
+
+
+def test_the_template_is_valid_and_says_all_of_the_shot(shot):
+    template = written(
+        *shot, *LIGHTS, "--frames", "1-5", "--chunk-size", 2, "--passes", "N", "--height", "1.6"
+    )
+    decode_job_template(template=template, supported_extensions=["TASK_CHUNKING"])
+    assert [step["name"] for step in template["steps"]] == ["Analyse", "Light", "Finish"]
+    assert [step.get("dependencies") for step in template["steps"][1:]] == [
+        [{"dependsOn": "Analyse"}],
+        [{"dependsOn": "Light"}],
+    ]
+    analysing, lighting, finishing = (command(template, step) for step in range(3))
+    assert options(template, 0) == {"source": {"height": 1.6}}
+    assert "--mask {{Param.MaskFolder}}/{{Param.Mask}}" in analysing
+    assert "--frames {{Task.Param.Frames}}" in analysing
+    assert "--mask" not in lighting
+    assert options(template, 1) == options(template, 2) == {"output": {"passes": ["N"]}}
+    assert "--phase finalize --frames {{Param.Frames}}" in finishing
+    defaults = {one["name"]: one["default"] for one in template["parameterDefinitions"]}
+    assert defaults["Frames"] == "1-5"
+    assert defaults["ChunkSize"] == 2
+    assert defaults["PlateFolder"] == "plates"
+    assert defaults["Lights"] == "job.lights.yaml"
+    assert len(relight.read_lights("job.lights.yaml")) == 2
+
+
+def test_frames_with_gaps_and_files_elsewhere(shot, tmp_path):
+    Path("job").mkdir()
+    with pytest.warns(UserWarning, match="frames 7-9:2 are not there yet"):
+        template = written(*shot, *LIGHTS, "--frames", "1-9x2", path="job/job.json")
+    decode_job_template(template=template, supported_extensions=["TASK_CHUNKING"])
+    (numbers,) = template["steps"][0]["parameterSpace"]["taskParameterDefinitions"]
+    assert numbers["chunks"]["rangeConstraint"] == "NONCONTIGUOUS"
+    found = {one["name"]: one for one in template["parameterDefinitions"]}
+    assert found["PlateFolder"]["type"] == "STRING"  # a template's own paths lie beside it
+    assert found["PlateFolder"]["default"] == str(tmp_path / "plates")
+    assert found["Analysis"]["type"] == "PATH"
+
+
+@pytest.mark.parametrize(
+    ("words", "message"),
+    [
+        (["-o", "relit.%04d.exr"], "output: expected one job"),
+        (["-o", "r.%04d.exr", "-o", "job.json", "--size", "background"], "size: expected WIDTHxHEIGHT"),
+        (["-o", "r.nk", "-o", "job.json"], "a Nuke script needs an .exr"),
+        (["-o", "plates/p.%04d.exr", "-o", "job.json"], "is read as well"),
+        (["-o", "r.%04d.exr", "-o", "job.json", "--frames", "5-1"], "frames: expected"),
+    ],
+)
+def test_what_is_refused_leaves_no_job(shot, words, message):
+    result = run("job", *shot, *LIGHTS, *words)
+    assert result.exit_code == 2
+    assert message in result.output
+    assert not Path("job.json").exists()
+    assert not Path("job.lights.yaml").exists()
+
+
+def run_openjd(*words):
+    """Run a job, or a part of it, with this Python's `relight` on the path."""
+    Path("bin").mkdir(exist_ok=True)
+    Path("bin/relight").write_text(f'#!/bin/sh\nexec {sys.executable} -m relight.cli "$@"\n')
+    Path("bin/relight").chmod(0o755)
+    path = f"{Path('bin').resolve()}:{os.environ['PATH']}"
+    program = [sys.executable, "-m", "openjd", "run", "job.json", *map(str, words)]
+    done = subprocess.run(program, env=os.environ | {"PATH": path}, capture_output=True, text=True)
+    assert done.returncode == 0, done.stdout + done.stderr
+
+
+@pytest.mark.slow
+def test_a_job_makes_what_one_process_makes(shot):
+    """Whole, and task by task in another order."""
+    where = [word for output in OUTPUTS for word in ("-o", f"one/{output}")]
+    Path("one").mkdir()
+    computed = ["--threads", 1, "--precision", "float32"]
+    assert run("analyse", *shot, "-o", "one/p.relight", *computed).exit_code == 0
+    assert run("video", "one/p.relight", *LIGHTS, "--threads", 1, *where).exit_code == 0
+    written(*shot, *LIGHTS, "--frames", "1-5", "--chunk-size", 3, *computed)
+    for folder, runs in {
+        "whole": [[]],
+        "parts": [
+            ["--step", "Analyse", "-tp", "Frames=4-5"],
+            ["--step", "Analyse", "-tp", "Frames=1-3"],
+            ["--step", "Light", "-tp", "Frames=5-5"],
+            ["--step", "Light", "--tasks", '[{"Frames": "1-2"}, {"Frames": "3-4"}]'],
+            ["--step", "Finish"],
+        ],
+    }.items():
+        Path(folder).mkdir()
+        places = {name: f"{folder}" for name in ("OutputFolder", "Output1Folder", "Output2Folder")}
+        places["Analysis"] = f"{folder}/p.relight"
+        given = [word for name, value in places.items() for word in ("-p", f"{name}={value}")]
+        for words in runs:
+            run_openjd(*given, *words)
+        assert differences(Path(folder), Path("one")) == []

@@ -1,0 +1,102 @@
+"""What a person draws becomes a matte."""
+
+import numpy as np
+import pytest
+from helpers import ROOT
+from helpers.drawn import overlap, photographed, polygon
+
+from relight.matting.outline import Outline, Stroke, outlined, refine
+from shadow.data.records import Records
+
+SQUARE = [[30, 20], [90, 20], [90, 100], [30, 100]]
+
+
+def scene(seed=0):
+    """A red figure of 60 x 80 pixels before grey-green leaves: codes (120, 120, 3) and its matte."""
+    random = np.random.default_rng(seed)
+    codes = random.integers(70, 130, (120, 120, 1)) + np.array([0, 20, 0])
+    matte = np.zeros((120, 120), np.float32)
+    matte[20:100, 30:90] = 1
+    codes = np.where(
+        matte[..., None] > 0, random.integers(0, 30, (120, 120, 1)) + np.array([170, 40, 40]), codes
+    )
+    return codes.astype(np.uint8), matte
+
+
+@pytest.mark.parametrize("number", [0, 1, 2])
+def test_a_polygon_of_24_points_becomes_the_matte_of_a_body(number):
+    pytest.importorskip("kornia")
+    from skimage import data
+
+    background = (data.chelsea, data.coffee, data.astronaut)[number]()
+    image, truth = photographed(Records([ROOT / "tests" / "data"])[number], background, number)
+    line = polygon(truth, number)
+    assert 20 <= len(line) <= 25
+    coarse = outlined(image, Outline(line))
+    assert overlap(coarse, truth) >= 0.95
+    assert overlap(refine(image, coarse), truth) >= 0.97
+
+
+def test_strokes_correct_what_the_line_found_and_the_later_one_counts():
+    image, matte = scene()
+    off = Outline(SQUARE, [Stroke(False, [[60, 60]], 10)])
+    assert outlined(image, off)[60, 60] == 0
+    back = Outline(SQUARE, [Stroke(False, [[60, 60]], 10), Stroke(True, [[60, 60]], 10)])
+    assert overlap(outlined(image, back), matte) > 0.98
+
+
+def test_strokes_alone_say_who_is_meant():
+    image, _ = scene()
+    strokes = [
+        Stroke(True, [[60, 25], [60, 95]], 12),
+        Stroke(False, [[8, 8], [112, 8], [112, 112], [8, 112], [8, 8]], 6),
+    ]
+    found = outlined(image, Outline(None, strokes))
+    assert found[60, 60] == 1
+    assert found[4, 60] == 0
+
+
+def test_a_networks_matte_is_corrected():
+    image, matte = scene()
+    rough = matte.copy()
+    rough[70:100, 30:50] = 0  # it missed a leg
+    found = outlined(image, Outline(None, [Stroke(True, [[40, 75], [40, 95]], 9)], rough))
+    assert overlap(found, matte) > overlap(rough, matte) + 0.05
+
+
+def test_a_line_may_cross_itself_and_leave_the_picture():
+    image, matte = scene()
+    crossing = [[30, 20], [90, 20], [90, 100], [30, 100], [30, 20], [90, 21], [91, 100]]
+    assert overlap(outlined(image, Outline(crossing)), matte) > 0.97
+    beyond = [[-500, -40], [90, -40], [90, 900], [-500, 900]]
+    assert outlined(image, Outline(beyond))[60, 10] > 0.5
+
+
+@pytest.mark.parametrize(
+    ("outline", "words"),
+    [
+        (Outline(), "nothing was drawn"),
+        (Outline([[1, 1], [5, 5]]), "three points or more"),
+        (Outline([[-90, -90], [-40, -90], [-40, -30]]), "beside the photograph"),
+        (Outline([[1, 1], [np.nan, 4], [9, 9]]), "finite"),
+        (Outline(SQUARE, [Stroke(False, [[0, 60], [120, 60]], 90)]), "nothing of the person"),
+        (Outline([[-9, -9], [130, -9], [130, 130], [-9, 130]]), "something behind the person"),
+        (Outline(matte=np.ones((3, 3))), "photograph's size"),
+    ],
+)
+def test_an_outline_that_means_nobody_is_said(outline, words):
+    with pytest.raises(ValueError, match=words):
+        outlined(scene()[0], outline)
+
+
+def test_refining_brings_a_matte_to_the_photographs_own_pixels():
+    image, matte = scene()
+    soft = np.clip(np.linspace(-0.5, 1.5, 120), 0, 1)[None] * matte
+    with pytest.raises(ValueError, match="photograph's size"):
+        refine(image, soft[:50])
+    with pytest.raises(ValueError, match="shows no person"):
+        refine(image, np.zeros_like(matte))
+    large = image.repeat(12, 0).repeat(12, 1)
+    found = refine(large, matte.repeat(12, 0).repeat(12, 1))
+    assert found.shape == (1440, 1440)
+    assert overlap(found, matte.repeat(12, 0).repeat(12, 1)) > 0.99

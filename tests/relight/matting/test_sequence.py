@@ -1,0 +1,151 @@
+"""Persons are cut out of stills and shots that have no matte, and what is asked for wrongly is one line."""
+
+import numpy as np
+import pytest
+from helpers.onnx_models import channel, recurrent
+from typer.testing import CliRunner
+
+import relight
+from relight import Source
+from relight.cli import app
+from relight.pipeline.inputs import ShotInputs
+
+OPTIONS = "mean=0/0/0,std=1/1/1"
+
+
+def inputs_of(plate, matte, **options):
+    return ShotInputs(Source(plate, matte=matte, **options))
+
+
+def frame(column=15, red=0.9, size=(64, 64)):
+    """Somebody red before dark blue: (H, W, 3), linear."""
+    image = np.full((*size, 3), (0, 0, 0.1), np.float32)
+    image[12:56, column : column + 24] = (red, 0, 0)
+    return image
+
+
+def run(*arguments):
+    return CliRunner().invoke(app, [str(argument) for argument in arguments])
+
+
+@pytest.fixture
+def model(tmp_path):
+    return channel(tmp_path / "m.onnx", 0)
+
+
+@pytest.fixture
+def photo(tmp_path):
+    relight.write(tmp_path / "photo.jpg", frame(4).repeat(2, 0).repeat(2, 1))
+    return tmp_path / "photo.jpg"
+
+
+@pytest.mark.parametrize("command", ["apply", "olat"])
+def test_a_photograph_without_alpha_gets_a_matte(tmp_path, photo, model, command):
+    light = ["--light", "azimuth=10"] if command == "apply" else []
+    output = tmp_path / "out.exr"
+    result = run(command, photo, "--matte", f"{model},{OPTIONS}", *light, "-o", output)
+    assert result.exit_code == 0, result.output
+    alpha = relight.read(output)[..., 3]
+    assert (alpha[60, 30], alpha[60, 110]) == (pytest.approx(0.955, abs=0.02), 0)
+
+
+def test_no_old_background_is_left_at_soft_edges(model):
+    image = frame(20)
+    soft = 0.5 * image + 0.5 * np.roll(image, 1, axis=1)
+    cut = inputs_of(soft, f"{model},{OPTIONS}").frame(0)
+    assert cut.matte is None
+    edge = (cut.plate[..., 3] > 0.2) & (cut.plate[..., 3] < 0.9)
+    own = cut.plate[edge] / cut.plate[edge][:, 3:]
+    assert edge.sum() > 40
+    assert own[:, 2].mean() < 0.02  # 0.05 in the photograph
+
+
+def test_the_matte_of_a_shot_is_steady_where_nothing_changes(tmp_path, model):
+    for number in range(1, 6):  # the light flickers by a little
+        relight.write(tmp_path / f"p.{number}.exr", frame(red=0.8 + 0.05 * (number % 2)))
+    shot = inputs_of(tmp_path / "p.%d.exr", f"{model},{OPTIONS}")
+    filtered = [shot.frame(number).plate[30, 25, 3] for number in range(1, 6)]
+    alone = [
+        inputs_of(tmp_path / f"p.{number}.exr", f"{model},{OPTIONS}").frame(0).plate[30, 25, 3]
+        for number in range(1, 6)
+    ]
+    assert np.ptp(filtered[1:4]) < 0.6 * np.ptp(alone[1:4])
+
+
+def test_somebody_who_moves_leaves_no_ghost(tmp_path, model):
+    for number, column in enumerate((4, 20, 36), 1):
+        relight.write(tmp_path / f"p.{number}.exr", frame(column))
+    alpha = inputs_of(tmp_path / "p.%d.exr", f"{model},{OPTIONS}").frame(2).plate[30, :, 3]
+    assert alpha[8] < 0.01
+    assert alpha[56] < 0.01
+    assert alpha[32] > 0.9
+
+
+def test_a_recurrent_network_answers_alike_wherever_a_shot_is_entered(tmp_path):
+    for number in range(1, 5):
+        relight.write(tmp_path / f"p.{number}.exr", frame(red=0.4))
+    network = recurrent(tmp_path / "rvm.onnx")
+    through = inputs_of(tmp_path / "p.%d.exr", network)
+    tops = [through.frame(number).plate[30, 25, 3] for number in (1, 2, 3)]
+    assert tops == sorted(tops)
+    entered = inputs_of(tmp_path / "p.%d.exr", network)
+    assert entered.frame(3).plate[30, 25, 3] == pytest.approx(tops[2], abs=1e-3)
+
+
+def test_a_rough_mask_is_refined(tmp_path, photo):
+    rough = np.zeros((128, 128), np.float32)
+    rough[26:110, 10:54] = 1  # the person is in 24:112, 8:56
+    relight.write_mask(tmp_path / "rough.png", rough)
+    options = ["--mask", tmp_path / "rough.png", "--refine-matte", 12, "--save-matte", tmp_path / "matte.png"]
+    result = run("apply", photo, *options, "--light", "azimuth=10", "-o", tmp_path / "out.exr")
+    assert result.exit_code == 0, result.output
+    there = frame(4).repeat(2, 0).repeat(2, 1)[..., 0] > 0
+    found = relight.read_mask(tmp_path / "matte.png")
+    assert np.abs(found - there).mean() < 0.5 * np.abs(rough - there).mean()
+
+
+@pytest.mark.parametrize(
+    ("options", "message"),
+    [
+        ([], "(--mask FILE), have it made (--matte MODEL)"),
+        (["--matte", "{m}"], "is of no known family"),
+        (["--matte", "{m},mean=1,std=1/1/1"], "mean: expected three numbers, got (1.0,)"),
+        (["--matte", "{m},sigmoid=maybe"], "got 'sigmoid=maybe'"),
+        (["--matte", "gone.onnx"], "gone.onnx: no such file"),
+        (["--matte", "{m},family=u2net"], "expected a matte in [0, 1], got"),
+        (["--matte", "{m}," + OPTIONS, "--person", "2"], "person: expected 1 to 1"),
+        (["--matte", "{m}," + OPTIONS, "--person", "x"], "--person: expected a number, or a point"),
+        (["--matte", "{m}," + OPTIONS, "--key", "green"], "expected one of mask, key and matte"),
+        (["--person", "2"], "person: expected a matting model as well"),
+        (["--refine-matte", "9"], "refine_matte: expected a mask or a matte"),
+    ],
+)
+def test_bad_input_is_one_line_and_writes_nothing(tmp_path, monkeypatch, photo, model, options, message):
+    monkeypatch.chdir(tmp_path)
+    if "family=u2net" in str(options):
+        model = channel(tmp_path / "m.onnx", 0, (1, 3, 320, 320))
+    options = [option.replace("{m}", str(model)) for option in options]
+    result = run("apply", photo, *options, "--light", "azimuth=10", "-o", "out.exr")
+    assert (result.exit_code, result.output.count("\n")) == (2, 1), result.output
+    assert message in result.output
+    assert not (tmp_path / "out.exr").exists()
+
+
+def test_what_the_matte_was_made_with_counts_when_a_shot_is_resumed(tmp_path, model):
+    for number in range(1, 5):
+        relight.write(tmp_path / f"p.{number}.png", frame(4 * number))
+    other = channel(tmp_path / "other.onnx", 0)
+
+    def made(number=2, model=f"{model},{OPTIONS}", **options):
+        return inputs_of(tmp_path / "p.%d.png", model, **options).content_hash(number, [number])
+
+    assert made() == made()
+    assert made() != made(person=2)
+    assert made() != made(refine_matte=4)
+    assert made() != made(model=f"{model},{OPTIONS},sigmoid=yes")
+    before, elsewhere = (made(), made(4)), made(model=f"{other},{OPTIONS}")
+    relight.write(tmp_path / "p.1.png", frame(40))  # steadies frame 2's matte, not frame 4's
+    assert made() != before[0]
+    assert made(4) == before[1]
+    channel(other, 1)
+    assert made(model=f"{other},{OPTIONS}") != elsewhere

@@ -1,0 +1,92 @@
+"""The inputs of a frame: read, matted and placed, for stills and sequences alike."""
+
+import numpy as np
+import pytest
+
+import relight
+from relight import Lighting, Source
+from relight.pipeline.inputs import Placement, ShotInputs
+
+
+@pytest.fixture
+def plate():
+    """A person, premultiplied, 24 x 20 pixels."""
+    image = np.zeros((24, 20, 4), np.float32)
+    image[4:20, 4:16] = 0.5, 0.4, 0.3, 1
+    return image
+
+
+def backgrounds(folder):
+    for number, size in ((5, (30, 50)), (6, (30, 50))):
+        relight.write(folder / f"b.{number}.png", np.full((*size, 3), number / 10, np.float32))
+    return folder / "b.%d.png"
+
+
+def test_a_still_takes_the_size_of_a_background_that_moves(tmp_path, plate):
+    prepared = ShotInputs(Source(plate, size="background"), Lighting(background=backgrounds(tmp_path)))
+    assert prepared.numbers is None
+    assert prepared.span == (5, 6)
+    assert prepared.frame(0).plate.shape == (30, 50, 4)
+    lit = [relight.DirectionalLight(azimuth=0)]
+    first, second = (prepared.background(number, lit, (30, 50)) for number in (5, 6))
+    assert first.mean() < second.mean()
+
+
+def test_normals_of_each_frame_make_a_still_a_shot(tmp_path, plate):
+    for number in (3, 4):
+        normals = np.zeros((24, 20, 3), np.float32)
+        normals[..., 2 if number == 3 else 0] = 1
+        relight.write(tmp_path / f"n.{number}.exr", normals)
+    prepared = ShotInputs(Source(plate, normals=tmp_path / "n.%d.exr"))
+    assert prepared.span == (3, 4)
+    np.testing.assert_allclose(prepared.frame(3).normals[8, 8], (0, 0, 1), atol=1e-3)
+    np.testing.assert_allclose(prepared.frame(4).normals[8, 8], (1, 0, 0), atol=1e-3)
+
+
+def test_plate_matte_and_normals_are_placed_together(plate):
+    normals = np.zeros((24, 20, 3), np.float32)
+    normals[..., 2] = 1
+    source = Source(
+        plate[..., :3], mask=plate[..., 3], normals=normals, size=(48, 40), placement="centre", offset=(3, 2)
+    )
+    person = ShotInputs(source).frame(0)
+    assert person.plate.shape == person.normals.shape == (48, 40, 3)
+    np.testing.assert_array_equal(person.matte[10:34, 13:33], plate[..., 3])
+    np.testing.assert_array_equal(
+        person.normals[..., 2] > 0, np.pad(np.ones((24, 20), bool), ((10, 14), (13, 7)))
+    )
+
+
+@pytest.mark.parametrize(
+    ("arguments", "message"),
+    [
+        ({"size": (65536, 65536)}, "size: expected up to 268435456 pixels in all"),
+        ({"size": (0, 9)}, "size: expected 1 to 65536 pixels"),
+        ({"size": "plate"}, "size: expected"),
+        ({"mode": "stretch"}, "mode: expected fit, fill or centre"),
+        ({"scale": float("nan")}, "scale: expected a finite number > 0"),
+    ],
+)
+def test_a_bad_placement_is_refused_at_once(arguments, message):
+    with pytest.raises(ValueError, match=message):
+        Placement(**arguments)
+
+
+def test_what_lights_and_a_background_need_of_each_other(plate):
+    sky = relight.EnvironmentLight(np.full((16, 32, 3), 0.5, np.float32))
+    lamp = relight.DirectionalLight(azimuth=0, name="background")
+    with pytest.raises(ValueError, match="expected an environment among the lights"):
+        ShotInputs(Source(plate), Lighting(background="environment")).check_lights([lamp])
+    with pytest.raises(ValueError, match="'background' names the background's layer"):
+        ShotInputs(Source(plate), Lighting(background=(0, 0, 0))).check_lights([lamp])
+    ShotInputs(Source(plate)).check_lights([lamp])
+    ShotInputs(Source(plate), Lighting(background="environment")).check_lights([sky])
+    with pytest.raises(ValueError, match="field_of_view"):
+        ShotInputs(Source(plate, field_of_view=0))
+
+
+def test_a_photograph_without_a_matte_is_named(plate):
+    with pytest.raises(ValueError, match=r"\(--mask FILE\), have it made \(--matte MODEL\), or key"):
+        ShotInputs(Source(plate[..., :3])).frame(0)
+    person = ShotInputs(Source(plate[..., :3], mask=plate[..., 3])).frame(0)
+    np.testing.assert_array_equal(person.matte, plate[..., 3])

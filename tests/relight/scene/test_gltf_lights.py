@@ -1,0 +1,111 @@
+import json
+
+import numpy as np
+import pytest
+
+import relight
+from relight.scene.gltf_lights import EXTENSION
+from relight.scene.lights import read_lights, read_rig, write_lights
+
+
+def scene(path, nodes, lights=(), **more):
+    tree = {
+        "asset": {"version": "2.0"},
+        "scenes": [{"nodes": [0]}],
+        "scene": 0,
+        "nodes": nodes,
+        "extensions": {EXTENSION: {"lights": list(lights)}},
+    }
+    path.write_text(json.dumps(tree | more))
+    return path
+
+
+def lit(index, **node):
+    return {"extensions": {EXTENSION: {"light": index}}} | node
+
+
+SUN = {"type": "directional", "intensity": 6.0, "color": [1, 0.5, 0.25]}
+BULB = {"type": "point", "intensity": 2.0}
+SPOT = {"type": "spot", "intensity": 3.0, "spot": {"innerConeAngle": 0.3, "outerConeAngle": 0.6}}
+CAMERA = {"type": "perspective", "perspective": {"yfov": 0.6, "aspectRatio": 1.5, "znear": 0.1}}
+QUARTER = [0, np.sqrt(0.5), 0, np.sqrt(0.5)]  # a quarter turn about the vertical
+
+
+def test_photometric_units_and_places(tmp_path):
+    nodes = [
+        {"name": "root", "translation": [0, 1, 0], "children": [1, 2, 3], "rotation": QUARTER},
+        lit(0, name="sun"),
+        lit(1, name="bulb", translation=[0, 0, 2]),
+        lit(2, name="spot", translation=[1, 0, 0]),
+    ]
+    sun, bulb, spot = read_lights(scene(tmp_path / "set.gltf", nodes, [SUN, BULB, SPOT]))
+    # 6 lux on a white surface are the radiance 6 / pi.
+    np.testing.assert_allclose(sun.power, 6 / np.pi * np.array([1, 0.5, 0.25]))
+    np.testing.assert_allclose(sun.direction, (1, 0, 0), atol=1e-6)  # it shines along -z, turned
+    np.testing.assert_allclose(bulb.position, (2, 1, 0), atol=1e-6)
+    np.testing.assert_allclose(bulb.power, 2 / np.pi)
+    np.testing.assert_allclose(spot.axis, (-1, 0, 0), atol=1e-6)
+    np.testing.assert_allclose((spot.cone, spot.softness), (np.degrees(0.6), 0.5))
+
+
+def test_the_cameras_frame(tmp_path):
+    nodes = [
+        {"name": "root", "children": [1, 2, 3]},
+        {"name": "cam", "camera": 0, "translation": [5, 1, 0], "rotation": QUARTER},
+        {"name": "mark", "translation": [2, 1, 0]},
+        lit(0, name="bulb", translation=[2, 1, -1]),
+    ]
+    path = scene(tmp_path / "set.gltf", nodes, [BULB], cameras=[CAMERA])
+    rig = read_rig(path, camera="cam", subject_at="mark")
+    np.testing.assert_allclose(rig.lights[0].position, (1, 0, 0), atol=1e-6)  # the camera looks along -x
+    np.testing.assert_allclose(rig.vertical, np.degrees(0.6))
+    with pytest.raises(ValueError, match="say where the subject is"):
+        read_lights(path)
+
+
+@pytest.mark.parametrize("suffix", [".gltf", ".glb"])
+def test_lights_come_back_as_they_were(tmp_path, suffix):
+    before = [
+        relight.DirectionalLight(azimuth=-40, elevation=30, intensity=2, colour=(1, 0.9, 0.8), name="key"),
+        relight.DirectionalLight((0, 0, -1), exposure=1, name="behind"),
+        relight.PointLight((0.5, 1, -2), temperature=3200, name="lamp"),
+        relight.PointLight((0, 2, 1), toward=(0, 0, 0), cone=25, softness=0.4, name="spot"),
+    ]
+    path = tmp_path / f"rig{suffix}"
+    write_lights(path, before)
+    for one, other in zip(before, read_lights(path), strict=True):
+        assert type(one) is type(other)
+        assert one.name == other.name
+        np.testing.assert_allclose(other.power, one.power, rtol=1e-6)
+        for field in set(one.__dataclass_fields__) & {"direction", "position", "cone", "softness"}:
+            np.testing.assert_allclose(getattr(other, field), getattr(one, field), atol=1e-6, err_msg=field)
+    np.testing.assert_allclose(other.axis, one.axis, atol=1e-6)
+
+
+def check_refused(match, path, kind=ValueError, **keywords):
+    with pytest.raises(kind, match=match) as caught:
+        read_lights(path, **keywords)
+    assert "\n" not in str(caught.value)
+
+
+def test_bad_input_is_named_in_one_line(tmp_path):
+    path = tmp_path / "set.gltf"
+    check_refused("no such file", path, FileNotFoundError)
+    path.write_text("{")
+    check_refused("is not glTF", path)
+    path.write_text('{"asset": {"version": "1.0"}}')
+    check_refused("expected glTF 2.0", path)
+    check_refused("holds no lights", scene(path, [{"mesh": 0}]))
+    check_refused("node 0 is there twice", scene(path, [{"children": [0]}]))
+    check_refused("nodes do not form a tree", scene(path, [{"children": [7]}]))
+    check_refused("node sun: has no such light, 3", scene(path, [lit(3, name="sun")], [SUN]))
+    check_refused("node sun: colour", scene(path, [lit(0, name="sun")], [SUN | {"color": [-1, 0, 0]}]))
+    check_refused("node sun: type: expected", scene(path, [lit(0, name="sun")], [{"type": "area"}]))
+    check_refused("has no camera x; its cameras are none", scene(path, [lit(0)], [SUN]), camera="x")
+    check_refused("has no node x", scene(path, [lit(0)], [SUN]), subject_at="x")
+    (tmp_path / "set.glb").write_bytes(b"glTF")
+    check_refused("is not a .glb file", tmp_path / "set.glb")
+    with pytest.raises(TypeError, match="a lights file has no cameras"):
+        relight.read_lights(tmp_path / "set.yaml", camera="x")
+    with pytest.raises(ValueError, match="expected lights that glTF has"):
+        write_lights(tmp_path / "none.gltf", [])

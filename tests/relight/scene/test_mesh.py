@@ -1,0 +1,95 @@
+import numpy as np
+import pytest
+import torch
+
+from relight.analysis.camera import Camera, canvas_grid
+from relight.scene.mesh import JUMP, Surface, build
+from shadow.framing import Framing
+
+PLATE = (200, 160)
+
+
+@pytest.fixture(scope="module")
+def surface():
+    """A chest 1.2 m high, 2.5 m away, and a bar across it, 0.15 m nearer the camera."""
+    matte = np.zeros(PLATE, np.float32)
+    matte[20:180, 40:120] = 1
+    framing = Framing.around(torch.from_numpy(matte), 128)
+    camera = Camera.of(torch.from_numpy(matte), 1.2, 30.0)
+    x, y = (values.numpy() for values in canvas_grid(framing))
+    bar = (abs(y - 100) < 12) & (x > 60) & (x < 100)
+    depth = np.where(bar, -0.15, 0.0) + 0.02 * np.sin(x / 9)
+    normals = np.broadcast_to(np.array([0, 0, 1.0]), (*depth.shape, 3))
+    return Surface(depth, normals, np.ones(depth.shape, bool), framing, camera, matte)
+
+
+@pytest.fixture(scope="module")
+def mesh(surface):
+    return build(surface)
+
+
+def front(mesh):
+    """The triangles of the front sheet."""
+    return mesh.faces[(mesh.faces < len(mesh.points) // 2).all(axis=1)]
+
+
+def test_the_mesh_is_closed_and_turned_outward(mesh):
+    trimesh = pytest.importorskip("trimesh")
+    solid = trimesh.Trimesh(mesh.points, mesh.faces, process=False)
+    assert solid.is_winding_consistent
+    assert solid.is_watertight
+    assert solid.volume > 0
+    np.testing.assert_allclose(np.linalg.norm(mesh.normals, axis=1), 1, atol=1e-5)
+
+
+def test_no_sheet_stretches_over_a_jump_of_depth(mesh):
+    depth = mesh.points[front(mesh), 2]
+    assert np.ptp(depth, axis=1).max() < JUMP
+    assert np.ptp(depth) > 0.15  # both are there
+
+
+def test_the_camera_sees_no_gap(mesh, surface):
+    """Rays through all pixels of the person hit the front."""
+    pytest.importorskip("embreex")  # with which Trimesh casts rays
+    trimesh = pytest.importorskip("trimesh")
+    camera = surface.camera
+    rows, columns = np.nonzero(surface.matte > 0.5)
+    rays = camera.rays(torch.from_numpy(columns + 0.5), torch.from_numpy(rows + 0.5)).numpy().T
+    eye = camera.positions(torch.tensor(camera.middle[0]), torch.tensor(camera.middle[1]),
+                           torch.tensor(-camera.distance)).numpy()  # fmt: skip
+    solid = trimesh.Trimesh(mesh.points, front(mesh), process=False)
+    hits = solid.ray.intersects_any(np.tile(eye, (len(rays), 1)), rays)
+    assert hits.all()
+
+
+def test_texture_coordinates_lie_where_the_camera_sees_the_points(mesh, surface):
+    top, left, bottom, right = mesh.box
+    for point, (u, v) in zip(mesh.points[::97], mesh.uv[::97], strict=True):
+        x, y = surface.camera.on_plate(point.astype(float))
+        assert abs(left + u * (right - left) - x) < 0.01
+        assert abs(bottom - v * (bottom - top) - y) < 0.01
+
+
+def test_cells_smaller_than_pixels_leave_no_holes(surface):
+    """A small photograph, of which the canvas has several pixels for one of its own."""
+    small = surface.matte[::4, ::4]
+    framing = Framing.around(torch.from_numpy(np.ascontiguousarray(small)), 128)
+    camera = Camera.of(torch.from_numpy(np.ascontiguousarray(small)), 1.2, 30.0)
+    flat = np.zeros(surface.depth.shape)
+    mesh = build(Surface(flat, surface.normals, surface.known, framing, camera, small))
+    sheet = mesh.points[front(mesh)]
+    across, up = sheet[:, 1] - sheet[:, 0], sheet[:, 2] - sheet[:, 0]
+    area = abs(across[:, 0] * up[:, 1] - across[:, 1] * up[:, 0]).sum() / 2
+    np.testing.assert_allclose(area, (small > 0.5).sum() * camera.metres_per_pixel**2, rtol=1e-3)
+
+
+@pytest.mark.parametrize("triangles", [1000, 5000])
+def test_triangles_are_as_many_as_are_allowed(surface, triangles):
+    count = len(build(surface, triangles).faces)
+    assert 0.5 * triangles < count <= triangles
+
+
+@pytest.mark.parametrize("triangles", [0, 999, 2.5e4])
+def test_too_few_triangles_are_refused(surface, triangles):
+    with pytest.raises(ValueError, match="triangles: expected a whole number of at least 1000"):
+        build(surface, triangles)

@@ -1,0 +1,311 @@
+import warnings
+
+import numpy as np
+import pytest
+
+import relight
+from relight.scene.lights import read_lights, read_rig, write_lights
+
+pytest.importorskip("pxr")
+
+CAMERA = """
+def Camera "cam" {
+    float focalLength = 50
+    float horizontalAperture = 36
+    float verticalAperture = 24
+    float focusDistance = 250
+    double3 xformOp:translate = (0, 150, 300)
+    uniform token[] xformOpOrder = ["xformOp:translate"]
+}
+def Xform "mark" {
+    double3 xformOp:translate = (50, 100, 0)
+    uniform token[] xformOpOrder = ["xformOp:translate"]
+}
+"""
+KEY = """
+def DistantLight "key" {
+    float inputs:angle = 0
+    float3 xformOp:rotateXYZ = (-30, 90, 0)
+    uniform token[] xformOpOrder = ["xformOp:rotateXYZ"]
+}
+"""
+BULB = """
+def SphereLight "bulb" {
+    float inputs:radius = 10
+    float inputs:intensity = 4
+    double3 xformOp:translate = (150, 150, 100)
+    uniform token[] xformOpOrder = ["xformOp:translate"]
+}
+"""
+
+
+def stage(folder, body, head="metersPerUnit = 0.01", name="set.usda"):
+    path = folder / name
+    path.write_text(f"#usda 1.0\n(\n    {head}\n)\n{body}\n")
+    return path
+
+
+def test_a_stage_comes_into_the_cameras_frame(tmp_path):
+    path = stage(tmp_path, CAMERA + KEY + BULB)
+    key, bulb = read_lights(path)
+    np.testing.assert_allclose((key.azimuth, key.elevation), (90, 30), atol=1e-4)
+    assert key.name == "key"
+    # On the camera's axis, 2.5 m before it: (0, 150, 50).
+    np.testing.assert_allclose(bulb.position, (1.5, 0, 0.5), atol=1e-6)
+    np.testing.assert_allclose(bulb.radius, 0.1, rtol=1e-6)
+    np.testing.assert_allclose(bulb.intensity, 4 * 0.1**2, rtol=1e-6)
+    _, bulb = read_lights(path, subject_at="/mark")
+    np.testing.assert_allclose(bulb.position, (1.0, 0.5, 1.0), atol=1e-6)
+    _, bulb = read_lights(path, subject_at=(150, 150, 0))
+    np.testing.assert_allclose(bulb.position, (0, 0, 1.0), atol=1e-6)
+
+
+def test_the_camera_says_its_field_of_view(tmp_path):
+    rig = read_rig(stage(tmp_path, CAMERA + KEY), camera="/cam")
+    np.testing.assert_allclose(np.tan(np.radians(rig.vertical / 2)), 12 / 50, rtol=1e-6)
+    assert rig.camera == "/cam"
+    assert read_rig(stage(tmp_path, KEY)).vertical is None
+
+
+def test_the_hierarchy_scales_and_turns(tmp_path):
+    body = f"""
+    def Xform "rig" {{
+        float3 xformOp:rotateXYZ = (0, 90, 0)
+        float3 xformOp:scale = (2, 2, 2)
+        uniform token[] xformOpOrder = ["xformOp:rotateXYZ", "xformOp:scale"]
+        {BULB}{KEY}
+    }}"""
+    bulb, key = read_lights(stage(tmp_path, body))
+    np.testing.assert_allclose(bulb.position, (2, 3, -3), atol=1e-5)
+    np.testing.assert_allclose(bulb.radius, 0.2, rtol=1e-6)
+    np.testing.assert_allclose(abs(key.azimuth), 180, atol=1e-3)
+
+
+def test_a_z_up_stage_is_turned_to_y_up(tmp_path):
+    """Without a camera the stage's axes are its own, with up where ours is."""
+    body = """
+    def SphereLight "bulb" {
+        double3 xformOp:translate = (1, -2, 3)
+        uniform token[] xformOpOrder = ["xformOp:translate"]
+    }"""
+    (bulb,) = read_lights(stage(tmp_path, body, 'metersPerUnit = 1\n    upAxis = "Z"'))
+    np.testing.assert_allclose(bulb.position, (1, 3, 2), atol=1e-6)
+
+
+def test_what_is_hidden_or_dark_does_not_shine(tmp_path):
+    hidden = KEY.replace('"key" {', '"hidden" {\n    token visibility = "invisible"')
+    dark = KEY.replace('"key" {', '"dark" {\n    float inputs:intensity = 0')
+    assert [light.name for light in read_lights(stage(tmp_path, KEY + hidden + dark))] == ["key"]
+
+
+def test_colours_add_up(tmp_path):
+    body = KEY.replace(
+        '"key" {',
+        '"key" {\n    color3f inputs:color = (1, 0.5, 0.25)\n    float inputs:exposure = 2\n'
+        "    float inputs:intensity = 3.14159265\n    bool inputs:enableColorTemperature = 1\n"
+        "    float inputs:colorTemperature = 3200\n    float inputs:diffuse = 0.5",
+    )
+    from pxr import UsdLux
+
+    (key,) = read_lights(stage(tmp_path, body))
+    tint = np.array(UsdLux.BlackbodyTemperatureAsRgb(3200))
+    np.testing.assert_allclose(key.power, 2 * tint * (1, 0.5, 0.25), rtol=2e-3)
+
+
+def test_time_samples_become_moving_lights(tmp_path):
+    body = """
+    def DistantLight "sun" {
+        float inputs:angle = 0
+        float inputs:intensity.timeSamples = { 1001: 1, 1011: 3 }
+        float xformOp:rotateY.timeSamples = { 1001: -90, 1011: 90 }
+        uniform token[] xformOpOrder = ["xformOp:rotateY"]
+    }"""
+    sun, key = read_lights(stage(tmp_path, body + KEY))
+    assert isinstance(sun, relight.MovingLight)
+    assert isinstance(key, relight.DirectionalLight)
+    assert sun.span == (1001, 1011)
+    for frame, azimuth, intensity in ((1000, -90, 1), (1006, 0, 2), (1011, 90, 3)):
+        still = sun.at(frame)
+        np.testing.assert_allclose(still.azimuth, azimuth, atol=1e-3)
+        np.testing.assert_allclose(still.intensity * np.pi, intensity, rtol=1e-6)
+
+
+def test_a_camera_that_moves_moves_the_lights(tmp_path):
+    still, moved = (
+        "translate = (0, 150, 300)",
+        "translate.timeSamples = { 1: (0, 150, 300), 3: (200, 150, 300) }",
+    )
+    body = CAMERA.replace(still, moved)
+    key, bulb = read_lights(stage(tmp_path, body + KEY + BULB), subject_at="/mark")
+    np.testing.assert_allclose(key.azimuth, 90, atol=1e-3)
+    np.testing.assert_allclose(bulb.position, (1.0, 0.5, 1.0), atol=1e-6)  # the camera does not turn
+    _, bulb = read_lights(stage(tmp_path, body + KEY + BULB))
+    np.testing.assert_allclose(bulb.at(2).position, (0.5, 0, 0.5), atol=1e-6)
+
+
+MANY = """
+def RectLight "panel" (prepend apiSchemas = ["ShapingAPI"]) {
+    rel light:filters = </gobo>
+    asset inputs:shaping:ies:file = @lamp.ies@
+    float xformOp:rotateZ = 30
+    uniform token[] xformOpOrder = ["xformOp:rotateZ"]
+}
+def LightFilter "gobo" {}
+def CylinderLight "tube" {}
+def PortalLight "window" {}
+def Mesh "glowing" (prepend apiSchemas = ["MeshLightAPI"]) {}
+"""
+
+
+def test_what_cannot_be_represented_is_named_with_its_prim(tmp_path):
+    with pytest.warns(UserWarning, match="set.usda") as caught:
+        read_lights(stage(tmp_path, MANY))
+    said = "\n".join(str(warning.message) for warning in caught)
+    for prim, words in (
+        ("/panel", "light filters"),
+        ("/panel", "IES profile"),
+        ("/panel", "leans by 30 degrees"),
+        ("/tube", "CylinderLight"),
+        ("/window", "portal"),
+        ("/glowing", "Mesh"),
+    ):
+        assert any(f"{prim}: " in line and words in line for line in said.splitlines()), (prim, words)
+
+
+def rig(folder):
+    sky = np.random.default_rng(0).random((32, 64, 3), np.float32)
+    relight.write(folder / "maps" / "sky.exr", sky)
+    return [
+        relight.DirectionalLight(azimuth=-40, elevation=30, angle=3, name="key light", temperature=4000),
+        relight.DirectionalLight(
+            azimuth=20, elevation=90, temperature=20_000, exposure=-2, colour=(1, 0.5, 0)
+        ),
+        relight.DirectionalLight((0, 0, -1), name="behind", temperature=5000, locus="daylight"),
+        relight.PointLight((0.6, 0.4, 0.8), radius=0.05, intensity=0.6, name="lamp"),
+        relight.PointLight((0.6, 0.4, -0.8), name="bare"),
+        relight.RectLight((-1, 0.5, 1), (0, 0, 0), 0.5, 0.7, intensity=2, name="box"),
+        relight.RectLight((0, 2, 0), (0, 0, 0), 0.5, 0.7, name="overhead"),
+        relight.PointLight((1, 2, 1), toward=(0, 0.5, 0), cone=30, softness=0.3, name="spot"),
+        relight.RectLight((1, 2, 1), (0, 0, 0), 0.3, 0.2, cone=40, softness=1, name="egg crate"),
+        relight.EnvironmentLight(folder / "maps" / "sky.exr", rotation=70, intensity=0.3, name="sky"),
+        relight.EnvironmentLight(sky[::-1], rotation=-20, name="made"),
+        relight.MovingLight(relight.PointLight, position={1: (1, 0, 1), 9: (-1, 1, 1)}, name="swung"),
+        relight.MovingLight(relight.DirectionalLight, azimuth=10, orbit=12, name="round"),
+    ]
+
+
+@pytest.mark.parametrize("suffix", [".usda", ".usdc", ".usdz"])
+def test_lights_come_back_as_they_were(tmp_path, suffix):
+    (tmp_path / "maps").mkdir()
+    before = rig(tmp_path)
+    path = tmp_path / f"rig{suffix}"
+    with warnings.catch_warnings():
+        warnings.simplefilter("error")
+        write_lights(path, before)
+        after = read_lights(path)
+    assert [light.name for light in after] == [light.name or "light2" for light in before]
+    for one, other in zip(before, after, strict=True):
+        for frame in (1, 4, 7.5):
+            a, b = (light.at(frame) if hasattr(light, "at") else light for light in (one, other))
+            assert type(a) is type(b)
+            np.testing.assert_allclose(a.power, b.power, rtol=1e-6)
+            for field in set(a.__dataclass_fields__) & {"direction", "position", "width", "angle", "radius"}:
+                # Between frames an orbit is drawn as its chords.
+                np.testing.assert_allclose(getattr(a, field), getattr(b, field), atol=1e-6, err_msg=field)
+            if hasattr(a, "cone"):
+                np.testing.assert_allclose((a.cone, a.softness), (b.cone, b.softness), atol=1e-5)
+            if getattr(a, "has_cone", False):
+                np.testing.assert_allclose(a.axis, b.axis, atol=1e-6)
+            if isinstance(a, relight.RectLight):
+                np.testing.assert_allclose(a.points, b.points, atol=1e-6)
+            if isinstance(a, relight.EnvironmentLight):
+                np.testing.assert_allclose(np.float32(a.samples()[0]), b.samples()[0], atol=1e-5)
+
+
+def test_maps_are_found_wherever_the_folder_goes(tmp_path):
+    (tmp_path / "one" / "maps").mkdir(parents=True)
+    write_lights(tmp_path / "one" / "rig.usda", rig(tmp_path / "one"))
+    (tmp_path / "one").rename(tmp_path / "two")
+    assert len(read_lights(tmp_path / "two" / "rig.usda")) == 13
+
+
+def check_refused(match, path, kind=ValueError, **keywords):
+    with pytest.raises(kind, match=match) as caught:
+        read_lights(path, **keywords)
+    assert "\n" not in str(caught.value)
+    assert str(path) in str(caught.value) or "subject_at" in str(caught.value)
+
+
+DOME = 'def DomeLight "sky" {{\n    asset inputs:texture:file = @{}@\n}}'
+
+
+def test_bad_input_is_named_in_one_line(tmp_path):
+    check_refused("no such file", tmp_path / "none.usda", FileNotFoundError)
+    check_refused("holds no light that shines; found Mesh", stage(tmp_path, 'def Mesh "body" {}'))
+    check_refused(
+        "has no camera /World/x; its cameras are /cam", stage(tmp_path, CAMERA + KEY), camera="/World/x"
+    )
+    check_refused("has no camera not a path", stage(tmp_path, CAMERA + KEY), camera="not a path")
+    two = CAMERA + CAMERA.replace('"cam"', '"other"').replace('"mark"', '"there"')
+    check_refused("several cameras; expected one of /cam, /other", stage(tmp_path, two + KEY))
+    check_refused("has no prim /nowhere", stage(tmp_path, CAMERA + KEY), subject_at="/nowhere")
+    check_refused("subject_at: expected", stage(tmp_path, CAMERA + KEY), subject_at=(1, 2))
+    unfocused = CAMERA.replace("    float focusDistance = 250\n", "")
+    check_refused("/cam has no focus distance", stage(tmp_path, unfocused + KEY))
+    check_refused(
+        "/sky: its texture ./none.exr is missing",
+        stage(tmp_path, DOME.format("./none.exr")),
+        FileNotFoundError,
+    )
+    check_refused("is not a USD stage", stage(tmp_path, "def {{{"))
+    (tmp_path / "mesh.obj").write_text("v 0 0 0\n")
+    check_refused("expected a lights file", tmp_path / "mesh.obj")
+    many = "\n".join(KEY.replace("key", f"key{number}") for number in range(1001))
+    check_refused("holds 1001 lights; expected at most 1000", stage(tmp_path, many))
+    long = KEY.replace('"key" {', '"key" {\n    float inputs:exposure.timeSamples = { 1: 0, 200000: 1 }')
+    check_refused("/key: has time samples from 1 to 200000", stage(tmp_path, long))
+    check_refused(
+        "/key: has a negative intensity",
+        stage(tmp_path, KEY.replace('"key" {', '"key" {\n    float inputs:intensity = -1')),
+    )
+
+
+def test_a_stage_that_includes_itself_is_refused(tmp_path):
+    path = stage(tmp_path, KEY, "subLayers = [@./set.usda@]")
+    check_refused("includes itself", path)
+    stage(tmp_path, KEY, "subLayers = [@./one.usda@]", "two.usda")
+    check_refused(
+        "includes itself, by way of", stage(tmp_path, KEY, "subLayers = [@./two.usda@]", "one.usda")
+    )
+    check_refused("missing", stage(tmp_path, KEY, "subLayers = [@./none.usda@]"), FileNotFoundError)
+
+
+def test_files_from_outside_need_leave(tmp_path):
+    sky = tmp_path / "sky.exr"
+    relight.write(sky, np.ones((32, 64, 3), np.float32))
+    inner = tmp_path / "inner"
+    inner.mkdir()
+    stage(tmp_path, KEY, name="key.usda")
+    for body, head in (
+        (DOME.format("../sky.exr"), ""),
+        (DOME.format(sky), ""),
+        (KEY, "subLayers = [@../key.usda@]"),
+        (KEY, f"subLayers = [@{tmp_path / 'key.usda'}@]"),
+    ):
+        path = stage(inner, body, head)
+        check_refused("--allow-external", path)
+        assert read_lights(path, allow_external=True)
+
+
+def test_a_package_with_absolute_paths_is_refused(tmp_path):
+    import zipfile
+
+    sky = tmp_path / "sky.exr"
+    relight.write(sky, np.ones((32, 64, 3), np.float32))
+    path = tmp_path / "set.usdz"
+    with zipfile.ZipFile(path, "w", zipfile.ZIP_STORED) as package:
+        entry = zipfile.ZipInfo("set.usda")
+        entry.extra = b"\x86\x19" + bytes([20, 0]) + bytes(20)  # to a multiple of 64 bytes
+        entry.extra = entry.extra[:4] + bytes(20)
+        package.writestr(entry, f"#usda 1.0\n{DOME.format(sky)}\n")
+    check_refused("absolute path", path)

@@ -1,0 +1,116 @@
+import numpy as np
+import OpenImageIO as oiio
+import pytest
+
+import relight
+from relight.rendering import render, render_subject
+
+HEIGHT, WIDTH = 120, 90
+LIGHTS = [
+    relight.DirectionalLight(azimuth=-50, elevation=30, intensity=3, colour=(1, 0.8, 0.6), name="key"),
+    relight.DirectionalLight(azimuth=70, intensity=0.013, angle=40, name="fill"),
+    relight.DirectionalLight(azimuth=160, elevation=30, intensity=70, name="rim"),
+]
+
+
+@pytest.fixture(scope="module")
+def subject():
+    """A ball with a soft edge in front of nothing."""
+    y, x = (np.mgrid[:HEIGHT, :WIDTH] + 0.5 - [[[HEIGHT / 2]], [[WIDTH / 2]]]) / 36
+    radius = np.hypot(x, y)
+    alpha = np.clip((1 - radius) * 12 + 0.5, 0, 1)[..., None]
+    normals = np.stack([x, -y, np.sqrt(np.clip(1 - radius**2, 0, None))], axis=-1) * (radius < 1)[..., None]
+    image = np.concatenate([alpha * (0.5, 0.4, 0.3), alpha], axis=-1).astype(np.float32)
+    return relight.Subject(image, normals=normals.astype(np.float32))
+
+
+def half_steps(total, beauty):
+    """How many half-float steps lie between float32 sums and half values."""
+    step = np.spacing(np.abs(beauty).astype(np.float16)).astype(np.float32)
+    return np.abs(total - beauty) / step
+
+
+@pytest.mark.parametrize("background", [None, (0.18, 0.2, 0.3)])
+def test_light_groups_in_a_file_sum_to_its_beauty(subject, tmp_path, background):
+    picture, layers = render_subject(subject, LIGHTS, background=background)
+    relight.write(tmp_path / "a.exr", picture, layers=layers)
+    beauty, back = relight.read(tmp_path / "a.exr"), relight.read_layers(tmp_path / "a.exr")
+    assert set(back) == {"C_key", "C_fill", "C_rim"} | ({"C_background"} if background else set())
+    total = sum(layer[..., :3] for layer in back.values())
+    assert half_steps(total, beauty[..., :3]).max() <= 0.5
+    assert beauty[..., :3].max() > 1
+    if background is None:
+        for layer in back.values():
+            np.testing.assert_array_equal(layer[..., 3], beauty[..., 3])
+
+
+def test_what_half_cannot_hold_is_not_rounded(subject):
+    sun = relight.DirectionalLight(intensity=1e7, name="sun")
+    picture, layers = render_subject(subject, sun)
+    assert np.isfinite(picture).all()
+    np.testing.assert_array_equal(layers["C_sun"][..., :3], subject.relit(sun)[..., :3])
+
+
+def test_passes_rebuild_the_light_groups(subject, tmp_path):
+    names = ("albedo", "N", "P", "visibility", "shading")
+    picture, layers = render_subject(subject, LIGHTS, passes=names)
+    relight.write(tmp_path / "a.exr", picture, layers=layers)
+    back, alpha = relight.read_layers(tmp_path / "a.exr"), relight.read(tmp_path / "a.exr")[..., 3:]
+    lights = ["key", "fill", "rim"]
+    assert set(back) == {"albedo", "N", "P"} | {
+        f"{kind}_{name}" for name in lights for kind in ("C", "visibility", "shading")
+    }
+    for name in lights:
+        rebuilt = back["albedo"] * back[f"shading_{name}"] * alpha
+        np.testing.assert_allclose(rebuilt, back[f"C_{name}"][..., :3], rtol=5e-3, atol=1e-6)
+    channels = oiio.ImageInput.open(str(tmp_path / "a.exr")).spec().channelnames
+    assert {"N.X", "N.Y", "N.Z", "visibility_key.Y", "shading_rim.B"} <= set(channels)
+    np.testing.assert_allclose(back["N"], subject.normals, atol=1e-3)
+    np.testing.assert_allclose(back["P"], subject.position, atol=1e-3)
+
+
+def test_the_visibility_of_a_hard_light_is_that_of_its_direction(subject):
+    key, fill = LIGHTS[:2]
+    expected = subject.visibility([key.direction])[0]
+    np.testing.assert_allclose(subject.unshadowed(key), expected, atol=1e-5)
+    soft = subject.unshadowed(fill)
+    assert soft.shape == (HEIGHT, WIDTH)
+    assert soft.min() >= 0
+    assert soft.max() <= 1 + 1e-5
+    np.testing.assert_allclose(soft, subject.visibility(fill.samples()[0]).mean(axis=0), atol=1e-5)
+    dark = relight.DirectionalLight(intensity=0)
+    assert (subject.unshadowed(dark) == 0).all()
+
+
+def test_lighting_times_albedo_is_the_picture(subject):
+    picture = subject.relit(LIGHTS)
+    rebuilt = subject.albedo * subject.lighting(LIGHTS) * picture[..., 3:]
+    np.testing.assert_allclose(rebuilt, picture[..., :3], rtol=1e-5, atol=1e-6)
+
+
+@pytest.mark.parametrize(
+    ("arguments", "message"),
+    [
+        ({"lights": []}, "lights: expected at least one"),
+        ({"passes": ["depth"]}, "passes: expected any of albedo, N, Z, P, visibility, shading, got 'depth'"),
+        ({"lights": LIGHTS[:1] * 2}, "lights: expected different names, got key, key"),
+    ],
+)
+def test_unknown_passes_and_missing_or_repeated_lights_are_refused(subject, arguments, message):
+    with pytest.raises(ValueError, match=message):
+        render_subject(subject, **({"lights": LIGHTS} | arguments))
+
+
+def test_render_takes_an_image():
+    image = np.full((40, 30, 3), 0.4, np.float32)
+    mask = np.zeros((40, 30), np.float32)
+    mask[5:35, 5:25] = 1
+    picture, layers = render(image, LIGHTS, mask=mask, passes=("albedo",))
+    assert picture.shape == (40, 30, 4)
+    assert set(layers) == {"C_key", "C_fill", "C_rim", "albedo"}
+
+
+def test_a_light_so_dim_that_half_floats_lose_it_is_warned_of(subject):
+    dim = relight.DirectionalLight(intensity=1e-6, name="dim")
+    with pytest.warns(UserWarning, match=r"C_dim: is so dim that half floats lose \d+ % of its light"):
+        render_subject(subject, [dim, *LIGHTS])

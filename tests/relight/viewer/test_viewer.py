@@ -1,0 +1,199 @@
+"""The viewer's page in a real browser: the same light as Python's."""
+
+import base64
+import json
+import shlex
+
+import numpy as np
+import pytest
+import torch
+from helpers import browsing, shipped
+from scipy.ndimage import binary_erosion
+
+import relight
+from relight.media.colour import encode
+from relight.pipeline.options import Lighting
+from relight.pipeline.render import lights_of
+from relight.viewer.packing import pack
+from relight.viewer.page import module, style
+from relight.viewer.scene import parameters_of, scene_of
+
+pytest.importorskip("playwright")
+pytestmark = browsing.NEEDS_CHROMIUM
+
+RMSE, LARGEST = 0.01, 0.08  # of the encoded picture; the largest away from the matte's rim
+
+
+def subject_of(name):
+    """A person of the light stage: a picture with its own alpha."""
+    scene = next(scene for scene in shipped.scenes() if scene.name == name)
+    matte = scene.mask.float().numpy()[..., None]
+    return relight.Subject(
+        np.concatenate([scene.photograph.numpy() * matte, matte], axis=-1, dtype=np.float32)
+    )
+
+
+def compare(found, truth):
+    """(RMSE, largest difference away from the rim) of two pictures, encoded for a display of white 4."""
+    assert np.abs(found[..., 3] - truth[..., 3]).max() < 3e-3
+    covered = truth[..., 3] > 0
+    shown, meant = (encode(picture[covered][None, :, :3].clip(0), white=4)[0] for picture in (found, truth))
+    inside = binary_erosion(truth[..., 3] > 0.99, iterations=3)[covered]
+    return float(np.sqrt(((shown - meant) ** 2).mean())), float(np.abs(shown - meant)[inside].max())
+
+
+@pytest.mark.parametrize(
+    ("name", "count"),
+    [
+        ("person", 8),
+        pytest.param("person", 32, marks=pytest.mark.slow),
+        pytest.param("body-generalisation-000007-00", 32, marks=pytest.mark.slow),
+        pytest.param("body-generalisation-000023-00", 32, marks=pytest.mark.slow),
+    ],
+)
+def test_the_page_relights_as_python_does(name, count, viewed, browser, tmp_path):
+    subject = viewed if name == "person" else subject_of(name)
+    random = np.random.default_rng(3)
+    lights = [
+        relight.DirectionalLight(
+            random.normal(size=3),
+            angle=0 if number % 8 else 40,
+            intensity=2,
+            colour=(1, 0.8, 0.6),
+            temperature=None if number % 4 else 3000,
+        )
+        for number in range(count)
+    ]
+    page = browsing.opened(browser, browsing.policed(subject.view(tmp_path / "page.html")))
+    errors = [
+        compare(found, subject.relit(light))
+        for light, found in zip(
+            lights, browsing.rendered(page, list(map(parameters_of, lights))), strict=True
+        )
+    ]
+    rmse, largest = np.max(errors, axis=0)
+    print(f"{name}: RMSE {rmse:.4f}, largest {largest:.3f}")
+    assert rmse <= RMSE
+    assert largest <= LARGEST
+    ten = [*lights, *lights][:10]  # more than the page has slots
+    both = browsing.rendered(page, [list(map(parameters_of, ten))])[0]
+    assert compare(both, subject.relit(ten))[0] <= RMSE
+    assert not page.complaints
+    page.context.close()
+
+
+def test_near_lights_are_python_s(page, viewed):
+    lights = [
+        relight.PointLight((-0.6, 0.4, 0.8)),
+        relight.PointLight((0.5, 0.2, 0.3), radius=0.2, colour=(1, 0.8, 0.6), exposure=-1),
+        relight.PointLight((0.6, 0.3, -0.6), radius=0.1, temperature=3000),
+        relight.PointLight((0, -0.7, 0.6), intensity=0.3),
+    ]
+    given = list(map(parameters_of, lights))
+    for light, found in zip(lights, browsing.rendered(page, given), strict=True):
+        rmse, largest = compare(found, viewed.relit(light))
+        assert rmse <= RMSE
+        assert largest <= LARGEST
+    inside = given[0] | {"position": [0, 0, -0.05]}
+    refused = page.evaluate("(light) => relight.render([light]).catch((error) => error.message)", inside)
+    with pytest.raises(ValueError, match=refused.split(";")[0]):
+        viewed.relit(relight.PointLight(inside["position"]))
+    page.evaluate("(light) => relight.viewer.change((state) => (state.lights = [light]))", inside)
+    browsing.wait(page, "document.querySelector('.message').textContent.includes('the person')", 20)
+    browsing.press(page, "PageDown", *["Shift+PageDown"] * 3)
+    assert browsing.state(page)["lights"][0]["position"][2] > 1
+    assert page.locator(".message").inner_text() == ""
+
+
+def test_the_visibility_of_near_and_distant_lights_is_weighed_by_what_arrives(page, viewed):
+    lights = [relight.PointLight((-0.6, 0.4, 0.8), radius=0.1), relight.DirectionalLight(azimuth=60)]
+    page.evaluate(
+        "(lights) => relight.viewer.change((state) => lights.forEach((light, at) => "
+        "Object.assign((state.lights[at] = { muted: false, solo: false }), light)))",
+        list(map(parameters_of, lights)),
+    )
+    browsing.settled(page)
+    found = browsing.shown(page, "visibility")[..., 0]
+    camera, depth = viewed.camera, torch.tensor(viewed.depth)
+    rows, columns = torch.meshgrid(*(torch.arange(side) + 0.5 for side in viewed.size), indexing="ij")
+    ways = torch.tensor(lights[0].position)[:, None, None] - camera.positions(columns, rows, depth)
+    arriving = (1 / (ways**2).sum(dim=0)).numpy()
+    near, far = map(viewed.unshadowed, lights)
+    inside = binary_erosion(viewed.matte > 0.99, iterations=5)
+    truth = (near * arriving + far) / (arriving + 1)
+    assert np.sqrt(((found - truth)[inside] ** 2).mean()) < 0.02
+
+
+def test_its_lights_file_gives_the_same_picture_and_its_png_is_apply_s(page, viewed, tmp_path):
+    browsing.drag(page, -0.5, 0.6)
+    browsing.press(page, "+", ".", ".", "2", "m", "a", "k")
+    (tmp_path / "lights.yaml").write_text(page.evaluate("relight.lights()"))
+    lights = relight.read_lights(tmp_path / "lights.yaml")
+    assert [light.name for light in lights] == ["key", "rim"]  # the muted one does not shine
+    assert lights[0].exposure == 0.25
+    assert lights[0].angle == 4
+    with page.expect_download() as saved:
+        page.get_by_role("button", name="Save PNG").click()
+    saved.value.save_as(tmp_path / "page.png")
+    picture = viewed.relit(lights)
+    relight.write(tmp_path / "python.png", picture)
+    found, truth = (relight.read(tmp_path / name) for name in ("page.png", "python.png"))
+    rmse, largest = compare(found, truth)
+    assert rmse <= RMSE
+    assert largest <= LARGEST
+
+    words = shlex.split(page.evaluate("relight.command()"))
+    assert words[:3] == ["relight", "apply", "it's.png"]
+    given = [words[at + 1] for at, word in enumerate(words) if word == "--light"]
+    assert lights_of(Lighting(light=tuple(given))) == lights
+
+
+def test_an_environment_lights_as_python_s(page, viewed, tmp_path):
+    sky = np.full((32, 64, 3), (0.2, 0.3, 0.5), np.float32)
+    sky[8:10, 20:23] = (60, 50, 30)
+    relight.write(tmp_path / "sky.hdr", sky)
+    page.locator("[aria-label=Environment] input[type=file]").set_input_files(tmp_path / "sky.hdr")
+    browsing.wait(page, "Boolean(relight.viewer.state.environment)")
+    page.evaluate("relight.viewer.change((state) => { state.lights = []; state.environment.rotation = 70; })")
+    browsing.settled(page)
+    with page.expect_download() as saved:
+        page.keyboard.press("Control+s")
+    saved.value.save_as(tmp_path / "page.png")
+    (tmp_path / "lights.yaml").write_text(page.evaluate("relight.lights()"))
+    lights = relight.read_lights(tmp_path / "lights.yaml")  # which names the map beside it
+    assert lights[0].rotation == 70
+    relight.write(tmp_path / "python.png", viewed.relit(lights))
+    rmse, largest = compare(*(relight.read(tmp_path / name) for name in ("page.png", "python.png")))
+    assert rmse <= RMSE
+    assert largest <= LARGEST
+
+
+def test_the_widget_s_module_draws_with_a_model_of_a_notebook(browser, viewed, tmp_path):
+    scene = scene_of(viewed.size, relight.DirectionalLight(azimuth=-40, name="key"))
+    packed = pack(viewed.record, viewed.matte, viewed.albedo)
+    stub = f"""
+        const bytes = fromBase64("{base64.b64encode(packed).decode()}");
+        const listeners = [], scene = {json.dumps(scene)};
+        const values = {{ scene, pack: new DataView(bytes.buffer), lights: [] }};
+        window.model = {{
+            get: (key) => values[key],
+            set: (key, value) => (values[key] = value),
+            save_changes: () => (window.saved = values.lights),
+            on: (name, listener) => listeners.push(listener),
+            give: (lights) => {{ values.lights = lights; listeners.forEach((listener) => listener()); }},
+        }};
+        await render({{ model: window.model, el: document.body }});
+        window.relight = {{}};
+    """
+    text = f"<head></head><style>{style()}</style><body></body><script type=module>{module()}{stub}</script>"
+    (tmp_path / "widget.html").write_text(text)
+    page = browsing.opened(browser, browsing.policed(tmp_path / "widget.html"))
+    page.locator(".stage").focus()
+    browsing.press(page, "ArrowRight")
+    assert page.evaluate("saved")[0]["azimuth"] == -39
+    given = parameters_of(relight.DirectionalLight(azimuth=90, name="side"))
+    page.evaluate("(light) => model.give([light])", given)
+    browsing.settled(page)
+    assert page.locator(".handle:not([hidden])").get_attribute("aria-label").startswith("side: azimuth 90°")
+    assert not page.complaints
+    page.context.close()
