@@ -1,12 +1,16 @@
-"""What choices of training are worth: the field trained from the same weights in the same time, a choice
-changed in each run.
+"""Compare choices of training: train the field from the same weights for the same time, and change one choice
+in each run. Prints the scores of each run on each validation set.
 
 python benchmarks/ablations.py OUT --records FOLDER ... --validation NAME=FOLDER ... [--photographs 4000]
     [--only NAME ...] [--processes 2]
 
-A run on the canvas of 384 rows sees `--photographs`; one whose photographs cost more sees fewer, so that all
-take the same time. Each is one cosine, and goes on where it was interrupted. Scores are of the averaged
-weights, each validation record photographed once; those that are there already are only printed.
+A run on the canvas of 384 rows sees `--photographs` photographs. A run whose photographs cost more sees
+fewer, so that all runs take the same time. The learning rate of each run falls as one cosine. An interrupted
+run is resumed. The averaged weights are scored, with one photograph of each validation record. Scores that
+exist already are only printed.
+
+A choice is worth making where its run scores better than the unchanged one on every set; figures of
+earlier choices are in docs/history.md.
 """
 
 import argparse

@@ -1,15 +1,18 @@
-"""Both networks' analysis of one image, as a multiple of one float32 forward of the paper's per-light network
-(ResB 7) on the same canvas: a ratio within one run, so that it holds on any machine.
+"""Measure the analysis of one image against one float32 forward of the paper's per-light network (ResB 7).
 
-OMP_NUM_THREADS=1 taskset -c 1 python benchmarks/analysis.py [image]
+Both see the same canvas, and the ratio is taken within one run, so that it can be compared between machines.
+Times are processor time, the quickest of several calls.
+
+    OMP_NUM_THREADS=1 python benchmarks/analysis.py [image]
+
+A good ratio is at most 0.6.
 """
 
 import sys
-import time
 from pathlib import Path
-from statistics import median
 
 import torch
+from timing import quickest
 
 import relight
 from shading import Analysis, diffuse
@@ -21,12 +24,6 @@ from shadow.networks.unet import PerLight
 REPEATS = 9
 
 
-def seconds(function):
-    start = time.perf_counter()
-    function()
-    return time.perf_counter() - start
-
-
 def main(path):
     image = torch.from_numpy(relight.read(path)).permute(2, 0, 1)
     field, shader = analysis.load(), diffuse.load()
@@ -35,28 +32,30 @@ def main(path):
     inputs = torch.rand(1, 4, *framed.mask.shape), torch.rand(1, 3, *framed.mask.shape)
     light = torch.tensor([[[0.0, 0.0, 1.0]]])
 
-    def ours():
+    def both_networks():
         """Normals, visibility and shading for any light, albedo."""
         return Analysis(framed, field, shader)
 
-    def ours_in_float32():
-        native, precision.native_bfloat16 = precision.native_bfloat16, lambda device: False
-        try:
-            return ours()
-        finally:
-            precision.native_bfloat16 = native
+    def both_networks_in_float32():
+        with precision.using("float32"):
+            return both_networks()
 
     @torch.no_grad()
-    def theirs():
+    def one_forward():
         return per_light(*inputs, light)
 
-    found = {"resb7, one forward": theirs, "analysis": ours, "analysis in float32": ours_in_float32}
-    times = {name: [seconds(function) for _ in range(REPEATS)] for name, function in found.items()}
-    unit = median(times["resb7, one forward"])
+    functions = {
+        "resb7, one forward": one_forward,
+        "analysis": both_networks,
+        "analysis in float32": both_networks_in_float32,
+    }
+    for function in functions.values():
+        function()
+    times = {name: quickest(function, REPEATS) for name, function in functions.items()}
     print(f"{' x '.join(map(str, framed.mask.shape))}, {torch.get_num_threads()} threads, ", end="")
     print("bfloat16" if precision.native_bfloat16("cpu") else "no native bfloat16")
-    for name, spent in times.items():
-        print(f"{name}: {median(spent):.3f} s, {median(spent) / unit:.2f} times")
+    for name, seconds in times.items():
+        print(f"{name}: {seconds:.3f} s, {seconds / times['resb7, one forward']:.2f} times")
 
 
 if __name__ == "__main__":

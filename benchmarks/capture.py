@@ -1,9 +1,11 @@
-"""What cameras, files and mattes cost: normals and binary visibility inferred from the same photographs as
-they are and as they might have been.
+"""Measure how cameras, file formats and mattes change the analysis: infer normals and binary visibility from
+the same photographs, clean and degraded. Prints the scores of each degradation.
 
 python benchmarks/capture.py RECORDS [field.safetensors] [views]
 
-Views and lightings are those of `relight evaluate`; scores are of what both mattes show.
+Views and lightings are those of `relight evaluate`. Only pixels that are in both mattes are scored.
+
+Figures of shipped weights, to compare with, are in docs/history.md.
 """
 
 import sys
@@ -14,7 +16,8 @@ import torch
 import torch.nn.functional as F
 from lighting import table
 
-from shadow.data.photographs import LUMINANCE, compress, rough_matte, sharpen
+from shadow.data.photographs import LUMINANCE, PictureStyle, compress, rough_matte, sharpen
+from shadow.data.records import ENCODING
 from shadow.evaluation.scores import View
 
 
@@ -32,6 +35,10 @@ def tinted(rgb, red, blue):
     return rgb * torch.tensor([red, 1, blue]).view(3, 1, 1)
 
 
+def styled(rgb, style):
+    return style(rgb.clamp(0, 1) ** (1 / ENCODING)) ** ENCODING
+
+
 def photographs(record, seed, height):
     """Names, and Views of the record on a canvas of `height` pixels, the clean one first."""
     view = View.of(record, seed, height)
@@ -46,6 +53,8 @@ def photographs(record, seed, height):
         "a quarter of it": shrunk(rgb, 4),
         "white balance of daylight under a bulb": tinted(rgb, 1.5, 0.5),
         "black and white": grey(rgb),
+        "contrast and colours of a phone": styled(rgb, PictureStyle(4, 0.5, 1.3, 0.4)),
+        "flat raw development": styled(rgb, PictureStyle(0, 0.5, 0.8, 0)),
     }
     views = {name: replace(view, rgb=image.to(view.rgb)) for name, image in worse.items()}
     matte = rough_matte(view.mask.cpu()[None], np.random.default_rng(seed))[0]

@@ -1,10 +1,12 @@
-"""Colours of a person at the soft edges of a photograph, by three means, over five known backgrounds.
+"""Compare three methods that estimate a person's colour at soft edges, over five known backgrounds.
 
-The person (examples/person.png) is put out of focus a little, so that colour and coverage of every pixel are
-known, and photographed before each background. From the photograph and the true matte each means says what
-colour the person has where the matte is between 0.05 and 0.95.
+The person (examples/person.png) is slightly blurred, so that the colour and coverage of every pixel are
+known, and is composited over each background. Each method estimates the person's colour from the photograph
+and the true matte. Prints the errors where the matte is between 0.05 and 0.95.
 
 OMP_NUM_THREADS=1 python benchmarks/edges.py [picture.png]
+
+Figures to compare with are in docs/compositing.md; lower errors are better.
 """
 
 import sys
@@ -15,8 +17,8 @@ import torch
 from scipy.ndimage import gaussian_filter
 
 import relight
-from relight.foreground import Foreground
-from relight.matting import cut_out
+from relight.analysis.foreground import Foreground
+from relight.matting.refine import cut_out
 
 PERSON = Path(__file__).parent.parent / "examples" / "person.png"
 BLUR = 2.0  # standard deviation, pixels
@@ -41,7 +43,7 @@ def estimates(plate, alpha):
     cut = cut_out(plate, alpha)
     person = Foreground.of(torch.from_numpy(alpha), torch.from_numpy(alpha), True)
     continued = np.zeros_like(plate)
-    continued[person._box] = person.own_colour(plate).permute(1, 2, 0).numpy()
+    continued[person.box] = person.own_colour(plate).permute(1, 2, 0).numpy()
     scale = 1 / np.maximum(alpha, 1e-6)[..., None]
     return {"plain division": plate * scale, "continued": continued, "estimated": cut[..., :3] * scale}
 

@@ -1,10 +1,13 @@
-"""What tasks of a farm cost: core-seconds and bytes of a frame at 4K, of a training record, of reading one.
+"""Measure the tasks of a render farm: core-seconds and bytes for a 4K frame, for making a training record,
+and for reading one.
 
 OMP_NUM_THREADS=1 python benchmarks/farm.py [person.png]
 
-Processor time of one thread, the least of several. The bundled person (or another with alpha) stands as high
-as a plate of 3840 x 2160 and is relit by a key light and a rim. Records are 512 x 512, of 96 directions, with
-bounce light.
+Times are processor time of one thread, the shortest of several runs. The bundled person (or another image
+with alpha) fills the height of a 3840 x 2160 plate and is relit by a key light and a rim light. Records are
+512 x 512 pixels, with 96 directions and bounce light.
+
+Figures to compare with are in docs/farm.md.
 """
 
 import sys
@@ -22,7 +25,7 @@ from shadow import directions
 from shadow.data import photographs
 from shadow.data import records as record_files
 from shadow.lightstage import stage
-from shadow.lightstage.people import bodies
+from shadow.lightstage.people.generate import bodies
 
 HEIGHT, WIDTH = 2160, 3840
 CANVAS = (384, 288)
@@ -55,7 +58,7 @@ def frame(person, folder):
     relight.write(plate, placed)
     reading, image = least(lambda: relight.read(plate))
     analysing, subject = least(lambda: relight.Subject(image))
-    steadying, steady = least(lambda: subject.steadied([subject] * 4), 2)
+    steadying, steady = least(lambda: subject.temporally_filtered([subject] * 4), 2)
     kept = folder / "frame.safetensors"
     saving, _ = least(lambda: steady.save(kept))
     loading, loaded = least(lambda: relight.Subject.load(kept))

@@ -1,10 +1,13 @@
-"""How much lighting trembles from frame to frame, with and without `Subject.steadied`; what it smears.
+"""Measure how much the lighting flickers from frame to frame, with and without `Subject.temporally_filtered`,
+and how much detail the filter blurs.
 
 python benchmarks/flicker.py            the bundled person, still lit: at rest in noise, drifting, walking
 python benchmarks/flicker.py --turning  a body of the light stage (extra `stage`) that turns; true shadows
 
 Flicker is the mean difference of the lighting between successive frames, in display code values (of 255),
-after the frames are moved back to where the person was: there, nothing of the lighting changes but by error.
+after the frames are aligned to the person. In an aligned frame every change of the lighting is an error.
+
+Less flicker at equal detail is better. Figures to compare with are in docs/video.md.
 """
 
 import math
@@ -18,9 +21,10 @@ from scipy import ndimage
 from torch.nn import functional
 
 import relight
-from relight import steadying
-from relight.canvas import Canvas
-from relight.depth import Camera, Space
+from relight.analysis import temporal
+from relight.analysis.camera import Camera
+from relight.analysis.depth import WorldGeometry
+from relight.analysis.maps import AnalysisMaps
 from shadow import directions, visibility
 from shadow.framing import Framing, affine_sample
 
@@ -51,10 +55,10 @@ def returned(image, x, y, size):
     return moved(image, -x / size, -y / size, 1 / size, image.shape[:2])
 
 
-def steadied(subjects):
-    reach = steadying.AROUND
+def temporally_filtered(subjects):
+    reach = temporal.RADIUS
     for t, subject in enumerate(subjects):
-        yield subject.steadied(subjects[max(t - reach, 0) : t] + subjects[t + 1 : t + 1 + reach])
+        yield subject.temporally_filtered(subjects[max(t - reach, 0) : t] + subjects[t + 1 : t + 1 + reach])
 
 
 def display(light):
@@ -76,10 +80,10 @@ def under_a_still_light():
         inside = returned(subjects[0].relit(LIGHT), *motion(0))[..., 3] > 0.999
         inside = ndimage.binary_erosion(inside, iterations=6)
         flicker = []
-        for frames in (subjects, steadied(subjects)):
+        for frames in (subjects, temporally_filtered(subjects)):
             lighting = [returned(s.lighting(LIGHT), *motion(t))[inside] for t, s in enumerate(frames)]
             flicker.append(np.abs(np.diff(display(np.array(lighting)), axis=0)).mean())
-        print(f"{name:24s} flicker {flicker[0]:.2f}, steadied {flicker[1]:.2f}")
+        print(f"{name:24s} flicker {flicker[0]:.2f}, temporally_filtered {flicker[1]:.2f}")
 
 
 def nearest(maps, lights, asked):
@@ -93,7 +97,7 @@ def with_true_shadows():
     Response is the share of the shadows' true changes that is still there.
     """
     from shadow.lightstage import stage
-    from shadow.lightstage.people import bodies
+    from shadow.lightstage.people.generate import bodies
 
     lights = torch.from_numpy(directions.olat(behind=True))
     figure, random = bodies.body(5, "generalisation"), torch.Generator().manual_seed(0)
@@ -109,18 +113,24 @@ def with_true_shadows():
         photograph = framing.crop(record.image(record.albedo).float()) ** (1 / 2.2)
         find = partial(nearest, (shadows + 0.2 * grain).clamp(0, 1) * known, lights)
         camera = Camera(framing.plate, 100.0, framing.centre, 2.0, framing.plate[0])
-        space = Space(camera, framing, partial(torch.zeros, framing.canvas))
-        canvases.append(Canvas(framing, known, photograph, photograph, find, find, photograph, None, space))
+        space = WorldGeometry(camera, framing, partial(torch.zeros, framing.canvas))
+        canvases.append(
+            AnalysisMaps(framing, known, photograph, photograph, find, find, photograph, None, space)
+        )
         truth.append(framing.restore(shadows))
-    for name, alike in (
+    for name, range_sigma in (
         ("as found", None),
-        ("steadied", steadying.ALIKE),
+        ("temporally_filtered", temporal.RANGE_SIGMA),
         ("plain mean of 5 frames", math.inf),
     ):
         maps = []
         for t, frame in enumerate(canvases):
-            around = canvases[max(t - steadying.AROUND, 0) : t] + canvases[t + 1 : t + 1 + steadying.AROUND]
-            found = frame if alike is None else steadying.steadied(frame, around, alike=alike)
+            around = canvases[max(t - temporal.RADIUS, 0) : t] + canvases[t + 1 : t + 1 + temporal.RADIUS]
+            found = (
+                frame
+                if range_sigma is None
+                else temporal.temporally_filtered(frame, around, range_sigma=range_sigma)
+            )
             maps.append(frame.framing.restore(found.shading(lights[:64])))
         change = torch.stack(maps).diff(dim=0)
         true_change = torch.stack(truth)[:, :64].diff(dim=0)
@@ -135,7 +145,7 @@ def with_our_networks():
     """
     from shadow.data import photographs
     from shadow.lightstage import stage
-    from shadow.lightstage.people import bodies
+    from shadow.lightstage.people.generate import bodies
 
     lights = directions.olat(behind=True)
     powers = 0.6 / len(lights) * (1 + lights[:, 1]) + 1.2 * photographs.softbox(lights)
@@ -150,7 +160,10 @@ def with_our_networks():
         subjects.append(relight.Subject(np.ascontiguousarray(photograph)))
         direct = (record.normals @ to_light[0]).clip(0) * record.visibility[:, -1]
         truth.append(record.image(direct[:, None])[0].numpy())
-    for name, frames in (("as found", subjects), ("steadied", list(steadied(subjects)))):
+    for name, frames in (
+        ("as found", subjects),
+        ("temporally_filtered", list(temporally_filtered(subjects))),
+    ):
         errors = np.array([s.lighting(LIGHT)[..., 0] / 2 for s in frames]) - np.array(truth)
         inside = np.array([s.albedo.any(axis=-1) for s in subjects])
         both = inside[1:] & inside[:-1]

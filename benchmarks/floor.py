@@ -1,13 +1,15 @@
-"""Shadows on the floor against rays: rendered bodies on a plane, each in one hard light, seen by one camera.
+"""Compare shadows on the floor with traced rays, for rendered bodies on a plane, each under one hard light.
 
 OMP_NUM_THREADS=1 python benchmarks/floor.py [VIEWS] [picture.png]     # intersection over union, a table
 OMP_NUM_THREADS=1 python benchmarks/floor.py --figure docs/floor.png   # where the missing back shows
 OMP_NUM_THREADS=1 python benchmarks/floor.py --cost                    # seconds a light at 1920 x 1080
 
-Bodies are of the generalisation split. Truth is the light stage's: of each point of the plane that the camera
-sees a ray goes to the light. A shadow is where less than half of the light is left. "Matte laid flat" is the
-matte as a card that stands at the feet and faces the camera, whose shadow is sheared along the light: what
-compositors do by hand. The horizon, the person's height and the lens are given as they are.
+Bodies are of the generalisation split. The light stage gives the truth: it casts a ray to the light from each
+point of the plane that the camera sees. A point is in shadow where less than half of the light is left.
+"Matte laid flat" takes the matte for a card that stands at the feet and faces the camera, and shears its
+shadow along the light, as compositors do by hand. The true horizon, body height and lens are given.
+
+Figures to compare with are in docs/compositing.md; a higher intersection over union is better.
 """
 
 import sys
@@ -20,8 +22,8 @@ import torch
 from near import photographed
 
 import relight
-from relight.floor import Stance, middle
-from relight.solid import Solid
+from relight.compositing.floor_shadow import FloorShadow, middle
+from relight.compositing.shadow_caster import ShadowCaster
 from shadow.directions import from_spherical
 
 SIZE = 448  # pixels of the rendered frames
@@ -35,7 +37,7 @@ class View:
 
     def __init__(self, seed):
         from shadow.lightstage import stage
-        from shadow.lightstage.people import bodies
+        from shadow.lightstage.people.generate import bodies
         from shadow.lightstage.scene import Scene
 
         rng = np.random.default_rng(seed)
@@ -82,14 +84,14 @@ class View:
 
 def laid_flat(view, subject):
     """The shadow (H, W, 3) of a card that has the matte's outline."""
-    space, known = subject._canvas.space, subject._canvas.known
+    space, known = subject._record.maps.geometry, subject._record.maps.known
     positions = space.positions + middle(space.camera)[:, None, None]
-    plane = view.floor.under(space.camera, positions[:, known])
+    plane = view.floor.plane(space.camera, positions[:, known])
     feet = view.floor.soles(space.camera, positions[:, known])[:, 0]
     toward = torch.tensor([0.0, 0.0, 1.0]) - plane.normal * plane.normal[2]
     rays = positions[:, known].T
     card = rays * ((toward @ feet) / (rays @ toward))[:, None]
-    stance = Stance(space.camera, plane, Solid(card, space.metres_per_pixel), 1.0)
+    stance = FloorShadow(space.camera, plane, ShadowCaster(card, space.metres_per_pixel), 1.0)
     return stance.shadows({"light": relight.DirectionalLight(view.direction)})[1]
 
 

@@ -1,12 +1,12 @@
-"""Hostile inputs in great numbers: how many are refused, how many answered, and what breaks.
+"""Try many hostile inputs. Prints how many are refused, how many are answered, and which break something.
 
 python benchmarks/fuzz.py N [--first SEED] [--kind KIND] [--journal FOLDER]
 
-Inputs and invariants are those of tests/fuzzing.py. Each input is made from its kind and seed alone, on one
-thread. Unless one kind is asked for, the kinds take turns, and one input in 13 goes to the networks. A child
-process tries them and notes each in the journal before and after, so that a crash of native code or a hang is
-known by its seed. A run that was interrupted goes on where it was; several processes may share a range by
---first.
+Inputs and invariants are those of tests/helpers/fuzzing.py. Each input is made from its kind and seed alone,
+on one thread. Unless one kind is asked for, the kinds take turns, and one input in 13 goes to the networks. A
+child process tries the inputs. It writes each one to the journal before and after the try, so that the
+journal names the seed of a crash in native code or of a hang. An interrupted run is resumed. Several
+processes can share a range through --first.
 """
 
 import argparse
@@ -20,9 +20,14 @@ import traceback
 from pathlib import Path
 from random import Random
 
-sys.path.insert(0, str(Path(__file__).resolve().parents[1] / "tests"))
+ROOT = Path(__file__).resolve().parents[1]
+sys.path[:0] = [str(ROOT), str(ROOT / "tests")]  # tests/relight would hide the package if it came first
 
-CHEAP = (*("light text", "lights file", "damaged image") * 2, "damaged mask", "containers")
+CHEAP = (
+    *("light text", "lights file", "damaged image", "ICC bytes", "Exif bytes", "container tags") * 2,
+    *("damaged mask", "containers", "ONNX model", "kept shapes"),
+)
+PAGES = 41  # one input in so many is a link, which a browser follows
 NETWORKS = 13  # one input in so many goes to the networks
 HANG = 300  # seconds without a word
 STARTED = "started"
@@ -30,12 +35,14 @@ STARTED = "started"
 
 def kind_of(seed):
     """What an input is where the kinds take turns."""
+    if seed % PAGES == 1:
+        return "page fragment"
     return "apply" if seed % NETWORKS == 0 else CHEAP[seed % len(CHEAP)]
 
 
 def attempt(kind, seed, folder):
     """What became of an input: refused, answered, or the bug and where it is, on one line."""
-    from fuzzing import Violation, outcome
+    from helpers.fuzzing import Violation, outcome
 
     try:
         return outcome(kind, Random(f"relight {seed}"), folder)

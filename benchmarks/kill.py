@@ -1,11 +1,13 @@
-"""Runs that are killed and resumed: whether they end as if nobody had killed them.
+"""Check that a run that is killed and resumed gives the same result as an uninterrupted one.
 
 python benchmarks/kill.py [KILLS] [--seed SEED]
 
-`relight video` makes a turning light of a photograph as OpenEXR and PNG files, MOV and MP4, in turn. Each run
-is killed (SIGKILL) when some number of its frames is there, drawn at random by the seed, and some
-milliseconds later; then resumed. What there is at the end has to be what an uninterrupted run leaves: the
-same files, and in them the same pictures, pixel by pixel.
+`relight video` lights a photograph by a turning light, and writes OpenEXR files, PNG files, MOV and MP4, in
+turn. Each run is killed (SIGKILL) a few milliseconds after it has written a random number of frames, which
+the seed determines, and is then resumed. The result must match that of an uninterrupted run: the same files,
+with the same pictures, pixel by pixel. Prints the number of runs that differ.
+
+A good result is 0 runs that differ.
 """
 
 import argparse
@@ -23,7 +25,7 @@ import relight
 ROOT = Path(__file__).resolve().parents[1]
 sys.path.insert(0, str(ROOT / "tests"))
 
-from killing import differences, finished, kill  # noqa: E402
+from helpers.killing import differences, finished, kill  # noqa: E402
 
 OUTPUTS = ("relit.%03d.exr", "relit.%03d.png", "relit.mov", "relit.mp4")
 FRAMES = 48

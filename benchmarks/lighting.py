@@ -1,10 +1,12 @@
-"""What the light of a photograph costs: normals and binary visibility inferred from the same views in soft
-and in hard light, without paint and without light.
+"""Measure how the light of a photograph changes the analysis: infer normals and binary visibility from the
+same views in soft light, in hard light, without paint and without light. Prints the scores of each.
 
 python benchmarks/lighting.py RECORDS [field.safetensors] [views]
 
-Views and random lightings are those of `relight evaluate`. Without paint all is grey, without light the
-photograph is the albedo, before any camera.
+Views and random lightings are those of `relight evaluate`. "Without paint" makes every surface grey. "Without
+light" takes the albedo for the photograph, without a simulated camera.
+
+Figures of shipped weights, to compare with, are in docs/history.md.
 """
 
 import sys

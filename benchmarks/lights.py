@@ -1,7 +1,9 @@
-"""What lights cost: ratios measured within one run, so that they hold on any machine. One thread, in
-processor time, so that a busy machine does not matter.
+"""Measure what each kind of light costs. Prints ratios of times from one run, which are comparable between
+machines. Times are processor time of one thread, so that a busy machine does not change them.
 
 python benchmarks/lights.py [image] [mask]
+
+Figures to compare with are in README.md.
 """
 
 import sys

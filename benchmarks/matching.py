@@ -1,16 +1,20 @@
-"""How well light that is found stands for light that was there: bodies of the light stage, relit by the light
-of a plate and by that of another body's photograph, against how they look in the place itself.
+"""Measure how well estimated light replaces the true light. Bodies of the light stage are relit by light that
+is estimated from a plate, or from a photograph of another body, and compared with how they look in that
+place.
 
 python benchmarks/matching.py [bodies]
 
-Body and place number k are those of seed k. Each body is photographed in some other light and analysed.
-Then it is relit by the light of a plate of the place (`relight.EnvironmentLight.from_plate`); and, as if it
-stood in the place before, by that of a photograph of the body before, taken there (`relight.match`).
+Body and place number k have the seed k. Each body is photographed in another light and analysed. It is then
+relit by the light that is estimated from a plate of the place (`relight.EnvironmentLight.from_plate`). It is
+also placed in the previous place, and relit by the light that is estimated from a photograph of the previous
+body there (`relight.match`).
 
-Errors are RMSE in linear light over the body, as a share of the truth's RMS. Beside them are those of two
-grey lights from all around: one has as much energy as the light that was found, the other as much as the
-place itself, which nobody could know. The last two columns are the errors of the light found and of the grey
-one, both with the exposure that suits the truth best.
+Prints the RMSE in linear light over the body, as a share of the truth's RMS. Beside it are the errors of two
+uniform grey environments: one has the energy of the estimated light, the other has the energy of the place
+itself, which is unknown in practice. The last two columns are the errors of the estimated light and of the
+grey one, each at the exposure that fits the truth best.
+
+Figures to compare with are in docs/lights.md; the estimated light should beat both grey ones.
 """
 
 import sys
@@ -25,7 +29,7 @@ import relight
 from shadow.data import photographs
 from shadow.directions import olat
 from shadow.lightstage import stage
-from shadow.lightstage.people import bodies
+from shadow.lightstage.people.generate import bodies
 
 SIZE = 320  # pixels of a body's picture
 PLATE = (360, 540)

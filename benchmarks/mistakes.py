@@ -1,11 +1,13 @@
-"""What the binary maps get wrong: of all pixels and frontal lights, how many are of each kind, and how many
-of those the field and the sign(N·L) test on its own normals get wrong.
+"""Count the mistakes of binary visibility maps by kind. Prints, over all pixels and frontal lights, the share
+of each kind, and the share of it that the field and the sign(N·L) test on the field's normals get wrong.
 
 python benchmarks/mistakes.py [SCAN ...]
 
-Figures are ten bodies of the generalisation split, or scans (.glb), from two sides by Section 3's camera,
-each view under one random lighting. A shadow's kind is the distance to what casts it: near is a fold or a
-chin, far an arm or the other leg.
+Figures are ten bodies of the generalisation split, or scans (.glb). The camera of Section 3 sees each from
+two sides, each view under one random lighting. A shadow's kind is its distance to the surface that casts it:
+a near shadow comes from a fold or a chin, a far one from an arm or the other leg.
+
+Figures of shipped weights, to compare with, are in docs/history.md.
 """
 
 import sys

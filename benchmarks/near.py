@@ -1,11 +1,14 @@
-"""Lights in the room: what one costs beside a distant one, and how right they are on rendered people.
+"""Measure lights in the room: their cost compared with a distant light, and their errors on rendered people.
 
 python benchmarks/near.py                      # cost, one thread, in processor time
 python benchmarks/near.py --truth [BODIES]     # against rays, on bodies of the generalisation split
 
-Truth is the light stage's: of each point that the camera sees a ray goes to the lamp, which stands 0.7 to 2 m
-from the body's middle. "Directional" is a distant light from the same position. Shading is of direct light;
-lamps have an irradiance of 1 at the middle. Camera and height are given as they are.
+The light stage gives the truth: it casts a ray to the lamp from each point that the camera sees. The lamp
+stands 0.7 to 2 m from the middle of the body. "Directional" is a distant light from the same position.
+Shading is of direct light. The irradiance of each lamp is 1 at the middle of the body. The true camera and
+height are given.
+
+Figures to compare with are in docs/lights.md; lower errors are better.
 """
 
 import argparse
@@ -44,7 +47,7 @@ def cost(path: Path) -> None:
     """Print the seconds of new lights, and ratios, which hold on any machine."""
     subject = relight.Subject(relight.read(path))
     start = time.process_time()
-    subject._canvas.space.positions  # noqa: B018
+    subject._record.maps.geometry.positions  # noqa: B018
     print(f"depth, once: {time.process_time() - start:.2f} s")
     place, centre = (-0.6, 0.4, 0.8), (0.0, 0.0, 0.0)
     hard, soft = relight.DirectionalLight(place), relight.DirectionalLight(place, angle=10)
@@ -71,7 +74,7 @@ def truth(bodies: int) -> dict[str, np.ndarray]:
 def scored(seed: int):
     """Yield (what, error) of one body."""
     from shadow.lightstage import stage
-    from shadow.lightstage.people import bodies
+    from shadow.lightstage.people.generate import bodies
     from shadow.lightstage.scene import Scene
 
     rng = np.random.default_rng(seed)

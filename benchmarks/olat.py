@@ -1,5 +1,6 @@
-"""64 OLAT shadings of one 512 x 512 image by the one-pass networks, everything included, against forwards of
-the paper's ResB 7 at its 512 x 512: a ratio within one run, so that it holds on any machine.
+"""Measure 64 OLAT shadings of one 512 x 512 image by the one-pass networks, with all steps included, against
+forwards of the paper's ResB 7 at 512 x 512. Prints ratios from one run, which are comparable between
+machines.
 
 python benchmarks/olat.py [image]
 """

@@ -1,7 +1,10 @@
-"""64 visibility maps by the one-pass field against 64 forwards of the paper's per-light network (ResB 7) and
-the pass that gives it its normals: ratios within one run, so that they hold on any machine.
+"""Measure 64 visibility maps of the one-pass field against 64 forwards of the paper's per-light network (ResB
+7), with the forward that infers its normals. Prints ratios from one run, which are comparable between
+machines.
 
 python benchmarks/per_light.py [image] [mask]
+
+Figures to compare with are in docs/paper.md.
 """
 
 import sys

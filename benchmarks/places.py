@@ -1,8 +1,9 @@
-"""Places to stand in, made at random: streets by day and at dusk, parks, rooms. What a camera sees of one and
-what lights a person there are the same radiance, so a place is truth for light that is taken from a plate.
+"""Make random places: streets by day and at dusk, parks and rooms. Used by other benchmarks; it has no
+command.
 
-A place is made of a ground, boxes and crowns of trees around a camera 1.5 m above the floor, in the camera
-frame and in metres. Surfaces are lit by the sky, by sun or lamps, and by a constant bounce.
+The camera sees the same radiance that lights a person in the place, so a place is the truth for light that is
+estimated from a plate. A place has a ground, boxes and tree crowns around a camera 1.5 m above the floor, in
+the camera frame and in metres. Surfaces are lit by the sky, by the sun or lamps, and by a constant bounce.
 """
 
 from dataclasses import dataclass, field
@@ -12,6 +13,7 @@ from scipy.ndimage import map_coordinates
 
 from relight.lights.environment import FIELD_OF_VIEW
 from shadow.directions import from_spherical
+from shadow.srgb import encode_srgb
 
 FLOOR = -1.5
 SUN = 1.5  # degrees, the sun's radius: as wide as a map's pixels resolve, of the true sun's light
@@ -47,8 +49,7 @@ class Place:
         """What a camera records of the place (H, W, 3): uint8, sRGB, exposed for the middle of its tones,
         and clipped."""
         light = self.seen(size, field_of_view).clip(0, 1)
-        encoded = np.where(light <= 0.0031308, 12.92 * light, 1.055 * light ** (1 / 2.4) - 0.055)
-        return np.round(encoded * 255).astype(np.uint8)
+        return np.round(encode_srgb(light) * 255).astype(np.uint8)
 
     def seen(self, size, field_of_view=FIELD_OF_VIEW):
         """The same, unclipped: (H, W, 3) float32 radiance in the plate's exposure."""

@@ -1,9 +1,12 @@
-"""What resolution is worth: visibility and normals inferred from photographs as large as the records, and
-from the same photographs at half the size and enlarged, both scored on the records' own pixels.
+"""Measure the effect of resolution: infer visibility and normals from photographs at the records' size, and
+from the same photographs reduced to half and enlarged again. Prints the scores of both on the records'
+pixels.
 
 python benchmarks/resolution.py RECORDS [views]
 
-Every view is photographed once under a random lighting and asked for its frontal lights; maps are binary.
+Every view is photographed once under a random lighting. The binary maps of its frontal lights are scored.
+
+Figures of shipped weights, to compare with, are in docs/history.md.
 """
 
 import sys

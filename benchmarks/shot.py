@@ -1,11 +1,14 @@
-"""What a kept analysis saves: relighting a shot from it, against relighting the plates. One thread, in
-processor time, imports apart; the ratios are of one run, so that they hold on any machine.
+"""Measure what a stored analysis saves: relight a shot from it, and relight the same plates without it. Times
+are processor time of one thread, without imports. Prints ratios from one run, which are comparable between
+machines.
 
 python benchmarks/shot.py [frames...]          20 and 200 unless given
 
 The bundled person drifts across 1920 x 1080, photographed with noise, and is relit by a key light and a rim.
-Memory is what a process holds after a tenth frame and after the last one, to tell whether it grows with the
-shot. Last, what a close-up takes on the disk, where a person covers four fifths of the frame.
+Memory is that of the process after the tenth frame and after the last one, which shows whether it grows with
+the shot. The last figure is the disk space of a close-up, where the person covers four fifths of the frame.
+
+Memory should not grow with the number of frames. Figures to compare with are in docs/video.md.
 """
 
 import resource
@@ -19,8 +22,8 @@ import torch
 from flicker import moved
 
 import relight
-from relight.people import People
-from relight.preparation import Preparation
+from relight.pipeline.frames import FrameAnalyser
+from relight.pipeline.inputs import ShotInputs
 from relight.rendering import render_subject
 
 PERSON = Path(__file__).parents[1] / "examples" / "person.png"
@@ -50,10 +53,10 @@ def write_plates(folder, frames):
 
 def pixels(source, frames, **settings):
     """Seconds a frame from a source to relit pixels in memory, and a picture of each."""
-    people, pictures, seconds = People(Preparation(source, **settings), True, None, in_room=False), [], 0.0
+    analyser, pictures, seconds = FrameAnalyser(ShotInputs(relight.Source(source, **settings)), None), [], 0.0
     for number in range(1, frames + 1):
         start = time.process_time()
-        subject = people.at(number)
+        subject = analyser.at(number)
         picture, _ = render_subject(subject, LIGHTS)
         seconds += time.process_time() - start
         pictures.append(picture[::7, ::7])
@@ -77,16 +80,17 @@ def measure(folder, frames):
     write_plates(folder, frames)
     plates, shot = folder / "plate.%04d.exr", folder / "shot.relight"
     mask = folder / "matte.%04d.png"
-    analysis, analysing = timed(relight.analyse_shot, plates, shot, mask=mask)
+    source = relight.Source(plates, mask=mask)
+    analysis, analysing = timed(relight.analyse_shot, source, shot)
     sizes = [path.stat().st_size for path in shot.iterdir()]
     count = min(frames, 20)  # of pictures in memory
     (direct, made), (kept, found) = pixels(plates, count, mask=mask), pixels(shot, count)
     inside = made[..., 3] > 0
     error = np.sqrt(((found - made)[inside][:, :3] ** 2).mean())
     relit = folder / "relit.%04d.exr"
-    from_shot, relighting = timed(relight.render_video, shot, LIGHTS, relit)
-    cropped, _ = timed(relight.render_video, shot, LIGHTS, relit, autocrop=True)
-    from_plates, _ = timed(relight.render_video, plates, LIGHTS, relit, mask=mask)
+    from_shot, relighting = timed(relight.render_shot, shot, LIGHTS, relit)
+    cropped, _ = timed(relight.render_shot, shot, LIGHTS, relight.Output(relit, autocrop=True))
+    from_plates, _ = timed(relight.render_shot, source, LIGHTS, relit)
     print(f"| {frames} frames | from the plates | from the analysis | ratio |\n|---|---|---|---|")
     print(f"| to relit pixels | {direct:.2f} s | {kept:.3f} s | {direct / kept:.1f} |")
     print(

@@ -1,11 +1,12 @@
-"""Weights beside each other: what each set says of the same pictures, for the eye.
+"""Draw the results of several sets of weights on the same pictures, side by side, as a PNG. Prints no
+figures.
 
 python benchmarks/side_by_side.py OUT.png --weights FIELD SHADING [--weights ...] [--picture FILE [MASK] ...]
     [--records FOLDER ...] [--views 3]
 
-Weights are names ("field", "shading") or paths. Of each picture, and of `--views` of each folder's records,
-there is a row for each set of weights: photograph, normals, albedo, and the person lit from the left, from
-above, and from behind on the right. Under those of a record stands the truth, without bounce light.
+Weights are names ("field", "shading") or paths. Each picture, and each of `--views` records of a folder, has
+a row for each set of weights: photograph, normals, albedo, and the person lit from the left, from above, and
+from behind on the right. A record has one more row: the truth, without bounce light.
 """
 
 import argparse

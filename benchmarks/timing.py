@@ -1,4 +1,4 @@
-"""How long a call takes, on a machine that does other things too."""
+"""Time calls on a busy machine. Used by other benchmarks; it has no command."""
 
 import time
 from collections.abc import Callable

@@ -1,9 +1,9 @@
-"""The viewer: size of a page, and frames a second in chromium's software renderer, where nothing has a GPU.
+"""Measure the viewer. Prints the size of a page, and the frames per second in Chromium's software renderer.
 
 python benchmarks/viewer.py [image]
 
-The person is placed on a plate of 1024 x 1024 pixels. A frame is what a drag costs: every light is drawn anew
-on the canvas, the sum is enlarged, and the picture shown. Lights are distant and hard, or points in the room.
+The person is placed on a plate of 1024 x 1024 pixels. A frame is the work of one drag event: every light is
+drawn on the canvas, and the sum is enlarged and shown. Lights are distant and hard, or points in the room.
 """
 
 import sys
@@ -13,7 +13,7 @@ from pathlib import Path
 import relight
 
 sys.path.append(str(Path(__file__).parents[1] / "tests"))
-import browsing
+from helpers import browsing
 
 FRAMES = 10
 TIME = """async ([count, frames, near]) => {

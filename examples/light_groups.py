@@ -1,4 +1,4 @@
-"""One EXR with a layer for each light, and a Nuke script that mixes them anew.
+"""One EXR with a layer for each light, and a Nuke script that mixes them.
 
 python examples/light_groups.py [photo] [folder]
 """

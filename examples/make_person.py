@@ -3,7 +3,7 @@
 python examples/make_person.py [seed] [file]
 
 Needs the extra `stage`. Rendered at twice the size and averaged, so that the matte has soft edges. Bodies
-have changed since: the same seed is somebody else now.
+have changed since: the same seed now gives another person.
 """
 
 import sys
@@ -15,7 +15,7 @@ import relight
 from shadow import directions
 from shadow.data import photographs
 from shadow.lightstage import stage
-from shadow.lightstage.people import bodies
+from shadow.lightstage.people.generate import bodies
 
 SIZE = 1024
 seed = int(sys.argv[1]) if len(sys.argv) > 1 else 13
@@ -29,7 +29,7 @@ record = stage.render(bodies.body(seed, "generalisation"), view, 2 * SIZE, light
 weights = np.full((len(lights), 3), 0.6 / len(lights), np.float32) * (1 + lights[:, 1:2])
 weights += np.float32([1.25, 1.2, 1.12]) * photographs.softbox(lights)[:, None]
 colour = record.image(photographs.light(record, weights)).numpy()
-premultiplied = np.concatenate([colour, record.mask[None]]).transpose(1, 2, 0)  # black where nobody is
+premultiplied = np.concatenate([colour, record.mask[None]]).transpose(1, 2, 0)  # black outside the person
 pixels = premultiplied.reshape(SIZE, 2, SIZE, 2, 4).mean(axis=(1, 3), dtype=np.float32)
 rows, columns = (np.flatnonzero(pixels[..., 3].any(axis=axis)) for axis in (1, 0))
 margin = SIZE // 20

@@ -17,7 +17,7 @@ from relight.media.movies import write_movie
 from shadow import directions
 from shadow.data import photographs
 from shadow.lightstage import stage
-from shadow.lightstage.people import bodies
+from shadow.lightstage.people.generate import bodies
 
 ELEVATIONS = (0, 25, 50)
 

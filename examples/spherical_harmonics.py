@@ -89,7 +89,7 @@ def compare(name, shade, mask):
 def traced(size=320):
     """The bundled person's ray-traced shading, and the mask: the body and camera of make_person.py."""
     from shadow.lightstage import stage
-    from shadow.lightstage.people import bodies
+    from shadow.lightstage.people.generate import bodies
 
     body = bodies.body(13, "generalisation")
     view = stage.View(azimuth=8, distance=3.5, height=1.2, pitch=-5, fov=34)

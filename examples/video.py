@@ -14,5 +14,6 @@ frames = int(sys.argv[3]) if len(sys.argv) > 3 else 200
 
 key = relight.MovingLight(orbit=frames, azimuth=-40, elevation=30, intensity=2, name="key")
 fill = relight.DirectionalLight(elevation=60, intensity=0.15, angle=120, name="fill")
-relight.render_video(photo, [key, fill], movie, frames=(1, frames), background=(0.05, 0.05, 0.06))
+lighting = relight.Lighting([key, fill], background=(0.05, 0.05, 0.06))
+relight.render_shot(photo, lighting, movie, frames=(1, frames))
 print(f"wrote {movie}: {frames} frames")

@@ -1,0 +1,48 @@
+"""Measure the start-up cost of commands: processor time of whole processes.
+
+Each row is the quickest of five new processes, in seconds and as a multiple of `import torch` in the same
+run.
+
+    OMP_NUM_THREADS=1 python benchmarks/start.py
+
+The aim for `relight apply` is at most 2.2 s.
+"""
+
+import resource
+import subprocess
+import sys
+import tempfile
+from pathlib import Path
+
+REPEATS = 5
+PERSON = Path(__file__).parents[1] / "examples" / "person.png"
+LIGHT = "azimuth=-40,elevation=30"
+
+
+def seconds(command):
+    """Processor time of a process, user and system."""
+    before = resource.getrusage(resource.RUSAGE_CHILDREN)
+    subprocess.run(command, check=True, capture_output=True)
+    after = resource.getrusage(resource.RUSAGE_CHILDREN)
+    return after.ru_utime + after.ru_stime - before.ru_utime - before.ru_stime
+
+
+def main():
+    with tempfile.TemporaryDirectory() as folder:
+        apply = ["-m", "relight.cli", "apply", str(PERSON), "-o", f"{folder}/relit.png", "--light", LIGHT]
+        commands = {
+            "import torch": ["-c", "import torch"],
+            "import relight; relight.Subject": ["-c", "import relight; relight.Subject"],
+            "relight --help": ["-m", "relight.cli", "--help"],
+            "relight apply, the bundled person": apply,
+        }
+        times = dict.fromkeys(commands, float("inf"))
+        for _ in range(REPEATS):  # in turn, so that whatever else the machine does disturbs all of them
+            for name, words in commands.items():
+                times[name] = min(times[name], seconds([sys.executable, *words]))
+    for name, spent in times.items():
+        print(f"{name}: {spent:.2f} s, {spent / times['import torch']:.2f} times")
+
+
+if __name__ == "__main__":
+    main()
