@@ -77,6 +77,11 @@ class Diffuse(NamedTuple):
     albedo: torch.Tensor | None  # (3, h, w) linear in [0, 1]; None from a network that infers no albedo
 
 
+def _check_visibility(visibility: str | None) -> None:
+    if visibility not in ("inferred", "baseline", None):
+        raise ValueError(f"visibility: expected inferred, baseline or None, got {visibility!r}")
+
+
 class ShadingField(nn.Module):
     """The one-pass network: one forward gives the residual of every light direction, and the albedo.
 
@@ -97,8 +102,7 @@ class ShadingField(nn.Module):
         **backbone: Any,
     ) -> None:
         super().__init__()
-        if visibility not in ("inferred", "baseline", None):
-            raise ValueError(f"visibility: expected inferred, baseline or None, got {visibility!r}")
+        _check_visibility(visibility)
         self.size, self.normals, self.visibility = size, normals, visibility
         self.register_buffer("anchors", torch.from_numpy(olat(behind=True)), persistent=False)
         # On the CPU, even if `checkpoints.load` builds the network on the meta device: files hold no buffers.
@@ -250,10 +254,19 @@ class Shading(NamedTuple):
 class PerLightShading(nn.Module):
     """The paper's shading network (Section 4.4): a U-Net with linear output, one forward for each light."""
 
-    def __init__(self, size: int = 256, latent: str = "resb7", **unet: Any) -> None:
+    def __init__(
+        self,
+        size: int = 256,  # canvas height that the network was trained for
+        latent: str = "resb7",
+        normals: bool = True,  # whether they are an input and part of the base (Table 6)
+        visibility: str | None = "inferred",  # likewise; or "baseline", sign(N·L); or None (Table 6)
+        **unet: Any,
+    ) -> None:
         super().__init__()
-        self.size = size  # canvas height that the network was trained for
-        self.unet = UNet(10, 1, latent, linear=True, **unet)
+        _check_visibility(visibility)
+        self.size, self.normals, self.visibility = size, normals, visibility
+        channels = 6 + 3 * normals + (visibility is not None)  # colour, light direction and those two
+        self.unet = UNet(channels, 1, latent, linear=True, **unet)
         for parameter in self.unet.head.parameters():  # untrained, the shading is the base image
             nn.init.zeros_(parameter)
 
@@ -268,11 +281,18 @@ class PerLightShading(nn.Module):
 
         The image and mask (B, 4, H, W) are encoded; normals are (B, 3, H, W), visibility (B, D, H, W).
         """
+        photograph = torch.cat([image[:, :3], normals], dim=1) if self.normals else image[:, :3]
         lights = directions.shape[1]
-        seen = torch.cat([image[:, :3], normals], dim=1)[:, None].expand(-1, lights, -1, -1, -1)
-        broadcast = directions[..., None, None].expand(-1, -1, -1, *image.shape[-2:])
-        residual = self.unet(torch.cat([seen, broadcast, visibility[:, :, None]], dim=2).flatten(0, 1))
-        return base(normals, visibility, directions) + residual.float().unflatten(0, (-1, lights))[:, :, 0]
+        inputs = [photograph[:, None].expand(-1, lights, -1, -1, -1)]
+        inputs.append(directions[..., None, None].expand(-1, -1, -1, *image.shape[-2:]))
+        if self.visibility == "baseline":
+            visibility = torch.einsum("bdc,bchw->bdhw", directions, normals).gt(0).float()
+        if self.visibility is not None:
+            inputs.append(visibility[:, :, None])
+        residual = self.unet(torch.cat(inputs, dim=2).flatten(0, 1)).float()
+        known = visibility if self.visibility == "inferred" else None
+        direct = base(normals if self.normals else None, known, directions)
+        return direct + residual.unflatten(0, (-1, lights))[:, :, 0]
 
     @torch.no_grad()
     def analyse(

@@ -195,10 +195,11 @@ def per_light_loss(network: nn.Module, batch: Batch) -> torch.Tensor:
     return _shading_error(*(F.pixel_unshuffle(image, 2).unflatten(1, (-1, 4)) for image in maps))
 
 
-def per_light_task(latent: str = "resb7") -> Task:
-    """Return the task of the paper's network, which needs one forward for each light."""
+def per_light_task(latent: str = "resb7", normals: bool = True, visibility: str | None = "inferred") -> Task:
+    """Return the task of the paper's network; the last two arguments are those of `shading_task`."""
+    config = {"latent": latent, "normals": normals, "visibility": visibility}
     recipe = {"batch": 2, "lights": 4, "learning_rate": 5e-4}
     return Task(
         "shading-per-light", PerLightShading, per_light_loss, _shading_score, _shading_show, 20, True,
-        {"latent": latent}, recipe, True,
+        config, recipe, True,
     )  # fmt: skip

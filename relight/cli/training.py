@@ -161,17 +161,14 @@ def _task(
         raise ValueError(
             "--no-depth: expected `train shadow --model field`, the one network that infers depth"
         )
-    if network is Network.shading and one_pass:
-        return shading_task(with_normals, ABLATIONS.get(visibility, "inferred"))
-    if network is Network.shading and with_normals and visibility not in ABLATIONS:
-        return per_light_task(model.value)
-    if network is Network.shadow and one_pass and with_normals:
-        return SHADOW
-    if network is Network.shadow and not one_pass:
+    if network is Network.shading:
+        inputs = with_normals, ABLATIONS.get(visibility, "inferred")
+        return shading_task(*inputs) if one_pass else per_light_task(model.value, *inputs)
+    if not one_pass:
         return per_light(model.value, with_normals)
-    raise ValueError(
-        f"train {network}: there is no such network with these of --model, --no-normals and --visibility"
-    )
+    if with_normals:
+        return SHADOW
+    raise ValueError("--no-normals: expected a per-light network (--model), since a field infers normals")
 
 
 def _levels(text: str) -> list[int]:

@@ -141,20 +141,20 @@ def test_residuals_change_smoothly_with_the_light(subject):
     assert (smooth[1:] - smooth[:-1]).abs().max() < 0.03
 
 
+@pytest.mark.parametrize("kind", [diffuse.ShadingField, diffuse.PerLightShading])
 @pytest.mark.parametrize(
-    ("options", "channels"),
+    "options",
     [
-        ({}, 4 * 7 + 96),
-        ({"normals": False}, 4 * 4 + 96),
-        ({"visibility": None}, 4 * 7),
-        ({"normals": False, "visibility": None}, 4 * 4),
-        ({"visibility": "baseline"}, 4 * 7 + 96),
+        {},
+        {"normals": False},
+        {"visibility": None},
+        {"normals": False, "visibility": None},
+        {"visibility": "baseline"},
     ],
 )
-def test_ablations_see_only_what_they_are_given(subject, options, channels):
+def test_ablations_see_only_what_they_are_given(subject, kind, options):
     rgb, mask, normals, visibility = subject
-    network = trained(diffuse.ShadingField(128, **options))
-    assert network.backbone.stem.in_channels == channels
+    network = trained(kind(128, **options))
     before = network.analyse(rgb, mask, normals, visibility).shading(LIGHTS[::9])
     blind = lambda lights: torch.zeros(len(lights), *mask.shape)  # noqa: E731
     without = network.analyse(rgb, mask, normals, blind).shading(LIGHTS[::9])
@@ -164,9 +164,25 @@ def test_ablations_see_only_what_they_are_given(subject, options, channels):
     assert torch.equal(before, without) == (options.get("normals") is False)
 
 
-def test_unknown_ablation_is_refused():
+@pytest.mark.parametrize(
+    ("options", "channels"),
+    [
+        ({}, 10),
+        ({"normals": False}, 7),
+        ({"visibility": None}, 9),
+        ({"normals": False, "visibility": None}, 6),
+        ({"visibility": "baseline"}, 10),
+    ],
+)
+def test_inputs_of_the_papers_network(options, channels):
+    network = diffuse.PerLightShading(128, "resb3", **options)
+    assert network.unet.encoder[0][0][0].in_channels == channels
+
+
+@pytest.mark.parametrize("kind", [diffuse.ShadingField, diffuse.PerLightShading])
+def test_unknown_ablation_is_refused(kind):
     with pytest.raises(ValueError, match="expected inferred, baseline or None"):
-        diffuse.ShadingField(visibility="guessed")
+        kind(visibility="guessed")
 
 
 def test_given_visibility_is_used(person):

@@ -378,7 +378,7 @@ def test_from_a_mesh_to_weights_and_their_score(tmp_path):
         (["evaluate", "tables", "--records", "absent", "--out", "report"], "no such file or folder: absent"),
         (["evaluate", "tables", "--records", ".", "--out", "r", "--model", "ours"], "expected NAME=FILE"),
         (["train", "shadow", "--records", ".", "--out", "run"], "steps: expected a number"),
-        (["train", "shadow", "--records", ".", "--out", "run", "--no-normals"], "no such network"),
+        (["train", "shadow", "--records", ".", "--out", "run", "--no-normals"], "since a field infers"),
         (["train", "shading", "--records", ".", "--out", "run", "--no-depth"], "--no-depth: expected"),
         (["train", "shadow", "--records", ".", "--out", "run", "--blocks", "1,2,3"], "expected 5 numbers"),
         (["train", "shadow", "--records", ".", "--out", "run", "--blocks", "1,1,2,0,6"], "got '1,1,2,0,6'"),
