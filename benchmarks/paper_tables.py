@@ -1,7 +1,7 @@
 """Train the networks of the paper's Tables 3, 4 and 6 alike, from scratch, and score them beside our own.
 
 python benchmarks/paper_tables.py OUT --records FOLDER ... --test FOLDER ... --shaded FOLDER ...
-    --shaded-test FOLDER ... [--photographs 2000] [--size 128] [--limit 40] [--only NAME ...]
+    --shaded-test FOLDER ... [--photographs 1000] [--size 128] [--limit 40] [--only NAME ...]
 
 All networks see the same photographs and lights in the same order, with Adam (Section 3) and one cosine. The
 paper's networks take the normals of the shipped field, in training (except "mixed", which learns from true
@@ -40,7 +40,7 @@ VISIBILITY = {  # rows of Tables 3 and 4
 SHADING = {row: per_light_task("resb7", *inputs) for row, (inputs, *_) in evaluation.ROWS.items()}
 SHADING["one pass"] = shading_task()
 FOLDERS = {row: "shading-" + row.replace("/", "").replace(" ", "-") for row in SHADING}
-BATCH, LIGHTS = 8, 4  # photographs in a mini-batch, lights for each photograph
+BATCH, LIGHTS = 4, 4  # photographs in a mini-batch, lights for each photograph
 
 
 def train(name: str, given: argparse.Namespace) -> Path:
@@ -72,7 +72,7 @@ def main() -> None:
     parser.add_argument("--test", type=Path, action="append", required=True, help="to score on")
     parser.add_argument("--shaded", type=Path, action="append", required=True, help="to train shading on")
     parser.add_argument("--shaded-test", type=Path, action="append", required=True, help="to score it on")
-    parser.add_argument("--photographs", type=int, default=2000)
+    parser.add_argument("--photographs", type=int, default=1000)
     parser.add_argument("--size", type=int, default=128)
     parser.add_argument("--limit", type=int, default=40, help="views to score")
     parser.add_argument("--only", action="append", choices=[*VISIBILITY, *FOLDERS.values()])
