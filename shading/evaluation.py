@@ -192,7 +192,7 @@ def report(tallies: dict[str, Tally], delights: dict[str, Delight]) -> str:
         "|---|---|---|---|---|",
     ]
     for name in dict.fromkeys((BASE, BINARY, *ROWS, *tallies)):
-        own = ["not trained", "–"]
+        own = ["not given", "–"]
         if name in tallies:
             own = [f"{np.mean(v):.3f} ({np.std(v):.3f})" for v in (tallies[name].rmse, tallies[name].ssim)]
         paper = ROWS[name][1:] if name in ROWS else ("–", "–")

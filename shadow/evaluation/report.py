@@ -236,7 +236,7 @@ def _cells(score: dict[str, Any] | None, psnr: bool = False, none: str = "–") 
 
 
 def _scores(row: Row, psnr: bool = False) -> list[str]:
-    return [*_cells(row["measured"], psnr, none="not trained"), *_cells(row["paper"], psnr)]
+    return [*_cells(row["measured"], psnr, none="not given"), *_cells(row["paper"], psnr)]
 
 
 def _table(header: list[str], rows: Iterable[list[str]]) -> str:
@@ -250,7 +250,7 @@ def _lines_of_table_4(rows: list[Row]) -> Iterator[list[str]]:
             ["–" if row[key] is None else f"{row[key]:.1f}" for key in keys]
             for keys in (("milliseconds", "millions"), ("paper_milliseconds", "paper_millions"))
         )
-        measured = _cells(row["measured"], none="not trained")
+        measured = _cells(row["measured"], none="not given")
         yield [row["variant"], *own, *measured, *paper, *_cells(row["paper"])]
 
 

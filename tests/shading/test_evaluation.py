@@ -54,7 +54,7 @@ def test_untrained_shading_is_the_base_image_and_scores_as_it(folder):
     assert np.mean(blind.rmse) > np.mean(base.rmse) + 0.1  # black
     text = evaluation.report(tallies, delights)
     assert f"| ours | {np.mean(ours.rmse):.3f} (" in text
-    assert "| w/o normals | not trained | – |" in text
+    assert "| w/o normals | not given | – |" in text
     assert (folder / "figure.png").stat().st_size > 1000
 
 

@@ -62,7 +62,7 @@ def test_every_table_and_figure(folder, tmp_path):
     without, mixed, _ = figures["table3"]
     assert mixed["measured"] is not None
     assert without["measured"] is None
-    assert re.search(r"\| w/o normals \| – \| – \| not trained \| – \| 0.334", text)
+    assert re.search(r"\| w/o normals \| – \| – \| not given \| – \| 0.334", text)
 
     resb3, ours = figures["table4"]
     assert resb3["measured"] is not None
