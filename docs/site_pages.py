@@ -20,6 +20,8 @@ PAGES = {
     "CHANGELOG.md": "changelog.md",
     "shadow/weights/MODEL_CARD.md": "model_card.md",
     "benchmarks/tables/report.md": "tables.md",
+    "benchmarks/tables/from-scratch/report.md": "tables_from_scratch.md",
+    "benchmarks/tables/from-scratch/shading.md": "table_6_from_scratch.md",
 }
 LINK = re.compile(r"(?<=\]\()(?!https?:|#)([^)\s#]+)")
 
