@@ -37,22 +37,23 @@ VISIBILITY = {  # rows of Tables 3 and 4
     "without-normals": per_light("resb7", with_normals=False),
     "mixed": per_light("resb7"),
 }
-SHADING = {row: per_light_task("resb7", *inputs) for row, (inputs, *_) in evaluation.ROWS.items()}
-SHADING["one pass"] = shading_task()
-FOLDERS = {row: "shading-" + row.replace("/", "").replace(" ", "-") for row in SHADING}
+FOLDERS = {  # of the rows of Table 6
+    row: "shading-" + row.replace("/", "").replace(" ", "-") for row in (*evaluation.ROWS, "one pass")
+}
+SHADING = {FOLDERS[row]: per_light_task("resb7", *inputs) for row, (inputs, *_) in evaluation.ROWS.items()}
+SHADING[FOLDERS["one pass"]] = shading_task()
 BATCH, LIGHTS = 4, 4  # photographs in a mini-batch, lights for each photograph
 
 
 def train(name: str, given: argparse.Namespace) -> Path:
-    """Train a network of VISIBILITY, or of SHADING by its folder, and return its weights."""
+    """Train a network of VISIBILITY or SHADING, or continue its training, and return its weights."""
     recipe = Recipe(
         steps=given.photographs // BATCH, size=given.size, batch=BATCH, lights=LIGHTS, learning_rate=3e-4,
         warm_up=given.photographs // BATCH // 10, optimiser="adam", betas=(0.9, 0.999), weight_decay=0,
         average=0.99, seed=5,
     )  # fmt: skip
-    rows = {folder: row for row, folder in FOLDERS.items()}
-    if name in rows:
-        return fit(SHADING[rows[name]], recipe, given.shaded, given.out / name, estimator="field", workers=1)
+    if name in SHADING:
+        return fit(SHADING[name], recipe, given.shaded, given.out / name, estimator="field", workers=1)
     normals = {"ours": None, "without-normals": None, "mixed": TRUE_NORMALS}.get(name, "field")
     return fit(VISIBILITY[name], recipe, given.records, given.out / name, estimator=normals, workers=1)
 
@@ -75,17 +76,19 @@ def main() -> None:
     parser.add_argument("--photographs", type=int, default=1000)
     parser.add_argument("--size", type=int, default=128)
     parser.add_argument("--limit", type=int, default=40, help="views to score")
-    parser.add_argument("--only", action="append", choices=[*VISIBILITY, *FOLDERS.values()])
+    parser.add_argument("--only", action="append", choices=[*VISIBILITY, *SHADING])
     given = parser.parse_args()
-    weights = {name: train(name, given) for name in given.only or [*VISIBILITY, *FOLDERS.values()]}
+    weights = {name: train(name, given) for name in given.only or [*VISIBILITY, *SHADING]}
     if given.only:
         return
     visibility = {name: weights[name] for name in VISIBILITY}
     path = report.write(given.test, given.out, models=visibility, normals_model="field", limit=given.limit)
-    path.write_text(path.read_text() + checksums(visibility, given.photographs))
+    with replacing(path) as beside:
+        beside.write_text(path.read_text() + checksums(visibility, given.photographs))
     shading = {row: weights[folder] for row, folder in FOLDERS.items()}
     scores = evaluation.evaluate(given.shaded_test, models=shading, limit=given.limit)
-    text = f"# Table 6\n\n{evaluation.report(*scores)}\n{checksums(shading, given.photographs)}"
+    views = f"At most {given.limit} views of {', '.join(map(str, given.shaded_test))}."
+    text = f"# Table 6\n\n{views}\n\n{evaluation.report(*scores)}\n{checksums(shading, given.photographs)}"
     with replacing(given.out / "shading.md") as beside:
         beside.write_text(text)
 

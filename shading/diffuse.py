@@ -286,7 +286,7 @@ class PerLightShading(nn.Module):
         inputs = [photograph[:, None].expand(-1, lights, -1, -1, -1)]
         inputs.append(directions[..., None, None].expand(-1, -1, -1, *image.shape[-2:]))
         if self.visibility == "baseline":
-            visibility = torch.einsum("bdc,bchw->bdhw", directions, normals).gt(0).float()
+            visibility = base(normals, None, directions).gt(0).float()
         if self.visibility is not None:
             inputs.append(visibility[:, :, None])
         residual = self.unet(torch.cat(inputs, dim=2).flatten(0, 1)).float()

@@ -165,18 +165,19 @@ def test_ablations_see_only_what_they_are_given(subject, kind, options):
 
 
 @pytest.mark.parametrize(
-    ("options", "channels"),
+    ("options", "one_pass", "per_light"),
     [
-        ({}, 10),
-        ({"normals": False}, 7),
-        ({"visibility": None}, 9),
-        ({"normals": False, "visibility": None}, 6),
-        ({"visibility": "baseline"}, 10),
+        ({}, 4 * 7 + 96, 10),
+        ({"normals": False}, 4 * 4 + 96, 7),
+        ({"visibility": None}, 4 * 7, 9),
+        ({"normals": False, "visibility": None}, 4 * 4, 6),
+        ({"visibility": "baseline"}, 4 * 7 + 96, 10),
     ],
 )
-def test_inputs_of_the_papers_network(options, channels):
-    network = diffuse.PerLightShading(128, "resb3", **options)
-    assert network.unet.encoder[0][0][0].in_channels == channels
+def test_ablations_have_no_channels_for_what_they_lack(options, one_pass, per_light):
+    assert diffuse.ShadingField(128, **options).backbone.stem.in_channels == one_pass
+    first = diffuse.PerLightShading(128, "resb3", **options).unet.encoder[0][0][0]
+    assert first.in_channels == per_light
 
 
 @pytest.mark.parametrize("kind", [diffuse.ShadingField, diffuse.PerLightShading])
