@@ -30,10 +30,6 @@ Visible = Callable[[torch.Tensor], torch.Tensor]  # unit directions (D, 3) to vi
 # this correction and 0.737 without).
 RESIDUAL_BIAS = 0.01
 
-# Contributions of the network's outputs (rows: brightness, warmth, green) to the logarithms of the gains of
-# red, green and blue. The first row alone is a gain without colour.
-LOG_GAINS = ((1.0, 1.0, 1.0), (1.0, 0.0, -1.0), (-0.5, 1.0, -0.5))
-
 
 @overload
 def base(
@@ -87,8 +83,8 @@ class ShadingField(nn.Module):
 
     As in the visibility field, feature k is the residual of anchor direction k, and w(L) interpolates between
     anchors. Image = albedo × Σ light × shading, so one network infers both. The albedo is the photograph
-    multiplied by a gain: the gain depends only on the light, and the photograph supplies the texture. A
-    single gain has no colour, since one picture cannot distinguish the tint of the light from a tint of all
+    multiplied by a gain: the gain depends only on the light, and the photograph supplies the texture. The
+    gain has no colour, since one picture cannot distinguish the tint of the light from a tint of the
     surfaces. The head starts at zero: in an untrained network, the shading is the base image and the albedo
     is the photograph.
     """
@@ -98,22 +94,17 @@ class ShadingField(nn.Module):
         size: int = 256,  # canvas height that the network was trained for
         normals: bool = True,  # whether they are an input and part of the base (Table 6)
         visibility: str | None = "inferred",  # likewise; or "baseline", sign(N·L); or None (Table 6)
-        gains: int = 1,  # outputs for the albedo's gain: 1 is its brightness, 3 its colour too (LOG_GAINS)
         **backbone: Any,
     ) -> None:
         super().__init__()
         _check_visibility(visibility)
         self.size, self.normals, self.visibility = size, normals, visibility
         self.register_buffer("anchors", torch.from_numpy(olat(behind=True)), persistent=False)
-        # On the CPU, even if `checkpoints.load` builds the network on the meta device: files hold no buffers.
-        log_gains = torch.tensor(LOG_GAINS[:gains], device="cpu")
-        self.register_buffer("log_gains", log_gains, persistent=False)
         lights = len(self.anchors)
         guides = 0 if visibility is None else lights
-        self.backbone = Backbone(7 if normals else 4, lights + gains, guides=guides, **backbone)
+        self.backbone = Backbone(7 if normals else 4, lights + 1, guides=guides, **backbone)
 
     anchors: torch.Tensor  # (K, 3)
-    log_gains: torch.Tensor  # (gains, 3)
 
     def forward(
         self,
@@ -131,10 +122,9 @@ class ShadingField(nn.Module):
             visibility = torch.einsum("kc,bchw->bkhw", self.anchors, normals[..., ::2, ::2]).gt(0).float()
         x = torch.cat([image, normals], dim=1) if self.normals else image
         maps = self.backbone(x, blocks, None if self.visibility is None else visibility).float()
-        residual, gain = maps.split([len(self.anchors), len(self.log_gains)], dim=1)
-        log_gain = torch.einsum("bg...,gc->bc...", gain.clamp(-3, 3), self.log_gains)
+        residual, log_gain = maps.split([len(self.anchors), 1], dim=1)
         photograph = image[:, :3] if blocks is None else take_blocks(image[:, :3], blocks)
-        return ShadingMaps(residual, photograph * log_gain.exp())
+        return ShadingMaps(residual, photograph * log_gain.clamp(-3, 3).exp())
 
     def shading(
         self, maps: ShadingMaps, normals: torch.Tensor, visibility: torch.Tensor, directions: torch.Tensor
@@ -172,8 +162,6 @@ class ShadingField(nn.Module):
             known=self.visibility == "inferred",
         )
         albedo = ((own.albedo + mirrored.albedo) / 2) ** ENCODING
-        if len(self.log_gains) > 1:
-            albedo *= _balance(albedo, silhouette.take(image[0, :3]) ** ENCODING)
         return Diffuse(shading, silhouette.scatter(albedo.clamp(0, 1)))
 
     def _guides(self, visibility: Visible, mirror: torch.Tensor) -> torch.Tensor | None:
@@ -187,16 +175,6 @@ class ShadingField(nn.Module):
         if isinstance(visibility, Visibility):
             return visibility.at_half_resolution(own, other)
         return torch.stack([visibility(own)[:, ::2, ::2], visibility(other)[:, ::2, 1::2].flip(-1)])
-
-
-def _balance(albedo: torch.Tensor, photograph: torch.Tensor) -> torch.Tensor:
-    """Return factors (3, 1) that give an albedo (3, N) the mean colour of the photograph (3, N).
-
-    They preserve the mean brightness of the albedo.
-    """
-    own, seen = (image.mean(dim=1, keepdim=True).clamp_min(1e-6) for image in (albedo, photograph))
-    factors = seen / own
-    return factors * own.sum() / (factors * own).sum()
 
 
 class Shading(NamedTuple):

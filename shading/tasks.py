@@ -180,7 +180,7 @@ def _shading_show(network: nn.Module, batch: Batch) -> Iterator[list[torch.Tenso
 
 def shading_task(normals: bool = True, visibility: str | None = "inferred") -> Task:
     """Return the task of the shading field; arguments that are not the defaults give ablations of Table 6."""
-    config = {"normals": normals, "visibility": visibility, "gains": 3}
+    config = {"normals": normals, "visibility": visibility}
     return Task(
         "shading", ShadingField, shading_loss, _shading_score, _shading_show, 40, True, config, {}, True
     )
