@@ -26,7 +26,8 @@ def mix(run: Path, init: Path, share: float, depth: bool, out: Path) -> Path:
     """Write the mix in 8 bits to the folder `out`, and return its path."""
     (ours, about), (theirs, _) = map(checkpoints.read, (run, init))
     config, recipe = (json.loads(about[key]) for key in ("config", "recipe"))
-    network = VisibilityField(**(config | {"depth": depth}))
+    config["depth"], recipe["mixed"] = depth, {"init": round(1 - share, 4)}
+    network = VisibilityField(**config)
     state = {}
     for key, own in network.state_dict().items():
         trained, start = ours[key].float()[: len(own)], theirs[key].float()
@@ -35,8 +36,7 @@ def mix(run: Path, init: Path, share: float, depth: bool, out: Path) -> Path:
     network.load_state_dict(state)
     small = out / f"mix-{100 * share:.0f}.safetensors"
     whole = small.with_suffix(".float.safetensors")
-    recipe["mixed"] = {"init": round(1 - share, 4)}
-    checkpoints.save(whole, network, "field", config | {"depth": depth}, recipe)
+    checkpoints.save(whole, network, "field", config, recipe)
     checkpoints.shrink(whole, small)
     return small
 
