@@ -28,7 +28,7 @@ from shadow.lightstage import stage
 from shadow.lightstage.people.generate import bodies
 
 HEIGHT, WIDTH = 2160, 3840
-CANVAS = (384, 288)
+CANVAS = (512, 384)
 LIGHTS = [
     relight.DirectionalLight(azimuth=-40, elevation=30, intensity=2, name="key"),
     relight.DirectionalLight(azimuth=150, elevation=20, name="rim"),

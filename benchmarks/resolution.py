@@ -1,15 +1,19 @@
 """Measure the effect of resolution: infer visibility and normals from photographs at the records' size, and
 from the same photographs reduced to half and enlarged again. Prints the scores of both on the records'
-pixels.
+pixels, so that networks of different canvases can be compared.
 
-python benchmarks/resolution.py RECORDS [views]
+python benchmarks/resolution.py RECORDS [--views 16] [--model FILE ...] [--whole]
 
 Every view is photographed once under a random lighting. The binary maps of its frontal lights are scored.
+The fine part of the normals is what a blur of 1/64 of the height takes away. For it, the table gives the
+correlation with the true one, and the energy relative to it. With --whole, the halved photographs are left
+out.
 
 Figures of shipped weights, to compare with, are in docs/history.md.
 """
 
-import sys
+import argparse
+from pathlib import Path
 
 import numpy as np
 import torch
@@ -19,7 +23,7 @@ from rich.progress import track
 import shadow
 from shadow import visibility
 from shadow.data.photographs import light, photograph, random_lighting
-from shadow.data.records import Records
+from shadow.data.records import REGIONS, Records
 from shadow.evaluation import metrics
 from shadow.evaluation.scores import FRONTAL
 
@@ -38,45 +42,77 @@ def halved(rgb, mask):
     return small[:3] / small[3:].clamp_min(1e-3), small[3:]
 
 
-def inferred(rgb, mask, lights):
+def inferred(rgb, mask, lights, model):
     """Normals (3, H, W) and visibility (D, H, W) of a photograph."""
-    image, matte = rgb.permute(1, 2, 0), mask[0]
-    surface = shadow.infer_normals(image, matte)
-    return surface.permute(2, 0, 1), shadow.infer(image, matte, lights)
+    found = shadow.analyse(rgb.permute(1, 2, 0), mask[0], model=model)
+    return found.normals.permute(2, 0, 1), found.visibility(lights)
 
 
 def enlarged(maps, size):
     return F.interpolate(maps[None], size, mode="bilinear")[0]
 
 
-def main(folder, views=16):
-    records, rows = Records([folder]), {}
-    for index in track(records.spread(int(views)), "views"):
+def fine(normals, inside):
+    """The fine part (3, N) of normals (3, H, W) inside (H, W) bool."""
+    side = len(inside) // 128 * 2 + 1
+    low = torch.cat([normals * inside, inside[None].float()])[None]
+    for _ in range(3):  # three box blurs are close to a Gaussian
+        low = F.avg_pool2d(low, side, 1, side // 2)
+    return (normals - low[0, :3] / low[0, 3:].clamp_min(1e-4))[:, inside]
+
+
+def scored(normals, maps, record, surface, truth, lights):
+    """The columns of the table, for inferred normals (3, H, W) and visibility (D, H, W)."""
+    inside = torch.from_numpy(record.mask)
+    row = {"normals, degrees": float(metrics.angular_error(normals, surface, inside))}
+    shares = record.image(record.shares)
+    for name, part in zip(REGIONS[1:], shares > 0.5, strict=True):
+        if part.any():
+            row[name] = float(metrics.angular_error(normals, surface, part))
+    ours, true = fine(normals, inside), fine(surface, inside)
+    row["fine part: correlation"] = float((ours * true).sum() / (ours.norm() * true.norm()))
+    row["energy"] = float(ours.square().sum() / true.square().sum())
+    sign = visibility.baseline(normals.permute(1, 2, 0), lights)
+    for name, binary in (("", (maps > 0.5).float()), ("sign(N·L): ", sign)):
+        row[name + "RMSE"] = float(metrics.rmse(binary, truth, inside).mean())
+        row[name + "Dice"] = float(metrics.dice(binary, truth, inside).mean())
+    return row
+
+
+def main():
+    parser = argparse.ArgumentParser(
+        description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
+    )
+    parser.add_argument("records", type=Path)
+    parser.add_argument("--views", type=int, default=16)
+    parser.add_argument("--model", nargs="+", default=["field"], metavar="FILE")
+    parser.add_argument("--whole", action="store_true")
+    given = parser.parse_args()
+    records, rows = Records([given.records]), {}
+    for index in track(records.spread(given.views), "views"):
         record = records[index]
         frontal = record.directions[:, 2] > FRONTAL
         lights = torch.from_numpy(record.directions[frontal])
         truth = record.image(record.visibility[:, frontal].astype(np.float32))
         surface = record.image(record.normals)
         rgb, mask = photographed(record, (0, index))
-        inside, size = mask[0] > 0.5, record.mask.shape
-        small = inferred(*halved(rgb, mask), lights)
-        found = {
-            "the photograph": inferred(rgb, mask, lights),
-            "half of it, enlarged": (F.normalize(enlarged(small[0], size), dim=0), enlarged(small[1], size)),
-        }
-        for name, (normals, maps) in found.items():
-            sign = visibility.baseline(normals.permute(1, 2, 0), lights)
-            scores = [float(metrics.angular_error(normals, surface, inside))]
-            for binary in ((maps > 0.5).float(), sign):
-                scores.append(float(metrics.rmse(binary, truth, inside).mean()))
-                scores.append(float(metrics.dice(binary, truth, inside).mean()))
-            rows.setdefault(name, []).append(scores)
-    print("| inferred from | normals, degrees | RMSE | Dice | sign(N·L): RMSE | Dice |")
-    print("|---|---|---|---|---|---|")
-    for name, scores in rows.items():
-        angle, *rest = np.mean(scores, axis=0)
-        print(f"| {name} | {angle:.1f} | " + " | ".join(f"{value:.3f}" for value in rest) + " |")
+        for model in given.model:
+            name, size = Path(model).stem, record.mask.shape
+            found = {name: inferred(rgb, mask, lights, model)}
+            if not given.whole:
+                normals, maps = inferred(*halved(rgb, mask), lights, model)
+                turned = F.normalize(enlarged(normals, size), dim=0)
+                found[f"{name}, half the photograph"] = turned, enlarged(maps, size)
+            for label, (normals, maps) in found.items():
+                rows.setdefault(label, []).append(scored(normals, maps, record, surface, truth, lights))
+    # A view without a face or hands counts for the other columns only.
+    keys = list(dict.fromkeys(key for views in rows.values() for view in views for key in view))
+    print("| | " + " | ".join(keys) + " |")
+    print("|---" * (len(keys) + 1) + "|")
+    for label, views in rows.items():
+        means = [np.mean([view[key] for view in views if key in view]) for key in keys]
+        print(f"| {label} | " + " | ".join(f"{mean:.4f}" for mean in means) + " |")
 
 
 if __name__ == "__main__":
-    main(*sys.argv[1:])
+    main()

@@ -13,6 +13,7 @@ import argparse
 from pathlib import Path
 
 import torch
+import torch.nn.functional as F
 
 import relight
 from shading import diffuse
@@ -21,12 +22,12 @@ from shadow.data.records import Records
 from shadow.directions import from_spherical
 from shadow.evaluation import pictures
 from shadow.evaluation.scores import View
-from shadow.framing import Framed
+from shadow.framing import Framed, canvas_size
 from shadow.networks.backbone import EXPOSURE
 
 KEYS = torch.from_numpy(from_spherical([-60, 0, 140], [20, 65, 25]))
 POWER = 2.5  # of the keys, over the light in which albedo is seen as it is
-CANVAS = 384
+CANVAS = 512  # rows of the pictures; weights for another canvas see the photograph resized
 
 
 def row(rgb, mask, normals, albedo, shading):
@@ -41,9 +42,15 @@ def row(rgb, mask, normals, albedo, shading):
 def inferred(weights, rgb, mask):
     """The row of a set of weights (field, shading)."""
     field, network = weights
-    normals, visible = field.analyse(rgb, mask)
-    found = network.analyse(rgb, mask, normals, visible)
-    return row(rgb, mask, normals, found.albedo, found.shading(KEYS))
+    image, matte = resized(rgb, field.size), resized(mask[None], field.size)[0]
+    normals, visible = field.analyse(image, matte)
+    found = network.analyse(image, matte, normals, visible)
+    return row(rgb, mask, *(resized(maps, CANVAS) for maps in (normals, found.albedo, found.shading(KEYS))))
+
+
+def resized(images, height):
+    """Images (C, h, w) on a canvas of `height` pixels."""
+    return F.interpolate(images[None], canvas_size(height), mode="bilinear", antialias=True)[0]
 
 
 def true(record, view):

@@ -194,7 +194,7 @@ def _write_weights(path: Path) -> None:
 
 
 def small_canvas() -> mock._patch:
-    """The networks, on a canvas that costs a ninth; nothing else about it is different."""
+    """The networks, on a canvas that costs a sixteenth; nothing else about it is different."""
     return mock.patch.object(analysis.load(device=torch.device("cpu")), "size", SMALL_CANVAS)
 
 

@@ -109,7 +109,8 @@ def test_each_pixel_has_its_own_direction(sphere):
     """A map of one direction everywhere is that of a distant light; of two, each half is one's."""
     found = sphere.record.maps
     pair = torch.nn.functional.normalize(torch.tensor([[-0.6, 0.3, 0.7], [0.5, 0.5, -0.3]]), dim=1)
-    half = torch.arange(288).expand(384, 288) < 144
+    height, width = found.known.shape
+    half = torch.arange(width).expand(height, width) < width // 2
     directions = torch.where(half, pair[0][:, None, None], pair[1][:, None, None])
     for maps in (found.visibility, found.shading):
         first, second = maps(pair)
