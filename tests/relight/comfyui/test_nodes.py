@@ -213,7 +213,7 @@ def test_match_finds_the_light_of_the_place(batch, reference):
 def test_match_finds_the_lights_of_a_reference(batch, picture):
     image, mask = picture
     found = Match().match(batch, "background", reference=image, reference_mask=mask)[0]
-    expected = relight.match(batch[0], np.uint8(image[0] * 255 + 0.5), mask=1 - mask[0].numpy())
+    expected = relight.match(batch[0], tensors.light("image", image[0].numpy()), mask=1 - mask[0].numpy())
     assert [light.name for light in found] == [light.name for light in expected]
     np.testing.assert_allclose(found[0].power, expected[0].power, rtol=1e-3)
 

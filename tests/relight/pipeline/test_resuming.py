@@ -163,7 +163,7 @@ def test_an_environment_counts_by_its_pixels(stub, plates, tmp_path):
 @pytest.mark.slow
 def test_one_frame_that_cannot_be_made_leaves_the_rest(tmp_path):
     """With networks and filter: a sliver of a person in one frame, light beyond half floats in another."""
-    plate = np.zeros((400, 60, 4), np.float32)
+    plate = np.zeros((540, 60, 4), np.float32)
     plate[100:300, 10:50] = (0.4, 0.3, 0.2, 1)
     sliver = np.zeros_like(plate)
     sliver[:, 20] = 1
