@@ -21,14 +21,14 @@ import torch
 import relight
 from relight.media.movies import write_movie
 from relight.rendering import render_subject
-from shadow import directions
+from shadow import directions, visibility
 from shadow.data import photographs
 from shadow.data import records as record_files
+from shadow.framing import canvas_size
 from shadow.lightstage import stage
 from shadow.lightstage.people.generate import bodies
 
 HEIGHT, WIDTH = 2160, 3840
-CANVAS = (512, 384)
 LIGHTS = [
     relight.DirectionalLight(azimuth=-40, elevation=30, intensity=2, name="key"),
     relight.DirectionalLight(azimuth=150, elevation=20, name="rim"),
@@ -86,8 +86,8 @@ def record(folder):
     (shard,) = record_files.pack(folder, folder / "shards")
     records = record_files.Records([shard])
     reading, _ = least(lambda: records[0], 5)
-    rng = np.random.default_rng(0)
-    photographing, _ = least(lambda: photographs.sample(records[0], rng, CANVAS, 20, True), 5)
+    rng, canvas = np.random.default_rng(0), canvas_size(visibility.load().size)
+    photographing, _ = least(lambda: photographs.sample(records[0], rng, canvas, 20, True), 5)
     print(f"a body {making:.2f} core-seconds, a view of it {rendering:.2f}, {size / 1e3:.0f} KB")
     print(f"reading a record {reading * 1e3:.0f} ms, with its photograph {photographing * 1e3:.0f} ms")
 
