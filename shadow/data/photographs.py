@@ -13,6 +13,8 @@ from shadow.framing import Framing, affine_sample, bounding_box
 
 LUMINANCE = np.array([0.2126, 0.7152, 0.0722], np.float32)  # of linear Rec.709 (ITU-R BT.709)
 LOCAL_CONTRAST_SIGMA = 0.03  # of the blur that separates local contrast, relative to the picture's height
+BLOCK = 16  # pixels of a JPEG's block of colour
+MARGIN = 8  # canvas pixels around the subject, to which an inaccurate matte may reach
 KINDS = ("hard", "sky", "any")  # of everyday light
 
 
@@ -262,42 +264,67 @@ def sample(
     chosen = np.sort(chosen[:lights])
     gloss = rng.choice([0.0, rng.uniform(0.02, 0.2)], p=[0.7, 0.3])
     bounce, patterns = record.bounce
+    rank, traced = bounce.shape[1], record.bounce_float16 is not None
     depth = np.zeros((record.mask.sum(), 1), np.float32) if record.depth is None else record.depth
     values = [
         np.ones((record.mask.sum(), 1), np.float32),
         light(record, weights, gloss, np.exp(rng.uniform(2, 4))),
         record.normals,
         record.albedo,
-        bounce,
+        bounce if traced else bounce[:, :0],
         depth,
         record.shares,
         record.visibility[:, chosen],
     ]
     turn, matrix = _placement(record, rng, size, augment)
-    planes = affine_sample(record.image(np.concatenate(values, axis=1)), matrix, size)
+    rows, columns = _window(record, matrix, size)
+    matrix = torch.cat([matrix[:, :2], matrix @ torch.tensor([[columns.start], [rows.start], [1.0]])], dim=1)
+    window = rows.stop - rows.start, columns.stop - columns.start
+    planes = affine_sample(record.image(np.concatenate(values, axis=1)), matrix, window)
     mask = planes[:1]
     straight = planes[1:] / mask.clamp_min(0.02)  # bilinear sampling has premultiplied by the mask
-    channels = [3, 3, 3, bounce.shape[1], 1, len(REGIONS) - 1, len(chosen)]
+    channels = [3, 3, 3, rank if traced else 0, 1, len(REGIONS) - 1, len(chosen)]
     rgb, normals, albedo, bounce, depth, regions, visibility = straight.split(channels)
     frame = torch.eye(3)
     frame[:2, :2] = torch.from_numpy(turn)
     turned = torch.einsum("ij,jhw->ihw", frame, normals)
     rgb, matte = _degrade(rgb, mask, rng) if augment else (rgb, mask)
+    images = {
+        "rgb": rgb,
+        "matte": matte,
+        "mask": torch.minimum(mask, matte),
+        "normals": turned / turned.square().sum(dim=0).clamp_min(1e-12).sqrt(),
+        "albedo": albedo.clamp(0, 1),
+        "visibility": visibility.clamp(0, 1),
+        "bounce": bounce if traced else bounce.new_zeros(rank, *window),
+        "depth": _canvas_depth(depth, mask, record, matrix),
+        "regions": regions.clamp(0, 1),
+    }
+    around = columns.start, size[1] - columns.stop, rows.start, size[0] - rows.stop
     return Sample(
-        rgb=rgb,
-        matte=matte,
-        mask=torch.minimum(mask, matte),
-        normals=turned / turned.square().sum(dim=0).clamp_min(1e-12).sqrt(),
-        albedo=albedo.clamp(0, 1),
+        {name: F.pad(image, around) for name, image in images.items()},
         directions=torch.from_numpy(record.directions[chosen]) @ frame.T,
-        visibility=visibility.clamp(0, 1),
         weights=torch.from_numpy(weights[chosen]),
-        bounce=bounce,
-        depth=_canvas_depth(depth, mask, record, matrix),
         depth_known=torch.tensor([float(record.depth is not None)]),
-        regions=regions.clamp(0, 1),
         bounce_patterns=torch.from_numpy(patterns[:, chosen] @ LUMINANCE).T.contiguous(),
     )
+
+
+def _window(record: Record, matrix: torch.Tensor, size: tuple[int, int]) -> tuple[slice, slice]:
+    """Return the rows and columns of the canvas that a cropped record reaches, and a margin.
+
+    The rest of the canvas is empty, and half of it usually is. The edges are multiples of a JPEG's blocks of
+    16 pixels.
+    """
+    height, width = record.mask.shape
+    corners = torch.tensor([[0, 0], [width, 0], [0, height], [width, height]]).float()
+    reached = torch.linalg.solve(matrix[:, :2], (corners - matrix[:, 2]).T)  # (2, 4), x and y on the canvas
+    low, high = (
+        (reached.amin(dim=1) - MARGIN) // BLOCK * BLOCK,
+        (reached.amax(dim=1) + MARGIN) // BLOCK * BLOCK,
+    )
+    (left, top), (right, bottom) = low.int().tolist(), (high + BLOCK).int().tolist()
+    return slice(max(top, 0), min(bottom, size[0])), slice(max(left, 0), min(right, size[1]))
 
 
 def _canvas_depth(
