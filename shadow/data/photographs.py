@@ -313,18 +313,20 @@ def sample(
 def _window(record: Record, matrix: torch.Tensor, size: tuple[int, int]) -> tuple[slice, slice]:
     """Return the rows and columns of the canvas that a cropped record reaches, and a margin.
 
-    The rest of the canvas is empty, and half of it usually is. The edges are multiples of a JPEG's blocks of
-    16 pixels.
+    The rest of the canvas is empty, and half of it usually is. The edges are multiples of BLOCK.
     """
     height, width = record.mask.shape
     corners = torch.tensor([[0, 0], [width, 0], [0, height], [width, height]]).float()
     reached = torch.linalg.solve(matrix[:, :2], (corners - matrix[:, 2]).T)  # (2, 4), x and y on the canvas
-    low, high = (
-        (reached.amin(dim=1) - MARGIN) // BLOCK * BLOCK,
-        (reached.amax(dim=1) + MARGIN) // BLOCK * BLOCK,
-    )
-    (left, top), (right, bottom) = low.int().tolist(), (high + BLOCK).int().tolist()
-    return slice(max(top, 0), min(bottom, size[0])), slice(max(left, 0), min(right, size[1]))
+    low, high = (reached.amin(dim=1) - MARGIN) // BLOCK, -((reached.amax(dim=1) + MARGIN) // -BLOCK)
+    (left, top), (right, bottom) = (low * BLOCK).int().tolist(), (high * BLOCK).int().tolist()
+    return _within(top, bottom, size[0]), _within(left, right, size[1])
+
+
+def _within(start: int, stop: int, extent: int) -> slice:
+    """Return the part of a span that lies in [0, extent], and at least BLOCK of it."""
+    start = min(max(start, 0), extent - BLOCK)
+    return slice(start, max(min(stop, extent), start + BLOCK))
 
 
 def _canvas_depth(

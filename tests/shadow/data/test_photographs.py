@@ -1,10 +1,12 @@
-"""Picture styles: the tones and colours that cameras give to training photographs."""
+"""Training photographs: where they are made, and the tones and colours that cameras give them."""
 
 import numpy as np
 import pytest
 import torch
+from helpers.sphere import sphere
 
-from shadow.data.photographs import PictureStyle, photograph, random_style
+from shadow.data import photographs
+from shadow.data.photographs import PictureStyle, photograph, random_style, sample
 
 pytest.importorskip("kornia")
 
@@ -64,3 +66,17 @@ def test_random_styles_differ_and_keep_pictures_in_range(picture):
         styled = style(picture)
         assert styled.shape == picture.shape
         assert 0 <= styled.min() <= styled.max() <= 1
+
+
+@pytest.mark.parametrize("augment", [False, True])
+def test_the_window_in_which_a_photograph_is_made_holds_all_of_the_subject(monkeypatch, augment):
+    monkeypatch.setattr(photographs, "_degrade", lambda rgb, mask, rng: (rgb, mask))
+    draw = lambda: [  # noqa: E731
+        sample(sphere(radius=0.6), np.random.default_rng(seed), (128, 96), 4, augment) for seed in range(12)
+    ]
+    found = draw()
+    monkeypatch.setattr(photographs, "_window", lambda _record, _matrix, size: tuple(map(slice, size)))
+    for ours, whole in zip(found, draw(), strict=True):
+        assert ours.keys() == whole.keys()
+        for key in ours:
+            torch.testing.assert_close(ours[key], whole[key], rtol=0, atol=5e-3, msg=f"{key} differs")
