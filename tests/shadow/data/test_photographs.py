@@ -75,7 +75,8 @@ def test_the_window_in_which_a_photograph_is_made_holds_all_of_the_subject(monke
         sample(sphere(radius=0.6), np.random.default_rng(seed), (128, 96), 4, augment) for seed in range(12)
     ]
     found = draw()
-    monkeypatch.setattr(photographs, "_window", lambda _record, _matrix, size: tuple(map(slice, size)))
+    whole_canvas = lambda _record, _matrix, size: tuple(slice(0, length) for length in size)  # noqa: E731
+    monkeypatch.setattr(photographs, "_window", whole_canvas)
     for ours, whole in zip(found, draw(), strict=True):
         assert ours.keys() == whole.keys()
         for key in ours:
