@@ -15,7 +15,8 @@ from shadow.networks import checkpoints
 from shadow.networks.mirror import Silhouette
 
 ANCHORS = 96
-SHARPNESS = 3 + ANCHORS  # the field's channels: normals, cast maps, logarithm of the sharpness
+SHARPNESS = 3 + ANCHORS  # the field's channels: normals, cast maps, logarithm of the sharpness, depth
+DEPTH = SHARPNESS + 1
 GAIN = ANCHORS  # the shading network's: residuals, logarithm of the albedo's gain
 
 
@@ -86,10 +87,11 @@ MUTATIONS = {  # what they are made to, how, and the maps that change
     "cast maps in another order": ("shadow", cast_maps_in_another_order, {"visibility"}),
     "sign of the normals' x changed": ("shadow", sign_of_x_changed, {"normals", "visibility"}),
     "sharpness halved": ("shadow", sharpness_halved, {"visibility"}),
+    "depth zeroed": ("shadow", zeroed(DEPTH), {"depth"}),
     "residual zeroed": ("shading", zeroed(0, ANCHORS), {"shading"}),
     "albedo's gain zeroed": ("shading", zeroed(GAIN), {"albedo"}),
     "mirror image's pixels not turned back": ("code", pixels_not_turned_back, ALL),
-    "mirror image's vectors not turned back": ("code", vectors_not_turned_back, ALL),
+    "mirror image's vectors not turned back": ("code", vectors_not_turned_back, ALL - {"depth"}),
 }
 
 

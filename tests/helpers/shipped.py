@@ -28,7 +28,7 @@ from shadow.networks.backbone import ENCODING, EXPOSURE
 DATA = ROOT / "tests" / "data"
 LIGHTS = torch.from_numpy(olat())  # the 64 frontal lights, for which the records hold the truth
 KEPT_LIGHTS = torch.from_numpy(from_spherical([-70, 0, 70], [10, 60, 10]))  # image left, above, image right
-TILES = ("normals", "albedo", "visibility", "shading")  # of a picture of kept maps
+TILES = ("normals", "albedo", "depth", "visibility", "shading")  # of a picture of kept maps
 LIT = ("visibility", "shading")  # those with a map for each light
 KEPT = 0.005  # RMS difference from a kept map, whose values are in [0, 1]: float32 or bfloat16, any processor
 
@@ -119,9 +119,13 @@ def scenes():
 
 
 def infer_field(scene, lights, model="field"):
-    """The field's normals (3, H, W) and visibility (D, H, W)."""
+    """The field's normals (3, H, W), depth (3, H, W), thrice the same, and visibility (D, H, W)."""
     found = shadow.analyse(scene.photograph, scene.mask, model=model)
-    return {"normals": found.normals.permute(2, 0, 1), "visibility": found.visibility(lights)}
+    return {
+        "normals": found.normals.permute(2, 0, 1),
+        "depth": found.depth.expand(3, -1, -1),
+        "visibility": found.visibility(lights),
+    }
 
 
 def infer_shading(scene, lights, model="shading"):
@@ -164,8 +168,10 @@ def against_kept(scene, maps):
 
 def as_pictures(maps):
     """Maps under KEPT_LIGHTS as pictures (3, H, W) in [0, 1]. Of visibility and shading, red, green and blue
-    are the three lights."""
-    return {name: values * 0.5 + 0.5 if name == "normals" else values for name, values in maps.items()}
+    are the three lights. Depth is in heights, and 0.5 is its mean."""
+    signed = {name: values + 0.5 for name, values in maps.items() if name == "depth"}
+    signed |= {name: values * 0.5 + 0.5 for name, values in maps.items() if name == "normals"}
+    return maps | signed
 
 
 def checks(found):
