@@ -20,6 +20,7 @@ LOSS_KNEE = 0.05
 SHADING_WEIGHT = 5.0  # of the error of the shading
 ABSOLUTE_WEIGHT = 0.2  # of the error of the albedo's overall colour and brightness
 PHOTOGRAPH_WEIGHT = 0.5  # of the error of the photograph that albedo and shading reproduce
+SHADOW_WEIGHT = 3.0  # added to the weight of the albedo's error where no light falls, less toward the mean
 
 Batch = dict[str, Any]
 Take = Callable[[torch.Tensor], torch.Tensor]  # selects pixels of maps (..., H, W)
@@ -84,15 +85,22 @@ def _edges(blocks: torch.Tensor) -> list[torch.Tensor]:
     return [blocks[:, :, a] - blocks[:, :, b] for a, b in ((top, bottom), (left, right))]
 
 
-def _albedo_error(estimate: torch.Tensor, truth: torch.Tensor, inside: torch.Tensor) -> torch.Tensor:
+def _albedo_error(
+    estimate: torch.Tensor, truth: torch.Tensor, inside: torch.Tensor, light: torch.Tensor
+) -> torch.Tensor:
     """Return the L1 error of the aligned encoded albedo and of its differences between neighbours.
 
     The differences preserve texture and penalise shadow edges. The L1 error without alignment is added with a
-    small weight. Both are 2 x 2 blocks (B, 3, 4, P).
+    small weight. Pixels with less `light` than the mean have a larger weight: shadows cover less of a
+    photograph than light does, and what the albedo keeps of them is seen in every new light. All arguments
+    are 2 x 2 blocks (B, 3, 4, P), and `inside` (B, 1, 4, P).
     """
     difference = (_aligned(estimate, truth, inside) - truth) * inside
     whole = inside.amin(dim=2, keepdim=True)
-    total = difference.abs().sum() + ABSOLUTE_WEIGHT * ((estimate - truth) * inside).abs().sum()
+    brightness = light.mean(dim=1, keepdim=True) * inside
+    mean = brightness.sum(dim=(2, 3), keepdim=True) / inside.sum(dim=(2, 3), keepdim=True).clamp_min(1)
+    weight = 1 + SHADOW_WEIGHT * (1 - brightness / mean.clamp_min(1e-6)).clamp_min(0)
+    total = (weight * difference.abs()).sum() + ABSOLUTE_WEIGHT * ((estimate - truth) * inside).abs().sum()
     total = total + sum((edge * whole).abs().sum() for edge in _edges(difference))
     return total / (3 * inside.sum()).clamp_min(1)
 
@@ -114,17 +122,15 @@ def shading_loss(network: nn.Module, batch: Batch) -> torch.Tensor:
     visible = _inferred(batch, batch["directions"], take)
     estimate = model.shading(maps, take(batch["estimated_normals"]), visible, batch["directions"])
     shading, albedo = true_shading(batch, take), take(batch["albedo"])
-    estimated, photographed = (
-        _encoded(paint * torch.einsum("blhw,blc->bchw", light.clamp(0, 1), batch["weights"]))
-        for paint, light in (
-            (maps.albedo.clamp(0, 1.5) ** ENCODING, estimate),
-            (albedo, shading),
-        )
+    estimated_light, light = (
+        torch.einsum("blhw,blc->bchw", each.clamp(0, 1), batch["weights"]) for each in (estimate, shading)
     )
+    estimated = _encoded(maps.albedo.clamp(0, 1.5) ** ENCODING * estimated_light)
+    photographed = _encoded(albedo * light)
     reproduction = ((_aligned(estimated, photographed, inside) - photographed) * inside).abs().sum()
     return (
         SHADING_WEIGHT * _shading_error(estimate, shading, inside)
-        + _albedo_error(maps.albedo, _encoded(albedo), inside)
+        + _albedo_error(maps.albedo, _encoded(albedo), inside, light)
         + PHOTOGRAPH_WEIGHT * reproduction / (3 * inside.sum()).clamp_min(1)
     )
 

@@ -59,8 +59,19 @@ def test_a_shadow_left_in_the_albedo_does_not_pull_at_its_brightness(monkeypatch
     truth = torch.rand(1, 3, 4, 50, generator=torch.Generator().manual_seed(0)) * 0.5 + 0.3
     estimate = torch.cat([0.5 * truth[..., :10], truth[..., 10:]], dim=-1)
     brightness = torch.tensor(1.3, requires_grad=True)
-    tasks._albedo_error(brightness * estimate, truth, torch.ones(1, 1, 4, 50)).backward()
+    light = torch.ones_like(truth)
+    tasks._albedo_error(brightness * estimate, truth, torch.ones(1, 1, 4, 50), light).backward()
     assert brightness.grad.abs() < 1e-6
+
+
+def test_an_error_in_shadow_counts_more_than_one_in_light():
+    truth, light = torch.full((1, 3, 4, 50), 0.5), torch.ones(1, 3, 4, 50)
+    light[..., :10] = 0
+    in_shadow, in_light = truth.clone(), truth.clone()
+    in_shadow[..., :10] *= 0.9
+    in_light[..., 40:] *= 0.9
+    errors = [tasks._albedo_error(x, truth, torch.ones(1, 1, 4, 50), light) for x in (in_shadow, in_light)]
+    assert errors[0] > 1.5 * errors[1]
 
 
 def test_a_network_without_albedo_is_refused(person, tmp_path):
