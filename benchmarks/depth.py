@@ -30,7 +30,8 @@ from shadow.framing import bounding_box, canvas_size
 def scores(record, size, model, rng):
     """{source: (error, order)} of a view."""
     drawn = sample(record, rng, size, lights=1, augment=False)
-    rgb, matte, truth = photograph(drawn["rgb"], drawn["mask"], rng), drawn["mask"][0], drawn["depth"][0]
+    rgb, truth = photograph(drawn["rgb"], drawn["mask"], rng), drawn["depth"][0]
+    matte = drawn["mask"][0].clamp(0, 1)  # resampled, and beyond 1 by rounding
     analysis, camera = shadow.analyse(rgb.permute(1, 2, 0), matte, model=model), Camera.of(matte)
     both = WorldGeometry.of(analysis, camera, analysis.framed.framing, matte)
     top, _, bottom, _ = bounding_box(matte)

@@ -169,7 +169,7 @@ def shown(page, look="light"):
     return np.frombuffer(base64.b64decode(data), np.uint8).reshape(height, width, 4) / 255
 
 
-def drag(page, right, up):
+def drag(page, right, up, release=True):
     """Press in the middle of the stage and drag: `right` and `up` in radii of the inner ring."""
     x, y, radius = page.evaluate(
         """() => { const { stage } = relight.viewer, at = stage.element.getBoundingClientRect();
@@ -179,7 +179,8 @@ def drag(page, right, up):
     page.mouse.down()
     page.mouse.move(x + right * radius / 2, y - up * radius / 2)
     page.mouse.move(x + right * radius, y - up * radius)
-    page.mouse.up()
+    if release:
+        page.mouse.up()
     settled(page)
 
 
