@@ -192,7 +192,8 @@ def test_pass_z_is_metres_in_floats(tmp_path, person):
     assert np.abs(subject.distance + subject.depth - stored)[mask > 0].max() < 0.03
     y, x = (torch.from_numpy(part.astype(np.float32)) for part in np.indices(mask.shape) + 0.5)
     places = subject.camera.positions(x, y, torch.tensor(subject.depth)).numpy()[:, mask > 0]
-    assert places.max(axis=1)[1] - places.min(axis=1)[1] == pytest.approx(1.6, rel=0.05)
+    # The height is that at the middle's depth: a head or feet nearer to the camera or farther away change it.
+    assert places.max(axis=1)[1] - places.min(axis=1)[1] == pytest.approx(1.6, rel=0.08)
 
 
 def test_the_grid_of_a_canvas_is_where_its_framing_says():
