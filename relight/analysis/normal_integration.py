@@ -60,10 +60,10 @@ def integrate(
     log_depth = np.zeros(count)
     for _ in range(ITERATIONS):
         log_depth = _least_squares(pairs, confidence, prior_weight, prior, log_depth)
-    result = np.zeros(known.shape)
-    result[facing] = log_depth
+    solved = np.zeros(known.shape)
+    solved[facing] = log_depth
     nearest = ndimage.distance_transform_edt(~facing, return_distances=False, return_indices=True)
-    result = torch.from_numpy(result[tuple(nearest)]).float()
+    result = torch.from_numpy(solved[tuple(nearest)]).float()
     return torch.where(known, result - result[known].mean(), 0.0)
 
 
