@@ -27,7 +27,7 @@ from shadow.networks.backbone import encode_image, subject_window
 from shadow.networks.field import VisibilityField
 from shadow.networks.precision import autocast
 
-RIDGE = 1e-5  # relative to features whose variance is about 1
+RIDGE = 1e-5  # added to the diagonal of the normal equations, so that they have one solution
 SEED = 7
 
 

@@ -169,9 +169,8 @@ def against_kept(scene, maps):
 def as_pictures(maps):
     """Maps under KEPT_LIGHTS as pictures (3, H, W) in [0, 1]. Of visibility and shading, red, green and blue
     are the three lights. Depth is in heights, and 0.5 is its mean."""
-    signed = {name: values + 0.5 for name, values in maps.items() if name == "depth"}
-    signed |= {name: values * 0.5 + 0.5 for name, values in maps.items() if name == "normals"}
-    return maps | signed
+    scales = {"normals": 0.5, "depth": 1.0}  # of maps whose zero is shown as 0.5
+    return {name: values * scales[name] + 0.5 if name in scales else values for name, values in maps.items()}
 
 
 def checks(found):
