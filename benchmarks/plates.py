@@ -6,7 +6,7 @@ python benchmarks/plates.py [person.png]
 The bundled person (or another image with alpha) fills the height of the plate, over grey, and is relit by a
 key light, a rim light and an environment. Each plate is measured in its own process. Linux only.
 
-A good peak is at most 1.2 GB for 3840 x 2160. Measured figures are in docs/compositing.md.
+A good peak is at most 1.8 GiB for 3840 x 2160. Measured figures are in docs/compositing.md.
 """
 
 import json

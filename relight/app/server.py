@@ -276,7 +276,7 @@ def _outputs() -> list[str]:
     """Return the suffixes of the files that can be saved."""
     from importlib.util import find_spec
 
-    meshes = find_spec("relight.scene") is not None
+    meshes = find_spec("trimesh") is not None
     return [suffix for suffix in OUTPUTS if meshes or suffix != ".glb"]
 
 

@@ -65,7 +65,7 @@ def stage(
     simulate: Annotated[
         bool,
         typer.Option(
-            "--simulate", help="Simulate the cloth of --bodies, which takes about 15 s more for each body."
+            "--simulate", help="Simulate the cloth of --bodies, which takes about 17 s more for each body."
         ),
     ] = False,
     fabrics: Annotated[
