@@ -1,5 +1,6 @@
 """The counterpart of a Subject for frames of a shot that show no person."""
 
+import math
 from collections.abc import Iterator, Mapping
 from typing import Any
 
@@ -8,6 +9,7 @@ import torch
 
 from relight.analysis import storage
 from relight.analysis.camera import Camera
+from relight.lights.environment import FIELD_OF_VIEW
 from relight.lights.light import Lights, by_name
 from relight.subject import Subject, weights
 from shadow.files import AnyPath
@@ -24,7 +26,8 @@ class EmptySubject:
     def __init__(self, size: tuple[int, ...]) -> None:
         self.size = (size[0], size[1])
         self.matte = self.depth = np.zeros(self.size, np.float32)
-        self.distance, self.camera = 0.0, Camera(self.size, 0.0, (0.0, 0.0), 0.0, 0)
+        focal = size[0] / 2 / math.tan(math.radians(FIELD_OF_VIEW / 2))
+        self.distance, self.camera = 0.0, Camera(self.size, focal, (0.0, 0.0), 0.0, 0)
         self.albedo = self.normals = self.position = self.lighting(None)
 
     def save(self, path: AnyPath, *, provenance: Mapping[str, Any]) -> None:

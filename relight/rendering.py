@@ -10,8 +10,9 @@ import torch
 from relight.analysis.infer import check_inputs, infer
 from relight.compositing.composite import Background, behind, over
 from relight.compositing.floor import Floor
-from relight.lights.environment import FIELD_OF_VIEW
-from relight.lights.light import Lights, by_name
+from relight.empty_subject import EmptySubject
+from relight.lights.environment import FIELD_OF_VIEW, EnvironmentLight
+from relight.lights.light import Lights, as_lights, by_name
 from relight.media.images import Metadata, half
 from relight.subject import Subject
 
@@ -80,11 +81,13 @@ def apply(
     >>> relight.apply(photo, key, background=(0.1, 0.1, 0.1)).shape
     (64, 48, 3)
     """
+    lights = as_lights(lights)
     subject = _analysed(image, mask, albedo, normals, depth, height, field_of_view, floor, device)
     picture = subject.relit(lights)
     if background is None:
         return picture
-    return over(picture, background, None if floor is None else subject.shadows(lights, floor)[1])
+    shadow = None if floor is None else subject.shadows(lights, floor)[1]
+    return over(picture, _seen_by(subject, background), shadow)
 
 
 def render(
@@ -202,7 +205,7 @@ def render_subject(
     ValueError
         No light, two lights of one name, an unknown pass.
     """
-    passes = check_names(passes)
+    lights, passes = as_lights(lights), check_names(passes)
     picture, groups = light_groups(subject, lights, exr_type)
     further, shadow = passes_of(subject, lights, passes), None
     if floor is not None:
@@ -211,8 +214,16 @@ def render_subject(
     if background is None:
         return picture, groups | further
     check_free(by_name(lights))
-    groups["C_background"] = _rounded(behind(picture, background, shadow), "C_background", exr_type)
+    seen = behind(picture, _seen_by(subject, background), shadow)
+    groups["C_background"] = _rounded(seen, "C_background", exr_type)
     return picture[..., :3] + groups["C_background"], groups | further
+
+
+def _seen_by(subject: Subject, background: Background) -> Background:
+    """Return a background map as the subject's camera sees it, (H, W, 3); another background as it is."""
+    if isinstance(background, EnvironmentLight):
+        return background.view(subject.camera.size, subject.camera.field_of_view)
+    return background
 
 
 def light_groups(subject: Subject, lights: Lights, exr_type: str = "half") -> tuple[np.ndarray, Layers]:
@@ -310,7 +321,7 @@ def metadata_of(subject: Subject, passes: Iterable[str]) -> Metadata:
     `relight:focal_length` in pixels. With Z and a pixel they give a position. `relight:camera` is where the
     camera is, (x, y, z) in metres, in the axes and from the origin of positions.
     """
-    if not {"Z", "P"} & set(passes):
+    if not {"Z", "P"} & set(passes) or isinstance(subject, EmptySubject):
         return {}
     return {
         "relight:distance": subject.distance,

@@ -69,6 +69,11 @@ class Camera:
         return cls(size, focal, middle, metres * focal / (bottom - top), bottom, cut and height is None)
 
     @property
+    def field_of_view(self) -> float:
+        """Vertical, degrees."""
+        return math.degrees(2 * math.atan(self.size[0] / 2 / self.focal))
+
+    @property
     def metres_per_pixel(self) -> float:
         """Metres that a pixel of the plate spans at the subject's middle."""
         return self.distance / self.focal

@@ -175,8 +175,9 @@ def _own_colour(plate: np.ndarray, alpha: torch.Tensor, photographed: bool) -> t
     is near. Push-pull fills the rest from the trusted pixels, so that neither background nor black gets in.
     """
     rgb, own_alpha = plate[..., :3], plate[..., 3:]
-    matte = alpha.numpy()
-    known = matte >= (min(OPAQUE_COVERAGE, matte.max()) if photographed else MIN_COVERAGE)
+    if photographed and alpha.max() < NEARLY_OPAQUE_COVERAGE:
+        alpha = _relative_coverage(alpha)
+    known = alpha.numpy() >= (OPAQUE_COVERAGE if photographed else MIN_COVERAGE)
     if own_alpha.size:
         known &= own_alpha[..., 0] >= MIN_COVERAGE
         rgb = np.divide(rgb, own_alpha, out=np.zeros_like(rgb), where=known[..., None])
@@ -186,6 +187,13 @@ def _own_colour(plate: np.ndarray, alpha: torch.Tensor, photographed: bool) -> t
         known = _away_from_the_rim(torch.from_numpy(known)[None], alpha[None])[0].numpy()
     filled = fill_unknown(rgb, known)
     return torch.from_numpy(np.where(known[..., None], rgb, filled).clip(0)).permute(2, 0, 1)
+
+
+def _relative_coverage(alpha: torch.Tensor) -> torch.Tensor:
+    """Return a translucent matte (h, w), as in a fade, relative to the most coverage near each pixel."""
+    side = 2 * EDGE_PIXELS + 1
+    most = F.max_pool2d(alpha[None], side, stride=1, padding=EDGE_PIXELS)[0]
+    return torch.where(alpha > 0.5, alpha / most.clamp_min(MIN_COVERAGE), alpha)
 
 
 def _away_from_the_rim(known: torch.Tensor, alpha: torch.Tensor) -> torch.Tensor:

@@ -20,7 +20,7 @@ def over(foreground: ArrayLike, background: Background, shadow: np.ndarray | Non
     background
         (h, w, 3|4) of the same kind, of any size: it is scaled to cover the frame, cropped around its centre,
         and composited over black if it has alpha. Or a linear (r, g, b). Or a relight.EnvironmentLight, which
-        is rendered as the camera sees it behind the person (`EnvironmentLight.view`).
+        is rendered as a camera of 40 degrees sees it (`EnvironmentLight.view`).
     shadow
         (H, W, 3) factors for the background, such as `Subject.shadows` returns.
 

@@ -73,7 +73,8 @@ def place(
         )
     pixels = resize(pixels, placed)
     if flat or pixels.shape[-1] == 4:
-        np.clip(pixels[..., -1], 0, 1, out=pixels[..., -1])  # the filter's rounding
+        alpha = pixels[..., -1:].clip(0, 1)  # the filter's rounding
+        pixels = np.concatenate([pixels[..., :-1], alpha], axis=-1)
     frame = np.zeros((height, width, pixels.shape[-1]), np.float32)
     top, left = (height - placed[0]) // 2 - up, (width - placed[1]) // 2 + right
     inside = frame[max(top, 0) : max(top + placed[0], 0), max(left, 0) : max(left + placed[1], 0)]

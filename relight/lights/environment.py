@@ -218,9 +218,12 @@ class EnvironmentLight(Light):
 
 
 class Panorama:
-    """A latitude-longitude map: `pixels` (H, 2 H, 3) float32, linear Rec.709, and the `path` it is from."""
+    """A latitude-longitude map: `pixels` (H, 2 H, 3) float32, linear Rec.709, and the `path` it is from.
 
-    def __init__(self, pixels: np.ndarray, path: Path | None = None) -> None:
+    `cube` tells whether the file holds the faces of a cube.
+    """
+
+    def __init__(self, pixels: np.ndarray, path: Path | None = None, cube: bool = False) -> None:
         name = "image" if path is None else path
         height, width = pixels.shape[:2]
         if width != 2 * height:
@@ -232,7 +235,7 @@ class Panorama:
         if grey.min() < -MAX_NEGATIVE_SHARE * abs(grey.mean()):
             row, column = np.unravel_index(grey.argmin(), grey.shape)
             raise ValueError(f"{name}: holds negative light, {grey.min():g} in row {row}, column {column}")
-        self.pixels, self.path = pixels[..., :3], path
+        self.pixels, self.path, self.cube = pixels[..., :3], path, cube
 
     @classmethod
     def of(cls, image: AnyPath | ArrayLike, colour_space: str | None = None) -> "Panorama":
@@ -303,10 +306,11 @@ class Panorama:
 def _read(path: Path, state: tuple[int, ...], colour_space: str | None) -> Panorama:
     """Read a file's map; `state` identifies this version of the file for the cache."""
     pixels = images.read(path, colour_space=colour_space)
-    if cubemap.is_cube(pixels):
+    cube = cubemap.is_cube(pixels)
+    if cube:
         file, _ = images.split_layer(path)
         pixels = cubemap.to_latlong(pixels, openexr=file.suffix.lower() == ".exr")
-    return Panorama(pixels, path)
+    return Panorama(pixels, path, cube)
 
 
 def _cells(pixels: np.ndarray) -> np.ndarray:

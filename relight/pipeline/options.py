@@ -99,7 +99,7 @@ class Source(Options):
         "Shift of the source in pixels: RIGHT/UP. Default: 0/0.", (0, 0), parse=parse_offset
     )
     colour_space: str | None = option(
-        "Colour space of the source, in place of what its files state: sRGB, ACEScg, Rec.2020, 'ARRI LogC4'..."
+        "Colour space of the source, in place of what its files state: sRGB, ACEScg, 'ARRI LogC4'..."
     )
     alpha: Alpha | None = option(
         "Alpha of the source if its files state it wrongly: straight or premultiplied.", text=Alpha

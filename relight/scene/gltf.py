@@ -1,9 +1,8 @@
 """glTF 2.0: the person, the plate's camera and the lights in one binary file."""
 
+import math
 from pathlib import Path
 from typing import Any
-
-import numpy as np
 
 from relight.scene.asset import Asset
 from relight.scene.gltf_lights import EXTENSION, place_nodes, punctual_lights
@@ -70,7 +69,7 @@ def _complete(tree: dict[str, Any], asset: Asset) -> None:
             "type": "perspective",
             "perspective": {
                 "aspectRatio": width / height,
-                "yfov": 2 * float(np.arctan(height / 2 / asset.camera.focal)),
+                "yfov": math.radians(asset.camera.field_of_view),
                 "znear": 0.01,
             },
         }

@@ -48,10 +48,13 @@ def read_rig(
     path = Path(path)
     tree = _tree(path)
     nodes = list(_nodes(path, tree))
-    seen, view, eye = _camera(path, tree, nodes, camera)
+    seen = _camera(path, nodes, camera)
+    view = np.eye(3)  # from world to camera
+    if seen is not None:
+        view = (seen.world[:3, :3] / np.linalg.norm(seen.world[:3, :3], axis=0)).T
     origin = _mark(path, nodes, subject_at)
     if origin is None:
-        if eye is not None and any("position" in _kind(path, tree, node) for node in _lit(nodes)):
+        if seen is not None and any("position" in _kind(path, tree, node) for node in _lit(nodes)):
             raise ValueError(f"{path}: glTF has no focus distance; say where the subject is (--subject-at)")
         origin = np.zeros(3)
     lights: list[Light | MovingLight] = [_light(path, tree, node, view, origin) for node in _lit(nodes)]
@@ -59,7 +62,10 @@ def read_rig(
         raise ValueError(f"{path}: holds no lights ({EXTENSION})")
     if len(lights) > MOST_LIGHTS:
         raise ValueError(f"{path}: holds {len(lights)} lights; expected at most {MOST_LIGHTS}")
-    return Rig(lights, seen, _angle(tree, nodes, seen))
+    if seen is None:
+        return Rig(lights)
+    yfov = _get(tree["cameras"][seen.description["camera"]], "perspective", "yfov")
+    return Rig(lights, seen.description.get("name"), None if yfov is None else math.degrees(yfov))
 
 
 def write_lights(path: AnyPath, lights: Iterable[Light | MovingLight]) -> None:
@@ -237,33 +243,18 @@ def _named(nodes: list[Node], name: str) -> Node | None:
     return next((node for node in nodes if node.description.get("name") == name), None)
 
 
-def _camera(
-    path: Path, tree: dict[str, Any], nodes: list[Node], name: str | None
-) -> tuple[str | None, np.ndarray, np.ndarray | None]:
-    """Return the camera's name, the rotation (3, 3) from world to camera, and the camera's position (3,)."""
+def _camera(path: Path, nodes: list[Node], name: str | None) -> Node | None:
+    """Return the camera of a name, or the only one; None if there is none."""
     cameras = [node for node in nodes if "camera" in node.description]
     names = ", ".join(str(node.description.get("name")) for node in cameras[:20]) or "none"
-    if name is None:
-        if len(cameras) > 1:
-            raise ValueError(f"{path}: has several cameras; expected one of {names} (--camera)")
-        found = cameras[0] if cameras else None
-    else:
+    if name is not None:
         found = _named(cameras, name)
         if found is None:
             raise ValueError(f"{path}: has no camera {name}; its cameras are {names}")
-    if found is None:
-        return None, np.eye(3), None
-    axes = found.world[:3, :3] / np.linalg.norm(found.world[:3, :3], axis=0)
-    return str(found.description.get("name")), axes.T, found.world[:3, 3]
-
-
-def _angle(tree: dict[str, Any], nodes: list[Node], name: str | None) -> float | None:
-    """Return the camera's vertical angle of view in degrees, or None."""
-    node = None if name is None else _named([node for node in nodes if "camera" in node.description], name)
-    if node is None:
-        return None
-    yfov = _get(tree["cameras"][node.description["camera"]], "perspective", "yfov")
-    return None if yfov is None else math.degrees(yfov)
+        return found
+    if len(cameras) > 1:
+        raise ValueError(f"{path}: has several cameras; expected one of {names} (--camera)")
+    return cameras[0] if cameras else None
 
 
 def _mark(path: Path, nodes: list[Node], subject_at: str | Iterable[float] | None) -> np.ndarray | None:

@@ -43,12 +43,13 @@ def write_sequence(path: Path, frames: Iterable[tuple[int, Asset]], rate: float)
                 first = asset
                 _lift(writing.root, -asset.ground)
                 _camera(stage, asset)
-                _lights(writing, asset)
             word = f"frame_{number:04d}" if number >= 0 else f"frame_minus_{-number:04d}"
             name = companion(path, _word(asset), f"{number:04d}").name
             texture = writing.beside(name, asset.texture)
             prims[number] = _person(stage, asset, texture, f"/World/Person/{word}")
         _show_in_turn(prims)
+        if first is not None:
+            _lights(writing, first, (min(prims), max(prims)))
         _span(stage)
         stage.SetTimeCodesPerSecond(rate)
         stage.SetFramesPerSecond(rate)
@@ -65,11 +66,11 @@ def _show_in_turn(prims: dict[int, Any]) -> None:
         visibility.Set("inherited", number)
 
 
-def _lights(writing: "_stage", asset: Asset) -> None:
-    """Add the lights of an asset, if it has any."""
+def _lights(writing: "_stage", asset: Asset, frames: tuple[int, int] | None = None) -> None:
+    """Add the lights of an asset, if it has any; `frames` are the first and the last of a sequence."""
     if asset.lights:
         _define(writing.stage, "/World/Lights")
-        add_lights(writing.stage, "/World/Lights", asset.lights, writing.place)
+        add_lights(writing.stage, "/World/Lights", asset.lights, writing.place, frames)
 
 
 def write_lights(path: AnyPath, lights: Iterable[Light | MovingLight]) -> None:

@@ -2,7 +2,8 @@
 
 import math
 import shutil
-from collections.abc import Iterable, Iterator
+import warnings
+from collections.abc import Iterable
 from pathlib import Path
 from typing import Any, NamedTuple
 
@@ -26,7 +27,13 @@ class Place(NamedTuple):
     folder: Path  # where it and its files are until then
 
 
-def add_lights(stage: Any, parent: str, lights: Iterable[Light | MovingLight], place: Place) -> None:
+def add_lights(
+    stage: Any,
+    parent: str,
+    lights: Iterable[Light | MovingLight],
+    place: Place,
+    frames: tuple[int, int] | None = None,
+) -> None:
     """Add lights to a stage whose axes are the camera's, in metres from the subject's middle.
 
     Parameters
@@ -39,8 +46,11 @@ def add_lights(stage: Any, parent: str, lights: Iterable[Light | MovingLight], p
         Any number of them. Those that move get a time sample a frame.
     place
         Where the stage is written. Maps of environments that are not in its folder are written there too.
+    frames
+        The first and the last frame of the stage, over which orbits are sampled. Without them one turn is
+        written, from frame 1, and a warning says that USD holds its end.
     """
-    from pxr import Tf
+    from pxr import Tf, UsdLux
 
     taken: set[str] = set()
     for number, light in enumerate(lights, 1):
@@ -49,28 +59,41 @@ def add_lights(stage: Any, parent: str, lights: Iterable[Light | MovingLight], p
         while word in taken:
             word += "_"
         taken.add(word)
-        moments = list(_moments(light))
+        moments = _moments(light, frames)
+        if frames is None and isinstance(light, MovingLight) and light.orbit is not None:
+            warnings.warn(
+                f"{name}: orbit: one turn is written, frames 1 to {moments[-1][0]:g}; then the light rests",
+                stacklevel=2,
+            )
         prim = _define(stage, f"{parent}/{word}", moments[0][1])
         prim.SetDisplayName(name)
+        stills = [still for _, still in moments]
+        kelvins = all(map(_has_usd_temperature, stills))
+        if all(isinstance(still, PointLight) and still.radius == 0 for still in stills):
+            UsdLux.SphereLight(prim).CreateTreatAsPointAttr(True)
         for time, still in moments:
-            _write(prim, still, time, place)
+            _write(prim, still, time, place, kelvins)
 
 
-def _moments(light: Light | MovingLight) -> Iterator[tuple[Any, Light]]:
-    """Yield pairs (time, light): the default time of a still light, every frame of a moving one."""
+def _moments(light: Light | MovingLight, frames: tuple[int, int] | None) -> list[tuple[Any, Light]]:
+    """Return pairs (time, light): the default time of a still light, every frame of a moving one."""
     from pxr import Usd
 
     if not isinstance(light, MovingLight):
-        yield Usd.TimeCode.Default(), light
-        return
-    first, last = light.span or (1.0, 1.0)
+        return [(Usd.TimeCode.Default(), light)]
+    ends = list(light.span or (1.0, 1.0))
     if light.orbit is not None:
-        first, last = min(first, 1.0), max(last, 1.0 + abs(light.orbit))
-    frames = {float(frame) for frame in range(math.floor(first), math.ceil(last) + 1)}
+        ends += frames or (1.0, 1.0 + abs(light.orbit))
+    times = {float(frame) for frame in range(math.floor(min(ends)), math.ceil(max(ends)) + 1)}
     for keyframes in light.moves.values():
-        frames |= set(keyframes)
-    for frame in sorted(frames):
-        yield frame, light.at(frame)
+        times |= set(keyframes)
+    return [(time, light.at(time)) for time in sorted(times)]
+
+
+def _has_usd_temperature(light: Light) -> bool:
+    """Return whether a light has a temperature that UsdLux can state."""
+    kelvin = light.temperature
+    return kelvin is not None and light.locus == "planckian" and kelvin <= HOTTEST
 
 
 def _define(stage: Any, path: str, light: Light) -> Any:
@@ -88,22 +111,20 @@ def _define(stage: Any, path: str, light: Light) -> Any:
     raise TypeError(f"lights: expected lights, e.g. DirectionalLight, got {type(light).__name__}")
 
 
-def _write(prim: Any, light: Light, time: Any, place: Place) -> None:
-    """Set what UsdLux has for a light at one time."""
+def _write(prim: Any, light: Light, time: Any, place: Place, kelvins: bool) -> None:
+    """Set what UsdLux has for a light at one time, its temperature as kelvins or in its colour."""
     from pxr import Gf, UsdGeom, UsdLux
 
     api = UsdLux.LightAPI(prim)
     colour = np.array(light.colour)
-    kelvin = light.temperature
-    warm = kelvin is not None
-    if kelvin is not None and not (light.locus == "planckian" and kelvin <= HOTTEST):
-        strength = light.intensity * 2.0**light.exposure
-        colour, warm = light.power / strength if strength else colour, False
+    strength = light.intensity * 2.0**light.exposure
+    if light.temperature is not None and not kelvins and strength:
+        colour = light.power / strength
     api.CreateColorAttr().Set(Gf.Vec3f(*map(float, colour)), time)
     api.CreateExposureAttr().Set(light.exposure, time)
-    if warm:
+    if kelvins:
         api.CreateEnableColorTemperatureAttr(True)
-        api.CreateColorTemperatureAttr().Set(kelvin, time)
+        api.CreateColorTemperatureAttr().Set(light.temperature, time)
     scale = 1.0
     if isinstance(light, DirectionalLight):
         UsdLux.DistantLight(prim).CreateAngleAttr().Set(light.angle, time)
@@ -111,8 +132,6 @@ def _write(prim: Any, light: Light, time: Any, place: Place) -> None:
     elif isinstance(light, PointLight):
         sphere = UsdLux.SphereLight(prim)
         sphere.CreateRadiusAttr().Set(light.radius, time)
-        if light.radius == 0:
-            sphere.CreateTreatAsPointAttr(True)
         scale, matrix = units.SPHERE, _frame(-light.axis, np.array(light.position))
     elif isinstance(light, RectLight):
         rect = UsdLux.RectLight(prim)
@@ -156,8 +175,9 @@ def _texture(prim: Any, light: EnvironmentLight, place: Place) -> None:
         return
     dome.CreateTextureFormatAttr(UsdLux.Tokens.latlong)
     pixels, path = light.image.pixels, light.image.path
-    if path is not None and images.split_layer(path)[1] is not None:
-        path = None  # renderers know no layers in a name: the map is written by itself
+    layered = path is not None and images.split_layer(path)[1] is not None
+    if layered or light.image.cube or light.colour_space is not None:
+        path = None  # renderers would read the file in another way: the map is written by itself
     if path is None and pixels.min() == pixels.max() == 1:
         return  # an even sky of radiance 1 is what a dome without a texture is
     home = place.target.resolve().parent

@@ -3,7 +3,8 @@ import OpenImageIO as oiio
 import pytest
 
 import relight
-from relight.rendering import render, render_subject
+from relight.empty_subject import EmptySubject
+from relight.rendering import metadata_of, render, render_subject
 
 HEIGHT, WIDTH = 120, 90
 LIGHTS = [
@@ -114,3 +115,11 @@ def test_a_light_so_dim_that_half_floats_lose_it_is_warned_of(subject):
     dim = relight.DirectionalLight(intensity=1e-6, name="dim")
     with pytest.warns(UserWarning, match=r"C_dim: is so dim that half floats lose \d+ % of its light"):
         render_subject(subject, [dim, *LIGHTS])
+
+
+def test_a_frame_without_a_person_has_every_pass():
+    nobody = EmptySubject((4, 6))
+    assert metadata_of(nobody, ["Z", "P"]) == {}
+    layers = render_subject(nobody, LIGHTS, passes=["Z", "P", "visibility"])[1]
+    assert {"Z", "P", "visibility_key"} <= set(layers)
+    assert all((layer == 0).all() for layer in layers.values())

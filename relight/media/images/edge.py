@@ -81,7 +81,7 @@ def linearise(pixels: np.ndarray, *, straight: bool, space: colour.Space) -> np.
     if not straight and _is_light(space):  # of other primaries, perhaps
         return np.concatenate([colour.decode(rgb, space), alpha], axis=-1, dtype=np.float32)
     if not straight and isinstance(space, str) and colour.resolve(space) == colour.resolve(colour.LINEAR):
-        return np.asarray(pixels, np.float32)
+        return np.ascontiguousarray(pixels, np.float32)
     if not straight:  # the encoding was applied before the alpha: take the alpha out first
         scale = np.iinfo(pixels.dtype).max if np.issubdtype(pixels.dtype, np.integer) else 1
         rgb = np.divide(rgb / np.float32(scale), alpha, out=np.zeros(rgb.shape, np.float32), where=alpha > 0)
@@ -96,10 +96,11 @@ def _is_light(space: colour.Space) -> bool:
 def coverage(name: str, mask: ArrayLike) -> np.ndarray:
     """Convert a public matte to (H, W) float32 in [0, 1].
 
-    `mask` is floating in [0, 1], or uint8 or uint16 over the full range. Raises TypeError for another dtype,
-    ValueError for another shape, NaN or values out of range; `name` is what the error calls it.
+    `mask` is bool, floating in [0, 1], or uint8 or uint16 over the full range. Raises TypeError for another
+    dtype, ValueError for another shape, NaN or values out of range; `name` is what the error calls it.
     """
     matte = as_array(name, mask)
+    matte = matte.astype(np.float32) if matte.dtype == bool else matte
     if matte.dtype not in (np.uint8, np.uint16) and not np.issubdtype(matte.dtype, np.floating):
         raise TypeError(f"{name}: expected uint8, uint16 or a floating dtype, got {matte.dtype}")
     if matte.ndim != 2 or 0 in matte.shape:

@@ -72,6 +72,21 @@ def test_a_hard_masks_rim_holds_no_background(monkeypatch):
     assert (feather[..., 2] > 3 * feather[..., 1]).all()  # and its own colour, having no other
 
 
+@pytest.mark.parametrize("fade", [(0.85, 0.85), (0.8, 0.88), (0.65, 0.75)])
+def test_a_translucent_matte_keeps_the_persons_colours(monkeypatch, fade):
+    coverage, normals = ball(240, 180, soft=4)
+    rows = np.linspace(0, 1, 240, dtype=np.float32)[:, None]
+    stripes = 0.3 + 0.2 * (np.sin(rows * 60) > 0) + np.zeros((240, 180))
+    photo = coverage[..., None] * stripes[..., None] + (1 - coverage[..., None]) * (0.02, 0.9, 0.05)
+    paint = Delighter(lambda rgb, mask: rgb * (mask > 0))
+    monkeypatch.setattr(infer.diffuse, "load", lambda **_: paint)
+    photo = photo.astype(np.float32)
+    mattes = coverage, coverage * (fade[0] + (fade[1] - fade[0]) * rows)
+    solid, faded = (relight.Subject(photo, mask=matte, normals=normals).albedo for matte in mattes)
+    inside = coverage == 1
+    np.testing.assert_allclose(faded[inside], solid[inside], atol=0.02)
+
+
 def test_straight_and_premultiplied_sources_agree():
     coverage, normals = ball(200, 160, soft=8)
     premultiplied = image_of(coverage)

@@ -10,7 +10,7 @@ from hypothesis.extra import numpy as hnp
 import relight
 from relight.compositing.composite import over
 from relight.compositing.placement import cover, place
-from relight.rendering import render
+from relight.rendering import render, render_subject
 from shading import diffuse
 from shading.diffuse import ShadingField
 from shadow import visibility
@@ -87,6 +87,16 @@ def test_place_at_its_own_size_keeps_pixels():
     np.testing.assert_array_equal(place(mask, (60, 80), mode="centre")[10:50, 25:55], mask)
 
 
+def test_place_takes_views_masks_and_what_it_may_not_change():
+    image = person(40, 30)
+    np.testing.assert_array_equal(place(image[:, ::-1], (40, 30)), image[:, ::-1])
+    np.testing.assert_array_equal(relight.Subject(image[:, ::-1]).matte, image[:, ::-1, 3])
+    image.flags.writeable = False
+    np.testing.assert_array_equal(place(image, (40, 30)), image)
+    mask = image[..., 3] > 0.5
+    np.testing.assert_array_equal(place(mask, (40, 30)), mask)
+
+
 def test_place_fits_fills_and_scales():
     white = np.ones((40, 20, 4), np.float32)
     fitted = place(white, (80, 200))
@@ -131,6 +141,29 @@ def test_place_names_what_is_wrong(arguments, error, message):
 def test_the_environment_itself_is_a_background():
     sky = relight.EnvironmentLight(np.full((8, 16, 3), 0.25, np.float32), intensity=2)
     np.testing.assert_allclose(over(np.zeros((6, 4, 4), np.float32), sky), 0.5, rtol=1e-5)
+
+
+def test_an_environment_is_seen_by_the_persons_camera():
+    sky = np.zeros((64, 128, 3), np.float32)
+    sky[:, ::4] = 1
+    light, image = relight.EnvironmentLight(sky), person(40, 30)
+    outside = image[..., 3] == 0
+    for angle in (20, 60):
+        for picture in (
+            relight.apply(image, light, background=light, field_of_view=angle),
+            render(image, light, background=light, field_of_view=angle)[0],
+        ):
+            expected = light.view((40, 30), angle)
+            np.testing.assert_allclose(picture[outside], expected[outside], rtol=2e-3)
+
+
+def test_lights_may_be_a_generator():
+    image, floor = person(40, 30), relight.Floor(height=1.5, horizon=0.45)
+    options = {"background": (0.5, 0.5, 0.5), "floor": floor}
+    expected = relight.apply(image, LIGHTS, **options)
+    np.testing.assert_array_equal(relight.apply(image, iter(LIGHTS), **options), expected)
+    layers = render_subject(relight.Subject(image), iter(LIGHTS), passes=["visibility"], **options)[1]
+    assert {"visibility_key", "shadow_floor_key"} <= set(layers)
 
 
 def test_apply_keeps_alpha_or_fills_the_frame():

@@ -82,6 +82,13 @@ def test_lights_come_back_as_they_were(tmp_path, suffix):
     np.testing.assert_allclose(other.axis, one.axis, atol=1e-6)
 
 
+def test_a_camera_without_a_name_has_its_field_of_view(tmp_path):
+    nodes = [{"children": [1, 2]}, {"camera": 0}, lit(0)]
+    rig = read_rig(scene(tmp_path / "set.gltf", nodes, [SUN], cameras=[CAMERA]))
+    assert rig.camera is None
+    assert rig.vertical == pytest.approx(np.degrees(0.6))
+
+
 def check_refused(match, path, kind=ValueError, **keywords):
     with pytest.raises(kind, match=match) as caught:
         read_lights(path, **keywords)
