@@ -22,7 +22,7 @@ from relight.pipeline.cache import check_not_analysed, is_cache
 from relight.pipeline.inputs import ShotInputs
 from relight.pipeline.option_fields import BACKGROUND, Options, Phase
 from relight.pipeline.options import Compute, Lighting, Output, Source, to_json
-from relight.pipeline.outputs import check_outputs
+from relight.pipeline.outputs import check_not_read, check_outputs
 from relight.pipeline.render import frames_of, lights_of, seen_by
 from relight.scene.lights import SUFFIXES as LIGHTS_SUFFIXES
 from relight.scene.lights import write_lights
@@ -94,18 +94,25 @@ def write_job(
     check_not_analysed(source, compute if is_cache(source.plate) else None)
     if source.size == BACKGROUND:
         raise ValueError("size: expected WIDTHxHEIGHT, since an analysis knows no background")
-    lights, lights_path = lights_of(lighting), _lights_path(lighting, output, path)
+    lights, given = lights_of(lighting), _lights_file(lighting)
+    lights_path = given or files.check_writable(
+        output.save_lights or path.with_name(f"{path.stem}.lights.yaml"), LIGHTS_SUFFIXES
+    )
     source = seen_by(source, lighting)
     read = (
         source.plate, source.mask, source.normals, source.depth, lighting.background, lighting.match,
-        lighting.match_mask, lights_path, *lights,
+        lighting.match_mask, lighting.lights, *lights,
     )  # fmt: skip
     output = replace(output, save_lights=None)
-    check_outputs(output, read)
-    inputs = ShotInputs(Source(source.plate, mask=source.mask))
+    check_outputs(output, (*read, lights_path))
+    check_not_read([path] if given else [path, lights_path], read)
+    inputs = ShotInputs(
+        Source(source.plate, mask=source.mask, colour_space=source.colour_space, alpha=source.alpha),
+        Lighting(background=lighting.background, background_colour_space=lighting.background_colour_space),
+    )
     numbers = frames_of(frames, inputs, lights, output)
     _warn_of_missing(inputs.numbers, numbers, source.plate)
-    if lights_path != lighting.lights:
+    if given is None:
         write_lights(lights_path, lights)
         lighting = replace(lighting, camera=None, subject_at=None, allow_external=False)
     lighting = replace(lighting, lights=lights_path, light=(), environment=())
@@ -234,13 +241,11 @@ class _Job:
             beside.write_text(text + "\n", encoding="utf-8")
 
 
-def _lights_path(lighting: Lighting, output: Output, path: Path) -> Path:
-    """Return the path of the job's lights file, which is given or has to be written."""
+def _lights_file(lighting: Lighting) -> Path | None:
+    """Return the file that holds all lights, if there is one."""
     if isinstance(lighting.lights, str | Path) and not (lighting.light or lighting.environment):
         return Path(lighting.lights)
-    return files.check_writable(
-        output.save_lights or path.with_name(f"{path.stem}.lights.yaml"), LIGHTS_SUFFIXES
-    )
+    return None
 
 
 def _warn_of_missing(there: Any, numbers: FrameRange, source: object) -> None:

@@ -153,13 +153,22 @@ def linear_space(space: str) -> tuple[str, Encoding]:
 
     Raises ValueError for a space that is not linear, or of which no chromaticities are known here.
     """
-    known = {
-        resolve(name): (name, Encoding(chromaticities)) for name, chromaticities in LINEAR_SPACES.items()
-    }
+    known = _linear_spaces()
     found = known.get(resolve(space))
     if found is None:
         raise ValueError(f"colour_space: expected a linear one, {', '.join(known)}; got {space!r}")
     return found
+
+
+def is_linear(space: str) -> bool:
+    """Return whether `linear_space` knows a colour space; raises ValueError for one that nothing knows."""
+    return resolve(space) in _linear_spaces()
+
+
+@functools.cache
+def _linear_spaces() -> dict[str, tuple[str, Encoding]]:
+    """Return {name of OpenColorIO: (name in files, encoding)}."""
+    return {resolve(name): (name, Encoding(chromaticities)) for name, chromaticities in LINEAR_SPACES.items()}
 
 
 def from_rec709(rgb: np.ndarray, space: str) -> np.ndarray:

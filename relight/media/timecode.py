@@ -1,10 +1,12 @@
 """Timecode of SMPTE ST 12-1: as movies write it, 01:00:10:05, and as OpenEXR and DPX pack it."""
 
+import math
 import re
 from fractions import Fraction
 
 TEXT = re.compile(r"(\d{1,2}):(\d\d):(\d\d)([:;.])(\d\d)")  # a semicolon or a point drops frame numbers
 DROP = 1 << 6  # the bit of packed timecode that says so
+DROPPING = (30000 / 1001, 60000 / 1001)  # rates at which numbers are dropped
 MOST_PACKED = 39  # frames: their tens have two bits
 
 
@@ -34,6 +36,20 @@ def offset_timecode(text: str, frames: int, rate: float | Fraction) -> str | Non
     minutes, seconds = divmod(seconds, 60)
     hours, minutes = divmod(minutes, 60)
     return f"{hours:02d}:{minutes:02d}:{seconds:02d}{match[4]}{number:02d}"
+
+
+def suits_rate(text: str, rate: float | Fraction) -> bool:
+    """Return whether a movie of `rate` frames a second can have a timecode: its number, and dropped numbers.
+
+    Examples
+    --------
+    >>> suits_rate("01:00:00:29", 24), suits_rate("01:00:00;29", 30), suits_rate("01:00:00;29", 30000 / 1001)
+    (False, False, True)
+    """
+    match = TEXT.fullmatch(text)
+    if match is None or int(match[5]) >= round(rate):
+        return False
+    return match[4] == ":" or any(math.isclose(rate, ntsc, rel_tol=1e-5) for ntsc in DROPPING)
 
 
 def pack_timecode(text: str) -> tuple[int, int] | None:

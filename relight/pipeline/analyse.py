@@ -8,7 +8,7 @@ from relight import __version__
 from relight.analysis import storage
 from relight.media.content_hash import content_hash
 from relight.media.sequences import FrameRange
-from relight.pipeline.cache import SUFFIX, describe_sources, frame_file, is_cache
+from relight.pipeline.cache import SUFFIX, describe_sources, frame_file, is_cache, kept_frames
 from relight.pipeline.frames import FrameAnalyser, computing
 from relight.pipeline.inputs import ShotInputs
 from relight.pipeline.options import Compute, Source
@@ -80,6 +80,10 @@ def analyse_shot(
     with computing(compute):
         inputs = ShotInputs(source)
         numbers = _numbers(frames, inputs)
+        other = kept_frames(folder) if inputs.numbers is None else frame_file(folder, None).is_file()
+        if other:
+            kinds = ("a still", "a shot") if inputs.numbers is None else ("a shot", "a still")
+            raise ValueError(f"{folder}: expected a folder for {kinds[0]}, and this holds {kinds[1]}")
         folder.mkdir(parents=True, exist_ok=True)
         inputs.compile_matting(report)
         return _CacheWriter(inputs, folder, compute).write(numbers, report)

@@ -46,6 +46,11 @@ def frame_file(folder: Path, number: int | None) -> Path:
     return FrameSequence(folder, "", 6, storage.SUFFIX).path(number)
 
 
+def kept_frames(folder: Path) -> list[int]:
+    """Return the numbers of the frames of a shot that a folder holds."""
+    return FrameSequence(folder, "", 6, storage.SUFFIX).numbers()
+
+
 class AnalysisCache:
     """The kept frames of a shot, checked as they are read.
 
@@ -58,9 +63,11 @@ class AnalysisCache:
     def __init__(self, folder: AnyPath) -> None:
         self.folder = Path(folder)
         still = frame_file(self.folder, None)
-        self.numbers = (
-            None if still.is_file() else FrameSequence(self.folder, "", 6, storage.SUFFIX).numbers()
-        )
+        self.numbers: list[int] | None = kept_frames(self.folder)
+        if still.is_file():
+            if self.numbers:
+                raise ValueError(f"{still}: a still among the frames of a shot; remove it, or the frames")
+            self.numbers = None
         if self.numbers == []:
             raise MissingFramesError(f"{folder}: no analysed frames; `relight analyse` makes them")
         self._first: tuple[Path, dict[str, Any]] | None = None  # a frame, and its provenance

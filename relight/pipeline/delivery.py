@@ -11,6 +11,7 @@ from relight.media.movies import RATE
 from relight.media.movies.tracks import Tracks
 from relight.media.pixel_aspect import squeeze_pixels
 from relight.media.sequences import FrameRange
+from relight.media.timecode import suits_rate
 from relight.pipeline.inputs import ShotInputs
 from relight.pipeline.plate_metadata import PlateMetadata, PlateMetadataReader
 from relight.rendering import Layers
@@ -43,7 +44,15 @@ class Delivery:
     def tracks(self, numbers: FrameRange, path: object) -> Tracks:
         """Return what a movie of these frames carries. `path`: of the movie, for warnings."""
         first, last = self._plate_metadata(numbers[0]), self._plate_metadata(numbers[-1])
-        silent = Tracks(first.timecode, first.tags)
+        timecode = first.timecode
+        if timecode is not None and not suits_rate(timecode, self.rate):
+            warnings.warn(
+                f"{path}: has no timecode, as {timecode} is none at {float(self.rate):g} frames a second "
+                "(--rate)",
+                stacklevel=2,
+            )
+            timecode = None
+        silent = Tracks(timecode, first.tags)
         if first.sound is None or last.sound is None:
             return silent
         rates = {movies.frame_rate(each) for each in (self.rate, self._stated or RATE)}
@@ -52,7 +61,7 @@ class Delivery:
         elif not first.sound.is_file():  # it may have been moved since it was analysed
             why = f"as {first.sound} is not there"
         else:
-            return Tracks(first.timecode, first.tags, first.sound, first.begin, last.end)
+            return Tracks(timecode, first.tags, first.sound, first.begin, last.end)
         warnings.warn(f"{path}: has no sound, {why}", stacklevel=2)
         return silent
 

@@ -84,9 +84,8 @@ def export_person(
     lights = lights_of(lighting) if lighting.has_lights else []
     knobs = nuke_script.checked_lights(lights) if is_script(path) else []
     inputs.device("device", compute.device)
-    check_not_read(
-        [path, *writing.companions(path, texture)], (source.plate, source.mask, source.normals, source.depth)
-    )
+    read = (source.plate, source.mask, source.normals, source.depth, lighting.lights, *lights)
+    check_not_read([path, *writing.companions(path, texture)], read)
     check_not_analysed(source, compute)
     with computing(compute):
         prepared = ShotInputs(seen_by(source, lighting) if lights else source, lighting)

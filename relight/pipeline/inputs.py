@@ -148,9 +148,8 @@ class ShotInputs:
         background = lighting.background
         self.has_background = background is not None
         self._sees_lights = isinstance(background, str) and background == ENVIRONMENT
-        self._backgrounds = plate_reader(
-            None if self._sees_lights else background, lighting.background_colour_space
-        )
+        self._background_space = lighting.background_colour_space
+        self._backgrounds = plate_reader(None if self._sees_lights else background, self._background_space)
         self._plate_light = PlateLight(self._backgrounds, self.field_of_view)
         if self.matching.plate:
             self._plate_light.check()
@@ -266,7 +265,11 @@ class ShotInputs:
             places += self._plate_light.frames_for(number)
         behind = [self._hash(self._backgrounds, n, as_read) for n in places]
         person = self.person_hash(around, as_read)
-        return content_hash(person, behind, self.matching.plate, self.has_background, self._sees_lights)
+        # Files are hashed as they are, not as they are decoded.
+        space = () if self._background_space is None else (self._background_space,)
+        return content_hash(
+            person, behind, self.matching.plate, self.has_background, self._sees_lights, *space
+        )
 
     def records(self, around: Iterable[int]) -> list[FileRecord]:
         """Return the records, made when they were read, of the files of persons, including networks."""

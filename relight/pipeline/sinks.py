@@ -120,6 +120,8 @@ def open_sinks(
                 raise ValueError(f"{path}: .mp4 holds no alpha; give a background, or write a .mov")
             sinks.append(MovieSink(path, resume or phase is not Phase.all, display, delivery))
         else:
+            if transparent and path.suffix.lower() in images.OPAQUE_SUFFIXES:
+                raise ValueError(f"{path}: {path.suffix} holds no alpha; give a background")
             sinks.append(FileSink(file_of(path), resume or phase is Phase.finalize, display, exr, delivery))
     exrs = [path for path in output.paths if is_exr(path)]
     for path in (path for path in output.paths if nuke.is_script(path)):
@@ -232,11 +234,10 @@ class MovieSink:
         self.complete = False
 
     def begin(self, made: Made) -> None:
-        """Drop the frames of an interrupted run, unless this run continues it."""
-        if not self.resume:
+        """Drop the frames of an interrupted run, unless this run continues it and the movie is incomplete."""
+        self.complete = self.resume and movies.read_comment(self.path) == self._hash(made)
+        if self.complete or not self.resume:
             self._clear()
-        held = self.frames.folder.exists()
-        self.complete = self.resume and not held and movies.read_comment(self.path) == self._hash(made)
 
     def has(self, number: int, made: str) -> bool:
         return self.complete or images.read_content_hash(self.frames.path(number)) == content_hash(made)

@@ -10,11 +10,20 @@ from relight.media.images.loading import read_pixel_aspect
 from relight.media.images.maps import read_depth, read_mask, read_normals, write_mask
 from relight.media.images.metadata import TIMECODE, TypedValue, read_frame_rate, read_metadata
 from relight.media.images.reading import read, read_camera, read_content_hash, read_layers, read_size
-from relight.media.images.writing import DEPTHS, HALF_MAX, Metadata, check_writable, half, write
+from relight.media.images.writing import (
+    DEPTHS,
+    HALF_MAX,
+    OPAQUE_SUFFIXES,
+    Metadata,
+    check_writable,
+    half,
+    write,
+)
 
 __all__ = [
     "DEPTHS",
     "HALF_MAX",
+    "OPAQUE_SUFFIXES",
     "TIMECODE",
     "Metadata",
     "TypedValue",

@@ -78,10 +78,10 @@ def linearise(pixels: np.ndarray, *, straight: bool, space: colour.Space) -> np.
     rgb, alpha = pixels[..., :3], pixels[..., 3:]
     if np.issubdtype(pixels.dtype, np.integer):
         alpha = alpha / np.float32(np.iinfo(pixels.dtype).max)
-    if not straight and _is_light(space):  # of other primaries, perhaps
-        return np.concatenate([colour.decode(rgb, space), alpha], axis=-1, dtype=np.float32)
     if not straight and isinstance(space, str) and colour.resolve(space) == colour.resolve(colour.LINEAR):
         return np.ascontiguousarray(pixels, np.float32)
+    if not straight and _is_light(space):  # of other primaries: light without coverage stays
+        return np.concatenate([colour.decode(rgb, space), alpha], axis=-1, dtype=np.float32)
     if not straight:  # the encoding was applied before the alpha: take the alpha out first
         scale = np.iinfo(pixels.dtype).max if np.issubdtype(pixels.dtype, np.integer) else 1
         rgb = np.divide(rgb / np.float32(scale), alpha, out=np.zeros(rgb.shape, np.float32), where=alpha > 0)
@@ -90,6 +90,8 @@ def linearise(pixels: np.ndarray, *, straight: bool, space: colour.Space) -> np.
 
 def _is_light(space: colour.Space) -> bool:
     """Return whether values of a space are linear light, in any primaries."""
+    if isinstance(space, str):
+        return colour.is_linear(space)
     return isinstance(space, tuple) or (isinstance(space, Encoding) and space.is_linear)
 
 

@@ -32,6 +32,7 @@ DEPTHS = {  # what each format is written as: the first is the default
     ".tif": ("uint16", "uint8", "float"),
     ".tiff": ("uint16", "uint8", "float"),
 }
+OPAQUE_SUFFIXES = (".hdr", ".jpeg", ".jpg")  # of formats without alpha
 HALF_MAX = 65504.0
 HALF_OVER = 65520.0  # the least value that rounds to infinity
 DEPTH = "Z"  # the layer, and OpenEXR's name of its channel: half floats would make steps of it
@@ -124,7 +125,7 @@ def write(
     if colour_space is not None:
         check_colour_space(path, depth, colour_space)
     pixels = scene_linear("image", image)
-    if pixels.shape[-1] == 4 and suffix in (".hdr", ".jpeg", ".jpg"):
+    if pixels.shape[-1] == 4 and suffix in OPAQUE_SUFFIXES:
         if pixels[..., 3].min() < 1:
             raise ValueError(f"{path}: {path.suffix} holds no alpha; put the image over a background first")
         pixels = pixels[..., :3]

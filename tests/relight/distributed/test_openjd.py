@@ -109,6 +109,36 @@ def test_what_is_refused_leaves_no_job(shot, words, message):
     assert not Path("job.lights.yaml").exists()
 
 
+def test_a_lights_file_is_read_and_never_written(shot):
+    text = "# the client's own\nlights:\n- {name: key, azimuth: -40}\n"
+    Path("key.yaml").write_text(text)
+    template = written(*shot, "--lights", "key.yaml")
+    assert Path("key.yaml").read_text() == text
+    defaults = {one["name"]: one["default"] for one in template["parameterDefinitions"]}
+    assert defaults["Lights"] == "key.yaml"
+    result = run(
+        "job", *shot, "--lights", "key.yaml", *LIGHTS, "--save-lights", "key.yaml", "-o", "r.%04d.exr",
+        "-o", "job.json",
+    )  # fmt: skip
+    assert result.exit_code == 2
+    assert "key.yaml: is read as well" in result.output
+    assert Path("key.yaml").read_text() == text
+
+
+def test_frames_are_those_of_a_moving_background(shot):
+    for number in (1, 2, 3):
+        relight.write(f"bg.{number:04d}.png", np.full((60, 50, 3), 0.2, np.float32))
+    still = ["plates/p.0001.exr", "--mask", "plates/m.0001.png", "--background", "bg.%04d.png"]
+    template = written(*still, LIGHTS[0], LIGHTS[1])
+    assert template["parameterDefinitions"][0]["default"] == "1-3"
+
+
+def test_a_plate_is_read_in_the_colour_space_that_is_given(shot):
+    relight.write("plate.exr", np.full((60, 50, 3), 0.2, np.float32), metadata={"oiio:ColorSpace": "Nothing"})
+    words = [*LIGHTS, "--frames", "1-2", "--mask", "plates/m.0001.png"]
+    assert "Frames" in str(written("plate.exr", "--colour-space", "ARRI LogC4", *words))
+
+
 def run_openjd(*words):
     """Run a job, or a part of it, with this Python's `relight` on the path."""
     Path("bin").mkdir(exist_ok=True)

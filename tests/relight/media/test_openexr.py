@@ -158,3 +158,13 @@ def test_the_logarithmic_spaces_of_cameras_are_known(tmp_path, monkeypatch):
     assert 0.15 < grey.mean() < 0.25  # LogC3 puts grey of 0.18 at 0.391
     store(tmp_path / "b.dpx", np.full((4, 4, 3), 0.4, np.float32), "uint16", oiio__ColorSpace="KodakLog")
     assert "ocio://studio-config-latest" in first_line(tmp_path / "b.dpx")
+
+
+@pytest.mark.parametrize("space", ["lin_rec709", "ACEScg", "ACES2065-1", "Rec.2020"])
+def test_light_without_coverage_stays_in_every_linear_space(tmp_path, space):
+    glow = np.full((4, 6, 4), 0.5, np.float32)
+    glow[..., 3] = 0
+    relight.write(tmp_path / "glow.exr", glow, colour_space=None if space == "lin_rec709" else space)
+    np.testing.assert_allclose(relight.read(tmp_path / "glow.exr"), glow, atol=1e-3)
+    forced = relight.read(tmp_path / "glow.exr", colour_space=space)
+    assert forced[..., :3].max() > 0.4

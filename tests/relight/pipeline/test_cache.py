@@ -269,6 +269,22 @@ def test_a_still_is_kept_too(tmp_path, no_network, monkeypatch):
     assert np.abs(relight.read(tmp_path / "r.1.exr") - relight.read(tmp_path / "r.2.exr")).max() > 0.1
 
 
+def test_a_still_and_a_shot_do_not_share_a_folder(desk):
+    plate, matte = clothed()
+    relight.write(desk / "photo.exr", plate)
+    with pytest.raises(
+        ValueError, match=r"shot\.relight: expected a folder for a still, and this holds a shot"
+    ):
+        shots.analyse(desk / "photo.exr", desk / "shot.relight", mask=matte)
+    (desk / "p.relight").mkdir()
+    (desk / "p.relight" / "still.safetensors").touch()
+    with pytest.raises(ValueError, match=r"p\.relight: expected a folder for a shot, and this holds a still"):
+        shots.analyse(desk / "plate.%04d.exr", desk / "p.relight", **mattes(desk))
+    (desk / "shot.relight" / "still.safetensors").touch()
+    with pytest.raises(ValueError, match=r"still\.safetensors: a still among the frames of a shot"):
+        relit(desk)
+
+
 @pytest.mark.parametrize(
     ("name", "value"),
     [

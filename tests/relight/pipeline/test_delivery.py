@@ -18,6 +18,7 @@ from relight.errors import DamagedFileError
 from relight.media import movies
 from relight.media.images import TypedValue
 from relight.media.movies.tracks import Tracks, read_tags
+from relight.media.timecode import pack_timecode
 from relight.pipeline.plate_metadata import PlateMetadata
 
 KEY = relight.DirectionalLight(azimuth=-40, elevation=20, name="key")
@@ -208,6 +209,24 @@ def test_frames_of_a_movie_have_its_timecode(stub, tmp_path):
     assert spec_of(tmp_path / "b.0001.exr").getattribute("Make") == "ARRI"
     relight.render_shot(str(tmp_path / "b.%04d.exr"), KEY, relight.Output(tmp_path / "c.mov", rate=24))
     assert read_tags(tmp_path / "c.mov")[0] == "01:00:00:22"
+
+
+def test_timecode_that_openexr_cannot_hold_is_said_once(stub, tmp_path):
+    film(tmp_path / "a.mov", 45, timecode="01:00:00:00", sound=None, rate=60)
+    with pytest.warns(UserWarning, match=r"a\.mov: OpenEXR files hold no timecode at 60 frames") as said:
+        relight.render_shot(str(tmp_path / "a.mov"), KEY, tmp_path / "b.%04d.exr", frames=(38, 42))
+    assert sum("no timecode" in str(one.message) for one in said) == 1
+    assert not any(spec_of(path).getattribute("smpte:TimeCode") for path in tmp_path.glob("b.*.exr"))
+
+
+@pytest.mark.parametrize("timecode", ["01:00:00;05", "01:00:00:27"])
+def test_timecode_that_is_none_at_the_rate_is_left_out_with_a_word(stub, tmp_path, timecode):
+    header = {"smpte:TimeCode": TypedValue("timecode", pack_timecode(timecode))}
+    alpha = disc()[..., None] / np.float32(255)
+    relight.write(tmp_path / "p.0001.exr", np.concatenate([alpha] * 4, axis=-1), metadata=header)
+    with pytest.warns(UserWarning, match=f"b.mov: has no timecode, as {timecode} is none at 24 frames"):
+        relight.render_shot(str(tmp_path / "p.%04d.exr"), KEY, relight.Output(tmp_path / "b.mov", rate=24))
+    assert read_tags(tmp_path / "b.mov")[0] is None
 
 
 def test_a_matroska_file_says_its_timecode_in_capitals(tmp_path):

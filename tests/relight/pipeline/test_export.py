@@ -143,6 +143,15 @@ def test_bad_input_is_one_line(person, words, said):
     assert len(done.output.strip().splitlines()) == 1
 
 
+def test_the_stage_of_the_lights_is_not_overwritten(person):
+    relight.write_lights("rig.usda", [KEY])
+    before = Path("rig.usda").read_bytes()
+    done = run("export", "person.png", "--lights", "rig.usda", "-o", "rig.usda")
+    assert done.exit_code == 2
+    assert "rig.usda: is read as well" in done.output
+    assert Path("rig.usda").read_bytes() == before
+
+
 @pytest.mark.parametrize(
     ("plate", "output"), [("person_layers.exr", "person.nk"), ("person_albedo.png", "person.usda")]
 )

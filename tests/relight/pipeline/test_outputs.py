@@ -69,6 +69,17 @@ def test_the_matte_and_the_lights_file_are_written_too():
         check_outputs(Output("o.png", save_lights="gone/l.yaml"), ())
 
 
+@pytest.mark.parametrize("name", ["a.jpg", "a.JPEG", "a.hdr", "a.mp4"])
+def test_a_picture_with_alpha_is_refused_before_it_is_made(name):
+    run = {"moving": False, "phase": Phase.all, "groups": [], "delivery": Delivery(), "resume": False}
+    with pytest.raises(ValueError, match="holds no alpha; give a background"):
+        open_sinks(Output(name), transparent=True, **run)
+    open_sinks(Output(name), transparent=False, **run)
+    if not name.endswith("mp4"):
+        with pytest.raises(ValueError, match="holds no alpha"):
+            check_outputs(Output("o.png", save_matte=name), ())
+
+
 def test_a_refused_run_keeps_the_frames_of_the_one_before():
     kept = held_frames(Path("a.mov"))
     kept.folder.mkdir()

@@ -99,6 +99,30 @@ def test_frames_made_with_something_else_are_made_anew(stub, plates, tmp_path, o
     assert stub.made == []
 
 
+def test_backgrounds_read_in_another_colour_space_are_composited_anew(stub, plates, tmp_path):
+    for number in range(101, 106):
+        relight.write(tmp_path / f"bg.{number:04d}.png", np.full((HEIGHT, WIDTH, 3), 0.3, np.float32))
+    arguments = {"background": tmp_path / "bg.%04d.png"}
+    shots.render(plates, STILL, tmp_path / "r.%04d.exr", **arguments)
+    with pytest.warns(UserWarning, match="resume: 5 of 5 frames"):
+        shots.render(
+            plates, STILL, tmp_path / "r.%04d.exr", **arguments, background_colour_space="ACEScg", resume=True
+        )
+
+
+def test_a_chunk_that_runs_again_leaves_a_finished_movie_alone(stub, plates, tmp_path):
+    path = tmp_path / "r.mov"
+    chunks = (101, 102), (103, 105)
+    for chunk in chunks:
+        shots.render(plates, STILL, path, frames=chunk, phase="frames", resume=True)
+    shots.render(plates, STILL, path, frames=(101, 105), phase="finalize", resume=True)
+    before = path.read_bytes()
+    shots.render(plates, STILL, path, frames=chunks[1], phase="frames", resume=True)
+    shots.render(plates, STILL, path, frames=(101, 105), phase="finalize", resume=True)
+    assert path.read_bytes() == before
+    assert not (tmp_path / "r.mov.frames").exists()
+
+
 @pytest.mark.parametrize("name", ["r.%04d.exr", "r.%04d.png", "r.%04d.tif", "r.%04d.jpg"])
 def test_one_plate_that_changed_is_made_anew(stub, plates, tmp_path, name):
     arguments = {
