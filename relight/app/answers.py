@@ -3,7 +3,7 @@
 import asyncio
 import contextlib
 import json
-from collections.abc import AsyncIterator, Awaitable, Callable
+from collections.abc import AsyncIterator, Awaitable, Callable, Coroutine
 from typing import Any
 from urllib.parse import quote
 
@@ -13,6 +13,7 @@ from starlette.responses import JSONResponse, Response, StreamingResponse
 from relight.app.worker import EXPECTED, Refused
 
 BODY_BYTES = 4 << 20  # of a request that is no file
+CONNECTION_CHECK = 0.25  # seconds between two looks whether the page is still there
 
 
 async def json_of(request: Request) -> dict[str, Any]:
@@ -48,6 +49,24 @@ def refusing(endpoint: Callable[[Request], Awaitable[Response]]) -> Callable[[Re
             return JSONResponse({"sentence": f"The request cannot be used: {type(error).__name__}."}, 400)
 
     return answer
+
+
+async def while_connected(request: Request, work: Coroutine[Any, Any, Any]) -> Any:
+    """Return what the work returns; cancel it when the page goes away, and raise Refused.
+
+    The body of the request has been read.
+    """
+    job = asyncio.ensure_future(work)
+    try:
+        while not job.done():
+            await asyncio.wait({job}, timeout=CONNECTION_CHECK)
+            if not job.done() and await request.is_disconnected():
+                raise Refused("The page has gone away.", 499)
+        return job.result()
+    finally:
+        job.cancel()
+        with contextlib.suppress(asyncio.CancelledError, Refused):
+            await job
 
 
 def streamed(work: Callable[[Callable[[str], None]], Awaitable[dict[str, Any]]]) -> Response:

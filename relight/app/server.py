@@ -16,7 +16,7 @@ from starlette.requests import Request
 from starlette.responses import FileResponse, HTMLResponse, JSONResponse, Response
 from starlette.routing import Mount, Route
 
-from relight.app.answers import json_of, notes_of, refusing, streamed
+from relight.app.answers import json_of, notes_of, refusing, streamed, while_connected
 from relight.app.guard import HOST, Guard
 from relight.app.session import MODELS, PICTURES, Photograph, Session
 from relight.app.worker import Refused, Worker
@@ -140,7 +140,8 @@ class Server:
 
     async def outline(self, request: Request) -> Response:
         photograph, drawn = self._of(request), await json_of(request)
-        found = await self.worker.run("outline_of", photograph.folder, {"drawn": drawn}, brief=True)
+        work = self.worker.run("outline_of", photograph.folder, {"drawn": drawn}, brief=True)
+        found = await while_connected(request, work)
         return Response(found["png"], media_type="image/png", headers=notes_of(found))
 
     async def model(self, request: Request) -> Response:
@@ -153,7 +154,8 @@ class Server:
             name = str(asked.get("name"))
             if name not in {model["name"] for model in _models()}:
                 raise Refused("This model is not offered here.", 404)
-        found = await self.worker.run("matte_by_model", photograph.folder, {"model": name})
+        work = self.worker.run("matte_by_model", photograph.folder, {"model": name})
+        found = await while_connected(request, work)
         return Response(found["png"], media_type="image/png", headers=notes_of(found))
 
     async def add_model(self, request: Request) -> Response:
@@ -198,11 +200,7 @@ class Server:
     async def background(self, request: Request) -> Response:
         identity, path = self.session.new_file(request.query_params.get("name", ""), PICTURES)
         await self.session.receive(request.stream(), path)
-        about = self.session.photograph(request.query_params.get("photograph", "")).about
-        shrink = min(1.0, 2048 / max(about["width"], about["height"]))
-        size = [max(1, round(about[side] * shrink)) for side in ("height", "width")]
-        arguments = {"name": path.name, "size": size}
-        found = await self.worker.run("background", path.parent, arguments, brief=True)
+        found = await self.worker.run("background", path.parent, {"name": path.name}, brief=True)
         return JSONResponse({"file": identity, **found})
 
     async def still(self, request: Request) -> Response:

@@ -1,5 +1,6 @@
 """What the server keeps while it runs: photographs and other files, in a folder removed when it stops."""
 
+import itertools
 import os
 import re
 import secrets
@@ -125,16 +126,23 @@ class Session:
         return identity, path
 
     def lend(self, identity: str, photograph: Photograph) -> str:
-        """Link another file beside a photograph, where commands name it; return its name."""
+        """Link another file beside a photograph, where commands name it; return its name there.
+
+        Of two files of one name, the second gets a number.
+        """
         path = self._files.get(identity)
         if path is None:
             raise Refused("This file is no longer here: drop it again.", 404)
         if path.name in (photograph.name, photograph.mask):
             raise Refused(f"{path.name}: has the photograph's name; rename one of them.")
-        beside = photograph.folder / path.name
-        beside.unlink(missing_ok=True)
-        os.link(path, beside)
-        return path.name
+        for number in itertools.count(1):
+            name = path.name if number == 1 else f"{path.stem}-{number}{path.suffix}"
+            beside = photograph.folder / name
+            if not beside.exists():
+                os.link(path, beside)
+            if beside.samefile(path):
+                return name
+        raise AssertionError
 
     def in_root(self) -> Iterator[str]:
         """Yield the pictures that may be chosen, relative to the root."""

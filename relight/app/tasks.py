@@ -32,6 +32,8 @@ from relight.viewer.scene import scene_of
 
 PIXELS = 100_000_000  # of a photograph, at most
 PREVIEW_SIDE = 1600  # pixels, the longer side of what the page shows and the outline is solved on
+PREVIEWS = "page"  # folder of what the page shows: no upload has this name, which has no suffix
+BACKGROUND_SIDE = 2048  # pixels, the longer side of a background on the page, at most
 KEPT = 2  # subjects that are kept in memory, for stills
 REDUCED, MODEL, MATTE, PACK = "reduced.npy", "model.npy", "matte.npy", "pack.bin"
 Report = Callable[[str], None]
@@ -75,7 +77,8 @@ def read(name: str, report: Report) -> dict[str, Any]:
     reduced = _resized(pixels if cut_out else np.ascontiguousarray(pixels[..., :3]), size)
     np.save(REDUCED, reduced.astype(np.float16))
     codes = _encoded(reduced)
-    preview = "preview.png" if cut_out else "preview.jpg"
+    Path(PREVIEWS).mkdir(exist_ok=True)
+    preview = f"{PREVIEWS}/preview.{'png' if cut_out else 'jpg'}"
     Image.fromarray(codes).save(preview, quality=90)
     return {"width": width, "height": height, "cut_out": cut_out, "preview": preview}
 
@@ -111,12 +114,13 @@ def analyse(name: str, mask: str | None, drawn: Mapping[str, Any] | None, report
     if mask is not None and drawn is not None:
         report("Refining the edge")
         found = outline.refine(reduced[..., :3], _matte(drawn))
-        np.save(MATTE, found.astype(np.float16))
-        Path(mask).unlink(missing_ok=True)
     report("Analysing the person")
     subject = Subject(reduced, found)
     report("Preparing the light")
     Path(PACK).write_bytes(pack(subject.record, subject.matte, subject.albedo, compression=1))
+    if mask is not None and found is not None:  # until here, what was accepted before is kept
+        np.save(MATTE, found.astype(np.float16))
+        Path(mask).unlink(missing_ok=True)
     scene = scene_of(subject.size, title=name, command=_command(name, mask))
     _keep(name, subject)
     return {"scene": scene}
@@ -141,11 +145,14 @@ def environment(name: str, report: Report) -> dict[str, Any]:
     return {"path": name, "lamps": found["lamps"]}
 
 
-def background(name: str, size: Sequence[int], report: Report) -> dict[str, Any]:
-    """Return a background as the page shows it: a JPEG that covers a frame (H, W), in base64."""
+def background(name: str, report: Report) -> dict[str, Any]:
+    """Return a background as the page shows it, behind photographs of any shape: a JPEG, in base64."""
     _check_size(Path(name))
-    scene = scene_of((size[0], size[1]), background=images.read(name)[..., :3], background_name=name)
-    return scene["backdrop"]
+    pixels = images.read(name)[..., :3]
+    height, width = pixels.shape[:2]
+    shrink = min(1.0, BACKGROUND_SIDE / max(height, width))
+    size = max(1, round(height * shrink)), max(1, round(width * shrink))
+    return scene_of(size, background=pixels, background_name=name)["backdrop"]
 
 
 def still(name: str, mask: str | None, look: Mapping[str, Any], report: Report) -> dict[str, Any]:

@@ -123,10 +123,10 @@ class Application {
   async choose(photograph) {
     this.chosen = photograph;
     this.refresh();
-    if (photograph.notes?.length) this.tell(photograph.notes.join(" "));
     if (photograph.analysed) await this.go("light");
     else if (photograph.cut_out) await this.analyse(null);
     else await this.go("outline");
+    if (photograph.notes?.length) this.tell(photograph.notes.join(" "));
   }
 
   async remove(photograph) {
@@ -183,7 +183,7 @@ class Application {
       button.toggleAttribute("aria-current", name === this.step);
       if (name === this.step) button.setAttribute("aria-current", "step");
     }
-    this.strip.hidden = this.photographs.length < 2;
+    this.strip.hidden = !this.photographs.length || (this.photographs.length === 1 && Boolean(this.chosen));
     this.strip.replaceChildren(
       ...this.photographs.map((photograph) =>
         h(

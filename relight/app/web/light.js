@@ -47,7 +47,7 @@ export class Light {
     this.place.replaceChildren(root);
     const host = {
       environment: (file) => askJson(`environments?name=${encodeURIComponent(file.name)}`, { body: file }),
-      background: (file) => askJson(`backgrounds?name=${encodeURIComponent(file.name)}&photograph=${photograph.id}`, { body: file }),
+      background: (file) => askJson(`backgrounds?name=${encodeURIComponent(file.name)}`, { body: file }),
       finish: () => this.app.go("save"),
       engine: (viewer) => new StillEngine(viewer, photograph, () => this.look(viewer), (error) => this.app.fail(error)),
     };
@@ -92,6 +92,11 @@ export class Light {
 
   // --- presets
 
+  apply(lights) {
+    this.viewer.stop();
+    this.viewer.change((state) => Object.assign(state, withPreset(state, lights)));
+  }
+
   showPresets() {
     const { viewer } = this;
     const { height } = viewer.room;
@@ -99,7 +104,7 @@ export class Light {
       const canvas = h("canvas", { width: THUMB[0], height: THUMB[1], "aria-hidden": "true" });
       const button = h(
         "button",
-        { type: "button", class: "preset", "data-preset": id, onclick: () => viewer.change((state) => Object.assign(state, withPreset(state, lights(height)))) },
+        { type: "button", class: "preset", "data-preset": id, onclick: () => this.apply(lights(height)) },
         canvas,
         h("span", {}, name),
       );

@@ -8,6 +8,7 @@ import { Paper, veilOf } from "./paper.js";
 import { ask, askJson, notesOf, post } from "./requests.js";
 
 const CLOSE = 14; // CSS pixels from a line's first corner, within which it closes
+const DOUBLE_CLICK = 500; // milliseconds between its clicks, at most
 const DRAG = 5; // CSS pixels of motion that make a press a stroke
 const APART = 3; // CSS pixels between the points of a freehand line
 const STEP = 0.01; // of the picture, that an arrow key moves the pen
@@ -20,6 +21,7 @@ const TOOLS = [
 export class OutlineStep {
   constructor(app) {
     this.app = app;
+    this.closedAt = -DOUBLE_CLICK; // when a line was closed
     this.drawings = new Map(); // photograph id: { lasso, strokes, model }
     this.canvas = h("canvas", { tabindex: 0, role: "application", "aria-label": "The photograph. Drag to draw around the person. With the keyboard: arrows move the pen, Enter sets a corner, C closes the line." });
     this.paper = new Paper(this.canvas);
@@ -80,6 +82,7 @@ export class OutlineStep {
       const picture = new Image();
       picture.src = `photographs/${chosen.id}/preview`;
       await picture.decode();
+      if (this.photograph !== chosen) return; // another one has been chosen meanwhile
       this.paper.image = picture;
     }
     if (!this.drawings.has(chosen.id)) this.drawings.set(chosen.id, { now: { lasso: null, strokes: [], model: false }, past: [], future: [] });
@@ -263,6 +266,8 @@ export class OutlineStep {
     const { line } = this;
     this.line = null;
     if (!line || event.type === "pointercancel") return this.draw();
+    const again = line.length === 1 && event.timeStamp - this.closedAt < DOUBLE_CLICK;
+    if (again) return this.draw(); // the second click of a double click that closed the line
     if (this.tool !== "lasso") this.stroke(line);
     else if (this.freehand) {
       this.corners.push(...line);
@@ -290,6 +295,7 @@ export class OutlineStep {
     this.corners = [];
     if (this.tool !== "lasso" || corners.length < 3) return this.draw();
     this.change({ ...this.drawing, lasso: corners });
+    this.closedAt = performance.now();
     this.use("person");
   }
 

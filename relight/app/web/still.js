@@ -9,7 +9,7 @@ export class StillEngine {
   /** `look()`: what the server makes the picture of; `fail(error)`: says what went wrong. */
   constructor(viewer, photograph, look, fail) {
     Object.assign(this, { viewer, photograph, look, fail });
-    this.canvas = viewer.stage.canvas;
+    this.canvas = viewer.stage.replaceCanvas(); // one that was tried with WebGL 2 gives no other context
     [this.canvas.width, this.canvas.height] = viewer.pack.description.size;
     this.looks = ["picture", "photograph"];
     this.lost = false;

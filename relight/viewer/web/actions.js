@@ -35,12 +35,14 @@ export function actionsOf(viewer) {
         state.lights.push(checkedLight({ name: freeName(state.lights), azimuth, elevation, angle: 10 }));
         state.selected = state.lights.length - 1;
       }),
-    remove: (index) =>
+    remove: (index) => {
+      viewer.stop();
       change((state) => {
         state.lights.splice(index, 1);
         const next = state.selected - Number(state.selected > index);
         state.selected = Math.max(0, Math.min(next, state.lights.length - 1));
-      }),
+      });
+    },
     toggle: (key) => change((_, light) => light && (light[key] = !light[key])),
     push: (centimetres) =>
       onLight((light) => {

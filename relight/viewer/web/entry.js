@@ -1,7 +1,9 @@
 // Where a page begins, and the widget of a notebook.
 
 import { h } from "./dom.js";
+import { LIGHTS } from "./engine.js";
 import { Unsupported } from "./gl.js";
+import { isNear } from "./lights.js";
 import { fromBase64 } from "./pack.js";
 import { checkedLight, shining, toCommand, toFragment, toYaml } from "./state.js";
 import { Viewer } from "./viewer.js";
@@ -35,6 +37,21 @@ const api = (viewer) => ({
   viewer,
 });
 
+/** A light as Python sends it, see `parameters_of` in relight/viewer/scene.py. */
+function asInPython({ muted, solo, ...light }) {
+  const rounded = (degrees) => Math.round(degrees * 1e4) / 1e4;
+  return isNear(light) ? light : { ...light, azimuth: rounded(light.azimuth), elevation: rounded(light.elevation) };
+}
+
+/** The lights of the panel with Python's in place of those that shine; those that do not shine stay, as far as there is room. */
+function merged(lights, active, given) {
+  const alone = lights.some((light) => light.solo);
+  const next = given.map((light) => ({ ...light, solo: alone }));
+  const dark = lights.length - active.length;
+  if (given.length + dark > LIGHTS) return next;
+  return [...lights.flatMap((light) => (active.includes(light) ? next.splice(0, 1) : [light])), ...next];
+}
+
 /** The widget of a notebook (anywidget): its lights are those that shine, in Python and here. */
 export async function render({ model, el }) {
   const root = h("div", { class: "relight embedded" });
@@ -42,7 +59,7 @@ export async function render({ model, el }) {
   try {
     const view = model.get("pack");
     const viewer = await Viewer.open(root, model.get("scene"), new Uint8Array(view.buffer, view.byteOffset, view.byteLength), false);
-    const plain = (state) => shining(state).map(({ muted, solo, ...light }) => light);
+    const plain = (state) => shining(state).map(asInPython);
     let told = JSON.stringify(plain(viewer.state));
     viewer.listeners.add((state) => {
       const lights = plain(state);
@@ -53,8 +70,12 @@ export async function render({ model, el }) {
     });
     model.on("change:lights", () => {
       const lights = model.get("lights").map((light) => checkedLight(light));
-      if (JSON.stringify(lights.map(({ muted, solo, ...light }) => light)) === told) return;
-      viewer.change((state) => Object.assign(state, { lights, selected: Math.max(0, Math.min(state.selected, lights.length - 1)) }));
+      if (JSON.stringify(lights.map(asInPython)) === told) return;
+      viewer.stop();
+      viewer.change((state) => {
+        state.lights = merged(state.lights, shining(state), lights);
+        state.selected = Math.max(0, Math.min(state.selected, state.lights.length - 1));
+      });
     });
     return () => viewer.stop();
   } catch (error) {

@@ -45,7 +45,8 @@ export function bound(viewer, label, key, owner, options) {
     label,
     ...options,
     onchange: (given) => {
-      const value = given === null ? null : clamp(given, options.low ?? options.min, options.high ?? options.max);
+      const [low, high] = options.limits?.(owner(viewer.state)) ?? [options.low ?? options.min, options.high ?? options.max];
+      const value = given === null ? null : clamp(given, low, high);
       viewer.change((state) => owner(state) && (owner(state)[key] = value), `${label}${viewer.state.selected}`);
     },
     onend: () => viewer.endGesture(),

@@ -57,6 +57,13 @@ export class Stage {
     new ResizeObserver(() => this.layout()).observe(this.element);
   }
 
+  replaceCanvas() {
+    const canvas = h("canvas", { class: "picture" });
+    this.canvas.replaceWith(canvas);
+    this.canvas = canvas;
+    return canvas;
+  }
+
   handle(index) {
     const ball = h("canvas", { width: 52, height: 52 });
     const handle = h("button", { type: "button", class: "handle", hidden: true }, ball);
@@ -174,7 +181,7 @@ export class Stage {
   up(event) {
     if (!this.pointers.delete(event.pointerId)) return;
     if (this.pointers.size) {
-      this.beginTurn();
+      this.task = this.before = null; // what two fingers did ends with the first that leaves
       return;
     }
     this.task = this.before = null;

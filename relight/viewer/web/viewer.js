@@ -126,6 +126,10 @@ export class Viewer {
     }
     this.gesture = gesture;
     this.state = state;
+    if (gesture !== null && JSON.stringify(this.past.at(-1)) === JSON.stringify(state)) {
+      this.past.pop(); // it is back where it began: nothing is left to undo
+      this.gesture = null;
+    }
     this.refresh();
   }
 
@@ -135,6 +139,7 @@ export class Viewer {
 
   select(index) {
     if (index >= this.state.lights.length || index === this.state.selected) return;
+    this.stop(); // an orbit is that of the light that was selected
     this.state = { ...this.state, selected: index };
     this.refresh();
   }
@@ -254,10 +259,13 @@ export class Viewer {
   drawSoon() {
     this.frame ??= requestAnimationFrame(() => {
       this.frame = null;
+      const focused = this.root.contains(document.activeElement) && document.activeElement;
       this.redraw();
       this.controls.update(this.state);
       this.stage.update(this.state);
       this.checkLamps();
+      // Keys are heard where the focus is: it must not fall out of the page with a row, a handle or a button.
+      if (focused && (focused.disabled || focused.closest("[hidden]"))) this.stage.element.focus({ preventScroll: true });
     });
   }
 

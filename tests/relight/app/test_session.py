@@ -7,6 +7,7 @@ import pytest
 pytest.importorskip("starlette")
 pytest.importorskip("uvicorn")
 
+from relight.app.answers import while_connected
 from relight.app.guard import Guard
 from relight.app.session import PICTURES, Session, checked_name
 from relight.app.worker import Refused
@@ -98,6 +99,50 @@ def test_files_of_the_root_alone_can_be_taken(session, tmp_path):
 )
 def test_names_are_what_commands_and_file_systems_can_have(given, kept):
     assert checked_name(given, PICTURES) == kept
+
+
+def test_files_of_one_name_are_lent_side_by_side(session):
+    photograph = session.new_photograph("me.jpg")
+    (photograph.folder / "me.jpg").write_bytes(b"me")
+    (photograph.folder / "me-relit.png").write_bytes(b"saved")
+    lent = {}
+    for name, content in (("studio.jpg", b"sky"), ("studio.jpg", b"street"), ("me-relit.png", b"back")):
+        identity, path = session.new_file(name, PICTURES)
+        path.write_bytes(content)
+        lent[identity] = content
+    for _ in range(2):
+        names = [session.lend(identity, photograph) for identity in lent]
+        assert names == ["studio.jpg", "studio-2.jpg", "me-relit-2.png"]
+        assert [(photograph.folder / name).read_bytes() for name in names] == list(lent.values())
+    assert (photograph.folder / "me-relit.png").read_bytes() == b"saved"
+    identity, path = session.new_file("me.jpg", PICTURES)
+    path.write_bytes(b"another")
+    with pytest.raises(Refused, match="has the photograph's name"):
+        session.lend(identity, photograph)
+
+
+@pytest.mark.parametrize("stays", [True, False])
+def test_work_ends_when_the_page_goes_away(stays):
+    ended = []
+
+    class Asked:
+        async def is_disconnected(self):
+            return not stays
+
+    async def work():
+        try:
+            await asyncio.sleep(1)
+            return "done"
+        except asyncio.CancelledError:
+            ended.append(True)
+            raise
+
+    if stays:
+        assert asyncio.run(while_connected(Asked(), work())) == "done"
+    else:
+        with pytest.raises(Refused, match="gone away"):
+            asyncio.run(while_connected(Asked(), work()))
+    assert ended == [] if stays else [True]
 
 
 @pytest.mark.parametrize("given", ["", "photo", "photo.svg", "photo.jpg.html", "..", "photo.jpg/"])

@@ -106,3 +106,27 @@ def test_each_step_fits_phones_and_can_be_read_in_every_surround(browser, addres
             assert browsing.low_contrast(page) == []
     assert not page.complaints
     page.context.close()
+
+
+def test_photographs_stay_at_hand_when_the_chosen_one_goes(browser, address, tmp_path):
+    for name in ("one.png", "two.png"):
+        Image.fromarray(np.full((80, 60, 3), 90, np.uint8)).save(tmp_path / name)
+    page = visited(browser, address, size=(390, 844), has_touch=True, is_mobile=True)
+    chosen(page, tmp_path / "one.png", tmp_path / "two.png")
+    browsing.wait(page, "relightApp.photographs.length >= 2 && Boolean(relightApp.chosen)")
+    at_step(page, "outline")
+    # Without a mouse, only the chosen one shows what removes it.
+    shown = (
+        "[...document.querySelectorAll('.strip .icon')]"
+        ".map((one) => one.checkVisibility({ visibilityProperty: true }))"
+    )
+    chosen_one = "relightApp.photographs.map((one) => one === relightApp.chosen)"
+    assert page.evaluate(shown) == page.evaluate(chosen_one)
+    while page.evaluate("relightApp.photographs.length") > 1:
+        page.evaluate("relightApp.remove(relightApp.chosen ?? relightApp.photographs[0])")
+        browsing.settled(page)
+    assert page.evaluate("relightApp.chosen") is None
+    assert page.locator(".strip .thumb").count() == 1
+    page.locator(".strip .thumb").tap()
+    at_step(page, "outline")
+    page.context.close()

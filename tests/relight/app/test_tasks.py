@@ -1,5 +1,6 @@
 """What the worker computes of a photograph, without a server: reduced for the page, whole for files."""
 
+import base64
 import io
 
 import numpy as np
@@ -56,6 +57,42 @@ def test_an_outline_is_solved_once_until_it_changes(folder, monkeypatch):
         found = tasks.matte_by_model(f"{model},mean=0/0/0,std={scale}/1/1", silent)["png"]
         again = tasks.outline_of(by_model, silent)["png"]
         np.testing.assert_allclose(codes(again), codes(found), atol=1)
+
+
+def test_a_photograph_named_as_the_preview_stays_as_it_is(folder):
+    path, _, _ = folder
+    for name in ("preview.jpg", "preview.png"):
+        Image.open(path / "me.png").convert("RGB").save(path / name)
+        before = (path / name).read_bytes()
+        about = tasks.read(name, silent)
+        assert (path / name).read_bytes() == before
+        assert max(Image.open(path / about["preview"]).size) == 100
+
+
+@pytest.mark.parametrize("size", [(40, 20), (20, 40)])
+def test_a_background_keeps_its_shape_for_photographs_of_any_other(folder, monkeypatch, size):
+    path, _, _ = folder
+    monkeypatch.setattr(tasks, "BACKGROUND_SIDE", 20)
+    Image.fromarray(np.linspace(0, 255, 800).reshape(*size[::-1]).astype(np.uint8)).convert("RGB").save(
+        path / "street.png"
+    )
+    shown = Image.open(io.BytesIO(base64.b64decode(tasks.background("street.png", silent)["data"])))
+    assert shown.size == (size[0] // 2, size[1] // 2)
+
+
+def test_an_outline_that_cannot_be_analysed_leaves_the_one_before(folder, monkeypatch):
+    path, _, drawn = folder
+    np.save(tasks.MATTE, np.ones((100, 80), np.float16))
+    (path / "me-matte.png").write_bytes(b"written before")
+
+    def cancelled(*arguments):
+        raise ValueError("cancelled")
+
+    monkeypatch.setattr(tasks, "Subject", cancelled)
+    with pytest.raises(ValueError, match="cancelled"):
+        tasks.analyse("me.png", "me-matte.png", drawn, silent)
+    assert np.load(tasks.MATTE).min() == 1
+    assert (path / "me-matte.png").read_bytes() == b"written before"
 
 
 def test_what_the_worker_loads_while_it_waits_is_there(folder):

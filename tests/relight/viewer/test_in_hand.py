@@ -79,6 +79,32 @@ def test_two_fingers_make_a_light_softer_and_bring_it_nearer(page):
     before = browsing.state(page)["lights"][0]
     pinch(50, 60)
     assert browsing.state(page)["lights"][0]["position"][2] > before["position"][2] + 0.1
+    assert page.locator(".message").inner_text() == ""
+    steps = page.evaluate("relight.viewer.past.length")
+    pinch(50, 50)
+    assert page.evaluate("relight.viewer.past.length") == steps
+
+
+def test_an_orbit_ends_where_another_light_is_chosen(page):
+    browsing.press(page, "d", "t")
+    browsing.wait(page, "relight.viewer.playing !== null")
+    page.get_by_label("Name of light 2").click()
+    browsing.settled(page)
+    assert page.evaluate("relight.viewer.playing") is None
+    lights = browsing.state(page)["lights"]
+    assert "position" in lights[0]
+    assert "position" not in lights[1]
+    browsing.press(page, "Escape")
+    page.evaluate("relight.viewer.play()")
+    page.evaluate("relight.viewer.actions.remove(1); relight.viewer.actions.remove(0)")
+    browsing.settled(page)
+    assert browsing.state(page)["lights"] == []
+
+
+def test_the_focus_stays_on_the_page_when_its_button_goes(page):
+    page.locator(".lights li").nth(1).locator("button").last.click()
+    browsing.settled(page)
+    assert page.evaluate("document.activeElement === relight.viewer.stage.element")
 
 
 def test_what_is_dropped_on_the_person_is_behind_them_and_on_the_panel_around_them(page):

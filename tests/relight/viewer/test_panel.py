@@ -50,6 +50,15 @@ def test_kelvin_is_off_where_a_light_has_no_temperature(page):
     assert browsing.state(page)["lights"][1]["temperature"] is None
 
 
+def test_kelvin_of_daylight_ends_where_daylight_does(page):
+    page.evaluate("relight.viewer.change((state) => (state.lights[0].locus = 'daylight'))")
+    browsing.settled(page)
+    page.get_by_label("Kelvin, exactly").fill("2000")
+    page.get_by_label("Kelvin, exactly").press("Enter")
+    browsing.settled(page)
+    assert browsing.state(page)["lights"][0]["temperature"] == 4000
+
+
 @pytest.mark.parametrize("key", ["Backspace", "Delete", "PageUp"])
 def test_keys_of_a_slider_do_nothing_to_the_lights(page, key):
     lamp_at(page, (-0.6, 0.4, 0.8))

@@ -195,5 +195,15 @@ def test_the_widget_s_module_draws_with_a_model_of_a_notebook(browser, viewed, t
     page.evaluate("(light) => model.give([light])", given)
     browsing.settled(page)
     assert page.locator(".handle:not([hidden])").get_attribute("aria-label").startswith("side: azimuth 90°")
+    # Python's lights take the place of those that shine; a muted one stays, and an echo is no change.
+    browsing.press(page, "a", "m", "1")
+    page.evaluate("(light) => model.give([{ ...light, azimuth: 80 }])", given)
+    browsing.settled(page)
+    assert page.locator(".handle:not([hidden])").count() == 2
+    assert [light["azimuth"] for light in page.evaluate("saved")] == [80]
+    page.locator(".stage").focus()
+    browsing.press(page, "Shift+ArrowRight")
+    sent = page.evaluate("saved")
+    assert all(round(light["azimuth"], 4) == light["azimuth"] for light in sent)
     assert not page.complaints
     page.context.close()
