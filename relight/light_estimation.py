@@ -205,7 +205,8 @@ class Matching:
             pixels = linear_plate(reference)
             alone = mask is None and (pixels.shape[-1] == 3 or pixels[..., 3].min() == 1)
             if alone and matting is not None and matting.model is not None:
-                return SequenceMatting(matting, lambda number: reference, None).cut(0, None), None
+                there = replace(matting, person=None)  # which is the person of the plate
+                return SequenceMatting(there, lambda number: reference, None).cut(0, None), None
             if alone:
                 raise ValueError(
                     "the reference has no matte; expected one with alpha, or its matte (--match-mask FILE)"
@@ -253,7 +254,12 @@ class PlateLight:
         self._maps = {n: found for n, found in self._maps.items() if n in seen}
         for n in seen:
             if n not in self._maps:
-                self._maps[n] = self._map(n, size)
+                try:
+                    self._maps[n] = self._map(n, size)
+                except (OSError, ValueError):  # that frame is reported when it is its turn
+                    if n == number or self._backgrounds.numbers is None:
+                        raise
+        seen = [n for n in seen if n in self._maps]
         if not seen:
             self._backgrounds.read(number)  # raises, and names the missing frame
         weights = [np.cos(np.pi / 2 * (n - number) / (WINDOW_RADIUS + 1)) ** 2 for n in seen]

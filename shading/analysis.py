@@ -122,7 +122,8 @@ def analyse(
     """
     image, matte = inputs.photograph(rgb, mask, inputs.device("device", device))
     network, field = diffuse.load(model, image.device), analysis.load(device=image.device)
-    framed = Framed.of(image, clean_matte(matte), network.size)
+    matte = clean_matte(matte)
+    framed = Framed.of(image, matte, network.size)
     surface = on_canvas(resolve(normals, image, matte, field, network), framed.framing)
     return Analysis(framed, field, network, surface, rgb)
 

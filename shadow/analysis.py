@@ -148,6 +148,7 @@ def analyse(
     """
     image, matte = inputs.photograph(rgb, mask, inputs.device("device", device))
     network = load(model, image.device)
-    framed = Framed.of(image, clean_matte(matte), network.size)
+    matte = clean_matte(matte)
+    framed = Framed.of(image, matte, network.size)
     surface = on_canvas(resolve(normals, image, matte, network), framed.framing)
     return Analysis(framed, network, surface, rgb)

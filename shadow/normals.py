@@ -12,6 +12,7 @@ from torch import nn
 from shadow import inputs
 from shadow.directions import CAMERA, from_axes
 from shadow.framing import Framed, Framing
+from shadow.matte_cleanup import clean_matte
 from shadow.networks import checkpoints, pifuhd
 from shadow.networks.field import VisibilityField
 from shadow.networks.foreign import OnnxNormals
@@ -202,4 +203,5 @@ def infer_normals(
     (64, 48, 3)
     """
     image, matte = inputs.photograph(rgb, mask)
-    return inputs.like(on_plate(load(model, device=image.device), image, matte).permute(1, 2, 0), rgb)
+    source = load(model, device=image.device)
+    return inputs.like(on_plate(source, image, clean_matte(matte)).permute(1, 2, 0), rgb)

@@ -175,7 +175,7 @@ def _own_colour(plate: np.ndarray, alpha: torch.Tensor, photographed: bool) -> t
     is near. Push-pull fills the rest from the trusted pixels, so that neither background nor black gets in.
     """
     rgb, own_alpha = plate[..., :3], plate[..., 3:]
-    if photographed and alpha.max() < NEARLY_OPAQUE_COVERAGE:
+    if photographed and alpha.max() < OPAQUE_COVERAGE:
         alpha = _relative_coverage(alpha)
     known = alpha.numpy() >= (OPAQUE_COVERAGE if photographed else MIN_COVERAGE)
     if own_alpha.size:

@@ -227,7 +227,7 @@ def _make(
         *shot, compute = options
         problems = render_shot(*shot, compute=compute, frames=frames, phase=Phase.frames, resume=resume)
         return address, problems
-    except (ImportError, MemoryError, OSError, TypeError, ValueError) as error:
+    except (ImportError, MemoryError, OSError, RuntimeError, TypeError, ValueError) as error:
         return address, dict.fromkeys(frames, f"{address}: {error}")
 
 

@@ -98,6 +98,8 @@ class Light:
         name, colon, settings = text.rpartition(":")
         try:
             arguments = parse_settings(cls, filter(None, settings.split(",")))
+            if any(word.partition("=")[0] in parameters(cls) for word in name.split(",") if "=" in word):
+                raise ValueError(f"{name!r} is no name; settings are separated by commas")
             if colon and "name" in arguments:
                 raise ValueError(f"name={arguments['name']!r} is twice")
             for key, default in parameters(cls).items():

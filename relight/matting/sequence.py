@@ -1,5 +1,6 @@
 """Mattes for the frames of a shot: inferred by a network, or a rough mask refined."""
 
+import contextlib
 from collections.abc import Callable
 from dataclasses import dataclass, field
 from typing import Any, Self
@@ -104,10 +105,16 @@ class SequenceMatting:
         self._found = {n: found for n, found in self._found.items() if abs(n - number) <= 2}
         for n in near:
             if n not in self._found:
-                self._found[n] = self._inferred(n)
+                try:
+                    self._found[n] = self._inferred(n)
+                except (OSError, ValueError):  # that frame is reported when it is its turn
+                    if n == number:
+                        raise
         seen, found = self._found[number]
         total, weights = found.copy(), np.ones_like(found)
         for n in near[1:]:
+            if n not in self._found:
+                continue
             other, theirs = self._found[n]
             if other.shape == seen.shape:
                 weight = np.exp(-((other - seen) ** 2).mean(axis=-1) / (2 * COLOUR_SIGMA**2))
@@ -120,7 +127,8 @@ class SequenceMatting:
         if self._model.recurrent and number - 1 not in self._found:
             self._model.reset()
             for before in self.frames_for(number):
-                self._model(refine.encoded_srgb(refine.opaque_photograph(self._read(before))))
+                with contextlib.suppress(OSError, ValueError):  # that frame was reported in its turn
+                    self._model(refine.encoded_srgb(refine.opaque_photograph(self._read(before))))
         seen = refine.encoded_srgb(refine.opaque_photograph(self._read(number)))
         return seen, networks.reject_full_matte(self._model(seen), self._options.model or "")
 

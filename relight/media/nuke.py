@@ -9,7 +9,7 @@ from collections.abc import Iterable, Mapping
 from fractions import Fraction
 from pathlib import Path
 
-from relight.media.nuke_nodes import layer, node, quoted, root, span, word_of
+from relight.media.nuke_nodes import layer, literal, node, root, span, word_of
 from relight.media.nuke_relight import LiveLight, sources, switch
 from shadow.files import AnyPath, replacing
 
@@ -84,12 +84,12 @@ def write_script(
             reads[file] = f"N{len(reads) + 1}"
             relative = Path(os.path.relpath(file, path.parent)).as_posix()
             knobs = span(frames) | {"name": f"Read{len(reads)}"} | place
-            blocks.append(node("Read", inputs=0, file=quoted(relative), **knobs, ypos=-120))
+            blocks.append(node("Read", inputs=0, file=literal(relative), **knobs, ypos=-120))
             blocks.append(f"set {reads[file]} [stack 0]")
         if held is not None:
             knobs = {"in": word_of(held), "out": "rgb", "name": f"Shuffle_{word}"} | place
             blocks.append(node("Shuffle", **knobs, ypos=0))
-        knobs = {"channels": "rgb", "value": 1, "name": f"Multiply_{word}", "label": quoted(name)} | place
+        knobs = {"channels": "rgb", "value": 1, "name": f"Multiply_{word}", "label": literal(name)} | place
         blocks.append(node("Multiply", **knobs, ypos=80))
         if column:
             knobs = {"operation": "plus", "Achannels": "rgb", "Bchannels": "rgb", "output": "rgb"} | place

@@ -53,6 +53,11 @@ def word_of(name: str) -> str:
     return re.sub(r"\W", "_", name, flags=re.ASCII)
 
 
+def literal(text: str) -> str:
+    """Quote a file name or a label, which Nuke evaluates as Tcl when it uses it."""
+    return quoted(re.sub(r"([\\\[\]$])", r"\\\1", text))
+
+
 def quoted(text: str) -> str:
     """Quote a text for Tcl, including braces, brackets and line breaks."""
     return '"' + re.sub(r'([\\"\[\]{}$])', r"\\\1", text).replace("\n", "\\n") + '"'

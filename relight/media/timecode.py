@@ -52,6 +52,11 @@ def suits_rate(text: str, rate: float | Fraction) -> bool:
     return match[4] == ":" or any(math.isclose(rate, ntsc, rel_tol=1e-5) for ntsc in DROPPING)
 
 
+def packs(rate: float | Fraction) -> bool:
+    """Return whether OpenEXR can hold all frame numbers at `rate` frames a second."""
+    return round(rate) <= MOST_PACKED + 1
+
+
 def pack_timecode(text: str) -> tuple[int, int] | None:
     """Return OpenEXR's time and user data of a timecode; None for a text or a number that it cannot hold."""
     match = TEXT.fullmatch(text)

@@ -43,9 +43,7 @@ def check_outputs(output: Output, sources: Iterable[object], sidecar: Path | Non
         elif not any(is_exr(other) for other in output.paths):
             raise ValueError(f"{path}: a Nuke script needs an .exr to read; add one with -o")
     if output.save_matte is not None:
-        images.check_writable(output.save_matte)
-        if output.save_matte.suffix.lower() in images.OPAQUE_SUFFIXES:
-            raise ValueError(f"{output.save_matte}: {output.save_matte.suffix} holds no alpha")
+        images.check_matte(output.save_matte)
     if output.save_lights is not None:
         files.check_writable(output.save_lights, SUFFIXES)
     sources = list(sources)

@@ -2,7 +2,6 @@
 
 import functools
 import os
-import warnings
 from dataclasses import dataclass, field
 from fractions import Fraction
 from pathlib import Path
@@ -11,7 +10,7 @@ from typing import Any, Self
 from relight.media import images, movies
 from relight.media.movies import RATE
 from relight.media.movies.tracks import has_sound, read_tags
-from relight.media.timecode import MOST_PACKED, offset_timecode, pack_timecode, unpack_timecode
+from relight.media.timecode import offset_timecode, pack_timecode, packs, unpack_timecode
 from relight.pipeline.readers import Reader
 
 VERSION = 1  # of the entry in a cache
@@ -104,8 +103,10 @@ class PlateMetadataReader:
         if number not in movie.numbers:
             return PlateMetadata()
         first, tags, heard = self._stated
-        timecode = None if first is None else offset_timecode(first, number - 1, movie.rate or RATE)
-        packed = None if timecode is None or self._too_fast else pack_timecode(timecode)
+        rate = movie.rate or RATE
+        timecode = None if first is None else offset_timecode(first, number - 1, rate)
+        # Some numbers of a fast movie fit and others do not: no frame has them then.
+        packed = None if timecode is None or not packs(rate) else pack_timecode(timecode)
         header: dict[str, images.TypedValue] = {}
         if movie.rate is not None:
             parts = movie.rate.numerator, movie.rate.denominator
@@ -118,18 +119,6 @@ class PlateMetadataReader:
                 header[word] = images.TypedValue("string", text)
         span = movie.span(number, number)
         return PlateMetadata(header, timecode, tags, movie.path if heard else None, *span)
-
-    @functools.cached_property
-    def _too_fast(self) -> bool:
-        """Whether some frame numbers of a movie's timecode are too large for OpenEXR, which is warned of."""
-        assert isinstance(self._plates, movies.Movie)
-        rate = self._plates.rate or RATE
-        if round(rate) > MOST_PACKED + 1:
-            warnings.warn(
-                f"{self._plates.path}: OpenEXR files hold no timecode at {float(rate):g} frames a second",
-                stacklevel=2,
-            )
-        return round(rate) > MOST_PACKED + 1
 
     @functools.cached_property
     def _stated(self) -> tuple[str | None, dict[str, str], bool]:

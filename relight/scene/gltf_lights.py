@@ -16,7 +16,7 @@ from relight.lights.light import Light
 from relight.lights.moving import MovingLight
 from relight.lights.near import PointLight, RectLight
 from relight.scene import units
-from relight.scene.usd_lights import Rig
+from relight.scene.usd_lights import Rig, renamed
 from shadow.files import AnyPath, check_writable, replacing
 
 SUFFIXES = (".gltf", ".glb")
@@ -58,6 +58,7 @@ def read_rig(
             raise ValueError(f"{path}: glTF has no focus distance; say where the subject is (--subject-at)")
         origin = np.zeros(3)
     lights: list[Light | MovingLight] = [_light(path, tree, node, view, origin) for node in _lit(nodes)]
+    lights = _with_different_names(lights)
     if not lights:
         raise ValueError(f"{path}: holds no lights ({EXTENSION})")
     if len(lights) > MOST_LIGHTS:
@@ -237,6 +238,19 @@ def _local(node: dict[str, Any]) -> np.ndarray:
     matrix[:3, :3] = rotation * np.array(node.get("scale", [1, 1, 1]), float)
     matrix[:3, 3] = np.array(node.get("translation", [0, 0, 0]), float)
     return matrix
+
+
+def _with_different_names(lights: list[Light | MovingLight]) -> list[Light | MovingLight]:
+    """Return the lights; of those with one name, which glTF allows, all but the first get a number."""
+    taken: set[str] = set()
+    named = []
+    for light in lights:
+        name, number = light.name, 2
+        while name in taken:
+            name, number = f"{light.name}_{number}", number + 1
+        taken |= {name} if name else set()
+        named.append(light if name is None or name == light.name else renamed(light, name))
+    return named
 
 
 def _named(nodes: list[Node], name: str) -> Node | None:

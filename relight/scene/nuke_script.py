@@ -14,7 +14,7 @@ from typing import Any
 
 from relight.lights.directional import DirectionalLight
 from relight.lights.light import as_rig
-from relight.media.nuke_nodes import layer, node, quoted, root, span
+from relight.media.nuke_nodes import layer, literal, node, quoted, root, span
 from relight.scene import nuke_callback
 from relight.scene.nuke_callback import LIGHTS, direction, matrices, samples
 from relight.scene.nuke_layers import CAST_LAYERS, LAYERS, NAMES, RESIDUAL_LAYERS, Basis
@@ -61,7 +61,7 @@ def write(
     OSError
         The script cannot be written.
     """
-    file = quoted(Path(picture).name)
+    file = literal(Path(picture).name)
     parts = [
         root(size, frames, rate),
         *(layer(name, CHANNELS) for name in NAMES),

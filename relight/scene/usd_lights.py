@@ -16,6 +16,7 @@ from shadow.files import AnyPath
 
 MOST_LIGHTS = 1000
 MOST_FRAMES = 10_000
+ORIENTATION = ("image", "rotation")  # of an environment: one that is not upright turns its image
 
 
 class Rig(NamedTuple):
@@ -111,6 +112,9 @@ class _Reader:
         found = [kind(prim, time) for time in frames]
         if not any(settings["intensity"] > 0 for _, settings in found):
             return None
+        if _tilts(found):
+            self.convert.cannot(prim, "tilts against the camera in time; it stays as in its first frame")
+            found = _untilted(found)
         try:
             return _assembled(found, frames)
         except (TypeError, ValueError) as error:
@@ -168,12 +172,37 @@ def renamed(light: Light | MovingLight, name: str) -> Light | MovingLight:
     return type(light)(**settings | {"name": name})
 
 
+def _tilts(found: list[Found]) -> bool:
+    """Return whether an environment is not upright to the camera in the same way in all frames."""
+    images = [settings.get("image") for _, settings in found]
+    if images[0] is None:
+        return False
+    upright = {"rotation" in settings for _, settings in found}
+    return len(upright) > 1 or not all(_is_same(image, images[0]) for image in images)
+
+
+def _is_same(image: Any, other: Any) -> bool:
+    """Return whether two images, files or arrays, are one."""
+    return image is other or bool(np.array_equal(np.asarray(image), np.asarray(other)))
+
+
+def _untilted(found: list[Found]) -> list[Found]:
+    """Return the settings of an environment with the orientation of the first frame."""
+    first = {key: value for key, value in found[0][1].items() if key in ORIENTATION}
+    return [
+        (kind, {key: value for key, value in settings.items() if key not in ORIENTATION} | first)
+        for kind, settings in found
+    ]
+
+
 def _assembled(found: list[Found], frames: list[float]) -> Light | MovingLight:
     """Return one light from its settings at some frames."""
     kind, first = found[0]
     if len(frames) == 1:
         return kind(**first)
     every = [settings for _, settings in found]
+    if any(settings.keys() != first.keys() for settings in every):
+        raise ValueError("has a temperature in some frames only; expected one in all of them, or in none")
     moving: Numbers = {}
     rests: Numbers = {}
     for key in first:

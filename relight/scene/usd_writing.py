@@ -47,8 +47,8 @@ def add_lights(
     place
         Where the stage is written. Maps of environments that are not in its folder are written there too.
     frames
-        The first and the last frame of the stage, over which orbits are sampled. Without them one turn is
-        written, from frame 1, and a warning says that USD holds its end.
+        The first and the last frame of the stage, over which orbits are sampled. Without them one turn
+        and all keyframes are written, and a warning says that USD holds the end.
     """
     from pxr import Tf, UsdLux
 
@@ -62,7 +62,7 @@ def add_lights(
         moments = _moments(light, frames)
         if frames is None and isinstance(light, MovingLight) and light.orbit is not None:
             warnings.warn(
-                f"{name}: orbit: one turn is written, frames 1 to {moments[-1][0]:g}; then the light rests",
+                f"{name}: orbit: written for frames {moments[0][0]:g} to {moments[-1][0]:g}; then it stops",
                 stacklevel=2,
             )
         prim = _define(stage, f"{parent}/{word}", moments[0][1])
@@ -81,9 +81,10 @@ def _moments(light: Light | MovingLight, frames: tuple[int, int] | None) -> list
 
     if not isinstance(light, MovingLight):
         return [(Usd.TimeCode.Default(), light)]
-    ends = list(light.span or (1.0, 1.0))
+    ends = list(light.span or ())
     if light.orbit is not None:
         ends += frames or (1.0, 1.0 + abs(light.orbit))
+    ends = ends or [1.0]
     times = {float(frame) for frame in range(math.floor(min(ends)), math.ceil(max(ends)) + 1)}
     for keyframes in light.moves.values():
         times |= set(keyframes)

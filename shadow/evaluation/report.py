@@ -88,7 +88,7 @@ def write(
     """
     models = {"ours": "field", **(models or {})}
     records = Records(paths)
-    networks = {name: visibility.load(model) for name, model in models.items()}
+    networks = {name: visibility.load(model, scores.best_device()) for name, model in models.items()}
     for name, network in networks.items():
         _check(name, network, models[name])
     ours, out = networks["ours"], Path(out)
@@ -218,7 +218,6 @@ def _figure_4(path: Path, records: Records, network: Any, surface: Any, seed: in
 
 
 def _milliseconds(network: Any, view: View, lights: torch.Tensor) -> float:
-    network.to(view.rgb.device, memory_format=torch.channels_last)
     times = []
     for _ in range(1 + REPEATS):  # the first call allocates memory and is not counted
         start = time.perf_counter()

@@ -61,7 +61,7 @@ class View:
         frontal = drawn["directions"][:, 2] > FRONTAL
         lit = (drawn["visibility"][frontal] > 0.5).float()
         rgb = photograph(drawn["rgb"], drawn["mask"], rng)
-        place = torch.device("cuda" if torch.cuda.is_available() else "cpu")
+        place = best_device()
         truth = (drawn["mask"][0], drawn["normals"], drawn["albedo"], drawn["directions"][frontal], lit)
         return cls(*(tensor.to(place) for tensor in (rgb, drawn["rgb"], *truth)))
 
@@ -70,11 +70,11 @@ class View:
 
         Returns None if `surface` is that network itself, which infers normals together with its maps.
         """
-        return None if surface is network else surface.to(self.rgb.device).normals(self.rgb, self.mask)
+        return None if surface is network else surface.normals(self.rgb, self.mask)
 
     def binary(self, network: Any, given: torch.Tensor | None) -> tuple[torch.Tensor, torch.Tensor]:
         """Return normals (3, h, w), given or the network's own, and the network's maps (D, h, w) bool."""
-        surface, visibility = network.to(self.rgb.device).analyse(self.rgb, self.mask, given)
+        surface, visibility = network.analyse(self.rgb, self.mask, given)
         return surface, visibility(self.lights) > 0.5
 
     def sign(self, surface: torch.Tensor) -> torch.Tensor:
@@ -154,6 +154,11 @@ def _lighting(record: Record, seed: tuple[int, int], light: str | None) -> np.nd
     return everyday_lighting(np.random.default_rng((*seed, KINDS.index(light))), record.directions, light)
 
 
+def best_device() -> torch.device:
+    """Return the device of photographs and networks that are scored: a GPU if there is one."""
+    return torch.device("cuda" if torch.cuda.is_available() else "cpu")
+
+
 def normals_of(network: Any, model: str | Path | None = None) -> Any:
     """Return the network whose normals a visibility network is given.
 
@@ -162,7 +167,7 @@ def normals_of(network: Any, model: str | Path | None = None) -> Any:
     """
     if model is None and isinstance(network, VisibilityField):
         return network
-    return normals.load(model or "field")
+    return normals.load(model or "field", device=best_device())
 
 
 def evaluate(
@@ -195,7 +200,7 @@ def evaluate(
     """
     if light not in (None, *KINDS):
         raise ValueError(f"light: expected one of {', '.join(KINDS)}, got {light!r}")
-    network = visibility.load(model)
+    network = visibility.load(model, best_device())
     surface = normals_of(network, normals_model)
     tallies, angle = compare(Records(paths), {"field": network}, surface, seed=seed, limit=limit, light=light)
     return {name: tally.score() for name, tally in tallies.items()}, angle

@@ -307,7 +307,16 @@ def render_all(
     -------
     tuple[int, int, dict[str, Exception]]
         The number of records and of bytes written, and {source name: error}.
+
+    Raises
+    ------
+    ValueError
+        Two sources have one name.
     """
+    names = [source.name for source in sources]
+    twice = next((name for name in names if names.count(name) > 1), None)
+    if twice is not None:
+        raise ValueError(f"sources: two are named {twice!r}, as their records would be; rename a file")
     out = Path(out).absolute()  # a worker may have another working directory
     out.mkdir(parents=True, exist_ok=True)
     work = partial(

@@ -70,7 +70,10 @@ def check_finite(what: str, network: nn.Module) -> None:
 
 
 @functools.lru_cache(maxsize=8)
-def _load(path: Path, checksum: str | None, kinds: tuple, device: torch.device) -> Any:
+def _load(
+    path: Path, version: tuple[int, int], checksum: str | None, kinds: tuple, device: torch.device
+) -> Any:
+    """Load a file; `version`, its time and size, tells the cache when the file is another one."""
     state, metadata = read(path, checksum)
     networks = dict(kinds)
     if metadata.get("network") not in networks:
@@ -147,7 +150,8 @@ def checksum(name: str, package: str) -> str:
 
 def _shared(path: Path, checksum: str | None, kinds: tuple, device: torch.device | str) -> Any:
     with _LOADING:  # concurrent threads share one network
-        return _load(path, checksum, kinds, torch.device(device))
+        file = path.stat()
+        return _load(path, (file.st_mtime_ns, file.st_size), checksum, kinds, torch.device(device))
 
 
 def save(path: str | os.PathLike, network: nn.Module, kind: str, config: dict, recipe: dict) -> str:

@@ -7,6 +7,7 @@ On one machine run `relight train ...`, on several GPUs `torchrun --nproc-per-no
 import json
 import math
 import os
+import textwrap
 import time
 from collections.abc import Callable, Iterable
 from contextlib import nullcontext
@@ -94,10 +95,20 @@ class _State:
         self.step, self.seconds = 0, 0.0
         self.checkpoint = out / "checkpoint.pt"
         if self.checkpoint.exists():
+            self._resume(torch.device(device))
+
+    def _resume(self, device: torch.device) -> None:
+        """Continue from the checkpoint. Raises ValueError if it is damaged, or of another run."""
+        try:
             saved = torch.load(self.checkpoint, map_location=device, weights_only=True)
             self.network.load_state_dict(saved["network"])
             self.optimiser.load_state_dict(saved["optimiser"])
             self.average, self.step, self.seconds = saved["average"], saved["step"], saved["seconds"]
+        except Exception as error:  # a damaged file raises many kinds of errors
+            reason = textwrap.shorten(str(error), 300)
+            raise ValueError(f"{self.checkpoint}: does not continue this run: {reason}") from error
+        if self.step > self.recipe.steps:
+            raise ValueError(f"steps: {self.checkpoint} has made {self.step}, expected at least as many")
 
     def update(self) -> None:
         """Take one optimiser step and update the moving average."""
@@ -120,13 +131,14 @@ class _State:
 
     def save(self, facts: dict[str, Any]) -> None:
         """Write the checkpoint, and the averaged weights with the recipe and `facts`."""
+        # The weights come first: where writing stops between the two, the same command makes both again.
+        recipe = {**asdict(self.recipe), "hours": round(self.seconds / 3600, 3), **facts}
+        path = self.out / f"{self.task.kind}.safetensors"
+        checkpoints.save(path, self.averaged(), self.task.kind, self.config, recipe)
         saved = {"network": self.network.state_dict(), "optimiser": self.optimiser.state_dict()}
         clock = {"step": self.step, "seconds": self.seconds}
         with replacing(self.checkpoint) as beside:
             torch.save({**saved, **clock, "average": self.average}, beside)
-        recipe = {**asdict(self.recipe), "hours": round(self.seconds / 3600, 3), **facts}
-        path = self.out / f"{self.task.kind}.safetensors"
-        checkpoints.save(path, self.averaged(), self.task.kind, self.config, recipe)
 
 
 class _Auxiliary(NamedTuple):
@@ -142,10 +154,10 @@ def _auxiliary(
     """Load the networks that the task needs. `estimator` is that of `fit`, or None if the task needs none."""
     surface = field = None
     if task.needs_visibility:
-        field = checkpoints.load(visibility, {"field": VisibilityField}, package="shadow").to(device)
+        field = checkpoints.load(visibility, {"field": VisibilityField}, package="shadow", device=device)
     if estimator == TRUE_NORMALS:
         surface = lambda batch: batch["normals"]  # noqa: E731
-    elif estimator is not None and (source := normals.load(estimator).to(device)) is not field:
+    elif estimator is not None and (source := normals.load(estimator, device=device)) is not field:
         surface = partial(_estimated, source)
     return _Auxiliary(surface, field)
 
@@ -266,6 +278,7 @@ def fit(
         estimator = visibility
     device, rank, world = _place()
     out, size, source = Path(out), canvas_size(recipe.size), Records(records)
+    scored = None if validation is None else Records(validation)
     out.mkdir(parents=True, exist_ok=True)
     state = _State(task, recipe, out, device, init)
     model = nn.parallel.DistributedDataParallel(state.network) if world > 1 else state.network
@@ -302,8 +315,10 @@ def fit(
             progress.update(bar, completed=state.step, description=f"{task.kind} {row['loss']:.4f}")
             if due:
                 if rank == 0:
+                    # The loss of another process may have been the one that was not finite.
+                    checkpoints.check_finite(f"training: the network at step {state.step}", state.network)
                     state.save({**facts, "images": row["images"], "records": len(source)})
-                    row |= _validate(state, validation, size, auxiliary) if validation else {}
+                    row |= {} if scored is None else _validate(state, scored, size, auxiliary)
                 saved_at = time.monotonic()
             if rank == 0:
                 with open(out / "log.jsonl", "a") as file:
@@ -361,19 +376,19 @@ def _one_thread(_worker: int) -> None:
 
 @torch.no_grad()
 def _validate(
-    state: _State, validation: Iterable[str | Path], size: tuple[int, int], auxiliary: _Auxiliary
+    state: _State, records: Records, size: tuple[int, int], auxiliary: _Auxiliary
 ) -> dict[str, float]:
     """Return mean scores on fixed photographs, and draw the first four into the run's folder."""
-    task, network, device, records = state.task, state.averaged(), state.device, Records(validation)
+    task, network, device = state.task, state.averaged(), state.device
     count = min(VALIDATION_SAMPLES, len(records))
     photographs = _Photographs(records, 1, size, task.lights, 0, count, augment=False)
+    with autocast(device):
+        first = _prepare(next(iter(DataLoader(photographs, 4))), device, auxiliary)
+        pictures.write_grid(state.out / f"samples-{state.step:06d}.png", task.show(network, first))
     scores = []
-    for batch in DataLoader(photographs, 4):
+    for each in DataLoader(photographs, 1):
         with autocast(device):
-            batch = _prepare(batch, device, auxiliary)
-            scores.append(task.score(network, batch))
-            if len(scores) == 1:
-                pictures.write_grid(state.out / f"samples-{state.step:06d}.png", task.show(network, batch))
-    # A batch in which no record has depth has no score of depth.
+            scores.append(task.score(network, _prepare(each, device, auxiliary)))
+    # A record without depth has no score of depth.
     keys = dict.fromkeys(key for score in scores for key in score)
     return {key: round(float(np.mean([score[key] for score in scores if key in score])), 5) for key in keys}

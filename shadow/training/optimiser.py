@@ -73,7 +73,9 @@ class Optimiser:
 
     def load_state_dict(self, state: dict[str, Any]) -> None:
         for part, saved in zip(self.parts, state["parts"], strict=True):
-            part.load_state_dict(saved)
+            # The options of a group belong to the optimiser of this processor, see `FloatMuon`.
+            own = part.state_dict()["param_groups"]
+            part.load_state_dict({"state": saved["state"], "param_groups": own})
 
 
 class FloatMuon(torch.optim.Optimizer):

@@ -126,7 +126,7 @@ class Application {
     if (photograph.analysed) await this.go("light");
     else if (photograph.cut_out) await this.analyse(null);
     else await this.go("outline");
-    if (photograph.notes?.length) this.tell(photograph.notes.join(" "));
+    if (this.chosen === photograph && this.message.hidden && photograph.notes?.length) this.tell(photograph.notes.join(" "));
   }
 
   async remove(photograph) {

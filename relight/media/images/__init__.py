@@ -7,7 +7,7 @@ sRGB-encoded with straight alpha, a file of floats scene-linear and premultiplie
 from relight.media.images.edge import coverage, person_mask, scene_linear
 from relight.media.images.layers import split_layer
 from relight.media.images.loading import read_pixel_aspect
-from relight.media.images.maps import read_depth, read_mask, read_normals, write_mask
+from relight.media.images.maps import check_matte, read_depth, read_mask, read_normals, write_mask
 from relight.media.images.metadata import TIMECODE, TypedValue, read_frame_rate, read_metadata
 from relight.media.images.reading import read, read_camera, read_content_hash, read_layers, read_size
 from relight.media.images.writing import (
@@ -27,6 +27,7 @@ __all__ = [
     "TIMECODE",
     "Metadata",
     "TypedValue",
+    "check_matte",
     "check_writable",
     "coverage",
     "half",

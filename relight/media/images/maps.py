@@ -84,12 +84,17 @@ def write_mask(
     >>> relight.write_mask("copy.png", relight.read_mask("matte.png"))
     """
     path = Path(path)
-    check_writable(path)
-    if path.suffix.lower() not in (".exr", ".png", ".tif", ".tiff"):
-        raise ValueError(f"{path}: expected .png, .tif or .exr for a matte")
+    check_matte(path)
     depth = checked_depth(path, depth or ("half" if path.suffix.lower() == ".exr" else "uint16"))
     pixels = coverage("mask", mask)[..., None]
     save(path, [pixels], new_spec(pixels.shape[:2], depth, ["Y"], metadata))
+
+
+def check_matte(path: Path) -> None:
+    """Raise as `write_mask` does if a matte cannot be written to `path`."""
+    check_writable(path)
+    if path.suffix.lower() not in (".exr", ".png", ".tif", ".tiff"):
+        raise ValueError(f"{path}: expected .png, .tif or .exr for a matte")
 
 
 def read_depth(path: AnyPath, *, layer: str | None = None) -> np.ndarray:

@@ -28,13 +28,15 @@ export function actionsOf(viewer) {
         light.azimuth = ((((light.azimuth + azimuth + 180) % 360) + 360) % 360) - 180;
         light.elevation = clamp(light.elevation + elevation, -90, 90);
       }, "keys"),
-    add: () =>
+    add: () => {
+      viewer.stop();
       change((state) => {
         if (state.lights.length >= LIGHTS) return viewer.say(`There are ${LIGHTS} lights, the most that the page shows.`);
         const [azimuth, elevation] = PLACES[state.lights.length];
         state.lights.push(checkedLight({ name: freeName(state.lights), azimuth, elevation, angle: 10 }));
         state.selected = state.lights.length - 1;
-      }),
+      });
+    },
     remove: (index) => {
       viewer.stop();
       change((state) => {

@@ -48,6 +48,7 @@ function merged(lights, active, given) {
   const alone = lights.some((light) => light.solo);
   const next = given.map((light) => ({ ...light, solo: alone }));
   const dark = lights.length - active.length;
+  if (alone && !given.length) return lights.filter((light) => !active.includes(light)).map((light) => ({ ...light, muted: true }));
   if (given.length + dark > LIGHTS) return next;
   return [...lights.flatMap((light) => (active.includes(light) ? next.splice(0, 1) : [light])), ...next];
 }

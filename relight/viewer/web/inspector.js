@@ -44,7 +44,7 @@ export class Inspector {
     this.radius = slide("Radius", "radius", near, { ...metres, min: 0, max: reach / 5, low: 0 });
     this.kelvin = slide("Kelvin", "temperature", selected, {
       min: mired(12000), max: mired(1800), step: 0.5, unit: "K", digits: 0, neutral: 6500, off: "off",
-      limits: (light) => LOCI[light.locus], place: mired, value: mired,
+      low: LOCI.planckian[0], high: LOCI.planckian[1], limits: (light) => light && LOCI[light.locus], place: mired, value: mired,
     });
     this.kelvin.classList.add("kelvin");
     this.element = h(

@@ -72,7 +72,7 @@ def test_a_hard_masks_rim_holds_no_background(monkeypatch):
     assert (feather[..., 2] > 3 * feather[..., 1]).all()  # and its own colour, having no other
 
 
-@pytest.mark.parametrize("fade", [(0.85, 0.85), (0.8, 0.88), (0.65, 0.75)])
+@pytest.mark.parametrize("fade", [(0.92, 0.97), (0.85, 0.85), (0.8, 0.88), (0.65, 0.75)])
 def test_a_translucent_matte_keeps_the_persons_colours(monkeypatch, fade):
     coverage, normals = ball(240, 180, soft=4)
     rows = np.linspace(0, 1, 240, dtype=np.float32)[:, None]

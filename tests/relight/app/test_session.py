@@ -142,7 +142,7 @@ def test_work_ends_when_the_page_goes_away(stays):
     else:
         with pytest.raises(Refused, match="gone away"):
             asyncio.run(while_connected(Asked(), work()))
-    assert ended == [] if stays else [True]
+    assert ended == ([] if stays else [True])
 
 
 @pytest.mark.parametrize("given", ["", "photo", "photo.svg", "photo.jpg.html", "..", "photo.jpg/"])

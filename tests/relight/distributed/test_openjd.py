@@ -9,6 +9,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 from helpers.killing import differences
+from helpers.stored import store
 from openjd.model import decode_job_template
 from typer.testing import CliRunner
 
@@ -134,9 +135,13 @@ def test_frames_are_those_of_a_moving_background(shot):
 
 
 def test_a_plate_is_read_in_the_colour_space_that_is_given(shot):
-    relight.write("plate.exr", np.full((60, 50, 3), 0.2, np.float32), metadata={"oiio:ColorSpace": "Nothing"})
-    words = [*LIGHTS, "--frames", "1-2", "--mask", "plates/m.0001.png"]
-    assert "Frames" in str(written("plate.exr", "--colour-space", "ARRI LogC4", *words))
+    plate = np.full((60, 50, 3), 0.4, np.float32)
+    store(Path("plate.dpx"), plate, "uint16", oiio__ColorSpace="KodakLog")
+    words = ["plate.dpx", "--mask", "plates/m.0001.png", *LIGHTS, "--frames", "1-2"]
+    assert written(*words, "--colour-space", "ARRI LogC4")["steps"]
+    result = run("job", *words, "-o", "r.%04d.exr", "-o", "other.json")
+    assert result.exit_code == 2
+    assert "--colour-space" in " ".join(result.output.split()) or "colour_space" in result.output
 
 
 def run_openjd(*words):

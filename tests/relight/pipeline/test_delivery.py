@@ -1,6 +1,7 @@
 """What the outputs of a shot keep of its source: the shape of pixels, timecode, camera metadata, sound."""
 
 import json
+import warnings
 from fractions import Fraction
 
 import av
@@ -213,9 +214,13 @@ def test_frames_of_a_movie_have_its_timecode(stub, tmp_path):
 
 def test_timecode_that_openexr_cannot_hold_is_said_once(stub, tmp_path):
     film(tmp_path / "a.mov", 45, timecode="01:00:00:00", sound=None, rate=60)
-    with pytest.warns(UserWarning, match=r"a\.mov: OpenEXR files hold no timecode at 60 frames") as said:
+    with pytest.warns(UserWarning, match=r"OpenEXR files hold no timecode at such a rate") as said:
         relight.render_shot(str(tmp_path / "a.mov"), KEY, tmp_path / "b.%04d.exr", frames=(38, 42))
     assert sum("no timecode" in str(one.message) for one in said) == 1
+    with warnings.catch_warnings():
+        warnings.simplefilter("error")
+        relight.render_shot(str(tmp_path / "a.mov"), KEY, tmp_path / "c.mov", frames=(1, 2))
+    assert read_tags(tmp_path / "c.mov")[0] == "01:00:00:00"
     assert not any(spec_of(path).getattribute("smpte:TimeCode") for path in tmp_path.glob("b.*.exr"))
 
 

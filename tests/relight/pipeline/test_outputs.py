@@ -76,7 +76,7 @@ def test_a_picture_with_alpha_is_refused_before_it_is_made(name):
         open_sinks(Output(name), transparent=True, **run)
     open_sinks(Output(name), transparent=False, **run)
     if not name.endswith("mp4"):
-        with pytest.raises(ValueError, match="holds no alpha"):
+        with pytest.raises(ValueError, match=r"expected \.png, \.tif or \.exr for a matte"):
             check_outputs(Output("o.png", save_matte=name), ())
 
 

@@ -199,7 +199,7 @@ def test_lights_come_back_as_they_were(tmp_path, suffix):
     (tmp_path / "maps").mkdir()
     before = rig(tmp_path)
     path = tmp_path / f"rig{suffix}"
-    with pytest.warns(UserWarning, match="^round: orbit: one turn is written, frames 1 to 13; ") as said:
+    with pytest.warns(UserWarning, match="^round: orbit: written for frames 1 to 13; ") as said:
         write_lights(path, before)
     assert len(said) == 1
     with warnings.catch_warnings():

@@ -202,6 +202,13 @@ def test_the_widget_s_module_draws_with_a_model_of_a_notebook(browser, viewed, t
     assert page.locator(".handle:not([hidden])").count() == 2
     assert [light["azimuth"] for light in page.evaluate("saved")] == [80]
     page.locator(".stage").focus()
+    browsing.press(page, "2", "m", "1", "s")  # both would shine but for the solo of the first
+    page.evaluate("model.give([])")
+    browsing.settled(page)
+    assert page.locator(".handle:not([hidden])").count() == 1
+    assert page.evaluate("saved") == []
+    page.evaluate("(light) => model.give([light])", given)
+    page.locator(".stage").focus()
     browsing.press(page, "Shift+ArrowRight")
     sent = page.evaluate("saved")
     assert all(round(light["azimuth"], 4) == light["azimuth"] for light in sent)
