@@ -174,6 +174,34 @@ def test_a_moving_background_lights_steadily(tmp_path):
     np.testing.assert_allclose(first, still.at(1, (60, 100)).view((30, 50), 40), atol=0.03)
 
 
+def test_a_background_that_cannot_be_read_leaves_its_neighbours(tmp_path):
+    for number in range(1, 6):
+        relight.write(tmp_path / f"place.{number:04d}.exr", street())
+    (tmp_path / "place.0003.exr").write_bytes(b"no picture")
+    light = PlateLight(SequenceReader(FrameSequence.of(tmp_path / "place.%04d.exr"), relight.read), 40)
+    found = [light.at(number, (60, 100)).samples()[1].sum() for number in (1, 2, 4, 5)]
+    np.testing.assert_allclose(found, found[0], rtol=1e-4)
+    with pytest.raises((OSError, ValueError), match=r"place\.0003\.exr"):
+        light.at(3, (60, 100))
+
+
+def test_the_person_of_the_plate_is_not_looked_for_in_the_reference(monkeypatch):
+    asked = []
+
+    class Found:
+        def __init__(self, options, read, numbers):
+            asked.append(options.person)
+
+        def cut(self, number, mask):
+            return street()
+
+    monkeypatch.setattr(light_estimation, "SequenceMatting", Found)
+    options = light_estimation.MattingOptions.parse("m.onnx", "2")
+    assert options.person is not None
+    light_estimation.Matching(reference=street()).reference_person(options)
+    assert asked == [None]
+
+
 def test_what_is_cut_off_the_background_lights_too():
     whole = street((60, 100))
     light = PlateLight(Still(whole), 30)

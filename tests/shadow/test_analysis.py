@@ -163,3 +163,17 @@ def test_bfloat16_is_around_the_networks_alone(person, monkeypatch):
     for one, other in ((half.visibility(LIGHTS), full.visibility(LIGHTS)), (half.albedo, full.albedo)):
         assert 0 < np.abs(one - other).max() < 0.2
         assert np.sqrt(((one - other) ** 2).mean()) < 0.01
+
+
+def test_a_speck_in_the_matte_changes_no_normals(person):
+    rgb, mask = person
+    wide = np.zeros((mask.shape[0], 3 * mask.shape[1], 3), np.float32) + 0.2
+    matte = np.zeros(wide.shape[:2], np.float32)
+    wide[:, : mask.shape[1]], matte[:, : mask.shape[1]] = rgb, mask
+    speck = matte.copy()
+    speck[2:5, -5:-2] = 1
+    inside = matte > 0.5
+    with pytest.warns(UserWarning, match="small parts far from the person"):
+        found = shadow.infer_normals(wide, speck)
+    expected = shadow.infer_normals(wide, matte)
+    assert np.abs(found - expected)[inside].mean() < 0.01

@@ -170,3 +170,9 @@ def test_parse_says_what_it_does_not_understand(text, message):
     with pytest.raises(ValueError, match=message) as caught:
         DirectionalLight.parse(text)
     assert repr(text) in str(caught.value)
+
+
+def test_a_colon_for_a_comma_is_refused():
+    with pytest.raises(ValueError, match="'azimuth=-40' is no name; settings are separated by commas"):
+        DirectionalLight.parse("azimuth=-40:elevation=30")
+    assert DirectionalLight.parse("a=b:azimuth=-40").name == "a=b"

@@ -81,6 +81,19 @@ def test_somebody_who_moves_leaves_no_ghost(tmp_path, model):
     assert alpha[32] > 0.9
 
 
+@pytest.mark.parametrize("kind", ["still", "recurrent"])
+def test_a_frame_that_cannot_be_read_leaves_its_neighbours(tmp_path, model, kind):
+    for number in range(1, 8):
+        relight.write(tmp_path / f"p.{number}.exr", frame(red=0.4))
+    (tmp_path / "p.3.exr").write_bytes(b"no picture")
+    network = f"{model},{OPTIONS}" if kind == "still" else recurrent(tmp_path / "rvm.onnx")
+    shot = inputs_of(tmp_path / "p.%d.exr", network)
+    for number in (2, 4, 5):
+        assert shot.frame(number).plate[30, 25, 3] > 0.05
+    with pytest.raises((OSError, ValueError), match=r"p\.3\.exr"):
+        shot.frame(3)
+
+
 def test_a_recurrent_network_answers_alike_wherever_a_shot_is_entered(tmp_path):
     for number in range(1, 5):
         relight.write(tmp_path / f"p.{number}.exr", frame(red=0.4))

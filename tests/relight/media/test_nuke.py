@@ -80,7 +80,7 @@ def test_odd_names_survive_tcl(tmp_path):
     write_script(tmp_path / "m.nk", {name: (tmp_path / "m.exr", "C_x")}, (6, 8))
     label = re.search(r"^ label (.*)$", (tmp_path / "m.nk").read_text(), re.MULTILINE)[1]
     echoed = subprocess.run(
-        ["tclsh"], input=f"puts {label}", capture_output=True, text=True, check=True
+        ["tclsh"], input=f"puts [subst {label}]", capture_output=True, text=True, check=True
     ).stdout
     assert echoed == name + "\n"
 

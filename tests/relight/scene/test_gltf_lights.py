@@ -82,6 +82,12 @@ def test_lights_come_back_as_they_were(tmp_path, suffix):
     np.testing.assert_allclose(other.axis, one.axis, atol=1e-6)
 
 
+def test_lights_of_one_name_get_numbers(tmp_path):
+    nodes = [{"children": [1, 2, 3]}, lit(0), lit(0), lit(0, name="key")]
+    lights = read_lights(scene(tmp_path / "set.gltf", nodes, [SUN | {"name": "bulb"}]))
+    assert [light.name for light in lights] == ["bulb", "bulb_2", "key"]
+
+
 def test_a_camera_without_a_name_has_its_field_of_view(tmp_path):
     nodes = [{"children": [1, 2]}, {"camera": 0}, lit(0)]
     rig = read_rig(scene(tmp_path / "set.gltf", nodes, [SUN], cameras=[CAMERA]))

@@ -143,6 +143,25 @@ def test_a_camera_that_moves_moves_the_lights(tmp_path):
     np.testing.assert_allclose(bulb.at(2).position, (0.5, 0, 0.5), atol=1e-6)
 
 
+@pytest.mark.parametrize(("first", "last"), [(20, -20), (0, -20)])
+def test_a_sky_that_tilts_against_the_camera_stays_and_says_so(tmp_path, first, last):
+    relight.write(tmp_path / "sky.exr", np.random.default_rng(0).random((32, 64, 3), np.float32))
+    turning = (
+        'def Camera "cam" {\n'
+        f"    float xformOp:rotateX.timeSamples = {{ 1: {first}, 11: {last} }}\n"
+        '    uniform token[] xformOpOrder = ["xformOp:rotateX"]\n}\n'
+    )
+    sky = 'def DomeLight "sky" {\n    asset inputs:texture:file = @sky.exr@\n}\n'
+    path = stage(tmp_path, turning + sky)
+    with pytest.warns(UserWarning, match="/sky: tilts against the camera in time; it stays as in its first"):
+        (light,) = read_lights(path, camera="/cam", subject_at=(0, 0, -1))
+    (tmp_path / "still").mkdir()
+    relight.write(tmp_path / "still" / "sky.exr", relight.read(tmp_path / "sky.exr"))
+    held = stage(tmp_path / "still", turning.replace(f"11: {last}", f"11: {first}") + sky)
+    (still,) = read_lights(held, camera="/cam", subject_at=(0, 0, -1))
+    np.testing.assert_allclose(light.samples()[0], still.samples()[0], atol=1e-5)
+
+
 MANY = """
 def RectLight "panel" (prepend apiSchemas = ["ShapingAPI"]) {
     rel light:filters = </gobo>

@@ -37,6 +37,13 @@ def ball():
     return figure(mesh)
 
 
+def test_two_scans_of_one_name_are_refused(tmp_path):
+    sources = [stage.Source.scan(tmp_path / name / "mesh.obj") for name in ("alice", "bob")]
+    with pytest.raises(ValueError, match="two are named 'scan-mesh'"):
+        stage.render_all(sources, tmp_path / "records", views=1)
+    assert not (tmp_path / "records").exists()
+
+
 def test_default_camera_is_that_of_section_3(ball):
     record = stage.render(ball, stage.View(), 128, LIGHTS)
     rows, columns = np.nonzero(record.mask)

@@ -29,6 +29,17 @@ def test_round_trip_to_half_precision(saved):
     assert list(path.parent.iterdir()) == [path]
 
 
+def test_a_file_that_is_written_again_is_read_again(saved):
+    _, path, _ = saved
+    first = visibility.load(path)
+    assert visibility.load(path) is first
+    torch.manual_seed(1)
+    checkpoints.save(path, VisibilityField(**SMALL), "field", SMALL, {"steps": 4})
+    second = visibility.load(path)
+    assert second.origin.sha256 == checkpoints.sha256(path) != first.origin.sha256
+    assert second.origin.recipe == {"steps": 4}
+
+
 def test_shrunk_weights_are_half_as_large_and_nearly_the_same(saved, tmp_path):
     network, path, _ = saved
     small = tmp_path / "shrunk.safetensors"

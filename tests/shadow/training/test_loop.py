@@ -341,6 +341,67 @@ def test_a_loss_that_is_not_finite_stops_the_run(folder, tmp_path):
     assert not (tmp_path / "field.safetensors").exists()
 
 
+def test_weights_that_are_not_finite_are_not_saved(folder, tmp_path):
+    """As in a process whose own loss is finite, while another's is not: they share the gradient."""
+
+    def poisoned(network, batch):
+        loss = SHADOW.loss(network, batch)
+        loss.register_hook(lambda gradient: gradient * float("nan"))
+        return loss
+
+    with pytest.raises(ValueError, match="training: the network at step 1 is damaged"):
+        run(replace(SHADOW, loss=poisoned), folder, tmp_path, 1)
+    assert not list(tmp_path.glob("*.safetensors"))
+    assert not (tmp_path / "checkpoint.pt").exists()
+
+
+def test_a_checkpoint_that_cannot_go_on_is_named(folder, tmp_path):
+    (tmp_path / "checkpoint.pt").write_bytes(b"cut")
+    with pytest.raises(ValueError, match=r"checkpoint\.pt: does not continue this run"):
+        run(SHADOW, folder, tmp_path, 1)
+
+
+def test_records_to_score_on_are_looked_for_at_once(folder, tmp_path):
+    with pytest.raises(FileNotFoundError, match="nowhere"):
+        run(SHADOW, folder, tmp_path / "out", 1, validation=[tmp_path / "nowhere"])
+    assert not (tmp_path / "out").exists()
+
+
+@pytest.mark.slow
+def test_where_the_disk_fills_up_in_the_last_step_the_weights_are_made_again(folder, tmp_path, monkeypatch):
+    keep = checkpoints.save
+
+    def full(*arguments):
+        raise OSError(28, "No space left on device")
+
+    monkeypatch.setattr(checkpoints, "save", full)
+    with pytest.raises(OSError, match="No space"):
+        run(SHADOW, folder, tmp_path, 1)
+    monkeypatch.setattr(checkpoints, "save", keep)
+    assert run(SHADOW, folder, tmp_path, 1).exists()
+    with pytest.raises(ValueError, match=r"steps: .* has made 1, expected at least as many"):
+        run(SHADOW, folder, tmp_path, 0)
+
+
+@pytest.mark.slow
+def test_validation_scores_are_means_over_photographs(folder, tmp_path):
+    files = sorted(folder.iterdir())
+    five = tmp_path / "five"
+    five.mkdir()
+    for number, file in enumerate([*files, files[0]]):
+        (five / f"{number}.npz").write_bytes(file.read_bytes())
+    seen = []
+
+    def scored(network, batch):
+        seen.append(len(batch["rgb"]))
+        return {"first": float(len(seen) == 1)}
+
+    run(replace(SHADOW, score=scored), folder, tmp_path / "out", 1, validation=[five])
+    assert seen == [1] * 5
+    row = json.loads((tmp_path / "out" / "log.jsonl").read_text().splitlines()[-1])
+    assert row["first"] == pytest.approx(0.2)
+
+
 def small(latent, **options):
     """The per-light task with a U-Net of few channels."""
     task = per_light(latent, **options)

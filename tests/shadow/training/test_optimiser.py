@@ -100,6 +100,17 @@ def test_its_state_goes_on_where_it_was():
         torch.testing.assert_close(a, b, rtol=0, atol=0)
 
 
+def test_its_state_goes_on_on_another_processor(monkeypatch):
+    layers = network()
+    monkeypatch.setattr(optimiser, "native_bfloat16", lambda device: False)
+    descend(layers, first := Optimiser(layers, RECIPE))
+    monkeypatch.setattr(optimiser, "native_bfloat16", lambda device: True)
+    second = Optimiser(layers, RECIPE)
+    second.load_state_dict(first.state_dict())
+    descend(layers, second, seed=2)
+    assert all(torch.isfinite(parameter).all() for parameter in layers.parameters())
+
+
 def test_weights_that_it_could_not_reach_are_refused():
     with pytest.raises(RuntimeError, match="view"):
         Optimiser(nn.Conv2d(32, 40, 3), RECIPE)
