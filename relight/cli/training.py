@@ -131,6 +131,9 @@ def train(
     from shadow.training.recipes import preset as recipe_of
 
     task = _task(network, model, not no_normals, visibility, not no_depth)
+    for name, times in (("borders", borders), ("faces", faces)):
+        if times not in (None, 1) and model is not Model.field:
+            raise ValueError(f"--{name}: expected a one-pass network (--model field), got {model}")
     if blocks is not None:
         if model is not Model.field:
             raise ValueError(f"--blocks: expected a one-pass network (--model field), got {model}")

@@ -381,6 +381,10 @@ def test_from_a_mesh_to_weights_and_their_score(tmp_path):
         (["train", "shadow", "--records", ".", "--out", "run", "--no-normals"], "since a field infers"),
         (["train", "shading", "--records", ".", "--out", "run", "--no-depth"], "--no-depth: expected"),
         (["train", "shadow", "--records", ".", "--out", "run", "--blocks", "1,2,3"], "expected 5 numbers"),
+        (
+            ["train", "shadow", "--records", ".", "--out", "run", "--model", "resb7", "--borders", "4"],
+            "--borders: expected a one-pass network",
+        ),
         (["train", "shadow", "--records", ".", "--out", "run", "--blocks", "1,1,2,0,6"], "got '1,1,2,0,6'"),
         (["train", "shadow", "--records", ".", "--out", "run", *RESB3, "--blocks", "1,1,2,4,6"], "one-pass"),
         (

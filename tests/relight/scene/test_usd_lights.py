@@ -5,6 +5,7 @@ import pytest
 
 import relight
 from relight.scene.lights import read_lights, read_rig, write_lights
+from relight.scene.usd_writing import _moments
 
 pytest.importorskip("pxr")
 
@@ -362,3 +363,10 @@ def test_a_package_with_absolute_paths_is_refused(tmp_path):
         entry.extra = entry.extra[:4] + bytes(20)
         package.writestr(entry, f"#usda 1.0\n{DOME.format(sky)}\n")
     check_refused("absolute path", path)
+
+
+def test_an_orbit_is_sampled_over_the_frames_of_a_sequence():
+    light = relight.MovingLight(relight.DirectionalLight, orbit=48, azimuth=-40)
+    moments = _moments(light, (1001, 1010))
+    assert [time for time, _ in moments] == list(range(1001, 1011))
+    assert moments[-1][1] == light.at(1010)
