@@ -20,7 +20,7 @@ from shadow import visibility
 from shadow.data.records import Records
 from shadow.directions import from_spherical
 from shadow.evaluation import metrics
-from shadow.evaluation.scores import Tally, View
+from shadow.evaluation.scores import Tally, View, best_device
 
 
 def lightings(directions):
@@ -59,7 +59,7 @@ def photographs(record, seed, height):
 def table(shoot, folder, model="field", views=16):
     """Print how `model` scores on what `shoot(record, seed, height)` returns by name, Views of a record on
     a canvas of `height` pixels, inside their mattes and that of the first."""
-    network, records = visibility.load(model), Records([folder])
+    network, records = visibility.load(model, best_device()), Records([folder])
     tallies, angles = {}, {}
     for index in track(records.spread(int(views)), "views"):
         shot = shoot(records[index], (0, index), network.size)

@@ -32,6 +32,7 @@ class Delivery:
         self._stated = None if inputs is None else inputs.rate
         self.rate: float | Fraction = rate or self._stated or RATE
         self._warned = False
+        self._timecode: str | None = None  # of the plate whose metadata was asked for last
         self._plate_metadata: Callable[[int], PlateMetadata] = lambda number: PlateMetadata()
         if inputs is not None:
             self._plate_metadata = (
@@ -40,16 +41,17 @@ class Delivery:
 
     def metadata(self, number: int) -> images.Metadata:
         """Return what the header of an .exr states of a plate's scene and camera."""
-        return self._plate_metadata(number).header
+        found = self._plate_metadata(number)
+        self._timecode = found.timecode
+        return found.header
 
-    def warn_of_timecode(self, number: int, metadata: images.Metadata) -> None:
-        """Warn, once, if the plate of a frame has a timecode that the header of an .exr cannot hold."""
-        if images.TIMECODE in metadata or self._warned:
+    def warn_of_timecode(self, path: object, metadata: images.Metadata) -> None:
+        """Warn, once, if the plate of the last `metadata` has a timecode that the header of an .exr lacks."""
+        if self._timecode is None or images.TIMECODE in metadata or self._warned:
             return
-        timecode = self._plate_metadata(number).timecode
-        if timecode is not None:
-            self._warned = True
-            warnings.warn(f"{timecode}: OpenEXR files hold no timecode at such a rate", stacklevel=2)
+        self._warned = True
+        rate = float(self._stated or RATE)
+        warnings.warn(f"{path}: OpenEXR files hold no timecode at {rate:g} frames a second", stacklevel=2)
 
     def tracks(self, numbers: FrameRange, path: object) -> Tracks:
         """Return what a movie of these frames carries. `path`: of the movie, for warnings."""

@@ -161,7 +161,7 @@ class FileSink:
         path = self.path.path(number)
         metadata = {HASH_ATTRIBUTE: self._hash(path, made), **metadata}
         if is_exr(path):
-            self.delivery.warn_of_timecode(number, metadata)
+            self.delivery.warn_of_timecode(path, metadata)
             picture, layers, metadata = self.delivery.squeeze_layers(
                 picture, layers, metadata, self.exr["depth"]
             )

@@ -112,7 +112,9 @@ class _Reader:
         found = [kind(prim, time) for time in frames]
         if not any(settings["intensity"] > 0 for _, settings in found):
             return None
-        if _tilts(found):
+        if _changes_image(found):
+            self.convert.cannot(prim, "its texture changes in time; the first one is used")
+        elif _tilts(found):
             self.convert.cannot(prim, "tilts against the camera in time; it stays as in its first frame")
             found = _untilted(found)
         try:
@@ -172,13 +174,20 @@ def renamed(light: Light | MovingLight, name: str) -> Light | MovingLight:
     return type(light)(**settings | {"name": name})
 
 
+def _changes_image(found: list[Found]) -> bool:
+    """Return whether an environment is upright to the camera in all frames, and not of one image."""
+    return all("rotation" in settings for _, settings in found) and not _has_one_image(found)
+
+
 def _tilts(found: list[Found]) -> bool:
     """Return whether an environment is not upright to the camera in the same way in all frames."""
-    images = [settings.get("image") for _, settings in found]
-    if images[0] is None:
-        return False
     upright = {"rotation" in settings for _, settings in found}
-    return len(upright) > 1 or not all(_is_same(image, images[0]) for image in images)
+    return "image" in found[0][1] and (len(upright) > 1 or not _has_one_image(found))
+
+
+def _has_one_image(found: list[Found]) -> bool:
+    images = [settings.get("image") for _, settings in found]
+    return all(_is_same(image, images[0]) for image in images)
 
 
 def _is_same(image: Any, other: Any) -> bool:

@@ -171,7 +171,10 @@ def _table_3(scored: dict[str, Score]) -> list[Row]:
 
 def _table_4(scored: dict[str, Score], networks: dict[str, nn.Module], view: View) -> list[Row]:
     """Measure time and size of each latent, trained or not, and of ours, without pre- and postprocessing."""
-    candidates = {name: networks.get(name) or PerLight(latent=name).eval() for name in LATENTS}
+    place: Any = {"device": view.rgb.device, "memory_format": torch.channels_last}
+    candidates: dict[str, Any] = {
+        name: networks.get(name) or PerLight(latent=name).eval().to(**place) for name in LATENTS
+    }
     rows = []
     for name, network in (candidates | {"ours": networks["ours"]}).items():
         paper_milliseconds, paper_millions, paper = LATENT.get(name, (None, None, None))

@@ -163,11 +163,11 @@ def normals_of(network: Any, model: str | Path | None = None) -> Any:
     """Return the network whose normals a visibility network is given.
 
     It is `model`, a name or path for `shadow.normals.load`, if that is given. Otherwise it is the network
-    itself, or the shipped field if the network infers no normals.
+    itself, or the shipped field if the network infers no normals. It is on the network's device.
     """
     if model is None and isinstance(network, VisibilityField):
         return network
-    return normals.load(model or "field", device=best_device())
+    return normals.load(model or "field", device=next(network.parameters()).device)
 
 
 def evaluate(

@@ -118,11 +118,14 @@ def load(path: str | os.PathLike, device: torch.device | str = "cpu") -> FrontNo
         The file is damaged, contains pickled code or no front-normal generator, or its generator takes more
         than the photograph, as those of ICON and ECON do.
     """
-    return _load(Path(path).resolve(strict=True), torch.device(device))
+    path = Path(path).resolve(strict=True)
+    file = path.stat()
+    return _load(path, (file.st_mtime_ns, file.st_size), torch.device(device))
 
 
 @functools.lru_cache(maxsize=1)
-def _load(path: Path, device: torch.device) -> FrontNormals:
+def _load(path: Path, version: tuple[int, int], device: torch.device) -> FrontNormals:
+    """Load a file; `version`, its time and size, tells the cache when the file is another one."""
     parameters = _generator(path, _read(path))
     with torch.device("meta"):
         network = FrontNormals(parameters["model.1.weight"].shape[0])

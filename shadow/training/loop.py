@@ -104,6 +104,8 @@ class _State:
             self.network.load_state_dict(saved["network"])
             self.optimiser.load_state_dict(saved["optimiser"])
             self.average, self.step, self.seconds = saved["average"], saved["step"], saved["seconds"]
+        except torch.OutOfMemoryError:
+            raise
         except Exception as error:  # a damaged file raises many kinds of errors
             reason = textwrap.shorten(str(error), 300)
             raise ValueError(f"{self.checkpoint}: does not continue this run: {reason}") from error
@@ -271,19 +273,20 @@ def fit(
     Raises
     ------
     FileNotFoundError, ValueError
-        There are no records, the weights are damaged or have another architecture, or the loss is not finite.
-        In the last case the error names the step, and the last checkpoint stays.
+        There are no records; the weights are damaged or have another architecture; the checkpoint is damaged,
+        of another run, or has made more steps; the loss or the network is not finite. In the last case the
+        error names the step, and the last checkpoint stays.
     """
     if task.needs_normals and estimator is None:
         estimator = visibility
     device, rank, world = _place()
     out, size, source = Path(out), canvas_size(recipe.size), Records(records)
-    scored = None if validation is None else Records(validation)
+    scored = Records(validation) if validation else None
     out.mkdir(parents=True, exist_ok=True)
     state = _State(task, recipe, out, device, init)
     model = nn.parallel.DistributedDataParallel(state.network) if world > 1 else state.network
     auxiliary = _auxiliary(task, estimator, visibility, device)
-    facts = _facts(task, init, estimator, visibility)
+    facts = _facts(task, init, estimator, visibility, device)
     # Each process draws its own photographs. The stride keeps the seeds of different runs apart.
     seed, done = recipe.seed + 7919 * rank, state.step
     photographs = _Photographs(
@@ -330,14 +333,18 @@ def fit(
 
 
 def _facts(
-    task: Task, init: str | Path | None, estimator: str | Path | None, visibility: str | Path
+    task: Task,
+    init: str | Path | None,
+    estimator: str | Path | None,
+    visibility: str | Path,
+    device: torch.device,
 ) -> dict[str, Any]:
     """Return the entries of the recipe that name the networks from which and with which it was trained."""
     facts = {"init": Path(init).stem} if init else {}
     if estimator is not None:
         facts["normals"] = Path(estimator).stem
         if estimator != TRUE_NORMALS:
-            facts["normals_sha256"] = normals.load(estimator).origin.sha256
+            facts["normals_sha256"] = normals.load(estimator, device=device).origin.sha256
     if task.needs_visibility:
         facts["visibility"] = Path(visibility).stem
     return facts

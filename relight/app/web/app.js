@@ -124,7 +124,7 @@ class Application {
     this.chosen = photograph;
     this.refresh();
     if (photograph.analysed) await this.go("light");
-    else if (photograph.cut_out) await this.analyse(null);
+    else if (photograph.cut_out) return this.analyse(null, photograph.notes ?? []);
     else await this.go("outline");
     if (this.chosen === photograph && this.message.hidden && photograph.notes?.length) this.tell(photograph.notes.join(" "));
   }
@@ -140,7 +140,7 @@ class Application {
   }
 
   /** Accepts an outline, `drawn`, or the photograph's own: the light opens when the person is analysed. */
-  async analyse(drawn) {
+  async analyse(drawn, said = []) {
     const { chosen } = this;
     await this.busy(async (say, signal) => {
       say("Analysing the person");
@@ -148,7 +148,7 @@ class Application {
       Object.assign(chosen, photograph);
       this.parts.light.forget(chosen);
       await this.go("light");
-      if (notes.length) this.tell(notes.join(" "));
+      if (said.length + notes.length) this.tell([...said, ...notes].join(" "));
     });
   }
 

@@ -3,7 +3,9 @@ import pytest
 import torch
 from helpers.stored import PREMULTIPLIED, STRAIGHT
 
+from relight.media import colour
 from relight.media.images import coverage, person_mask, scene_linear
+from relight.media.images.edge import linearise
 
 
 @pytest.mark.parametrize("dtype", [np.uint8, np.uint16])
@@ -73,3 +75,9 @@ def test_floats_are_linear_and_premultiplied(dtype):
 def test_bad_images_are_named(image, error, message):
     with pytest.raises(error, match=message):
         scene_linear("picture", image)
+
+
+def test_premultiplied_integers_of_linear_light_are_scaled():
+    codes = np.full((2, 2, 4), 128, np.uint8)
+    found = linearise(codes, straight=False, space=colour.LINEAR)
+    np.testing.assert_allclose(found, 128 / 255, rtol=1e-6)

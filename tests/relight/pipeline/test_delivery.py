@@ -214,7 +214,7 @@ def test_frames_of_a_movie_have_its_timecode(stub, tmp_path):
 
 def test_timecode_that_openexr_cannot_hold_is_said_once(stub, tmp_path):
     film(tmp_path / "a.mov", 45, timecode="01:00:00:00", sound=None, rate=60)
-    with pytest.warns(UserWarning, match=r"OpenEXR files hold no timecode at such a rate") as said:
+    with pytest.warns(UserWarning, match=r"OpenEXR files hold no timecode at 60 frames a second") as said:
         relight.render_shot(str(tmp_path / "a.mov"), KEY, tmp_path / "b.%04d.exr", frames=(38, 42))
     assert sum("no timecode" in str(one.message) for one in said) == 1
     with warnings.catch_warnings():
