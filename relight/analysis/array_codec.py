@@ -34,15 +34,18 @@ def compress(array: np.ndarray) -> np.ndarray:
 def decompress(data: np.ndarray, dtype: DTypeLike, shape: tuple[int, ...]) -> np.ndarray:
     """Return the array of this dtype and shape that `compress` made into `data`.
 
-    Raises ValueError if the data hold an array of another size; it is not decompressed.
+    Raises ValueError if the data hold an array of another size, or are cut; they are not decompressed.
     """
     from numcodecs import Blosc
 
     dtype = np.dtype(dtype)
     expected = math.prod(shape) * dtype.itemsize
-    claimed = int.from_bytes(data[4:8].tobytes(), "little")  # Blosc's header
+    # Blosc's header: it trusts both, and would read beyond data that are shorter than they say.
+    claimed, compressed = (int.from_bytes(data[at : at + 4].tobytes(), "little") for at in (4, 12))
     if claimed != expected or len(data) < 16:
         raise ValueError(f"holds {claimed} bytes of an array of {expected}")
+    if compressed != len(data):
+        raise ValueError(f"holds {len(data)} compressed bytes of {compressed}")
     values = np.empty(expected, np.uint8)
     Blosc().decode(data, values)
     values = values.view(dtype).reshape(shape)

@@ -92,8 +92,10 @@ class AnalysisMaps(NamedTuple):
             lit, whole = near_sum(self.visibility, light, self.geometry)
             return (lit / whole.clamp_min(1e-30))[None]
         directions, powers = light.samples()
-        weights = luminance(powers).clip(0)
-        weights = weights / max(weights.sum(), 1e-9)
+        weights = luminance(powers.astype(np.float64)).clip(0)
+        if not weights.any():  # it is out: its directions are those of the light when it is on
+            weights = np.ones_like(weights)
+        weights = weights / weights.sum()
         samples = [(directions, weights[:, None])]
         return weighted_sum(self.visibility, samples, self.known.shape, channels=1)
 

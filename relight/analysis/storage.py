@@ -47,6 +47,7 @@ HALF_MAX = 65504.0
 ANCHORS = 96  # light directions for which the networks have maps
 MAX_CANVAS_SIDE = 8192  # pixels
 MAX_BOX_PIXELS = 2**27  # of the plate, around the person
+PLATE_PIXELS = 2**29  # of a plate, at most: pictures of it are made
 BASE_BYTES, MAX_EXPANSION = 2**28, 100  # arrays of a file may take BASE_BYTES + MAX_EXPANSION times its size
 
 
@@ -126,7 +127,7 @@ def read_record(path: AnyPath) -> tuple[AnalysisRecord, dict[str, Any]]:
                 raise ValueError(f"the checksum of {name} does not match")
             arrays[name] = decompress(tensors[name], dtype, tuple(shape))
         return _restored(header, arrays), header["provenance"]
-    except (ArithmeticError, LookupError, TypeError, ValueError, RuntimeError) as error:
+    except (ArithmeticError, AttributeError, LookupError, TypeError, ValueError, RuntimeError) as error:
         raise DamagedFileError(f"{path}: is damaged: {error}") from error
 
 
@@ -212,6 +213,8 @@ def _check_measures(header: dict[str, Any]) -> None:
     sides = list(zip(size, corner, box, strict=True))
     if not all(type(pixels) is int for side in sides for pixels in side):
         raise ValueError("measures in pixels are no whole numbers")
+    if math.prod(size) > PLATE_PIXELS:
+        raise ValueError(f"a plate of {size} pixels is too large")
     if not all(0 <= first < first + extent <= whole for whole, first, extent in sides):
         raise ValueError(f"a box of {box} pixels at {corner} is not in a plate of {size}")
     if tuple(camera["size"]) != size:
@@ -340,6 +343,7 @@ def _shortened(values: torch.Tensor) -> np.ndarray:
     halves = _half(values)
     if halves.shape[-1] <= SHORTENING_PIXELS:
         return halves
+    halves = halves + np.float16(0)  # the bits of -0.0 are those of a large number
     bits = halves.view(np.uint16) + np.uint16(1 << SHORTENED_BITS - 1)
     return np.minimum(bits, halves.dtype.type(HALF_MAX).view(np.uint16)) >> SHORTENED_BITS
 

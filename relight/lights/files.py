@@ -139,8 +139,8 @@ def _entries(path: AnyPath) -> list[Any]:
             document = json.loads(text, object_pairs_hook=_unique)
         else:
             document = yaml.load(text, _Loader)  # a SafeLoader
-    except (ValueError, RecursionError, yaml.YAMLError, AttributeError, KeyError, TypeError) as error:
-        # PyYAML raises the last three for tags that do not fit: `!!bool perhaps`.
+    except (ValueError, RecursionError, yaml.YAMLError, AttributeError, LookupError, TypeError) as error:
+        # PyYAML raises the last three for tags that do not fit: `!!bool perhaps`, `!!float ""`.
         problem = " ".join(str(error).split())
         raise ValueError(f"{path}: is not a lights file: {problem}") from error
     if not isinstance(document, dict) or "lights" not in document:

@@ -44,7 +44,7 @@ class Light:
         rgb = checked_numbers("colour", colour, 3)
         if min(rgb) < 0:
             raise ValueError(f"colour: expected values >= 0, got {rgb}")
-        if locus not in colours.LOCI:
+        if not isinstance(locus, str) or locus not in colours.LOCI:
             raise ValueError(f"locus: expected {' or '.join(colours.LOCI)}, got {reprlib.repr(locus)}")
         if temperature is not None:
             temperature = checked_number("temperature", temperature, *colours.LOCI[locus])

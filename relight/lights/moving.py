@@ -139,7 +139,12 @@ def _turned(vector: Iterable[float], degrees: float) -> tuple[float, ...]:
 
 
 def _is_number(value: Any) -> bool:
-    return isinstance(value, int | float) and not isinstance(value, bool) and math.isfinite(value)
+    if not isinstance(value, int | float) or isinstance(value, bool):
+        return False
+    try:
+        return math.isfinite(value)
+    except OverflowError:  # of an integer beyond floats
+        return False
 
 
 def _keyframes(key: str, keyframes: Mapping[Any, Any]) -> Keyframes:
@@ -150,7 +155,7 @@ def _keyframes(key: str, keyframes: Mapping[Any, Any]) -> Keyframes:
     for frame, value in keyframes.items():
         try:
             number = float(frame)
-        except (TypeError, ValueError):
+        except (OverflowError, TypeError, ValueError):
             number = math.nan
         if not math.isfinite(number) or isinstance(frame, bool):
             raise ValueError(f"{key}: expected the number of a frame, got {reprlib.repr(frame)}")

@@ -1,3 +1,5 @@
+import dataclasses
+
 import numpy as np
 import OpenImageIO as oiio
 import pytest
@@ -79,8 +81,9 @@ def test_the_visibility_of_a_hard_light_is_that_of_its_direction(subject):
     assert soft.min() >= 0
     assert soft.max() <= 1 + 1e-5
     np.testing.assert_allclose(soft, subject.visibility(fill.samples()[0]).mean(axis=0), atol=1e-5)
-    dark = relight.DirectionalLight(intensity=0)
-    assert (subject.unshadowed(dark) == 0).all()
+    for intensity in (0, 1e-12):  # a fade from darkness begins with the same visibility
+        dim = dataclasses.replace(key, intensity=intensity)
+        np.testing.assert_allclose(subject.unshadowed(dim), expected, atol=1e-5)
 
 
 def test_lighting_times_albedo_is_the_picture(subject):

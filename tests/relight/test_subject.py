@@ -300,3 +300,10 @@ def test_a_spawned_pool_relights_what_it_is_sent():
         made = pool.apply_async(relight.apply, (IMAGE, light))
         np.testing.assert_allclose(sent.get(120), expected, atol=1e-6)
         np.testing.assert_allclose(made.get(120), here.relit(light), atol=1e-3)
+
+
+def test_a_camera_of_another_plate_is_refused(person):
+    rgb, mask = person
+    subject = relight.Subject(rgb, mask)
+    with pytest.raises(ValueError, match="camera: expected that of a plate of"):
+        relight.Subject(rgb[:-1], mask[:-1], camera=subject.camera)

@@ -209,6 +209,14 @@ def test_arrays_are_compressed_without_loss():
         np.testing.assert_array_equal(back, array)
         with pytest.raises(ValueError, match="holds"):
             array_codec.decompress(data, dtype, (3, 501))
+        with pytest.raises(ValueError, match="compressed bytes of"):
+            array_codec.decompress(data[:-1].copy(), dtype, array.shape)
+
+
+def test_negative_zero_is_zero_when_it_is_shortened(monkeypatch):
+    monkeypatch.setattr(storage, "SHORTENING_PIXELS", 2)
+    values = torch.tensor([[-0.0, 0.0, 0.5]])
+    np.testing.assert_allclose(storage._lengthened(storage._shortened(values)), [[0, 0, 0.5]], rtol=0.02)
 
 
 def test_pipes_and_devices_are_refused(tmp_path):
@@ -225,6 +233,8 @@ def test_pipes_and_devices_are_refused(tmp_path):
         ("corner", [-1, 1], r"a box of .* pixels at \(-1, 1\) is not in a plate of"),
         ("size", [20, 2000], "is not in a plate of"),
         ("size", [200, 1600], "the camera's plate is one of"),
+        ("size", [10**7, 10**7], "is too large"),
+        ("arrays", ["colour"], ""),
         ("exposure", 0, "expected measures above zero, got 0"),
         ("scale", float("nan"), "a measure is not finite"),
         ("centre", ["a", "b"], ""),

@@ -104,6 +104,11 @@ def test_merges_of_merges_are_bounded(tmp_path):
         ("lights: [{azimuth: 1", "is not a lights file: while parsing"),
         ("lights: !!python/object:os.system {}", "is not a lights file: could not determine a constructor"),
         ("[" * 1100, "is not a lights file"),
+        ("lights: [{intensity: !!float ''}]", "is not a lights file"),
+        (f"lights: [{{orbit: {10**400}}}]", "light 1: orbit: expected"),
+        (f"lights: [{{azimuth: {{1: {10**400}}}}}]", "light 1: azimuth: expected numbers at frame 1"),
+        (f"lights: [{{azimuth: {{{10**400}: 1}}}}]", "light 1: azimuth: expected the number of a frame"),
+        ("lights: [{locus: [a]}]", r"light 1: locus: expected planckian or daylight, got \['a'\]"),
     ],
 )
 def test_mistakes_are_named(tmp_path, text, message):
