@@ -66,7 +66,7 @@ def check_inputs(
     provided: torch.Tensor | OnnxDepth | None = None
     if depth is not None:
         provided = OnnxDepth(depth) if isinstance(depth, str | os.PathLike) else checked_depth(depth, matte)
-    if camera is not None and camera.size != size:
+    if camera is not None and tuple(camera.size) != size:
         raise ValueError(f"camera: expected that of a plate of {size} pixels, got {camera.size}")
     camera = camera or Camera.of(matte, height, field_of_view)
     return AnalysisInputs(

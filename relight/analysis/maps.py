@@ -1,6 +1,7 @@
 """The maps that the networks infer from one frame, on their canvas, and sums of lights over them."""
 
 from collections.abc import Iterable
+from dataclasses import replace
 from typing import Any, NamedTuple, Protocol, Self
 
 import numpy as np
@@ -92,8 +93,11 @@ class AnalysisMaps(NamedTuple):
             lit, whole = near_sum(self.visibility, light, self.geometry)
             return (lit / whole.clamp_min(1e-30))[None]
         directions, powers = light.samples()
+        if not powers.any():  # it is out: its visibility is that of the light when it is on
+            on: Any = light  # of whatever class of lights
+            directions, powers = replace(on, intensity=1, colour=(1, 1, 1), exposure=0).samples()
         weights = luminance(powers.astype(np.float64)).clip(0)
-        if not weights.any():  # it is out: its directions are those of the light when it is on
+        if not weights.any():  # a black map
             weights = np.ones_like(weights)
         weights = weights / weights.sum()
         samples = [(directions, weights[:, None])]

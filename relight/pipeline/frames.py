@@ -173,6 +173,8 @@ class FrameAnalyser:
             coverage = plate[..., 3:] if matte is None else matte
             if self._numbers is not None and coverage.size and coverage.max() <= 0.5:
                 return EmptySubject(plate.shape[:2])
+            if camera is not None and camera.size != plate.shape[:2]:
+                camera = None  # a frame of another size has a world of its own
             return Subject(
                 plate, matte, normals=normals, depth=depth, height=inputs.height,
                 field_of_view=inputs.field_of_view, camera=camera, device=self._device,

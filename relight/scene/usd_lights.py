@@ -113,9 +113,12 @@ class _Reader:
         if not any(settings["intensity"] > 0 for _, settings in found):
             return None
         if _changes_image(found):
-            self.convert.cannot(prim, "its texture changes in time; the first one is used")
+            self.convert.cannot(prim, "changes its texture in time; the first one is used")
         elif _tilts(found):
-            self.convert.cannot(prim, "tilts against the camera in time; it stays as in its first frame")
+            self.convert.cannot(
+                prim,
+                "tilts against the camera, or changes its texture, in time; it stays as in its first frame",
+            )
             found = _untilted(found)
         try:
             return _assembled(found, frames)

@@ -84,6 +84,10 @@ def test_the_visibility_of_a_hard_light_is_that_of_its_direction(subject):
     for intensity in (0, 1e-12):  # a fade from darkness begins with the same visibility
         dim = dataclasses.replace(key, intensity=intensity)
         np.testing.assert_allclose(subject.unshadowed(dim), expected, atol=1e-5)
+    sky = np.full((16, 32, 3), 0.2, np.float32)
+    sky[4, 20] = 300
+    lit, out = (relight.EnvironmentLight(sky, intensity=intensity) for intensity in (1, 0))
+    np.testing.assert_allclose(subject.unshadowed(out), subject.unshadowed(lit), atol=1e-5)
 
 
 def test_lighting_times_albedo_is_the_picture(subject):

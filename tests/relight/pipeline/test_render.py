@@ -11,6 +11,7 @@ from helpers.standins import HEIGHT, WIDTH, brightness, somebody
 
 import relight
 from relight.media.movies import Movie, write_movie
+from relight.pipeline import frames as frame_analysis
 from relight.pipeline.inputs import ShotInputs
 
 
@@ -270,3 +271,20 @@ def test_autocropped_frames_are_the_same_picture(stub, plates, tmp_path):
     stub.made.clear()
     assert shots.render(plates, STILL, tmp_path / "box.%04d.exr", resume=True) == {}
     assert stub.made == []
+
+
+def test_a_frame_of_another_size_has_a_world_of_its_own(tmp_path, monkeypatch):
+    given = []
+    monkeypatch.setattr(
+        frame_analysis, "Subject", lambda *arguments, **options: given.append(options["camera"])
+    )
+    for number, columns in enumerate((40, 40, 38), 1):
+        plate = np.full((60, columns, 4), 0.3, np.float32)
+        plate[..., 3] = 0
+        plate[10:50, 10:30, 3] = 1
+        relight.write(tmp_path / f"p.{number:04d}.exr", plate)
+    inputs = ShotInputs(relight.Source(tmp_path / "p.%04d.exr"))
+    analyser = frame_analysis.FrameAnalyser(inputs, None, shared_world=True)
+    for number in (1, 2, 3):
+        analyser._analyse(number)
+    assert [camera and camera.size for camera in given] == [(60, 40), (60, 40), None]
