@@ -1,6 +1,5 @@
 """The counterpart of a Subject for frames of a shot that show no person."""
 
-import math
 from collections.abc import Iterator, Mapping
 from typing import Any
 
@@ -8,7 +7,7 @@ import numpy as np
 import torch
 
 from relight.analysis import storage
-from relight.analysis.camera import Camera
+from relight.analysis.camera import Camera, focal_length
 from relight.lights.environment import FIELD_OF_VIEW
 from relight.lights.light import Lights, by_name
 from relight.subject import Subject, weights
@@ -26,7 +25,7 @@ class EmptySubject:
     def __init__(self, size: tuple[int, ...]) -> None:
         self.size = (size[0], size[1])
         self.matte = self.depth = np.zeros(self.size, np.float32)
-        focal = size[0] / 2 / math.tan(math.radians(FIELD_OF_VIEW / 2))
+        focal = focal_length(size[0], FIELD_OF_VIEW)
         self.distance, self.camera = 0.0, Camera(self.size, focal, (0.0, 0.0), 0.0, 0)
         self.albedo = self.normals = self.position = self.lighting(None)
 

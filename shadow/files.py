@@ -117,3 +117,9 @@ def _unnamed(folder: Path) -> int | None:
         return os.open(folder, os.O_TMPFILE | os.O_RDWR, 0o666)
     except (AttributeError, OSError):  # not Linux, or a file system without O_TMPFILE, such as NFS
         return None
+
+
+def file_version(path: AnyPath) -> tuple[int, ...]:
+    """Return numbers that change when a file is replaced or written again: keys of caches."""
+    file = Path(path).stat()
+    return file.st_dev, file.st_ino, file.st_size, file.st_mtime_ns

@@ -63,7 +63,7 @@ class Camera:
         metres = DEFAULT_HEIGHT if height is None else checked_number("height", height, 0.01, 100)
         top, left, bottom, right = bounding_box(matte)
         size = (matte.shape[0], matte.shape[1])
-        focal = size[0] / 2 / math.tan(math.radians(angle / 2))
+        focal = focal_length(size[0], angle)
         middle = ((left + right) / 2, (top + bottom) / 2)
         cut = top == 0 or bottom == size[0]
         return cls(size, focal, middle, metres * focal / (bottom - top), bottom, cut and height is None)
@@ -116,6 +116,11 @@ class Camera:
 
     def _slopes(self, x: Any, y: Any) -> tuple[Any, Any]:
         return (x - self.size[1] / 2) / self.focal, (y - self.size[0] / 2) / self.focal
+
+
+def focal_length(rows: int, field_of_view: float) -> float:
+    """Return the focal length, in pixels, of a plate of `rows` pixels and a vertical angle in degrees."""
+    return rows / 2 / math.tan(math.radians(field_of_view / 2))
 
 
 def canvas_grid(framing: Framing) -> tuple[torch.Tensor, torch.Tensor]:

@@ -94,7 +94,7 @@ class AnalysisMaps(NamedTuple):
             return (lit / whole.clamp_min(1e-30))[None]
         directions, powers = light.samples()
         if not powers.any():  # it is out: its visibility is that of the light when it is on
-            on: Any = light  # of whatever class of lights
+            on: Any = light  # every light is a dataclass with these fields
             directions, powers = replace(on, intensity=1, colour=(1, 1, 1), exposure=0).samples()
         weights = luminance(powers.astype(np.float64)).clip(0)
         if not weights.any():  # a black map

@@ -47,7 +47,7 @@ HALF_MAX = 65504.0
 ANCHORS = 96  # light directions for which the networks have maps
 MAX_CANVAS_SIDE = 8192  # pixels
 MAX_BOX_PIXELS = 2**27  # of the plate, around the person
-PLATE_PIXELS = 2**29  # of a plate, at most: pictures of it are made
+PLATE_PIXELS = 2**29  # of a plate, at most: pictures of that size are made from it
 BASE_BYTES, MAX_EXPANSION = 2**28, 100  # arrays of a file may take BASE_BYTES + MAX_EXPANSION times its size
 
 

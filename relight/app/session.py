@@ -1,6 +1,5 @@
 """What the server keeps while it runs: photographs and other files, in a folder removed when it stops."""
 
-import itertools
 import os
 import re
 import secrets
@@ -135,14 +134,15 @@ class Session:
             raise Refused("This file is no longer here: drop it again.", 404)
         if path.name in (photograph.name, photograph.mask):
             raise Refused(f"{path.name}: has the photograph's name; rename one of them.")
-        for number in itertools.count(1):
-            name = path.name if number == 1 else f"{path.stem}-{number}{path.suffix}"
+        name, number = path.name, 1
+        while True:
             beside = photograph.folder / name
             if not beside.exists():
                 os.link(path, beside)
             if beside.samefile(path):
                 return name
-        raise AssertionError
+            number += 1
+            name = f"{path.stem}-{number}{path.suffix}"
 
     def in_root(self) -> Iterator[str]:
         """Yield the pictures that may be chosen, relative to the root."""

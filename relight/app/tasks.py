@@ -72,8 +72,7 @@ def read(name: str, report: Report) -> dict[str, Any]:
     if min(height, width) < 16:
         raise ValueError(f"{name}: expected 16 pixels a side or more, got {width} x {height}")
     cut_out = pixels.shape[-1] == 4 and float(pixels[..., 3].min()) < 1
-    shrink = min(1.0, PREVIEW_SIDE / max(height, width))
-    size = (max(1, round(height * shrink)), max(1, round(width * shrink)))
+    size = _reduced_size(height, width, PREVIEW_SIDE)
     reduced = _resized(pixels if cut_out else np.ascontiguousarray(pixels[..., :3]), size)
     np.save(REDUCED, reduced.astype(np.float16))
     codes = _encoded(reduced)
@@ -81,6 +80,12 @@ def read(name: str, report: Report) -> dict[str, Any]:
     preview = f"{PREVIEWS}/preview.{'png' if cut_out else 'jpg'}"
     Image.fromarray(codes).save(preview, quality=90)
     return {"width": width, "height": height, "cut_out": cut_out, "preview": preview}
+
+
+def _reduced_size(height: int, width: int, side: int) -> tuple[int, int]:
+    """Return the size (H, W) of a picture whose longer side is reduced to `side` pixels, if it is longer."""
+    shrink = min(1.0, side / max(height, width))
+    return max(1, round(height * shrink)), max(1, round(width * shrink))
 
 
 def outline_of(drawn: Mapping[str, Any], report: Report) -> dict[str, Any]:
@@ -150,8 +155,7 @@ def background(name: str, report: Report) -> dict[str, Any]:
     _check_size(Path(name))
     pixels = images.read(name)[..., :3]
     height, width = pixels.shape[:2]
-    shrink = min(1.0, BACKGROUND_SIDE / max(height, width))
-    size = max(1, round(height * shrink)), max(1, round(width * shrink))
+    size = _reduced_size(height, width, BACKGROUND_SIDE)
     return scene_of(size, background=pixels, background_name=name)["backdrop"]
 
 

@@ -26,7 +26,7 @@ from relight.media.content_hash import content_hash
 from relight.media.regular_file import check_regular_file
 from relight.media.resampling import resize
 from shadow.directions import from_spherical
-from shadow.files import AnyPath
+from shadow.files import AnyPath, file_version
 
 MAX_LAMPS = 256  # irradiance within 0.5 % (RMS) of that of all the map's pixels
 GRID_ROWS = 256  # of the grid that is divided among the lamps; finer maps are summed to it
@@ -246,8 +246,7 @@ class Panorama:
             pixels = images.scene_linear("image", image)
             return cls(cubemap.to_latlong(pixels) if cubemap.is_cube(pixels) else pixels)
         path, _ = images.split_layer(image)  # sky.exr:beauty
-        file = check_regular_file(path).stat()
-        return _read(Path(image), (file.st_dev, file.st_ino, file.st_size, file.st_mtime_ns), colour_space)
+        return _read(Path(image), file_version(check_regular_file(path)), colour_space)
 
     @functools.cached_property
     def content_hash(self) -> str:

@@ -7,6 +7,7 @@ the bounce light of bounce.py.
 
 import hashlib
 import os
+from collections import Counter
 from collections.abc import Callable, Collection
 from concurrent.futures import Executor, ProcessPoolExecutor, as_completed
 from contextlib import AbstractContextManager, nullcontext
@@ -313,10 +314,9 @@ def render_all(
     ValueError
         Two sources have one name.
     """
-    names = [source.name for source in sources]
-    twice = next((name for name in names if names.count(name) > 1), None)
-    if twice is not None:
-        raise ValueError(f"sources: two are named {twice!r}, as their records would be; rename a file")
+    for name, count in Counter(source.name for source in sources).items():
+        if count > 1:
+            raise ValueError(f"sources: two are named {name!r}, as their records would be; rename a file")
     out = Path(out).absolute()  # a worker may have another working directory
     out.mkdir(parents=True, exist_ok=True)
     work = partial(

@@ -21,7 +21,7 @@ from safetensors import SafetensorError, safe_open
 from safetensors.torch import save as to_bytes
 from torch import nn
 
-from shadow.files import replacing
+from shadow.files import file_version, replacing
 from shadow.framing import canvas_size
 from shadow.networks.precision import freeze
 
@@ -71,9 +71,9 @@ def check_finite(what: str, network: nn.Module) -> None:
 
 @functools.lru_cache(maxsize=8)
 def _load(
-    path: Path, version: tuple[int, int], checksum: str | None, kinds: tuple, device: torch.device
+    path: Path, version: tuple[int, ...], checksum: str | None, kinds: tuple, device: torch.device
 ) -> Any:
-    """Load a file; `version`, its time and size, tells the cache when the file is another one."""
+    """Load a file; `version` tells the cache when it has been written again, see `file_version`."""
     state, metadata = read(path, checksum)
     networks = dict(kinds)
     if metadata.get("network") not in networks:
@@ -150,8 +150,7 @@ def checksum(name: str, package: str) -> str:
 
 def _shared(path: Path, checksum: str | None, kinds: tuple, device: torch.device | str) -> Any:
     with _LOADING:  # concurrent threads share one network
-        file = path.stat()
-        return _load(path, (file.st_mtime_ns, file.st_size), checksum, kinds, torch.device(device))
+        return _load(path, file_version(path), checksum, kinds, torch.device(device))
 
 
 def save(path: str | os.PathLike, network: nn.Module, kind: str, config: dict, recipe: dict) -> str:

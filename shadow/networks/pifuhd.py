@@ -19,6 +19,7 @@ import torch
 import torch.nn.functional as F
 from torch import nn
 
+from shadow.files import file_version
 from shadow.framing import Framing, bounding_box, extend
 from shadow.networks import checkpoints
 from shadow.srgb import LAST_LINEAR, SLOPE
@@ -119,13 +120,12 @@ def load(path: str | os.PathLike, device: torch.device | str = "cpu") -> FrontNo
         than the photograph, as those of ICON and ECON do.
     """
     path = Path(path).resolve(strict=True)
-    file = path.stat()
-    return _load(path, (file.st_mtime_ns, file.st_size), torch.device(device))
+    return _load(path, file_version(path), torch.device(device))
 
 
 @functools.lru_cache(maxsize=1)
-def _load(path: Path, version: tuple[int, int], device: torch.device) -> FrontNormals:
-    """Load a file; `version`, its time and size, tells the cache when the file is another one."""
+def _load(path: Path, version: tuple[int, ...], device: torch.device) -> FrontNormals:
+    """Load a file; `version` tells the cache when it has been written again, see `file_version`."""
     parameters = _generator(path, _read(path))
     with torch.device("meta"):
         network = FrontNormals(parameters["model.1.weight"].shape[0])

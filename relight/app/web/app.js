@@ -139,7 +139,7 @@ class Application {
     this.refresh();
   }
 
-  /** Accepts an outline, `drawn`, or the photograph's own: the light opens when the person is analysed. */
+  /** Accepts an outline, `drawn`, or the photograph's own: the light opens when the person is analysed. `said`: what was warned of before. */
   async analyse(drawn, said = []) {
     const { chosen } = this;
     await this.busy(async (say, signal) => {

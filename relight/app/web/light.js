@@ -92,6 +92,7 @@ export class Light {
 
   // --- presets
 
+  /** Lights the person by a preset. */
   apply(lights) {
     this.viewer.stop();
     this.viewer.change((state) => Object.assign(state, withPreset(state, lights)));

@@ -57,6 +57,7 @@ export class Stage {
     new ResizeObserver(() => this.layout()).observe(this.element);
   }
 
+  /** Puts a new canvas in place of the one that has a context of another kind, and returns it. */
   replaceCanvas() {
     const canvas = h("canvas", { class: "picture" });
     this.canvas.replaceWith(canvas);
