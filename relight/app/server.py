@@ -18,17 +18,17 @@ from starlette.routing import Mount, Route
 
 from relight.app.answers import json_of, notes_of, refusing, streamed, while_connected
 from relight.app.guard import HOST, Guard
-from relight.app.session import MODELS, PICTURES, Photograph, Session
+from relight.app.session import MASK_SUFFIX, MODELS, PICTURES, Photograph, Session
 from relight.app.worker import Refused, Worker
 from relight.viewer.page import module, style
 
-MASK_SUFFIX = "-matte.png"
+ORIGINAL = "original"  # as a background: the photograph itself
 OUTPUTS = (".png", ".jpg", ".tif", ".exr", ".html", ".glb")
 KINDS = {".js": "text/javascript", ".css": "text/css", ".html": "text/html", ".png": "image/png"}
 VIEWER_NAMES = (
-    "Engine", "SHADERS", "Viewer", "checkedLight", "environmentText", "h", "iconButton",
-    "keyDown", "keyUp", "lightTexts", "power", "preferredSurround", "samples", "short", "surround",
-    "toCommand",
+    "Engine", "SHADERS", "Viewer", "checkedLight", "environmentText", "fitting", "h", "iconButton",
+    "keyDown", "keyUp", "lightTexts", "panned", "power", "preferredSurround", "readImage", "samples", "short",
+    "surround", "toCommand", "wheeled", "zoomed",
 )  # fmt: skip
 
 
@@ -219,7 +219,7 @@ class Server:
             raise Refused(f"suffix: expected one of {', '.join(OUTPUTS)}")
         look = self._look(asked.get("look") or {}, photograph)
         passes = [str(name) for name in asked.get("passes") or []] if suffix == ".exr" else []
-        output = f"{photograph.stem}-relit{suffix}"
+        output = photograph.output(suffix)
 
         async def work(report: Callable[[str], None]) -> dict[str, Any]:
             arguments = {
@@ -254,7 +254,9 @@ class Server:
         if look["environment"]:
             name = self.session.lend(str(look["environment"]["file"]), photograph)
             look["environment"] = f"{name},{look['environment']['settings']}"
-        if isinstance(look["background"], dict):
+        if look["background"] == ORIGINAL:
+            look["background"] = {"file": photograph.name}
+        elif isinstance(look["background"], dict):
             look["background"] = {"file": self.session.lend(str(look["background"]["file"]), photograph)}
         return look
 

@@ -1,5 +1,6 @@
 """What the server keeps while it runs: photographs and other files, in a folder removed when it stops."""
 
+import filecmp
 import os
 import re
 import secrets
@@ -22,6 +23,7 @@ PICTURES = (
     ".dng", ".cr2", ".cr3", ".nef", ".arw", ".raf", ".rw2", ".orf", ".ppm", ".dpx",
 )  # fmt: skip
 MODELS = (".onnx",)
+MASK_SUFFIX = "-matte.png"  # after a photograph's name without its own suffix
 
 
 @dataclass
@@ -58,6 +60,16 @@ class Photograph:
     def stem(self) -> str:
         """The name without its suffix."""
         return Path(self.name).stem
+
+    def writes(self, name: str) -> bool:
+        """Return whether a file of this name is made of the photograph, now or later."""
+        return (
+            name in self.outputs or name == f"{self.stem}{MASK_SUFFIX}" or Path(name).stem == self.output("")
+        )
+
+    def output(self, suffix: str) -> str:
+        """Return the name of the relit picture's file."""
+        return f"{self.stem}-relit{suffix}"
 
     def to_json(self) -> dict[str, Any]:
         """Return what the page shows of the photograph, in types of JSON."""
@@ -127,20 +139,20 @@ class Session:
     def lend(self, identity: str, photograph: Photograph) -> str:
         """Link another file beside a photograph, where commands name it; return its name there.
 
-        Of two files of one name, the second gets a number.
+        A file whose name is taken, or will be that of an output, gets a number. The photograph itself is not
+        linked a second time.
         """
         path = self._files.get(identity)
         if path is None:
             raise Refused("This file is no longer here: drop it again.", 404)
-        if path.name in (photograph.name, photograph.mask):
-            raise Refused(f"{path.name}: has the photograph's name; rename one of them.")
         name, number = path.name, 1
         while True:
             beside = photograph.folder / name
-            if not beside.exists():
-                os.link(path, beside)
-            if beside.samefile(path):
-                return name
+            if not photograph.writes(name):
+                if not beside.exists():
+                    os.link(path, beside)
+                if beside.samefile(path) or filecmp.cmp(path, beside, shallow=False):
+                    return name
             number += 1
             name = f"{path.stem}-{number}{path.suffix}"
 

@@ -78,7 +78,7 @@ def read(name: str, report: Report) -> dict[str, Any]:
     codes = _encoded(reduced)
     Path(PREVIEWS).mkdir(exist_ok=True)
     preview = f"{PREVIEWS}/preview.{'png' if cut_out else 'jpg'}"
-    Image.fromarray(codes).save(preview, quality=90)
+    Image.fromarray(codes).save(preview, quality=95, subsampling=0)  # it may be the background as well
     return {"width": width, "height": height, "cut_out": cut_out, "preview": preview}
 
 
@@ -174,7 +174,8 @@ def still(name: str, mask: str | None, look: Mapping[str, Any], report: Report) 
     picture = subject.relit(lights)
     behind: Any = lighting.background
     if behind is not None:
-        picture = over(picture, images.read(behind) if isinstance(behind, str) else behind)
+        pixels = _reduced() if behind == name else images.read(behind) if isinstance(behind, str) else behind
+        picture = over(picture, pixels)
     file = io.BytesIO()
     Image.fromarray(_encoded(picture, _exposure(look))).save(file, "PNG", compress_level=1)
     return {"png": file.getvalue()}

@@ -21,7 +21,7 @@ SUFFIXES = (".html", ".htm")
 # The program's files, each after those that it imports from.
 MODULES = (
     "pack", "lights", "room", "gl", "engine", "colour", "environment", "opened", "dom", "sliders", "ball",
-    "state", "png", "stage", "plan", "inspector", "sheet", "surround", "controls", "actions", "keys",
+    "state", "png", "zoom", "stage", "plan", "inspector", "sheet", "surround", "controls", "actions", "keys",
     "viewer", "entry",
 )  # fmt: skip
 SHADERS = ("quad", "common", "light", "near", "sum", "prepare", "enlarge", "compose", "reduce", "show")

@@ -1,6 +1,6 @@
 // The third step: the viewer in place, with presets below it; stills by the server where the browser has no WebGL 2.
 
-import { Viewer, environmentText, h, keyDown, keyUp, lightTexts, short } from "../viewer.js";
+import { Viewer, environmentText, h, keyDown, keyUp, lightTexts, readImage, short } from "../viewer.js";
 import { PRESETS, withPreset } from "./presets.js";
 import { ask, askJson } from "./requests.js";
 import { StillEngine } from "./still.js";
@@ -48,6 +48,8 @@ export class Light {
     const host = {
       environment: (file) => askJson(`environments?name=${encodeURIComponent(file.name)}`, { body: file }),
       background: (file) => askJson(`backgrounds?name=${encodeURIComponent(file.name)}`, { body: file }),
+      original: photograph.cut_out ? null : await this.original(photograph),
+      save: () => this.app.parts.save.save(".png"),
       finish: () => this.app.go("save"),
       engine: (viewer) => new StillEngine(viewer, photograph, () => this.look(viewer), (error) => this.app.fail(error)),
     };
@@ -56,6 +58,12 @@ export class Light {
     this.photograph = photograph;
     if (this.still) this.app.tell("This browser has no WebGL 2: the server makes each picture, which takes a moment.", true);
     this.showPresets();
+  }
+
+  /** The photograph as what is behind the person. */
+  async original(photograph) {
+    const preview = await ask(`photographs/${photograph.id}/preview`);
+    return { ...(await readImage(new File([await preview.blob()], "preview.jpg"))), name: photograph.name };
   }
 
   /** Whether the server makes the pictures. */
@@ -69,12 +77,17 @@ export class Light {
     if (viewer) this.rig = { state: structuredClone(viewer.state), maps: viewer.maps, pictures: viewer.pictures };
   }
 
-  /** Lights the photograph as the one before it. */
+  /** Lights the photograph as the one before it; the first one softly from three sides, before its own background. */
   restoreRig() {
     const { rig, viewer } = this;
-    if (!rig) return;
-    Object.assign(viewer, { maps: rig.maps, pictures: rig.pictures });
-    viewer.change((state) => Object.assign(state, rig.state));
+    if (rig) {
+      Object.assign(viewer, { maps: rig.maps, pictures: rig.pictures });
+      viewer.change((state) => Object.assign(state, rig.state));
+      if (rig.state.background === "original" && !viewer.original) viewer.setBackgroundKind("none");
+    } else {
+      const [[, , lights]] = PRESETS;
+      viewer.change((state) => Object.assign(state, withPreset(state, lights(viewer.room.height)), { background: viewer.original && "original" }));
+    }
     viewer.past = [];
   }
 
@@ -85,7 +98,7 @@ export class Light {
     return {
       lights: lightTexts(state),
       environment: settings ? { file: environment.id, settings } : null,
-      background: background === "picture" ? backdrop && { file: backdrop.id } : background && background.map(short),
+      background: background === "original" ? background : background === "picture" ? backdrop && { file: backdrop.id } : background && background.map(short),
       exposure: short(state.exposure),
     };
   }

@@ -2,7 +2,7 @@
 //
 // Places are shares of the photograph's width and height. The server solves the matte; this file draws.
 
-import { h, iconButton } from "../viewer.js";
+import { h, iconButton, wheeled } from "../viewer.js";
 import { ModelSheet } from "./models.js";
 import { Paper, veilOf } from "./paper.js";
 import { ask, askJson, notesOf, post } from "./requests.js";
@@ -65,7 +65,7 @@ export class OutlineStep {
     on("dblclick", () => this.close());
     on("wheel", (event) => {
       event.preventDefault();
-      this.zoom(Math.exp(-event.deltaY * (event.deltaMode === 1 ? 0.03 : 0.0015)), this.paper.at(event));
+      this.zoom(wheeled(event), this.paper.at(event));
     }, { passive: false });
     this.element.addEventListener("keydown", (event) => this.key(event));
     new ResizeObserver(() => this.canvas.clientWidth && this.fit()).observe(this.stage);

@@ -2,6 +2,8 @@
 //
 // Places are shares of the photograph's width and height; spots are CSS pixels of the canvas.
 
+import { fitting, panned, zoomed } from "../viewer.js";
+
 const ZOOM = [0.5, 16]; // of the scale at which all of the photograph is seen
 const LINE = "#f0b35a";
 const OUTLINED = "rgb(0 0 0 / 60%)"; // around lines, which are seen on any photograph
@@ -37,28 +39,16 @@ export class Paper {
   /** Shows all of the photograph. */
   fit() {
     const { clientWidth: width, clientHeight: height } = this.canvas;
-    const margin = Math.min(24, width / 20);
-    const scale = Math.min((width - 2 * margin) / this.image.width, (height - 2 * margin) / this.image.height);
-    this.fitted = scale;
-    this.view = { scale, left: (width - scale * this.image.width) / 2, top: (height - scale * this.image.height) / 2 };
+    this.view = fitting([width, height], [this.image.width, this.image.height], Math.min(24, width / 20));
   }
 
   zoom(times, about = [this.canvas.clientWidth / 2, this.canvas.clientHeight / 2]) {
-    this.change(this.view, times, about, about);
+    this.view = zoomed(this.view, times, about, about, ZOOM);
   }
 
-  /** Moves and zooms with fingers, or one pointer: `began` and `now` are their spots, `view` the view they began with. */
+  /** Moves and zooms with fingers, or one pointer. */
   pan(view, began, now) {
-    const middle = (spots) => [0, 1].map((axis) => spots.reduce((sum, spot) => sum + spot[axis], 0) / spots.length);
-    const spread = (spots) => (spots.length < 2 ? 1 : Math.hypot(spots[0][0] - spots[1][0], spots[0][1] - spots[1][1]) || 1);
-    this.change(view, now.length === began.length ? spread(now) / spread(began) : 1, middle(began), middle(now));
-  }
-
-  /** A view whose scale is multiplied, and whose spot `from` comes to lie at `to`. */
-  change(view, times, from, to) {
-    const scale = Math.min(Math.max(view.scale * times, ZOOM[0] * this.fitted), ZOOM[1] * this.fitted);
-    const by = scale / view.scale;
-    this.view = { scale, left: to[0] - (from[0] - view.left) * by, top: to[1] - (from[1] - view.top) * by };
+    this.view = panned(view, began, now, ZOOM);
   }
 
   // --- painting

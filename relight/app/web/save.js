@@ -23,6 +23,7 @@ export class Save {
     });
     this.rows = Object.fromEntries(FORMATS.map((format) => [format[0], this.row(...format)]));
     this.saveMatte = h("a", { class: "secondary", download: "" }, "Save the matte");
+    this.renamed = h("p", { class: "hint" });
     this.command = this.code("Command line");
     this.python = this.code("Python");
     this.element = h(
@@ -38,6 +39,7 @@ export class Save {
         h("h2", {}, "Make it again"),
         h("p", { class: "hint" }, "The command and the lines of Python make the same picture, pixel for pixel. Both need the photograph, and its matte beside it."),
         this.saveMatte,
+        this.renamed,
         this.command.element,
         this.python.element,
       ),
@@ -81,12 +83,15 @@ export class Save {
     for (const [suffix, { element }] of Object.entries(this.rows)) element.hidden = !this.app.about.outputs.includes(suffix);
     this.saveMatte.hidden = !chosen.mask;
     if (chosen.mask) this.saveMatte.href = `photographs/${chosen.id}/files/${encodeURIComponent(chosen.mask)}`;
-    const output = `${chosen.name.replace(/\.\w+$/, "")}-relit.png`;
-    const command = toCommand(viewer.state, viewer.environment, viewer.scene, viewer.backdrop?.name, output);
+    const output = `${stemOf(chosen.name)}-relit.png`;
+    const behind = backgroundName(viewer, chosen);
+    this.renamed.hidden = !behind || behind === viewer.backdrop.name;
+    this.renamed.textContent = `They name the background ${behind}: ${viewer.backdrop?.name} is the name of another file.`;
+    const command = toCommand(viewer.state, viewer.environment, viewer.scene, behind, output);
     // A browser would break lines within "--light".
     const words = command.split(/(?<= )/).map((word) => (word.startsWith("-") ? h("span", {}, word) : word));
     this.command.text.replaceChildren(...words);
-    this.python.text.textContent = toPython(look, chosen, viewer, output);
+    this.python.text.textContent = toPython(look, chosen, viewer, output, behind);
   }
 
   /** The picture as the light step shows it. */
@@ -113,8 +118,18 @@ export class Save {
   }
 }
 
+const stemOf = (name) => name.replace(/\.\w+$/, "");
+
+/** The background's file as the command names it: with a number where the photograph, its matte or the result has its name. */
+function backgroundName({ state, backdrop }, photograph) {
+  if (!backdrop || state.background === "original") return backdrop?.name;
+  const [stem, own] = [stemOf(backdrop.name), stemOf(photograph.name)];
+  const taken = backdrop.name === photograph.name || stem === `${own}-matte` || stem === `${own}-relit`;
+  return taken ? `${stem}-2${backdrop.name.slice(stem.length)}` : backdrop.name;
+}
+
 /** Lines of Python that make the same picture. */
-function toPython(look, photograph, viewer, output) {
+function toPython(look, photograph, viewer, output, behind) {
   const text = (value) => JSON.stringify(value);
   const lights = look.lights.map((light) => `        ${text(light)},`);
   const environment = look.environment && text(`${viewer.environment.path},${look.environment.settings}`);
@@ -127,7 +142,7 @@ function toPython(look, photograph, viewer, output) {
     "    relight.Lighting(",
     ...(lights.length ? ["        light=[", ...lights.map((line) => `    ${line}`), "        ],"] : []),
     ...(environment ? [`        environment=[${environment}],`] : []),
-    ...(background ? [`        background=${Array.isArray(background) ? `(${background.join(", ")})` : text(viewer.backdrop.name)},`] : []),
+    ...(background ? [`        background=${Array.isArray(background) ? `(${background.join(", ")})` : text(behind)},`] : []),
     "    ),",
     `    ${Number(look.exposure) ? `relight.Output(${text(output)}, exposure=${look.exposure})` : text(output)},`,
     ")",

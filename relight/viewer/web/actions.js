@@ -70,8 +70,10 @@ export function actionsOf(viewer) {
         : viewer.say("There is no environment to turn: drop a map on the panel."),
     muteEnvironment: () => change((state) => state.environment && (state.environment.muted = !state.environment.muted)),
     nextBackground: () => {
-      const { background } = viewer.state;
-      viewer.setBackgroundKind(background === null ? "colour" : background !== "picture" && viewer.backdrop ? "picture" : "none");
+      const { background, picture } = viewer.state;
+      const kinds = [...(viewer.original ? ["original"] : []), "none", "colour", ...(viewer.pictures[picture] ? ["picture"] : [])];
+      const kind = background === null ? "none" : Array.isArray(background) ? "colour" : background;
+      viewer.setBackgroundKind(kinds[(kinds.indexOf(kind) + 1) % kinds.length]);
     },
     look: (look) => {
       if (!viewer.engine.looks.includes(look)) return viewer.say(`${LOOK_NAMES[look]}: needs WebGL 2, which this browser does not have.`);
@@ -90,7 +92,7 @@ export function actionsOf(viewer) {
     },
     copyLights: () => copy("The lights", toYaml(viewer.state, viewer.environment)),
     copyCommand: () => {
-      const unnamed = viewer.state.background === "picture" && !viewer.backdrop?.name;
+      const unnamed = typeof viewer.state.background === "string" && !viewer.backdrop?.name;
       return copy(unnamed ? "The command, without the background (it has no file)" : "The command", toCommand(viewer.state, viewer.environment, viewer.scene, viewer.backdrop?.name));
     },
     copyLink: () => {
@@ -98,7 +100,21 @@ export function actionsOf(viewer) {
       const files = [environment && map && viewer.environment.path, background === "picture" && picture && viewer.backdrop.name].filter(Boolean);
       return copy(files.length ? `The link (${files.join(" and ")} must be dropped on the page again)` : "The link", `${location.href.split("#")[0]}#${toFragment(viewer.state, viewer)}`);
     },
+    copyPicture: async () => {
+      viewer.stop();
+      viewer.redraw();
+      const { look, exposure } = viewer.state;
+      const png = toPng(viewer.engine.readShown(look, { exposure, background: viewer.shownBackground() }));
+      viewer.redraw();
+      try {
+        await navigator.clipboard.write([new ClipboardItem({ "image/png": png })]); // a promise: the click still counts
+        viewer.say("The picture: copied, as large as it is here.");
+      } catch {
+        viewer.say("The browser does not let the page copy pictures: save it instead.");
+      }
+    },
     save: async () => {
+      if (viewer.host) return viewer.host.save(); // at full resolution
       const { look, exposure } = viewer.state;
       viewer.stop();
       viewer.redraw();

@@ -111,7 +111,7 @@ export class Controls {
   }
 
   background() {
-    this.backgroundKind = choice(`background${this.id}`, "Background", [["none", "None"], ["colour", "Colour"], ["picture", "Picture"]], (kind) => this.viewer.setBackgroundKind(kind));
+    this.backgroundKind = choice(`background${this.id}`, "Background", [...(this.viewer.original ? [["original", "Original"]] : []), ["none", "None"], ["colour", "Colour"], ["picture", "Picture"]], (kind) => this.viewer.setBackgroundKind(kind));
     this.backgroundColour = h("input", { type: "color", "aria-label": "Background colour", value: "#1c1e22" });
     this.backgroundColour.addEventListener("input", () =>
       this.change((state) => (state.background = fromHex(this.backgroundColour.value)), "background"),
@@ -154,9 +154,10 @@ export class Controls {
       { class: "out", "aria-label": "Copy and save" },
       button("Copy lights", "C", actions.copyLights),
       button("Copy command", "Shift C", actions.copyCommand),
-      ...(this.viewer.host
-        ? [button("Save PNG", "Ctrl S", actions.save), button("Save files…", "", this.viewer.host.finish)]
-        : [button("Copy link", "L", actions.copyLink), button("Save PNG", "Ctrl S", actions.save)]),
+      ...(this.viewer.host ? [] : [button("Copy link", "L", actions.copyLink)]),
+      button("Copy picture", "Ctrl C", actions.copyPicture),
+      ...(this.viewer.host ? [button("Save files…", "", this.viewer.host.finish)] : []),
+      button("Save PNG", "Ctrl S", actions.save),
     );
     this.outSection.addEventListener("click", (event) => event.target.closest("button") && this.openMenu(false));
     this.outSection.addEventListener("keydown", (event) => {
@@ -199,7 +200,7 @@ export class Controls {
       this.environmentSliders[0].set(turn);
       this.environmentSliders[1].refresh(state);
     }
-    const kind = state.background === null ? "none" : state.background === "picture" ? "picture" : "colour";
+    const kind = state.background === null ? "none" : typeof state.background === "string" ? state.background : "colour";
     this.backgroundKind.set(kind);
     this.backgroundColour.hidden = kind !== "colour";
     if (kind === "colour") this.backgroundColour.value = toHex(state.background);

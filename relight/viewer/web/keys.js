@@ -6,15 +6,15 @@ const OF_INPUTS = /^(Arrow|Page|Home|End|Backspace|Delete)/; // keys with which 
 const DRAG = ["Drag on the picture", "the light follows, on a sphere around the person; beyond the ring it moves behind them"];
 const FINGERS = [
   DRAG,
-  ["Pinch", "makes a distant light softer or harder; moves a near light toward the camera or away from it"],
-  ["Drag two fingers", "turns the environment"],
+  ["Pinch, drag two fingers", "zooms and moves the picture"],
+  ["Hold Before", "shows the photograph"],
   ["Tap a handle", "selects that light"],
   ["Drag the panel's grip", "shows more of the panel, or more of the picture"],
 ];
 const MOUSE = [
   DRAG,
-  ["Wheel", "makes a distant light softer or harder; moves a near light; with Shift a near light is softer or harder"],
-  ["Drag the right button", "turns the environment"],
+  ["Wheel", "zooms"],
+  ["Drag the right button", "moves the picture once it is zoomed; with Shift it turns the environment"],
   ["Drop a file", "on the picture: the background; on the panel: an environment (.hdr or a picture)"],
   ["Double click a slider", "sets its neutral value"],
 ];
@@ -52,7 +52,7 @@ export function keyTable(viewer) {
     ["r", "R  Shift R", "turn the environment", () => actions.turn(5)],
     ["shift+r", "", "", () => actions.turn(-5)],
     ["e", "E", "mute the environment", actions.muteEnvironment],
-    ["g", "G", "background: none, colour, picture", actions.nextBackground],
+    ["g", "G", "the next kind of background", actions.nextBackground],
     ["View"],
     ["p", "P", "picture", look("picture")],
     ["i", "I", "light alone, on a white person", look("light")],
@@ -66,11 +66,15 @@ export function keyTable(viewer) {
     ["]", "", "", () => actions.moveWipe(0.02)],
     ["x", "X  Shift X", "expose a quarter of a stop more, less", () => actions.expose(0.25)],
     ["shift+x", "", "", () => actions.expose(-0.25)],
+    ["z", "Z  Shift Z  0", "zoom in, out; show all", () => viewer.stage.zoom(1.4)],
+    ["shift+z", "", "", () => viewer.stage.zoom(0.7)],
+    ["0", "", "", () => viewer.stage.fit()],
     ["h", "H", "hide the handles", actions.hide],
     ["Out"],
     ["c", "C", "copy the lights, a lights file", actions.copyLights],
     ["shift+c", "Shift C", "copy the command", actions.copyCommand],
     ["l", "L", "copy a link", actions.copyLink],
+    ["ctrl+c", "Ctrl C", "copy the picture", actions.copyPicture],
     ["ctrl+s", "Ctrl S", "save a PNG", actions.save],
     ["ctrl+z", "Ctrl Z", "undo", actions.undo],
     ["ctrl+shift+z", "Ctrl Shift Z", "redo", actions.redo],
@@ -108,7 +112,7 @@ export function keyDown(viewer, event) {
     return;
   }
   const action = actionOf(viewer.keys, event);
-  if (!action) return;
+  if (!action || (action === actions.copyPicture && String(getSelection()))) return; // selected text is copied as ever
   event.preventDefault();
   if (action !== actions.orbit) viewer.stop();
   action(event);
@@ -122,7 +126,7 @@ export function keyUp(viewer, event) {
 const rows = (entries) => h("dl", {}, ...entries.map(([what, does]) => h("div", {}, h("dt", {}, what), h("dd", {}, does))));
 
 /** A dialogue with gestures and keys: first those of fingers where there is no mouse. */
-export function helpSheet(table) {
+export function helpSheet(viewer, table) {
   const touch = matchMedia("(pointer: coarse)").matches;
   const keys = h("dl", { class: "keys" });
   for (const [key, text, does] of table) {
@@ -139,5 +143,6 @@ export function helpSheet(table) {
     ...(touch ? [fingers, h("details", {}, h("summary", {}, "Mouse and keyboard"), mouse, ...keyboard)] : [mouse, ...keyboard, fingers]),
   );
   sheet.addEventListener("click", (event) => event.target === sheet && sheet.close());
+  sheet.addEventListener("close", () => viewer.stage.element.focus({ preventScroll: true })); // where Space shows the photograph
   return sheet;
 }

@@ -1,8 +1,9 @@
-// The picture under one's hands: drag and the light follows, wheel and pinch, handles, the wipe.
+// The picture under one's hands: drag and the light follows; wheel and pinch zoom; handles, the wipe.
 //
 // Directions lie on the stage as on a map of the sphere, seen from the camera (Lambert's azimuthal equal-area
 // projection): the camera in the middle, beside the person on the inner ring, behind them beyond it. A near light
-// lies where the camera sees it, or at the stage's edge; a drag moves it in parallel to the picture.
+// lies where the camera sees it, or at the stage's edge; a drag moves it in parallel to the picture. The map stays
+// where it is when the picture is zoomed.
 
 import { paintBall } from "./ball.js";
 import { chroma } from "./colour.js";
@@ -10,11 +11,12 @@ import { h } from "./dom.js";
 import { LIGHTS } from "./engine.js";
 import { angles, clamp, direction, isNear, power } from "./lights.js";
 import { shining } from "./state.js";
+import { fitting, panned, wheeled, zoomed } from "./zoom.js";
 
 const MARGIN = 24; // CSS pixels around the picture
 const FARTHEST = Math.SQRT2; // of the map, where the light is right behind
-const WHEEL = 0.04; // degrees of softness a pixel of the wheel
-const PUSH = 0.0008; // of the person's height, that it pushes a near light
+const ZOOM = [1, 16]; // of the scale at which all of the picture is seen
+const CLICK = 4; // CSS pixels of motion below which a press is a click, which moves no light
 const RIM = 30; // CSS pixels from the stage's edge to a near light that is seen beyond it
 
 /** A place on the map, in units of the inner ring, right and up, to a direction. */
@@ -41,11 +43,12 @@ export class Stage {
     this.divider = this.wipeDivider();
     this.labels = [0, 1].map(() => h("span", { class: "tag" }));
     this.readout = h("output", { class: "readout" });
+    this.tools = this.viewTools();
     this.message = h("div", { class: "message", role: "status", "aria-live": "polite" });
     this.element = h(
       "div",
       { class: "stage", tabindex: 0, role: "application", "aria-label": "The person in new light. Arrow keys move the selected light; press question mark for all keys.", "data-drop": "background" },
-      this.canvas, this.rings, this.divider, ...this.labels, ...this.handles, this.readout, this.message,
+      this.canvas, this.rings, this.divider, ...this.labels, ...this.handles, this.readout, this.tools, this.message,
     );
     this.pointers = new Map();
     const on = (name, listener, options) => this.element.addEventListener(name, listener, options);
@@ -77,27 +80,61 @@ export class Stage {
     return h("div", { class: "divider", role: "slider", tabindex: 0, "aria-label": "Wipe", "aria-valuemin": 0, "aria-valuemax": 100, hidden: true }, h("i"));
   }
 
-  /** Fits the picture into the stage, and the map of directions about the person. */
+  /** What looks at the picture: the photograph while it is held, and the zoom. */
+  viewTools() {
+    const { viewer } = this;
+    const before = h("button", { type: "button", class: "before", title: "Hold to see the photograph (Space)" }, "Before");
+    const hold = (held) => (event) => {
+      if (event.key === undefined || event.key === " " || event.key === "Enter") viewer.hold(held);
+    };
+    for (const name of ["pointerdown", "keydown"]) before.addEventListener(name, hold(true));
+    for (const name of ["pointerup", "pointercancel", "pointerleave", "keyup", "blur"]) before.addEventListener(name, hold(false));
+    const button = (label, text, onclick) => h("button", { type: "button", "aria-label": label, title: label, onclick }, text);
+    this.fitButton = button("Show all of the picture (0)", "Fit", () => this.fit());
+    return h("div", { class: "view-tools" }, before, button("Zoom out (Shift Z)", "−", () => this.zoom(0.7)), this.fitButton, button("Zoom in (Z)", "+", () => this.zoom(1.4)));
+  }
+
+  /** Fits the picture into the stage unless it is zoomed, and the map of directions about the person. */
   layout() {
     const { clientWidth: width, clientHeight: height } = this.element;
     const { size, box } = this.viewer.pack.description;
-    const margin = Math.min(MARGIN, width / 16);
-    const scale = Math.min((width - 2 * margin) / size[0], (height - 2 * margin) / size[1]);
-    if (!(scale > 0)) return;
-    const [w, t] = [size[0] * scale, size[1] * scale];
-    this.scale = scale; // CSS pixels a pixel of the picture
-    this.frame = { left: (width - w) / 2, top: (height - t) / 2, width: w, height: t };
-    Object.assign(this.canvas.style, { left: `${this.frame.left}px`, top: `${this.frame.top}px`, width: `${w}px`, height: `${t}px` });
-    this.middle = [
-      this.frame.left + (box[0] + box[2] / 2) * scale,
-      this.frame.top + (box[1] + box[3] / 2) * scale,
-    ];
+    const fit = fitting([width, height], size, Math.min(MARGIN, width / 16));
+    if (!(fit.scale > 0)) return;
+    const { view, sides } = this;
+    this.sides = [width, height];
+    this.fitted = fit;
+    this.middle = [fit.left + (box[0] + box[2] / 2) * fit.scale, fit.top + (box[1] + box[3] / 2) * fit.scale];
     this.radius = (0.46 * Math.min(width, height)) / FARTHEST;
     [1, FARTHEST].forEach((ring, index) => {
       const side = 2 * ring * this.radius;
       Object.assign(this.rings.children[index].style, { left: `${this.middle[0] - side / 2}px`, top: `${this.middle[1] - side / 2}px`, width: `${side}px`, height: `${side}px` });
     });
+    const zoomed = view && view.scale > view.fitted;
+    this.see(zoomed ? { ...view, left: view.left + (width - sides[0]) / 2, top: view.top + (height - sides[1]) / 2, fitted: fit.scale } : fit);
+  }
+
+  /** Shows the picture in a view: all of it, or larger, with some of it in the stage's middle. */
+  see(view) {
+    const { size } = this.viewer.pack.description;
+    const isZoomed = view.scale > view.fitted * 1.001;
+    const [width, height] = size.map((side) => side * view.scale);
+    const kept = (at, extent, side) => clamp(at, side / 2 - extent, side / 2);
+    this.view = isZoomed ? { ...view, left: kept(view.left, width, this.sides[0]), top: kept(view.top, height, this.sides[1]) } : this.fitted;
+    const { left, top } = this.view;
+    this.scale = view.scale; // CSS pixels a pixel of the picture
+    this.frame = { left, top, width, height };
+    Object.assign(this.canvas.style, { left: `${left}px`, top: `${top}px`, width: `${width}px`, height: `${height}px` });
+    this.tools.classList.toggle("zoomed", isZoomed);
+    this.fitButton.disabled = !isZoomed;
     this.update(this.viewer.state);
+  }
+
+  zoom(times, about = this.sides.map((side) => side / 2)) {
+    this.see(zoomed(this.view, times, about, about, ZOOM));
+  }
+
+  fit() {
+    this.see(this.fitted);
   }
 
   // --- hands
@@ -108,45 +145,57 @@ export class Stage {
   }
 
   down(event) {
-    if (event.target.closest(".message button")) return;
+    if (event.target.closest(".message button, .view-tools, .notice")) return;
     const { viewer } = this;
     viewer.stop();
     this.element.classList.add("by-hand"); // the focus is where the hand is: no need to mark it
     this.element.setPointerCapture(event.pointerId);
     this.pointers.set(event.pointerId, { start: this.place(event), now: this.place(event) });
     if (event.target.closest(".divider")) this.task = "wipe";
-    else if (event.button === 2 || this.pointers.size === 2) this.task = "turn";
-    else if (event.button === 0 && this.pointers.size === 1) {
+    else if (event.button === 2 && event.shiftKey) this.task = "turn";
+    else if (event.button > 0 || this.pointers.size === 2) this.task = "pan";
+    else if (this.pointers.size === 1) {
       const grabbed = this.handles.findIndex((handle) => handle.contains(event.target));
       if (grabbed >= 0) viewer.select(grabbed);
-      if (!viewer.state.lights.length) viewer.actions.add();
-      this.task = "aim";
-      this.before = structuredClone(viewer.state.lights[viewer.state.selected]);
+      this.task = "press"; // a click; it aims once the hand moves
     } else return;
     if (event.target.focus && event.target !== this.canvas) event.target.focus({ preventScroll: true });
     else this.element.focus({ preventScroll: true });
     event.preventDefault();
-    if (this.task === "turn") this.beginTurn();
+    if (this.task === "turn" || this.task === "pan") this.beginTurn();
     else this.move(event);
   }
 
-  /** Two fingers, or the right button: what they turn and spread is measured from here. */
+  /** Two fingers, or another button: what they move, spread and turn is measured from here. */
   beginTurn() {
     const { state } = this.viewer;
     if (this.before) this.viewer.change((now) => (now.lights[now.selected] = structuredClone(this.before)), "aim");
     this.before = null;
     for (const pointer of this.pointers.values()) pointer.start = pointer.now;
-    this.began = { rotation: state.environment?.rotation, light: state.lights[state.selected] };
-    if (!state.environment && this.pointers.size === 1) this.viewer.say("There is no environment to turn: drop a map on the panel.");
+    this.began = { rotation: state.environment?.rotation, view: this.view };
+    if (this.task === "turn" && !state.environment) this.viewer.say("There is no environment to turn: drop a map on the panel.");
   }
 
   move(event) {
     const pointer = this.pointers.get(event.pointerId);
     if (!pointer) return;
     pointer.now = this.place(event);
+    const { start, now } = pointer;
+    if (this.task === "press" && Math.hypot(now[0] - start[0], now[1] - start[1]) >= CLICK) this.beginAim();
     if (this.task === "aim") this.aim(pointer.now);
-    else if (this.task === "turn") this.turn();
+    else if (this.task === "turn") this.turn(now[0] - start[0]);
+    else if (this.task === "pan") {
+      const pointers = [...this.pointers.values()];
+      this.see(panned(this.began.view, pointers.map((one) => one.start), pointers.map((one) => one.now), ZOOM));
+    }
     else if (this.task === "wipe") this.viewer.change((state) => (state.wipe.at = clamp((pointer.now[0] - this.frame.left) / this.frame.width, 0, 1)), "wipe");
+  }
+
+  beginAim() {
+    const { viewer } = this;
+    if (!viewer.state.lights.length) viewer.actions.add();
+    this.task = "aim";
+    this.before = structuredClone(viewer.state.lights[viewer.state.selected]);
   }
 
   aim([x, y]) {
@@ -164,19 +213,9 @@ export class Stage {
     this.element.classList.add("aiming");
   }
 
-  turn() {
-    const pointers = [...this.pointers.values()];
-    const moved = pointers.reduce((sum, { start, now }) => sum + now[0] - start[0], 0) / pointers.length;
-    const spread = (key) => Math.hypot(pointers[0][key][0] - pointers[1][key][0], pointers[0][key][1] - pointers[1][key][1]);
-    const pinch = pointers.length === 2 ? spread("now") / Math.max(spread("start"), 1) : 1;
-    this.viewer.change((state) => {
-      if (state.environment) state.environment.rotation = this.began.rotation + (moved / this.radius) * 45;
-      const light = state.lights[state.selected];
-      const { light: began } = this.began;
-      if (!light || pinch === 1) return;
-      if (isNear(light)) light.position = this.viewer.room.drawn(began.position, pinch);
-      else light.angle = clamp((began.angle + 10) * pinch - 10, 0, 180);
-    }, "turn");
+  /** Turns the environment by a motion to the right, in CSS pixels. */
+  turn(moved) {
+    this.viewer.change((state) => state.environment && (state.environment.rotation = this.began.rotation + (moved / this.radius) * 45), "turn");
   }
 
   up(event) {
@@ -192,18 +231,7 @@ export class Stage {
 
   wheel(event) {
     event.preventDefault();
-    const { room } = this.viewer;
-    const pixels = (event.deltaY || event.deltaX) * (event.deltaMode === 1 ? 16 : 1); // with Shift it is sideways
-    this.viewer.change((state) => {
-      const light = state.lights[state.selected];
-      if (!light) return;
-      if (!isNear(light)) light.angle = clamp(light.angle - pixels * WHEEL, 0, 180);
-      else if (event.shiftKey) light.radius = clamp(light.radius - pixels * PUSH * 0.25 * room.height, 0, room.height);
-      else light.position = room.pushed(light.position, -pixels * PUSH * room.height);
-    }, "wheel");
-    this.tell();
-    clearTimeout(this.wheeling);
-    this.wheeling = setTimeout(() => this.viewer.endGesture(), 400);
+    this.zoom(wheeled(event), this.place(event));
   }
 
   /** Where a light's handle is, CSS pixels on the stage. */

@@ -75,7 +75,7 @@ export function initial(scene) {
     environment: scene.environment ? checkedEnvironment(scene.environment.settings) : null,
     map: 0, // which of the viewer's environment maps lights the person, and which picture is behind them
     picture: 0,
-    background: scene.background ?? null, // null, [r, g, b] linear, or "picture"
+    background: scene.background ?? null, // null, [r, g, b] linear, "picture", or "original" in an application
     look: "picture",
     wipe: null, // or { look, at }: what is right of `at`, a share of the width
     exposure: 0,
@@ -267,7 +267,7 @@ export function toCommand(state, environment, scene, backgroundName, output = "r
   for (const text of lightTexts(state)) words.push("--light", text);
   const settings = environment && environmentText(state);
   if (settings) words.push("--environment", `${environment.path},${settings}`);
-  if (state.background === "picture") words.push(...(backgroundName ? ["--background", backgroundName] : []));
+  if (typeof state.background === "string") words.push(...(backgroundName ? ["--background", backgroundName] : []));
   else if (state.background) words.push("--background", state.background.map(short).join("/"));
   if (state.exposure) words.push("--exposure", short(state.exposure));
   words.push("-o", output);

@@ -22,8 +22,9 @@ const GREY = [0.0116, 0.0129, 0.0161]; // of a background that becomes a colour
 export class Viewer {
   /**
    * In `root`, from a scene (see relight/viewer/scene.py) and a pack; `linked`: whether the page's address holds the state.
-   * `host`: the application around it, if any: { environment(file), background(file), finish(), engine(viewer) };
-   * its engine draws where the browser has no WebGL 2.
+   * `host`: the application around it, if any: { environment(file), background(file), original, save(), finish(),
+   * engine(viewer) }. `original` is the whole photograph as a backdrop, or null; its engine draws where the browser has no
+   * WebGL 2.
    */
   static async open(root, scene, bytes, linked, host = null) {
     const pack = await unpack(bytes);
@@ -59,7 +60,7 @@ export class Viewer {
     this.engine = this.newEngine();
     this.setSurround(preferredSurround(), false);
     this.controls = new Controls(this);
-    this.help = helpSheet(this.keys);
+    this.help = helpSheet(this, this.keys);
     this.root.replaceChildren(this.stage.element, this.controls.grip, this.controls.element, this.help);
     this.listen();
     if (this.linked) this.readLink();
@@ -84,7 +85,12 @@ export class Viewer {
   }
 
   get backdrop() {
-    return this.pictures[this.state.picture] ?? null;
+    return (this.state.background === "original" ? this.original : this.pictures[this.state.picture]) ?? null;
+  }
+
+  /** The whole photograph, which an application has. */
+  get original() {
+    return this.host?.original ?? null;
   }
 
   listen() {
@@ -225,12 +231,12 @@ export class Viewer {
   }
 
   setBackgroundKind(kind) {
-    if (kind === "picture" && !this.backdrop) {
+    if (kind === "picture" && !this.pictures[this.state.picture]) {
       this.say("Drop a picture on the person, or open one.");
       this.refresh();
       return;
     }
-    this.change((state) => (state.background = kind === "none" ? null : kind === "picture" ? "picture" : GREY));
+    this.change((state) => (state.background = kind === "none" ? null : kind === "colour" ? GREY : kind));
   }
 
   // --- showing
@@ -284,7 +290,7 @@ export class Viewer {
 
   shownBackground() {
     const { background } = this.state;
-    return background === "picture" && !this.backdrop ? null : background;
+    return typeof background === "string" ? this.backdrop && "picture" : background;
   }
 
   /** What the engine draws, a slot a light, the environment last. */

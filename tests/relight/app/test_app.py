@@ -120,6 +120,21 @@ def test_from_a_photograph_to_the_files_that_the_copied_command_makes(page, phot
     np.testing.assert_allclose(relight.read("python.exr"), relight.read("again.exr"), rtol=2e-3, atol=1e-6)
 
 
+def test_the_photograph_is_its_own_background_and_one_button_saves_all_of_it(page, photo, tmp_path):
+    lit(page, photo)
+    viewer = "relightApp.parts.light.viewer"
+    assert page.evaluate(f"{viewer}.state.background") == "original"
+    assert page.evaluate(f"{viewer}.state.lights.map((light) => light.name)") == ["key", "fill", "rim"]
+    assert not page.evaluate(f"{viewer}.past.length")
+    with page.expect_download(timeout=240000) as download:
+        page.get_by_role("button", name="Save PNG").click()
+    download.value.save_as(tmp_path / "saved.png")
+    at_step(page, "light")
+    found, before = np.asarray(Image.open(tmp_path / "saved.png"), int), np.asarray(Image.open(photo[0]), int)
+    assert found.shape == (320, 320, 3)
+    np.testing.assert_allclose(found[:40, :40], before[:40, :40], atol=2)
+
+
 def test_an_example_and_a_file_of_the_folder_are_a_click_away_and_share_one_rig(page):
     page.get_by_role("button", name="Try the example").click()
     at_step(page, "light")
@@ -257,17 +272,22 @@ def test_where_there_is_no_webgl2_the_server_makes_the_pictures(browser, address
             return [at.left + middle[0] + 0.9 * radius, at.top + middle[1]];
         }"""
     )
-    page.mouse.click(x, y)  # the light goes where the hand is, as it does with WebGL
+    page.mouse.move(x - 30, y)
+    page.mouse.down()
+    page.mouse.move(x, y)  # the light goes where the hand is, as it does with WebGL
+    page.mouse.up()
     browsing.settled(page)
     browsing.wait(page, SETTLED)
     browsing.settled(page)
     assert lopsided() < 0.6 * before
     page.locator("[data-preset=golden-hour]").click()
-    page.keyboard.press("g")
-    browsing.settled(page)
-    browsing.wait(page, SETTLED)
-    browsing.settled(page)
-    assert page.evaluate("relightApp.parts.light.viewer.engine.readShown().data[3]") == 255  # a background
+    alpha = "relightApp.parts.light.viewer.engine.readShown().data[3]"
+    for kind, expected in (("original", 255), ("none", 0), ("colour", 255)):
+        page.evaluate(f"relightApp.parts.light.viewer.setBackgroundKind('{kind}')")
+        browsing.settled(page)
+        browsing.wait(page, SETTLED)
+        browsing.settled(page)
+        assert page.evaluate(alpha) == expected
     page.keyboard.press("n")
     assert "needs WebGL 2" in page.locator(".message").inner_text()
     page.get_by_role("button", name="Save files…").click()

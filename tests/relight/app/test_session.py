@@ -116,9 +116,16 @@ def test_files_of_one_name_are_lent_side_by_side(session):
         assert [(photograph.folder / name).read_bytes() for name in names] == list(lent.values())
     assert (photograph.folder / "me-relit.png").read_bytes() == b"saved"
     identity, path = session.new_file("me.jpg", PICTURES)
-    path.write_bytes(b"another")
-    with pytest.raises(Refused, match="has the photograph's name"):
-        session.lend(identity, photograph)
+    path.write_bytes(b"me")  # the photograph itself, as its own background
+    assert session.lend(identity, photograph) == "me.jpg"
+    for name in (
+        "me.jpg",
+        "me-matte.png",
+        "me-relit.jpg",
+    ):  # nothing that is written later is written over it
+        identity, path = session.new_file(name, PICTURES)
+        path.write_bytes(b"another")
+        assert session.lend(identity, photograph) == name.replace(".", "-2.")
 
 
 @pytest.mark.parametrize("stays", [True, False])

@@ -33,8 +33,7 @@ def test_a_near_light_is_where_the_hand_holds_it(page, viewed, tmp_path):
         "relight.viewer.stage.element.getBoundingClientRect().left + relight.viewer.stage.middle[0]"
     )
     assert middles["left"] < x - 50 < x + 50 < middles["right"]
-    page.mouse.wheel(0, -300)
-    browsing.press(page, "ArrowUp", "PageDown", ".")
+    browsing.press(page, "ArrowUp", "PageUp", "PageUp", "PageUp", ".")
     lamp = browsing.state(page)["lights"][0]
     assert lamp["position"][2] < place[2] - 0.1
     assert page.locator(".handle.near").bounding_box()["x"] == pytest.approx(handle["x"], abs=1)
@@ -61,28 +60,61 @@ def lopsided(bright):
     return bright[:, -half:].sum() - bright[:, :half].sum()
 
 
-def test_two_fingers_make_a_light_softer_and_bring_it_nearer(page):
+VIEW = "(({ view }) => [view.scale / view.fitted, view.left, view.top])(relight.viewer.stage)"
+
+
+def test_wheel_and_fingers_zoom_and_another_button_moves_the_picture_and_no_light(page):
+    before = browsing.state(page)
     touch = page.context.new_cdp_session(page)
     x, y = page.evaluate("relight.viewer.stage.middle")
+    for kind, apart in (("touchStart", 50), ("touchMove", 100)):
+        points = [{"x": x + side * apart, "y": y, "id": side + 1} for side in (-1, 1)]
+        touch.send("Input.dispatchTouchEvent", {"type": kind, "touchPoints": points})
+    touch.send("Input.dispatchTouchEvent", {"type": "touchEnd", "touchPoints": []})
+    assert page.evaluate(VIEW)[0] == pytest.approx(2, abs=0.05)
+    page.mouse.move(x, y)
+    page.mouse.wheel(0, -300)
+    browsing.wait(page, f"{VIEW}[0] > 2.5")
+    zoom, left, top = page.evaluate(VIEW)
+    page.mouse.down(button="right")
+    page.mouse.move(x + 40, y - 10)
+    page.mouse.up(button="right")
+    assert page.evaluate(VIEW) == pytest.approx([zoom, left + 40, top - 10])
+    page.get_by_role("button", name="Show all of the picture").click()
+    assert page.evaluate(VIEW)[0] == 1
+    page.mouse.click(x + 90, y)  # a click that holds no light does nothing
+    browsing.settled(page)
+    assert browsing.state(page) == before
+    assert not page.evaluate("relight.viewer.past")
 
-    def pinch(start, end):
-        for kind, apart in (("touchStart", start), ("touchMove", end)):
-            points = [{"x": x + side * apart, "y": y, "id": side + 1} for side in (-1, 1)]
-            touch.send("Input.dispatchTouchEvent", {"type": kind, "touchPoints": points})
-        touch.send("Input.dispatchTouchEvent", {"type": "touchEnd", "touchPoints": []})
-        browsing.settled(page)
 
-    before = browsing.state(page)["lights"][0]
-    pinch(50, 150)
-    assert browsing.state(page)["lights"][0] == before | {"angle": pytest.approx(20, abs=1)}
-    browsing.press(page, "d")
-    before = browsing.state(page)["lights"][0]
-    pinch(50, 60)
-    assert browsing.state(page)["lights"][0]["position"][2] > before["position"][2] + 0.1
-    assert page.locator(".message").inner_text() == ""
-    steps = page.evaluate("relight.viewer.past.length")
-    pinch(50, 50)
-    assert page.evaluate("relight.viewer.past.length") == steps
+def test_before_is_a_button_and_a_key_also_after_the_help(page):
+    held = "relight.viewer.held"
+    x, y = (page.locator(".before").bounding_box()[side] + 5 for side in "xy")
+    page.mouse.move(x, y)
+    page.mouse.down()
+    assert page.evaluate(held)
+    page.mouse.up()
+    assert not page.evaluate(held)
+    page.get_by_role("button", name="Help").click()
+    page.keyboard.press("Escape")
+    browsing.wait(page, "!relight.viewer.help.open")
+    browsing.settled(page)
+    page.keyboard.down(" ")
+    assert page.evaluate(held)
+    page.keyboard.up(" ")
+    assert not page.evaluate(held)
+    assert not page.evaluate("relight.viewer.help.open")
+
+
+def test_the_picture_can_be_copied(page):
+    page.evaluate("""() => { window.copied = []; navigator.clipboard.write = async ([item]) => {
+        const png = await item.getType("image/png");
+        window.copied.push((await createImageBitmap(png)).width);
+    }; }""")
+    page.keyboard.press("Control+c")
+    browsing.wait(page, "window.copied.length === 1")
+    assert page.evaluate("window.copied[0] === relight.viewer.pack.description.size[0]")
 
 
 def test_an_orbit_ends_where_another_light_is_chosen(page):
@@ -114,9 +146,11 @@ def test_what_is_dropped_on_the_person_is_behind_them_and_on_the_panel_around_th
     assert page.evaluate("relight.viewer.environment.path") == "sky.png"
     x, y = page.evaluate("relight.viewer.stage.middle")
     page.mouse.move(x, y)
+    page.keyboard.down("Shift")
     page.mouse.down(button="right")
     page.mouse.move(x + 40, y)
     page.mouse.up(button="right")
+    page.keyboard.up("Shift")
     assert browsing.state(page)["environment"]["rotation"] > 1
 
 

@@ -216,7 +216,7 @@ def test_what_goes_out_is_one_menu_on_a_phone(phone):
 def test_help_begins_with_gestures_where_there_is_no_mouse(phone, page):
     phone.evaluate("relight.viewer.actions.help()")
     assert phone.locator(".help h3").first.inner_text() == "Fingers"
-    assert phone.get_by_text("Pinch", exact=True).is_visible()
+    assert phone.get_by_text("Pinch, drag two fingers", exact=True).is_visible()
     assert not phone.get_by_text("Wheel", exact=True).is_visible()
     phone.get_by_text("Mouse and keyboard").tap()
     assert phone.get_by_text("Wheel", exact=True).is_visible()
