@@ -10,8 +10,43 @@ from typing import Any
 
 import av
 import numpy as np
+from av.sidedata.sidedata import Type
 from av.video.reformatter import ColorRange, Colorspace, Interpolation
 
+# Matrix coefficients of ITU-T H.273, table 4, that FFmpeg's scaler undoes. 0 is RGB; 2 and 3 say nothing.
+MATRICES = {
+    1: Colorspace.ITU709,
+    4: Colorspace.FCC,
+    5: Colorspace.ITU601,
+    6: Colorspace.ITU601,
+    7: Colorspace.SMPTE240M,
+    9: Colorspace.BT2020,
+}
+YCGCO = 8
+UNSPECIFIED = (0, 2, 3)
+UNDECODED = {
+    10: "BT.2020 with constant luminance",
+    11: "SMPTE ST 2085",
+    12: "a matrix derived from its primaries",
+    13: "a matrix derived from its primaries, with constant luminance",
+    14: "ICtCp",
+    15: "IPT-C2",
+    16: "YCgCo-Re",
+    17: "YCgCo-Ro",
+}
+CHROMA_RANGE = 224 / 219  # of limited chroma codes to limited luma codes
+# (x', y') of a display matrix, as signs of a, b, c, d with x' = a x + c y, y' = b x + d y: Exif's orientation
+ORIENTATIONS = {
+    (1, 0, 0, 1): 1,
+    (-1, 0, 0, 1): 2,
+    (-1, 0, 0, -1): 3,
+    (1, 0, 0, -1): 4,
+    (0, 1, 1, 0): 5,
+    (0, 1, -1, 0): 6,
+    (0, -1, -1, 0): 7,
+    (0, -1, 1, 0): 8,
+}
+SLANT = 0.02  # share of a display matrix that counts as zero: one degree
 EXACT = Interpolation.BILINEAR | Interpolation.ACCURATE_RND
 HD = 720  # rows from which an undeclared matrix is taken to be BT.709's, as players do; BT.601's below
 FULL = 65535
@@ -24,16 +59,17 @@ PATCH = 16  # pixels a side of the frames that calibrate
 def read_codes(frame: av.VideoFrame, codec: str) -> np.ndarray:
     """Return a frame's red, green and blue, and alpha if there is one: (H, W, 3|4) uint16, white at 65535.
 
-    `codec` is the name of the decoder, which decides what a range that is not declared means.
+    `codec` is the name of the decoder, which decides what a range that is not declared means. ValueError for
+    matrix coefficients that are not decoded.
     """
     if frame.format.name in UNPACKED:
         frame = frame.reformat(format=UNPACKED[frame.format.name])
     name = frame.format.name
     alpha = any(component.is_alpha for component in frame.format.components)
-    matrix = Colorspace(frame.colorspace) if frame.colorspace in list(Colorspace) else None
-    if matrix in (None, Colorspace.DEFAULT) and not frame.format.is_rgb:
-        matrix = Colorspace.ITU709 if frame.height >= HD else Colorspace.ITU601
     full = _is_full_range(frame, codec)
+    if frame.colorspace == YCGCO and not frame.format.is_rgb:
+        return _from_ycgco(frame, full)
+    matrix = _matrix(frame)
     codes = _convert(frame, alpha, matrix, full)
     if any(component.bits > 16 for component in frame.format.components):  # floats, which convert exactly
         return codes
@@ -42,6 +78,69 @@ def read_codes(frame: av.VideoFrame, codec: str) -> np.ndarray:
         return codes
     scaled = (codes - black) * (FULL / (white - black))
     return np.rint(scaled.clip(0, FULL)).astype(np.uint16)
+
+
+def _matrix(frame: av.VideoFrame) -> Colorspace:
+    """Return a frame's matrix coefficients. ValueError for those that FFmpeg's scaler does not undo."""
+    stated = frame.colorspace
+    if frame.format.is_rgb or stated in UNSPECIFIED:
+        return Colorspace.ITU709 if frame.height >= HD else Colorspace.ITU601
+    if stated not in MATRICES:
+        name = UNDECODED.get(stated, "of no known meaning")
+        raise ValueError(
+            f"has the matrix coefficients {stated} of ITU-T H.273 ({name}), which are not decoded; convert "
+            "it to BT.709's or BT.2020's"
+        )
+    return MATRICES[stated]
+
+
+def _from_ycgco(frame: av.VideoFrame, full: bool) -> np.ndarray:
+    """Return red, green and blue, and alpha, of a frame in YCgCo (ITU-T H.273, section 8.3, equation 67)."""
+    alpha = any(component.is_alpha for component in frame.format.components)
+    black, white = (_planes(_filled(frame.format.name, code, full, Colorspace.ITU709), alpha)[:1, :1]
+                    for code in (False, True))  # fmt: skip
+    planes = (_planes(frame, alpha) - black) / (white[..., :1] - black[..., :1])
+    luma, green, orange = (planes[..., channel] for channel in range(3))
+    if not full:
+        green, orange = green / CHROMA_RANGE, orange / CHROMA_RANGE
+    rest = luma - green
+    codes = [rest + orange, luma + green, rest - orange]
+    if alpha:
+        codes.append(planes[..., 3] * (white[..., 0] - black[..., 0]) / FULL)
+    return np.rint(np.stack(codes, axis=-1).clip(0, 1) * FULL).astype(np.uint16)
+
+
+def _planes(frame: av.VideoFrame, alpha: bool) -> np.ndarray:
+    """Return a frame's luma, chroma and alpha as they are, at full size: (H, W, 3|4) float32 of 16 bits."""
+    range_ = ColorRange.MPEG
+    planar = frame.reformat(
+        format="yuva444p16le" if alpha else "yuv444p16le", interpolation=EXACT,
+        src_colorspace=Colorspace.ITU709, dst_colorspace=Colorspace.ITU709,
+        src_color_range=range_, dst_color_range=range_,
+    )  # fmt: skip
+    rows = [
+        np.frombuffer(bytes(plane), "<u2").reshape(-1, plane.line_size // 2)[: frame.height, : frame.width]
+        for plane in planar.planes
+    ]
+    return np.stack(rows, axis=-1).astype(np.float32)
+
+
+def read_orientation(frame: av.VideoFrame) -> int:
+    """Return the orientation that a frame's display matrix asks for, as Exif counts them: 1 is upright.
+
+    ValueError for a matrix that turns by another angle than quarters of a circle, or shears.
+    """
+    data: Any = frame.side_data.get(Type.DISPLAYMATRIX)  # type: ignore[call-overload]
+    if data is None:
+        return 1
+    a, b, _, c, d = (float(value) for value in np.frombuffer(data, np.int32)[:5])
+    largest = max(map(abs, (a, b, c, d))) or 1.0
+    signs = tuple(int(np.sign(value)) if abs(value) > SLANT * largest else 0 for value in (a, b, c, d))
+    if signs not in ORIENTATIONS:
+        raise ValueError(
+            "has a display matrix that does not turn by quarters of a circle; turn its pictures upright"
+        )
+    return ORIENTATIONS[signs]
 
 
 def _is_full_range(frame: av.VideoFrame, codec: str) -> bool:

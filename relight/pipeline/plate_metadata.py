@@ -118,7 +118,7 @@ class PlateMetadataReader:
             if word in ("Make", "Model"):
                 header[word] = images.TypedValue("string", text)
         span = movie.span(number, number)
-        return PlateMetadata(header, timecode, tags, movie.path if heard else None, *span)
+        return PlateMetadata(header, timecode, tags, movie.path if heard and movie.is_steady else None, *span)
 
     @functools.cached_property
     def _stated(self) -> tuple[str | None, dict[str, str], bool]:

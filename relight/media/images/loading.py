@@ -17,13 +17,12 @@ from relight.media.icc import Profile
 from relight.media.images import headers, phone
 from relight.media.images.layers import Layer, Part, find_beauty, find_layer, index_layers, split_layer
 from relight.media.images.stored import StoredPicture
-from relight.media.images.turning import upright
+from relight.media.images.turning import SIDEWAYS, upright
 from shadow.files import AnyPath
 
 # OpenImageIO's own limit, 1024, is passed by an OpenEXR file of 256 lights; more than this is a damaged file.
 oiio.attribute("limits:channels", 1 << 14)
 LARGEST_PART = 1024  # number of parts of an OpenEXR file, beyond which it is damaged
-SIDEWAYS = range(5, 9)
 PHOTOMETRIC = {8: "CIE Lab", 9: "ICC Lab", 10: "ITU Lab", 32844: "LogL", 32845: "LogLuv"}  # of TIFF
 
 

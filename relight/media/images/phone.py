@@ -52,6 +52,8 @@ def _read_heif(path: Path) -> StoredPicture:
         import pillow_heif
     except ImportError as error:
         raise _missing(path, "pillow-heif") from error
+    from relight.media.video_frames import UNDECODED
+
     try:
         file = pillow_heif.open_heif(str(path), convert_hdr_to_8bit=False)
         pixels = np.asarray(file)
@@ -63,6 +65,8 @@ def _read_heif(path: Path) -> StoredPicture:
         pixels = np.rint(codes * (65535 / (2**depth - 1))).astype(np.uint16)
     numbers = file.info.get("nclx_profile")
     points = numbers and (numbers["color_primaries"], numbers["transfer_characteristics"])
+    if numbers and numbers["matrix_coefficients"] in UNDECODED:
+        raise ValueError(f"{path}: is in {UNDECODED[numbers['matrix_coefficients']]}, which is not decoded")
     space = _stated_space(file.info.get("icc_profile"), points, _exif(file.info.get("exif")))
     straight = not getattr(file, "premultiplied_alpha", False)
     return _stored(pixels, space, straight=straight)

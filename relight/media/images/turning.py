@@ -8,6 +8,7 @@ import OpenImageIO as oiio
 from relight.media.buffers import to_array
 
 TURNED = range(2, 9)  # orientations of Exif that are not upright; 0 and others mean nothing
+SIDEWAYS = range(5, 9)  # orientations whose rows stand upright
 
 
 def upright(pixels: np.ndarray, orientation: Any) -> np.ndarray:

@@ -1,35 +1,37 @@
 """Reading movies through PyAV, as they say: alpha, colour, fields and the shape of pixels."""
 
-import itertools
 import warnings
 from collections.abc import Iterator
 from fractions import Fraction
 from pathlib import Path
-from typing import Any
 
 import av
 import numpy as np
-from av.container import InputContainer
 
 from relight.media.content_hash import FileRecord, content_hash, hash_file
 from relight.media.encodings import Encoding, decode_bt709
 from relight.media.images.edge import linearise
+from relight.media.images.turning import SIDEWAYS, upright
 from relight.media.matte import matte_of
+from relight.media.movies.decoding import decode, deinterlaced
+from relight.media.movies.streams import (
+    check_dolby_vision,
+    decoder_name,
+    demuxed,
+    opened,
+    pixel_aspect,
+    video_stream,
+)
 from relight.media.pixel_aspect import SQUARED, is_square, square_pixels
-from relight.media.video_frames import read_codes
+from relight.media.video_frames import read_codes, read_orientation
 from shadow.files import AnyPath
 
 RATE = 24  # frames a second, where nothing states another
+SYNCHRONOUS = Fraction(1, 25)  # seconds by which sound may be early or late, at least
 READ = (
     *(".3gp", ".avi", ".m2ts", ".m4v", ".mkv", ".mov", ".mp4", ".mpeg", ".mpg", ".mts", ".mxf", ".ts"),
     *(".webm", ".wmv"),
 )
-# FFmpeg's own decoders of VP8 and VP9 leave alpha out; libvpx's do not.
-ALPHA_DECODERS = {"vp8": "libvpx", "vp9": "libvpx-vp9", "libvpx": "libvpx", "libvpx-vp9": "libvpx-vp9"}
-TOP_FIRST, BOTTOM_FIRST = (2, 5), (3, 4)  # of FFmpeg's AVFieldOrder, by the field that is shown first
-# Codecs whose frames say themselves whether they are interlaced, each for itself.
-CODECS_STATING_FIELDS = ("dnxhd", "dvvideo", "h264", "hevc", "mpeg2video", "mpeg4", "prores", "vc1")
-ADAM7 = ("apng", "png")  # what FFmpeg calls interlaced in their frames is the order of pixels in the file
 OPAQUE = 0.99  # least alpha of a movie that counts as opaque: compression takes a code or two away
 GREY = 0.1  # most that red, green and blue of a compressed grey picture differ
 
@@ -43,7 +45,8 @@ class Movie:
     """A movie, frame by frame. Frames are numbered from 1, in the order they are shown.
 
     Reading in order decodes each frame once; going back starts over. Interlaced frames are deinterlaced, one
-    frame for each, and pixels that are not square are made so.
+    frame for each, and pixels that are not square are made so. Frames are turned and mirrored as the
+    container's display matrix says.
 
     Parameters
     ----------
@@ -59,7 +62,13 @@ class Movie:
     FileNotFoundError
         No such file.
     ValueError
-        No movie, or alpha that this FFmpeg does not decode.
+        No movie, cover art alone, Dolby Vision with colours of its own, or alpha that this FFmpeg does not
+        decode.
+
+    Warns
+    -----
+    UserWarning
+        Pixels are not square, the frame rate varies, or the times start again within the file.
     """
 
     record: FileRecord | None = None  # of the file as it was opened, where that is asked for
@@ -71,17 +80,20 @@ class Movie:
             raise FileNotFoundError(f"{path}: no such file")
         try:
             with opened(path) as container:
-                stream = container.streams.video[0]
-                if stream.codec_context is None:
-                    raise ValueError(f"{path}: is in a codec that FFmpeg does not decode")
+                stream = video_stream(container, path)
+                check_dolby_vision(container, stream, path)
                 self.rate = stream.average_rate
-                self.pixel_aspect = float(_pixel_aspect(stream))
-                self._codec = _decoder_name(self.path, stream)
-                shown = {packet.pts for packet in container.demux(stream) if not packet.is_discard}
+                self.pixel_aspect = float(pixel_aspect(stream))
+                self._codec = decoder_name(self.path, stream)
+                packets = [
+                    (packet.pts, starts_again)
+                    for packet, starts_again in demuxed(container, stream)
+                    if not packet.is_discard
+                ]
                 time_base = stream.time_base or Fraction(1)
-        except (av.error.FFmpegError, IndexError) as error:
+        except av.error.FFmpegError as error:
             raise ValueError(f"{path}: cannot be read as a movie: {error}") from error
-        times = sorted(time for time in shown if time is not None)
+        times = sorted({time for time, _ in packets if time is not None})
         self._order = {time: number for number, time in enumerate(times, 1)}
         self._times = [time * time_base for time in times]  # seconds
         if not self._order:
@@ -89,11 +101,30 @@ class Movie:
         self._frames: Iterator[tuple[int, av.VideoFrame]] = iter(())
         self._frame: av.VideoFrame | None = None
         self._number = len(self._order) + 1  # of the frame that is decoded: beyond the last, so start over
+        self.is_steady = self._check_times(any(starts_again for _, starts_again in packets))
         if not is_square(self.pixel_aspect):
             warnings.warn(
                 f"{path}: its pixels are {self.pixel_aspect:.4g} times as wide as high; {SQUARED}",
                 stacklevel=2,
             )
+
+    def _check_times(self, joined: bool) -> bool:
+        """Return whether frame times are those of a constant rate, so that sound fits; warn if not."""
+        rate = Fraction(self.rate or RATE)
+        late = max(
+            abs(time - self._times[0] - number / rate) for number, time in enumerate(self._times)
+        )  # seconds
+        if joined:
+            problem = "consists of parts whose times start again"
+        elif late > max(1 / rate, SYNCHRONOUS):
+            problem = f"has a variable frame rate, {float(rate):.4g} frames a second on average"
+        else:
+            return True
+        warnings.warn(
+            f"{self.path}: {problem}; every frame counts as equally long, and its sound is left out",
+            stacklevel=3,
+        )
+        return False
 
     @property
     def numbers(self) -> range:
@@ -133,7 +164,7 @@ class Movie:
             return 1.0
         self._codes(self.numbers[0])
         assert self._frame is not None
-        sideways = round(self._frame.rotation / 90) % 2
+        sideways = self._orientation() in SIDEWAYS
         return 1 / self.pixel_aspect if sideways else self.pixel_aspect
 
     def span(self, first: int, last: int) -> tuple[Fraction, Fraction]:
@@ -153,7 +184,10 @@ class Movie:
             self._number, self._frame = len(self._order) + 1, None
         if self._number > number or self._frame is None or self._frame.is_corrupt:
             raise ValueError(f"{self.path}: frame {number} is damaged")
-        return read_codes(self._frame, self._codec)
+        try:
+            return read_codes(self._frame, self._codec)
+        except ValueError as error:
+            raise ValueError(f"{self.path}: {error}") from error
 
     def _encoding(self) -> Encoding:
         """Return what the frame says of its colour, BT.709 where it says nothing."""
@@ -165,9 +199,15 @@ class Movie:
 
     def _upright(self, pixels: np.ndarray) -> np.ndarray:
         """Return pixels (H, W, C) as they are to be looked at: square, and turned as the container asks."""
+        return np.ascontiguousarray(upright(square_pixels(pixels, self.pixel_aspect), self._orientation()))
+
+    def _orientation(self) -> int:
+        """Return the frame's orientation by its display matrix, as Exif counts orientations."""
         assert self._frame is not None
-        turned = np.rot90(square_pixels(pixels, self.pixel_aspect), round(self._frame.rotation / 90))
-        return np.ascontiguousarray(turned)
+        try:
+            return read_orientation(self._frame)
+        except ValueError as error:
+            raise ValueError(f"{self.path}: {error}") from error
 
     def _decoded(self) -> Iterator[tuple[int, av.VideoFrame]]:
         """Yield numbers and frames, as far as they can be decoded.
@@ -176,11 +216,11 @@ class Movie:
         B-frames are not, they are counted as they are decoded, which ends at the first that is damaged.
         """
         with opened(self.path, err_detect="explode") as container:
-            stream = container.streams.video[0]
+            stream = video_stream(container, self.path)
             stream.thread_type = "AUTO"
             counted = container.format.name == "avi" and stream.codec_context.has_b_frames
-            frames = _decode(container, stream, self._codec, stop=counted)
-            for count, frame in enumerate(_deinterlaced(frames, stream), 1):
+            frames = decode(container, stream, self._codec, stop=counted)
+            for count, frame in enumerate(deinterlaced(frames, stream), 1):
                 if counted:
                     yield count, frame
                 elif frame.pts in self._order:
@@ -221,94 +261,3 @@ def read_comment(path: AnyPath) -> str | None:
             return file.metadata.get("comment")
     except (OSError, av.error.FFmpegError):
         return None
-
-
-def opened(path: AnyPath, **options: str) -> InputContainer:
-    """Open a movie to read. Its tags may be in any encoding, as those of an old AVI are."""
-    return av.open(str(path), options=options, metadata_errors="replace")
-
-
-def _pixel_aspect(stream: Any) -> Fraction:
-    """Return how many times as wide as high a movie's pixels are, by the container before the codec."""
-    return Fraction(stream.sample_aspect_ratio or 1) or Fraction(1)
-
-
-def _decoder_name(path: Path, stream: Any) -> str:
-    """Return the name of the decoder that gives a stream's alpha, or else its usual one."""
-    name = stream.codec_context.name
-    tags = {key.lower(): value for key, value in stream.metadata.items()}
-    if tags.get("alpha_mode") != "1" or name not in ALPHA_DECODERS:
-        return name
-    if ALPHA_DECODERS[name] not in av.codecs_available:
-        raise ValueError(
-            f"{path}: has alpha that this FFmpeg does not decode: expected its decoder {ALPHA_DECODERS[name]}"
-        )
-    return ALPHA_DECODERS[name]
-
-
-def _decode(container: InputContainer, stream: Any, codec: str, *, stop: bool) -> Iterator[av.VideoFrame]:
-    """Yield a stream's frames. Frames that cannot be decoded are left out, or are the end if `stop`."""
-    context = stream.codec_context
-    if codec != context.name:
-        context = av.CodecContext.create(codec, "r")
-        context.extradata = stream.codec_context.extradata
-        for name in ("color_primaries", "color_trc", "colorspace", "color_range"):
-            setattr(context, name, getattr(stream.codec_context, name))
-    for packet in container.demux(stream):
-        try:
-            yield from context.decode(packet if packet.size else None)
-        except av.error.FFmpegError:
-            if stop:
-                return
-
-
-def _deinterlaced(frames: Iterator[av.VideoFrame], stream: Any) -> Iterator[av.VideoFrame]:
-    """Yield a frame for each; in frames of two fields, rows of one field are filled in (BWDIF)."""
-    context = stream.codec_context
-    order = 0 if context.name in CODECS_STATING_FIELDS else int(context.field_order)
-    graph: av.filter.Graph | None = None
-    for frame in frames:
-        stated = frame.interlaced_frame and context.name not in ADAM7
-        if graph is None and not stated and order not in (*TOP_FIRST, *BOTTOM_FIRST):
-            yield frame
-            continue
-        if frame.time_base is None:  # PyAV sets it for the first frame of several alone
-            frame.time_base = stream.time_base
-        if graph is None:
-            graph = _field_graph(frame, 0 if stated else order)
-        graph.push(frame)
-        yield from _pulled(graph, stream.time_base)
-    if graph is not None:
-        graph.push(None)
-        yield from _pulled(graph, stream.time_base)
-
-
-def _field_graph(frame: av.VideoFrame, order: int) -> av.filter.Graph:
-    """Return a filter graph that deinterlaces frames like this one.
-
-    `order`: the stream's, which the frames do not say; 0 where they do.
-    """
-    graph = av.filter.Graph()
-    source = graph.add_buffer(
-        width=frame.width, height=frame.height, format=frame.format, time_base=frame.time_base
-    )
-    chain = [source]
-    if order:
-        chain.append(graph.add("setfield", "tff" if order in TOP_FIRST else "bff"))
-    chain += [graph.add("bwdif", "mode=send_frame:parity=auto:deint=interlaced"), graph.add("buffersink")]
-    for one, other in itertools.pairwise(chain):
-        one.link_to(other)
-    graph.configure()
-    return graph
-
-
-def _pulled(graph: av.filter.Graph, time_base: Fraction) -> Iterator[av.VideoFrame]:
-    """Yield what a graph has ready, its times in units of `time_base`: the filter counts in fields."""
-    while True:
-        try:
-            frame: Any = graph.pull()
-        except (av.error.BlockingIOError, av.error.EOFError):
-            return
-        if frame.pts is not None and frame.time_base:
-            frame.pts, frame.time_base = round(frame.pts * frame.time_base / time_base), time_base
-        yield frame

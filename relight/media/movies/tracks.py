@@ -11,7 +11,7 @@ from typing import Any, Self
 import av
 from av.container import OutputContainer
 
-from relight.media.movies.reading import opened
+from relight.media.movies.streams import opened
 from shadow.files import AnyPath
 
 # Tags of a container that describe the file itself, and those that a new one writes by itself.

@@ -1,0 +1,108 @@
+"""Which stream of a container is the movie, and what the container says of it."""
+
+import re
+from collections.abc import Iterator
+from fractions import Fraction
+from pathlib import Path
+from typing import Any
+
+import av
+from av.container import InputContainer
+from av.format import Flags
+from av.stream import Disposition
+
+from relight.media.regular_file import check_regular_file
+from shadow.files import AnyPath
+
+# FFmpeg's own decoders of VP8 and VP9 leave alpha out; libvpx's do not.
+ALPHA_DECODERS = {"vp8": "libvpx", "vp9": "libvpx-vp9", "libvpx": "libvpx", "libvpx-vp9": "libvpx-vp9"}
+COVER = Disposition.attached_pic | Disposition.timed_thumbnails
+DOLBY_VISION = re.compile(r"DOVI configuration record:.*profile: (\d+).*compatibility id: (\d+)")
+DOLBY_VISION_CODECS = ("av1", "hevc", "h264", "libdav1d")
+FIRST_WITH_FALLBACK = 8  # Dolby Vision's profiles from here on say whether other players can show them
+
+
+def opened(path: AnyPath, **options: str) -> InputContainer:
+    """Open a movie to read. Its tags may be in any encoding, as those of an old AVI are.
+
+    Raises as `relight.media.regular_file.check_regular_file` does.
+    """
+    return av.open(str(check_regular_file(path)), options=options, metadata_errors="replace")
+
+
+def video_stream(container: InputContainer, path: AnyPath) -> Any:
+    """Return the first stream of moving pictures. ValueError for a codec that cannot be decoded.
+
+    Cover art and thumbnails are streams of pictures, too, in any place among the others.
+    """
+    streams = [stream for stream in container.streams.video if not stream.disposition & COVER]
+    if not streams:
+        found = "cover art alone" if container.streams.video else "no pictures"
+        raise ValueError(f"{path}: cannot be read as a movie: it holds {found}")
+    if streams[0].codec_context is None:
+        raise ValueError(f"{path}: is in a codec that FFmpeg does not decode")
+    return streams[0]
+
+
+def pixel_aspect(stream: Any) -> Fraction:
+    """Return how many times as wide as high a movie's pixels are, by the container before the codec."""
+    return Fraction(stream.sample_aspect_ratio or 1) or Fraction(1)
+
+
+def decoder_name(path: Path, stream: Any) -> str:
+    """Return the name of the decoder that gives a stream's alpha, or else its usual one."""
+    name = stream.codec_context.name
+    tags = {key.lower(): value for key, value in stream.metadata.items()}
+    if tags.get("alpha_mode") != "1" or name not in ALPHA_DECODERS:
+        return name
+    if ALPHA_DECODERS[name] not in av.codecs_available:
+        raise ValueError(
+            f"{path}: has alpha that this FFmpeg does not decode: expected its decoder {ALPHA_DECODERS[name]}"
+        )
+    return ALPHA_DECODERS[name]
+
+
+def check_dolby_vision(container: Any, stream: Any, path: AnyPath) -> None:
+    """Raise ValueError for Dolby Vision whose pictures are in a colour space of its own.
+
+    That is profile 5, and others that say compatibility 0; the rest is PQ, HLG or BT.709 beside it. PyAV
+    tells a stream's side data in FFmpeg's description of the container alone.
+    """
+    if stream.codec_context.name not in DOLBY_VISION_CODECS:
+        return
+    level = av.logging.get_level()
+    av.logging.set_level(av.logging.INFO)
+    try:
+        described = container.dumps_format()
+    finally:
+        av.logging.set_level(level)
+    for match in DOLBY_VISION.finditer(described):
+        profile, compatibility = map(int, match.groups())
+        if profile == 5 or (profile >= FIRST_WITH_FALLBACK and compatibility == 0):
+            raise ValueError(
+                f"{path}: is in Dolby Vision profile {profile}, whose colours need its own decoder; convert "
+                "it to HDR10, HLG or BT.709"
+            )
+
+
+def demuxed(container: InputContainer, stream: Any) -> Iterator[tuple[av.Packet, bool]]:
+    """Yield a stream's packets, and whether the times of the file start again with this one.
+
+    In transport and program streams that were joined, times start again with each part. Here they go on: a
+    later part begins where the one before it ends.
+    """
+    flags: Any = container.format.flags
+    joinable = bool(flags & Flags.ts_discont.value)
+    shift, step = 0, 0
+    last: int | None = None
+    for packet in container.demux(stream):
+        starts_again = False
+        if joinable and last is not None and packet.dts is not None and packet.dts < last:
+            starts_again, shift = True, shift + last + step - packet.dts
+        if packet.dts is not None:
+            step = packet.duration or (packet.dts - last if last is not None and packet.dts > last else step)
+            last = packet.dts
+            packet.dts += shift
+        if packet.pts is not None:
+            packet.pts += shift
+        yield packet, starts_again
