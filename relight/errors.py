@@ -33,3 +33,7 @@ class StaleAnalysisError(RelightError, ValueError):
 
 class MissingFramesError(RelightError, FileNotFoundError):
     """Frames of a sequence are missing on disk."""
+
+
+class MissingNetworksError(RelightError, FileNotFoundError):
+    """The networks that find a person have not been fetched; the message names the command that does it."""

@@ -15,6 +15,7 @@ from relight.cli.apply import apply
 from relight.cli.comfyui import comfyui
 from relight.cli.evaluation import evaluate
 from relight.cli.export import export
+from relight.cli.fetch import fetch
 from relight.cli.job import job
 from relight.cli.olat import olat
 from relight.cli.options import EXAMPLES
@@ -69,4 +70,5 @@ app.command("video", epilog=EXAMPLES, help="The same as `relight apply`.")(apply
 for command in (view, analyse, export, olat, comfyui, stage, train, shrink):
     app.command()(command)
 app.command("app")(app_command)
+app.add_typer(fetch, name="fetch")
 app.add_typer(evaluate, name="evaluate")

@@ -1,0 +1,119 @@
+"""People found by two networks: small ones, made here, whose answer is known."""
+
+import subprocess
+import sys
+
+import numpy as np
+import pytest
+
+pytest.importorskip("openvino")
+
+from helpers.finders import discs, small_finder
+
+from relight.errors import EmptyMatteError
+from relight.matting import person
+
+
+@pytest.fixture(scope="module")
+def finder(tmp_path_factory):
+    return small_finder(tmp_path_factory.mktemp("networks"))
+
+
+def overlap(mask, where):
+    found = mask > 0.5
+    return (found & where).sum() / (found | where).sum()
+
+
+@pytest.mark.parametrize("size", [(300, 300), (200, 420), (900, 500)])
+def test_the_mask_lies_where_the_person_is(finder, size):
+    picture, (where,) = discs(size, (0.6 * size[1], 0.4 * size[0], 0.06 * max(size)))
+    mask = finder.mask(picture)
+    assert (mask.shape, mask.dtype) == (size, np.float32)
+    assert overlap(mask, where) > 0.95
+
+
+def test_somebody_whom_the_frame_cuts_is_found(finder):
+    picture, (where,) = discs((300, 300), (6, 150, 20))
+    assert overlap(finder.mask(picture), where) > 0.95
+
+
+def test_a_person_too_small_for_the_detector_is_found_in_a_part_of_the_picture(finder):
+    picture, (where,) = discs((1200, 1600), (1210, 333, 12))
+    assert overlap(finder.mask(picture), where) > 0.9
+
+
+@pytest.fixture(scope="module")
+def three(finder):
+    """Three people, found: the largest first; and where each is, in (300, 300)."""
+    picture, (small, large, middle) = discs((300, 300), (50, 60, 15), (220, 220, 26), (60, 230, 20))
+    return finder.people(picture, thorough=True), (large, middle, small)
+
+
+def test_one_of_several_people_is_chosen(three):
+    found, people = three
+    assert len(found) == 3
+    large, middle, small = people
+    size = (300, 300)
+    assert overlap(person.mask_of(found, None, size), large) > 0.9
+    for number, where in enumerate(people, start=1):
+        assert overlap(person.mask_of(found, number, size), where) > 0.9
+    assert overlap(person.mask_of(found, (70, 90), size), small) > 0.9
+    assert overlap(person.mask_of(found, found[1].circle, size), middle) > 0.9
+    assert overlap(person.mask_of(found, "all", size), large | middle | small) > 0.9
+
+
+@pytest.mark.parametrize("chosen", [0, 4, True, 1.5, "both", (500, 10), (1, 2, 3)])
+def test_a_person_who_is_not_there_is_refused(three, chosen):
+    with pytest.raises(ValueError, match="person: expected"):
+        person.mask_of(three[0], chosen, (300, 300))
+
+
+def test_nobody_is_refused(finder, tmp_path):
+    empty, _ = discs((300, 300))
+    with pytest.raises(EmptyMatteError, match="found no person in the photograph"):
+        finder.mask(empty)
+    doubtful, _ = discs((300, 300), (150, 150, 30))
+    with pytest.raises(EmptyMatteError, match="found no person"):
+        small_finder(tmp_path, presence=0.2).mask(doubtful)
+
+
+def test_a_turned_square_and_its_mask_agree():
+    """The way to the network's canvas and back is the same for a person who leans."""
+    circle = person.Circle.of(np.array([60.0, 70.0]), np.array([90.0, 40.0]))
+    square = circle.square(256)
+    rim = (np.array([90.0, 40.0]) - square[:, 2]) @ np.linalg.inv(square[:, :2]).T
+    np.testing.assert_allclose(rim, [128, 128 - 128 / person.ROOM], atol=1e-9)
+    upper = np.zeros((256, 256), np.float32)
+    upper[:128] = 1
+    mask = person.Person(circle, upper).on((140, 150))
+    assert mask[55, 75] == pytest.approx(1, abs=1e-5)
+    assert mask[85, 45] == pytest.approx(0, abs=1e-5)
+
+
+def test_anchors_are_those_of_the_detector():
+    anchors = person._anchors()
+    assert anchors.shape == (2254, 2)
+    np.testing.assert_allclose(anchors[[0, 1, 2, -1]], np.array([[4, 4], [4, 4], [12, 4], [208, 208]]) / 224)
+
+
+def test_the_parts_cover_the_picture_to_its_rim():
+    assert [*person._parts(100, 60, 1.0)] == [(0.0, -20.0, 100.0)]
+    parts = [*person._parts(100, 60, 0.5)]
+    assert {(left, top) for left, top, _ in parts} == {(left, top) for left in (0, 25, 50) for top in (0, 10)}
+
+
+def test_openvino_reports_nothing(tmp_path):
+    """Its telemetry would leave an identity in the home folder, and open a connection."""
+    script = (
+        "import socket, sys\n"
+        "def refused(*_, **__): raise SystemExit('a connection')\n"
+        "socket.socket.connect = socket.getaddrinfo = refused\n"
+        "from relight.matting import person\n"
+        "person._openvino().Core()\n"
+        "assert 'openvino_telemetry' not in sys.modules\n"
+        "import openvino.tools.ovc.telemetry_utils as used\n"
+        "assert used.tm.__name__ == 'openvino.tools.ovc.telemetry_stub', used.tm\n"
+    )
+    environment = {"HOME": str(tmp_path), "PATH": "/usr/bin:/bin"}
+    subprocess.run([sys.executable, "-c", script], check=True, env=environment)
+    assert not [*tmp_path.rglob("*")]
