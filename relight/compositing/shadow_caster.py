@@ -42,7 +42,8 @@ class ShadowCaster(NamedTuple):
         rays = positions.numpy()[:, inside].T / distance[inside, None]
         pixel = pixel_spacing(positions, known)
         front = np.where(inside, distance, np.nan)
-        back = front + thickness(inside, pixel)
+        edge = distance_transform_edt(np.pad(inside, 1))[1:-1, 1:-1] * pixel
+        back = front + thickness(edge)
         # A sheet ends where its neighbour lies deeper or is missing. A wall from there closes the shell, for
         # light from any side.
         walls = [
@@ -117,9 +118,8 @@ class Silhouette:
         return found if front is None else found * front
 
 
-def thickness(inside: np.ndarray, pixel: float) -> np.ndarray:
-    """Return how far behind the front the back lies (h, w), metres."""
-    edge = distance_transform_edt(np.pad(inside, 1))[1:-1, 1:-1] * pixel
+def thickness(edge: np.ndarray) -> np.ndarray:
+    """Return how far behind the front the back lies, `edge` metres inside the person's outline; metres."""
     edge = edge.clip(0, MAX_THICKNESS / 2)
     return 2 * np.sqrt(edge * (MAX_THICKNESS - edge))
 

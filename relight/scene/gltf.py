@@ -6,9 +6,8 @@ from typing import Any
 
 from relight.scene.asset import Asset
 from relight.scene.gltf_lights import EXTENSION, place_nodes, punctual_lights
+from relight.scene.mesh import CUTOFF
 from shadow.files import replacing
-
-CUTOFF = 0.5  # coverage below which the mesh is cut away
 
 
 def write(path: Path, asset: Asset) -> None:

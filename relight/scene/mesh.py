@@ -4,6 +4,9 @@ The front is a grid over the plate whose nodes lie at the depth that was inferre
 an arm passes before the chest, the grid is cut: the near sheet ends at its own nodes, and the far sheet goes
 on one cell beneath it, so that no gap shows from the camera. The back lies behind the front by the thickness
 that `relight.compositing.shadow_caster` takes a body to have, and walls join the two along every border.
+
+The material cuts the mesh at half coverage. The front goes on beyond that outline, for those who blend it.
+The back ends there, close behind the front: if the cut went through its steep rim, it would open the shell.
 """
 
 import math
@@ -11,6 +14,8 @@ from typing import NamedTuple
 
 import numpy as np
 import torch
+from scipy.ndimage import binary_dilation, map_coordinates
+from scipy.spatial import cKDTree
 
 from relight.analysis.camera import Camera
 from relight.compositing.shadow_caster import thickness
@@ -21,6 +26,9 @@ FEWEST = 1_000  # triangles that a person can be made of
 JUMP = 0.03  # metres of depth between neighbouring nodes beyond which the surface is cut
 MIN_COVERAGE = 0.02  # coverage below which a part of the plate has no surface
 THINNEST = 5e-4  # metres between front and back, so that no renderer sees them in one place
+CUTOFF = 0.5  # coverage below which the material cuts the mesh away
+BISECTIONS = 8  # that find where coverage crosses CUTOFF between two nodes
+INSET = 0.75  # pixels from there to the back's rim: between two of its vertices the outline may turn inward
 
 
 class Surface(NamedTuple):
@@ -42,7 +50,7 @@ class Mesh(NamedTuple):
     uv: np.ndarray  # (V, 2) float32 in [0, 1], from the lower left of the box
     faces: np.ndarray  # (F, 3) int32, counter-clockwise from outside
     box: tuple[int, int, int, int]  # top, left, bottom, right: the part of the plate that `uv` spans, pixels
-    lowest: float  # y of the soles: the lowest that is covered by at least half
+    lowest: float  # y of the soles: nothing is lower
 
 
 class _Grid(NamedTuple):
@@ -53,6 +61,16 @@ class _Grid(NamedTuple):
     cells: np.ndarray  # (m - 1, n - 1) bool
     depth: np.ndarray  # (m, n) metres
     normals: np.ndarray  # (m, n, 3)
+
+
+class _Outline(NamedTuple):
+    """Where coverage is `CUTOFF` on the lines between the nodes of a grid, or `INSET` inside of it."""
+
+    inside: np.ndarray  # (m, n) bool: nodes with more coverage
+    x: np.ndarray  # (P,) pixels
+    y: np.ndarray  # (P,) pixels
+    inner: np.ndarray  # (P,) the node inside, of the two between which a point lies
+    share: np.ndarray  # (P,) of the way from there to the node outside
 
 
 def build(surface: Surface, triangles: int = TRIANGLES) -> Mesh:
@@ -153,29 +171,100 @@ def _shell(surface: Surface, grid: _Grid, box: tuple[int, int, int, int]) -> Mes
     node, depth, faces = _front(grid)
     rows, columns = np.divmod(node, len(grid.x))
     x, y = grid.x[columns], grid.y[rows]
-    camera = surface.camera
-    front = camera.positions(torch.from_numpy(x), torch.from_numpy(y), torch.from_numpy(depth)).numpy().T
-    normals = grid.normals[rows, columns]
-    rays = camera.rays(torch.from_numpy(x), torch.from_numpy(y)).numpy().T
-    rays /= np.linalg.norm(rays, axis=1, keepdims=True)
-    inside, pixel = _inside(surface, grid), float(np.diff(grid.y).mean()) * camera.metres_per_pixel
-    away = np.maximum(thickness(inside, pixel)[rows, columns], THINNEST)
-    solid = inside[rows, columns]
-    back = front + rays * away[:, None]
-    count = len(front)
-    walls = _walls(faces, count)
-    points = np.concatenate([front, back]).astype(np.float32)
-    everything = np.concatenate([faces, faces[:, ::-1] + count, walls]).astype(np.int32)
-    behind = _vertex_normals(points, everything)[count:]
-    uv = np.stack([(x - left) / (right - left), (bottom - y) / (bottom - top)], axis=1).astype(np.float32)
+    outline = _outline(surface.matte, grid)
+    back_x, back_y, back_depth = _ended(outline, grid, node, x, y, depth)
+    away = _thickness(outline, grid, surface.camera.metres_per_pixel).ravel()[node]
+    front = _positions(surface.camera, x, y, depth)
+    rim = _positions(surface.camera, back_x, back_y, back_depth)
+    eye = np.array(surface.camera.eye)
+    rays = (rim - eye) / np.linalg.norm(rim - eye, axis=1, keepdims=True)
+    seen = rim[outline.inside.ravel()[node] | (back_x != x) | (back_y != y)]
+    lowest = float((seen if len(seen) else front)[:, 1].min()) - INSET * surface.camera.metres_per_pixel
+    points = _above(lowest, np.concatenate([front, rim + rays * away[:, None]]), eye).astype(np.float32)
+    everything = np.concatenate([faces, faces[:, ::-1] + len(front), _walls(faces, len(front))])
+    behind = _vertex_normals(points, everything)[len(front) :]
+    across, down = np.concatenate([x, back_x]), np.concatenate([y, back_y])
+    uv = np.stack([(across - left) / (right - left), (bottom - down) / (bottom - top)], axis=1)
     return Mesh(
         points,
-        np.concatenate([normals, behind]).astype(np.float32),
-        np.concatenate([uv, uv]).clip(0, 1),
-        everything,
+        np.concatenate([grid.normals[rows, columns], behind]).astype(np.float32),
+        uv.astype(np.float32).clip(0, 1),
+        everything.astype(np.int32),
         box,
-        float(front[solid if solid.any() else slice(None), 1].min()) - pixel / 2,
+        lowest,
     )
+
+
+def _positions(camera: Camera, x: np.ndarray, y: np.ndarray, depth: np.ndarray) -> np.ndarray:
+    """Return positions (V, 3) in metres of points of the plate (V,) and their depths (V,)."""
+    return camera.positions(torch.from_numpy(x), torch.from_numpy(y), torch.from_numpy(depth)).numpy().T
+
+
+def _outline(matte: np.ndarray, grid: _Grid) -> _Outline:
+    """Return where the person ends on the lines of a grid."""
+
+    def covered(x: np.ndarray, y: np.ndarray) -> np.ndarray:
+        return map_coordinates(matte, [y - 0.5, x - 0.5], order=1, mode="nearest") > CUTOFF
+
+    across, down = np.meshgrid(grid.x, grid.y)
+    inside = covered(across, down)
+    node = np.arange(inside.size).reshape(inside.shape)
+    first = np.concatenate([node[:, :-1].ravel(), node[:-1].ravel()])
+    second = np.concatenate([node[:, 1:].ravel(), node[1:].ravel()])
+    crossed = inside.ravel()[first] != inside.ravel()[second]
+    first, second = first[crossed], second[crossed]
+    inner = np.where(inside.ravel()[first], first, second)
+    start = np.stack([across.ravel()[inner], down.ravel()[inner]])
+    outer = first + second - inner
+    way = np.stack([across.ravel()[outer], down.ravel()[outer]]) - start
+    share = np.zeros(len(inner))
+    for step in 0.5 ** np.arange(1, BISECTIONS + 1):
+        share += np.where(covered(*(start + way * (share + step))), step, 0.0)
+    share = (share - INSET / np.linalg.norm(way, axis=0)).clip(0)
+    x, y = start + way * share
+    return _Outline(inside, x, y, inner, share)
+
+
+def _ended(
+    outline: _Outline, grid: _Grid, node: np.ndarray, x: np.ndarray, y: np.ndarray, depth: np.ndarray
+) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """Return x, y and depth (V,) of the vertices where those just outside the outline are moved onto it.
+
+    There they have the depth of the front, which lies between that of the nodes inside and outside.
+    """
+    beside = binary_dilation(outline.inside, np.ones((3, 3))) & ~outline.inside
+    moved = np.flatnonzero(beside.ravel()[node])
+    x, y, depth = x.copy(), y.copy(), depth.copy()
+    if len(moved):
+        tree = cKDTree(np.stack([outline.x, outline.y], axis=1))
+        nearest = tree.query(np.stack([x[moved], y[moved]], axis=1))[1]
+        x[moved], y[moved] = outline.x[nearest], outline.y[nearest]
+        rise = grid.depth.ravel()[outline.inner[nearest]] - depth[moved]
+        depth[moved] += np.where(abs(rise) > JUMP, 0, rise * (1 - outline.share[nearest]))
+    return x, y, depth
+
+
+def _thickness(outline: _Outline, grid: _Grid, pixel: float) -> np.ndarray:
+    """Return the metres (m, n) from front to back at each node, of pixels of `pixel` metres."""
+    inside = outline.inside.copy()
+    inside[[0, -1]], inside[:, [0, -1]] = False, False
+    ends = outline.inside & ~inside  # the frame of the plate cuts the person
+    across, down = np.meshgrid(grid.x, grid.y)
+    edge = np.zeros(inside.shape)
+    points = np.concatenate(
+        [np.stack([outline.x, outline.y], axis=1), np.stack([across[ends], down[ends]], axis=1)]
+    )
+    if inside.any():
+        edge[inside] = cKDTree(points).query(np.stack([across[inside], down[inside]], axis=1))[0] * pixel
+    return np.maximum(thickness(edge), THINNEST)
+
+
+def _above(lowest: float, points: np.ndarray, eye: np.ndarray) -> np.ndarray:
+    """Return points (V, 3) of which those below the ground are moved to it, along the camera's rays."""
+    if eye[1] <= lowest:
+        return points
+    share = (eye[1] - lowest) / np.maximum(eye[1] - points[:, 1], eye[1] - lowest)
+    return eye + (points - eye) * share[:, None]
 
 
 def _front(grid: _Grid) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
@@ -222,14 +311,6 @@ def _walls(faces: np.ndarray, count: int) -> np.ndarray:
     down = np.stack([start, start + count, end + count], axis=1)
     up = np.stack([start, end + count, end], axis=1)
     return np.concatenate([down, up])
-
-
-def _inside(surface: Surface, grid: _Grid) -> np.ndarray:
-    """Return the nodes (m, n) of which the person covers at least half."""
-    height, width = surface.matte.shape
-    rows = grid.y.astype(int).clip(0, height - 1)
-    columns = grid.x.astype(int).clip(0, width - 1)
-    return surface.matte[rows[:, None], columns] > 0.5
 
 
 def _vertex_normals(points: np.ndarray, faces: np.ndarray) -> np.ndarray:

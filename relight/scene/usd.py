@@ -11,12 +11,12 @@ import numpy as np
 from relight.lights.light import Light
 from relight.lights.moving import MovingLight
 from relight.scene.asset import Asset, companion
+from relight.scene.mesh import CUTOFF
 from relight.scene.stage import SUFFIXES, usd
 from relight.scene.usd_writing import Place, add_lights
 from shadow.files import AnyPath, check_writable, replacing
 
 APERTURE = 0.36  # of the camera that is written, horizontal: 36 mm in tenths of the stage's metre
-CUTOFF = 0.5  # coverage below which the mesh is cut away
 
 
 def write(path: Path, asset: Asset) -> None:

@@ -1,9 +1,10 @@
 import numpy as np
 import pytest
 import torch
+from scipy.ndimage import map_coordinates
 
 from relight.analysis.camera import Camera, canvas_grid
-from relight.scene.mesh import JUMP, Surface, build
+from relight.scene.mesh import CUTOFF, JUMP, Surface, build
 from shadow.framing import Framing
 
 PLATE = (200, 160)
@@ -81,6 +82,54 @@ def test_cells_smaller_than_pixels_leave_no_holes(surface):
     across, up = sheet[:, 1] - sheet[:, 0], sheet[:, 2] - sheet[:, 0]
     area = abs(across[:, 0] * up[:, 1] - across[:, 1] * up[:, 0]).sum() / 2
     np.testing.assert_allclose(area, (small > 0.5).sum() * camera.metres_per_pixel**2, rtol=1e-3)
+
+
+@pytest.mark.parametrize("blur", [0.6, 3.0])
+@pytest.mark.parametrize("turn", [-30, 18])
+def test_the_cut_at_half_coverage_does_not_open_the_shell(surface, blur, turn):
+    """Rays from the side, which pass where the texture is transparent, never meet the shell from inside."""
+    pytest.importorskip("embreex")
+    trimesh = pytest.importorskip("trimesh")
+    rows, columns = np.mgrid[:200, :160] + 0.5
+    wavy = 55 + 3 * np.sin(rows / 4)
+    matte = (1 / (1 + np.exp((np.hypot((rows - 100) / 1.5, columns - 80) - wavy) / blur))).astype(np.float32)
+    body = Camera.of(torch.from_numpy(matte), 1.2, 30.0)
+    framing = Framing.around(torch.from_numpy(matte), 128)
+    mesh = build(
+        surface._replace(depth=np.zeros_like(surface.depth), framing=framing, camera=body, matte=matte)
+    )
+    solid = trimesh.Trimesh(mesh.points, mesh.faces, process=False)
+    angle = np.radians(turn)
+    toward = np.array([np.sin(angle), 0, np.cos(angle)])
+    right = np.array([toward[2], 0, -toward[0]])
+    across, up = np.meshgrid(np.linspace(-0.6, 0.6, 240), np.linspace(-0.7, 0.7, 280))
+    start = (across[..., None] * right + up[..., None] * np.array([0, 1, 0]) + 3 * toward).reshape(-1, 3)
+    triangle, ray, place = solid.ray.intersects_id(
+        start, np.tile(-toward, (len(start), 1)), multiple_hits=True, max_hits=8, return_locations=True
+    )
+    shares = trimesh.triangles.points_to_barycentric(solid.triangles[triangle], place)
+    uv = np.nan_to_num((mesh.uv[mesh.faces[triangle]] * shares[..., None]).sum(axis=1))
+    top, left, bottom, right_end = mesh.box
+    at = [(1 - uv[:, 1]) * (bottom - top) + top - 0.5, uv[:, 0] * (right_end - left) + left - 0.5]
+    kept = np.flatnonzero(map_coordinates(matte, at, order=1) >= CUTOFF)
+    kept = kept[np.lexsort((-(place @ toward)[kept], ray[kept]))]
+    first = kept[np.diff(ray[kept], prepend=-1) > 0]
+    from_inside = solid.face_normals[triangle[first]] @ toward < -0.05
+    assert len(first) > 10_000
+    assert from_inside.mean() < 1e-3
+
+
+@pytest.mark.parametrize("row", [30, 100, 190])
+def test_nothing_is_below_the_soles(surface, row):
+    """The back goes away from the camera, downward below its horizon; at the ground it stops."""
+    matte = np.zeros(PLATE, np.float32)
+    matte[10:row, 40:120] = 1
+    camera = Camera.of(torch.from_numpy(matte), 1.2, 30.0)
+    framing = Framing.around(torch.from_numpy(matte), 128)
+    mesh = build(surface._replace(framing=framing, camera=camera, matte=matte))
+    below = mesh.points[:, 1] < mesh.lowest - 1e-6
+    assert not below.any() or camera.eye[1] <= mesh.lowest  # then the back goes upward
+    assert mesh.points[:, 1].min() > mesh.lowest - 3 * camera.metres_per_pixel
 
 
 @pytest.mark.parametrize("triangles", [1000, 5000])
