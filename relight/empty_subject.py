@@ -33,7 +33,7 @@ class EmptySubject:
         """See `Subject.save`."""
         storage.write_empty(path, self.size, {"weights": list(weights()), **provenance})
 
-    def pixels_per_light(self, lights: Lights) -> Iterator[tuple[str, torch.Tensor]]:
+    def pixels_per_light(self, lights: Lights, gloss: float = 0.0) -> Iterator[tuple[str, torch.Tensor]]:
         """See `Subject.pixels_per_light`; all pixels of the plate are the person's, and zero."""
         return ((name, torch.zeros(self.size[0] * self.size[1], 4)) for name in by_name(lights))
 
@@ -44,6 +44,10 @@ class EmptySubject:
     def lighting(self, lights: object) -> np.ndarray:
         """See `Subject.lighting`: zero."""
         return np.zeros((*self.size, 3), np.float32)
+
+    def reflection(self, lights: object) -> np.ndarray:
+        """See `Subject.reflection`: zero."""
+        return self.lighting(lights)
 
     def unshadowed(self, light: object) -> np.ndarray:
         """See `Subject.unshadowed`: zero."""

@@ -7,6 +7,7 @@ from pathlib import Path
 import numpy as np
 import torch
 
+from relight.analysis.gloss import checked_gloss
 from relight.analysis.infer import check_inputs, infer
 from relight.compositing.composite import Background, behind, over
 from relight.compositing.floor import Floor
@@ -16,7 +17,7 @@ from relight.lights.light import Lights, as_lights, by_name
 from relight.media.images import Metadata, half
 from relight.subject import Subject
 
-PASSES = ("albedo", "N", "Z", "P", "visibility", "shading")
+PASSES = ("albedo", "N", "Z", "P", "visibility", "shading", "gloss")
 EXR_TYPES = ("half", "float")
 
 Layers = dict[str, np.ndarray]
@@ -34,6 +35,7 @@ def apply(
     height: float | None = None,
     field_of_view: float = FIELD_OF_VIEW,
     floor: Floor | None = None,
+    gloss: float = 0.0,
     device: str | torch.device | None = None,
 ) -> np.ndarray:
     """Relight the person in an image.
@@ -58,6 +60,8 @@ def apply(
         Properties of the person and the photograph's camera, see `relight.Subject`. Near lights need them.
     floor
         relight.Floor on which the person stands. The person's shadow on it is cast on the background.
+    gloss
+        Strength, in [0, 1], of a reflection at grazing angles, see `Subject.relit`; none by default.
     device
         Device of the networks, such as "cuda"; the CPU by default.
 
@@ -81,9 +85,9 @@ def apply(
     >>> relight.apply(photo, key, background=(0.1, 0.1, 0.1)).shape
     (64, 48, 3)
     """
-    lights = as_lights(lights)
+    lights, gloss = as_lights(lights), checked_gloss(gloss)
     subject = _analysed(image, mask, albedo, normals, depth, height, field_of_view, floor, device)
-    picture = subject.relit(lights)
+    picture = subject.relit(lights, gloss)
     if background is None:
         return picture
     shadow = None if floor is None else subject.shadows(lights, floor)[1]
@@ -104,16 +108,17 @@ def render(
     passes: Iterable[str] = (),
     exr_type: str = "half",
     floor: Floor | None = None,
+    gloss: float = 0.0,
     device: str | torch.device | None = None,
 ) -> tuple[np.ndarray, Layers]:
     """Relight the person in an image, and return the layers of the picture too, for an OpenEXR file.
 
     Parameters
     ----------
-    image, lights, background, mask, albedo, normals, depth, height, field_of_view, floor, device
+    image, lights, background, mask, albedo, normals, depth, height, field_of_view, floor, gloss, device
         See `relight.apply`.
     passes
-        Any of "albedo", "N", "Z", "P", "visibility", "shading", see `passes_of`.
+        Any of "albedo", "N", "Z", "P", "visibility", "shading", "gloss", see `passes_of`.
     exr_type
         "half" or "float", the file's type: the picture is the sum of groups rounded to it.
 
@@ -140,9 +145,10 @@ def render(
     lights = list(by_name(lights).values())  # refuse what is wrong with them before the networks run
     passes = check_names(passes)
     check_exr_type(exr_type)
+    gloss = checked_gloss(gloss)
     subject = _analysed(image, mask, albedo, normals, depth, height, field_of_view, floor, device)
     return render_subject(
-        subject, lights, background=background, passes=passes, exr_type=exr_type, floor=floor
+        subject, lights, background=background, passes=passes, exr_type=exr_type, floor=floor, gloss=gloss
     )
 
 
@@ -174,6 +180,7 @@ def render_subject(
     passes: Iterable[str] = (),
     exr_type: str = "half",
     floor: Floor | None = None,
+    gloss: float = 0.0,
 ) -> tuple[np.ndarray, Layers]:
     """Render a picture of an analysed person, and its layers.
 
@@ -183,7 +190,7 @@ def render_subject(
         relight.Subject.
     lights
         One light or more.
-    background, floor
+    background, floor, gloss
         See `relight.apply`.
     passes
         Further layers, of PASSES.
@@ -203,10 +210,10 @@ def render_subject(
     Raises
     ------
     ValueError
-        No light, two lights of one name, an unknown pass.
+        No light, two lights of one name, an unknown pass, a gloss outside [0, 1].
     """
     lights, passes = as_lights(lights), check_names(passes)
-    picture, groups = light_groups(subject, lights, exr_type)
+    picture, groups = light_groups(subject, lights, exr_type, gloss)
     further, shadow = passes_of(subject, lights, passes), None
     if floor is not None:
         per_light, shadow = subject.shadows(lights, floor)
@@ -226,7 +233,9 @@ def _seen_by(subject: Subject, background: Background) -> Background:
     return background
 
 
-def light_groups(subject: Subject, lights: Lights, exr_type: str = "half") -> tuple[np.ndarray, Layers]:
+def light_groups(
+    subject: Subject, lights: Lights, exr_type: str = "half", gloss: float = 0.0
+) -> tuple[np.ndarray, Layers]:
     """Render the person's picture, and the part of each light in it.
 
     Parameters
@@ -235,7 +244,7 @@ def light_groups(subject: Subject, lights: Lights, exr_type: str = "half") -> tu
         relight.Subject.
     lights
         One light or more.
-    exr_type
+    exr_type, gloss
         See `relight.render`.
 
     Returns
@@ -253,7 +262,7 @@ def light_groups(subject: Subject, lights: Lights, exr_type: str = "half") -> tu
         No light, or two of one name.
     """
     groups, colour = {}, torch.zeros(())
-    for name, layer in subject.pixels_per_light(lights):
+    for name, layer in subject.pixels_per_light(lights, gloss):
         group = torch.from_numpy(_rounded(layer.numpy(), f"C_{name}", exr_type))
         colour = colour + group[:, :3]
         groups[f"C_{name}"] = subject.on_plate(group)
@@ -287,8 +296,9 @@ def passes_of(subject: Subject, lights: Lights, names: Iterable[str]) -> Layers:
         up, z to the camera. "Z": (H, W), metres from the camera along its axis. "P": (H, W, 3), metres from
         the subject's middle in the camera's axes, see `Subject.position`. "visibility": `visibility_<light>`
         (H, W) for each light, the share of it that the person does not block. "shading": `shading_<light>`
-        (H, W, 3) for each light, the picture of a white person: the light group is `albedo × shading_<light>
-        × alpha`.
+        (H, W, 3) for each light, the picture of a white person. "gloss": `gloss_<light>` (H, W, 3) for each
+        light, what a gloss of 1 adds, whatever the picture's own: the light group is `(albedo ×
+        shading_<light> + gloss × gloss_<light>) × alpha`.
 
     Returns
     -------
@@ -311,6 +321,8 @@ def passes_of(subject: Subject, lights: Lights, names: Iterable[str]) -> Layers:
         layers |= {f"visibility_{name}": subject.unshadowed(light) for name, light in named.items()}
     if "shading" in names:
         layers |= {f"shading_{name}": subject.lighting(light) for name, light in named.items()}
+    if "gloss" in names:
+        layers |= {f"gloss_{name}": subject.reflection(light) for name, light in named.items()}
     return layers
 
 

@@ -15,6 +15,7 @@ import torch.nn.functional as F
 from relight.analysis import storage, temporal
 from relight.analysis.camera import Camera
 from relight.analysis.foreground import linear_plate
+from relight.analysis.gloss import checked_gloss
 from relight.analysis.infer import check_inputs, infer
 from relight.analysis.maps import AnalysisMaps
 from relight.analysis.record import AnalysisRecord
@@ -209,13 +210,17 @@ class Subject:
         filtered._set_maps(temporal.temporally_filtered(self._record.maps, maps))
         return filtered
 
-    def relit(self, lights: Lights) -> np.ndarray:
+    def relit(self, lights: Lights, gloss: float = 0.0) -> np.ndarray:
         """Relight the person.
 
         Parameters
         ----------
         lights
             A light, or any number of them; none gives black.
+        gloss
+            Strength, in [0, 1], of a reflection at grazing angles. It gives hair, shoulders and arms a rim in
+            light from behind, and leaves light from the front as it is. 0 is diffuse shading alone, as in the
+            paper.
 
         Returns
         -------
@@ -229,7 +234,8 @@ class Subject:
         TypeError
             Not lights, or lights that move.
         ValueError
-            A near light that touches the person, or lights so bright that the picture exceeds float32.
+            A near light that touches the person, a gloss outside [0, 1], or lights so bright that the picture
+            exceeds float32.
 
         Examples
         --------
@@ -241,38 +247,42 @@ class Subject:
         >>> np.allclose(2 * once, twice)
         True
         """
-        return self.on_plate(self._picture(self._lighting(lights)))
+        lights, gloss = as_lights(lights), checked_gloss(gloss)
+        reflection = self._reflection(lights) if gloss else None
+        return self.on_plate(self._picture(self._lighting(lights), reflection, gloss))
 
-    def layers(self, lights: Lights) -> dict[str, np.ndarray]:
+    def layers(self, lights: Lights, gloss: float = 0.0) -> dict[str, np.ndarray]:
         """Relight the person by each light alone.
 
         Parameters
         ----------
         lights
             A light, or any number of them; those without a name are `light1`, `light2`...
+        gloss
+            See `relit`.
 
         Returns
         -------
         dict[str, np.ndarray]
             {name: (H, W, 4)} float32, linear Rec.709. Each is a complete premultiplied picture with the matte
-            as its alpha. The colours of all layers sum to the colour of `relit(lights)`; the alpha does not
-            add up.
+            as its alpha. The colours of all layers sum to the colour of `relit(lights, gloss)`; the alpha
+            does not add up.
 
         Raises
         ------
         ValueError
-            Two lights have one name.
+            Two lights have one name, or a gloss outside [0, 1].
         """
-        return {name: self.on_plate(pixels) for name, pixels in self.pixels_per_light(lights)}
+        return {name: self.on_plate(pixels) for name, pixels in self.pixels_per_light(lights, gloss)}
 
-    def pixels_per_light(self, lights: Lights) -> Iterator[tuple[str, torch.Tensor]]:
+    def pixels_per_light(self, lights: Lights, gloss: float = 0.0) -> Iterator[tuple[str, torch.Tensor]]:
         """Yield the layers one after the other, as the person's pixels alone: (P, 4), for `on_plate`."""
-        named = list(by_name(lights).items())
+        named, gloss = list(by_name(lights).items()), checked_gloss(gloss)
         for start in range(0, len(named), LIGHTS_PER_BATCH):
             batch = named[start : start + LIGHTS_PER_BATCH]
             upsampled = self._to_plate(torch.cat([self._record.maps.lit([light]) for _, light in batch]))
-            for (name, _), lighting in zip(batch, upsampled.split(3, dim=1), strict=True):
-                yield name, self._picture(lighting)
+            for (name, light), lighting in zip(batch, upsampled.split(3, dim=1), strict=True):
+                yield name, self._picture(lighting, self._reflection([light]) if gloss else None, gloss)
 
     def on_plate(self, pixels: torch.Tensor) -> np.ndarray:
         """Put the person's pixels (P, C) into a plate: (H, W, C) float32, zero outside the matte."""
@@ -285,6 +295,15 @@ class Subject:
         can grade light and colour separately. Raises as `relit` does.
         """
         return self.on_plate(_representable(self._lighting(lights)))
+
+    def reflection(self, lights: Lights) -> np.ndarray:
+        """Return what a gloss of 1 adds to the picture: (H, W, 3) float32, linear, zero outside the matte.
+
+        The colour of `relit(lights, gloss)` is `(albedo × lighting(lights) + gloss × reflection(lights)) ×
+        alpha`. The surface's own colour has no part in it. `relight.analysis.gloss` states its source.
+        Raises as `relit` does.
+        """
+        return self.on_plate(_representable(self._reflection(as_lights(lights))))
 
     def unshadowed(self, light: Light) -> np.ndarray:
         """Return the fraction of a light that the person does not block: (H, W) float32 in [0, 1].
@@ -580,16 +599,25 @@ class Subject:
         """The albedo of the person's pixels, premultiplied (P, 3)."""
         return self._albedo * self._record.foreground.coverage[:, None]
 
-    def _picture(self, lighting: torch.Tensor) -> torch.Tensor:
-        """Return the picture (P, 4) of the person's pixels under a lighting (P, 3)."""
+    def _picture(
+        self, lighting: torch.Tensor, reflection: torch.Tensor | None = None, gloss: float = 0.0
+    ) -> torch.Tensor:
+        """Return the picture (P, 4) of the person's pixels under a lighting and a reflection, (P, 3) each."""
+        coverage = self._record.foreground.coverage
         picture = torch.empty(len(lighting), 4)
         torch.mul(lighting, self._texture, out=picture[:, :3])
-        picture[:, 3] = self._record.foreground.coverage
+        if reflection is not None:
+            picture[:, :3].addcmul_(reflection, coverage[:, None], value=gloss)
+        picture[:, 3] = coverage
         return _representable(picture)
 
     def _lighting(self, lights: Lights) -> torch.Tensor:
         """Return Σ intensity · shading of the person's pixels (P, 3)."""
         return self._to_plate(self._record.maps.lit(as_lights(lights)))
+
+    def _reflection(self, lights: Iterable[Light]) -> torch.Tensor:
+        """Return Σ intensity · gloss of the person's pixels (P, 3)."""
+        return self._to_plate(self._record.maps.reflected(lights))
 
     def _to_plate(self, maps: torch.Tensor) -> torch.Tensor:
         """Upsample canvas maps (C, h, w) to the person's pixels on the plate (P, C)."""

@@ -10,6 +10,7 @@ import torch.nn.functional as F
 from scipy.ndimage import distance_transform_edt
 
 from relight.analysis.depth import WorldGeometry
+from relight.analysis.gloss import Gloss
 from relight.lights.light import Light
 from relight.lights.near import NearLight
 from relight.media.colour import luminance
@@ -27,13 +28,13 @@ DIRECTIONS_PER_BATCH = 64
 
 
 class LightMaps(Protocol):
-    """A map of the person as a function of the light's direction: visibility or shading."""
+    """A map of the person as a function of the light's direction: visibility, shading or gloss."""
 
     def __call__(self, directions: torch.Tensor) -> torch.Tensor:
-        """Return maps (D, h, w) in [0, 1] for unit directions (D, 3)."""
+        """Return maps (D, h, w), in [0, 1] except for gloss, for unit directions (D, 3)."""
 
     def per_pixel(self, directions: torch.Tensor) -> torch.Tensor:
-        """Return the map (h, w), in [0, 1], in which each pixel has its own unit direction (3, h, w)."""
+        """Return the map (h, w) in which each pixel has its own unit direction (3, h, w)."""
 
 
 class AnalysisMaps(NamedTuple):
@@ -77,14 +78,22 @@ class AnalysisMaps(NamedTuple):
 
         Raises ValueError for a near light that touches the person.
         """
+        return self._summed(self.shading, lights)
+
+    def reflected(self, lights: Iterable[Light]) -> torch.Tensor:
+        """Return Σ intensity · gloss (3, h, w), see `relight.analysis.gloss`; raises as `lit` does."""
+        return self._summed(Gloss.of(self.visibility, self.normals, self.known), lights)
+
+    def _summed(self, maps: LightMaps, lights: Iterable[Light]) -> torch.Tensor:
+        """Return Σ intensity · maps (3, h, w) over lights of all kinds."""
         several = list(lights)
         near = [light for light in several if isinstance(light, NearLight)]
         samples = [light.samples() for light in several if light not in near]
-        total = weighted_sum(self.shading, samples, self.known.shape, channels=3)
+        total = weighted_sum(maps, samples, self.known.shape, channels=3)
         for light in near:
             self.check_outside(light)
             power = torch.from_numpy(np.float32(light.power))[:, None, None]
-            total += power * near_sum(self.shading, light, self.geometry)[0]
+            total += power * near_sum(maps, light, self.geometry)[0]
         return total
 
     def unshadowed(self, light: Light) -> torch.Tensor:

@@ -193,6 +193,14 @@ class Lighting(Options):
         path=True,
     )
     match_mask: Picture | None = option("The matte of the --match photograph.", path=True)
+    gloss: float = option(
+        "Reflection at grazing angles, 0 to 1: a rim on hair, shoulders and arms in light from behind. "
+        "Default: none.",
+        0.0,
+        text=float,
+        min=0,
+        max=1,
+    )
     floor: Floor | None = option(
         "Cast the person's shadow on the ground: height=1.5,horizon=0.45, where height is that of the camera "
         "in metres and horizon is a fraction of the picture from top (0) to bottom (1); or feet=X/Y/X/Y in "
@@ -207,6 +215,10 @@ class Lighting(Options):
             from relight.lights.light import as_rig
 
             self._set("lights", tuple(as_rig(lights, "lights or the path of a lights file")))
+        if self.gloss != 0:
+            from relight.analysis.gloss import checked_gloss
+
+            self._set("gloss", checked_gloss(self.gloss))
 
     @classmethod
     def of(cls, lighting: Any) -> Lighting:
@@ -238,7 +250,7 @@ class Output(Options):
         path=True,
     )
     passes: tuple[str, ...] = option(
-        "Further layers of the .exr: any of albedo,N,Z,P,visibility,shading.", (), parse=parse_passes
+        "Further layers of the .exr: any of albedo,N,Z,P,visibility,shading,gloss.", (), parse=parse_passes
     )
     exr_type: ExrType = option(
         "Type of the .exr channels; float for lights that are too dim for half.",

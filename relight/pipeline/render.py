@@ -150,7 +150,7 @@ class ShotRenderer:
     ) -> None:
         self.delivery = delivery
         self.inputs, self.analyser, self.lights = inputs, analyser, lights
-        self.output, self.floor, self.sinks = output, lighting.floor, sinks
+        self.output, self.floor, self.gloss, self.sinks = output, lighting.floor, lighting.gloss, sinks
         self.resume, self.phase = resume, phase
         self.mattes = None if output.save_matte is None else file_of(output.save_matte)
         precision = None if inputs.cache is not None else in_use(compute.device or "cpu")
@@ -189,7 +189,7 @@ class ShotRenderer:
         return content_hash(
             self.analyser.content_hash(self.source_frame(number), as_read),
             [*by_name(self.lights_at(number)).items()],
-            self.output.passes, self.floor, __version__, *weights(), self._computed_in,
+            self.output.passes, self.floor, self.gloss, __version__, *weights(), self._computed_in,
         )  # fmt: skip
 
     def source_frame(self, number: int) -> int:
@@ -211,7 +211,7 @@ class ShotRenderer:
         lights += self.inputs.background_lights(number, subject.size)
         picture, layers = render_subject(
             subject, lights, background=background, passes=self.output.passes,
-            exr_type=self.output.exr_type.value, floor=self.floor,
+            exr_type=self.output.exr_type.value, floor=self.floor, gloss=self.gloss,
         )  # fmt: skip
         return picture, layers, metadata_of(subject, self.output.passes)
 

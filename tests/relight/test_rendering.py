@@ -33,9 +33,9 @@ def half_steps(total, beauty):
     return np.abs(total - beauty) / step
 
 
-@pytest.mark.parametrize("background", [None, (0.18, 0.2, 0.3)])
-def test_light_groups_in_a_file_sum_to_its_beauty(subject, tmp_path, background):
-    picture, layers = render_subject(subject, LIGHTS, background=background)
+@pytest.mark.parametrize(("background", "gloss"), [(None, 1), ((0.18, 0.2, 0.3), 0)])
+def test_light_groups_in_a_file_sum_to_its_beauty(subject, tmp_path, background, gloss):
+    picture, layers = render_subject(subject, LIGHTS, background=background, gloss=gloss)
     relight.write(tmp_path / "a.exr", picture, layers=layers)
     beauty, back = relight.read(tmp_path / "a.exr"), relight.read_layers(tmp_path / "a.exr")
     assert set(back) == {"C_key", "C_fill", "C_rim"} | ({"C_background"} if background else set())
@@ -55,19 +55,19 @@ def test_what_half_cannot_hold_is_not_rounded(subject):
 
 
 def test_passes_rebuild_the_light_groups(subject, tmp_path):
-    names = ("albedo", "N", "P", "visibility", "shading")
-    picture, layers = render_subject(subject, LIGHTS, passes=names)
+    names = ("albedo", "N", "P", "visibility", "shading", "gloss")
+    picture, layers = render_subject(subject, LIGHTS, passes=names, gloss=0.5)
     relight.write(tmp_path / "a.exr", picture, layers=layers)
     back, alpha = relight.read_layers(tmp_path / "a.exr"), relight.read(tmp_path / "a.exr")[..., 3:]
     lights = ["key", "fill", "rim"]
     assert set(back) == {"albedo", "N", "P"} | {
-        f"{kind}_{name}" for name in lights for kind in ("C", "visibility", "shading")
+        f"{kind}_{name}" for name in lights for kind in ("C", "visibility", "shading", "gloss")
     }
     for name in lights:
-        rebuilt = back["albedo"] * back[f"shading_{name}"] * alpha
+        rebuilt = (back["albedo"] * back[f"shading_{name}"] + 0.5 * back[f"gloss_{name}"]) * alpha
         np.testing.assert_allclose(rebuilt, back[f"C_{name}"][..., :3], rtol=5e-3, atol=1e-6)
     channels = oiio.ImageInput.open(str(tmp_path / "a.exr")).spec().channelnames
-    assert {"N.X", "N.Y", "N.Z", "visibility_key.Y", "shading_rim.B"} <= set(channels)
+    assert {"N.X", "N.Y", "N.Z", "visibility_key.Y", "shading_rim.B", "gloss_rim.G"} <= set(channels)
     np.testing.assert_allclose(back["N"], subject.normals, atol=1e-3)
     np.testing.assert_allclose(back["P"], subject.position, atol=1e-3)
 
@@ -100,7 +100,10 @@ def test_lighting_times_albedo_is_the_picture(subject):
     ("arguments", "message"),
     [
         ({"lights": []}, "lights: expected at least one"),
-        ({"passes": ["depth"]}, "passes: expected any of albedo, N, Z, P, visibility, shading, got 'depth'"),
+        (
+            {"passes": ["depth"]},
+            "passes: expected any of albedo, N, Z, P, visibility, shading, gloss, got 'depth'",
+        ),
         ({"lights": LIGHTS[:1] * 2}, "lights: expected different names, got key, key"),
     ],
 )
@@ -127,6 +130,6 @@ def test_a_light_so_dim_that_half_floats_lose_it_is_warned_of(subject):
 def test_a_frame_without_a_person_has_every_pass():
     nobody = EmptySubject((4, 6))
     assert metadata_of(nobody, ["Z", "P"]) == {}
-    layers = render_subject(nobody, LIGHTS, passes=["Z", "P", "visibility"])[1]
-    assert {"Z", "P", "visibility_key"} <= set(layers)
+    layers = render_subject(nobody, LIGHTS, passes=["Z", "P", "visibility", "gloss"], gloss=1)[1]
+    assert {"Z", "P", "visibility_key", "gloss_key"} <= set(layers)
     assert all((layer == 0).all() for layer in layers.values())

@@ -28,7 +28,7 @@ FULL = {
     "lighting": Lighting(
         [relight.DirectionalLight(azimuth=-40, name="key"), relight.MovingLight(azimuth={1: 0, 9: 90})],
         light=("fill:azimuth=3",), background=(0.1, 0.2, 0.3), match="a.jpg", match_mask="b.png",
-        floor=relight.Floor(height=1.5, horizon=0.45),
+        floor=relight.Floor(height=1.5, horizon=0.45), gloss=0.5,
     ),
     "output": Output(
         ["a.%d.exr", "a.mov"], passes=("N", "albedo"), exr_type="float", autocrop=True, view="aces",

@@ -1,0 +1,146 @@
+import math
+
+import numpy as np
+import pytest
+import torch
+from helpers.standins import ball, image_of
+from typer.testing import CliRunner
+
+import relight
+from relight.analysis.gloss import ROUGHNESS, reflectance
+from relight.cli import app
+
+SKY = np.zeros((16, 32, 3), np.float32)
+SKY[3:6, [2, 9, 29]] = (2, 3, 5), (9, 1, 1), (1, 1, 4)
+LIGHTS = [
+    relight.DirectionalLight(azimuth=150, elevation=20, intensity=3, colour=(1, 0.7, 0.4), name="rim"),
+    relight.DirectionalLight(azimuth=-120, elevation=30, angle=20, name="soft"),
+    relight.PointLight((1.8, 0.6, -0.8), intensity=4, radius=0.1, name="lamp"),
+    relight.EnvironmentLight(SKY, name="sky"),
+]
+BLACK = np.zeros((200, 160, 3), np.float32)
+
+
+@pytest.fixture(scope="module")
+def black():
+    """A black ball, whose picture is the reflection alone."""
+    coverage, normals = ball(200, 160)
+    return relight.Subject(image_of(coverage), normals=normals, albedo=BLACK)
+
+
+@pytest.fixture(scope="module")
+def person():
+    coverage, normals = ball(200, 160)
+    return relight.Subject(image_of(coverage), normals=normals)
+
+
+def expected(normal, light):
+    """The reflection of one surface, from the definition, vector by vector."""
+    view, alpha = np.array([0.0, 0, 1]), ROUGHNESS**2
+    half = (light + view) / np.linalg.norm(light + view)
+    facing, seen, aligned = normal @ light, normal @ view, normal @ half
+    distribution = alpha**2 / (math.pi * (aligned**2 * (alpha**2 - 1) + 1) ** 2)
+    slopes = [math.sqrt(cosine**2 * (1 - alpha**2) + alpha**2) for cosine in (seen, facing)]
+    visible = 0.5 / (facing * slopes[0] + seen * slopes[1])
+    return math.pi * distribution * visible * (1 - view @ half) ** 5 * facing
+
+
+def test_it_is_the_microfacets_of_its_source():
+    random = np.random.default_rng(0)
+    for _ in range(50):
+        normal, light = (vector / np.linalg.norm(vector) for vector in random.normal(size=(2, 3)))
+        normal[2] = abs(normal[2])
+        light *= math.copysign(1, normal @ light)
+        cosines = [torch.tensor([value]) for value in (normal @ light, normal[2], light[2])]
+        assert float(reflectance(*cosines)) == pytest.approx(expected(normal, light), rel=1e-5, abs=1e-9)
+
+
+def test_edges_and_lights_straight_behind_stay_finite():
+    cosine = torch.linspace(-1, 1, 101, dtype=torch.float32)
+    facing, seen, frontal = torch.meshgrid(cosine, cosine, cosine, indexing="ij")
+    values = reflectance(facing, seen, frontal)
+    assert torch.isfinite(values).all()
+    assert values.min() == 0
+    assert values.max() <= 1 / ROUGHNESS**4 * (0.5 / ROUGHNESS**2)
+    assert (values[facing <= 0] == 0).all()
+
+
+def test_light_from_behind_gives_a_rim_and_light_from_the_front_nothing(black):
+    from_front = black.relit(relight.DirectionalLight(elevation=10), gloss=1)[..., :3]
+    from_behind = black.relit(relight.DirectionalLight(azimuth=150), gloss=1)[..., :3]
+    assert from_front.max() < 1e-4
+    assert from_behind.max() > 0.3
+    seen = black.normals[..., 2][black.matte == 1]
+    bright = from_behind[black.matte == 1][:, 0] > 0.1
+    assert seen[bright].max() < 0.6
+    assert from_behind[:, 80:].mean() > 20 * from_behind[:, :80].mean()  # on the light's side
+
+
+@pytest.mark.parametrize("light", LIGHTS, ids=lambda light: light.name)
+def test_it_is_linear_for_every_kind_of_light(person, light):
+    plain, half, full = (person.relit(light, gloss=gloss) for gloss in (0, 0.5, 1))
+    np.testing.assert_allclose(half - plain, (full - plain) / 2, atol=1e-5)
+    np.testing.assert_array_equal(full[..., 3], plain[..., 3])
+    reflection = person.reflection(light)
+    assert reflection.max() > 0.01
+    rebuilt = plain[..., :3] + reflection * plain[..., 3:]
+    np.testing.assert_allclose(full[..., :3], rebuilt, rtol=1e-5, atol=1e-6)
+    np.testing.assert_allclose(person.reflection([light, light]), 2 * reflection, rtol=1e-5, atol=1e-6)
+
+
+def test_layers_sum_to_the_glossy_picture(person):
+    layers, picture = person.layers(LIGHTS, gloss=0.7), person.relit(LIGHTS, gloss=0.7)
+    total = sum(layer[..., :3] for layer in layers.values())
+    np.testing.assert_allclose(total, picture[..., :3], rtol=1e-5, atol=1e-6)
+    assert np.abs(picture - person.relit(LIGHTS)).max() > 0.1
+
+
+def test_a_distant_lamp_reflects_as_a_directional_light_does(black):
+    direction = np.array(LIGHTS[0].direction)
+    lamp = relight.PointLight(tuple(1e4 * direction), intensity=1e8)
+    far = black.relit(lamp, gloss=1)
+    parallel = black.relit(relight.DirectionalLight(tuple(direction)), gloss=1)
+    np.testing.assert_allclose(far, parallel, atol=2e-3)
+
+
+def test_without_gloss_nothing_changes(person):
+    for light in LIGHTS:
+        np.testing.assert_array_equal(person.relit(light), person.relit(light, gloss=0))
+    np.testing.assert_array_equal(
+        person.relit(LIGHTS[0]), person.on_plate(person._picture(person._lighting(LIGHTS[0])))
+    )
+
+
+def test_a_filtered_person_has_it_too(person):
+    filtered = person.temporally_filtered([person])
+    np.testing.assert_allclose(
+        filtered.relit(LIGHTS, gloss=1), person.relit(LIGHTS, gloss=1), rtol=1e-3, atol=1e-3
+    )
+
+
+@pytest.mark.parametrize("gloss", [-0.1, 1.5, math.nan, math.inf])
+def test_other_strengths_are_refused(person, gloss):
+    photo = np.full((40, 30, 3), 0.4, np.float32)
+    for ask in (
+        lambda: person.relit(LIGHTS, gloss),
+        lambda: person.layers(LIGHTS, gloss),
+        lambda: relight.apply(photo, LIGHTS, mask=photo[..., 0], gloss=gloss),
+        lambda: relight.render(photo, LIGHTS, mask=photo[..., 0], gloss=gloss),
+        lambda: relight.Lighting(LIGHTS[:1], gloss=gloss),
+    ):
+        with pytest.raises(ValueError, match="gloss: expected"):
+            ask()
+    with pytest.raises(TypeError, match="gloss: expected 1 number"):
+        person.relit(LIGHTS, "much")
+
+
+def test_a_shot_has_the_gloss_of_its_lighting(tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    relight.write("plate.exr", image_of(ball(200, 160)[0]))
+    words = ["plate.exr", "--light", "rim:azimuth=150,intensity=3", "--gloss", "0.8", "-o", "lit.exr"]
+    run = CliRunner().invoke(app, ["apply", *words])
+    assert run.exit_code == 0, run.output
+    rim = relight.DirectionalLight(azimuth=150, intensity=3)
+    subject = relight.Subject(relight.read("plate.exr"))
+    np.testing.assert_allclose(relight.read("lit.exr"), subject.relit(rim, gloss=0.8), rtol=2e-3, atol=1e-3)
+    assert np.abs(subject.relit(rim, gloss=0.8) - subject.relit(rim)).max() > 0.1
