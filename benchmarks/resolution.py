@@ -2,17 +2,18 @@
 from the same photographs reduced to half and enlarged again. Prints the scores of both on the records'
 pixels, so that networks of different canvases can be compared.
 
-python benchmarks/resolution.py RECORDS [--views 16] [--model FILE ...] [--whole]
+python benchmarks/resolution.py RECORDS [--views 16] [--model FILE ...] [--passes 1 2] [--whole]
 
 Every view is photographed once under a random lighting. The binary maps of its frontal lights are scored.
 The fine part of the normals is what a blur of 1/64 of the height takes away. For it, the table gives the
 correlation with the true one, and the energy relative to it. With --whole, the halved photographs are left
-out.
+out. With --passes 1 2, a field is scored by the photograph alone, and by the mean with its mirror image.
 
 Figures of shipped weights, to compare with, are in docs/history.md.
 """
 
 import argparse
+import itertools
 from pathlib import Path
 
 import numpy as np
@@ -42,9 +43,9 @@ def halved(rgb, mask):
     return small[:3] / small[3:].clamp_min(1e-3), small[3:]
 
 
-def inferred(rgb, mask, lights, model):
+def inferred(rgb, mask, lights, model, passes=None):
     """Normals (3, H, W) and visibility (D, H, W) of a photograph."""
-    found = shadow.analyse(rgb.permute(1, 2, 0), mask[0], model=model)
+    found = shadow.analyse(rgb.permute(1, 2, 0), mask[0], model=model, passes=passes)
     return found.normals.permute(2, 0, 1), found.visibility(lights)
 
 
@@ -86,6 +87,7 @@ def main():
     parser.add_argument("records", type=Path)
     parser.add_argument("--views", type=int, default=16)
     parser.add_argument("--model", nargs="+", default=["field"], metavar="FILE")
+    parser.add_argument("--passes", type=int, nargs="+", default=[None])
     parser.add_argument("--whole", action="store_true")
     given = parser.parse_args()
     records, rows = Records([given.records]), {}
@@ -96,11 +98,11 @@ def main():
         truth = record.image(record.visibility[:, frontal].astype(np.float32))
         surface = record.image(record.normals)
         rgb, mask = photographed(record, (0, index))
-        for model in given.model:
-            name, size = Path(model).stem, record.mask.shape
-            found = {name: inferred(rgb, mask, lights, model)}
+        for model, passes in itertools.product(given.model, given.passes):
+            name, size = Path(model).stem + (f", {passes} of 2 passes" if passes else ""), record.mask.shape
+            found = {name: inferred(rgb, mask, lights, model, passes)}
             if not given.whole:
-                normals, maps = inferred(*halved(rgb, mask), lights, model)
+                normals, maps = inferred(*halved(rgb, mask), lights, model, passes)
                 turned = F.normalize(enlarged(normals, size), dim=0)
                 found[f"{name}, half the photograph"] = turned, enlarged(maps, size)
             for label, (normals, maps) in found.items():

@@ -55,15 +55,24 @@ class Analysis:
     """
 
     def __init__(
-        self, framed: Framed, network: Any, normals: torch.Tensor | None, like: Array | None = None
+        self,
+        framed: Framed,
+        network: Any,
+        normals: torch.Tensor | None,
+        like: Array | None = None,
+        passes: int | None = None,
     ) -> None:
         """Run the network on a framed photograph; `normals` (3, h, w) replace the network's own.
 
-        Maps are returned in the type of `like`: tensors on its device, or NumPy arrays.
+        `passes` is that of `analyse`. Maps are returned in the type of `like`: tensors on its device, or
+        NumPy arrays.
         """
         self.framed = framed
         self._like: Any = like
-        self.canvas_normals, self.canvas_visibility = network.analyse(framed.rgb, framed.mask, normals)
+        given = framed.rgb, framed.mask, normals
+        self.canvas_normals, self.canvas_visibility = (
+            network.analyse(*given) if passes is None else network.analyse(*given, passes=passes)
+        )
         self.canvas_depth: torch.Tensor | None = getattr(self.canvas_visibility, "depth", None)
 
     @cached_property
@@ -109,6 +118,7 @@ def analyse(
     *,
     normals: Normals | None = None,
     model: str | os.PathLike = "field",
+    passes: int | None = None,
     device: str | torch.device | None = None,
 ) -> Analysis:
     """Analyse the person in an image, once for any number of lights.
@@ -124,6 +134,9 @@ def analyse(
         shipped field), or anything else that `shadow.normals.load` accepts.
     model
         Name of shipped weights, or the path of a checkpoint of either kind of network.
+    passes
+        2 to average the field's maps of the photograph and of its mirror image, as by default, or 1 for those
+        of the photograph alone in half the time. A per-light network takes None only.
     device
         Where the networks run, such as "cuda". By default where `rgb` is.
 
@@ -136,7 +149,7 @@ def analyse(
     Raises
     ------
     TypeError, ValueError
-        Wrong shape or dtype, NaN or infinite values, an empty mask, an unknown device.
+        Wrong shape or dtype, NaN or infinite values, an empty mask, an unknown device, other `passes`.
 
     Examples
     --------
@@ -148,7 +161,9 @@ def analyse(
     """
     image, matte = inputs.photograph(rgb, mask, inputs.device("device", device))
     network = load(model, image.device)
+    if passes is not None and (passes not in (1, 2) or not isinstance(network, VisibilityField)):
+        raise ValueError(f"passes: expected 1 or 2 with a field, None with another network, got {passes!r}")
     matte = clean_matte(matte)
     framed = Framed.of(image, matte, network.size)
     surface = on_canvas(resolve(normals, image, matte, network), framed.framing)
-    return Analysis(framed, network, surface, rgb)
+    return Analysis(framed, network, surface, rgb, passes)

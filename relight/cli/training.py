@@ -66,6 +66,10 @@ def train(
     steps: Annotated[
         int | None, typer.Option(min=1, help="Mini-batches; with --preset paper, 31 epochs.")
     ] = None,
+    duration: Annotated[
+        float | None,
+        typer.Option(min=0, help="Minutes of training, instead of --steps; the rate follows the clock."),
+    ] = None,
     size: Annotated[
         int | None, typer.Option(help="Height of the canvas in pixels, a multiple of 128 [256; paper: 512].")
     ] = None,
@@ -96,6 +100,18 @@ def train(
     average: Annotated[
         float | None,
         typer.Option(min=0, max=1, help="Decay of the moving average of the weights, per step [0.999]."),
+    ] = None,
+    warm_up: Annotated[
+        int | None, typer.Option(min=0, help="Steps in which the rate rises to its peak [200; paper: 0].")
+    ] = None,
+    distil: Annotated[
+        float | None,
+        typer.Option(
+            min=0,
+            max=1,
+            help="Share of a field's loss that compares one pass with the mean of a photograph and of its "
+            "mirror image by the field of --visibility [0].",
+        ),
     ] = None,
     seed: Annotated[int, typer.Option(help="Seed of photographs and weights.")] = 0,
     init: Annotated[
@@ -131,16 +147,17 @@ def train(
     from shadow.training.recipes import preset as recipe_of
 
     task = _task(network, model, not no_normals, visibility, not no_depth)
-    for name, times in (("borders", borders), ("faces", faces)):
-        if times not in (None, 1) and model is not Model.field:
+    for name, times, without in (("borders", borders, 1), ("faces", faces, 1), ("distil", distil, 0)):
+        if times not in (None, without) and model is not Model.field:
             raise ValueError(f"--{name}: expected a one-pass network (--model field), got {model}")
     if blocks is not None:
         if model is not Model.field:
             raise ValueError(f"--blocks: expected a one-pass network (--model field), got {model}")
         task = replace(task, config=task.config | {"encoder": _levels(blocks)})
     recipe = recipe_of(
-        preset, task, records, steps=steps, size=size, batch=batch, lights=lights,
-        learning_rate=learning_rate, borders=borders, faces=faces, angles=angles, average=average, seed=seed,
+        preset, task, records, steps=steps, duration=duration, size=size, batch=batch, lights=lights,
+        learning_rate=learning_rate, warm_up=warm_up, borders=borders, faces=faces, angles=angles,
+        distil=distil, average=average, seed=seed,
     )  # fmt: skip
     path = fit(
         task, recipe, records, out, validation=validation, init=init, estimator=normals,

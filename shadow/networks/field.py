@@ -18,9 +18,10 @@ from torch import nn
 
 from shadow.directions import olat
 from shadow.networks.backbone import Backbone, encode_image
-from shadow.networks.mirror import MIRROR, Silhouette, with_mirror
+from shadow.networks.mirror import FLIPPED, MIRROR, Silhouette, mirrored_blocks, with_mirror
 from shadow.networks.precision import autocast, with_cast_weights
 
+PASSES = 2  # of the network over a photograph: over it and its mirror image, whose maps are averaged
 LIT_LOGIT = 3.0  # cast-shadow logit of the untrained field: sigmoid(3) = 0.95, lit
 SHARPNESS = 20.0  # slope of the untrained gate in N·L
 KAPPA = 50.0  # concentration of an anchor's kernel: half weight at 10 degrees, anchors stand 18 apart
@@ -108,21 +109,48 @@ class VisibilityField(nn.Module):
         return F.logsigmoid(attached) + F.logsigmoid(cast + LIT_LOGIT)
 
     @torch.no_grad()
-    def infer(self, rgb: torch.Tensor, mask: torch.Tensor) -> tuple[FieldMaps, Silhouette]:
-        """Return the FieldMaps (C, N) of framed linear rgb (3, h, w), at the N pixels of a mask (h, w)."""
+    def infer(
+        self, rgb: torch.Tensor, mask: torch.Tensor, passes: int = PASSES
+    ) -> tuple[FieldMaps, Silhouette]:
+        """Return the FieldMaps (C, N) of framed linear rgb (3, h, w), at the N pixels of a mask (h, w).
+
+        They are the mean of those of the photograph and of its mirror image, or with one of the `passes` the
+        former, which takes half the time.
+        """
         silhouette = Silhouette(mask)
-        image = with_mirror(encode_image(rgb[None], mask[None, None]))
+        image = with_mirror(encode_image(rgb[None], mask[None, None]))[:passes]
         with autocast(rgb.device):
-            both = with_cast_weights(self)(image, silhouette.blocks)
-        own, mirrored = (FieldMaps(*side) for side in zip(*map(silhouette.sides, both), strict=True))
-        turned = MIRROR.to(rgb.device)[:, None] * mirrored.normals
-        maps = FieldMaps(
+            found = with_cast_weights(self)(image, silhouette.blocks[:passes])
+        sides = [FieldMaps(*side) for side in zip(*map(silhouette.sides, found), strict=True)]
+        return sides[0] if passes == 1 else self._averaged(*sides), silhouette
+
+    def _averaged(self, own: FieldMaps, mirrored: FieldMaps) -> FieldMaps:
+        """Return the mean of the maps (C, N) of a photograph and of its mirror image, at the same pixels."""
+        turned = MIRROR.to(own.normals.device)[:, None] * mirrored.normals
+        return FieldMaps(
             F.normalize(own.normals + turned, dim=0),
             average_mirrored(own.cast, mirrored.cast, self.anchors),
             (own.sharpness * mirrored.sharpness).sqrt(),
             (own.depth + mirrored.depth) / 2,
         )
-        return maps, silhouette
+
+    @torch.no_grad()
+    def mean_at(self, image: torch.Tensor, blocks: torch.Tensor) -> FieldMaps:
+        """Return the mean maps (B, C, 4, P) of encoded images (B, 4, H, W) and of their mirror images.
+
+        They are those of `infer`, at the pixels of `take_blocks(maps, blocks)`: the targets of a network that
+        learns to give them in one pass.
+        """
+        with autocast(image.device):
+            network = with_cast_weights(self)
+            own = network(image, blocks)
+            mirrored = network(image.flip(-1), mirrored_blocks(blocks, image.shape[3]))
+        mirrored = mirrored.at(lambda maps: maps[:, :, FLIPPED])
+        pixels = (side.at(lambda maps: maps.transpose(0, 1).flatten(1)) for side in (own, mirrored))
+        shape = own.normals.shape
+        return self._averaged(*pixels).at(
+            lambda maps: maps.unflatten(1, (shape[0], *shape[2:])).transpose(0, 1)
+        )
 
     @torch.no_grad()
     def normals(self, rgb: torch.Tensor, mask: torch.Tensor) -> torch.Tensor:
@@ -132,13 +160,18 @@ class VisibilityField(nn.Module):
 
     @torch.no_grad()
     def analyse(
-        self, rgb: torch.Tensor, mask: torch.Tensor, normals: torch.Tensor | None = None
+        self,
+        rgb: torch.Tensor,
+        mask: torch.Tensor,
+        normals: torch.Tensor | None = None,
+        passes: int = PASSES,
     ) -> tuple[torch.Tensor, "Visibility"]:
         """Return unit normals (3, h, w), zero outside the mask, and the visibility of any light.
 
         rgb (3, h, w) is framed and linear, mask (h, w). Given normals (3, h, w) replace the network's own.
+        `passes` is that of `infer`.
         """
-        maps, silhouette = self.infer(rgb, mask)
+        maps, silhouette = self.infer(rgb, mask, passes)
         if normals is not None:
             maps = maps._replace(normals=silhouette.take(normals))
         return silhouette.scatter(maps.normals), Visibility(maps, silhouette, self.anchors)

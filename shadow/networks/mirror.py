@@ -17,6 +17,12 @@ def with_mirror(images: torch.Tensor) -> torch.Tensor:
     return torch.cat([images, images.flip(-1)])
 
 
+def mirrored_blocks(blocks: torch.Tensor, width: int) -> torch.Tensor:
+    """Return the places in the mirror image of 2 x 2 blocks of an image with an even `width` in pixels."""
+    columns = width // 2
+    return blocks // columns * columns + columns - 1 - blocks % columns
+
+
 class Pixels:
     """The pixels of a subject on the canvas: where the mask (h, w) is above zero, N of them, in row order."""
 
@@ -45,9 +51,10 @@ class Silhouette(Pixels):
         self.shape = mask.shape
         inside = mask > 0
         row, column = F.max_pool2d(inside[None].float(), 2)[0].nonzero(as_tuple=True)
-        columns = mask.shape[1] // 2
-        own, mirrored = row * columns + column, row * columns + columns - 1 - column
-        self.blocks = torch.stack([own, mirrored])  # (2, P) of the photograph and of its mirror image
+        own = row * (mask.shape[1] // 2) + column
+        self.blocks = torch.stack(
+            [own, mirrored_blocks(own, mask.shape[1])]
+        )  # (2, P) of the photograph and of its mirror image
         number = torch.arange(mask.numel(), device=mask.device).view(1, 1, *mask.shape)
         corners = take_blocks(number, own[None])[0, 0]  # (4, P) pixels of the canvas
         within = inside.flatten()[corners]
@@ -58,14 +65,14 @@ class Silhouette(Pixels):
         self.pixels = corners[corner, block]
         self._halves = [0, *within[:2].sum(dim=1).cumsum(0).tolist()]
 
-    def sides(self, maps: torch.Tensor) -> tuple[torch.Tensor, torch.Tensor]:
-        """Return values (C, N) of the photograph and of its mirror image, of block maps (2, C, 4, P)."""
+    def sides(self, maps: torch.Tensor) -> list[torch.Tensor]:
+        """Return values (C, N) of the photograph and of its mirror image, from block maps (2, C, 4, P).
+
+        From maps (1, C, 4, P), it is the photograph's alone.
+        """
         # The networks write the channels of a pixel side by side, so selecting rows is a fast copy.
         pixels = maps.permute(0, 3, 2, 1).flatten(1, 2)
-        own, mirrored = (
-            side.index_select(0, taken).T for side, taken in zip(pixels, self._taken, strict=True)
-        )
-        return own, mirrored
+        return [side.index_select(0, taken).T for side, taken in zip(pixels, self._taken, strict=False)]
 
     def at_half_resolution(self, mirrored: bool) -> tuple[slice, torch.Tensor]:
         """Return which of the N pixels lie in every second row and column, and their flat indices (n,) in a

@@ -116,13 +116,19 @@ class _State:
         """Take one optimiser step and update the moving average."""
         if self.recipe.clip is not None:
             nn.utils.clip_grad_norm_(self.network.parameters(), self.recipe.clip)
-        self.optimiser.step(learning_rate(self.recipe, self.step))
+        self.optimiser.step(learning_rate(self.recipe, self.step, self.seconds))
         # The decay is smaller at the beginning, so that the average forgets the initial weights.
         decay = min(self.recipe.average, (1 + self.step) / (10 + self.step))
         with torch.no_grad():
             for key, value in self.network.state_dict().items():
                 self.average[key].lerp_(value, 1 - decay)
         self.step += 1
+
+    @property
+    def finished(self) -> bool:
+        """Whether the run has made all its steps, or has used all its time."""
+        duration = self.recipe.duration
+        return self.step >= self.recipe.steps or (duration is not None and self.seconds >= 60 * duration)
 
     def averaged(self) -> nn.Module:
         """Return the network with the averaged parameters, which are scored and saved."""
@@ -148,20 +154,23 @@ class _Auxiliary(NamedTuple):
 
     normals: Callable | None  # maps a batch to its normals; None uses those of the field
     field: VisibilityField | None
+    teacher: VisibilityField | None = None  # whose mean of two passes a field learns to give in one
 
 
 def _auxiliary(
-    task: Task, estimator: str | Path | None, visibility: str | Path, device: torch.device
+    task: Task, recipe: Recipe, estimator: str | Path | None, visibility: str | Path, device: torch.device
 ) -> _Auxiliary:
     """Load the networks that the task needs. `estimator` is that of `fit`, or None if the task needs none."""
-    surface = field = None
-    if task.needs_visibility:
+    surface = field = teacher = None
+    if task.needs_visibility or recipe.distil:
         field = checkpoints.load(visibility, {"field": VisibilityField}, package="shadow", device=device)
+    if not task.needs_visibility:
+        field, teacher = None, field
     if estimator == TRUE_NORMALS:
         surface = lambda batch: batch["normals"]  # noqa: E731
     elif estimator is not None and (source := normals.load(estimator, device=device)) is not field:
         surface = partial(_estimated, source)
-    return _Auxiliary(surface, field)
+    return _Auxiliary(surface, field, teacher)
 
 
 def _estimated(source: Any, batch: Batch) -> torch.Tensor:
@@ -182,6 +191,8 @@ def _prepare(
     if recipe is not None:
         batch["attention"] = attention(batch, recipe)
         batch["angles"] = recipe.angles
+        if auxiliary.teacher is not None:
+            batch["teacher"], batch["distil"] = auxiliary.teacher, recipe.distil
     with torch.no_grad():
         surface = None if auxiliary.normals is None else auxiliary.normals(batch)
         if auxiliary.field is not None:
@@ -259,7 +270,8 @@ def fit(
         those of `visibility`. The weights file stores the source, since training and inference with different
         normals reduces accuracy (Table 3).
     visibility
-        Name or path of the visibility field whose maps are an input of the task. The weights file stores it.
+        Name or path of the visibility field whose maps are an input of the task, or of the one that is
+        distilled. The weights file stores it.
     workers
         Processes that make photographs, by default 1 for a CPU, and one for each core for a GPU.
     checkpoint_minutes
@@ -285,8 +297,8 @@ def fit(
     out.mkdir(parents=True, exist_ok=True)
     state = _State(task, recipe, out, device, init)
     model = nn.parallel.DistributedDataParallel(state.network) if world > 1 else state.network
-    auxiliary = _auxiliary(task, estimator, visibility, device)
-    facts = _facts(task, init, estimator, visibility, device)
+    auxiliary = _auxiliary(task, recipe, estimator, visibility, device)
+    facts = _facts(task, recipe, init, estimator, visibility, device)
     # Each process draws its own photographs. The stride keeps the seeds of different runs apart.
     seed, done = recipe.seed + 7919 * rank, state.step
     photographs = _Photographs(
@@ -296,7 +308,7 @@ def fit(
     loader = _loader(photographs, recipe.batch, device, workers)
     columns = TextColumn("{task.description}"), BarColumn(), MofNCompleteColumn(), TimeRemainingColumn()
     with Progress(*columns, disable=rank > 0) as progress:
-        bar = progress.add_task(task.kind, total=recipe.steps, completed=state.step)
+        bar = progress.add_task(task.kind, total=recipe.steps if recipe.duration is None else None)
         saved_at = tick = time.monotonic()
         losses = []
         for batch in loader:
@@ -305,9 +317,9 @@ def fit(
             losses.append(_gradient(task, model, batch, recipe, device, auxiliary))
             state.update()
             now = time.monotonic()
-            state.seconds, tick = state.seconds + now - tick, now
+            state.seconds, tick = _agreed(state.seconds + now - tick, device, world), now
             # A step may take seconds, so a checkpoint does not wait for the next line of the log.
-            due = state.step == recipe.steps or now - saved_at > 60 * checkpoint_minutes
+            due = state.finished or now - saved_at > 60 * checkpoint_minutes
             if state.step % LOG_STEPS and not due:
                 continue
             row: dict[str, float] = {"step": state.step, "images": state.step * recipe.batch * world}
@@ -326,6 +338,8 @@ def fit(
             if rank == 0:
                 with open(out / "log.jsonl", "a") as file:
                     file.write(json.dumps(row) + "\n")
+            if state.finished:
+                break
             tick = time.monotonic()
     if world > 1:
         dist.destroy_process_group()
@@ -334,6 +348,7 @@ def fit(
 
 def _facts(
     task: Task,
+    recipe: Recipe,
     init: str | Path | None,
     estimator: str | Path | None,
     visibility: str | Path,
@@ -345,7 +360,7 @@ def _facts(
         facts["normals"] = Path(estimator).stem
         if estimator != TRUE_NORMALS:
             facts["normals_sha256"] = normals.load(estimator, device=device).origin.sha256
-    if task.needs_visibility:
+    if task.needs_visibility or recipe.distil:
         facts["visibility"] = Path(visibility).stem
     return facts
 
@@ -358,6 +373,15 @@ def _place() -> tuple[torch.device, int, int]:
         return device, 0, 1
     dist.init_process_group("nccl" if device.type == "cuda" else "gloo")
     return device, dist.get_rank(), dist.get_world_size()
+
+
+def _agreed(seconds: float, device: torch.device, world: int) -> float:
+    """Return the first process's clock, so that all processes have the same rate and stop together."""
+    if world == 1:
+        return seconds
+    clock = torch.tensor(seconds, dtype=torch.float64, device=device)
+    dist.broadcast(clock, 0)
+    return clock.item()
 
 
 def _loader(photographs: _Photographs, batch: int, device: torch.device, workers: int | None) -> DataLoader:

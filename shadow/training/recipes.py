@@ -34,7 +34,7 @@ class Task:
 class Recipe:
     """All settings that determine the result, apart from the records and the machine."""
 
-    steps: int
+    steps: int  # at most, if there is a duration
     size: int = 256  # canvas height in pixels
     batch: int = 8
     lights: int | None = None  # directions that are evaluated for each photograph; None: those of the task
@@ -50,11 +50,14 @@ class Recipe:
     borders: float = 1.0  # sampling weight of pixels near borders of cast shadows in the losses
     faces: float = 1.0  # sampling weight of pixels of faces and hands
     angles: float = 0.0  # fraction of the angle in the loss of normals; the rest is the vectors' distance
+    distil: float = 0.0  # fraction of the loss against the mean of two passes of a trained field
+    duration: float | None = None  # minutes after which the run ends; its rate then follows the clock
     seed: int = 0
 
 
 # Section 3, "Training and Implementation Details".
 PAPER_EPOCHS = 31
+UNLIMITED = 10**9  # steps of a run that ends after a duration
 PAPER: dict[str, Any] = {
     "size": 512,
     "batch": 1,
@@ -77,23 +80,30 @@ def preset(name: str, task: Task, records: Iterable[str | Path], **changes: Any)
     "paper" is that of Section 3: Adam at a constant 5e-6, one map in each step, and float32. Unless `steps`
     is given, it runs 31 epochs over the maps of `records` (paths), where each record is assumed to have as
     many maps as the first. "fast" is ours: Muon at a much higher rate that warms up and decays, bfloat16, and
-    several lights of several photographs in each step. It needs `steps`.
+    several lights of several photographs in each step. It needs `steps` or a `duration`.
     """
     if name not in ("paper", "fast"):
         raise ValueError(f"preset: expected paper or fast, got {name!r}")
     chosen = PAPER if name == "paper" else task.recipe
     chosen = chosen | {key: value for key, value in changes.items() if value is not None}
     if "steps" not in chosen:
+        if chosen.get("duration") is not None:
+            return Recipe(steps=UNLIMITED, **chosen)
         if name == "fast":
-            raise ValueError("steps: expected a number, since the preset 'fast' does not set it")
+            raise ValueError("steps: expected a number or a duration, since the preset 'fast' sets neither")
         source = Records(records)
         chosen["steps"] = PAPER_EPOCHS * len(source) * len(source[0].directions) // chosen["batch"]
     return Recipe(**chosen)
 
 
-def learning_rate(recipe: Recipe, step: int) -> float:
-    """Return the rate at a step: a linear warm-up, then half a cosine to zero, or constant."""
+def learning_rate(recipe: Recipe, step: int, seconds: float = 0.0) -> float:
+    """Return the rate at a step: a linear warm-up, then half a cosine to zero, or constant.
+
+    A recipe with a duration has its cosine over the `seconds` of the run so far, so that the rate comes to
+    zero at its end however fast the machine is.
+    """
     rise = min(1.0, (step + 1) / max(1, recipe.warm_up))
+    done = step / recipe.steps if recipe.duration is None else seconds / (60 * recipe.duration)
     if not recipe.cosine:
         return recipe.learning_rate * rise
-    return recipe.learning_rate * rise * 0.5 * (1 + math.cos(math.pi * min(1.0, step / recipe.steps)))
+    return recipe.learning_rate * rise * 0.5 * (1 + math.cos(math.pi * min(1.0, done)))

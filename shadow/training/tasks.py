@@ -1,7 +1,8 @@
 """Losses, scores and pictures of the visibility field and of the paper's per-light network."""
 
+import functools
 from collections.abc import Iterator
-from typing import Any
+from typing import Any, NamedTuple
 
 import torch
 import torch.nn.functional as F
@@ -9,7 +10,7 @@ from torch import nn
 
 from shadow.evaluation import metrics, pictures
 from shadow.networks.backbone import take_blocks
-from shadow.networks.field import VisibilityField
+from shadow.networks.field import FieldMaps, VisibilityField
 from shadow.networks.unet import PerLight
 from shadow.training.recipes import Task
 
@@ -41,22 +42,50 @@ def field_loss(network: nn.Module, batch: Batch) -> torch.Tensor:
     teach little, and the product of features and lights at every pixel would cost as much as the network. The
     attached shadow takes the normals of the field or of the batch's estimator. Its sharpness expresses how
     reliable they are.
+
+    If the batch has a `teacher`, a trained field, the fraction `distil` of the loss compares with the mean of
+    its maps of the photograph and of the mirror image instead of the truth (knowledge distillation, HVD15).
     """
     field: Any = getattr(network, "module", network)
     blocks = random_blocks(batch["attention"])
+    take = functools.partial(take_blocks, blocks=blocks)
     maps = network(batch["image"], blocks)
-    normals, truth, mask = (take_blocks(batch[key], blocks) for key in ("normals", "visibility", "mask"))
+    inside = take(batch["mask"]) > 0.5
     given = batch.get("estimated_normals")
-    gate = maps.normals.detach() if given is None else take_blocks(given, blocks)
-    log_lit = field.log_visibility(maps._replace(normals=gate), batch["directions"])
-    error = _normals_error(maps.normals, normals, mask > 0.5, batch["angles"]) + _entropy(
-        log_lit, truth, mask > 0.5
-    )
-    if not field.depth:
+    gated = maps._replace(normals=maps.normals.detach() if given is None else take(given))
+    log_lit = field.log_visibility(gated, batch["directions"])
+    depth_known = inside & (batch["depth_known"] > 0)[:, :, None, None]
+    truth = Targets(take(batch["normals"]), take(batch["visibility"]), take(batch["depth"]), depth_known)
+    height = batch["image"].shape[2]
+    error = _field_error(maps, log_lit, truth, inside, height, batch["angles"])
+    teacher = batch.get("teacher")
+    if teacher is None:
         return error
-    known = (mask > 0.5) & (batch["depth_known"] > 0)[:, :, None, None]
-    depth = take_blocks(batch["depth"], blocks)
-    return error + _depth_error(maps.depth, depth, known, batch["image"].shape[2])
+    mean = teacher.mean_at(batch["image"], blocks)
+    visibility = teacher.log_visibility(mean, batch["directions"]).exp()
+    targets = Targets(mean.normals, visibility, mean.depth, inside)
+    distilled = _field_error(maps, log_lit, targets, inside, height, batch["angles"])
+    return error.lerp(distilled, batch["distil"])
+
+
+class Targets(NamedTuple):
+    """What a field learns, at 2 x 2 blocks (B, C, 4, P)."""
+
+    normals: torch.Tensor  # (B, 3, 4, P)
+    visibility: torch.Tensor  # (B, D, 4, P) in [0, 1]
+    depth: torch.Tensor  # (B, 1, 4, P), or no channel if there is none to learn
+    depth_known: torch.Tensor  # (B, 1, 4, P) bool
+
+
+def _field_error(
+    maps: FieldMaps, log_lit: torch.Tensor, targets: Targets, inside: torch.Tensor, height: int, angles: float
+) -> torch.Tensor:
+    """Return the sum of the errors of a field's maps and logarithmic visibility (B, D, 4, P)."""
+    error = _normals_error(maps.normals, targets.normals, inside, angles)
+    error = error + _entropy(log_lit, targets.visibility, inside)
+    if not maps.depth.shape[1] or not targets.depth.shape[1]:
+        return error
+    return error + _depth_error(maps.depth, targets.depth, targets.depth_known, height)
 
 
 def _depth_error(

@@ -61,6 +61,15 @@ def test_the_functions_are_the_analysis(person):
     np.testing.assert_array_equal(visible.visibility(LIGHTS), found.visibility(LIGHTS))
 
 
+def test_one_pass_sees_the_photograph_alone(person, tmp_path):
+    once, twice, default = (shadow.analyse(*person, passes=passes) for passes in (1, 2, None))
+    np.testing.assert_array_equal(twice.normals, default.normals)
+    difference = np.abs(once.normals - twice.normals)
+    assert 1e-3 < difference[person[1] > 0.5].mean() < 0.1
+    with pytest.raises(ValueError, match="passes: expected 1 or 2 with a field"):
+        shadow.analyse(*person, passes=3)
+
+
 def test_depth_is_relative_and_away_from_the_camera(person, tmp_path):
     """Of weights with depth; those from before there was any say nothing."""
     rgb, mask = person

@@ -2,6 +2,7 @@ import pytest
 import torch
 
 from shadow.directions import olat
+from shadow.networks import precision
 from shadow.networks.backbone import encode_image, subject_window, take_blocks
 from shadow.networks.field import MIRROR, VisibilityField, anchor_weights
 
@@ -45,6 +46,32 @@ def test_untrained_field_faces_the_camera_and_is_the_sign_baseline(field):
     cosine = torch.einsum("dc,chw->dhw", lights, normals)
     clear = (cosine.abs() > 0.02) & (mask > 0)
     torch.testing.assert_close((maps > 0.5)[clear], (cosine > 0)[clear])
+
+
+def test_one_pass_is_the_photograph_alone(field):
+    network, rgb, mask = trained(field), torch.rand(3, 64, 64), ball()[1]
+    lights = torch.from_numpy(olat(behind=True))
+    normals, visibility = network.analyse(rgb, mask, passes=1)
+    with precision.autocast("cpu"), torch.no_grad():
+        own = network(encode_image(rgb[None], mask[None, None]))
+    torch.testing.assert_close(normals, own.normals[0] * mask, atol=1e-5, rtol=0)
+    expected = network.log_visibility(own, lights[None])[0].exp() * mask
+    torch.testing.assert_close(visibility(lights), expected, atol=1e-5, rtol=0)
+    twice, _ = network.analyse(rgb, mask, passes=2)
+    assert (twice - normals).abs().max() > 0.01
+
+
+def test_mean_maps_at_blocks_are_those_of_an_analysis(field):
+    network, rgb, mask = trained(field), torch.rand(2, 3, 64, 64), ball()[1]
+    mask[:, 40:] = 0
+    found = [network.infer(each, mask) for each in rgb]
+    blocks = found[0][1].blocks[:1].expand(2, -1)
+    means = network.mean_at(encode_image(rgb, mask.expand(2, 1, 64, 64)), blocks)
+    inside = take_blocks(mask[None, None], blocks[:1])[0] > 0
+    for (maps, silhouette), number in zip(found, range(2), strict=True):
+        for mean, expected in zip(means, maps, strict=True):
+            canvas = take_blocks(silhouette.scatter(expected)[None], blocks[:1])[0]
+            torch.testing.assert_close(mean[number] * inside, canvas, atol=1e-5, rtol=1e-5)
 
 
 def test_a_mirrored_person_is_mirrored(field):

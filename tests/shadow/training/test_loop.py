@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 import torch
 from helpers.sphere import sphere
+from torch.utils.data import default_collate
 
 pytest.importorskip("kornia")
 
@@ -44,9 +45,9 @@ def one_thread():
     torch.set_num_threads(before)
 
 
-def run(task, folder, out, steps, **options):
+def run(task, folder, out, steps, distil=0.0, **options):
     torch.manual_seed(0)
-    recipe = Recipe(steps=steps, size=128, batch=2, learning_rate=3e-3, warm_up=2)
+    recipe = Recipe(steps=steps, size=128, batch=2, learning_rate=3e-3, warm_up=2, distil=distil)
     return fit(task, recipe, [folder], out, workers=0, **options)
 
 
@@ -56,6 +57,46 @@ def test_learning_rate_warms_up_and_falls_to_zero():
     assert rates[0] == pytest.approx(0.01)
     assert rates.argmax() == pytest.approx(99, abs=2)
     assert rates[-1] == pytest.approx(0, abs=1e-9)
+
+
+def test_distillation_learns_the_mean_of_two_passes(folder, tmp_path):
+    """A teacher that prefers one side: its mean of a photograph and the mirror image does not."""
+    torch.manual_seed(0)
+    biased = VisibilityField(size=128, depth=True)
+    with torch.no_grad():
+        biased.backbone.head.bias[:4] = 0.6  # of the normals' first component, at the four pixels of a block
+        biased.backbone.head.bias[-8:-4] = 0.5  # of the sharpness
+    teacher = tmp_path / "teacher.safetensors"
+    checkpoints.save(teacher, biased, "field", {"size": 128, "depth": True}, {})
+    batch = default_collate(
+        [photographs.sample(sphere(), np.random.default_rng(i), (128, 96), 20) for i in range(2)]
+    )
+    cpu, recipe = torch.device("cpu"), Recipe(steps=1, size=128, distil=1.0)
+    auxiliary = loop._auxiliary(SHADOW, recipe, None, teacher, cpu)
+    prepared = loop._prepare(batch, cpu, auxiliary, recipe)
+    mean = VisibilityField(size=128, depth=True)  # faces the camera, as the mean does
+    with torch.no_grad():
+        mean.backbone.head.bias[-8:-4] = 0.5
+    assert SHADOW.loss(mean, prepared) < SHADOW.loss(biased, prepared) - 0.4
+    path = run(SHADOW, folder, tmp_path / "run", steps=1, visibility=teacher, distil=0.5)
+    recipe = checkpoints.load(path, {"field": VisibilityField}, package="shadow").origin.recipe
+    assert (recipe["distil"], recipe["visibility"]) == (0.5, "teacher")
+
+
+def test_a_run_with_a_duration_follows_the_clock(folder, tmp_path, monkeypatch):
+    clock, rates = itertools.count(step=10), []
+    monkeypatch.setattr(loop.time, "monotonic", lambda: float(next(clock)))
+    step = optimiser.Optimiser.step
+    monkeypatch.setattr(
+        optimiser.Optimiser, "step", lambda self, rate: rates.append(rate) or step(self, rate)
+    )
+    recipe = preset("fast", SHADOW, [], duration=1.0, size=128, batch=1, learning_rate=1e-3, warm_up=0)
+    fit(SHADOW, recipe, [folder], tmp_path, workers=0)
+    assert rates[0] == 1e-3
+    assert rates == sorted(rates, reverse=True)
+    assert 2 <= len(rates) <= 6  # the clock advances 10 s at each look, several times a step
+    saved = torch.load(tmp_path / "checkpoint.pt", weights_only=True)
+    assert (saved["step"], saved["seconds"] >= 60) == (len(rates), True)
 
 
 @pytest.mark.parametrize("photographs", [1, 2, 4, 8])
