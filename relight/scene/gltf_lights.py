@@ -15,7 +15,7 @@ from relight.lights.environment import EnvironmentLight
 from relight.lights.light import Light
 from relight.lights.moving import MovingLight
 from relight.lights.near import PointLight, RectLight
-from relight.scene import units
+from relight.scene import blender, units
 from relight.scene.usd_lights import Rig, renamed
 from shadow.files import AnyPath, check_writable, replacing
 
@@ -59,6 +59,13 @@ def read_rig(
         origin = np.zeros(3)
     lights: list[Light | MovingLight] = [_light(path, tree, node, view, origin) for node in _lit(nodes)]
     lights = _with_different_names(lights)
+    if lights and _by_blender(tree):
+        warnings.warn(
+            f"{path}: Blender's lights are taken for those of its lighting mode Standard, "
+            f"{blender.LUMENS_PER_WATT:g} "
+            "lm/W; the file does not tell the mode. If they are dark, export in that mode",
+            stacklevel=2,
+        )
     if not lights:
         raise ValueError(f"{path}: holds no lights ({EXTENSION})")
     if len(lights) > MOST_LIGHTS:
@@ -295,6 +302,10 @@ def _kind(path: Path, tree: dict[str, Any], node: Node) -> tuple[str, ...]:
     return ("direction",) if _entry(path, tree, node).get("type") == "directional" else ("position",)
 
 
+def _by_blender(tree: dict[str, Any]) -> bool:
+    return blender.exported_gltf(_get(tree, "asset", "generator"))
+
+
 def _entry(path: Path, tree: dict[str, Any], node: Node) -> dict[str, Any]:
     """Return the file's description of a node's light."""
     lights = _get(tree, "extensions", EXTENSION, "lights", default=[])
@@ -306,12 +317,13 @@ def _entry(path: Path, tree: dict[str, Any], node: Node) -> dict[str, Any]:
 
 def _light(path: Path, tree: dict[str, Any], node: Node, view: np.ndarray, origin: np.ndarray) -> Light:
     """Return a node's light as a light of relight."""
+    unit = units.GLTF * (blender.LUMENS_PER_WATT if _by_blender(tree) else 1)
     entry = _entry(path, tree, node)
     name = node.description.get("name") or entry.get("name")
     where = f"{path}: node {name}"
     try:
         settings: dict[str, Any] = {
-            "intensity": float(entry.get("intensity", 1.0)) / units.GLTF,
+            "intensity": float(entry.get("intensity", 1.0)) / unit,
             "colour": tuple(entry.get("color", (1.0, 1.0, 1.0))),
             "name": name,
         }

@@ -15,7 +15,7 @@ from relight.lights.environment import EnvironmentLight
 from relight.lights.light import Light
 from relight.lights.near import FULL_CONE, HALF_CONE, MIN_CONE, PointLight, RectLight
 from relight.media import images
-from relight.scene import units
+from relight.scene import blender, units
 from relight.scene.panorama import turned
 from relight.scene.stage import check_inside
 from relight.scene.usd_view import StageView, rotation
@@ -97,8 +97,10 @@ class LightConverter:
             "exposure": float(light.GetExposureAttr().Get(time)),
             "colour": tuple(map(float, light.GetColorAttr().Get(time))),
         }
-        if light.GetEnableColorTemperatureAttr().Get(time):
-            settings["temperature"] = float(light.GetColorTemperatureAttr().Get(time))
+        enabled, kelvins = light.GetEnableColorTemperatureAttr(), light.GetColorTemperatureAttr()
+        switched_off = blender.authored(enabled) and not kelvins.HasAuthoredValue()
+        if enabled.Get(time) and not switched_off:
+            settings["temperature"] = float(kelvins.Get(time))
         if settings["intensity"] < 0:
             raise ValueError(f"{self.path}: {prim.GetPath()}: has a negative intensity")
         return settings
@@ -111,11 +113,16 @@ class LightConverter:
     def _distant(self, prim: Any, time: float) -> Found:
         from pxr import UsdLux
 
-        angle = float(UsdLux.DistantLight(prim).GetAngleAttr().Get(time))
+        light = UsdLux.DistantLight(prim)
+        angle = float(light.GetAngleAttr().Get(time))
+        if blender.authored(light.GetAngleAttr()):
+            angle *= blender.SUN_ANGLE
         if angle > 180:
             self.cannot(prim, f"an angle of {angle:g} degrees is taken for 180")
         world = rotation(self.view.matrix(prim, time))
         power = units.distant(angle, self._normalize(prim, time))
+        if blender.authored(light.GetIntensityAttr()):
+            power *= blender.SUN_STRENGTH
         return DirectionalLight, self._common(prim, time, power) | {
             "direction": self.view.at(time).direction(world[:, 2]),
             "angle": min(max(angle, 0.0), 180.0),
@@ -226,9 +233,15 @@ class LightConverter:
             if pole == "Z" or (pole == "scene" and self.view.z_up):
                 axes = axes @ np.array([[1.0, 0, 0], [0, 0, -1], [0, 1, 0]])
         settings = self._common(prim, time, 1.0)
+        if not light.GetIntensityAttr().HasAuthoredValue() and blender.authored(light.GetTextureFileAttr()):
+            self.cannot(
+                prim, "Blender does not write the strength of a world with an image; it is taken for 1"
+            )
         if asset is None or not asset.path:
             return EnvironmentLight, settings | {"image": np.ones((32, 64, 3), np.float32)}
         image = self._texture(prim, asset)
+        if blender.authored(light.GetTextureFileAttr()):
+            image = _even(image)
         upright = np.array([0.0, 1.0, 0.0])
         if np.abs(axes[:, 1] - upright).max() < TRANSFORM_TOLERANCE and np.linalg.det(axes) > 0:
             turn = math.degrees(math.atan2(axes[0, 2], axes[2, 2]))
@@ -256,3 +269,11 @@ class LightConverter:
             file = Path(folder) / f"texture{Path(asset.path).suffix}"
             file.write_bytes(bytes(packed.GetBuffer()))
             return images.read(file)
+
+
+def _even(image: Path | np.ndarray) -> Path | np.ndarray:
+    """Return a map of one colour instead of a picture of one colour, which may have any shape."""
+    pixels = images.read(image)[..., :3] if isinstance(image, Path) else image[..., :3]
+    if (pixels != pixels[0, 0]).any():
+        return image
+    return np.broadcast_to(pixels[0, 0], (32, 64, 3)).astype(np.float32)

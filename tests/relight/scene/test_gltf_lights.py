@@ -48,6 +48,30 @@ def test_photometric_units_and_places(tmp_path):
     np.testing.assert_allclose((spot.cone, spot.softness), (np.degrees(0.6), 0.5))
 
 
+@pytest.mark.parametrize("version", ["3.6.28", "5.0.21"])
+def test_blender_writes_lumens_for_watts(tmp_path, version):
+    """Cycles gives a white surface 40 / 4 pi^2 at a metre from a lamp of 40 W, and 3 / pi in a sun of 3."""
+    lights = [
+        {"type": "point", "intensity": 683 * 40 / (4 * np.pi)},
+        {"type": "directional", "intensity": 683 * 3},
+    ]
+    asset = {"version": "2.0", "generator": f"Khronos glTF Blender I/O v{version}"}
+    path = scene(tmp_path / "set.gltf", [{"children": [1, 2]}, lit(0), lit(1)], lights, asset=asset)
+    with pytest.warns(UserWarning, match=r"set.gltf: Blender's lights .* export in that mode") as said:
+        lamp, sun = read_lights(path)
+    np.testing.assert_allclose(lamp.power, 40 / (4 * np.pi**2), rtol=1e-6)
+    np.testing.assert_allclose(sun.power, 3 / np.pi, rtol=1e-6)
+    assert len(said) == 1
+
+
+@pytest.mark.parametrize("generator", ["Khronos glTF Blender I/O v3.5.30", "relight", "Unreal", 7, None])
+def test_other_programs_mean_lux_and_candela(tmp_path, generator):
+    """So did Blender before it had lighting modes, in its own watts."""
+    path = scene(tmp_path / "set.gltf", [lit(0)], [SUN], asset={"version": "2.0", "generator": generator})
+    (sun,) = read_lights(path)
+    np.testing.assert_allclose(sun.power[0], 6 / np.pi)
+
+
 def test_the_cameras_frame(tmp_path):
     nodes = [
         {"name": "root", "children": [1, 2, 3]},

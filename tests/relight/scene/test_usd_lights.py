@@ -61,6 +61,55 @@ def test_a_stage_comes_into_the_cameras_frame(tmp_path):
     np.testing.assert_allclose(bulb.position, (0, 0, 1.0), atol=1e-6)
 
 
+SUN = """
+def DistantLight "sun" {
+    float inputs:angle = 5
+    float inputs:intensity = 0.75
+    bool inputs:normalize = 1
+    bool inputs:enableColorTemperature = 1
+}
+"""
+BLENDER = 'doc = "Blender v5.0.1"'
+
+
+def test_blenders_sun_and_temperature(tmp_path):
+    """Blender writes a sun of 3 W/m2 and 10 degrees so, and switches temperatures on that it does not use."""
+    (sun,) = read_lights(stage(tmp_path, SUN, BLENDER))
+    np.testing.assert_allclose(sun.power, 3 / np.pi, rtol=1e-6)
+    assert (sun.angle, sun.temperature) == (10, None)
+    (other,) = read_lights(stage(tmp_path, SUN, name="other.usda"))
+    np.testing.assert_allclose(other.power.mean(), 0.75 / np.pi, rtol=0.05)
+    assert (other.angle, other.temperature) == (5, 6500)
+    warm = SUN.replace("bool inputs:enable", "float inputs:colorTemperature = 3200\n    bool inputs:enable")
+    (sun,) = read_lights(stage(tmp_path, warm, BLENDER))
+    assert sun.temperature == 3200
+
+
+def test_what_is_authored_over_blenders_stage_is_usdlux(tmp_path):
+    """The layer that a value is from says what it means, not the stage."""
+    stage(tmp_path, SUN, BLENDER, "blender.usda")
+    over = 'over "sun" {\n    float inputs:intensity = 2\n}'
+    (sun,) = read_lights(stage(tmp_path, over, "subLayers = [@./blender.usda@]"))
+    np.testing.assert_allclose(sun.power, 2 / np.pi, rtol=1e-6)
+    assert sun.angle == 10
+
+
+def test_blenders_worlds(tmp_path):
+    """A colour is a picture of one pixel; the strength of an image is not in the file."""
+    relight.write(tmp_path / "colour.exr", np.full((1, 1, 3), (1, 0.5, 0.25), np.float32))
+    relight.write(tmp_path / "sky.exr", np.random.default_rng(0).random((32, 64, 3), np.float32))
+    dome = """
+    def DomeLight "env_light" {
+        float inputs:intensity = 2.5
+        asset inputs:texture:file = @./colour.exr@
+    }"""
+    (sky,) = read_lights(stage(tmp_path, dome, BLENDER))
+    np.testing.assert_allclose(sky.intensity * sky.image.pixels[5, 7], (2.5, 1.25, 0.625), rtol=1e-3)
+    dome = dome.replace("colour.exr", "sky.exr").replace("float inputs:intensity = 2.5", "")
+    with pytest.warns(UserWarning, match="/env_light: Blender does not write the strength of a world"):
+        read_lights(stage(tmp_path, dome, BLENDER))
+
+
 def test_the_camera_says_its_field_of_view(tmp_path):
     rig = read_rig(stage(tmp_path, CAMERA + KEY), camera="/cam")
     np.testing.assert_allclose(np.tan(np.radians(rig.vertical / 2)), 12 / 50, rtol=1e-6)
