@@ -22,8 +22,7 @@ import torch
 from flicker import moved
 
 import relight
-from relight.pipeline.frames import FrameAnalyser
-from relight.pipeline.inputs import ShotInputs
+from relight.pipeline.shot import Shot
 from relight.rendering import render_subject
 
 PERSON = Path(__file__).parents[1] / "examples" / "person.png"
@@ -53,10 +52,10 @@ def write_plates(folder, frames):
 
 def pixels(source, frames, **settings):
     """Seconds a frame from a source to relit pixels in memory, and a picture of each."""
-    analyser, pictures, seconds = FrameAnalyser(ShotInputs(relight.Source(source, **settings)), None), [], 0.0
+    shot, pictures, seconds = Shot(relight.Source(source, **settings)), [], 0.0
     for number in range(1, frames + 1):
         start = time.process_time()
-        subject = analyser.at(number)
+        subject = shot.person(number)
         picture, _ = render_subject(subject, LIGHTS)
         seconds += time.process_time() - start
         pictures.append(picture[::7, ::7])

@@ -1,7 +1,7 @@
 """The counterpart of a Subject for frames of a shot that show no person."""
 
-from collections.abc import Iterator, Mapping
-from typing import Any
+from collections.abc import Iterable, Iterator, Mapping
+from typing import Any, ClassVar, Self
 
 import numpy as np
 import torch
@@ -10,7 +10,7 @@ from relight.analysis import storage
 from relight.analysis.camera import Camera, focal_length
 from relight.lights.environment import FIELD_OF_VIEW
 from relight.lights.light import Lights, by_name
-from relight.subject import Subject, weights
+from relight.subject import Person, Subject, weights
 from shadow.files import AnyPath
 
 
@@ -22,6 +22,8 @@ class EmptySubject:
     0.0
     """
 
+    is_empty: ClassVar[bool] = True
+
     def __init__(self, size: tuple[int, ...]) -> None:
         self.size = (size[0], size[1])
         self.matte = self.depth = np.zeros(self.size, np.float32)
@@ -29,9 +31,17 @@ class EmptySubject:
         self.distance, self.camera = 0.0, Camera(self.size, focal, (0.0, 0.0), 0.0, 0)
         self.albedo = self.normals = self.position = self.lighting(None)
 
-    def save(self, path: AnyPath, *, provenance: Mapping[str, Any]) -> None:
+    def save(self, path: AnyPath, *, provenance: Mapping[str, Any] | None = None) -> None:
         """See `Subject.save`."""
-        storage.write_empty(path, self.size, {"weights": list(weights()), **provenance})
+        storage.write_empty(path, self.size, {"weights": list(weights()), **(provenance or {})})
+
+    def temporally_filtered(self, neighbours: Iterable[Person]) -> Self:
+        """See `Subject.temporally_filtered`; neighbours bring nobody into the frame."""
+        return self
+
+    def relit(self, lights: Lights, gloss: float = 0.0) -> np.ndarray:
+        """See `Subject.relit`: zero."""
+        return np.zeros((*self.size, 4), np.float32)
 
     def pixels_per_light(self, lights: Lights, gloss: float = 0.0) -> Iterator[tuple[str, torch.Tensor]]:
         """See `Subject.pixels_per_light`; all pixels of the plate are the person's, and zero."""
@@ -45,7 +55,7 @@ class EmptySubject:
         """See `Subject.lighting`: zero."""
         return np.zeros((*self.size, 3), np.float32)
 
-    def reflection(self, lights: object) -> np.ndarray:
+    def reflection(self, lights: Lights) -> np.ndarray:
         """See `Subject.reflection`: zero."""
         return self.lighting(lights)
 
@@ -59,7 +69,7 @@ class EmptySubject:
         return dict.fromkeys(by_name(lights), lit), lit
 
 
-def load_subject(path: AnyPath) -> Subject | EmptySubject:
+def load_subject(path: AnyPath) -> Person:
     """Load a frame of an analysis cache; raises as `Subject.load`."""
     size = storage.read_header(path).get("empty")
     return Subject.load(path) if size is None else EmptySubject(tuple(size))

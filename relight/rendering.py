@@ -11,11 +11,10 @@ from relight.analysis.gloss import checked_gloss
 from relight.analysis.infer import check_inputs, infer
 from relight.compositing.composite import Background, behind, over
 from relight.compositing.floor import Floor
-from relight.empty_subject import EmptySubject
 from relight.lights.environment import FIELD_OF_VIEW, EnvironmentLight
 from relight.lights.light import Lights, as_lights, by_name
 from relight.media.images import Metadata, half
-from relight.subject import Subject
+from relight.subject import Person, Subject
 
 PASSES = ("albedo", "N", "Z", "P", "visibility", "shading", "gloss")
 EXR_TYPES = ("half", "float")
@@ -173,7 +172,7 @@ def _analysed(
 
 
 def render_subject(
-    subject: Subject,
+    subject: Person,
     lights: Lights,
     *,
     background: Background | None = None,
@@ -226,7 +225,7 @@ def render_subject(
     return picture[..., :3] + groups["C_background"], groups | further
 
 
-def _seen_by(subject: Subject, background: Background) -> Background:
+def _seen_by(subject: Person, background: Background) -> Background:
     """Return a background map as the subject's camera sees it, (H, W, 3); another background as it is."""
     if isinstance(background, EnvironmentLight):
         return background.view(subject.camera.size, subject.camera.field_of_view)
@@ -234,7 +233,7 @@ def _seen_by(subject: Subject, background: Background) -> Background:
 
 
 def light_groups(
-    subject: Subject, lights: Lights, exr_type: str = "half", gloss: float = 0.0
+    subject: Person, lights: Lights, exr_type: str = "half", gloss: float = 0.0
 ) -> tuple[np.ndarray, Layers]:
     """Render the person's picture, and the part of each light in it.
 
@@ -282,7 +281,7 @@ def check_exr_type(exr_type: str) -> None:
         raise ValueError(f"exr_type: expected {' or '.join(EXR_TYPES)}, got {exr_type!r}")
 
 
-def passes_of(subject: Subject, lights: Lights, names: Iterable[str]) -> Layers:
+def passes_of(subject: Person, lights: Lights, names: Iterable[str]) -> Layers:
     """Return passes at the plate's size, zero outside the matte and not premultiplied.
 
     Parameters
@@ -326,14 +325,14 @@ def passes_of(subject: Subject, lights: Lights, names: Iterable[str]) -> Layers:
     return layers
 
 
-def metadata_of(subject: Subject, passes: Iterable[str]) -> Metadata:
+def metadata_of(subject: Person, passes: Iterable[str]) -> Metadata:
     """Return the header entries that the passes Z and P need.
 
     `relight:distance` is in metres from the camera to the origin of positions, the subject's middle;
     `relight:focal_length` in pixels. With Z and a pixel they give a position. `relight:camera` is where the
     camera is, (x, y, z) in metres, in the axes and from the origin of positions.
     """
-    if not {"Z", "P"} & set(passes) or isinstance(subject, EmptySubject):
+    if not {"Z", "P"} & set(passes) or subject.is_empty:
         return {}
     return {
         "relight:distance": subject.distance,

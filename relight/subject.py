@@ -6,7 +6,7 @@ import warnings
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from functools import cached_property
 from pathlib import Path
-from typing import Any, Self
+from typing import Any, ClassVar, Protocol, Self
 
 import numpy as np
 import torch
@@ -33,6 +33,38 @@ from shadow.framing import Extension, Framed
 from shadow.networks.checkpoints import checksum
 
 LIGHTS_PER_BATCH = 2  # whose maps are upsampled together: more are no faster and take more memory
+
+
+class Person(Protocol):
+    """What a frame of a shot shows: a `Subject`, or a `relight.empty_subject.EmptySubject`."""
+
+    is_empty: ClassVar[bool]
+
+    @property
+    def size(self) -> tuple[int, int]: ...
+    @property
+    def matte(self) -> np.ndarray: ...
+    @property
+    def albedo(self) -> np.ndarray: ...
+    @property
+    def normals(self) -> np.ndarray: ...
+    @property
+    def depth(self) -> np.ndarray: ...
+    @property
+    def position(self) -> np.ndarray: ...
+    @property
+    def distance(self) -> float: ...
+    @property
+    def camera(self) -> Camera: ...
+    def relit(self, lights: Lights, gloss: float = 0.0) -> np.ndarray: ...
+    def reflection(self, lights: Lights) -> np.ndarray: ...
+    def pixels_per_light(self, lights: Lights, gloss: float = 0.0) -> Iterator[tuple[str, torch.Tensor]]: ...
+    def on_plate(self, pixels: torch.Tensor) -> np.ndarray: ...
+    def lighting(self, lights: Lights) -> np.ndarray: ...
+    def unshadowed(self, light: Light) -> np.ndarray: ...
+    def shadows(self, lights: Lights, floor: Floor) -> tuple[dict[str, np.ndarray], np.ndarray]: ...
+    def save(self, path: AnyPath, *, provenance: Mapping[str, Any] | None = None) -> None: ...
+    def temporally_filtered(self, neighbours: Iterable[Any]) -> "Person": ...
 
 
 class Subject:
@@ -97,6 +129,8 @@ class Subject:
     >>> picture.shape, picture.dtype.name
     ((64, 48, 4), 'float32')
     """
+
+    is_empty: ClassVar[bool] = False
 
     def __init__(
         self,
@@ -187,7 +221,7 @@ class Subject:
             light = self._to_plate(maps.light).clamp_min(1e-30)  # zero beyond the reach of the extension
             self._albedo = (self._record.colour / light).clamp(0, 1)
 
-    def temporally_filtered(self, neighbours: Iterable["Subject"]) -> "Subject":
+    def temporally_filtered(self, neighbours: Iterable[Any]) -> "Subject":
         """Return the same person without the flicker of the networks' errors, for sequences.
 
         Where neighbouring frames agree, the maps become their mean. Where something moves, such as a shadow,

@@ -9,7 +9,7 @@ from helpers import ROOT, browsing, standins
 from helpers.sphere import sphere
 
 import relight
-from relight.pipeline import frames
+from relight.pipeline import persons
 
 if "PYTEST_XDIST_WORKER" in os.environ:  # a process for each core: their threads would wait for each other
     torch.set_num_threads(1)
@@ -36,7 +36,7 @@ def person():
 @pytest.fixture
 def stub(monkeypatch):
     """Shots analysed by no network: their Subjects are `standins.FlatSubject`."""
-    monkeypatch.setattr(frames, "Subject", standins.FlatSubject)
+    monkeypatch.setattr(persons, "Subject", standins.FlatSubject)
     standins.FlatSubject.made, standins.FlatSubject.filtered_by = [], []
     return standins.FlatSubject
 

@@ -175,3 +175,43 @@ def test_the_folders_of_people_import_one_way(folder):
     above = {f"{package}.{name}" for name in PEOPLE[: PEOPLE.index(folder)]}
     for path in files:
         assert not [name for name in imported(path) if within(name, above)], path
+
+
+PIPELINE = ROOT / "relight" / "pipeline"
+# What the folders above the pipeline may know of it: a shot, its options, and the public functions.
+OFFERED = {"shot", "options", "option_fields", "render", "analyse", "olat", "export"}
+MAKERS = {"FrameReader", "FrameAnalyser", "ReadLog", "Persons", "using"}
+
+
+@pytest.mark.parametrize("folder", ["app", "comfyui", "distributed", "viewer", "cli"])
+def test_what_stands_above_the_pipeline_knows_only_shots_and_options(folder):
+    offered = OFFERED | ({"persons"} if folder == "comfyui" else set())  # a batch of images is no file
+    for path in (ROOT / "relight" / folder).glob("*.py"):
+        known = {name.split(".")[2] for name in imported(path) if within(name, {"relight.pipeline"})}
+        assert known <= offered, f"{path} imports {known - offered}"
+
+
+def called(path):
+    """Names of the functions and classes that a file calls."""
+    for node in ast.walk(ast.parse(path.read_text())):
+        if isinstance(node, ast.Call):
+            yield node.func.attr if isinstance(node.func, ast.Attribute) else getattr(node.func, "id", "")
+
+
+def test_only_a_shot_makes_what_reads_and_analyses_its_frames():
+    assert set(called(PIPELINE / "shot.py")) >= MAKERS
+    for folder in ("pipeline", "app", "cli", "distributed", "viewer"):
+        for path in (ROOT / "relight" / folder).glob("*.py"):
+            assert path.name == "shot.py" or not MAKERS & set(called(path)), path
+
+
+def test_constructors_of_the_pipeline_have_at_most_six_parameters():
+    constructors = [
+        (path, node)
+        for path in PIPELINE.glob("*.py")
+        for node in ast.walk(ast.parse(path.read_text()))
+        if isinstance(node, ast.FunctionDef) and node.name == "__init__"
+    ]
+    assert constructors
+    for path, node in constructors:
+        assert len([*node.args.args, *node.args.kwonlyargs]) - 1 <= 6, f"{path}:{node.lineno}"

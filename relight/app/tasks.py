@@ -25,7 +25,6 @@ from relight.matting.sequence import MattingOptions
 from relight.media import images
 from relight.media.colour import encode
 from relight.pipeline.options import Lighting
-from relight.pipeline.render import lights_of
 from relight.subject import Subject
 from relight.viewer.packing import pack
 from relight.viewer.scene import scene_of
@@ -170,7 +169,7 @@ def still(name: str, mask: str | None, look: Mapping[str, Any], report: Report) 
         subject = Subject(_reduced(), found)
         _keep(name, subject)
     lighting = _lighting(look)
-    lights: Any = lights_of(lighting)
+    lights: Any = lighting.rig().lights
     picture = subject.relit(lights)
     behind: Any = lighting.background
     if behind is not None:
@@ -206,7 +205,7 @@ def save(
         write_view(output, source, lighting, command=_command(name, mask), progress=told)
     elif suffix == ".glb":
         found = None if mask is None else images.read_mask(mask)
-        lights: Any = lights_of(lighting)
+        lights: Any = lighting.rig().lights
         Subject(images.read(name), found).export(output, lights)
     else:
         render_shot(

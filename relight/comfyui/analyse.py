@@ -7,10 +7,10 @@ import numpy as np
 import torch
 
 from relight.comfyui import host, tensors, widgets
-from relight.comfyui.subjects import Person, SubjectBatch, of_a_shot, one_by_one
+from relight.comfyui.subjects import SubjectBatch, of_a_shot, one_by_one
 from relight.empty_subject import EmptySubject
 from relight.lights.environment import FIELD_OF_VIEW
-from relight.subject import Subject
+from relight.subject import Person, Subject
 from shadow.directions import from_axes
 
 SHOT, SEPARATE = "one shot", "separate pictures"  # what a batch is

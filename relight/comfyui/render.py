@@ -15,7 +15,6 @@ from relight.compositing.floor import Floor
 from relight.lights.environment import EnvironmentLight
 from relight.lights.light import Light, by_name
 from relight.lights.moving import MovingLight
-from relight.subject import Subject
 
 PLACE = {
     "background": widgets.socket("IMAGE", widgets.RENDER_BACKGROUND),
@@ -166,7 +165,7 @@ class Passes:
             for name, light in named.items():
                 visibility[name].append(person.unshadowed(light))
                 shading[name].append(person.lighting(light))
-                groups[name].append(relit(person, [light]))
+                groups[name].append(person.relit([light]))
         return (
             tensors.as_grey(list(chain(*visibility.values()))),
             tensors.to_image(list(chain(*shading.values())), exposure),
@@ -195,17 +194,12 @@ class Backdrop:
 
     def behind(self, person: Person, lights: Lights | list[Light], number: int) -> np.ndarray:
         """Return the person in the lights over it, (H, W, 3) linear; without one (H, W, 4), premultiplied."""
-        picture, background = relit(person, lights), self.picture(number)
+        picture, background = person.relit(lights), self.picture(number)
         if background is None:
             return picture
         return over(
             picture, background, None if self.floor is None else person.shadows(lights, self.floor)[1]
         )
-
-
-def relit(person: Person, lights: Lights | list[Light]) -> np.ndarray:
-    """Return `Subject.relit(lights)`: (H, W, 4) linear, premultiplied; nothing where nobody is."""
-    return person.relit(lights) if isinstance(person, Subject) else np.zeros((*person.size, 4), np.float32)
 
 
 def orbiting(light: Light, frames: float) -> Callable[[float], Light]:

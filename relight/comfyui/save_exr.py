@@ -66,13 +66,13 @@ class SaveEXR:
         for number, file in host.progress(enumerate(files), count):
             person = subject[number]
             picture, layers = render_subject(
-                person,  # type: ignore[arg-type]
+                person,
                 lights,
                 background=backdrop.picture(number),
                 passes=names,
                 floor=backdrop.floor,
             )
-            write(file, picture, layers=layers, metadata=metadata_of(person, names))  # type: ignore[arg-type]
+            write(file, picture, layers=layers, metadata=metadata_of(person, names))
         return {"ui": {"text": [str(file) for file in files]}, "result": (str(files[0]),)}
 
 

@@ -5,13 +5,11 @@ from collections.abc import Callable, Iterator
 from pathlib import Path
 
 from relight import empty_subject
-from relight.analysis.temporal import RADIUS
-from relight.empty_subject import EmptySubject
-from relight.subject import Subject
+from relight.pipeline.persons import Persons
+from relight.subject import Person, Subject
 
 IN_MEMORY = 8  # frames, of about 0.2 GB each; a longer batch is kept in files
 
-Person = Subject | EmptySubject
 Analyse = Callable[[int, Subject | None], Person]
 
 
@@ -68,19 +66,17 @@ def one_by_one(count: int, analyse: Analyse) -> Iterator[tuple[Person, Person]]:
 def of_a_shot(count: int, analyse: Analyse) -> Iterator[tuple[Person, Person]]:
     """Yield the person of each of `count` frames as analysed, and filtered in time as in a shot.
 
-    `analyse(number, first)` analyses a frame, in the room of the first subject that has been found. Of the
-    unfiltered subjects, those that the next frame needs are kept.
+    `analyse(number, first)` analyses a frame, in the room of the first subject that has been found.
     """
-    analysed: dict[int, Person] = {}
     first: Subject | None = None
+
+    def in_room(number: int) -> Person:
+        nonlocal first
+        person = analyse(number, first)
+        first = person if first is None and isinstance(person, Subject) else first
+        return person
+
+    persons = Persons(range(count), in_room)
     for number in range(count):
-        near = range(max(0, number - RADIUS), min(count, number + RADIUS + 1))
-        analysed = {n: person for n, person in analysed.items() if n in near}
-        for n in near:
-            if n not in analysed:
-                person = analyse(n, first)
-                first = person if first is None and isinstance(person, Subject) else first
-                analysed[n] = person
-        person = analysed[number]
-        others = [other for n, other in analysed.items() if n != number and isinstance(other, Subject)]
-        yield person, person.temporally_filtered(others) if isinstance(person, Subject) and others else person
+        filtered = persons.at(number)
+        yield persons.analysed(number), filtered

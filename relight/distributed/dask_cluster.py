@@ -12,15 +12,11 @@ from typing import Any, cast
 from relight import __version__
 from relight.media import movies, nuke
 from relight.media.sequences import FrameRange
-from relight.pipeline.cache import check_not_analysed
-from relight.pipeline.frames import computing
-from relight.pipeline.inputs import ShotInputs
-from relight.pipeline.option_fields import Options, Phase
+from relight.pipeline.option_fields import Options, Phase, Report
 from relight.pipeline.options import Compute, Lighting, Output, Source
-from relight.pipeline.outputs import Report
-from relight.pipeline.render import frames_of, lights_of, render_shot, seen_by
+from relight.pipeline.render import render_shot
+from relight.pipeline.shot import Shot
 from relight.subject import weights
-from shadow.networks.precision import in_use
 
 MAX_CHUNK_FRAMES = 10  # each chunk also analyses the two frames before it and the two after it
 MAX_FAILURES = 3  # of a frame, alone or with a reason, before it is given up
@@ -87,23 +83,21 @@ def render_distributed(
     _check_address(scheduler)
     source, output = Source.of(source).absolute(), Output.of(output).absolute()
     lighting, compute = Lighting.of(lighting).absolute(), compute or Compute()
-    lights, source = lights_of(lighting), seen_by(source, lighting)
+    lighting.check_any()
+    compute = replace(compute, threads=1 if compute.threads is None else compute.threads)
+    with Shot.open(source, lighting, compute) as shot:
+        precision, _ = shot.computed_in
+        numbers = shot.frames_for(output, frames)
+    source, compute = shot.source, replace(compute, precision=cast(Any, precision or compute.precision))
     lighting = replace(
         lighting,
-        lights=tuple(lights),
+        lights=tuple(shot.every_light),
         camera=None,
         subject_at=None,
         allow_external=False,
         light=(),
         environment=(),
     )
-    check_not_analysed(source, compute)
-    compute = replace(compute, threads=1 if compute.threads is None else compute.threads)
-    with computing(compute):
-        inputs = ShotInputs(source, lighting)
-        if inputs.cache is None:
-            compute = replace(compute, precision=cast(Any, in_use(compute.device or "cpu")))
-    numbers = frames_of(frames, inputs, lights, output)
     report = progress or (lambda done, total, what: None)
     # With no frames to make, this refuses what can be refused.
     render_shot(source, lighting, output, compute=compute, frames=FrameRange(), phase=Phase.frames)

@@ -18,12 +18,9 @@ import yaml
 
 from relight.media import movies, nuke
 from relight.media.sequences import FrameRange, FrameSequence
-from relight.pipeline.cache import check_not_analysed, is_cache
-from relight.pipeline.inputs import ShotInputs
 from relight.pipeline.option_fields import BACKGROUND, Options, Phase
 from relight.pipeline.options import Compute, Lighting, Output, Source, to_json
-from relight.pipeline.outputs import check_not_read, check_outputs
-from relight.pipeline.render import frames_of, lights_of, seen_by
+from relight.pipeline.shot import Shot
 from relight.scene.lights import SUFFIXES as LIGHTS_SUFFIXES
 from relight.scene.lights import write_lights
 from shadow import files
@@ -87,60 +84,42 @@ def write_job(
     >>> relight.write_job("job.json", source, "lights.yaml", "relit.%04d.exr")
     """
     path = files.check_writable(path, SUFFIXES)
-    source, lighting, output = Source.of(source), Lighting.of(lighting), Output.of(output)
-    compute = compute or Compute()
+    lighting, output, compute = Lighting.of(lighting), Output.of(output), compute or Compute()
     if chunk < 1:
         raise ValueError(f"chunk: expected at least 1 frame, got {chunk}")
-    check_not_analysed(source, compute if is_cache(source.plate) else None)
-    if source.size == BACKGROUND:
+    if Source.of(source).size == BACKGROUND:
         raise ValueError("size: expected WIDTHxHEIGHT, since an analysis knows no background")
-    lights, given = lights_of(lighting), _lights_file(lighting)
+    lighting.check_any()
+    shot = Shot(source, lighting, compute)
+    given = _lights_file(lighting)
     lights_path = given or files.check_writable(
         output.save_lights or path.with_name(f"{path.stem}.lights.yaml"), LIGHTS_SUFFIXES
     )
-    source = seen_by(source, lighting)
-    read = (
-        source.plate, source.mask, source.normals, source.depth, lighting.background, lighting.match,
-        lighting.match_mask, lighting.lights, *lights,
-    )  # fmt: skip
     output = replace(output, save_lights=None)
-    check_outputs(output, (*read, lights_path))
-    check_not_read([path] if given else [path, lights_path], read)
-    inputs = ShotInputs(
-        Source(source.plate, mask=source.mask, colour_space=source.colour_space, alpha=source.alpha),
-        Lighting(background=lighting.background, background_colour_space=lighting.background_colour_space),
-    )
-    numbers = frames_of(frames, inputs, lights, output)
-    _warn_of_missing(inputs.numbers, numbers, source.plate)
+    shot.check_outputs(output, lights_path)
+    shot.check_not_read([path] if given else [path, lights_path])
+    numbers = shot.frames_for(output, frames)
+    _warn_of_missing(shot, numbers)
     if given is None:
-        write_lights(lights_path, lights)
+        write_lights(lights_path, shot.every_light)
         lighting = replace(lighting, camera=None, subject_at=None, allow_external=False)
     lighting = replace(lighting, lights=lights_path, light=(), environment=())
-    job = _Job(path, numbers, chunk, compute)
-    kept = Path(source.plate if is_cache(source.plate) else analysis or _analysis_beside(path, source))
-    _add_steps(job, source, lighting, output, compute, kept, moving=inputs.numbers is not None)
+    job, plate = _Job(path, numbers, chunk, compute), shot.source.plate
+    kept = Path(str(plate) if shot.is_analysed else analysis or _analysis_beside(path, plate))
+    _add_steps(job, shot, lighting, output, kept)
     job.write()
 
 
-def _add_steps(
-    job: "_Job",
-    source: Source,
-    lighting: Lighting,
-    output: Output,
-    compute: Compute,
-    kept: Path,
-    moving: bool,
-) -> None:
-    """Add the steps of a job. `kept`: folder of the analysis. `moving`: whether the source has frames."""
+def _add_steps(job: "_Job", shot: Shot, lighting: Lighting, output: Output, kept: Path) -> None:
+    """Add the steps of a job. `kept`: folder of the analysis."""
     threads = ["--threads", "{{Param.Threads}}"]
-    compute = Compute(device=compute.device)
-    analysed = is_cache(source.plate)
-    place = job.path("Analysis", kept, "IN" if analysed else "INOUT", "DIRECTORY")
-    if not analysed:
+    source, compute = shot.source, Compute(device=shot.compute.device)
+    place = job.path("Analysis", kept, "IN" if shot.is_analysed else "INOUT", "DIRECTORY")
+    if not shot.is_analysed:
         plate = job.path("Plate", Path(str(source.plate)), "IN")
         words = ["analyse", plate, "-o", place, *job.files(source, "plate")]
         words += ["--precision", "{{Param.Precision}}", *threads]
-        job.step("Analyse", words, {"source": source, "compute": compute}, chunked=moving)
+        job.step("Analyse", words, {"source": source, "compute": compute}, chunked=not shot.is_still)
     words = ["apply", place, *job.files(lighting)]
     for number, path in enumerate(output.paths):
         words += ["-o", job.path(f"Output{number or ''}", path, "OUT")]
@@ -248,16 +227,16 @@ def _lights_file(lighting: Lighting) -> Path | None:
     return None
 
 
-def _warn_of_missing(there: Any, numbers: FrameRange, source: object) -> None:
-    missing = [] if there is None else sorted(set(numbers).difference(there))
+def _warn_of_missing(shot: Shot, numbers: FrameRange) -> None:
+    missing = [] if shot.is_still else sorted(set(numbers).difference(shot.numbers))
     if missing:
-        warnings.warn(f"{source}: frames {FrameRange(missing)} are not there yet", stacklevel=3)
+        warnings.warn(f"{shot.source.plate}: frames {FrameRange(missing)} are not there yet", stacklevel=3)
 
 
-def _analysis_beside(path: Path, source: Source) -> Path:
-    """Return the folder of the analysis, beside the job and named after the source."""
-    sequence = FrameSequence.of(str(source.plate))
-    stem = Path(str(source.plate)).stem if sequence is None else sequence.beside("").name
+def _analysis_beside(path: Path, plate: object) -> Path:
+    """Return the folder of the analysis, beside the job and named after the plate."""
+    sequence = FrameSequence.of(str(plate))
+    stem = Path(str(plate)).stem if sequence is None else sequence.beside("").name
     return path.with_name(f"{stem}.relight")
 
 

@@ -9,14 +9,10 @@ from relight.analysis import storage
 from relight.media.content_hash import content_hash
 from relight.media.sequences import FrameRange
 from relight.pipeline.cache import SUFFIX, describe_sources, frame_file, is_cache, kept_frames
-from relight.pipeline.frames import FrameAnalyser, computing
-from relight.pipeline.inputs import ShotInputs
+from relight.pipeline.option_fields import Report
 from relight.pipeline.options import Compute, Source
-from relight.pipeline.outputs import Report
 from relight.pipeline.plate_metadata import VERSION, PlateMetadataReader
-from relight.subject import weights
-from shadow import inputs as checks
-from shadow.networks.precision import in_use
+from relight.pipeline.shot import Shot
 
 if TYPE_CHECKING:
     from relight.pipeline.options import Picture
@@ -70,44 +66,40 @@ def analyse_shot(
     >>> relight.analyse_shot("examples/person.png", "person.relight")
     {}
     """
-    source, compute, folder = Source.of(source), compute or Compute(), Path(output)
+    source, folder = Source.of(source), Path(output)
     if folder.suffix.lower() != SUFFIX:
         raise ValueError(f"{folder}: expected the name of a folder that ends in {SUFFIX}")
     if is_cache(source.plate):
         raise ValueError(f"{source.plate}: is analysed already")
     report = progress or (lambda done, total, what: None)
-    checks.device("device", compute.device)
-    with computing(compute):
-        inputs = ShotInputs(source)
-        numbers = _numbers(frames, inputs)
-        other = kept_frames(folder) if inputs.numbers is None else frame_file(folder, None).is_file()
-        if other:
-            kinds = ("a still", "a shot") if inputs.numbers is None else ("a shot", "a still")
+    with Shot.open(source, compute=compute) as shot:
+        numbers = _numbers(frames, shot)
+        if kept_frames(folder) if shot.is_still else frame_file(folder, None).is_file():
+            kinds = ("a still", "a shot") if shot.is_still else ("a shot", "a still")
             raise ValueError(f"{folder}: expected a folder for {kinds[0]}, and this holds {kinds[1]}")
         folder.mkdir(parents=True, exist_ok=True)
-        inputs.compile_matting(report)
-        return _CacheWriter(inputs, folder, compute).write(numbers, report)
+        shot.prepare(report)
+        return _CacheWriter(shot, folder).write(numbers, report)
 
 
 class _CacheWriter:
     """Writes the frames of a shot into its cache."""
 
-    def __init__(self, inputs: ShotInputs, folder: Path, compute: Compute) -> None:
-        self._inputs, self._folder = inputs, folder
-        self._analyser = FrameAnalyser(inputs, compute.device, shared_world=True)
-        self._plates = PlateMetadataReader(inputs.plates)
-        precision = in_use(compute.device or "cpu")
+    def __init__(self, shot: Shot, folder: Path) -> None:
+        self._shot, self._folder = shot, folder
+        self._plates = PlateMetadataReader(shot.frames.plates)
+        precision, threads = shot.computed_in
         self._provenance: dict[str, Any] = {
-            "options": content_hash(inputs.options_hash, __version__),
+            "options": content_hash(shot.frames.options_hash, __version__),
             "version": __version__,
-            "rate": None if inputs.rate is None else str(inputs.rate),
-            "field_of_view": inputs.field_of_view,
-            "pixel_aspect": inputs.pixel_aspect,
+            "rate": None if shot.rate is None else str(shot.rate),
+            "field_of_view": shot.frames.field_of_view,
+            "pixel_aspect": shot.pixel_aspect,
             "precision": precision,
-            "threads": compute.threads,
+            "threads": threads,
         }
 
-    def write(self, numbers: FrameRange | list[int], report: Report) -> dict[int, str]:
+    def write(self, numbers: FrameRange, report: Report) -> dict[int, str]:
         """Analyse all frames; return {frame number: error}. Raises ValueError if none could be analysed."""
         problems: dict[int, str] = {}
         replaced = 0
@@ -130,34 +122,25 @@ class _CacheWriter:
 
     def _write(self, number: int) -> bool:
         """Analyse a frame unless it is up to date; return whether that replaced another."""
-        path = frame_file(self._folder, None if self._inputs.numbers is None else number)
+        path = frame_file(self._folder, None if self._shot.is_still else number)
         there = path.exists()
         if there and _states(path, self._content_hash(number)):
             return False
-        person = self._analyser.at(number)
-        records = self._inputs.records(self._analyser.around(number))
+        person = self._shot.person(number)
         person.save(
             path,
             provenance=self._provenance
             | {
                 "content_hash": self._content_hash(number, as_read=True),
-                "sources": describe_sources(self._folder, records),
+                "sources": describe_sources(self._folder, self._shot.records(number)),
                 "plate_metadata": self._plates.at(number).to_json(self._folder),
             },
         )
         return there
 
     def _content_hash(self, number: int, as_read: bool = False) -> str:
-        """Return a hash of all that determines the analysis of a frame."""
-        return content_hash(
-            self._inputs.person_hash(self._analyser.around(number), as_read),
-            self._analyser.camera,
-            self._provenance["options"],
-            *weights(),
-            self._provenance["precision"],
-            self._provenance["threads"],
-            VERSION,
-        )
+        """Return a hash of all that determines the file of a frame."""
+        return content_hash(self._shot.person_hash(number, as_read), VERSION)
 
 
 def _states(path: Path, made_from: str) -> bool:
@@ -171,10 +154,8 @@ def _states(path: Path, made_from: str) -> bool:
         return False
 
 
-def _numbers(frames: tuple[int, int] | str | FrameRange | None, inputs: ShotInputs) -> FrameRange | list[int]:
-    """Return the numbers of the frames to analyse; [0] for a still."""
-    if inputs.numbers is None:
-        if frames is not None:
-            raise ValueError("frames: a still has none")
-        return [0]
-    return FrameRange.of(frames or (inputs.numbers[0], inputs.numbers[-1]))
+def _numbers(frames: tuple[int, int] | str | FrameRange | None, shot: Shot) -> FrameRange:
+    """Return the numbers of the frames to analyse; 0 for a still."""
+    if frames is not None and shot.is_still:
+        raise ValueError("frames: a still has none")
+    return FrameRange.of(frames or (shot.numbers[0], shot.numbers[-1]))

@@ -11,14 +11,14 @@ from pathlib import Path
 from typing import Any, TypeGuard
 
 from relight.analysis import storage
-from relight.empty_subject import EmptySubject, load_subject
+from relight.empty_subject import load_subject
 from relight.errors import DamagedFileError, MissingFramesError, StaleAnalysisError
 from relight.lights.environment import FIELD_OF_VIEW
 from relight.media.content_hash import FileRecord
 from relight.media.sequences import FrameSequence
 from relight.pipeline.options import Compute, Source
 from relight.pipeline.plate_metadata import PlateMetadata, relative_path
-from relight.subject import Subject, weights
+from relight.subject import Person, weights
 from shadow.files import AnyPath
 
 SUFFIX = ".relight"
@@ -130,7 +130,7 @@ class AnalysisCache:
         except (OSError, ValueError):
             return ""
 
-    def read(self, number: int) -> Subject | EmptySubject:
+    def read(self, number: int) -> Person:
         """Return the person of a frame.
 
         Raises

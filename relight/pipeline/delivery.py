@@ -12,8 +12,8 @@ from relight.media.movies.tracks import Tracks
 from relight.media.pixel_aspect import squeeze_pixels
 from relight.media.sequences import FrameRange
 from relight.media.timecode import suits_rate
-from relight.pipeline.inputs import ShotInputs
 from relight.pipeline.plate_metadata import PlateMetadata, PlateMetadataReader
+from relight.pipeline.shot import Shot
 from relight.rendering import Layers
 
 FOCAL_LENGTH = "relight:focal_length"
@@ -26,17 +26,18 @@ class Delivery:
     the picture has a size of its own.
     """
 
-    def __init__(self, inputs: ShotInputs | None = None, rate: float | Fraction | None = None) -> None:
+    def __init__(self, shot: Shot | None = None, rate: float | Fraction | None = None) -> None:
         """`rate`: of the outputs, in frames a second; the source's unless given."""
-        self.pixel_aspect = 1.0 if inputs is None else inputs.pixel_aspect
-        self._stated = None if inputs is None else inputs.rate
+        self.pixel_aspect = 1.0 if shot is None else shot.pixel_aspect
+        self._stated = None if shot is None else shot.rate
         self.rate: float | Fraction = rate or self._stated or RATE
         self._warned = False
         self._timecode: str | None = None  # of the plate whose metadata was asked for last
         self._plate_metadata: Callable[[int], PlateMetadata] = lambda number: PlateMetadata()
-        if inputs is not None:
+        if shot is not None:
+            cache = shot.frames.cache
             self._plate_metadata = (
-                PlateMetadataReader(inputs.plates).at if inputs.cache is None else inputs.cache.plate_metadata
+                PlateMetadataReader(shot.frames.plates).at if cache is None else cache.plate_metadata
             )
 
     def metadata(self, number: int) -> images.Metadata:

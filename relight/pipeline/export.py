@@ -4,20 +4,14 @@ from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
 
-from relight.lights.moving import lights_at
 from relight.media.movies import RATE
 from relight.media.nuke import is_script
 from relight.media.sequences import FrameRange
-from relight.pipeline.cache import check_not_analysed
-from relight.pipeline.frames import FrameAnalyser, computing
-from relight.pipeline.inputs import ShotInputs
+from relight.pipeline.option_fields import Report
 from relight.pipeline.options import Compute, Lighting, Source
-from relight.pipeline.outputs import Report, check_not_read
-from relight.pipeline.render import lights_of, seen_by
+from relight.pipeline.shot import Shot
 from relight.scene import asset, mesh, nuke_script, writing
 from relight.scene.asset import Asset
-from relight.subject import Subject
-from shadow import inputs
 
 
 def export_person(
@@ -78,63 +72,55 @@ def export_person(
     >>> relight.export_person("person.glb", "examples/person.png", key).name
     'person.glb'
     """
-    source, lighting, compute = Source.of(source), Lighting.of(lighting), compute or Compute()
     report = progress or (lambda done, total, what: None)
     path = asset.checked(output, texture, triangles)
-    lights = lights_of(lighting) if lighting.has_lights else []
-    knobs = nuke_script.checked_lights(lights) if is_script(path) else []
-    inputs.device("device", compute.device)
-    read = (source.plate, source.mask, source.normals, source.depth, lighting.lights, *lights)
-    check_not_read([path, *writing.companions(path, texture)], read)
-    check_not_analysed(source, compute)
-    with computing(compute):
-        prepared = ShotInputs(seen_by(source, lighting) if lights else source, lighting)
-        numbers = _numbers(path, prepared, frames)
-        prepared.check_lights(lights_at(lights, numbers[0]))
-        prepared.compile_matting(report)
-        analyser = FrameAnalyser(prepared, compute.device, shared_world=True)
-        rate = float(prepared.rate or RATE)
-        if is_script(path) and len(numbers) > 1:
-
-            def person(number: int) -> Subject | None:
-                found = analyser.at(number)
-                return found if isinstance(found, Subject) else None
-
-            return writing.write_script_sequence(path, person, numbers, knobs, rate, report)
+    with Shot.open(source, lighting, compute) as shot:
+        lights = shot.every_light
+        knobs = nuke_script.checked_lights(lights) if is_script(path) else []
+        shot.check_not_read([path, *writing.companions(path, texture)])
+        numbers = _numbers(path, shot, frames)
+        shot.check_lights(numbers[0])
+        shot.prepare(report)
+        rate = float(shot.rate or RATE)
         if len(numbers) == 1:
             report(0, 1, "Analysing")
-            subject = analyser.person(numbers[0])
+            subject = shot.subject(numbers[0])
             report(1, 1, "Analysing")
             if is_script(path):
                 return writing.write_script(path, subject, knobs)
             return writing.write(path, subject.asset(lights, triangles=triangles, texture=texture))
 
+        def subject_at(number: int) -> Any:
+            person = shot.person(number)
+            return None if person.is_empty else person
+
+        if is_script(path):
+            return writing.write_script_sequence(path, subject_at, numbers, knobs, rate, report)
+
         def assets() -> Iterator[tuple[int, Asset]]:
             for done, number in enumerate(numbers):
                 report(done, len(numbers), "Frames")
-                subject = analyser.at(number)
-                if isinstance(subject, Subject):
+                subject = subject_at(number)
+                if subject is not None:
                     yield number, subject.asset(lights, triangles=triangles, texture=texture)
             report(len(numbers), len(numbers), "Frames")
 
         return writing.write_sequence(path, assets(), rate)
 
 
-def _numbers(
-    path: Path, prepared: ShotInputs, frames: int | tuple[int, int] | str | FrameRange | None
-) -> list[int]:
+def _numbers(path: Path, shot: Shot, frames: int | tuple[int, int] | str | FrameRange | None) -> list[int]:
     """Return the frames to write; 0 for a still.
 
     Raises ValueError if the file cannot hold several frames, or if there are none.
     """
-    if prepared.numbers is None:
+    if shot.is_still:
         return [0]
     if frames is None:
-        numbers = list(prepared.numbers)
+        numbers = list(shot.numbers)
         numbers = numbers[:1] if path.suffix.lower() == ".glb" else numbers
     else:
         numbers = [frames] if isinstance(frames, int) else list(FrameRange.of(frames))
-    missing = sorted(set(numbers) - set(prepared.numbers))
+    missing = sorted(set(numbers) - set(shot.numbers))
     if missing:
         raise ValueError(f"frames: {FrameRange(missing)} are not there")
     if len(numbers) > 1 and path.suffix.lower() == ".glb":

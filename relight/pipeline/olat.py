@@ -8,25 +8,23 @@ import numpy as np
 
 from relight.lights.directional import DirectionalLight
 from relight.lights.files import write_lights
-from relight.lights.light import Light
 from relight.media import images, nuke
+from relight.media.content_hash import content_hash
 from relight.media.sequences import FrameRange, FrameSequence
-from relight.pipeline.cache import check_not_analysed
 from relight.pipeline.delivery import Delivery
-from relight.pipeline.frames import FrameAnalyser, computing
-from relight.pipeline.inputs import ShotInputs
-from relight.pipeline.option_fields import Phase
-from relight.pipeline.options import Compute, Lighting, Output, Source
-from relight.pipeline.outputs import Report, check_outputs, has_frames, is_exr
-from relight.pipeline.render import ShotRenderer
-from relight.pipeline.sinks import FileSink, ScriptSink, SingleFile, Sink, file_of
+from relight.pipeline.option_fields import Report
+from relight.pipeline.options import Compute, Output, Source
+from relight.pipeline.outputs import is_exr
+from relight.pipeline.shot import Shot
+from relight.pipeline.sinks import FileSink, ScriptSink, SingleFile, file_of
 from relight.rendering import Layers
 from relight.subject import Subject
 from shadow import directions
-from shadow import inputs as checks
 
 if TYPE_CHECKING:
     from relight.pipeline.options import Picture
+
+EXR = {"depth": "half", "autocrop": False}
 
 
 def olat_lights(behind: bool = False) -> list[DirectionalLight]:
@@ -90,88 +88,48 @@ def write_olat(
     --------
     >>> paths = relight.write_olat("examples/person.png", "olat.exr")
     """
-    source, compute, report = Source.of(source), compute or Compute(), progress or (lambda *step: None)
+    report = progress or (lambda done, total, what: None)
     paths, picture, scripts = _outputs(output)
     sequence, lights = FrameSequence.of(picture), olat_lights(behind)
     description = picture.with_suffix(".json") if sequence is None else sequence.beside(".json")
-    written = Output(paths, save_lights=description)
-    check_outputs(written, (source.plate, source.mask, source.normals, source.depth))
-    check_not_analysed(source, compute)
-    checks.device("device", compute.device)
-    with computing(compute):
-        inputs = ShotInputs(source)
-        shown = first_frame(inputs, frame)
-        inputs.compile_matting(report)
-        delivery = Delivery(inputs)
-        sinks = _sinks(picture, scripts, lights, delivery)
-        shot = _OlatRenderer(inputs, lights, shown, written, compute, sinks, delivery, report)
-        numbers = FrameRange((0,)) if sequence is None else FrameRange.of((1, len(lights)))
-        shot.render(numbers, report)
+    with Shot.open(source, compute=compute) as shot:
+        shot.check_outputs(Output(paths, save_lights=description))
+        number = shot.shown_frame(frame)
+        shot.prepare(report)
+        delivery = Delivery(shot)
+        writer = FileSink(file_of(picture), resume=False, display={}, exr=EXR, delivery=delivery)
+        subject, plate = shot.subject(number), delivery.metadata(number)
+        made = shot.content_hash(number, as_read=True)
+        if sequence is None:
+            together, layers, directions_of = _light_groups(subject, lights, report)
+            writer.write(0, together, layers, content_hash(made, lights), {**plate, **directions_of})
+        else:
+            for done, light in enumerate(lights, 1):
+                metadata = {**plate, "relight:direction": light.direction}
+                writer.write(done, subject.relit(light), {}, content_hash(made, light), metadata)
+                report(done, len(lights), "Lights")
+        for path in scripts:
+            ScriptSink(path, _script_groups(picture, lights), False, delivery).write(
+                FrameRange((0,)) if sequence is None else FrameRange.of((1, len(lights)))
+            )
     write_lights(description, lights)
-    pictures = [picture] if sequence is None else [sequence.path(number) for number in numbers]
+    pictures = [picture] if sequence is None else [sequence.path(n) for n in range(1, len(lights) + 1)]
     return [*pictures, description, *scripts]
 
 
-def first_frame(inputs: ShotInputs, frame: int | None) -> int:
-    """Return the frame of a source to show: the given or the first one.
-
-    Raises ValueError if it does not exist.
-    """
-    numbers = inputs.numbers
-    if numbers is None:
-        if frame is not None:
-            raise ValueError("frame: a still has none")
-        return 0
-    if frame is not None and frame not in numbers:
-        raise ValueError(f"frame: expected a frame of the source, {numbers[0]} to {numbers[-1]}, got {frame}")
-    return numbers[0] if frame is None else frame
-
-
-class _OlatRenderer(ShotRenderer):
-    """The frames of a shot whose light goes through the OLAT directions, or one frame that holds them all."""
-
-    def __init__(
-        self,
-        inputs: ShotInputs,
-        lights: list[DirectionalLight],
-        shown: int,
-        output: Output,
-        compute: Compute,
-        sinks: list[Sink],
-        delivery: Delivery,
-        report: Report,
-    ) -> None:
-        super().__init__(
-            inputs, FrameAnalyser(inputs, compute.device), [*lights], Lighting(), output, compute, sinks,
-            resume=False, phase=Phase.all, delivery=delivery,
-        )  # fmt: skip
-        self._shown, self._report, self.raises = shown, report, True
-        self._single = not has_frames(output)
-        self._subject = self.analyser.person(shown)
-
-    def source_frame(self, number: int) -> int:
-        return self._shown
-
-    def subject(self, number: int) -> Subject:
-        return self._subject
-
-    def lights_at(self, number: int) -> list[Light]:
-        lights: list[Any] = self.lights
-        return lights if self._single else [lights[number - 1]]
-
-    def picture(self, subject: Subject, number: int) -> tuple[Any, Layers, images.Metadata]:
-        lights: list[Any] = self.lights_at(number)
-        if not self._single:
-            return subject.relit(lights), {}, {"relight:direction": lights[0].direction}
-        layers: Layers = {}
-        total: Any = 0
-        for done, light in enumerate(lights, 1):
-            relit = subject.relit(light)
-            layers[f"C_{light.name}"] = relit[..., :3].astype(np.float16)
-            total = total + layers[f"C_{light.name}"].astype(np.float32)
-            self._report(done, len(lights), "Lights")
-        metadata = {f"relight:{light.name}": light.direction for light in lights}
-        return np.concatenate([total, relit[..., 3:]], axis=-1), layers, metadata
+def _light_groups(
+    subject: Subject, lights: list[DirectionalLight], report: Report
+) -> tuple[np.ndarray, Layers, images.Metadata]:
+    """Return the sum of all lights (H, W, 4), a layer for each, and their directions for the header."""
+    layers: Layers = {}
+    total: Any = 0
+    for done, light in enumerate(lights, 1):
+        relit = subject.relit(light)
+        layers[f"C_{light.name}"] = relit[..., :3].astype(np.float16)
+        total = total + layers[f"C_{light.name}"].astype(np.float32)
+        report(done, len(lights), "Lights")
+    metadata: images.Metadata = {f"relight:{light.name}": light.direction for light in lights}
+    return np.concatenate([total, relit[..., 3:]], axis=-1), layers, metadata
 
 
 def _outputs(output: str | Path | Iterable[str | Path]) -> tuple[tuple[Path, ...], Path, list[Path]]:
@@ -190,16 +148,9 @@ def _outputs(output: str | Path | Iterable[str | Path]) -> tuple[tuple[Path, ...
     return paths, pictures[0], scripts
 
 
-def _sinks(
-    picture: Path, scripts: list[Path], lights: list[DirectionalLight], delivery: Delivery
-) -> list[Sink]:
-    """Return the sinks of the picture and of the scripts that mix its layers."""
+def _script_groups(picture: Path, lights: list[DirectionalLight]) -> dict[str, Any]:
+    """Return {light: (its file, the layer in it)} for a script; of a sequence, each light has a file."""
     files = file_of(picture)
-    exr = {"depth": "half", "autocrop": False}
-    sinks: list[Sink] = [FileSink(files, resume=False, display={}, exr=exr, delivery=delivery)]
-    groups: dict[str, Any] = {light.name: (files, f"C_{light.name}") for light in lights if light.name}
-    if isinstance(files, FrameSequence):
-        groups = {
-            light.name: (SingleFile(files.path(n)), None) for n, light in enumerate(lights, 1) if light.name
-        }
-    return [*sinks, *(ScriptSink(path, groups, False, delivery) for path in scripts)]
+    if not isinstance(files, FrameSequence):
+        return {light.name: (files, f"C_{light.name}") for light in lights if light.name}
+    return {light.name: (SingleFile(files.path(n)), None) for n, light in enumerate(lights, 1) if light.name}

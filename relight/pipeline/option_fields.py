@@ -20,6 +20,8 @@ if TYPE_CHECKING:
 BACKGROUND = "background"  # as a size: the background's own
 ENVIRONMENT = "environment"  # as a background: what the camera sees of the environments among the lights
 
+Report = Callable[[int, int, str], None]  # frames done, frames in all, what is done
+
 
 class Screen(StrEnum):
     """The colour of a screen that a person is keyed from."""

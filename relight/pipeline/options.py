@@ -41,6 +41,7 @@ if TYPE_CHECKING:
     from relight.lights.environment import EnvironmentLight
     from relight.lights.light import Light
     from relight.lights.moving import MovingLight
+    from relight.scene.usd_lights import Rig
 
     Picture = np.ndarray | str | Path  # an image in memory, a file, a sequence or a movie
     Normals = np.ndarray | Callable | str | os.PathLike
@@ -224,6 +225,38 @@ class Lighting(Options):
     def of(cls, lighting: Any) -> Lighting:
         """Return options unchanged, or make those of lights."""
         return lighting if isinstance(lighting, Lighting) else cls(lighting)
+
+    def rig(self) -> Rig:
+        """Read the lights of the objects, the lights file and the texts, and the camera of a scene.
+
+        Raises as `relight.read_lights` does.
+        """
+        from relight.lights.environment import EnvironmentLight
+        from relight.lights.moving import parse
+        from relight.scene.lights import read_rig
+        from relight.scene.usd_lights import Rig
+
+        given: Any = self.lights
+        scene: dict[str, Any] = {
+            "camera": self.camera,
+            "subject_at": self.subject_at,
+            "allow_external": self.allow_external,
+        }
+        if isinstance(given, tuple):
+            for name, value in scene.items():
+                if value:
+                    raise ValueError(f"{name}: expected a USD stage or a glTF scene (--lights), which has it")
+        rig = Rig([*given]) if isinstance(given, tuple) else read_rig(given, **scene)
+        lights = [*rig.lights, *map(parse, self.light)]
+        lights += [parse(text, EnvironmentLight) for text in self.environment]
+        return rig._replace(lights=lights)
+
+    def check_any(self) -> None:
+        """Raise ValueError if there are no lights, not even matched ones."""
+        if not self.has_lights:
+            raise ValueError(
+                "lights: expected at least one (--light, --environment, --lights, --match or --match-plate)"
+            )
 
     @property
     def has_lights(self) -> bool:

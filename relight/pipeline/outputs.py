@@ -2,7 +2,7 @@
 
 import os
 import re
-from collections.abc import Callable, Iterable
+from collections.abc import Iterable
 from pathlib import Path
 
 from relight.lights.environment import Panorama
@@ -13,7 +13,6 @@ from relight.pipeline.options import Output
 from relight.scene.lights import SUFFIXES
 from shadow import files
 
-Report = Callable[[int, int, str], None]  # frames done, frames in all, what is done
 FRAME_NUMBER = "a movie, or a frame number in the name, such as relit.%04d.exr"
 
 

@@ -3,7 +3,7 @@
 import os
 from collections.abc import Callable
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 from relight.media import images, movies
 from relight.media.content_hash import FileRecord
@@ -16,6 +16,37 @@ if TYPE_CHECKING:
 
 Reader = Still | SequenceReader | movies.Movie
 NETWORKS = ("", ".pt", ".onnx", ".safetensors")  # suffixes of what `shadow.normals.load` takes
+
+
+class ReadLog:
+    """Reads pictures, and remembers each file as it was when it was read."""
+
+    def __init__(self) -> None:
+        self._records: dict[Path, FileRecord] = {}
+
+    def read(self, reader: Reader, number: int) -> Any:
+        """Read a picture. Raises ValueError if its file has changed since an earlier read."""
+        path = reader.file(number)
+        record = getattr(reader, "record", None)
+        if record is None and path is not None and path.is_file():
+            record = FileRecord.of(path)
+        picture = reader.read(number)
+        if record is not None and path is not None:
+            if reader.numbers is not None:
+                check_unchanged(record)
+            self._records[path] = record
+        return picture
+
+    def record(self, path: Path) -> FileRecord:
+        """Return the record of a file as it was read last; as it is now if it was not read."""
+        return self._records.get(path) or FileRecord.of(path)
+
+    def content_hash(self, reader: Any, number: int, as_read: bool) -> str:
+        """Return a hash of a picture: as it was read, if it was, or as its file is now."""
+        record = self._records.get(reader.file(number)) if as_read else None
+        if record is None or reader.numbers is None or record.sha256 is None:
+            return reader.content_hash(number)
+        return reader.content_hash(number, record.sha256)
 
 
 def reader_of(value: object, read: Callable, read_movie: Callable, colour_space: str | None = None) -> Reader:

@@ -14,21 +14,18 @@ from relight.media.content_hash import HASH_ATTRIBUTE, content_hash
 from relight.media.nuke_relight import LiveLight
 from relight.media.sequences import FrameRange, FrameSequence
 from relight.pipeline.delivery import Delivery
-from relight.pipeline.option_fields import Phase
+from relight.pipeline.option_fields import Phase, Report
 from relight.pipeline.options import Output
-from relight.pipeline.outputs import Report, held_frames, is_exr
+from relight.pipeline.outputs import held_frames, is_exr
 from relight.rendering import Layers
 
 Made = Mapping[int, str]  # {frame number: content hash of what the frame is made from}
 
 
-class Sink(Protocol):
-    """One output of a shot."""
+class FrameSink(Protocol):
+    """An output that takes a shot's frames one by one."""
 
     path: Any
-
-    def begin(self, made: Made) -> None:
-        """Prepare for these frames."""
 
     def has(self, number: int, made: str) -> bool:
         """Return whether the frame exists, and was made from exactly these inputs."""
@@ -41,8 +38,34 @@ class Sink(Protocol):
     ) -> None:
         """Write a frame."""
 
+
+@dataclass(frozen=True)
+class Sinks:
+    """The outputs of a shot.
+
+    Attributes
+    ----------
+    frames
+        All that take frames, movies among them.
+    movies, scripts
+        What is complete only when all frames are there.
+    """
+
+    frames: list[FrameSink]
+    movies: list["MovieSink"]
+    scripts: list["ScriptSink"]
+
+    def begin(self, made: Made) -> None:
+        """Prepare for these frames. Files are kept until those that replace them are complete."""
+        for movie in self.movies:
+            movie.begin(made)
+
     def finish(self, numbers: FrameRange, made: Made, problems: dict, report: Report) -> None:
-        """Complete the output when all frames are there."""
+        """Write movies and scripts, since all frames are there."""
+        for movie in self.movies:
+            movie.finish(numbers, made, problems, report)
+        for script in self.scripts:
+            script.write(numbers)
 
 
 @dataclass(frozen=True)
@@ -84,8 +107,8 @@ def open_sinks(
     phase: Phase,
     delivery: Delivery,
     groups: list[str],
-) -> list[Sink]:
-    """Open the outputs of a shot, scripts last.
+) -> Sinks:
+    """Open the outputs of a shot.
 
     Parameters
     ----------
@@ -111,25 +134,27 @@ def open_sinks(
         "autocrop": output.autocrop,
         "colour_space": output.output_colour_space,
     }
-    sinks: list[Sink] = []
+    frames: list[FrameSink] = []
+    movie_sinks: list[MovieSink] = []
     for path in output.paths:
         if nuke.is_script(path):
             continue
         if movies.is_movie(path):
             if transparent and path.suffix.lower() == ".mp4":
                 raise ValueError(f"{path}: .mp4 holds no alpha; give a background, or write a .mov")
-            sinks.append(MovieSink(path, resume or phase is not Phase.all, display, delivery))
+            movie_sinks.append(MovieSink(path, resume or phase is not Phase.all, display, delivery))
+            frames.append(movie_sinks[-1])
         else:
             if transparent and path.suffix.lower() in images.OPAQUE_SUFFIXES:
                 raise ValueError(f"{path}: {path.suffix} holds no alpha; give a background")
-            sinks.append(FileSink(file_of(path), resume or phase is Phase.finalize, display, exr, delivery))
+            frames.append(FileSink(file_of(path), resume or phase is Phase.finalize, display, exr, delivery))
     exrs = [path for path in output.paths if is_exr(path)]
+    scripts = []
     for path in (path for path in output.paths if nuke.is_script(path)):
         read = {name: (file_of(exrs[0]), f"C_{name}") for name in groups}
-        sinks.append(
-            ScriptSink(path, read, moving, delivery, live={"albedo", "N", "P"} <= set(output.passes))
-        )
-    return sinks
+        live = {"albedo", "N", "P"} <= set(output.passes)
+        scripts.append(ScriptSink(path, read, moving, delivery, live=live))
+    return Sinks(frames, movie_sinks, scripts)
 
 
 class FileSink:
@@ -144,9 +169,6 @@ class FileSink:
         delivery: Delivery,
     ) -> None:
         self.path, self.resume, self.display, self.exr, self.delivery = path, resume, display, exr, delivery
-
-    def begin(self, made: Made) -> None:
-        """Keep each file until the one that replaces it is complete."""
 
     def has(self, number: int, made: str) -> bool:
         path = self.path.path(number)
@@ -168,9 +190,6 @@ class FileSink:
             images.write(path, picture, layers=layers, metadata=metadata, **self.exr)
         else:
             images.write(path, picture, metadata=metadata, **self.display)
-
-    def finish(self, numbers: FrameRange, made: Made, problems: dict, report: Report) -> None:
-        """Nothing is left to do."""
 
     def _hash(self, path: Path, made: str) -> str:
         if is_exr(path):
@@ -198,21 +217,8 @@ class ScriptSink:
         self.live = live
         nuke.check_layers(layer for _, layer in groups.values() if layer is not None)
 
-    def begin(self, made: Made) -> None:
-        """Keep the script until the one that replaces it is complete."""
-
-    def has(self, number: int, made: str) -> bool:
-        return True
-
-    def exists(self, number: int) -> bool:
-        return True
-
-    def write(
-        self, number: int, picture: np.ndarray, layers: Layers, made: str, metadata: images.Metadata
-    ) -> None:
-        """Do nothing, since a script holds no frames."""
-
-    def finish(self, numbers: FrameRange, made: Made, problems: dict, report: Report) -> None:
+    def write(self, numbers: FrameRange) -> None:
+        """Write the script of these frames, some of which may be missing."""
         files = [file.path(number) for number in numbers for file, _ in self.groups.values()]
         files = [path for path in files if path.exists()]
         size = images.read_size(files[0])

@@ -5,16 +5,12 @@ from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
 
-from relight.pipeline.cache import check_not_analysed
-from relight.pipeline.frames import FrameAnalyser, computing
-from relight.pipeline.inputs import ShotInputs
-from relight.pipeline.olat import first_frame
+from relight.pipeline.option_fields import Report
 from relight.pipeline.options import Compute, Lighting, Source
-from relight.pipeline.outputs import Report
-from relight.pipeline.render import lights_of, seen_by
+from relight.pipeline.shot import Shot
 from relight.viewer.page import SUFFIXES
 from relight.viewer.scene import COMMAND, DEFAULT_LIGHT, checked_lights
-from shadow import files, inputs
+from shadow import files
 
 
 def write_view(
@@ -66,24 +62,19 @@ def write_view(
     >>> relight.write_view("person.html", "examples/person.png", key).name
     'person.html'
     """
-    source, lighting, compute = Source.of(source), Lighting.of(lighting), compute or Compute()
-    report = progress or (lambda done, total, what: None)
+    lighting, report = Lighting.of(lighting), progress or (lambda done, total, what: None)
     path = files.check_writable(output, SUFFIXES)
-    lights: Any = lights_of(lighting) if lighting.has_lights else DEFAULT_LIGHT
-    source = seen_by(source, lighting)
-    shown = list(checked_lights(lights).values())
-    inputs.device("device", compute.device)
-    check_not_analysed(source, compute)
-    with computing(compute):
-        prepared = ShotInputs(source, lighting)
-        number = first_frame(prepared, frame)
-        prepared.check_lights(shown)
-        prepared.compile_matting(report)
+    with Shot.open(source, lighting, compute) as shot:
+        lights: Any = shot.every_light if lighting.has_lights else DEFAULT_LIGHT
+        shown = list(checked_lights(lights).values())
+        number = shot.shown_frame(frame)
+        shot.check_lights(number)
+        shot.prepare(report)
         report(0, 1, "Analysing")
-        subject = FrameAnalyser(prepared, compute.device, temporal_filter=False).person(number)
-    report(1, 1, "Analysing")
-    background = prepared.background(number, shown, subject.size)
-    plate = source.plate
+        subject = shot.subject(number, filtered=False)
+        report(1, 1, "Analysing")
+        background = shot.background(number, subject.size)
+    plate = shot.source.plate
     title = Path(plate).name if isinstance(plate, str | os.PathLike) else "relight"
     behind = lighting.background
     name = str(behind) if isinstance(behind, str | os.PathLike) else None

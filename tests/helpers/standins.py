@@ -47,6 +47,7 @@ class FlatSubject:
     """Stands in for Subject: as bright as the image times the lights' intensities."""
 
     made, filtered_by = [], []
+    is_empty = False
 
     def __init__(self, image, mask=None, normals=None, device=None, **room):
         alpha = image[..., 3] if mask is None else mask

@@ -17,7 +17,7 @@ from helpers.standins import FlatSubject, somebody
 import relight
 from relight.media.movies import Movie
 from relight.media.sequences import FrameRange
-from relight.pipeline import frames
+from relight.pipeline import persons
 from relight.subject import weights
 
 dask = pytest.importorskip("dask")
@@ -31,7 +31,7 @@ PRELOAD = str(ROOT / "tests" / "helpers" / "worker.py")
 @pytest.fixture(autouse=True)
 def stub(monkeypatch):
     """Here, and in workers."""
-    monkeypatch.setattr(frames, "Subject", FlatSubject)
+    monkeypatch.setattr(persons, "Subject", FlatSubject)
     with dask.config.set({"distributed.worker.preload": [PRELOAD]}):
         yield
 

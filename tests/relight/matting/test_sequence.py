@@ -8,13 +8,13 @@ from typer.testing import CliRunner
 import relight
 from relight import Source
 from relight.cli import app
-from relight.pipeline.inputs import ShotInputs
+from relight.pipeline.shot import Shot
 
 OPTIONS = "mean=0/0/0,std=1/1/1"
 
 
 def inputs_of(plate, matte, **options):
-    return ShotInputs(Source(plate, matte=matte, **options))
+    return Shot(Source(plate, matte=matte, **options))
 
 
 def frame(column=15, red=0.9, size=(64, 64)):
@@ -150,7 +150,7 @@ def test_what_the_matte_was_made_with_counts_when_a_shot_is_resumed(tmp_path, mo
     other = channel(tmp_path / "other.onnx", 0)
 
     def made(number=2, model=f"{model},{OPTIONS}", **options):
-        return inputs_of(tmp_path / "p.%d.png", model, **options).content_hash(number, [number])
+        return inputs_of(tmp_path / "p.%d.png", model, **options).frames.person_hash([number])
 
     assert made() == made()
     assert made() != made(person=2)

@@ -10,8 +10,8 @@ from PIL import Image
 import relight
 from relight import DirectionalLight
 from relight.media.sequences import FrameSequence, SequenceReader
-from relight.pipeline.inputs import ShotInputs
 from relight.pipeline.options import Lighting, Output, Source
+from relight.pipeline.shot import Shot
 
 LIGHT = np.linspace(0, 1, 64 * 64 * 3, dtype=np.float32).reshape(64, 64, 3)
 
@@ -29,9 +29,9 @@ def test_a_sequence_may_name_a_layer(tmp_path):
     plain = SequenceReader(FrameSequence.of(tmp_path / "a.%04d.exr"), relight.read)
     assert plain.content_hash(1) != reader.content_hash(1)
     matte = np.pad(np.ones((32, 32), np.float32), 16)
-    inputs = ShotInputs(Source(f"{tmp_path / 'a.%04d.exr'}:albedo", mask=matte))
+    inputs = Shot(Source(f"{tmp_path / 'a.%04d.exr'}:albedo", mask=matte))
     np.testing.assert_allclose(inputs.frame(1).plate, LIGHT / 2, atol=1e-6)
-    single = ShotInputs(Source(f"{tmp_path / 'a.0001.exr'}:albedo", mask=matte))
+    single = Shot(Source(f"{tmp_path / 'a.0001.exr'}:albedo", mask=matte))
     np.testing.assert_allclose(single.frame(0).plate, LIGHT / 2, atol=1e-6)
 
 
@@ -39,7 +39,7 @@ def test_mattes_of_pixels_that_are_not_square_need_not_say_so(tmp_path):
     store(tmp_path / "a.exr", LIGHT, "half", PixelAspectRatio=2.0)
     Image.fromarray(disc()).save(tmp_path / "m.png")
     with pytest.warns(UserWarning, match="square pixels"):
-        frame = ShotInputs(Source(str(tmp_path / "a.exr"), mask=str(tmp_path / "m.png"))).frame(0)
+        frame = Shot(Source(str(tmp_path / "a.exr"), mask=str(tmp_path / "m.png"))).frame(0)
     assert frame.plate.shape == (64, 128, 3)
     assert frame.matte.shape == (64, 128)
     assert frame.matte[:, 64].max() == 1
@@ -51,10 +51,10 @@ def test_what_callers_say_replaces_what_files_say(tmp_path, name):
     store(tmp_path / name.replace("%04d", "0007"), red, "half")
     source = Source(str(tmp_path / name), colour_space="ACEScg", alpha="straight")
     lighting = Lighting(DirectionalLight(), background=str(tmp_path / name), background_colour_space="ACEScg")
-    inputs = ShotInputs(source, lighting)
+    inputs = Shot(source, lighting)
     of_ap1 = np.array([1.705, -0.130, -0.024])  # red of ACEScg in Rec.709
     np.testing.assert_allclose(inputs.frame(7).plate[0, 0, :3], of_ap1 / 4, atol=2e-3)
-    np.testing.assert_allclose(inputs.background(7, [], (8, 8))[0, 0, :3], of_ap1 / 2, atol=2e-3)
+    np.testing.assert_allclose(inputs.background(7, (8, 8))[0, 0, :3], of_ap1 / 2, atol=2e-3)
 
 
 @pytest.mark.parametrize("far", [3.0, 1e10, np.inf, np.nan])
@@ -65,8 +65,8 @@ def test_depth_beside_the_person_is_not_looked_at(tmp_path, far):
     depth = np.where(disc() > 0, near, np.float32(far))[..., None]
     store(tmp_path / "z.exr", depth, "float", channelnames=("Z",))
     source = Source(str(tmp_path / "a.png"), depth=str(tmp_path / "z.exr"), size=(96, 128))
-    placed = ShotInputs(source).frame(0).depth
-    inside = ShotInputs(source).frame(0).plate[..., 3] > 0.9
+    placed = Shot(source).frame(0).depth
+    inside = Shot(source).frame(0).plate[..., 3] > 0.9
     assert np.isfinite(placed[inside]).all()
     assert 2.9 < placed[inside].min() <= placed[inside].max() < 3.3
 

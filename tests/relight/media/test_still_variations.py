@@ -31,7 +31,7 @@ from PIL import Image
 
 import relight
 from relight.media import images
-from relight.pipeline.inputs import ShotInputs
+from relight.pipeline.shot import Shot
 
 CODES = ramp(32, 48)
 LIGHT = decode_srgb(CODES / 255).astype(np.float32)
@@ -433,5 +433,5 @@ def test_depth_beside_the_person_in_any_file(tmp_path, name, far):
         store(tmp_path / name, depth[..., None], "float", channelnames=("Z",))
     assert (images.read_depth(tmp_path / name)[matte] == 2.5).all()
     source = relight.Source(np.dstack([ramp(32, 32), disc(32)]), depth=str(tmp_path / name), size=(40, 40))
-    frame = ShotInputs(source).frame(0)  # placed, the person's depth is mixed with nothing behind them
+    frame = Shot(source).frame(0)  # placed, the person's depth is mixed with nothing behind them
     np.testing.assert_allclose(frame.depth[frame.plate[..., 3] > 0.01], 2.5, atol=1e-3)

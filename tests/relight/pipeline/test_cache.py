@@ -22,7 +22,7 @@ import relight
 from relight.analysis import storage
 from relight.cli import app
 from relight.media.content_hash import FileRecord
-from relight.pipeline import cache, frames
+from relight.pipeline import cache, persons
 from relight.pipeline.cache import AnalysisCache
 
 KEY = relight.DirectionalLight(azimuth=-40, elevation=30, name="key")
@@ -57,7 +57,7 @@ def no_network(monkeypatch):
         raise AssertionError("a network was loaded")
 
     monkeypatch.setattr("shadow.networks.checkpoints.load", refuse)
-    monkeypatch.setattr(frames.Subject, "__init__", refuse)
+    monkeypatch.setattr(persons.Subject, "__init__", refuse)
 
 
 def mattes(folder):
@@ -113,13 +113,15 @@ def test_what_is_whole_and_fresh_is_kept(desk, monkeypatch):
     after = files(desk)
     assert [name for name in before if before[name] != after[name]] != []
     assert before["000101.safetensors"] == after["000101.safetensors"]
-    monkeypatch.setattr(frames.FrameAnalyser, "at", None)  # nothing is left to analyse
+    monkeypatch.setattr(persons.Persons, "at", None)  # nothing is left to analyse
     shots.analyse(desk / "plate.%04d.exr", desk / "shot.relight", **mattes(desk))
     assert files(desk) == after
 
 
 class Saved:
     """Stands in for a Subject of which nothing but its being analysed counts."""
+
+    is_empty = False
 
     def __init__(self, *arguments, **settings):
         pass
@@ -134,7 +136,7 @@ class Saved:
 @pytest.mark.parametrize("other", [{"threads": 2}, {"precision": "float32"}, {"precision": "bfloat16"}])
 def test_an_analysis_of_other_threads_or_precision_is_another(desk, monkeypatch, other):
     made = storage.read_header(desk / "shot.relight" / "000101.safetensors")["provenance"]
-    monkeypatch.setattr(frames.FrameAnalyser, "at", lambda self, number: Saved())
+    monkeypatch.setattr(persons.Persons, "at", lambda self, number: Saved())
     settings = mattes(desk) | {"precision": made["precision"]} | other
     if all(made[name] == value for name, value in other.items()):
         shots.analyse(desk / "plate.%04d.exr", desk / "shot.relight", **settings)
@@ -158,7 +160,7 @@ def test_frames_of_another_precision_are_said(desk):
 
 def test_a_plate_that_is_missing_in_the_middle_is_named_and_the_rest_analysed(desk, monkeypatch):
     (desk / "plate.0102.exr").unlink()
-    monkeypatch.setattr(frames, "Subject", Saved)
+    monkeypatch.setattr(persons, "Subject", Saved)
     problems = shots.analyse(desk / "plate.%04d.exr", desk / "parts.relight", **mattes(desk))
     assert list(problems) == [102]
     assert "plate.0102.exr: no such file" in problems[102]
@@ -173,7 +175,7 @@ def test_a_full_disk_keeps_what_is_analysed(desk, monkeypatch):
             raise OSError(errno.ENOSPC, os.strerror(errno.ENOSPC))
         flush(descriptor)
 
-    monkeypatch.setattr(frames.FrameAnalyser, "at", lambda self, number: Saved())
+    monkeypatch.setattr(persons.Persons, "at", lambda self, number: Saved())
     with monkeypatch.context() as disk:
         disk.setattr(os, "fsync", full)
         problems = shots.analyse(desk / "plate.%04d.exr", folder, **mattes(desk))
@@ -400,12 +402,12 @@ def test_a_plate_replaced_during_the_analysis_is_kept_with_the_hash_of_what_was_
     source = plates if moving else plate
 
     def replaced(self, number):
-        self._inputs.frame(number)
+        self._frames.frame(number)
         if number in (0, 102):  # of a still, or of the shot: it is read, and not stored yet
             relight.write(plate, somebody(value=0.9))
         return Saved()
 
-    monkeypatch.setattr(frames.FrameAnalyser, "at", replaced)
+    monkeypatch.setattr(persons.FrameAnalyser, "__call__", replaced)
     read = FileRecord.of(plate).sha256
     shots.analyse(source, tmp_path / "s.relight", temporal_filter=False)
     kept = storage.read_header(

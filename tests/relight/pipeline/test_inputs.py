@@ -4,8 +4,9 @@ import numpy as np
 import pytest
 
 import relight
-from relight import Lighting, Source
-from relight.pipeline.inputs import Placement, ShotInputs
+from relight import Lighting, Output, Source
+from relight.pipeline.frame import Placement
+from relight.pipeline.shot import Shot
 
 
 @pytest.fixture
@@ -23,12 +24,12 @@ def backgrounds(folder):
 
 
 def test_a_still_takes_the_size_of_a_background_that_moves(tmp_path, plate):
-    prepared = ShotInputs(Source(plate, size="background"), Lighting(background=backgrounds(tmp_path)))
-    assert prepared.numbers is None
-    assert prepared.span == (5, 6)
+    prepared = Shot(Source(plate, size="background"), Lighting(background=backgrounds(tmp_path)))
+    assert prepared.is_still
+    assert prepared.numbers == (0,)
+    assert list(prepared.frames_for(Output("r.%d.exr"), None)) == [5, 6]
     assert prepared.frame(0).plate.shape == (30, 50, 4)
-    lit = [relight.DirectionalLight(azimuth=0)]
-    first, second = (prepared.background(number, lit, (30, 50)) for number in (5, 6))
+    first, second = (prepared.background(number, (30, 50)) for number in (5, 6))
     assert first.mean() < second.mean()
 
 
@@ -37,8 +38,8 @@ def test_normals_of_each_frame_make_a_still_a_shot(tmp_path, plate):
         normals = np.zeros((24, 20, 3), np.float32)
         normals[..., 2 if number == 3 else 0] = 1
         relight.write(tmp_path / f"n.{number}.exr", normals)
-    prepared = ShotInputs(Source(plate, normals=tmp_path / "n.%d.exr"))
-    assert prepared.span == (3, 4)
+    prepared = Shot(Source(plate, normals=tmp_path / "n.%d.exr"))
+    assert list(prepared.numbers) == [3, 4]
     np.testing.assert_allclose(prepared.frame(3).normals[8, 8], (0, 0, 1), atol=1e-3)
     np.testing.assert_allclose(prepared.frame(4).normals[8, 8], (1, 0, 0), atol=1e-3)
 
@@ -49,7 +50,7 @@ def test_plate_matte_and_normals_are_placed_together(plate):
     source = Source(
         plate[..., :3], mask=plate[..., 3], normals=normals, size=(48, 40), placement="centre", offset=(3, 2)
     )
-    person = ShotInputs(source).frame(0)
+    person = Shot(source).frame(0)
     assert person.plate.shape == person.normals.shape == (48, 40, 3)
     np.testing.assert_array_equal(person.matte[10:34, 13:33], plate[..., 3])
     np.testing.assert_array_equal(
@@ -76,17 +77,17 @@ def test_what_lights_and_a_background_need_of_each_other(plate):
     sky = relight.EnvironmentLight(np.full((16, 32, 3), 0.5, np.float32))
     lamp = relight.DirectionalLight(azimuth=0, name="background")
     with pytest.raises(ValueError, match="expected an environment among the lights"):
-        ShotInputs(Source(plate), Lighting(background="environment")).check_lights([lamp])
+        Shot(Source(plate), Lighting(lamp, background="environment")).check_lights(0)
     with pytest.raises(ValueError, match="'background' names the background's layer"):
-        ShotInputs(Source(plate), Lighting(background=(0, 0, 0))).check_lights([lamp])
-    ShotInputs(Source(plate)).check_lights([lamp])
-    ShotInputs(Source(plate), Lighting(background="environment")).check_lights([sky])
+        Shot(Source(plate), Lighting(lamp, background=(0, 0, 0))).check_lights(0)
+    Shot(Source(plate), lamp).check_lights(0)
+    Shot(Source(plate), Lighting(sky, background="environment")).check_lights(0)
     with pytest.raises(ValueError, match="field_of_view"):
-        ShotInputs(Source(plate, field_of_view=0))
+        Shot(Source(plate, field_of_view=0)).frame(0)
 
 
 def test_a_photograph_without_a_matte_is_named(plate):
     with pytest.raises(ValueError, match=r"\(--mask FILE\), have it made \(--matte MODEL\), or key"):
-        ShotInputs(Source(plate[..., :3])).frame(0)
-    person = ShotInputs(Source(plate[..., :3], mask=plate[..., 3])).frame(0)
+        Shot(Source(plate[..., :3])).frame(0)
+    person = Shot(Source(plate[..., :3], mask=plate[..., 3])).frame(0)
     np.testing.assert_array_equal(person.matte, plate[..., 3])

@@ -9,25 +9,25 @@ from helpers.killing import differences, finished, kill
 from helpers.rising import make
 from helpers.standins import FlatSubject
 
-from relight.pipeline import frames
+from relight.pipeline import persons
 
 SLOWLY = """
 import sys, time
-import relight.pipeline.frames
+import relight.pipeline.persons
 from helpers.rising import make
 from helpers.standins import FlatSubject
 class Slow(FlatSubject):
     def relit(self, light):
         time.sleep(0.1)
         return super().relit(light)
-relight.pipeline.frames.Subject = Slow
+relight.pipeline.persons.Subject = Slow
 make(sys.argv[1])
 """
 
 
 @pytest.mark.parametrize(("name", "files"), [("r.%02d.exr", 2), ("r.mp4", 4)])
 def test_killed_and_resumed(tmp_path, monkeypatch, name, files):
-    monkeypatch.setattr(frames, "Subject", FlatSubject)
+    monkeypatch.setattr(persons, "Subject", FlatSubject)
     whole, folder = tmp_path / "whole", tmp_path / "killed"
     for path in (whole, folder):
         path.mkdir()

@@ -89,9 +89,9 @@ def test_a_refused_run_keeps_the_frames_of_the_one_before():
     with pytest.raises(ValueError, match=r"layers: 'C_a b' and 'C_a_b' are one to Nuke"):
         open_sinks(Output(["a.mov", "a.%d.exr", "a.nk"]), resume=False, **run)
     assert kept.numbers() == [1]
-    open_sinks(Output("a.mov"), resume=True, **run)[0].begin({})
+    open_sinks(Output("a.mov"), resume=True, **run).begin({})
     assert kept.numbers() == [1]
-    open_sinks(Output("a.mov"), resume=False, **run)[0].begin({})
+    open_sinks(Output("a.mov"), resume=False, **run).begin({})
     assert kept.numbers() == []
 
 

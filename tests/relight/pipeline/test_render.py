@@ -11,8 +11,9 @@ from helpers.standins import HEIGHT, WIDTH, brightness, somebody
 
 import relight
 from relight.media.movies import Movie, write_movie
-from relight.pipeline import frames as frame_analysis
-from relight.pipeline.inputs import ShotInputs
+from relight.pipeline import persons
+from relight.pipeline.frame import FrameReader
+from relight.pipeline.shot import Shot
 
 
 def test_a_moving_light_on_a_still(stub, tmp_path):
@@ -67,9 +68,9 @@ def test_mattes_and_backgrounds_move_too(stub, plates, tmp_path):
 
 
 def test_the_frame_that_defines_the_world_is_read_once(stub, plates, tmp_path, monkeypatch):
-    read, frame = [], ShotInputs.frame
+    read, frame = [], FrameReader.frame
     monkeypatch.setattr(
-        ShotInputs, "frame", lambda inputs, number: read.append(number) or frame(inputs, number)
+        FrameReader, "frame", lambda inputs, number: read.append(number) or frame(inputs, number)
     )
     lamp = relight.PointLight((0, 0, 2))
     shots.render(plates, lamp, tmp_path / "r.%04d.exr", frames=(101, 103), temporal_filter=False)
@@ -275,16 +276,13 @@ def test_autocropped_frames_are_the_same_picture(stub, plates, tmp_path):
 
 def test_a_frame_of_another_size_has_a_world_of_its_own(tmp_path, monkeypatch):
     given = []
-    monkeypatch.setattr(
-        frame_analysis, "Subject", lambda *arguments, **options: given.append(options["camera"])
-    )
+    monkeypatch.setattr(persons, "Subject", lambda *arguments, **options: given.append(options["camera"]))
     for number, columns in enumerate((40, 40, 38), 1):
         plate = np.full((60, columns, 4), 0.3, np.float32)
         plate[..., 3] = 0
         plate[10:50, 10:30, 3] = 1
         relight.write(tmp_path / f"p.{number:04d}.exr", plate)
-    inputs = ShotInputs(relight.Source(tmp_path / "p.%04d.exr"))
-    analyser = frame_analysis.FrameAnalyser(inputs, None, shared_world=True)
+    analyse = Shot(relight.Source(tmp_path / "p.%04d.exr")).analyser
     for number in (1, 2, 3):
-        analyser._analyse(number)
+        analyse(number)
     assert [camera and camera.size for camera in given] == [(60, 40), (60, 40), None]

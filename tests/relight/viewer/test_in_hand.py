@@ -9,7 +9,6 @@ from scipy.ndimage import binary_erosion
 
 import relight
 from relight.pipeline.options import Lighting
-from relight.pipeline.render import lights_of
 
 pytest.importorskip("playwright")
 pytestmark = browsing.NEEDS_CHROMIUM
@@ -43,7 +42,7 @@ def test_a_near_light_is_where_the_hand_holds_it(page, viewed, tmp_path):
     assert isinstance(read, relight.PointLight)
     np.testing.assert_allclose(read.position, lamp["position"], atol=1e-4)
     words = shlex.split(page.evaluate("relight.command()"))
-    assert lights_of(Lighting(light=(words[words.index("--light") + 1],))) == [read]
+    assert Lighting(light=(words[words.index("--light") + 1],)).rig().lights == [read]
     browsing.wait(page, "location.hash.includes('radius')")  # which the last key gave it
     page.reload()
     browsing.wait(page, "Boolean(window.relight)")

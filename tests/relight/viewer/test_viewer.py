@@ -13,7 +13,6 @@ from scipy.ndimage import binary_erosion
 import relight
 from relight.media.colour import encode
 from relight.pipeline.options import Lighting
-from relight.pipeline.render import lights_of
 from relight.viewer.packing import pack
 from relight.viewer.page import module, style
 from relight.viewer.scene import parameters_of, scene_of
@@ -145,7 +144,7 @@ def test_its_lights_file_gives_the_same_picture_and_its_png_is_apply_s(page, vie
     words = shlex.split(page.evaluate("relight.command()"))
     assert words[:3] == ["relight", "apply", "it's.png"]
     given = [words[at + 1] for at, word in enumerate(words) if word == "--light"]
-    assert lights_of(Lighting(light=tuple(given))) == lights
+    assert Lighting(light=tuple(given)).rig().lights == lights
 
 
 def test_an_environment_lights_as_python_s(page, viewed, tmp_path):

@@ -1,4 +1,4 @@
-"""The inputs of a shot: each frame read, matted and placed in the picture, as `relight.Subject` takes it.
+"""A frame of a shot: read, cut out and placed in the picture, as `relight.Subject` takes it.
 
 A source is an image in memory, a file, a sequence, a movie or an analysis cache.
 """
@@ -8,7 +8,6 @@ import importlib
 import os
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
-from fractions import Fraction
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, NamedTuple
 
@@ -16,31 +15,26 @@ import numpy as np
 from scipy.ndimage import distance_transform_edt
 
 from relight.analysis.depth import MAX_DEPTH, MIN_COVERAGE
-from relight.compositing.composite import Background
 from relight.compositing.placement import place
-from relight.light_estimation import Matching, PlateLight
-from relight.lights.environment import FIELD_OF_VIEW, EnvironmentLight
-from relight.lights.light import Light, by_name, checked_number
-from relight.lights.moving import MovingLight
+from relight.lights.environment import FIELD_OF_VIEW
+from relight.lights.light import checked_number
 from relight.matting import chroma_key
 from relight.matting.sequence import MattingOptions, SequenceMatting
 from relight.media import images, movies
 from relight.media.content_hash import FileRecord, content_hash
 from relight.media.images.edge import as_array
 from relight.media.pixel_aspect import is_square, square_pixels
-from relight.pipeline.cache import AnalysisCache, check_not_analysed, is_cache
-from relight.pipeline.option_fields import BACKGROUND, ENVIRONMENT
-from relight.pipeline.options import Lighting, Source
-from relight.pipeline.outputs import Report
+from relight.pipeline.cache import AnalysisCache, is_cache
+from relight.pipeline.option_fields import BACKGROUND, Report
+from relight.pipeline.options import Source
 from relight.pipeline.readers import (
     Reader,
-    check_unchanged,
+    ReadLog,
     depth_reader,
     matte_reader,
     normals_reader,
     plate_reader,
 )
-from relight.rendering import check_free
 
 if TYPE_CHECKING:
     from relight.pipeline.options import Normals
@@ -111,15 +105,17 @@ class FrameInputs(NamedTuple):
     depth: np.ndarray | str | os.PathLike | None
 
 
-class ShotInputs:
-    """The frames of a shot: persons, and what is behind them.
+class FrameReader:
+    """Reads the persons of a shot's frames.
 
     Parameters
     ----------
     source
         Source.
-    lighting
-        Lighting, of which the background and the matched light are read; none unless given.
+    backgrounds
+        The reader of the backgrounds, whose size the picture may have.
+    log
+        ReadLog, through which all files are read.
 
     Raises
     ------
@@ -129,48 +125,36 @@ class ShotInputs:
         Bad arguments.
     """
 
-    def __init__(self, source: Source, lighting: Lighting | None = None) -> None:
-        lighting = lighting or Lighting()
+    def __init__(self, source: Source, backgrounds: Reader, log: ReadLog) -> None:
         self.source = source
-        self.matching = Matching(lighting.match_plate, lighting.match, lighting.match_mask)
         self.matting_options = MattingOptions.parse(source.matte, source.person, source.refine_matte)
         self.placement = Placement(source.size, source.placement, source.scale, source.offset)
-        self.cache: AnalysisCache | None = None
-        if is_cache(source.plate):
-            check_not_analysed(source)
-            self.cache = AnalysisCache(source.plate)
+        self.cache = AnalysisCache(source.plate) if is_cache(source.plate) else None
         self.field_of_view = self._field_of_view(source.field_of_view)
         self.height = None if source.height is None else checked_number("height", source.height, 0.01, 100)
         self._normals, self._depths = normals_reader(source.normals, source.axes), depth_reader(source.depth)
-        self._plates: Any = self.cache or plate_reader(source.plate, source.colour_space, source.alpha)
+        self.plates: Any = self.cache or plate_reader(source.plate, source.colour_space, source.alpha)
         self._mattes = matte_reader(source.mask)
-        self._matting = self._sequence_matting(self.matting_options)
-        background = lighting.background
-        self.has_background = background is not None
-        self._sees_lights = isinstance(background, str) and background == ENVIRONMENT
-        self._background_space = lighting.background_colour_space
-        self._backgrounds = plate_reader(None if self._sees_lights else background, self._background_space)
-        self._plate_light = PlateLight(self._backgrounds, self.field_of_view)
-        if self.matching.plate:
-            self._plate_light.check()
-        self._read: dict[Path, FileRecord] = {}  # the files as they were read last
+        self._backgrounds, self._log = backgrounds, log
 
     def _field_of_view(self, given: float | None) -> float:
         if given is None:
             return FIELD_OF_VIEW if self.cache is None else self.cache.field_of_view
         return checked_number("field_of_view", given, 1e-3, 170)
 
-    def _sequence_matting(self, options: MattingOptions | None) -> SequenceMatting | None:
+    @functools.cached_property
+    def _matting(self) -> SequenceMatting | None:
+        options = self.matting_options
         if options is None:
             return None
         if self.source.key is not None or (options.model is not None and self.source.mask is not None):
             raise ValueError("matte: expected one of mask, key and matte (--mask, --key, --matte)")
-        return SequenceMatting(options, lambda n: self._frame(self._plates, n), self._plates.numbers)
+        return SequenceMatting(options, lambda n: self._log.read(self.plates, n), self.plates.numbers)
 
     @property
-    def _readers(self) -> tuple[Any, ...]:
+    def readers(self) -> tuple[Any, ...]:
         """What a person is read with."""
-        return self._plates, self._mattes, self._normals, self._depths
+        return self.plates, self._mattes, self._normals, self._depths
 
     @property
     def options_hash(self) -> str:
@@ -184,28 +168,15 @@ class ShotInputs:
             self.placement, self.source.temporal_filter, *alpha,
         )  # fmt: skip
 
-    @property
-    def numbers(self) -> Sequence[int] | None:
-        """The frames that there are of a moving person; None for a still."""
-        return next((reader.numbers for reader in self._readers if reader.numbers), None)
+    @functools.cached_property
+    def is_still(self) -> bool:
+        """Whether the person does not move: neither plate, matte, normals nor depth has frames."""
+        return not any(reader.numbers for reader in self.readers)
 
-    @property
-    def span(self) -> tuple[int, int] | None:
-        """The first and the last frame of the sources; the person's take precedence over the background's."""
-        for reader in (*self._readers, self._backgrounds):
-            if reader.numbers:
-                return reader.numbers[0], reader.numbers[-1]
-        return None
-
-    @property
-    def rate(self) -> Fraction | float | None:
-        """Frames a second, if the source states it."""
-        return self._plates.rate
-
-    @property
-    def plates(self) -> Any:
-        """The reader of the plates, or the analysis cache."""
-        return self._plates
+    @functools.cached_property
+    def numbers(self) -> Sequence[int]:
+        """The frames that there are; (0,) for a still."""
+        return next((reader.numbers for reader in self.readers if reader.numbers), (0,))
 
     @functools.cached_property
     def pixel_aspect(self) -> float:
@@ -214,16 +185,11 @@ class ShotInputs:
             return 1.0
         if self.cache is not None:
             return self.cache.pixel_aspect
-        if isinstance(self._plates, movies.Movie):
-            return self._plates.upright_aspect()
-        path = self._plates.file((self._plates.numbers or [0])[0])
+        if isinstance(self.plates, movies.Movie):
+            return self.plates.upright_aspect()
+        path = self.plates.file((self.plates.numbers or [0])[0])
         aspect = 1.0 if path is None else images.read_pixel_aspect(path)
         return 1.0 if is_square(aspect) else aspect
-
-    @property
-    def background_is_still(self) -> bool:
-        """Whether the background is the same picture in all frames."""
-        return self._backgrounds.numbers is None
 
     def compile_matting(self, report: Report) -> None:
         """Let PyMatting compile itself where it will be needed, and report that: it takes a minute or two."""
@@ -232,18 +198,6 @@ class ShotInputs:
             importlib.import_module("pymatting")
             report(1, 1, chroma_key.COMPILING)
 
-    def check_lights(self, lights: Iterable[Light]) -> None:
-        """Raise ValueError if the background should be the lights' environment and there is none.
-
-        The same holds for a light with the name of a layer, or of a light that is made here.
-        """
-        named = by_name(lights)
-        if self._sees_lights and not any(isinstance(light, EnvironmentLight) for light in named.values()):
-            raise ValueError("background: 'environment' expected an environment among the lights")
-        if self.has_background:
-            check_free(named)
-        self.matching.check_names(named)
-
     def person_hash(self, around: Iterable[int], as_read: bool = False) -> str:
         """Return a hash of the pictures of a person.
 
@@ -251,25 +205,7 @@ class ShotInputs:
         were, or as they are now.
         """
         pairs = self._pairs(around)
-        return content_hash(self.options_hash, [self._hash(*pair, as_read) for pair in pairs])
-
-    def content_hash(self, number: int, around: Iterable[int], as_read: bool = False) -> str:
-        """Return a hash of a frame: its person, background and lights.
-
-        The arguments are those of `person_hash`.
-        """
-        places = [number]
-        if self.placement.size == BACKGROUND and self._backgrounds.numbers:
-            places.append(self._backgrounds.numbers[0])
-        if self.matching.plate:
-            places += self._plate_light.frames_for(number)
-        behind = [self._hash(self._backgrounds, n, as_read) for n in places]
-        person = self.person_hash(around, as_read)
-        # Files are hashed as they are, not as they are decoded.
-        space = () if self._background_space is None else (self._background_space,)
-        return content_hash(
-            person, behind, self.matching.plate, self.has_background, self._sees_lights, *space
-        )
+        return content_hash(self.options_hash, [self._log.content_hash(*pair, as_read) for pair in pairs])
 
     def records(self, around: Iterable[int]) -> list[FileRecord]:
         """Return the records, made when they were read, of the files of persons, including networks."""
@@ -278,37 +214,15 @@ class ShotInputs:
         for network in (model, self.source.normals, self.source.depth):
             if isinstance(network, str | os.PathLike) and Path(network).suffix.lower() in NETWORK_SUFFIXES:
                 paths += [Path(network)] if Path(network).is_file() else []
-        return [self._read.get(path) or FileRecord.of(path) for path in sorted({p for p in paths if p})]
+        return [self._log.record(path) for path in sorted({p for p in paths if p})]
 
     def _pairs(self, around: Iterable[int]) -> list[tuple[Any, int]]:
         """Return the (reader, frame number) pairs from which the persons of frames are made."""
         wanted = list(around)
-        pairs = [(reader, n) for n in wanted for reader in self._readers]
+        pairs = [(reader, n) for n in wanted for reader in self.readers]
         if self._matting is not None:
-            pairs += [(self._plates, m) for n in wanted for m in self._matting.frames_for(n)]
+            pairs += [(self.plates, m) for n in wanted for m in self._matting.frames_for(n)]
         return pairs
-
-    def _hash(self, reader: Any, number: int, as_read: bool) -> str:
-        record = self._read.get(reader.file(number)) if as_read else None
-        fixed = record is None or reader.numbers is None or reader is self.cache
-        sha256 = None if fixed or record is None else record.sha256
-        return reader.content_hash(number) if sha256 is None else reader.content_hash(number, sha256)
-
-    def _frame(self, reader: Reader, number: int) -> Any:
-        """Read a picture and record its file.
-
-        Raises ValueError if the file has changed since an earlier read.
-        """
-        path = reader.file(number)
-        record = getattr(reader, "record", None)
-        if record is None and path is not None and path.is_file():
-            record = FileRecord.of(path)
-        picture = reader.read(number)
-        if record is not None and path is not None:
-            if reader.numbers is not None:
-                check_unchanged(record)
-            self._read[path] = record
-        return picture
 
     def frame(self, number: int) -> FrameInputs:
         """Return the inputs of a frame's analysis; for a still, the same for any number.
@@ -316,7 +230,7 @@ class ShotInputs:
         Raises as reading, `relight.key` and `relight.place` do; raises ValueError for a photograph without a
         matte.
         """
-        plate, matte = self._frame(self._plates, number), self._frame(self._mattes, number)
+        plate, matte = self._log.read(self.plates, number), self._log.read(self._mattes, number)
         matte = self._squared_as_plate(matte, plate, number)
         if self._matting is not None:
             plate, matte = self._matting.cut(number, matte), None
@@ -330,9 +244,9 @@ class ShotInputs:
         behind = None
         if self.placement.size == BACKGROUND:  # a still lies in all frames as in the background's first
             first = (self._backgrounds.numbers or [number])[0]
-            behind = self._frame(self._backgrounds, first if self.numbers is None else number)
+            behind = self._log.read(self._backgrounds, first if self.is_still else number)
         size = self.placement.size_of(np.shape(plate)[:2], behind)
-        normals, depth = self._frame(self._normals, number), self._frame(self._depths, number)
+        normals, depth = self._log.read(self._normals, number), self._log.read(self._depths, number)
         normals = self._squared_as_plate(normals, plate, number)
         depth = self._squared_as_plate(depth, plate, number)
         if size is not None and isinstance(depth, np.ndarray) and depth.ndim == 2:
@@ -347,10 +261,10 @@ class ShotInputs:
 
         It is resampled as the plate was, if it then has the plate's size.
         """
-        path = self._plates.file(number)
+        path = self.plates.file(number)
         if not isinstance(values, np.ndarray) or values.shape[:2] == plate.shape[:2] or path is None:
             return values
-        aspect = getattr(self._plates, "pixel_aspect", None) or images.read_pixel_aspect(path)
+        aspect = getattr(self.plates, "pixel_aspect", None) or images.read_pixel_aspect(path)
         channels = values[..., None] if values.ndim == 2 else values
         squared = square_pixels(channels, aspect, nearest=True)
         squared = squared[..., 0] if values.ndim == 2 else squared
@@ -370,19 +284,6 @@ class ShotInputs:
         layers = np.stack([depth[tuple(nearest)], missing, missing], axis=-1).astype(np.float32)
         placed = self.placement(layers, size)
         return np.where(placed[..., 1] > 0.5, np.nan, placed[..., 0])
-
-    def background(self, number: int, lights: Iterable[Light], size: tuple[int, int]) -> Background | None:
-        """Return the background of a frame, in a picture of `size` (H, W) and this frame's lights."""
-        if self._sees_lights:
-            skies = [light for light in lights if isinstance(light, EnvironmentLight)]
-            return np.sum([sky.view(size, self.field_of_view) for sky in skies], axis=0)
-        found: Any = self._frame(self._backgrounds, number)
-        found = found.at(number) if isinstance(found, MovingLight) else found
-        return found.view(size, self.field_of_view) if isinstance(found, EnvironmentLight) else found
-
-    def background_lights(self, number: int, size: tuple[int, ...]) -> list[EnvironmentLight]:
-        """Return the light of a frame's background, for a `size` (H, W), if the plate is matched."""
-        return [self._plate_light.at(number, size)] if self.matching.plate else []
 
 
 def _shows_person(plate: np.ndarray, matte: Any) -> np.ndarray:

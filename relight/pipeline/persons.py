@@ -1,0 +1,144 @@
+"""The person of each frame of a shot: analysed, and filtered in time."""
+
+from collections.abc import Callable, Sequence
+from contextlib import suppress
+from functools import cached_property
+
+import torch
+
+from relight.analysis.camera import Camera
+from relight.analysis.foreground import person_matte
+from relight.analysis.temporal import RADIUS
+from relight.compositing.floor import Floor
+from relight.empty_subject import EmptySubject
+from relight.pipeline.frame import FrameInputs, FrameReader
+from relight.subject import Person, Subject
+
+
+class Persons:
+    """The persons of a shot, filtered in time; the last few are kept, to filter the next ones.
+
+    Parameters
+    ----------
+    numbers
+        The frames that there are.
+    analyse
+        Returns the person of one frame. Its OSError or ValueError is raised again for that frame alone.
+    radius
+        Number of frames before and after, with which a frame is filtered; 0 leaves all as they are.
+    """
+
+    def __init__(
+        self, numbers: Sequence[int], analyse: Callable[[int], Person], radius: int = RADIUS
+    ) -> None:
+        self._numbers, self._analyse, self._radius = numbers, analyse, radius
+        self._analysed: dict[int, Person | Exception] = {}
+
+    def around(self, number: int) -> list[int]:
+        """Return the frames that contribute to a frame: itself, and its neighbours in the temporal filter."""
+        near = range(number - self._radius, number + self._radius + 1)
+        return [n for n in near if n == number or n in self._numbers]
+
+    def at(self, number: int) -> Person:
+        """Return the person of a frame, filtered. Raises as `analyse` does."""
+        around = self.around(number)
+        self._analysed = {n: found for n, found in self._analysed.items() if n in around}
+        near = {n: self._found(n) for n in around}
+        person = self.analysed(number)
+        others = [
+            found
+            for n, found in near.items()
+            if n != number and not isinstance(found, Exception) and not found.is_empty
+        ]
+        return person.temporally_filtered(others) if others else person
+
+    def analysed(self, number: int) -> Person:
+        """Return the person of a frame, not filtered. Raises as `analyse` does."""
+        found = self._found(number)
+        if isinstance(found, Exception):
+            raise found
+        return found
+
+    def kept(self, number: int) -> Person | None:
+        """Return the person of a frame that is analysed already."""
+        found = self._analysed.get(number)
+        return None if isinstance(found, Exception) else found
+
+    def _found(self, number: int) -> Person | Exception:
+        if number not in self._analysed:
+            try:
+                self._analysed[number] = self._analyse(number)
+            except (OSError, ValueError) as error:
+                self._analysed[number] = error
+        return self._analysed[number]
+
+
+class FrameAnalyser:
+    """Analyses the person of one frame, in the world space that the frames of a shot share.
+
+    Parameters
+    ----------
+    frames
+        FrameReader.
+    device
+        Where the networks run.
+    """
+
+    def __init__(self, frames: FrameReader, device: str | None) -> None:
+        self._frames, self._device = frames, device
+        self._kept: tuple[int, FrameInputs] | None = None  # a frame that is read before it is analysed
+
+    @cached_property
+    def world(self) -> tuple[int | None, Camera | None]:
+        """The first frame that shows a moving person, and its camera; None for a still.
+
+        It depends on the source alone, so that runs over parts of a shot agree.
+        """
+        for number in () if self._frames.is_still else self._frames.numbers:
+            with suppress(OSError, ValueError):
+                coverage = self._coverage(number)
+                return number, Camera.of(coverage, self._frames.height, self._frames.field_of_view)
+        return None, None
+
+    def check(self, floor: Floor, number: int) -> None:
+        """Raise ValueError if the person cannot stand on the floor.
+
+        The still, or the frame that defines the world space, is checked.
+        """
+        first, _ = self.world
+        if first is not None or self._frames.is_still:
+            floor.check(self._coverage(number if first is None else first))
+
+    def size(self, number: int) -> tuple[int, int]:
+        """Return the size (H, W) of a frame's picture, in pixels."""
+        height, width = self._kept_frame(number).plate.shape[:2]
+        return height, width
+
+    def __call__(self, number: int) -> Person:
+        """Return the person of a frame. Raises the errors of reading and of `relight.Subject`."""
+        _, camera = self.world  # before the frame is read, for it may be the one that defines the world
+        plate, matte, normals, depth = self._frame(number)
+        coverage = plate[..., 3:] if matte is None else matte
+        if not self._frames.is_still and coverage.size and coverage.max() <= 0.5:
+            return EmptySubject(plate.shape[:2])
+        if camera is not None and camera.size != plate.shape[:2]:
+            camera = None  # a frame of another size has a world of its own
+        return Subject(
+            plate, matte, normals=normals, depth=depth, height=self._frames.height,
+            field_of_view=self._frames.field_of_view, camera=camera, device=self._device,
+        )  # fmt: skip
+
+    def _frame(self, number: int) -> FrameInputs:
+        """Return a frame's inputs; those kept of another frame are dropped."""
+        kept, self._kept = self._kept, None
+        return kept[1] if kept is not None and kept[0] == number else self._frames.frame(number)
+
+    def _kept_frame(self, number: int) -> FrameInputs:
+        """Return a frame's inputs, and keep them for its analysis."""
+        self._kept = (number, self._frame(number))
+        return self._kept[1]
+
+    def _coverage(self, number: int) -> torch.Tensor:
+        """Return the matte (H, W) of a frame's person."""
+        frame = self._kept_frame(number)
+        return person_matte(frame.plate, frame.matte)

@@ -1,0 +1,384 @@
+"""A shot on disk with its lights: a still, a sequence, a movie or an analysis cache, opened once."""
+
+import dataclasses
+import math
+from collections.abc import Iterable, Iterator, Sequence
+from contextlib import contextmanager
+from fractions import Fraction
+from functools import cached_property
+from pathlib import Path
+from typing import Any, Self
+
+import numpy as np
+import torch
+
+from relight import __version__
+from relight.analysis.temporal import RADIUS
+from relight.compositing.composite import Background
+from relight.light_estimation import PLATE, Matching, PlateLight, lights_in
+from relight.lights.environment import EnvironmentLight
+from relight.lights.light import Light, by_name
+from relight.lights.moving import MovingLight, lights_at
+from relight.media.content_hash import FileRecord, content_hash
+from relight.media.sequences import FrameRange
+from relight.pipeline import outputs
+from relight.pipeline.cache import check_not_analysed, is_cache
+from relight.pipeline.frame import FrameInputs, FrameReader
+from relight.pipeline.option_fields import BACKGROUND, ENVIRONMENT, Report
+from relight.pipeline.options import Compute, Lighting, Output, Source
+from relight.pipeline.persons import FrameAnalyser, Persons
+from relight.pipeline.readers import ReadLog, plate_reader
+from relight.rendering import check_free
+from relight.scene.lights import write_lights
+from relight.subject import Person, Subject, weights
+from shadow import inputs as checks
+from shadow.networks.precision import in_use, using
+
+MAX_THREADS = 1024
+
+
+class Shot:
+    """The frames of a shot: persons, the lights on them, and what is behind them.
+
+    Lights and camera are read at once, pictures when they are asked for. A still is a shot whose only number
+    is 0, and shows the same person at every number: its lights and its background may move.
+
+    Parameters
+    ----------
+    source
+        Source, or a plate.
+    lighting
+        Lighting, or lights; none by default.
+    compute
+        Compute.
+
+    Raises
+    ------
+    FileNotFoundError
+        No such file or frames.
+    TypeError, ValueError
+        Bad arguments.
+
+    Examples
+    --------
+    >>> from relight.pipeline.shot import Shot
+    >>> with Shot.open("examples/person.png", relight.DirectionalLight(azimuth=-40)) as shot:
+    ...     picture = shot.person(0).relit(shot.lights(0))
+    >>> picture.shape
+    (768, 576, 4)
+    """
+
+    def __init__(
+        self, source: Source | Any, lighting: Lighting | Any = (), compute: Compute | None = None
+    ) -> None:
+        self.source, self.lighting = Source.of(source), Lighting.of(lighting)
+        self.compute = compute or Compute()
+        self.every_light: list[Light | MovingLight] = []
+        checks.device("device", self.compute.device)
+        check_not_analysed(self.source, self.compute)
+        if self.lighting.has_lights:
+            rig = self.lighting.rig()
+            self.every_light = rig.lights
+            if rig.vertical is not None and "field_of_view" not in self.source.given():
+                self.source = dataclasses.replace(self.source, field_of_view=rig.vertical)
+        self.matching = Matching(self.lighting.match_plate, self.lighting.match, self.lighting.match_mask)
+        self._log = ReadLog()
+
+    @classmethod
+    @contextmanager
+    def open(
+        cls, source: Source | Any, lighting: Lighting | Any = (), compute: Compute | None = None
+    ) -> Iterator[Self]:
+        """Open a shot; until it is closed, networks run in its precision and torch on its threads.
+
+        Machines of one kind that agree on both make bit-identical frames.
+        """
+        shot = cls(source, lighting, compute)
+        threads, before = shot.compute.threads, torch.get_num_threads()
+        if threads is not None and not 1 <= threads <= MAX_THREADS:
+            raise ValueError(f"threads: expected 1 to {MAX_THREADS}, got {threads}")
+        with using(shot.compute.precision):
+            try:
+                torch.set_num_threads(threads or before)
+                yield shot
+            finally:
+                torch.set_num_threads(before)
+
+    # What the shot consists of
+
+    @cached_property
+    def frames(self) -> FrameReader:
+        """What reads the persons."""
+        return FrameReader(self.source, self._backgrounds, self._log)
+
+    @cached_property
+    def analyser(self) -> FrameAnalyser:
+        """What analyses the persons; it does nothing in an analysis cache."""
+        return FrameAnalyser(self.frames, self.compute.device)
+
+    @cached_property
+    def persons(self) -> Persons:
+        """The persons, analysed or read from an analysis cache."""
+        if self.frames.cache is not None:
+            return Persons(self.numbers, self.frames.cache.read, radius=0)
+        return Persons(self.numbers, self.analyser, RADIUS if self.source.temporal_filter else 0)
+
+    @cached_property
+    def _backgrounds(self) -> Any:
+        background = None if self._sees_lights else self.lighting.background
+        return plate_reader(background, self.lighting.background_colour_space)
+
+    @cached_property
+    def _plate_light(self) -> PlateLight:
+        return PlateLight(self._backgrounds, self.frames.field_of_view)
+
+    @property
+    def _sees_lights(self) -> bool:
+        return isinstance(self.lighting.background, str) and self.lighting.background == ENVIRONMENT
+
+    # What is so of all frames
+
+    @property
+    def is_still(self) -> bool:
+        """Whether the person does not move."""
+        return self.frames.is_still
+
+    @property
+    def is_analysed(self) -> bool:
+        """Whether the source is an analysis cache, of which no network runs."""
+        return is_cache(self.source.plate)
+
+    @property
+    def numbers(self) -> Sequence[int]:
+        """The numbers of the person's frames, in order; (0,) for a still."""
+        return self.frames.numbers
+
+    @property
+    def rate(self) -> Fraction | float | None:
+        """Frames a second, if the source states it."""
+        return self.frames.plates.rate
+
+    @property
+    def pixel_aspect(self) -> float:
+        """How many times as wide as high the plates' pixels are; 1 in a picture of another size."""
+        return self.frames.pixel_aspect
+
+    @property
+    def has_background(self) -> bool:
+        """Whether there is anything behind the person."""
+        return self.lighting.background is not None
+
+    @property
+    def files(self) -> tuple[Any, ...]:
+        """What is read: paths, and lights whose images are files. Those in memory are among them."""
+        source, lighting = self.source, self.lighting
+        return (
+            source.plate, source.mask, source.normals, source.depth, lighting.background, lighting.match,
+            lighting.match_mask, lighting.lights, *self.every_light,
+        )  # fmt: skip
+
+    @property
+    def computed_in(self) -> tuple[str | None, int | None]:
+        """The precision and the threads on which the pixels depend; no network runs for an analysis cache."""
+        cached = self.frames.cache is not None
+        return None if cached else in_use(self.compute.device or "cpu"), self.compute.threads
+
+    def light_groups(self, number: int) -> list[str]:
+        """Return the names of a frame's light groups, including that of the background."""
+        matched = [PLATE] if self.matching.plate else []
+        return [*by_name(self.lights(number)), *matched, *(["background"] if self.has_background else [])]
+
+    # One frame
+
+    def frame(self, number: int) -> FrameInputs:
+        """Return a frame as `relight.Subject` takes it. Raises as reading and `relight.key` do."""
+        return self.frames.frame(number)
+
+    def person(self, number: int) -> Person:
+        """Return the person of a frame, filtered in time. Raises the errors of reading and of Subject."""
+        return self.persons.at(self._source_frame(number))
+
+    def subject(self, number: int, *, filtered: bool = True) -> Subject:
+        """Return the person of a frame; raises ValueError if the frame shows no person."""
+        number = self._source_frame(number)
+        found: Any = self.persons.at(number) if filtered else self.persons.analysed(number)
+        if found.is_empty:
+            raise ValueError(f"frame {number}: shows no person; choose another (--frame)")
+        return found
+
+    def size(self, number: int) -> tuple[int, int]:
+        """Return the size (H, W) of a frame's picture, in pixels, without analysing it."""
+        kept = self.persons.kept(self._source_frame(number))
+        if kept is None and self.frames.cache is None:
+            return self.analyser.size(self._source_frame(number))
+        return (kept or self.person(number)).size
+
+    def lights(self, number: int) -> list[Light]:
+        """Return the lights of a frame, without that of the background."""
+        return lights_at(self.every_light, number)
+
+    def background(self, number: int, size: tuple[int, int]) -> Background | None:
+        """Return the background of a frame whose picture has a `size` (H, W)."""
+        field_of_view = self.frames.field_of_view
+        if self._sees_lights:
+            skies = [light for light in self.lights(number) if isinstance(light, EnvironmentLight)]
+            return np.sum([sky.view(size, field_of_view) for sky in skies], axis=0)
+        found: Any = self._log.read(self._backgrounds, number)
+        found = found.at(number) if isinstance(found, MovingLight) else found
+        return found.view(size, field_of_view) if isinstance(found, EnvironmentLight) else found
+
+    def background_lights(self, number: int, size: tuple[int, ...]) -> list[EnvironmentLight]:
+        """Return the light of a frame's background, for a `size` (H, W), if the plate is matched."""
+        return [self._plate_light.at(number, size)] if self.matching.plate else []
+
+    def content_hash(self, number: int, as_read: bool = False) -> str:
+        """Return a hash of all from which a frame is made, options of the output apart.
+
+        `as_read`: whether to hash files as they were read, if they were, or as they are now.
+        """
+        first, _ = self._world
+        around = self.persons.around(self._source_frame(number)) + ([] if first is None else [first])
+        places = [number]
+        if self.frames.placement.size == BACKGROUND and self._backgrounds.numbers:
+            places.append(self._backgrounds.numbers[0])
+        if self.matching.plate:
+            places += self._plate_light.frames_for(number)
+        return content_hash(
+            self.frames.person_hash(around, as_read),
+            [self._log.content_hash(self._backgrounds, n, as_read) for n in places],
+            self.lighting.background_colour_space, self.has_background, self._sees_lights,
+            self.matching.plate, [*by_name(self.lights(number)).items()], __version__, *weights(),
+            self.computed_in,
+        )  # fmt: skip
+
+    def person_hash(self, number: int, as_read: bool = False) -> str:
+        """Return a hash of all that determines the analysis of a frame."""
+        around = self.persons.around(number)
+        return content_hash(
+            self.frames.person_hash(around, as_read),
+            self._world[1],
+            __version__,
+            *weights(),
+            self.computed_in,
+        )
+
+    def records(self, number: int) -> list[FileRecord]:
+        """Return the records, made when they were read, of the files from which a person is analysed."""
+        return self.frames.records(self.persons.around(number))
+
+    @property
+    def _world(self) -> tuple[int | None, Any]:
+        """See `FrameAnalyser.world`; the frames of an analysis cache have their places already."""
+        return (None, None) if self.frames.cache is not None else self.analyser.world
+
+    def _source_frame(self, number: int) -> int:
+        return 0 if self.is_still else number
+
+    # Checks and preparation, before the first frame
+
+    def frames_for(self, output: Output, frames: tuple[int, int] | str | FrameRange | None) -> FrameRange:
+        """Return the numbers of the frames to make, in order; 0 for a single file.
+
+        Raises ValueError if neither `frames` nor source nor lights say which, or the output cannot hold them.
+        """
+        moving = [light for light in self.every_light if isinstance(light, MovingLight)]
+        if not outputs.has_frames(output):
+            return self._single_frame(output, frames, moving)
+        frames = self._span if frames is None else frames
+        spans = [light.span for light in moving if light.span]
+        if frames is None and spans:
+            frames = math.floor(min(first for first, _ in spans)), math.ceil(max(last for _, last in spans))
+        if frames is None:
+            raise ValueError("frames: expected (first, last), as neither source nor lights say how many")
+        return FrameRange.of(frames)
+
+    def start(self, numbers: FrameRange) -> int:
+        """Return the first of these frames; if there are none, the first of the sources."""
+        return numbers[0] if numbers else (self._span or (0,))[0]
+
+    def shown_frame(self, frame: int | None) -> int:
+        """Return the frame to show: the given or the first one. Raises ValueError if it does not exist."""
+        if frame is None:
+            return self.numbers[0]
+        if self.is_still:
+            raise ValueError("frame: a still has none")
+        if frame not in self.numbers:
+            first, last = self.numbers[0], self.numbers[-1]
+            raise ValueError(f"frame: expected a frame of the source, {first} to {last}, got {frame}")
+        return frame
+
+    @cached_property
+    def _span(self) -> tuple[int, int] | None:
+        """The first and the last frame of the sources; the person's take precedence over the background's."""
+        for reader in (*self.frames.readers, self._backgrounds):
+            if reader.numbers:
+                return reader.numbers[0], reader.numbers[-1]
+        return None
+
+    def _single_frame(self, output: Output, frames: Any, moving: list[MovingLight]) -> FrameRange:
+        """Return the one frame of an output of single files."""
+        name = output.paths[0]
+        if frames is None and self._span is not None:
+            raise ValueError(
+                f"{name}: expected {outputs.FRAME_NUMBER}, as the source has frames; or choose one frame "
+                "(--frames 7)"
+            )
+        if frames is None and moving:
+            raise ValueError(
+                f"lights: {moving[0].name or 'a light'} moves; choose one frame (--frames 7), or write "
+                f"frames: expected {outputs.FRAME_NUMBER}"
+            )
+        numbers = FrameRange((0,)) if frames is None else FrameRange.of(frames)
+        if len(numbers) > 1:
+            raise ValueError(f"{name}: expected {outputs.FRAME_NUMBER}, for {len(numbers)} frames")
+        return numbers
+
+    def check_outputs(self, output: Output, *further: Path) -> None:
+        """Refuse outputs that cannot be written, or that this shot or `further` reads."""
+        sidecar = self.matching.sidecar_path(output.save_lights)
+        outputs.check_outputs(output, (*self.files, *further), sidecar)
+        if sidecar is not None and self._backgrounds.numbers is not None:
+            raise ValueError(
+                "save_lights: the light of a background that moves cannot be stored in a lights file"
+            )
+
+    def check_not_read(self, paths: Iterable[Path]) -> None:
+        """Raise ValueError if one of these paths, which are to be written, is read."""
+        outputs.check_not_read(paths, self.files)
+
+    def check_lights(self, number: int) -> None:
+        """Raise ValueError if a frame's lights do not go with the background, or have names of layers."""
+        named = by_name(self.lights(number))
+        if self._sees_lights and not any(isinstance(light, EnvironmentLight) for light in named.values()):
+            raise ValueError("background: 'environment' expected an environment among the lights")
+        if self.has_background:
+            check_free(named)
+        self.matching.check_names(named)
+        if self.matching.plate:
+            self._plate_light.check()
+
+    def check_floor(self, number: int) -> None:
+        """Raise ValueError if the person cannot stand on the floor; those of a cache are checked later."""
+        floor = self.lighting.floor
+        if floor is None:
+            return
+        if floor.feet is not None and not self.is_still:
+            raise ValueError(
+                "floor: feet are those of a still; for a moving person expected height or horizon"
+            )
+        if self.frames.cache is None:
+            self.analyser.check(floor, number)
+
+    def prepare(self, report: Report) -> None:
+        """Do the long work that comes before the first frame: fit matched lights, compile the matting."""
+        reference = self.matching.reference_person(self.frames.matting_options)
+        if reference is not None:
+            report(0, 1, "Matching")
+            self.every_light += lights_in(*reference, device=self.compute.device)
+        self.frames.compile_matting(report)
+
+    def write_lights(self, path: Path, start: int) -> None:
+        """Write the lights file; with a matched plate it has the light of the background's frame `start`."""
+        size = self.size(start) if self.matching.plate else (1, 1)
+        lights = [*self.every_light, *self.background_lights(start, size)]
+        write_lights(path, self.matching.with_sidecar(path, lights))
