@@ -11,7 +11,7 @@ from relight.cli.options import console
 def comfyui(
     path: Annotated[Path, typer.Argument(help="ComfyUI's folder, which contains custom_nodes.")],
 ) -> None:
-    """Register the ComfyUI nodes: write custom_nodes/relight/__init__.py into a ComfyUI folder."""
+    """Register the ComfyUI nodes: write custom_nodes/relight-nodes/__init__.py into a ComfyUI folder."""
     from relight.comfyui.install import install
 
     written = install(path)

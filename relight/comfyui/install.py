@@ -1,16 +1,20 @@
 """Registers the nodes in a ComfyUI folder: what `relight comfyui` calls."""
 
+import shutil
 from pathlib import Path
 
 from shadow.files import AnyPath, replacing
 
+# With a hyphen, so that it cannot be imported: a folder `relight` would hide the package where a loader names
+# a module after its folder, and where Python runs in custom_nodes.
+FOLDER = "relight-nodes"
 LINES = '''"""The nodes of relight, which is installed as a package; written by `relight comfyui`."""
 from relight.comfyui import NODE_CLASS_MAPPINGS, NODE_DISPLAY_NAME_MAPPINGS, WEB_DIRECTORY  # noqa: F401
 '''
 
 
 def install(comfyui: AnyPath) -> Path:
-    """Write `custom_nodes/relight/__init__.py`, which imports the nodes, into a ComfyUI folder.
+    """Write `custom_nodes/relight-nodes/__init__.py`, which imports the nodes, into a ComfyUI folder.
 
     Parameters
     ----------
@@ -20,14 +24,15 @@ def install(comfyui: AnyPath) -> Path:
     Returns
     -------
     Path
-        The file. It appears whole or not at all, and an earlier one is replaced.
+        The file. It appears whole or not at all, and an earlier one is replaced. The folder
+        `custom_nodes/relight` of an earlier version is removed.
 
     Raises
     ------
     FileNotFoundError
         There is no such folder.
     ValueError
-        It is not ComfyUI's, or has other nodes in `custom_nodes/relight`.
+        It is not ComfyUI's, or has other nodes in `custom_nodes/relight-nodes`.
     OSError
         The file cannot be written.
     """
@@ -38,10 +43,9 @@ def install(comfyui: AnyPath) -> Path:
         (root / name).is_dir() for name in ("comfy", "models")
     ):
         raise ValueError(f"{root}: expected ComfyUI's folder, the one that holds custom_nodes and models")
-    folder = root / "custom_nodes" / "relight"
+    folder = root / "custom_nodes" / FOLDER
     file = folder / "__init__.py"
-    others = [path.name for path in folder.glob("*") if path.name not in ("__init__.py", "__pycache__")]
-    if others or (file.exists() and "relight.comfyui" not in file.read_text(encoding="utf-8")):
+    if folder.exists() and not _is_ours(folder):
         raise ValueError(f"{folder}: holds other nodes; expected this folder to be free")
     new = not folder.exists()
     folder.mkdir(exist_ok=True)
@@ -52,4 +56,13 @@ def install(comfyui: AnyPath) -> Path:
         if new:
             folder.rmdir()
         raise
+    if _is_ours(earlier := folder.with_name("relight")):
+        shutil.rmtree(earlier)
     return file
+
+
+def _is_ours(folder: Path) -> bool:
+    """Return whether a folder holds what `install` writes, and nothing else."""
+    file = folder / "__init__.py"
+    names = {path.name for path in folder.glob("*")} - {"__pycache__"}
+    return names == {file.name} and "relight.comfyui" in file.read_text(encoding="utf-8")

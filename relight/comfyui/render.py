@@ -23,7 +23,25 @@ PLACE = {
 }
 
 
-class Render:
+class CheckedNode:
+    """A node that refuses its lights and its floor before it asks for the analysed person."""
+
+    def check_lazy_status(
+        self,
+        subject: SubjectBatch | None = None,
+        lights: Lights = (),
+        still_lights: Lights = (),
+        background: torch.Tensor | None = None,
+        floor: str = "",
+        **others: Any,
+    ) -> list[str]:
+        """Return the inputs that ComfyUI has still to compute; ValueError for those that do not fit."""
+        by_name((*lights, *still_lights))  # two lights of one name
+        Backdrop(background, floor)
+        return ["subject"] if subject is None else []
+
+
+class Render(CheckedNode):
     """The person in the lights, over a background or for one."""
 
     CATEGORY = "relight"
@@ -40,7 +58,10 @@ class Render:
     @classmethod
     def INPUT_TYPES(cls) -> dict[str, Any]:
         """Return ComfyUI's description of the inputs."""
-        return {"required": {"subject": widgets.SUBJECT, "lights": widgets.LIGHTS}, "optional": dict(PLACE)}
+        return {
+            "required": {"subject": widgets.SUBJECT_LAST, "lights": widgets.LIGHTS},
+            "optional": dict(PLACE),
+        }
 
     def render(
         self,
@@ -67,7 +88,7 @@ class Render:
         )
 
 
-class Orbit:
+class Orbit(CheckedNode):
     """The person in lights that turn around them."""
 
     CATEGORY = "relight"
@@ -88,7 +109,7 @@ class Orbit:
         )
         return {
             "required": {
-                "subject": widgets.SUBJECT,
+                "subject": widgets.SUBJECT_LAST,
                 "lights": widgets.LIGHTS,
                 "frames": widgets.whole(48, 1, 100000, frames),
                 "turns": widgets.number(1.0, -1000.0, 1000.0, 0.25, turns),
@@ -127,7 +148,7 @@ class Orbit:
         return tensors.to_image(pictures, exposure), tensors.to_mask(masks)
 
 
-class Passes:
+class Passes(CheckedNode):
     """What the picture is made of, light by light."""
 
     CATEGORY = "relight"
@@ -147,7 +168,7 @@ class Passes:
         """Return ComfyUI's description of the inputs."""
         exposure = widgets.number(0.0, -16.0, 16.0, 0.1, widgets.EXPOSURE)
         return {
-            "required": {"subject": widgets.SUBJECT, "lights": widgets.LIGHTS},
+            "required": {"subject": widgets.SUBJECT_LAST, "lights": widgets.LIGHTS},
             "optional": {"exposure": exposure},
         }
 

@@ -7,14 +7,14 @@ import torch
 
 from relight.comfyui import host, tensors, widgets
 from relight.comfyui.lights import Lights
-from relight.comfyui.render import Backdrop
+from relight.comfyui.render import Backdrop, CheckedNode
 from relight.comfyui.subjects import SubjectBatch
 from relight.media.images import write
 from relight.media.sequences import FrameSequence
 from relight.rendering import PASSES, check_names, metadata_of, render_subject
 
 
-class SaveEXR:
+class SaveEXR(CheckedNode):
     """The picture in scene-linear half floats, with its light groups."""
 
     CATEGORY = "relight"
@@ -30,7 +30,7 @@ class SaveEXR:
         """Return ComfyUI's description of the inputs."""
         return {
             "required": {
-                "subject": widgets.SUBJECT,
+                "subject": widgets.SUBJECT_LAST,
                 "lights": widgets.LIGHTS,
                 "path": widgets.text(
                     "relight/relit.####.exr",

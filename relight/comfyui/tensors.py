@@ -4,6 +4,7 @@ An IMAGE is (B, H, W, 3), or 4 with straight alpha, floating, sRGB-encoded, with
 (B, H, W) in [0, 1]. ComfyUI expects what a node returns on the CPU.
 """
 
+import logging
 from collections.abc import Sequence
 
 import numpy as np
@@ -58,7 +59,7 @@ def mattes(name: str, mask: torch.Tensor, size: tuple[int, ...], shows: str = PE
         (H, W) of the image that it belongs to.
     shows
         What is 1 in the mask: "person", or "background" as in the MASK of ComfyUI's Load Image, which is one
-        minus the alpha.
+        minus the alpha. A mask that seems to show the other is named in the console.
 
     Raises
     ------
@@ -85,7 +86,22 @@ def mattes(name: str, mask: torch.Tensor, size: tuple[int, ...], shows: str = PE
     if low < -1e-3 or high > 1 + 1e-3:  # resizing overshoots a little
         raise ValueError(f"{name}: expected values in [0, 1], got [{low:g}, {high:g}]")
     values = values.clip(0, 1)
-    return 1 - values if shows == BACKGROUND else values
+    values = 1 - values if shows == BACKGROUND else values
+    if _mostly_background(values):
+        other = PERSON if shows == BACKGROUND else BACKGROUND
+        logging.getLogger(__name__).warning(
+            "%s: covers the edges of the image, as a mask of the background does, such as Load Image's; if "
+            "it is one, set mask_shows to %s",
+            name,
+            other,
+        )
+    return values
+
+
+def _mostly_background(mattes: np.ndarray) -> bool:
+    """Return whether mattes (B, H, W) cover most of the frame's upper, left and right edge."""
+    edges = np.concatenate([mattes[:, 0], mattes[:, :, 0], mattes[:, :, -1]], axis=1)
+    return bool(edges.mean() > 0.5)
 
 
 def to_image(linear: Sequence[np.ndarray], exposure: float = 0.0) -> torch.Tensor:

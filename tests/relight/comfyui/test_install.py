@@ -1,6 +1,8 @@
 """`relight comfyui`: the nodes' registration in a ComfyUI folder."""
 
 import importlib.util
+import subprocess
+import sys
 
 import pytest
 from typer.testing import CliRunner
@@ -20,7 +22,7 @@ def comfyui(tmp_path):
 def test_two_lines_register_the_nodes(comfyui):
     result = CliRunner().invoke(app, ["comfyui", str(comfyui)])
     assert result.exit_code == 0, result.output
-    file = comfyui / "custom_nodes" / "relight" / "__init__.py"
+    file = comfyui / "custom_nodes" / "relight-nodes" / "__init__.py"
     assert len(file.read_text().splitlines()) == 2
     spec = importlib.util.spec_from_file_location("registered", file)  # as ComfyUI loads it
     module = importlib.util.module_from_spec(spec)
@@ -40,7 +42,7 @@ def test_other_folders_are_refused(comfyui, tmp_path):
         install(tmp_path / "other")
     with pytest.raises(FileNotFoundError, match="no such folder"):
         install(tmp_path / "none")
-    theirs = comfyui / "custom_nodes" / "relight"
+    theirs = comfyui / "custom_nodes" / "relight-nodes"
     theirs.mkdir()
     (theirs / "nodes.py").write_text("")
     with pytest.raises(ValueError, match="holds other nodes"):
@@ -55,3 +57,31 @@ def test_a_failed_write_leaves_nothing(comfyui, monkeypatch):
     with pytest.raises(TypeError):
         install(comfyui)
     assert not list((comfyui / "custom_nodes").iterdir())
+
+
+def test_the_folder_does_not_hide_the_package(comfyui):
+    """ComfyUI loads a folder under its own name in some versions, and one installs in custom_nodes."""
+    earlier = comfyui / "custom_nodes" / "relight"
+    earlier.mkdir()
+    (earlier / "__init__.py").write_text("from relight.comfyui import NODE_CLASS_MAPPINGS")
+    folder = install(comfyui).parent
+    assert not earlier.exists()
+    load = (
+        "import importlib.util, sys\n"
+        f"spec = importlib.util.spec_from_file_location({folder.name!r}, r'{folder}/__init__.py')\n"
+        f"sys.modules[{folder.name!r}] = module = importlib.util.module_from_spec(spec)\n"
+        "spec.loader.exec_module(module)\n"
+        "assert module.NODE_CLASS_MAPPINGS\n"
+        "from relight.comfyui.install import install\n"
+        "install('..')\n"
+    )
+    subprocess.run([sys.executable, "-c", load], check=True, cwd=folder.parent)
+    assert not folder.name.isidentifier()  # no import statement can find it
+
+
+def test_somebody_elses_folder_of_that_name_stays(comfyui):
+    theirs = comfyui / "custom_nodes" / "relight"
+    theirs.mkdir()
+    (theirs / "__init__.py").write_text("NODE_CLASS_MAPPINGS = {}")
+    install(comfyui)
+    assert theirs.exists()

@@ -342,3 +342,31 @@ def test_a_batch_is_one_shot_or_separate_pictures(picture):
     own = relight.Subject(plates[1], 1 - masks[1].numpy(), height=1.75)
     np.testing.assert_array_equal(separate[1].relit(light), own.relit(light))
     assert np.abs(own.relit(light) - expected).max() > 1e-3
+
+
+@pytest.mark.parametrize("name", ["RelightRender", "RelightOrbit", "RelightPasses", "RelightSaveEXR"])
+def test_what_does_not_fit_is_refused_before_the_person_is_analysed(name):
+    """ComfyUI asks a node with a lazy input what it still needs, when it has the others."""
+    kind = NODE_CLASS_MAPPINGS[name]
+    assert kind.INPUT_TYPES()["required"]["subject"][1]["lazy"]
+    (key,) = Light().add(-40.0, 30.0, name="key")
+    assert kind().check_lazy_status(subject=None, lights=key) == ["subject"]
+    assert kind().check_lazy_status(subject=3, lights=key) == []
+    with pytest.raises(ValueError, match="lights: two are called key"):
+        kind().check_lazy_status(subject=None, lights=(*key, *key))
+    with pytest.raises(ValueError, match="floor: expected a background too"):
+        kind().check_lazy_status(subject=None, lights=key, floor="height=1.5")
+
+
+def test_a_mask_of_the_background_is_named_in_the_console(caplog):
+    person = torch.zeros(2, 30, 20)
+    person[:, 5:, 4:16] = 1  # cut by the lower edge
+    for mask, shows, wrong in (
+        (person, tensors.PERSON, False), (1 - person, tensors.BACKGROUND, False),
+        (1 - person, tensors.PERSON, True), (person, tensors.BACKGROUND, True),
+    ):  # fmt: skip
+        caplog.clear()
+        tensors.mattes("mask", mask, (30, 20), shows)
+        assert ("mask: covers the edges of the image" in caplog.text) == wrong
+        other = tensors.PERSON if shows == tensors.BACKGROUND else tensors.BACKGROUND
+        assert not wrong or f"set mask_shows to {other}" in caplog.text
