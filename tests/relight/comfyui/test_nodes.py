@@ -352,7 +352,7 @@ def test_what_does_not_fit_is_refused_before_the_person_is_analysed(name):
     (key,) = Light().add(-40.0, 30.0, name="key")
     assert kind().check_lazy_status(subject=None, lights=key) == ["subject"]
     assert kind().check_lazy_status(subject=3, lights=key) == []
-    with pytest.raises(ValueError, match="lights: two are called key"):
+    with pytest.raises(ValueError, match="lights: expected different names, got key, key"):
         kind().check_lazy_status(subject=None, lights=(*key, *key))
     with pytest.raises(ValueError, match="floor: expected a background too"):
         kind().check_lazy_status(subject=None, lights=key, floor="height=1.5")
