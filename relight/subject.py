@@ -404,6 +404,7 @@ class Subject:
         title: str = "relight",
         command: Sequence[str] | None = None,
         background_name: str | None = None,
+        gloss: float = 0.0,
     ) -> Any:
         """Show the person on a page with lights that can be dragged: an HTML file, or a notebook widget.
 
@@ -422,6 +423,8 @@ class Subject:
             The words of the command that relights the photograph, without lights, which the page adds.
         background_name
             The background's file, or `environment`, for this command; None omits it from the command.
+        gloss
+            What the page begins with, see `relit`.
 
         Returns
         -------
@@ -442,7 +445,7 @@ class Subject:
         first = None if lights is None else as_lights(lights)
         about = scene.scene_of(
             self.size, first, background, title=title, command=command or scene.COMMAND,
-            background_name=background_name,
+            background_name=background_name, gloss=gloss,
         )  # fmt: skip
         scene.check_positions(first or [], self._record.maps)
         person = (self._record, self.matte, self.albedo)
@@ -459,6 +462,7 @@ class Subject:
         *,
         triangles: int = 120_000,
         texture: str = "albedo",
+        gloss: float = 0.0,
     ) -> Path:
         """Write the person for other programs: a textured mesh with camera and lights, or a Nuke script.
 
@@ -480,7 +484,9 @@ class Subject:
         triangles
             Largest number of triangles, at least 1,000.
         texture
-            "albedo" for a matte surface in new light, or "photograph" for an unlit surface.
+            "albedo" for a surface in new light, or "photograph" for an unlit surface.
+        gloss
+            Of the surface, see `relit`. In USD it is 0 or 1.
 
         Returns
         -------
@@ -490,7 +496,8 @@ class Subject:
         Raises
         ------
         ValueError
-            Another suffix or texture, too few triangles; for a .nk other lights, or a mesh's options.
+            Another suffix or texture, too few triangles, a gloss outside [0, 1]; for a .nk other lights, or a
+            mesh's options.
         TypeError
             Not lights.
         OSError
@@ -509,7 +516,7 @@ class Subject:
         path = asset.checked(path, texture, triangles)
         if is_script(path):
             return writing.write_script(path, self, nuke_script.checked_lights(lights))
-        return writing.write(path, self.asset(lights, triangles=triangles, texture=texture))
+        return writing.write(path, self.asset(lights, triangles=triangles, texture=texture, gloss=gloss))
 
     def asset(
         self,
@@ -517,6 +524,7 @@ class Subject:
         *,
         triangles: int = 120_000,
         texture: str = "albedo",
+        gloss: float = 0.0,
     ) -> Any:
         """Return the mesh, camera and lights that `export` writes; the arguments are the same."""
         from relight.scene.asset import make
@@ -530,7 +538,7 @@ class Subject:
         surface = Surface(depth, facing, known > 0.5, geometry.framing, geometry.camera, self.matte)
         unlit = texture == "photograph"
         colour = self.on_plate(self._record.colour) if unlit else self.albedo
-        return make(surface, colour, lights, triangles, unlit)
+        return make(surface, colour, lights, triangles, unlit, gloss)
 
     @property
     def record(self) -> AnalysisRecord:

@@ -250,7 +250,7 @@ class Server:
 
     def _look(self, given: Any, photograph: Photograph) -> dict[str, Any]:
         """Return the lights and background that a page asks for; put their files beside the photograph."""
-        look = {key: given.get(key) for key in ("lights", "environment", "background", "exposure")}
+        look = {key: given.get(key) for key in ("lights", "environment", "background", "exposure", "gloss")}
         if look["environment"]:
             name = self.session.lend(str(look["environment"]["file"]), photograph)
             look["environment"] = f"{name},{look['environment']['settings']}"

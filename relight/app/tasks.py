@@ -170,7 +170,7 @@ def still(name: str, mask: str | None, look: Mapping[str, Any], report: Report) 
         _keep(name, subject)
     lighting = _lighting(look)
     lights: Any = lighting.rig().lights
-    picture = subject.relit(lights)
+    picture = subject.relit(lights, lighting.gloss)
     behind: Any = lighting.background
     if behind is not None:
         pixels = _reduced() if behind == name else images.read(behind) if isinstance(behind, str) else behind
@@ -206,7 +206,7 @@ def save(
     elif suffix == ".glb":
         found = None if mask is None else images.read_mask(mask)
         lights: Any = lighting.rig().lights
-        Subject(images.read(name), found).export(output, lights)
+        Subject(images.read(name), found).export(output, lights, gloss=lighting.gloss)
     else:
         render_shot(
             source,
@@ -225,7 +225,10 @@ def _lighting(look: Mapping[str, Any]) -> Lighting:
         behind = behind["file"] if isinstance(behind, Mapping) else tuple(map(float, behind))
     if not light and not environment:
         raise ValueError("There is no light: add one, or an environment.")
-    return Lighting(light=light, environment=(environment,) if environment else (), background=behind)
+    gloss = float(look.get("gloss") or 0)
+    return Lighting(
+        light=light, environment=(environment,) if environment else (), background=behind, gloss=gloss
+    )
 
 
 def _exposure(look: Mapping[str, Any]) -> float:

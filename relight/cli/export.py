@@ -20,7 +20,7 @@ class Texture(StrEnum):
     photograph = "photograph"
 
 
-@with_options(lighting=("light", "environment", "lights", "camera", "subject_at", "allow_external"))
+@with_options(lighting=("light", "environment", "lights", "camera", "subject_at", "allow_external", "gloss"))
 def export(
     source: Source,
     output: Annotated[

@@ -76,6 +76,7 @@ def export_person(
     path = asset.checked(output, texture, triangles)
     with Shot.open(source, lighting, compute) as shot:
         lights = shot.every_light
+        mesh: dict[str, Any] = {"triangles": triangles, "texture": texture, "gloss": shot.lighting.gloss}
         knobs = nuke_script.checked_lights(lights) if is_script(path) else []
         shot.check_not_read([path, *writing.companions(path, texture)])
         numbers = _numbers(path, shot, frames)
@@ -88,7 +89,7 @@ def export_person(
             report(1, 1, "Analysing")
             if is_script(path):
                 return writing.write_script(path, subject, knobs)
-            return writing.write(path, subject.asset(lights, triangles=triangles, texture=texture))
+            return writing.write(path, subject.asset(lights, **mesh))
 
         def subject_at(number: int) -> Any:
             person = shot.person(number)
@@ -102,7 +103,7 @@ def export_person(
                 report(done, len(numbers), "Frames")
                 subject = subject_at(number)
                 if subject is not None:
-                    yield number, subject.asset(lights, triangles=triangles, texture=texture)
+                    yield number, subject.asset(lights, **mesh)
             report(len(numbers), len(numbers), "Frames")
 
         return writing.write_sequence(path, assets(), rate)

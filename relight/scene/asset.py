@@ -8,6 +8,7 @@ from typing import NamedTuple
 import numpy as np
 
 from relight.analysis.camera import Camera
+from relight.analysis.gloss import checked_gloss
 from relight.lights.light import Light, as_rig
 from relight.lights.moving import MovingLight
 from relight.media.colour import encode
@@ -30,6 +31,7 @@ class Asset(NamedTuple):
     unlit: bool  # the texture is the photograph in its own light
     camera: Camera
     lights: list[Light | MovingLight]
+    gloss: float = 0.0  # strength of the reflection of `relight.analysis.gloss`, in [0, 1]
 
     @property
     def eye(self) -> np.ndarray:
@@ -68,11 +70,13 @@ def make(
     lights: Iterable[Light | MovingLight] | Light | MovingLight | None,
     triangles: int = mesh.TRIANGLES,
     unlit: bool = False,
+    gloss: float = 0.0,
 ) -> Asset:
     """Make the asset of a person; `colour` (H, W, 3) is linear Rec.709 in [0, 1], zero outside the matte."""
     several = [] if lights is None else as_rig(lights)
+    gloss = checked_gloss(gloss)
     built = mesh.build(surface, triangles)
-    return Asset(built, painted(colour, surface.matte, built.box), unlit, surface.camera, several)
+    return Asset(built, painted(colour, surface.matte, built.box), unlit, surface.camera, several, gloss)
 
 
 def painted(colour: np.ndarray, matte: np.ndarray, box: tuple[int, int, int, int]) -> bytes:

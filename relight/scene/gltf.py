@@ -4,6 +4,7 @@ import math
 from pathlib import Path
 from typing import Any
 
+from relight.analysis.gloss import ROUGHNESS
 from relight.scene.asset import Asset
 from relight.scene.gltf_lights import EXTENSION, place_nodes, punctual_lights
 from relight.scene.mesh import CUTOFF
@@ -17,7 +18,7 @@ def write(path: Path, asset: Asset) -> None:
         name="Unlit" if asset.unlit else "Matte",
         baseColorTexture=image(asset.texture),
         metallicFactor=0.0,
-        roughnessFactor=1.0,
+        roughnessFactor=ROUGHNESS if asset.gloss else 1.0,
         alphaMode="MASK",
         alphaCutoff=CUTOFF,
         doubleSided=True,
@@ -53,7 +54,7 @@ def _packages() -> tuple[Any, Any]:
 
 
 def _complete(tree: dict[str, Any], asset: Asset) -> None:
-    """Add what trimesh does not write: the ground, the camera, the lights, the unlit material."""
+    """Add what trimesh does not write: the ground, the camera, the lights, what the material reflects."""
     nodes = tree["nodes"]
     (root,) = tree["scenes"][tree["scene"]]["nodes"]
     nodes[root] |= {"name": "World", "translation": [0.0, -asset.ground, 0.0]}
@@ -83,7 +84,15 @@ def _complete(tree: dict[str, Any], asset: Asset) -> None:
     children += range(len(nodes), len(nodes) + len(added))
     nodes += added
     tree["asset"]["generator"] = "relight"
-    if asset.unlit:
-        tree.setdefault("extensionsUsed", []).append("KHR_materials_unlit")
-        for material in tree["materials"]:
-            material.setdefault("extensions", {})["KHR_materials_unlit"] = {}
+    name, settings = ("KHR_materials_unlit", {}) if asset.unlit else _specular(asset.gloss)
+    tree.setdefault("extensionsUsed", []).append(name)
+    for material in tree["materials"]:
+        material.setdefault("extensions", {})[name] = settings
+
+
+def _specular(gloss: float) -> tuple[str, dict[str, Any]]:
+    """Return the extension that makes F0 zero and F90 `gloss`, as in `relight.analysis.gloss`.
+
+    Without it, a renderer adds the reflection of plastic.
+    """
+    return "KHR_materials_specular", {"specularFactor": gloss, "specularColorFactor": [0.0, 0.0, 0.0]}

@@ -8,6 +8,7 @@ from typing import Any
 
 import numpy as np
 
+from relight.analysis.gloss import ROUGHNESS
 from relight.lights.light import Light
 from relight.lights.moving import MovingLight
 from relight.scene.asset import Asset, companion
@@ -186,20 +187,24 @@ def _person(stage: Any, asset: Asset, texture: str, path: str) -> Any:
         "st", Sdf.ValueTypeNames.TexCoord2fArray, UsdGeom.Tokens.vertex
     )
     st.Set(Vt.Vec2fArray.FromNumpy(asset.mesh.uv))
-    material = _material(stage, f"{path}/Material", texture, asset.unlit)
+    material = _material(stage, f"{path}/Material", texture, asset.unlit, asset.gloss)
     UsdShade.MaterialBindingAPI.Apply(mesh.GetPrim()).Bind(material)
     return person
 
 
-def _material(stage: Any, path: str, texture: str, unlit: bool) -> Any:
-    """Return a matte or an emissive surface in the colour of the texture, cut out by the texture's alpha."""
+def _material(stage: Any, path: str, texture: str, unlit: bool, gloss: float) -> Any:
+    """Return a matte or an emissive surface in the colour of the texture, cut out by the texture's alpha.
+
+    UsdPreviewSurface has no strength of what it reflects at grazing angles: gloss is there whole, or spread
+    over all directions.
+    """
     from pxr import Sdf, UsdShade
 
     material = UsdShade.Material.Define(stage, path)
     surface = UsdShade.Shader.Define(stage, f"{path}/Surface")
     surface.CreateIdAttr("UsdPreviewSurface")
     types = Sdf.ValueTypeNames
-    surface.CreateInput("roughness", types.Float).Set(1.0)
+    surface.CreateInput("roughness", types.Float).Set(ROUGHNESS if gloss else 1.0)
     surface.CreateInput("metallic", types.Float).Set(0.0)
     surface.CreateInput("specularColor", types.Color3f).Set((0, 0, 0))
     surface.CreateInput("useSpecularWorkflow", types.Int).Set(1)

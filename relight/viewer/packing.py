@@ -24,6 +24,7 @@ from PIL import Image
 
 from relight.analysis.components import principal_components
 from relight.analysis.depth import WorldGeometry
+from relight.analysis.gloss import ROUGHNESS
 from relight.analysis.maps import DeviceMaps
 from relight.analysis.record import AnalysisRecord
 from relight.analysis.upsampling import EXTENSION_SHARE, GUIDE_MAX
@@ -100,6 +101,7 @@ def pack(record: AnalysisRecord, matte: np.ndarray, albedo: np.ndarray, *, compr
         "exposure": plate.exposure,
         "gain": plate.gain,
         "residualBias": RESIDUAL_BIAS,
+        "roughness": ROUGHNESS,
         "kappa": KAPPA,
         "brightest": GUIDE_MAX,
         "arrays": [

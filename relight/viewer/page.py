@@ -24,7 +24,19 @@ MODULES = (
     "state", "png", "zoom", "stage", "plan", "inspector", "sheet", "surround", "controls", "actions", "keys",
     "viewer", "entry",
 )  # fmt: skip
-SHADERS = ("quad", "common", "light", "near", "sum", "prepare", "enlarge", "compose", "reduce", "show")
+SHADERS = (
+    "quad",
+    "common",
+    "gloss",
+    "light",
+    "near",
+    "sum",
+    "prepare",
+    "enlarge",
+    "compose",
+    "reduce",
+    "show",
+)
 
 
 def write_page(

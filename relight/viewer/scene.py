@@ -9,6 +9,7 @@ from typing import Any
 import numpy as np
 from PIL import Image
 
+from relight.analysis.gloss import checked_gloss
 from relight.analysis.maps import AnalysisMaps
 from relight.compositing.composite import Background
 from relight.compositing.placement import cover
@@ -35,6 +36,7 @@ def scene_of(
     title: str = "relight",
     command: Sequence[str] = COMMAND,
     background_name: str | None = None,
+    gloss: float = 0.0,
 ) -> dict[str, Any]:
     """Describe a scene as the page's program reads it, ready for JSON.
 
@@ -52,11 +54,13 @@ def scene_of(
         The words that relight the photograph on the command line, without its lights.
     background_name
         The background's file, or `environment`, as `--background` takes it; None where it has none.
+    gloss
+        See `relight.Subject.relit`.
 
     Raises
     ------
     ValueError
-        Too many lights, two of one name.
+        Too many lights, two of one name, a gloss outside [0, 1].
     TypeError
         Lights of another kind, or that move.
     """
@@ -68,6 +72,7 @@ def scene_of(
         "command": list(command),
         "lights": [parameters_of(light, name) for name, light in lamps.items()],
         "environment": next((_environment(light, name) for name, light in skies.items()), None),
+        "gloss": checked_gloss(gloss),
         "tints": {locus: _tints(locus) for locus in LOCI},
         **_backdrop(background, size, background_name),
     }

@@ -78,5 +78,13 @@ def write_view(
     title = Path(plate).name if isinstance(plate, str | os.PathLike) else "relight"
     behind = lighting.background
     name = str(behind) if isinstance(behind, str | os.PathLike) else None
-    subject.view(path, shown, background=background, title=title, command=command, background_name=name)
+    subject.view(
+        path,
+        shown,
+        background=background,
+        title=title,
+        command=command,
+        background_name=name,
+        gloss=lighting.gloss,
+    )
     return path

@@ -20,10 +20,10 @@ FLAGS = (
     "--disable-background-networking",
 )
 OWN = ("file:", "blob:")  # what a page may ask for: itself, and what it made
-READ = """async (lights) => {
+READ = """async ([lights, gloss]) => {
     const parts = [];
     for (const light of lights) {
-        const { width, height, data } = await relight.render([light].flat());
+        const { width, height, data } = await relight.render([light].flat(), gloss);
         const bytes = new Uint8Array(data.buffer);
         let text = "";
         for (let at = 0; at < bytes.length; at += 30000) {
@@ -141,9 +141,9 @@ def settled(page):
     page.evaluate("() => new Promise((done) => requestAnimationFrame(() => requestAnimationFrame(done)))")
 
 
-def rendered(page, lights):
+def rendered(page, lights, gloss=0):
     """What `relight.render` hands back for each light, or list of lights: (H, W, 4) float32."""
-    parts = page.evaluate(READ, lights)
+    parts = page.evaluate(READ, [lights, gloss])
     return [
         np.frombuffer(base64.b64decode(data), np.float32).reshape(height, width, 4)
         for height, width, data in parts

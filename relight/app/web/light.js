@@ -100,6 +100,7 @@ export class Light {
       environment: settings ? { file: environment.id, settings } : null,
       background: background === "original" ? background : background === "picture" ? backdrop && { file: backdrop.id } : background && background.map(short),
       exposure: short(state.exposure),
+      gloss: short(state.gloss),
     };
   }
 

@@ -135,6 +135,7 @@ export class Controls {
     this.wipe = h("select", { "aria-label": "Wipe to" }, h("option", { value: "" }, "No wipe"), ...options.map(([value, text]) => h("option", { value }, `Wipe to ${text.toLowerCase()}`)));
     this.wipe.addEventListener("change", () => this.change((state) => (state.wipe = this.wipe.value ? { look: this.wipe.value, at: state.wipe?.at ?? 0.5 } : null)));
     this.exposure = bound(this.viewer, "Exposure", "exposure", (state) => state, { min: -6, max: 6, step: 0.05, unit: "stops", low: -64, high: 64 });
+    this.gloss = bound(this.viewer, "Gloss", "gloss", (state) => state, { min: 0, max: 1, step: 0.01 });
     this.surround = choice(`surround${this.id}`, "Surround", SURROUNDS, (name) => this.viewer.setSurround(name));
     return h(
       "section",
@@ -142,6 +143,7 @@ export class Controls {
       h("h2", {}, "View", this.wipe),
       this.look,
       this.exposure,
+      this.gloss,
       h("div", { class: "row" }, h("span", { class: "label" }, "Surround"), this.surround),
     );
   }
@@ -207,6 +209,7 @@ export class Controls {
     this.look.set(state.look);
     this.wipe.value = state.wipe?.look ?? "";
     this.exposure.refresh(state);
+    this.gloss.refresh(state);
     this.surround.set(viewer.root.dataset.surround);
     this.undo.disabled = !viewer.past.length;
     this.redo.disabled = !viewer.future.length;

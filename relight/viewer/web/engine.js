@@ -2,9 +2,10 @@
 //
 //   light    for each light, on the networks' canvas: its shading and its visibility (a layer each)
 //   near     the same for a lamp in the room
+//            both also draw its gloss, once there is any
 //   sum      Σ colour · layer                                                        (on the canvas)
 //   enlarge  joint bilateral upsampling to the person's pixels                       (on the plate)
-//   compose  × albedo × coverage, over the background; or another look               (the picture)
+//   compose  (× albedo + gloss) × coverage, over the background; or another look               (the picture)
 //   reduce   the brightest value of the picture, which becomes the display's white
 //   show     highlights rolled off, encoded for the display
 //
@@ -19,6 +20,8 @@ const ROWS = 14; // vec4 a sample: see shaders/light.glsl
 const RAYS = 16; // to a lamp that has a size: SAMPLES of relight/lights/near.py
 const TABLE = 128; // sides of the table of the components' weights by direction
 const BATCH = 60; // samples a draw: 60 · 14 vec4 fit the 16 KiB that every uniform block may have
+const LIT = ["light", "near"]; // programs that draw the shading of a light, or its gloss
+const [SHADING, GLOSS] = [0, 1];
 export const LOOKS = ["picture", "light", "visibility", "normals", "albedo", "photograph"];
 
 export class Engine {
@@ -45,11 +48,13 @@ export class Engine {
     this.programs = Object.fromEntries(
       ["light", "near", "sum", "prepare", "enlarge", "compose", "reduce", "show"].map((name) => [
         name,
-        program(gl, this.shaders.quad, this.shaders.common + this.shaders[name]),
+        program(gl, this.shaders.quad, this.shaders.common + (LIT.includes(name) ? this.shaders.gloss : "") + this.shaders[name]),
       ]),
     );
     gl.bindVertexArray(gl.createVertexArray());
     this.layers = Array(LAYERS).fill(null); // what each layer shows: the samples it was drawn from
+    this.glossy = null; // the same for the gloss, once there is any: { lit, light, layers }
+    this.gloss = 0;
     this.enlarged = null; // the normals, once they are asked for
     this.table = null; // of the components' weights, once there is a lamp
     this.background = null;
@@ -120,35 +125,51 @@ export class Engine {
   /**
    * Draws the light of these layers: [{ samples, colour: [r, g, b] }], by slot; null where there is none.
    * Samples are those of `lights.js`, or a lamp { position, radius }; a layer whose samples are the same object
-   * as before is not drawn again.
+   * as before is not drawn again. `gloss`: strength of the reflection at grazing angles, from 0 to 1.
    */
-  setLights(layers) {
-    layers.forEach((layer, slot) => {
-      if (!layer || this.layers[slot] === layer.samples) return;
-      this.layers[slot] = layer.samples;
-      if (isNear(layer.samples)) this.drawLamp(slot, layer.samples);
-      else this.drawLayer(slot, layer.samples);
-    });
-    const lamps = layers.flatMap((layer) => (layer && isNear(layer.samples) ? [...layer.samples.position, layer.samples.radius] : [0, 0, 0, -1]));
+  setLights(layers, gloss = 0) {
+    this.gloss = gloss;
     const colours = new Float32Array(LAYERS * 3);
     layers.forEach((layer, slot) => layer && colours.set(layer.colour, slot * 3));
     // Half floats hold 65504: the sum is kept within about one, and its scale apart.
     this.scale = Math.max(1, colours.reduce((sum, value) => sum + value, 0));
+    if (gloss > 0) {
+      const { gl, field, box } = this;
+      this.glossy ??= {
+        lit: target(gl, { size: field, layers: LAYERS, format: "half" }),
+        light: target(gl, { size: box.slice(2), format: "half" }),
+        layers: Array(LAYERS).fill(null),
+      };
+      this.drawLights(layers, colours, this.glossy, GLOSS);
+    }
+    this.drawLights(layers, colours, this, SHADING);
+  }
+
+  /** Draws the layers that have changed, and their sum on the plate; `into`: { lit, light, layers }. */
+  drawLights(layers, colours, into, part) {
+    layers.forEach((layer, slot) => {
+      if (!layer || into.layers[slot] === layer.samples) return;
+      into.layers[slot] = layer.samples;
+      const destination = { ...into.lit, layer: slot };
+      if (isNear(layer.samples)) this.drawLamp(destination, layer.samples, part);
+      else this.drawLayer(destination, layer.samples, part);
+    });
+    const lamps = layers.flatMap((layer) => (layer && isNear(layer.samples) ? [...layer.samples.position, layer.samples.radius] : [0, 0, 0, -1]));
     const shares = new Float32Array(LAYERS);
     const strengths = layers.map((layer) => (layer ? Math.max(dot(LUMINANCE, layer.colour), 1e-9) : 0));
     const all = strengths.reduce((sum, value) => sum + value, 0);
     strengths.forEach((strength, slot) => (shares[slot] = all ? strength / all : 0));
     this.draw("sum", this.total, {
-      layers: this.lit,
+      layers: into.lit,
       positions: this.positions,
       "lamps[0]": { quads: new Float32Array(lamps) },
       "colours[0]": { vectors: colours.map((value) => value / this.scale) },
       "shares[0]": { numbers: shares },
     });
-    this.enlarge(this.total, this.light);
+    this.enlarge(this.total, into.light);
   }
 
-  drawLayer(slot, samples) {
+  drawLayer(destination, samples, part) {
     const { gl } = this;
     const total = samples.reduce((sum, { power }) => sum + dot(LUMINANCE, power), 0) || 1;
     for (let first = 0; first < Math.max(1, samples.length); first += BATCH) {
@@ -159,22 +180,24 @@ export class Engine {
       gl.bufferSubData(gl.UNIFORM_BUFFER, 0, rows);
       if (first) gl.enable(gl.BLEND);
       gl.blendFunc(gl.ONE, gl.ONE);
-      this.draw("light", { ...this.lit, layer: slot }, {
+      this.draw("light", destination, {
         features: this.features,
         surface: this.surface,
         count: { whole: batch.length },
         residualBias: this.pack.description.residualBias,
+        roughness: this.pack.description.roughness,
+        part: { whole: part },
         share: 1 / total,
       });
       gl.disable(gl.BLEND);
     }
   }
 
-  drawLamp(slot, { position, radius }) {
+  drawLamp(destination, { position, radius }, part) {
     const sides = position.map(Math.abs);
     const least = sides.indexOf(Math.min(...sides));
     this.table ??= texture(this.gl, { size: [TABLE, TABLE], layers: 13, format: "float", data: this.tableOf(), smooth: true });
-    this.draw("near", { ...this.lit, layer: slot }, {
+    this.draw("near", destination, {
       features: this.features,
       surface: this.surface,
       positions: this.positions,
@@ -184,6 +207,8 @@ export class Engine {
       radius,
       rays: radius ? RAYS : 1,
       residualBias: this.pack.description.residualBias,
+        roughness: this.pack.description.roughness,
+        part: { whole: part },
     });
   }
 
@@ -248,6 +273,8 @@ export class Engine {
     }
     this.draw("compose", this.picture, {
       light: look === "normals" ? this.enlarged : this.light,
+      reflection: this.glossy?.light ?? this.light,
+      gloss: this.gloss,
       plateGuide: this.plateGuide,
       albedo: this.albedo,
       photograph: this.photograph,

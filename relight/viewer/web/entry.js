@@ -30,7 +30,7 @@ export async function openPage(page) {
 
 /** What programs may do with a page. */
 const api = (viewer) => ({
-  render: (lights) => viewer.render(lights),
+  render: (lights, gloss) => viewer.render(lights, gloss),
   lights: () => toYaml(viewer.state, viewer.environment),
   link: () => toFragment(viewer.state),
   command: () => toCommand(viewer.state, viewer.environment, viewer.scene, viewer.backdrop?.name),

@@ -79,6 +79,7 @@ export function initial(scene) {
     look: "picture",
     wipe: null, // or { look, at }: what is right of `at`, a share of the width
     exposure: 0,
+    gloss: scene.gloss ?? 0, // strength of the reflection at grazing angles, from 0 to 1
   };
 }
 
@@ -113,6 +114,7 @@ export function toFragment(state, files = {}) {
   set("look", state.look === "picture" ? "" : state.look);
   set("wipe", state.wipe && `${state.wipe.look}@${short(state.wipe.at)}`);
   set("exposure", state.exposure ? short(state.exposure) : "");
+  set("gloss", state.gloss ? short(state.gloss) : "");
   return query.toString();
 }
 
@@ -132,7 +134,7 @@ export function fromFragment(fragment, base, { maps = [], pictures = [] } = {}, 
         if (state.lights[number - 1]) state.lights[number - 1][key] = true;
       }
     }
-    state.background = null;
+    Object.assign(state, { background: null, gloss: 0 });
   }
   state.selected = Math.min(Math.max(numberOf("selected", query.get("selected") ?? 1) - 1, 0), Math.max(state.lights.length - 1, 0));
   if (query.get("environment") === "none") state.environment = null;
@@ -165,6 +167,7 @@ export function fromFragment(fragment, base, { maps = [], pictures = [] } = {}, 
     state.wipe = { look: checkedLook(look), at: Math.min(Math.max(numberOf("wipe", at), 0), 1) };
   }
   state.exposure = checkedExposure(numberOf("exposure", query.get("exposure") ?? 0));
+  if (query.has("gloss")) state.gloss = checkedGloss(numberOf("gloss", query.get("gloss")));
   return state;
 }
 
@@ -183,6 +186,11 @@ function checkedColour(name, colour) {
 function checkedExposure(exposure) {
   if (Math.abs(exposure) > 64) throw new Invalid(`exposure: expected -64 to 64 stops, got ${exposure}.`);
   return exposure;
+}
+
+function checkedGloss(gloss) {
+  if (!(gloss >= 0 && gloss <= 1)) throw new Invalid(`gloss: expected 0 to 1, got ${gloss}.`);
+  return gloss;
 }
 
 function numberOf(name, text) {
@@ -269,6 +277,7 @@ export function toCommand(state, environment, scene, backgroundName, output = "r
   if (settings) words.push("--environment", `${environment.path},${settings}`);
   if (typeof state.background === "string") words.push(...(backgroundName ? ["--background", backgroundName] : []));
   else if (state.background) words.push("--background", state.background.map(short).join("/"));
+  if (state.gloss) words.push("--gloss", short(state.gloss));
   if (state.exposure) words.push("--exposure", short(state.exposure));
   words.push("-o", output);
   return words.map(quoted).join(" ");

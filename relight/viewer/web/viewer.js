@@ -279,7 +279,7 @@ export class Viewer {
     const { engine, state } = this;
     if (engine.lost) return;
     if (engine.backdrop !== this.backdrop) engine.setBackground(this.backdrop);
-    engine.setLights(this.layersOf(state));
+    engine.setLights(this.layersOf(state), state.gloss);
     const settings = { exposure: state.exposure, background: this.shownBackground() };
     if (this.held) engine.show("photograph", settings);
     else if (state.wipe) {
@@ -320,7 +320,7 @@ export class Viewer {
   }
 
   /** Lights, as Python's DirectionalLight and PointLight have them, to {width, height, data}: linear premultiplied RGBA. */
-  async render(lights) {
+  async render(lights, gloss = 0) {
     const given = lights.map((light) => checkedLight(light));
     const blocked = given.filter(isNear).map((lamp) => this.room.obstacle(lamp)).find(Boolean);
     if (blocked) throw new Invalid(`position: ${blocked}; expected a light beside them.`);
@@ -330,7 +330,7 @@ export class Viewer {
         const light = slot < LIGHTS ? given[first + slot] : undefined;
         return light ? { samples: samples(light), colour: power(light, this.tints) } : null;
       });
-      this.engine.setLights(layers);
+      this.engine.setLights(layers, gloss);
       const part = this.engine.read();
       if (picture) part.data.forEach((value, index) => index % 4 < 3 && (picture.data[index] += value));
       else picture = part;

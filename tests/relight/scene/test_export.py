@@ -8,6 +8,7 @@ import pytest
 from helpers import ROOT, exported, shipped
 
 import relight
+from relight.analysis.gloss import ROUGHNESS
 from relight.scene.lights import read_lights
 
 pytest.importorskip("pxr")
@@ -118,6 +119,19 @@ def test_the_photograph_as_an_unlit_surface(subject, tmp_path):
     stage = subject.export(tmp_path / "person.usda", texture="photograph", triangles=5000)
     assert "emissiveColor.connect" in stage.read_text()
     assert (tmp_path / "person_photograph.png").exists()
+
+
+@pytest.mark.parametrize("gloss", [0, 0.7])
+def test_the_surface_reflects_what_pictures_do(subject, tmp_path, gloss):
+    (material,) = tree(subject.export(tmp_path / "p.glb", triangles=5000, gloss=gloss))["materials"]
+    specular = material["extensions"]["KHR_materials_specular"]
+    assert specular == {"specularFactor": gloss, "specularColorFactor": [0, 0, 0]}
+    roughness = ROUGHNESS if gloss else 1
+    assert material["pbrMetallicRoughness"]["roughnessFactor"] == roughness
+    stage = subject.export(tmp_path / "p.usda", triangles=5000, gloss=gloss).read_text()
+    assert f"inputs:roughness = {roughness}\n" in stage
+    with pytest.raises(ValueError, match="gloss: expected 0 to 1, got 2"):
+        subject.export(tmp_path / "q.glb", triangles=5000, gloss=2)
 
 
 def test_what_glb_cannot_hold_is_named(subject, tmp_path):

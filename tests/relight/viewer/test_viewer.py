@@ -81,6 +81,28 @@ def test_the_page_relights_as_python_does(name, count, viewed, browser, tmp_path
     page.context.close()
 
 
+def test_gloss_is_python_s(page, viewed):
+    lights = [
+        relight.DirectionalLight(azimuth=150, elevation=20, intensity=3),
+        relight.DirectionalLight(azimuth=-120, elevation=30, angle=30, colour=(1, 0.8, 0.6)),
+        relight.DirectionalLight(azimuth=180, elevation=50, intensity=2),
+        relight.PointLight((0.6, 0.3, -0.6), radius=0.1),
+    ]
+    given = list(map(parameters_of, lights))
+    for light, found in zip(lights, browsing.rendered(page, given, gloss=0.8), strict=True):
+        truth = viewed.relit(light, gloss=0.8)
+        rmse, largest = compare(found, truth)
+        assert rmse <= RMSE
+        assert largest <= LARGEST
+        assert np.abs(truth - viewed.relit(light)).max() > 0.02
+    assert browsing.state(page)["gloss"] == 0
+    page.get_by_label("Gloss, exactly").fill("0.5")
+    page.get_by_label("Gloss, exactly").press("Enter")
+    browsing.settled(page)
+    assert "--gloss 0.5" in page.evaluate("relight.command()")
+    assert "gloss=0.5" in page.evaluate("relight.link()")
+
+
 def test_near_lights_are_python_s(page, viewed):
     lights = [
         relight.PointLight((-0.6, 0.4, 0.8)),

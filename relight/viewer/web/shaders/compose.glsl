@@ -3,6 +3,8 @@ const int PICTURE = 0, LIGHT = 1, VISIBILITY = 2, NORMALS = 3, ALBEDO = 4, PHOTO
 const float MOST = 65504.0;  // that half floats hold
 
 uniform sampler2D light;  // enlarged: the light and its visibility, or the normals
+uniform sampler2D reflection;  // enlarged: what a gloss of 1 adds
+uniform float gloss;
 uniform sampler2D plateGuide;
 uniform sampler2D albedo;
 uniform sampler2D photograph;
@@ -18,7 +20,10 @@ uniform vec3 backgroundColour;
 
 vec3 person(ivec2 pixel) {
   vec4 lit = texelFetch(light, pixel, 0);
-  if (look == PICTURE) return texelFetch(albedo, pixel, 0).rgb * lit.rgb * lightScale;
+  if (look == PICTURE) {
+    vec3 added = gloss > 0.0 ? gloss * texelFetch(reflection, pixel, 0).rgb : vec3(0.0);
+    return (texelFetch(albedo, pixel, 0).rgb * lit.rgb + added) * lightScale;
+  }
   if (look == LIGHT) return lit.rgb * lightScale;
   if (look == VISIBILITY) return lit.aaa;
   if (look == NORMALS) return normalize(lit.xyz) * 0.5 + 0.5;

@@ -1,4 +1,4 @@
-// One light on the networks' canvas: its shading in RGB, and in alpha the share of it that nothing blocks.
+// One light on the networks' canvas: its shading in RGB, and in alpha the share of it that nothing blocks. Or its gloss.
 // shading.diffuse.Shading and shadow.networks.field.Visibility, in which cast(p, L) = Σ a(L) F(p) here.
 const int CAST = 6;      // vec4 of components of the cast shadow's logit
 const int RESIDUAL = 6;  // and of the residual
@@ -27,6 +27,10 @@ void main() {
     for (int k = CAST; k < CAST + RESIDUAL; k++) residual += dot(rows[14 * i + 2 + k], parts[k]);
     float facing = dot(here.xyz, toward.xyz);
     float visibility = 1.0 / ((1.0 + exp(-here.w * facing)) * (1.0 + exp(-logit)));
+    if (part == GLOSS) {
+      result.rgb += power.rgb * reflectance(here.xyz, toward.xyz) * visibility;
+      continue;
+    }
     residual -= clamp(residual, 0.0, residualBias);
     float shading = clamp(max(facing, 0.0) * visibility + residual, 0.0, 1.0);
     result += vec4(power.rgb * shading, dot(LUMINANCE, power.rgb) * share * visibility);

@@ -1,5 +1,5 @@
 // A lamp in the room on the networks' canvas: its shading in RGB, and in alpha the share of it that nothing
-// blocks. As light.glsl, but each pixel has its own direction and distance: relight/lights/near.py.
+// blocks, or its gloss. As light.glsl, but each pixel has its own direction and distance: relight/lights/near.py.
 const int CAST = 6;      // vec4 of components of the cast shadow's logit
 const int RESIDUAL = 6;  // and of the residual
 const float GOLDEN = 0.6180339887;
@@ -52,7 +52,8 @@ void main() {
     float facing = dot(here.xyz, toward);
     float visibility = 1.0 / ((1.0 + exp(-here.w * facing)) * (1.0 + exp(-logit)));
     residual -= clamp(residual, 0.0, residualBias);
-    result += vec4(vec3(clamp(max(facing, 0.0) * visibility + residual, 0.0, 1.0)), visibility);
+    float shading = clamp(max(facing, 0.0) * visibility + residual, 0.0, 1.0);
+    result += vec4(vec3(part == GLOSS ? reflectance(here.xyz, toward) * visibility : shading), visibility);
     facings += along;
   }
   result = min(vec4(result.rgb / (squared * facings), result.a / rays), MOST);
