@@ -1,6 +1,8 @@
-"""Mattes out of pictures and frames: alpha unless it is opaque, else grey."""
+"""Mattes out of pictures and frames: alpha if it cuts something out, else grey."""
 
 import numpy as np
+
+CUT = 0.5  # coverage below which a pixel is not the person's
 
 
 def matte_of(
@@ -15,13 +17,20 @@ def matte_of(
     alpha
         (H, W); None where there is none.
     opaque
-        The least alpha that counts as opaque everywhere.
+        The least alpha that counts as opaque everywhere. A grey picture whose alpha is at least one half
+        everywhere, which cuts nothing out, counts as opaque too, unless `opaque` is infinite.
     grey
         Most that the channels of a grey picture differ.
     """
-    if alpha is not None and (not colours.size or alpha.min() < opaque):
+    if not colours.size:
         return alpha
+    if alpha is not None and (alpha.min() < min(CUT, opaque) or opaque == np.inf):
+        return alpha
+    if alpha is not None and alpha.min() >= opaque:
+        alpha = None
     difference = np.ptp(colours, axis=-1).max(initial=0)
+    if alpha is not None and (difference > grey or np.ptp(colours) <= grey):  # no matte is in the colours
+        return alpha
     if difference > grey:
         return None
     return colours.mean(axis=-1) if difference else colours[..., 0]

@@ -225,12 +225,14 @@ class RadianceHeader:
     """The variables of a Radiance picture's header that change its values.
 
     exposure: what radiances were multiplied by, three numbers with COLORCORR. chromaticities: of PRIMARIES,
-    None without. is_xyz: whether pixels are XYZE. aspect: width of a pixel over its height. format_at: where
-    the format's name begins, in bytes.
+    None without, and for eight zeros. gamma: the exponent that gives light, at least 1. is_xyz: whether
+    pixels are XYZE. aspect: width of a pixel over its height. format_at: where the format's name begins, in
+    bytes.
     """
 
     exposure: tuple[float, float, float] = (1.0, 1.0, 1.0)
     chromaticities: tuple[float, ...] | None = None
+    gamma: float = 1.0
     is_xyz: bool = False
     aspect: float = 1.0
     format_at: int = -1
@@ -246,6 +248,7 @@ def radiance_header(data: bytes) -> RadianceHeader | None:
         return None
     head = data[:RADIANCE_HEADER].partition(b"\n\n")[0]
     exposure, aspect, chromaticities, is_xyz = [1.0, 1.0, 1.0], 1.0, None, False
+    gamma = 1.0
     for line in head.split(b"\n")[1:]:
         name, _, value = line.decode("latin-1").partition("=")
         name = name.rstrip().upper()
@@ -258,10 +261,13 @@ def radiance_header(data: bytes) -> RadianceHeader | None:
             aspect /= _numbers(name, value, 1)[0]
         elif name == "PRIMARIES":
             chromaticities = _chromaticities(name, value)
+        elif name == "GAMMA":  # some programs mean the exponent of the encoding, others of its inverse
+            (stated,) = _numbers(name, value, 1)
+            gamma = _exponent(max(stated, 1 / stated))
         elif name == "FORMAT":
             is_xyz = value.strip().lower() == "32-bit_rle_xyze"
     return RadianceHeader(
-        (exposure[0], exposure[1], exposure[2]), chromaticities, is_xyz, aspect, head.find(b"_xyze")
+        (exposure[0], exposure[1], exposure[2]), chromaticities, gamma, is_xyz, aspect, head.find(b"_xyze")
     )
 
 
@@ -269,9 +275,9 @@ def radiance_encoding(path: Path) -> Encoding | None:
     """Return what the header of a Radiance picture says of its colour; None if nothing."""
     with path.open("rb") as file:
         header = radiance_header(file.read(RADIANCE_HEADER))
-    if header is None or (header.chromaticities is None and not header.is_xyz):
+    if header is None:
         return None
-    return Encoding(XYZ if header.is_xyz else header.chromaticities or REC709)
+    return Encoding(XYZ if header.is_xyz else header.chromaticities or REC709, power(header.gamma))
 
 
 def _numbers(name: str, text: str, count: int) -> list[float]:
@@ -285,11 +291,12 @@ def _numbers(name: str, text: str, count: int) -> list[float]:
     return numbers
 
 
-def _chromaticities(name: str, text: str) -> tuple[float, ...]:
+def _chromaticities(name: str, text: str) -> tuple[float, ...] | None:
+    """Return eight numbers of a header's line; None for zeros, which several programs write."""
     try:
         numbers = tuple(float(word) for word in text.split())
     except ValueError:
         numbers = ()
     if len(numbers) != 8:
         raise ValueError(f"its header states {name}={text.strip()!r}, expected eight numbers")
-    return numbers
+    return numbers if any(numbers) else None

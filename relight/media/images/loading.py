@@ -14,7 +14,7 @@ from relight.media import colour
 from relight.media.buffers import problem
 from relight.media.encodings import AP0, REC709, Encoding, decode_bt709, decode_linear
 from relight.media.icc import Profile
-from relight.media.images import headers, phone
+from relight.media.images import headers, pages, phone
 from relight.media.images.layers import Layer, Part, find_beauty, find_layer, index_layers, split_layer
 from relight.media.images.stored import StoredPicture
 from relight.media.images.turning import SIDEWAYS, upright
@@ -22,7 +22,11 @@ from shadow.files import AnyPath
 
 # OpenImageIO's own limit, 1024, is passed by an OpenEXR file of 256 lights; more than this is a damaged file.
 oiio.attribute("limits:channels", 1 << 14)
+JPEG_XL = b"\xff\x0a", b"\0\0\0\x0cJXL "  # a codestream, a container
+LEAST_JPEG_XL = 256  # bytes, below which OpenImageIO does not know one
 LARGEST_PART = 1024  # number of parts of an OpenEXR file, beyond which it is damaged
+GREY_TIFF = (0, 1)  # photometric interpretations of TIFF
+PREMULTIPLIED_TARGA = 4  # attributes type of a Targa file's extension
 PHOTOMETRIC = {8: "CIE Lab", 9: "ICC Lab", 10: "ITU Lab", 32844: "LogL", 32845: "LogLuv"}  # of TIFF
 
 
@@ -112,9 +116,18 @@ def _upright_aspect(path: Path, kind: str, spec: oiio.ImageSpec) -> float:
 
 @contextmanager
 def _openable(path: Path) -> Iterator[Path]:
-    """Give the file that OpenImageIO is to open: `path`, or for XYZE a copy that it takes for RGBE."""
+    """Give the file that OpenImageIO is to open: `path`, or a copy that it reads.
+
+    It reads XYZE under the name of RGBE, and a small JPEG XL with zeros behind.
+    """
     with path.open("rb") as file:
         start = file.read(headers.RADIANCE_HEADER)
+    if start.startswith(JPEG_XL) and len(start) < LEAST_JPEG_XL:
+        with tempfile.TemporaryDirectory() as folder:
+            copy = Path(folder) / "padded.jxl"
+            copy.write_bytes(start.ljust(LEAST_JPEG_XL, b"\0"))
+            yield copy
+        return
     header = headers.radiance_header(start) if start.startswith(b"#?") else None
     if header is None or not header.is_xyz or header.format_at < 0:
         yield path
@@ -146,10 +159,10 @@ def _reason(source: object) -> str:
     return reason
 
 
-def _parts(file: oiio.ImageInput) -> list[Part]:
-    """Return the parts of an OpenEXR file that are not deep; of other files the first picture."""
+def _parts(file: oiio.ImageInput, first: int = 0) -> list[Part]:
+    """Return the parts of an OpenEXR file that are not deep; of other files the picture `first`."""
     many, parts = file.format_name() == "openexr", []
-    for index in range(LARGEST_PART if many else 1):
+    for index in range(LARGEST_PART) if many else (first,):
         if not file.seek_subimage(index, 0):
             problem(file)  # is taken note of, or it would be reported later
             break
@@ -163,9 +176,15 @@ def _parts(file: oiio.ImageInput) -> list[Part]:
 
 def _channels(spec: oiio.ImageSpec) -> tuple[str, ...]:
     try:
-        return tuple(spec.channelnames)
+        names = tuple(spec.channelnames)
     except UnicodeDecodeError as error:
         raise ValueError("is damaged: its channels' names are garbled") from error
+    if not names:
+        raise ValueError("is damaged: it has no channels")
+    if len(names) > 1 and spec.get_int_attribute("tiff:PhotometricInterpretation", -1) in GREY_TIFF:
+        # OpenImageIO calls samples that the file does not name R, G, B, by their count.
+        return ("Y", *(name if name == "A" else f"channel{index}" for index, name in enumerate(names[1:], 1)))
+    return names
 
 
 def _load(
@@ -175,13 +194,17 @@ def _load(
     kind = opened.format_name()
     if layer is not None and kind != "openexr":
         raise ValueError("layer: only OpenEXR files have layers")
-    chosen = _chosen(_parts(opened), kind, layer, wanted)
+    pages.warn_of_animation(file, kind)
+    chosen = _chosen(_parts(opened, pages.whole_page(opened, path)), kind, layer, wanted)
     names = {number: name for name, number in chosen.channels.items()}
     if "X" in chosen.channels:  # vectors: their Y is not a grey picture
         wanted = None
     numbers = sorted(number for number, name in names.items() if wanted is None or name in wanted)
     numbers = numbers or sorted(names)
     spec = opened.spec(chosen.part.index, 0)
+    pages.check_size(
+        max(spec.width, spec.full_width), max(spec.height, spec.full_height), path.stat().st_size
+    )
     if kind == "jpeg" and str(spec.format) != "uint8":  # with a gain map, which OpenImageIO has applied
         return _base_of_gain_map(path, space)
     if kind == "bmp":
@@ -285,15 +308,18 @@ def _stated(
         upright(pixels, orientation),
         names,
         space,
-        straight=bool(spec.get_int_attribute("oiio:UnassociatedAlpha")) or _is_straight(kind, pixels),
+        straight=_is_straight(kind, spec, pixels),
         aspect=_upright_aspect(path, kind, spec),
         unsigned=unsigned,
     )
 
 
-def _is_straight(kind: str, pixels: np.ndarray) -> bool:
-    """Return whether integers are straight because their format cannot say otherwise; only TIFF can."""
-    return np.issubdtype(pixels.dtype, np.integer) and kind != "tiff"
+def _is_straight(kind: str, spec: oiio.ImageSpec, pixels: np.ndarray) -> bool:
+    """Return whether colours are not multiplied by alpha: integers, unless a TIFF or Targa file says so."""
+    if kind == "targa" and spec.get_int_attribute("targa:alpha_type", -1) == PREMULTIPLIED_TARGA:
+        return False
+    integer = np.issubdtype(pixels.dtype, np.integer)
+    return bool(spec.get_int_attribute("oiio:UnassociatedAlpha")) or (integer and kind != "tiff")
 
 
 def _alpha_is_unused(path: Path, kind: str, spec: oiio.ImageSpec) -> bool:

@@ -1,5 +1,6 @@
 """Mattes, normal maps and depths: their values are no colour, so no colour space is applied to them."""
 
+import re
 from pathlib import Path
 
 import numpy as np
@@ -15,6 +16,7 @@ from relight.media.matte import matte_of
 from shadow.directions import CAMERA, from_axes
 from shadow.files import AnyPath
 
+UNNAMED = re.compile(r"channel\d+")
 GREY = 0.01  # most that red, green and blue of a grey picture differ
 
 
@@ -49,8 +51,11 @@ def _coverage(path: AnyPath, stored: StoredPicture) -> np.ndarray:
             "object and write its matte"
         )
     at = names.index("A") if "A" in names else None  # of a GIF, OpenImageIO says a channel too far
-    colours = pixels if at is None else np.delete(pixels, at, axis=-1)
-    found = matte_of(colours, None if at is None else pixels[..., at], opaque=1, grey=GREY)
+    # Samples that a TIFF does not name are no colour (TIFF 6.0, ExtraSamples).
+    known = [index for index, name in enumerate(names) if name != "A" and not UNNAMED.fullmatch(name)]
+    colours = pixels[..., known]
+    alpha = None if at is None else pixels[..., at]
+    found = matte_of(colours, alpha, opaque=1, grey=GREY)
     if found is None:
         raise ValueError(f"{path}: expected a mask (grey, or with transparency), got an opaque colour image")
     return found
@@ -163,7 +168,7 @@ def read_normals(path: AnyPath, *, axes: str = CAMERA, layer: str | None = None)
     """
     stored = load(path, layer=layer, space=colour.LINEAR)
     names = stored.names
-    for channels in ("RGB", "XYZ", "rgb", "xyz"):
+    for channels in ("RGB", "XYZ", "rgb", "xyz", ("Y", "channel1", "channel2")):
         if all(channel in names for channel in channels):
             break
     else:

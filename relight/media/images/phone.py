@@ -9,13 +9,17 @@ from PIL import ExifTags, Image
 from relight.media import colour
 from relight.media.encodings import Encoding, decode_srgb
 from relight.media.icc import Profile
-from relight.media.images import headers, isobmff
+from relight.media.images import headers, isobmff, pages
 from relight.media.images.stored import StoredPicture
 from relight.media.images.turning import upright
 
 HEIF = (".heic", ".heif", ".hif")
 AVIF = (".avif",)
-RAW = (".arw", ".cr2", ".cr3", ".dng", ".nef", ".orf", ".pef", ".raf", ".raw", ".rw2", ".srw")
+RAW = (
+    *(".3fr", ".arw", ".cr2", ".cr3", ".crw", ".dcr", ".dng", ".erf", ".fff", ".gpr", ".iiq", ".k25"),
+    *(".kdc", ".mef", ".mos", ".mrw", ".nef", ".nrw", ".orf", ".pef", ".raf", ".raw", ".rw2", ".rwl"),
+    *(".sr2", ".srf", ".srw", ".x3f"),
+)
 AVIF_BRANDS = {b"avif", b"avis"}
 HEIF_BRANDS = {b"heic", b"heix", b"heim", b"heis", b"hevc", b"hevx", b"mif1", b"msf1"}
 BRANDS = 256  # bytes at a file's start that hold its brands (ISO/IEC 14496-12)
@@ -43,6 +47,8 @@ def reader(path: Path) -> Callable[[Path], StoredPicture] | None:
             return _read_heif
     if start.startswith(NAMED_WRONGLY):
         return None
+    if pages.holds_raw(path):
+        return _read_raw
     return _read_heif if suffix in HEIF else _read_avif if suffix in AVIF else None
 
 
@@ -56,8 +62,10 @@ def _read_heif(path: Path) -> StoredPicture:
 
     try:
         file = pillow_heif.open_heif(str(path), convert_hdr_to_8bit=False)
+        width, height = file.size
+        pages.check_size(width, height, path.stat().st_size)
         pixels = np.asarray(file)
-    except (RuntimeError, OSError, EOFError, SyntaxError, ValueError) as error:
+    except (RuntimeError, OSError, EOFError, LookupError, SyntaxError, TypeError, ValueError) as error:
         raise ValueError(f"{path}: cannot be read as HEIC: {_line(error)}") from error
     depth = int(file.info.get("bit_depth", 8))
     if pixels.dtype == np.uint16:  # libheif shifts codes up: white would be less than full
@@ -77,6 +85,9 @@ def _read_avif(path: Path) -> StoredPicture:
     try:
         with Image.open(path, formats=["AVIF"]) as file:
             profile, exif = file.info.get("icc_profile"), file.getexif()
+            if getattr(file, "is_animated", False):
+                pages.warn_of_frames(path)
+            pages.check_size(*file.size, path.stat().st_size)
             pixels = np.asarray(file)
     except Exception as error:  # the decoder's own errors have classes below Exception alone
         raise ValueError(f"{path}: cannot be read as AVIF: {_line(error)}") from error
@@ -145,6 +156,7 @@ def _read_raw(path: Path) -> StoredPicture:
         raise _missing(path, "rawpy") from error
     try:
         with rawpy.imread(str(path)) as file:
+            pages.check_size(file.sizes.raw_width, file.sizes.raw_height, path.stat().st_size)
             developed = file.postprocess(
                 gamma=(1, 1), no_auto_bright=True, use_camera_wb=True, output_bps=16,
                 output_color=rawpy.ColorSpace.sRGB,

@@ -18,6 +18,7 @@ from shadow.files import AnyPath
 
 LUMINANCE_CHROMA = ("Y", "RY", "BY")
 ALPHA = ("straight", "premultiplied")
+OVERSHOOT = 0.5  # most by which a filter takes alpha beyond 0 and 1
 _warned: set[tuple[Path, float]] = set()  # folders whose pictures have pixels that are not square
 
 
@@ -78,7 +79,17 @@ def read(
         raise ValueError(f"{path}: {subject}{error}") from error
     if not np.isfinite(light).all():
         raise ValueError(f"{path}: contains NaN or infinite values")
+    if light.shape[-1] == 4:
+        light[..., 3] = _clipped_alpha(path, light[..., 3])
     return np.ascontiguousarray(squared(path, light, stored.aspect))  # as other libraries want it
+
+
+def _clipped_alpha(path: AnyPath, alpha: np.ndarray) -> np.ndarray:
+    """Return alpha in [0, 1]: filters with negative lobes (Lanczos, Mitchell) leave it a little beyond."""
+    low, high = float(alpha.min(initial=0)), float(alpha.max(initial=0))
+    if low < -OVERSHOOT or high > 1 + OVERSHOOT:
+        raise ValueError(f"{path}: expected alpha in [0, 1], got [{low:g}, {high:g}]")
+    return alpha.clip(0, 1)
 
 
 def squared(path: AnyPath, pixels: np.ndarray, aspect: float, *, nearest: bool = False) -> np.ndarray:

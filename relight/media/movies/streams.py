@@ -11,6 +11,7 @@ from av.container import InputContainer
 from av.format import Flags
 from av.stream import Disposition
 
+from relight.media.images.pages import check_size
 from relight.media.regular_file import check_regular_file
 from shadow.files import AnyPath
 
@@ -41,6 +42,10 @@ def video_stream(container: InputContainer, path: AnyPath) -> Any:
         raise ValueError(f"{path}: cannot be read as a movie: it holds {found}")
     if streams[0].codec_context is None:
         raise ValueError(f"{path}: is in a codec that FFmpeg does not decode")
+    try:
+        check_size(streams[0].width, streams[0].height, Path(path).stat().st_size)
+    except ValueError as error:
+        raise ValueError(f"{path}: {error}") from error
     return streams[0]
 
 

@@ -306,7 +306,7 @@ def test_garbled_names_are_an_error(whole_files, tmp_path, text, garbled):
 def test_a_size_beyond_memory_is_an_error(tmp_path):
     huge = {"x": 0, "y": 0, "full_x": 0, "full_y": 0, "full_width": 1 << 20, "full_height": 1 << 20}
     store(tmp_path / "h.exr", STRAIGHT, "half", **huge)
-    with pytest.raises(ValueError, match=r"h\.exr: is damaged, or too large to read: it says 1048576 x"):
+    with pytest.raises(ValueError, match=r"h\.exr: is too large: .* claim 1048576 x"):
         relight.read(tmp_path / "h.exr")
 
 

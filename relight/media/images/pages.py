@@ -1,0 +1,128 @@
+"""Files of several pictures: animations, pages, reduced copies, and the picture of a camera raw."""
+
+import os
+import struct
+import warnings
+from collections.abc import Iterator
+from pathlib import Path
+from typing import Any
+
+import OpenImageIO as oiio
+from PIL import Image, TiffImagePlugin
+
+from relight.media.buffers import problem
+
+DNG_VERSION, SUB_DIRECTORIES, PHOTOMETRIC = 50706, 330, 262  # tags of TIFF
+MOSAICS = (32803, 34892)  # photometric interpretations of camera raw: a colour filter array, linear raw
+TIFF_MAGIC = (b"II*\0", b"MM\0*", b"II+\0", b"MM\0+")
+REDUCED = 1  # bit of NewSubfileType: a copy of another page, with fewer pixels
+MOST_DIRECTORIES = 32  # beyond which a file is not searched
+ANY_SIZE = "RELIGHT_ANY_SIZE"  # environment variable: its value 1 lifts the limits below
+LARGEST = 2**29  # pixels of a picture
+FREE_PIXELS = 2**25  # of a picture of any file: 8K
+PIXELS_PER_BYTE = 1000  # of the file, beyond FREE_PIXELS
+
+
+def check_size(width: int, height: int, file_bytes: int) -> None:
+    """Raise ValueError for a picture that is larger than its file can mean, or than memory should hold.
+
+    A file of a few kilobytes may claim any size. The environment variable RELIGHT_ANY_SIZE=1 lifts the limit.
+    """
+    pixels = width * height
+    if pixels <= FREE_PIXELS or os.environ.get(ANY_SIZE) == "1":
+        return
+    if pixels > min(LARGEST, PIXELS_PER_BYTE * file_bytes):
+        raise ValueError(
+            f"is too large: {file_bytes} bytes claim {width} x {height} pixels; set the environment variable "
+            f"{ANY_SIZE}=1 to read it all the same"
+        )
+
+
+def whole_page(file: oiio.ImageInput, path: Path) -> int:
+    """Return the number of a TIFF's first page that is no reduced copy; 0 in other formats.
+
+    Warns of further pages, which are not read. ValueError where all pages are reduced copies.
+    """
+    if file.format_name() != "tiff":
+        return 0
+    whole, pages = [], 0
+    while pages < MOST_DIRECTORIES and file.seek_subimage(pages, 0):
+        if not file.spec(pages, 0).get_int_attribute("tiff:subfiletype") & REDUCED:
+            whole.append(pages)
+        pages += 1
+    problem(file)  # is taken note of, or it would be reported later
+    if not whole:
+        raise ValueError("holds nothing but a reduced copy of its picture; export the picture itself")
+    if len(whole) > 1:
+        _warn(path, f"holds {len(whole)} pages; the first is read")
+    return whole[0]
+
+
+def warn_of_animation(path: Path, kind: str) -> None:
+    """Warn if a PNG, WebP or GIF is animated: its first frame is read. `kind` is OpenImageIO's format."""
+    if kind not in ("gif", "png", "webp"):
+        return
+    with path.open("rb") as file:
+        frames = _animation_frames(file, kind)
+    if frames:
+        warn_of_frames(path)
+
+
+def warn_of_frames(path: Path) -> None:
+    """Warn that the first frame of an animation is read."""
+    _warn(path, "is animated; its first frame is read, convert it to a movie for all of them")
+
+
+def _warn(path: Path, problem: str) -> None:
+    warnings.warn(f"{path}: {problem}", stacklevel=2)
+
+
+def _animation_frames(file: Any, kind: str) -> bool:
+    """Return whether a picture's header says that it is animated."""
+    start = file.read(64)
+    if kind == "webp":  # RIFF, size, WEBP, VP8X, size, flags
+        return start[12:16] == b"VP8X" and bool(start[20] & 2)
+    if kind == "png":
+        file.seek(8)
+        while len(head := file.read(8)) == 8 and head[4:] not in (b"IDAT", b"IEND"):
+            if head[4:] == b"acTL":
+                return True
+            file.seek(struct.unpack(">I", head[:4])[0] + 4, os.SEEK_CUR)
+        return False
+    file.seek(0)
+    try:
+        with Image.open(file, formats=["GIF"]) as gif:
+            return bool(getattr(gif, "is_animated", False))
+    except Exception:  # of many classes: a damaged GIF is reported where it is read
+        return False
+
+
+def holds_raw(path: Path) -> bool:
+    """Return whether a TIFF is a camera's raw file, whatever its name: DNG, or a page with a mosaic."""
+    try:
+        with path.open("rb") as file, warnings.catch_warnings():
+            warnings.simplefilter("ignore")  # Pillow's, of truncated files
+            return any(
+                DNG_VERSION in directory or directory.get(PHOTOMETRIC) in MOSAICS
+                for directory in _directories(file)
+            )
+    except Exception:  # of many classes: a damaged TIFF is reported where it is read
+        return False
+
+
+def _directories(file: Any) -> Iterator[TiffImagePlugin.ImageFileDirectory_v2]:
+    """Yield the directories of a TIFF, and those below them; none in another file."""
+    head = file.read(16)
+    if head[:4] not in TIFF_MAGIC:
+        return
+    head = head if 43 in head[2:4] else head[:8]  # BigTIFF's is longer
+    first = TiffImagePlugin.ImageFileDirectory_v2(head)
+    waiting, done = [first.next], 0
+    while waiting and done < MOST_DIRECTORIES:
+        directory = TiffImagePlugin.ImageFileDirectory_v2(head)
+        file.seek(waiting.pop(0))
+        directory.load(file)
+        done += 1
+        yield directory
+        below = directory.get(SUB_DIRECTORIES, ())
+        waiting += [*(below if isinstance(below, tuple) else (below,)), *filter(None, [directory.next])]
