@@ -1,5 +1,4 @@
-"""Errors that callers may want to tell apart. Each is also a ValueError or an OSError, so that older handlers
-work.
+"""Errors that callers may want to tell apart. Each is also an error of Python's, so that older handlers work.
 
 >>> import relight
 >>> from relight.errors import RelightError
@@ -35,5 +34,5 @@ class MissingFramesError(RelightError, FileNotFoundError):
     """Frames of a sequence are missing on disk."""
 
 
-class MissingNetworksError(RelightError, FileNotFoundError):
+class MissingNetworksError(RelightError, ImportError):
     """The networks that find a person have not been fetched; the message names the command that does it."""

@@ -15,6 +15,7 @@ from relight.lights.environment import FIELD_OF_VIEW, EnvironmentLight
 from relight.lights.light import Lights, as_lights, by_name
 from relight.media.images import Metadata, half
 from relight.subject import Person, Subject
+from shadow.files import AnyPath
 
 PASSES = ("albedo", "N", "Z", "P", "visibility", "shading", "gloss")
 EXR_TYPES = ("half", "float")
@@ -28,6 +29,7 @@ def apply(
     *,
     background: Background | None = None,
     mask: np.ndarray | None = None,
+    matte: AnyPath | None = "auto",
     albedo: np.ndarray | None = None,
     normals: np.ndarray | Callable | str | os.PathLike | None = None,
     depth: np.ndarray | str | os.PathLike | None = None,
@@ -49,7 +51,9 @@ def apply(
         An image of any size, scaled to cover the frame; a linear (r, g, b); or a relight.EnvironmentLight,
         which is rendered as the camera sees it (see `relight.over`). None keeps the alpha.
     mask
-        (H, W) in [0, 1], the matte of the person; needed unless the image has alpha.
+        (H, W) in [0, 1], the matte of the person, in place of the image's alpha.
+    matte
+        How the person is found without either, see `relight.Subject`.
     albedo
         (H, W, 3), replaces the inferred albedo.
     normals
@@ -85,7 +89,7 @@ def apply(
     (64, 48, 3)
     """
     lights, gloss = as_lights(lights), checked_gloss(gloss)
-    subject = _analysed(image, mask, albedo, normals, depth, height, field_of_view, floor, device)
+    subject = _analysed(image, mask, matte, albedo, normals, depth, height, field_of_view, floor, device)
     picture = subject.relit(lights, gloss)
     if background is None:
         return picture
@@ -99,6 +103,7 @@ def render(
     *,
     background: Background | None = None,
     mask: np.ndarray | None = None,
+    matte: AnyPath | None = "auto",
     albedo: np.ndarray | None = None,
     normals: np.ndarray | Callable | str | os.PathLike | None = None,
     depth: np.ndarray | str | os.PathLike | None = None,
@@ -114,7 +119,8 @@ def render(
 
     Parameters
     ----------
-    image, lights, background, mask, albedo, normals, depth, height, field_of_view, floor, gloss, device
+    image, lights, background, mask, matte, albedo, normals, depth, height, field_of_view, floor, gloss,
+    device
         See `relight.apply`.
     passes
         Any of "albedo", "N", "Z", "P", "visibility", "shading", "gloss", see `passes_of`.
@@ -145,7 +151,7 @@ def render(
     passes = check_names(passes)
     check_exr_type(exr_type)
     gloss = checked_gloss(gloss)
-    subject = _analysed(image, mask, albedo, normals, depth, height, field_of_view, floor, device)
+    subject = _analysed(image, mask, matte, albedo, normals, depth, height, field_of_view, floor, device)
     return render_subject(
         subject, lights, background=background, passes=passes, exr_type=exr_type, floor=floor, gloss=gloss
     )
@@ -154,6 +160,7 @@ def render(
 def _analysed(
     image: np.ndarray,
     mask: np.ndarray | None,
+    matte: AnyPath | None,
     albedo: np.ndarray | None,
     normals: np.ndarray | Callable | str | os.PathLike | None,
     depth: np.ndarray | str | os.PathLike | None,
@@ -164,8 +171,9 @@ def _analysed(
 ) -> Subject:
     """Return the subject of an image; refuse a floor on which it cannot stand before the networks run."""
     given = check_inputs(
-        image, mask, albedo, normals, depth, height=height, field_of_view=field_of_view, device=device
-    )
+        image, mask, albedo, normals, depth, height=height, field_of_view=field_of_view, device=device,
+        matte=matte,
+    )  # fmt: skip
     if floor is not None:
         floor.check(given.matte)
     return Subject.from_record(infer(given))

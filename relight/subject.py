@@ -83,11 +83,11 @@ class Subject:
     image
         (H, W, 3|4). Integers are sRGB-encoded with straight alpha; floats linear Rec.709, premultiplied.
     mask
-        (H, W) in [0, 1], or uint8 or uint16 over the full range: the matte of the person. It is needed unless
-        the image has alpha, which it replaces. Pixels with partial coverage, and the rim of a hard mask, are
-        assumed to show the background too, so their colour is extrapolated from inside. Small parts far from
-        the person, and faint coverage there, stay in the alpha, but the networks do not see them (a warning
-        gives the number of pixels).
+        (H, W) in [0, 1], or uint8 or uint16 over the full range: the matte of the person, in place of the
+        image's alpha. Without either the person is found, see `matte`. Pixels with partial coverage, and the
+        rim of a hard mask, are assumed to show the background too, so their colour is extrapolated from
+        inside. Small parts far from the person, and faint coverage there, stay in the alpha, but the networks
+        do not see them (a warning gives the number of pixels).
     albedo
         (H, W, 3), replaces the inferred albedo; integers are sRGB, floats linear in [0, 1].
     normals
@@ -109,15 +109,22 @@ class Subject:
         the same world space, and `height` and `field_of_view` have no effect.
     device
         Device of the networks, such as "cuda"; the CPU by default. Relighting itself runs on the CPU.
+    matte
+        How the person is found in an image that has neither alpha nor a mask: "auto", by networks that
+        `relight fetch person` brings, or another model of `relight.matte`, which also chooses between several
+        people. None refuses such an image.
 
     Raises
     ------
     TypeError
         A dtype that is not accepted.
     ValueError
-        Wrong shapes, NaN or infinite values, values out of range, neither mask nor alpha, an unknown device.
+        Wrong shapes, NaN or infinite values, values out of range, an unknown device; neither mask
+        nor alpha, with `matte=None`.
     relight.errors.EmptyMatteError
-        The matte shows no person.
+        The matte shows no person, or none was found.
+    relight.errors.MissingNetworksError
+        The networks that find a person have not been fetched.
 
     Examples
     --------
@@ -144,8 +151,11 @@ class Subject:
         field_of_view: float = FIELD_OF_VIEW,
         camera: Camera | None = None,
         device: str | torch.device | None = None,
+        matte: AnyPath | None = "auto",
     ) -> None:
-        given = check_inputs(image, mask, albedo, normals, depth, height, field_of_view, camera, device)
+        given = check_inputs(
+            image, mask, albedo, normals, depth, height, field_of_view, camera, device, matte
+        )
         self._set_record(infer(given))
 
     @classmethod

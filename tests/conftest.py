@@ -11,6 +11,7 @@ from helpers.sphere import sphere
 import relight
 from relight.pipeline import persons
 
+os.environ["RELIGHT_CACHE"] = os.devnull  # tests find nothing that their user has fetched
 if "PYTEST_XDIST_WORKER" in os.environ:  # a process for each core: their threads would wait for each other
     torch.set_num_threads(1)
     os.environ["OMP_NUM_THREADS"] = "1"  # of the processes that tests start

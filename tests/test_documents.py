@@ -25,7 +25,7 @@ NEEDS = {
     "a model of your own": 1,
     "a CUDA GPU": 2,
     "a Dask cluster": 2,
-    "a network connection": 2,
+    "a network connection": 3,
     "the program openjd, of openjd-cli": 1,
     "your own copy of PIFuHD's checkpoint": 1,
 }

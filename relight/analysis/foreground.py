@@ -139,7 +139,9 @@ def plate_coverage(plate: np.ndarray, mask: Any = None) -> torch.Tensor:
     if mask is not None:
         return person_mask("mask", mask, plate.shape[:2])
     if plate.shape[-1] == 3:
-        raise ValueError("mask: the image has no alpha channel, so give the person's matte as a mask")
+        raise ValueError(
+            "mask: the image has no alpha channel, so give the person's matte as a mask, or have it found"
+        )
     if plate[..., 3].min() == 1:
         raise ValueError("mask: the image is opaque everywhere, so give the person's matte as a mask")
     return person_mask("image's alpha", plate[..., 3], plate.shape[:2])

@@ -20,8 +20,12 @@ from relight.analysis.maps import AnalysisMaps
 from relight.analysis.record import AnalysisRecord
 from relight.analysis.upsampling import encode_guide
 from relight.lights.environment import FIELD_OF_VIEW
+from relight.matting import networks
+from relight.matting.networks import AUTO
+from relight.matting.refine import is_opaque
 from shading import Analysis, diffuse
 from shadow import analysis, inputs
+from shadow.files import AnyPath
 from shadow.framing import Framed
 from shadow.matte_cleanup import clean_matte
 from shadow.networks.foreign import OnnxDepth
@@ -55,22 +59,28 @@ def check_inputs(
     field_of_view: float = FIELD_OF_VIEW,
     camera: Camera | None = None,
     device: str | torch.device | None = None,
+    matte: AnyPath | None = AUTO,
 ) -> AnalysisInputs:
     """Check the arguments of `relight.Subject`, which documents them and the errors raised."""
     place = inputs.device("device", device) or torch.device("cpu")
     plate = linear_plate(image)
+    if mask is None and matte is not None and (matte != AUTO or is_opaque(plate)):
+        mask = networks.matte(plate, matte)
+        plate = plate[..., :3]
+    elif matte not in (None, AUTO):
+        raise ValueError("matte: expected no mask beside a matting model, which makes one")
     alpha = plate_coverage(plate, mask)
     size = tuple(alpha.shape)
     checked_albedo = None if albedo is None else provided_albedo(albedo, size)
-    matte = clean_matte(alpha)
+    cleaned = clean_matte(alpha)
     provided: torch.Tensor | OnnxDepth | None = None
     if depth is not None:
-        provided = OnnxDepth(depth) if isinstance(depth, str | os.PathLike) else checked_depth(depth, matte)
+        provided = OnnxDepth(depth) if isinstance(depth, str | os.PathLike) else checked_depth(depth, cleaned)
     if camera is not None and tuple(camera.size) != size:
         raise ValueError(f"camera: expected that of a plate of {size} pixels, got {camera.size}")
-    camera = camera or Camera.of(matte, height, field_of_view)
+    camera = camera or Camera.of(cleaned, height, field_of_view)
     return AnalysisInputs(
-        plate, alpha, matte, mask is not None, checked_albedo, normals, provided, camera, place
+        plate, alpha, cleaned, mask is not None, checked_albedo, normals, provided, camera, place
     )
 
 

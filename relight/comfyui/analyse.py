@@ -10,6 +10,9 @@ from relight.comfyui import host, tensors, widgets
 from relight.comfyui.subjects import SubjectBatch, of_a_shot, one_by_one
 from relight.empty_subject import EmptySubject
 from relight.lights.environment import FIELD_OF_VIEW
+from relight.matting.networks import AUTO
+from relight.matting.refine import is_opaque
+from relight.matting.sequence import MattingOptions, SequenceMatting
 from relight.subject import Person, Subject
 from shadow.directions import from_axes
 
@@ -59,7 +62,8 @@ class Analyse:
             },
             "optional": {
                 "mask": widgets.socket(
-                    "MASK", "The person's matte, one or one a frame. Needed unless the image has alpha."
+                    "MASK",
+                    "The person's matte, one or one a frame. Without it and alpha the person is found.",
                 ),
                 "normals": widgets.socket("IMAGE", "A picture of normals to use instead of inferring them."),
                 "normal_axes": widgets.choice(
@@ -92,8 +96,6 @@ class Analyse:
         given: dict[str, np.ndarray] = {}
         if mask is not None:
             given["mask"] = tensors.mattes("mask", mask, plates.shape[1:3], mask_shows)
-        elif plates.shape[-1] == 3:
-            raise ValueError("mask: expected the person's matte; the image has no alpha")
         if normals is not None:
             given["normals"] = _normals(normals, normal_axes)
         if depth is not None:
@@ -104,11 +106,18 @@ class Analyse:
         if count > len(plates):
             raise ValueError(f"image: expected as many images as there are masks or maps, {count}")
 
+        frames = list(range(len(plates))) if batch == SHOT and len(plates) > 1 else None
+        found = SequenceMatting(
+            MattingOptions(AUTO), lambda number: tensors.light("image", plates[number]), frames
+        )
+
         def analyse(number: int, first: Subject | None) -> Person:
             plate = tensors.light("image", plates[number])
             maps: dict[str, Any] = {
                 name: maps[number if len(maps) > 1 else 0] for name, maps in given.items()
             }
+            if "mask" not in maps and is_opaque(plate):
+                plate = found.cut(number, None)
             coverage = maps.get("mask", plate[..., -1])
             if len(plates) > 1 and coverage.max() <= 0.5:
                 return EmptySubject(plate.shape[:2])

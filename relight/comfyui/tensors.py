@@ -75,8 +75,8 @@ def mattes(name: str, mask: torch.Tensor, size: tuple[int, ...], shows: str = PE
     if values.shape[1:] != tuple(size):
         if values.shape[1:] == (64, 64) and not values.any():
             raise ValueError(
-                f"{name}: is the empty mask that Load Image gives for a picture without alpha; expected the "
-                "person's matte, such as that of a background removal node"
+                f"{name}: is the empty mask that Load Image gives for a picture without alpha; disconnect it "
+                "to have the person found, or connect the matte of a background removal node"
             )
         raise ValueError(
             f"{name}: expected the size of its image, {size[1]} x {size[0]} pixels, got "

@@ -16,10 +16,12 @@ from numpy.typing import ArrayLike
 from scipy.special import expit
 
 from relight.errors import EmptyMatteError
+from relight.matting.person import NOBODY, FoundPerson
 from relight.matting.refine import encoded_srgb, opaque_photograph, select_person
 from shadow.files import AnyPath
 from shadow.networks.onnx import MAX_SIDE, OnnxFile, Preprocessing, Shape, checked_maps
 
+AUTO = "auto"  # the model that finds the person
 IMAGENET: dict[str, Any] = {"mean": (0.485, 0.456, 0.406), "std": (0.229, 0.224, 0.225)}
 STATES = ("r1i", "r2i", "r3i", "r4i")
 MIN_CODE_PEAK = 32  # a matte in codes of 8 bits reaches this where anybody is, and logits do not
@@ -68,9 +70,11 @@ class MattingModel(Protocol):
     """A function from a photograph (H, W, 3), sRGB-encoded in [0, 1], to its matte (H, W) in [0, 1].
 
     recurrent: whether its state depends on the frames before; after `reset` the next frame is the first.
+    selects: whether its matte is that of the chosen person already, and not of everybody.
     """
 
     recurrent: bool
+    selects: bool
 
     def __call__(self, encoded: np.ndarray) -> np.ndarray: ...
 
@@ -85,11 +89,13 @@ def matte(image: ArrayLike, model: AnyPath, *, person: Any = None, **options: An
     image
         (H, W, 3|4), opaque. Integers are sRGB-encoded; floats linear Rec.709.
     model
-        The path of an ONNX file; or a name that rembg knows, such as "u2net_human_seg", whose file rembg
-        downloads once (a warning says which, how large and under which licence, before it does).
+        "auto", which finds people (see `relight.matting.person`); the path of an ONNX file; or a name that
+        rembg knows, such as "u2net_human_seg", whose file rembg downloads once (a warning says which, how
+        large and under which licence, before it does).
     person
-        Which of several people who do not touch: 1 is the largest, the default, 2 the next; or (x, y), in
-        pixels from the top left, selects the one nearest to that point.
+        Which of several people: 1 is the largest, the default, 2 the next; (x, y), in pixels from the top
+        left, selects the one nearest to that point; "all" takes everybody together. An ONNX file and rembg
+        tell apart only people who do not touch.
     options
         The input format of a file of an unknown family, see `load`.
 
@@ -101,7 +107,9 @@ def matte(image: ArrayLike, model: AnyPath, *, person: Any = None, **options: An
     Raises
     ------
     ImportError
-        Onnxruntime or rembg is missing (the extra `matte`).
+        Onnxruntime or rembg is missing (the extra `matte`); or OpenVINO (the extra `auto`).
+    relight.errors.MissingNetworksError
+        The networks of "auto" have not been fetched: `relight fetch person`.
     FileNotFoundError
         No such file.
     TypeError, ValueError
@@ -119,15 +127,15 @@ def matte(image: ArrayLike, model: AnyPath, *, person: Any = None, **options: An
         ...
     FileNotFoundError: missing.onnx: no such file
     """
-    found = load(model, **options)(encoded_srgb(opaque_photograph(image)))
-    if found.max() <= 0.5:
-        raise EmptyMatteError(f"matte: {model} found no person: its matte is nowhere above {found.max():.2g}")
-    return select_person(reject_full_matte(found, model), person)
+    network = load(model, person=person, **options)
+    found = checked_matte(network(encoded_srgb(opaque_photograph(image))), model)
+    return found if network.selects else select_person(found, person)
 
 
 def load(
     model: AnyPath,
     *,
+    person: Any = None,
     family: str | None = None,
     size: int | None = None,
     mean: Iterable[float] | None = None,
@@ -145,6 +153,8 @@ def load(
     ----------
     model
         See `matte`.
+    person
+        See `matte`; for "auto", which finds each person by itself.
     family
         One of `FAMILIES`, unless the file's inputs and outputs identify it.
     size, mean, std, order, fit
@@ -160,6 +170,10 @@ def load(
     preparation: dict[str, Any] = {name: value for name, value in given.items() if value is not None}
     told: dict[str, Any] = {"output": output, "sigmoid": sigmoid}
     reading: dict[str, Any] = {name: value for name, value in told.items() if value is not None}
+    if model == AUTO:
+        if preparation or reading or family:
+            raise ValueError("matte: 'auto' takes no options")
+        return FoundPerson(person)
     if Path(model).suffix.lower() != ".onnx":
         if preparation or reading or family:
             raise ValueError(f"matte: rembg prepares the input of {model} itself; expected no options")
@@ -227,6 +241,7 @@ class _StillNetwork:
     """A network that sees one photograph at a time."""
 
     recurrent = False
+    selects = False
 
     def __init__(self, file: OnnxFile, family: Family) -> None:
         self._file, self._family = file, family
@@ -257,6 +272,7 @@ class _RobustVideoMatting:
     """Robust Video Matting (Lin et al., WACV 2022): each frame with the states that the last one left."""
 
     recurrent = True
+    selects = False
 
     def __init__(self, file: OnnxFile) -> None:
         self._file = file
@@ -282,6 +298,7 @@ class _Rembg:
     """A network of rembg, which prepares its input and downloads its file once."""
 
     recurrent = False
+    selects = False
 
     def __init__(self, name: str) -> None:
         try:
@@ -309,6 +326,14 @@ class _Rembg:
 
     def reset(self) -> None:
         """Do nothing: the network has no state."""
+
+
+def checked_matte(found: np.ndarray, model: AnyPath) -> np.ndarray:
+    """Return a matte (H, W); raises `EmptyMatteError` if it shows nobody, ValueError if it is full."""
+    if found.max() <= 0.5:
+        nobody = f"matte: {model} found no person: its matte is nowhere above {found.max():.2g}"
+        raise EmptyMatteError(NOBODY if model == AUTO else nobody)
+    return reject_full_matte(found, model)
 
 
 def reject_full_matte(found: np.ndarray, model: AnyPath) -> np.ndarray:

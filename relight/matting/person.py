@@ -8,6 +8,8 @@ machines of one kind agree to the bit. The files are those of `relight.matting.p
 """
 
 import functools
+import itertools
+import logging
 import sys
 from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
@@ -22,8 +24,8 @@ from scipy.ndimage import distance_transform_edt
 from scipy.special import expit
 
 from relight.errors import EmptyMatteError
-from relight.matting import person_files
-from relight.matting.refine import encoded_srgb, opaque_photograph
+from relight.matting import outline, person_files
+from relight.matting.refine import ALL, encoded_srgb, opaque_photograph
 from relight.media.resampling import resize
 from shadow.files import AnyPath
 from shadow.framing import affine_sample
@@ -33,13 +35,21 @@ STRIDES = (8, 16, 32, 32, 32)  # pixels of the detector's layers of anchors; eac
 HIPS, RIM = 33, 34  # rows of the landmarks: the middle of the hips, and the circle's upper end
 LANDMARK_VALUES = 5  # x, y, z, visibility, presence
 ROOM = 1.25  # side of the square that the landmark network sees, in diameters of the circle
-MIN_SCORE = 0.5  # of a detection, and of the landmark network's opinion that somebody is there
+PRESENT = 0.5  # the landmark network's opinion from which somebody is there
+SCORES = (0.5, 0.2)  # of detections, at least; lower ones count where the higher ones lead to nobody
 SAME_FACE = 0.3  # intersection over union of two detections' boxes from which they are of one person
 SAME_PERSON = 0.6  # the same, of two masks
+ALIKE = 1.0  # distance of circles up to which they may be of one person in two frames
 PART = 0.6  # of a person's radius: a smaller circle whose middle is on them is around a part of them
 REDUCED_SIDE = 1024  # pixels, the longer side of the copy on which the detector looks
 SHARES = (1.0, 0.5, 0.25)  # sides of the parts that the detector sees, of the picture's longer side
-ALL = "all"
+
+
+NOBODY = (
+    "matte: found no person in the photograph: give a mask (--mask), draw an outline (relight app), or name "
+    "a matting model (--matte)"
+)
+LOG = logging.getLogger("relight")
 
 
 @dataclass(frozen=True)
@@ -145,7 +155,45 @@ def find(image: ArrayLike, person: Any = None) -> np.ndarray:
 @functools.lru_cache(maxsize=1)
 def load() -> "PersonFinder":
     """Return the two networks, which are read once in a process. Raises as `find` does."""
-    return PersonFinder(*person_files.fetched())
+    _openvino()  # before the files, which are of no use without it
+    finder = PersonFinder(*person_files.fetched())
+    LOG.info("The person is found by %s.", person_files.NETWORKS)
+    return finder
+
+
+class FoundPerson:
+    """The person found in each photograph, refined at its own detail: a model of `relight.matte`.
+
+    `person`: see `find`.
+    """
+
+    recurrent = False
+    selects = True
+
+    def __init__(self, person: Any = None) -> None:
+        self._finder, self._person = load(), person
+
+    def __call__(self, encoded: np.ndarray) -> np.ndarray:
+        """Return the matte (H, W) of a photograph (H, W, 3), encoded in [0, 1]; zero if nobody is there."""
+        try:
+            mask = self._finder.mask(encoded, self._person)
+        except EmptyMatteError:
+            return np.zeros(encoded.shape[:2], np.float32)
+        codes = np.rint(encoded * 255).astype(np.uint8)
+        return outline.refine(codes, outline.outlined(codes, outline.Outline(matte=mask)))
+
+    def follow(self, encoded: np.ndarray) -> bool:
+        """From now on take whoever is most like the person of this photograph, in place and in size.
+
+        Return whether somebody is there.
+        """
+        found = self._finder.people(encoded, thorough=self._person is not None)
+        if found and not (isinstance(self._person, str) and self._person == ALL):
+            self._person = found[_index(found, self._person, encoded.shape[:2])].circle
+        return bool(found)
+
+    def reset(self) -> None:
+        """Do nothing: each photograph is looked at by itself."""
 
 
 class PersonFinder:
@@ -162,26 +210,25 @@ class PersonFinder:
     def mask(self, encoded: np.ndarray, person: Any = None) -> np.ndarray:
         """Return the mask (H, W) of a person in a photograph (H, W, 3), sRGB-encoded; see `find`."""
         size = (encoded.shape[0], encoded.shape[1])
-        found = self.people(encoded, thorough=person is not None)
+        near = person if isinstance(person, Circle) else None
+        found = self.people(encoded, thorough=person is not None and near is None, near=near)
         if not found:
-            raise EmptyMatteError(
-                "matte: found no person in the photograph: give a mask, draw an outline in the app, or name "
-                "a matting model"
-            )
+            raise EmptyMatteError(NOBODY)
         return mask_of(found, person, size)
 
-    def people(self, encoded: np.ndarray, thorough: bool = False) -> list[Person]:
+    def people(self, encoded: np.ndarray, thorough: bool = False, near: Circle | None = None) -> list[Person]:
         """Return everybody in a photograph (H, W, 3), sRGB-encoded in [0, 1], the largest first.
 
-        Smaller parts of the picture are looked at until somebody is found; all of them if `thorough`.
+        Smaller parts of the picture are looked at until somebody is found who is like `near`, if that is
+        given; all of them if `thorough`.
         """
         shrink = min(1.0, REDUCED_SIDE / max(encoded.shape[:2]))
         reduced = resize(encoded, tuple(max(1, round(n * shrink)) for n in encoded.shape[:2]), "triangle")
         scale = np.array(encoded.shape[1::-1]) / reduced.shape[1::-1]
         copy, full = map(_planes, (reduced, encoded))
         found: list[Person] = []
-        for share in SHARES:
-            for hips, rim in self._detections(copy, share):
+        for score, share in itertools.product(SCORES, SHARES):
+            for hips, rim in self._detections(copy, share, score):
                 # A circle that is large on the reduced copy has all the detail there that its mask needs.
                 large = 2 * ROOM * float(np.hypot(*(rim - hips))) >= LANDMARK_SIDE
                 seen, factor = (copy, scale) if large else (full, np.ones(2))
@@ -191,19 +238,25 @@ class PersonFinder:
                 person = self._person(seen, start, factor)
                 if person is not None and not _among(person, found, encoded.shape[:2]):
                     found.append(person)
-            if found and not thorough:
+            like = near is None or any(each.circle.distance(near) < ALIKE for each in found)
+            if found and (share == SHARES[-1] or (like and not thorough)):
                 break
         return sorted(found, key=lambda each: -each.area)
 
-    def _detections(self, picture: torch.Tensor, share: float) -> list[tuple[np.ndarray, np.ndarray]]:
-        """Return the hips and the circle's rim, (x, y), of everybody that the detector sees in the parts."""
+    def _detections(
+        self, picture: torch.Tensor, share: float, least: float
+    ) -> list[tuple[np.ndarray, np.ndarray]]:
+        """Return the hips and the circle's rim, (x, y), of everybody that the detector sees in the parts.
+
+        `least` is the least score.
+        """
         scores, boxes, points = [], [], []
         for left, top, side in _parts(picture.shape[2], picture.shape[1], share):
             step = side / DETECTOR_SIDE
             seen = _sampled(picture, np.array([[step, 0, left], [0, step, top]]), DETECTOR_SIDE)
             answers, odds = self._detector(seen * 2 - 1).values()
             score = expit(odds[0, :, 0].clip(-100, 100))
-            kept = score > MIN_SCORE
+            kept = score > least
             values = answers[0][kept].reshape(-1, 6, 2) / DETECTOR_SIDE  # a centre, a size, four points
             values[:, [0, 2, 3, 4, 5]] += self._anchors[kept][:, None]
             corner = np.array([left, top])
@@ -229,7 +282,7 @@ class PersonFinder:
         for _ in range(2):
             square = circle.square(LANDMARK_SIDE)
             answers = list(self._landmarks(_sampled(picture, square, LANDMARK_SIDE)).values())
-            if float(answers[1].ravel()[0]) < MIN_SCORE:
+            if float(answers[1].ravel()[0]) < PRESENT:
                 return None
             seen, mask = circle, expit(answers[2][0, :, :, 0].astype(np.float32))
             points = answers[0].reshape(-1, LANDMARK_VALUES)[[HIPS, RIM], :2]

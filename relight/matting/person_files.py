@@ -19,7 +19,8 @@ from relight.errors import DamagedFileError, MissingNetworksError
 from shadow.files import AnyPath, replacing
 
 PACKAGE, VERSION = "mediapipe", "0.10.14"
-ABOUT = "MediaPipe's pose networks (Apache-2.0), 9.4 MB out of a package of 36 MB"
+NETWORKS = "MediaPipe's pose networks"
+ABOUT = f"{NETWORKS} (Apache-2.0), 9.4 MB out of a package of 36 MB"
 COMMAND = "relight fetch person"
 FILES = {  # file: its place in the package, its SHA-256
     "pose_detection.tflite": (
@@ -41,9 +42,12 @@ Progress = Callable[[int, int, str], None]
 def folder() -> Path:
     """Return the folder in the user's cache where the files are kept; it need not exist.
 
-    It is `$XDG_CACHE_HOME/relight` or `~/.cache/relight`, on macOS `~/Library/Caches/relight`, on Windows
-    `%LOCALAPPDATA%\\relight`. Raises OSError if the user has no such folder.
+    It is in `$RELIGHT_CACHE` if that is set; otherwise in `$XDG_CACHE_HOME/relight` or `~/.cache/relight`,
+    on macOS in `~/Library/Caches/relight`, on Windows in `%LOCALAPPDATA%\\relight`. Raises OSError if the
+    user has no such folder.
     """
+    if chosen := os.environ.get("RELIGHT_CACHE"):
+        return Path(chosen).absolute() / "person"
     variable = "LOCALAPPDATA" if os.name == "nt" else "XDG_CACHE_HOME"
     named = os.environ.get(variable, "")
     if Path(named).is_absolute():
@@ -53,7 +57,7 @@ def folder() -> Path:
     except RuntimeError:
         home = Path()
     if not home.is_absolute():
-        raise OSError(f"the user has no home folder, to keep the networks in: set {variable} to a folder")
+        raise OSError("the user has no home folder, to keep the networks in: set RELIGHT_CACHE to a folder")
     caches = (
         "Library/Caches" if sys.platform == "darwin" else "AppData/Local" if os.name == "nt" else ".cache"
     )
@@ -79,10 +83,11 @@ def fetched() -> tuple[Path, Path]:
     for path, (_, sha256) in zip(paths, FILES.values(), strict=True):
         try:
             contents = path.read_bytes()
-        except FileNotFoundError as error:
+        except (FileNotFoundError, NotADirectoryError) as error:
             raise MissingNetworksError(
                 f"matte: the networks that find the person are missing: {COMMAND} brings them ({ABOUT}), "
-                "once; or give a mask, or name a matting model"
+                "once; or give the person's matte (--mask FILE), name a matting model (--matte MODEL), or "
+                "key the person from a screen (--key green)"
             ) from error
         if hashlib.sha256(contents).hexdigest() != sha256:
             raise DamagedFileError(f"{path}: is damaged; {COMMAND} brings it again")

@@ -1,5 +1,6 @@
 """Work on mattes: select one of several people, refine the edge, cut the person out of the photograph."""
 
+import warnings
 from importlib import import_module
 from typing import Any
 
@@ -11,13 +12,31 @@ from scipy.ndimage import distance_transform_edt, label
 from relight.media import colour
 from relight.media.images import scene_linear
 
+ALL = "all"  # people, in place of one of them
+OPAQUE, OPAQUE_SHARE = 0.99, 0.999  # alpha is no matte where this share of its pixels is at least so opaque
 MIN_PERSON_SHARE = 0.1  # of the largest connected region's area: a smaller one is no person of its own
+
+
+def is_opaque(pixels: np.ndarray) -> bool:
+    """Return whether a picture (H, W, 3|4), floats, has no matte in its alpha.
+
+    Alpha that is opaque but for one pixel in a thousand is an exporter's rounding; a warning says so.
+    """
+    if pixels.shape[-1] == 3:
+        return True
+    share = float((pixels[..., 3] >= OPAQUE).mean())
+    if share >= OPAQUE_SHARE and pixels[..., 3].min() < 1:
+        warnings.warn(
+            f"image: its alpha is opaque in {100 * share:.3g} % of the pixels, which is no matte",
+            stacklevel=3,
+        )
+    return share >= OPAQUE_SHARE
 
 
 def opaque_photograph(image: ArrayLike) -> np.ndarray:
     """Return a photograph as (H, W, 3), linear Rec.709; raises ValueError if it is transparent."""
     pixels = scene_linear("image", image)
-    if pixels.shape[-1] == 4 and pixels[..., 3].min() < 1:
+    if not is_opaque(pixels):
         raise ValueError("image: has transparency, which is a matte already; expected an opaque photograph")
     return pixels[..., :3]
 
@@ -32,6 +51,8 @@ def select_person(found: np.ndarray, person: Any = None) -> np.ndarray:
 
     People are regions above 0.5 that do not touch. Each takes the soft edge and small parts nearest to it.
     """
+    if isinstance(person, str) and person == ALL:
+        return found
     regions, count = label(found > 0.5, np.ones((3, 3)))
     areas = np.bincount(regions.ravel(), minlength=count + 1)[1:]
     order = np.argsort(-areas, kind="stable") + 1

@@ -1,6 +1,7 @@
 """Mattes for the frames of a shot: inferred by a network, or a rough mask refined."""
 
 import contextlib
+import functools
 from collections.abc import Callable
 from dataclasses import dataclass, field
 from typing import Any, Self
@@ -8,6 +9,7 @@ from typing import Any, Self
 import numpy as np
 
 from relight.matting import networks, refine
+from relight.matting.person import FoundPerson
 from shadow.files import AnyPath
 
 WARM_UP_FRAMES = 5  # that a recurrent network sees before the first one that is asked for
@@ -61,16 +63,34 @@ class SequenceMatting:
     def __init__(self, options: MattingOptions, read: Callable[[int], Any], numbers: Any) -> None:
         """Take the function that reads a frame, and the numbers of the frames; None for a still."""
         self._options, self._read, self._numbers = options, read, numbers
-        self._model = None
-        if options.model is not None:
-            self._model = networks.load(options.model, **options.options)
+        if options.model != networks.AUTO:  # which is loaded for the first frame without a matte of its own
+            _ = self._model
         self._found: dict[int, tuple[np.ndarray, np.ndarray]] = {}
 
+    @functools.cached_property
+    def _model(self) -> networks.MattingModel | None:
+        """The model, which knows whom to follow through the shot; raises as `networks.load` does."""
+        options = self._options
+        if options.model is None:
+            return None
+        model = networks.load(options.model, person=options.person, **options.options)
+        if isinstance(model, FoundPerson):
+            for number in self._numbers or ():
+                with contextlib.suppress(OSError, ValueError):  # that frame is reported when it is its turn
+                    if model.follow(refine.encoded_srgb(refine.opaque_photograph(self._read(number)))):
+                        break
+        return model
+
+    def frames_read(self, number: int) -> list[int]:
+        """Return the other frames on which a frame's matte depends, the one that says whom to follow too."""
+        first = [] if self._numbers is None or self._options.model != networks.AUTO else self._numbers[:1]
+        return [*self.frames_for(number), *first]
+
     def frames_for(self, number: int) -> list[int]:
-        """Return the other frames on which a frame's matte depends."""
-        if self._numbers is None or self._model is None:
+        """Return the neighbours of a frame on which its matte depends."""
+        if self._numbers is None or self._options.model is None:
             return []
-        if self._model.recurrent:
+        if self._options.model != networks.AUTO and self._model is not None and self._model.recurrent:
             return [n for n in range(number - WARM_UP_FRAMES, number) if n in self._numbers]
         return [n for n in (number - 1, number + 1) if n in self._numbers]
 
@@ -88,11 +108,9 @@ class SequenceMatting:
             found = np.asarray(mask, np.float32)
         else:
             found = self._filtered(number)
-            if self._numbers is None and found.max() <= 0.5:
-                raise ValueError(
-                    f"matte: {self._options.model} found no person: nowhere above {found.max():.2g}"
-                )
-        if found.max() > 0.5 and self._model is not None:
+            if self._numbers is None:
+                found = networks.checked_matte(found, self._options.model or "")
+        if found.max() > 0.5 and self._model is not None and not self._model.selects:
             found = refine.select_person(found, self._options.person)
         if found.max() > 0.5 and self._options.refine is not None:
             found = refine.refine_matte(pixels, found, self._options.refine)

@@ -18,7 +18,8 @@ from relight.analysis.depth import MAX_DEPTH, MIN_COVERAGE
 from relight.compositing.placement import place
 from relight.lights.environment import FIELD_OF_VIEW
 from relight.lights.light import checked_number
-from relight.matting import chroma_key
+from relight.matting import chroma_key, refine
+from relight.matting.networks import AUTO
 from relight.matting.sequence import MattingOptions, SequenceMatting
 from relight.media import images, movies
 from relight.media.content_hash import FileRecord, content_hash
@@ -144,12 +145,26 @@ class FrameReader:
 
     @functools.cached_property
     def _matting(self) -> SequenceMatting | None:
+        """What makes mattes; None where the source has one, or is an analysis cache.
+
+        With alpha in its frames, a source of which the person is to be found has one too: see `frame`.
+        """
         options = self.matting_options
+        given = self.source.mask is not None or self.source.key is not None or self.cache is not None
+        if options is not None and options.model == AUTO and given:
+            options = MattingOptions.parse(None, options.person, options.refine)
         if options is None:
             return None
         if self.source.key is not None or (options.model is not None and self.source.mask is not None):
             raise ValueError("matte: expected one of mask, key and matte (--mask, --key, --matte)")
         return SequenceMatting(options, lambda n: self._log.read(self.plates, n), self.plates.numbers)
+
+    @property
+    def _must_matte(self) -> bool:
+        """Whether a matte is asked for expressly, so that alpha is refused and not taken."""
+        options = self.matting_options
+        assert options is not None
+        return options.model != AUTO or options.person is not None or options.refine is not None
 
     @property
     def readers(self) -> tuple[Any, ...]:
@@ -221,7 +236,7 @@ class FrameReader:
         wanted = list(around)
         pairs = [(reader, n) for n in wanted for reader in self.readers]
         if self._matting is not None:
-            pairs += [(self.plates, m) for n in wanted for m in self._matting.frames_for(n)]
+            pairs += [(self.plates, m) for n in wanted for m in self._matting.frames_read(n)]
         return pairs
 
     def frame(self, number: int) -> FrameInputs:
@@ -232,14 +247,14 @@ class FrameReader:
         """
         plate, matte = self._log.read(self.plates, number), self._log.read(self._mattes, number)
         matte = self._squared_as_plate(matte, plate, number)
-        if self._matting is not None:
+        if self._matting is not None and (self._must_matte or refine.is_opaque(plate)):
             plate, matte = self._matting.cut(number, matte), None
         elif self.source.key is not None:
             plate, matte = chroma_key.key(plate, self.source.key, mask=matte), None
         elif matte is None and np.shape(plate)[2:] == (3,):
             raise ValueError(
                 "mask: the image has no alpha channel, so give the person's matte (--mask FILE), "
-                "have it made (--matte MODEL), or key the person from a screen (--key green)"
+                "have it made (--matte auto, or a model), or key the person from a screen (--key green)"
             )
         behind = None
         if self.placement.size == BACKGROUND:  # a still lies in all frames as in the background's first

@@ -123,7 +123,7 @@ class Options:
         changed = {
             each.name: _absolute(getattr(self, each.name))
             for each in fields(cast(Any, self))
-            if each.metadata["path"]
+            if each.metadata["path"] and not _is_default(getattr(self, each.name), each.default)
         }
         return dataclasses.replace(cast(Any, self), **changed)
 
@@ -148,13 +148,15 @@ def parse_offset(text: str) -> tuple[int, int]:
     return right, up
 
 
-def parse_person(text: str) -> int | tuple[int, int]:
-    """Parse `2` as a number, and `640/300` as a point."""
+def parse_person(text: str) -> int | tuple[int, int] | str:
+    """Parse `2` as a number, and `640/300` as a point; `all` is returned unchanged."""
+    if text == "all":
+        return text
     try:
         values = tuple(map(int, text.split("/")))
         return values[0] if len(values) == 1 else (values[0], values[1])
     except (ValueError, IndexError) as error:
-        raise ValueError(f"--person: expected a number, or a point as X/Y, got {text!r}") from error
+        raise ValueError(f"--person: expected a number, a point as X/Y, or all, got {text!r}") from error
 
 
 def parse_background(text: str) -> tuple[float, ...] | str:

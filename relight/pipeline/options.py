@@ -68,24 +68,26 @@ class Source(Options):
         metavar="SOURCE",
     )
     mask: Picture | None = option(
-        "The matte of the person: a file, a sequence or a movie. Needed unless the source has alpha.",
+        "The matte of the person: a file, a sequence or a movie. Without it, and without alpha, --matte.",
         path=True,
     )
     key: Screen | None = option(
         "Key the person from a screen of this colour. A mask then marks where the person is.", text=Screen
     )
     matte: str | Path | None = option(
-        "Infer the matte with a network: MODEL.onnx, or a model name of rembg. For a model that is not "
-        "recognised add its input format: MODEL.onnx,mean=0/0/0,std=1/1/1,size=320 (also order, fit, "
-        "output, sigmoid, family).",
+        "How the person is found in a source without a matte: auto, by networks that `relight fetch person` "
+        "brings; MODEL.onnx; or a model name of rembg. For a model that is not recognised add its input "
+        "format: MODEL.onnx,mean=0/0/0,std=1/1/1,size=320 (also order, fit, output, sigmoid, family).",
+        "auto",
         path=True,
     )
     refine_matte: int | None = option(
         "Refine the inferred matte, or a rough --mask, in a band this many pixels wide along its edge.",
         text=int,
     )
-    person: int | tuple[int, int] | None = option(
-        "Which of several people: 2 is the second largest, X/Y the one nearest to that pixel.",
+    person: int | tuple[int, int] | str | None = option(
+        "Which of several people: 2 is the second largest, X/Y the one nearest to that pixel, all everybody "
+        "together.",
         parse=parse_person,
     )
     size: tuple[int, int] | str | None = option(

@@ -144,7 +144,7 @@ def test_lights_come_from_a_file_and_go_to_one(tmp_path, photo):
 @pytest.mark.parametrize(
     ("change", "message"),
     [
-        ({"--mask": None}, "mask: the image has no alpha channel, so give the person's matte"),
+        ({"--mask": None}, "relight fetch person brings them (MediaPipe's pose networks (Apache-2.0)"),
         ({"--mask": "gone.png"}, "gone.png: no such file"),
         ({"--light": "key:azimut=3"}, "'azimut=3' is not understood"),
         (

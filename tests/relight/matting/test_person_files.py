@@ -17,14 +17,13 @@ CONTENTS = {"pose_detection.tflite": b"a detector", "pose_landmark_full.tflite":
 @pytest.fixture
 def cache(tmp_path, monkeypatch):
     """An empty cache folder, and files whose contents are known."""
-    variable = "LOCALAPPDATA" if sys.platform == "win32" else "XDG_CACHE_HOME"
-    monkeypatch.setenv(variable, str(tmp_path / "cache"))
+    monkeypatch.setenv("RELIGHT_CACHE", str(tmp_path / "cache"))
     known = {
         name: (person_files.FILES[name][0], hashlib.sha256(each).hexdigest())
         for name, each in CONTENTS.items()
     }
     monkeypatch.setattr(person_files, "FILES", known)
-    return tmp_path / "cache" / "relight" / "person"
+    return tmp_path / "cache" / "person"
 
 
 def wheel(path, **others):
@@ -119,11 +118,21 @@ def test_a_user_without_a_home_is_told(monkeypatch):
     def nowhere():
         raise RuntimeError("Could not determine home directory.")
 
-    for variable in ("XDG_CACHE_HOME", "LOCALAPPDATA"):
+    for variable in ("RELIGHT_CACHE", "XDG_CACHE_HOME", "LOCALAPPDATA"):
         monkeypatch.delenv(variable, raising=False)
     monkeypatch.setattr(Path, "home", nowhere)
-    with pytest.raises(OSError, match="no home folder, to keep the networks in: set"):
+    with pytest.raises(OSError, match="no home folder, to keep the networks in: set RELIGHT_CACHE"):
         person_files.fetch()
     monkeypatch.setattr(Path, "home", lambda: Path("relative"))
     with pytest.raises(OSError, match="no home folder"):
         person_files.folder()
+
+
+@pytest.mark.skipif(sys.platform in ("win32", "darwin"), reason="folders of Linux")
+def test_the_cache_is_the_users(tmp_path, monkeypatch):
+    monkeypatch.delenv("RELIGHT_CACHE", raising=False)
+    monkeypatch.setenv("XDG_CACHE_HOME", str(tmp_path))
+    assert person_files.folder() == tmp_path / "relight" / "person"
+    monkeypatch.setenv("XDG_CACHE_HOME", "relative, which is to be ignored")
+    monkeypatch.setenv("HOME", str(tmp_path))
+    assert person_files.folder() == tmp_path / ".cache" / "relight" / "person"

@@ -120,7 +120,7 @@ def test_a_rough_mask_is_refined(tmp_path, photo):
 @pytest.mark.parametrize(
     ("options", "message"),
     [
-        ([], "(--mask FILE), have it made (--matte MODEL)"),
+        ([], "relight fetch person brings them"),
         (["--matte", "{m}"], "is of no known family"),
         (["--matte", "{m},mean=1,std=1/1/1"], "mean: expected three numbers, got (1.0,)"),
         (["--matte", "{m},sigmoid=maybe"], "got 'sigmoid=maybe'"),
@@ -129,8 +129,9 @@ def test_a_rough_mask_is_refined(tmp_path, photo):
         (["--matte", "{m}," + OPTIONS, "--person", "2"], "person: expected 1 to 1"),
         (["--matte", "{m}," + OPTIONS, "--person", "x"], "--person: expected a number, or a point"),
         (["--matte", "{m}," + OPTIONS, "--key", "green"], "expected one of mask, key and matte"),
-        (["--person", "2"], "person: expected a matting model as well"),
-        (["--refine-matte", "9"], "refine_matte: expected a mask or a matte"),
+        (["--person", "2"], "relight fetch person brings them"),
+        (["--mask", "{m}", "--person", "2"], "person: expected a matting model as well"),
+        (["--refine-matte", "9"], "relight fetch person brings them"),
     ],
 )
 def test_bad_input_is_one_line_and_writes_nothing(tmp_path, monkeypatch, photo, model, options, message):

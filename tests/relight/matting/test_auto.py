@@ -1,0 +1,117 @@
+"""`matte="auto"`, the default: whoever is in a photograph without a matte is found; here, what is red."""
+
+import numpy as np
+import pytest
+
+pytest.importorskip("openvino")
+pytest.importorskip("pymatting")
+
+from helpers.finders import discs, small_finder
+from typer.testing import CliRunner
+
+import relight
+from relight.analysis.infer import check_inputs
+from relight.cli import app
+from relight.errors import EmptyMatteError, MissingNetworksError
+from relight.matting import person
+from relight.media import colour
+from relight.pipeline.inputs import ShotInputs
+from relight.pipeline.options import Source
+
+KEY = relight.DirectionalLight(azimuth=-40, elevation=30)
+
+
+@pytest.fixture(scope="module")
+def finder(tmp_path_factory):
+    return small_finder(tmp_path_factory.mktemp("networks"))
+
+
+@pytest.fixture
+def fetched(finder, monkeypatch):
+    monkeypatch.setattr(person, "load", lambda: finder)
+
+
+def photograph(*people, size=(160, 160)):
+    """A photograph of red discs, uint8, and where they are."""
+    picture, where = discs(size, *people)
+    return np.round(picture * 255).astype(np.uint8), where
+
+
+def overlap(alpha, where):
+    return ((alpha > 0.5) & where).sum() / ((alpha > 0.5) | where).sum()
+
+
+def linear(codes):
+    return colour.decode(codes / np.float32(255), colour.SRGB).astype(np.float32)
+
+
+def test_the_person_in_a_photograph_is_relit(fetched):
+    codes, (where,) = photograph((90, 70, 14))
+    picture = relight.apply(codes, KEY)
+    assert overlap(picture[..., 3], where) > 0.9
+    np.testing.assert_array_equal(check_inputs(codes).alpha, picture[..., 3])
+    with pytest.raises(ValueError, match="mask: the image has no alpha channel"):
+        relight.apply(codes, KEY, matte=None)
+
+
+def test_nothing_is_looked_for_where_there_is_a_matte(monkeypatch):
+    def load():
+        raise AssertionError("the networks were loaded")
+
+    monkeypatch.setattr(person, "load", load)
+    codes, (where,) = photograph((90, 70, 14))
+    alpha = np.where(where, 255, 0).astype(np.uint8)
+    for given in ((np.dstack([codes, alpha]),), (codes, where.astype(np.float32))):
+        assert overlap(check_inputs(*given).alpha.numpy(), where) == 1
+
+
+def test_nearly_opaque_alpha_is_no_matte(fetched):
+    codes, (where,) = photograph((90, 70, 14))
+    alpha = np.full((160, 160), 255, np.uint8)
+    alpha[:2, :5] = 200
+    with pytest.warns(UserWarning, match=r"alpha is opaque in 100 % of the pixels, which is no matte"):
+        given = check_inputs(np.dstack([codes, alpha]))
+    assert overlap(given.alpha.numpy(), where) > 0.9
+
+
+def test_nobody_and_no_networks_are_said(fetched, monkeypatch):
+    with pytest.raises(EmptyMatteError, match="found no person in the photograph: give a mask"):
+        check_inputs(photograph()[0])
+    monkeypatch.undo()
+    person.load.cache_clear()
+    with pytest.raises(MissingNetworksError, match="relight fetch person brings them"):
+        check_inputs(photograph((90, 70, 14))[0])
+
+
+def test_one_of_several_is_taken_from_a_file(fetched, tmp_path, stub):
+    codes, (large, small) = photograph((50, 60, 14), (120, 110, 10))
+    relight.write(tmp_path / "p.png", linear(codes))
+    for chosen, where in ((None, large), (2, small), ((118, 112), small), ("all", large | small)):
+        plate = ShotInputs(Source(tmp_path / "p.png", person=chosen)).frame(0).plate
+        assert overlap(plate[..., 3], where) > 0.9
+    matte = tmp_path / "matte.png"
+    options = ["--person", "all", "--light", "azimuth=10", "-o", tmp_path / "o.exr", "--save-matte", matte]
+    done = CliRunner().invoke(app, ["apply", *map(str, [tmp_path / "p.png", *options])])
+    assert done.exit_code == 0, done.output
+    assert overlap(relight.read_mask(matte), large | small) > 0.9
+
+
+def test_a_shot_follows_the_person_of_its_first_frame_wherever_it_is_entered(fetched, tmp_path):
+    """The other one becomes the larger one; a machine of a farm sees the last frame alone."""
+    for number, (ours, other) in enumerate(((14, 10), (12, 12), (10, 14)), start=1):
+        codes, (where, _) = photograph((40 + number, 60, ours), (115, 110, other))
+        relight.write(tmp_path / f"p.{number}.exr", linear(codes))
+    shot = ShotInputs(Source(tmp_path / "p.%d.exr"))
+    last = shot.frame(3).plate[..., 3]
+    assert overlap(last, where) > 0.85
+    for number in (1, 2):
+        shot.frame(number)
+    np.testing.assert_array_equal(shot.frame(3).plate[..., 3], last)
+
+
+def test_a_frame_without_anybody_is_empty(fetched, tmp_path):
+    for number, people in enumerate(([], [(60, 60, 14)]), start=1):
+        relight.write(tmp_path / f"p.{number}.exr", linear(photograph(*people)[0]))
+    shot = ShotInputs(Source(tmp_path / "p.%d.exr", temporal_filter=False))
+    assert shot.frame(1).plate[..., 3].max() <= 0.5
+    assert shot.frame(2).plate[..., 3].max() > 0.5
