@@ -35,7 +35,7 @@ STRIDES = (8, 16, 32, 32, 32)  # pixels of the detector's layers of anchors; eac
 HIPS, RIM = 33, 34  # rows of the landmarks: the middle of the hips, and the circle's upper end
 LANDMARK_VALUES = 5  # x, y, z, visibility, presence
 ROOM = 1.25  # side of the square that the landmark network sees, in diameters of the circle
-PRESENT = 0.5  # the landmark network's opinion from which somebody is there
+PRESENT, CERTAIN = 0.5, 0.9  # presence from which somebody is there, and is not looked for any more
 SCORES = (0.5, 0.2)  # of detections, at least; lower ones count where the higher ones lead to nobody
 SAME_FACE = 0.3  # intersection over union of two detections' boxes from which they are of one person
 SAME_PERSON = 0.6  # the same, of two masks
@@ -81,10 +81,14 @@ class Circle:
 
 @dataclass(frozen=True)
 class Person:
-    """Somebody in a picture: their circle, and their mask (256, 256) in [0, 1] in the square around it."""
+    """Somebody in a picture: their circle, and their mask (256, 256) in [0, 1] in the square around it.
+
+    presence: the landmark network's opinion, in [0, 1], that somebody is there.
+    """
 
     circle: Circle
     mask: np.ndarray
+    presence: float = 1.0
 
     @property
     def area(self) -> float:
@@ -217,7 +221,7 @@ class PersonFinder:
         return mask_of(found, person, size)
 
     def people(self, encoded: np.ndarray, thorough: bool = False, near: Circle | None = None) -> list[Person]:
-        """Return everybody in a photograph (H, W, 3), sRGB-encoded in [0, 1], the largest first.
+        """Return everybody in a photograph (H, W, 3), encoded in [0, 1]: who is certain, the largest first.
 
         Smaller parts of the picture are looked at until somebody is found who is like `near`, if that is
         given; all of them if `thorough`.
@@ -238,10 +242,13 @@ class PersonFinder:
                 person = self._person(seen, start, factor)
                 if person is not None and not _among(person, found, encoded.shape[:2]):
                     found.append(person)
-            like = near is None or any(each.circle.distance(near) < ALIKE for each in found)
-            if found and (share == SHARES[-1] or (like and not thorough)):
+            enough = any(
+                each.presence >= CERTAIN and (near is None or each.circle.distance(near) < ALIKE)
+                for each in found
+            )
+            if found and (share == SHARES[-1] or (enough and not thorough)):
                 break
-        return sorted(found, key=lambda each: -each.area)
+        return sorted(found, key=lambda each: (each.presence < CERTAIN, -each.area))
 
     def _detections(
         self, picture: torch.Tensor, share: float, least: float
@@ -282,12 +289,13 @@ class PersonFinder:
         for _ in range(2):
             square = circle.square(LANDMARK_SIDE)
             answers = list(self._landmarks(_sampled(picture, square, LANDMARK_SIDE)).values())
-            if float(answers[1].ravel()[0]) < PRESENT:
+            presence = float(answers[1].ravel()[0])
+            if presence < PRESENT:
                 return None
             seen, mask = circle, expit(answers[2][0, :, :, 0].astype(np.float32))
             points = answers[0].reshape(-1, LANDMARK_VALUES)[[HIPS, RIM], :2]
             circle = Circle.of(*(points @ square[:, :2].T + square[:, 2]))
-        return Person(Circle(seen.centre * scale, seen.radius * factor, seen.up), mask)
+        return Person(Circle(seen.centre * scale, seen.radius * factor, seen.up), mask, presence)
 
 
 def mask_of(found: Sequence[Person], person: Any, size: tuple[int, int]) -> np.ndarray:
