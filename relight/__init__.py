@@ -18,6 +18,7 @@ if TYPE_CHECKING:  # for editors and type checkers, which don't follow `__getatt
     from relight.lights.environment import EnvironmentLight
     from relight.lights.moving import MovingLight
     from relight.lights.near import PointLight, RectLight
+    from relight.lights.presets import presets
     from relight.matting.chroma_key import key
     from relight.matting.networks import matte
     from relight.media.images import read, read_layers, read_mask, read_normals, write, write_mask
@@ -54,6 +55,7 @@ _EXPORTS = {
     "matte": "relight.matting.networks",
     "over": "relight.compositing.composite",
     "place": "relight.compositing.placement",
+    "presets": "relight.lights.presets",
     "read": "relight.media.images",
     "read_layers": "relight.media.images",
     "read_lights": "relight.scene.lights",

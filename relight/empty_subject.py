@@ -9,7 +9,7 @@ import torch
 from relight.analysis import storage
 from relight.analysis.camera import Camera, focal_length
 from relight.lights.environment import FIELD_OF_VIEW
-from relight.lights.light import Lights, by_name
+from relight.lights.rig import Lights, by_name
 from relight.subject import Person, Subject, weights
 from shadow.files import AnyPath
 

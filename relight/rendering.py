@@ -12,7 +12,7 @@ from relight.analysis.infer import check_inputs, infer
 from relight.compositing.composite import Background, behind, over
 from relight.compositing.floor import Floor
 from relight.lights.environment import FIELD_OF_VIEW, EnvironmentLight
-from relight.lights.light import Lights, as_lights, by_name
+from relight.lights.rig import Lights, as_lights, by_name
 from relight.media.images import Metadata, half
 from relight.subject import Person, Subject
 from shadow.files import AnyPath
@@ -46,7 +46,7 @@ def apply(
     image
         (H, W, 3|4). Integers are sRGB-encoded with straight alpha; floats linear Rec.709, premultiplied.
     lights
-        A light, or any number of them.
+        A light, any number of them, or the name of a preset (see `relight.presets`).
     background
         An image of any size, scaled to cover the frame; a linear (r, g, b); or a relight.EnvironmentLight,
         which is rendered as the camera sees it (see `relight.over`). None keeps the alpha.
@@ -119,8 +119,9 @@ def render(
 
     Parameters
     ----------
-    image, lights, background, mask, matte, albedo, normals, depth, height, field_of_view, floor, gloss,
-    device
+    image, lights, background, mask, matte, albedo, normals, depth, height, field_of_view
+        See `relight.apply`.
+    floor, gloss, device
         See `relight.apply`.
     passes
         Any of "albedo", "N", "Z", "P", "visibility", "shading", "gloss", see `passes_of`.

@@ -23,8 +23,9 @@ from relight.analysis.upsampling import EXTENSION_SHARE, JointBilateral, encode_
 from relight.compositing.floor import Floor
 from relight.compositing.floor_shadow import FloorShadow
 from relight.lights.environment import FIELD_OF_VIEW
-from relight.lights.light import Light, Lights, as_lights, by_name
+from relight.lights.light import Light
 from relight.lights.moving import MovingLight
+from relight.lights.rig import Lights, as_lights, by_name
 from shading.albedo import solve_lighting
 from shadow import inputs
 from shadow.directions import olat

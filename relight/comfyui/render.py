@@ -13,8 +13,9 @@ from relight.comfyui.subjects import Person, SubjectBatch
 from relight.compositing.composite import over
 from relight.compositing.floor import Floor
 from relight.lights.environment import EnvironmentLight
-from relight.lights.light import Light, by_name
+from relight.lights.light import Light
 from relight.lights.moving import MovingLight
+from relight.lights.rig import by_name
 
 PLACE = {
     "background": widgets.socket("IMAGE", widgets.RENDER_BACKGROUND),

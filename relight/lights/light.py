@@ -1,4 +1,4 @@
-"""The base class of lights: strength and colour, samples, parsing from text; and lights by name."""
+"""The base class of lights: strength and colour, samples, parsing from text."""
 
 import inspect
 import math
@@ -112,45 +112,6 @@ class Light:
     def samples(self) -> tuple[np.ndarray, np.ndarray]:
         """Return the light as unit directions (K, 3) and linear RGB intensities (K, 3), float32."""
         raise NotImplementedError
-
-
-Lights = Light | Iterable[Light]  # what functions accept
-
-
-def as_rig(lights: Any, expected: str = "lights") -> list[Any]:
-    """Return one light, or several, as a list; they may move.
-
-    Raises TypeError for anything else; `expected` is what its message asks for.
-    """
-    alone = hasattr(lights, "samples") or hasattr(lights, "at")  # a light, of whatever class
-    try:
-        several: list[Any] = [lights] if alone else list(lights)
-    except TypeError as error:
-        raise TypeError(f"lights: expected {expected}, got {type(lights).__name__}") from error
-    for light in several:
-        if not hasattr(light, "samples") and not hasattr(light, "at"):
-            raise TypeError(f"lights: expected lights, e.g. DirectionalLight, got {type(light).__name__}")
-    return several
-
-
-def as_lights(lights: Lights) -> list[Light]:
-    """Return one light, or several, as a list; raises TypeError for anything else, and for moving lights."""
-    several = as_rig(lights)
-    for light in several:
-        if hasattr(light, "at"):
-            raise TypeError(
-                f"lights: {light.name or 'a light'} moves; give the light of one frame, light.at(frame)"
-            )
-    return several
-
-
-def by_name(lights: Lights) -> dict[str, Light]:
-    """Return {name: light}, unnamed ones as `light1`, `light2`...; raises ValueError if two have one name."""
-    several = as_lights(lights)
-    names = [light.name or f"light{number}" for number, light in enumerate(several, 1)]
-    if len(set(names)) < len(names):
-        raise ValueError(f"lights: expected different names, got {', '.join(names)}")
-    return dict(zip(names, several, strict=True))
 
 
 def check_name(name: Any) -> None:

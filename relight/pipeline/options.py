@@ -136,8 +136,8 @@ class Source(Options):
 class Lighting(Options):
     """The lights of a shot, and what is behind the person.
 
-    `lights` are a light, several, or the path of a lights file; `light` and `environment` add lights as the
-    command line spells them.
+    `lights` are a light, several, the name of a preset, or the path of a lights file; `light` and
+    `environment` add lights as the command line spells them.
 
     Examples
     --------
@@ -161,6 +161,10 @@ class Lighting(Options):
         False,
         text=bool,
         flags=("--allow-external",),
+    )
+    preset: str | None = option(
+        "Light by name: three-point, rembrandt, butterfly, split, rim, window, overcast, golden-hour, stage "
+        "or firelight."
     )
     light: tuple[str, ...] = option(
         "A light, as in the example below. Also direction=x/y/z, exposure (stops), temperature (kelvin), "
@@ -214,8 +218,11 @@ class Lighting(Options):
     def __post_init__(self) -> None:
         super().__post_init__()
         lights: Any = self.lights
-        if not isinstance(lights, str | os.PathLike):
-            from relight.lights.light import as_rig
+        if isinstance(lights, str) and not os.path.exists(lights) and not os.path.splitext(lights)[1]:
+            self._set("preset", lights)
+            self._set("lights", ())
+        elif not isinstance(lights, str | os.PathLike):
+            from relight.lights.rig import as_rig
 
             self._set("lights", tuple(as_rig(lights, "lights or the path of a lights file")))
         if self.gloss != 0:
@@ -233,6 +240,7 @@ class Lighting(Options):
 
         Raises as `relight.read_lights` does.
         """
+        from relight.lights import presets
         from relight.lights.environment import EnvironmentLight
         from relight.lights.moving import parse
         from relight.scene.lights import read_rig
@@ -249,7 +257,8 @@ class Lighting(Options):
                 if value:
                     raise ValueError(f"{name}: expected a USD stage or a glTF scene (--lights), which has it")
         rig = Rig([*given]) if isinstance(given, tuple) else read_rig(given, **scene)
-        lights = [*rig.lights, *map(parse, self.light)]
+        preset = [] if self.preset is None else presets.named(self.preset)
+        lights = [*rig.lights, *preset, *map(parse, self.light)]
         lights += [parse(text, EnvironmentLight) for text in self.environment]
         return rig._replace(lights=lights)
 
@@ -257,13 +266,14 @@ class Lighting(Options):
         """Raise ValueError if there are no lights, not even matched ones."""
         if not self.has_lights:
             raise ValueError(
-                "lights: expected at least one (--light, --environment, --lights, --match or --match-plate)"
+                "lights: expected at least one (--preset, --light, --environment, --lights, --match or "
+                "--match-plate)"
             )
 
     @property
     def has_lights(self) -> bool:
         """Whether there is any light, set or matched."""
-        given = self.lights or self.light or self.environment
+        given = self.lights or self.preset or self.light or self.environment
         return bool(given) or self.match_plate or self.match is not None
 
 

@@ -17,8 +17,9 @@ from relight.analysis.temporal import RADIUS
 from relight.compositing.composite import Background
 from relight.light_estimation import PLATE, Matching, PlateLight, lights_in
 from relight.lights.environment import EnvironmentLight
-from relight.lights.light import Light, by_name
+from relight.lights.light import Light
 from relight.lights.moving import MovingLight, lights_at
+from relight.lights.rig import by_name
 from relight.media.content_hash import FileRecord, content_hash
 from relight.media.sequences import FrameRange
 from relight.pipeline import outputs

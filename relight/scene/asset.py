@@ -9,8 +9,9 @@ import numpy as np
 
 from relight.analysis.camera import Camera
 from relight.analysis.gloss import checked_gloss
-from relight.lights.light import Light, as_rig
+from relight.lights.light import Light
 from relight.lights.moving import MovingLight
+from relight.lights.rig import as_rig
 from relight.media.colour import encode
 from relight.media.nuke import is_script
 from relight.media.resampling import fill_unknown

@@ -13,7 +13,7 @@ from pathlib import Path
 from typing import Any
 
 from relight.lights.directional import DirectionalLight
-from relight.lights.light import as_rig
+from relight.lights.rig import as_rig
 from relight.media.nuke_nodes import layer, literal, node, quoted, root, span
 from relight.scene import nuke_callback
 from relight.scene.nuke_callback import LIGHTS, direction, matrices, samples

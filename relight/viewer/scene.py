@@ -15,8 +15,9 @@ from relight.compositing.composite import Background
 from relight.compositing.placement import cover
 from relight.lights.directional import DirectionalLight
 from relight.lights.environment import EnvironmentLight
-from relight.lights.light import Light, Lights, by_name
+from relight.lights.light import Light
 from relight.lights.near import NearLight, PointLight
+from relight.lights.rig import Lights, by_name
 from relight.media.colour import LOCI, encode, temperature
 from relight.media.images import scene_linear
 

@@ -14,8 +14,9 @@ except ModuleNotFoundError as error:
     ) from error
 
 from relight.lights.directional import DirectionalLight
-from relight.lights.light import Light, as_rig
+from relight.lights.light import Light
 from relight.lights.near import PointLight
+from relight.lights.rig import as_rig
 from relight.viewer.page import module, style
 from relight.viewer.scene import MAX_LIGHTS, HandleLight, parameters_of
 

@@ -42,8 +42,8 @@ from helpers.invariants import (
     require_usable,
 )
 from helpers.statements import container_tags, exif_bytes, icc_bytes
-from relight.lights.light import by_name
 from relight.lights.moving import MovingLight, parse
+from relight.lights.rig import by_name
 
 REFUSED, ANSWERED = "refused", "answered"
 

@@ -4,7 +4,7 @@ import numpy as np
 import torch
 
 import relight
-from relight.lights.light import by_name
+from relight.lights.rig import by_name
 from shading import diffuse
 
 HEIGHT, WIDTH = 12, 16  # of a frame with somebody

@@ -1,0 +1,67 @@
+"""Lighting that photographers know by name: `relight/presets.yaml`, the same everywhere."""
+
+import functools
+import math
+from importlib.resources import files
+from typing import Any
+
+import yaml
+
+from relight.lights.files import from_entries
+from relight.lights.light import Light, checked_number
+
+HEIGHT = 1.75  # metres of the person for whom the file is written
+
+
+def presets(height: float = HEIGHT) -> dict[str, list[Light]]:
+    """Return all lighting presets, by name.
+
+    Parameters
+    ----------
+    height
+        Metres of the person, in [0.01, 100]: lamps near them are placed and dimmed in proportion.
+
+    Returns
+    -------
+    dict[str, list[Light]]
+        {name: lights}. Wherever lights are taken, a name alone stands for them.
+
+    Raises
+    ------
+    TypeError, ValueError
+        No height.
+
+    Examples
+    --------
+    >>> import relight
+    >>> [light.name for light in relight.presets()["rembrandt"]]
+    ['key', 'fill']
+    """
+    scale = checked_number("height", height, 0.01, 100) / HEIGHT
+    made: dict[str, Any] = {}
+    for name, preset in document().items():
+        made[name] = from_entries([_scaled(entry, scale) for entry in preset["lights"]])
+    return made
+
+
+def named(name: str) -> list[Light]:
+    """Return the lights of a preset. Raises ValueError for another name."""
+    known = presets()
+    if name not in known:
+        raise ValueError(f"lights: expected lights, or a preset: {', '.join(known)}; got {name!r}")
+    return known[name]
+
+
+@functools.cache
+def document() -> dict[str, Any]:
+    """Return the file: {name: {"title": as it is shown, "lights": entries of a lights file}}."""
+    return yaml.safe_load(files("relight").joinpath("presets.yaml").read_text(encoding="utf-8"))
+
+
+def _scaled(entry: dict[str, Any], scale: float) -> dict[str, Any]:
+    """Return an entry for a person `scale` times as high: as bright, for light falls off with distance."""
+    if "position" not in entry or scale == 1:
+        return entry
+    position = [scale * value for value in entry["position"]]
+    exposure = entry.get("exposure", 0) + 2 * math.log2(scale)
+    return entry | {"position": position, "radius": scale * entry["radius"], "exposure": exposure}
