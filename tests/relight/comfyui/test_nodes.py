@@ -275,7 +275,7 @@ def test_what_is_held_reads_as_the_page_writes_it():
 @pytest.mark.parametrize(
     ("call", "message"),
     [
-        (lambda image, mask, batch: Analyse().analyse(image), "mask: expected the person's matte"),
+        (lambda image, mask, batch: Analyse().analyse(image), "relight fetch person brings them"),
         (
             lambda image, mask, batch: Analyse().analyse(image, mask=torch.zeros(1, 64, 64)),
             "mask: is the empty mask that Load Image gives",
@@ -318,7 +318,7 @@ def test_what_is_held_reads_as_the_page_writes_it():
     ],
 )
 def test_errors_are_one_line(call, message, picture, batch, comfyui):
-    with pytest.raises((ValueError, TypeError, FileNotFoundError)) as error:
+    with pytest.raises((ValueError, TypeError, FileNotFoundError, ImportError)) as error:
         call(*picture, batch)
     assert message in str(error.value)
     assert "\n" not in str(error.value)

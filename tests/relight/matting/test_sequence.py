@@ -127,10 +127,10 @@ def test_a_rough_mask_is_refined(tmp_path, photo):
         (["--matte", "gone.onnx"], "gone.onnx: no such file"),
         (["--matte", "{m},family=u2net"], "expected a matte in [0, 1], got"),
         (["--matte", "{m}," + OPTIONS, "--person", "2"], "person: expected 1 to 1"),
-        (["--matte", "{m}," + OPTIONS, "--person", "x"], "--person: expected a number, or a point"),
+        (["--matte", "{m}," + OPTIONS, "--person", "x"], "--person: expected a number, a point"),
         (["--matte", "{m}," + OPTIONS, "--key", "green"], "expected one of mask, key and matte"),
         (["--person", "2"], "relight fetch person brings them"),
-        (["--mask", "{m}", "--person", "2"], "person: expected a matting model as well"),
+        (["--mask", "photo.jpg", "--person", "2"], "person: expected a matting model as well"),
         (["--refine-matte", "9"], "relight fetch person brings them"),
     ],
 )
