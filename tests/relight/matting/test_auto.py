@@ -15,8 +15,8 @@ from relight.cli import app
 from relight.errors import EmptyMatteError, MissingNetworksError
 from relight.matting import person
 from relight.media import colour
-from relight.pipeline.inputs import ShotInputs
 from relight.pipeline.options import Source
+from relight.pipeline.shot import Shot
 
 KEY = relight.DirectionalLight(azimuth=-40, elevation=30)
 
@@ -87,7 +87,7 @@ def test_one_of_several_is_taken_from_a_file(fetched, tmp_path, stub):
     codes, (large, small) = photograph((50, 60, 14), (120, 110, 10))
     relight.write(tmp_path / "p.png", linear(codes))
     for chosen, where in ((None, large), (2, small), ((118, 112), small), ("all", large | small)):
-        plate = ShotInputs(Source(tmp_path / "p.png", person=chosen)).frame(0).plate
+        plate = Shot(Source(tmp_path / "p.png", person=chosen)).frame(0).plate
         assert overlap(plate[..., 3], where) > 0.9
     matte = tmp_path / "matte.png"
     options = ["--person", "all", "--light", "azimuth=10", "-o", tmp_path / "o.exr", "--save-matte", matte]
@@ -101,7 +101,7 @@ def test_a_shot_follows_the_person_of_its_first_frame_wherever_it_is_entered(fet
     for number, (ours, other) in enumerate(((14, 10), (12, 12), (10, 14)), start=1):
         codes, (where, _) = photograph((40 + number, 60, ours), (115, 110, other))
         relight.write(tmp_path / f"p.{number}.exr", linear(codes))
-    shot = ShotInputs(Source(tmp_path / "p.%d.exr"))
+    shot = Shot(Source(tmp_path / "p.%d.exr"))
     last = shot.frame(3).plate[..., 3]
     assert overlap(last, where) > 0.85
     for number in (1, 2):
@@ -112,6 +112,6 @@ def test_a_shot_follows_the_person_of_its_first_frame_wherever_it_is_entered(fet
 def test_a_frame_without_anybody_is_empty(fetched, tmp_path):
     for number, people in enumerate(([], [(60, 60, 14)]), start=1):
         relight.write(tmp_path / f"p.{number}.exr", linear(photograph(*people)[0]))
-    shot = ShotInputs(Source(tmp_path / "p.%d.exr", temporal_filter=False))
+    shot = Shot(Source(tmp_path / "p.%d.exr", temporal_filter=False))
     assert shot.frame(1).plate[..., 3].max() <= 0.5
     assert shot.frame(2).plate[..., 3].max() > 0.5
