@@ -130,7 +130,7 @@ def test_a_rough_mask_is_refined(tmp_path, photo):
         (["--matte", "{m}," + OPTIONS, "--person", "x"], "--person: expected a number, a point"),
         (["--matte", "{m}," + OPTIONS, "--key", "green"], "expected one of mask, key and matte"),
         (["--person", "2"], "relight fetch person brings them"),
-        (["--mask", "photo.jpg", "--person", "2"], "person: expected a matting model as well"),
+        (["--key", "green", "--person", "2"], "person: expected a matting model as well"),
         (["--refine-matte", "9"], "relight fetch person brings them"),
     ],
 )
