@@ -9,7 +9,7 @@ from collections.abc import Iterable, Mapping
 from fractions import Fraction
 from pathlib import Path
 
-from relight.media.nuke_nodes import layer, literal, node, root, span, word_of
+from relight.media.nuke_nodes import layer, literal, node, read_from, root, span, word_of
 from relight.media.nuke_relight import LiveLight, sources, switch
 from shadow.files import AnyPath, replacing
 
@@ -83,7 +83,7 @@ def write_script(
         else:
             reads[file] = f"N{len(reads) + 1}"
             relative = Path(os.path.relpath(file, path.parent)).as_posix()
-            knobs = span(frames) | {"name": f"Read{len(reads)}"} | place
+            knobs = span(frames) | {"name": f"Read{len(reads)}"} | read_from(path) | place
             blocks.append(node("Read", inputs=0, file=literal(relative), **knobs, ypos=-120))
             blocks.append(f"set {reads[file]} [stack 0]")
         if held is not None:

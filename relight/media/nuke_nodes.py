@@ -3,6 +3,7 @@
 import re
 from collections.abc import Iterable
 from fractions import Fraction
+from pathlib import Path
 from typing import Any
 
 
@@ -14,7 +15,7 @@ def root(
 ) -> str:
     """Write the script's settings: its format of `size` (H, W) pixels, its frames and frames a second.
 
-    Files are named relative to the script's folder.
+    Files are named relative to the script's folder. The format is named for its size: Nuke keeps one each.
     """
     first, last = frames or (1, 1)
     height, width = size
@@ -26,8 +27,21 @@ def root(
         first_frame=first,
         last_frame=last,
         fps=f"{float(rate):g}",
-        format=f'"{width} {height} 0 0 {width} {height} {pixel_aspect:g} relight"',
+        format=f'"{width} {height} 0 0 {width} {height} {pixel_aspect:g} {_format_name(size, pixel_aspect)}"',
     )
+
+
+def _format_name(size: tuple[int, ...], pixel_aspect: float) -> str:
+    height, width = size
+    return f"relight_{width}x{height}" + (f"_{pixel_aspect:g}" if pixel_aspect != 1 else "")
+
+
+def read_from(script: Path) -> dict[str, str]:
+    """Return the knob of a Read node that says what its file is relative to.
+
+    Nuke looks elsewhere after the script was inserted into another one.
+    """
+    return {"label": literal(f"relative to {script.name}")}
 
 
 def layer(name: str, channels: Iterable[str]) -> str:

@@ -14,7 +14,7 @@ from typing import Any
 
 from relight.lights.directional import DirectionalLight
 from relight.lights.rig import as_rig
-from relight.media.nuke_nodes import layer, literal, node, quoted, root, span
+from relight.media.nuke_nodes import layer, literal, node, quoted, read_from, root, span
 from relight.scene import nuke_callback
 from relight.scene.nuke_callback import LIGHTS, direction, matrices, samples
 from relight.scene.nuke_layers import CAST_LAYERS, LAYERS, NAMES, RESIDUAL_LAYERS, Basis
@@ -61,11 +61,12 @@ def write(
     OSError
         The script cannot be written.
     """
-    file = literal(Path(picture).name)
+    path, file = Path(path), literal(Path(picture).name)
+    knobs = span(frames) | read_from(path)
     parts = [
         root(size, frames, rate),
         *(layer(name, CHANNELS) for name in NAMES),
-        node("Read", inputs=0, file=file, **span(frames), raw="true", name="Layers", xpos=0, ypos=-120),
+        node("Read", inputs=0, file=file, **knobs, raw="true", name="Layers", xpos=0, ypos=-120),
         _group(basis, lights),
         *_inside(basis, lights),
         "end_group",

@@ -15,7 +15,7 @@ PLACE = {"name", "xpos", "ypos", "inputs", "disable", "label"}
 # The knobs of each class, as learn.foundry.com's reference names them for scripts.
 KNOBS = {
     "Root": {"project_directory", "frame", "first_frame", "last_frame", "fps", "format"},
-    "Read": {"file", "first", "last", "origfirst", "origlast", "raw"},
+    "Read": {"file", "first", "last", "origfirst", "origlast", "raw", "label"},
     "Shuffle": {"in", "out"},
     "Multiply": {"channels", "value"},
     "Merge2": {"operation", "Achannels", "Bchannels", "output"},

@@ -78,7 +78,7 @@ def test_a_file_a_light(groups, tmp_path):
 def test_odd_names_survive_tcl(tmp_path):
     name = 'a "b" [c] {d} $e \\f'
     write_script(tmp_path / "m.nk", {name: (tmp_path / "m.exr", "C_x")}, (6, 8))
-    label = re.search(r"^ label (.*)$", (tmp_path / "m.nk").read_text(), re.MULTILINE)[1]
+    label = re.findall(r"^ label (.*)$", (tmp_path / "m.nk").read_text(), re.MULTILINE)[-1]
     echoed = subprocess.run(
         ["tclsh"], input=f"puts [subst {label}]", capture_output=True, text=True, check=True
     ).stdout
@@ -145,3 +145,16 @@ def test_nukes_own_light_is_wired_and_off(groups, tmp_path):
     assert script.layers["N"] == ["N.X", "N.Y", "N.Z"]  # as Nuke names the channels of such files
     assert script.layers["P"] == ["P.X", "P.Y", "P.Z"]
     assert inside["Matte"].inputs[0].name == "groups"
+
+
+@pytest.mark.parametrize(
+    ("size", "aspect", "name"),
+    [((480, 640), 1, "relight_640x480"), ((576, 720), 1.094, "relight_720x576_1.094")],
+)
+def test_each_size_has_a_format_of_its_own(tmp_path, size, aspect, name):
+    """Nuke takes the first format of a name for all scripts that are open or inserted."""
+    write_script(tmp_path / "a b.nk", {"key": ("a.exr", None)}, size, pixel_aspect=aspect)
+    script = (tmp_path / "a b.nk").read_text()
+    height, width = size
+    assert f' format "{width} {height} 0 0 {width} {height} {aspect} {name}"\n' in script
+    assert ' label "relative to a b.nk"\n' in script
