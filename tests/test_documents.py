@@ -23,7 +23,7 @@ RUN = {"sh", "python", "yaml"}
 NEEDS = {
     "a ComfyUI folder": 1,
     "a model of your own": 1,
-    "a CUDA GPU": 2,
+    "a CUDA GPU": 3,
     "a Dask cluster": 2,
     "a network connection": 3,
     "the program openjd, of openjd-cli": 1,
@@ -178,7 +178,7 @@ def test_options_in_prose_are_those_of_a_command():
             yield from options(each)
 
     ours = {*options(get_command(app)), "--help"}
-    programs = [*(ROOT / "benchmarks").glob("*.py"), *(ROOT / "examples").glob("*.py")]
+    programs = [*(ROOT / "benchmarks").rglob("*.py"), *(ROOT / "examples").glob("*.py")]
     ours |= {found for path in programs for found in re.findall(r'"(--[\w-]+)"', path.read_text())}
     for document in [*DOCUMENTS, ROOT / "shadow" / "weights" / "MODEL_CARD.md"]:
         prose = documents.FENCE.sub("", document.read_text())

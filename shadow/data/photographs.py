@@ -162,6 +162,46 @@ def random_style(rng: np.random.Generator) -> PictureStyle:
     )
 
 
+class Camera(NamedTuple):
+    """What is drawn for the camera of `photograph`."""
+
+    tint: np.ndarray  # (3,) factors of the white balance
+    exposure: float  # mean of the person's linear colour
+    behind: np.ndarray | None  # (3,) linear background at the matte's edge, or the image's own
+    shot: float  # noise of a value of 1
+    read: float  # noise of a value of 0
+    noise: Any  # standard normal values of the picture's shape; None: drawn where the picture is made
+    blurred: bool  # as a camera's noise is by demosaicing and compression
+
+    @classmethod
+    def draw(cls, rng: np.random.Generator, shape: tuple[int, ...] | None = None) -> "Camera":
+        """Draw a camera, and its noise for a picture of a shape (3, H, W)."""
+        tint = np.exp(rng.normal(0, 0.08, 3)).astype(np.float32)
+        exposure = np.exp(rng.uniform(np.log(0.06), np.log(0.6)))
+        behind = rng.uniform(0, 1, 3).astype(np.float32) ** 2 if rng.random() < 0.5 else None
+        shot, read = np.exp(rng.uniform(np.log([1e-4, 1e-4]), np.log([2e-2, 4e-3])))
+        noise = None if shape is None else rng.standard_normal(shape, np.float32)
+        return cls(tint, exposure, behind, shot, read, noise, rng.random() < 0.5)
+
+    def __call__(
+        self, rgb: torch.Tensor, mask: torch.Tensor, style: PictureStyle | None = None
+    ) -> torch.Tensor:
+        """Return the picture (3, H, W) of a linear image of that shape, on any device; see `photograph`."""
+        mean = (rgb * mask).sum() / (3 * mask.sum()).clamp_min(1)
+        tint = torch.from_numpy(self.tint).view(3, 1, 1).to(rgb.device)
+        rgb = rgb * tint * (self.exposure / mean.clamp_min(1e-6))
+        if self.behind is not None:
+            rgb = torch.lerp(torch.from_numpy(self.behind).view(3, 1, 1).to(rgb.device), rgb, mask)
+        noise = torch.randn_like(rgb) if self.noise is None else torch.from_numpy(self.noise)
+        if self.blurred:
+            noise = F.avg_pool2d(noise, 3, stride=1, padding=1) * 2
+        rgb = rgb + noise * (self.shot**2 * rgb.clamp_min(0) + self.read**2).sqrt()
+        encoded = rgb.clamp(0, 1) ** (1 / ENCODING)
+        if style is not None:
+            encoded = style(encoded)
+        return ((encoded * 255).round() / 255) ** ENCODING
+
+
 def photograph(
     rgb: torch.Tensor, mask: torch.Tensor, rng: np.random.Generator, style: PictureStyle | None = None
 ) -> torch.Tensor:
@@ -170,35 +210,25 @@ def photograph(
     The camera applies exposure, white balance, background colour at the matte's edge, sensor noise, clipping,
     its picture style and quantisation to 8 bits.
     """
-    mean = (rgb * mask).sum() / (3 * mask.sum()).clamp_min(1)
-    tint = torch.from_numpy(np.exp(rng.normal(0, 0.08, 3)).astype(np.float32)).view(3, 1, 1)
-    rgb = rgb * tint * (np.exp(rng.uniform(np.log(0.06), np.log(0.6))) / mean.clamp_min(1e-6))
-    if rng.random() < 0.5:
-        behind = torch.from_numpy(rng.uniform(0, 1, 3).astype(np.float32) ** 2).view(3, 1, 1)
-        rgb = torch.lerp(behind, rgb, mask)
-    shot, read = np.exp(rng.uniform(np.log([1e-4, 1e-4]), np.log([2e-2, 4e-3])))
-    noise = torch.from_numpy(rng.standard_normal(rgb.shape, np.float32))
-    if rng.random() < 0.5:  # a camera's noise is blurred by demosaicing and compression
-        noise = F.avg_pool2d(noise, 3, stride=1, padding=1) * 2
-    rgb = rgb + noise * (shot**2 * rgb.clamp_min(0) + read**2).sqrt()
-    encoded = rgb.clamp(0, 1) ** (1 / ENCODING)
-    if style is not None:
-        encoded = style(encoded)
-    return ((encoded * 255).round() / 255) ** ENCODING
+    return Camera.draw(rng, tuple(rgb.shape))(rgb, mask, style)
 
 
-def compress(rgb: torch.Tensor, quality: float) -> torch.Tensor:
-    """Compress a linear image (3, H, W) as JPEG of a quality in [1, 100]. H and W are multiples of 16."""
+def compress(rgb: torch.Tensor, quality: float | torch.Tensor) -> torch.Tensor:
+    """Compress a linear image (3, H, W) as JPEG of a quality in [1, 100]. H and W are multiples of 16.
+
+    Images (B, 3, H, W) have a quality each, (B,).
+    """
     from kornia.enhance import jpeg_codec_differentiable
 
     encoded = rgb.clamp(0, 1) ** (1 / ENCODING)
-    return jpeg_codec_differentiable(encoded[None], torch.tensor([float(quality)]))[0].clamp(0, 1) ** ENCODING
+    images, qualities = encoded.view(-1, *encoded.shape[-3:]), torch.as_tensor(quality).float().view(-1)
+    return jpeg_codec_differentiable(images, qualities.to(rgb.device)).view(rgb.shape).clamp(0, 1) ** ENCODING
 
 
-def sharpen(rgb: torch.Tensor, factor: float) -> torch.Tensor:
+def sharpen(rgb: torch.Tensor, factor: float | torch.Tensor) -> torch.Tensor:
     """Sharpen a linear image (3, H, W) by a `factor` above 1, or blur it by a `factor` in [0, 1).
 
-    The filter has 3 x 3 pixels and works on the encoded image.
+    The filter has 3 x 3 pixels and works on the encoded image. Images (B, 3, H, W) have a factor each, (B,).
     """
     from kornia.enhance import sharpness
 
@@ -211,11 +241,29 @@ def rough_matte(mask: torch.Tensor, rng: np.random.Generator) -> torch.Tensor:
     Its edge is soft or hard, and lies inside or outside the subject's edge by up to 1 % of the height.
     Thinner parts are lost, and thinner gaps are filled.
     """
-    reach = 2 * round(rng.uniform(0.004, 0.012) * mask.shape[1]) + 1
-    soft = F.avg_pool2d(mask, reach, stride=1, padding=reach // 2, count_include_pad=False)
-    level = torch.from_numpy(rng.uniform(0.15, 0.85, (1, 1, 9, 7)).astype(np.float32))
-    level = F.interpolate(level, mask.shape[1:], mode="bilinear", align_corners=True)[0]
-    return ((soft - level) * np.exp(rng.uniform(np.log(3.5), np.log(12))) + 0.5).clamp(0, 1)
+    return MatteError.draw(rng)(mask)
+
+
+class MatteError(NamedTuple):
+    """What is drawn for `rough_matte`."""
+
+    reach: float  # of the soft edge, relative to the height
+    level: np.ndarray  # (1, 1, 9, 7) value of the softened mask at which the edge lies, over the picture
+    slope: float  # of the edge
+
+    @classmethod
+    def draw(cls, rng: np.random.Generator) -> "MatteError":
+        reach = rng.uniform(0.004, 0.012)
+        level = rng.uniform(0.15, 0.85, (1, 1, 9, 7)).astype(np.float32)
+        return cls(reach, level, np.exp(rng.uniform(np.log(3.5), np.log(12))))
+
+    def __call__(self, mask: torch.Tensor) -> torch.Tensor:
+        """Return the matte (1, H, W) of a mask (1, H, W)."""
+        side = 2 * round(self.reach * mask.shape[1]) + 1
+        soft = F.avg_pool2d(mask, side, stride=1, padding=side // 2, count_include_pad=False)
+        level = torch.from_numpy(self.level).to(mask.device)
+        level = F.interpolate(level, mask.shape[1:], mode="bilinear", align_corners=True)[0]
+        return ((soft - level) * self.slope + 0.5).clamp(0, 1)
 
 
 class Sample(dict):
@@ -237,6 +285,39 @@ class Sample(dict):
     """
 
 
+class Scene(NamedTuple):
+    """What is drawn for one photograph, besides its camera."""
+
+    weights: np.ndarray  # (D, 3) of the lighting
+    chosen: np.ndarray  # (L,) directions whose visibility is returned
+    gloss: float
+    shininess: float
+    turn: np.ndarray  # (2, 2) rotation and reflection of the picture, x right and y up
+    matrix: torch.Tensor  # (2, 3) from canvas to record
+
+
+def draw_scene(
+    record: Record,
+    rng: np.random.Generator,
+    size: tuple[int, int],
+    lights: int | None = None,
+    augment: bool = True,
+    lighting: np.ndarray | None = None,
+) -> Scene:
+    """Draw the light and the place on the canvas of a photograph; the arguments are those of `sample`."""
+    weights: Any = lighting
+    if weights is None:
+        draw = everyday_lighting if augment else random_lighting
+        weights = draw(rng, record.directions)
+    chosen, shining = rng.permutation(len(record.directions)), weights.any(axis=1)
+    if lights is not None and shining.sum() <= lights:
+        chosen = chosen[np.argsort(~shining[chosen], kind="stable")]
+    chosen = np.sort(chosen[:lights])
+    gloss = rng.choice([0.0, rng.uniform(0.02, 0.2)], p=[0.7, 0.3])
+    shininess = np.exp(rng.uniform(2, 4))
+    return Scene(weights, chosen, gloss, shininess, *_placement(record, rng, size, augment))
+
+
 def sample(
     record: Record,
     rng: np.random.Generator,
@@ -253,22 +334,14 @@ def sample(
     if None.
     """
     record = record.cropped(size[0])
-    count = len(record.directions)
-    weights: Any = lighting
-    if weights is None:
-        draw = everyday_lighting if augment else random_lighting
-        weights = draw(rng, record.directions)
-    chosen, shining = rng.permutation(count), weights.any(axis=1)
-    if lights is not None and shining.sum() <= lights:
-        chosen = chosen[np.argsort(~shining[chosen], kind="stable")]
-    chosen = np.sort(chosen[:lights])
-    gloss = rng.choice([0.0, rng.uniform(0.02, 0.2)], p=[0.7, 0.3])
+    scene = draw_scene(record, rng, size, lights, augment, lighting)
+    weights, chosen, turn, matrix = scene.weights, scene.chosen, scene.turn, scene.matrix
     bounce, patterns = record.bounce
     rank, traced = bounce.shape[1], record.bounce_float16 is not None
     depth = np.zeros((record.mask.sum(), 1), np.float32) if record.depth is None else record.depth
     values = [
         np.ones((record.mask.sum(), 1), np.float32),
-        light(record, weights, gloss, np.exp(rng.uniform(2, 4))),
+        light(record, weights, scene.gloss, scene.shininess),
         record.normals,
         record.albedo,
         bounce if traced else bounce[:, :0],
@@ -276,7 +349,6 @@ def sample(
         record.shares,
         record.visibility[:, chosen],
     ]
-    turn, matrix = _placement(record, rng, size, augment)
     rows, columns = _window(record, matrix, size)
     matrix = torch.cat([matrix[:, :2], matrix @ torch.tensor([[columns.start], [rows.start], [1.0]])], dim=1)
     window = rows.stop - rows.start, columns.stop - columns.start
@@ -383,12 +455,34 @@ def _degrade(
     rgb: torch.Tensor, mask: torch.Tensor, rng: np.random.Generator
 ) -> tuple[torch.Tensor, torch.Tensor]:
     """Simulate a camera for a linear image (3, h, w), and a matting tool for its mask (1, h, w)."""
-    style = random_style(rng) if rng.random() < 1 / 3 else None
-    rgb, matte = photograph(rgb, mask, rng, style), mask
-    if rng.random() < 0.3:
-        rgb = sharpen(rgb, rng.uniform(0, 4))
-    if rng.random() < 0.3:
-        rgb = compress(rgb, rng.uniform(30, 95))
-    if rng.random() < 0.3:
-        matte = rough_matte(mask, rng)
-    return rgb, matte
+    return Flaws.draw(rng, tuple(rgb.shape))(rgb, mask)
+
+
+class Flaws(NamedTuple):
+    """What is drawn for the camera and the matte of a photograph that is trained on."""
+
+    style: PictureStyle | None
+    camera: Camera
+    sharpness: float | None  # factor of `sharpen`
+    quality: float | None  # of `compress`
+    matte: MatteError | None
+
+    @classmethod
+    def draw(cls, rng: np.random.Generator, shape: tuple[int, ...] | None = None) -> "Flaws":
+        """Draw them, with the noise of a picture of a shape (3, H, W)."""
+        return cls(
+            random_style(rng) if rng.random() < 1 / 3 else None,
+            Camera.draw(rng, shape),
+            rng.uniform(0, 4) if rng.random() < 0.3 else None,
+            rng.uniform(30, 95) if rng.random() < 0.3 else None,
+            MatteError.draw(rng) if rng.random() < 0.3 else None,
+        )
+
+    def __call__(self, rgb: torch.Tensor, mask: torch.Tensor) -> tuple[torch.Tensor, torch.Tensor]:
+        """Return the picture (3, h, w) and the matte (1, h, w) of a linear image and its mask."""
+        rgb = self.camera(rgb, mask, self.style)
+        if self.sharpness is not None:
+            rgb = sharpen(rgb, self.sharpness)
+        if self.quality is not None:
+            rgb = compress(rgb, self.quality)
+        return rgb, mask if self.matte is None else self.matte(mask)

@@ -132,7 +132,7 @@ class Backbone(nn.Module):
             for parameter in (self.head.weight, self.head.bias[:, None])
         )
         maps = F.linear(features, weight, bias[:, 0])
-        if not read.all():
+        if torch.compiler.is_compiling() or not read.all():
             maps = maps * read[..., None]
         return maps.unflatten(2, (4, -1)).permute(0, 3, 2, 1)  # channels are innermost in memory
 
@@ -144,7 +144,8 @@ def subject_window(mask: torch.Tensor) -> tuple[slice, slice]:
     the canvas. Mattes in a video flicker: a window that moved with them would make the maps flicker too.
     """
     seen, (height, width) = mask.amax(dim=0), mask.shape[1:]
-    if not (seen > 0).any():
+    # A compiled network has one size, and the photographs of a large mini-batch fill the canvas anyway.
+    if torch.compiler.is_compiling() or not (seen > 0).any():
         return slice(0, height), slice(0, width)
     top, left, bottom, right = bounding_box(seen, threshold=0)
     return _window(top, bottom, height), _window(left, right, width)

@@ -24,6 +24,7 @@ from torch import nn
 from torch.utils.data import DataLoader, Dataset, default_collate
 
 from shadow import normals
+from shadow.data.batches import Draw, Stack
 from shadow.data.photographs import Sample, sample
 from shadow.data.records import Records
 from shadow.evaluation import pictures
@@ -62,18 +63,22 @@ class _Photographs(Dataset):
         start: int,
         count: int,
         augment: bool = True,
+        stack: Stack | None = None,
     ) -> None:
         self.records, self.seed, self.size, self.lights = records, seed, size, lights
-        self.start, self.count, self.augment = start, count, augment
+        self.start, self.count, self.augment, self.stack = start, count, augment, stack
 
     def __len__(self) -> int:
         return self.count
 
-    def __getitem__(self, index: int) -> Sample:
+    def __getitem__(self, index: int) -> Sample | Draw:
+        """Return a photograph, or, with a stack, the random numbers of one."""
         index += self.start
         epoch, position = divmod(index, len(self.records))
         order = np.random.default_rng((self.seed, epoch)).permutation(len(self.records))
         rng = np.random.default_rng((self.seed, epoch, position))
+        if self.stack is not None:
+            return self.stack.draw(int(order[position]), rng, self.lights, self.augment)
         return sample(self.records[int(order[position])], rng, self.size, self.lights, self.augment)
 
 
@@ -246,6 +251,8 @@ def fit(
     visibility: str | Path = "field",
     workers: int | None = None,
     checkpoint_minutes: float = 5.0,
+    stacked: bool = False,
+    compiled: bool | str = False,
 ) -> Path:
     """Train a network, or resume from `out`/checkpoint.pt if it exists.
 
@@ -276,6 +283,11 @@ def fit(
         Processes that make photographs, by default 1 for a CPU, and one for each core for a GPU.
     checkpoint_minutes
         Minutes between checkpoints. Each checkpoint also writes a line of log.jsonl.
+    stacked
+        Whether the device holds the records and makes the photographs of a mini-batch together; see
+        `shadow.data.batches`. For fields only.
+    compiled
+        Whether torch.compile makes the network's forward faster, or the name of a backend of it.
 
     Returns
     -------
@@ -301,11 +313,14 @@ def fit(
     facts = _facts(task, recipe, init, estimator, visibility, device)
     # Each process draws its own photographs. The stride keeps the seeds of different runs apart.
     seed, done = recipe.seed + 7919 * rank, state.step
+    stack = Stack([source[index] for index in range(len(source))], size, device) if stacked else None
     photographs = _Photographs(
         source, seed, size, recipe.lights or task.lights, done * recipe.batch,
-        (recipe.steps - done) * recipe.batch,
+        (recipe.steps - done) * recipe.batch, stack=stack,
     )  # fmt: skip
     loader = _loader(photographs, recipe.batch, device, workers)
+    if compiled:
+        state.network.compile(backend=compiled if isinstance(compiled, str) else "inductor")
     columns = TextColumn("{task.description}"), BarColumn(), MofNCompleteColumn(), TimeRemainingColumn()
     with Progress(*columns, disable=rank > 0) as progress:
         bar = progress.add_task(task.kind, total=recipe.steps if recipe.duration is None else None)
@@ -314,6 +329,8 @@ def fit(
         for batch in loader:
             # The step seeds the loss's random choices, so that a resumed run equals an uninterrupted one.
             torch.manual_seed(seed + 104729 * state.step)
+            if stack is not None:
+                batch = stack.photographs(batch)
             losses.append(_gradient(task, model, batch, recipe, device, auxiliary))
             state.update()
             now = time.monotonic()
@@ -387,9 +404,10 @@ def _agreed(seconds: float, device: torch.device, world: int) -> float:
 def _loader(photographs: _Photographs, batch: int, device: torch.device, workers: int | None) -> DataLoader:
     gpu = device.type == "cuda"
     workers = (os.cpu_count() or 1 if gpu else 1) if workers is None else workers
+    collate = list if photographs.stack is not None else _collated_in_half if gpu else None
     return DataLoader(
-        photographs, batch, num_workers=workers, pin_memory=gpu, worker_init_fn=_one_thread,
-        collate_fn=_collated_in_half if gpu else None,
+        photographs, batch, num_workers=workers, pin_memory=gpu and photographs.stack is None,
+        worker_init_fn=_one_thread, collate_fn=collate,
     )  # fmt: skip
 
 

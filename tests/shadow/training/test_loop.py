@@ -14,7 +14,7 @@ import shadow
 from shading import diffuse
 from shading.tasks import per_light_task, shading_task
 from shadow import normals, visibility
-from shadow.data import photographs, records
+from shadow.data import batches, photographs, records
 from shadow.directions import from_spherical
 from shadow.evaluation import depth
 from shadow.networks import checkpoints, precision
@@ -26,6 +26,8 @@ from shadow.training.loop import fit
 from shadow.training.recipes import Recipe, learning_rate, preset
 from shadow.training.start import load_start, warm_start
 from shadow.training.tasks import SHADOW, per_light
+
+TINY = {"depth": True, "widths": (8,) * 5, "encoder": (1,) * 5, "decoder": (1,) * 4}
 
 
 @pytest.fixture(scope="module")
@@ -62,25 +64,45 @@ def test_learning_rate_warms_up_and_falls_to_zero():
 def test_distillation_learns_the_mean_of_two_passes(folder, tmp_path):
     """A teacher that prefers one side: its mean of a photograph and the mirror image does not."""
     torch.manual_seed(0)
-    biased = VisibilityField(size=128, depth=True)
+    biased = VisibilityField(size=128, **TINY)
     with torch.no_grad():
         biased.backbone.head.bias[:4] = 0.6  # of the normals' first component, at the four pixels of a block
         biased.backbone.head.bias[-8:-4] = 0.5  # of the sharpness
     teacher = tmp_path / "teacher.safetensors"
-    checkpoints.save(teacher, biased, "field", {"size": 128, "depth": True}, {})
+    checkpoints.save(teacher, biased, "field", {"size": 128, **TINY}, {})
     batch = default_collate(
         [photographs.sample(sphere(), np.random.default_rng(i), (128, 96), 20) for i in range(2)]
     )
     cpu, recipe = torch.device("cpu"), Recipe(steps=1, size=128, distil=1.0)
     auxiliary = loop._auxiliary(SHADOW, recipe, None, teacher, cpu)
     prepared = loop._prepare(batch, cpu, auxiliary, recipe)
-    mean = VisibilityField(size=128, depth=True)  # faces the camera, as the mean does
+    mean = VisibilityField(size=128, **TINY)  # faces the camera, as the mean does
     with torch.no_grad():
         mean.backbone.head.bias[-8:-4] = 0.5
     assert SHADOW.loss(mean, prepared) < SHADOW.loss(biased, prepared) - 0.4
-    path = run(SHADOW, folder, tmp_path / "run", steps=1, visibility=teacher, distil=0.5)
+    path = run(
+        replace(SHADOW, config=TINY), folder, tmp_path / "run", steps=1, visibility=teacher, distil=0.5
+    )
     recipe = checkpoints.load(path, {"field": VisibilityField}, package="shadow").origin.recipe
     assert (recipe["distil"], recipe["visibility"]) == (0.5, "teacher")
+
+
+def test_a_stacked_and_compiled_run_learns_what_a_plain_one_does(tmp_path, monkeypatch):
+    """The pictures are made in batches, and the network's forward is one graph."""
+    still = lambda rgb, mask, rng: (rgb, mask)  # noqa: E731
+    monkeypatch.setattr(photographs, "_degrade", still)
+    monkeypatch.setattr(batches.Flaws, "draw", lambda *_: None)
+    pool = tmp_path / "pool"
+    pool.mkdir()
+    for number in range(4):
+        records.write(pool / f"{number}.npz", sphere(radius=0.6 + 0.1 * number))
+    losses = []
+    for options in ({}, {"stacked": True, "compiled": "eager"}):
+        out = tmp_path / f"run-{len(options)}"
+        run(replace(SHADOW, config=TINY), pool, out, steps=2, **options)
+        losses.append(json.loads((out / "log.jsonl").read_text().splitlines()[-1])["loss"])
+    assert losses[1] == pytest.approx(losses[0], abs=2e-3)
+    assert not torch._dynamo.utils.counters["graph_break"]
 
 
 def test_a_run_with_a_duration_follows_the_clock(folder, tmp_path, monkeypatch):
@@ -91,7 +113,7 @@ def test_a_run_with_a_duration_follows_the_clock(folder, tmp_path, monkeypatch):
         optimiser.Optimiser, "step", lambda self, rate: rates.append(rate) or step(self, rate)
     )
     recipe = preset("fast", SHADOW, [], duration=1.0, size=128, batch=1, learning_rate=1e-3, warm_up=0)
-    fit(SHADOW, recipe, [folder], tmp_path, workers=0)
+    fit(replace(SHADOW, config=TINY), recipe, [folder], tmp_path, workers=0)
     assert rates[0] == 1e-3
     assert rates == sorted(rates, reverse=True)
     assert 2 <= len(rates) <= 6  # the clock advances 10 s at each look, several times a step

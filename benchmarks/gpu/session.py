@@ -1,0 +1,357 @@
+"""Use a quarter of an hour of a GPU: measure the product, make records, train the field on them.
+
+python benchmarks/gpu/session.py OUT [--limit 560] [--total 760] [--records DIR ...] [--tiny]
+
+The work is done by a process of its own in --work, which goes on if this command is stopped. The command
+starts it where there is none, and follows it: it prints its log, and copies weights in 8 bits, the state in
+parts of 16 MiB, the log and every exception to OUT as soon as they are there, each minute. So a stop loses a
+minute at most. Given again, it follows the same work, or starts it again after an error; what is done is not
+done twice.
+
+1. Measure (`measure.py`): the analysis, lights and frames of the product. At most 60 s.
+2. Records: all cores render clothed bodies and close-ups, and scans given by --scan, for --records-seconds.
+   Meanwhile the GPU trains a throw-away network, which compiles the code and predicts the number of steps.
+3. Training until --total seconds after the start. The records stay on the GPU, where photographs are made in
+   batches. The cosine follows the clock; rate and warm-up follow the predicted steps.
+
+OUT holds at most eight files. `--restore OUT RUN` makes RUN/checkpoint.pt of them, from which `relight train`
+goes on. `pack.py` makes .gpu, which has what such a machine lacks; what is there of it is unpacked first.
+"""
+
+import argparse
+import faulthandler
+import hashlib
+import io
+import json
+import os
+import signal
+import subprocess
+import sys
+import tarfile
+import time
+from pathlib import Path
+
+PART_BYTES = 16 * 2**20 - 1024
+FOLLOW_SECONDS, PUBLISH_SECONDS = 2.0, 10.0
+RESTARTS = 2  # after errors of the worker
+HERE = Path(__file__).resolve()
+PEAK_RATE, PEAK_STEPS = 5e-4, 2000  # a run of fewer steps has a lower rate
+WARM_UP = 0.03  # of the steps
+POOL = {  # folder: options of `relight stage`, share of the cores
+    "bodies": ("--bodies 80000:90000 --views 2 --jitter --fabrics", 0.55),
+    "close": ("--bodies 90000:99000 --views 2 --portrait", 0.3),
+    "pairs": ("--pairs 80000:81000 --views 2 --jitter", 0.15),
+}
+STAGE = "--size 576 --behind --directions 44"
+
+
+def small(state):
+    """Return a state with its matrices in 8 bits, and other floats in 16: see `whole`."""
+    import torch
+
+    if isinstance(state, dict):
+        return {key: small(value) for key, value in state.items()}
+    if isinstance(state, list):
+        return [small(value) for value in state]
+    if not isinstance(state, torch.Tensor) or not state.is_floating_point() or state.ndim < 2:
+        return state
+    rows = state.float().flatten(1)
+    scale = rows.abs().amax(dim=1, keepdim=True).clamp_min(1e-12) / 127
+    return {"int8": (rows / scale).round().to(torch.int8), "scale": scale, "shape": list(state.shape)}
+
+
+def whole(state):
+    """Return the state of which `small` made this one, to 1/127 of each row's largest value."""
+    if isinstance(state, dict) and state.keys() == {"int8", "scale", "shape"}:
+        return (state["int8"].float() * state["scale"]).view(state["shape"])
+    if isinstance(state, dict):
+        return {key: whole(value) for key, value in state.items()}
+    return [whole(value) for value in state] if isinstance(state, list) else state
+
+
+def publish(work: Path, out: Path) -> None:
+    """Copy what the worker has written to OUT."""
+    out.mkdir(parents=True, exist_ok=True)
+    logs = {"worker.log": work, "log.jsonl": work / "run", "report.jsonl": work}
+    for name, folder in logs.items():
+        if (folder / name).exists():
+            data = (folder / name).read_bytes()
+            (out / name).write_bytes(data[-PART_BYTES:])
+    weights, checkpoint = work / "run/field.safetensors", work / "run/checkpoint.pt"
+    if not checkpoint.exists():
+        return
+    import torch
+
+    from shadow.networks.checkpoints import shrink
+
+    packed = work / "state.pt"
+    if packed.exists() and packed.stat().st_mtime >= checkpoint.stat().st_mtime:
+        return
+    shrink(weights, out / weights.name)
+    saved = torch.load(checkpoint, map_location="cpu", weights_only=True)
+    network = {key: value.half() for key, value in saved.pop("network").items()}
+    saved.pop("average")  # it is in the weights
+    torch.save({**saved, "network": network, "optimiser": small(saved["optimiser"])}, packed)
+    data = packed.read_bytes()
+    data = hashlib.sha256(data).digest() + data
+    for number, start in enumerate(range(0, len(data), PART_BYTES)):
+        (out / f"state-{number}.part").write_bytes(data[start : start + PART_BYTES])
+
+
+def restore(out: Path, run: Path) -> None:
+    """Make RUN/checkpoint.pt of the published files, for `relight train ... --out RUN`."""
+    import torch
+
+    from shadow.networks import checkpoints
+
+    data = b"".join(part.read_bytes() for part in sorted(out.glob("state-*.part")))
+    if hashlib.sha256(data[32:]).digest() != data[:32]:
+        raise ValueError(f"{out}: the parts of the state are incomplete, or of two times")
+    saved = torch.load(io.BytesIO(data[32:]), weights_only=True)
+    state, _ = checkpoints.read(out / "field.safetensors")
+    run.mkdir(parents=True, exist_ok=True)
+    average = {key: value.float() for key, value in state.items()}
+    network = {key: value.float() for key, value in saved["network"].items()}
+    whole_state = {**saved, "network": network, "optimiser": whole(saved["optimiser"]), "average": average}
+    torch.save(whole_state, run / "checkpoint.pt")
+
+
+def install(packs: Path, site: Path) -> None:
+    """Unpack the archives of `pack.py` that are there, and make anny's model of the packed one."""
+    for pack in sorted(packs.glob("*.tar.xz")):
+        with tarfile.open(pack) as archive:
+            archive.extractall(site, filter="data")
+    model = site / "anny-model.safetensors"
+    if not model.exists():
+        return
+    from safetensors import safe_open
+    from safetensors.torch import save_file
+
+    with safe_open(model, framework="pt") as stored:
+        about = stored.metadata()
+        values = {name: stored.get_tensor(name) for name in stored.keys()}  # noqa: SIM118
+    values["blendshapes"] = values["blendshapes"].double().movedim(1, -1).contiguous()
+    target = site / "anny-cache" / about.pop("place")
+    target.parent.mkdir(parents=True, exist_ok=True)
+    save_file(values, target, about)
+    model.unlink()
+
+
+def note(work: Path, **facts) -> None:
+    """Add a line to the report at once."""
+    with open(work / "report.jsonl", "a") as file:
+        file.write(json.dumps(facts) + "\n")
+    print(facts, flush=True)
+
+
+def render(work: Path, given: argparse.Namespace) -> list[subprocess.Popen]:
+    """Start the processes that make records; each kind has its share of the cores, one thread a process."""
+    kinds = dict(POOL)
+    if given.scan:
+        scans = " ".join(f"--scan {path}" for path in given.scan)
+        kinds["variants"] = (f"{scans} --variants 0:40 --folds --no-normal-maps --views 1 --jitter", 0.2)
+    if given.tiny:
+        kinds = {"bodies": ("--bodies 0:1 --views 2 --jitter", 1)}
+    stage, processes = (STAGE, os.cpu_count() or 1) if not given.tiny else ("--size 96 --behind", 1)
+    started = []
+    for name, (options, share) in kinds.items():
+        count = max(1, round(share * processes))
+        command = [sys.executable, "-m", "relight.cli", "stage", str(work / "records" / name)]
+        command += [*options.split(), *stage.split(), "--processes", str(count)]
+        started.append(subprocess.Popen(command, start_new_session=True))
+    return started
+
+
+def stop(process: subprocess.Popen) -> None:
+    """End a process that was started in a session of its own, with its workers."""
+    if process.poll() is None:
+        os.killpg(process.pid, signal.SIGKILL)
+    process.wait()
+
+
+def work_through(given: argparse.Namespace) -> None:
+    """Do what is left of the work; the worker's output is its log."""
+    faulthandler.enable()
+    work, began = given.work, float((given.work / "began").read_text())
+    ends = began + given.total
+    if not (work / "measured").exists():
+        (work / "measured").touch()  # an error in it must not cost the training
+        command = [sys.executable, str(HERE.with_name("measure.py")), *(["--tiny"] if given.tiny else [])]
+        try:
+            measured = subprocess.run(command, timeout=60 if not given.tiny else 600, capture_output=True)
+            print(measured.stderr.decode(), flush=True)
+            for line in measured.stdout.decode().splitlines():
+                note(work, measured=line)
+        except subprocess.TimeoutExpired as error:
+            note(work, measured=(error.stdout or b"").decode(), stopped="after its time")
+    steps = make_records(work, given, time.time() + given.records_seconds)
+    train(work, given, ends, steps)
+    (work / "done").touch()
+
+
+def make_records(work: Path, given: argparse.Namespace, until: float) -> float:
+    """Render until a time, and return the steps a second of a throw-away run meanwhile."""
+    if (work / "speed").exists():
+        return float((work / "speed").read_text())
+    renderers, pool = render(work, given), work / "records"
+    enough = 64 if not given.tiny else 1
+    while not given.records and len(list(pool.glob("*/*.npz"))) < enough and time.time() < until:
+        if all(renderer.poll() is not None for renderer in renderers):
+            break
+        time.sleep(0.5)
+    sources = [*given.records, *sorted(path for path in pool.glob("*") if any(path.glob("*.npz")))]
+    seconds = 60.0 if not given.tiny else 1.0
+    recipe = recipe_for(given, duration=min(seconds, max(1.0, until - time.time())) / 60, steps=1000)
+    speed = 1.0
+    try:
+        fit_field(given, recipe, sources, work / "probe", limit=256)
+        rows = [json.loads(line) for line in (work / "probe/log.jsonl").read_text().splitlines()]
+        last, first = rows[-1], rows[0] if len(rows) > 1 else {"step": 0, "seconds": 0}
+        speed = (last["step"] - first["step"]) / max(1e-3, last["seconds"] - first["seconds"])
+    except Exception as error:  # the run itself may have more memory or time
+        note(work, probe=repr(error))
+    while time.time() < until and any(renderer.poll() is None for renderer in renderers):
+        time.sleep(0.5)
+    for renderer in renderers:
+        stop(renderer)
+    views = len(list(pool.glob("*/*.npz")))
+    note(work, views=views, seconds=given.records_seconds, steps_a_second=round(speed, 3))
+    (work / "speed").write_text(str(speed))
+    return speed
+
+
+def recipe_for(given: argparse.Namespace, *, duration: float, steps: float):
+    """Return the recipe of a run of `duration` minutes, of which `steps` are expected."""
+    from shadow.training.recipes import preset
+    from shadow.training.tasks import SHADOW
+
+    rate = PEAK_RATE * min(1.0, steps / PEAK_STEPS) ** 0.5
+    sizes = {"size": 512, "batch": given.batch, "lights": 12}
+    if given.tiny:
+        sizes = {"size": 128, "batch": 2, "lights": 4}
+    return preset(
+        "fast", SHADOW, [], duration=duration, learning_rate=rate, warm_up=max(1, int(WARM_UP * steps)),
+        average=0.998, seed=given.seed, **sizes,
+    )  # fmt: skip
+
+
+def fit_field(given: argparse.Namespace, recipe, records: list[Path], out: Path, limit: int | None = None):
+    from shadow.data.records import Records
+    from shadow.training.loop import fit
+    from shadow.training.tasks import SHADOW
+
+    files = [entry[0] for entry in Records(records).entries if entry[1] is None]
+    sources = records if limit is None or len(files) < limit else files[:limit]
+    return fit(
+        SHADOW, recipe, sources, out, init=given.init, workers=2, checkpoint_minutes=given.minutes,
+        stacked=True, compiled="eager" if given.tiny else True,
+    )  # fmt: skip
+
+
+def train(work: Path, given: argparse.Namespace, ends: float, speed: float) -> None:
+    """Train until a time. A run that an error stopped goes on with its rate and its end."""
+    plan = work / "plan.json"
+    if not plan.exists():
+        seconds = max(5.0, ends - time.time())
+        plan.write_text(json.dumps({"duration": seconds / 60, "steps": speed * seconds}))
+    planned = json.loads(plan.read_text())
+    recipe = recipe_for(given, **planned)
+    note(work, plan=planned, learning_rate=recipe.learning_rate, warm_up=recipe.warm_up)
+    pool = [path for path in sorted((work / "records").glob("*")) if any(path.glob("*.npz"))]
+    fit_field(given, recipe, [*given.records, *pool], work / "run")
+
+
+def environment(work: Path) -> dict[str, str]:
+    """Return the environment of the worker: the packages, and one thread for each process."""
+    site = work / "site"
+    paths = [str(HERE.parents[2]), str(site), os.environ.get("PYTHONPATH", "")]
+    # Threads of BLAS and OpenMP in 16 processes each would wait for one another.
+    found = {"OMP_NUM_THREADS": "1", "PYTHONPATH": os.pathsep.join(path for path in paths if path)}
+    if (site / "anny-cache").exists():
+        found["ANNY_CACHE_DIR"] = str(site / "anny-cache")
+    return os.environ | found
+
+
+def alive(work: Path) -> bool:
+    """Return whether the worker runs."""
+    try:
+        state = Path(f"/proc/{int((work / 'pid').read_text())}/stat").read_text()
+    except (OSError, ValueError):
+        return False
+    return state.rsplit(")", 1)[1].split()[0] != "Z"
+
+
+def start(work: Path) -> subprocess.Popen:
+    """Start the worker in a session of its own, with its output and errors in a file."""
+    with open(work / "worker.log", "ab") as log:
+        worker = subprocess.Popen(
+            [sys.executable, "-u", str(HERE), *sys.argv[1:], "--worker"], stdout=log, stderr=log,
+            stdin=subprocess.DEVNULL, start_new_session=True, env=environment(work),
+        )  # fmt: skip
+    (work / "pid").write_text(str(worker.pid))
+    return worker
+
+
+def follow(given: argparse.Namespace) -> int:
+    """Follow the worker for `limit` seconds, and return an exit status: 0 if all is done."""
+    until, published, shown, work = time.time() + given.limit, 0.0, 0, given.work
+    work.mkdir(parents=True, exist_ok=True)
+    sys.path[1:1] = [str(HERE.parents[2]), str(work / "site")]
+    if not (work / "began").exists():
+        (work / "began").write_text(str(time.time()))
+    worker, starts = None, 0
+    while True:
+        finished, running = (work / "done").exists(), alive(work)
+        if worker is not None:
+            worker.poll()
+        if not finished and not running and starts <= RESTARTS:
+            worker, starts = start(work), starts + 1
+        text = (work / "worker.log").read_bytes()
+        sys.stdout.write(text[shown:].decode(errors="replace"))
+        sys.stdout.flush()
+        shown, over = len(text), finished or time.time() > until or starts > RESTARTS
+        if over or time.time() - published > PUBLISH_SECONDS:
+            try:
+                publish(work, given.out)
+            except Exception as error:  # the worker may be writing; the next minute tries again
+                print(f"publishing: {error!r}", flush=True)
+            published = time.time()
+        if over:
+            return 0 if finished else 1
+        time.sleep(FOLLOW_SECONDS if not given.tiny else 0.2)
+
+
+def main() -> int:
+    parser = argparse.ArgumentParser(
+        description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
+    )
+    parser.add_argument("out", type=Path)
+    parser.add_argument("run", type=Path, nargs="?", help="with --restore")
+    parser.add_argument("--work", type=Path, default=Path("/tmp/relight-gpu"))
+    parser.add_argument("--packs", type=Path, default=HERE.parents[2] / ".gpu")
+    parser.add_argument("--limit", type=float, default=560, help="seconds until this command returns")
+    parser.add_argument("--total", type=float, default=760, help="seconds from the first start to the end")
+    parser.add_argument("--records-seconds", type=float, default=240)
+    parser.add_argument("--records", type=Path, nargs="*", default=[], help="records made before")
+    parser.add_argument("--scan", type=Path, nargs="*", default=[], help="meshes to make variants of")
+    parser.add_argument("--init", type=Path, default=HERE.parents[2] / "shadow/weights/field.safetensors")
+    parser.add_argument("--batch", type=int, default=64)
+    parser.add_argument("--minutes", type=float, default=1.0, help="between checkpoints")
+    parser.add_argument("--seed", type=int, default=223)
+    parser.add_argument("--tiny", action="store_true", help="a rehearsal on a CPU")
+    parser.add_argument("--install", action="store_true", help="unpack what .gpu has, and no more")
+    parser.add_argument("--restore", action="store_true")
+    parser.add_argument("--worker", action="store_true", help=argparse.SUPPRESS)
+    given = parser.parse_args()
+    if given.restore:
+        restore(given.out, given.run)
+        return 0
+    if given.worker:
+        work_through(given)
+        return 0
+    install(given.packs, given.work / "site")
+    return 0 if given.install else follow(given)
+
+
+if __name__ == "__main__":
+    sys.exit(main())

@@ -1,0 +1,271 @@
+"""Random photographs of many records at once, on any device: the batches of `shadow.data.photographs.sample`.
+
+A GPU needs a fraction of a millisecond for a photograph, but single calls for each would keep it waiting for
+the processor. So the random numbers are drawn on the processor as for `sample`, and the pictures of a whole
+mini-batch are made together, from records that the device holds.
+"""
+
+import math
+from collections.abc import Sequence
+from dataclasses import replace
+from typing import NamedTuple
+
+import numpy as np
+import torch
+import torch.nn.functional as F
+
+from shadow.data.photographs import (
+    ENCODING,
+    Flaws,
+    Scene,
+    compress,
+    draw_scene,
+    sharpen,
+)
+from shadow.data.records import REGIONS, Record
+from shadow.data.skin import MIN_SIGMA_PIXELS, SCATTERING_RADII
+
+
+class Draw(NamedTuple):
+    """The random numbers of one photograph."""
+
+    number: int  # of the record
+    scene: Scene
+    flaws: Flaws | None  # None for a clean photograph and an exact matte
+
+
+class Stack:
+    """Records that a device holds, as images in the types of their files, to make photographs of."""
+
+    def __init__(self, records: Sequence[Record], size: tuple[int, int], device: torch.device) -> None:
+        """Move records to the device, for photographs of `size` (h, w).
+
+        Raises ValueError if the records have different numbers of directions, or bounce light, which only
+        shading learns.
+        """
+        crops = [record.cropped(size[0]) for record in records]
+        if any(crop.bounce_float16 is not None for crop in crops):
+            raise ValueError("records: expected no bounce light; make them without --shading")
+        if len({len(crop.directions) for crop in crops}) != 1:
+            raise ValueError("records: expected the same number of directions in all of them")
+        self.size, self.device = size, device
+        self.shape = tuple(np.max([crop.mask.shape for crop in crops], axis=0).tolist())
+        nothing = np.zeros((0, 1))
+        # For drawing scenes, which needs no pixels.
+        self.outlines = [
+            replace(
+                crop, normals_int8=nothing, albedo_uint8=nothing, visibility_bits=nothing,
+                bounce_float16=None, bounce_patterns=None, depth_float16=None, regions=None,
+            )
+            for crop in crops
+        ]  # fmt: skip
+        self.inside = self._images([crop.mask[crop.mask][:, None] for crop in crops], crops)
+        self.normals = self._images([crop.normals_int8 for crop in crops], crops)
+        self.albedo = self._images([crop.albedo_uint8 for crop in crops], crops)
+        self.bits = self._images([crop.visibility_bits for crop in crops], crops)
+        unknown = [np.zeros((len(crop.normals_int8), 1), np.float16) for crop in crops]
+        depths = [crop.depth_float16 for crop in crops]
+        self.depth = self._images(
+            [none if depth is None else depth for depth, none in zip(depths, unknown, strict=True)], crops
+        )
+        blank = [np.zeros((len(crop.normals_int8), 1), np.uint8) for crop in crops]
+        self.regions = self._images(
+            [
+                none if crop.regions is None else crop.regions[:, None]
+                for crop, none in zip(crops, blank, strict=True)
+            ],
+            crops,
+        )
+        self.directions = torch.from_numpy(np.stack([crop.directions for crop in crops])).to(device)
+        self.depth_known = torch.tensor([[float(depth is not None)] for depth in depths], device=device)
+        self.heights = torch.tensor([_height(crop.mask) for crop in crops], device=device)
+        self.scales = torch.tensor([_pixels_a_metre(crop) for crop in crops], device=device)
+
+    def _images(self, values: list[np.ndarray], crops: list[Record]) -> torch.Tensor:
+        """Return values (N, C) of each record as images (R, C, H, W) of the stack's size."""
+        first = values[0]
+        images = torch.empty(
+            (len(crops), first.shape[1], *self.shape), dtype=torch.from_numpy(first).dtype, device=self.device
+        )
+        for image, value, crop in zip(images, values, crops, strict=True):
+            canvas = np.zeros((first.shape[1], *self.shape), first.dtype)
+            height, width = crop.mask.shape
+            canvas[:, :height, :width][:, crop.mask] = value.T
+            image.copy_(torch.from_numpy(canvas))
+        return images
+
+    def __len__(self) -> int:
+        return len(self.outlines)
+
+    def draw(
+        self, number: int, rng: np.random.Generator, lights: int | None = None, augment: bool = True
+    ) -> Draw:
+        """Draw the random numbers of a photograph of a record; the arguments are those of `sample`."""
+        scene = draw_scene(self.outlines[number], rng, self.size, lights, augment)
+        return Draw(number, scene, Flaws.draw(rng) if augment else None)
+
+    @torch.no_grad()
+    def photographs(self, draws: Sequence[Draw]) -> dict[str, torch.Tensor]:
+        """Return the tensors of `Sample` with a batch axis, but those of albedo and bounce light.
+
+        They are those of `sample` for the same random numbers, but for the noise, which the device draws.
+        """
+        numbers = torch.tensor([draw.number for draw in draws], device=self.device)
+        scenes = [draw.scene for draw in draws]
+        turns, matrices, weights, chosen = (
+            torch.from_numpy(np.stack(each)).to(self.device)
+            for each in (
+                [scene.turn.astype(np.float32) for scene in scenes],
+                [scene.matrix.numpy() for scene in scenes],
+                [scene.weights for scene in scenes],
+                [scene.chosen for scene in scenes],
+            )
+        )
+        inside = self.inside[numbers].float()
+        visibility, normals = _unpacked(self.bits[numbers]), self.normals[numbers].float()
+        normals = normals / normals.norm(dim=1, keepdim=True).clamp_min(1)
+        shown = visibility.gather(1, chosen[:, :, None, None].expand(-1, -1, *self.shape))
+        regions = self.regions[numbers] == torch.arange(1, len(REGIONS), device=self.device).view(-1, 1, 1)
+        light = self._light(numbers, normals, visibility, weights, regions.any(dim=1, keepdim=True), scenes)
+        albedo = (self.albedo[numbers].float() / 255) ** ENCODING
+        images = [inside, albedo * light[0] + light[1], normals, self.depth[numbers].float(), regions, shown]
+        planes = _sampled(torch.cat([image.float() for image in images], dim=1), matrices, self.size)
+        mask, straight = planes[:, :1], planes[:, 1:] / planes[:, :1].clamp_min(0.02)
+        rgb, normals, depth, regions, shown = straight.split(
+            [3, 3, 1, len(REGIONS) - 1, len(chosen[0])], dim=1
+        )
+        frame = torch.eye(3, device=self.device).repeat(len(draws), 1, 1)
+        frame[:, :2, :2] = turns
+        turned = torch.einsum("bij,bjhw->bihw", frame, normals)
+        flaws = [draw.flaws for draw in draws if draw.flaws is not None]
+        rgb, matte = _flawed(rgb, mask, flaws) if flaws else (rgb, mask)
+        lights = self.directions[numbers].gather(1, chosen[:, :, None].expand(-1, -1, 3))
+        return {
+            "rgb": rgb,
+            "matte": matte,
+            "mask": torch.minimum(mask, matte),
+            "normals": turned / turned.square().sum(dim=1, keepdim=True).clamp_min(1e-12).sqrt(),
+            "visibility": shown.clamp(0, 1),
+            "directions": lights @ frame.mT,
+            "depth": _canvas_depth(depth, mask, self.heights[numbers], matrices),
+            "depth_known": self.depth_known[numbers],
+            "regions": regions.clamp(0, 1),
+        }
+
+    def _light(
+        self,
+        numbers: torch.Tensor,
+        normals: torch.Tensor,
+        visibility: torch.Tensor,
+        weights: torch.Tensor,
+        skin: torch.Tensor,
+        scenes: Sequence[Scene],
+    ) -> tuple[torch.Tensor, torch.Tensor]:
+        """Return the light on white and the highlights, both (B, 3, H, W); see `photographs.light`."""
+        lights = self.directions[numbers]
+        facing = torch.einsum("bdc,bchw->bdhw", lights, normals).clamp_min_(0).mul_(visibility)
+        diffuse = _scattered(torch.einsum("bdhw,bdc->bchw", facing, weights), skin, self.scales[numbers])
+        gloss, shininess = (
+            torch.tensor([getattr(scene, name) for scene in scenes], device=self.device)
+            .float()
+            .view(-1, 1, 1, 1)
+            for name in ("gloss", "shininess")
+        )
+        halves = F.normalize(lights + torch.tensor([0.0, 0.0, 1.0], device=self.device), dim=2)
+        peaks = torch.einsum("bdc,bchw->bdhw", halves, normals).clamp_min_(0).pow_(shininess).mul_(visibility)
+        bright = weights * (weights.sum(dim=2, keepdim=True) > 0.1)
+        return diffuse, gloss * torch.einsum("bdhw,bdc->bchw", peaks, bright)
+
+
+def _height(mask: np.ndarray) -> float:
+    rows = np.flatnonzero(mask.any(axis=1))
+    return float(rows[-1] + 1 - rows[0])
+
+
+def _pixels_a_metre(record: Record) -> float:
+    """Return the scale of the record's picture, or 0 if it is unknown."""
+    camera = record.about.get("camera")
+    return 0.0 if camera is None else float(camera["focal"] / record.about["view"]["distance"])
+
+
+def _unpacked(bits: torch.Tensor) -> torch.Tensor:
+    """Unpack bits (B, ceil(D / 8), H, W), the highest first, as numpy.packbits packs them."""
+    shifts = torch.arange(7, -1, -1, device=bits.device, dtype=torch.uint8).view(1, 1, 8, 1, 1)
+    return (bits[:, :, None] >> shifts & 1).flatten(1, 2).float()
+
+
+def _scattered(light: torch.Tensor, skin: torch.Tensor, scales: torch.Tensor) -> torch.Tensor:
+    """Blur the light (B, 3, H, W) on skin (B, 1, H, W) by subsurface scattering; see `skin.scatter`.
+
+    scales (B,): pixels for each metre.
+    """
+    deviations = scales[:, None] * torch.tensor(SCATTERING_RADII, device=scales.device)
+    deviations = deviations * (deviations >= MIN_SIGMA_PIXELS)
+    shares = skin.float().expand_as(light)
+    blurred = _blurred(light * shares, deviations) / _blurred(shares, deviations).clamp_min(1e-6)
+    return torch.where(skin & (deviations > 0)[:, :, None, None], blurred, light)
+
+
+def _blurred(images: torch.Tensor, deviations: torch.Tensor) -> torch.Tensor:
+    """Blur each plane of images (B, C, H, W) by a Gaussian of its own deviation (B, C) in pixels."""
+    sides = (3 * deviations + 1).round()
+    reach = int(sides.max())
+    steps = torch.arange(-reach, reach + 1, device=images.device)
+    kernels = torch.exp(-(steps**2) / (2 * deviations.clamp_min(1e-3)[..., None] ** 2))
+    kernels = kernels * (steps.abs() <= sides[..., None])
+    kernels = (kernels / kernels.sum(dim=-1, keepdim=True)).flatten(0, 1)[:, None]
+    planes = images.flatten(0, 1)[None]
+    planes = F.conv2d(planes, kernels[:, :, None], padding=(0, reach), groups=planes.shape[1])
+    planes = F.conv2d(planes, kernels[..., None], padding=(reach, 0), groups=planes.shape[1])
+    return planes.view(images.shape)
+
+
+def _sampled(images: torch.Tensor, matrices: torch.Tensor, size: tuple[int, int]) -> torch.Tensor:
+    """Sample images (B, C, H, W) with matrices (B, 2, 3) from canvas to image; see `affine_sample`."""
+    shrinks = torch.linalg.det(matrices[:, :, :2]).abs().sqrt().tolist()
+    finer = torch.tensor([math.ceil(shrink) if shrink > 1.5 else 1 for shrink in shrinks])
+    canvases = images.new_empty(*images.shape[:2], *size)
+    extent = images.new_tensor([images.shape[-1], images.shape[-2]])
+    for times in finer.unique().tolist():
+        group = (finer == times).nonzero()[:, 0].to(images.device)
+        y, x = (((torch.arange(length * times) + 0.5) / times).to(images) for length in size)
+        across, down, offset = matrices[group].permute(2, 0, 1)[:, :, None, None]
+        grid = (x[:, None] * across + y[:, None, None] * down + offset) * 2 / extent - 1
+        found = F.grid_sample(images[group], grid, padding_mode="zeros", align_corners=False)
+        canvases[group] = F.avg_pool2d(found, times) if times > 1 else found
+    return canvases
+
+
+def _canvas_depth(
+    depth: torch.Tensor, mask: torch.Tensor, heights: torch.Tensor, matrices: torch.Tensor
+) -> torch.Tensor:
+    """Convert depth (B, 1, h, w) to the unit of `Sample`, as `sample` does.
+
+    heights (B,): rows of the records' masks. matrices (B, 2, 3): from canvas to record.
+    """
+    inside = mask > 0.5
+    mean = (depth * inside).sum(dim=(1, 2, 3)) / inside.sum(dim=(1, 2, 3)).clamp_min(1)
+    rows = inside.any(dim=3)[:, 0].float()
+    first, last = rows.argmax(dim=1), rows.shape[1] - rows.flip(1).argmax(dim=1)
+    magnification = torch.linalg.det(matrices[:, :, :2]).abs().rsqrt()
+    unit = (magnification * heights / (last - first)).view(-1, 1, 1, 1)
+    return (depth - mean.view(-1, 1, 1, 1)) * unit * (mask > 0) * rows.any(dim=1).view(-1, 1, 1, 1)
+
+
+def _flawed(
+    rgb: torch.Tensor, mask: torch.Tensor, flaws: Sequence[Flaws]
+) -> tuple[torch.Tensor, torch.Tensor]:
+    """Return the pictures (B, 3, h, w) and mattes (B, 1, h, w) of linear images and masks; see `Flaws`."""
+    each_image = zip(flaws, rgb, mask, strict=True)
+    pictures = torch.stack([each.camera(image, inside, each.style) for each, image, inside in each_image])
+    for name, change in (("sharpness", sharpen), ("quality", compress)):
+        values = {index: getattr(each, name) for index, each in enumerate(flaws)}
+        values = {index: value for index, value in values.items() if value is not None}
+        if values:
+            chosen = torch.tensor(list(values), device=rgb.device)
+            given = torch.tensor(list(values.values()), dtype=torch.float32, device=rgb.device)
+            pictures[chosen] = change(pictures[chosen], given)
+    matte = [
+        inside if each.matte is None else each.matte(inside) for each, inside in zip(flaws, mask, strict=True)
+    ]
+    return pictures, torch.stack(matte)
