@@ -526,7 +526,7 @@ class Subject:
 
         path = asset.checked(path, texture, triangles)
         if is_script(path):
-            return writing.write_script(path, self, nuke_script.checked_lights(lights))
+            return writing.write_script(path, self, nuke_script.checked_lights(lights), checked_gloss(gloss))
         return writing.write(path, self.asset(lights, triangles=triangles, texture=texture, gloss=gloss))
 
     def asset(

@@ -88,7 +88,7 @@ def export_person(
             subject = shot.subject(numbers[0])
             report(1, 1, "Analysing")
             if is_script(path):
-                return writing.write_script(path, subject, knobs)
+                return writing.write_script(path, subject, knobs, shot.lighting.gloss)
             return writing.write(path, subject.asset(lights, **mesh))
 
         def subject_at(number: int) -> Any:
@@ -96,7 +96,9 @@ def export_person(
             return None if person.is_empty else person
 
         if is_script(path):
-            return writing.write_script_sequence(path, subject_at, numbers, knobs, rate, report)
+            return writing.write_script_sequence(
+                path, subject_at, numbers, knobs, rate, report, shot.lighting.gloss
+            )
 
         def assets() -> Iterator[tuple[int, Asset]]:
             for done, number in enumerate(numbers):

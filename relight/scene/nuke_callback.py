@@ -63,10 +63,13 @@ def weights(tables: list[float], toward: list[float]) -> list[float]:
 
 
 def matrices(tables: list[float], directions: list[list[float]]) -> list[list[float]]:
-    """Return the matrices, row by row, of a light's nodes: `facing`, then one for each layer."""
+    """Return the matrices, row by row, of a light's nodes: `facing`, `toward`, then one for each layer."""
     mixed = [weights(tables, toward) for toward in directions]
     facing = [value for toward in directions for value in toward]
-    return [facing] + [[row[3 * layer + i] for row in mixed for i in range(3)] for layer in range(LAYERS)]
+    frontal = [value for toward in directions for value in (toward[2], 0.0, 0.0)]
+    return [facing, frontal] + [
+        [row[3 * layer + i] for row in mixed for i in range(3)] for layer in range(LAYERS)
+    ]
 
 
 def direction(azimuth: float, elevation: float) -> tuple[float, float, float]:
@@ -105,7 +108,7 @@ def update(nuke: Any) -> None:
             continue
         known.setValue(state)
         tables = [float(word) for word in group["tables"].value().split()]
-        nodes = [group.node(f"light{light}_{layer}")["matrix"] for layer in range(LAYERS + 1)]
+        nodes = [group.node(f"light{light}_{layer}")["matrix"] for layer in range(LAYERS + 2)]
         for knob in nodes:
             knob.clearAnimated()
             if moving:

@@ -19,7 +19,8 @@ LAYERS = (
     *(f"cast{number}" for number in range(1, CAST_LAYERS + 1)),
     *(f"residual{number}" for number in range(1, RESIDUAL_LAYERS + 1)),
 )
-NAMES = ("facing", "gate", *LAYERS)  # `facing`: normals; `gate.red`: the slope of the gate in N·L
+# `facing`: normals; `gate`: the slope of the gate in N·L, and N·V; `toward.red`: 1, for a light's L·V.
+NAMES = ("facing", "gate", "toward", *LAYERS)
 
 
 class Basis(NamedTuple):
@@ -67,11 +68,14 @@ def layers_of(subject: Any, basis: Basis) -> tuple[np.ndarray, dict[str, np.ndar
         {name of NAMES: (H, W, 3)}, zero outside the matte.
     """
     arrays = FieldArrays.of(subject.record.maps.shading)
-    gate = torch.cat([arrays.sharpness, torch.zeros(2, arrays.sharpness.shape[1])])
+    none = torch.zeros_like(arrays.sharpness)
+    gate = torch.cat([arrays.sharpness, arrays.normals[2:], none])
+    toward = torch.cat([none + 1, none, none])
     maps = torch.cat(
         [
             arrays.normals,
             gate,
+            toward,
             projected(basis.cast, arrays.cast),
             projected(basis.residual, arrays.residual),
         ]

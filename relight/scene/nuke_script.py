@@ -12,6 +12,7 @@ from fractions import Fraction
 from pathlib import Path
 from typing import Any
 
+from relight.analysis.gloss import MIN_COSINE, ROUGHNESS
 from relight.lights.directional import DirectionalLight
 from relight.lights.rig import as_rig
 from relight.media.nuke_nodes import layer, literal, node, quoted, read_from, root, span
@@ -36,6 +37,7 @@ def write(
     *,
     frames: tuple[int, int] | None = None,
     rate: float | Fraction = 24,
+    gloss: float = 0.0,
 ) -> None:
     """Write the script. It finds the pictures in its own folder.
 
@@ -55,6 +57,8 @@ def write(
         (first, last) of a sequence; None for a still.
     rate
         Frames a second.
+    gloss
+        What the knob begins with, in [0, 1], see `relight.Subject.relit`.
 
     Raises
     ------
@@ -67,7 +71,7 @@ def write(
         root(size, frames, rate),
         *(layer(name, CHANNELS) for name in NAMES),
         node("Read", inputs=0, file=file, **knobs, raw="true", name="Layers", xpos=0, ypos=-120),
-        _group(basis, lights),
+        _group(basis, lights, gloss),
         *_inside(basis, lights),
         "end_group",
     ]
@@ -117,7 +121,7 @@ def _started(lights: Sequence[DirectionalLight]) -> list[tuple[DirectionalLight,
     return [(light, True) for light in lights] + [(KEY, False)] * (LIGHTS - len(lights))
 
 
-def _group(basis: Basis, lights: Sequence[DirectionalLight]) -> str:
+def _group(basis: Basis, lights: Sequence[DirectionalLight], gloss: float) -> str:
     """Return the group's own knobs, up to its closing brace."""
     code = inspect.getsource(nuke_callback) + "\nupdate(nuke)\n"
     again = "exec(nuke.thisNode()['knobChanged'].value())"
@@ -145,6 +149,9 @@ def _group(basis: Basis, lights: Sequence[DirectionalLight]) -> str:
         ]
     numbers = " ".join(f"{value:.7g}" for value in basis.tables)
     lines += [
+        " addUserKnob {20 surface l surface}",
+        " addUserKnob {7 gloss l gloss R 0 1}",
+        f" gloss {gloss:.9g}",
         " addUserKnob {20 about l about}",
         " addUserKnob {1 tables l tables +INVISIBLE}",
         f" tables {quoted(numbers)}",
@@ -155,7 +162,7 @@ def _group(basis: Basis, lights: Sequence[DirectionalLight]) -> str:
 
 
 def _inside(basis: Basis, lights: Sequence[DirectionalLight]) -> list[str]:
-    """Return the nodes of the group: a column for each light, whose sum lights the albedo.
+    """Return the nodes of the group: a column for each light, whose sum is the picture.
 
     The first input of a node is what is on top of the stack, so the last light comes first.
     """
@@ -166,40 +173,42 @@ def _inside(basis: Basis, lights: Sequence[DirectionalLight]) -> list[str]:
     blocks += [node("Input", inputs=0, name="layers", number=0, xpos=0, ypos=-300), "set Nlayers [stack 0]"]
     for number, (light, _) in reversed(list(enumerate(_started(lights), 1))):
         blocks += ["push $Nlayers", *_light(number, light, basis)]
-    below = ROW * (len(LAYERS) + 4)
+    below = ROW * (len(LAYERS) + 5)
     blocks += ["push $Nlayers", node("Multiply", channels="rgb", value=0, name="Dark", xpos=0, ypos=below)]
     plus = {"operation": "plus", "Achannels": "rgb", "Bchannels": "rgb", "output": "rgb"}
     for number in range(1, LIGHTS + 1):
         off = f"{{{{!parent.light{number}_on}}}}"
         below += 40
         blocks.append(node("Merge2", inputs=2, **plus, name=f"Plus{number}", disable=off, xpos=0, ypos=below))
-    products = {f"expr{index}": f"A{channel}*B{channel}" for index, channel in enumerate("rgb")}
     return [
         *blocks,
-        "push $Nlayers",
-        node("MergeExpression", inputs=2, **products, expr3="Ba", name="Albedo", xpos=0, ypos=below + 40),
-        node("Remove", operation="keep", channels="rgba", name="Picture", xpos=0, ypos=below + 80),
-        node("Output", name="Output1", xpos=0, ypos=below + 120),
+        node("Remove", operation="keep", channels="rgba", name="Picture", xpos=0, ypos=below + 40),
+        node("Output", name="Output1", xpos=0, ypos=below + 80),
     ]
 
 
 def _light(number: int, light: DirectionalLight, basis: Basis) -> list[str]:
-    """Return the nodes of a light: its matrices, its shading, and its colour."""
+    """Return the nodes of a light: its matrices, the lit albedo with its gloss, and its colour."""
     toward = samples(direction(light.azimuth, light.elevation), light.angle)
     place: dict[str, object] = {"xpos": COLUMN * number}
     blocks = []
     for row, (name, values) in enumerate(
-        zip(("facing", *LAYERS), matrices(basis.tables, toward), strict=True)
+        zip(("facing", "toward", *LAYERS), matrices(basis.tables, toward), strict=True)
     ):
         rows = " ".join("{" + " ".join(f"{v:.7g}" for v in values[3 * i : 3 * i + 3]) + "}" for i in range(3))
         knobs = {"channels": name, "matrix": f"{{{rows}}}", "name": f"light{number}_{row}"} | place
         blocks.append(node("ColorMatrix", **knobs, ypos=ROW * row))
-    below = ROW * (len(LAYERS) + 1)
+    below = ROW * (len(LAYERS) + 2)
     shading: dict[str, object] = {}
     for index, channel in enumerate(CHANNELS):
         shading |= {f"temp_name{index}": f"sample{index}", f"temp_expr{index}": quoted(_shading(channel))}
-    mean = {f"expr{index}": '"(sample0+sample1+sample2)/3"' for index in range(3)}
-    blocks.append(node("Expression", **shading, **mean, name=f"Shading{number}", **place, ypos=below))
+    gloss = "+".join(f"({_gloss(channel)})" for channel in CHANNELS)
+    shading |= {"temp_name3": "gloss", "temp_expr3": quoted(gloss)}
+    lit = {
+        f"expr{index}": f'"((sample0+sample1+sample2)*{channel}+parent.gloss*gloss*a)/3"'
+        for index, channel in enumerate("rgb")
+    }
+    blocks.append(node("Expression", **shading, **lit, name=f"Shading{number}", **place, ypos=below))
     knob = f"parent.light{number}_"
     strength = f"pow(2,{knob}exposure)*2/(1+cos(radians({knob}softness)/2))"
     power = " ".join(f"{{{knob}colour.{channel}*{strength}}}" for channel in "rgb")
@@ -210,7 +219,24 @@ def _light(number: int, light: DirectionalLight, basis: Basis) -> list[str]:
 def _shading(channel: str) -> str:
     """Return the expression of the shading by the direction that a channel stands for."""
     facing = f"facing.{channel}"
-    logit = "+".join(f"cast{n}.{channel}" for n in range(1, CAST_LAYERS + 1)) + f"+{LIT_LOGIT:g}"
     residual = "+".join(f"residual{n}.{channel}" for n in range(1, RESIDUAL_LAYERS + 1))
-    base = f"max({facing},0)/((1+exp(-gate.red*{facing}))*(1+exp(-({logit}))))"
+    base = f"max({facing},0)/({_shadow(channel)})"
     return f"clamp({base}+{residual}-clamp({residual},0,{RESIDUAL_BIAS:g}),0,1)"
+
+
+def _gloss(channel: str) -> str:
+    """Return the expression of the gloss by that direction: `relight.analysis.gloss.reflectance`."""
+    alpha = ROUGHNESS**2
+    facing, viewed, least = f"max(facing.{channel},0)", "max(gate.green,0)", f"{MIN_COSINE:g}"
+    half = f"max(pow(max((1+toward.{channel})/2,0),0.5),{least})"
+    aligned = f"min(({facing}+{viewed})/(2*{half}),1)"
+    slopes = [f"pow(pow({c},2)*{1 - alpha**2:.9g}+{alpha**2:.9g},0.5)" for c in (viewed, facing)]
+    masking = f"max({facing}*{slopes[0]}+{viewed}*{slopes[1]},{least})"
+    lobe = f"pow({alpha:.9g}/(1-{1 - alpha**2:.9g}*pow({aligned},2)),2)"
+    return f"{lobe}*pow(max(1-{half},0),5)*{facing}/(2*{masking}*{_shadow(channel)})"
+
+
+def _shadow(channel: str) -> str:
+    """Return the expression of one over the visibility in that direction."""
+    logit = "+".join(f"cast{n}.{channel}" for n in range(1, CAST_LAYERS + 1)) + f"+{LIT_LOGIT:g}"
+    return f"(1+exp(-gate.red*facing.{channel}))*(1+exp(-({logit})))"

@@ -40,13 +40,13 @@ def write_sequence(path: AnyPath, frames: Iterable[tuple[int, Asset]], rate: flo
     return path
 
 
-def write_script(path: AnyPath, subject: Any, lights: Sequence[DirectionalLight]) -> Path:
+def write_script(path: AnyPath, subject: Any, lights: Sequence[DirectionalLight], gloss: float = 0.0) -> Path:
     """Write a Nuke script that lights a `relight.Subject`, and the layers it reads: `<name>_layers.exr`."""
     path = Path(path)
     basis = Basis.of([subject])
     picture = companion(path, LAYERS)
     _write_layers(picture, subject, basis)
-    nuke_script.write(path, picture, basis, lights, subject.size)
+    nuke_script.write(path, picture, basis, lights, subject.size, gloss=gloss)
     return path
 
 
@@ -57,6 +57,7 @@ def write_script_sequence(
     lights: Sequence[DirectionalLight],
     rate: float,
     progress: Callable[[int, int, str], None],
+    gloss: float = 0.0,
 ) -> Path:
     """Write a Nuke script that lights a person who moves, and its layers: `<name>_layers.%04d.exr`.
 
@@ -74,6 +75,8 @@ def write_script_sequence(
         Frames a second.
     progress
         Called with (frames done, frames in all, what is done).
+    gloss
+        What its knob begins with.
 
     Raises
     ------
@@ -96,7 +99,9 @@ def write_script_sequence(
         _write_layers(companion(path, LAYERS, FRAME % number), subject, basis, size)
     progress(len(numbers), len(numbers), "Frames")
     picture = companion(path, LAYERS, FRAME)
-    nuke_script.write(path, picture, basis, lights, size, frames=(numbers[0], numbers[-1]), rate=rate)
+    nuke_script.write(
+        path, picture, basis, lights, size, frames=(numbers[0], numbers[-1]), rate=rate, gloss=gloss
+    )
     return path
 
 

@@ -268,7 +268,11 @@ class Player:
             scope |= {f"{prefix}{channel[0]}": picture[f"rgba.{channel}"] for channel in RGBA}
             scope |= {prefix + name.replace(".", "__"): values for name, values in picture.items()}
 
+        def knob(match):
+            return repr(self.value(node, node.parent.group.knobs[match[1]]))
+
         def evaluate(text):
+            text = re.sub(r"parent\.(\w+)", knob, text)
             return eval(re.sub(r"([A-Za-z]\w*)\.(\w+)", r"\1__\2", text), {"__builtins__": {}}, scope)
 
         with np.errstate(over="ignore"):
