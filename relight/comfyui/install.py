@@ -3,18 +3,35 @@
 import shutil
 from pathlib import Path
 
+from relight import __version__
 from shadow.files import AnyPath, replacing
 
 # With a hyphen, so that it cannot be imported: a folder `relight` would hide the package where a loader names
 # a module after its folder, and where Python runs in custom_nodes.
 FOLDER = "relight-nodes"
+WORKFLOWS = "example_workflows"  # where ComfyUI looks for what it offers as templates
+MINE = {"__init__.py", "pyproject.toml", WORKFLOWS}
 LINES = '''"""The nodes of relight, which is installed as a package; written by `relight comfyui`."""
 from relight.comfyui import NODE_CLASS_MAPPINGS, NODE_DISPLAY_NAME_MAPPINGS, WEB_DIRECTORY  # noqa: F401
 '''
 
+REGISTRY = """# For ComfyUI's registry, `comfy node publish`: fill in your publisher's name.
+[project]
+name = "relight-nodes"
+version = "{version}"
+description = "Relight a photographed person: cast shadows for any light, exactly linear, on a CPU."
+license = "Apache-2.0"
+
+[tool.comfy]
+PublisherId = ""
+DisplayName = "Relight"
+"""
+
 
 def install(comfyui: AnyPath) -> Path:
     """Write `custom_nodes/relight-nodes/__init__.py`, which imports the nodes, into a ComfyUI folder.
+
+    Beside it are the example workflows, which ComfyUI offers, and a `pyproject.toml` for its registry.
 
     Parameters
     ----------
@@ -49,12 +66,17 @@ def install(comfyui: AnyPath) -> Path:
         raise ValueError(f"{folder}: holds other nodes; expected this folder to be free")
     new = not folder.exists()
     folder.mkdir(exist_ok=True)
+    workflows = Path(__file__).with_name(WORKFLOWS).glob("*.json")
+    contents = {folder / WORKFLOWS / workflow.name: workflow.read_text("utf-8") for workflow in workflows}
+    contents |= {folder / "pyproject.toml": REGISTRY.format(version=__version__), file: LINES}
     try:
-        with replacing(file) as beside:
-            beside.write_text(LINES, encoding="utf-8")
+        (folder / WORKFLOWS).mkdir(exist_ok=True)
+        for path, content in contents.items():
+            with replacing(path) as beside:
+                beside.write_text(content, encoding="utf-8")
     except BaseException:
         if new:
-            folder.rmdir()
+            shutil.rmtree(folder)
         raise
     if _is_ours(earlier := folder.with_name("relight")):
         shutil.rmtree(earlier)
@@ -65,4 +87,4 @@ def _is_ours(folder: Path) -> bool:
     """Return whether a folder holds what `install` writes, and nothing else."""
     file = folder / "__init__.py"
     names = {path.name for path in folder.glob("*")} - {"__pycache__"}
-    return names == {file.name} and "relight.comfyui" in file.read_text(encoding="utf-8")
+    return file.name in names <= MINE and "relight.comfyui" in file.read_text(encoding="utf-8")

@@ -3,6 +3,7 @@
 import importlib.util
 import subprocess
 import sys
+import tomllib
 
 import pytest
 from typer.testing import CliRunner
@@ -33,7 +34,15 @@ def test_two_lines_register_the_nodes(comfyui):
     before = file.read_bytes()
     assert install(comfyui) == file  # again
     assert file.read_bytes() == before
-    assert [path.name for path in file.parent.iterdir() if path.is_file()] == ["__init__.py"]
+    assert {path.name for path in file.parent.iterdir() if path.is_file()} == {
+        "__init__.py",
+        "pyproject.toml",
+    }
+    offered = sorted(path.name for path in (file.parent / "example_workflows").iterdir())
+    assert offered == ["moving_light.json", "place.json", "portrait.json"]
+    registry = tomllib.loads((file.parent / "pyproject.toml").read_text())
+    assert registry["project"]["name"] == file.parent.name  # the registry names the folder so
+    assert registry["tool"]["comfy"]["DisplayName"] == "Relight"
 
 
 def test_other_folders_are_refused(comfyui, tmp_path):

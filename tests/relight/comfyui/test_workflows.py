@@ -1,6 +1,7 @@
 """The example workflows, run by a small executor, against `relight.apply`."""
 
 import json
+import runpy
 
 import numpy as np
 import pytest
@@ -47,6 +48,36 @@ def test_workflows_are_in_api_format(name):
         assert set(node) == {"class_type", "inputs", "_meta"}
         for value in node["inputs"].values():
             assert not isinstance(value, list) or value[0] in graph
+
+
+@pytest.mark.parametrize("name", ["portrait", "place", "moving_light"])
+def test_workflows_of_the_interface_are_those_of_the_api(name):
+    """Written by examples/comfyui/interface.py, and no node hides another."""
+    graph = json.loads((WORKFLOWS / f"{name}.json").read_text())
+    offered = ROOT / "relight" / "comfyui" / "example_workflows" / f"{name}.json"
+    interface = runpy.run_path(str(WORKFLOWS / "interface.py"))
+    shown = json.loads(offered.read_text())
+    assert shown == interface["interface_of"](graph)
+    nodes = {node["id"]: node for node in shown["nodes"]}
+    assert set(nodes) == set(map(int, graph))
+    for node in nodes.values():
+        inputs, _ = interface["described"](node["type"])
+        linked = {socket["name"]: socket["link"] for socket in node["inputs"]}
+        widgets = [name for name in inputs if name not in linked]
+        values = dict(zip(widgets, node["widgets_values"], strict=True))
+        for _, source, slot, target, socket, kind in shown["links"]:
+            if target == node["id"]:
+                values[node["inputs"][socket]["name"]] = [str(source), slot]
+                assert nodes[source]["outputs"][slot]["type"] == kind
+        given = graph[str(node["id"])]["inputs"]
+        assert {name: values[name] for name in given} == given
+        for other in nodes.values():
+            apart = [
+                node["pos"][axis] + node["size"][axis] <= other["pos"][axis] - (30 if axis else 0)
+                or other["pos"][axis] + other["size"][axis] <= node["pos"][axis] - (30 if axis else 0)
+                for axis in (0, 1)
+            ]
+            assert node is other or any(apart)  # 30 pixels of title are above a node's place
 
 
 @pytest.mark.slow
