@@ -22,10 +22,23 @@ OWN = {
     "wrapmodes", "XResolution", "YResolution",
     "Exif:ColorSpace", "Exif:Gamma", "Exif:ImageUniqueID", "Exif:InteroperabilityIndex", "Exif:MakerNote",
     "Exif:PixelXDimension", "Exif:PixelYDimension",
+    # Whose the camera is, and which.
+    "Exif:CameraOwnerName", "Exif:BodySerialNumber", "Exif:LensSerialNumber",
 }  # fmt: skip
 OWN_PREFIXES = ("oiio:", "openexr:", "relight:", "ICCProfile:", "GPS:", "nuke/node_hash", "nuke/version")
 # What is kept of pictures other than OpenEXR files, whose headers hold much of their own.
-CAMERA = ("Artist", "Copyright", "DateTime", "ExposureTime", "FNumber", "ImageDescription", "Make", "Model")
+CAMERA = (
+    "Artist",
+    "Copyright",
+    "DateTime",
+    "ExposureTime",
+    "FNumber",
+    "ImageDescription",
+    "Keywords",
+    "Make",
+    "Model",
+    "IPTC:Rating",
+)
 CAMERA_PREFIXES = ("Exif:", "smpte:")
 TIMECODE = "smpte:TimeCode"
 RATES = ("FramesPerSecond", "dpx:FrameRate", "dpx:TelevisionFrameRate")  # OpenEXR, DPX of film, of video

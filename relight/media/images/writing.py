@@ -1,16 +1,20 @@
 """Writing images: layers, depths, and what a file says of itself."""
 
+import functools
 import io
 import reprlib
+import struct
 import warnings
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from pathlib import Path
+from xml.sax.saxutils import escape
 
 import numpy as np
 import OpenImageIO as oiio
 import torch
 from numpy.typing import ArrayLike
-from PIL import ExifTags, Image, PngImagePlugin
+from PIL import ExifTags, Image, ImageCms, PngImagePlugin
+from PIL.TiffImagePlugin import IFDRational
 
 from relight import __version__
 from relight.media import colour, content_hash
@@ -43,6 +47,8 @@ ROWS = 64  # of a file that are written at a time; whole blocks of OpenEXR's com
 LOST = 0.01  # share of a layer's light that half floats may lose before a warning says so
 JPEG_LARGEST = 65500  # pixels a side, of libjpeg
 JPEG_QUALITY = 98  # of 100: differences that the eye does not find
+EXIF = "Exif:"  # before names in the metadata of OpenImageIO
+RENAMED = {"PhotographicSensitivity": "ISOSpeedRatings"}  # Pillow has the tag's older name
 
 
 def check_writable(path: AnyPath) -> tuple[str, ...]:
@@ -223,7 +229,8 @@ def new_spec(
     spec.attribute("Software", f"relight {__version__}")
     for name, value in (metadata or {}).items():
         if isinstance(value, TypedValue):
-            spec.attribute(name, oiio.TypeDesc(value.kind), value.value)
+            kind = "int" if value.kind == "uint16" else value.kind  # OpenImageIO's Python sets no uint16
+            spec.attribute(name, oiio.TypeDesc(kind), value.value)
         elif isinstance(value, tuple):
             spec.attribute(name, oiio.TypeDesc(f"float[{len(value)}]"), value)
         else:
@@ -382,10 +389,47 @@ def _jpeg(pixels: np.ndarray, spec: oiio.ImageSpec) -> bytes:
             exif[ExifTags.Base[attribute.name]] = attribute.value
         elif attribute.name == content_hash.HASH_ATTRIBUTE:
             exif.get_ifd(ExifTags.IFD.Exif)[ExifTags.Base.ImageUniqueID] = attribute.value
+        elif attribute.name.startswith(EXIF) and isinstance(attribute.value, str | int | float):
+            name = attribute.name.removeprefix(EXIF)
+            tag = ExifTags.Base.__members__.get(RENAMED.get(name, name))
+            if tag is not None:  # whose numbers, unless they are whole, are fractions
+                is_real = isinstance(attribute.value, float)
+                value = IFDRational(float(attribute.value)) if is_real else attribute.value
+                exif.get_ifd(ExifTags.IFD.Exif)[tag] = value
     file = io.BytesIO()
     codes = np.rint(pixels * 255).astype(np.uint8)
-    Image.fromarray(codes).save(file, "JPEG", quality=JPEG_QUALITY, exif=exif)
+    is_srgb = spec.getattribute("oiio:ColorSpace") == "srgb_rec709_scene"
+    profile = _srgb_profile() if is_srgb else None
+    Image.fromarray(codes).save(
+        file, "JPEG", quality=JPEG_QUALITY, exif=exif, icc_profile=profile, xmp=_xmp(spec)
+    )
     return file.getvalue()
+
+
+@functools.cache
+def _srgb_profile() -> bytes:
+    """Return an ICC profile of sRGB, with a date of its own, so that equal pictures are equal files."""
+    made = ImageCms.ImageCmsProfile(ImageCms.createProfile("sRGB")).tobytes()
+    date = struct.pack(">6H", 2000, 1, 1, 0, 0, 0)  # ICC.1:2022, 7.2.8: bytes 24 to 35
+    return made[:24] + date + made[36:]
+
+
+def _xmp(spec: oiio.ImageSpec) -> bytes:
+    """Return the rating and the keywords of a photograph as XMP; nothing without them."""
+    rating, keywords = spec.getattribute("IPTC:Rating"), spec.getattribute("Keywords")
+    words = [word.strip() for word in str(keywords or "").split(";") if word.strip()]
+    about = "" if rating is None else f"<xmp:Rating>{escape(str(rating))}</xmp:Rating>"
+    if words:
+        items = "".join(f"<rdf:li>{escape(word)}</rdf:li>" for word in words)
+        about += f"<dc:subject><rdf:Bag>{items}</rdf:Bag></dc:subject>"
+    if not about:
+        return b""
+    return (
+        '<?xpacket begin="" id="W5M0MpCehiHzreSzNTczkc9d"?><x:xmpmeta xmlns:x="adobe:ns:meta/">'
+        '<rdf:RDF xmlns:rdf="http://www.w3.org/1999/02/22-rdf-syntax-ns#"><rdf:Description rdf:about="" '
+        'xmlns:xmp="http://ns.adobe.com/xap/1.0/" xmlns:dc="http://purl.org/dc/elements/1.1/">'
+        f'{about}</rdf:Description></rdf:RDF></x:xmpmeta><?xpacket end="w"?>'
+    ).encode()
 
 
 def _check_png(path: Path, written: Path) -> None:

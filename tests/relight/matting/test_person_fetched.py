@@ -1,0 +1,57 @@
+"""The published networks, brought by `relight fetch person`: needs a package registry, and fails without."""
+
+import numpy as np
+import pytest
+from helpers import ROOT
+from skimage import data
+from typer.testing import CliRunner
+
+import relight
+from relight.cli import app
+from relight.matting import person
+
+pytestmark = pytest.mark.slow
+
+
+@pytest.fixture(scope="module", autouse=True)
+def fetched(tmp_path_factory):
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setenv("RELIGHT_CACHE", str(tmp_path_factory.mktemp("cache")))
+        person.load.cache_clear()
+        done = CliRunner().invoke(app, ["fetch", "person"])
+        assert done.exit_code == 0, done.output
+        yield
+        person.load.cache_clear()
+
+
+def test_the_bundled_person_is_found_in_front_of_a_photograph():
+    cut = relight.read(ROOT / "examples" / "person.png")
+    height, width = cut.shape[:2]
+    behind = (data.rocket() / 255) ** 2.2
+    rows, columns = np.arange(height) * 427 // height, np.arange(width) * 640 // width
+    photograph = cut[..., :3] + (1 - cut[..., 3:]) * behind[rows][:, columns]
+    found = relight.matte(photograph.astype(np.float32), "auto") > 0.5
+    where = cut[..., 3] > 0.5
+    assert (found & where).sum() / (found | where).sum() > 0.95
+
+
+def test_the_astronaut_is_found_and_relit(tmp_path):
+    """Without a matte, by the shortest command."""
+    from PIL import Image
+
+    Image.fromarray(data.astronaut()).save(tmp_path / "photo.jpg", quality=92)
+    options = ["--preset", "golden-hour", "-o", str(tmp_path / "out.png")]
+    done = CliRunner().invoke(app, ["apply", str(tmp_path / "photo.jpg"), *options])
+    assert done.exit_code == 0, done.output
+    alpha = relight.read(tmp_path / "out.png")[..., 3] > 0.5
+    assert alpha[40:120, 180:270].mean() > 0.95  # the face
+    assert alpha[350:500, 60:280].mean() > 0.95  # the suit
+    assert alpha[:200, 400:].mean() < 0.02  # the shuttle behind
+    assert alpha[:120, :120].mean() < 0.02
+
+
+def test_two_people_side_by_side_are_told_apart():
+    one = data.astronaut()
+    found = relight.matte(np.hstack([one, one[:, ::-1]]), "auto", person=(230, 250)) > 0.5
+    assert found[:, :512].mean() > 0.25
+    assert found[:, 512:].mean() < 0.05
