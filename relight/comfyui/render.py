@@ -61,7 +61,7 @@ class Render(CheckedNode):
         """Return ComfyUI's description of the inputs."""
         return {
             "required": {"subject": widgets.SUBJECT_LAST, "lights": widgets.LIGHTS},
-            "optional": dict(PLACE),
+            "optional": {**PLACE, "gloss": widgets.number(0.0, 0.0, 1.0, 0.05, widgets.GLOSS)},
         }
 
     def render(
@@ -71,6 +71,7 @@ class Render(CheckedNode):
         background: torch.Tensor | None = None,
         floor: str = "",
         exposure: float = 0.0,
+        gloss: float = 0.0,
     ) -> tuple[torch.Tensor, torch.Tensor, torch.Tensor]:
         """Relight each frame; see `relight.apply`."""
         by_name(lights)  # two lights of one name are refused before the work
@@ -79,7 +80,7 @@ class Render(CheckedNode):
         frames, masks, lighting = [], [], []
         for number in host.progress(range(count), count):
             person = subject[number]
-            frames.append(backdrop.behind(person, lights, number))
+            frames.append(backdrop.behind(person, lights, number, gloss))
             masks.append(person.matte)
             lighting.append(person.lighting(lights))
         return (
@@ -214,9 +215,11 @@ class Backdrop:
             return None
         return tensors.light("background", self._images[number if len(self) > 1 else 0])
 
-    def behind(self, person: Person, lights: Lights | list[Light], number: int) -> np.ndarray:
+    def behind(
+        self, person: Person, lights: Lights | list[Light], number: int, gloss: float = 0.0
+    ) -> np.ndarray:
         """Return the person in the lights over it, (H, W, 3) linear; without one (H, W, 4), premultiplied."""
-        picture, background = person.relit(lights), self.picture(number)
+        picture, background = person.relit(lights, gloss), self.picture(number)
         if background is None:
             return picture
         return over(

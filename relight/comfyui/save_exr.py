@@ -45,6 +45,7 @@ class SaveEXR(CheckedNode):
             "optional": {
                 "background": widgets.socket("IMAGE", widgets.RENDER_BACKGROUND),
                 "floor": widgets.text("", widgets.FLOOR),
+                "gloss": widgets.number(0.0, 0.0, 1.0, 0.05, widgets.GLOSS),
             },
         }
 
@@ -57,6 +58,7 @@ class SaveEXR(CheckedNode):
         passes: str = "",
         background: torch.Tensor | None = None,
         floor: str = "",
+        gloss: float = 0.0,
     ) -> dict[str, Any]:
         """Write a file for each frame, as `relight apply` does."""
         names = check_names(filter(None, (name.strip() for name in passes.split(","))))
@@ -71,6 +73,7 @@ class SaveEXR(CheckedNode):
                 background=backdrop.picture(number),
                 passes=names,
                 floor=backdrop.floor,
+                gloss=gloss,
             )
             write(file, picture, layers=layers, metadata=metadata_of(person, names))
         return {"ui": {"text": [str(file) for file in files]}, "result": (str(files[0]),)}

@@ -15,6 +15,7 @@ FLOOR = (
     "height=1.5,horizon=0.45. Empty for no floor."
 )
 EXPOSURE = "Stops: each doubles the light. Light up to 1 is shown exactly, brighter highlights roll off."
+GLOSS = "Reflection at grazing angles: a rim on hair, shoulders and arms in light from behind. 0 is none."
 RENDER_BACKGROUND = (
     "What is behind the person: one image, or one a frame; scaled to cover the frame and cropped. Without it "
     "the image is straight colour, for the mask."

@@ -77,6 +77,18 @@ def test_nodes_describe_what_their_functions_take(name):
     assert NODE_DISPLAY_NAME_MAPPINGS[name].startswith("Relight ")
 
 
+def test_the_gloss_of_render_and_of_files_is_relit_s(batch, reference, tmp_path):
+    rim = (relight.DirectionalLight(azimuth=150, elevation=20, intensity=2, name="rim"),)
+    background = torch.zeros((1, 50, 40, 3))
+    plain, glossy = (Render().render(batch, rim, background, gloss=gloss)[0] for gloss in (0, 0.5))
+    assert (glossy - plain).max() > 0.05
+    assert (glossy - plain).min() >= -0.01
+    SaveEXR().save(batch, rim, str(tmp_path / "rim.exr"), passes="gloss", gloss=0.5)
+    expected = reference.relit(rim, gloss=0.5)
+    np.testing.assert_allclose(relight.read(tmp_path / "rim.exr"), expected, rtol=2e-3, atol=1e-3)
+    assert "gloss_rim" in relight.read_layers(tmp_path / "rim.exr")
+
+
 def test_render_is_apply(batch, reference, tmp_path):
     lights = [
         relight.DirectionalLight(azimuth=-50, elevation=30, intensity=1.5, colour=(1, 0.9, 0.8), name="key"),
