@@ -24,11 +24,13 @@ import hashlib
 import io
 import json
 import os
+import random
 import signal
 import subprocess
 import sys
 import tarfile
 import time
+import traceback
 from pathlib import Path
 
 PART_BYTES = 16 * 2**20 - 1024
@@ -184,81 +186,102 @@ def work_through(given: argparse.Namespace) -> None:
                 note(work, measured=line)
         except subprocess.TimeoutExpired as error:
             note(work, measured=(error.stdout or b"").decode(), stopped="after its time")
-    steps = make_records(work, given, time.time() + given.records_seconds)
-    train(work, given, ends, steps)
+    found = make_records(work, given, time.time() + given.records_seconds)
+    train(work, given, ends, found)
     (work / "done").touch()
 
 
-def make_records(work: Path, given: argparse.Namespace, until: float) -> float:
-    """Render until a time, and return the steps a second of a throw-away run meanwhile."""
-    if (work / "speed").exists():
-        return float((work / "speed").read_text())
+def make_records(work: Path, given: argparse.Namespace, until: float) -> dict:
+    """Render until a time, and return what a throw-away run found meanwhile; see `probe`."""
+    if (work / "probe.json").exists():
+        return json.loads((work / "probe.json").read_text())
     renderers, pool = render(work, given), work / "records"
     enough = 64 if not given.tiny else 1
-    while not given.records and len(list(pool.glob("*/*.npz"))) < enough and time.time() < until:
-        if all(renderer.poll() is not None for renderer in renderers):
-            break
-        time.sleep(0.5)
-    sources = [*given.records, *sorted(path for path in pool.glob("*") if any(path.glob("*.npz")))]
-    seconds = 60.0 if not given.tiny else 1.0
-    recipe = recipe_for(given, duration=min(seconds, max(1.0, until - time.time())) / 60, steps=1000)
-    speed = 1.0
+    rendering = lambda: time.time() < until and any(each.poll() is None for each in renderers)  # noqa: E731
     try:
-        fit_field(given, recipe, sources, work / "probe", limit=256)
-        rows = [json.loads(line) for line in (work / "probe/log.jsonl").read_text().splitlines()]
-        last, first = rows[-1], rows[0] if len(rows) > 1 else {"step": 0, "seconds": 0}
-        speed = (last["step"] - first["step"]) / max(1e-3, last["seconds"] - first["seconds"])
-    except Exception as error:  # the run itself may have more memory or time
-        note(work, probe=repr(error))
-    while time.time() < until and any(renderer.poll() is None for renderer in renderers):
-        time.sleep(0.5)
-    for renderer in renderers:
-        stop(renderer)
-    views = len(list(pool.glob("*/*.npz")))
-    note(work, views=views, seconds=given.records_seconds, steps_a_second=round(speed, 3))
-    (work / "speed").write_text(str(speed))
-    return speed
+        while rendering() and not given.records and len(list(pool.glob("*/*.npz"))) < enough:
+            time.sleep(0.5)
+        found = probe(work, given, until)
+        while rendering():
+            time.sleep(0.5)
+    finally:
+        for renderer in renderers:
+            stop(renderer)
+    note(work, views=len(list(pool.glob("*/*.npz"))), seconds=given.records_seconds, **found)
+    (work / "probe.json").write_text(json.dumps(found))
+    return found
 
 
-def recipe_for(given: argparse.Namespace, *, duration: float, steps: float):
-    """Return the recipe of a run of `duration` minutes, of which `steps` are expected."""
+def probe(work: Path, given: argparse.Namespace, until: float) -> dict:
+    """Return the mini-batch that fits, whether the network compiles, and the steps a second."""
+    import torch
+
+    found = {"batch": given.batch, "compiled": True, "steps_a_second": 1.0}
+    for attempt in range(4):
+        seconds = min(60.0 if not given.tiny else 1.0, max(1.0, until - time.time()))
+        run = work / f"probe-{attempt}"
+        try:
+            fit_field(given, found, recipe_for(given, found, seconds, 1000), records(work, given)[:256], run)
+        except torch.OutOfMemoryError:
+            traceback.print_exc()
+            found["batch"] //= 2
+        except Exception:
+            traceback.print_exc()
+            if not found["compiled"]:
+                break
+            found["compiled"] = False
+        else:
+            rows = [json.loads(line) for line in (run / "log.jsonl").read_text().splitlines()]
+            # The first lines have the time of compilation.
+            first = rows[0] if len(rows) > 1 else {"step": 0, "seconds": 0.0}
+            steps, seconds = rows[-1]["step"] - first["step"], rows[-1]["seconds"] - first["seconds"]
+            return found | {"steps_a_second": steps / max(1e-3, seconds)}
+    return found
+
+
+def records(work: Path, given: argparse.Namespace) -> list[Path]:
+    """Return the files of the records made so far, in a random order, and of those made before."""
+    files = sorted((work / "records").glob("*/*.npz"))
+    random.Random(given.seed).shuffle(files)
+    return [*given.records, *files]
+
+
+def recipe_for(given: argparse.Namespace, found: dict, seconds: float, steps: float):
+    """Return the recipe of a run of so many seconds, of which so many steps are expected."""
     from shadow.training.recipes import preset
     from shadow.training.tasks import SHADOW
 
     rate = PEAK_RATE * min(1.0, steps / PEAK_STEPS) ** 0.5
-    sizes = {"size": 512, "batch": given.batch, "lights": 12}
+    sizes = {"size": 512, "batch": found["batch"], "lights": 12}
     if given.tiny:
         sizes = {"size": 128, "batch": 2, "lights": 4}
     return preset(
-        "fast", SHADOW, [], duration=duration, learning_rate=rate, warm_up=max(1, int(WARM_UP * steps)),
+        "fast", SHADOW, [], duration=seconds / 60, learning_rate=rate, warm_up=max(1, int(WARM_UP * steps)),
         average=0.998, seed=given.seed, **sizes,
     )  # fmt: skip
 
 
-def fit_field(given: argparse.Namespace, recipe, records: list[Path], out: Path, limit: int | None = None):
-    from shadow.data.records import Records
+def fit_field(given: argparse.Namespace, found: dict, recipe, files: list[Path], out: Path) -> None:
     from shadow.training.loop import fit
     from shadow.training.tasks import SHADOW
 
-    files = [entry[0] for entry in Records(records).entries if entry[1] is None]
-    sources = records if limit is None or len(files) < limit else files[:limit]
-    return fit(
-        SHADOW, recipe, sources, out, init=given.init, workers=2, checkpoint_minutes=given.minutes,
-        stacked=True, compiled="eager" if given.tiny else True,
+    compiled = found["compiled"] and ("eager" if given.tiny else True)
+    fit(
+        SHADOW, recipe, files, out, init=given.init, workers=2, checkpoint_minutes=given.minutes,
+        stacked=True, compiled=compiled,
     )  # fmt: skip
 
 
-def train(work: Path, given: argparse.Namespace, ends: float, speed: float) -> None:
+def train(work: Path, given: argparse.Namespace, ends: float, found: dict) -> None:
     """Train until a time. A run that an error stopped goes on with its rate and its end."""
     plan = work / "plan.json"
     if not plan.exists():
         seconds = max(5.0, ends - time.time())
-        plan.write_text(json.dumps({"duration": seconds / 60, "steps": speed * seconds}))
+        plan.write_text(json.dumps({"seconds": seconds, "steps": found["steps_a_second"] * seconds}))
     planned = json.loads(plan.read_text())
-    recipe = recipe_for(given, **planned)
+    recipe = recipe_for(given, found, **planned)
     note(work, plan=planned, learning_rate=recipe.learning_rate, warm_up=recipe.warm_up)
-    pool = [path for path in sorted((work / "records").glob("*")) if any(path.glob("*.npz"))]
-    fit_field(given, recipe, [*given.records, *pool], work / "run")
+    fit_field(given, found, recipe, records(work, given), work / "run")
 
 
 def environment(work: Path) -> dict[str, str]:

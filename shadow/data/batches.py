@@ -25,6 +25,8 @@ from shadow.data.photographs import (
 from shadow.data.records import REGIONS, Record
 from shadow.data.skin import MIN_SIGMA_PIXELS, SCATTERING_RADII
 
+GROUP = 16  # photographs made at once, since all lights of one take 50 MB and more
+
 
 class Draw(NamedTuple):
     """The random numbers of one photograph."""
@@ -110,6 +112,11 @@ class Stack:
 
         They are those of `sample` for the same random numbers, but for the noise, which the device draws.
         """
+        groups = [draws[start : start + GROUP] for start in range(0, len(draws), GROUP)]
+        made = [self._photographs(group) for group in groups]
+        return {name: torch.cat([each[name] for each in made]) for name in made[0]}
+
+    def _photographs(self, draws: Sequence[Draw]) -> dict[str, torch.Tensor]:
         numbers = torch.tensor([draw.number for draw in draws], device=self.device)
         scenes = [draw.scene for draw in draws]
         turns, matrices, weights, chosen = (

@@ -33,7 +33,8 @@ def begun(tmp_path):
     work = tmp_path / "work"
     work.mkdir()
     (work / "measured").touch()
-    (work / "speed").write_text("1.0")
+    found = {"batch": 2, "compiled": True, "steps_a_second": 1.0}
+    (work / "probe.json").write_text(json.dumps(found))
     return work
 
 
