@@ -37,8 +37,9 @@ def apply(
     phase: Annotated[
         Phase,
         typer.Option(
+            metavar="<part>",
             help="frames: write the frames of a chunk, but no movie and no .nk; finalize: write these from "
-            "the frames of all chunks."
+            "the frames of all chunks.",
         ),
     ] = Phase.all,
     dask: Annotated[

@@ -43,7 +43,12 @@ def train(
     records: Annotated[list[Path], typer.Option(help="Records or shards to train on. Repeatable.")],
     out: Annotated[Path, typer.Option(help="Folder of the run; an existing run is resumed.")],
     model: Annotated[
-        Model, typer.Option(help="Our one-pass field, or the paper's per-light network by latent.")
+        Model,
+        typer.Option(
+            metavar="<name>",
+            help="field, our one-pass network, or the paper's per-light one by its latent: resb3, resb7, "
+            "resb11, attention.",
+        ),
     ] = Model.field,
     no_normals: Annotated[
         bool, typer.Option("--no-normals", help="Train a network without normals as input (Tables 3 and 6).")

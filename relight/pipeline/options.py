@@ -105,7 +105,9 @@ class Source(Options):
         "Colour space of the source, in place of what its files state: sRGB, ACEScg, 'ARRI LogC4'..."
     )
     alpha: Alpha | None = option(
-        "Alpha of the source if its files state it wrongly: straight or premultiplied.", text=Alpha
+        "Alpha of the source if its files state it wrongly: straight or premultiplied.",
+        text=Alpha,
+        metavar="<word>",
     )
     normals: Normals | None = option(
         "Use these camera-space normals: an image, a sequence, or a network (PIFuHD's .pt).", path=True
@@ -207,6 +209,7 @@ class Lighting(Options):
         text=float,
         min=0,
         max=1,
+        metavar="<float>",
     )
     floor: Floor | None = option(
         "Cast the person's shadow on the ground: height=1.5,horizon=0.45, where height is that of the camera "
@@ -293,6 +296,7 @@ class Output(Options):
         text=list[Path],
         flags=("-o", "--output"),
         path=True,
+        metavar="<file>",
     )
     passes: tuple[str, ...] = option(
         "Further layers of the .exr: any of albedo,N,Z,P,visibility,shading,gloss.", (), parse=parse_passes
@@ -309,6 +313,7 @@ class Output(Options):
         "Store only the bounding box of the person in an .exr (its data window). Four times as fast.",
         False,
         text=bool,
+        flags=("--autocrop",),
     )
     view: str | None = option(
         "View transform of display formats (PNG, JPEG, movies), such as aces, from OpenColorIO's built-in "
@@ -320,6 +325,7 @@ class Output(Options):
         "sequences and movies, the brightest pixel for a still.",
         text=float,
         min=1,
+        metavar="<float>",
     )
     save_matte: Path | None = option(
         "Also write the matte, as a grey PNG, TIFF or OpenEXR file or sequence.", path=True
