@@ -42,6 +42,14 @@ CORE = {  # ComfyUI's own nodes: inputs in their order, and types of the outputs
 }  # fmt: skip
 
 
+def default_of(kind: str, name: str) -> Any:
+    """Return what a widget holds that a workflow does not set."""
+    if kind in CORE:
+        return "image" if name == "upload" else None
+    inputs = NODE_CLASS_MAPPINGS[kind].INPUT_TYPES()
+    return (inputs.get("required", {}) | inputs.get("optional", {}))[name][1]["default"]
+
+
 def described(kind: str) -> tuple[dict[str, str], tuple[str, ...]]:
     """Return the inputs of a node class, {name: type} in their order, and the types of its outputs."""
     if kind in CORE:
@@ -67,7 +75,7 @@ def interface_of(graph: dict[str, Any]) -> dict[str, Any]:
         sockets, values = [], []
         for name, kind in inputs.items():
             if kind in WIDGETS and name not in linked:
-                values.append(given.get(name, "image" if name == "upload" else None))
+                values.append(given[name] if name in given else default_of(node["class_type"], name))
                 continue
             link = None
             if name in linked:
