@@ -24,7 +24,7 @@ from scipy.ndimage import distance_transform_edt
 from scipy.special import expit
 
 from relight.errors import EmptyMatteError
-from relight.matting import outline, person_files
+from relight.matting import person_files
 from relight.matting.refine import ALL, encoded_srgb, opaque_photograph
 from relight.media.resampling import resize
 from shadow.files import AnyPath
@@ -179,6 +179,8 @@ class FoundPerson:
 
     def __call__(self, encoded: np.ndarray) -> np.ndarray:
         """Return the matte (H, W) of a photograph (H, W, 3), encoded in [0, 1]; zero if nobody is there."""
+        from relight.matting import outline  # whose parts of SciPy take long to load
+
         try:
             mask = self._finder.mask(encoded, self._person)
         except EmptyMatteError:
