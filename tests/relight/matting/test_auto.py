@@ -3,7 +3,6 @@
 import numpy as np
 import pytest
 
-pytest.importorskip("openvino")
 pytest.importorskip("pymatting")
 
 from helpers.finders import discs, small_finder

@@ -5,9 +5,6 @@ import sys
 
 import numpy as np
 import pytest
-
-pytest.importorskip("openvino")
-
 from helpers.finders import discs, small_finder
 
 from relight.errors import EmptyMatteError
