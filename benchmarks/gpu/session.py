@@ -154,7 +154,9 @@ def render(work: Path, given: argparse.Namespace) -> list[subprocess.Popen]:
         kinds["variants"] = (f"{scans} --variants 0:40 --folds --no-normal-maps --views 1 --jitter", 0.2)
     if given.tiny:
         kinds = {"bodies": ("--bodies 0:1 --views 2 --jitter", 1)}
-    stage, processes = (STAGE, os.cpu_count() or 1) if not given.tiny else ("--size 96 --behind", 1)
+    stage, processes = (
+        (STAGE, os.cpu_count() or 1) if not given.tiny else ("--size 96 --behind --directions 44", 1)
+    )
     started = []
     for name, (options, share) in kinds.items():
         count = max(1, round(share * processes))

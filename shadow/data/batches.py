@@ -129,7 +129,10 @@ class Stack:
             )
         )
         inside = self.inside[numbers].float()
-        visibility, normals = _unpacked(self.bits[numbers]), self.normals[numbers].float()
+        visibility, normals = (
+            _unpacked(self.bits[numbers], self.directions.shape[1]),
+            self.normals[numbers].float(),
+        )
         normals = normals / normals.norm(dim=1, keepdim=True).clamp_min(1)
         shown = visibility.gather(1, chosen[:, :, None, None].expand(-1, -1, *self.shape))
         regions = self.regions[numbers] == torch.arange(1, len(REGIONS), device=self.device).view(-1, 1, 1)
@@ -195,10 +198,10 @@ def _pixels_a_metre(record: Record) -> float:
     return 0.0 if camera is None else float(camera["focal"] / record.about["view"]["distance"])
 
 
-def _unpacked(bits: torch.Tensor) -> torch.Tensor:
-    """Unpack bits (B, ceil(D / 8), H, W), the highest first, as numpy.packbits packs them."""
+def _unpacked(bits: torch.Tensor, count: int) -> torch.Tensor:
+    """Unpack `count` bits D of (B, ceil(D / 8), H, W), the highest first, as numpy.packbits packs them."""
     shifts = torch.arange(7, -1, -1, device=bits.device, dtype=torch.uint8).view(1, 1, 8, 1, 1)
-    return (bits[:, :, None] >> shifts & 1).flatten(1, 2).float()
+    return (bits[:, :, None] >> shifts & 1).flatten(1, 2)[:, :count].float()
 
 
 def _scattered(light: torch.Tensor, skin: torch.Tensor, scales: torch.Tensor) -> torch.Tensor:
