@@ -7,7 +7,7 @@ from collections.abc import AsyncIterator, Awaitable, Callable, Coroutine
 from typing import Any
 from urllib.parse import quote
 
-from starlette.requests import Request
+from starlette.requests import ClientDisconnect, Request
 from starlette.responses import JSONResponse, Response, StreamingResponse
 
 from relight.app.worker import EXPECTED, Refused
@@ -25,7 +25,7 @@ async def json_of(request: Request) -> dict[str, Any]:
             raise Refused("The request is too large.", 413)
     try:
         found = json.loads(body or b"{}")
-    except ValueError as error:
+    except (ValueError, RecursionError) as error:
         raise Refused("expected JSON", 400) from error
     if not isinstance(found, dict):
         raise Refused("expected a JSON object", 400)
@@ -45,6 +45,8 @@ def refusing(endpoint: Callable[[Request], Awaitable[Response]]) -> Callable[[Re
             return await endpoint(request)
         except Refused as error:
             return JSONResponse({"sentence": str(error)}, error.status)
+        except ClientDisconnect:
+            return Response(status_code=499)  # nobody reads it
         except (KeyError, *EXPECTED) as error:
             return JSONResponse({"sentence": f"The request cannot be used: {type(error).__name__}."}, 400)
 

@@ -1,23 +1,19 @@
-"""The server of `relight app`: its pages and their requests, on this machine's loopback address alone."""
+"""The requests of `relight app`: each method of `Server` is an endpoint."""
 
 import asyncio
 import contextlib
-import secrets
-import socket
-from collections.abc import AsyncIterator, Callable, Iterable
+import os
+from collections.abc import Awaitable, Callable
 from importlib.resources import files
 from pathlib import Path
 from typing import Any
-from urllib.parse import quote
+from urllib.parse import quote, unquote_to_bytes
 
-import uvicorn
-from starlette.applications import Starlette
 from starlette.requests import Request
 from starlette.responses import FileResponse, HTMLResponse, JSONResponse, Response
-from starlette.routing import Mount, Route
+from starlette.routing import Route
 
 from relight.app.answers import json_of, notes_of, refusing, streamed, while_connected
-from relight.app.guard import HOST, Guard
 from relight.app.session import MASK_SUFFIX, MODELS, PICTURES, Photograph, Session
 from relight.app.worker import Refused, Worker
 from relight.viewer.page import module, style
@@ -28,7 +24,7 @@ KINDS = {".js": "text/javascript", ".css": "text/css", ".html": "text/html", ".p
 VIEWER_NAMES = (
     "Engine", "SHADERS", "Viewer", "checkedLight", "environmentText", "fitting", "h", "iconButton",
     "keyDown", "keyUp", "lightTexts", "panned", "power", "preferredSurround", "readImage", "samples", "short",
-    "surround", "toCommand", "wheeled", "zoomed",
+    "surround", "toCommand", "wheeled", "zoomed", "backdropOf", "lampsOfRows", "mapOf",
 )  # fmt: skip
 
 
@@ -52,6 +48,8 @@ class Server:
             Route("/example", refusing(self.add_example), methods=["POST"]),
             Route(one, refusing(self.remove), methods=["DELETE"]),
             Route(f"{one}/preview", refusing(self.preview)),
+            Route(f"{one}/back", refusing(self.bring_back), methods=["POST"]),
+            Route(f"{one}/person", refusing(self.person), methods=["POST"]),
             Route(f"{one}/outline", refusing(self.outline), methods=["POST"]),
             Route(f"{one}/model", refusing(self.model), methods=["POST"]),
             Route(f"{one}/analyse", refusing(self.analyse), methods=["POST"]),
@@ -62,6 +60,9 @@ class Server:
             Route(f"{one}/files/{{name}}", refusing(self.download)),
             Route("/environments", refusing(self.environment), methods=["POST"]),
             Route("/backgrounds", refusing(self.background), methods=["POST"]),
+            Route("/environments/{id}", refusing(self.environment_again)),
+            Route("/backgrounds/{id}", refusing(self.background_again)),
+            Route("/person", refusing(self.fetch_person), methods=["POST"]),
             Route("/models", refusing(self.add_model), methods=["POST"]),
         ]
 
@@ -91,10 +92,14 @@ class Server:
         return JSONResponse(
             {
                 "photographs": [one.to_json() for one in self.session.photographs.values() if one.about],
-                "root": list(self.session.in_root()),
+                "root": [
+                    {"path": quote(os.fsencode(name)), "name": name.encode(errors="replace").decode()}
+                    for name in self.session.in_root()
+                ],
                 "models": _models(),
                 "suffixes": PICTURES,
                 "outputs": _outputs(),
+                **_finder(),
             }
         )
 
@@ -103,7 +108,7 @@ class Server:
         return await self._added(photograph, request.stream())
 
     async def add_from_root(self, request: Request) -> Response:
-        relative = str((await json_of(request)).get("path", ""))
+        relative = os.fsdecode(unquote_to_bytes(str((await json_of(request)).get("path", ""))))
         return await self._added(await asyncio.to_thread(self.session.copy_from_root, relative))
 
     async def add_example(self, request: Request) -> Response:
@@ -121,13 +126,16 @@ class Server:
                 "read", photograph.folder, {"name": photograph.name}, brief=True
             )
         except BaseException:
-            self.session.remove(photograph)
+            self.session.discard(photograph)
             raise
         return JSONResponse(photograph.to_json())
 
     async def remove(self, request: Request) -> Response:
         self.session.remove(self._of(request))
         return JSONResponse({})
+
+    async def bring_back(self, request: Request) -> Response:
+        return JSONResponse(self.session.bring_back(request.path_params["id"]).to_json())
 
     async def preview(self, request: Request) -> Response:
         photograph = self._of(request)
@@ -159,13 +167,31 @@ class Server:
         return Response(found["png"], media_type="image/png", headers=notes_of(found))
 
     async def add_model(self, request: Request) -> Response:
-        identity, path = self.session.new_file(request.query_params.get("name", ""), MODELS)
-        await self.session.receive(request.stream(), path)
-        return JSONResponse({"file": identity, "name": path.name})
+        async def opened(identity: str, path: Path) -> dict[str, Any]:
+            return {"file": identity, "name": path.name}
+
+        return await self._other(request, MODELS, opened)
+
+    async def person(self, request: Request) -> Response:
+        photograph = self._of(request)
+
+        async def work(report: Callable[[str], None]) -> dict[str, Any]:
+            found: dict[str, Any] = await self.worker.run("find_person", photograph.folder, {}, report)
+            return found
+
+        return streamed(work)
+
+    async def fetch_person(self, request: Request) -> Response:
+        async def work(report: Callable[[str], None]) -> dict[str, Any]:
+            return {**await self.worker.run("fetch_person", self.session.folder, {}, report), **_finder()}
+
+        return streamed(work)
 
     async def analyse(self, request: Request) -> Response:
         photograph, asked = self._of(request), await json_of(request)
         drawn = asked.get("drawn")
+        if drawn is not None and not isinstance(drawn, dict):
+            raise Refused("drawn: expected an object", 400)
         uses_own = photograph.about["cut_out"] and not drawn
         mask = None if uses_own else f"{photograph.stem}{MASK_SUFFIX}"
         if not uses_own and not drawn:
@@ -192,16 +218,41 @@ class Server:
         return JSONResponse(self._analysed(request).scene)
 
     async def environment(self, request: Request) -> Response:
-        identity, path = self.session.new_file(request.query_params.get("name", ""), PICTURES)
-        await self.session.receive(request.stream(), path)
-        found = await self.worker.run("environment", path.parent, {"name": path.name}, brief=True)
-        return JSONResponse({"file": identity, **found})
+        return await self._other(request, PICTURES, self._environment)
 
     async def background(self, request: Request) -> Response:
-        identity, path = self.session.new_file(request.query_params.get("name", ""), PICTURES)
-        await self.session.receive(request.stream(), path)
+        return await self._other(request, PICTURES, self._background)
+
+    async def environment_again(self, request: Request) -> Response:
+        identity = request.path_params["id"]
+        return JSONResponse(await self._environment(identity, self.session.file(identity)))
+
+    async def background_again(self, request: Request) -> Response:
+        identity = request.path_params["id"]
+        return JSONResponse(await self._background(identity, self.session.file(identity)))
+
+    async def _environment(self, identity: str, path: Path) -> dict[str, Any]:
+        found = await self.worker.run("environment", path.parent, {"name": path.name}, brief=True)
+        return {"file": identity, "path": found["path"], "lamps": found["lamps"]}
+
+    async def _background(self, identity: str, path: Path) -> dict[str, Any]:
         found = await self.worker.run("background", path.parent, {"name": path.name}, brief=True)
-        return JSONResponse({"file": identity, **found})
+        return {"file": identity, "name": found["name"], "data": found["data"]}
+
+    async def _other(
+        self,
+        request: Request,
+        suffixes: tuple[str, ...],
+        opened: Callable[[str, Path], Awaitable[dict[str, Any]]],
+    ) -> Response:
+        """Take another file and open it; where that fails, nothing of it stays."""
+        identity, path = self.session.new_file(request.query_params.get("name", ""), suffixes)
+        try:
+            await self.session.receive(request.stream(), path)
+            return JSONResponse(await opened(identity, path))
+        except BaseException:
+            self.session.remove_file(identity)
+            raise
 
     async def still(self, request: Request) -> Response:
         photograph = self._analysed(request)
@@ -250,6 +301,8 @@ class Server:
 
     def _look(self, given: Any, photograph: Photograph) -> dict[str, Any]:
         """Return the lights and background that a page asks for; put their files beside the photograph."""
+        if not isinstance(given, dict):
+            raise Refused("look: expected an object", 400)
         look = {key: given.get(key) for key in ("lights", "environment", "background", "exposure", "gloss")}
         if look["environment"]:
             name = self.session.lend(str(look["environment"]["file"]), photograph)
@@ -259,6 +312,19 @@ class Server:
         elif isinstance(look["background"], dict):
             look["background"] = {"file": self.session.lend(str(look["background"]["file"]), photograph)}
         return look
+
+
+def _finder() -> dict[str, str | None]:
+    """Return whether people can be found ("ready"; "fetch" for what is to be fetched; None), and by what."""
+    from importlib.util import find_spec
+
+    from relight.matting import person_files
+
+    state = None
+    if find_spec("openvino") is not None:
+        with contextlib.suppress(OSError):  # there is no folder for them
+            state = "ready" if person_files.are_fetched() else "fetch"
+    return {"finder": state, "finder_about": person_files.ABOUT}
 
 
 def _models() -> list[dict[str, str]]:
@@ -282,80 +348,3 @@ def _outputs() -> list[str]:
 
 def _web(name: str) -> str:
     return files("relight.app").joinpath("web", name).read_text(encoding="utf-8")
-
-
-def application(session: Session, worker: Worker, token: str, port: int) -> Guard:
-    """Return the ASGI application, behind its guard."""
-
-    @contextlib.asynccontextmanager
-    async def lifespan(app: Starlette) -> AsyncIterator[None]:
-        worker.start()
-        try:
-            yield
-        finally:
-            worker.stop()
-            session.close()
-
-    server = Server(session, worker)
-    app = Starlette(routes=[Mount(f"/{token}", routes=server.routes())], lifespan=lifespan)
-    return Guard(app, token, port)
-
-
-def serve(
-    root: str | Path | None = None,
-    port: int = 0,
-    opened: Iterable[Callable[[str], Any]] = (),
-) -> None:
-    """Serve the application until it is interrupted.
-
-    Parameters
-    ----------
-    root:
-        The folder that the page lists pictures of; None for none.
-    port:
-        Of the loopback address; 0 for any that is free.
-    opened:
-        Called with the address, token included, once the server listens.
-
-    Raises
-    ------
-    NotADirectoryError
-        `root` is no folder.
-    OSError
-        The port is in use.
-    """
-    folder = None if root is None else Path(root)
-    if folder is not None and not folder.is_dir():
-        raise NotADirectoryError(f"{folder}: expected a folder to choose pictures from")
-    listening = socket.socket(socket.AF_INET, socket.SOCK_STREAM)
-    listening.setsockopt(socket.SOL_SOCKET, socket.SO_REUSEADDR, 1)
-    try:
-        listening.bind((HOST, port))
-    except OSError as error:
-        listening.close()
-        raise OSError(f"port {port}: cannot be used ({error.strerror}); choose another by --port") from error
-    port = listening.getsockname()[1]
-    token, session = secrets.token_urlsafe(24), Session(folder)
-    config = uvicorn.Config(
-        application(session, Worker(), token, port), log_level="warning", access_log=False,
-        server_header=False, limit_concurrency=200, timeout_graceful_shutdown=2,
-    )  # fmt: skip
-    server = _Announcing(config, f"http://{HOST}:{port}/{token}/", opened)
-    try:
-        server.run(sockets=[listening])
-    finally:
-        session.close()
-        listening.close()
-
-
-class _Announcing(uvicorn.Server):
-    """A server that reports its address once it listens."""
-
-    def __init__(self, config: uvicorn.Config, address: str, opened: Iterable[Callable[[str], Any]]) -> None:
-        super().__init__(config)
-        self._address, self._opened = address, opened
-
-    async def startup(self, sockets: list[socket.socket] | None = None) -> None:
-        await super().startup(sockets)
-        for tell in self._opened:
-            tell(self._address)

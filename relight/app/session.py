@@ -17,7 +17,7 @@ UPLOAD_BYTES = 1 << 30  # of a file, at most
 SESSION_BYTES = 16 << 30  # of all files of a session
 PHOTOGRAPHS = 100  # at once
 LISTED = 500  # files of the root folder that the page lists
-NAME_LENGTH = 120  # characters
+NAME_BYTES = 120  # of UTF-8: file systems allow 255, and outputs are named after the photograph
 PICTURES = (
     ".jpg", ".jpeg", ".png", ".tif", ".tiff", ".exr", ".hdr", ".webp", ".avif", ".heic", ".heif", ".bmp",
     ".dng", ".cr2", ".cr3", ".nef", ".arw", ".raf", ".rw2", ".orf", ".ppm", ".dpx",
@@ -100,6 +100,7 @@ class Session:
         self.root = None if root is None else root.resolve()
         self.folder = Path(tempfile.mkdtemp(prefix="relight-app-"))
         self.photographs: dict[str, Photograph] = {}
+        self._removed: Photograph | None = None  # the last one, which can be brought back
         self._files: dict[str, Path] = {}
 
     def close(self) -> None:
@@ -124,7 +125,27 @@ class Session:
         return found
 
     def remove(self, photograph: Photograph) -> None:
-        """Forget a photograph and all that was made of it."""
+        """Remove a photograph and all that was made of it; the last one can be brought back."""
+        self.empty_bin()
+        self._removed = self.photographs.pop(photograph.id, None)
+
+    def bring_back(self, identity: str) -> Photograph:
+        """Bring back the photograph that was removed last; raises Refused for another one."""
+        found = self._removed
+        if found is None or found.id != identity:
+            raise Refused("This photograph is no longer here: drop it again.", 404)
+        self._removed = None
+        self.photographs[found.id] = found
+        return found
+
+    def empty_bin(self) -> None:
+        """Delete what was removed last."""
+        if self._removed is not None:
+            shutil.rmtree(self._removed.folder, ignore_errors=True)
+            self._removed = None
+
+    def discard(self, photograph: Photograph) -> None:
+        """Delete a photograph that could not be read."""
         self.photographs.pop(photograph.id, None)
         shutil.rmtree(photograph.folder, ignore_errors=True)
 
@@ -136,15 +157,26 @@ class Session:
         self._files[identity] = path
         return identity, path
 
+    def remove_file(self, identity: str) -> None:
+        """Forget another file; where it has been lent, it stays."""
+        path = self._files.pop(identity, None)
+        if path is not None:
+            shutil.rmtree(path.parent, ignore_errors=True)
+
+    def file(self, identity: str) -> Path:
+        """Return the path of another file; raises Refused if there is none of that id."""
+        path = self._files.get(identity)
+        if path is None:
+            raise Refused("This file is no longer here: drop it again.", 404)
+        return path
+
     def lend(self, identity: str, photograph: Photograph) -> str:
         """Link another file beside a photograph, where commands name it; return its name there.
 
         A file whose name is taken, or will be that of an output, gets a number. The photograph itself is not
         linked a second time.
         """
-        path = self._files.get(identity)
-        if path is None:
-            raise Refused("This file is no longer here: drop it again.", 404)
+        path = self.file(identity)
         name, number = path.name, 1
         while True:
             beside = photograph.folder / name
@@ -186,12 +218,14 @@ class Session:
         try:
             shutil.copyfile(path, photograph.folder / photograph.name)
         except OSError as error:
-            self.remove(photograph)
+            self.discard(photograph)
             raise Refused(_unwritten(error), 507) from error
         return photograph
 
     async def receive(self, chunks: AsyncIterable[bytes], path: Path) -> None:
         """Write an upload; raises Refused if it is empty or too large, or if the disk is full."""
+        if self._size() > SESSION_BYTES // 2:
+            self.empty_bin()
         size, room = 0, SESSION_BYTES - self._size()
         try:
             with path.open("xb") as file:
@@ -226,11 +260,12 @@ def checked_name(name: str, suffixes: tuple[str, ...]) -> str:
     """
     last = re.split(r"[/\\]", name)[-1]
     last = re.sub(r"[\x00-\x1f\x7f]", "", last).strip()
+    last = re.sub(r"[\ud800-\udfff]", "_", last)  # bytes that are no UTF-8
     stem, suffix = Path(last).stem, Path(last).suffix
     if suffix.lower() not in suffixes:
         kinds = "JPEG, PNG, HEIC, raw, EXR or TIFF" if ".jpg" in suffixes else " or ".join(suffixes)
         raise Refused(f"{last or 'This file'}: expected a {kinds} file.", 415)
-    stem = stem.lstrip("-.")[: NAME_LENGTH - len(suffix)] or "photograph"
+    stem = stem.lstrip("-.").encode()[: NAME_BYTES - len(suffix)].decode(errors="ignore") or "photograph"
     # A number sign or a percent sign would make the name a frame of a sequence.
     return re.sub(r"#|%(?=\d*d)", "_", stem) + suffix
 

@@ -19,8 +19,10 @@ import OpenImageIO as oiio
 import torch
 from PIL import Image
 
+from relight.app import compiling
+from relight.errors import EmptyMatteError
 from relight.lights.environment import EnvironmentLight
-from relight.matting import networks, outline
+from relight.matting import networks, outline, person, person_files
 from relight.matting.sequence import MattingOptions
 from relight.media import images
 from relight.media.colour import encode
@@ -50,7 +52,9 @@ def load_networks() -> None:
 
 
 def load_matting() -> None:
-    """Solve a small outline, which loads the solver's compiled code."""
+    """Solve a small outline, which loads the solver's compiled code, unless it is being compiled."""
+    if compiling.is_running():
+        return
     square = outline.Outline([(8, 8), (24, 8), (24, 24), (8, 24)])
     outline.outlined(np.random.default_rng(0).random((32, 32, 3), np.float32), square)
 
@@ -60,7 +64,19 @@ def load_colours() -> None:
     scene_of((1, 1))
 
 
-PREPARATIONS = (load_networks, load_matting, load_colours)  # the worker runs them while nobody waits for it
+def load_finder() -> None:
+    """Read the networks that find people, where they have been fetched."""
+    if person_files.are_fetched():
+        person.load()
+
+
+PREPARATIONS = (  # the worker runs them while nobody waits for it
+    compiling.begin,
+    load_networks,
+    load_finder,
+    load_colours,
+    load_matting,
+)
 
 
 def read(name: str, report: Report) -> dict[str, Any]:
@@ -89,7 +105,31 @@ def _reduced_size(height: int, width: int, side: int) -> tuple[int, int]:
 
 def outline_of(drawn: Mapping[str, Any], report: Report) -> dict[str, Any]:
     """Return the matte of a drawn outline, as a grey PNG of the preview's size."""
+    compiling.wait(report)
     return {"png": _png(_matte(drawn))}
+
+
+def fetch_person(report: Report) -> dict[str, Any]:
+    """Bring the networks that find people."""
+
+    def told(done: int, total: int, what: str) -> None:
+        report(f"{what}: {done / 1e6:.0f} of {total / 1e6:.0f} MB" if total else what)
+
+    person_files.fetch(progress=told)
+    return {}
+
+
+def find_person(report: Report) -> dict[str, Any]:
+    """Find the person, and keep their matte as that of a model, which the outline may correct."""
+    report("Finding the person")
+    reduced = _reduced()[..., :3]
+    try:
+        rough = person.find(reduced)
+    except EmptyMatteError as error:
+        raise EmptyMatteError("No person was found: draw a line around them.") from error
+    compiling.wait(report)
+    _keep_matte(outline.outlined(reduced, outline.Outline(matte=rough)))
+    return {}
 
 
 def matte_by_model(model: str, report: Report) -> dict[str, Any]:
@@ -103,9 +143,14 @@ def matte_by_model(model: str, report: Report) -> dict[str, Any]:
     if matting is None or matting.model is None:
         raise ValueError("model: expected an ONNX file, or the name of a model")
     found = networks.matte(reduced, matting.model, **matting.options)
-    np.save(MODEL, found.astype(np.float16))
-    _solve.cache_clear()  # an outline may start from the model's matte
+    _keep_matte(found)
     return {"png": _png(found)}
+
+
+def _keep_matte(found: np.ndarray) -> None:
+    """Keep the matte that a network found; an outline may start from it."""
+    np.save(MODEL, found.astype(np.float16))
+    _solve.cache_clear()
 
 
 def analyse(name: str, mask: str | None, drawn: Mapping[str, Any] | None, report: Report) -> dict[str, Any]:
@@ -116,6 +161,7 @@ def analyse(name: str, mask: str | None, drawn: Mapping[str, Any] | None, report
     reduced = _reduced()
     found = None
     if mask is not None and drawn is not None:
+        compiling.wait(report)
         report("Refining the edge")
         found = outline.refine(reduced[..., :3], _matte(drawn))
     report("Analysing the person")
@@ -133,6 +179,7 @@ def analyse(name: str, mask: str | None, drawn: Mapping[str, Any] | None, report
 def full_matte(name: str, mask: str, report: Report) -> dict[str, Any]:
     """Write the accepted matte at the photograph's own size and detail, unless that has been done."""
     if not Path(mask).exists():
+        compiling.wait(report)
         report("Refining the edge")
         found = np.load(MATTE).astype(np.float32)
         pixels = images.read(name)
@@ -144,6 +191,7 @@ def full_matte(name: str, mask: str, report: Report) -> dict[str, Any]:
 
 def environment(name: str, report: Report) -> dict[str, Any]:
     """Return an environment map as the page's program takes it."""
+    _check_size(Path(name))
     light = EnvironmentLight(name)
     found = scene_of((1, 1), light)["environment"]
     return {"path": name, "lamps": found["lamps"]}
@@ -219,7 +267,7 @@ def save(
 
 def _lighting(look: Mapping[str, Any]) -> Lighting:
     """Return the options of `relight apply` that the settings of the page stand for."""
-    light, environment = tuple(look.get("lights") or ()), look.get("environment")
+    light, environment = tuple(map(str, look.get("lights") or ())), look.get("environment")
     behind: Any = look.get("background") or None
     if behind is not None:
         behind = behind["file"] if isinstance(behind, Mapping) else tuple(map(float, behind))
@@ -255,7 +303,14 @@ def _solve(folder: str, drawing: str) -> np.ndarray:
     The copy is in `folder`, the working folder, which is named because the result is kept.
     """
     drawn = json.loads(drawing)
-    reduced = _reduced()
+    try:
+        return _meant(drawn, _reduced())
+    except (AttributeError, KeyError, OverflowError, TypeError) as error:
+        raise ValueError("drawn: expected an outline as the page draws it") from error
+
+
+def _meant(drawn: Mapping[str, Any], reduced: np.ndarray) -> np.ndarray:
+    """Return the matte (h, w) that a drawing means on the reduced copy."""
     height, width = reduced.shape[:2]
     scale = np.array([width, height], float)
 
@@ -308,7 +363,7 @@ def _check_size(path: Path) -> None:
     file = oiio.ImageInput.open(str(path))
     if file is not None:
         spec = file.spec()
-        size = (spec.width, spec.height)
+        size = (max(spec.width, spec.full_width), max(spec.height, spec.full_height))
         file.close()
     oiio.geterror()
     if size is None:

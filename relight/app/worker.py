@@ -2,6 +2,7 @@
 
 import asyncio
 import contextlib
+import functools
 import multiprocessing
 import os
 import traceback
@@ -73,9 +74,11 @@ class Worker:
         async with self._turn:
             self.start()
             try:
-                self._connection.send((task, str(folder), dict(arguments)))
+                # A thread waits: a pipe takes large arguments only as fast as the process reads them.
+                ask = functools.partial(_asked, self._connection, (task, str(folder), dict(arguments)))
                 while True:
-                    answer = asyncio.ensure_future(asyncio.to_thread(self._connection.recv))
+                    answer = asyncio.ensure_future(asyncio.to_thread(ask))
+                    ask = self._connection.recv
                     try:
                         kind, value = await asyncio.shield(answer)
                     except asyncio.CancelledError:
@@ -97,6 +100,12 @@ class Worker:
                 raise Refused(STOPPED) from error
             finally:
                 self.start()
+
+
+def _asked(connection: Any, task: tuple[str, str, dict[str, Any]]) -> Any:
+    """Send a task, and return the first answer."""
+    connection.send(task)
+    return connection.recv()
 
 
 def _serve(connection: Any) -> None:
@@ -145,4 +154,8 @@ def _sentence(text: str, folder: str) -> str:
     """Return a message in one line, without the paths of this machine."""
     for path in (folder, os.path.realpath(folder)):
         text = text.replace(f"{path}{os.sep}", "").replace(path, "the session's folder")
-    return " ".join(text.replace(str(Path.home()), "~").split())
+    with contextlib.suppress(RuntimeError):  # there is no home
+        home = str(Path.home())
+        if len(Path(home).parts) > 1:  # that of a system's own user may be /
+            text = text.replace(home, "~")
+    return " ".join(text.split())

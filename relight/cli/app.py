@@ -28,7 +28,7 @@ def app(
     The page is served on this machine only. Stop the server with Ctrl C.
     """
     try:
-        from relight.app.server import serve
+        from relight.app.serving import serve
     except ModuleNotFoundError as error:
         raise ModuleNotFoundError(
             f"the application needs {error.name}; install it with: pip install 'relight[app]'"

@@ -1,5 +1,6 @@
 """Cut a person out of a green or blue screen: key, despill, and the foreground's own colour."""
 
+import os
 from importlib.util import find_spec
 from pathlib import Path
 
@@ -110,6 +111,9 @@ def key(image: ArrayLike, screen: str = "green", *, mask: ArrayLike | None = Non
 
 def is_compiled() -> bool:
     """Return whether PyMatting has compiled itself on this machine before, by its cache."""
+    elsewhere = os.environ.get("NUMBA_CACHE_DIR")
+    if elsewhere:
+        return any(Path(elsewhere).rglob("estimate_foreground_ml*.nbi"))
     found = find_spec("pymatting")
     folders = [] if found is None else found.submodule_search_locations or []
     return any(any(Path(folder).glob("foreground/__pycache__/*.nbi")) for folder in folders)

@@ -4,7 +4,9 @@ import os
 import signal
 import subprocess
 import sys
+import tempfile
 from contextlib import contextmanager
+from pathlib import Path
 
 import pytest
 
@@ -20,12 +22,16 @@ for extra in ("playwright", "starlette", "uvicorn"):
 
 @contextmanager
 def served(*words, **environment):
-    """Run `relight app`; yield its address, token included, and the process."""
+    """Run `relight app`; yield its address, token included, and the process.
+
+    It has none of the networks that this user may have fetched.
+    """
+    cache = str(Path(tempfile.gettempdir()) / "relight-app-tests-without-cache")
     process = subprocess.Popen(
         [sys.executable, "-m", "relight.cli", "app", "--no-browser", *map(str, words)],
         stdout=subprocess.PIPE,
         text=True,
-        env={**os.environ, "PYTHONPATH": str(ROOT), **environment},
+        env={**os.environ, "PYTHONPATH": str(ROOT), "XDG_CACHE_HOME": cache, **environment},
     )
     try:
         address = process.stdout.readline().strip()

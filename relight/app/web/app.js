@@ -4,6 +4,7 @@ import { h, iconButton, preferredSurround, surround } from "../viewer.js";
 import { Drop } from "./drop.js";
 import { Light } from "./light.js";
 import { OutlineStep } from "./outline.js";
+import { keepForReload, keptForReload } from "./reload.js";
 import { Refused, ask, askJson, follow } from "./requests.js";
 import { Save } from "./save.js";
 
@@ -13,6 +14,8 @@ const STEPS = [
   ["light", "Light"],
   ["save", "Save files"],
 ];
+
+const TOLD = [6000, 20000]; // milliseconds that something is said: a note, and what calls for something
 
 class Application {
   constructor(root) {
@@ -41,10 +44,10 @@ class Application {
         h("nav", { "aria-label": "Steps" }, h("ol", {}, ...STEPS.map(([name]) => h("li", {}, this.steps[name])))),
         this.strip,
       ),
-      this.message,
       this.main,
       this.progress,
     );
+    this.main.append(this.message);
     this.listen();
   }
 
@@ -55,8 +58,29 @@ class Application {
       this.photographs = this.about.photographs;
       this.parts.drop.refresh();
       this.refresh();
+      await this.resume();
     });
+    addEventListener("pagehide", () => this.keep());
     return this;
+  }
+
+  // --- a page that is loaded again
+
+  keep() {
+    const { outline, light } = this.parts;
+    keepForReload({ step: this.step, chosen: this.chosen?.id, drawings: [...outline.drawings], rig: light.keptRig() });
+  }
+
+  /** Goes on where the page was when it was loaded last. */
+  async resume() {
+    const kept = keptForReload();
+    const photograph = this.photographs.find(({ id }) => id === kept?.chosen);
+    if (!kept) return;
+    this.parts.outline.drawings = new Map(kept.drawings);
+    await this.parts.light.restore(kept.rig);
+    if (!photograph) return;
+    this.chosen = photograph;
+    await this.go(this.may(kept.step) ? kept.step : "outline");
   }
 
   listen() {
@@ -125,18 +149,59 @@ class Application {
     this.refresh();
     if (photograph.analysed) await this.go("light");
     else if (photograph.cut_out) return this.analyse(null, photograph.notes ?? []);
+    else if (this.about.finder === "ready" && !this.parts.outline.drawings.has(photograph.id)) return this.findPerson(photograph, photograph.notes ?? []);
     else await this.go("outline");
     if (this.chosen === photograph && this.message.hidden && photograph.notes?.length) this.tell(photograph.notes.join(" "));
   }
 
   async remove(photograph) {
     await this.trying(() => ask(`photographs/${photograph.id}`, { method: "DELETE" }));
+    const place = this.photographs.indexOf(photograph);
     this.photographs = this.photographs.filter((other) => other !== photograph);
     if (this.chosen === photograph) {
       this.chosen = null;
       await this.go("drop");
     }
     this.refresh();
+    this.tell(`Removed ${photograph.name}.`, true, ["Undo", () => this.bringBack(photograph, place)]);
+  }
+
+  async bringBack(photograph, place) {
+    this.hush();
+    await this.trying(async () => {
+      await askJson(`photographs/${photograph.id}/back`, { method: "POST" });
+      this.photographs.splice(place, 0, photograph);
+      await this.choose(photograph);
+    });
+  }
+
+  /** Finds the person and opens the light; where that fails, the outline is drawn. */
+  async findPerson(photograph, said = []) {
+    let reason = null;
+    await this.busy(async (say, signal) => {
+      say("Finding the person");
+      try {
+        const { notes } = await follow(`photographs/${photograph.id}/person`, {}, say, signal);
+        await this.analyse(this.parts.outline.foundByModel(photograph), [...said, ...notes]);
+      } catch (error) {
+        if (!(error instanceof Refused) && error?.name !== "AbortError") throw error;
+        reason = error instanceof Refused ? error.message : "Cancelled.";
+      }
+    });
+    if (!reason || this.chosen !== photograph) return;
+    await this.go("outline");
+    this.tell([...said, reason].join(" "), true);
+  }
+
+  /** Brings the networks that find people, when it has been asked for; whether they are there now. */
+  async fetchFinder() {
+    await this.busy(async (say, signal) => {
+      say("Fetching the networks that find people");
+      Object.assign(this.about, await follow("person", {}, say, signal));
+      this.parts.drop.refresh();
+      this.tell("People are found from now on.");
+    });
+    return this.about.finder === "ready";
   }
 
   /** Accepts an outline, `drawn`, or the photograph's own: the light opens when the person is analysed. `said`: what was warned of before. */
@@ -244,11 +309,14 @@ class Application {
     }
   }
 
-  tell(text, kept = false) {
+  /** Says something for a while, where it covers no hint; `kept`: for longer. `act`: [label, what a button does]. */
+  tell(text, kept = false, act = null) {
     clearTimeout(this.telling);
-    this.message.replaceChildren(h("span", {}, text), h("button", { type: "button", class: "quiet", onclick: () => this.hush() }, "Close"));
+    const button = ([label, onclick]) => h("button", { type: "button", class: "quiet", onclick }, label);
+    this.message.replaceChildren(h("span", {}, text), ...[act, ["Close", () => this.hush()]].filter(Boolean).map(button));
+    (this.parts[this.step].noticePlace?.() ?? this.main).append(this.message);
     this.message.hidden = false;
-    if (!kept) this.telling = setTimeout(() => this.hush(), 6000);
+    this.telling = setTimeout(() => this.hush(), TOLD[Number(kept)]);
   }
 
   hush() {

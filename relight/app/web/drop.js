@@ -12,6 +12,9 @@ export class Drop {
       if (files.length) app.add(files);
     });
     this.choose = h("button", { type: "button", class: "primary", onclick: () => this.input.click() }, "Choose photographs…");
+    this.about = h("p");
+    this.finderAbout = h("span");
+    this.finder = h("p", { class: "finder small" }, this.finderAbout, h("button", { type: "button", class: "secondary", onclick: () => app.fetchFinder() }, "Fetch them once"));
     this.files = h("ul", { class: "files" });
     this.folder = h("section", { class: "folder", "aria-label": "Files of the folder", hidden: true }, h("h2", {}, "Or choose from the folder"), this.files);
     this.element = h(
@@ -21,7 +24,7 @@ export class Drop {
         "div",
         { class: "target" },
         h("h2", {}, "Drop a photograph of a person"),
-        h("p", {}, "Then outline the person and drag the lights. Nothing leaves this computer."),
+        this.about,
         h(
           "div",
           { class: "choices" },
@@ -30,6 +33,7 @@ export class Drop {
         ),
         h("p", { class: "small" }, "JPEG, PNG, HEIC, raw, EXR or TIFF, up to 100 megapixels. Pasting works too."),
         this.input,
+        this.finder,
       ),
       this.folder,
     );
@@ -40,10 +44,13 @@ export class Drop {
   }
 
   refresh() {
-    const { root } = this.app.about;
+    const { root, finder, finder_about } = this.app.about;
+    this.about.textContent = `${finder === "ready" ? "The person is found, and you drag the lights." : "Then outline the person and drag the lights."} Nothing leaves this computer.`;
+    this.finder.hidden = finder !== "fetch";
+    this.finderAbout.textContent = `People can be found for you, by ${finder_about}.`;
     this.folder.hidden = !root.length;
     this.files.replaceChildren(
-      ...root.map((path) => h("li", {}, h("button", { type: "button", class: "quiet", onclick: () => this.app.addFrom("root", { path }) }, path))),
+      ...root.map(({ path, name }) => h("li", {}, h("button", { type: "button", class: "quiet", onclick: () => this.app.addFrom("root", { path }) }, name))),
     );
   }
 }

@@ -1,6 +1,6 @@
 // The third step: the viewer in place, with presets below it; stills by the server where the browser has no WebGL 2.
 
-import { Viewer, environmentText, h, keyDown, keyUp, lightTexts, readImage, short } from "../viewer.js";
+import { Viewer, backdropOf, checkedLight, environmentText, h, keyDown, keyUp, lampsOfRows, lightTexts, mapOf, readImage, short } from "../viewer.js";
 import { PRESETS, withPreset } from "./presets.js";
 import { ask, askJson } from "./requests.js";
 import { StillEngine } from "./still.js";
@@ -35,7 +35,10 @@ export class Light {
   }
 
   focus() {
-    this.viewer?.stage.element.focus({ preventScroll: true });
+    if (!this.viewer) return;
+    const { element } = this.viewer.stage;
+    element.classList.add("by-hand"); // nobody has used a key here yet: no need to mark the focus
+    element.focus({ preventScroll: true });
   }
 
   async begin(photograph, scene, bytes) {
@@ -69,6 +72,33 @@ export class Light {
   /** Whether the server makes the pictures. */
   get still() {
     return this.viewer?.engine instanceof StillEngine;
+  }
+
+  /** Where messages are shown. */
+  noticePlace() {
+    return this.viewer?.stage.element;
+  }
+
+  /** The rig as a page that is loaded again takes it: files by their ids. */
+  keptRig() {
+    this.keepRig();
+    const { state, maps, pictures } = this.rig ?? {};
+    return state && { state, environment: state.environment && maps[state.map]?.id, picture: pictures[state.picture]?.id };
+  }
+
+  /** Takes what `keptRig` gave; a file that is no longer there is left out. */
+  async restore(kept) {
+    if (!kept) return;
+    const { state } = kept;
+    const opened = (kind, id) => (id ? askJson(`${kind}/${id}`).catch(() => null) : null);
+    const [environment, picture] = await Promise.all([opened("environments", kept.environment), opened("backgrounds", kept.picture)]);
+    const maps = [null, ...(environment ? [mapOf(environment.path, lampsOfRows(environment.lamps), environment.file)] : [])];
+    const pictures = [null, ...(picture ? [await backdropOf(picture)] : [])];
+    state.lights = state.lights.map((light) => checkedLight(light));
+    Object.assign(state, { map: maps.length - 1, picture: pictures.length - 1 });
+    if (!environment) state.environment = null;
+    if (!picture && state.background === "picture") state.background = null;
+    this.rig = { state, maps, pictures };
   }
 
   /** Keeps the rig for the next photograph. */

@@ -17,6 +17,23 @@ export class ModelSheet {
     this.sheet.addEventListener("click", (event) => event.target === this.sheet && this.sheet.close());
   }
 
+  /** Asks whether the networks that find people may be fetched. */
+  asks(about) {
+    return new Promise((answer) => {
+      const end = (value) => () => {
+        answer(value);
+        this.sheet.close();
+      };
+      this.sheet.addEventListener("close", end(false), { once: true });
+      this.sheet.replaceChildren(
+        h("h2", {}, "Find the person"),
+        h("p", {}, `This needs ${about}. They are downloaded once, from the Python package index, and kept for all photographs.`),
+        h("div", { class: "choices" }, h("button", { type: "button", class: "primary", onclick: end(true) }, "Fetch them"), h("button", { type: "button", class: "secondary", onclick: end(false) }, "Not now")),
+      );
+      this.sheet.showModal();
+    });
+  }
+
   /** `models`: [{ name, about }], which rembg offers. */
   open(models) {
     const choose = (name) => () => {

@@ -12,6 +12,7 @@ const DOUBLE_CLICK = 500; // milliseconds between its clicks, at most
 const DRAG = 5; // CSS pixels of motion that make a press a stroke
 const APART = 3; // CSS pixels between the points of a freehand line
 const STEP = 0.01; // of the picture, that an arrow key moves the pen
+const NOTHING = { lasso: null, strokes: [], model: false }; // drawn yet
 const TOOLS = [
   ["lasso", "Outline", "Draw a line around the person: drag, or click corner by corner"],
   ["person", "Person", "Paint what belongs to the person"],
@@ -33,6 +34,7 @@ export class OutlineStep {
     this.undoButton = iconButton("undo", "Undo", () => this.undo(), "Ctrl Z");
     this.redoButton = iconButton("redo", "Redo", () => this.redo(), "Ctrl Shift Z");
     this.models = new ModelSheet((file, options) => this.findByFile(file, options), (name) => this.find({ name }));
+    this.finder = h("button", { type: "button", class: "tool", onclick: () => this.findPerson() }, "Find the person");
     this.accept = h("button", { type: "button", class: "primary", onclick: () => this.app.analyse(this.plain()) }, "Use this outline");
     this.element = h(
       "section",
@@ -45,6 +47,7 @@ export class OutlineStep {
         h("label", { class: "brush" }, h("span", {}, "Brush"), this.size),
         h("div", { class: "group" }, this.undoButton, this.redoButton),
         h("div", { class: "group zooms" }, h("button", { type: "button", class: "tool", "aria-label": "Zoom out", onclick: () => this.zoom(0.7) }, "−"), h("button", { type: "button", class: "tool", onclick: () => this.fit() }, "Fit"), h("button", { type: "button", class: "tool", "aria-label": "Zoom in", onclick: () => this.zoom(1.4) }, "+")),
+        this.finder,
         h("button", { type: "button", class: "tool", onclick: () => this.models.open(this.app.about.models) }, "Find with a model…"),
         this.models.file,
         this.models.sheet,
@@ -85,10 +88,25 @@ export class OutlineStep {
       if (this.photograph !== chosen) return; // another one has been chosen meanwhile
       this.paper.image = picture;
     }
-    if (!this.drawings.has(chosen.id)) this.drawings.set(chosen.id, { now: { lasso: null, strokes: [], model: false }, past: [], future: [] });
+    if (!this.drawings.has(chosen.id)) this.drawings.set(chosen.id, { now: NOTHING, past: [], future: [] });
+    this.finder.hidden = !this.app.about.finder;
     this.use(this.drawing.lasso || chosen.cut_out || this.drawing.model ? "person" : "lasso");
     this.fit();
     if (!this.matte && (this.drawn || chosen.cut_out)) await this.solve();
+  }
+
+  /** Begins with the matte that the server has found of a photograph: the drawing that means it. */
+  foundByModel(photograph) {
+    const kept = this.drawings.get(photograph.id);
+    const now = { ...NOTHING, model: true };
+    this.drawings.set(photograph.id, { now, past: kept ? [...kept.past, kept.now] : [], future: [] });
+    if (this.photograph === photograph) this.matte = null;
+    return now;
+  }
+
+  /** Where messages are shown. */
+  noticePlace() {
+    return this.stage;
   }
 
   focus() {
@@ -191,13 +209,21 @@ export class OutlineStep {
     });
   }
 
+  /** Finds the person again, after asking for the networks where they are missing, and opens the light. */
+  async findPerson() {
+    const { app, photograph } = this;
+    if (app.about.finder === "fetch" && !(await this.models.asks(app.about.finder_about))) return;
+    if (app.about.finder === "fetch" && !(await app.fetchFinder())) return;
+    await app.findPerson(photograph);
+  }
+
   async find(model) {
     const { photograph } = this;
     await this.app.busy(async (say, signal) => {
       say("Finding the person");
       const response = await ask(`photographs/${photograph.id}/model`, { body: JSON.stringify(model), signal });
       await this.shows(response, photograph);
-      this.change({ lasso: null, strokes: [], model: true });
+      this.change({ ...NOTHING, model: true });
       this.use("person");
     });
   }

@@ -10,6 +10,7 @@ import numpy as np
 import pytest
 from helpers import ROOT, browsing
 from helpers.drawn import photographed, polygon
+from helpers.finders import discs, small_finder
 from helpers.onnx_models import channel
 from helpers.serving import LIT, OUTLINED, at_step, chosen, lasso, served, visited
 from PIL import Image
@@ -118,6 +119,58 @@ def test_from_a_photograph_to_the_files_that_the_copied_command_makes(page, phot
     python = page.get_by_label("Python", exact=True).inner_text().replace("me-relit.png", "python.exr")
     exec(python, {})
     np.testing.assert_allclose(relight.read("python.exr"), relight.read("again.exr"), rtol=2e-3, atol=1e-6)
+
+
+FOUND_BY = """
+from relight.matting import person_files
+person_files.are_fetched = lambda: True
+person_files.fetched = lambda: ({detector!r}, {landmarks!r})
+"""
+
+
+@pytest.fixture(scope="module")
+def finding(tmp_path_factory):
+    """The application with two small networks, for which a person is a red disc."""
+    pytest.importorskip("openvino")
+    folder = tmp_path_factory.mktemp("finder")
+    small_finder(folder)
+    networks = {name: str(folder / f"{name}.xml") for name in ("detector", "landmarks")}
+    (folder / "sitecustomize.py").write_text(FOUND_BY.format(**networks))
+    with served(PYTHONPATH=f"{folder}{os.pathsep}{ROOT}") as (found, _):
+        yield found
+
+
+def test_one_drop_opens_the_light_and_one_click_saves(browser, finding, tmp_path):
+    picture, _ = discs((300, 300), (150, 160, 30))
+    for name, pixels in (("disc.png", picture), ("nobody.png", picture[:60])):
+        Image.fromarray(np.round(255 * pixels).astype(np.uint8)).save(tmp_path / name)
+    page = visited(browser, finding)
+    chosen(page, tmp_path / "disc.png")
+    at_step(page, "light")
+    browsing.wait(page, LIT, 120)
+    with page.expect_download(timeout=240000) as download:
+        page.get_by_role("button", name="Save PNG").click()
+    download.value.save_as(tmp_path / "saved.png")
+    assert Image.open(tmp_path / "saved.png").size == (300, 300)
+    at_step(page, "light")
+    state = "relightApp.parts.light.viewer.state"
+    page.evaluate("relightApp.parts.light.apply([{ name: 'only', azimuth: 70, elevation: 5 }])")
+    page.reload()  # lights and background survive it
+    browsing.wait(page, "Boolean(window.relightApp)")
+    at_step(page, "light")
+    browsing.wait(page, LIT, 120)
+    assert page.evaluate(f"[{state}.lights[0].azimuth, {state}.background]") == [70, "original"]
+    page.evaluate("relightApp.remove(relightApp.chosen)")
+    page.get_by_role("button", name="Undo").click()
+    at_step(page, "light")
+    page.evaluate("relightApp.go('outline')")  # where the found matte can be corrected
+    browsing.wait(page, OUTLINED, 120)
+    chosen(page, tmp_path / "nobody.png")
+    at_step(page, "outline")
+    assert "No person was found" in notice(page)
+    refused = [line for line in page.complaints if "status of 422" in line]
+    assert page.complaints == refused
+    page.context.close()
 
 
 def test_the_photograph_is_its_own_background_and_one_button_saves_all_of_it(page, photo, tmp_path):

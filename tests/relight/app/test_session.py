@@ -95,6 +95,8 @@ def test_files_of_the_root_alone_can_be_taken(session, tmp_path):
         ("a\nb.tif", "ab.tif"),
         (".jpg.jpg", "jpg.jpg"),
         ("x" * 400 + ".jpeg", "x" * 115 + ".jpeg"),
+        ("\u5199" * 100 + ".jpg", "\u5199" * 38 + ".jpg"),  # file systems count bytes
+        ("caf\udce9.jpg", "caf_.jpg"),
     ],
 )
 def test_names_are_what_commands_and_file_systems_can_have(given, kept):

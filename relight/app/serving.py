@@ -1,0 +1,98 @@
+"""The server of `relight app`, on this machine's loopback address alone."""
+
+import contextlib
+import secrets
+import signal
+import socket
+from collections.abc import AsyncIterator, Callable, Iterable
+from pathlib import Path
+from typing import Any
+
+import uvicorn
+from starlette.applications import Starlette
+from starlette.routing import Mount
+
+from relight.app.guard import HOST, Guard
+from relight.app.server import Server
+from relight.app.session import Session
+from relight.app.worker import Worker
+
+
+def application(session: Session, worker: Worker, token: str, port: int) -> Guard:
+    """Return the ASGI application, behind its guard."""
+
+    @contextlib.asynccontextmanager
+    async def lifespan(app: Starlette) -> AsyncIterator[None]:
+        worker.start()
+        try:
+            yield
+        finally:
+            worker.stop()
+            session.close()
+
+    server = Server(session, worker)
+    app = Starlette(routes=[Mount(f"/{token}", routes=server.routes())], lifespan=lifespan)
+    return Guard(app, token, port)
+
+
+def serve(
+    root: str | Path | None = None,
+    port: int = 0,
+    opened: Iterable[Callable[[str], Any]] = (),
+) -> None:
+    """Serve the application until it is interrupted.
+
+    Parameters
+    ----------
+    root:
+        The folder that the page lists pictures of; None for none.
+    port:
+        Of the loopback address; 0 for any that is free.
+    opened:
+        Called with the address, token included, once the server listens.
+
+    Raises
+    ------
+    NotADirectoryError
+        `root` is no folder.
+    OSError
+        The port is in use.
+    """
+    folder = None if root is None else Path(root)
+    if folder is not None and not folder.is_dir():
+        raise NotADirectoryError(f"{folder}: expected a folder to choose pictures from")
+    listening = socket.socket(socket.AF_INET, socket.SOCK_STREAM)
+    listening.setsockopt(socket.SOL_SOCKET, socket.SO_REUSEADDR, 1)
+    try:
+        listening.bind((HOST, port))
+    except OSError as error:
+        listening.close()
+        raise OSError(f"port {port}: cannot be used ({error.strerror}); choose another by --port") from error
+    port = listening.getsockname()[1]
+    token, session = secrets.token_urlsafe(24), Session(folder)
+    config = uvicorn.Config(
+        application(session, Worker(), token, port), log_level="warning", access_log=False,
+        server_header=False, limit_concurrency=200, timeout_graceful_shutdown=2,
+    )  # fmt: skip
+    server = _Announcing(config, f"http://{HOST}:{port}/{token}/", opened)
+    hangup = getattr(signal, "SIGHUP", None)  # when its terminal is closed
+    if hangup is not None and signal.getsignal(hangup) is signal.SIG_DFL:
+        signal.signal(hangup, lambda number, frame: setattr(server, "should_exit", True))
+    try:
+        server.run(sockets=[listening])
+    finally:
+        session.close()
+        listening.close()
+
+
+class _Announcing(uvicorn.Server):
+    """A server that reports its address once it listens."""
+
+    def __init__(self, config: uvicorn.Config, address: str, opened: Iterable[Callable[[str], Any]]) -> None:
+        super().__init__(config)
+        self._address, self._opened = address, opened
+
+    async def startup(self, sockets: list[socket.socket] | None = None) -> None:
+        await super().startup(sockets)
+        for tell in self._opened:
+            tell(self._address)

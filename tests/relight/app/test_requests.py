@@ -1,0 +1,221 @@
+"""Requests to the server that are wrong or end early, and what stays of them: no browser and no worker."""
+
+import asyncio
+import os
+import struct
+import subprocess
+import sys
+import zlib
+
+import numpy as np
+import OpenImageIO as oiio
+import pytest
+
+pytest.importorskip("starlette")
+pytest.importorskip("uvicorn")
+
+from starlette.requests import Request
+
+from relight.app import tasks, worker
+from relight.app.answers import refusing
+from relight.app.server import Server
+from relight.app.session import Session
+from relight.app.worker import Refused, Worker
+
+
+class Refusing:
+    """A worker that refuses everything."""
+
+    async def run(self, *given, **options):
+        raise Refused("is damaged")
+
+
+@pytest.fixture
+def session(tmp_path):
+    found = Session(tmp_path)
+    yield found
+    found.close()
+
+
+def answer(session, endpoint, body=b"", ends=False, worker=None, **path):
+    """The status of a request; `ends`: the page goes away before its body has come."""
+    parts = [{"type": "http.request", "body": body, "more_body": ends}, {"type": "http.disconnect"}]
+
+    async def receive():
+        return parts.pop(0)
+
+    scope = {
+        "type": "http", "method": "POST", "path": "/", "headers": [], "query_string": b"name=sky.exr",
+        "path_params": path,
+    }  # fmt: skip
+    wrapped = refusing(getattr(Server(session, worker or Refusing()), endpoint))
+    return asyncio.run(wrapped(Request(scope, receive)))
+
+
+def size(folder):
+    return sum(path.stat().st_size for path in folder.rglob("*") if path.is_file())
+
+
+@pytest.mark.parametrize("endpoint", ["add", "environment", "background", "add_model"])
+@pytest.mark.parametrize("ends", [False, True])
+def test_nothing_stays_of_an_upload_that_is_refused_or_ends_early(session, endpoint, ends):
+    if endpoint == "add_model" and not ends:
+        pytest.skip("a model is read when it is used")
+    found = answer(session, endpoint, b"x" * 100_000, ends)
+    assert found.status_code in ((499, 415) if ends else (422,))
+    assert size(session.folder) == 0
+    assert not session.photographs
+
+
+@pytest.mark.parametrize("body", [b"[" * 100_000, b"{", b"[]", b'{"drawn": [1]}', b'{"drawn": 5}', b"\xff"])
+def test_json_that_means_nothing_is_refused(session, body):
+    photograph = session.new_photograph("a.png")
+    photograph.about = {"cut_out": False}
+    assert answer(session, "analyse", body, id=photograph.id).status_code in (400, 422)
+
+
+@pytest.mark.parametrize("look", [b"[1]", b"3", b'{"environment": 4}', b'{"background": {}}', b'"x"'])
+def test_looks_that_mean_nothing_are_refused(session, look):
+    photograph = session.new_photograph("a.png")
+    photograph.scene = {}
+    body = b'{"suffix": ".png", "look": ' + look + b"}"
+    assert answer(session, "save", body, id=photograph.id).status_code in (400, 404)
+
+
+@pytest.mark.parametrize(
+    "drawn", [{"strokes": [{}]}, {"strokes": 5}, {"lasso": {"a": 1}}, {"strokes": [[1]]}, {"lasso": "1/2"}]
+)
+def test_drawings_that_mean_nothing_are_a_sentence(tmp_path, drawn, capfd):
+    np.save(tmp_path / tasks.REDUCED, np.zeros((20, 20, 3), np.float16))
+
+    class Wire:
+        def send(self, what):
+            pass
+
+    before = os.getcwd()
+    try:
+        kind, said = worker._answer(tasks, "outline_of", str(tmp_path), {"drawn": drawn}, Wire())
+    finally:
+        os.chdir(before)
+    assert kind == "refused"
+    assert said != worker.DEFECT
+    assert not capfd.readouterr().err
+
+
+@pytest.mark.skipif(sys.platform == "win32", reason="names are Unicode there")
+def test_names_in_the_root_that_are_no_utf8_can_be_chosen(session, tmp_path):
+    place = os.fsencode(tmp_path) + b"/caf\xe9.jpg"  # as old archives have it
+    try:
+        with open(place, "wb") as file:
+            file.write(b"x")
+    except OSError:
+        pytest.skip("this file system has none")
+    found = answer(session, "about")
+    assert found.status_code == 200
+    assert b"caf%E9.jpg" in found.body
+    assert answer(session, "add_from_root", b'{"path": "caf%E9.jpg"}').status_code == 422  # by the worker
+    assert not session.photographs
+
+
+def bomb(path, width, height):
+    """A PNG of one bit a pixel, of a few kilobytes."""
+
+    def chunk(kind, data):
+        return struct.pack(">I", len(data)) + kind + data + struct.pack(">I", zlib.crc32(kind + data))
+
+    rows = zlib.compress(bytes(1 + width // 8) * height, 9)
+    header = struct.pack(">IIBBBBB", width, height, 1, 0, 0, 0, 0)
+    signature = b"\x89PNG\r\n\x1a\n"
+    path.write_bytes(signature + chunk(b"IHDR", header) + chunk(b"IDAT", rows) + chunk(b"IEND", b""))
+
+
+@pytest.mark.parametrize("task", ["read", "environment", "background"])
+def test_pictures_of_too_many_pixels_are_refused_before_they_are_decoded(tmp_path, monkeypatch, task):
+    monkeypatch.chdir(tmp_path)
+    monkeypatch.setattr(tasks, "PIXELS", 10_000)
+    monkeypatch.setattr(tasks.images, "read", None)
+    bomb(tmp_path / "sky.png", 200, 100)
+    spec = oiio.ImageSpec(8, 8, 3, "half")
+    spec.full_width = spec.full_height = 1000  # the display window is what is allocated
+    out = oiio.ImageOutput.create("w.exr")
+    out.open("w.exr", spec)
+    out.write_image(np.ones((8, 8, 3), np.float32))
+    out.close()
+    for name in ("sky.png", "w.exr"):
+        with pytest.raises(ValueError, match="pixels; expected"):
+            getattr(tasks, task)(name, lambda what: None)
+
+
+@pytest.mark.parametrize("home", ["/", None])
+def test_a_home_that_is_none_is_no_reason_to_fail(home, monkeypatch):
+    def at():
+        if home is None:
+            raise RuntimeError("Could not determine home directory.")
+        return worker.Path(home)
+
+    monkeypatch.setattr(worker.Path, "home", at)
+    assert worker._sentence("colour: expected 1/0.9/0.8", "/tmp/x") == "colour: expected 1/0.9/0.8"
+
+
+def test_a_large_drawing_does_not_stop_the_server():
+    """The process takes nothing from its pipe, as while it is busy, and the server still answers."""
+    stuck = Worker()
+    sending = asyncio.Event()
+
+    async def main():
+        from multiprocessing import Pipe
+
+        ours, theirs = Pipe()
+        stuck._connection = ours
+        stuck.start = lambda: None
+        stuck.stop = theirs.close
+        job = asyncio.ensure_future(stuck.run("outline_of", "/tmp", {"drawn": "x" * 5_000_000}))
+        for _ in range(3):
+            await asyncio.sleep(0.01)  # the loop goes on
+        assert not job.done()
+        sending.set()
+        theirs.close()
+        with pytest.raises(Refused):
+            await job
+        ours.close()
+
+    asyncio.run(asyncio.wait_for(main(), 60))
+    assert sending.is_set()
+
+
+def test_a_photograph_that_was_removed_comes_back_until_the_next_one_goes(session):
+    first, second = session.new_photograph("a.jpg"), session.new_photograph("b.jpg")
+    (first.folder / "a.jpg").write_bytes(b"first")
+    assert answer(session, "remove", id=first.id).status_code == 200
+    assert [*session.photographs] == [second.id]
+    assert answer(session, "bring_back", id=first.id).status_code == 200
+    assert (session.photograph(first.id).folder / "a.jpg").read_bytes() == b"first"
+    assert answer(session, "bring_back", id=first.id).status_code == 404
+    session.remove(first)
+    session.remove(second)
+    assert not first.folder.exists()
+    with pytest.raises(Refused, match="drop it again"):
+        session.bring_back(first.id)
+
+
+@pytest.mark.slow
+@pytest.mark.skipif(sys.platform == "win32", reason="has no SIGHUP")
+def test_a_closed_terminal_leaves_nothing_behind(tmp_path):
+    import signal
+
+    from helpers.serving import served
+
+    with served(TMPDIR=str(tmp_path)) as (_, process):
+        process.send_signal(signal.SIGHUP)
+        assert process.wait(60) == 0
+    assert not [one.name for one in tmp_path.iterdir() if one.name.startswith("relight-app-")]
+
+
+def test_pymatting_is_compiled_beside_the_worker(tmp_path):
+    """The process ends with the one that started it."""
+    program = "from relight.app import compiling; compiling.begin(); print(compiling.is_running())"
+    environment = {**os.environ, "NUMBA_CACHE_DIR": str(tmp_path)}
+    done = subprocess.run(
+        [sys.executable, "-c", program], capture_output=True, text=True, env=environment, timeout=120
+    )
+    assert done.stdout.strip() == "True", done.stderr
