@@ -317,6 +317,13 @@ def test_where_there_is_no_webgl2_the_server_makes_the_pictures(browser, address
             }"""
         )
 
+    page.evaluate(
+        "relightApp.parts.light.viewer.change((state) => {"
+        " state.lights.length = 1; state.selected = 0; state.background = null; })"
+    )
+    browsing.settled(page)
+    browsing.wait(page, SETTLED)
+    browsing.settled(page)
     before = lopsided()  # the key is at the left
     x, y = page.evaluate(
         """() => {
