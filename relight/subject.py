@@ -18,6 +18,7 @@ from relight.analysis.foreground import linear_plate
 from relight.analysis.gloss import checked_gloss
 from relight.analysis.infer import check_inputs, infer
 from relight.analysis.maps import AnalysisMaps
+from relight.analysis.old_light import OldLight
 from relight.analysis.record import AnalysisRecord
 from relight.analysis.upsampling import EXTENSION_SHARE, JointBilateral, encode_guide
 from relight.compositing.floor import Floor
@@ -108,6 +109,9 @@ class Subject:
     camera
         relight.analysis.camera.Camera of another frame, such as the first of a shot. Positions are then in
         the same world space, and `height` and `field_of_view` have no effect.
+    old_light
+        relight.analysis.old_light.OldLight of another frame, such as the first of a shot: the colour of the
+        photograph's light, which the inferred albedo lacks. It is fitted to this image by default.
     device
         Device of the networks, such as "cuda"; the CPU by default. Relighting itself runs on the CPU.
     matte
@@ -151,11 +155,12 @@ class Subject:
         height: float | None = None,
         field_of_view: float = FIELD_OF_VIEW,
         camera: Camera | None = None,
+        old_light: OldLight | None = None,
         device: str | torch.device | None = None,
         matte: AnyPath | None = "auto",
     ) -> None:
         given = check_inputs(
-            image, mask, albedo, normals, depth, height, field_of_view, camera, device, matte
+            image, mask, albedo, normals, depth, height, field_of_view, camera, device, matte, old_light
         )
         self._set_record(infer(given))
 
@@ -555,6 +560,11 @@ class Subject:
     def record(self) -> AnalysisRecord:
         """The analysis that the subject is made of."""
         return self._record
+
+    @property
+    def old_light(self) -> OldLight:
+        """The colour of the photograph's light, which the inferred albedo lacks."""
+        return self._record.old_light
 
     @property
     def size(self) -> tuple[int, int]:

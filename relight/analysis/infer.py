@@ -17,6 +17,7 @@ from relight.analysis.foreground import (
     without_alpha,
 )
 from relight.analysis.maps import AnalysisMaps
+from relight.analysis.old_light import OldLight
 from relight.analysis.record import AnalysisRecord
 from relight.analysis.upsampling import encode_guide
 from relight.lights.environment import FIELD_OF_VIEW
@@ -47,6 +48,7 @@ class AnalysisInputs:
     depth: torch.Tensor | OnnxDepth | None  # (1, H, W) metres; integers, or a network: relative
     camera: Camera
     device: torch.device
+    old_light: OldLight | None  # that of another frame
 
 
 def check_inputs(
@@ -60,6 +62,7 @@ def check_inputs(
     camera: Camera | None = None,
     device: str | torch.device | None = None,
     matte: AnyPath | None = AUTO,
+    old_light: OldLight | None = None,
 ) -> AnalysisInputs:
     """Check the arguments of `relight.Subject`, which documents them and the errors raised."""
     place = inputs.device("device", device) or torch.device("cpu")
@@ -80,7 +83,7 @@ def check_inputs(
         raise ValueError(f"camera: expected that of a plate of {size} pixels, got {camera.size}")
     camera = camera or Camera.of(cleaned, height, field_of_view)
     return AnalysisInputs(
-        plate, alpha, cleaned, mask is not None, checked_albedo, normals, provided, camera, place
+        plate, alpha, cleaned, mask is not None, checked_albedo, normals, provided, camera, place, old_light
     )
 
 
@@ -113,4 +116,10 @@ def infer(given: AnalysisInputs) -> AnalysisRecord:
         found, given.camera, on_plate, given.matte, depth, relative, own_normals=normals is None
     )
     maps = AnalysisMaps.of(found, encode_guide(framed.rgb * exposure), canvas_albedo, geometry)
-    return AnalysisRecord(person, person.take(colour), pixel_albedo, exposure, framed.framing, maps)
+    old_light = given.old_light or OldLight()
+    if maps.light is not None and given.old_light is None:
+        old_light = OldLight.fit(maps.image, maps.light, maps.albedo, maps.normals, maps.known)
+    maps = maps.without_tint(old_light)
+    return AnalysisRecord(
+        person, person.take(colour), pixel_albedo, exposure, framed.framing, maps, old_light
+    )

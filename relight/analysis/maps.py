@@ -11,6 +11,7 @@ from scipy.ndimage import distance_transform_edt
 
 from relight.analysis.depth import WorldGeometry
 from relight.analysis.gloss import Gloss
+from relight.analysis.old_light import OldLight
 from relight.lights.light import Light
 from relight.lights.near import NearLight
 from relight.media.colour import luminance
@@ -72,6 +73,13 @@ class AnalysisMaps(NamedTuple):
         )
         normals = analysis.canvas_normals.cpu()
         return cls(geometry.framing, known, image, normals, visibility, shading, albedo, light, geometry)
+
+    def without_tint(self, old_light: OldLight) -> Self:
+        """Return the maps with an inferred albedo that lacks the colour of the photograph's light."""
+        if self.light is None:
+            return self
+        tint = old_light.tint(self.light, self.albedo, self.normals)
+        return self._replace(albedo=(self.albedo / tint).clamp(0, 1), light=self.light * tint)
 
     def lit(self, lights: Iterable[Light]) -> torch.Tensor:
         """Return Σ intensity · shading (3, h, w).

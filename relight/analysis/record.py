@@ -6,6 +6,7 @@ import torch
 
 from relight.analysis.foreground import Foreground
 from relight.analysis.maps import AnalysisMaps
+from relight.analysis.old_light import OldLight
 from shadow.framing import Framing
 
 
@@ -18,3 +19,4 @@ class AnalysisRecord(NamedTuple):
     exposure: float  # factor by which `colour` is multiplied before it is encoded as a guide
     framing: Framing  # of the canvas in the foreground's box
     maps: AnalysisMaps
+    old_light: OldLight = OldLight()  # whose colour the albedo lacks

@@ -29,6 +29,7 @@ from relight.analysis.components import principal_components
 from relight.analysis.depth import ProvidedDepth, WorldGeometry
 from relight.analysis.foreground import Foreground
 from relight.analysis.maps import AnalysisMaps, FieldArrays
+from relight.analysis.old_light import OldLight
 from relight.analysis.record import AnalysisRecord
 from relight.analysis.upsampling import GUIDE_MAX
 from relight.errors import DamagedFileError, EmptyMatteError, StaleAnalysisError
@@ -38,7 +39,7 @@ from shadow.framing import Framing
 from shadow.networks.mirror import Pixels
 
 SUFFIX = ".safetensors"
-FORMAT = 3
+FORMAT = 4
 SHORTENING_PIXELS = 600_000  # a larger person's colour is shortened, for under 4 MB a frame of HD
 SHORTENED_BITS = 4  # of a half float's mantissa: steps of 1 %, as 8 bits of sRGB have in mid-grey
 RANK = {"cast": 32, "residual": 16}  # principal components of each kind of maps
@@ -75,6 +76,7 @@ def write_record(path: AnyPath, record: AnalysisRecord, provenance: Mapping[str,
         "centre": framing.centre,
         "scale": framing.scale,
         "camera": asdict(record.maps.geometry.camera),
+        "old_light": record.old_light._asdict(),
         "arrays": {
             name: (array.dtype.str, array.shape, zlib.crc32(tensors[name].data))
             for name, array in arrays.items()
@@ -219,6 +221,11 @@ def _check_measures(header: dict[str, Any]) -> None:
         raise ValueError(f"a box of {box} pixels at {corner} is not in a plate of {size}")
     if tuple(camera["size"]) != size:
         raise ValueError(f"the camera's plate is one of {camera['size']} pixels, not of {size}")
+    old_light = OldLight(**header["old_light"])
+    lengths = (len(old_light.ambient), len(old_light.slopes), len(old_light.middle))
+    numbers = [*old_light.ambient, *old_light.slopes, *old_light.middle, *old_light[2:5]]
+    if lengths != (2, 6, 2) or not np.isfinite(numbers).all():
+        raise ValueError(f"expected the colour of a light, got {header['old_light']}")
     positive = [header["exposure"], header["scale"], camera["focal"], camera["distance"]]
     if not np.isfinite([*positive, *header["centre"], *camera["middle"], camera["bottom"]]).all():
         raise ValueError("a measure is not finite")
@@ -286,7 +293,8 @@ def _restored(header: dict[str, Any], arrays: dict[str, np.ndarray]) -> Analysis
     albedo = _lengthened(arrays["provided_albedo"]).T if "provided_albedo" in arrays else None
     colour = _lengthened(arrays["colour"]).T / _unit(exposure)
     maps = _restored_maps(tensors, on_plate, camera, exposure)
-    return AnalysisRecord(person, colour, albedo, exposure, framing, maps)
+    old_light = OldLight(**{name: _tuple(value) for name, value in header["old_light"].items()})
+    return AnalysisRecord(person, colour, albedo, exposure, framing, maps, old_light)
 
 
 def _restored_maps(

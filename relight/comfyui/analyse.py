@@ -126,6 +126,7 @@ class Analyse:
                 height=height,
                 field_of_view=field_of_view,
                 camera=None if first is None else first.camera,
+                old_light=None if first is None else first.old_light,
                 device=image.device,
                 **maps,
             )

@@ -8,6 +8,7 @@ import torch
 
 from relight.analysis.camera import Camera
 from relight.analysis.foreground import person_matte
+from relight.analysis.old_light import OldLight
 from relight.analysis.temporal import RADIUS
 from relight.compositing.floor import Floor
 from relight.empty_subject import EmptySubject
@@ -87,6 +88,7 @@ class FrameAnalyser:
     def __init__(self, frames: FrameReader, device: str | None) -> None:
         self._frames, self._device = frames, device
         self._kept: tuple[int, FrameInputs] | None = None  # a frame that is read before it is analysed
+        self._first_light: OldLight | None = None  # that of the first frame with a person, once analysed
 
     @cached_property
     def world(self) -> tuple[int | None, Camera | None]:
@@ -116,17 +118,34 @@ class FrameAnalyser:
 
     def __call__(self, number: int) -> Person:
         """Return the person of a frame. Raises the errors of reading and of `relight.Subject`."""
-        _, camera = self.world  # before the frame is read, for it may be the one that defines the world
+        first, camera = self.world  # both before the frame is read, for it may be the first one
+        old_light = None if number == first or first is None else self._old_light(first)
         plate, matte, normals, depth = self._frame(number)
         coverage = plate[..., 3:] if matte is None else matte
         if not self._frames.is_still and coverage.size and coverage.max() <= 0.5:
             return EmptySubject(plate.shape[:2])
         if camera is not None and camera.size != plate.shape[:2]:
             camera = None  # a frame of another size has a world of its own
-        return Subject(
+        subject = Subject(
             plate, matte, normals=normals, depth=depth, height=self._frames.height,
-            field_of_view=self._frames.field_of_view, camera=camera, device=self._device,
+            field_of_view=self._frames.field_of_view, camera=camera, old_light=old_light, device=self._device,
         )  # fmt: skip
+        if number == first:
+            self._first_light = subject.old_light
+        return subject
+
+    def _old_light(self, first: int) -> OldLight:
+        """Return the old light of a shot, that of its first frame: fits of single frames would flicker.
+
+        A first frame that cannot be analysed leaves the colour in the albedo of all.
+        """
+        if self._first_light is None:
+            try:
+                found = self(first)
+            except (OSError, ValueError):
+                found = None
+            self._first_light = found.old_light if isinstance(found, Subject) else OldLight()
+        return self._first_light
 
     def _frame(self, number: int) -> FrameInputs:
         """Return a frame's inputs; those kept of another frame are dropped."""

@@ -237,8 +237,7 @@ class Shot:
 
         `as_read`: whether to hash files as they were read, if they were, or as they are now.
         """
-        first, _ = self._world
-        around = self.persons.around(self._source_frame(number)) + ([] if first is None else [first])
+        around = self._analysed_frames(self._source_frame(number))
         places = [number]
         if self.frames.placement.size == BACKGROUND and self._backgrounds.numbers:
             places.append(self._backgrounds.numbers[0])
@@ -254,9 +253,8 @@ class Shot:
 
     def person_hash(self, number: int, as_read: bool = False) -> str:
         """Return a hash of all that determines the analysis of a frame."""
-        around = self.persons.around(number)
         return content_hash(
-            self.frames.person_hash(around, as_read),
+            self.frames.person_hash(self._analysed_frames(number), as_read),
             self._world[1],
             __version__,
             *weights(),
@@ -265,7 +263,13 @@ class Shot:
 
     def records(self, number: int) -> list[FileRecord]:
         """Return the records, made when they were read, of the files from which a person is analysed."""
-        return self.frames.records(self.persons.around(number))
+        return self.frames.records(self._analysed_frames(number))
+
+    def _analysed_frames(self, number: int) -> list[int]:
+        """Return the frames on which a person depends: those around, and the first with a person."""
+        first, _ = self._world
+        around = self.persons.around(number)
+        return around if first is None or first in around else [*around, first]
 
     @property
     def _world(self) -> tuple[int | None, Any]:

@@ -4,6 +4,7 @@ import numpy as np
 import torch
 
 import relight
+from relight.analysis.old_light import OldLight
 from relight.lights.rig import by_name
 from shading import diffuse
 
@@ -54,6 +55,7 @@ class FlatSubject:
         self.image = np.concatenate([image[..., :3] * alpha[..., None], alpha[..., None]], axis=-1)
         self.albedo = self.normals = image[..., :3]
         self.size, self.matte = alpha.shape, alpha
+        self.old_light = room.get("old_light") or OldLight(saturation=float(image.mean()))
         FlatSubject.made.append(self)
 
     def relit(self, light):

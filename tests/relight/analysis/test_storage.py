@@ -13,6 +13,7 @@ from safetensors.numpy import save_file
 import relight
 from relight.analysis import array_codec, storage
 from relight.analysis.maps import FieldArrays
+from relight.analysis.old_light import OldLight
 from relight.errors import DamagedFileError, UnsupportedFileError
 
 KEY = relight.DirectionalLight(azimuth=-40, elevation=30, name="key")
@@ -129,6 +130,7 @@ def test_maps_of_the_anchors_are_of_low_rank(subject, tmp_path):
     subject.save(tmp_path / "kept.safetensors")
     with safe_open(tmp_path / "kept.safetensors", "np") as file:
         about = json.loads(file.metadata()["relight"])
+    assert about["old_light"].keys() == set(OldLight._fields)
     assert about["arrays"]["cast"][1][0] == storage.RANK["cast"] < 96
     kept = relight.Subject.load(tmp_path / "kept.safetensors")
     field, exact = (FieldArrays.of(one._record.maps.shading) for one in (kept, subject))
@@ -166,7 +168,7 @@ def test_what_is_no_analysis_is_refused(subject, tmp_path):
         relight.Subject.load(path)
     about = {"format": 99, "arrays": {}, "provenance": {}}
     save_file({}, path, {"relight": json.dumps(about)})
-    with pytest.raises(ValueError, match="has format 99, expected 3"):
+    with pytest.raises(ValueError, match="has format 99, expected 4"):
         relight.Subject.load(path)
     save_file({}, path, {"relight": json.dumps(about | {"format": storage.FORMAT})})
     with pytest.raises(ValueError, match=r"kept\.safetensors: is damaged"):

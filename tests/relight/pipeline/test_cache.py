@@ -122,6 +122,7 @@ class Saved:
     """Stands in for a Subject of which nothing but its being analysed counts."""
 
     is_empty = False
+    old_light = None
 
     def __init__(self, *arguments, **settings):
         pass
@@ -189,11 +190,18 @@ def test_a_full_disk_keeps_what_is_analysed(desk, monkeypatch):
 
 
 def test_a_plate_that_changed_is_named_and_analysed_anew(desk):
-    relight.write(desk / "plate.0101.exr", clothed(seed=2)[0])
+    relight.write(desk / "plate.0104.exr", clothed(seed=2)[0])
     problems = relit(desk)
-    assert list(problems) == [101, 102, 103]
-    assert "000101.safetensors: is stale, " in problems[101]
-    assert "plate.0101.exr has changed since; run `relight analyse` again" in problems[101]
+    assert list(problems) == [102, 103, 104]
+    assert "000104.safetensors: is stale, " in problems[104]
+    assert "plate.0104.exr has changed since; run `relight analyse` again" in problems[104]
+
+
+def test_a_first_plate_that_changed_makes_all_frames_stale(desk):
+    """The old light of all frames is that of the first."""
+    relight.write(desk / "plate.0101.exr", clothed(seed=2)[0])
+    with pytest.raises(ValueError, match="none of 4 frames could be made"):
+        relit(desk)
 
 
 def test_a_plate_that_was_only_touched_or_copied_is_the_same(desk):

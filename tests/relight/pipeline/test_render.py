@@ -4,7 +4,7 @@ import tracemalloc
 import numpy as np
 import OpenImageIO as oiio
 import pytest
-from helpers import shots
+from helpers import shots, standins
 from helpers.killing import differences
 from helpers.rising import RISING, STILL
 from helpers.standins import HEIGHT, WIDTH, brightness, somebody
@@ -152,6 +152,15 @@ def test_a_shot_in_chunks_is_what_one_run_makes(stub, plates, tmp_path):
         shots.render(plates, other, parts, phase="finalize")
 
 
+def test_the_old_light_is_that_of_the_first_frame(stub, plates, tmp_path):
+    """On each machine of a farm, so that the colour of a shot neither flickers nor jumps."""
+    for frames in ((101, 103), (104, 104), (105, 105)):
+        shots.render(plates, STILL, [tmp_path / "r.%04d.exr"], frames=frames, temporal_filter=False)
+    first, *others = stub.made
+    assert {subject.old_light for subject in others} == {first.old_light}
+    assert len(others) == 6  # the first frame again for each of the last two runs
+
+
 def test_every_second_frame(stub, plates, tmp_path):
     shots.render(plates, STILL, [tmp_path / "r.%04d.exr", tmp_path / "r.mov"], frames="101-105x2")
     assert sorted(path.name for path in tmp_path.glob("r.*.exr")) == [f"r.010{n}.exr" for n in (1, 3, 5)]
@@ -276,7 +285,13 @@ def test_autocropped_frames_are_the_same_picture(stub, plates, tmp_path):
 
 def test_a_frame_of_another_size_has_a_world_of_its_own(tmp_path, monkeypatch):
     given = []
-    monkeypatch.setattr(persons, "Subject", lambda *arguments, **options: given.append(options["camera"]))
+
+    class Camera(standins.FlatSubject):
+        def __init__(self, *arguments, **options):
+            super().__init__(*arguments, **options)
+            given.append(options["camera"])
+
+    monkeypatch.setattr(persons, "Subject", Camera)
     for number, columns in enumerate((40, 40, 38), 1):
         plate = np.full((60, columns, 4), 0.3, np.float32)
         plate[..., 3] = 0

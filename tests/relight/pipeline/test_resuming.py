@@ -57,7 +57,7 @@ def test_an_interruption_loses_nothing(stub, plates, tmp_path, output):
     stub.made.clear()
     steps = []
     shots.render(plates, STILL, tmp_path / output, resume=True, progress=lambda *step: steps.append(step))
-    assert len(stub.made) == 4  # 104, 105, and 102, 103 to steady them
+    assert len(stub.made) == 5  # 104, 105, 102, 103 to steady them, and 101 for the old light
     assert steps[0] == (1, 5, "Checking")
     assert (1, 5, "Relighting") in steps
     if output.endswith("mov"):
@@ -137,16 +137,24 @@ def test_one_plate_that_changed_is_made_anew(stub, plates, tmp_path, name):
     stub.made.clear()
     with pytest.warns(UserWarning, match="resume: 1 of 5 frames"):
         shots.render(plates, STILL, tmp_path / name, resume=True, **arguments)
-    assert len(stub.made) == 1
+    assert len(stub.made) == 2  # with 101, for the old light
     assert (tmp_path / "m.0103.png").stat().st_ino == kept
     assert (tmp_path / "m.0102.png").stat().st_ino != changed
 
 
 def test_what_is_filtered_by_a_plate_that_changed_is_made_anew(stub, plates, tmp_path):
     shots.render(plates, STILL, tmp_path / "r.%04d.exr")
-    relight.write(plates.with_name("p.0101.exr"), somebody(value=0.9))
+    relight.write(plates.with_name("p.0105.exr"), somebody(value=0.9))
     with pytest.warns(UserWarning, match="resume: 3 of 5 frames"):
         shots.render(plates, STILL, tmp_path / "r.%04d.exr", resume=True)
+
+
+def test_a_first_frame_that_changed_is_another_old_light_for_all(stub, plates, tmp_path):
+    arguments = {"temporal_filter": False}
+    shots.render(plates, STILL, tmp_path / "r.%04d.exr", **arguments)
+    relight.write(plates.with_name("p.0101.exr"), somebody(value=0.9))
+    with pytest.warns(UserWarning, match="resume: 5 of 5 frames"):
+        shots.render(plates, STILL, tmp_path / "r.%04d.exr", resume=True, **arguments)
 
 
 def test_display_is_no_part_of_scene_linear_frames(stub, plates, tmp_path):

@@ -1,0 +1,178 @@
+"""The colour of the light in which a person was photographed, so that it leaves the albedo.
+
+The network's gain is grey: it takes shading and shadow off the photograph, but not the difference in colour
+between the lights. Where the sun is warm and the sky blue, old shadows would stay in the albedo as blue
+patches. The model of the light's log-chromaticity (log R/G, log B/G) at a pixel has three parts:
+
+- two lights: a key, and an ambient light that reaches all pixels alike. The key's share of a pixel's light
+  follows from how much brighter the pixel is lit than the darkest ones;
+- a change with the normal, for lamps of different colours on different sides;
+- a slope of saturation with the light's level, for the tone curve of a camera.
+
+It is fitted to pairs of near pixels of similar albedo, which most often show one material: their difference
+in colour is that of the light. Reweighting leaves out the other pairs (iteratively reweighted least squares
+with Cauchy's weights, inside Gauss-Newton). Lightness stays as the network gives it.
+"""
+
+from typing import NamedTuple
+
+import numpy as np
+import torch
+
+from relight.media.colour import LUMINANCE
+
+PAIRS = 12_000
+REACH = 0.05  # largest distance of a pair along each axis, relative to the person's height
+SIMILAR_ALBEDO = 0.35  # largest difference of a pair in log luminance of the albedo
+AMBIENT_QUANTILE = 0.15  # of the light's level: at or below it, the ambient light is alone
+RESIDUAL = 0.1  # log-chromaticity, at which a pair's weight falls to a half
+FIRST_RESIDUAL = 0.4  # the same at the first step, so that a strong colour is not taken for another material
+STEPS = 12
+MAX_STEP = 0.5
+AMBIENT_RIDGE, NORMAL_RIDGE, SATURATION_RIDGE = 1e-3, 2e-3, 2e-2  # a pair; draw what is not seen to zero
+MAX_COLOUR, MAX_SATURATION = 1.5, 0.5
+MIN_EXPLAINED = 0.15  # share of the differences in colour that the light explains; neutral lights reach 0.14
+MIN_PAIRS = 500
+DARKEST = 0.06  # display-encoded: darker pixels have no reliable colour
+NEARLY_CLIPPED = 0.98  # relative to the brightest pixel, display-encoded
+FLOOR = 1e-4  # linear
+
+
+class OldLight(NamedTuple):
+    """The light's colour over a photographed person. The default is a light of one colour."""
+
+    ambient: tuple[float, float] = (0.0, 0.0)  # log-chromaticity of the ambient light relative to the key
+    slopes: tuple[float, ...] = (0.0,) * 6  # of log R/G along the normal's x, y, z, then of log B/G
+    saturation: float = 0.0  # share by which saturation falls a factor e of light
+    ambient_level: float = 1.0  # grey light at which the ambient light is alone, relative to the photograph's
+    middle_level: float = 1.0  # its median over the person
+    middle: tuple[float, float] = (0.0, 0.0)  # median log-chromaticity of the light, which the albedo keeps
+
+    def tint(self, light: torch.Tensor, albedo: torch.Tensor, normals: torch.Tensor) -> torch.Tensor:
+        """Return the colour of the light (3, h, w), by which the albedo is to be divided.
+
+        Parameters
+        ----------
+        light
+            (3, h, w) the photograph over its albedo, linear.
+        albedo
+            (3, h, w) linear, photograph times grey gain. Divided by the tint it keeps its luminance.
+        normals
+            (3, h, w) unit vectors, camera frame.
+        """
+        if self == OldLight():
+            return torch.ones_like(albedo)
+        level = light.mean(dim=0).clamp_min(1e-12)
+        share = (1 - self.ambient_level / level).clamp_min(0)
+        ambient = torch.tensor(self.ambient).view(2, 1, 1)
+        slopes = torch.tensor(self.slopes).view(2, 3)
+        colour = (share + (1 - share) * ambient.exp()).log() + torch.einsum("cn,nhw->chw", slopes, normals)
+        colour = colour - torch.tensor(self.middle).view(2, 1, 1)
+        seen = _chromaticity(albedo) - colour
+        colour = colour + seen * (1 - (self.saturation * (level / self.middle_level).log()).exp())
+        tint = torch.stack([colour[0], torch.zeros_like(level), colour[1]]).exp()
+        return tint * (_luminance(albedo / tint) / _luminance(albedo))
+
+    @classmethod
+    def fit(
+        cls,
+        photograph: torch.Tensor,
+        light: torch.Tensor,
+        albedo: torch.Tensor,
+        normals: torch.Tensor,
+        known: torch.Tensor,
+    ) -> "OldLight":
+        """Fit the light of a photograph (3, h, w), exposed and display-encoded, of a person.
+
+        `known` (h, w) is where it shows them; the other arguments are those of `tint`. If the colour of the
+        light is not seen to vary, the result is `OldLight()`, which changes nothing.
+        """
+        level = light.mean(dim=0).clamp_min(1e-12)
+        brightest = photograph.amax(dim=0)
+        clipped = brightest > NEARLY_CLIPPED * brightest[known].max()
+        reliable = known & ~clipped & (photograph.amin(dim=0) > DARKEST)
+        pairs = _pairs(_luminance(albedo)[0].log().numpy(), reliable.numpy())
+        if len(pairs[0]) < MIN_PAIRS:
+            return cls()
+        levels, normal, colour = (
+            values.flatten(-2).double().numpy()[..., pairs]
+            for values in (level, normals, _chromaticity(albedo))
+        )
+        ambient_level = float(torch.quantile(level[known], AMBIENT_QUANTILE))
+        shares = np.maximum(0, 1 - ambient_level / levels)
+        solution, explained = _solve(shares, normal, colour, -np.log(levels))
+        if explained < MIN_EXPLAINED:
+            return cls()
+        values = [float(value) for value in solution]
+        found = cls(
+            (values[0], values[1]), tuple(values[2:8]), values[8], ambient_level, float(level[known].median())
+        )
+        tint = found._replace(saturation=0.0).tint(light, albedo, normals)
+        red, blue = (float(channel[known].median()) for channel in _chromaticity(tint))
+        return found._replace(middle=(red, blue))
+
+
+def _pairs(log_albedo: np.ndarray, reliable: np.ndarray) -> np.ndarray:
+    """Draw pairs of near pixels of similar albedo: (2, N) indices into the canvas, the same each time."""
+    rows, columns = np.nonzero(reliable)
+    if not len(rows):
+        return np.zeros((2, 0), int)
+    rng = np.random.default_rng(0)
+    reach = REACH * (np.ptp(rows) + 1)
+    first = rng.integers(len(rows), size=PAIRS)
+    down, right = np.rint(rng.uniform(-reach, reach, (2, PAIRS))).astype(int)
+    y, x = rows[first] + down, columns[first] + right
+    height, width = reliable.shape
+    inside = (y >= 0) & (y < height) & (x >= 0) & (x < width)
+    pairs = np.stack([rows[first] * width + columns[first], y * width + x])[:, inside]
+    pairs = pairs[:, reliable.ravel()[pairs[1]]]
+    return pairs[:, np.abs(np.subtract(*log_albedo.ravel()[pairs])) < SIMILAR_ALBEDO]
+
+
+def _solve(
+    shares: np.ndarray, normals: np.ndarray, colours: np.ndarray, gains: np.ndarray
+) -> tuple[np.ndarray, float]:
+    """Fit the model to pairs: shares of the key (2, N), normals (3, 2, N), log-chromaticity (2, 2, N), gains.
+
+    Returns the nine unknowns in the order of `OldLight`, and the share of the colours' differences, squared,
+    that they explain.
+    """
+    differences = colours[:, 0] - colours[:, 1]
+    turned, ascent = normals[:, 0] - normals[:, 1], (gains[0] - gains[1]) * colours.mean(axis=1)
+    ridge = shares.shape[1] * np.repeat([AMBIENT_RIDGE, NORMAL_RIDGE, SATURATION_RIDGE], [2, 6, 1])
+    low = np.r_[np.full(8, -MAX_COLOUR), 0]
+    high = np.r_[np.full(8, MAX_COLOUR), MAX_SATURATION]
+    solution = np.zeros(9)
+    left = seen = 0.0
+    for step in range(STEPS + 1):
+        hessian, gradient, left, seen = np.diag(ridge), -ridge * solution, 0.0, 0.0
+        scale = max(RESIDUAL, FIRST_RESIDUAL * 0.7**step)
+        for channel in range(2):
+            ambient = np.exp(solution[channel])
+            light = shares + (1 - shares) * ambient
+            jacobian = np.zeros((9, shares.shape[1]))
+            jacobian[channel] = np.subtract(*((1 - shares) * ambient / light))
+            jacobian[2 + 3 * channel : 5 + 3 * channel] = turned
+            jacobian[8] = ascent[channel]
+            residual = differences[channel] - np.subtract(*np.log(light)) - solution[2:] @ jacobian[2:]
+            weights = 1 / (1 + (residual / scale) ** 2)
+            hessian = hessian + (weights * jacobian) @ jacobian.T
+            gradient = gradient + (weights * jacobian) @ residual
+            left += float((weights * residual**2).sum())
+            seen += float((weights * differences[channel] ** 2).sum())
+        if step < STEPS:
+            update = np.linalg.solve(hessian, gradient).clip(-MAX_STEP, MAX_STEP)
+            solution = (solution + update).clip(low, high)
+    return solution, 1 - left / seen if seen > 1e-12 * shares.size else 0.0
+
+
+def _chromaticity(colours: torch.Tensor) -> torch.Tensor:
+    """Return log R/G and log B/G (2, h, w) of linear colours (3, h, w)."""
+    logs = colours.clamp_min(FLOOR).log()
+    return logs[::2] - logs[1:2]
+
+
+def _luminance(colours: torch.Tensor) -> torch.Tensor:
+    """Return the luminance (1, h, w) of linear colours (3, h, w), above zero."""
+    weights = torch.from_numpy(LUMINANCE).to(colours)
+    return torch.einsum("c,chw->hw", weights, colours.clamp_min(FLOOR))[None]

@@ -1,0 +1,88 @@
+import numpy as np
+import pytest
+import torch
+
+from relight.analysis.old_light import OldLight
+
+SUN, SKY = (1.0, 0.9, 0.75), (0.8, 0.95, 1.15)
+SKIN, WHITE, BLACK = (0.5, 0.32, 0.22), (0.85, 0.85, 0.85), (0.03, 0.03, 0.03)
+
+
+def canvas(sun=SUN, sky=SKY, contrast=1.0, size=96):
+    """Three materials in bands, with a cast shadow that crosses each: what `OldLight.fit` takes, and albedo.
+
+    The gain that infers the albedo is exact, and grey.
+    """
+    generator = torch.Generator().manual_seed(0)
+    albedo = torch.empty(3, size, size)
+    for band, paint in zip(albedo.split(size // 3, dim=1), (SKIN, WHITE, BLACK), strict=True):
+        texture = 1 + 0.1 * torch.rand(band.shape[1:], generator=generator)
+        band[:] = torch.tensor(paint).view(3, 1, 1) * texture
+    x = torch.linspace(-0.9, 0.9, size).expand(size, size)
+    normals = torch.stack([x, torch.zeros_like(x), (1 - x**2).sqrt()])
+    shadow = torch.arange(size) // (size // 6) % 2
+    key = 0.8 * normals[2] * shadow
+    light = key * torch.tensor(sun).view(3, 1, 1) + 0.2 * torch.tensor(sky).view(3, 1, 1)
+    photograph = albedo * light**contrast
+    level = (light**contrast).mean(dim=0, keepdim=True).expand(3, -1, -1)
+    encoded = (photograph * 2).clamp(0, 4) ** (1 / 2.2)
+    return (encoded, level, photograph / level, normals, torch.ones(size, size, dtype=torch.bool)), albedo
+
+
+def spread(albedo, truth):
+    """RMS of the error in log-chromaticity, without a tint of the whole."""
+    wrong = albedo.log() - truth.log()
+    wrong = wrong[::2] - wrong[1:2]
+    return float((wrong - wrong.flatten(1).mean(dim=1)[:, None, None]).square().mean().sqrt())
+
+
+def test_the_colours_of_sun_and_sky_leave_the_albedo():
+    seen, truth = canvas()
+    _, light, albedo, normals, _ = seen
+    tint = OldLight.fit(*seen).tint(light, albedo, normals)
+    assert spread(albedo, truth) > 0.1
+    assert spread(albedo / tint, truth) < 0.03
+
+
+def test_lightness_stays_and_white_and_black_are_grey():
+    seen, truth = canvas()
+    _, light, albedo, normals, _ = seen
+    found = albedo / OldLight.fit(*seen).tint(light, albedo, normals)
+    weights = torch.tensor([0.2126, 0.7152, 0.0722])
+    lightness = [torch.einsum("c,chw->hw", weights, colours) for colours in (found, albedo)]
+    torch.testing.assert_close(*lightness, rtol=1e-3, atol=1e-5)
+    cloth = found[:, truth.amax(dim=0) == truth.amin(dim=0)]
+    cloth = cloth / cloth.mean(dim=1, keepdim=True)  # the tint of the whole picture stays
+    assert float((cloth.amax(dim=0) / cloth.amin(dim=0)).mean()) < 1.06
+
+
+def test_lamps_on_two_sides_are_told_by_the_normals():
+    seen, truth = canvas()
+    _, _, _, normals, known = seen
+    left, right = normals[0].clamp_min(0), (-normals[0]).clamp_min(0)
+    light = sum(side * torch.tensor(c).view(3, 1, 1) for side, c in ((left, SUN), (right, SKY))) + 0.3
+    level = light.mean(dim=0, keepdim=True).expand(3, -1, -1)
+    albedo = truth * light / level
+    old = OldLight.fit((2 * truth * light) ** (1 / 2.2), level, albedo, normals, known)
+    assert spread(albedo / old.tint(level, albedo, normals), truth) < 0.6 * spread(albedo, truth)
+
+
+def test_a_light_of_one_colour_changes_nothing():
+    seen, _ = canvas(SUN, SUN)
+    assert OldLight.fit(*seen) == OldLight()
+    assert (OldLight().tint(*seen[1:4]) == 1).all()
+
+
+def test_a_flat_photograph_changes_nothing():
+    _, _, _, normals, known = canvas()[0]
+    flat = torch.tensor(SKIN).view(3, 1, 1).expand(3, *known.shape).contiguous()
+    assert OldLight.fit(flat, torch.ones_like(flat), flat, normals, known) == OldLight()
+
+
+@pytest.mark.parametrize("pixels", [0, 1, 20])
+def test_a_few_pixels_change_nothing(pixels):
+    encoded, light, albedo, normals, known = canvas()[0]
+    few = torch.from_numpy(np.arange(known.numel()).reshape(known.shape) < pixels)
+    if not pixels:  # all of them too dark
+        few, encoded = known, encoded * 0
+    assert OldLight.fit(encoded, light, albedo, normals, few) == OldLight()
