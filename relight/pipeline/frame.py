@@ -7,6 +7,7 @@ import functools
 import importlib
 import os
 from collections.abc import Iterable, Sequence
+from contextlib import suppress
 from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, NamedTuple
@@ -159,6 +160,16 @@ class FrameReader:
             raise ValueError("matte: expected one of mask, key and matte (--mask, --key, --matte)")
         return SequenceMatting(options, lambda n: self._log.read(self.plates, n), self.plates.numbers)
 
+    @functools.cached_property
+    def _finds_mattes(self) -> bool:
+        """Whether mattes are found or refined: not if the first plate, which is read, has alpha."""
+        if self._must_matte:
+            return True
+        for number in self.numbers:
+            with suppress(OSError, ValueError):  # that frame is reported when it is its turn
+                return refine.is_opaque(self.plates.read(number))
+        return True
+
     @property
     def _must_matte(self) -> bool:
         """Whether a matte is asked for expressly, so that alpha is refused and not taken."""
@@ -235,7 +246,7 @@ class FrameReader:
         """Return the (reader, frame number) pairs from which the persons of frames are made."""
         wanted = list(around)
         pairs = [(reader, n) for n in wanted for reader in self.readers]
-        if self._matting is not None:
+        if self._matting is not None and self._finds_mattes:
             pairs += [(self.plates, m) for n in wanted for m in self._matting.frames_read(n)]
         return pairs
 

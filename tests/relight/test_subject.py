@@ -261,10 +261,12 @@ def test_a_subject_refuses_invalid_images_masks_albedo_and_normals(arguments, er
         relight.Subject(**({"image": IMAGE} | arguments))
 
 
-@pytest.mark.parametrize("lights", [3, "key", [LEFT, (0, 0, 1)]])
+@pytest.mark.parametrize("lights", [3, [LEFT, (0, 0, 1)]])
 def test_only_lights_light(sphere, lights):
     with pytest.raises(TypeError, match="lights: expected lights"):
         sphere.relit(lights)
+    with pytest.raises(ValueError, match="lights: expected lights, or a preset: three-point"):
+        sphere.relit("key")
 
 
 @pytest.mark.parametrize("ask", ["visibility", "shading"])

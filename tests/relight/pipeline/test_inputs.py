@@ -5,6 +5,7 @@ import pytest
 
 import relight
 from relight import Lighting, Output, Source
+from relight.errors import MissingNetworksError
 from relight.pipeline.frame import Placement
 from relight.pipeline.shot import Shot
 
@@ -87,7 +88,9 @@ def test_what_lights_and_a_background_need_of_each_other(plate):
 
 
 def test_a_photograph_without_a_matte_is_named(plate):
-    with pytest.raises(ValueError, match=r"\(--mask FILE\), have it made \(--matte MODEL\), or key"):
+    with pytest.raises(
+        MissingNetworksError, match=r"\(--mask FILE\), name a matting model \(--matte MODEL\), or key"
+    ):
         Shot(Source(plate[..., :3])).frame(0)
     person = Shot(Source(plate[..., :3], mask=plate[..., 3])).frame(0)
     np.testing.assert_array_equal(person.matte, plate[..., 3])
