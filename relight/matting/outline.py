@@ -33,6 +33,7 @@ NEIGHBOURS = 12  # samples of known colour that vote on a pixel
 PLACE = 0.08  # how far the picture's longer side is, as a distance of colours: near samples count more
 NEARNESS = 3.0  # logarithm of the odds at the band's rim, of being inside
 PRIOR = 0.02  # weight of the priors beside the matting Laplacian
+REFINED_PRIOR = 0.002  # the same for `refine`, whose prior is blurred: more weight makes edges soft
 MARGIN = 0.12  # of the outline's size, of the photograph around it that is looked at
 FILTER = "triangle"  # of OpenImageIO, for copies
 PERSON, BACKGROUND, UNKNOWN = 1.0, 0.0, 0.5  # values of a trimap
@@ -149,7 +150,9 @@ def refine(image: ArrayLike, matte: np.ndarray) -> np.ndarray:
         max(rows.min() - 8, 0) : min(rows.max() + 9, height),
         max(columns.min() - 8, 0) : min(columns.max() + 9, width),
     ]
-    fine, coarse = encoded_srgb(pixels[box]), np.asarray(matte[box], np.float32)
+    # Colours mix in linear light: in encoded values, the edge of dark cloth on a bright wall is too thin.
+    fine = np.ascontiguousarray(pixels[box].clip(0, 1), np.float32)
+    coarse = np.asarray(matte[box], np.float32)
     shrink = min(1.0, REFINED_SIDE / max(coarse.shape))
     size = (max(3, round(coarse.shape[0] * shrink)), max(3, round(coarse.shape[1] * shrink)))
     seen = resize(fine, size, FILTER)
@@ -158,7 +161,7 @@ def refine(image: ArrayLike, matte: np.ndarray) -> np.ndarray:
     inside = rough > 0.5
     known[ndimage.binary_erosion(inside, iterations=BAND, border_value=1)] = PERSON
     known[~ndimage.binary_dilation(inside, iterations=BAND)] = BACKGROUND
-    alpha = _closed_form(seen, known, rough, np.full(size, PRIOR))
+    alpha = _closed_form(seen, known, rough, np.full(size, REFINED_PRIOR))
     refined = np.zeros((height, width), np.float32)
     refined[box] = alpha if shrink == 1 else _guided(seen, alpha, fine)
     return refined

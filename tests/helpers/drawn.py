@@ -13,12 +13,13 @@ def photographed(record, background, seed, height=640):
     weights = random.gamma(0.3, size=(len(record.directions), 1)) * np.ones((1, 3))
     lit = record.image(photographs.light(record, weights.astype(np.float32))).permute(1, 2, 0).numpy()
     mask = np.asarray(record.mask)
-    person = np.clip(lit * (0.25 / lit[mask].mean()), 0, 1) ** (1 / 2.2)
-    behind = np.asarray(Image.fromarray(background).resize(mask.shape[::-1]), np.float32) / 255
-    codes = np.where(mask[..., None], person, behind)
+    person = np.clip(lit * (0.25 / lit[mask].mean()), 0, 1)
+    behind = (np.asarray(Image.fromarray(background).resize(mask.shape[::-1]), np.float32) / 255) ** 2.2
+    light = np.where(mask[..., None], person, behind)
     times = height / mask.shape[0]
-    codes, matte = zoom(codes, (times, times, 1), order=1), zoom(mask.astype(np.float32), times, order=1)
-    return np.round(codes * 255).astype(np.uint8), matte
+    # A lens mixes light, not codes.
+    light, matte = zoom(light, (times, times, 1), order=1), zoom(mask.astype(np.float32), times, order=1)
+    return np.round(light.clip(0, 1) ** (1 / 2.2) * 255).astype(np.uint8), matte
 
 
 def polygon(matte, seed, corners=24, off=0.015):
