@@ -421,8 +421,8 @@ def test_a_plate_replaced_during_the_analysis_is_kept_with_the_hash_of_what_was_
     kept = storage.read_header(
         tmp_path / "s.relight" / ("000102.safetensors" if moving else "still.safetensors")
     )
-    hashes = {source["path"]: source["sha256"] for source in kept["provenance"]["sources"]}
-    assert hashes["../p.0102.exr"] == read
+    hashes = {Path(source["path"]).name: source["sha256"] for source in kept["provenance"]["sources"]}
+    assert hashes["p.0102.exr"] == read
     cache = AnalysisCache(tmp_path / "s.relight")
     with pytest.raises(ValueError, match=r"is stale, .*p\.0102\.exr has changed since"):
         cache.read(102)
