@@ -2,6 +2,7 @@
 
 import os
 import secrets
+import stat
 from collections.abc import Collection, Iterator
 from contextlib import contextmanager
 from pathlib import Path
@@ -18,17 +19,18 @@ def replacing(path: AnyPath) -> Iterator[Path]:
     either the old file or the new one, complete. If the block raises, or the process is killed, the old file
     stays as it was and nothing else is left: on most file systems of Linux, the new file has no name until it
     is complete. Elsewhere a killed process leaves a hidden file. A symbolic link stays, and the file that it
-    points to is replaced.
+    points to is replaced. The new file has the mode of the one that it replaces.
 
     Raises
     ------
     OSError
-        The system refuses, for example because the disk is full. The message names `path`, not the temporary
-        file.
+        There is a pipe, a device or a folder, or the system refuses, for example because the disk is full.
+        The message names `path`, not the temporary file.
     """
     path = Path(path)
     target = Path(os.path.realpath(path))
-    beside = target.with_name(f".{target.stem}-{secrets.token_hex(4)}{path.suffix}")
+    mode = _mode(path, target)
+    beside = target.with_name(f".{secrets.token_hex(8)}{path.suffix}")  # short, where a long name is legal
     unnamed = _unnamed(target.parent)
     written = beside if unnamed is None else Path(f"/proc/self/fd/{unnamed}")
     try:
@@ -36,8 +38,12 @@ def replacing(path: AnyPath) -> Iterator[Path]:
         if unnamed is None:
             with beside.open("rb+") as file:
                 _flush(file.fileno())
+            if mode is not None:
+                beside.chmod(mode)
         else:
             _flush(unnamed)
+            if mode is not None:
+                os.fchmod(unnamed, mode)
             # Python follows the link only if a directory descriptor is given, though the path is absolute.
             os.link(written, beside, src_dir_fd=unnamed)
         os.replace(beside, target)
@@ -50,6 +56,17 @@ def replacing(path: AnyPath) -> Iterator[Path]:
         beside.unlink(missing_ok=True)
         if unnamed is not None:
             os.close(unnamed)
+
+
+def _mode(path: Path, target: Path) -> int | None:
+    """Return the mode of the file that is to be replaced; None without one. OSError for another kind."""
+    try:
+        mode = target.stat().st_mode
+    except OSError:
+        return None
+    if not stat.S_ISREG(mode):
+        raise OSError(f"{path}: is no regular file, expected one or none")
+    return stat.S_IMODE(mode)
 
 
 def _flush(descriptor: int) -> None:
@@ -89,6 +106,8 @@ def check_writable(path: AnyPath, suffixes: Collection[str]) -> Path:
         raise FileNotFoundError(f"{path}: the folder {folder} does not exist")
     if path.is_dir():
         raise IsADirectoryError(f"{path}: is a folder, expected the name of a file")
+    if path.exists() and not path.is_file():
+        raise OSError(f"{path}: is no regular file, expected the name of one")
     if not os.access(folder, os.W_OK | os.X_OK):
         raise PermissionError(f"{path}: the folder {folder} is not writable")
     return path

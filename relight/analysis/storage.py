@@ -141,7 +141,7 @@ def _open(path: AnyPath, whole: bool = True) -> tuple[dict[str, Any], dict[str, 
             header = json.loads((file.metadata() or {}).get("relight", "{}"))
             names = header.get("arrays", {})
             tensors = {name: file.get_tensor(name) for name in names if whole}
-    except (SafetensorError, json.JSONDecodeError, RecursionError) as error:
+    except (SafetensorError, RecursionError, ValueError) as error:
         raise DamagedFileError(f"{path}: is damaged or truncated, or no safetensors file: {error}") from error
     except (AttributeError, TypeError) as error:
         raise DamagedFileError(f"{path}: is damaged: {error}") from error

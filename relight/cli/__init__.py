@@ -22,6 +22,7 @@ from relight.cli.options import EXAMPLES
 from relight.cli.stage import stage
 from relight.cli.training import shrink, train
 from relight.cli.view import view
+from shadow.installing import install_command
 
 EXTRAS = {  # of modules that only some commands need
     "anny": "stage", "embreex": "stage", "mitsuba": "stage", "numba": "stage", "trimesh": "stage",
@@ -38,7 +39,7 @@ class _OneLineErrors(TyperGroup):
         except (ImportError, OSError, TypeError, ValueError) as error:
             message = " ".join(str(error).split())
             if isinstance(error, ModuleNotFoundError) and (extra := EXTRAS.get(error.name or "")):
-                message = f"needs {error.name}; install it with: pip install 'relight[{extra}]'"
+                message = f"needs {error.name}; install it with: {install_command(extra)}"
             typer.echo(f"relight: {message}", err=True)
             raise typer.Exit(2) from error
         except MemoryError as error:

@@ -10,6 +10,7 @@ from typing import Annotated, Any
 import typer
 
 from relight.cli.options import console
+from shadow.installing import install_command
 
 
 def app(
@@ -31,7 +32,7 @@ def app(
         from relight.app.serving import serve
     except ModuleNotFoundError as error:
         raise ModuleNotFoundError(
-            f"the application needs {error.name}; install it with: pip install 'relight[app]'"
+            f"the application needs {error.name}; install it with: {install_command('app')}"
         ) from error
 
     opened: list[Callable[[str], Any]] = [typer.echo] if no_browser else [typer.echo, typer.launch]

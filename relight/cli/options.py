@@ -15,7 +15,7 @@ from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, T
 
 from relight.pipeline.options import GROUPS, Options, from_json
 
-console = Console(stderr=True)
+console = Console(stderr=True, markup=False, highlight=False)
 
 EXAMPLES = """A photograph: relight apply photo.jpg --preset golden-hour -o out.jpg
 

@@ -17,6 +17,7 @@ from relight.pipeline.options import Compute, Lighting, Output, Source
 from relight.pipeline.render import render_shot
 from relight.pipeline.shot import Shot
 from relight.subject import weights
+from shadow.installing import install_command
 
 MAX_CHUNK_FRAMES = 10  # each chunk also analyses the two frames before it and the two after it
 MAX_FAILURES = 3  # of a frame, alone or with a reason, before it is given up
@@ -295,4 +296,4 @@ def _needs(package: str) -> None:
     try:
         importlib.import_module(package)
     except ImportError as error:
-        raise ImportError(f"dask: needs {package}; install it with: pip install 'relight[farm]'") from error
+        raise ImportError(f"dask: needs {package}; install it with: {install_command('farm')}") from error

@@ -12,6 +12,7 @@ from scipy.ndimage import minimum_filter, uniform_filter
 from relight.errors import EmptyMatteError
 from relight.media.images import person_mask, scene_linear
 from relight.media.resampling import fill_unknown
+from shadow.installing import install_command
 
 SCREENS = {"green": 1, "blue": 2}  # index of the screen's channel
 MIN_SATURATION = 0.3  # least difference of a screen's channel to the others, as a share of it
@@ -77,7 +78,7 @@ def key(image: ArrayLike, screen: str = "green", *, mask: ArrayLike | None = Non
     try:
         from pymatting.foreground.estimate_foreground_ml import estimate_foreground_ml
     except ImportError as error:
-        raise ImportError("key: needs PyMatting; install it with: pip install 'relight[key]'") from error
+        raise ImportError(f"key: needs PyMatting; install it with: {install_command('key')}") from error
 
     channel = SCREENS[screen]
     observed = _difference(pixels, channel)

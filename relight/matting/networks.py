@@ -19,6 +19,7 @@ from relight.errors import EmptyMatteError
 from relight.matting.person import NOBODY, FoundPerson
 from relight.matting.refine import encoded_srgb, opaque_photograph, select_person
 from shadow.files import AnyPath
+from shadow.installing import install_command
 from shadow.networks.onnx import MAX_SIDE, OnnxFile, Preprocessing, Shape, checked_maps
 
 AUTO = "auto"  # the model that finds the person
@@ -307,7 +308,7 @@ class _Rembg:
         except ImportError as error:
             raise ImportError(
                 f"matte: {name} is no .onnx file, and for a name rembg is needed; install it with: "
-                "pip install 'relight[matte]'"
+                f"{install_command('matte')}"
             ) from error
         known = sorted({found if isinstance(found, str) else found.name() for found in sessions})
         if name not in known:

@@ -24,6 +24,7 @@ from scipy.spatial import cKDTree
 from relight.matting.refine import encoded_srgb
 from relight.media.images import coverage, scene_linear
 from relight.media.resampling import resize
+from shadow.installing import install_command
 
 SLACK = 0.03  # of the outline's height: how far the true edge may be from the line that was drawn
 SOLVED_SIDE = 360  # pixels, the longer side of the copy on which an outline is solved
@@ -278,7 +279,7 @@ def _closed_form(seen: np.ndarray, known: np.ndarray, prior: np.ndarray, weight:
         from pymatting.preconditioner.ichol import ichol
         from pymatting.solver.cg import cg
     except ImportError as error:
-        raise ImportError("outline: needs PyMatting; install it with: pip install 'relight[key]'") from error
+        raise ImportError(f"outline: needs PyMatting; install it with: {install_command('key')}") from error
     import scipy.sparse
 
     threads = torch.get_num_threads()

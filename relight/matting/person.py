@@ -29,6 +29,7 @@ from relight.matting.refine import ALL, encoded_srgb, opaque_photograph
 from relight.media.resampling import resize
 from shadow.files import AnyPath
 from shadow.framing import affine_sample
+from shadow.installing import install_command
 
 DETECTOR_SIDE, LANDMARK_SIDE = 224, 256  # pixels of the networks' square inputs
 STRIDES = (8, 16, 32, 32, 32)  # pixels of the detector's layers of anchors; each cell has two anchors
@@ -407,7 +408,7 @@ def _openvino() -> ModuleType:
             import openvino
         except ImportError as error:
             raise ImportError(
-                "matte: to find the person OpenVINO is needed; install it with: pip install 'relight[auto]'"
+                f"matte: to find the person OpenVINO is needed; install it with: {install_command('auto')}"
             ) from error
     return openvino
 

@@ -11,6 +11,7 @@ from scipy.ndimage import distance_transform_edt, label
 
 from relight.media import colour
 from relight.media.images import scene_linear
+from shadow.installing import install_command
 
 ALL = "all"  # people, in place of one of them
 OPAQUE, OPAQUE_SHARE = 0.99, 0.999  # alpha is no matte where this share of its pixels is at least so opaque
@@ -131,4 +132,4 @@ def _pymatting(module: str, name: str) -> Any:
     try:
         return getattr(import_module(f"pymatting.{module}"), name)
     except ImportError as error:
-        raise ImportError("matte: needs PyMatting; install it with: pip install 'relight[matte]'") from error
+        raise ImportError(f"matte: needs PyMatting; install it with: {install_command('matte')}") from error

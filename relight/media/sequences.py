@@ -5,6 +5,7 @@ A sequence of OpenEXR files may name a layer of them: `plate.%04d.exr:albedo`.
 
 import functools
 import itertools
+import os
 import re
 import warnings
 from collections.abc import Callable, Iterator
@@ -81,6 +82,11 @@ def _span(text: str) -> tuple[int, int, int]:
     return int(first), int(last or first), int(step or 1)
 
 
+def _stands_alone(name: str, token: re.Match) -> bool:
+    """Return whether no letter or digit touches a frame number on its right side."""
+    return not name[token.end() : token.end() + 1].isalnum()
+
+
 @dataclass(frozen=True)
 class FrameSequence:
     """The files of a sequence: `before`, the frame number with at least `digits` digits, `after`.
@@ -99,7 +105,8 @@ class FrameSequence:
         """Return the sequence that `path` names, or None if it names a single file.
 
         The frame number is `%04d` (or `%d`) or `####`, one `#` a digit, once in the file's name. A file of
-        that very name is what it is.
+        that very name is what it is; so is a name in which a single `#` or `%d` stands within a word, as in
+        `take#2.png` and `50%done.png`, unless such numbered files exist.
 
         Raises ValueError if there are two frame numbers.
         """
@@ -110,6 +117,12 @@ class FrameSequence:
         if len(tokens) > 1:
             raise ValueError(f"{path}: expected one frame number, such as %04d or ####, got {len(tokens)}")
         token = tokens[0]
+        if token.group() in ("#", "%d") and not _stands_alone(path.name, token):
+            number = re.compile(
+                rf"{re.escape(path.name[: token.start()])}-?\d+{re.escape(path.name[token.end() :])}"
+            )
+            if not path.parent.is_dir() or not any(map(number.fullmatch, os.listdir(path.parent))):
+                return None
         digits = len(token["hashes"]) if token["hashes"] else int(token["printf"] or 1)
         return cls(path.parent, path.name[: token.start()], max(digits, 1), path.name[token.end() :], layer)
 

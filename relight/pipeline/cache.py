@@ -23,6 +23,7 @@ from shadow.files import AnyPath
 
 SUFFIX = ".relight"
 STILL = f"still{storage.SUFFIX}"  # the name of the one file of a still
+NEEDED = ("options", "precision", "sources")  # of a frame's provenance
 AGAIN = "run `relight analyse` again"
 
 
@@ -153,7 +154,13 @@ class AnalysisCache:
             raise StaleAnalysisError(f"{path}: was analysed with other weights than this version's; {AGAIN}")
         if "content_hash" not in provenance:
             raise ValueError(f"{path}: is not a frame of a shot")
-        changed, missing = compare_sources(self.folder, provenance)
+        unsaid = [name for name in NEEDED if name not in provenance]
+        if unsaid:
+            raise DamagedFileError(f"{path}: is damaged: it does not say its {unsaid[0]}")
+        try:
+            changed, missing = compare_sources(self.folder, provenance)
+        except (LookupError, TypeError) as error:
+            raise DamagedFileError(f"{path}: is damaged: its sources are none: {error}") from error
         if changed:
             raise StaleAnalysisError(f"{path}: is stale, {changed[0]} has changed since; {AGAIN}")
         if missing:

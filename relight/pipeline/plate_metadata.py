@@ -10,6 +10,7 @@ from typing import Any, Self
 from relight.media import images, movies
 from relight.media.movies import RATE
 from relight.media.movies.tracks import has_sound, read_tags
+from relight.media.privacy import is_private
 from relight.media.timecode import offset_timecode, pack_timecode, packs, unpack_timecode
 from relight.pipeline.readers import Reader
 
@@ -65,9 +66,17 @@ class PlateMetadata:
                 raise ValueError(f"expected version {VERSION}, got {value['version']}")
             begin, end = map(Fraction, value["shown"])
             return cls(
-                {name: _typed(*each) for name, each in value["header"].items()},
+                {
+                    name: _typed(*each)
+                    for name, each in value["header"].items()
+                    if not is_private(name, each[1])
+                },
                 value["timecode"],
-                {str(name): str(text) for name, text in value["tags"].items()},
+                {
+                    str(name): str(text)
+                    for name, text in value["tags"].items()
+                    if not is_private(str(name), str(text))
+                },
                 None if value["sound"] is None else Path(os.path.normpath(folder / value["sound"])),
                 begin,
                 end,

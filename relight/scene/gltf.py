@@ -9,6 +9,7 @@ from relight.scene.asset import Asset
 from relight.scene.gltf_lights import EXTENSION, place_nodes, punctual_lights
 from relight.scene.mesh import CUTOFF
 from shadow.files import replacing
+from shadow.installing import install_command
 
 
 def write(path: Path, asset: Asset) -> None:
@@ -47,9 +48,7 @@ def _packages() -> tuple[Any, Any]:
     try:
         import trimesh
     except ModuleNotFoundError as error:
-        raise ModuleNotFoundError(
-            'glTF needs the extra "scene": python -m pip install "relight[scene]"'
-        ) from error
+        raise ModuleNotFoundError(f"glTF needs the extra scene: {install_command('scene')}") from error
     return trimesh, lambda png: Image.open(io.BytesIO(png))
 
 

@@ -15,6 +15,7 @@ from relight.lights.environment import EnvironmentLight
 from relight.lights.light import Light
 from relight.lights.moving import MovingLight
 from relight.lights.near import PointLight, RectLight
+from relight.media.regular_file import check_regular_file
 from relight.scene import blender, units
 from relight.scene.usd_lights import Rig, renamed
 from shadow.files import AnyPath, check_writable, replacing
@@ -178,10 +179,7 @@ def _facing(z: np.ndarray) -> list[float]:
 
 def _tree(path: Path) -> dict[str, Any]:
     """Read the JSON of a .gltf or .glb."""
-    try:
-        content = path.read_bytes()
-    except FileNotFoundError as error:
-        raise FileNotFoundError(f"{path}: no such file") from error
+    content = check_regular_file(path).read_bytes()
     if path.suffix.lower() == ".glb":
         if len(content) < 20 or struct.unpack_from("<I", content)[0] != MAGIC:
             raise ValueError(f"{path}: is not a .glb file")
@@ -227,6 +225,10 @@ def _nodes(path: Path, tree: dict[str, Any]) -> Iterable[Node]:
             stack += [(child, world) for child in reversed(node.get("children", []))]
     except (AttributeError, IndexError, KeyError, TypeError) as error:
         raise ValueError(f"{path}: is damaged: its nodes do not form a tree") from error
+    except (ArithmeticError, ValueError) as error:
+        if str(error).startswith(str(path)):
+            raise
+        raise ValueError(f"{path}: is damaged: a node's transform: {error}") from error
 
 
 def _local(node: dict[str, Any]) -> np.ndarray:
@@ -348,5 +350,5 @@ def _light(path: Path, tree: dict[str, Any], node: Node, view: np.ndarray, origi
         if entry.get("range") is not None:
             warnings.warn(f"{where}: the range of a light is not applied", stacklevel=2)
         return PointLight(position, **settings)
-    except (KeyError, TypeError, ValueError) as error:
+    except (ArithmeticError, KeyError, TypeError, ValueError) as error:
         raise ValueError(f"{where}: {error}") from error

@@ -5,7 +5,9 @@ import re
 from pathlib import Path
 from typing import Any
 
+from relight.media.regular_file import check_regular_file
 from shadow.files import AnyPath
+from shadow.installing import install_command
 
 SUFFIXES = (".usda", ".usdc", ".usdz", ".usd")
 MOST_LAYERS = 10_000
@@ -16,9 +18,7 @@ def usd() -> Any:
     try:
         import pxr
     except ModuleNotFoundError as error:
-        raise ModuleNotFoundError(
-            'USD needs the extra "scene": python -m pip install "relight[scene]"'
-        ) from error
+        raise ModuleNotFoundError(f"USD needs the extra scene: {install_command('scene')}") from error
     return pxr
 
 
@@ -43,9 +43,7 @@ def open_stage(path: AnyPath, *, allow_external: bool = False) -> Any:
     usd()
     from pxr import Sdf, Tf, Usd
 
-    path = Path(path)
-    if not path.exists():
-        raise FileNotFoundError(f"{path}: no such file")
+    path = check_regular_file(path)
     try:
         layer = Sdf.Layer.FindOrOpen(str(path.resolve()))
         if layer is not None:

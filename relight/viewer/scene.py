@@ -122,7 +122,7 @@ def _shared(light: Light) -> dict[str, Any]:
 def _environment(light: EnvironmentLight, name: str) -> dict[str, Any]:
     directions, powers = light.image.lamps
     return {
-        "path": str(light.image.path or "environment.exr"),
+        "path": "environment.exr" if light.image.path is None else light.image.path.name,
         "settings": {"name": name, "rotation": light.rotation, **_shared(light)},
         "lamps": np.concatenate([directions, powers], axis=1).astype(float).round(7).tolist(),
     }

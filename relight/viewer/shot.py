@@ -1,6 +1,7 @@
 """Write the page of a frame of a shot, from files to a file; `relight view` calls it."""
 
 import os
+import re
 from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
@@ -11,6 +12,9 @@ from relight.pipeline.shot import Shot
 from relight.viewer.page import SUFFIXES
 from relight.viewer.scene import COMMAND, DEFAULT_LIGHT, checked_lights
 from shadow import files
+
+# The folders of an absolute path, which a page that is sent away should not tell
+ABSOLUTE = re.compile(r"(^|[=:])(?:/|[A-Za-z]:[\\/])(?:[^/\\]*[/\\])*")
 
 
 def write_view(
@@ -77,13 +81,13 @@ def write_view(
     plate = shot.source.plate
     title = Path(plate).name if isinstance(plate, str | os.PathLike) else "relight"
     behind = lighting.background
-    name = str(behind) if isinstance(behind, str | os.PathLike) else None
+    name = Path(behind).name if isinstance(behind, str | os.PathLike) else None
     subject.view(
         path,
         shown,
         background=background,
         title=title,
-        command=command,
+        command=[ABSOLUTE.sub(r"\1", word) for word in command],
         background_name=name,
         gloss=lighting.gloss,
     )

@@ -5,12 +5,14 @@ from typing import Any
 
 import numpy as np
 
+from shadow.installing import install_command
+
 try:
     import anywidget
     import traitlets
 except ModuleNotFoundError as error:
     raise ModuleNotFoundError(
-        "a view in a notebook needs anywidget: pip install 'relight[notebook]'"
+        f"a view in a notebook needs anywidget; install it with: {install_command('notebook')}"
     ) from error
 
 from relight.lights.directional import DirectionalLight

@@ -8,6 +8,7 @@ import numpy as np
 import torch
 
 from shadow.files import replacing
+from shadow.installing import install_command
 
 
 def heat(values: torch.Tensor) -> torch.Tensor:
@@ -66,7 +67,7 @@ def _matplotlib() -> Any:
     try:
         import matplotlib
     except ImportError as error:
-        raise ImportError("plots: need matplotlib; install it with: pip install 'relight[train]'") from error
+        raise ImportError(f"plots: need matplotlib; install it with: {install_command('train')}") from error
     return matplotlib
 
 

@@ -10,6 +10,7 @@ import torch
 import torch.nn.functional as F
 
 from shadow.files import AnyPath
+from shadow.installing import install_command
 
 Shape = tuple[int | str | None, ...]
 # ONNX Runtime's names of the types that a photograph can be cast to.
@@ -37,7 +38,7 @@ class OnnxFile:
             import onnxruntime
         except ImportError as error:
             raise ImportError(
-                f"{path}: needs onnxruntime; install it with: pip install 'relight[matte]'"
+                f"{path}: needs onnxruntime; install it with: {install_command('matte')}"
             ) from error
         settings = onnxruntime.SessionOptions()
         settings.log_severity_level = 4  # errors are raised, so they need not be logged

@@ -10,6 +10,7 @@ import OpenImageIO as oiio
 from relight.media.buffers import problem
 from relight.media.images import phone
 from relight.media.images.layers import split_layer
+from relight.media.privacy import is_private
 from shadow.files import AnyPath
 
 # What belongs to the pixels, the file or the program that wrote it, and not to the scene and its camera.
@@ -58,7 +59,8 @@ def read_metadata(path: AnyPath) -> dict[str, TypedValue]:
 
     Timecode, frame rate, lens, exposure, camera matrices and whatever else an OpenEXR file holds; of other
     files Exif's camera, and DPX's timecode. Empty for AVIF, HEIC and camera raw, and where the header cannot
-    be read. Places (GPS) are left out.
+    be read. What is private is left out,
+    see `relight.media.privacy`.
     """
     try:
         opened = _opened(path)
@@ -68,7 +70,9 @@ def read_metadata(path: AnyPath) -> dict[str, TypedValue]:
         return {
             attribute.name: TypedValue(str(attribute.type), attribute.value)
             for attribute in opened.spec().extra_attribs
-            if _is_kept(attribute.name, is_exr) and attribute.value is not None
+            if _is_kept(attribute.name, is_exr)
+            and attribute.value is not None
+            and not is_private(attribute.name, attribute.value)
         }
     except (OSError, UnicodeDecodeError):
         return {}

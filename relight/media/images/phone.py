@@ -12,6 +12,7 @@ from relight.media.icc import Profile
 from relight.media.images import headers, isobmff, pages
 from relight.media.images.stored import StoredPicture
 from relight.media.images.turning import upright
+from shadow.installing import install_command
 
 HEIF = (".heic", ".heif", ".hif")
 AVIF = (".avif",)
@@ -178,4 +179,4 @@ def _line(error: Exception) -> str:
 
 
 def _missing(path: Path, package: str) -> ImportError:
-    return ImportError(f"{path}: needs {package}; install it with: pip install 'relight[phone]'")
+    return ImportError(f"{path}: needs {package}; install it with: {install_command('phone')}")

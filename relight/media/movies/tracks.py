@@ -12,6 +12,7 @@ import av
 from av.container import OutputContainer
 
 from relight.media.movies.streams import opened
+from relight.media.privacy import is_private
 from shadow.files import AnyPath
 
 # Tags of a container that describe the file itself, and those that a new one writes by itself.
@@ -42,7 +43,10 @@ class Tracks:
 
 
 def read_tags(path: AnyPath) -> tuple[str | None, dict[str, str]]:
-    """Read the timecode of a movie's first frame, None without one, and its container's tags."""
+    """Read the timecode of a movie's first frame, None without one, and its container's tags.
+
+    What is private is left out, see `relight.media.privacy`.
+    """
     with opened(path) as container:
         streams = [stream.metadata for stream in (*container.streams.video, *container.streams)]
         stated = [  # Matroska writes names in capitals
@@ -51,7 +55,11 @@ def read_tags(path: AnyPath) -> tuple[str | None, dict[str, str]]:
             for name, text in each.items()
             if text and name.lower() == "timecode"
         ]
-        tags = {name: text for name, text in container.metadata.items() if name.lower() not in OWN_TAGS}
+        tags = {
+            name: text
+            for name, text in container.metadata.items()
+            if name.lower() not in OWN_TAGS and not is_private(name, text)
+        }
         return (stated[0] if stated else None), tags
 
 
