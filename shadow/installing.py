@@ -12,7 +12,7 @@ def install_command(extra: str) -> str:
     """Return the command that installs an extra, for the way in which this distribution was installed.
 
     From a folder or a wheel (PEP 610, `direct_url.json`) pip takes the same path with the extra behind it;
-    from a repository its address. Without a record, it is the folder that holds the source.
+    from a repository its address. Without a record, the reader fills in the folder of the source.
 
     Examples
     --------

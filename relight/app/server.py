@@ -16,6 +16,7 @@ from starlette.routing import Route
 from relight.app.answers import json_of, notes_of, refusing, streamed, while_connected
 from relight.app.session import MASK_SUFFIX, MODELS, PICTURES, Photograph, Session
 from relight.app.worker import Refused, Worker
+from relight.lights import presets
 from relight.viewer.page import module, style
 
 ORIGINAL = "original"  # as a background: the photograph itself
@@ -97,6 +98,7 @@ class Server:
                     for name in self.session.in_root()
                 ],
                 "models": _models(),
+                "presets": presets.document(),
                 "suffixes": PICTURES,
                 "outputs": _outputs(),
                 **_finder(),

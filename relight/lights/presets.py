@@ -54,7 +54,7 @@ def named(name: str) -> list[Light]:
 
 @functools.cache
 def document() -> dict[str, Any]:
-    """Return the file: {name: {"title": as it is shown, "lights": entries of a lights file}}."""
+    """Return the file: {name: {"title": as it is shown, "lights": entries of a lights file, "gloss"}}."""
     return yaml.safe_load(files("relight").joinpath("presets.yaml").read_text(encoding="utf-8"))
 
 

@@ -82,9 +82,9 @@ def _span(text: str) -> tuple[int, int, int]:
     return int(first), int(last or first), int(step or 1)
 
 
-def _stands_alone(name: str, token: re.Match) -> bool:
-    """Return whether no letter or digit touches a frame number on its right side."""
-    return not name[token.end() : token.end() + 1].isalnum()
+def _within_word(name: str, token: re.Match) -> bool:
+    """Return whether letters or digits touch a frame number on both sides."""
+    return all(side.isalnum() for side in (name[: token.start()][-1:], name[token.end() :][:1]))
 
 
 @dataclass(frozen=True)
@@ -117,7 +117,7 @@ class FrameSequence:
         if len(tokens) > 1:
             raise ValueError(f"{path}: expected one frame number, such as %04d or ####, got {len(tokens)}")
         token = tokens[0]
-        if token.group() in ("#", "%d") and not _stands_alone(path.name, token):
+        if token.group() in ("#", "%d") and _within_word(path.name, token):
             number = re.compile(
                 rf"{re.escape(path.name[: token.start()])}-?\d+{re.escape(path.name[token.end() :])}"
             )

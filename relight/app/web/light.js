@@ -1,7 +1,7 @@
 // The third step: the viewer in place, with presets below it; stills by the server where the browser has no WebGL 2.
 
 import { Viewer, backdropOf, checkedLight, environmentText, h, keyDown, keyUp, lampsOfRows, lightTexts, mapOf, readImage, short } from "../viewer.js";
-import { PRESETS, withPreset } from "./presets.js";
+import { presetsFor, withPreset } from "./presets.js";
 import { ask, askJson } from "./requests.js";
 import { StillEngine } from "./still.js";
 import { THUMB, Thumbs } from "./thumbs.js";
@@ -115,8 +115,8 @@ export class Light {
       viewer.change((state) => Object.assign(state, rig.state));
       if (rig.state.background === "original" && !viewer.original) viewer.setBackgroundKind("none");
     } else {
-      const [[, , lights]] = PRESETS;
-      viewer.change((state) => Object.assign(state, withPreset(state, lights(viewer.room.height)), { background: viewer.original && "original" }));
+      const [first] = presetsFor(this.app.about.presets, viewer.room.height);
+      viewer.change((state) => Object.assign(state, withPreset(state, first), { background: viewer.original && "original" }));
     }
     viewer.past = [];
   }
@@ -137,23 +137,22 @@ export class Light {
   // --- presets
 
   /** Lights the person by a preset. */
-  apply(lights) {
+  apply(preset) {
     this.viewer.stop();
-    this.viewer.change((state) => Object.assign(state, withPreset(state, lights)));
+    this.viewer.change((state) => Object.assign(state, withPreset(state, preset)));
   }
 
   showPresets() {
     const { viewer } = this;
-    const { height } = viewer.room;
-    const entries = PRESETS.map(([id, name, lights]) => {
+    const entries = presetsFor(this.app.about.presets, viewer.room.height).map((preset) => {
       const canvas = h("canvas", { width: THUMB[0], height: THUMB[1], "aria-hidden": "true" });
       const button = h(
         "button",
-        { type: "button", class: "preset", "data-preset": id, onclick: () => this.apply(lights(height)) },
+        { type: "button", class: "preset", "data-preset": preset.id, onclick: () => this.apply(preset) },
         canvas,
-        h("span", {}, name),
+        h("span", {}, preset.name),
       );
-      return { canvas, button, lights: lights(height) };
+      return { canvas, button, preset };
     });
     this.presets.replaceChildren(...entries.map(({ button }) => button));
     this.presets.classList.toggle("plain", this.still);
@@ -164,9 +163,9 @@ export class Light {
   /** Draws the person in the light of each preset, as long as they are at hand. */
   async drawPresets(viewer, entries) {
     const thumbs = await Thumbs.of(viewer);
-    for (const { canvas, lights } of entries) {
+    for (const { canvas, preset } of entries) {
       if (this.viewer !== viewer) break;
-      thumbs.draw(canvas, lights);
+      thumbs.draw(canvas, preset);
       await thumbs.drawn();
     }
     thumbs.close();

@@ -27,11 +27,11 @@ export class Thumbs {
     Object.assign(this, { engine, tints, tall });
   }
 
-  /** Draws the person in these lights on a canvas. */
-  draw(canvas, lights) {
+  /** Draws the person in the light of a preset on a canvas. */
+  draw(canvas, { lights, gloss }) {
     const { engine } = this;
     const given = lights.map((light) => checkedLight(light));
-    engine.setLights(Array.from({ length: LAYERS }, (_, slot) => given[slot] ? { samples: fewer(samples(given[slot])), colour: power(given[slot], this.tints) } : null));
+    engine.setLights(Array.from({ length: LAYERS }, (_, slot) => given[slot] ? { samples: fewer(samples(given[slot])), colour: power(given[slot], this.tints) } : null), gloss);
     engine.show("picture", { exposure: 0, background: null });
     const [width] = engine.size;
     const fit = Math.min(canvas.width / width, canvas.height / this.tall);

@@ -59,8 +59,7 @@ def read_metadata(path: AnyPath) -> dict[str, TypedValue]:
 
     Timecode, frame rate, lens, exposure, camera matrices and whatever else an OpenEXR file holds; of other
     files Exif's camera, and DPX's timecode. Empty for AVIF, HEIC and camera raw, and where the header cannot
-    be read. What is private is left out,
-    see `relight.media.privacy`.
+    be read. What is private is left out, see `relight.media.privacy`.
     """
     try:
         opened = _opened(path)

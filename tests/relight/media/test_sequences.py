@@ -124,3 +124,13 @@ def test_negative_frames_of_every_pattern(tmp_path, pattern, written):
     frames = FrameRange.of("-12--1,0")
     assert frames == tuple(range(-12, 1))
     assert str(frames) == "-12-0"
+
+
+@pytest.mark.parametrize("name", ["take#2.png", "50%done.png"])
+def test_signs_within_a_word_are_no_frame_number(tmp_path, name):
+    assert FrameSequence.of(tmp_path / name) is None
+
+
+def test_signs_within_a_word_are_a_frame_number_of_files_that_there_are(tmp_path):
+    (tmp_path / "take12b.png").touch()
+    assert FrameSequence.of(tmp_path / "take#b.png").numbers() == [12]
