@@ -22,7 +22,6 @@ from relight.cli.options import EXAMPLES
 from relight.cli.stage import stage
 from relight.cli.training import shrink, train
 from relight.cli.view import view
-from shadow.installing import install_command
 
 EXTRAS = {  # of modules that only some commands need
     "anny": "stage", "embreex": "stage", "mitsuba": "stage", "numba": "stage", "trimesh": "stage",
@@ -39,6 +38,8 @@ class _OneLineErrors(TyperGroup):
         except (ImportError, OSError, TypeError, ValueError) as error:
             message = " ".join(str(error).split())
             if isinstance(error, ModuleNotFoundError) and (extra := EXTRAS.get(error.name or "")):
+                from shadow.installing import install_command  # with torch, which --help does without
+
                 message = f"needs {error.name}; install it with: {install_command(extra)}"
             typer.echo(f"relight: {message}", err=True)
             raise typer.Exit(2) from error

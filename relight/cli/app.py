@@ -10,7 +10,6 @@ from typing import Annotated, Any
 import typer
 
 from relight.cli.options import console
-from shadow.installing import install_command
 
 
 def app(
@@ -31,6 +30,8 @@ def app(
     try:
         from relight.app.serving import serve
     except ModuleNotFoundError as error:
+        from shadow.installing import install_command  # with torch, which --help does without
+
         raise ModuleNotFoundError(
             f"the application needs {error.name}; install it with: {install_command('app')}"
         ) from error

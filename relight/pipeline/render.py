@@ -1,6 +1,7 @@
 """Renders a shot from files to files: a still, a sequence or a movie. A still is a shot of one frame."""
 
 import warnings
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -38,7 +39,8 @@ def render_shot(
         Lighting, or lights. A relight.MovingLight changes with the frame number.
     output
         Output, or paths. Single files are a still. Sequences and movies have frames; for a still source, the
-        lights, the mask or the background determine their number.
+        lights, the mask or the background determine their number. A .jpg or .hdr made of one has the
+        photograph itself behind the person, unless there is another background.
     compute
         Compute: device, precision and threads.
     frames
@@ -85,6 +87,7 @@ def render_shot(
     lighting, output, phase = Lighting.of(lighting), Output.of(output), checked_phase(phase)
     report = progress or (lambda done, total, what: None)
     lighting.check_any()
+    lighting = _before_itself(Source.of(source), lighting, output)
     with Shot.open(source, lighting, compute) as shot:
         moving = _check_output(shot, output)
         numbers = shot.frames_for(output, frames)
@@ -108,6 +111,21 @@ def checked_phase(phase: Phase | str) -> Phase:
     if phase not in list(Phase):
         raise ValueError(f"phase: expected one of {', '.join(Phase)}, got {phase!r}")
     return Phase(phase)
+
+
+def _before_itself(source: Source, lighting: Lighting, output: Output) -> Lighting:
+    """Return lighting whose background is the photograph itself if a file without alpha is made of one.
+
+    A person who is placed elsewhere needs another background, and so does a source with alpha.
+    """
+    plate: Any = source.plate
+    placed = {"size", "placement", "scale", "offset"} & set(source.given())
+    opaque = [path for path in output.paths if path.suffix.lower() in images.OPAQUE_SUFFIXES]
+    if lighting.background is not None or not opaque or placed or not isinstance(plate, str | Path):
+        return lighting
+    if Path(plate).suffix.lower() not in images.OPAQUE_SUFFIXES:
+        return lighting
+    return replace(lighting, background=plate, background_colour_space=source.colour_space)
 
 
 def _check_output(shot: Shot, output: Output) -> bool:

@@ -23,7 +23,7 @@ def test_a_matte_without_a_person_has_its_class():
     [
         ({}, errors.DamagedFileError),
         ({"format": 2, "made_of": {}}, errors.StaleAnalysisError),
-        ({"format": 3, "provenance": {}, "empty": [4, 4]}, errors.EmptyMatteError),
+        ({"format": 4, "provenance": {}, "empty": [4, 4]}, errors.EmptyMatteError),
     ],
 )
 def test_files_that_are_no_analysis_of_this_version_have_classes(tmp_path, header, kind):

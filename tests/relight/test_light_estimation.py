@@ -136,7 +136,7 @@ def test_match_takes_a_reference_with_its_mask(folder):
             ["--match-plate", "--background", "street.png", "--field-of-view", "180"],
             "field_of_view: expected",
         ),
-        (["--match", "photo.png"], "match: the reference has no matte"),
+        (["--match", "photo.png"], "the networks that find the person are missing"),
         (["--match", "photo.png", "--match-mask", "empty.png"], "match: mask: "),
         (["--match-mask", "matte.png"], "match_mask: expected a reference"),
         (["--match", "gone.png"], "gone.png"),

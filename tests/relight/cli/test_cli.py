@@ -268,7 +268,8 @@ def test_apply_and_video_take_the_same_look(tmp_path, photo):
 def test_the_version_and_the_examples_of_the_help_are_whole():
     assert run("--version").output == f"relight {relight.__version__}\n"
     text = CliRunner().invoke(app, ["apply", "--help"], env={"COLUMNS": "80", "TERM": "dumb"}).output
-    assert "--light key:azimuth=-40,elevation=30,intensity=2,colour=1/0.9/0.8" in text
+    assert "relight apply photo.jpg --preset golden-hour -o out.jpg" in text
+    assert "key:azimuth=-40,elevation=30,intensity=2,colour=1/0.9/0.8" in text
     assert "--environment studio.exr,rotation=90,intensity=2" in text
 
 

@@ -48,7 +48,7 @@ def run(*arguments):
         ([*STILL, *LAMP, "--save-lights", "gone/l.yaml"], "gone/l.yaml: the folder gone does not exist"),
         (
             ["apply", "photo.png", "-o", "a.png", "--save-lights", "l.yaml", *LAMP],
-            "(--mask FILE), have it made (--matte MODEL), or key the person",
+            "(--mask FILE), name a matting model (--matte MODEL), or key the person",
         ),
         (["apply", "p.%04d.png", "-o", "a.png", *LAMP], f"a.png: {FRAMES}"),
         ([*STILL, *LAMP, "--background", "p.####.png"], f"a.exr: {FRAMES}"),

@@ -167,7 +167,7 @@ def test_key_refuses_images_without_the_screen_and_invalid_arguments(image, argu
 
 def test_without_pymatting_it_says_what_to_install(monkeypatch):
     monkeypatch.setitem(sys.modules, "pymatting.foreground.estimate_foreground_ml", None)
-    with pytest.raises(ImportError, match=r"key: needs PyMatting; install it with: pip install '.*\[key\]'"):
+    with pytest.raises(ImportError, match=r"key: needs PyMatting; install it with: .*\[key\]'"):
         relight.key(np.full((40, 40, 3), GREEN))
 
 

@@ -173,7 +173,7 @@ def test_raw_is_linear_and_upright(tmp_path, orientation, shape):
 def test_without_the_extra_one_line_names_it(tmp_path, monkeypatch, name, package):
     (tmp_path / name).write_bytes(b"x")
     monkeypatch.setitem(sys.modules, package, None)
-    with pytest.raises(ImportError, match=r"needs .*; install it with: pip install '.*\[phone\]'"):
+    with pytest.raises(ImportError, match=r"needs .*; install it with: python -m pip install '.*\[phone\]'"):
         relight.read(tmp_path / name)
 
 

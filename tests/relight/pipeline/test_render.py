@@ -301,3 +301,16 @@ def test_a_frame_of_another_size_has_a_world_of_its_own(tmp_path, monkeypatch):
     for number in (1, 2, 3):
         analyse(number)
     assert [camera and camera.size for camera in given] == [(60, 40), (60, 40), None]
+
+
+def test_a_jpeg_of_a_jpeg_has_the_photograph_behind_the_person(stub, tmp_path):
+    photograph = np.full((HEIGHT, WIDTH, 3), 0.2, np.float32)
+    photograph[2:10, 4:8] = 0.4
+    relight.write(tmp_path / "p.jpg", photograph)
+    matte = somebody(4)[..., 3]
+    shots.render(tmp_path / "p.jpg", STILL, tmp_path / "r.jpg", mask=matte)
+    shots.render(tmp_path / "p.jpg", STILL, tmp_path / "b.jpg", mask=matte, background=tmp_path / "p.jpg")
+    assert (tmp_path / "r.jpg").read_bytes() == (tmp_path / "b.jpg").read_bytes()
+    np.testing.assert_allclose(relight.read(tmp_path / "r.jpg")[0, -1], 0.2, atol=0.02)
+    with pytest.raises(ValueError, match="holds no alpha; give a background"):
+        shots.render(tmp_path / "p.jpg", STILL, tmp_path / "s.jpg", mask=matte, size=(20, 20))

@@ -59,6 +59,6 @@ def test_heat_is_bright_where_values_are_high():
 
 def test_without_matplotlib_the_extra_is_named(monkeypatch, tmp_path):
     monkeypatch.setitem(sys.modules, "matplotlib", None)
-    with pytest.raises(ImportError, match=r"install it with: pip install '.*\[train\]'"):
+    with pytest.raises(ImportError, match=r"install it with: python -m pip install '.*\[train\]'"):
         plots.curves(tmp_path / "c.png", np.ones(2), {}, "x", "y")
     assert not list(tmp_path.iterdir())
