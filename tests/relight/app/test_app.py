@@ -154,7 +154,9 @@ def test_one_drop_opens_the_light_and_one_click_saves(browser, finding, tmp_path
     assert Image.open(tmp_path / "saved.png").size == (300, 300)
     at_step(page, "light")
     state = "relightApp.parts.light.viewer.state"
-    page.evaluate("relightApp.parts.light.apply([{ name: 'only', azimuth: 70, elevation: 5 }])")
+    page.evaluate(
+        "relightApp.parts.light.apply({ lights: [{ name: 'only', azimuth: 70, elevation: 5 }], gloss: 0 })"
+    )
     page.reload()  # lights and background survive it
     browsing.wait(page, "Boolean(window.relightApp)")
     at_step(page, "light")
