@@ -5,7 +5,7 @@ import os
 import numpy as np
 import pytest
 import torch
-from helpers import ROOT, browsing, standins
+from helpers import ROOT, browsing, damage, standins
 from helpers.sphere import sphere
 
 import relight
@@ -35,6 +35,13 @@ def person():
 
 
 @pytest.fixture
+def small_canvas():
+    """The networks on a small canvas, in tests of all but their maps: see `damage.small_canvas`."""
+    with damage.small_canvas():
+        yield
+
+
+@pytest.fixture
 def stub(monkeypatch):
     """Shots analysed by no network: their Subjects are `standins.FlatSubject`."""
     monkeypatch.setattr(persons, "Subject", standins.FlatSubject)
@@ -59,14 +66,15 @@ def browser():
         yield found
 
 
-@pytest.fixture(scope="module")
+@pytest.fixture(scope="session")
 def viewed():
     """The bundled person, small, as a Subject."""
     person = relight.read(ROOT / "examples" / "person.png")
-    return relight.Subject(np.ascontiguousarray(person[::2, ::2]))
+    with damage.small_canvas(256):
+        return relight.Subject(np.ascontiguousarray(person[::2, ::2]))
 
 
-@pytest.fixture(scope="module")
+@pytest.fixture(scope="session")
 def page_file(viewed, tmp_path_factory):
     """Their page, which names whatever it can with text that is hostile."""
     lights = [

@@ -6,6 +6,8 @@ Kinds of hostile inputs, as `fuzzing` describes them.
 import itertools
 import json
 import math
+from collections.abc import Iterator
+from contextlib import ExitStack, contextmanager
 from fractions import Fraction
 from pathlib import Path
 from random import Random
@@ -23,6 +25,7 @@ from helpers.invariants import ALLOWED, require, require_finite, require_named, 
 from helpers.pifuhd_checkpoints import narrow
 from helpers.pifuhd_checkpoints import save as save_pifuhd
 from relight.media.movies import Movie, write_movie
+from shading import diffuse
 from shading.diffuse import ShadingField
 from shadow import analysis, normals
 from shadow.networks import checkpoints
@@ -193,9 +196,13 @@ def _write_weights(path: Path) -> None:
         checkpoints.save(path, network, path.stem, NARROW, {"steps": 3})
 
 
-def small_canvas() -> mock._patch:
-    """The networks, on a canvas that costs a sixteenth; nothing else about it is different."""
-    return mock.patch.object(analysis.load(device=torch.device("cpu")), "size", SMALL_CANVAS)
+@contextmanager
+def small_canvas(rows: int = SMALL_CANVAS) -> Iterator[None]:
+    """The networks on a canvas of fewer rows, by default at a sixteenth of the cost; all else is the same."""
+    with ExitStack() as patches:
+        for module in (analysis, normals, diffuse):
+            patches.enter_context(mock.patch.object(module.load(device=torch.device("cpu")), "size", rows))
+        yield
 
 
 def kept_person(folder: Path, given: bool = False) -> Path:

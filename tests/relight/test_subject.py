@@ -3,6 +3,7 @@ import multiprocessing
 import numpy as np
 import pytest
 import torch
+from helpers.damage import small_canvas
 from helpers.standins import Delighter, ball, image_of
 
 import relight
@@ -13,11 +14,14 @@ LEFT = relight.DirectionalLight(azimuth=-60, name="left")
 RIGHT = relight.DirectionalLight(azimuth=60, intensity=0.7, colour=(0.2, 0.6, 1.0), name="right")
 ABOVE = relight.DirectionalLight(elevation=70, angle=30, intensity=3, name="above")
 
+pytestmark = pytest.mark.usefixtures("small_canvas")
+
 
 @pytest.fixture(scope="module")
 def sphere():
     coverage, normals = ball(200, 160)
-    return relight.Subject(image_of(coverage), normals=normals)
+    with small_canvas():
+        return relight.Subject(image_of(coverage), normals=normals)
 
 
 # What it holds
@@ -295,8 +299,9 @@ def test_values_beyond_float32_are_refused(person):
 def test_a_spawned_pool_relights_what_it_is_sent():
     """Two processes: one relights a filtered Subject that this process made; one makes its own."""
     light = relight.DirectionalLight(azimuth=30)
-    here = relight.Subject(IMAGE)
-    filtered = here.temporally_filtered([relight.Subject(IMAGE)])
+    with small_canvas(512):  # the networks' own, as in the other processes
+        here, again = relight.Subject(IMAGE), relight.Subject(IMAGE)
+    filtered = here.temporally_filtered([again])
     expected = filtered.relit(light)
     context = multiprocessing.get_context("spawn")  # forked after the networks ran, a process may hang
     with context.Pool(2) as pool:

@@ -125,12 +125,12 @@ def test_residuals_change_smoothly_with_the_light(subject):
 def test_ablations_see_only_what_they_are_given(subject, kind, options):
     rgb, mask, normals, visibility = subject
     network = trained(kind(128, **options))
-    before = network.analyse(rgb, mask, normals, visibility).shading(LIGHTS[::9])
+    before = network.analyse(rgb, mask, normals, visibility).shading(LIGHTS[::24])
     blind = lambda lights: torch.zeros(len(lights), *mask.shape)  # noqa: E731
-    without = network.analyse(rgb, mask, normals, blind).shading(LIGHTS[::9])
+    without = network.analyse(rgb, mask, normals, blind).shading(LIGHTS[::24])
     assert torch.equal(before, without) == (options.get("visibility", "inferred") != "inferred")
     flat = torch.zeros_like(normals)
-    without = network.analyse(rgb, mask, flat, visibility).shading(LIGHTS[::9])
+    without = network.analyse(rgb, mask, flat, visibility).shading(LIGHTS[::24])
     assert torch.equal(before, without) == (options.get("normals") is False)
 
 
@@ -156,7 +156,7 @@ def test_unknown_ablation_is_refused(kind):
         kind(visibility="guessed")
 
 
-def test_given_visibility_is_used(person):
+def test_given_visibility_is_used(small_canvas, person):
     rgb, mask = person
     lights = olat()[:3]
     lit = np.ones((3, *mask.shape), np.float32)

@@ -17,6 +17,8 @@ from shadow import analysis, inputs
 from shadow.networks import checkpoints, precision
 from shadow.networks.field import VisibilityField
 
+pytestmark = pytest.mark.usefixtures("small_canvas")
+
 LIGHTS = np.float32([[-0.6, 0.4, 0.7], [0.5, 0.5, 0.7], [0.8, 0.0, -0.6]])
 
 

@@ -3,6 +3,7 @@ import math
 import numpy as np
 import pytest
 import torch
+from helpers.damage import small_canvas
 from helpers.standins import ball, image_of
 from typer.testing import CliRunner
 
@@ -20,18 +21,22 @@ LIGHTS = [
 ]
 BLACK = np.zeros((200, 160, 3), np.float32)
 
+pytestmark = pytest.mark.usefixtures("small_canvas")
+
 
 @pytest.fixture(scope="module")
 def black():
     """A black ball, whose picture is the reflection alone."""
     coverage, normals = ball(200, 160)
-    return relight.Subject(image_of(coverage), normals=normals, albedo=BLACK)
+    with small_canvas():
+        return relight.Subject(image_of(coverage), normals=normals, albedo=BLACK)
 
 
 @pytest.fixture(scope="module")
 def person():
     coverage, normals = ball(200, 160)
-    return relight.Subject(image_of(coverage), normals=normals)
+    with small_canvas():
+        return relight.Subject(image_of(coverage), normals=normals)
 
 
 def expected(normal, light):

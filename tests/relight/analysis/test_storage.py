@@ -7,6 +7,7 @@ import numpy as np
 import pytest
 import torch
 from helpers.clothed import clothed
+from helpers.damage import small_canvas
 from safetensors import safe_open
 from safetensors.numpy import save_file
 
@@ -23,7 +24,8 @@ LAMP = relight.PointLight((0.4, 0.3, 0.6), name="lamp")
 
 @pytest.fixture(scope="module")
 def subject():
-    return relight.Subject(*clothed())
+    with small_canvas(256):
+        return relight.Subject(*clothed())
 
 
 @pytest.fixture

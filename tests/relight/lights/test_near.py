@@ -3,7 +3,7 @@ import importlib
 import numpy as np
 import pytest
 import torch
-from helpers import ROOT, shots
+from helpers import ROOT, damage, shots
 from helpers.standins import ball, image_of
 from typer.testing import CliRunner
 
@@ -19,7 +19,8 @@ BOX = relight.RectLight((0, 1.5, 1.0), (0, 0, 0), 1.0, 0.5, intensity=2, name="b
 def sphere():
     """A ball of 1.4 m across, 2.6 m from the camera."""
     coverage, normals = ball(200, 160)
-    return relight.Subject(image_of(coverage), normals=normals, height=1.4)
+    with damage.small_canvas(256):
+        return relight.Subject(image_of(coverage), normals=normals, height=1.4)
 
 
 def irradiance(light, point, normal):
@@ -148,7 +149,8 @@ def test_a_larger_lamp_is_softer_and_as_bright(sphere):
 @pytest.mark.slow
 def test_a_filtered_person_is_lit_alike(sphere):
     coverage, normals = ball(200, 160, centre=(0.51, 0.5))
-    other = relight.Subject(image_of(coverage), normals=normals, camera=sphere.camera)
+    with damage.small_canvas(256):
+        other = relight.Subject(image_of(coverage), normals=normals, camera=sphere.camera)
     steady = sphere.temporally_filtered([other])
     own, mean = sphere.lighting(LAMP), steady.lighting(LAMP)
     assert np.abs(mean - own).mean() < 0.02 * own.mean()
@@ -177,7 +179,7 @@ def test_a_light_in_or_at_the_person_is_refused(sphere):
         ("lamp:position=0/0/-0.2", "is inside the person"),
     ],
 )
-def test_the_command_refuses_in_one_line_and_writes_nothing(tmp_path, light, words):
+def test_the_command_refuses_in_one_line_and_writes_nothing(small_canvas, tmp_path, light, words):
     coverage, _ = ball(200, 160)
     relight.write(tmp_path / "in.exr", image_of(coverage))
     outputs = ["-o", str(tmp_path / "out.png"), "--save-lights", str(tmp_path / "out.yaml")]
@@ -206,7 +208,7 @@ def test_an_orbit_carries_a_lamp_around_the_vertical():
     np.testing.assert_allclose(lamp.at(3).position, (0, 0.5, -1), atol=1e-9)
 
 
-def test_the_frames_of_a_shot_share_one_room(tmp_path):
+def test_the_frames_of_a_shot_share_one_room(small_canvas, tmp_path):
     """The room is that of the source's first frame, whichever part of the shot is made."""
     mattes = [ball(120, 90, radius=radius)[0] for radius in (0.2, 0.4)]
     for number, coverage in enumerate(mattes, 1):

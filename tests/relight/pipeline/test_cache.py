@@ -11,7 +11,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from helpers import shots
+from helpers import damage, shots
 from helpers.clothed import clothed
 from helpers.killing import kill
 from helpers.standins import somebody
@@ -28,6 +28,8 @@ from relight.pipeline.cache import AnalysisCache
 KEY = relight.DirectionalLight(azimuth=-40, elevation=30, name="key")
 FRAMES = range(101, 105)
 
+pytestmark = pytest.mark.usefixtures("small_canvas")
+
 
 @pytest.fixture(scope="module")
 def analysed(tmp_path_factory):
@@ -38,7 +40,8 @@ def analysed(tmp_path_factory):
         moved = [np.roll(image, number - 101, axis=1) for image in (plate, matte * (number < 104))]
         relight.write(folder / f"plate.{number:04d}.exr", moved[0])
         relight.write_mask(folder / f"matte.{number:04d}.png", moved[1])
-    assert shots.analyse(folder / "plate.%04d.exr", folder / "shot.relight", **mattes(folder)) == {}
+    with damage.small_canvas():
+        assert shots.analyse(folder / "plate.%04d.exr", folder / "shot.relight", **mattes(folder)) == {}
     return folder
 
 
@@ -351,28 +354,20 @@ def test_a_folder_without_frames_is_named(tmp_path):
 @pytest.mark.slow
 def test_a_killed_analysis_resumes_with_the_missing_frames_only(desk):
     """The command is killed as it analyses; the next run makes what is missing and nothing else."""
-    folder = desk / "killed.relight"
+    whole, folder = desk / "whole.relight", desk / "killed.relight"
     folder.mkdir()
-    command = [
-        "analyse",
-        "plate.%04d.exr",
-        "--mask",
-        "matte.%04d.png",
-        "-o",
-        "killed.relight",
-        "--threads",
-        "1",
-    ]
     environment = os.environ | {"PYTHONPATH": str(Path(relight.__file__).parents[1])}
-    program = [sys.executable, "-m", "relight.cli", *command]
-    assert kill(program, folder, 1, 0.0, cwd=desk, env=environment)
+    plates = ["plate.%04d.exr", "--mask", "matte.%04d.png", "--threads", "1"]
+    program = [sys.executable, "-m", "relight.cli", "analyse", *plates, "-o"]
+    assert kill([*program, folder.name], folder, 1, 0.0, cwd=desk, env=environment)
     there = {path.name: path.stat().st_ino for path in folder.iterdir()}
     assert 1 <= len(there) < 4
-    subprocess.run(program, check=True, cwd=desk, env=environment)
+    for name in (folder.name, whole.name):
+        subprocess.run([*program, name], check=True, cwd=desk, env=environment)
     assert sorted(path.name for path in folder.iterdir()) == list(files(desk))
     assert all((folder / name).stat().st_ino == inode for name, inode in there.items())
     for name in files(desk):
-        made = [storage.read_header(where / name) for where in (folder, desk / "shot.relight")]
+        made = [storage.read_header(where / name) for where in (folder, whole)]
         assert made[0].pop("provenance")["sources"] == made[1].pop("provenance")["sources"]
         assert made[0] == made[1]
 

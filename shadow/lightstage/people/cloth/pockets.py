@@ -5,6 +5,7 @@ is draped over it. The hidden fingers are removed.
 """
 
 import numpy as np
+from scipy.spatial import cKDTree
 
 from shadow.lightstage.figure import normalize, vertex_normals
 from shadow.lightstage.people.body.anatomy import LEGS, REGIONS, Person
@@ -94,7 +95,7 @@ def bulge(person: Person) -> np.ndarray:
     for side in person.pocketed:
         hand = skin[inside(person, side) > 0]
         leg = LEGS["LR".index(side)]
-        near = np.linalg.norm(posed[:, None] - hand[None, ::8], axis=2).min(axis=1) < 0.09
+        near = cKDTree(hand[::8]).query(posed)[0] < 0.09
         near &= person.tights_regions[:, leg] + person.tights_regions[:, 0] > 0.9
         for at in np.flatnonzero(near):
             offset = hand - posed[at]

@@ -1,5 +1,6 @@
 """Garments by physics: one small one of its own, and a whole body."""
 
+import copy
 from dataclasses import replace
 
 import numpy as np
@@ -35,26 +36,33 @@ def person(short):
     return shape.posed(poses.draw(shape.skeleton, rng))
 
 
-def vest(person, cache=None, **choices):
+@pytest.fixture(scope="module")
+def undressed(person):
+    """A wardrobe whose simulator has the body as its only layer: making it takes longer than a vest does."""
+    return Wardrobe(person, np.random.default_rng(3), Simulator(person, "someone"))
+
+
+def vest(undressed, cache=None, **choices):
     """What hangs after few frames (V, 3), the cut of it, and the simulator. Ends above the hips."""
-    rng = np.random.default_rng(3)
-    simulator = Simulator(person, "someone", cache)
+    person = undressed.person
+    simulator = replace(undressed.simulator, cache=cache, layers=[*undressed.simulator.layers])
+    wardrobe = copy.deepcopy(undressed, {id(person): person, id(undressed.simulator): simulator})
     seen = []
     draping = simulator.drape
     simulator.drape = lambda cut, *rest: seen.append((cut, draping(cut, *rest))) or seen[-1][1]
     bottom = person.skeleton.head("spine04")[1] + 0.1
-    Wardrobe(person, rng, simulator).wear(Fit(**{**VEST, "bottom": bottom, **choices}), None)
+    wardrobe.wear(Fit(**{**VEST, "bottom": bottom, **choices}), None)
     return seen[0][1], seen[0][0], simulator
 
 
 @pytest.fixture(scope="module")
-def worn(person, tmp_path_factory):
+def worn(undressed, tmp_path_factory):
     folder = tmp_path_factory.mktemp("cloth")
-    return *vest(person, folder), folder
+    return *vest(undressed, folder), folder
 
 
-def test_another_cut_gives_other_folds(person, worn):
-    other, _, simulator = vest(person, ease=0.012)
+def test_another_cut_gives_other_folds(undressed, worn):
+    other, _, simulator = vest(undressed, ease=0.012)
     assert other.shape == worn[0].shape
     assert np.abs(other - worn[0]).max() > 0.002
     assert simulator.digest != worn[2].digest
@@ -80,24 +88,24 @@ def test_nothing_is_left_inside_the_body(person, worn):
     assert (body.heights(carried)[0] < -0.001).mean() > 0.001
 
 
-def test_what_was_simulated_is_read_back(person, worn, monkeypatch):
+def test_what_was_simulated_is_read_back(undressed, worn, monkeypatch):
     hung, _, simulator, folder = worn
     (kept,) = folder.iterdir()
     assert kept.name == f"someone-{simulator.digest}.npz"
     monkeypatch.setattr(simulation.GarmentSimulation, "frames", None)  # whoever simulates fails
-    assert np.array_equal(vest(person, folder)[0], hung)
+    assert np.array_equal(vest(undressed, folder)[0], hung)
 
 
 # The slow one differs in the damage alone: the simulation and what is compared are the same.
 @pytest.mark.parametrize(
     "damage", [lambda data: data[: len(data) // 2], pytest.param(lambda data: b"", marks=pytest.mark.slow)]
 )
-def test_a_truncated_file_is_simulated_again_to_the_same_folds(person, worn, tmp_path, damage):
+def test_a_truncated_file_is_simulated_again_to_the_same_folds(undressed, worn, tmp_path, damage):
     hung, _, _, folder = worn
     (kept,) = folder.iterdir()
     broken = tmp_path / kept.name
     broken.write_bytes(damage(kept.read_bytes()))
-    assert np.array_equal(vest(person, tmp_path)[0], hung)
+    assert np.array_equal(vest(undressed, tmp_path)[0], hung)
     assert broken.read_bytes() == kept.read_bytes()
 
 
