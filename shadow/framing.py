@@ -38,8 +38,10 @@ def bounding_box(mask: torch.Tensor, threshold: float = 0.5) -> tuple[int, int, 
     return int(rows[0]), int(columns[0]), int(rows[-1]) + 1, int(columns[-1]) + 1
 
 
-def affine_sample(tensor: torch.Tensor, matrix: torch.Tensor, size: tuple[int, ...]) -> torch.Tensor:
-    """Sample `tensor` (C, H, W) on a canvas of `size` (h, w); zero beyond its frame.
+def affine_sample(
+    tensor: torch.Tensor, matrix: torch.Tensor, size: tuple[int, ...], beyond: str = "zeros"
+) -> torch.Tensor:
+    """Sample `tensor` (C, H, W) on a canvas of `size` (h, w); zero beyond its frame, or the "border" goes on.
 
     `matrix` (2, 3) maps a canvas position (x, y, 1) in pixels to a position in the tensor; pixel centres are
     at half-integers. If the canvas is coarser than the tensor, each canvas pixel is the mean of several
@@ -53,7 +55,7 @@ def affine_sample(tensor: torch.Tensor, matrix: torch.Tensor, size: tuple[int, .
     across, down, offset = matrix.to(tensor).T
     extent = torch.tensor([tensor.shape[-1], tensor.shape[-2]]).to(tensor)
     grid = (x[:, None] * across + y[:, None, None] * down + offset) * 2 / extent - 1
-    canvas = F.grid_sample(tensor[None], grid[None], padding_mode="zeros", align_corners=False)
+    canvas = F.grid_sample(tensor[None], grid[None], padding_mode=beyond, align_corners=False)
     return F.avg_pool2d(canvas, finer)[0] if finer > 1 else canvas[0]
 
 

@@ -3,7 +3,9 @@
 The detector sees the picture, and overlapping parts of it for small people, and answers with the middle of a
 person's hips and a point on the circle around the whole person. The landmark network sees the square around
 that circle, turned so that the person is upright. It answers with a better circle, and with a mask of 256
-pixels a side (Bazarevsky et al., "BlazePose", 2020). OpenVINO runs both in float32 on one thread, so that
+pixels a side (Bazarevsky et al., "BlazePose", 2020). After two looks the circle is right,
+and the masks of three squares and of their mirror images are averaged. Whoever is cut by the frame is often
+detected only where the picture has room below. OpenVINO runs both in float32 on one thread, so that
 machines of one kind agree to the bit. The files are those of `relight.matting.person_files`.
 """
 
@@ -36,14 +38,18 @@ STRIDES = (8, 16, 32, 32, 32)  # pixels of the detector's layers of anchors; eac
 HIPS, RIM = 33, 34  # rows of the landmarks: the middle of the hips, and the circle's upper end
 LANDMARK_VALUES = 5  # x, y, z, visibility, presence
 ROOM = 1.25  # side of the square that the landmark network sees, in diameters of the circle
-PRESENT, CERTAIN = 0.5, 0.9  # presence from which somebody is there, and is not looked for any more
-SCORES = (0.5, 0.2)  # of detections, at least; lower ones count where the higher ones lead to nobody
+LOOKS = 2  # of the landmark network until the circle is right: that of a detection may be far off
+HOPELESS = 0.005  # presence in all of them from which nobody is there
+SQUARES = (1.0, 0.9, 0.8)  # sides of the squares whose masks are averaged, of that around the circle
+PRESENT, CERTAIN = 0.3, 0.8  # certainty from which somebody is there, and is not looked for any more
+SCORES = (0.5, 0.1)  # of detections, at least; lower ones count where the higher ones lead to nobody
+MOST = 8  # detections of one score and share that are looked at, the best ones
 SAME_FACE = 0.3  # intersection over union of two detections' boxes from which they are of one person
 SAME_PERSON = 0.6  # the same, of two masks
 ALIKE = 1.0  # distance of circles up to which they may be of one person in two frames
 PART = 0.6  # of a person's radius: a smaller circle whose middle is on them is around a part of them
 REDUCED_SIDE = 1024  # pixels, the longer side of the copy on which the detector looks
-SHARES = (1.0, 0.5, 0.25)  # sides of the parts that the detector sees, of the picture's longer side
+SHARES = (1.0, 1.4, 0.5, 0.25)  # sides of the parts that the detector sees, of the picture's longer side
 
 
 NOBODY = (
@@ -84,12 +90,17 @@ class Circle:
 class Person:
     """Somebody in a picture: their circle, and their mask (256, 256) in [0, 1] in the square around it.
 
-    presence: the landmark network's opinion, in [0, 1], that somebody is there.
+    presence: the landmark network's opinion, in [0, 1], that somebody is there, a mean of its last looks.
     """
 
     circle: Circle
     mask: np.ndarray
     presence: float = 1.0
+
+    @property
+    def certainty(self) -> float:
+        """The presence, and less for who is not upright, as what only looks like somebody seldom is."""
+        return self.presence * ((1.5 - float(self.circle.up[1])) / 2.5) ** 2
 
     @property
     def area(self) -> float:
@@ -235,23 +246,24 @@ class PersonFinder:
         copy, full = map(_planes, (reduced, encoded))
         found: list[Person] = []
         for score, share in itertools.product(SCORES, SHARES):
-            for hips, rim in self._detections(copy, share, score):
+            seen = list(found)
+            for hips, rim in self._detections(copy, share, score)[:MOST]:
                 # A circle that is large on the reduced copy has all the detail there that its mask needs.
                 large = 2 * ROOM * float(np.hypot(*(rim - hips))) >= LANDMARK_SIDE
-                seen, factor = (copy, scale) if large else (full, np.ones(2))
+                picture, factor = (copy, scale) if large else (full, np.ones(2))
                 start = Circle.of(hips * scale, rim * scale)
-                if any(each.has_part(start) for each in found):
-                    continue
-                person = self._person(seen, start, factor)
-                if person is not None and not _among(person, found, encoded.shape[:2]):
-                    found.append(person)
+                if not any(each.certainty >= CERTAIN and each.has_part(start) for each in seen):
+                    seen += self._person(picture, start, factor)
+            found = _distinct(seen, encoded.shape[:2])
             enough = any(
-                each.presence >= CERTAIN and (near is None or each.circle.distance(near) < ALIKE)
+                each.certainty >= CERTAIN and (near is None or each.circle.distance(near) < ALIKE)
                 for each in found
             )
             if found and (share == SHARES[-1] or (enough and not thorough)):
                 break
-        return sorted(found, key=lambda each: (each.presence < CERTAIN, -each.area))
+        return sorted(
+            found, key=lambda each: (each.certainty < CERTAIN, -min(each.certainty, CERTAIN), -each.area)
+        )
 
     def _detections(
         self, picture: torch.Tensor, share: float, least: float
@@ -281,24 +293,41 @@ class PersonFinder:
             order = others[_overlaps(box[best], box[others]) < SAME_FACE]
         return found
 
-    def _person(self, picture: torch.Tensor, around: Circle, scale: np.ndarray) -> Person | None:
-        """Return who is in a circle of the full picture, seen in a copy (3, h, w); None if nobody is.
+    def _person(self, picture: torch.Tensor, around: Circle, scale: np.ndarray) -> list[Person]:
+        """Return who is in a circle of the full picture, seen in a copy (3, h, w); nobody or one.
 
-        `scale` (x, y) leads from the copy to the picture. The second look is at the circle that the first
-        one found.
+        `scale` (x, y) leads from the copy to the picture.
         """
         factor = float(scale.mean())
         circle = Circle(around.centre / scale, around.radius / factor, around.up)
-        for _ in range(2):
+        opinions = []
+        for _ in range(LOOKS):
             square = circle.square(LANDMARK_SIDE)
-            answers = list(self._landmarks(_sampled(picture, square, LANDMARK_SIDE)).values())
-            presence = float(answers[1].ravel()[0])
-            if presence < PRESENT:
-                return None
-            seen, mask = circle, expit(answers[2][0, :, :, 0].astype(np.float32))
-            points = answers[0].reshape(-1, LANDMARK_VALUES)[[HIPS, RIM], :2]
+            presence, _, points = self._look(_sampled(picture, square, LANDMARK_SIDE, "border"))
+            opinions.append(presence)
             circle = Circle.of(*(points @ square[:, :2].T + square[:, 2]))
-        return Person(Circle(seen.centre * scale, seen.radius * factor, seen.up), mask, presence)
+        if max(opinions) < HOPELESS:
+            return []
+        del opinions[:-1]  # the first ones are of circles that may be far off
+        sums = torch.zeros(2, LANDMARK_SIDE, LANDMARK_SIDE)  # of masks, and how many show each pixel
+        for share in SQUARES:
+            square = Circle(circle.centre, circle.radius * share, circle.up).square(LANDMARK_SIDE)
+            canvas = _sampled(picture, square, LANDMARK_SIDE, "border")
+            (first, mask, _), (second, mirrored, _) = self._look(canvas), self._look(canvas[:, :, ::-1])
+            opinions += [first, second]
+            both = torch.from_numpy((mask + mirrored[:, ::-1]) / 2)
+            corner = LANDMARK_SIDE / 2 * (1 - 1 / share)
+            inside = torch.tensor([[1 / share, 0, corner], [0, 1 / share, corner]])
+            sums += affine_sample(torch.stack([both, torch.ones_like(both)]), inside, sums.shape[1:])
+        place = Circle(circle.centre * scale, circle.radius * factor, circle.up)
+        person = Person(place, (sums[0] / sums[1]).numpy(), float(np.mean(opinions)))
+        return [person] if person.certainty >= PRESENT else []
+
+    def _look(self, canvas: np.ndarray) -> tuple[float, np.ndarray, np.ndarray]:
+        """Return the presence, the mask and the two points (x, y) of the next circle on a canvas."""
+        landmarks, presence, logits, *_ = self._landmarks(np.ascontiguousarray(canvas)).values()
+        points = landmarks.reshape(-1, LANDMARK_VALUES)[[HIPS, RIM], :2]
+        return float(presence.ravel()[0]), expit(logits[0, :, :, 0].astype(np.float32)), points
 
 
 def mask_of(found: Sequence[Person], person: Any, size: tuple[int, int]) -> np.ndarray:
@@ -308,7 +337,7 @@ def mask_of(found: Sequence[Person], person: Any, size: tuple[int, int]) -> np.n
     chosen = found[_index(found, person, size)]
     mask = chosen.on(size)
     for other in found:
-        if other is not chosen:
+        if other is not chosen and other.certainty >= CERTAIN:
             theirs = other.on(size)
             mask = np.where(theirs > mask, np.minimum(mask, 1 - theirs), mask)
     return mask
@@ -334,28 +363,33 @@ def _index(found: Sequence[Person], person: Any, size: tuple[int, int]) -> int:
     return number - 1
 
 
-def _among(person: Person, found: Sequence[Person], size: tuple[int, ...]) -> bool:
-    """Return whether a person is one of those found before, or nobody at all."""
+def _distinct(people: Sequence[Person], size: tuple[int, ...]) -> list[Person]:
+    """Return each person once, as the most certain look shows them, or the larger one of two equal looks."""
     shrink = REDUCED_SIDE / 4 / max(size)
     small = (max(1, round(size[0] * shrink)), max(1, round(size[1] * shrink)))
-
-    def on(each: Person) -> np.ndarray:
-        circle = each.circle
-        return Person(Circle(circle.centre * shrink, circle.radius * shrink, circle.up), each.mask).on(small)
-
-    mask = on(person) > 0.5
-    if not mask.any():
-        return True
-    for other in found:
-        theirs = on(other) > 0.5
-        if (mask & theirs).sum() >= SAME_PERSON * min(mask.sum(), theirs.sum()):
-            return True
-    return False
+    kept: list[Person] = []
+    masks: list[np.ndarray] = []
+    for person in sorted(people, key=lambda each: (-round(each.certainty, 2), -each.area)):
+        circle = person.circle
+        circle = Circle(circle.centre * shrink, circle.radius * shrink, circle.up)
+        mask = Person(circle, person.mask).on(small) > 0.5
+        if mask.any() and not any(
+            (mask & theirs).sum() >= SAME_PERSON * min(mask.sum(), theirs.sum()) for theirs in masks
+        ):
+            kept.append(person)
+            masks.append(mask)
+    return kept
 
 
 def _parts(width: int, height: int, share: float) -> Iterator[tuple[float, float, float]]:
-    """Yield the squares (left, top, side) in pixels that cover a picture, half overlapping."""
+    """Yield the squares (left, top, side) in pixels that cover a picture, half overlapping.
+
+    A square that is larger than the picture has room below it, where a body that the frame cuts goes on.
+    """
     side = share * max(width, height)
+    if share > 1:
+        yield (width - side) / 2, 0.0, side
+        return
     for top in _starts(height, side):
         for left in _starts(width, side):
             yield left, top, side
@@ -392,9 +426,9 @@ def _planes(picture: np.ndarray) -> torch.Tensor:
     return torch.from_numpy(np.ascontiguousarray(picture.transpose(2, 0, 1), np.float32))
 
 
-def _sampled(picture: torch.Tensor, matrix: np.ndarray, side: int) -> np.ndarray:
-    """Sample a picture (3, H, W) on a canvas, (1, side, side, 3); black beyond its frame."""
-    canvas = affine_sample(picture, torch.tensor(matrix, dtype=torch.float32), (side, side))
+def _sampled(picture: torch.Tensor, matrix: np.ndarray, side: int, beyond: str = "zeros") -> np.ndarray:
+    """Sample a picture (3, H, W) on a canvas, (1, side, side, 3). The detector expects black beyond it."""
+    canvas = affine_sample(picture, torch.tensor(matrix, dtype=torch.float32), (side, side), beyond)
     return np.ascontiguousarray(canvas.permute(1, 2, 0)[None].numpy())
 
 

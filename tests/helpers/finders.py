@@ -60,5 +60,5 @@ def discs(size, *people):
     picture, y, x = np.full((*size, 3), 0.3, np.float32), *np.mgrid[: size[0], : size[1]]
     where = [np.hypot(x + 0.5 - left, y + 0.5 - top) < radius for left, top, radius in people]
     for disc in where:
-        picture[disc] = (0.9, 0.1, 0.1)
+        picture[disc] = (1.0, 0.0, 0.0)
     return picture, where

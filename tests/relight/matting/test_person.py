@@ -74,6 +74,26 @@ def test_nobody_is_refused(finder, tmp_path):
         small_finder(tmp_path, presence=0.2).mask(doubtful)
 
 
+def test_who_is_upright_is_taken_before_what_lies_and_is_larger():
+    def seen(centre, radius, up, presence):
+        circle = person.Circle(np.array(centre), radius, np.array(up))
+        return person.Person(circle, np.ones((256, 256), np.float32), presence)
+
+    standing, lying = seen((100.0, 150.0), 60, (0.0, -1.0), 0.9), seen((400.0, 150.0), 90, (1.0, 0.0), 1.0)
+    assert standing.certainty > person.CERTAIN > lying.certainty
+    again = seen((100.0, 155.0), 60, (0.0, -1.0), 0.95)
+    kept = person._distinct([lying, standing, again], (300, 600))
+    assert [each is other for each, other in zip(kept, [again, lying], strict=True)] == [True, True]
+
+
+def test_a_doubtful_person_takes_nothing_from_a_certain_one():
+    circle = person.Circle(np.array([100.0, 150.0]), 60, np.array([0.0, -1.0]))
+    mask, other = np.full((256, 256), 0.8, np.float32), np.ones((256, 256), np.float32)
+    for presence, least in ((0.5, 0.7), (0.9, 0.1)):
+        found = [person.Person(circle, mask), person.Person(circle, other, presence)]
+        assert (person.mask_of(found, 1, (300, 200))[150, 100] > 0.5) == (least > 0.5)
+
+
 def test_a_turned_square_and_its_mask_agree():
     """The way to the network's canvas and back is the same for a person who leans."""
     circle = person.Circle.of(np.array([60.0, 70.0]), np.array([90.0, 40.0]))
@@ -95,6 +115,7 @@ def test_anchors_are_those_of_the_detector():
 
 def test_the_parts_cover_the_picture_to_its_rim():
     assert [*person._parts(100, 60, 1.0)] == [(0.0, -20.0, 100.0)]
+    assert [*person._parts(100, 60, 1.4)] == [(-20.0, 0.0, 140.0)]
     parts = [*person._parts(100, 60, 0.5)]
     assert {(left, top) for left, top, _ in parts} == {(left, top) for left in (0, 25, 50) for top in (0, 10)}
 
