@@ -8,6 +8,7 @@ import numpy as np
 import torch
 
 from relight.analysis.camera import Camera
+from relight.analysis.denoising import denoised
 from relight.analysis.depth import WorldGeometry, checked_depth
 from relight.analysis.foreground import (
     Foreground,
@@ -120,6 +121,7 @@ def infer(given: AnalysisInputs) -> AnalysisRecord:
     if maps.light is not None and given.old_light is None:
         old_light = OldLight.fit(maps.image, maps.light, maps.albedo, maps.normals, maps.known)
     maps = maps.without_tint(old_light)
-    return AnalysisRecord(
-        person, person.take(colour), pixel_albedo, exposure, framed.framing, maps, old_light
-    )
+    own = person.take(colour)
+    if maps.light is not None:
+        own = denoised(own, exposure, person.pixels, framed.framing, maps.image, maps.known, maps.light)
+    return AnalysisRecord(person, own, pixel_albedo, exposure, framed.framing, maps, old_light)

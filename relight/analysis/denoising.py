@@ -1,0 +1,103 @@
+"""Take the photograph's noise off old shadows and dark cloth, before the gain of the albedo amplifies it.
+
+Codes near black have no reliable colour: a step of the code is a large part of them, and JPEG draws their
+colour in blocks. The photograph hides this. The albedo is the photograph over a small light there, which
+makes brown speckles of black cloth. Noise is about even in encoded values. Two steps work on these, the
+more the larger the gain is:
+
+- a guided filter (He et al. 2013) whose guide is the lightness: colour is linear in lightness within small
+  windows. Its lines come from the networks' canvas (as in the fast guided filter, He and Sun 2015);
+- colour near black is drawn to that of grey cloth in the same light: black cloth is the most likely.
+
+Nothing changes where the person is lit as on average or more.
+"""
+
+import torch
+import torch.nn.functional as F
+
+from relight.analysis.upsampling import encode_guide
+from shadow.framing import Framing
+
+ENCODING = 2.2  # of `encode_guide`
+RADIUS = 3  # of the filter's windows, canvas pixels
+COLOUR_NOISE, GRAIN = 0.03, 0.02  # standard deviation of the noise in colour and lightness, display-encoded
+NEAR_BLACK = 0.05  # lightness, display-encoded, at which half of the saturation is trusted
+BRIGHTEST = 1.0  # display-encoded: brighter pixels show no noise
+MIN_STRENGTH = 0.02  # pixels with less are left as they are
+
+
+def denoised(
+    colour: torch.Tensor,
+    exposure: float,
+    pixels: torch.Tensor,
+    framing: Framing,
+    image: torch.Tensor,
+    known: torch.Tensor,
+    light: torch.Tensor,
+) -> torch.Tensor:
+    """Return the person's colour (P, 3), linear, without the noise that their albedo would amplify.
+
+    Parameters
+    ----------
+    colour
+        (P, 3) linear.
+    exposure
+        Factor by which the colour is multiplied before it is encoded.
+    pixels
+        (P,) their indices on the plate, in row-major order.
+    framing
+        Of the canvas on the plate.
+    image
+        (3, h, w) the colour on the canvas, exposed and encoded.
+    known
+        (h, w) where the canvas shows the person.
+    light
+        (3, h, w) the photograph over its albedo, linear, about 1 on average.
+    """
+    level = light.mean(dim=0, keepdim=True).clamp_min(1e-12)
+    # Noise in the encoded albedo is larger by a factor of level ** (-1 / ENCODING) than in the photograph.
+    strength = (1 - level.clamp(0, 1) ** (2 / ENCODING)) * known
+    maps = torch.cat([strength, light / level, *_line(image, known)])
+    share = _at(strength, framing, pixels)[0]
+    chosen = torch.nonzero(share > MIN_STRENGTH)[:, 0]
+    seen = encode_guide(colour[chosen] * exposure)
+    dark = seen.amax(dim=1) < BRIGHTEST
+    chosen, seen = chosen[dark], seen[dark]
+    strength, grey, slope, offset = _at(maps, framing, pixels[chosen]).T.split([1, 3, 3, 3], dim=1)
+    smooth = slope * seen.mean(dim=1, keepdim=True) + offset
+    smooth = torch.lerp(seen, smooth, strength).clamp_min(0)
+    lightness, linear = smooth.mean(dim=1, keepdim=True), smooth**ENCODING
+    doubt = strength * NEAR_BLACK**2 / (NEAR_BLACK**2 + lightness**2)
+    linear = torch.lerp(linear, linear.mean(dim=1, keepdim=True) * grey, doubt)
+    return colour.index_copy(0, chosen, linear / exposure)
+
+
+def _line(image: torch.Tensor, known: torch.Tensor) -> tuple[torch.Tensor, torch.Tensor]:
+    """Fit colour = slope · lightness + offset, each (3, h, w), in windows of the person's pixels."""
+    inside = known.float()[None]
+    covered = _window_mean(inside).clamp_min(1e-6)
+
+    def mean(maps: torch.Tensor) -> torch.Tensor:
+        return _window_mean(maps * inside) / covered
+
+    lightness = image.mean(dim=0, keepdim=True)
+    chroma = image - lightness
+    centre, middle = mean(lightness), mean(chroma)
+    variance = (mean(lightness**2) - centre**2).clamp_min(0)
+    slope = (mean(lightness * chroma) - centre * middle) / (variance + COLOUR_NOISE**2)
+    slope = slope + variance / (variance + GRAIN**2)
+    return mean(slope), mean(middle + centre - slope * centre)
+
+
+def _window_mean(maps: torch.Tensor) -> torch.Tensor:
+    side = 2 * RADIUS + 1
+    return F.avg_pool2d(maps, side, stride=1, padding=RADIUS)
+
+
+def _at(maps: torch.Tensor, framing: Framing, pixels: torch.Tensor) -> torch.Tensor:
+    """Sample canvas maps (C, h, w) at pixels (N,) of the plate, bilinearly: (C, N)."""
+    width = framing.plate[1]
+    place = torch.stack([pixels % width, pixels // width], dim=1) + 0.5
+    size = torch.tensor(framing.canvas[::-1])
+    grid = (place - torch.tensor(framing.centre)) * (2 * framing.scale / size)
+    return F.grid_sample(maps[None], grid[None, None], padding_mode="border", align_corners=False)[0, :, 0]
