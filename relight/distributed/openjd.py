@@ -16,6 +16,7 @@ from typing import Any
 import torch
 import yaml
 
+from relight.errors import MissingNetworksError
 from relight.media import movies, nuke
 from relight.media.sequences import FrameRange, FrameSequence
 from relight.pipeline.option_fields import BACKGROUND, Options, Phase
@@ -46,7 +47,8 @@ def write_job(
     Its steps are Analyse, in chunks of frames; Light, in chunks of frames, after all of Analyse; and Finish,
     after all of Light, if there is a movie or a script. Tasks keep existing frames, so the farm can run each
     one again. Frames, chunk size, precision, threads, plates, lights and outputs are parameters of the job:
-    for other lights, run the same job with another parameter.
+    for other lights, run the same job with another parameter. A job whose person is found states who
+    that is in the first frame: for other plates, write another job.
 
     Parameters
     ----------
@@ -106,14 +108,26 @@ def write_job(
     lighting = replace(lighting, lights=lights_path, light=(), environment=())
     job, plate = _Job(path, numbers, chunk, compute), shot.source.plate
     kept = Path(str(plate) if shot.is_analysed else analysis or _analysis_beside(path, plate))
-    _add_steps(job, shot, lighting, output, kept)
+    _add_steps(job, shot, _stated(shot), lighting, output, kept)
     job.write()
 
 
-def _add_steps(job: "_Job", shot: Shot, lighting: Lighting, output: Output, kept: Path) -> None:
+def _stated(shot: Shot) -> Source:
+    """Return the source with the person who is followed, so that all machines take the same one."""
+    try:
+        followed = shot.frames.followed
+    except (ImportError, MissingNetworksError) as error:
+        warnings.warn(f"{error}. Each machine chooses the person by itself.", stacklevel=3)
+        return shot.source
+    return shot.source if followed is None else replace(shot.source, person=followed)
+
+
+def _add_steps(
+    job: "_Job", shot: Shot, source: Source, lighting: Lighting, output: Output, kept: Path
+) -> None:
     """Add the steps of a job. `kept`: folder of the analysis."""
     threads = ["--threads", "{{Param.Threads}}"]
-    source, compute = shot.source, Compute(device=shot.compute.device)
+    compute = Compute(device=shot.compute.device)
     place = job.path("Analysis", kept, "IN" if shot.is_analysed else "INOUT", "DIRECTORY")
     if not shot.is_analysed:
         plate = job.path("Plate", Path(str(source.plate)), "IN")

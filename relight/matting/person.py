@@ -141,7 +141,8 @@ def find(image: ArrayLike, person: Any = None) -> np.ndarray:
         (H, W, 3|4), opaque. Integers are sRGB-encoded; floats linear Rec.709.
     person
         Which of several people: 1 is the largest, the default, 2 the next; (x, y), in pixels from the top
-        left, selects the one nearest to that point; "all" takes everybody together.
+        left, selects the one nearest to that point; (x, y, radius) the one most like that circle in place and
+        size, around the hips; "all" takes everybody together.
 
     Returns
     -------
@@ -187,7 +188,7 @@ class FoundPerson:
     selects = True
 
     def __init__(self, person: Any = None) -> None:
-        self._finder, self._person = load(), person
+        self._finder, self._person = load(), _circle(person)
 
     def __call__(self, encoded: np.ndarray) -> np.ndarray:
         """Return the matte (H, W) of a photograph (H, W, 3), encoded in [0, 1]; zero if nobody is there."""
@@ -199,6 +200,14 @@ class FoundPerson:
             return np.zeros(encoded.shape[:2], np.float32)
         codes = np.rint(encoded * 255).astype(np.uint8)
         return outline.refine(codes, outline.outlined(codes, outline.Outline(matte=mask)))
+
+    @property
+    def followed(self) -> tuple[int, int, int] | None:
+        """The circle (x, y, radius) of whoever is followed, in pixels; None before `follow`, and for all."""
+        if not isinstance(self._person, Circle):
+            return None
+        x, y = np.rint(self._person.centre).astype(int).tolist()
+        return x, y, max(1, round(self._person.radius))
 
     def follow(self, encoded: np.ndarray) -> bool:
         """From now on take whoever is most like the person of this photograph, in place and in size.
@@ -227,7 +236,7 @@ class PersonFinder:
 
     def mask(self, encoded: np.ndarray, person: Any = None) -> np.ndarray:
         """Return the mask (H, W) of a person in a photograph (H, W, 3), sRGB-encoded; see `find`."""
-        size = (encoded.shape[0], encoded.shape[1])
+        size, person = (encoded.shape[0], encoded.shape[1]), _circle(person)
         near = person if isinstance(person, Circle) else None
         found = self.people(encoded, thorough=person is not None and near is None, near=near)
         if not found:
@@ -343,6 +352,16 @@ def mask_of(found: Sequence[Person], person: Any, size: tuple[int, int]) -> np.n
     return mask
 
 
+def _circle(person: Any) -> Any:
+    """Return the circle that (x, y, radius) means, and anything else unchanged."""
+    if not isinstance(person, tuple | list) or len(person) != 3:
+        return person
+    x, y, radius = map(float, person)
+    if not radius > 0:
+        raise ValueError(f"person: expected a radius above 0, got {radius:g}")
+    return Circle(np.array([x, y]), radius, np.array([0.0, -1.0]))
+
+
 def _index(found: Sequence[Person], person: Any, size: tuple[int, int]) -> int:
     """Return which person is meant."""
     if isinstance(person, Circle):
@@ -357,8 +376,8 @@ def _index(found: Sequence[Person], person: Any, size: tuple[int, int]) -> int:
     number = 1 if person is None else person
     if isinstance(number, bool) or not isinstance(number, int) or not 1 <= number <= len(found):
         raise ValueError(
-            f"person: expected 1 to {len(found)}, as many as there are people, a point (x, y) or 'all', got "
-            f"{person!r}"
+            f"person: expected 1 to {len(found)}, as many as there are people, (x, y), "
+            f"(x, y, radius) or 'all', got {person!r}"
         )
     return number - 1
 

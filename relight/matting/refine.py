@@ -64,7 +64,7 @@ def select_person(found: np.ndarray, person: Any = None) -> np.ndarray:
     nearest = distance_transform_edt(owner == 0, return_distances=False, return_indices=True)
     owner = owner[tuple(nearest)]
     if np.ndim(person) == 1:
-        x, y = (int(value) for value in person)
+        x, y, *_ = (int(value) for value in person)
         if not (0 <= x < found.shape[1] and 0 <= y < found.shape[0]):
             raise ValueError(f"person: expected a point in the picture, got {x}/{y}")
         return np.where(owner == owner[y, x], found, 0)

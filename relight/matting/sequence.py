@@ -74,17 +74,23 @@ class SequenceMatting:
         if options.model is None:
             return None
         model = networks.load(options.model, person=options.person, **options.options)
-        if isinstance(model, FoundPerson):
+        if isinstance(model, FoundPerson) and model.followed is None:
             for number in self._numbers or ():
                 with contextlib.suppress(OSError, ValueError):  # that frame is reported when it is its turn
                     if model.follow(refine.encoded_srgb(refine.opaque_photograph(self._read(number)))):
                         break
         return model
 
+    @property
+    def followed(self) -> tuple[int, int, int] | None:
+        """The circle (x, y, radius) of whoever is followed, in pixels of the plate; see `FoundPerson`."""
+        return self._model.followed if isinstance(self._model, FoundPerson) else None
+
     def frames_read(self, number: int) -> list[int]:
         """Return the other frames on which a frame's matte depends, the one that says whom to follow too."""
-        first = [] if self._numbers is None or self._options.model != networks.AUTO else self._numbers[:1]
-        return [*self.frames_for(number), *first]
+        looks = self._numbers is not None and self._options.model == networks.AUTO
+        stated = isinstance(self._options.person, tuple) and len(self._options.person) == 3
+        return [*self.frames_for(number), *(self._numbers[:1] if looks and not stated else ())]
 
     def frames_for(self, number: int) -> list[int]:
         """Return the neighbours of a frame on which its matte depends."""

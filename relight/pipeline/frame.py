@@ -160,6 +160,17 @@ class FrameReader:
             raise ValueError("matte: expected one of mask, key and matte (--mask, --key, --matte)")
         return SequenceMatting(options, lambda n: self._log.read(self.plates, n), self.plates.numbers)
 
+    @property
+    def followed(self) -> tuple[int, int, int] | None:
+        """The circle (x, y, radius) of the person who is found and followed through the frames, in pixels.
+
+        None where nobody is to be found, or everybody. Raises as `relight.matting.person.find` does.
+        """
+        matting = self._matting
+        if matting is None or self.plates.numbers is None or not self._finds_mattes:
+            return None
+        return matting.followed
+
     @functools.cached_property
     def _finds_mattes(self) -> bool:
         """Whether mattes are found or refined: not if the first plate, which is read, has alpha."""

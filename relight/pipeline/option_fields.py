@@ -148,15 +148,17 @@ def parse_offset(text: str) -> tuple[int, int]:
     return right, up
 
 
-def parse_person(text: str) -> int | tuple[int, int] | str:
-    """Parse `2` as a number, and `640/300` as a point; `all` is returned unchanged."""
+def parse_person(text: str) -> int | tuple[int, ...] | str:
+    """Parse `2` as a number, `640/300` as a point, `640/300/90` as a circle; `all` is returned unchanged."""
     if text == "all":
         return text
     try:
         values = tuple(map(int, text.split("/")))
-        return values[0] if len(values) == 1 else (values[0], values[1])
-    except (ValueError, IndexError) as error:
-        raise ValueError(f"--person: expected a number, a point as X/Y, or all, got {text!r}") from error
+    except ValueError:
+        values = ()
+    if not 1 <= len(values) <= 3:
+        raise ValueError(f"--person: expected a number, X/Y, X/Y/RADIUS or all, got {text!r}")
+    return values[0] if len(values) == 1 else values
 
 
 def parse_background(text: str) -> tuple[float, ...] | str:

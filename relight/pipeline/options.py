@@ -85,9 +85,9 @@ class Source(Options):
         "Refine the inferred matte, or a rough --mask, in a band this many pixels wide along its edge.",
         text=int,
     )
-    person: int | tuple[int, int] | str | None = option(
-        "Which of several people: 2 is the second largest, X/Y the one nearest to that pixel, all everybody "
-        "together.",
+    person: int | tuple[int, ...] | str | None = option(
+        "Which of several people: 2 is the second largest, X/Y the one nearest to that pixel, X/Y/RADIUS the "
+        "one who is found most like that circle, all everybody together.",
         parse=parse_person,
     )
     size: tuple[int, int] | str | None = option(

@@ -7,7 +7,6 @@ import struct
 import warnings
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from pathlib import Path
-from xml.sax.saxutils import escape
 
 import numpy as np
 import OpenImageIO as oiio
@@ -19,6 +18,7 @@ from PIL.TiffImagePlugin import IFDRational
 from relight import __version__
 from relight.media import colour, content_hash
 from relight.media.buffers import problem
+from relight.media.images import xmp
 from relight.media.images.edge import as_array, scene_linear
 from relight.media.images.metadata import TypedValue
 from shadow import files
@@ -376,6 +376,8 @@ def save(path: Path, blocks: Iterable[np.ndarray], spec: oiio.ImageSpec) -> None
             raise OSError(f"{path}: cannot be written: {problem(file)}")
         if path.suffix.lower() == ".png":
             _check_png(path, beside)
+        elif path.suffix.lower() in (".tif", ".tiff") and spec.getattribute("Keywords"):
+            xmp.replace_in_tiff(beside, xmp.packet(spec))  # OpenImageIO's XMP has no keywords
 
 
 def _jpeg(pixels: np.ndarray, spec: oiio.ImageSpec) -> bytes:
@@ -401,7 +403,7 @@ def _jpeg(pixels: np.ndarray, spec: oiio.ImageSpec) -> bytes:
     is_srgb = spec.getattribute("oiio:ColorSpace") == "srgb_rec709_scene"
     profile = _srgb_profile() if is_srgb else None
     Image.fromarray(codes).save(
-        file, "JPEG", quality=JPEG_QUALITY, exif=exif, icc_profile=profile, xmp=_xmp(spec)
+        file, "JPEG", quality=JPEG_QUALITY, exif=exif, icc_profile=profile, xmp=xmp.packet(spec)
     )
     return file.getvalue()
 
@@ -412,24 +414,6 @@ def _srgb_profile() -> bytes:
     made = ImageCms.ImageCmsProfile(ImageCms.createProfile("sRGB")).tobytes()
     date = struct.pack(">6H", 2000, 1, 1, 0, 0, 0)  # ICC.1:2022, 7.2.8: bytes 24 to 35
     return made[:24] + date + made[36:]
-
-
-def _xmp(spec: oiio.ImageSpec) -> bytes:
-    """Return the rating and the keywords of a photograph as XMP; nothing without them."""
-    rating, keywords = spec.getattribute("IPTC:Rating"), spec.getattribute("Keywords")
-    words = [word.strip() for word in str(keywords or "").split(";") if word.strip()]
-    about = "" if rating is None else f"<xmp:Rating>{escape(str(rating))}</xmp:Rating>"
-    if words:
-        items = "".join(f"<rdf:li>{escape(word)}</rdf:li>" for word in words)
-        about += f"<dc:subject><rdf:Bag>{items}</rdf:Bag></dc:subject>"
-    if not about:
-        return b""
-    return (
-        '<?xpacket begin="" id="W5M0MpCehiHzreSzNTczkc9d"?><x:xmpmeta xmlns:x="adobe:ns:meta/">'
-        '<rdf:RDF xmlns:rdf="http://www.w3.org/1999/02/22-rdf-syntax-ns#"><rdf:Description rdf:about="" '
-        'xmlns:xmp="http://ns.adobe.com/xap/1.0/" xmlns:dc="http://purl.org/dc/elements/1.1/">'
-        f'{about}</rdf:Description></rdf:RDF></x:xmpmeta><?xpacket end="w"?>'
-    ).encode()
 
 
 def _check_png(path: Path, written: Path) -> None:

@@ -1,5 +1,7 @@
 """`matte="auto"`, the default: whoever is in a photograph without a matte is found; here, what is red."""
 
+import json
+
 import numpy as np
 import pytest
 
@@ -14,6 +16,7 @@ from relight.cli import app
 from relight.errors import EmptyMatteError, MissingNetworksError
 from relight.matting import person
 from relight.media import colour
+from relight.pipeline.option_fields import parse_person
 from relight.pipeline.options import Source
 from relight.pipeline.shot import Shot
 
@@ -114,3 +117,27 @@ def test_a_frame_without_anybody_is_empty(fetched, tmp_path):
     shot = Shot(Source(tmp_path / "p.%d.exr", temporal_filter=False))
     assert shot.frame(1).plate[..., 3].max() <= 0.5
     assert shot.frame(2).plate[..., 3].max() > 0.5
+
+
+def test_a_job_states_who_is_followed_and_every_machine_takes_them(fetched, tmp_path):
+    """A machine on which the first frame is missing, or that would choose another one, takes the same."""
+    for number, (ours, other) in enumerate(((14, 10), (10, 14)), start=1):
+        codes, (where, _) = photograph((40 + number, 60, ours), (115, 110, other))
+        relight.write(tmp_path / f"p.{number}.exr", linear(codes))
+    plates = tmp_path / "p.%d.exr"
+    relight.write_job(tmp_path / "job.json", plates, KEY, tmp_path / "o.%d.exr")
+    template = json.loads((tmp_path / "job.json").read_text())
+    stated = json.loads(template["steps"][0]["script"]["embeddedFiles"][0]["data"])["source"]["person"]
+    assert np.hypot(stated[0] - 41, stated[1] - 60) < 14
+    (tmp_path / "p.1.exr").unlink()
+    assert overlap(Shot(Source(plates, person=tuple(stated))).frame(2).plate[..., 3], where) > 0.85
+    assert parse_person("/".join(map(str, stated))) == tuple(stated)
+
+
+def test_a_job_without_the_networks_says_so(tmp_path, monkeypatch):
+    monkeypatch.setenv("RELIGHT_CACHE", str(tmp_path / "nothing"))
+    person.load.cache_clear()
+    for number in (1, 2):
+        relight.write(tmp_path / f"p.{number}.exr", linear(photograph((90, 70, 14))[0]))
+    with pytest.warns(UserWarning, match="relight fetch person brings them.*Each machine chooses the person"):
+        relight.write_job(tmp_path / "job.json", tmp_path / "p.%d.exr", KEY, tmp_path / "o.%d.exr")

@@ -1,8 +1,9 @@
-"""JPEG files carry what photographs carry: when, with what lens, an ICC profile, rating and keywords."""
+"""Files carry what photographs carry: when, with what lens, an ICC profile, rating and keywords."""
 
 import io
 
 import numpy as np
+import pytest
 from PIL import ExifTags, Image, ImageCms
 
 import relight
@@ -42,3 +43,17 @@ def test_what_a_photograph_states_is_kept_except_whose_it_is(tmp_path):
     again = images.read_metadata(tmp_path / "b.jpg")
     assert (again["IPTC:Rating"].value, again["Keywords"].value) == (4, "sea; Bo & Co")
     np.testing.assert_allclose(relight.read(tmp_path / "b.jpg"), relight.read(tmp_path / "a.jpg"), atol=0.01)
+
+
+@pytest.mark.parametrize("depth", ["uint8", "float"])
+def test_a_tiff_keeps_rating_and_keywords(tmp_path, depth):
+    Image.fromarray(np.full((32, 24, 3), 120, np.uint8)).save(tmp_path / "a.jpg", xmp=XMP)
+    metadata = images.read_metadata(tmp_path / "a.jpg")
+    pixels = relight.read(tmp_path / "a.jpg")
+    relight.write(tmp_path / "b.tif", pixels, depth=depth, metadata=metadata)
+    again = images.read_metadata(tmp_path / "b.tif")
+    assert (again["IPTC:Rating"].value, again["Keywords"].value) == (4, "sea; Bo & Co")
+    if depth == "uint8":  # the only one that Pillow reads
+        with Image.open(tmp_path / "b.tif") as file:
+            assert b"<rdf:li>Bo &amp; Co</rdf:li>" in file.tag_v2[700]
+    np.testing.assert_allclose(relight.read(tmp_path / "b.tif"), pixels, atol=5e-3)

@@ -1,0 +1,58 @@
+"""XMP, in which photographs carry their rating and keywords."""
+
+import struct
+from pathlib import Path
+from xml.sax.saxutils import escape
+
+import OpenImageIO as oiio
+
+TIFF_TAG = 700  # XMLPacket, "XMP Specification Part 3", 1.1.5
+BYTE = 1  # type of a TIFF's field
+
+
+def packet(spec: oiio.ImageSpec) -> bytes:
+    """Return the rating and the keywords of a photograph as XMP; nothing without them."""
+    rating, keywords = spec.getattribute("IPTC:Rating"), spec.getattribute("Keywords")
+    words = [word.strip() for word in str(keywords or "").split(";") if word.strip()]
+    about = "" if rating is None else f"<xmp:Rating>{escape(str(rating))}</xmp:Rating>"
+    if words:
+        items = "".join(f"<rdf:li>{escape(word)}</rdf:li>" for word in words)
+        about += f"<dc:subject><rdf:Bag>{items}</rdf:Bag></dc:subject>"
+    if not about:
+        return b""
+    return (
+        '<?xpacket begin="" id="W5M0MpCehiHzreSzNTczkc9d"?><x:xmpmeta xmlns:x="adobe:ns:meta/">'
+        '<rdf:RDF xmlns:rdf="http://www.w3.org/1999/02/22-rdf-syntax-ns#"><rdf:Description rdf:about="" '
+        'xmlns:xmp="http://ns.adobe.com/xap/1.0/" xmlns:dc="http://purl.org/dc/elements/1.1/">'
+        f'{about}</rdf:Description></rdf:RDF></x:xmpmeta><?xpacket end="w"?>'
+    ).encode()
+
+
+def replace_in_tiff(path: Path, xmp: bytes) -> None:
+    """Let the first image of a TIFF, which has XMP, have other XMP, at the end of the file.
+
+    Raises ValueError if it has none.
+    """
+    with path.open("r+b") as file:
+        order = {b"II": "<", b"MM": ">"}[file.read(2)]
+
+        def read(layout: str) -> tuple[int, ...]:
+            return struct.unpack(order + layout, file.read(struct.calcsize(order + layout)))
+
+        big = read("H") == (43,)  # BigTIFF, whose counts and offsets have 8 bytes
+        if big:
+            file.seek(8)
+        (directory,) = read("Q" if big else "I")
+        file.seek(directory)
+        (fields,) = read("Q" if big else "H")
+        for _ in range(fields):
+            place = file.tell()
+            tag, *_ = read("HHQQ" if big else "HHII")
+            if tag == TIFF_TAG:
+                break
+        else:
+            raise ValueError(f"{path}: expected XMP in the TIFF, which is replaced, and found none")
+        start = file.seek(0, 2)
+        file.write(xmp)
+        file.seek(place)
+        file.write(struct.pack(order + ("HHQQ" if big else "HHII"), TIFF_TAG, BYTE, len(xmp), start))
