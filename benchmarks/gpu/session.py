@@ -1,21 +1,26 @@
-"""Use a quarter of an hour of a GPU: measure the product, make records, train the field on them.
+"""Use a quarter of an hour of a GPU: make records, measure the product, train the field on them.
 
+python benchmarks/gpu/session.py OUT --begin
 python benchmarks/gpu/session.py OUT [--limit 560] [--total 760] [--records DIR ...] [--tiny]
 
-The work is done by a process of its own in --work, which goes on if this command is stopped. The command
-starts it where there is none, and follows it: it prints its log, and copies weights in 8 bits, the state in
-parts of 16 MiB, the log and every exception to OUT as soon as they are there, each minute. So a stop loses a
-minute at most. Given again, it follows the same work, or starts it again after an error; what is done is not
-done twice.
+`--begin` unpacks what .gpu has (`pack.py` makes it), starts to render records on all cores, and returns at
+once. It can be given several times, with another part of .gpu each time: packages.tar.xz and people.tar.xz
+first; makehuman.tar.xz, *.glb (scans to render) and *.npz (records) when they are there.
 
-1. Measure (`measure.py`): the analysis, lights and frames of the product. At most 60 s.
-2. Records: all cores render clothed bodies and close-ups, and scans given by --scan, for --records-seconds.
-   Meanwhile the GPU trains a throw-away network, which compiles the code and predicts the number of steps.
-3. Training until --total seconds after the start. The records stay on the GPU, where photographs are made in
-   batches. The cosine follows the clock; rate and warm-up follow the predicted steps.
+Without it, the work is done by a process of its own in --work, which goes on if this command is stopped. The
+command starts it where there is none, and follows it: it prints its log, and copies weights in 8 bits, the
+state in parts of 16 MiB, the log and every exception to OUT as soon as they are there, each minute. So a stop
+loses a minute at most. Given again, it follows the same work, or starts it again after an error; what is done
+is not done twice.
+
+1. Rendering goes on until --records-seconds after the first start. Meanwhile the GPU measures the product
+   (`measure.py`, at most 60 s) and trains a throw-away network, which compiles the code and predicts the
+   number of steps.
+2. Training until --total seconds after the first start. The records stay on the GPU, where photographs are
+   made in batches. The cosine follows the clock; rate and warm-up follow the predicted steps.
 
 OUT holds at most eight files. `--restore OUT RUN` makes RUN/checkpoint.pt of them, from which `relight train`
-goes on. `pack.py` makes .gpu, which has what such a machine lacks; what is there of it is unpacked first.
+goes on.
 """
 
 import argparse
@@ -25,6 +30,7 @@ import io
 import json
 import os
 import random
+import shutil
 import signal
 import subprocess
 import sys
@@ -37,13 +43,22 @@ PART_BYTES = 16 * 2**20 - 1024
 FOLLOW_SECONDS, PUBLISH_SECONDS = 2.0, 10.0
 RESTARTS = 2  # after errors of the worker
 HERE = Path(__file__).resolve()
-PEAK_RATE, PEAK_STEPS = 5e-4, 2000  # a run of fewer steps has a lower rate
+ROOT = HERE.parents[2]
+PEAK_RATE, PEAK_STEPS = 4e-4, 2000  # a run of fewer steps has a lower rate
 WARM_UP = 0.03  # of the steps
+STEPS_A_SECOND = 5.0  # of an H100, in mini-batches of 32 photographs of 512 x 512
+PROBE_SECONDS = 120.0  # the compiler took 90 s while 16 processes rendered
 POOL = {  # folder: options of `relight stage`, share of the cores
-    "bodies": ("--bodies 80000:90000 --views 2 --jitter --fabrics", 0.55),
-    "close": ("--bodies 90000:99000 --views 2 --portrait", 0.3),
-    "pairs": ("--pairs 80000:81000 --views 2 --jitter", 0.15),
+    "heads": ("--bodies 110000:119000 --views 3 --head --makehuman MAKEHUMAN", 0.32),
+    "bodies": ("--bodies 80000:89000 --views 3 --jitter --fabrics", 0.16),
+    "looks": ("--bodies 100000:109000 --views 3 --jitter --makehuman MAKEHUMAN", 0.2),
+    "close": ("--bodies 120000:129000 --views 2 --portrait --makehuman MAKEHUMAN", 0.14),
+    "draped": ("--bodies 61000:62000 --simulate --views 8 --jitter --fabrics", 0.18),
+    "scans": ("SCANS --views 8 --jitter --no-normal-maps", 0.1),
+    "scan-maps": ("SCANS --views 4 --jitter", 0.06),
+    "variants": ("SCANS --variants 900:908 --folds --no-normal-maps --views 1 --jitter", 0.16),
 }
+TINY = {"bodies": ("--bodies 0:1 --views 2 --jitter", 0.0)}
 STAGE = "--size 576 --behind --directions 44"
 
 
@@ -118,11 +133,20 @@ def restore(out: Path, run: Path) -> None:
     torch.save(whole_state, run / "checkpoint.pt")
 
 
-def install(packs: Path, site: Path) -> None:
-    """Unpack the archives of `pack.py` that are there, and make anny's model of the packed one."""
+def install(packs: Path, work: Path) -> None:
+    """Unpack the archives that are there, and copy the code, which the next command may replace here."""
+    site = work / "site"
+    for package in ("relight", "shadow", "shading", "benchmarks"):
+        shutil.copytree(ROOT / package, work / "code" / package, dirs_exist_ok=True)
     for pack in sorted(packs.glob("*.tar.xz")):
-        with tarfile.open(pack) as archive:
-            archive.extractall(site, filter="data")
+        if not (done := work / f"{pack.name}.done").exists():
+            with tarfile.open(pack) as archive:
+                archive.extractall(site, filter="data")
+            done.touch()
+    for kind, folder in (("glb", "scans"), ("npz", "records/made")):
+        (work / folder).mkdir(parents=True, exist_ok=True)
+        for file in packs.glob(f"*.{kind}"):
+            shutil.copy(file, work / folder)
     model = site / "anny-model.safetensors"
     if not model.exists():
         return
@@ -146,31 +170,30 @@ def note(work: Path, **facts) -> None:
     print(facts, flush=True)
 
 
-def render(work: Path, given: argparse.Namespace) -> list[subprocess.Popen]:
-    """Start the processes that make records; each kind has its share of the cores, one thread a process."""
-    kinds = dict(POOL)
-    if given.scan:
-        scans = " ".join(f"--scan {path}" for path in given.scan)
-        kinds["variants"] = (f"{scans} --variants 0:40 --folds --no-normal-maps --views 1 --jitter", 0.2)
-    if given.tiny:
-        kinds = {"bodies": ("--bodies 0:1 --views 2 --jitter", 1)}
-    stage, processes = (
-        (STAGE, os.cpu_count() or 1) if not given.tiny else ("--size 96 --behind --directions 44", 1)
-    )
-    started = []
-    for name, (options, share) in kinds.items():
-        count = max(1, round(share * processes))
-        command = [sys.executable, "-m", "relight.cli", "stage", str(work / "records" / name)]
-        command += [*options.split(), *stage.split(), "--processes", str(count)]
-        started.append(subprocess.Popen(command, start_new_session=True))
-    return started
+def render(work: Path, tiny: bool) -> None:
+    """Start the processes that make records, one for each kind that has what it needs and has not begun."""
+    scans = " ".join(f"--scan {path}" for path in sorted((work / "scans").glob("*.glb")))
+    assets = work / "site/makehuman"
+    stage = STAGE if not tiny else "--size 96 --behind --directions 44"
+    for name, (options, share) in (POOL if not tiny else TINY).items():
+        pid, out = work / f"{name}.pid", work / "records" / name
+        lacking = ("SCANS" in options and not scans) or ("MAKEHUMAN" in options and not assets.exists())
+        if pid.exists() or lacking:
+            continue
+        words = options.replace("SCANS", scans).replace("MAKEHUMAN", str(assets)).split()
+        processes = max(1, round(share * (os.cpu_count() or 1)))
+        command = [sys.executable, "-m", "relight.cli", "stage", str(out), *words, *stage.split()]
+        with open(work / "render.log", "ab") as log:
+            renderer = subprocess.Popen(
+                [*command, "--processes", str(processes)], stdout=log, stderr=log, stdin=subprocess.DEVNULL,
+                start_new_session=True, env=environment(work), cwd=work,
+            )  # fmt: skip
+        pid.write_text(str(renderer.pid))
 
 
-def stop(process: subprocess.Popen) -> None:
-    """End a process that was started in a session of its own, with its workers."""
-    if process.poll() is None:
-        os.killpg(process.pid, signal.SIGKILL)
-    process.wait()
+def renderers(work: Path) -> list[int]:
+    """Return the processes that make records and still run."""
+    return [int(pid.read_text()) for pid in work.glob("*.pid") if alive(pid)]
 
 
 def work_through(given: argparse.Namespace) -> None:
@@ -178,38 +201,43 @@ def work_through(given: argparse.Namespace) -> None:
     faulthandler.enable()
     work, began = given.work, float((given.work / "began").read_text())
     ends = began + given.total
-    if not (work / "measured").exists():
-        (work / "measured").touch()  # an error in it must not cost the training
-        command = [sys.executable, str(HERE.with_name("measure.py")), *(["--tiny"] if given.tiny else [])]
-        try:
-            measured = subprocess.run(command, timeout=60 if not given.tiny else 600, capture_output=True)
-            print(measured.stderr.decode(), flush=True)
-            for line in measured.stdout.decode().splitlines():
-                note(work, measured=line)
-        except subprocess.TimeoutExpired as error:
-            note(work, measured=(error.stdout or b"").decode(), stopped="after its time")
-    found = make_records(work, given, time.time() + given.records_seconds)
+    found = make_records(work, given, began + given.records_seconds)
     train(work, given, ends, found)
     (work / "done").touch()
+
+
+def measure(work: Path, given: argparse.Namespace) -> None:
+    """Add the times of the product to the report. An error in it must not cost the training."""
+    command = [sys.executable, str(HERE.with_name("measure.py")), *(["--tiny"] if given.tiny else [])]
+    try:
+        measured = subprocess.run(command, timeout=60 if not given.tiny else 600, capture_output=True)
+        print(measured.stderr.decode(), flush=True)
+        for line in measured.stdout.decode().splitlines():
+            note(work, measured=line)
+    except subprocess.TimeoutExpired as error:
+        note(work, measured=(error.stdout or b"").decode(), stopped="after its time")
 
 
 def make_records(work: Path, given: argparse.Namespace, until: float) -> dict:
     """Render until a time, and return what a throw-away run found meanwhile; see `probe`."""
     if (work / "probe.json").exists():
         return json.loads((work / "probe.json").read_text())
-    renderers, pool = render(work, given), work / "records"
+    render(work, given.tiny)
+    pool = work / "records"
     enough = 64 if not given.tiny else 1
-    rendering = lambda: time.time() < until and any(each.poll() is None for each in renderers)  # noqa: E731
+    rendering = lambda: time.time() < until and renderers(work)  # noqa: E731
     try:
+        measure(work, given)
         while rendering() and not given.records and len(list(pool.glob("*/*.npz"))) < enough:
             time.sleep(0.5)
         found = probe(work, given, until)
         while rendering():
             time.sleep(0.5)
     finally:
-        for renderer in renderers:
-            stop(renderer)
-    note(work, views=len(list(pool.glob("*/*.npz"))), seconds=given.records_seconds, **found)
+        for process in renderers(work):
+            os.killpg(process, signal.SIGKILL)
+    counts = {path.name: len(list(path.glob("*.npz"))) for path in sorted(pool.iterdir())}
+    note(work, views=sum(counts.values()), kinds=counts, seconds=given.records_seconds, **found)
     (work / "probe.json").write_text(json.dumps(found))
     return found
 
@@ -218,9 +246,9 @@ def probe(work: Path, given: argparse.Namespace, until: float) -> dict:
     """Return the mini-batch that fits, whether the network compiles, and the steps a second."""
     import torch
 
-    found = {"batch": given.batch, "compiled": True, "steps_a_second": 1.0}
-    for attempt in range(4):
-        seconds = min(60.0 if not given.tiny else 1.0, max(1.0, until - time.time()))
+    found = {"batch": given.batch, "compiled": True, "stacked": True, "steps_a_second": STEPS_A_SECOND}
+    for attempt in range(6):
+        seconds = min(PROBE_SECONDS if not given.tiny else 1.0, max(1.0, until - time.time()))
         run = work / f"probe-{attempt}"
         try:
             fit_field(given, found, recipe_for(given, found, seconds, 1000), records(work, given)[:256], run)
@@ -229,15 +257,17 @@ def probe(work: Path, given: argparse.Namespace, until: float) -> dict:
             found["batch"] //= 2
         except Exception:
             traceback.print_exc()
-            if not found["compiled"]:
+            # What fails is left out: first the compiler, then photographs made on the GPU.
+            if not found["compiled"] and not found["stacked"]:
                 break
-            found["compiled"] = False
+            found["compiled" if found["compiled"] else "stacked"] = False
         else:
             rows = [json.loads(line) for line in (run / "log.jsonl").read_text().splitlines()]
-            # The first lines have the time of compilation.
-            first = rows[0] if len(rows) > 1 else {"step": 0, "seconds": 0.0}
-            steps, seconds = rows[-1]["step"] - first["step"], rows[-1]["seconds"] - first["seconds"]
-            return found | {"steps_a_second": steps / max(1e-3, seconds)}
+            # The first line has the time of compilation, so it alone tells nothing.
+            if len(rows) > 1:
+                steps, seconds = (rows[-1][key] - rows[0][key] for key in ("step", "seconds"))
+                found["steps_a_second"] = steps / max(1e-3, seconds)
+            return found
     return found
 
 
@@ -269,8 +299,8 @@ def fit_field(given: argparse.Namespace, found: dict, recipe, files: list[Path],
 
     compiled = found["compiled"] and ("eager" if given.tiny else True)
     fit(
-        SHADOW, recipe, files, out, init=given.init, workers=2, checkpoint_minutes=given.minutes,
-        stacked=True, compiled=compiled,
+        SHADOW, recipe, files, out, init=given.init, workers=6 if found["stacked"] else None,
+        checkpoint_minutes=given.minutes, stacked=found["stacked"], compiled=compiled,
     )  # fmt: skip
 
 
@@ -289,7 +319,7 @@ def train(work: Path, given: argparse.Namespace, ends: float, found: dict) -> No
 def environment(work: Path) -> dict[str, str]:
     """Return the environment of the worker: the packages, and one thread for each process."""
     site = work / "site"
-    paths = [str(HERE.parents[2]), str(site), os.environ.get("PYTHONPATH", "")]
+    paths = [str(work / "code"), str(site), os.environ.get("PYTHONPATH", "")]
     # Threads of BLAS and OpenMP in 16 processes each would wait for one another.
     found = {"OMP_NUM_THREADS": "1", "PYTHONPATH": os.pathsep.join(path for path in paths if path)}
     if (site / "anny-cache").exists():
@@ -297,10 +327,10 @@ def environment(work: Path) -> dict[str, str]:
     return os.environ | found
 
 
-def alive(work: Path) -> bool:
-    """Return whether the worker runs."""
+def alive(pid: Path) -> bool:
+    """Return whether the process runs whose number a file holds."""
     try:
-        state = Path(f"/proc/{int((work / 'pid').read_text())}/stat").read_text()
+        state = Path(f"/proc/{int(pid.read_text())}/stat").read_text()
     except (OSError, ValueError):
         return False
     return state.rsplit(")", 1)[1].split()[0] != "Z"
@@ -310,23 +340,20 @@ def start(work: Path) -> subprocess.Popen:
     """Start the worker in a session of its own, with its output and errors in a file."""
     with open(work / "worker.log", "ab") as log:
         worker = subprocess.Popen(
-            [sys.executable, "-u", str(HERE), *sys.argv[1:], "--worker"], stdout=log, stderr=log,
-            stdin=subprocess.DEVNULL, start_new_session=True, env=environment(work),
+            [sys.executable, "-u", str(work / "code" / HERE.relative_to(ROOT)), *sys.argv[1:], "--worker"],
+            stdout=log, stderr=log, stdin=subprocess.DEVNULL, start_new_session=True, env=environment(work),
         )  # fmt: skip
-    (work / "pid").write_text(str(worker.pid))
+    (work / "worker").write_text(str(worker.pid))
     return worker
 
 
 def follow(given: argparse.Namespace) -> int:
     """Follow the worker for `limit` seconds, and return an exit status: 0 if all is done."""
     until, published, shown, work = time.time() + given.limit, 0.0, 0, given.work
-    work.mkdir(parents=True, exist_ok=True)
-    sys.path[1:1] = [str(HERE.parents[2]), str(work / "site")]
-    if not (work / "began").exists():
-        (work / "began").write_text(str(time.time()))
+    sys.path[1:1] = [str(work / "code"), str(work / "site")]
     worker, starts = None, 0
     while True:
-        finished, running = (work / "done").exists(), alive(work)
+        finished, running = (work / "done").exists(), alive(work / "worker")
         if worker is not None:
             worker.poll()
         if not finished and not running and starts <= RESTARTS:
@@ -353,18 +380,17 @@ def main() -> int:
     parser.add_argument("out", type=Path)
     parser.add_argument("run", type=Path, nargs="?", help="with --restore")
     parser.add_argument("--work", type=Path, default=Path("/tmp/relight-gpu"))
-    parser.add_argument("--packs", type=Path, default=HERE.parents[2] / ".gpu")
+    parser.add_argument("--packs", type=Path, default=ROOT / ".gpu")
     parser.add_argument("--limit", type=float, default=560, help="seconds until this command returns")
     parser.add_argument("--total", type=float, default=760, help="seconds from the first start to the end")
-    parser.add_argument("--records-seconds", type=float, default=240)
+    parser.add_argument("--records-seconds", type=float, default=240, help="from the first start")
     parser.add_argument("--records", type=Path, nargs="*", default=[], help="records made before")
-    parser.add_argument("--scan", type=Path, nargs="*", default=[], help="meshes to make variants of")
-    parser.add_argument("--init", type=Path, default=HERE.parents[2] / "shadow/weights/field.safetensors")
-    parser.add_argument("--batch", type=int, default=64)
+    parser.add_argument("--init", type=Path, default=ROOT / "shadow/weights/field.safetensors")
+    parser.add_argument("--batch", type=int, default=32)
     parser.add_argument("--minutes", type=float, default=1.0, help="between checkpoints")
     parser.add_argument("--seed", type=int, default=223)
     parser.add_argument("--tiny", action="store_true", help="a rehearsal on a CPU")
-    parser.add_argument("--install", action="store_true", help="unpack what .gpu has, and no more")
+    parser.add_argument("--begin", action="store_true", help="unpack what .gpu has, and start to render")
     parser.add_argument("--restore", action="store_true")
     parser.add_argument("--worker", action="store_true", help=argparse.SUPPRESS)
     given = parser.parse_args()
@@ -374,8 +400,15 @@ def main() -> int:
     if given.worker:
         work_through(given)
         return 0
-    install(given.packs, given.work / "site")
-    return 0 if given.install else follow(given)
+    given.work.mkdir(parents=True, exist_ok=True)
+    if not (given.work / "began").exists():
+        (given.work / "began").write_text(str(time.time()))
+    if given.work / "code" != ROOT:
+        install(given.packs, given.work)
+    if given.begin:
+        render(given.work, given.tiny)
+        return 0
+    return follow(given)
 
 
 if __name__ == "__main__":

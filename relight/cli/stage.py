@@ -3,7 +3,7 @@
 Heavy modules are imported inside the command, so that `relight --help` answers at once.
 """
 
-from contextlib import nullcontext
+from contextlib import AbstractContextManager, nullcontext
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
@@ -12,6 +12,8 @@ import typer
 from relight.cli.options import console
 
 if TYPE_CHECKING:
+    from concurrent.futures import Executor
+
     from shadow.lightstage.stage import Source
 
 
@@ -55,6 +57,9 @@ def stage(
     portrait: Annotated[
         bool, typer.Option("--portrait", help="Close-up views with jitter: the frame cuts the figure.")
     ] = False,
+    head: Annotated[
+        bool, typer.Option("--head", help="Views of the head, down to the waist at most, with jitter.")
+    ] = False,
     shading: Annotated[
         bool, typer.Option(help="Also trace indirect light, for path-traced shading.")
     ] = False,
@@ -68,6 +73,13 @@ def stage(
             "--simulate", help="Simulate the cloth of --bodies, which takes about 17 s more for each body."
         ),
     ] = False,
+    makehuman: Annotated[
+        Path | None,
+        typer.Option(
+            help="Folder of MakeHuman's assets (clothes, hair, eyebrows, eyelashes, textures), from which "
+            "--bodies get skins and brows, and often hair or a suit."
+        ),
+    ] = None,
     fabrics: Annotated[
         bool,
         typer.Option("--fabrics", help="Draw other fabrics and colours for each view of a body."),
@@ -89,20 +101,19 @@ def stage(
     ] = None,
 ) -> None:
     """Render training records on the virtual light stage, pack them, or draw a contact sheet."""
-    from relight.distributed.dask_cluster import executor
     from shadow.data import records as record_files
     from shadow.evaluation import pictures
     from shadow.lightstage.stage import render_all
 
     if relief and (bodies is not None or pairs is not None):
         raise ValueError("--relief: expected scans only, since --bodies and --pairs have no painted folds")
-    people = _people(bodies, pairs, split, records / "cloth" if simulate else None)
+    people = _people(bodies, pairs, split, records / "cloth" if simulate else None, makehuman)
     sources = people + _scans([*(scan or []), *_listed(scan_list)], variants, folds, not no_normal_maps)
     if sources:
-        with executor(dask) if dask is not None else nullcontext() as pool:
+        with _executor(dask) if dask is not None else nullcontext() as pool:
             written, on_disk, errors = render_all(
                 sources, records, views=views, size=size, behind=behind, lights=directions,
-                jitter=jitter, portrait=portrait, bounced=shading, raised=relief, fabrics=fabrics,
+                jitter=jitter, portrait=portrait, head=head, bounced=shading, raised=relief, fabrics=fabrics,
                 processes=processes, pool=pool,
             )  # fmt: skip
         console.print(f"{written} records, {on_disk // max(1, written)} bytes a view")
@@ -120,12 +131,26 @@ def stage(
         console.print(f"{sheet}")
 
 
-def _people(bodies: str | None, pairs: str | None, split: str, cloth: Path | None) -> list["Source"]:
-    """Return the sources of bodies and pairs of a split. `cloth`: folder of simulated garments, or None."""
+def _executor(scheduler: str) -> AbstractContextManager["Executor"]:
+    from relight.distributed.dask_cluster import executor  # needs what reads movies, which the stage does not
+
+    return executor(scheduler)
+
+
+def _people(
+    bodies: str | None, pairs: str | None, split: str, cloth: Path | None, assets: Path | None
+) -> list["Source"]:
+    """Return the sources of bodies and pairs of a split.
+
+    `cloth`: folder of simulated garments, or None. `assets`: folder of MakeHuman's assets, or None.
+    """
     from shadow.lightstage.stage import Source
 
     simulate = cloth is not None
-    people = [Source.body(seed, split, simulate=simulate, cache=cloth) for seed in _seeds("--bodies", bodies)]
+    people = [
+        Source.body(seed, split, simulate=simulate, cache=cloth, assets=assets)
+        for seed in _seeds("--bodies", bodies)
+    ]
     return people + [Source.pair(seed, split) for seed in _seeds("--pairs", pairs)]
 
 

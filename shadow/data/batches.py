@@ -61,39 +61,35 @@ class Stack:
             )
             for crop in crops
         ]  # fmt: skip
-        self.inside = self._images([crop.mask[crop.mask][:, None] for crop in crops], crops)
-        self.normals = self._images([crop.normals_int8 for crop in crops], crops)
-        self.albedo = self._images([crop.albedo_uint8 for crop in crops], crops)
-        self.bits = self._images([crop.visibility_bits for crop in crops], crops)
-        unknown = [np.zeros((len(crop.normals_int8), 1), np.float16) for crop in crops]
+        self.inside, self.normals, self.albedo, self.bits, self.depth, self.regions = self._images(crops)
         depths = [crop.depth_float16 for crop in crops]
-        self.depth = self._images(
-            [none if depth is None else depth for depth, none in zip(depths, unknown, strict=True)], crops
-        )
-        blank = [np.zeros((len(crop.normals_int8), 1), np.uint8) for crop in crops]
-        self.regions = self._images(
-            [
-                none if crop.regions is None else crop.regions[:, None]
-                for crop, none in zip(crops, blank, strict=True)
-            ],
-            crops,
-        )
         self.directions = torch.from_numpy(np.stack([crop.directions for crop in crops])).to(device)
         self.depth_known = torch.tensor([[float(depth is not None)] for depth in depths], device=device)
         self.heights = torch.tensor([_height(crop.mask) for crop in crops], device=device)
         self.scales = torch.tensor([_pixels_a_metre(crop) for crop in crops], device=device)
 
-    def _images(self, values: list[np.ndarray], crops: list[Record]) -> torch.Tensor:
-        """Return values (N, C) of each record as images (R, C, H, W) of the stack's size."""
-        first = values[0]
-        images = torch.empty(
-            (len(crops), first.shape[1], *self.shape), dtype=torch.from_numpy(first).dtype, device=self.device
-        )
-        for image, value, crop in zip(images, values, crops, strict=True):
-            canvas = np.zeros((first.shape[1], *self.shape), first.dtype)
-            height, width = crop.mask.shape
-            canvas[:, :height, :width][:, crop.mask] = value.T
-            image.copy_(torch.from_numpy(canvas))
+    def _images(self, crops: list[Record]) -> list[torch.Tensor]:
+        """Return the fields of the records as images (R, C, H, W) of the stack's size.
+
+        The device puts the pixels in their places, so that the processor only reads files.
+        """
+        images: list[torch.Tensor] = []
+        for number, crop in enumerate(crops):
+            count = len(crop.normals_int8)
+            depth, regions = crop.depth_float16, crop.regions
+            fields = [
+                np.ones((count, 1), bool), crop.normals_int8, crop.albedo_uint8, crop.visibility_bits,
+                np.zeros((count, 1), np.float16) if depth is None else depth,
+                np.zeros((count, 1), np.uint8) if regions is None else regions[:, None],
+            ]  # fmt: skip
+            values = [torch.from_numpy(field).to(self.device) for field in fields]
+            images = images or [
+                torch.zeros((len(crops), value.shape[1], *self.shape), dtype=value.dtype, device=self.device)
+                for value in values
+            ]
+            row, column = torch.from_numpy(crop.mask).to(self.device).nonzero(as_tuple=True)
+            for image, value in zip(images, values, strict=True):
+                image[number].flatten(1)[:, row * self.shape[1] + column] = value.T
         return images
 
     def __len__(self) -> int:

@@ -84,6 +84,21 @@ def interpolate(values: np.ndarray, faces: np.ndarray, barycentric: np.ndarray) 
     )
 
 
+def bilinear(texels: np.ndarray, uv: np.ndarray) -> np.ndarray:
+    """Sample texels (H, W, C) bilinearly at uv (N, 2), with v up from the bottom row; the texture repeats."""
+    height, width = texels.shape[:2]
+    x, y = uv[:, 0] * width - 0.5, (1 - uv[:, 1]) * height - 0.5
+    column, row = np.floor(x).astype(np.int64), np.floor(y).astype(np.int64)
+    right, down = (x - column).astype(np.float32)[:, None], (y - row).astype(np.float32)[:, None]
+
+    def at(row: np.ndarray, column: np.ndarray) -> np.ndarray:
+        return texels[row % height, column % width]
+
+    upper = at(row, column) * (1 - right) + at(row, column + 1) * right
+    lower = at(row + 1, column) * (1 - right) + at(row + 1, column + 1) * right
+    return upper * (1 - down) + lower * down
+
+
 def joined(textures: list[Albedo], face_counts: list[int]) -> Albedo:
     """Return the albedo or normal map of concatenated meshes with these textures and numbers of faces."""
     ends = np.cumsum(face_counts)

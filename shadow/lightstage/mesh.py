@@ -60,10 +60,21 @@ def subdivide(faces: np.ndarray, count: int) -> tuple[np.ndarray, csr_matrix]:
     m = side + count
     a, b, c = faces.T
     ab, bc, ca = m.T
-    fine = np.concatenate(
+    return _quarter(a, b, c, ab, bc, ca), vstack([old_points, edge_points], format="csr")
+
+
+def subdivide_corners(values: np.ndarray) -> np.ndarray:
+    """Return values (F, 3, C) of the corners of faces for the faces of `subdivide`: (4F, 3, C)."""
+    a, b, c = values[:, 0], values[:, 1], values[:, 2]
+    return _quarter(a, b, c, (a + b) / 2, (b + c) / 2, (c + a) / 2)
+
+
+def _quarter(*corners: np.ndarray) -> np.ndarray:
+    """Return the four parts of each face, given its corners a, b, c and the middles ab, bc, ca."""
+    a, b, c, ab, bc, ca = corners
+    return np.concatenate(
         [np.stack(t, axis=1) for t in ((a, ab, ca), (b, bc, ab), (c, ca, bc), (ab, bc, ca))]
     )
-    return fine, vstack([old_points, edge_points], format="csr")
 
 
 def _snap_to_line(faces: np.ndarray, inside: np.ndarray) -> tuple[np.ndarray, csr_matrix]:

@@ -10,7 +10,16 @@ import numpy as np
 import trimesh
 from PIL import Image
 
-from shadow.lightstage.figure import Albedo, Figure, NormalMap, interpolate, joined, normalize, stand_on_floor
+from shadow.lightstage.figure import (
+    Albedo,
+    Figure,
+    NormalMap,
+    bilinear,
+    interpolate,
+    joined,
+    normalize,
+    stand_on_floor,
+)
 from shadow.lightstage.normalmaps import decode_normal_map, tangents
 from shadow.srgb import decode_srgb
 
@@ -125,7 +134,7 @@ def _mesh_albedo(mesh: trimesh.Trimesh) -> Albedo:
     if isinstance(texture, Image.Image) and uv is not None:
         texels = decode_srgb(np.asarray(texture.convert("RGB")) / np.float32(255))
         factor = _factor(material, default=1.0)
-        return lambda face, barycentric: _bilinear(texels, interpolate(uv, faces[face], barycentric)) * factor
+        return lambda face, barycentric: bilinear(texels, interpolate(uv, faces[face], barycentric)) * factor
     if getattr(visual, "kind", None) in ("vertex", "face"):
         colours = decode_srgb(visual.vertex_colors[:, :3] / np.float32(255))
         return lambda face, barycentric: interpolate(colours, faces[face], barycentric).astype(np.float32)
@@ -142,7 +151,7 @@ def _mesh_normal_map(mesh: trimesh.Trimesh, scales: dict[str, float]) -> NormalM
         return None
     texels = decode_normal_map(np.asarray(texture.convert("RGB")), scales.get(material.name, 1.0))
     faces = np.asarray(mesh.faces)
-    return lambda face, barycentric: _bilinear(texels, interpolate(uv, faces[face], barycentric))
+    return lambda face, barycentric: bilinear(texels, interpolate(uv, faces[face], barycentric))
 
 
 def _flat_normals(face: np.ndarray, barycentric: np.ndarray) -> np.ndarray:
@@ -168,18 +177,3 @@ def _factor(material: object, default: float) -> np.ndarray:
     if default == GREY and (diffuse := getattr(material, "diffuse", None)) is not None:
         return decode_srgb(np.asarray(diffuse[:3]) / np.float32(255))
     return np.full(3, default, np.float32)
-
-
-def _bilinear(texels: np.ndarray, uv: np.ndarray) -> np.ndarray:
-    """Sample texels (H, W, 3) bilinearly at uv (N, 2), with v up from the bottom row; the texture repeats."""
-    height, width = texels.shape[:2]
-    x, y = uv[:, 0] * width - 0.5, (1 - uv[:, 1]) * height - 0.5
-    column, row = np.floor(x).astype(np.int64), np.floor(y).astype(np.int64)
-    right, down = (x - column).astype(np.float32)[:, None], (y - row).astype(np.float32)[:, None]
-
-    def at(row: np.ndarray, column: np.ndarray) -> np.ndarray:
-        return texels[row % height, column % width]
-
-    upper = at(row, column) * (1 - right) + at(row, column + 1) * right
-    lower = at(row + 1, column) * (1 - right) + at(row + 1, column + 1) * right
-    return upper * (1 - down) + lower * down

@@ -54,17 +54,24 @@ class View:
 
 
 def views(
-    count: int, figure: Figure | None = None, rng: np.random.Generator | None = None, portrait: bool = False
+    count: int,
+    figure: Figure | None = None,
+    rng: np.random.Generator | None = None,
+    portrait: bool = False,
+    head: bool = False,
 ) -> list[View]:
     """Return `count` evenly spaced views: those of Section 3 or, with `rng`, jittered ones of `figure`.
 
     Jitter varies angle, camera height and distance, with a longer lens at a longer distance. The camera is
     pitched and framed so that the whole figure is visible. With `portrait`, it frames between the head and
-    the upper three quarters of the figure, more often from the front.
+    the upper three quarters of the figure, more often from the front. With `head`, it frames between the head
+    and the figure down to the waist, mostly within 60 degrees of the front.
     """
     angles = 360 / count * np.arange(count)
     if rng is None or figure is None:
         return [View(float(angle)) for angle in angles]
+    if head:
+        return [_head(figure, float(rng.choice([30, 30, 30, 80]) * rng.normal()), rng) for _ in range(count)]
     camera = _portrait if portrait else _whole
     angles = angles + rng.uniform(0, 360)
     return [camera(figure, (angle + rng.uniform(-0.5, 0.5) * 360 / count) % 360, rng) for angle in angles]
@@ -104,6 +111,42 @@ def _portrait(figure: Figure, azimuth: float, rng: np.random.Generator) -> View:
     pitch = np.degrees(np.arctan2(top - span / 2 - height, away))
     fov = 2 * np.degrees(np.arctan(span / 2 * rng.uniform(1.02, 1.2) / (away - 0.1)))
     return View(*map(float, (azimuth, distance, height, pitch, fov, pan)))
+
+
+def _head(figure: Figure, azimuth: float, rng: np.random.Generator) -> View:
+    """Draw a camera that sees the head alone, or the figure down to the waist, from 0.35 to 1.8 m.
+
+    The azimuth is relative to the direction of the face.
+    """
+    face, front, top = _face(figure)
+    span = np.exp(rng.uniform(np.log(0.28), np.log(0.7)))
+    away = np.exp(rng.uniform(np.log(0.35), np.log(1.8))) + 0.1
+    towards = front + np.radians(azimuth)
+    eye = face + away * np.array([np.sin(towards), rng.normal(0, 0.12), np.cos(towards)])
+    position = np.degrees(np.arctan2(eye[0], eye[2]))
+    aside = np.degrees(np.arctan(rng.normal(0, 0.08) * span / away))
+    pan = (np.degrees(towards) + aside - position + 180) % 360 - 180
+    pitch = np.degrees(np.arctan2(top - span / 2 - eye[1], away))
+    fov = 2 * np.degrees(np.arctan(span / 2 * rng.uniform(1.02, 1.25) / (away - 0.1)))
+    return View(*map(float, (position % 360, np.hypot(eye[0], eye[2]), eye[1], pitch, min(fov, 85.0), pan)))
+
+
+def _face(figure: Figure) -> tuple[np.ndarray, float, float]:
+    """Return the middle (3,) of the face, the azimuth in radians to which it looks, and the head's top.
+
+    A figure without regions is taken to look forward, with its head at the top.
+    """
+    top = figure.vertices[:, 1].max()
+    if figure.regions is None or not (of_face := figure.regions == records.REGIONS.index("face")).any():
+        head = figure.vertices[figure.vertices[:, 1] > top - 0.24].mean(axis=0)
+        return head, 0.0, top
+    points = figure.vertices[figure.faces[of_face]].mean(axis=1)
+    normal = figure.normals[figure.faces[of_face]].mean(axis=(0, 1))
+    middle = points.mean(axis=0)
+    near = np.linalg.norm(figure.vertices[:, [0, 2]] - middle[[0, 2]], axis=1) < 0.16
+    high = figure.vertices[near & (figure.vertices[:, 1] < middle[1] + 0.3), 1].max()
+    # A raised hand or a tall hat must not push the face out of the frame.
+    return middle, float(np.arctan2(normal[0], normal[2])), float(min(high, middle[1] + 0.2))
 
 
 def camera_rays(view: View, size: int) -> tuple[np.ndarray, np.ndarray]:
@@ -193,10 +236,18 @@ class Source:
     load: Callable[[], Figure]
 
     @classmethod
-    def body(cls, seed: int, split: str, *, simulate: bool = False, cache: Path | None = None) -> "Source":
+    def body(
+        cls,
+        seed: int,
+        split: str,
+        *,
+        simulate: bool = False,
+        cache: Path | None = None,
+        assets: Path | None = None,
+    ) -> "Source":
         """Return the source of a clothed body; see `bodies.body`."""
-        name = f"body-{split}-{seed:06d}" + ("-simulated" if simulate else "")
-        return cls(name, partial(bodies.body, seed, split, simulate=simulate, cache=cache))
+        name = f"body-{split}-{seed:06d}" + "-simulated" * simulate + "-makehuman" * (assets is not None)
+        return cls(name, partial(bodies.body, seed, split, simulate=simulate, cache=cache, assets=assets))
 
     @classmethod
     def pair(cls, seed: int, split: str) -> "Source":
@@ -226,6 +277,7 @@ def _render_figure(
     light_count: int | None,
     jitter: bool,
     portrait: bool,
+    head: bool,
     bounced: bool,
     raised: bool,
     fabrics: bool,
@@ -236,10 +288,10 @@ def _render_figure(
     if all(path.exists() for path in paths):
         return 0, 0
     figure = source.load()
-    rng = np.random.default_rng(_seed(source.name)) if jitter or portrait else None
+    rng = np.random.default_rng(_seed(source.name)) if jitter or portrait or head else None
     lights = directions.olat(behind)
     sizes = []
-    for path, view in zip(paths, views(view_count, figure, rng, portrait), strict=True):
+    for path, view in zip(paths, views(view_count, figure, rng, portrait, head), strict=True):
         if not path.exists():
             own = np.random.default_rng(_seed(path.stem))
             if light_count is not None:
@@ -263,6 +315,7 @@ def render_all(
     lights: int | None = None,
     jitter: bool = False,
     portrait: bool = False,
+    head: bool = False,
     bounced: bool = False,
     raised: bool = False,
     fabrics: bool = False,
@@ -293,6 +346,8 @@ def render_all(
         Whether to vary camera height, distance and field of view.
     portrait
         Whether to take close-up views with jitter, in which the frame cuts the figure between neck and shins.
+    head
+        Whether to take views of the head, down to the waist at most.
     bounced
         Whether to trace bounce light, for path-traced shading.
     raised
@@ -328,6 +383,7 @@ def render_all(
         light_count=lights,
         jitter=jitter,
         portrait=portrait,
+        head=head,
         bounced=bounced,
         raised=raised,
         fabrics=fabrics,

@@ -10,6 +10,7 @@ import os
 import textwrap
 import time
 from collections.abc import Callable, Iterable
+from concurrent.futures import ThreadPoolExecutor
 from contextlib import nullcontext
 from dataclasses import asdict
 from functools import partial
@@ -313,7 +314,10 @@ def fit(
     facts = _facts(task, recipe, init, estimator, visibility, device)
     # Each process draws its own photographs. The stride keeps the seeds of different runs apart.
     seed, done = recipe.seed + 7919 * rank, state.step
-    stack = Stack([source[index] for index in range(len(source))], size, device) if stacked else None
+    stack = None
+    if stacked:
+        with ThreadPoolExecutor() as readers:
+            stack = Stack(list(readers.map(source.__getitem__, range(len(source)))), size, device)
     photographs = _Photographs(
         source, seed, size, recipe.lights or task.lights, done * recipe.batch,
         (recipe.steps - done) * recipe.batch, stack=stack,

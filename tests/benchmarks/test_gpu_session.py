@@ -32,8 +32,7 @@ def begun(tmp_path):
     """The folder of a session that has measured and made its records."""
     work = tmp_path / "work"
     work.mkdir()
-    (work / "measured").touch()
-    found = {"batch": 2, "compiled": True, "steps_a_second": 1.0}
+    found = {"batch": 2, "compiled": True, "stacked": True, "steps_a_second": 1.0}
     (work / "probe.json").write_text(json.dumps(found))
     return work
 

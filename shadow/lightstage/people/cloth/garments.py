@@ -31,6 +31,7 @@ class Wardrobe:
         self.person, self.rng, self.simulator = person, rng, simulator
         tights = person.base.tights
         self.covered = np.zeros(len(person.tights_regions), bool)
+        self.hidden = np.zeros(len(person.rest), bool)  # vertices of the body under MakeHuman's meshes
         self.parts: list[MeshPart] = []
         self.packed = False  # whether there is a pack on the back
         self.outer: tailoring.Garment | None = None  # the garment that was put on last, draped

@@ -14,8 +14,17 @@ import numpy as np
 from scipy.sparse import csr_matrix, identity
 
 from shadow.data import records
-from shadow.lightstage.figure import Figure, interpolate, normalize, vertex_normals
+from shadow.lightstage.figure import (
+    Figure,
+    NormalMap,
+    bilinear,
+    interpolate,
+    joined,
+    normalize,
+    vertex_normals,
+)
 from shadow.lightstage.mesh import remove_unused
+from shadow.lightstage.normalmaps import tangents
 from shadow.lightstage.people.body.anatomy import REGIONS, BaseMesh, Person, base_mesh
 from shadow.lightstage.people.body.faces import Face
 from shadow.lightstage.people.body.skeleton import Pose, Skeleton
@@ -24,12 +33,16 @@ from shadow.lightstage.people.cloth.fabric import Fabric, MeshPart, Noise, repla
 from shadow.lightstage.people.cloth.garments import Wardrobe
 from shadow.lightstage.people.cloth.simulation import Simulator
 from shadow.lightstage.people.generate import outfits, poses
+from shadow.lightstage.people.makehuman import Look
 
+LOOK = 3  # distinguishes the random choices among MakeHuman's assets
 IN_POCKET = 0.006  # metres inside a pocket beyond which a hand is hidden
 SPLITS = ("training", "validation", "generalisation")
 
 
-def body(seed: int, split: str, *, simulate: bool = False, cache: Path | None = None) -> Figure:
+def body(
+    seed: int, split: str, *, simulate: bool = False, cache: Path | None = None, assets: Path | None = None
+) -> Figure:
     """Generate a clothed person in a pose. The same seed and split give the same arrays in any process.
 
     Parameters
@@ -43,6 +56,9 @@ def body(seed: int, split: str, *, simulate: bool = False, cache: Path | None = 
         clothes are the same, but the clothes fold.
     cache
         Folder that stores simulated garments, or None.
+    assets
+        Folder of MakeHuman's assets, from which the person gets a skin, brows and lashes, and often hair or a
+        suit; None: all is procedural. See `makehuman`.
 
     Raises
     ------
@@ -53,7 +69,10 @@ def body(seed: int, split: str, *, simulate: bool = False, cache: Path | None = 
     shape = Shape.draw(rng)
     pose, name = poses.draw(shape.skeleton, rng), f"{split}-{seed:06d}"
     pose.raise_heels(outfits.heel(rng, shape.woman))
-    return shape.dress(pose, rng, split, name, simulate=simulate, cache=cache)
+    look = None
+    if assets is not None:
+        look = Look.draw(assets, random_generator(seed, split, LOOK), split, shape.woman, pose.heel)
+    return shape.dress(pose, rng, split, name, simulate=simulate, cache=cache, look=look)
 
 
 def random_generator(seed: int, split: str, *more: int) -> np.random.Generator:
@@ -101,12 +120,17 @@ class Shape:
         *,
         simulate: bool = False,
         cache: Path | None = None,
+        look: Look | None = None,
     ) -> Figure:
-        """Return the figure in a pose and in clothes that are drawn for it. simulate, cache: see `body`."""
+        """Return the figure in a pose and in clothes that are drawn for it. simulate, cache: see `body`.
+
+        `look` replaces the skin, and what it has of hair, clothes and shoes.
+        """
         person = self.posed(pose)
         wardrobe = Wardrobe(person, rng, Simulator(person, name, cache) if simulate else None)
-        outfits.dress(wardrobe, rng, split, self.woman)
-        parts = [_skin(person, wardrobe.covered, rng), _eyes(person, rng), *wardrobe.parts]
+        outfits.dress(wardrobe, rng, split, self.woman, look)
+        face = [] if look is None else look.face(person)
+        parts = [_skin(person, wardrobe, rng, look), _eyes(person, rng), *face, *wardrobe.parts]
         return _assemble(parts, person, name, split)
 
     def posed(self, pose: Pose) -> Person:
@@ -131,15 +155,24 @@ class Shape:
 # Skin ------------------------------------------------------------------------------------------------------
 
 
-def _skin(person: Person, covered: np.ndarray, rng: np.random.Generator) -> MeshPart:
-    """Return the skin that no garment hides, with the colours of a face."""
+def _skin(person: Person, wardrobe: Wardrobe, rng: np.random.Generator, look: Look | None = None) -> MeshPart:
+    """Return the skin that no garment hides, of a look or painted."""
     surface = person.base.body
     rest = surface.rows @ person.rest
-    hidden = covered[person.base.tights_under_body]
+    hidden = wardrobe.covered[person.base.tights_under_body] | (surface.rows @ wardrobe.hidden > 0.999)
     for side in person.pocketed:
         hidden |= pockets.inside(person, side) > IN_POCKET
-    faces, rows = remove_unused(surface.faces[~hidden[surface.faces].all(axis=1)], surface.rows)
+    shown = ~hidden[surface.faces].all(axis=1)
+    faces, rows = remove_unused(surface.faces[shown], surface.rows)
     rest, weights = rows @ person.rest, rows @ person.base.weights
+    fabric, uv = (_painted(person, rng), None) if look is None else (look.skin, surface.uv[shown])
+    label = _face_and_hands(person, rest, weights)
+    region = np.zeros(len(rest), int)
+    return MeshPart(person.posed(weights, rest), faces, rest, region, fabric, label, uv=uv)
+
+
+def _painted(person: Person, rng: np.random.Generator) -> Fabric:
+    """Return a skin with the colours of a face."""
     # From deep brown to pale, about uniformly in perceived lightness.
     depth = rng.random() ** 0.75
     tone = np.array([0.06, 0.032, 0.02]) ** (1 - depth) * np.array([0.62, 0.42, 0.32]) ** depth
@@ -165,10 +198,7 @@ def _skin(person: Person, covered: np.ndarray, rng: np.random.Generator) -> Mesh
             )
         return colour
 
-    label = _face_and_hands(person, rest, weights)
-    return MeshPart(
-        person.posed(weights, rest), faces, rest, np.zeros(len(rest), int), Fabric(texture), label
-    )
+    return Fabric(texture)
 
 
 def _face_and_hands(person: Person, rest: np.ndarray, weights: csr_matrix) -> np.ndarray:
@@ -228,14 +258,19 @@ def _assemble(parts: list[MeshPart], person: Person, name: str, split: str) -> F
         kept = rows.indices
         part.vertices, part.rest, part.region = part.vertices[kept], part.rest[kept], part.region[kept]
         part.label = np.broadcast_to(part.label, rows.shape[1])[kept]
+        if part.normals is not None:
+            part.normals = part.normals[kept]
     first = np.cumsum([0] + [len(part.vertices) for part in parts])
     vertices = np.concatenate([part.vertices for part in parts])
     faces = np.concatenate([part.faces + start for part, start in zip(parts, first[:-1], strict=True)])
     rest = np.concatenate([part.rest for part in parts])
     region = np.concatenate([part.region for part in parts])[faces[:, 0]]
     label = np.concatenate([part.label for part in parts])[faces[:, 0]].astype(np.uint8)
-    owner = np.repeat(np.arange(len(parts)), [len(part.faces) for part in parts])
-    normals = np.concatenate([vertex_normals(part.vertices, part.faces) for part in parts])
+    face_counts = [len(part.faces) for part in parts]
+    owner, first_face = np.repeat(np.arange(len(parts)), face_counts), np.cumsum([0, *face_counts])
+    normals = np.concatenate(
+        [vertex_normals(p.vertices, p.faces) if p.normals is None else p.normals for p in parts]
+    )
     pelvis = person.transforms[0, :, :3] @ person.skeleton.heads[0] + person.transforms[0, :, 3]
     vertices = vertices - [pelvis[0], vertices[:, 1].min(), pelvis[2]]
     fabrics = [part.fabric for part in parts]
@@ -255,18 +290,47 @@ def _assemble(parts: list[MeshPart], person: Person, name: str, split: str) -> F
         part = owner[face]
         for k in np.unique(part):
             mine = part == k
+            if (uv := parts[k].uv) is not None:
+                corners = uv[face[mine] - first_face[k]]
+                u[mine], v[mine] = np.einsum("nk,nkc->cn", barycentric[mine], corners)
             colour[mine] = worn[k](u[mine], v[mine], points[mine])
         return colour
 
+    normal_map, tangent = _normal_map(parts)
     return Figure(
         vertices.astype(np.float32),
         faces.astype(np.int32),
         normals.astype(np.float32),
         partial(albedo, fabrics),
         name,
+        normal_map=normal_map,
+        tangents=tangent,
         regions=label,
         redraw_fabrics=lambda rng: partial(albedo, replace_cloth(fabrics, rng, split)),
     )
+
+
+def _normal_map(parts: list[MeshPart]) -> tuple[NormalMap | None, np.ndarray | None]:
+    """Return the normal map of all parts, and the tangents (F, 3, 4); None if no part has one."""
+    if all(part.normal_map is None for part in parts):
+        return None, None
+    tangent = [np.zeros((*part.faces.shape, 4), np.float32) for part in parts]
+    maps: list[NormalMap] = []
+    for k, part in enumerate(parts):
+        if part.normal_map is None or part.uv is None or part.normals is None:
+            maps.append(lambda face, barycentric: np.array([[0, 0, 1]], np.float32).repeat(len(face), axis=0))
+            continue
+        corners, uv = np.arange(part.faces.size).reshape(-1, 3), part.uv
+        tangent[k] = tangents(
+            part.vertices[part.faces.ravel()], corners, part.normals[part.faces.ravel()], uv.reshape(-1, 2)
+        )
+        maps.append(partial(_mapped, part.normal_map, uv))
+    return joined(maps, [len(part.faces) for part in parts]), np.concatenate(tangent)
+
+
+def _mapped(texels: np.ndarray, uv: np.ndarray, face: np.ndarray, barycentric: np.ndarray) -> np.ndarray:
+    """Sample texels (H, W, 3) of a normal map at points of faces with texture coordinates (F, 3, 2)."""
+    return bilinear(texels, np.einsum("nk,nkc->nc", barycentric, uv[face]))
 
 
 def _frame(joints: np.ndarray) -> tuple[np.ndarray, float]:

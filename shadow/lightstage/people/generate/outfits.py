@@ -14,6 +14,7 @@ from shadow.lightstage.people.cloth import fabric, tailoring
 from shadow.lightstage.people.cloth.fabric import Fabric
 from shadow.lightstage.people.cloth.garments import Wardrobe
 from shadow.lightstage.people.cloth.patterns import Fit
+from shadow.lightstage.people.makehuman import Look
 
 HAIR = {"training": {}, "validation": {"curls": 3.0}, "generalisation": {"afro": 3.0}}
 HATS = {"training": {}, "validation": {}, "generalisation": {"helmet": 1.5}}
@@ -37,8 +38,33 @@ def pick(rng: np.random.Generator, chances: dict[str, float]) -> str:
     return str(rng.choice(list(chances), p=weights / weights.sum()))
 
 
-def dress(wardrobe: Wardrobe, rng: np.random.Generator, split: str, woman: bool) -> None:
-    """Draw an outfit for the person of the wardrobe, and put it on."""
+def dress(
+    wardrobe: Wardrobe, rng: np.random.Generator, split: str, woman: bool, look: Look | None = None
+) -> None:
+    """Draw an outfit for the person of the wardrobe, and put it on. What `look` has replaces parts of it."""
+    if look is not None and look.suit is not None:
+        look.wear(wardrobe, look.suit)
+        if look.shoes is not None:
+            look.wear(wardrobe, look.shoes)
+    else:
+        _dress_body(wardrobe, rng, split, woman)
+    if look is not None and look.hair is not None:
+        look.wear(wardrobe, look.hair)
+        if rng.random() < 0.25:
+            wardrobe.parts += glasses.glasses(wardrobe.person, hair.Skull(wardrobe.person), rng)
+    else:
+        _dress_head(wardrobe, rng, split, woman)
+    props.carry(wardrobe, rng, split)
+    for side, thing in wardrobe.person.held.items():
+        paint = fabric.leather(rng) if thing in ("bag", "case") else Fabric.plain(fabric.colour(rng))
+        held.hold(wardrobe, rng, side, thing, paint)
+    if wardrobe.person.seated and rng.random() < 0.85:
+        seats.sit(
+            wardrobe, rng, fabric.leather(rng) if rng.random() < 0.5 else Fabric.plain(fabric.colour(rng))
+        )
+
+
+def _dress_body(wardrobe: Wardrobe, rng: np.random.Generator, split: str, woman: bool) -> None:
     outfit = _Outfit(wardrobe, rng, split)
     whole = pick(rng, {"two pieces": 9, "dress": 2.5 * woman, **WHOLE[split]})
     shoe = outfit.footwear(woman)
@@ -69,15 +95,6 @@ def dress(wardrobe: Wardrobe, rng: np.random.Generator, split: str, woman: bool)
     over = pick(rng, {"none": 10, "jacket": 3.5, "coat": 1.5, "hoodie": 2, "vest": 0.8, **OVER[split]})
     if whole != "robe" and over != "none":
         outfit.over(over)
-    _dress_head(wardrobe, rng, split, woman)
-    props.carry(wardrobe, rng, split)
-    for side, thing in wardrobe.person.held.items():
-        paint = fabric.leather(rng) if thing in ("bag", "case") else Fabric.plain(fabric.colour(rng))
-        held.hold(wardrobe, rng, side, thing, paint)
-    if wardrobe.person.seated and rng.random() < 0.85:
-        seats.sit(
-            wardrobe, rng, fabric.leather(rng) if rng.random() < 0.5 else Fabric.plain(fabric.colour(rng))
-        )
 
 
 class _Outfit:
