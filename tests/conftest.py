@@ -9,7 +9,6 @@ from helpers import ROOT, browsing, damage, standins
 from helpers.sphere import sphere
 
 import relight
-from relight.pipeline import persons
 
 os.environ["RELIGHT_CACHE"] = os.devnull  # tests find nothing that their user has fetched
 if "PYTEST_XDIST_WORKER" in os.environ:  # a process for each core: their threads would wait for each other
@@ -42,11 +41,9 @@ def small_canvas():
 
 
 @pytest.fixture
-def stub(monkeypatch):
-    """Shots analysed by no network: their Subjects are `standins.FlatSubject`."""
-    monkeypatch.setattr(persons, "Subject", standins.FlatSubject)
-    standins.FlatSubject.made, standins.FlatSubject.filtered_by = [], []
-    return standins.FlatSubject
+def stub():
+    """Shots analysed by no network."""
+    return standins.FlatShots()
 
 
 @pytest.fixture

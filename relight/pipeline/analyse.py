@@ -9,6 +9,7 @@ from relight.analysis import storage
 from relight.media.content_hash import content_hash
 from relight.media.sequences import FrameRange
 from relight.pipeline.cache import SUFFIX, describe_sources, frame_file, is_cache, kept_frames
+from relight.pipeline.frame_loop import check_any_made, each_frame
 from relight.pipeline.option_fields import Report
 from relight.pipeline.options import Compute, Source
 from relight.pipeline.plate_metadata import VERSION, PlateMetadataReader
@@ -66,20 +67,31 @@ def analyse_shot(
     >>> relight.analyse_shot("examples/person.png", "person.relight")
     {}
     """
-    source, folder = Source.of(source), Path(output)
+    folder = Path(output)
     if folder.suffix.lower() != SUFFIX:
         raise ValueError(f"{folder}: expected the name of a folder that ends in {SUFFIX}")
+    source = Source.of(source)
     if is_cache(source.plate):
         raise ValueError(f"{source.plate}: is analysed already")
-    report = progress or (lambda done, total, what: None)
     with Shot.open(source, compute=compute) as shot:
-        numbers = _numbers(frames, shot)
-        if kept_frames(folder) if shot.is_still else frame_file(folder, None).is_file():
-            kinds = ("a still", "a shot") if shot.is_still else ("a shot", "a still")
-            raise ValueError(f"{folder}: expected a folder for {kinds[0]}, and this holds {kinds[1]}")
-        folder.mkdir(parents=True, exist_ok=True)
-        shot.prepare(report)
-        return _CacheWriter(shot, folder).write(numbers, report)
+        return store_frames(shot, folder, frames, progress)
+
+
+def store_frames(
+    shot: Shot,
+    folder: Path,
+    frames: tuple[int, int] | str | FrameRange | None = None,
+    progress: Report | None = None,
+) -> dict[int, str]:
+    """Analyse and store the frames of an open shot; `analyse_shot` describes arguments, result and errors."""
+    report = progress or (lambda done, total, what: None)
+    numbers = _numbers(frames, shot)
+    if kept_frames(folder) if shot.is_still else frame_file(folder, None).is_file():
+        kinds = ("a still", "a shot") if shot.is_still else ("a shot", "a still")
+        raise ValueError(f"{folder}: expected a folder for {kinds[0]}, and this holds {kinds[1]}")
+    folder.mkdir(parents=True, exist_ok=True)
+    shot.prepare(report)
+    return _CacheWriter(shot, folder).write(numbers, report)
 
 
 class _CacheWriter:
@@ -87,6 +99,7 @@ class _CacheWriter:
 
     def __init__(self, shot: Shot, folder: Path) -> None:
         self._shot, self._folder = shot, folder
+        self._replaced = 0  # frames
         self._plates = PlateMetadataReader(shot.frames.plates)
         precision, threads = shot.computed_in
         self._provenance: dict[str, Any] = {
@@ -101,31 +114,22 @@ class _CacheWriter:
 
     def write(self, numbers: FrameRange, report: Report) -> dict[int, str]:
         """Analyse all frames; return {frame number: error}. Raises ValueError if none could be analysed."""
-        problems: dict[int, str] = {}
-        replaced = 0
-        for done, number in enumerate(numbers, 1):
-            try:
-                replaced += self._write(number)
-            except (OSError, ValueError) as error:
-                problems[number] = str(error)
-            report(done, len(numbers), "Analysing")
-        if len(problems) == len(numbers):
-            first = f"frame {numbers[0]}: {problems[numbers[0]]}"
-            raise ValueError(f"none of {len(numbers)} frames could be analysed; {first}")
-        if replaced:
+        problems = each_frame(numbers, self._write, report, "Analysing")
+        check_any_made(numbers, problems, "analysed")
+        if self._replaced:
             warnings.warn(
-                f"{self._folder}: {replaced} of {len(numbers)} frames were damaged, or made from other "
+                f"{self._folder}: {self._replaced} of {len(numbers)} frames were damaged, or made from other "
                 "plates, with other options or weights or by another version, and were analysed again",
-                stacklevel=3,
+                stacklevel=4,
             )
         return problems
 
-    def _write(self, number: int) -> bool:
-        """Analyse a frame unless it is up to date; return whether that replaced another."""
+    def _write(self, number: int) -> None:
+        """Analyse a frame unless it is up to date."""
         path = frame_file(self._folder, None if self._shot.is_still else number)
         there = path.exists()
         if there and _states(path, self._content_hash(number)):
-            return False
+            return
         person = self._shot.person(number)
         person.save(
             path,
@@ -136,7 +140,7 @@ class _CacheWriter:
                 "plate_metadata": self._plates.at(number).to_json(self._folder),
             },
         )
-        return there
+        self._replaced += there
 
     def _content_hash(self, number: int, as_read: bool = False) -> str:
         """Return a hash of all that determines the file of a frame."""

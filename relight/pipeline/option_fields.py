@@ -12,7 +12,7 @@ from collections.abc import Callable
 from dataclasses import MISSING, field, fields
 from enum import Enum, StrEnum
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, Self, cast
+from typing import TYPE_CHECKING, Any, NoReturn, Self, cast
 
 if TYPE_CHECKING:
     from relight.compositing.floor import Floor
@@ -58,6 +58,10 @@ class Phase(StrEnum):
     all = "all"
     frames = "frames"  # the frames of a chunk: no movie and no script
     finalize = "finalize"  # movies and scripts, from the frames that the chunks have made
+
+    @classmethod
+    def _missing_(cls, value: object) -> NoReturn:
+        raise ValueError(f"phase: expected one of {', '.join(cls)}, got {value!r}")
 
 
 def option(

@@ -3,13 +3,16 @@
 import os
 import re
 from collections.abc import Iterable
+from dataclasses import replace
 from pathlib import Path
+from typing import Any
 
 from relight.lights.environment import Panorama
 from relight.lights.moving import MovingLight
 from relight.media import images, movies, nuke
 from relight.media.sequences import TOKEN, FrameSequence
-from relight.pipeline.options import Output
+from relight.pipeline.options import Lighting, Output, Source
+from relight.rendering import check_names
 from relight.scene.lights import SUFFIXES
 from shadow import files
 
@@ -41,6 +44,9 @@ def check_outputs(output: Output, sources: Iterable[object], sidecar: Path | Non
             images.check_writable(path)
         elif not any(is_exr(other) for other in output.paths):
             raise ValueError(f"{path}: a Nuke script needs an .exr to read; add one with -o")
+    check_names(output.passes, output.paths)
+    if output.rate is not None:
+        movies.frame_rate(output.rate)
     if output.save_matte is not None:
         images.check_matte(output.save_matte)
     if output.save_lights is not None:
@@ -53,6 +59,23 @@ def check_outputs(output: Output, sources: Iterable[object], sidecar: Path | Non
         if any(_same(place, other) for place in _places(path) for other in written):
             raise ValueError(f"{path}: is written twice")
         written += _places(path)
+
+
+def with_background(source: Source, lighting: Lighting, output: Output) -> Lighting:
+    """Return lighting whose background is the photograph itself if a file without alpha is made of one.
+
+    A person who is placed elsewhere needs another background, and so does a source with alpha. Raises
+    ValueError for a lighting without lights.
+    """
+    lighting.check_any()
+    plate: Any = source.plate
+    placed = {"size", "placement", "scale", "offset"} & set(source.given())
+    opaque = [path for path in output.paths if path.suffix.lower() in images.OPAQUE_SUFFIXES]
+    if lighting.background is not None or not opaque or placed or not isinstance(plate, str | Path):
+        return lighting
+    if Path(plate).suffix.lower() not in images.OPAQUE_SUFFIXES:
+        return lighting
+    return replace(lighting, background=plate, background_colour_space=source.colour_space)
 
 
 def check_not_read(paths: Iterable[Path], sources: Iterable[object]) -> None:

@@ -1,7 +1,7 @@
 """The person of each frame of a shot: analysed, and filtered in time."""
 
+import warnings
 from collections.abc import Callable, Sequence
-from contextlib import suppress
 from functools import cached_property
 
 import torch
@@ -12,6 +12,7 @@ from relight.analysis.old_light import OldLight
 from relight.analysis.temporal import RADIUS
 from relight.compositing.floor import Floor
 from relight.empty_subject import EmptySubject
+from relight.errors import EmptyMatteError
 from relight.pipeline.frame import FrameInputs, FrameReader
 from relight.subject import Person, Subject
 
@@ -83,10 +84,12 @@ class FrameAnalyser:
         FrameReader.
     device
         Where the networks run.
+    analyse
+        Called with the arguments of `relight.Subject`, and returns the person.
     """
 
-    def __init__(self, frames: FrameReader, device: str | None) -> None:
-        self._frames, self._device = frames, device
+    def __init__(self, frames: FrameReader, device: str | None, analyse: Callable[..., Subject]) -> None:
+        self._frames, self._device, self._analyse = frames, device, analyse
         self._kept: tuple[int, FrameInputs] | None = None  # a frame that is read before it is analysed
         self._first_light: OldLight | None = None  # that of the first frame with a person, once analysed
 
@@ -94,12 +97,25 @@ class FrameAnalyser:
     def world(self) -> tuple[int | None, Camera | None]:
         """The first frame that shows a moving person, and its camera; None for a still.
 
-        It depends on the source alone, so that runs over parts of a shot agree.
+        It depends on the source alone, so that runs over parts of a shot agree. Warns of frames before it
+        that cannot be read.
         """
+        unreadable: str | None = None  # the first of these frames
         for number in () if self._frames.is_still else self._frames.numbers:
-            with suppress(OSError, ValueError):
+            try:
                 coverage = self._coverage(number)
-                return number, Camera.of(coverage, self._frames.height, self._frames.field_of_view)
+                camera = Camera.of(coverage, self._frames.height, self._frames.field_of_view)
+            except EmptyMatteError:
+                continue
+            except (OSError, ValueError) as error:
+                unreadable = unreadable or f"frame {number}: {error}"
+                continue
+            if unreadable is not None:
+                warnings.warn(
+                    f"{unreadable}; so positions and the old light of the shot are those of frame {number}",
+                    stacklevel=2,
+                )
+            return number, camera
         return None, None
 
     def check(self, floor: Floor, number: int) -> None:
@@ -126,7 +142,7 @@ class FrameAnalyser:
             return EmptySubject(plate.shape[:2])
         if camera is not None and camera.size != plate.shape[:2]:
             camera = None  # a frame of another size has a world of its own
-        subject = Subject(
+        subject = self._analyse(
             plate, matte, normals=normals, depth=depth, height=self._frames.height,
             field_of_view=self._frames.field_of_view, camera=camera, old_light=old_light, device=self._device,
         )  # fmt: skip
@@ -137,14 +153,17 @@ class FrameAnalyser:
     def _old_light(self, first: int) -> OldLight:
         """Return the old light of a shot, that of its first frame: fits of single frames would flicker.
 
-        A first frame that cannot be analysed leaves the colour in the albedo of all.
+        A first frame that cannot be analysed leaves the colour in the albedo of all, with a warning.
         """
         if self._first_light is None:
             try:
-                found = self(first)
-            except (OSError, ValueError):
-                found = None
-            self._first_light = found.old_light if isinstance(found, Subject) else OldLight()
+                self(first)
+            except (OSError, ValueError) as error:
+                warnings.warn(
+                    f"frame {first}: {error}; so the colour of the old light stays in the albedo of the shot",
+                    stacklevel=2,
+                )
+            self._first_light = self._first_light or OldLight()
         return self._first_light
 
     def _frame(self, number: int) -> FrameInputs:

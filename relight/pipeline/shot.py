@@ -2,7 +2,7 @@
 
 import dataclasses
 import math
-from collections.abc import Iterable, Iterator, Sequence
+from collections.abc import Callable, Iterable, Iterator, Sequence
 from contextlib import contextmanager
 from fractions import Fraction
 from functools import cached_property
@@ -52,6 +52,8 @@ class Shot:
         Lighting, or lights; none by default.
     compute
         Compute.
+    analyse
+        What analyses the person of a frame, from the same arguments as `relight.Subject`, the default.
 
     Raises
     ------
@@ -70,8 +72,13 @@ class Shot:
     """
 
     def __init__(
-        self, source: Source | Any, lighting: Lighting | Any = (), compute: Compute | None = None
+        self,
+        source: Source | Any,
+        lighting: Lighting | Any = (),
+        compute: Compute | None = None,
+        analyse: Callable[..., Subject] | None = None,
     ) -> None:
+        self._analyse = analyse or Subject
         self.source, self.lighting = Source.of(source), Lighting.of(lighting)
         self.compute = compute or Compute()
         self.every_light: list[Light | MovingLight] = []
@@ -88,13 +95,17 @@ class Shot:
     @classmethod
     @contextmanager
     def open(
-        cls, source: Source | Any, lighting: Lighting | Any = (), compute: Compute | None = None
+        cls,
+        source: Source | Any,
+        lighting: Lighting | Any = (),
+        compute: Compute | None = None,
+        analyse: Callable[..., Subject] | None = None,
     ) -> Iterator[Self]:
         """Open a shot; until it is closed, networks run in its precision and torch on its threads.
 
         Machines of one kind that agree on both make bit-identical frames.
         """
-        shot = cls(source, lighting, compute)
+        shot = cls(source, lighting, compute, analyse)
         threads, before = shot.compute.threads, torch.get_num_threads()
         if threads is not None and not 1 <= threads <= MAX_THREADS:
             raise ValueError(f"threads: expected 1 to {MAX_THREADS}, got {threads}")
@@ -115,7 +126,7 @@ class Shot:
     @cached_property
     def analyser(self) -> FrameAnalyser:
         """What analyses the persons; it does nothing in an analysis cache."""
-        return FrameAnalyser(self.frames, self.compute.device)
+        return FrameAnalyser(self.frames, self.compute.device, self._analyse)
 
     @cached_property
     def persons(self) -> Persons:

@@ -8,7 +8,7 @@ RISING = relight.MovingLight(intensity={1: 0.1, 5: 0.5}, name="key")
 STILL = relight.DirectionalLight(intensity=0.5, name="key")
 
 
-def make(output):
-    """Ten frames in a rising light."""
+def make(output, analyse):
+    """Ten frames in a rising light, of persons that `analyse` gives."""
     settings = {"background": (0.1, 0.1, 0.1), "frames": (1, 10), "resume": True}
-    assert shots.render(somebody(), RISING, output, **settings) == {}
+    assert shots.render(somebody(), RISING, output, analyse=analyse, **settings) == {}

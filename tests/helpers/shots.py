@@ -3,7 +3,12 @@
 from dataclasses import fields
 
 import relight
+from relight.pipeline.analyse import store_frames
+from relight.pipeline.option_fields import Phase
 from relight.pipeline.options import GROUPS
+from relight.pipeline.outputs import with_background
+from relight.pipeline.render import render_frames
+from relight.pipeline.shot import Shot
 
 
 def options_of(source, lights=(), outputs=("none.png",), **settings):
@@ -21,16 +26,25 @@ def options_of(source, lights=(), outputs=("none.png",), **settings):
     }
 
 
-def render(source, lights, outputs, **settings):
-    """`relight.render_shot` of such keywords."""
-    return relight.render_shot(**options_of(source, lights, outputs, **settings))
+def render(source, lights, outputs, *, analyse=None, **settings):
+    """`relight.render_shot` of such keywords; `analyse` stands in for `relight.Subject`."""
+    options = options_of(source, lights, outputs, **settings)
+    if analyse is None:
+        return relight.render_shot(**options)
+    source, lighting, output, compute = (options.pop(name) for name in GROUPS)
+    lighting = with_background(source, lighting, output)
+    with Shot.open(source, lighting, compute, analyse) as shot:
+        return render_frames(shot, output, **options | {"phase": Phase(options.pop("phase", Phase.all))})
 
 
-def analyse(source, output, **settings):
-    """`relight.analyse_shot` of such keywords."""
+def analyse(source, output, *, analyse=None, **settings):
+    """`relight.analyse_shot` of such keywords; `analyse` stands in for `relight.Subject`."""
     options = options_of(source, **settings)
-    further = {name: value for name, value in options.items() if name not in ("source", "lighting", "output")}
-    return relight.analyse_shot(options["source"], output, **further)
+    source, _, _, compute = (options.pop(name) for name in GROUPS)
+    if analyse is None:
+        return relight.analyse_shot(source, output, compute=compute, **options)
+    with Shot.open(source, compute=compute, analyse=analyse) as shot:
+        return store_frames(shot, output, **options)
 
 
 def distribute(source, lights, outputs, **settings):

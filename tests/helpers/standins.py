@@ -4,6 +4,7 @@ import numpy as np
 import torch
 
 import relight
+from helpers import shots
 from relight.analysis.old_light import OldLight
 from relight.lights.rig import by_name
 from shading import diffuse
@@ -47,7 +48,6 @@ def somebody(column=4, value=1.0):
 class FlatSubject:
     """Stands in for Subject: as bright as the image times the lights' intensities."""
 
-    made, filtered_by = [], []
     is_empty = False
 
     def __init__(self, image, mask=None, normals=None, device=None, **room):
@@ -56,7 +56,7 @@ class FlatSubject:
         self.albedo = self.normals = image[..., :3]
         self.size, self.matte = alpha.shape, alpha
         self.old_light = room.get("old_light") or OldLight(saturation=float(image.mean()))
-        FlatSubject.made.append(self)
+        self.filtered_by = []  # numbers of neighbours
 
     def relit(self, light):
         return self.image * np.float32([light.intensity] * 3 + [1])
@@ -75,8 +75,28 @@ class FlatSubject:
         return self.image[..., 3]
 
     def temporally_filtered(self, around):
-        FlatSubject.filtered_by.append(len(around))
+        self.filtered_by.append(len(around))
         return self
+
+
+class FlatShots:
+    """Shots analysed by no network: their persons are FlatSubject."""
+
+    def __init__(self):
+        self.made = []  # the persons analysed
+
+    def analyse(self, *arguments, **options):
+        self.made.append(FlatSubject(*arguments, **options))
+        return self.made[-1]
+
+    def render(self, source, lights, outputs, **settings):
+        """See `shots.render`."""
+        return shots.render(source, lights, outputs, analyse=self.analyse, **settings)
+
+    @property
+    def filtered_by(self):
+        """For each filtered frame, the number of neighbours."""
+        return [count for person in self.made for count in person.filtered_by]
 
 
 def brightness(path):

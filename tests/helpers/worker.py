@@ -11,7 +11,7 @@ from pathlib import Path
 
 from helpers.standins import FlatSubject
 from relight.distributed import dask_cluster
-from relight.pipeline import persons
+from relight.pipeline import shot
 
 
 class Slow(FlatSubject):
@@ -35,7 +35,7 @@ def full(descriptor):
 
 
 full.flush = getattr(os.fsync, "flush", os.fsync)  # Dask loads this module twice
-persons.Subject = Slow
+shot.Subject = Slow
 wrong = os.environ.get("WRONG")
 if wrong == "no weights":
     dask_cluster.weights = without_weights

@@ -12,7 +12,6 @@ from relight.cli import app
 from relight.cli.training import Model
 from relight.compositing.placement import place
 from relight.media.movies import Movie
-from relight.pipeline import persons
 from shadow import analysis
 from shadow.networks import checkpoints
 
@@ -241,7 +240,7 @@ def test_what_can_be_refused_is_refused_before_any_work(
 ):
     monkeypatch.chdir(tmp_path)
     (tmp_path / "x").mkdir()
-    monkeypatch.setattr(persons, "Subject", None)
+    monkeypatch.setattr(relight.Subject, "__init__", None)
     before = {path: path.read_bytes() for path in tmp_path.glob("*.*")}
     lights = [] if command == "olat" else ["--light", "azimuth=10"]
     result = run(command, *photo, *lights, *options)

@@ -8,7 +8,7 @@ from typer.testing import CliRunner
 
 import relight
 from relight import cli
-from relight.pipeline import persons, render
+from relight.pipeline import render
 
 STILL = ["apply", "photo.png", "--mask", "mask.png", "-o", "a.exr"]
 SHOT = ["video", "p.%04d.png", "-o", "a.%d.png"]
@@ -76,7 +76,7 @@ def run(*arguments):
     ],
 )
 def test_a_refused_command_prints_one_line_and_changes_no_file(tmp_path, monkeypatch, arguments, message):
-    monkeypatch.setattr(persons, "Subject", None)
+    monkeypatch.setattr(relight.Subject, "__init__", None)
     before = {path: path.read_bytes() for path in tmp_path.rglob("*") if path.is_file()}
     result = run(*arguments)
     assert result.exit_code == 2, result.output

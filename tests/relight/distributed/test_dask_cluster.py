@@ -17,7 +17,6 @@ from helpers.standins import FlatSubject, somebody
 import relight
 from relight.media.movies import Movie
 from relight.media.sequences import FrameRange
-from relight.pipeline import persons
 from relight.subject import weights
 
 dask = pytest.importorskip("dask")
@@ -29,9 +28,8 @@ PRELOAD = str(ROOT / "tests" / "helpers" / "worker.py")
 
 
 @pytest.fixture(autouse=True)
-def stub(monkeypatch):
-    """Here, and in workers."""
-    monkeypatch.setattr(persons, "Subject", FlatSubject)
+def stub():
+    """In workers."""
     with dask.config.set({"distributed.worker.preload": [PRELOAD]}):
         yield
 
@@ -73,7 +71,7 @@ def test_workers_that_are_killed_lose_nothing(plates, tmp_path):
             alive[-1].kill()
             killed.append(alive[-1].pid)
 
-    assert shots.render(plates, STILL, outputs(tmp_path / "one"), threads=1) == {}
+    assert shots.render(plates, STILL, outputs(tmp_path / "one"), threads=1, analyse=FlatSubject) == {}
     found = shots.distribute(plates, STILL, outputs(tmp_path / "many"), workers=2, progress=kill)
     assert found == {}
     assert len(set(killed)) == 3

@@ -162,10 +162,9 @@ def test_frames_of_another_precision_are_said(desk):
         assert relit(desk) == {}
 
 
-def test_a_plate_that_is_missing_in_the_middle_is_named_and_the_rest_analysed(desk, monkeypatch):
+def test_a_plate_that_is_missing_in_the_middle_is_named_and_the_rest_analysed(desk):
     (desk / "plate.0102.exr").unlink()
-    monkeypatch.setattr(persons, "Subject", Saved)
-    problems = shots.analyse(desk / "plate.%04d.exr", desk / "parts.relight", **mattes(desk))
+    problems = shots.analyse(desk / "plate.%04d.exr", desk / "parts.relight", analyse=Saved, **mattes(desk))
     assert list(problems) == [102]
     assert "plate.0102.exr: no such file" in problems[102]
     assert len(list((desk / "parts.relight").iterdir())) == 3
@@ -398,7 +397,7 @@ def test_video_relights_a_cache_and_refuses_another_mask(desk, monkeypatch):
 
 @pytest.mark.parametrize("moving", [False, True])
 def test_a_plate_replaced_during_the_analysis_is_kept_with_the_hash_of_what_was_read(
-    stub, plates, tmp_path, monkeypatch, moving
+    plates, tmp_path, monkeypatch, moving
 ):
     """Whatever a run reads, the next run and the renderer know that the plate has changed since."""
     plate = plates.with_name("p.0102.exr")

@@ -87,9 +87,10 @@ def test_pixels_that_are_not_square_are_delivered_as_they_came(stub, tmp_path, w
     aspect = 64 / width
     plate(tmp_path / "a.exr", min(width, 64), PixelAspectRatio=aspect)
     stored = spec_of(tmp_path / "a.exr")
-    output = relight.Output(tmp_path / "b.exr", passes=["N"], save_matte=tmp_path / "m.exr")
+    lights = [KEY, relight.DirectionalLight(name="b")]
+    written = {"passes": ["N"], "save_matte": tmp_path / "m.exr"}
     with pytest.warns(UserWarning, match="are written with such pixels again"):
-        relight.render_shot(str(tmp_path / "a.exr"), [KEY, relight.DirectionalLight(name="b")], output)
+        stub.render(str(tmp_path / "a.exr"), lights, tmp_path / "b.exr", **written)
     for name in ("b.exr", "m.exr"):
         spec = spec_of(tmp_path / name)
         assert (spec.width, spec.height) == (stored.width, stored.height)
@@ -104,11 +105,10 @@ def test_pixels_that_are_not_square_are_delivered_as_they_came(stub, tmp_path, w
 
 def test_a_picture_of_another_size_has_square_pixels(stub, tmp_path):
     plate(tmp_path / "a.exr", PixelAspectRatio=2.0)
-    source = relight.Source(str(tmp_path / "a.exr"), size=(48, 48))
     with pytest.warns(UserWarning, match="square pixels"):
-        relight.render_shot(source, KEY, tmp_path / "b.exr")
+        stub.render(str(tmp_path / "a.exr"), KEY, tmp_path / "b.exr", size=(48, 48))
     assert spec_of(tmp_path / "b.exr").get_float_attribute("PixelAspectRatio", 1) == 1
-    relight.render_shot(str(tmp_path / "a.exr"), KEY, tmp_path / "b.png")  # viewers do not look at it
+    stub.render(str(tmp_path / "a.exr"), KEY, tmp_path / "b.png")  # viewers do not look at it
     assert relight.read(tmp_path / "b.png").shape == (64, 64, 4)
 
 
@@ -148,7 +148,7 @@ def shot_on_set(path):
 
 def test_an_exr_keeps_timecode_and_camera(stub, tmp_path):
     shot_on_set(tmp_path / "a.exr")
-    relight.render_shot(str(tmp_path / "a.exr"), KEY, [tmp_path / "b.exr", tmp_path / "b.png"])
+    stub.render(str(tmp_path / "a.exr"), KEY, [tmp_path / "b.exr", tmp_path / "b.png"])
     found = spec_of(tmp_path / "b.exr")
     assert found.getattribute("smpte:TimeCode") == (0x10203004, 0)
     assert found.getattribute("FramesPerSecond") == (24000, 1001)
@@ -161,11 +161,11 @@ def test_an_exr_keeps_timecode_and_camera(stub, tmp_path):
 
 def test_a_movie_keeps_timecode_tags_and_sound(stub, tmp_path):
     film(tmp_path / "a.mov")
-    relight.render_shot(str(tmp_path / "a.mov"), KEY, tmp_path / "b.mov")
+    stub.render(str(tmp_path / "a.mov"), KEY, tmp_path / "b.mov")
     assert read_tags(tmp_path / "b.mov")[0] == "01:00:00:22"
     assert read_tags(tmp_path / "b.mov")[1]["com.apple.quicktime.make"] == "ARRI"
     np.testing.assert_array_equal(heard(tmp_path / "b.mov"), heard(tmp_path / "a.mov"))
-    relight.render_shot(str(tmp_path / "a.mov"), KEY, tmp_path / "c.mov", frames="3-5")
+    stub.render(str(tmp_path / "a.mov"), KEY, tmp_path / "c.mov", frames="3-5")
     assert read_tags(tmp_path / "c.mov")[0] == "01:00:01:00"
     assert packets(tmp_path / "c.mov") == [(2002 * n // 48, 1000 * (n + 3)) for n in range(3) for _ in "ab"]
     assert movies.Movie(tmp_path / "c.mov").numbers == range(1, 4)
@@ -197,29 +197,29 @@ def test_sound_that_a_container_does_not_hold_leaves_the_movie_without(tmp_path)
 def test_sound_of_another_rate_is_left_out_with_a_word(stub, tmp_path):
     film(tmp_path / "a.mov", 3)
     with pytest.warns(UserWarning, match=r"b\.mov: has no sound, as its frames are not all"):
-        relight.render_shot(str(tmp_path / "a.mov"), KEY, relight.Output(tmp_path / "b.mov", rate=12))
+        stub.render(str(tmp_path / "a.mov"), KEY, tmp_path / "b.mov", rate=12)
     assert heard(tmp_path / "b.mov").size == 0
 
 
 def test_frames_of_a_movie_have_its_timecode(stub, tmp_path):
     film(tmp_path / "a.mov", 3, sound=None)
-    relight.render_shot(str(tmp_path / "a.mov"), KEY, tmp_path / "b.%04d.exr")
+    stub.render(str(tmp_path / "a.mov"), KEY, tmp_path / "b.%04d.exr")
     packed = [spec_of(tmp_path / f"b.{n:04d}.exr").getattribute("smpte:TimeCode")[0] for n in (1, 2, 3)]
     assert packed == [0x01000022, 0x01000023, 0x01000100]
     assert spec_of(tmp_path / "b.0001.exr").getattribute("FramesPerSecond") == (24000, 1001)
     assert spec_of(tmp_path / "b.0001.exr").getattribute("Make") == "ARRI"
-    relight.render_shot(str(tmp_path / "b.%04d.exr"), KEY, relight.Output(tmp_path / "c.mov", rate=24))
+    stub.render(str(tmp_path / "b.%04d.exr"), KEY, tmp_path / "c.mov", rate=24)
     assert read_tags(tmp_path / "c.mov")[0] == "01:00:00:22"
 
 
 def test_timecode_that_openexr_cannot_hold_is_said_once(stub, tmp_path):
     film(tmp_path / "a.mov", 45, timecode="01:00:00:00", sound=None, rate=60)
     with pytest.warns(UserWarning, match=r"OpenEXR files hold no timecode at 60 frames a second") as said:
-        relight.render_shot(str(tmp_path / "a.mov"), KEY, tmp_path / "b.%04d.exr", frames=(38, 42))
+        stub.render(str(tmp_path / "a.mov"), KEY, tmp_path / "b.%04d.exr", frames=(38, 42))
     assert sum("no timecode" in str(one.message) for one in said) == 1
     with warnings.catch_warnings():
         warnings.simplefilter("error")
-        relight.render_shot(str(tmp_path / "a.mov"), KEY, tmp_path / "c.mov", frames=(1, 2))
+        stub.render(str(tmp_path / "a.mov"), KEY, tmp_path / "c.mov", frames=(1, 2))
     assert read_tags(tmp_path / "c.mov")[0] == "01:00:00:00"
     assert not any(spec_of(path).getattribute("smpte:TimeCode") for path in tmp_path.glob("b.*.exr"))
 
@@ -230,7 +230,7 @@ def test_timecode_that_is_none_at_the_rate_is_left_out_with_a_word(stub, tmp_pat
     alpha = disc()[..., None] / np.float32(255)
     relight.write(tmp_path / "p.0001.exr", np.concatenate([alpha] * 4, axis=-1), metadata=header)
     with pytest.warns(UserWarning, match=f"b.mov: has no timecode, as {timecode} is none at 24 frames"):
-        relight.render_shot(str(tmp_path / "p.%04d.exr"), KEY, relight.Output(tmp_path / "b.mov", rate=24))
+        stub.render(str(tmp_path / "p.%04d.exr"), KEY, tmp_path / "b.mov", rate=24)
     assert read_tags(tmp_path / "b.mov")[0] is None
 
 
@@ -267,17 +267,17 @@ def test_a_movie_of_a_sequence_has_the_rate_that_its_files_state(stub, tmp_path,
         assert file.open(str(tmp_path / (name % number)), spec)
         file.write_image(np.full((64, 64, 3), 0.2, np.float32))
         file.close()
-    source = relight.Source(str(tmp_path / name), mask=np.float32(disc() / 255))
-    relight.render_shot(source, KEY, tmp_path / "b.mov")
+    source, mask = str(tmp_path / name), np.float32(disc() / 255)
+    stub.render(source, KEY, tmp_path / "b.mov", mask=mask)
     assert movies.Movie(tmp_path / "b.mov").rate == rate
-    relight.render_shot(source, KEY, relight.Output(tmp_path / "c.mov", rate=50))
+    stub.render(source, KEY, tmp_path / "c.mov", rate=50, mask=mask)
     assert movies.Movie(tmp_path / "c.mov").rate == 50
 
 
 def test_a_movie_of_pixels_that_are_not_square_says_so(stub, tmp_path):
     film(tmp_path / "a.mov", 2, aspect=2)
     with pytest.warns(UserWarning, match="are written with such pixels again"):
-        relight.render_shot(str(tmp_path / "a.mov"), KEY, tmp_path / "b.mov")
+        stub.render(str(tmp_path / "a.mov"), KEY, tmp_path / "b.mov")
     with av.open(str(tmp_path / "b.mov")) as file:
         stream = file.streams.video[0]
         assert (stream.width, stream.height, stream.sample_aspect_ratio) == (64, 64, 2)
