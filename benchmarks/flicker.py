@@ -24,9 +24,12 @@ import relight
 from relight.analysis import temporal
 from relight.analysis.camera import Camera
 from relight.analysis.depth import WorldGeometry
+from relight.analysis.light_field import LightField
 from relight.analysis.maps import AnalysisMaps
+from shading.diffuse import RESIDUAL_BIAS
 from shadow import directions, visibility
 from shadow.framing import Framing, affine_sample
+from shadow.networks.mirror import Pixels
 
 HEIGHT, WIDTH, FRAMES = 720, 480, 9
 LIGHT = relight.DirectionalLight(azimuth=-50, elevation=30, intensity=2)
@@ -86,9 +89,12 @@ def under_a_still_light():
         print(f"{name:24s} flicker {flicker[0]:.2f}, temporally_filtered {flicker[1]:.2f}")
 
 
-def nearest(maps, lights, asked):
-    """The maps (D, h, w) of the lights nearest to those asked for."""
-    return maps[(asked @ lights.T).argmax(dim=1)]
+def shaded_by(shadows, known):
+    """A field whose shading by the anchor directions is `shadows` (K, h, w): residuals of unlit surfaces."""
+    silhouette = Pixels(known)
+    residual = silhouette.take(shadows) + RESIDUAL_BIAS
+    unlit, sharpness = torch.zeros(3, residual.shape[1]), torch.ones(1, residual.shape[1])
+    return LightField(silhouette, unlit, sharpness, torch.zeros_like(residual), residual)
 
 
 def with_true_shadows():
@@ -111,12 +117,10 @@ def with_true_shadows():
         shadows = framing.crop(record.image(record.visibility).float()) * known
         grain = functional.avg_pool2d(torch.randn(shadows.shape, generator=random), 5, stride=1, padding=2)
         photograph = framing.crop(record.image(record.albedo).float()) ** (1 / 2.2)
-        find = partial(nearest, (shadows + 0.2 * grain).clamp(0, 1) * known, lights)
+        field = shaded_by((shadows + 0.2 * grain).clamp(0, 1), known)
         camera = Camera(framing.plate, 100.0, framing.centre, 2.0, framing.plate[0])
         space = WorldGeometry(camera, framing, partial(torch.zeros, framing.canvas))
-        canvases.append(
-            AnalysisMaps(framing, known, photograph, photograph, find, find, photograph, None, space)
-        )
+        canvases.append(AnalysisMaps(framing, known, photograph, photograph, field, photograph, None, space))
         truth.append(framing.restore(shadows))
     for name, range_sigma in (
         ("as found", None),

@@ -200,7 +200,7 @@ class Subject:
         """Save the analysis to a file, which `Subject.load` relights without a network.
 
         The person's pixels are stored as half floats, the networks' maps in 8 bits. A relit picture differs
-        by about 0.001 RMS, for a temporally filtered person by up to 0.0025.
+        by about 0.001 RMS.
 
         Parameters
         ----------
@@ -450,7 +450,7 @@ class Subject:
         Raises
         ------
         TypeError, ValueError
-            Lights or a background that the page cannot show, another suffix, a temporally filtered subject.
+            Lights or a background that the page cannot show, or another suffix.
         OSError
             The file cannot be written.
         ModuleNotFoundError

@@ -15,6 +15,7 @@ from typing import Any, NamedTuple, Self
 
 import torch
 
+from relight.analysis.light_field import LightMaps
 from relight.lights.light import checked_number
 from shadow.networks.mirror import Pixels
 
@@ -25,12 +26,12 @@ MIN_COSINE = 1e-4  # of the half vector, and of both angles in the denominator o
 class Gloss(NamedTuple):
     """The gloss of a person as a function of the light's direction, zero outside the person."""
 
-    visibility: Any  # relight.analysis.maps.LightMaps
+    visibility: LightMaps
     silhouette: Pixels  # of N pixels
     normals: torch.Tensor  # (3, N) unit vectors, camera frame
 
     @classmethod
-    def of(cls, visibility: Any, normals: torch.Tensor, known: torch.Tensor) -> Self:
+    def of(cls, visibility: LightMaps, normals: torch.Tensor, known: torch.Tensor) -> Self:
         """Take normals (3, h, w), and the pixels (h, w) that show the person."""
         silhouette = Pixels(known)
         return cls(visibility, silhouette, silhouette.take(normals))

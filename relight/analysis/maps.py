@@ -2,7 +2,7 @@
 
 from collections.abc import Iterable
 from dataclasses import replace
-from typing import Any, NamedTuple, Protocol, Self
+from typing import Any, NamedTuple, Self
 
 import numpy as np
 import torch
@@ -11,31 +11,18 @@ from scipy.ndimage import distance_transform_edt
 
 from relight.analysis.depth import WorldGeometry
 from relight.analysis.gloss import Gloss
+from relight.analysis.light_field import LightField, LightMaps
 from relight.analysis.old_light import OldLight
 from relight.lights.light import Light
 from relight.lights.near import NearLight
 from relight.media.colour import luminance
 from shading import Analysis
-from shading.diffuse import Shading
-from shadow.directions import olat
 from shadow.framing import Framing
-from shadow.networks.field import FieldMaps, Visibility
-from shadow.networks.mirror import Pixels
 
 DARK_ALBEDO = 1e-3  # squared albedo at which half of the photographed light is taken from around
 MIN_LIGHT_SHARE = 0.02  # least photographed light, as a share of the mean: bounds the noise of delighting
 LIMB_DEPTH = 1.5  # least depth of a limb over its distance to the rim; 2 in the middle of a round limb
 DIRECTIONS_PER_BATCH = 64
-
-
-class LightMaps(Protocol):
-    """A map of the person as a function of the light's direction: visibility, shading or gloss."""
-
-    def __call__(self, directions: torch.Tensor) -> torch.Tensor:
-        """Return maps (D, h, w), in [0, 1] except for gloss, for unit directions (D, 3)."""
-
-    def per_pixel(self, directions: torch.Tensor) -> torch.Tensor:
-        """Return the map (h, w) in which each pixel has its own unit direction (3, h, w)."""
 
 
 class AnalysisMaps(NamedTuple):
@@ -45,8 +32,7 @@ class AnalysisMaps(NamedTuple):
     known: torch.Tensor  # (h, w) bool: shows the person
     image: torch.Tensor  # (3, h, w) the photograph as a guide, display-encoded, in about [0, 1]
     normals: torch.Tensor  # (3, h, w) unit vectors, camera frame
-    visibility: LightMaps
-    shading: LightMaps
+    field: LightField  # visibility and shading
     albedo: torch.Tensor  # (3, h, w) linear, in [0, 1]
     light: torch.Tensor | None  # (3, h, w) linear, that of the photograph; None if the albedo was provided
     geometry: WorldGeometry
@@ -64,15 +50,18 @@ class AnalysisMaps(NamedTuple):
         if albedo is None:
             albedo = analysis.canvas_albedo.cpu()
             light = _photographed_light(analysis.framed.rgb.cpu(), albedo, known)
-        device = analysis.framed.rgb.device
-        visibility: Any
-        shading: Any
-        visibility, shading = (
-            DeviceMaps(maps, device) if device.type != "cpu" else maps
-            for maps in (analysis.canvas_visibility, analysis.canvas_shading)
-        )
-        normals = analysis.canvas_normals.cpu()
-        return cls(geometry.framing, known, image, normals, visibility, shading, albedo, light, geometry)
+        normals, field = analysis.canvas_normals.cpu(), LightField.of(analysis)
+        return cls(geometry.framing, known, image, normals, field, albedo, light, geometry)
+
+    @property
+    def visibility(self) -> LightMaps:
+        """Visibility as a function of the light's direction."""
+        return self.field.visibility
+
+    @property
+    def shading(self) -> LightMaps:
+        """Diffuse shading as a function of the light's direction."""
+        return self.field.shading
 
     def without_tint(self, old_light: OldLight) -> Self:
         """Return the maps with an inferred albedo that lacks the colour of the photograph's light."""
@@ -143,53 +132,6 @@ class AnalysisMaps(NamedTuple):
                     f"{name}: position: is inside the person, {behind:.2f} m behind what is seen of them "
                     "there; expected a light outside"
                 )
-
-
-class DeviceMaps(NamedTuple):
-    """Maps that another device computes."""
-
-    maps: LightMaps
-    device: torch.device
-
-    def __call__(self, directions: torch.Tensor) -> torch.Tensor:
-        return self.maps(directions.to(self.device)).cpu()
-
-    def per_pixel(self, directions: torch.Tensor) -> torch.Tensor:
-        return self.maps.per_pixel(directions.to(self.device)).cpu()
-
-
-class FieldArrays(NamedTuple):
-    """The arrays behind `AnalysisMaps.visibility` and `.shading`, at the N pixels of a silhouette."""
-
-    silhouette: Pixels
-    normals: torch.Tensor  # (3, N) unit vectors
-    sharpness: torch.Tensor  # (1, N)
-    cast: torch.Tensor  # (K, N) cast shadow for each anchor direction
-    residual: torch.Tensor  # (K, N) shading residual for each anchor direction
-
-    @classmethod
-    def of(cls, shading: Any) -> Self:
-        """Take the arrays out of `AnalysisMaps.shading`, into CPU memory."""
-        if isinstance(shading, DeviceMaps):
-            return cls.of(shading.maps)
-        if not isinstance(shading, Shading):
-            return shading.field()
-        visible: Any = shading.visibility
-        maps = visible.maps
-        tensors = (maps.normals, maps.sharpness, maps.cast, shading.residual)
-        inside = shading.silhouette.scatter(torch.ones_like(maps.sharpness))[0].cpu()
-        silhouette = Pixels(inside)
-        order = torch.argsort(shading.silhouette.pixels.cpu())
-        return cls(silhouette, *(tensor.cpu()[:, order] for tensor in tensors))
-
-    def light_maps(self) -> tuple[Any, Any]:
-        """Return visibility and shading as functions of the light."""
-        anchors = torch.from_numpy(olat(behind=True))
-        maps = FieldMaps(self.normals, self.cast, self.sharpness, self.sharpness[:0])
-        visibility: Any = Visibility(maps, self.silhouette, anchors)
-        return visibility, Shading(
-            self.residual, self.normals, visibility, self.silhouette, anchors, known=True
-        )
 
 
 def weighted_sum(

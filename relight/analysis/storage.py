@@ -28,7 +28,8 @@ from relight.analysis.camera import Camera
 from relight.analysis.components import principal_components
 from relight.analysis.depth import ProvidedDepth, WorldGeometry
 from relight.analysis.foreground import Foreground
-from relight.analysis.maps import AnalysisMaps, FieldArrays
+from relight.analysis.light_field import LightField
+from relight.analysis.maps import AnalysisMaps
 from relight.analysis.old_light import OldLight
 from relight.analysis.record import AnalysisRecord
 from relight.analysis.upsampling import GUIDE_MAX
@@ -176,7 +177,7 @@ def _plate_arrays(record: AnalysisRecord) -> dict[str, np.ndarray]:
 def _canvas_arrays(record: AnalysisRecord) -> dict[str, np.ndarray]:
     """Return the arrays on the networks' canvas."""
     maps = record.maps
-    field = FieldArrays.of(maps.shading)
+    field = maps.field
     silhouette = field.silhouette
     within = silhouette.scatter(torch.ones(1, len(silhouette.pixels), dtype=torch.uint8))[0]
     unit = _unit(record.exposure)
@@ -309,14 +310,13 @@ def _restored_maps(
     def from_components(name: str) -> torch.Tensor:
         return torch.addmm(tensors[f"{name}_offset"], tensors[f"{name}_basis"], values(name))
 
-    field = FieldArrays(
+    field = LightField(
         silhouette,
         values("normals"),
         values("sharpness"),
         from_components("cast"),
         from_components("residual"),
     )
-    visibility, shading = field.light_maps()
     light = silhouette.scatter(values("light")) / _unit(exposure) if "light" in tensors else None
     depth = silhouette.scatter(values("depth"))[0]
     return AnalysisMaps(
@@ -324,8 +324,7 @@ def _restored_maps(
         within > 1,
         tensors["image"] * (GUIDE_MAX / 255),
         silhouette.scatter(field.normals),
-        visibility,
-        shading,
+        field,
         silhouette.scatter(values("albedo")),
         light,
         WorldGeometry(camera, framing, ProvidedDepth(depth, within > 1)),

@@ -9,7 +9,7 @@ Kuglin and Hines 1975, phase correlation, and Lucas and Kanade 1981, for the mot
 The weights do not depend on the lights of the relit picture, which stays linear in them.
 """
 
-from collections.abc import Iterable
+from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 from typing import Any
 
@@ -17,7 +17,8 @@ import torch
 import torch.nn.functional as F
 
 from relight.analysis.depth import WorldGeometry
-from relight.analysis.maps import AnalysisMaps, FieldArrays, LightMaps
+from relight.analysis.light_field import LightField
+from relight.analysis.maps import AnalysisMaps
 from shadow.directions import olat
 from shadow.framing import affine_sample
 
@@ -62,8 +63,7 @@ def temporally_filtered(
     mean = _AlignedMean(matrices, tuple(weight / total for weight in weights))
     return maps._replace(
         normals=F.normalize(mean(frame.normals for frame in frames), dim=0),
-        visibility=_MeanLightMaps(mean, tuple(frame.visibility for frame in frames)),
-        shading=_MeanLightMaps(mean, tuple(frame.shading for frame in frames)),
+        field=mean.field([frame.field for frame in frames]),
         albedo=mean(frame.albedo for frame in frames),
         light=None if maps.light is None else mean(frame.light for frame in frames),
         geometry=WorldGeometry(maps.geometry.camera, maps.framing, _MeanDepth(mean, frames)),
@@ -83,40 +83,22 @@ class _AlignedMean:
         weighted = [weight * each for weight, each in zip(self.weights, aligned, strict=True)]
         return torch.stack(weighted).sum(dim=0)
 
+    def field(self, fields: Sequence[LightField]) -> LightField:
+        """Return the weighted mean of the arrays of the frames' fields, at the pixels of this frame's.
 
-@dataclass(frozen=True)
-class _MeanLightMaps:
-    """The mean of the frames' maps, as a function of the light's direction."""
-
-    mean: _AlignedMean
-    maps: tuple[LightMaps, ...]
-
-    def __call__(self, directions: torch.Tensor) -> torch.Tensor:
-        return self.mean(maps(directions) for maps in self.maps)
-
-    def field(self) -> FieldArrays:
-        """Return arrays whose maps are nearly this mean: the mean of the frames' arrays.
-
-        Frames are averaged where they agree. There the mean of functions is near the function of the means.
+        Frames are averaged where they agree. There the function of the means is near the mean of functions.
         """
-        fields = [FieldArrays.of(maps) for maps in self.maps]
-        silhouette = fields[0].silhouette
-
-        def mean(name: str) -> torch.Tensor:
-            maps = (field.silhouette.scatter(getattr(field, name)) for field in fields)
-            return silhouette.take(self.mean(maps))
-
-        normals, *others = map(mean, FieldArrays._fields[1:])
-        return FieldArrays(silhouette, F.normalize(normals, dim=0), *others)
-
-    def per_pixel(self, directions: torch.Tensor) -> torch.Tensor:
-        """Return the map (h, w) for a direction per pixel (3, h, w), moved to each frame."""
-        moved = (_aligned(directions, _inverse(matrix)) for matrix in self.mean.matrices)
-        found = (
-            maps.per_pixel(F.normalize(toward, dim=0))[None]
-            for maps, toward in zip(self.maps, moved, strict=True)
-        )
-        return self.mean(found)[0]
+        own, *others = fields
+        silhouette, width = own.silhouette, own.silhouette.shape[1]
+        place = torch.stack([silhouette.pixels % width, silhouette.pixels // width]) + 0.5
+        total = own.rows * silhouette.take(self.weights[0]).T
+        for other, matrix, weights in zip(others, self.matrices[1:], self.weights[1:], strict=True):
+            assert matrix is not None
+            weight = silhouette.take(weights)[0]
+            taking = weight.nonzero()[:, 0]
+            moved = matrix[:, :2] @ place[:, taking] + matrix[:, 2:]
+            total.index_add_(0, taking, weight[taking, None] * other.sampled(moved))
+        return own.with_rows(total)
 
 
 @dataclass(frozen=True)
@@ -134,14 +116,6 @@ class _MeanDepth:
 def _aligned(maps: torch.Tensor, matrix: torch.Tensor | None) -> torch.Tensor:
     """Resample maps (C, h, w) of another frame onto this frame's canvas."""
     return maps if matrix is None else affine_sample(maps, matrix, maps.shape[1:])
-
-
-def _inverse(matrix: torch.Tensor | None) -> torch.Tensor | None:
-    """Return the matrix (2, 3) from positions on the other canvas to those on this one."""
-    if matrix is None:
-        return None
-    linear = torch.linalg.inv(matrix[:, :2])
-    return torch.cat([linear, -linear @ matrix[:, 2:]], dim=1)
 
 
 def _motion(maps: AnalysisMaps, other: AnalysisMaps) -> torch.Tensor:

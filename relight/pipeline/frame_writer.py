@@ -1,4 +1,4 @@
-"""Writes the relit frames of a shot to its outputs; frames that exist already are recognised by their hash."""
+"""Writes the relit frames of a shot to its outputs; a frame that exists is recognised by its hash."""
 
 import warnings
 

@@ -95,7 +95,7 @@ def render_frames(
     phase: Phase = Phase.all,
     progress: Report | None = None,
 ) -> dict[int, str]:
-    """Relight the frames of an open shot; `render_shot` describes the arguments, the result and the errors."""
+    """Relight the frames of an open shot; `render_shot` describes arguments, result and errors."""
     report = progress or (lambda done, total, what: None)
     shot.check_outputs(output)
     moving, numbers = outputs.has_frames(output), shot.frames_for(output, frames)

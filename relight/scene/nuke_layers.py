@@ -11,8 +11,7 @@ import numpy as np
 import torch
 
 from relight.analysis.components import covariance, projected, strongest
-from relight.analysis.maps import FieldArrays
-from shadow.directions import olat
+from relight.analysis.light_field import ANCHORS
 
 CAST_LAYERS, RESIDUAL_LAYERS = 6, 3  # of three components each
 LAYERS = (
@@ -35,10 +34,10 @@ class Basis(NamedTuple):
         """Find the strongest components of one person or of several frames, `relight.Subject`s."""
         cast = residual = torch.zeros(())
         for subject in subjects:
-            arrays = FieldArrays.of(subject.record.maps.shading)
+            arrays = subject.record.maps.field
             cast, residual = cast + covariance(arrays.cast), residual + covariance(arrays.residual)
         return cls(
-            torch.from_numpy(olat(behind=True)),
+            ANCHORS,
             strongest(cast, 3 * CAST_LAYERS),
             strongest(residual, 3 * RESIDUAL_LAYERS),
         )
@@ -67,7 +66,7 @@ def layers_of(subject: Any, basis: Basis) -> tuple[np.ndarray, dict[str, np.ndar
     layers : dict[str, np.ndarray]
         {name of NAMES: (H, W, 3)}, zero outside the matte.
     """
-    arrays = FieldArrays.of(subject.record.maps.shading)
+    arrays = subject.record.maps.field
     none = torch.zeros_like(arrays.sharpness)
     gate = torch.cat([arrays.sharpness, arrays.normals[2:], none])
     toward = torch.cat([none + 1, none, none])

@@ -25,14 +25,14 @@ from PIL import Image
 from relight.analysis.components import principal_components
 from relight.analysis.depth import WorldGeometry
 from relight.analysis.gloss import ROUGHNESS
-from relight.analysis.maps import DeviceMaps
+from relight.analysis.light_field import ANCHORS
 from relight.analysis.record import AnalysisRecord
 from relight.analysis.upsampling import EXTENSION_SHARE, GUIDE_MAX
 from relight.media.colour import encode
 from relight.media.resampling import fill_unknown, resize
-from shading.diffuse import RESIDUAL_BIAS, Shading
+from shading.diffuse import RESIDUAL_BIAS
 from shadow.framing import Extension, Framing
-from shadow.networks.field import KAPPA, LIT_LOGIT, Visibility
+from shadow.networks.field import KAPPA, LIT_LOGIT
 
 CAST_RANK, RESIDUAL_RANK = 24, 24  # components kept, as many as shaders/light.glsl mixes
 MAX_PLATE_SIDE = 2048  # pixels of the plate in a page; larger plates are reduced
@@ -53,28 +53,18 @@ def pack(record: AnalysisRecord, matte: np.ndarray, albedo: np.ndarray, *, compr
         (H, W, 3) linear, see `Subject.albedo`.
     compression
         Of zlib, 1 (fast) to 9 (small).
-
-    Raises
-    ------
-    ValueError
-        A temporally filtered person: the mean of several frames has no maps of its own.
     """
-    canvas = record.maps
-    shading, visibility = (
-        maps.maps if isinstance(maps, DeviceMaps) else maps for maps in (canvas.shading, canvas.visibility)
-    )
-    if not isinstance(shading, Shading) or not isinstance(visibility, Visibility):
-        raise ValueError("subject: is temporally filtered; the page shows a frame as it was analysed")
+    canvas, field = record.maps, record.maps.field
     plate = _ReducedPlate(record, matte, albedo)
-    maps, extend = visibility.maps, Extension(canvas.known, EXTENSION_SHARE)
+    extend = Extension(canvas.known, EXTENSION_SHARE)
 
     def continued(values: torch.Tensor) -> torch.Tensor:
         """Return values (C, N) of the person's pixels as canvas maps (C, h, w), continued beyond them."""
-        return extend(visibility.silhouette.scatter(values.cpu()))
+        return extend(field.silhouette.scatter(values))
 
-    cast, cast_mix = _quantised_components(maps.cast.cpu(), CAST_RANK, continued, LIT_LOGIT)
-    residual, residual_mix = _quantised_components(shading.residual.cpu(), RESIDUAL_RANK, continued, 0)
-    surface = torch.cat([continued(maps.normals), continued(maps.sharpness)])
+    cast, cast_mix = _quantised_components(field.cast, CAST_RANK, continued, LIT_LOGIT)
+    residual, residual_mix = _quantised_components(field.residual, RESIDUAL_RANK, continued, 0)
+    surface = torch.cat([continued(field.normals), continued(field.sharpness)])
     with warnings.catch_warnings():  # of a guessed height: the page says so where a light comes near
         warnings.simplefilter("ignore")
         depth = extend(canvas.geometry.depth[None])
@@ -85,7 +75,7 @@ def pack(record: AnalysisRecord, matte: np.ndarray, albedo: np.ndarray, *, compr
         "depth": depth.numpy().astype(np.float16).view(np.uint16),
         "guide": torch.cat([guide, canvas.known[None] * 255.0]).numpy().astype(np.uint8),
         "matte": np.round(plate.matte * 255).astype(np.uint8)[None],
-        "anchors": visibility.anchors.cpu().numpy(),
+        "anchors": ANCHORS.numpy(),
         "cast": cast_mix.numpy(),
         "residual": residual_mix.numpy(),
     }

@@ -56,7 +56,7 @@ def write_page(
     Raises
     ------
     ValueError
-        Another suffix; a temporally filtered person.
+        Another suffix.
     OSError
         The file cannot be written.
     """

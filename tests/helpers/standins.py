@@ -35,7 +35,11 @@ class Delighter:
         self.answer = answer
 
     def analyse(self, rgb, mask, normals, visibility):
-        return diffuse.Diffuse(visibility, self.answer(rgb, mask))
+        silhouette, nothing = visibility.silhouette, torch.zeros_like(visibility.maps.cast)
+        direct = diffuse.Shading(
+            nothing, silhouette.take(normals), visibility, silhouette, visibility.anchors, known=True
+        )
+        return diffuse.Diffuse(direct, self.answer(rgb, mask))
 
 
 def somebody(column=4, value=1.0):

@@ -13,7 +13,6 @@ from safetensors.numpy import save_file
 
 import relight
 from relight.analysis import array_codec, storage
-from relight.analysis.maps import FieldArrays
 from relight.analysis.old_light import OldLight
 from relight.errors import DamagedFileError, UnsupportedFileError
 
@@ -106,15 +105,14 @@ def test_it_is_linear_in_the_lights_and_may_be_filtered_and_kept_again(subject, 
 
 
 @pytest.mark.slow
-def test_a_filtered_person_is_kept_as_one_field(tmp_path):
-    """The mean of frames' functions of light, and the function of their mean maps, are nearly the same."""
+def test_a_filtered_person_is_kept_as_they_are(tmp_path):
     frames = [relight.Subject(*clothed(seed=seed)) for seed in range(3)]
     steady = frames[1].temporally_filtered([frames[0], frames[2]])
     steady.save(tmp_path / "steady.safetensors")
     kept = relight.Subject.load(tmp_path / "steady.safetensors")
     for light in (KEY, SKY):
         error = rms(kept.relit(light), steady.relit(light), steady.matte > 0)
-        assert error < 0.002
+        assert error < 0.0015
         assert error < 0.5 * rms(kept.relit(light), frames[1].relit(light), steady.matte > 0)
 
 
@@ -135,7 +133,7 @@ def test_maps_of_the_anchors_are_of_low_rank(subject, tmp_path):
     assert about["old_light"].keys() == set(OldLight._fields)
     assert about["arrays"]["cast"][1][0] == storage.RANK["cast"] < 96
     kept = relight.Subject.load(tmp_path / "kept.safetensors")
-    field, exact = (FieldArrays.of(one._record.maps.shading) for one in (kept, subject))
+    field, exact = (one.record.maps.field for one in (kept, subject))
     torch.testing.assert_close(field.residual, exact.residual, rtol=0, atol=0.05)
 
 

@@ -6,9 +6,12 @@ import relight
 from relight.analysis import temporal
 from relight.analysis.camera import Camera
 from relight.analysis.depth import WorldGeometry
+from relight.analysis.light_field import ANCHORS, LightField
 from relight.analysis.maps import AnalysisMaps
 from relight.analysis.temporal import temporally_filtered
+from shading.diffuse import RESIDUAL_BIAS
 from shadow.framing import Framing, affine_sample
+from shadow.networks.mirror import Pixels
 
 SIZE = (128, 96)
 TEXTURE = torch.nn.functional.interpolate(
@@ -21,18 +24,18 @@ def canvas(shading, image=TEXTURE, framing=None, known=None):
     if known is None:
         known = torch.zeros(SIZE, dtype=torch.bool)
         known[10:-10, 10:-10] = True
-    maps = shading * known
-
-    def every_light(directions):
-        return maps.expand(len(directions), -1, -1)
-
+    maps, silhouette = shading * known, Pixels(known)
+    values = silhouette.take(maps[None] + RESIDUAL_BIAS)  # of a surface that faces no light, from residuals
+    count, anchors = len(silhouette.pixels), len(ANCHORS)
+    residual = values.expand(anchors, -1)
+    field = LightField(
+        silhouette, torch.zeros(3, count), torch.ones(1, count), torch.zeros(anchors, count), residual
+    )
     framing = framing or Framing((48.0, 64.0), 1.0, SIZE, SIZE)
     up = torch.tensor([0.0, 0, 1])[:, None, None].expand(3, *SIZE)
     light = maps.expand(3, -1, -1) + 0.1
     space = WorldGeometry(Camera(SIZE, 100.0, (48.0, 64.0), 2.0, SIZE[0]), framing, lambda: maps[0])
-    return AnalysisMaps(
-        framing, known, image * known, up, every_light, every_light, image * known, light, space
-    )
+    return AnalysisMaps(framing, known, image * known, up, field, image * known, light, space)
 
 
 def shown(frame):

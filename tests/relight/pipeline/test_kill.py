@@ -9,7 +9,6 @@ from helpers.killing import differences, finished, kill
 from helpers.rising import make
 from helpers.standins import FlatSubject
 
-
 SLOWLY = """
 import sys, time
 from helpers.rising import make

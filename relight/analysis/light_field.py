@@ -1,0 +1,86 @@
+"""Visibility and shading of a person as functions of the light's direction: arrays, and no network."""
+
+from typing import Any, NamedTuple, Protocol, Self
+
+import torch
+import torch.nn.functional as F
+
+from shading import Analysis
+from shading.diffuse import Shading
+from shadow.directions import olat
+from shadow.networks.field import FieldMaps, Visibility
+from shadow.networks.mirror import Pixels
+
+ANCHORS = torch.from_numpy(olat(behind=True))  # (K, 3) unit vectors
+
+
+class LightMaps(Protocol):
+    """A map of the person as a function of the light's direction: visibility, shading or gloss."""
+
+    def __call__(self, directions: torch.Tensor) -> torch.Tensor:
+        """Return maps (D, h, w), in [0, 1] except for gloss, for unit directions (D, 3)."""
+
+    def per_pixel(self, directions: torch.Tensor) -> torch.Tensor:
+        """Return the map (h, w) in which each pixel has its own unit direction (3, h, w)."""
+
+
+class LightField(NamedTuple):
+    """The arrays behind visibility and shading, at the N pixels of a silhouette, in CPU memory."""
+
+    silhouette: Pixels
+    normals: torch.Tensor  # (3, N) unit vectors
+    sharpness: torch.Tensor  # (1, N)
+    cast: torch.Tensor  # (K, N) cast shadow for each anchor direction
+    residual: torch.Tensor  # (K, N) shading residual for each anchor direction
+
+    @classmethod
+    def of(cls, analysis: Analysis) -> Self:
+        """Take the arrays of an analysis on any device, in the order of `Pixels`."""
+        visibility, shading = analysis.canvas_visibility, analysis.canvas_shading
+        pixels = visibility.silhouette.pixels.cpu()
+        inside = torch.zeros(visibility.silhouette.shape)
+        inside.view(-1)[pixels] = 1
+        order, maps = torch.argsort(pixels), visibility.maps
+        arrays = (maps.normals, maps.sharpness, maps.cast, shading.residual)
+        return cls(Pixels(inside), *(array.cpu().index_select(1, order) for array in arrays))
+
+    @property
+    def visibility(self) -> Visibility:
+        """Visibility as a function of the light's direction, in [0, 1]."""
+        maps = FieldMaps(self.normals, self.cast, self.sharpness, self.sharpness[:0])
+        return Visibility(maps, self.silhouette, ANCHORS)
+
+    @property
+    def shading(self) -> Shading:
+        """Diffuse shading as a function of the light's direction, linear in [0, 1]."""
+        visibility: Any = self.visibility  # mypy takes a NamedTuple's call for that of tuple
+        return Shading(self.residual, self.normals, visibility, self.silhouette, ANCHORS, known=True)
+
+    @property
+    def rows(self) -> torch.Tensor:
+        """The arrays of each pixel side by side (N, 4 + 2 K)."""
+        return torch.cat(self[1:]).T.contiguous()
+
+    def with_rows(self, rows: torch.Tensor) -> Self:
+        """Return the field whose `rows` these are, its normals of length one."""
+        sizes = [len(array) for array in self[1:]]
+        normals, *others = (array.contiguous() for array in rows.T.split(sizes))
+        return type(self)(self.silhouette, F.normalize(normals, dim=0), *others)
+
+    def sampled(self, positions: torch.Tensor) -> torch.Tensor:
+        """Return rows (M, 4 + 2 K) at canvas positions (2, M), x and y in pixels: bilinear, zero outside."""
+        height, width = self.silhouette.shape
+        numbers = torch.full((height * width,), -1)
+        numbers[self.silhouette.pixels] = torch.arange(len(self.silhouette.pixels))
+        taps, shares = [], []
+        for corner in ((0, 0), (1, 0), (0, 1), (1, 1)):
+            near = (positions - 0.5).floor() + torch.tensor(corner)[:, None]
+            share = (1 - (positions - 0.5 - near).abs()).prod(dim=0)
+            column, row = near.long()
+            on_canvas = (column >= 0) & (column < width) & (row >= 0) & (row < height)
+            number = numbers[torch.where(on_canvas, row * width + column, 0)]
+            taps.append(number.clamp_min(0))
+            shares.append(share * (on_canvas & (number >= 0)))
+        return F.embedding_bag(
+            torch.stack(taps, dim=1), self.rows, mode="sum", per_sample_weights=torch.stack(shares, dim=1)
+        )
