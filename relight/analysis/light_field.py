@@ -1,5 +1,6 @@
 """Visibility and shading of a person as functions of the light's direction: arrays, and no network."""
 
+import copy
 from typing import Any, NamedTuple, Protocol, Self
 
 import torch
@@ -35,14 +36,18 @@ class LightField(NamedTuple):
 
     @classmethod
     def of(cls, analysis: Analysis) -> Self:
-        """Take the arrays of an analysis on any device, in the order of `Pixels`."""
+        """Take the arrays of an analysis on any device."""
         visibility, shading = analysis.canvas_visibility, analysis.canvas_shading
-        pixels = visibility.silhouette.pixels.cpu()
-        inside = torch.zeros(visibility.silhouette.shape)
-        inside.view(-1)[pixels] = 1
-        order, maps = torch.argsort(pixels), visibility.maps
+        silhouette, maps = copy.copy(visibility.silhouette), visibility.maps
+        silhouette.pixels = silhouette.pixels.cpu()
         arrays = (maps.normals, maps.sharpness, maps.cast, shading.residual)
-        return cls(Pixels(inside), *(array.cpu().index_select(1, order) for array in arrays))
+        return cls(silhouette, *(array.cpu() for array in arrays))
+
+    def in_row_order(self) -> Self:
+        """Return the field with its pixels in row-major order on the canvas."""
+        inside = self.silhouette.scatter(torch.ones_like(self.sharpness))[0]
+        order = torch.argsort(self.silhouette.pixels)
+        return type(self)(Pixels(inside), *(array[:, order] for array in self[1:]))
 
     @property
     def visibility(self) -> Visibility:

@@ -177,7 +177,7 @@ def _plate_arrays(record: AnalysisRecord) -> dict[str, np.ndarray]:
 def _canvas_arrays(record: AnalysisRecord) -> dict[str, np.ndarray]:
     """Return the arrays on the networks' canvas."""
     maps = record.maps
-    field = maps.field
+    field = maps.field.in_row_order()
     silhouette = field.silhouette
     within = silhouette.scatter(torch.ones(1, len(silhouette.pixels), dtype=torch.uint8))[0]
     unit = _unit(record.exposure)
