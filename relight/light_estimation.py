@@ -1,6 +1,7 @@
 """Light estimated from pictures: from a photograph of a person, or from a background."""
 
 import re
+import warnings
 from collections.abc import Iterable
 from dataclasses import dataclass, replace
 from pathlib import Path
@@ -230,6 +231,7 @@ class PlateLight:
             backgrounds = movies.Movie(backgrounds.path, colour_space=backgrounds.colour_space)
         self._backgrounds, self._field_of_view = backgrounds, field_of_view
         self._maps: dict[int, np.ndarray] = {}
+        self._unreadable: set[int] = set()  # frames that were warned of
 
     def check(self) -> None:
         """Raise ValueError unless the background, or its first frame, is an opaque image."""
@@ -256,14 +258,24 @@ class PlateLight:
             if n not in self._maps:
                 try:
                     self._maps[n] = self._map(n, size)
-                except (OSError, ValueError):  # that frame is reported when it is its turn
+                except (OSError, ValueError) as error:
                     if n == number or self._backgrounds.numbers is None:
                         raise
+                    self._warn(n, error)
         seen = [n for n in seen if n in self._maps]
         if not seen:
             self._backgrounds.read(number)  # raises, and names the missing frame
         weights = [np.cos(np.pi / 2 * (n - number) / (WINDOW_RADIUS + 1)) ** 2 for n in seen]
         return EnvironmentLight(np.average([self._maps[n] for n in seen], 0, weights), name=PLATE)
+
+    def _warn(self, number: int, error: Exception) -> None:
+        """Warn, once, that a frame of the background is missing in the light of those around it."""
+        if number not in self._unreadable:
+            self._unreadable.add(number)
+            warnings.warn(
+                f"background: frame {number}: {error}; the light of those around it is that of the others",
+                stacklevel=3,
+            )
 
     def _map(self, number: int, size: tuple[int, ...]) -> np.ndarray:
         """Return the environment map of a frame of the background."""

@@ -87,7 +87,7 @@ class Circle:
 
 
 @dataclass(frozen=True)
-class Person:
+class DetectedPerson:
     """Somebody in a picture: their circle, and their mask (256, 256) in [0, 1] in the square around it.
 
     presence: the landmark network's opinion, in [0, 1], that somebody is there, a mean of its last looks.
@@ -243,7 +243,9 @@ class PersonFinder:
             raise EmptyMatteError(NOBODY)
         return mask_of(found, person, size)
 
-    def people(self, encoded: np.ndarray, thorough: bool = False, near: Circle | None = None) -> list[Person]:
+    def people(
+        self, encoded: np.ndarray, thorough: bool = False, near: Circle | None = None
+    ) -> list[DetectedPerson]:
         """Return everybody in a photograph (H, W, 3), encoded in [0, 1]: who is certain, the largest first.
 
         Smaller parts of the picture are looked at until somebody is found who is like `near`, if that is
@@ -253,7 +255,7 @@ class PersonFinder:
         reduced = resize(encoded, tuple(max(1, round(n * shrink)) for n in encoded.shape[:2]), "triangle")
         scale = np.array(encoded.shape[1::-1]) / reduced.shape[1::-1]
         copy, full = map(_planes, (reduced, encoded))
-        found: list[Person] = []
+        found: list[DetectedPerson] = []
         for score, share in itertools.product(SCORES, SHARES):
             seen = list(found)
             for hips, rim in self._detections(copy, share, score)[:MOST]:
@@ -302,7 +304,7 @@ class PersonFinder:
             order = others[_overlaps(box[best], box[others]) < SAME_FACE]
         return found
 
-    def _person(self, picture: torch.Tensor, around: Circle, scale: np.ndarray) -> list[Person]:
+    def _person(self, picture: torch.Tensor, around: Circle, scale: np.ndarray) -> list[DetectedPerson]:
         """Return who is in a circle of the full picture, seen in a copy (3, h, w); nobody or one.
 
         `scale` (x, y) leads from the copy to the picture.
@@ -329,7 +331,7 @@ class PersonFinder:
             inside = torch.tensor([[1 / share, 0, corner], [0, 1 / share, corner]])
             sums += affine_sample(torch.stack([both, torch.ones_like(both)]), inside, sums.shape[1:])
         place = Circle(circle.centre * scale, circle.radius * factor, circle.up)
-        person = Person(place, (sums[0] / sums[1]).numpy(), float(np.mean(opinions)))
+        person = DetectedPerson(place, (sums[0] / sums[1]).numpy(), float(np.mean(opinions)))
         return [person] if person.certainty >= PRESENT else []
 
     def _look(self, canvas: np.ndarray) -> tuple[float, np.ndarray, np.ndarray]:
@@ -339,7 +341,7 @@ class PersonFinder:
         return float(presence.ravel()[0]), expit(logits[0, :, :, 0].astype(np.float32)), points
 
 
-def mask_of(found: Sequence[Person], person: Any, size: tuple[int, int]) -> np.ndarray:
+def mask_of(found: Sequence[DetectedPerson], person: Any, size: tuple[int, int]) -> np.ndarray:
     """Return the mask (H, W) of one of several people without the others, or of all; see `find`."""
     if isinstance(person, str) and person == ALL:
         return np.max([each.on(size) for each in found], axis=0)
@@ -362,7 +364,7 @@ def _circle(person: Any) -> Any:
     return Circle(np.array([x, y]), radius, np.array([0.0, -1.0]))
 
 
-def _index(found: Sequence[Person], person: Any, size: tuple[int, int]) -> int:
+def _index(found: Sequence[DetectedPerson], person: Any, size: tuple[int, int]) -> int:
     """Return which person is meant."""
     if isinstance(person, Circle):
         return int(np.argmin([each.circle.distance(person) for each in found]))
@@ -382,16 +384,16 @@ def _index(found: Sequence[Person], person: Any, size: tuple[int, int]) -> int:
     return number - 1
 
 
-def _distinct(people: Sequence[Person], size: tuple[int, ...]) -> list[Person]:
+def _distinct(people: Sequence[DetectedPerson], size: tuple[int, ...]) -> list[DetectedPerson]:
     """Return each person once, as the most certain look shows them, or the larger one of two equal looks."""
     shrink = REDUCED_SIDE / 4 / max(size)
     small = (max(1, round(size[0] * shrink)), max(1, round(size[1] * shrink)))
-    kept: list[Person] = []
+    kept: list[DetectedPerson] = []
     masks: list[np.ndarray] = []
     for person in sorted(people, key=lambda each: (-round(each.certainty, 2), -each.area)):
         circle = person.circle
         circle = Circle(circle.centre * shrink, circle.radius * shrink, circle.up)
-        mask = Person(circle, person.mask).on(small) > 0.5
+        mask = DetectedPerson(circle, person.mask).on(small) > 0.5
         if mask.any() and not any(
             (mask & theirs).sum() >= SAME_PERSON * min(mask.sum(), theirs.sum()) for theirs in masks
         ):

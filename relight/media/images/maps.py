@@ -10,8 +10,9 @@ from relight.media import colour
 from relight.media.images.edge import coverage
 from relight.media.images.loading import layers_of, load
 from relight.media.images.reading import squared
+from relight.media.images.saving import save
 from relight.media.images.stored import StoredPicture
-from relight.media.images.writing import Metadata, check_writable, checked_depth, new_spec, save
+from relight.media.images.writing import Metadata, check_writable, checked_depth, new_spec
 from relight.media.matte import matte_of
 from shadow.directions import CAMERA, from_axes
 from shadow.files import AnyPath

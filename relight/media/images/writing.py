@@ -1,26 +1,20 @@
 """Writing images: layers, depths, and what a file says of itself."""
 
-import functools
-import io
 import reprlib
-import struct
 import warnings
-from collections.abc import Iterable, Iterator, Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from pathlib import Path
 
 import numpy as np
 import OpenImageIO as oiio
 import torch
 from numpy.typing import ArrayLike
-from PIL import ExifTags, Image, ImageCms, PngImagePlugin
-from PIL.TiffImagePlugin import IFDRational
 
 from relight import __version__
 from relight.media import colour, content_hash
-from relight.media.buffers import problem
-from relight.media.images import xmp
 from relight.media.images.edge import as_array, scene_linear
 from relight.media.images.metadata import TypedValue
+from relight.media.images.saving import JPEG_LARGEST, save
 from shadow import files
 from shadow.files import AnyPath
 
@@ -45,10 +39,6 @@ NO_COLOUR = ("N", "P")  # layers of three channels that are no colour
 SAMPLED = 16  # one pixel in so many tells that a layer is bright
 ROWS = 64  # of a file that are written at a time; whole blocks of OpenEXR's compression
 LOST = 0.01  # share of a layer's light that half floats may lose before a warning says so
-JPEG_LARGEST = 65500  # pixels a side, of libjpeg
-JPEG_QUALITY = 98  # of 100: differences that the eye does not find
-EXIF = "Exif:"  # before names in the metadata of OpenImageIO
-RENAMED = {"PhotographicSensitivity": "ISOSpeedRatings"}  # Pillow has the tag's older name
 
 
 def check_writable(path: AnyPath) -> tuple[str, ...]:
@@ -357,70 +347,3 @@ def _blocks(stacks: Sequence[np.ndarray], dtype: torch.dtype) -> Iterator[np.nda
         for part, tensor in zip(block.split(channels, dim=-1), tensors, strict=True):
             part.copy_(tensor[start : start + ROWS].to(dtype))  # rounding what lies together is faster
         yield block.numpy()
-
-
-def save(path: Path, blocks: Iterable[np.ndarray], spec: oiio.ImageSpec) -> None:
-    """Write a file that is whole or not there, from its rows (rows, W, C), some or all at a time."""
-    with files.replacing(path) as beside:
-        if path.suffix.lower() in (".jpeg", ".jpg"):
-            beside.write_bytes(_jpeg(np.concatenate(list(blocks)), spec))
-            return
-        file = oiio.ImageOutput.create(str(path))  # by its suffix
-        if file is None:
-            raise OSError(f"{path}: cannot be written: {problem(oiio)}")
-        written, row = file.open(str(beside), spec), spec.y
-        for block in blocks if written else ():
-            written = written and file.write_scanlines(row, row + len(block), 0, block)
-            row += len(block)
-        if not (file.close() and written):
-            raise OSError(f"{path}: cannot be written: {problem(file)}")
-        if path.suffix.lower() == ".png":
-            _check_png(path, beside)
-        elif path.suffix.lower() in (".tif", ".tiff") and spec.getattribute("Keywords"):
-            xmp.replace_in_tiff(beside, xmp.packet(spec))  # OpenImageIO's XMP has no keywords
-
-
-def _jpeg(pixels: np.ndarray, spec: oiio.ImageSpec) -> bytes:
-    """Return a JPEG file of encoded pixels (H, W, 1|3) in [0, 1].
-
-    By Pillow, in memory: OpenImageIO's writer ends the process when the disk is full.
-    """
-    exif = Image.Exif()
-    for attribute in spec.extra_attribs:
-        if attribute.name in ExifTags.Base.__members__:
-            exif[ExifTags.Base[attribute.name]] = attribute.value
-        elif attribute.name == content_hash.HASH_ATTRIBUTE:
-            exif.get_ifd(ExifTags.IFD.Exif)[ExifTags.Base.ImageUniqueID] = attribute.value
-        elif attribute.name.startswith(EXIF) and isinstance(attribute.value, str | int | float):
-            name = attribute.name.removeprefix(EXIF)
-            tag = ExifTags.Base.__members__.get(RENAMED.get(name, name))
-            if tag is not None:  # whose numbers, unless they are whole, are fractions
-                is_real = isinstance(attribute.value, float)
-                value = IFDRational(float(attribute.value)) if is_real else attribute.value
-                exif.get_ifd(ExifTags.IFD.Exif)[tag] = value
-    file = io.BytesIO()
-    codes = np.rint(pixels * 255).astype(np.uint8)
-    is_srgb = spec.getattribute("oiio:ColorSpace") == "srgb_rec709_scene"
-    profile = _srgb_profile() if is_srgb else None
-    Image.fromarray(codes).save(
-        file, "JPEG", quality=JPEG_QUALITY, exif=exif, icc_profile=profile, xmp=xmp.packet(spec)
-    )
-    return file.getvalue()
-
-
-@functools.cache
-def _srgb_profile() -> bytes:
-    """Return an ICC profile of sRGB, with a date of its own, so that equal pictures are equal files."""
-    made = ImageCms.ImageCmsProfile(ImageCms.createProfile("sRGB")).tobytes()
-    date = struct.pack(">6H", 2000, 1, 1, 0, 0, 0)  # ICC.1:2022, 7.2.8: bytes 24 to 35
-    return made[:24] + date + made[36:]
-
-
-def _check_png(path: Path, written: Path) -> None:
-    """Raise OSError unless a file is a whole PNG: OpenImageIO's writer does not notice a full disk."""
-    try:
-        # Not Image.open, which refuses pictures above 179 megapixels.
-        with PngImagePlugin.PngImageFile(written) as file:
-            file.verify()  # every chunk's checksum, to the end
-    except (OSError, SyntaxError) as error:
-        raise OSError(f"{path}: cannot be written: it came out truncated; is the disk full?") from error

@@ -77,7 +77,7 @@ def test_nobody_is_refused(finder, tmp_path):
 def test_who_is_upright_is_taken_before_what_lies_and_is_larger():
     def seen(centre, radius, up, presence):
         circle = person.Circle(np.array(centre), radius, np.array(up))
-        return person.Person(circle, np.ones((256, 256), np.float32), presence)
+        return person.DetectedPerson(circle, np.ones((256, 256), np.float32), presence)
 
     standing, lying = seen((100.0, 150.0), 60, (0.0, -1.0), 0.9), seen((400.0, 150.0), 90, (1.0, 0.0), 1.0)
     assert standing.certainty > person.CERTAIN > lying.certainty
@@ -90,7 +90,7 @@ def test_a_doubtful_person_takes_nothing_from_a_certain_one():
     circle = person.Circle(np.array([100.0, 150.0]), 60, np.array([0.0, -1.0]))
     mask, other = np.full((256, 256), 0.8, np.float32), np.ones((256, 256), np.float32)
     for presence, least in ((0.5, 0.7), (0.9, 0.1)):
-        found = [person.Person(circle, mask), person.Person(circle, other, presence)]
+        found = [person.DetectedPerson(circle, mask), person.DetectedPerson(circle, other, presence)]
         assert (person.mask_of(found, 1, (300, 200))[150, 100] > 0.5) == (least > 0.5)
 
 
@@ -102,7 +102,7 @@ def test_a_turned_square_and_its_mask_agree():
     np.testing.assert_allclose(rim, [128, 128 - 128 / person.ROOM], atol=1e-9)
     upper = np.zeros((256, 256), np.float32)
     upper[:128] = 1
-    mask = person.Person(circle, upper).on((140, 150))
+    mask = person.DetectedPerson(circle, upper).on((140, 150))
     assert mask[55, 75] == pytest.approx(1, abs=1e-5)
     assert mask[85, 45] == pytest.approx(0, abs=1e-5)
 
