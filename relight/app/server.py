@@ -53,6 +53,7 @@ class Server:
             Route(f"{one}/person", refusing(self.person), methods=["POST"]),
             Route(f"{one}/outline", refusing(self.outline), methods=["POST"]),
             Route(f"{one}/model", refusing(self.model), methods=["POST"]),
+            Route(f"{one}/matte", refusing(self.matte), methods=["POST"]),
             Route(f"{one}/analyse", refusing(self.analyse), methods=["POST"]),
             Route(f"{one}/pack", refusing(self.pack)),
             Route(f"{one}/scene", refusing(self.scene)),
@@ -167,6 +168,17 @@ class Server:
         work = self.worker.run("matte_by_model", photograph.folder, {"model": name})
         found = await while_connected(request, work)
         return Response(found["png"], media_type="image/png", headers=notes_of(found))
+
+    async def matte(self, request: Request) -> Response:
+        photograph = self._of(request)
+        identity, path = self.session.new_file(request.query_params.get("name", ""), PICTURES)
+        try:
+            await self.session.receive(request.stream(), path)
+            name = self.session.lend(identity, photograph)
+            found = await self.worker.run("load_matte", photograph.folder, {"name": name}, brief=True)
+            return Response(found["png"], media_type="image/png", headers=notes_of(found))
+        finally:
+            self.session.remove_file(identity)
 
     async def add_model(self, request: Request) -> Response:
         async def opened(identity: str, path: Path) -> dict[str, Any]:

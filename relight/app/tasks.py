@@ -37,6 +37,9 @@ PREVIEWS = "page"  # folder of what the page shows: no upload has this name, whi
 BACKGROUND_SIDE = 2048  # pixels, the longer side of a background on the page, at most
 KEPT = 2  # subjects that are kept in memory, for stills
 REDUCED, MODEL, MATTE, PACK = "reduced.npy", "model.npy", "matte.npy", "pack.bin"
+LOADED, EDGE = "loaded.npy", "edge.json"  # a matte from a file, in full; what was done to the accepted matte
+FILE = "file"  # in place of a model: the matte is that of a file
+EDGE_SIDE = 0.05  # of the picture's longer side, that an edge may be shifted or blurred by, at most
 Report = Callable[[str], None]
 
 _subjects: OrderedDict[str, Subject] = OrderedDict()
@@ -147,6 +150,21 @@ def matte_by_model(model: str, report: Report) -> dict[str, Any]:
     return {"png": _png(found)}
 
 
+def load_matte(name: str, report: Report) -> dict[str, Any]:
+    """Take a matte from a file, of the photograph's proportions, as that of a model."""
+    _check_size(Path(name))
+    loaded, size = images.read_mask(name), _reduced().shape[:2]
+    if abs(loaded.shape[1] / loaded.shape[0] / (size[1] / size[0]) - 1) > 0.01:
+        raise ValueError(
+            f"{name}: expected a matte of the photograph's proportions, "
+            f"got {loaded.shape[1]} x {loaded.shape[0]}"
+        )
+    np.save(LOADED, loaded.astype(np.float16))
+    found = _resized(loaded[..., None].astype(np.float32), size)[..., 0].clip(0, 1)
+    _keep_matte(found)
+    return {"png": _png(found)}
+
+
 def _keep_matte(found: np.ndarray) -> None:
     """Keep the matte that a network found; an outline may start from it."""
     np.save(MODEL, found.astype(np.float16))
@@ -163,13 +181,17 @@ def analyse(name: str, mask: str | None, drawn: Mapping[str, Any] | None, report
     if mask is not None and drawn is not None:
         compiling.wait(report)
         report("Refining the edge")
-        found = outline.refine(reduced[..., :3], _matte(drawn))
+        as_it_is = _is_file(drawn)
+        kept = _solved(drawn) if as_it_is else outline.refine(reduced[..., :3], _solved(drawn))
+        shift, feather = _edge(drawn)
+        found = _shifted(kept, shift, feather)
     report("Analysing the person")
     subject = Subject(reduced, found)
     report("Preparing the light")
     Path(PACK).write_bytes(pack(subject.record, subject.matte, subject.albedo, compression=1))
     if mask is not None and found is not None:  # until here, what was accepted before is kept
-        np.save(MATTE, found.astype(np.float16))
+        np.save(MATTE, kept.astype(np.float16))
+        Path(EDGE).write_text(json.dumps({"shift": shift, "feather": feather, "file": as_it_is}))
         Path(mask).unlink(missing_ok=True)
     scene = scene_of(subject.size, title=name, command=_command(name, mask))
     _keep(name, subject)
@@ -181,11 +203,12 @@ def full_matte(name: str, mask: str, report: Report) -> dict[str, Any]:
     if not Path(mask).exists():
         compiling.wait(report)
         report("Refining the edge")
-        found = np.load(MATTE).astype(np.float32)
-        pixels = images.read(name)
+        edge, pixels = json.loads(Path(EDGE).read_text()), images.read(name)
+        found = np.load(LOADED if edge["file"] else MATTE).astype(np.float32)
         if found.shape != pixels.shape[:2]:
-            found = outline.refine(pixels, _resized(found[..., None], pixels.shape[:2])[..., 0].clip(0, 1))
-        images.write_mask(mask, found)
+            found = _resized(found[..., None], pixels.shape[:2])[..., 0].clip(0, 1)
+            found = found if edge["file"] else outline.refine(pixels, found)
+        images.write_mask(mask, _shifted(found, edge["shift"], edge["feather"]))
     return {"file": mask}
 
 
@@ -213,7 +236,10 @@ def still(name: str, mask: str | None, look: Mapping[str, Any], report: Report) 
     subject = _subjects.get(_key(name))
     if subject is None:
         report("Analysing the person")
-        found = None if mask is None else np.load(MATTE).astype(np.float32)
+        found = None
+        if mask is not None:
+            edge = json.loads(Path(EDGE).read_text())
+            found = _shifted(np.load(MATTE).astype(np.float32), edge["shift"], edge["feather"])
         subject = Subject(_reduced(), found)
         _keep(name, subject)
     lighting = _lighting(look)
@@ -289,11 +315,35 @@ def _command(name: str, mask: str | None) -> list[str]:
 
 
 def _matte(drawn: Mapping[str, Any]) -> np.ndarray:
+    """Return the matte of the reduced copy that was drawn, its edge shifted and blurred as asked for."""
+    return _shifted(_solved(drawn), *_edge(drawn))
+
+
+def _solved(drawn: Mapping[str, Any]) -> np.ndarray:
     """Return the matte of the reduced copy that was drawn; an outline that is accepted is not solved again.
 
     Positions are fractions of width and height.
     """
-    return _solve(os.getcwd(), json.dumps(drawn, sort_keys=True))
+    lines = {key: value for key, value in drawn.items() if key not in ("shift", "feather")}
+    return _solve(os.getcwd(), json.dumps(lines, sort_keys=True))
+
+
+def _edge(drawn: Mapping[str, Any]) -> tuple[float, float]:
+    """Return by how much the edge is to be shifted and blurred, as shares of the picture's longer side."""
+    shift, feather = (float(drawn.get(key) or 0) for key in ("shift", "feather"))
+    if not (abs(shift) <= EDGE_SIDE and 0 <= feather <= EDGE_SIDE):
+        raise ValueError(f"edge: expected shares of up to {EDGE_SIDE}, got {shift} and {feather}")
+    return shift, feather
+
+
+def _shifted(matte: np.ndarray, shift: float, feather: float) -> np.ndarray:
+    side = max(matte.shape)
+    return outline.shift_edge(matte, shift * side, feather * side)
+
+
+def _is_file(drawn: Mapping[str, Any]) -> bool:
+    """Return whether a drawing is a matte from a file, as it is, whose edge is right by itself."""
+    return drawn.get("model") == FILE and not any(drawn.get(key) for key in ("lasso", "strokes", "holes"))
 
 
 @functools.lru_cache(maxsize=1)
@@ -323,14 +373,15 @@ def _meant(drawn: Mapping[str, Any], reduced: np.ndarray) -> np.ndarray:
         for stroke in drawn.get("strokes") or []
     ]
     lasso = drawn.get("lasso") or None
+    holes = [places(points) for points in drawn.get("holes") or []]
     rough = None
     if drawn.get("model"):
         rough = np.load(MODEL).astype(np.float32)
     elif reduced.shape[-1] == 4:
         rough = reduced[..., 3]
-    if rough is not None and not strokes and lasso is None:
+    if rough is not None and not (strokes or holes) and lasso is None:
         return rough
-    meant = outline.Outline(None if lasso is None else places(lasso), strokes, rough)
+    meant = outline.Outline(None if lasso is None else places(lasso), strokes, rough, holes)
     return outline.outlined(reduced[..., :3], meant)
 
 

@@ -72,11 +72,14 @@ class Outline:
         In the order in which they were drawn: a later one counts where two overlap.
     matte:
         (H, W) in [0, 1], a matte that the strokes correct, such as a network's; a lasso limits it.
+    holes:
+        Closed lines, each as `lasso`, around what is not the person, such as the gap between arm and body.
     """
 
     lasso: ArrayLike | None = None
     strokes: Sequence[Stroke] = field(default_factory=tuple)
     matte: np.ndarray | None = None
+    holes: Sequence[ArrayLike] = field(default_factory=tuple)
 
 
 def outlined(image: ArrayLike, outline: Outline) -> np.ndarray:
@@ -118,6 +121,44 @@ def outlined(image: ArrayLike, outline: Outline) -> np.ndarray:
         ..., 0
     ].clip(0, 1)
     return matte
+
+
+def shift_edge(matte: np.ndarray, shift: float = 0.0, feather: float = 0.0) -> np.ndarray:
+    """Move the edge of a matte, and blur it.
+
+    Parameters
+    ----------
+    matte:
+        (H, W) in [0, 1].
+    shift:
+        Pixels outward; inward if negative. The edge stays as soft as it was.
+    feather:
+        Standard deviation in pixels of the Gaussian that blurs the matte afterwards.
+
+    Returns
+    -------
+    np.ndarray
+        (H, W) float32 in [0, 1].
+
+    Examples
+    --------
+    >>> square = np.zeros((20, 20), np.float32)
+    >>> square[5:15, 5:15] = 1
+    >>> shift_edge(square, 2)[10].sum().round(), shift_edge(square, -2)[10].sum().round()
+    (np.float32(14.0), np.float32(6.0))
+    """
+    moved = np.asarray(matte, np.float32)
+    inside = moved > 0.5
+    if shift and inside.any() and not inside.all():
+        # Each pixel takes the value of the place that is `shift` further in, across the nearest edge.
+        depth = ndimage.distance_transform_edt(inside) - ndimage.distance_transform_edt(~inside)
+        inward = np.stack(np.gradient(ndimage.gaussian_filter(depth, 1.0)))
+        inward /= np.maximum(np.hypot(*inward), 1e-6)
+        places = np.mgrid[: moved.shape[0], : moved.shape[1]] + shift * inward
+        moved = ndimage.map_coordinates(moved, places, order=1, mode="nearest")
+    if feather:
+        moved = ndimage.gaussian_filter(moved, feather, mode="nearest")
+    return moved.clip(0, 1)
 
 
 def refine(image: ArrayLike, matte: np.ndarray) -> np.ndarray:
@@ -221,6 +262,8 @@ def _drawn(
         drawn = _filled((np.asarray(outline.lasso, float) - corner) * scale, size)
         inside = drawn if outline.matte is None else inside & drawn
         slack = slack if outline.matte is not None else max(2.0, SLACK * _extent(drawn))
+    for hole in outline.holes:
+        inside = inside & ~_filled((np.reshape(np.asarray(hole, float), (-1, 2)) - corner) * scale, size)
     distance = _inside(inside) / slack
     known = np.where(distance >= 1, PERSON, np.where(distance <= -1, BACKGROUND, UNKNOWN))
     for stroke in outline.strokes:

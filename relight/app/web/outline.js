@@ -12,18 +12,20 @@ const DOUBLE_CLICK = 500; // milliseconds between its clicks, at most
 const DRAG = 5; // CSS pixels of motion that make a press a stroke
 const APART = 3; // CSS pixels between the points of a freehand line
 const STEP = 0.01; // of the picture, that an arrow key moves the pen
-const NOTHING = { lasso: null, strokes: [], model: false }; // drawn yet
+const NOTHING = { lasso: null, strokes: [], holes: [], model: false, shift: 0, feather: 0 }; // drawn yet
+const EDGE = 0.01; // of the photograph's longer side, at the ends of the sliders that shift and blur the edge
 const TOOLS = [
   ["lasso", "Outline", "Draw a line around the person: drag, or click corner by corner"],
   ["person", "Person", "Paint what belongs to the person"],
   ["background", "Background", "Paint what does not belong to the person"],
+  ["hole", "Cut out", "Draw a line around what does not belong to the person, such as a gap between arm and body"],
 ];
 
 export class OutlineStep {
   constructor(app) {
     this.app = app;
     this.closedAt = -DOUBLE_CLICK; // when a line was closed
-    this.drawings = new Map(); // photograph id: { lasso, strokes, model }
+    this.drawings = new Map(); // photograph id: { now, past, future }, drawings like NOTHING
     this.canvas = h("canvas", { tabindex: 0, role: "application", "aria-label": "The photograph. Drag to draw around the person. With the keyboard: arrows move the pen, Enter sets a corner, C closes the line." });
     this.paper = new Paper(this.canvas);
     this.hint = h("p", { class: "hint", "aria-live": "polite" });
@@ -31,6 +33,15 @@ export class OutlineStep {
     this.buttons = Object.fromEntries(TOOLS.map(([name, label, title]) => [name, h("button", { type: "button", class: "tool", title, onclick: () => this.use(name) }, label)]));
     this.size = h("input", { type: "range", min: 1, max: 100, value: 30, "aria-label": "Brush size" });
     this.size.addEventListener("input", () => this.draw());
+    this.shift = this.edge("shift", "Shift", -100);
+    this.feather = this.edge("feather", "Feather", 0);
+    this.greyButton = h("button", { type: "button", class: "tool", title: "Show the matte alone: white is the person (M)", "aria-pressed": "false", onclick: () => this.showGrey(!this.grey) }, "Matte");
+    this.file = h("input", { type: "file", accept: "image/*,.exr,.tif,.tiff", hidden: true, "aria-label": "A matte" });
+    this.file.addEventListener("change", () => {
+      const [file] = this.file.files;
+      this.file.value = "";
+      if (file) this.app.trying(() => this.load(file));
+    });
     this.undoButton = iconButton("undo", "Undo", () => this.undo(), "Ctrl Z");
     this.redoButton = iconButton("redo", "Redo", () => this.redo(), "Ctrl Shift Z");
     this.models = new ModelSheet((file, options) => this.findByFile(file, options), (name) => this.find({ name }));
@@ -45,10 +56,14 @@ export class OutlineStep {
         { class: "tools" },
         h("div", { class: "group", role: "group", "aria-label": "Tool" }, ...Object.values(this.buttons)),
         h("label", { class: "brush" }, h("span", {}, "Brush"), this.size),
+        h("div", { class: "edge", role: "group", "aria-label": "Edge" }, this.shift.element, this.feather.element),
+        this.greyButton,
         h("div", { class: "group" }, this.undoButton, this.redoButton),
         h("div", { class: "group zooms" }, h("button", { type: "button", class: "tool", "aria-label": "Zoom out", onclick: () => this.zoom(0.7) }, "−"), h("button", { type: "button", class: "tool", onclick: () => this.fit() }, "Fit"), h("button", { type: "button", class: "tool", "aria-label": "Zoom in", onclick: () => this.zoom(1.4) }, "+")),
         this.finder,
         h("button", { type: "button", class: "tool", onclick: () => this.models.open(this.app.about.models) }, "Find with a model…"),
+        h("button", { type: "button", class: "tool", title: "Take a matte from a picture: white is the person", onclick: () => this.file.click() }, "Load a matte…"),
+        this.file,
         this.models.file,
         this.models.sheet,
         this.accept,
@@ -56,6 +71,26 @@ export class OutlineStep {
     );
     this.pointers = new Map();
     this.listen();
+  }
+
+  /** A slider that shifts or blurs the edge; a double click on its name takes that back. */
+  edge(name, label, least) {
+    const input = h("input", { type: "range", min: least, max: 100, value: 0, "aria-label": `${label} the edge` });
+    const shown = h("output", {}, "0 px");
+    const set = (value) => {
+      const share = (value / 100) * EDGE;
+      if (share !== this.drawing[name]) this.change({ ...this.drawing, [name]: share });
+    };
+    input.addEventListener("change", () => set(Number(input.value)));
+    input.addEventListener("input", () => (shown.textContent = this.pixels((Number(input.value) / 100) * EDGE)));
+    const element = h("label", { class: "brush" }, h("span", { ondblclick: () => set(0) }, label), input, shown);
+    return { element, input, shown, name };
+  }
+
+  /** A share of the photograph's longer side, in its pixels. */
+  pixels(share) {
+    const side = Math.max(this.photograph.width, this.photograph.height);
+    return `${(share * side).toFixed(1)} px`;
   }
 
   listen() {
@@ -80,7 +115,7 @@ export class OutlineStep {
     const { chosen } = this.app;
     if (this.photograph !== chosen) {
       this.photograph = chosen;
-      this.paper.image = this.matte = null;
+      this.paper.image = this.matte = this.greys = null;
       this.corners = [];
       const picture = new Image();
       picture.src = `photographs/${chosen.id}/preview`;
@@ -124,8 +159,8 @@ export class OutlineStep {
 
   /** Whether there is anything to make a matte of. */
   get drawn() {
-    const { lasso, strokes, model } = this.drawing;
-    return Boolean(lasso || strokes.length || model);
+    const { lasso, strokes, holes, model, shift, feather } = this.drawing;
+    return Boolean(lasso || strokes.length || model || (this.photograph.cut_out && (holes.length || shift || feather)));
   }
 
   /** The drawing as the server takes it; null where the photograph's own alpha stands as it is. */
@@ -195,12 +230,28 @@ export class OutlineStep {
   async shows(response, photograph) {
     const bitmap = await createImageBitmap(await response.blob());
     if (photograph !== this.photograph) return;
-    this.matte = veilOf(bitmap);
+    [this.matte, this.greys] = [veilOf(bitmap), bitmap];
     const notes = notesOf(response);
     if (notes.length) this.app.tell(notes.join(" "));
   }
 
-  // --- a model's matte
+  // --- another's matte
+
+  /** Begins with a matte from a file. */
+  async load(file) {
+    const { photograph } = this;
+    const response = await ask(`photographs/${photograph.id}/matte?name=${encodeURIComponent(file.name)}`, { body: file });
+    await this.shows(response, photograph);
+    this.change({ ...NOTHING, model: "file" });
+    this.use("person");
+  }
+
+  /** Shows the matte alone, in black and white, or the photograph. */
+  showGrey(grey) {
+    this.grey = grey;
+    this.greyButton.setAttribute("aria-pressed", String(grey));
+    this.draw();
+  }
 
   async findByFile(file, options) {
     await this.app.trying(async () => {
@@ -229,6 +280,11 @@ export class OutlineStep {
   }
 
   // --- hands
+
+  /** Whether the tool draws closed lines, and is no brush. */
+  get lines() {
+    return this.tool === "lasso" || this.tool === "hole";
+  }
 
   use(tool) {
     this.tool = tool;
@@ -294,7 +350,7 @@ export class OutlineStep {
     if (!line || event.type === "pointercancel") return this.draw();
     const again = line.length === 1 && event.timeStamp - this.closedAt < DOUBLE_CLICK;
     if (again) return this.draw(); // the second click of a double click that closed the line
-    if (this.tool !== "lasso") this.stroke(line);
+    if (!this.lines) this.stroke(line);
     else if (this.freehand) {
       this.corners.push(...line);
       this.close();
@@ -319,10 +375,11 @@ export class OutlineStep {
   close() {
     const { corners } = this;
     this.corners = [];
-    if (this.tool !== "lasso" || corners.length < 3) return this.draw();
-    this.change({ ...this.drawing, lasso: corners });
+    if (!this.lines || corners.length < 3) return this.draw();
+    const hole = this.tool === "hole";
+    this.change({ ...this.drawing, ...(hole ? { holes: [...this.drawing.holes, corners] } : { lasso: corners }) });
     this.closedAt = performance.now();
-    this.use("person");
+    this.use(hole ? "hole" : "person");
   }
 
   zoom(times, about) {
@@ -351,13 +408,14 @@ export class OutlineStep {
       this.pen = this.paper.spot([across + right * far, down + low * far]);
     } else if (event.target === this.canvas && event.key === "Enter") {
       const place = this.paper.share(this.pen ?? this.paper.spot([0.5, 0.5]));
-      this.tool === "lasso" ? this.corner(place) : this.stroke([place]);
+      this.lines ? this.corner(place) : this.stroke([place]);
     } else if (event.key === "c") this.close();
     else if (event.key === "Backspace" || event.key === "Escape") this.corners.length && this.undo();
     else if (event.key === "+" || event.key === "=") this.zoom(1.4);
     else if (event.key === "-") this.zoom(0.7);
     else if (event.key === "0") this.fit();
-    else if (event.key === "1" || event.key === "2" || event.key === "3") this.use(TOOLS[event.key - 1][0]);
+    else if (event.key === "m" || event.key === "M") this.showGrey(!this.grey);
+    else if (/^[1-4]$/.test(event.key)) this.use(TOOLS[event.key - 1][0]);
     else return;
     event.preventDefault();
     this.draw();
@@ -376,8 +434,8 @@ export class OutlineStep {
     const { paper } = this;
     if (!this.image || !paper.view || this.element.hidden) return;
     const busy = Boolean(this.solving);
-    const brushes = this.tool !== "lasso";
-    paper.begin(this.matte);
+    const brushes = !this.lines;
+    paper.begin(this.matte, this.grey && this.matte ? this.greys : null);
     if (!this.matte && this.drawing.lasso) paper.trace(this.drawing.lasso, true);
     if (this.line && brushes) paper.brush(this.line, this.tool === "person", this.radius);
     if (busy) for (const { points, person, radius } of this.drawing.strokes.slice(-1)) paper.brush(points, person, radius * paper.width);
@@ -391,6 +449,13 @@ export class OutlineStep {
     this.undoButton.disabled = !kept.past.length && !this.corners.length;
     this.redoButton.disabled = !kept.future.length;
     this.accept.disabled = !this.matte || busy;
+    this.greyButton.disabled = !this.matte;
+    for (const { input, shown, name } of [this.shift, this.feather]) {
+      input.disabled = !this.matte && !this.drawing[name];
+      if (document.activeElement === input && input.matches(":active")) continue; // the hand is on it
+      input.value = Math.round((this.drawing[name] / EDGE) * 100);
+      shown.textContent = this.pixels(this.drawing[name]);
+    }
     const text = busy
       ? "Finding the edge…"
       : this.corners.length

@@ -53,8 +53,8 @@ export class Paper {
 
   // --- painting
 
-  /** Paints the photograph, and over it what is not the person. */
-  begin(veil) {
+  /** Paints the photograph, and over it what is not the person; or the matte alone, `grey`. */
+  begin(veil, grey) {
     const { canvas } = this;
     const density = devicePixelRatio || 1;
     const size = [canvas.clientWidth, canvas.clientHeight].map((side) => Math.round(side * density));
@@ -65,8 +65,8 @@ export class Paper {
     const { scale, left, top } = this.view;
     const frame = [left, top, this.image.width * scale, this.image.height * scale];
     context.imageSmoothingQuality = "high";
-    context.drawImage(this.image, ...frame);
-    if (veil) context.drawImage(veil, ...frame);
+    context.drawImage(grey ?? this.image, ...frame);
+    if (veil && !grey) context.drawImage(veil, ...frame);
   }
 
   /** Paints a line through places, and a dot at each of `corners`. */

@@ -24,6 +24,14 @@ pytestmark = [pytest.mark.slow, browsing.NEEDS_CHROMIUM]
 SETTLED = """(({ engine }) => engine.picture && !engine.asking && engine.made === engine.wanted)(
     relightApp.parts.light.viewer)"""
 
+COVERED = """(({ greys }) => { // the share of the photograph that the matte covers
+    const context = new OffscreenCanvas(greys.width, greys.height).getContext("2d");
+    context.drawImage(greys, 0, 0);
+    const { data } = context.getImageData(0, 0, greys.width, greys.height);
+    let sum = 0;
+    for (let at = 0; at < data.length; at += 4) sum += data[at];
+    return sum / 255 / (data.length / 4);
+})(relightApp.parts.outline)"""
 DRAWN = """[...document.querySelectorAll(".preset canvas")].every(
     (one) => one.getContext("2d").getImageData(64, 100, 1, 1).data[3] === 255)"""
 
@@ -239,6 +247,37 @@ def test_a_models_matte_is_found_and_corrected(page, tmp_path):
     assert seen(100, 184) > 200
     assert seen(100, 80) < 60
     without_advice(page)
+
+
+def test_the_outlines_edge_is_corrected_by_cuts_sliders_and_a_matte_from_a_file(page, photo, tmp_path):
+    """The matte that is shown follows each, and Undo takes each back."""
+    outline = "relightApp.parts.outline"
+    chosen(page, photo[0])
+    at_step(page, "outline")
+    browsing.wait(page, f"Boolean({outline}.image)")
+    matte = np.zeros((300, 240), np.uint8)
+    matte[60:270, 60:180] = 255
+    height, width = np.asarray(Image.open(photo[0])).shape[:2]
+    Image.fromarray(matte).resize((width, height)).save(tmp_path / "matte.png")
+    page.locator(".tools input[aria-label='A matte']").set_input_files(str(tmp_path / "matte.png"))
+    browsing.wait(page, OUTLINED, 120)
+    whole = page.evaluate(COVERED)
+    assert whole == pytest.approx(0.35, abs=0.01)
+    page.get_by_role("button", name="Matte", exact=True).click()
+    assert page.evaluate(f"{outline}.grey")
+    page.get_by_role("slider", name="Shift the edge").fill("100")
+    browsing.wait(page, f"{outline}.drawing.shift === 0.01 && {OUTLINED}", 120)
+    browsing.wait(page, f"{COVERED} > {1.03 * whole}", 120)
+    page.get_by_role("button", name="Cut out").click()
+    lasso(page, np.array([[0.4, 0.4], [0.6, 0.4], [0.6, 0.6], [0.4, 0.6]]))
+    browsing.wait(page, f"{outline}.drawing.holes.length === 1 && {OUTLINED}", 120)
+    browsing.wait(page, f"{COVERED} < {whole}", 120)
+    for _ in range(2):
+        page.keyboard.press("Control+z")
+    browsing.wait(
+        page, f"{outline}.drawing.shift === 0 && {OUTLINED} && Math.abs({COVERED} - {whole}) < 0.005", 120
+    )
+    assert not page.complaints
 
 
 def test_an_analysis_can_be_cancelled_and_done_again(page, photo):

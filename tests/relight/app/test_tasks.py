@@ -100,6 +100,54 @@ def test_what_the_worker_loads_while_it_waits_is_there(folder):
         prepare()
 
 
+class Analysed:
+    """In place of a subject, whose analysis is not wanted here."""
+
+    size = (100, 80)
+    record = matte = albedo = None
+
+    def __init__(self, image, mask):
+        Analysed.mask = mask
+
+
+@pytest.fixture
+def unanalysed(monkeypatch):
+    monkeypatch.setattr(tasks, "Subject", Analysed)
+    monkeypatch.setattr(tasks, "pack", lambda *given, **options: b"")
+
+
+def test_a_matte_from_a_file_is_the_accepted_one_as_it_is(folder, unanalysed):
+    path, matte, _ = folder
+    given = np.round(matte * 255).astype(np.uint8)
+    Image.fromarray(given).save(path / "hand.png")
+    tasks.load_matte("hand.png", silent)
+    tasks.analyse("me.png", "me-matte.png", {"model": "file"}, silent)
+    tasks.full_matte("me.png", "me-matte.png", silent)
+    np.testing.assert_allclose(relight.read_mask(path / "me-matte.png"), given / 255, atol=1e-3)
+    Image.fromarray(given[:150]).save(path / "other.png")
+    with pytest.raises(ValueError, match="the photograph's proportions, got 160 x 150"):
+        tasks.load_matte("other.png", silent)
+
+
+def test_a_shifted_edge_is_that_of_the_page_and_of_the_file(folder, unanalysed):
+    path, matte, _ = folder
+    Image.fromarray(np.round(matte * 255).astype(np.uint8)).save(path / "hand.png")
+    tasks.load_matte("hand.png", silent)
+    areas = []
+    for shift in (0, 0.01, -0.01):  # of 200 pixels: two outward, and two inward
+        drawn = {"model": "file", "shift": shift, "feather": 0.002}
+        shown = codes(tasks.outline_of(drawn, silent)["png"]) / 255
+        tasks.analyse("me.png", "me-matte.png", drawn, silent)
+        np.testing.assert_allclose(Analysed.mask, shown, atol=0.01)
+        tasks.full_matte("me.png", "me-matte.png", silent)
+        whole = relight.read_mask(path / "me-matte.png")
+        assert overlap(np.repeat(np.repeat(shown, 2, 0), 2, 1), whole) > 0.95
+        areas.append(whole.sum())
+    assert areas[2] < 0.97 * areas[0] < 1.03 * areas[0] < areas[1]
+    with pytest.raises(ValueError, match=r"edge: expected shares of up to 0\.05"):
+        tasks.outline_of({"model": "file", "shift": 1}, silent)
+
+
 @pytest.mark.slow
 def test_a_photograph_larger_than_its_copy_is_lit_reduced_and_saved_whole(folder):
     path, matte, drawn = folder

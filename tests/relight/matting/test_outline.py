@@ -5,7 +5,7 @@ import pytest
 from helpers import ROOT
 from helpers.drawn import overlap, photographed, polygon
 
-from relight.matting.outline import Outline, Stroke, outlined, refine
+from relight.matting.outline import Outline, Stroke, outlined, refine, shift_edge
 from shadow.data.records import Records
 
 SQUARE = [[30, 20], [90, 20], [90, 100], [30, 100]]
@@ -100,3 +100,31 @@ def test_refining_brings_a_matte_to_the_photographs_own_pixels():
     found = refine(large, matte.repeat(12, 0).repeat(12, 1))
     assert found.shape == (1440, 1440)
     assert overlap(found, matte.repeat(12, 0).repeat(12, 1)) > 0.99
+
+
+def test_a_second_line_takes_out_what_the_first_one_holds():
+    codes, matte = scene()
+    codes[45:75, 45:75] = codes[:30, :30]  # leaves, seen through the person
+    hole = [[43, 43], [77, 43], [77, 77], [43, 77]]
+    found = outlined(codes, Outline(SQUARE, holes=[hole]))
+    assert found[50:70, 50:70].max() < 0.1
+    matte[45:75, 45:75] = 0
+    assert overlap(found, matte) > 0.95
+    assert overlap(outlined(codes, Outline(matte=scene()[1], holes=[hole])), matte) > 0.95
+
+
+@pytest.mark.parametrize("shift", [3.0, 1.5, -2.0])
+def test_an_edge_moves_by_the_pixels_asked_for_and_stays_as_soft_as_it_was(shift):
+    ramp = np.clip((np.hypot(*(np.mgrid[:120, :120] - 60)) - 40) / -8 + 0.5, 0, 1).astype(np.float32)
+    moved = shift_edge(ramp, shift)
+    assert np.interp(0.5, moved[60, :60], np.arange(60)) == pytest.approx(20 - shift, abs=0.15)
+    soft = [((row > 0.05) & (row < 0.95)).sum() for row in (ramp[60], moved[60])]
+    assert abs(soft[0] - soft[1]) <= 2  # of 16, over both edges
+    np.testing.assert_array_equal(shift_edge(ramp), ramp)
+
+
+def test_a_feathered_edge_is_softer_and_stays_in_place():
+    _, matte = scene()
+    soft = shift_edge(matte, feather=3)
+    assert ((soft[60] > 0.05) & (soft[60] < 0.95)).sum() > 12
+    assert np.interp(0.5, soft[60, :60], np.arange(60)) == pytest.approx(29.5, abs=0.1)
