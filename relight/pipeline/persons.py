@@ -44,29 +44,29 @@ class Persons:
     def at(self, number: int) -> Person:
         """Return the person of a frame, filtered. Raises as `analyse` does."""
         around = self.around(number)
-        self._analysed = {n: found for n, found in self._analysed.items() if n in around}
-        near = {n: self._found(n) for n in around}
+        self._analysed = {n: result for n, result in self._analysed.items() if n in around}
+        results = {n: self._result(n) for n in around}
         person = self.analysed(number)
-        others = [
-            found
-            for n, found in near.items()
-            if n != number and not isinstance(found, Exception) and not found.is_empty
+        neighbours = [
+            neighbour
+            for n, neighbour in results.items()
+            if n != number and not isinstance(neighbour, Exception) and not neighbour.is_empty
         ]
-        return person.temporally_filtered(others) if others else person
+        return person.temporally_filtered(neighbours) if neighbours else person
 
     def analysed(self, number: int) -> Person:
         """Return the person of a frame, not filtered. Raises as `analyse` does."""
-        found = self._found(number)
-        if isinstance(found, Exception):
-            raise found
-        return found
+        result = self._result(number)
+        if isinstance(result, Exception):
+            raise result
+        return result
 
-    def kept(self, number: int) -> Person | None:
-        """Return the person of a frame that is analysed already."""
-        found = self._analysed.get(number)
-        return None if isinstance(found, Exception) else found
+    def if_analysed(self, number: int) -> Person | None:
+        """Return the person of a frame, not filtered, if it is analysed already."""
+        result = self._analysed.get(number)
+        return None if isinstance(result, Exception) else result
 
-    def _found(self, number: int) -> Person | Exception:
+    def _result(self, number: int) -> Person | Exception:
         if number not in self._analysed:
             try:
                 self._analysed[number] = self._analyse(number)
@@ -90,7 +90,7 @@ class FrameAnalyser:
 
     def __init__(self, frames: FrameReader, device: str | None, analyse: Callable[..., Subject]) -> None:
         self._frames, self._device, self._analyse = frames, device, analyse
-        self._kept: tuple[int, FrameInputs] | None = None  # a frame that is read before it is analysed
+        self._read: tuple[int, FrameInputs] | None = None  # a frame that is read before it is analysed
         self._first_light: OldLight | None = None  # that of the first frame with a person, once analysed
 
     @cached_property
@@ -129,7 +129,7 @@ class FrameAnalyser:
 
     def size(self, number: int) -> tuple[int, int]:
         """Return the size (H, W) of a frame's picture, in pixels."""
-        height, width = self._kept_frame(number).plate.shape[:2]
+        height, width = self._frame_to_analyse(number).plate.shape[:2]
         return height, width
 
     def __call__(self, number: int) -> Person:
@@ -167,16 +167,16 @@ class FrameAnalyser:
         return self._first_light
 
     def _frame(self, number: int) -> FrameInputs:
-        """Return a frame's inputs; those kept of another frame are dropped."""
-        kept, self._kept = self._kept, None
-        return kept[1] if kept is not None and kept[0] == number else self._frames.frame(number)
+        """Return a frame's inputs; those that were read of another frame are dropped."""
+        read, self._read = self._read, None
+        return read[1] if read is not None and read[0] == number else self._frames.frame(number)
 
-    def _kept_frame(self, number: int) -> FrameInputs:
-        """Return a frame's inputs, and keep them for its analysis."""
-        self._kept = (number, self._frame(number))
-        return self._kept[1]
+    def _frame_to_analyse(self, number: int) -> FrameInputs:
+        """Return a frame's inputs, and hold them for its analysis."""
+        self._read = (number, self._frame(number))
+        return self._read[1]
 
     def _coverage(self, number: int) -> torch.Tensor:
         """Return the matte (H, W) of a frame's person."""
-        frame = self._kept_frame(number)
+        frame = self._frame_to_analyse(number)
         return person_matte(frame.plate, frame.matte)

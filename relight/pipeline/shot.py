@@ -213,17 +213,17 @@ class Shot:
     def subject(self, number: int, *, filtered: bool = True) -> Subject:
         """Return the person of a frame; raises ValueError if the frame shows no person."""
         number = self._source_frame(number)
-        found: Any = self.persons.at(number) if filtered else self.persons.analysed(number)
-        if found.is_empty:
+        person: Any = self.persons.at(number) if filtered else self.persons.analysed(number)
+        if person.is_empty:
             raise ValueError(f"frame {number}: shows no person; choose another (--frame)")
-        return found
+        return person
 
     def size(self, number: int) -> tuple[int, int]:
         """Return the size (H, W) of a frame's picture, in pixels, without analysing it."""
-        kept = self.persons.kept(self._source_frame(number))
-        if kept is None and self.frames.cache is None:
+        person = self.persons.if_analysed(self._source_frame(number))
+        if person is None and self.frames.cache is None:
             return self.analyser.size(self._source_frame(number))
-        return (kept or self.person(number)).size
+        return (person or self.person(number)).size
 
     def lights(self, number: int) -> list[Light]:
         """Return the lights of a frame, without that of the background."""
