@@ -11,7 +11,8 @@ from shadow import inputs
 from shadow.analysis import Array, Normals
 from shadow.directions import olat
 
-FIT_HEIGHT = 64  # rows of the picture from which the lighting is solved: diffuse light has no finer detail
+FIT_HEIGHT = 128  # rows of the picture from which the lighting is solved: twice as many are no better
+DARK = 0.1  # of the mean, added to a pixel's value before the square root that its error is relative to
 RIDGE = 0.02  # ridge penalty, relative to the mean squared light, which spreads light over similar directions
 
 
@@ -102,7 +103,8 @@ def solve_lighting(
     """Solve for the non-negative weights (D, 3) of D lights by least squares inside the mask (h, w).
 
     The weighted sum of their shadings (D, h, w), times the albedo (3, h, w), approximates the linear image
-    (3, h, w).
+    (3, h, w). Errors are relative to about the square root of the image, as errors in encoded values are:
+    otherwise bright pixels alone would decide, and shadows would come out too dark or too light.
     """
     from scipy.optimize import nnls  # the import takes a tenth of a second, and few calls need it
 
@@ -115,6 +117,8 @@ def solve_lighting(
     weights = []
     for colour, paint in zip(image, albedo, strict=True):
         explained, observed = pixels(shading * paint).T, pixels(colour[None])[0]
+        relative = (observed + DARK * observed.mean()).clip(1e-12) ** -0.5
+        explained, observed = explained * relative[:, None], observed * relative
         ridge = RIDGE * np.sqrt((explained**2).sum(axis=0).mean())
         system = np.concatenate([explained, ridge * np.eye(len(shading))])
         weights.append(nnls(system, np.concatenate([observed, np.zeros(len(shading))]))[0])

@@ -9,6 +9,7 @@ more the larger the gain is:
   windows. Its lines come from the networks' canvas (as in the fast guided filter, He and Sun 2015);
 - colour near black is drawn to that of grey cloth in the same light: black cloth is the most likely.
 
+The lightness is left alone, for the canvas does not see how much of it is fine texture.
 Nothing changes where the person is lit as on average or more.
 """
 
@@ -20,7 +21,7 @@ from shadow.framing import Framing
 
 ENCODING = 2.2  # of `encode_guide`
 RADIUS = 3  # of the filter's windows, canvas pixels
-COLOUR_NOISE, GRAIN = 0.03, 0.02  # standard deviation of the noise in colour and lightness, display-encoded
+NOISE = 0.03  # standard deviation of the noise in colour, display-encoded
 NEAR_BLACK = 0.05  # lightness, display-encoded, at which half of the saturation is trusted
 BRIGHTEST = 1.0  # display-encoded: brighter pixels show no noise
 MIN_STRENGTH = 0.02  # pixels with less are left as they are
@@ -84,9 +85,8 @@ def _line(image: torch.Tensor, known: torch.Tensor) -> tuple[torch.Tensor, torch
     chroma = image - lightness
     centre, middle = mean(lightness), mean(chroma)
     variance = (mean(lightness**2) - centre**2).clamp_min(0)
-    slope = (mean(lightness * chroma) - centre * middle) / (variance + COLOUR_NOISE**2)
-    slope = slope + variance / (variance + GRAIN**2)
-    return mean(slope), mean(middle + centre - slope * centre)
+    slope = (mean(lightness * chroma) - centre * middle) / (variance + NOISE**2)
+    return 1 + mean(slope), mean(middle - slope * centre)
 
 
 def _window_mean(maps: torch.Tensor) -> torch.Tensor:

@@ -16,6 +16,7 @@ OPAQUE_COVERAGE = 0.98  # above it, a photograph's pixel shows hardly any backgr
 NEARLY_OPAQUE_COVERAGE = 0.9  # counts as opaque where no pixel within EDGE_PIXELS has less
 EDGE_PIXELS = 2
 MIN_COVERAGE = 0.05  # below it, premultiplied colour is too coarse to divide by, or a matte is noise
+BACKGROUND_VARIANCE = 3.0  # of a continued background, relative to that of the person's continued colour
 
 
 class Foreground:
@@ -175,6 +176,7 @@ def _own_colour(plate: np.ndarray, alpha: torch.Tensor, photographed: bool) -> t
     mask, partly covered pixels show the background as well, so only nearly opaque ones are trusted. A hard
     mask calls the rim of the person opaque too: pixels next to an empty one are trusted only where no other
     is near. Push-pull fills the rest from the trusted pixels, so that neither background nor black gets in.
+    Where the matte is soft, the photograph then corrects this colour, see `_solved`.
     """
     rgb, own_alpha = plate[..., :3], plate[..., 3:]
     if photographed and alpha.max() < OPAQUE_COVERAGE:
@@ -188,7 +190,28 @@ def _own_colour(plate: np.ndarray, alpha: torch.Tensor, photographed: bool) -> t
     if photographed:
         known = _away_from_the_rim(torch.from_numpy(known)[None], alpha[None])[0].numpy()
     filled = fill_unknown(rgb, known)
+    if photographed and not own_alpha.size:
+        filled = _solved(rgb, filled, alpha.numpy())
     return torch.from_numpy(np.where(known[..., None], rgb, filled).clip(0)).permute(2, 0, 1)
+
+
+def _solved(plate: np.ndarray, colour: np.ndarray, alpha: np.ndarray) -> np.ndarray:
+    """Correct the person's continued colour (h, w, 3) where the matte (h, w) is soft.
+
+    plate = alpha · colour + (1 - alpha) · background. The background is continued under the person, too. Of
+    all pairs that satisfy the equation, the most likely one is taken, with Gaussian errors of both (as in
+    Bayesian matting, Chuang et al. 2001). It needs no more than the photograph, so that it stays quick.
+    """
+    empty = alpha <= 1 - OPAQUE_COVERAGE
+    soft = (alpha > MIN_COVERAGE) & (alpha < OPAQUE_COVERAGE)
+    if not empty.any() or not soft.any():
+        return colour
+    background = fill_unknown(plate, empty)[soft]
+    own, coverage = colour[soft], alpha[soft][:, None]
+    left = plate[soft] - coverage * own - (1 - coverage) * background
+    corrected = colour.copy()
+    corrected[soft] = own + coverage * left / (coverage**2 + BACKGROUND_VARIANCE * (1 - coverage) ** 2)
+    return corrected
 
 
 def _relative_coverage(alpha: torch.Tensor) -> torch.Tensor:

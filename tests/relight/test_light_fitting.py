@@ -3,6 +3,7 @@ import pytest
 from helpers import ROOT
 
 import relight
+from relight.media.colour import encode
 
 PERSON = ROOT / "examples" / "person.png"
 
@@ -43,6 +44,13 @@ def test_a_photograph_is_explained_by_its_lights(photograph, subject):
     bright = relight.fit_lights(photograph * (2, 2, 2, 1))
     total = [sum(light.power for light in each) for each in (lights, bright)]
     np.testing.assert_allclose(total[1], 2 * total[0], rtol=0.02)
+
+
+def test_relit_by_its_own_lights_a_photograph_comes_back(photograph, subject):
+    again = subject.relit(relight.fit_lights(photograph, subject))
+    inside = photograph[..., 3] > 0.98
+    wrong = encode(again[inside, :3]) - encode(photograph[inside, :3])
+    assert np.sqrt((wrong**2).mean()) < 0.032
 
 
 def test_another_size_is_refused(photograph, subject):

@@ -7,6 +7,7 @@ from helpers.standins import Delighter, ball, image_of
 
 import relight
 from relight.analysis import infer
+from relight.analysis.foreground import Foreground
 
 LEFT = relight.DirectionalLight(azimuth=-60, name="left")
 
@@ -37,6 +38,22 @@ def test_a_transparent_corner_far_from_the_subject_is_harmless():
         assert np.isfinite(subject.albedo).all()
         assert np.isfinite(picture).all()
         np.testing.assert_array_equal(picture[..., 3], coverage)
+
+
+@pytest.mark.parametrize("behind", [(0.9, 0.9, 0.9), (0.01, 0.01, 0.01), (0.05, 0.5, 0.05)])
+def test_strands_at_a_soft_edge_keep_their_own_colour(behind):
+    """Dark and light strands, over a background that fits neither."""
+    x = torch.arange(96).float()
+    matte = ((70 - x) / 20).clamp(0, 1).expand(64, 96)
+    strands = torch.where(torch.arange(64) // 4 % 2 == 0, 0.4, 0.08)
+    own = (strands[:, None, None] * torch.tensor([1.0, 0.7, 0.4])).expand(64, 96, 3).numpy()
+    alpha = matte[..., None].numpy()
+    plate = np.float32(alpha * own + (1 - alpha) * np.float32(behind))
+    person = Foreground.of(matte, matte, photographed=True)
+    found = np.zeros_like(plate)
+    found[person.box] = person.own_colour(plate).permute(1, 2, 0).numpy()
+    soft = (matte.numpy() > 0.3) & (matte.numpy() < 0.98)
+    assert np.sqrt(((found - own)[soft] ** 2).mean()) < 0.08
 
 
 def test_soft_edges_hold_neither_background_nor_black(monkeypatch):
