@@ -49,6 +49,8 @@ def temporally_filtered(
         The albedo was provided for some of the frames and inferred for others.
     """
     neighbours = list(neighbours)
+    if not neighbours:
+        return maps
     if any((other.light is None) is not (maps.light is None) for other in neighbours):
         raise ValueError("around: expected an albedo given for all of the frames, or for none")
     probed = maps.shading(PROBE_LIGHTS)
