@@ -21,7 +21,8 @@ if TYPE_CHECKING:  # for editors and type checkers, which don't follow `__getatt
     from relight.lights.presets import presets
     from relight.matting.chroma_key import key
     from relight.matting.networks import matte
-    from relight.media.images import read, read_layers, read_mask, read_normals, write, write_mask
+    from relight.media.images import read, read_layers, read_mask, read_normals, write_mask
+    from relight.media.writing import write
     from relight.pipeline.analyse import analyse_shot
     from relight.pipeline.export import export_person
     from relight.pipeline.olat import write_olat
@@ -64,7 +65,7 @@ _EXPORTS = {
     "render": "relight.rendering",
     "render_distributed": "relight.distributed.dask_cluster",
     "render_shot": "relight.pipeline.render",
-    "write": "relight.media.images",
+    "write": "relight.media.writing",
     "write_job": "relight.distributed.openjd",
     "write_lights": "relight.scene.lights",
     "write_mask": "relight.media.images",

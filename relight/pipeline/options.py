@@ -139,7 +139,7 @@ class Lighting(Options):
     """The lights of a shot, and what is behind the person.
 
     `lights` are a light, several, the name of a preset, or the path of a lights file; `light` and
-    `environment` add lights as the command line spells them.
+    `environment` add lights, objects or texts as the command line spells them.
 
     Examples
     --------
@@ -168,7 +168,7 @@ class Lighting(Options):
         "Light by name: three-point, rembrandt, butterfly, split, rim, window, overcast, golden-hour, stage "
         "or firelight."
     )
-    light: tuple[str, ...] = option(
+    light: tuple[str | Light | MovingLight, ...] = option(
         "A light, as in the example below. Also direction=x/y/z, exposure (stops), temperature (kelvin), "
         "locus (planckian, daylight), angle (degrees; soft shadows), orbit (frames of one turn). Near "
         "lights: position=x/y/z (metres), radius; or toward=x/y/z, width, height; cone (degrees), softness. "
@@ -228,6 +228,16 @@ class Lighting(Options):
             from relight.lights.rig import as_rig
 
             self._set("lights", tuple(as_rig(lights, "lights or the path of a lights file")))
+        texts: Any = (
+            [self.light] if isinstance(self.light, str) or hasattr(self.light, "name") else self.light
+        )
+        if any(not isinstance(each, str) for each in texts):
+            from relight.lights.rig import as_rig
+
+            as_rig([each for each in texts if not isinstance(each, str)], "texts or lights in `light`")
+        self._set("light", tuple(texts))
+        if isinstance(self.background, str):
+            self._set("background", parse_background(self.background))
         if self.gloss != 0:
             from relight.analysis.gloss import checked_gloss
 
@@ -261,7 +271,8 @@ class Lighting(Options):
                     raise ValueError(f"{name}: expected a USD stage or a glTF scene (--lights), which has it")
         rig = Rig([*given]) if isinstance(given, tuple) else read_rig(given, **scene)
         preset = [] if self.preset is None else presets.named(self.preset)
-        lights = [*rig.lights, *preset, *map(parse, self.light)]
+        added = [parse(each) if isinstance(each, str) else each for each in self.light]
+        lights = [*rig.lights, *preset, *added]
         lights += [parse(text, EnvironmentLight) for text in self.environment]
         return rig._replace(lights=lights)
 

@@ -154,3 +154,14 @@ def test_paths_become_absolute_and_nothing_else_does(tmp_path, monkeypatch):
     assert Lighting(background=(0.1, 0.2, 0.3)).absolute().background == (0.1, 0.2, 0.3)
     assert Lighting(background="environment").absolute().background == "environment"
     assert Output(["b.exr"]).absolute().paths == (tmp_path / "b.exr",)
+
+
+def test_lights_and_a_background_are_taken_as_objects_and_as_the_command_takes_them():
+    key = relight.DirectionalLight(azimuth=-40, name="key")
+    lighting = relight.Lighting(light=[key, "rim:azimuth=150"], background="0.03/0.03/0.04")
+    assert [light.name for light in lighting.rig().lights] == ["key", "rim"]
+    assert lighting.background == (0.03, 0.03, 0.04)
+    assert relight.Lighting(light=key).light == (key,)
+    assert relight.Lighting(light="key:azimuth=-40").rig().lights[0].name == "key"
+    with pytest.raises(TypeError, match="lights: expected lights"):
+        relight.Lighting(light=[3])
