@@ -21,7 +21,12 @@ from relight.scene.usd_lights import Rig, renamed
 from shadow.files import AnyPath, check_writable, replacing
 
 SUFFIXES = (".gltf", ".glb")
-EXTENSION = "KHR_lights_punctual"
+EXTENSION, VISIBILITY = "KHR_lights_punctual", "KHR_node_visibility"
+# Beginnings of the names of extensions that lights and cameras can be read without.
+APART_FROM_LIGHTS = (
+    EXTENSION, VISIBILITY, "KHR_draco", "KHR_materials", "KHR_mesh", "KHR_texture", "KHR_gaussian",
+    "EXT_mesh", "EXT_texture", "MSFT_texture",
+)  # fmt: skip
 MOST_LIGHTS = 1000
 MAGIC, JSON_CHUNK = 0x46546C67, 0x4E4F534A
 LARGEST_JSON = 2**28  # bytes
@@ -32,6 +37,8 @@ class Node(NamedTuple):
 
     description: dict[str, Any]
     world: np.ndarray  # (4, 4) of column vectors
+    visible: bool  # as KHR_node_visibility says; its children are hidden with it
+    line: tuple[int, ...]  # indices of the nodes from the root to it
 
 
 def read_rig(
@@ -60,6 +67,7 @@ def read_rig(
         origin = np.zeros(3)
     lights: list[Light | MovingLight] = [_light(path, tree, node, view, origin) for node in _lit(nodes)]
     lights = _with_different_names(lights)
+    _warn_of_the_rest(path, tree, [*_lit(nodes), *([] if seen is None else [seen])])
     if lights and _by_blender(tree):
         warnings.warn(
             f"{path}: Blender's lights are taken for those of its lighting mode Standard, "
@@ -210,7 +218,7 @@ def _nodes(path: Path, tree: dict[str, Any]) -> Iterable[Node]:
     nodes, scenes = tree.get("nodes", []), tree.get("scenes", [])
     try:
         roots = scenes[tree.get("scene", 0)].get("nodes", []) if scenes else range(len(nodes))
-        stack = [(index, np.eye(4)) for index in reversed(roots)]
+        stack: list[tuple[int, Node]] = [(index, Node({}, np.eye(4), True, ())) for index in reversed(roots)]
         visited = set()
         while stack:
             index, above = stack.pop()
@@ -218,11 +226,13 @@ def _nodes(path: Path, tree: dict[str, Any]) -> Iterable[Node]:
                 raise ValueError(f"{path}: node {index} is there twice; expected a tree of nodes")
             visited.add(index)
             node = nodes[index]
-            world = above @ _local(node)
+            world = above.world @ _local(node)
             if not np.isfinite(world).all():
                 raise ValueError(f"{path}: node {index}: has a transform that is not finite")
-            yield Node(node, world)
-            stack += [(child, world) for child in reversed(node.get("children", []))]
+            shown = _get(node, "extensions", VISIBILITY, "visible", default=True) is not False
+            found = Node(node, world, above.visible and shown, (*above.line, index))
+            yield found
+            stack += [(child, found) for child in reversed(node.get("children", []))]
     except (AttributeError, IndexError, KeyError, TypeError) as error:
         raise ValueError(f"{path}: is damaged: its nodes do not form a tree") from error
     except (ArithmeticError, ValueError) as error:
@@ -296,7 +306,33 @@ def _mark(path: Path, nodes: list[Node], subject_at: str | Iterable[float] | Non
 
 
 def _lit(nodes: list[Node]) -> list[Node]:
-    return [node for node in nodes if _get(node.description, "extensions", EXTENSION) is not None]
+    """Return the nodes with a light that shines."""
+    return [n for n in nodes if n.visible and _get(n.description, "extensions", EXTENSION) is not None]
+
+
+def _warn_of_the_rest(path: Path, tree: dict[str, Any], nodes: list[Node]) -> None:
+    """Warn of what the file says of its lights and camera that is not read.
+
+    nodes: those of the lights and of the camera.
+    """
+    required = tree.get("extensionsRequired", [])
+    foreign = [name for name in map(str, required) if not name.startswith(APART_FROM_LIGHTS)]
+    if foreign:
+        warnings.warn(
+            f"{path}: requires {', '.join(foreign)}, which is not read: lights may be missing or elsewhere",
+            stacklevel=3,
+        )
+    channels = [
+        c for animation in tree.get("animations", []) for c in _get(animation, "channels", default=[])
+    ]
+    moved = {_get(channel, "target", "node") for channel in channels}
+    names = [str(node.description.get("name")) for node in nodes if moved & set(node.line)]
+    if names:
+        warnings.warn(
+            f"{path}: animations are not read; {', '.join(names[:8])} stay where they are without them. USD "
+            "carries moving lights",
+            stacklevel=3,
+        )
 
 
 def _kind(path: Path, tree: dict[str, Any], node: Node) -> tuple[str, ...]:

@@ -9,6 +9,7 @@ import numpy as np
 
 from relight.lights.light import Light
 from relight.lights.moving import MovingLight
+from relight.scene import usd_old_names
 from relight.scene.stage import open_stage
 from relight.scene.usd_light_kinds import Found, LightConverter, Numbers
 from relight.scene.usd_view import StageView
@@ -79,6 +80,7 @@ class _Reader:
         if len(prims) > MOST_LIGHTS:
             raise ValueError(f"{self.path}: holds {len(prims)} lights; expected at most {MOST_LIGHTS}")
         for prim in prims:
+            usd_old_names.honour(prim)
             light = self._light(prim)
             if light is not None:
                 lights.append((prim, light))
@@ -95,12 +97,20 @@ class _Reader:
         )
 
     def _is_light(self, prim: Any) -> bool:
-        from pxr import UsdLux
+        from pxr import UsdGeom, UsdLux
 
         if prim.IsA(UsdLux.PortalLight):
             self.convert.cannot(prim, "a portal guides a renderer's samples; it is left out")
             return False
-        return prim.HasAPI(UsdLux.LightAPI)
+        if not prim.HasAPI(UsdLux.LightAPI):
+            return False
+        above = prim.GetParent()
+        while above and not above.IsPseudoRoot():
+            if above.IsA(UsdGeom.PointInstancer):
+                self.convert.cannot(prim, "copies of a point instancer are not read; the light is left out")
+                return False
+            above = above.GetParent()
+        return True
 
     def _light(self, prim: Any) -> Light | MovingLight | None:
         """Convert one light, still or moving; None if it is hidden, or we have no such light."""

@@ -1,4 +1,5 @@
 import json
+import warnings
 
 import numpy as np
 import pytest
@@ -146,3 +147,36 @@ def test_bad_input_is_named_in_one_line(tmp_path):
         relight.read_lights(tmp_path / "set.yaml", camera="x")
     with pytest.raises(ValueError, match="expected lights that glTF has"):
         write_lights(tmp_path / "none.gltf", [])
+
+
+@pytest.mark.parametrize("hidden", ["the light", "what it hangs from"])
+def test_lights_of_hidden_nodes_do_not_shine(tmp_path, hidden):
+    """KHR_node_visibility hides a node with its children."""
+    off = {"extensions": {"KHR_node_visibility": {"visible": False}}}
+    lamp = lit(1, name="bulb")
+    if hidden == "the light":
+        lamp["extensions"] |= off["extensions"]
+    between = {"children": [3]} | (off if hidden == "what it hangs from" else {})
+    nodes = [{"children": [1, 2]}, lit(0, name="sun"), between, lamp]
+    assert [light.name for light in read_lights(scene(tmp_path / "set.gltf", nodes, [SUN, BULB]))] == ["sun"]
+
+
+@pytest.mark.parametrize("node", [0, 1])
+def test_an_animated_light_is_named(tmp_path, node):
+    """The light, or what it hangs from, moves; the animation of another node does not matter."""
+    nodes = [{"children": [1]}, lit(0, name="sun"), {"name": "other"}]
+    target = {"animations": [{"channels": [{"target": {"node": node, "path": "rotation"}}]}]}
+    with pytest.warns(UserWarning, match=r"set.gltf: animations are not read; sun stay"):
+        read_lights(scene(tmp_path / "set.gltf", nodes, [SUN], **target))
+    target["animations"][0]["channels"][0]["target"]["node"] = 2
+    with warnings.catch_warnings():
+        warnings.simplefilter("error")
+        read_lights(scene(tmp_path / "still.gltf", nodes, [SUN], **target))
+
+
+def test_an_extension_that_the_file_requires_is_named(tmp_path):
+    """Compressed meshes do not concern lights; unknown extensions may."""
+    nodes = [lit(0, name="sun")]
+    required = {"extensionsRequired": ["KHR_draco_mesh_compression", "ACME_lamps"]}
+    with pytest.warns(UserWarning, match="requires ACME_lamps, which is not read"):
+        read_lights(scene(tmp_path / "set.gltf", nodes, [SUN], **required))

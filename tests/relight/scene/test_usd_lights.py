@@ -421,3 +421,41 @@ def test_an_orbit_is_sampled_over_the_frames_of_a_sequence():
     moments = _moments(light, (1001, 1010))
     assert [time for time, _ in moments] == list(range(1001, 1011))
     assert moments[-1][1] == light.at(1010)
+
+
+OLD = """
+def SphereLight "lamp" (prepend apiSchemas = ["ShapingAPI"]) {{
+    float {0}exposure.timeSamples = {{ 1: 0, 2: 1 }}
+    float {0}intensity = 30
+    color3f {0}color = (1, 0.5, 0.25)
+    float {0}radius = 0.2
+    float {0}shaping:cone:angle = 40
+    float {0}shaping:cone:softness = 0.5
+}}
+"""
+
+
+def test_attributes_of_before_21_02_are_read(tmp_path):
+    """Houdini 18 and Maya 2022 wrote `intensity`, later programs `inputs:intensity`; today's names win."""
+    (old,) = read_lights(stage(tmp_path, OLD.format(""), name="old.usda"))
+    (new,) = read_lights(stage(tmp_path, OLD.format("inputs:"), name="new.usda"))
+    assert (old.rests, old.moves) == (new.rests, new.moves)
+    (plain,) = read_lights(stage(tmp_path, 'def SphereLight "lamp" {}', name="plain.usda"))
+    assert old.rests["intensity"] != plain.intensity
+    both = 'def SphereLight "lamp" {\n float intensity = 7\n float inputs:intensity = 2\n}'
+    (light,) = read_lights(stage(tmp_path, both, name="both.usda"))
+    assert light.intensity == pytest.approx(2 * plain.intensity)
+
+
+def test_lights_of_a_point_instancer_are_named_and_left_out(tmp_path):
+    """They would shine from their prototype's place."""
+    body = """
+def SphereLight "kept" {}
+def PointInstancer "bulbs" {
+    rel prototypes = [</bulbs/bulb>]
+    def SphereLight "bulb" {}
+}
+"""
+    with pytest.warns(UserWarning, match="/bulbs/bulb: copies of a point instancer are not read"):
+        (light,) = read_lights(stage(tmp_path, body))
+    assert light.name == "kept"
