@@ -22,6 +22,7 @@ RUN = {"sh", "python", "yaml"}
 # What cannot be shipped, and how many blocks need it.
 NEEDS = {
     "a ComfyUI folder": 1,
+    "MakeHuman's assets": 1,
     "a model of your own": 1,
     "a CUDA GPU": 3,
     "a Dask cluster": 2,
