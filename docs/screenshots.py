@@ -10,6 +10,7 @@ import tempfile
 from pathlib import Path
 
 import relight
+from relight import Subject
 
 ROOT = Path(__file__).parents[1]
 sys.path.insert(0, str(ROOT / "tests"))
@@ -48,7 +49,7 @@ def viewer(browser, path):
     """The viewer's page while the key light is dragged."""
     with tempfile.TemporaryDirectory() as folder:
         file = Path(folder) / "person.html"
-        subject = relight.Subject(relight.read(PERSON))
+        subject = Subject(relight.read(PERSON))
         subject.view(file, [KEY, RIM], background=(0.02, 0.022, 0.027), title=PERSON.name)
         page = browsing.opened(browser, file, size=(1280, 800), color_scheme="dark", reduced_motion="reduce")
         browsing.drag(page, -0.61, 0.53, release=False)
