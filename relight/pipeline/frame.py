@@ -9,6 +9,7 @@ import os
 from collections.abc import Iterable, Sequence
 from contextlib import suppress
 from dataclasses import dataclass
+from importlib.util import find_spec
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, NamedTuple
 
@@ -230,7 +231,11 @@ class FrameReader:
 
     def compile_matting(self, report: Report) -> None:
         """Let PyMatting compile itself where it will be needed, and report that: it takes a minute or two."""
-        if (self.source.key is not None or self._matting is not None) and not chroma_key.is_compiled():
+        if (
+            chroma_key.is_compiled() or find_spec("pymatting") is None
+        ):  # what needs it says that it is missing
+            return
+        if self.source.key is not None or (self._matting is not None and self._finds_mattes):
             report(0, 1, chroma_key.COMPILING)
             importlib.import_module("pymatting")
             report(1, 1, chroma_key.COMPILING)

@@ -1,4 +1,5 @@
 import gc
+import sys
 import tracemalloc
 
 import numpy as np
@@ -27,6 +28,18 @@ def test_a_moving_light_on_a_still(stub, tmp_path):
     assert len(stub.made) == 1
     assert steps == [(n, 5, "Relighting") for n in range(1, 6)]
     assert set(relight.read_layers(tmp_path / "r.002.exr")) == {"C_key"}
+
+
+@pytest.mark.parametrize("installed", [False, True])
+def test_a_picture_with_alpha_needs_no_pymatting(stub, tmp_path, monkeypatch, installed):
+    """A core installation has no PyMatting; where there is one, it is not compiled for nothing."""
+    if not installed:
+        monkeypatch.setitem(sys.modules, "pymatting", None)
+    monkeypatch.setenv("NUMBA_CACHE_DIR", str(tmp_path / "empty"))  # as if it had never been compiled
+    said = []
+    stub.render(somebody(), STILL, tmp_path / "out.png", progress=lambda *step: said.append(step[2]))
+    assert (tmp_path / "out.png").exists()
+    assert not any("PyMatting" in what for what in said)
 
 
 def test_a_still_light_on_somebody_who_moves(stub, plates, tmp_path):
