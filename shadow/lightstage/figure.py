@@ -99,6 +99,11 @@ def bilinear(texels: np.ndarray, uv: np.ndarray) -> np.ndarray:
     return upper * (1 - down) + lower * down
 
 
+def flat_normals(face: np.ndarray, barycentric: np.ndarray) -> np.ndarray:
+    """Return the directions of a flat normal map, for a part of a figure without one."""
+    return np.broadcast_to(np.array([0, 0, 1], np.float32), (len(face), 3))
+
+
 def joined(textures: list[Albedo], face_counts: list[int]) -> Albedo:
     """Return the albedo or normal map of concatenated meshes with these textures and numbers of faces."""
     ends = np.cumsum(face_counts)

@@ -15,6 +15,7 @@ from shadow.lightstage.figure import (
     Figure,
     NormalMap,
     bilinear,
+    flat_normals,
     interpolate,
     joined,
     normalize,
@@ -74,7 +75,7 @@ def load(path: str | Path, normal_map: bool = True) -> Figure:
         normals=np.concatenate([normalize(mesh.vertex_normals) for mesh in meshes]).astype(np.float32),
         albedo=joined([_mesh_albedo(mesh) for mesh in meshes], counts),
         name=path.stem,
-        normal_map=joined([each or _flat_normals for each in maps], counts) if mapped else None,
+        normal_map=joined([each or flat_normals for each in maps], counts) if mapped else None,
         tangents=np.concatenate([_mesh_tangents(mesh) for mesh in meshes]) if mapped else None,
     )
 
@@ -152,11 +153,6 @@ def _mesh_normal_map(mesh: trimesh.Trimesh, scales: dict[str, float]) -> NormalM
     texels = decode_normal_map(np.asarray(texture.convert("RGB")), scales.get(material.name, 1.0))
     faces = np.asarray(mesh.faces)
     return lambda face, barycentric: bilinear(texels, interpolate(uv, faces[face], barycentric))
-
-
-def _flat_normals(face: np.ndarray, barycentric: np.ndarray) -> np.ndarray:
-    """Return the directions of a flat normal map, for a mesh without one."""
-    return np.broadcast_to(np.array([0, 0, 1], np.float32), (len(face), 3))
 
 
 def _mesh_tangents(mesh: trimesh.Trimesh) -> np.ndarray:

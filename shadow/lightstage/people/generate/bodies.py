@@ -18,6 +18,7 @@ from shadow.lightstage.figure import (
     Figure,
     NormalMap,
     bilinear,
+    flat_normals,
     interpolate,
     joined,
     normalize,
@@ -318,7 +319,7 @@ def _normal_map(parts: list[MeshPart]) -> tuple[NormalMap | None, np.ndarray | N
     maps: list[NormalMap] = []
     for k, part in enumerate(parts):
         if part.normal_map is None or part.uv is None or part.normals is None:
-            maps.append(lambda face, barycentric: np.array([[0, 0, 1]], np.float32).repeat(len(face), axis=0))
+            maps.append(flat_normals)
             continue
         corners, uv = np.arange(part.faces.size).reshape(-1, 3), part.uv
         tangent[k] = tangents(
