@@ -13,11 +13,12 @@ state in parts of 16 MiB, the log and every exception to OUT as soon as they are
 loses a minute at most. Given again, it follows the same work, or starts it again after an error; what is done
 is not done twice.
 
-1. Rendering goes on until --records-seconds after the first start. Meanwhile the GPU measures the product
-   (`measure.py`, at most 60 s) and trains a throw-away network, which compiles the code and predicts the
-   number of steps.
-2. Training until --total seconds after the first start. The records stay on the GPU, where photographs are
-   made in batches. The cosine follows the clock; rate and warm-up follow the predicted steps.
+1. While the first records are rendered, until --records-seconds after the first start, the GPU measures the
+   product (`measure.py`, at most 60 s) and trains a throw-away network, which compiles the code and predicts
+   the number of steps.
+2. Training until --total seconds after the first start. Rendering goes on at a lower priority, and training
+   takes in what is added. The records stay on the GPU, where processes make photographs in batches. The
+   cosine follows the clock; rate and warm-up follow the predicted steps.
 
 OUT holds at most eight files. `--restore OUT RUN` makes RUN/checkpoint.pt of them, from which `relight train`
 goes on.
@@ -47,6 +48,7 @@ ROOT = HERE.parents[2]
 PEAK_RATE, PEAK_STEPS = 4e-4, 2000  # a run of fewer steps has a lower rate
 WARM_UP = 0.03  # of the steps
 STEPS_A_SECOND = 5.0  # of an H100, in mini-batches of 32 photographs of 512 x 512
+WORKERS = 4  # that make photographs on the GPU
 PROBE_SECONDS = 120.0  # the compiler took 90 s while 16 processes rendered
 POOL = {  # folder: options of `relight stage`, share of the cores
     "heads": ("--bodies 110000:119000 --views 3 --head --makehuman MAKEHUMAN", 0.32),
@@ -182,7 +184,8 @@ def render(work: Path, tiny: bool) -> None:
             continue
         words = options.replace("SCANS", scans).replace("MAKEHUMAN", str(assets)).split()
         processes = max(1, round(share * (os.cpu_count() or 1)))
-        command = [sys.executable, "-m", "relight.cli", "stage", str(out), *words, *stage.split()]
+        # Training is not to wait for a core.
+        command = ["nice", sys.executable, "-m", "relight.cli", "stage", str(out), *words, *stage.split()]
         with open(work / "render.log", "ab") as log:
             renderer = subprocess.Popen(
                 [*command, "--processes", str(processes)], stdout=log, stderr=log, stdin=subprocess.DEVNULL,
@@ -196,13 +199,20 @@ def renderers(work: Path) -> list[int]:
     return [int(pid.read_text()) for pid in work.glob("*.pid") if alive(pid)]
 
 
+def stop_rendering(work: Path) -> None:
+    for process in renderers(work):
+        os.killpg(process, signal.SIGKILL)
+
+
 def work_through(given: argparse.Namespace) -> None:
     """Do what is left of the work; the worker's output is its log."""
     faulthandler.enable()
     work, began = given.work, float((given.work / "began").read_text())
     ends = began + given.total
-    found = make_records(work, given, began + given.records_seconds)
+    found = prepare(work, given, began + given.records_seconds)
     train(work, given, ends, found)
+    stop_rendering(work)
+    note(work, views_at_the_end=counts(work))
     (work / "done").touch()
 
 
@@ -218,7 +228,7 @@ def measure(work: Path, given: argparse.Namespace) -> None:
         note(work, measured=(error.stdout or b"").decode(), stopped="after its time")
 
 
-def make_records(work: Path, given: argparse.Namespace, until: float) -> dict:
+def prepare(work: Path, given: argparse.Namespace, until: float) -> dict:
     """Render until a time, and return what a throw-away run found meanwhile; see `probe`."""
     if (work / "probe.json").exists():
         return json.loads((work / "probe.json").read_text())
@@ -226,41 +236,47 @@ def make_records(work: Path, given: argparse.Namespace, until: float) -> dict:
     pool = work / "records"
     enough = 64 if not given.tiny else 1
     rendering = lambda: time.time() < until and renderers(work)  # noqa: E731
-    try:
-        measure(work, given)
-        while rendering() and not given.records and len(list(pool.glob("*/*.npz"))) < enough:
-            time.sleep(0.5)
-        found = probe(work, given, until)
-        while rendering():
-            time.sleep(0.5)
-    finally:
-        for process in renderers(work):
-            os.killpg(process, signal.SIGKILL)
-    counts = {path.name: len(list(path.glob("*.npz"))) for path in sorted(pool.iterdir())}
-    note(work, views=sum(counts.values()), kinds=counts, seconds=given.records_seconds, **found)
+    measure(work, given)
+    while rendering() and not given.records and len(list(pool.glob("*/*.npz"))) < enough:
+        time.sleep(0.5)
+    found = probe(work, given, until)
+    while rendering():
+        time.sleep(0.5)
+    note(work, views=counts(work), seconds=given.records_seconds, **found)
     (work / "probe.json").write_text(json.dumps(found))
     return found
+
+
+def counts(work: Path) -> dict[str, int]:
+    """Return the number of records of each kind."""
+    kinds = sorted((work / "records").glob("*"))
+    return {kind.name: len(list(kind.glob("*.npz"))) for kind in kinds}
 
 
 def probe(work: Path, given: argparse.Namespace, until: float) -> dict:
     """Return the mini-batch that fits, whether the network compiles, and the steps a second."""
     import torch
 
-    found = {"batch": given.batch, "compiled": True, "stacked": True, "steps_a_second": STEPS_A_SECOND}
-    for attempt in range(6):
+    found = {"batch": given.batch, "compiled": True, "stacked": True, "workers": WORKERS}
+    found["steps_a_second"] = STEPS_A_SECOND
+    for attempt in range(7):
         seconds = min(PROBE_SECONDS if not given.tiny else 1.0, max(1.0, until - time.time()))
         run = work / f"probe-{attempt}"
         try:
-            fit_field(given, found, recipe_for(given, found, seconds, 1000), records(work, given)[:256], run)
+            files = sorted((work / "records").glob("*/*.npz"))
+            random.Random(given.seed).shuffle(files)
+            recipe = recipe_for(given, found, seconds, 1000)
+            fit_field(given, found, recipe, [*given.records, *files][:256], run)
         except torch.OutOfMemoryError:
             traceback.print_exc()
             found["batch"] //= 2
         except Exception:
             traceback.print_exc()
-            # What fails is left out: first the compiler, then photographs made on the GPU.
-            if not found["compiled"] and not found["stacked"]:
+            # What fails is left out: processes that make photographs on the GPU, the compiler, both.
+            failing = next((name for name in ("workers", "compiled", "stacked") if found[name]), None)
+            if failing is None:
                 break
-            found["compiled" if found["compiled"] else "stacked"] = False
+            found[failing] = 0 if failing == "workers" else False
         else:
             rows = [json.loads(line) for line in (run / "log.jsonl").read_text().splitlines()]
             # The first line has the time of compilation, so it alone tells nothing.
@@ -269,13 +285,6 @@ def probe(work: Path, given: argparse.Namespace, until: float) -> dict:
                 found["steps_a_second"] = steps / max(1e-3, seconds)
             return found
     return found
-
-
-def records(work: Path, given: argparse.Namespace) -> list[Path]:
-    """Return the files of the records made so far, in a random order, and of those made before."""
-    files = sorted((work / "records").glob("*/*.npz"))
-    random.Random(given.seed).shuffle(files)
-    return [*given.records, *files]
 
 
 def recipe_for(given: argparse.Namespace, found: dict, seconds: float, steps: float):
@@ -293,13 +302,13 @@ def recipe_for(given: argparse.Namespace, found: dict, seconds: float, steps: fl
     )  # fmt: skip
 
 
-def fit_field(given: argparse.Namespace, found: dict, recipe, files: list[Path], out: Path) -> None:
+def fit_field(given: argparse.Namespace, found: dict, recipe, paths: list[Path], out: Path) -> None:
     from shadow.training.loop import fit
     from shadow.training.tasks import SHADOW
 
     compiled = found["compiled"] and ("eager" if given.tiny else True)
     fit(
-        SHADOW, recipe, files, out, init=given.init, workers=6 if found["stacked"] else None,
+        SHADOW, recipe, paths, out, init=given.init, workers=found["workers"] if found["stacked"] else None,
         checkpoint_minutes=given.minutes, stacked=found["stacked"], compiled=compiled,
     )  # fmt: skip
 
@@ -313,7 +322,11 @@ def train(work: Path, given: argparse.Namespace, ends: float, found: dict) -> No
     planned = json.loads(plan.read_text())
     recipe = recipe_for(given, found, **planned)
     note(work, plan=planned, learning_rate=recipe.learning_rate, warm_up=recipe.warm_up)
-    fit_field(given, found, recipe, records(work, given), work / "run")
+    # All folders of the pool: some kinds may have no record yet.
+    folders = [work / "records" / name for name in (*(POOL if not given.tiny else TINY), "made")]
+    for folder in folders:
+        folder.mkdir(parents=True, exist_ok=True)
+    fit_field(given, found, recipe, [*given.records, *folders], work / "run")
 
 
 def environment(work: Path) -> dict[str, str]:
@@ -356,18 +369,21 @@ def follow(given: argparse.Namespace) -> int:
         finished, running = (work / "done").exists(), alive(work / "worker")
         if worker is not None:
             worker.poll()
-        if not finished and not running and starts <= RESTARTS:
+        failed = not finished and not running and starts > RESTARTS
+        if not finished and not running and not failed:
             worker, starts = start(work), starts + 1
         text = (work / "worker.log").read_bytes()
         sys.stdout.write(text[shown:].decode(errors="replace"))
         sys.stdout.flush()
-        shown, over = len(text), finished or time.time() > until or starts > RESTARTS
+        shown, over = len(text), finished or failed or time.time() > until
         if over or time.time() - published > PUBLISH_SECONDS:
             try:
                 publish(work, given.out)
             except Exception as error:  # the worker may be writing; the next minute tries again
                 print(f"publishing: {error!r}", flush=True)
             published = time.time()
+        if failed:
+            stop_rendering(work)
         if over:
             return 0 if finished else 1
         time.sleep(FOLLOW_SECONDS if not given.tiny else 0.2)
@@ -383,7 +399,7 @@ def main() -> int:
     parser.add_argument("--packs", type=Path, default=ROOT / ".gpu")
     parser.add_argument("--limit", type=float, default=560, help="seconds until this command returns")
     parser.add_argument("--total", type=float, default=760, help="seconds from the first start to the end")
-    parser.add_argument("--records-seconds", type=float, default=240, help="from the first start")
+    parser.add_argument("--records-seconds", type=float, default=170, help="from the first start")
     parser.add_argument("--records", type=Path, nargs="*", default=[], help="records made before")
     parser.add_argument("--init", type=Path, default=ROOT / "shadow/weights/field.safetensors")
     parser.add_argument("--batch", type=int, default=32)

@@ -25,6 +25,7 @@ from shadow.data.photographs import (
 from shadow.data.records import REGIONS, Record
 from shadow.data.skin import MIN_SIGMA_PIXELS, SCATTERING_RADII
 
+IMAGES = "inside", "normals", "albedo", "bits", "depth", "regions"
 GROUP = 16  # photographs made at once, since all lights of one take 50 MB and more
 
 
@@ -94,6 +95,19 @@ class Stack:
 
     def __len__(self) -> int:
         return len(self.outlines)
+
+    def extend(self, records: Sequence[Record]) -> None:
+        """Add records, which have as many directions as those that are there."""
+        other = Stack(records, self.size, self.device)
+        if other.directions.shape[1] != self.directions.shape[1]:
+            raise ValueError("records: expected the same number of directions in all of them")
+        self.shape = max(self.shape[0], other.shape[0]), max(self.shape[1], other.shape[1])
+        for name in IMAGES:
+            both = [_enlarged(getattr(stack, name), self.shape) for stack in (self, other)]
+            setattr(self, name, torch.cat(both))
+        for name in ("directions", "depth_known", "heights", "scales"):
+            setattr(self, name, torch.cat([getattr(self, name), getattr(other, name)]))
+        self.outlines += other.outlines
 
     def draw(
         self, number: int, rng: np.random.Generator, lights: int | None = None, augment: bool = True
@@ -181,6 +195,11 @@ class Stack:
         peaks = torch.einsum("bdc,bchw->bdhw", halves, normals).clamp_min_(0).pow_(shininess).mul_(visibility)
         bright = weights * (weights.sum(dim=2, keepdim=True) > 0.1)
         return diffuse, gloss * torch.einsum("bdhw,bdc->bchw", peaks, bright)
+
+
+def _enlarged(images: torch.Tensor, shape: tuple[int, int]) -> torch.Tensor:
+    """Return images (R, C, H, W) with zeros below and to the right, up to `shape`."""
+    return F.pad(images, (0, shape[1] - images.shape[3], 0, shape[0] - images.shape[2]))
 
 
 def _height(mask: np.ndarray) -> float:

@@ -254,7 +254,8 @@ class Records:
         for path in map(Path, paths):
             if not path.exists():
                 raise FileNotFoundError(f"records: no such file or folder: {path}")
-            for file in sorted(path.glob("*")) if path.is_dir() else [path]:
+            # A hidden file is a record that is being written; see `shadow.files.replacing`.
+            for file in sorted(path.glob("[!.]*")) if path.is_dir() else [path]:
                 if file.suffix == ".npz":
                     self.entries.append((file, None))
                 elif file.suffix == ".zip":

@@ -10,7 +10,6 @@ import os
 import textwrap
 import time
 from collections.abc import Callable, Iterable
-from concurrent.futures import ThreadPoolExecutor
 from contextlib import nullcontext
 from dataclasses import asdict
 from functools import partial
@@ -22,11 +21,9 @@ import torch
 import torch.distributed as dist
 from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeRemainingColumn
 from torch import nn
-from torch.utils.data import DataLoader, Dataset, default_collate
+from torch.utils.data import DataLoader
 
 from shadow import normals
-from shadow.data.batches import Draw, Stack
-from shadow.data.photographs import Sample, sample
 from shadow.data.records import Records
 from shadow.evaluation import pictures
 from shadow.files import replacing
@@ -36,6 +33,7 @@ from shadow.networks.backbone import encode_image
 from shadow.networks.field import VisibilityField
 from shadow.networks.precision import autocast
 from shadow.training.attention import attention
+from shadow.training.minibatches import Batch, Photographs, StackedPhotographs
 from shadow.training.optimiser import Optimiser
 from shadow.training.recipes import Recipe, Task, learning_rate
 from shadow.training.start import load_start
@@ -44,43 +42,6 @@ VALIDATION_SAMPLES = 32
 TRUE_NORMALS = "true"  # use the records' normals instead of estimated ones (the row "Mixed" of Table 3)
 CPU_BATCH = 4  # photographs that a CPU processes together
 LOG_STEPS = 50  # between two lines of the log
-
-Batch = dict[str, Any]  # the tensors of Sample, each with a batch axis, and those that `_prepare` adds
-
-
-class _Photographs(Dataset):
-    """Numbered random photographs of the records.
-
-    They do not depend on the number of workers, so that a resumed run sees the same photographs as an
-    uninterrupted run.
-    """
-
-    def __init__(
-        self,
-        records: Records,
-        seed: int,
-        size: tuple[int, int],
-        lights: int | None,
-        start: int,
-        count: int,
-        augment: bool = True,
-        stack: Stack | None = None,
-    ) -> None:
-        self.records, self.seed, self.size, self.lights = records, seed, size, lights
-        self.start, self.count, self.augment, self.stack = start, count, augment, stack
-
-    def __len__(self) -> int:
-        return self.count
-
-    def __getitem__(self, index: int) -> Sample | Draw:
-        """Return a photograph, or, with a stack, the random numbers of one."""
-        index += self.start
-        epoch, position = divmod(index, len(self.records))
-        order = np.random.default_rng((self.seed, epoch)).permutation(len(self.records))
-        rng = np.random.default_rng((self.seed, epoch, position))
-        if self.stack is not None:
-            return self.stack.draw(int(order[position]), rng, self.lights, self.augment)
-        return sample(self.records[int(order[position])], rng, self.size, self.lights, self.augment)
 
 
 class _State:
@@ -281,12 +242,13 @@ def fit(
         Name or path of the visibility field whose maps are an input of the task, or of the one that is
         distilled. The weights file stores it.
     workers
-        Processes that make photographs, by default 1 for a CPU, and one for each core for a GPU.
+        Processes that make photographs: by default 1 for a CPU, and for a GPU one for each core, or 4 if
+        `stacked`. With 0, the training process makes them.
     checkpoint_minutes
         Minutes between checkpoints. Each checkpoint also writes a line of log.jsonl.
     stacked
         Whether the device holds the records and makes the photographs of a mini-batch together; see
-        `shadow.data.batches`. For fields only.
+        `shadow.data.batches`. Records that are added to the folders are taken in. For fields only.
     compiled
         Whether torch.compile makes the network's forward faster, or the name of a backend of it.
 
@@ -305,7 +267,8 @@ def fit(
     if task.needs_normals and estimator is None:
         estimator = visibility
     device, rank, world = _place()
-    out, size, source = Path(out), canvas_size(recipe.size), Records(records)
+    out, size, paths = Path(out), canvas_size(recipe.size), list(records)
+    source = Records(paths)
     scored = Records(validation) if validation else None
     out.mkdir(parents=True, exist_ok=True)
     state = _State(task, recipe, out, device, init)
@@ -314,15 +277,12 @@ def fit(
     facts = _facts(task, recipe, init, estimator, visibility, device)
     # Each process draws its own photographs. The stride keeps the seeds of different runs apart.
     seed, done = recipe.seed + 7919 * rank, state.step
-    stack = None
+    lights, batch = recipe.lights or task.lights, recipe.batch
     if stacked:
-        with ThreadPoolExecutor() as readers:
-            stack = Stack(list(readers.map(source.__getitem__, range(len(source)))), size, device)
-    photographs = _Photographs(
-        source, seed, size, recipe.lights or task.lights, done * recipe.batch,
-        (recipe.steps - done) * recipe.batch, stack=stack,
-    )  # fmt: skip
-    loader = _loader(photographs, recipe.batch, device, workers)
+        loader = StackedPhotographs(paths, seed, size, lights, done, batch, device).loader(workers)
+    else:
+        rest = done * batch, (recipe.steps - done) * batch
+        loader = Photographs(source, seed, size, lights, *rest).loader(batch, device, workers)
     if compiled:
         state.network.compile(backend=compiled if isinstance(compiled, str) else "inductor")
     columns = TextColumn("{task.description}"), BarColumn(), MofNCompleteColumn(), TimeRemainingColumn()
@@ -333,8 +293,6 @@ def fit(
         for batch in loader:
             # The step seeds the loss's random choices, so that a resumed run equals an uninterrupted one.
             torch.manual_seed(seed + 104729 * state.step)
-            if stack is not None:
-                batch = stack.photographs(batch)
             losses.append(_gradient(task, model, batch, recipe, device, auxiliary))
             state.update()
             now = time.monotonic()
@@ -405,28 +363,6 @@ def _agreed(seconds: float, device: torch.device, world: int) -> float:
     return clock.item()
 
 
-def _loader(photographs: _Photographs, batch: int, device: torch.device, workers: int | None) -> DataLoader:
-    gpu = device.type == "cuda"
-    workers = (os.cpu_count() or 1 if gpu else 1) if workers is None else workers
-    collate = list if photographs.stack is not None else _collated_in_half if gpu else None
-    return DataLoader(
-        photographs, batch, num_workers=workers, pin_memory=gpu and photographs.stack is None,
-        worker_init_fn=_one_thread, collate_fn=collate,
-    )  # fmt: skip
-
-
-def _collated_in_half(samples: list[Sample]) -> Batch:
-    """Collate samples with their images in float16: half as many bytes for one process to copy to the GPU."""
-    halved = [
-        {key: value.half() if value.ndim == 3 else value for key, value in each.items()} for each in samples
-    ]
-    return default_collate(halved)
-
-
-def _one_thread(_worker: int) -> None:
-    torch.set_num_threads(1)
-
-
 @torch.no_grad()
 def _validate(
     state: _State, records: Records, size: tuple[int, int], auxiliary: _Auxiliary
@@ -434,7 +370,7 @@ def _validate(
     """Return mean scores on fixed photographs, and draw the first four into the run's folder."""
     task, network, device = state.task, state.averaged(), state.device
     count = min(VALIDATION_SAMPLES, len(records))
-    photographs = _Photographs(records, 1, size, task.lights, 0, count, augment=False)
+    photographs = Photographs(records, 1, size, task.lights, 0, count, augment=False)
     with autocast(device):
         first = _prepare(next(iter(DataLoader(photographs, 4))), device, auxiliary)
         pictures.write_grid(state.out / f"samples-{state.step:06d}.png", task.show(network, first))

@@ -32,7 +32,7 @@ def begun(tmp_path):
     """The folder of a session that has measured and made its records."""
     work = tmp_path / "work"
     work.mkdir()
-    found = {"batch": 2, "compiled": True, "stacked": True, "steps_a_second": 1.0}
+    found = {"batch": 2, "compiled": True, "stacked": True, "workers": 2, "steps_a_second": 1.0}
     (work / "probe.json").write_text(json.dumps(found))
     return work
 
@@ -55,7 +55,8 @@ def test_a_stopped_command_goes_on_and_its_state_comes_back(tmp_path, pool, begu
     assert len(files) <= 8
     assert max(file.stat().st_size for file in files) <= LIMIT
     report = [json.loads(line) for line in (out / "report.jsonl").read_text().splitlines()]
-    assert {"plan", "learning_rate", "warm_up"} <= report[-1].keys()
+    assert {"plan", "learning_rate", "warm_up"} <= report[-2].keys()
+    assert report[-1]["views_at_the_end"] == {"bodies": 0, "made": 0}
     subprocess.run([sys.executable, SESSION, out, tmp_path / "run", "--restore"], check=True)
     saved, restored = (
         torch.load(folder / "checkpoint.pt", weights_only=True)
@@ -84,6 +85,13 @@ def test_the_whole_session(tmp_path):
     done = session(tmp_path / "out", tmp_path / "work", "--minutes", "0.02", limit=800)
     assert done.returncode == 0, done.stdout
     report = (tmp_path / "out/report.jsonl").read_text()
-    for fact in ("analysis", "64 lights", "frames a second", '"views": 2', "steps_a_second", "plan"):
+    for fact in (
+        "analysis",
+        "64 lights",
+        "frames a second",
+        '"views": {"bodies": 2',
+        "steps_a_second",
+        "plan",
+    ):
         assert fact in report
     assert (tmp_path / "out/field.safetensors").exists()

@@ -74,8 +74,21 @@ def test_cameras_and_mattes_of_a_batch_are_those_of_its_photographs(bodies):
         torch.testing.assert_close(batch["matte"][index], matte)
 
 
+def test_a_stack_that_was_extended_makes_the_photographs_of_a_whole_one(bodies):
+    whole, grown = Stack(bodies, SIZE, CPU), Stack(bodies[:1], SIZE, CPU)
+    grown.extend(bodies[1:])
+    draws = [whole.draw(number, np.random.default_rng(number), 4)._replace(flaws=None) for number in range(3)]
+    for name, maps in whole.photographs(draws).items():
+        torch.testing.assert_close(
+            grown.photographs(draws)[name], maps, msg=lambda text, name=name: f"{name}: {text}"
+        )
+    assert len(grown) == len(whole)
+
+
 def test_records_that_do_not_stack_are_refused():
     with pytest.raises(ValueError, match="no bounce light"):
         Stack(Records([DATA]), SIZE, CPU)
     with pytest.raises(ValueError, match="same number of directions"):
         Stack([sphere(), sphere(behind=False)], SIZE, CPU)
+    with pytest.raises(ValueError, match="same number of directions"):
+        Stack([sphere()], SIZE, CPU).extend([sphere(behind=False)])

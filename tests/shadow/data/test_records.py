@@ -326,10 +326,10 @@ def watch(event, arguments):
 import numpy, torch
 from shadow.data.records import Records
 from shadow.framing import canvas_size
-from shadow.training.loop import _Photographs
+from shadow.training.minibatches import Photographs
 sys.addaudithook(watch)
 records = Records(sys.argv[1:])
-photographs = _Photographs(records, 1, canvas_size(128), 4, 0, len(records), augment=False)
+photographs = Photographs(records, 1, canvas_size(128), 4, 0, len(records), augment=False)
 for index in range(len(photographs)):
     photographs[index]
 assert not forbidden, forbidden
