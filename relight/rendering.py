@@ -9,11 +9,12 @@ import torch
 
 from relight.analysis.gloss import checked_gloss
 from relight.analysis.infer import check_inputs, infer
-from relight.compositing.composite import Background, behind, over
+from relight.compositing.composite import ENVIRONMENT, Background, behind, over, parse_background
 from relight.compositing.floor import Floor
 from relight.lights.environment import FIELD_OF_VIEW, EnvironmentLight
+from relight.lights.light import Light
 from relight.lights.rig import Lights, as_lights, by_name
-from relight.media.images import Metadata, half
+from relight.media.images import Metadata, half, read
 from relight.subject import Person, Subject
 from shadow.files import AnyPath
 
@@ -27,7 +28,7 @@ def apply(
     image: np.ndarray,
     lights: Lights,
     *,
-    background: Background | None = None,
+    background: Background | AnyPath | None = None,
     mask: np.ndarray | None = None,
     matte: AnyPath | None = "auto",
     albedo: np.ndarray | None = None,
@@ -49,7 +50,9 @@ def apply(
         A light, any number of them, or the name of a preset (see `relight.presets`).
     background
         An image of any size, scaled to cover the frame; a linear (r, g, b); or a relight.EnvironmentLight,
-        which is rendered as the camera sees it (see `relight.over`). None keeps the alpha.
+        which is rendered as the camera sees it (see `relight.over`). Or text, as the command takes it: a
+        file, a colour such as "0.03/0.03/0.04", or "environment", the environments among the lights. None
+        keeps the alpha.
     mask
         (H, W) in [0, 1], the matte of the person, in place of the image's alpha.
     matte
@@ -89,19 +92,30 @@ def apply(
     (64, 48, 3)
     """
     lights, gloss = as_lights(lights), checked_gloss(gloss)
+    background = _background(background, lights)
     subject = _analysed(image, mask, matte, albedo, normals, depth, height, field_of_view, floor, device)
     picture = subject.relit(lights, gloss)
     if background is None:
         return picture
     shadow = None if floor is None else subject.shadows(lights, floor)[1]
-    return over(picture, _seen_by(subject, background), shadow)
+    return over(picture, _seen_by(subject, background, lights), shadow)
+
+
+def _background(background: Background | AnyPath | None, lights: Iterable[Light]) -> Background | None:
+    """Return what a text means, `ENVIRONMENT` as it is; anything else unchanged."""
+    if not isinstance(background, str | os.PathLike):
+        return background
+    meant = parse_background(os.fspath(background))
+    if meant == ENVIRONMENT and not any(isinstance(light, EnvironmentLight) for light in lights):
+        raise ValueError("background: 'environment' expected an environment among the lights")
+    return read(meant) if isinstance(meant, str) and meant != ENVIRONMENT else meant
 
 
 def render(
     image: np.ndarray,
     lights: Lights,
     *,
-    background: Background | None = None,
+    background: Background | AnyPath | None = None,
     mask: np.ndarray | None = None,
     matte: AnyPath | None = "auto",
     albedo: np.ndarray | None = None,
@@ -151,7 +165,7 @@ def render(
     lights = list(by_name(lights).values())  # refuse what is wrong with them before the networks run
     passes = check_names(passes)
     check_exr_type(exr_type)
-    gloss = checked_gloss(gloss)
+    gloss, background = checked_gloss(gloss), _background(background, lights)
     subject = _analysed(image, mask, matte, albedo, normals, depth, height, field_of_view, floor, device)
     return render_subject(
         subject, lights, background=background, passes=passes, exr_type=exr_type, floor=floor, gloss=gloss
@@ -184,7 +198,7 @@ def render_subject(
     subject: Person,
     lights: Lights,
     *,
-    background: Background | None = None,
+    background: Background | AnyPath | None = None,
     passes: Iterable[str] = (),
     exr_type: str = "half",
     floor: Floor | None = None,
@@ -221,6 +235,7 @@ def render_subject(
         No light, two lights of one name, an unknown pass, a gloss outside [0, 1].
     """
     lights, passes = as_lights(lights), check_names(passes)
+    background = _background(background, lights)
     picture, groups = light_groups(subject, lights, exr_type, gloss)
     further, shadow = passes_of(subject, lights, passes), None
     if floor is not None:
@@ -229,16 +244,20 @@ def render_subject(
     if background is None:
         return picture, groups | further
     check_free(by_name(lights))
-    seen = behind(picture, _seen_by(subject, background), shadow)
+    seen = behind(picture, _seen_by(subject, background, lights), shadow)
     groups["C_background"] = _rounded(seen, "C_background", exr_type)
     return picture[..., :3] + groups["C_background"], groups | further
 
 
-def _seen_by(subject: Person, background: Background) -> Background:
-    """Return a background map as the subject's camera sees it, (H, W, 3); another background as it is."""
+def _seen_by(subject: Person, background: Background, lights: Iterable[Light]) -> Background:
+    """Return background maps as the subject's camera sees them, (H, W, 3); another background as it is."""
     if isinstance(background, EnvironmentLight):
-        return background.view(subject.camera.size, subject.camera.field_of_view)
-    return background
+        skies = [background]
+    elif isinstance(background, str):  # ENVIRONMENT
+        skies = [light for light in lights if isinstance(light, EnvironmentLight)]
+    else:
+        return background
+    return np.sum([sky.view(subject.camera.size, subject.camera.field_of_view) for sky in skies], axis=0)
 
 
 def light_groups(

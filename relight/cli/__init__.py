@@ -16,9 +16,9 @@ from relight.cli.comfyui import comfyui
 from relight.cli.evaluation import evaluate
 from relight.cli.export import export
 from relight.cli.fetch import fetch
+from relight.cli.help import EXAMPLES
 from relight.cli.job import job
 from relight.cli.olat import olat
-from relight.cli.options import EXAMPLES
 from relight.cli.stage import stage
 from relight.cli.training import shrink, train
 from relight.cli.view import view
@@ -66,11 +66,9 @@ def main(
     """Relight a photographed person, light by light, in scene-linear colour."""
 
 
-for command in (apply, job):
-    app.command(epilog=EXAMPLES)(command)
-app.command("video", epilog=EXAMPLES, help="The same as `relight apply`.")(apply)
-for command in (view, analyse, export, olat, comfyui, stage, train, shrink):
-    app.command()(command)
+app.command("video", epilog=EXAMPLES["apply"], help="The same as `relight apply`.")(apply)
+for command in (apply, job, view, analyse, export, olat, comfyui, stage, train, shrink):
+    app.command(epilog=EXAMPLES.get(command.__name__))(command)
 app.command("app")(app_command)
 app.add_typer(fetch, name="fetch")
 app.add_typer(evaluate, name="evaluate")

@@ -9,9 +9,14 @@ from typing import Annotated
 
 import typer
 
+from relight.cli.help import EXAMPLES
 from relight.cli.options import console
 
-evaluate = typer.Typer(no_args_is_help=True, help="Score networks on records that they were not trained on.")
+evaluate = typer.Typer(
+    no_args_is_help=True,
+    help="Score networks on records that they were not trained on.",
+    epilog=EXAMPLES["evaluate"],
+)
 
 
 class Light(StrEnum):

@@ -20,7 +20,9 @@ class Texture(StrEnum):
     photograph = "photograph"
 
 
-@with_options(lighting=("light", "environment", "lights", "camera", "subject_at", "allow_external", "gloss"))
+@with_options(
+    lighting=("preset", "light", "environment", "lights", "camera", "subject_at", "allow_external", "gloss")
+)
 def export(
     source: Source,
     output: Annotated[

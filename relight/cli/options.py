@@ -13,31 +13,10 @@ import typer
 from rich.console import Console
 from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeRemainingColumn
 
+from relight.cli.help import SHOT, grouped
 from relight.pipeline.options import GROUPS, Options, from_json
 
 console = Console(stderr=True, markup=False, highlight=False)
-
-EXAMPLES = """A photograph: relight apply photo.jpg --preset golden-hour -o out.jpg
-
-Lights of your own, as layers: relight apply photo.jpg --light key:azimuth=-40,elevation=30,intensity=2,\
-colour=1/0.9/0.8 --light lamp:position=-0.6/0.4/0.8,radius=0.1 -o relit.exr
-
-A shot in an environment: relight apply plate.%04d.exr --mask matte.%04d.png --environment \
-studio.exr,rotation=90,intensity=2 --background environment -o relit.%04d.exr -o relit.mp4"""
-
-# The groups of options in the help, and their order, by the names of parameters; rare ones stand last.
-PANELS = {
-    "Person": "mask matte person key refine_matte normals axes depth height field_of_view",
-    "Placement": "size placement scale offset",
-    "Lights": "preset light environment lights match_plate match match_mask gloss camera subject_at "
-    "allow_external",
-    "Background and floor": "background floor background_colour_space",
-    "Output": "paths output passes exposure white view save_matte save_lights exr_type output_colour_space "
-    "autocrop colour_space alpha",
-    "Video": "frames frame resume rate temporal_filter phase",
-    "Machine": "device precision threads workers dask options_file",
-}
-PLACES = {name: (panel, place) for panel, names in PANELS.items() for place, name in enumerate(names.split())}
 
 Frames = Annotated[
     str | None,
@@ -94,10 +73,7 @@ def with_options(**subsets: tuple[str, ...]) -> Callable[[Callable], Callable]:
                 arguments[name] = _build(GROUPS[name], chosen, values, context, stored.get(name, {}))
             return command(**{name: value for name, value in arguments.items() if name in own.parameters})
 
-        parameters.sort(key=_order)
-        for parameter in parameters:
-            if parameter.name in PLACES and isinstance(_info(parameter), typer.models.OptionInfo):
-                _info(parameter).rich_help_panel = PLACES[parameter.name][0]
+        parameters = grouped(parameters, SHOT)
         run.__signature__ = own.replace(parameters=parameters)  # type: ignore[attr-defined]  # for typer
         run.__annotations__ = {parameter.name: parameter.annotation for parameter in parameters}
         return run
@@ -177,18 +153,6 @@ def _parameter(each: Field) -> inspect.Parameter:
     shown = each.default if isinstance(each.default, bool | int | float | str) else None
     annotation = Annotated[kind if shown is not None else kind | None, option]
     return inspect.Parameter(each.name, keyword, default=shown, annotation=annotation)
-
-
-def _order(parameter: inspect.Parameter) -> tuple[bool, int, int]:
-    """Return where a parameter stands in the help: arguments first, then groups, then what is in none."""
-    panel, place = PLACES.get(parameter.name, ("", 0))
-    group = [*PANELS].index(panel) if panel else len(PANELS)
-    return not isinstance(_info(parameter), typer.models.ArgumentInfo), group, place
-
-
-def _info(parameter: inspect.Parameter) -> Any:
-    """Return typer's description of a parameter."""
-    return next(iter(getattr(parameter.annotation, "__metadata__", ())), None)
 
 
 def _build(

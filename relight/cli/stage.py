@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
+from relight.cli.help import STAGE, in_panels
 from relight.cli.options import console
 
 if TYPE_CHECKING:
@@ -17,6 +18,7 @@ if TYPE_CHECKING:
     from shadow.lightstage.stage import Source
 
 
+@in_panels(STAGE)
 def stage(
     records: Annotated[Path, typer.Argument(help="Folder of the records, with a file for each view.")],
     bodies: Annotated[
@@ -44,7 +46,7 @@ def stage(
     ] = False,
     views: Annotated[int, typer.Option(min=1, help="Views of each figure.")] = 9,
     size: Annotated[int, typer.Option(min=16, help="Side of the image in pixels.")] = 512,
-    behind: Annotated[bool, typer.Option(help="Add 32 directions behind the subject.")] = False,
+    behind: Annotated[bool, typer.Option("--behind", help="Add 32 directions behind the subject.")] = False,
     directions: Annotated[
         int | None,
         typer.Option(
@@ -53,7 +55,9 @@ def stage(
             "are behind. Default: the same 64 for every view, 96 with --behind.",
         ),
     ] = None,
-    jitter: Annotated[bool, typer.Option(help="Vary camera height, distance and field of view.")] = False,
+    jitter: Annotated[
+        bool, typer.Option("--jitter", help="Vary camera height, distance and field of view.")
+    ] = False,
     portrait: Annotated[
         bool, typer.Option("--portrait", help="Close-up views with jitter: the frame cuts the figure.")
     ] = False,
@@ -61,7 +65,7 @@ def stage(
         bool, typer.Option("--head", help="Views of the head, down to the waist at most, with jitter.")
     ] = False,
     shading: Annotated[
-        bool, typer.Option(help="Also trace indirect light, for path-traced shading.")
+        bool, typer.Option("--shading", help="Also trace indirect light, for path-traced shading.")
     ] = False,
     relief: Annotated[
         bool,

@@ -10,6 +10,7 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
+from relight.cli.help import TRAIN, in_panels
 from relight.cli.options import console
 
 if TYPE_CHECKING:
@@ -38,6 +39,7 @@ class Preset(StrEnum):
     paper = "paper"
 
 
+@in_panels(TRAIN)
 def train(
     network: Network,
     records: Annotated[list[Path], typer.Option(help="Records or shards to train on. Repeatable.")],
@@ -62,11 +64,11 @@ def train(
         typer.Option(
             metavar="N,N,N,N,N",
             help="Residual blocks of each encoder level of a one-pass network, from half the resolution down "
-            "[1,1,2,4,6]. Blocks that --init lacks start as the identity.",
+            "(1,1,2,4,6). Blocks that --init lacks start as the identity.",
         ),
     ] = None,
     preset: Annotated[
-        Preset, typer.Option(help="Defaults of the options below: our recipe, or the paper's.")
+        Preset, typer.Option(help="Defaults of the options under Recipe: our recipe, or the paper's.")
     ] = Preset.fast,
     steps: Annotated[
         int | None, typer.Option(min=1, help="Mini-batches; with --preset paper, 31 epochs.")
@@ -76,38 +78,38 @@ def train(
         typer.Option(min=0, help="Minutes of training, instead of --steps; the rate follows the clock."),
     ] = None,
     size: Annotated[
-        int | None, typer.Option(help="Height of the canvas in pixels, a multiple of 128 [256; paper: 512].")
+        int | None, typer.Option(help="Height of the canvas in pixels, a multiple of 128 (256; paper: 512).")
     ] = None,
     batch: Annotated[
-        int | None, typer.Option(min=1, help="Photographs in a mini-batch [8; per-light: 2; paper: 1].")
+        int | None, typer.Option(min=1, help="Photographs in a mini-batch (8; per-light: 2; paper: 1).")
     ] = None,
     lights: Annotated[
         int | None,
-        typer.Option(min=1, help="Lights for each photograph [field: 20; per-light: 4; paper: 1]."),
+        typer.Option(min=1, help="Lights for each photograph (field: 20; per-light: 4; paper: 1)."),
     ] = None,
     learning_rate: Annotated[
-        float | None, typer.Option(help="Peak learning rate [1e-3; per-light: 5e-4; paper: 5e-6].")
+        float | None, typer.Option(help="Peak learning rate (1e-3; per-light: 5e-4; paper: 5e-6).")
     ] = None,
     borders: Annotated[
         float | None,
         typer.Option(
             min=1,
-            help="How much more often the losses sample pixels near borders of cast shadows [1].",
+            help="How much more often the losses sample pixels near borders of cast shadows (1).",
         ),
     ] = None,
     faces: Annotated[
         float | None,
-        typer.Option(min=1, help="How much more often they sample pixels of faces and hands [1]."),
+        typer.Option(min=1, help="How much more often they sample pixels of faces and hands (1)."),
     ] = None,
     angles: Annotated[
-        float | None, typer.Option(min=0, max=1, help="Share of the angle in the loss of the normals [0].")
+        float | None, typer.Option(min=0, max=1, help="Share of the angle in the loss of the normals (0).")
     ] = None,
     average: Annotated[
         float | None,
-        typer.Option(min=0, max=1, help="Decay of the moving average of the weights, per step [0.999]."),
+        typer.Option(min=0, max=1, help="Decay of the moving average of the weights, per step (0.999)."),
     ] = None,
     warm_up: Annotated[
-        int | None, typer.Option(min=0, help="Steps in which the rate rises to its peak [200; paper: 0].")
+        int | None, typer.Option(min=0, help="Steps in which the rate rises to its peak (200; paper: 0).")
     ] = None,
     distil: Annotated[
         float | None,
@@ -115,7 +117,7 @@ def train(
             min=0,
             max=1,
             help="Share of a field's loss that compares one pass with the mean of a photograph and of its "
-            "mirror image by the field of --visibility [0].",
+            "mirror image by the field of --visibility (0).",
         ),
     ] = None,
     seed: Annotated[int, typer.Option(help="Seed of photographs and weights.")] = 0,
@@ -129,7 +131,7 @@ def train(
         str | None,
         typer.Option(
             help="Normals to train with: a field, a PIFuHD checkpoint, or true for those of the records "
-            "[shadow: its own; shading and per-light networks: those of --visibility]."
+            "(shadow: its own; shading and per-light networks: those of --visibility)."
         ),
     ] = None,
     visibility: Annotated[

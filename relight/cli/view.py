@@ -12,7 +12,9 @@ from relight.cli.options import Frame, console, given_words, progress_bars, with
 from relight.pipeline.options import Compute, Lighting, Source
 
 
-@with_options(lighting=("lights", "camera", "subject_at", "light", "environment", "background", "gloss"))
+@with_options(
+    lighting=("preset", "lights", "camera", "subject_at", "light", "environment", "background", "gloss")
+)
 def view(
     context: typer.Context,
     source: Source,

@@ -7,7 +7,7 @@ ComfyUI folder; see docs/comfyui.md.
 from pathlib import Path
 
 from relight.comfyui.analyse import Analyse
-from relight.comfyui.lights import Environment, Lamp, Light
+from relight.comfyui.lights import Environment, Lamp, Light, Preset
 from relight.comfyui.match import Match
 from relight.comfyui.render import Orbit, Passes, Render
 from relight.comfyui.save_exr import SaveEXR
@@ -18,6 +18,7 @@ NODE_CLASS_MAPPINGS = {
     "RelightLight": Light,
     "RelightLamp": Lamp,
     "RelightEnvironment": Environment,
+    "RelightPreset": Preset,
     "RelightRender": Render,
     "RelightPasses": Passes,
     "RelightMatch": Match,
@@ -30,6 +31,7 @@ NODE_DISPLAY_NAME_MAPPINGS = {
     "RelightLight": "Relight Light",
     "RelightLamp": "Relight Lamp",
     "RelightEnvironment": "Relight Environment",
+    "RelightPreset": "Relight Preset",
     "RelightRender": "Relight Render",
     "RelightPasses": "Relight Passes",
     "RelightMatch": "Relight Match",

@@ -8,6 +8,7 @@ import torch
 
 from relight.comfyui import host, widgets
 from relight.comfyui.tensors import light, pictures
+from relight.lights import presets
 from relight.lights.directional import DirectionalLight
 from relight.lights.environment import EnvironmentLight
 from relight.lights.light import Light as AnyLight
@@ -197,6 +198,41 @@ class Environment:
             source = light("image", maps[0])
         added = EnvironmentLight(source, rotation=rotation, **_shared(intensity, colour, temperature, name))
         return ((*lights, added),)
+
+
+class Preset:
+    """Lighting that photographers know by name."""
+
+    CATEGORY = "relight"
+    DESCRIPTION = "Lighting by name, such as rembrandt: the presets of `relight apply --preset`."
+    RETURN_TYPES = ("RELIGHT_LIGHTS", "FLOAT")
+    RETURN_NAMES = ("lights", "gloss")
+    OUTPUT_TOOLTIPS = ("The lights that came in, and those of the preset.", "The preset's gloss, for Render.")
+    FUNCTION = "add"
+
+    @classmethod
+    def INPUT_TYPES(cls) -> dict[str, Any]:
+        """Return ComfyUI's description of the inputs."""
+        return {
+            "required": {
+                "preset": widgets.choice([*presets.document()], "The lighting's name."),
+                "height": widgets.number(
+                    presets.HEIGHT,
+                    0.01,
+                    100.0,
+                    0.05,
+                    "Metres of the person, as in Relight Analyse: lamps near them stand in proportion.",
+                ),
+            },
+            "optional": {"lights": widgets.CHAINED},
+        }
+
+    def add(self, preset: str, height: float = presets.HEIGHT, lights: Lights = ()) -> tuple[Lights, float]:
+        """Add the lights of a preset of `relight.presets`."""
+        known = presets.presets(height)
+        if preset not in known:
+            raise ValueError(f"preset: expected one of {', '.join(known)}, got {preset!r}")
+        return (*lights, *known[preset]), float(presets.document()[preset].get("gloss", 0))
 
 
 def _file(path: str) -> Path:

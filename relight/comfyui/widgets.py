@@ -57,5 +57,7 @@ def choice(options: Sequence[str], tooltip: str) -> Input:
 SUBJECT = socket("RELIGHT_SUBJECT", "The analysed person, from Relight Analyse.")
 # Asked for after the other inputs, so that `check_lazy_status` refuses these before the person is analysed.
 SUBJECT_LAST = (SUBJECT[0], SUBJECT[1] | {"lazy": True})
-LIGHTS = socket("RELIGHT_LIGHTS", "The lights, from Relight Light, Lamp, Environment, Match or Viewer.")
+LIGHTS = socket(
+    "RELIGHT_LIGHTS", "The lights, from Relight Light, Lamp, Environment, Preset, Match or Viewer."
+)
 CHAINED = socket("RELIGHT_LIGHTS", "Further lights, to which this one is added.")

@@ -1,5 +1,8 @@
 """Composite a picture over a background, in linear light."""
 
+import re
+from pathlib import Path
+
 import numpy as np
 from numpy.typing import ArrayLike
 
@@ -8,6 +11,7 @@ from relight.lights.environment import EnvironmentLight
 from relight.media.images import scene_linear
 
 Background = ArrayLike | EnvironmentLight  # an image, a linear (r, g, b), or a map as a camera sees it
+ENVIRONMENT = "environment"  # as a background: what the camera sees of the environments among the lights
 
 
 def over(foreground: ArrayLike, background: Background, shadow: np.ndarray | None = None) -> np.ndarray:
@@ -67,3 +71,16 @@ def behind(front: np.ndarray, background: Background, shadow: np.ndarray | None 
         back = cover(scene_linear("background", background)[..., :3], front.shape[:2])
     seen = (1 - front[..., 3:]) * back
     return seen if shadow is None else seen * shadow
+
+
+def parse_background(text: str) -> tuple[float, ...] | str:
+    """Parse a colour such as `0.2/0.2/0.2`; return other text, a path or `environment`, unchanged.
+
+    Raises ValueError for a colour that is written otherwise.
+    """
+    if re.fullmatch("#[0-9a-fA-F]{3,8}", text) or (text.count(",") == 2 and not Path(text).exists()):
+        raise ValueError(f"background: expected a linear colour as 0.2/0.2/0.2, or a file, got {text!r}")
+    try:
+        return tuple(map(float, text.split("/")))
+    except ValueError:
+        return text

@@ -18,7 +18,6 @@ if TYPE_CHECKING:
     from relight.compositing.floor import Floor
 
 BACKGROUND = "background"  # as a size: the background's own
-ENVIRONMENT = "environment"  # as a background: what the camera sees of the environments among the lights
 
 Report = Callable[[int, int, str], None]  # frames done, frames in all, what is done
 
@@ -167,12 +166,9 @@ def parse_person(text: str) -> int | tuple[int, ...] | str:
 
 def parse_background(text: str) -> tuple[float, ...] | str:
     """Parse a colour such as `0.2/0.2/0.2`; return other text, a path or `environment`, unchanged."""
-    if re.fullmatch("#[0-9a-fA-F]{3,8}", text) or (text.count(",") == 2 and not Path(text).exists()):
-        raise ValueError(f"--background: expected a linear colour as 0.2/0.2/0.2, or a file, got {text!r}")
-    try:
-        return tuple(map(float, text.split("/")))
-    except ValueError:
-        return text
+    from relight.compositing.composite import parse_background
+
+    return parse_background(text)
 
 
 def parse_place(text: str) -> tuple[float, ...] | str:

@@ -77,7 +77,7 @@ class Source(Options):
     matte: str | Path | None = option(
         "How the person is found in a source without a matte: auto, by networks that `relight fetch person` "
         "brings; MODEL.onnx; or a model name of rembg. For a model that is not recognised add its input "
-        "format: MODEL.onnx,mean=0/0/0,std=1/1/1,size=320 (also order, fit, output, sigmoid, family).",
+        "format: MODEL.onnx,mean=0/0/0,size=320 (also std, order, fit, output, sigmoid, family).",
         "auto",
         path=True,
     )
@@ -310,7 +310,9 @@ class Output(Options):
         metavar="<file>",
     )
     passes: tuple[str, ...] = option(
-        "Further layers of the .exr: any of albedo,N,Z,P,visibility,shading,gloss.", (), parse=parse_passes
+        "Further layers of the .exr: albedo, N, Z, P, visibility, shading, gloss; as albedo,N.",
+        (),
+        parse=parse_passes,
     )
     exr_type: ExrType = option(
         "Type of the .exr channels; float for lights that are too dim for half.",

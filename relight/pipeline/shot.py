@@ -14,7 +14,7 @@ import torch
 
 from relight import __version__
 from relight.analysis.temporal import RADIUS
-from relight.compositing.composite import Background
+from relight.compositing.composite import ENVIRONMENT, Background
 from relight.light_estimation import PLATE, Matching, PlateLight, lights_in
 from relight.lights.environment import EnvironmentLight
 from relight.lights.light import Light
@@ -25,7 +25,7 @@ from relight.media.sequences import FrameRange
 from relight.pipeline import outputs
 from relight.pipeline.cache import check_not_analysed, is_cache
 from relight.pipeline.frame import FrameInputs, FrameReader
-from relight.pipeline.option_fields import BACKGROUND, ENVIRONMENT, Report
+from relight.pipeline.option_fields import BACKGROUND, Report
 from relight.pipeline.options import Compute, Lighting, Output, Source
 from relight.pipeline.persons import FrameAnalyser, Persons
 from relight.pipeline.readers import ReadLog, plate_reader

@@ -137,3 +137,25 @@ def test_a_frame_without_a_person_has_every_pass():
     layers = render_subject(nobody, LIGHTS, passes=["Z", "P", "visibility", "gloss"], gloss=1)[1]
     assert {"Z", "P", "visibility_key", "gloss_key"} <= set(layers)
     assert all((layer == 0).all() for layer in layers.values())
+
+
+def test_a_background_is_a_text_as_the_command_takes_it(tmp_path):
+    """A colour, a file, or the environments among the lights; anything else is refused before analysis."""
+    rng = np.random.default_rng(0)
+    photo = np.zeros((48, 40, 4), np.float32)
+    photo[8:44, 10:30] = 0.3, 0.3, 0.3, 1
+    sky = relight.EnvironmentLight(rng.random((16, 32, 3)).astype(np.float32), name="sky")
+    street = rng.random((24, 20, 3)).astype(np.float32)
+    relight.write(tmp_path / "street.exr", street, depth="float")
+    means = {"0.03/0.03/0.04": (0.03, 0.03, 0.04), str(tmp_path / "street.exr"): street, "environment": sky}
+    for text, meant in means.items():
+        for function in (relight.apply, lambda *given, **options: render(*given, **options)[0]):
+            np.testing.assert_array_equal(
+                function(photo, [sky], background=text), function(photo, [sky], background=meant)
+            )
+    key = relight.DirectionalLight(azimuth=-40)
+    for text, says in (("#303030", "linear colour"), ("environment", "environment among the lights")):
+        with pytest.raises(ValueError, match=says):
+            relight.apply(photo, key, background=text)
+    with pytest.raises(FileNotFoundError):
+        relight.apply(photo, key, background="nowhere.jpg")

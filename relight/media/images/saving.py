@@ -24,6 +24,12 @@ RENAMED = {"PhotographicSensitivity": "ISOSpeedRatings"}  # Pillow has the tag's
 
 def save(path: Path, blocks: Iterable[np.ndarray], spec: oiio.ImageSpec) -> None:
     """Write a file that is whole or not there, from its rows (rows, W, C), some or all at a time."""
+    is_tiff = path.suffix.lower() in (".tif", ".tiff")
+    if is_tiff and _is_srgb(spec):
+        profile = _srgb_profile()
+        spec.attribute(
+            "ICCProfile", oiio.TypeDesc(f"uint8[{len(profile)}]"), np.frombuffer(profile, np.uint8)
+        )
     with files.replacing(path) as beside:
         if path.suffix.lower() in (".jpeg", ".jpg"):
             beside.write_bytes(_jpeg(np.concatenate(list(blocks)), spec))
@@ -39,7 +45,9 @@ def save(path: Path, blocks: Iterable[np.ndarray], spec: oiio.ImageSpec) -> None
             raise OSError(f"{path}: cannot be written: {problem(file)}")
         if path.suffix.lower() == ".png":
             _check_png(path, beside)
-        elif path.suffix.lower() in (".tif", ".tiff") and spec.getattribute("Keywords"):
+            if about := xmp.packet(spec):
+                xmp.add_to_png(beside, about)
+        elif is_tiff and spec.getattribute("Keywords"):
             xmp.replace_in_tiff(beside, xmp.packet(spec))  # OpenImageIO's XMP has no keywords
 
 
@@ -63,12 +71,16 @@ def _jpeg(pixels: np.ndarray, spec: oiio.ImageSpec) -> bytes:
                 exif.get_ifd(ExifTags.IFD.Exif)[tag] = value
     file = io.BytesIO()
     codes = np.rint(pixels * 255).astype(np.uint8)
-    is_srgb = spec.getattribute("oiio:ColorSpace") == "srgb_rec709_scene"
-    profile = _srgb_profile() if is_srgb else None
+    profile = _srgb_profile() if _is_srgb(spec) else None
     Image.fromarray(codes).save(
         file, "JPEG", quality=JPEG_QUALITY, exif=exif, icc_profile=profile, xmp=xmp.packet(spec)
     )
     return file.getvalue()
+
+
+def _is_srgb(spec: oiio.ImageSpec) -> bool:
+    """Return whether pixels are colours, sRGB-encoded, and no matte."""
+    return spec.nchannels >= 3 and spec.getattribute("oiio:ColorSpace") == "srgb_rec709_scene"
 
 
 @functools.cache

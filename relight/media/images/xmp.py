@@ -1,13 +1,17 @@
 """XMP, in which photographs carry their rating and keywords."""
 
 import struct
+import zlib
 from pathlib import Path
 from xml.sax.saxutils import escape
 
 import OpenImageIO as oiio
 
+from relight.media.images.headers import PNG_SIGNATURE
+
 TIFF_TAG = 700  # XMLPacket, "XMP Specification Part 3", 1.1.5
 BYTE = 1  # type of a TIFF's field
+PNG_KEYWORD = b"XML:com.adobe.xmp"  # of the iTXt chunk, "XMP Specification Part 3", 1.1.5
 
 
 def packet(spec: oiio.ImageSpec) -> bytes:
@@ -26,6 +30,23 @@ def packet(spec: oiio.ImageSpec) -> bytes:
         'xmlns:xmp="http://ns.adobe.com/xap/1.0/" xmlns:dc="http://purl.org/dc/elements/1.1/">'
         f'{about}</rdf:Description></rdf:RDF></x:xmpmeta><?xpacket end="w"?>'
     ).encode()
+
+
+def add_to_png(path: Path, xmp: bytes) -> None:
+    """Add XMP to a PNG in front of its pixels, where readers look: text, uncompressed, without language."""
+    with path.open("r+b") as file:
+        place = len(PNG_SIGNATURE)
+        while True:
+            file.seek(place)
+            (length,), kind = struct.unpack(">I", file.read(4)), file.read(4)
+            if kind == b"IDAT":
+                break
+            place += length + 12  # with length, kind and checksum
+        file.seek(place)
+        pixels = file.read()
+        text = b"iTXt" + PNG_KEYWORD + bytes(5) + xmp
+        file.seek(place)
+        file.write(struct.pack(">I", len(text) - 4) + text + struct.pack(">I", zlib.crc32(text)) + pixels)
 
 
 def replace_in_tiff(path: Path, xmp: bytes) -> None:

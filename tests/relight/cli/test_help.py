@@ -1,38 +1,66 @@
 """The help of a command can be read: options in groups, wide columns, examples at the end."""
 
 import re
+import shlex
 
 import pytest
+from typer.main import get_command
 from typer.testing import CliRunner
 
 from relight.cli import app
-from relight.cli.options import PANELS
+from relight.cli.help import EXAMPLES, SHOT, STAGE, TRAIN
 
-WIDTH, LEAST = 100, 40
-
-
-def shown(command, monkeypatch):
-    monkeypatch.setenv("TERMINAL_WIDTH", str(WIDTH))
-    monkeypatch.setenv("COLUMNS", str(WIDTH))
-    return CliRunner().invoke(app, [command, "--help"]).output
+LEAST = {100: 40, 80: 20}  # characters of the narrowest column, by those of the terminal
+COMMANDS = ("apply", "view", "analyse", "export", "olat", "job", "app", "stage", "train", "evaluate tables")
+GROUPED = {"apply": SHOT, "stage": STAGE, "train": TRAIN}
 
 
-@pytest.mark.parametrize(
-    "command", ["apply", "view", "analyse", "export", "olat", "job", "app", "stage", "train"]
-)
-def test_no_column_is_narrow(command, monkeypatch):
+def shown(command, monkeypatch, width=100):
+    monkeypatch.setenv("TERMINAL_WIDTH", str(width))
+    monkeypatch.setenv("COLUMNS", str(width))
+    return CliRunner().invoke(app, [*command.split(), "--help"]).output
+
+
+@pytest.mark.parametrize("width", LEAST)
+@pytest.mark.parametrize("command", COMMANDS)
+def test_no_column_is_narrow_and_no_text_is_cut(command, width, monkeypatch):
+    text = shown(command, monkeypatch, width)
     continued = [
-        len(line) - len(line[1:].lstrip()) - 1
-        for line in shown(command, monkeypatch).splitlines()
-        if re.match(r"│ {10,}\S", line)
+        len(line) - len(line[1:].lstrip()) - 1 for line in text.splitlines() if re.match(r"│ {10,}\S", line)
     ]
-    assert WIDTH - max(continued) - 2 >= LEAST
+    assert width - max(continued, default=0) - 2 >= LEAST[width]
+    assert "…" not in text
 
 
-def test_options_stand_in_groups_and_examples_at_the_end(monkeypatch):
-    text = shown("apply", monkeypatch)
+@pytest.mark.parametrize("command", GROUPED)
+def test_options_stand_in_groups(command, monkeypatch):
+    text = shown(command, monkeypatch)
     titles = re.findall(r"╭─ ([\w ]+?) ─", text)
-    assert titles == ["Arguments", "Options", *PANELS]
-    examples = text[text.rindex("╰") :]
-    assert examples.count("relight apply") == 3
-    assert "--preset golden-hour -o out.jpg" in examples
+    assert titles == ["Arguments", "Options", *GROUPED[command]]
+    options = text[text.index("╭─ Options") : text.index(f"╭─ {titles[2]}")]
+    assert re.findall(r"--[\w-]+", options) == ["--help"]  # all others are in a group
+
+
+def test_what_stands_in_brackets_is_shown(monkeypatch):
+    """Brackets are markup, which would swallow it."""
+    text = " ".join(shown("train", monkeypatch).replace("│", " ").split())
+    assert "(field: 20; per-light: 4; paper: 1)" in text
+
+
+@pytest.mark.parametrize("command", EXAMPLES)
+def test_three_examples_at_the_end_are_understood(command, monkeypatch):
+    text = shown(command, monkeypatch)
+    assert text[text.rindex("╰") :].count(f"relight {command}") >= 2
+    examples = EXAMPLES[command].split("\n\n")
+    assert len(examples) == 3
+    for example in examples:
+        words = shlex.split(example.split(": ", 1)[1])
+        assert words[0] == "relight"
+        found, rest = get_command(app), words[1:]
+        while hasattr(found, "commands"):
+            found, rest = found.commands[rest[0]], rest[1:]
+        found.make_context(found.name, rest)
+
+
+def test_the_shortest_command_stands_in_the_help(monkeypatch):
+    assert "--preset golden-hour -o out.jpg" in shown("apply", monkeypatch)

@@ -12,7 +12,7 @@ from PIL import Image
 import relight
 from relight.comfyui import NODE_CLASS_MAPPINGS, NODE_DISPLAY_NAME_MAPPINGS, host, tensors
 from relight.comfyui.analyse import Analyse
-from relight.comfyui.lights import Environment, Lamp, Light
+from relight.comfyui.lights import Environment, Lamp, Light, Preset
 from relight.comfyui.match import Match
 from relight.comfyui.render import Orbit, Passes, Render, orbiting
 from relight.comfyui.save_exr import SaveEXR
@@ -75,6 +75,15 @@ def test_nodes_describe_what_their_functions_take(name):
             assert options["default"] in kind
     assert len(node.RETURN_TYPES) == len(node.RETURN_NAMES) == len(node.OUTPUT_TOOLTIPS)
     assert NODE_DISPLAY_NAME_MAPPINGS[name].startswith("Relight ")
+
+
+def test_a_preset_is_that_of_the_library_and_chains():
+    lights, gloss = Preset().add("firelight", 0.9, lights=KEY)
+    assert [*lights[1:]] == relight.presets(0.9)["firelight"]
+    assert lights[0] is KEY[0]
+    assert 0 < gloss <= 1
+    with pytest.raises(ValueError, match="preset: expected one of three-point"):
+        Preset().add("candle")
 
 
 def test_the_gloss_of_render_and_of_files_is_relit_s(batch, reference, tmp_path):

@@ -139,7 +139,7 @@ def test_phases_have_three_names():
 
 def test_the_help_names_all_passes():
     (passes,) = (each for each in fields(Output) if each.name == "passes")
-    assert ",".join(PASSES) in passes.metadata["help"]
+    assert ", ".join(PASSES) in passes.metadata["help"]
 
 
 def test_paths_become_absolute_and_nothing_else_does(tmp_path, monkeypatch):

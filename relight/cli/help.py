@@ -1,0 +1,128 @@
+"""The help of the commands: groups of options, the order within them, and examples at the end."""
+
+import inspect
+from collections.abc import Callable, Iterable, Mapping
+from functools import wraps
+from typing import Any
+
+import typer
+
+Panels = Mapping[str, str]  # {title: names of parameters}, in the order of the help; rare ones stand last
+
+SHOT: Panels = {  # of all commands that read a photograph or a shot
+    "Person": "mask matte person key refine_matte normals axes depth height field_of_view",
+    "Placement": "size placement scale offset",
+    "Lights": "preset light environment lights match_plate match match_mask gloss camera subject_at "
+    "allow_external",
+    "Background and floor": "background floor background_colour_space",
+    "Output": "paths output behind triangles texture passes exposure white view save_matte save_lights "
+    "exr_type output_colour_space autocrop colour_space alpha open_",
+    "Video": "frames frame resume rate temporal_filter phase",
+    "Machine": "device precision threads workers dask chunk_size analysis options_file",
+}
+STAGE: Panels = {
+    "Figures": "bodies pairs split scan scan_list variants",
+    "Clothes and surfaces": "simulate fabrics makehuman folds relief no_normal_maps",
+    "Views": "views size portrait head jitter",
+    "Light": "behind directions shading",
+    "Files and machine": "pack sheet processes dask",
+}
+TRAIN: Panels = {
+    "Run": "records out preset steps duration validation minutes workers seed",
+    "Network": "model init normals visibility blocks no_normals no_depth",
+    "Recipe": "size batch lights learning_rate warm_up average borders faces angles distil",
+}
+
+EXAMPLES = {  # at the end of a command's help: three that are complete
+    "apply": """A photograph: relight apply photo.jpg --preset golden-hour -o out.jpg
+
+Lights of your own, as layers: relight apply photo.jpg --light key:azimuth=-40,elevation=30,intensity=2,\
+colour=1/0.9/0.8 --light lamp:position=-0.6/0.4/0.8,radius=0.1 -o relit.exr
+
+A shot in an environment: relight apply plate.%04d.exr --mask matte.%04d.png --environment \
+studio.exr,rotation=90,intensity=2 --background environment -o relit.%04d.exr -o relit.mp4""",
+    "job": """A shot: relight job plate.%04d.exr --lights lights.yaml -o relit.%04d.exr -o relit.json
+
+In larger tasks: relight job plate.%04d.exr --preset rim --chunk-size 50 -o relit.%04d.exr -o relit.yaml
+
+Some frames: relight job walk.mp4 --preset window --frames 1-100 -o relit.%04d.exr -o relit.json""",
+    "view": """A photograph: relight view photo.jpg -o page.html --open
+
+In a light to begin with: relight view photo.jpg --preset rembrandt -o page.html
+
+A frame of a movie: relight view walk.mp4 --frame 12 -o page.html""",
+    "analyse": """A shot: relight analyse plate.%04d.exr --mask matte.%04d.png -o shot.relight
+
+Some frames of a movie: relight analyse walk.mp4 --frames 1-100 -o walk.relight
+
+What follows it: relight apply shot.relight --preset rim -o relit.%04d.exr""",
+    "export": """A mesh: relight export photo.jpg -o person.glb
+
+With lights, for USD: relight export photo.jpg --lights lights.yaml -o person.usdz
+
+Lit in Nuke: relight export photo.jpg -o person.nk""",
+    "olat": """A layer for each light: relight olat photo.jpg -o olat.exr
+
+A file for each light: relight olat photo.jpg -o olat.%04d.exr -o olat.nk
+
+From behind as well: relight olat photo.jpg --behind -o olat.exr""",
+    "stage": """Dressed bodies: relight stage records --bodies 0:100 --simulate --views 9
+
+Scans: relight stage records --scan person.glb --views 6 --sheet sheet.png
+
+Shards to train on: relight stage records --bodies 0:100 --pack shards""",
+    "train": """Visibility: relight train shadow --records shards --out runs/field --steps 20000
+
+Shading, with that field: relight train shading --records shards --visibility runs/field/field.safetensors \
+--out runs/shading
+
+The paper's network: relight train shadow --model resb3 --preset paper --records shards --out runs/paper""",
+    "evaluate": """The shipped field: relight evaluate visibility --records shards
+
+A network of your own: relight evaluate visibility --records shards --model runs/field/field.safetensors
+
+The paper's tables: relight evaluate tables --records shards --out report""",
+}
+
+
+def grouped(parameters: Iterable[inspect.Parameter], panels: Panels) -> list[inspect.Parameter]:
+    """Return parameters in the order of the help, and put their options in the panels.
+
+    Arguments come first, then the panels, then what is in none.
+    """
+    order = [(title, name) for title, names in panels.items() for name in names.split()]
+    places = {name: (place, title) for place, (title, name) in enumerate(order)}
+    for parameter in parameters:
+        described = _described(parameter)
+        if parameter.name in places and isinstance(described, typer.models.OptionInfo):
+            described.rich_help_panel = places[parameter.name][1]
+
+    def place(parameter: inspect.Parameter) -> tuple[bool, int]:
+        is_option = isinstance(_described(parameter), typer.models.OptionInfo)
+        return is_option, places.get(parameter.name, (len(order), ""))[0]
+
+    return sorted(parameters, key=place)
+
+
+def in_panels(panels: Panels) -> Callable[[Callable], Callable]:
+    """Show the options of a command in these panels."""
+
+    def decorate(command: Callable) -> Callable:
+        signature = inspect.signature(command)
+        parameters = [
+            each.replace(kind=inspect.Parameter.KEYWORD_ONLY) for each in signature.parameters.values()
+        ]
+
+        @wraps(command)
+        def run(**arguments: Any) -> Any:
+            return command(**arguments)
+
+        run.__signature__ = signature.replace(parameters=grouped(parameters, panels))  # type: ignore[attr-defined]
+        return run
+
+    return decorate
+
+
+def _described(parameter: inspect.Parameter) -> Any:
+    """Return typer's description of a parameter; None without one, as of an argument's plain type."""
+    return next(iter(getattr(parameter.annotation, "__metadata__", ())), None)
