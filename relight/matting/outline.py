@@ -283,9 +283,6 @@ def _solved(seen: np.ndarray, known: np.ndarray, distance: np.ndarray) -> np.nda
     """Solve the matte (h, w) of a copy (h, w, 3), encoded, with the trimap `known`."""
     if not (known == PERSON).any() and not ((known == UNKNOWN) & (distance > 0)).any():
         return np.zeros(known.shape, np.float32)
-    unknown = known == UNKNOWN
-    if not unknown.any():
-        return known.astype(np.float32)
     evidence = NEARNESS * distance + _votes(seen, known, distance)
     prior = 1 / (1 + np.exp(-evidence))
     return _closed_form(seen, known, prior, PRIOR * np.abs(2 * prior - 1))
@@ -317,6 +314,8 @@ def _votes(seen: np.ndarray, known: np.ndarray, distance: np.ndarray) -> np.ndar
 
 def _closed_form(seen: np.ndarray, known: np.ndarray, prior: np.ndarray, weight: np.ndarray) -> np.ndarray:
     """Solve (L + W) alpha = W prior in the unknown pixels, with L the matting Laplacian; (h, w) in [0, 1]."""
+    if not (known == UNKNOWN).any():
+        return known.astype(np.float32)
     try:
         from pymatting.laplacian.cf_laplacian import cf_laplacian
         from pymatting.preconditioner.ichol import ichol

@@ -102,6 +102,15 @@ def test_refining_brings_a_matte_to_the_photographs_own_pixels():
     assert overlap(found, matte.repeat(12, 0).repeat(12, 1)) > 0.99
 
 
+@pytest.mark.parametrize("empty", [0, 1, 3])
+def test_a_matte_of_nearly_the_whole_picture_is_refined(empty):
+    image, _ = scene()
+    matte = np.ones((120, 120), np.float32)
+    matte[:empty, :empty] = 0
+    np.testing.assert_allclose(refine(image, matte).mean(), 1, atol=0.005)
+    np.testing.assert_array_equal(refine(image, np.full((120, 120), 0.3, np.float32)), 0)
+
+
 def test_a_second_line_takes_out_what_the_first_one_holds():
     codes, matte = scene()
     codes[45:75, 45:75] = codes[:30, :30]  # leaves, seen through the person
