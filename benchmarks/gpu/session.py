@@ -1,7 +1,7 @@
 """Use a quarter of an hour of a GPU: make records, measure the product, train the field on them.
 
 python benchmarks/gpu/session.py OUT --begin
-python benchmarks/gpu/session.py OUT [--limit 560] [--total 760] [--records DIR ...] [--tiny]
+python benchmarks/gpu/session.py OUT [--limit 560] [--total 760] [--records DIR ...] [--distil 0.5] [--tiny]
 
 `--begin` unpacks what .gpu has (`pack.py` makes it), starts to render records on all cores, and returns at
 once. It can be given several times, with another part of .gpu each time: packages.tar.xz and people.tar.xz
@@ -58,6 +58,7 @@ POOL = {  # folder: options of `relight stage`, share of the cores
     "draped": ("--bodies 61000:62000 --simulate --views 8 --jitter --fabrics", 0.18),
     "scans": ("SCANS --views 8 --jitter --no-normal-maps", 0.1),
     "scan-maps": ("SCANS --views 4 --jitter", 0.06),
+    "scan-heads": ("SCANS --views 6 --head", 0.08),
     "variants": ("SCANS --variants 900:908 --folds --no-normal-maps --views 1 --jitter", 0.16),
 }
 TINY = {"bodies": ("--bodies 0:1 --views 2 --jitter", 0.0)}
@@ -298,7 +299,7 @@ def recipe_for(given: argparse.Namespace, found: dict, seconds: float, steps: fl
         sizes = {"size": 128, "batch": 2, "lights": 4}
     return preset(
         "fast", SHADOW, [], duration=seconds / 60, learning_rate=rate, warm_up=max(1, int(WARM_UP * steps)),
-        average=0.998, seed=given.seed, **sizes,
+        average=0.998, distil=given.distil, seed=given.seed, **sizes,
     )  # fmt: skip
 
 
@@ -308,8 +309,9 @@ def fit_field(given: argparse.Namespace, found: dict, recipe, paths: list[Path],
 
     compiled = found["compiled"] and ("eager" if given.tiny else True)
     fit(
-        SHADOW, recipe, paths, out, init=given.init, workers=found["workers"] if found["stacked"] else None,
-        checkpoint_minutes=given.minutes, stacked=found["stacked"], compiled=compiled,
+        SHADOW, recipe, paths, out, init=given.init, visibility=given.init,
+        workers=found["workers"] if found["stacked"] else None, checkpoint_minutes=given.minutes,
+        stacked=found["stacked"], compiled=compiled,
     )  # fmt: skip
 
 
@@ -402,6 +404,7 @@ def main() -> int:
     parser.add_argument("--records-seconds", type=float, default=170, help="from the first start")
     parser.add_argument("--records", type=Path, nargs="*", default=[], help="records made before")
     parser.add_argument("--init", type=Path, default=ROOT / "shadow/weights/field.safetensors")
+    parser.add_argument("--distil", type=float, default=0.0, help="of `relight train`; --init is the teacher")
     parser.add_argument("--batch", type=int, default=32)
     parser.add_argument("--minutes", type=float, default=1.0, help="between checkpoints")
     parser.add_argument("--seed", type=int, default=223)

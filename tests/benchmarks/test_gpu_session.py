@@ -46,9 +46,10 @@ def session(out, work, *options, limit):
 @pytest.mark.slow
 def test_a_stopped_command_goes_on_and_its_state_comes_back(tmp_path, pool, begun):
     out = tmp_path / "out"
-    first = session(out, begun, "--records", pool, limit=0)
+    options = "--records", pool, "--distil", 0.5
+    first = session(out, begun, *options, limit=0)
     assert first.returncode == 1  # not finished; its worker goes on
-    second = session(out, begun, "--records", pool, limit=600)
+    second = session(out, begun, *options, limit=600)
     assert second.returncode == 0, second.stdout
     assert (begun / "worker.log").read_text().count("learning_rate") == 1
     files = list(out.iterdir())
