@@ -16,7 +16,7 @@ from typing import Any, NamedTuple, Self
 import torch
 
 from relight.analysis.light_field import LightMaps
-from relight.lights.light import checked_number
+from relight.lights.parameters import checked_number
 from shadow.networks.mirror import Pixels
 
 ROUGHNESS = 0.55  # of glTF and UsdPreviewSurface: the width of the lobe, alpha, is its square

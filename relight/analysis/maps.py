@@ -2,7 +2,7 @@
 
 from collections.abc import Iterable
 from dataclasses import replace
-from typing import Any, NamedTuple, Self
+from typing import NamedTuple, Self
 
 import numpy as np
 import torch
@@ -13,8 +13,7 @@ from relight.analysis.depth import WorldGeometry
 from relight.analysis.gloss import Gloss
 from relight.analysis.light_field import LightField, LightMaps
 from relight.analysis.old_light import OldLight
-from relight.lights.light import Light
-from relight.lights.near import NearLight
+from relight.lights.light import Light, Rays
 from relight.media.colour import luminance
 from shading import Analysis
 from shadow.framing import Framing
@@ -83,34 +82,31 @@ class AnalysisMaps(NamedTuple):
 
     def _summed(self, maps: LightMaps, lights: Iterable[Light]) -> torch.Tensor:
         """Return Σ intensity · maps (3, h, w) over lights of all kinds."""
-        several = list(lights)
-        near = [light for light in several if isinstance(light, NearLight)]
-        samples = [light.samples() for light in several if light not in near]
-        total = weighted_sum(maps, samples, self.known.shape, channels=3)
-        for light in near:
+        total = torch.zeros(self.known.numel(), 3)  # a pixel's channels side by side, as upsampling wants
+        for light in sorted(lights, key=lambda light: light.is_near):
             self.check_outside(light)
-            power = torch.from_numpy(np.float32(light.power))[:, None, None]
-            total += power * near_sum(maps, light, self.geometry)[0]
-        return total
+            add_light(total, maps, light, self.geometry.positions)
+        return total.T.unflatten(1, self.known.shape)
 
     def unshadowed(self, light: Light) -> torch.Tensor:
         """Return the share (1, h, w) of a light that the person does not block, see `Subject.unshadowed`."""
-        if isinstance(light, NearLight):
-            lit, whole = near_sum(self.visibility, light, self.geometry)
+        if light.is_near:
+            lit, whole = near_sum(self.visibility, light.rays(self.geometry.positions))
             return (lit / whole.clamp_min(1e-30))[None]
-        directions, powers = light.samples()
-        if not powers.any():  # it is out: its visibility is that of the light when it is on
-            on: Any = light  # every light is a dataclass with these fields
-            directions, powers = replace(on, intensity=1, colour=(1, 1, 1), exposure=0).samples()
+        if not light.power.any():  # it is out: its visibility is that of the light when it is on
+            light = replace(light, intensity=1, colour=(1, 1, 1), exposure=0)
+        ((directions, intensities),) = light.rays(self.geometry.positions)
+        powers = (intensities.numpy() * light.power).astype(np.float32)
         weights = luminance(powers.astype(np.float64)).clip(0)
         if not weights.any():  # a black map
             weights = np.ones_like(weights)
-        weights = weights / weights.sum()
-        samples = [(directions, weights[:, None])]
-        return weighted_sum(self.visibility, samples, self.known.shape, channels=1)
+        shares = torch.from_numpy(np.float32(weights / weights.sum()))[:, None]
+        total = torch.zeros(self.known.numel(), 1)
+        add_parallel(total, self.visibility, directions, shares)
+        return total.T.unflatten(1, self.known.shape)
 
-    def check_outside(self, light: NearLight) -> None:
-        """Raise ValueError for a light that touches the person or lies inside.
+    def check_outside(self, light: Light) -> None:
+        """Raise ValueError for a near light that touches the person or lies inside.
 
         The far side of the person is not seen. A limb is taken to be about as thick as it is wide.
         """
@@ -134,32 +130,35 @@ class AnalysisMaps(NamedTuple):
                 )
 
 
-def weighted_sum(
-    maps: LightMaps, samples: Iterable[tuple[np.ndarray, np.ndarray]], shape: torch.Size, channels: int
-) -> torch.Tensor:
-    """Return Σ power · maps(direction) on the canvas, (channels, h, w).
+def add_light(total: torch.Tensor, maps: LightMaps, light: Light, positions: torch.Tensor) -> None:
+    """Add Σ power · irradiance · maps(direction), over a light's rays, to `total` (h w, 3)."""
+    rays = light.rays(positions)
+    if light.is_near:
+        power = torch.from_numpy(np.float32(light.power))
+        total += near_sum(maps, rays)[0].flatten()[:, None] * power
+        return
+    for directions, intensities in rays:
+        with np.errstate(over="ignore"):  # infinite values are refused where the light is used
+            powers = (intensities.numpy() * light.power).astype(np.float32)
+        add_parallel(total, maps, directions, torch.from_numpy(powers))
 
-    `samples` are pairs of directions (D, 3) and powers (D, channels). The channels of the result lie together
-    in memory, as the lookup of the upsampling wants them.
+
+def add_parallel(
+    total: torch.Tensor, maps: LightMaps, directions: torch.Tensor, powers: torch.Tensor
+) -> None:
+    """Add Σ power · maps(direction) to `total` (h w, C), for directions (K, 3) and powers (K, C)."""
+    batches = (values.split(DIRECTIONS_PER_BATCH) for values in (directions, powers))
+    for batch, power in zip(*batches, strict=True):
+        total.addmm_(maps(batch).flatten(1).T, power)
+
+
+def near_sum(maps: LightMaps, rays: Iterable[Rays]) -> tuple[torch.Tensor, torch.Tensor]:
+    """Return Σ irradiance · maps over the rays of a near light, and Σ irradiance: (h, w) each.
+
+    Both are for a power of 1. The second is the irradiance of a surface that faces each ray, unblocked.
     """
-    total = torch.zeros(shape.numel(), channels)
-    for directions, powers in samples:
-        batches = (
-            torch.from_numpy(np.float32(values)).split(DIRECTIONS_PER_BATCH)
-            for values in (directions, powers)
-        )
-        for batch, power in zip(*batches, strict=True):
-            total.addmm_(maps(batch).flatten(1).T, power)
-    return total.T.unflatten(1, shape)
-
-
-def near_sum(maps: LightMaps, light: NearLight, geometry: WorldGeometry) -> tuple[torch.Tensor, torch.Tensor]:
-    """Return Σ irradiance · maps over the samples of a near light, and Σ irradiance: (h, w) each.
-
-    Both are for intensity 1. The second is the irradiance of a surface that faces each sample, unblocked.
-    """
-    lit = whole = torch.zeros(geometry.framing.canvas)
-    for directions, irradiance in light.rays(geometry.positions):
+    lit = whole = torch.zeros(())
+    for directions, irradiance in rays:
         lit, whole = lit + irradiance * maps.per_pixel(directions), whole + irradiance
     return lit, whole
 

@@ -7,7 +7,7 @@ from typing import NamedTuple, Protocol, Self
 
 import torch
 
-from relight.lights.light import checked_number, checked_numbers
+from relight.lights.parameters import checked_number, checked_numbers
 from shadow.framing import bounding_box
 
 BELOW_GROUND_SHARE = 1e-4  # of the person's pixels, that may seem to be below the ground

@@ -16,14 +16,10 @@ import torch.nn.functional as F
 
 from relight.compositing.floor import Floor, Plane, PlateCamera
 from relight.compositing.shadow_caster import ShadowCaster, Silhouette, pixel_spacing
-from relight.lights.directional import DirectionalLight
-from relight.lights.environment import EnvironmentLight
 from relight.lights.light import Light
-from relight.lights.near import NearLight, RectLight
 
 MAX_LOOKUPS = 2**23  # in silhouettes, for one light: more samples are looked up on a coarser grid of pixels
 COARSE_METRES = 0.015  # between the points of a shadow caster for one of many samples
-DISC_SAMPLES = 32  # over a sphere that shines
 
 
 class LightSample(NamedTuple):
@@ -33,7 +29,7 @@ class LightSample(NamedTuple):
     power: torch.Tensor  # (3,) linear Rec.709
     radius: float = 0.0  # of the part that it stands for: radians, or metres for a near light
     axis: torch.Tensor | None = None  # (3,) in which a near light shines most; None for all directions
-    spotlight: NearLight | None = None  # whose cone it keeps within
+    spotlight: Light | None = None  # whose cone it keeps within
 
     def reaches(self, plane: Plane) -> bool:
         """Return whether it lights the plane from above."""
@@ -49,7 +45,7 @@ class LightSample(NamedTuple):
         if self.axis is not None:
             irradiance = irradiance * -(vector @ self.axis).clamp_max(0) / squared.sqrt()
         if self.spotlight is not None:
-            axis = torch.from_numpy(np.float32(self.spotlight.axis))
+            axis = torch.from_numpy(np.float32(self.spotlight.cone_axis))
             irradiance = irradiance * self.spotlight.cone_transmission(-(vector @ axis) / squared.sqrt())
         return irradiance[..., None] * self.power
 
@@ -168,42 +164,13 @@ class FloorShadow(NamedTuple):
 
 def _samples(light: Light, camera: PlateCamera) -> list[LightSample]:
     """Return the samples of a light, the camera at the origin."""
-    if isinstance(light, NearLight):
-        return _near_samples(light, camera)
-    directions, powers = (torch.from_numpy(np.float32(values)) for values in light.samples())
-    radii = np.zeros(len(directions))
-    if isinstance(light, EnvironmentLight):
-        radii = light.image.lamp_radii
-    elif isinstance(light, DirectionalLight):
-        radii += math.radians(light.angle / 2) / math.sqrt(len(directions))
-    lights = torch.cat([directions, torch.zeros(len(directions), 1)], dim=1)
-    samples = zip(lights, powers, radii, strict=True)
-    return [LightSample(place, power, float(radius)) for place, power, radius in samples]
-
-
-def _near_samples(light: NearLight, camera: PlateCamera) -> list[LightSample]:
-    """Return the samples of a near light; for a sphere those of its disc as the person sees it."""
-    points, size, axis = light.points, 0.0, None
-    if isinstance(light, RectLight):
-        size, axis = math.sqrt(light.width * light.height / math.pi), torch.from_numpy(np.float32(light.axis))
-    elif light.extent:
-        size, points = light.extent, _disc(points[0], light.extent)
-    places = torch.from_numpy(np.float32(points)) + middle(camera)
-    power = torch.from_numpy(np.float32(light.power / len(places)))
-    radius = size / math.sqrt(len(places))
-    spotlight = light if light.has_cone else None
-    return [LightSample(F.pad(place, (0, 1), value=1.0), power, radius, axis, spotlight) for place in places]
-
-
-def _disc(centre: np.ndarray, radius: float) -> np.ndarray:
-    """Return points (DISC_SAMPLES, 3) over a disc that faces the origin: an even golden-angle spiral."""
-    along = centre / np.linalg.norm(centre)
-    aside = np.cross(along, np.eye(3)[np.abs(along).argmin()])
-    aside /= np.linalg.norm(aside)
-    step = np.arange(DISC_SAMPLES)
-    out, angle = radius * np.sqrt((step + 0.5) / DISC_SAMPLES), math.pi * (3 - math.sqrt(5)) * step
-    across = np.stack([out * np.cos(angle), out * np.sin(angle)], axis=1)
-    return centre + across @ np.stack([aside, np.cross(along, aside)])
+    parts = light.parts()
+    places = torch.from_numpy(parts.places)
+    places[:, :3] += places[:, 3:] * middle(camera)  # directions stay
+    axis = None if light.flat_axis is None else torch.from_numpy(np.float32(light.flat_axis))
+    spotlight = None if light.cone_axis is None else light
+    each = zip(places, torch.tensor(parts.powers), parts.radii, strict=True)
+    return [LightSample(place, power, float(radius), axis, spotlight) for place, power, radius in each]
 
 
 def middle(camera: PlateCamera) -> torch.Tensor:

@@ -7,14 +7,39 @@ from typing import Any
 
 import numpy as np
 
-from relight.lights.light import Light, checked_number, checked_numbers
+from relight.lights.light import DistantLight
+from relight.lights.parameters import Number, Vector, checked_number
 from shadow.directions import from_spherical, to_spherical
 
 SOFT_SAMPLE_COUNT = 32  # directions over the disc of a soft light
 
 
+class Direction(Vector):
+    """A unit vector, given by one of any length but zero."""
+
+    def checked(self, value: Any) -> tuple[float, ...]:
+        vector = super().checked(value)
+        largest = max(map(abs, vector))
+        if largest < 1e-6:
+            raise ValueError(f"{self.name}: has zero length")
+        vector = tuple(component / largest for component in vector)  # its square may be beyond any float
+        length = math.hypot(*vector)
+        return tuple(component / length for component in vector)
+
+
+class Angle(Number):
+    """Azimuth (0) or elevation (1), which a light computes from its direction."""
+
+    def __init__(self, index: int, low: float = -math.inf, high: float = math.inf) -> None:
+        super().__init__(None, low, high)
+        self.index = index
+
+    def __get__(self, light: Any, kind: type) -> Any:
+        return self.default if light is None else float(to_spherical(light.direction)[self.index])
+
+
 @dataclass(frozen=True, init=False)
-class DirectionalLight(Light):
+class DirectionalLight(DistantLight):
     """A light so far away that its rays are parallel, like UsdLux's DistantLight.
 
     Parameters
@@ -56,8 +81,12 @@ class DirectionalLight(Light):
     (-40, 30)
     """
 
-    direction: tuple[float, float, float]
-    angle: float
+    direction: Direction = Direction(None)
+    azimuth = Angle(0)
+    """Degrees in [-180, 180], from the camera toward image right."""
+    elevation = Angle(1, -90, 90)
+    """Degrees in [-90, 90], up from the horizon."""
+    angle: Number = Number(0.0, 0, 180)
 
     def __init__(
         self,
@@ -79,15 +108,9 @@ class DirectionalLight(Light):
             direction = from_spherical(azimuth, elevation)
         elif azimuth is not None or elevation is not None:
             raise ValueError("direction: give either a direction or an azimuth and elevation, not both")
-        vector = checked_numbers("direction", direction, 3)
-        largest = max(map(abs, vector))
-        if largest < 1e-6:
-            raise ValueError("direction: has zero length")
-        vector = tuple(component / largest for component in vector)  # its square may be beyond any float
-        length = math.hypot(*vector)
-        self._set(
-            direction=tuple(component / length for component in vector),
-            angle=checked_number("angle", angle, 0, 180),
+        object.__setattr__(self, "direction", direction)  # as frozen dataclasses initialise themselves
+        object.__setattr__(self, "angle", angle)
+        super().__init__(
             intensity=intensity,
             colour=colour,
             exposure=exposure,
@@ -95,16 +118,6 @@ class DirectionalLight(Light):
             locus=locus,
             name=name,
         )
-
-    @property
-    def azimuth(self) -> float:
-        """Degrees in [-180, 180], from the camera toward image right."""
-        return float(to_spherical(self.direction)[0])
-
-    @property
-    def elevation(self) -> float:
-        """Degrees in [-90, 90], up from the horizon."""
-        return float(to_spherical(self.direction)[1])
 
     def settings(self) -> dict[str, Any]:
         """Return {parameter: value} of the constructor, without those that have their defaults.
@@ -115,17 +128,18 @@ class DirectionalLight(Light):
         del settings["direction"]
         return settings | {"azimuth": round(self.azimuth, 4), "elevation": round(self.elevation, 4)}
 
-    def samples(self) -> tuple[np.ndarray, np.ndarray]:
-        """Return the light as unit directions (K, 3) and linear RGB intensities (K, 3), float32.
+    def unit_samples(self) -> tuple[np.ndarray, np.ndarray]:
+        """Return unit directions (K, 3), float32, and linear RGB intensities (K, 3) for a power of 1.
 
         K is 1 for a hard light and 32 for a soft one. An unblocked surface that faces a soft light gets the
         same irradiance as from the hard light, as with UsdLux's `normalize`.
         """
         axis = np.array(self.direction)
         directions = axis[None] if self.angle == 0 else _cap(axis, self.angle / 2)
-        intensities = np.broadcast_to(self.power / (directions @ axis).sum(), directions.shape)
-        with np.errstate(over="ignore"):  # infinite values are refused where the light is used
-            return directions.astype(np.float32), intensities.astype(np.float32)
+        return directions.astype(np.float32), np.full(directions.shape, 1 / (directions @ axis).sum())
+
+    def sample_radii(self, count: int) -> np.ndarray:
+        return np.full(count, math.radians(self.angle / 2) / math.sqrt(count))
 
 
 def _cap(axis: np.ndarray, radius: float) -> np.ndarray:

@@ -9,8 +9,7 @@ import functools
 import heapq
 import itertools
 import os
-from collections.abc import Iterable
-from dataclasses import dataclass
+from dataclasses import KW_ONLY, dataclass
 from pathlib import Path
 from typing import Any, Self
 
@@ -20,7 +19,8 @@ import torch.nn.functional as F
 from numpy.typing import ArrayLike
 
 from relight.lights import plate
-from relight.lights.light import Light, checked_number, parse_settings
+from relight.lights.light import DistantLight, parse_settings
+from relight.lights.parameters import Number, Parameter, checked_number
 from relight.media import cubemap, images
 from relight.media.content_hash import content_hash
 from relight.media.regular_file import check_regular_file
@@ -39,8 +39,8 @@ Region = tuple[int, int, int, int]  # top, bottom, left, right of cells
 MAX_NEGATIVE_SHARE = 0.01  # of the mean, below zero, which filters and conversions may leave
 
 
-@dataclass(frozen=True, init=False)
-class EnvironmentLight(Light):
+@dataclass(frozen=True)
+class EnvironmentLight(DistantLight):
     """Light from all directions, like UsdLux's DomeLight.
 
     Values are radiance and never clipped. Single channels may be negative, for colours outside Rec.709.
@@ -76,34 +76,15 @@ class EnvironmentLight(Light):
     [4.0, 4.0, 4.0]
     """
 
-    image: "Panorama"
-    rotation: float
-    colour_space: str | None
+    image: Parameter["AnyPath | ArrayLike | Panorama", "Panorama"] = Parameter()
+    _: KW_ONLY
+    rotation: Number = Number(0.0)
+    colour_space: Parameter[str | None, str | None] = Parameter(None)
 
-    def __init__(
-        self,
-        image: "AnyPath | ArrayLike | Panorama",
-        *,
-        rotation: float = 0.0,
-        intensity: float = 1.0,
-        colour: Iterable[float] = (1.0, 1.0, 1.0),
-        exposure: float = 0.0,
-        temperature: float | None = None,
-        locus: str = "planckian",
-        name: str | None = None,
-        colour_space: str | None = None,
-    ) -> None:
-        self._set(
-            image=image if isinstance(image, Panorama) else Panorama.of(image, colour_space),
-            rotation=checked_number("rotation", rotation),
-            colour_space=colour_space,
-            intensity=intensity,
-            colour=colour,
-            exposure=exposure,
-            temperature=temperature,
-            locus=locus,
-            name=name,
-        )
+    def __post_init__(self) -> None:
+        super().__post_init__()
+        if not isinstance(self.image, Panorama):
+            object.__setattr__(self, "image", Panorama.of(self.image, self.colour_space))
 
     @classmethod
     def parse(cls, text: str) -> Self:
@@ -167,10 +148,10 @@ class EnvironmentLight(Light):
             raise ValueError(
                 "image: the environment is an array; write it to a file and make the light of that"
             )
-        return {"image": str(self.image.path)} | super().settings()
+        return super().settings() | {"image": str(self.image.path)}
 
-    def samples(self) -> tuple[np.ndarray, np.ndarray]:
-        """Return the light as unit directions (K, 3) and linear RGB intensities (K, 3), float32.
+    def unit_samples(self) -> tuple[np.ndarray, np.ndarray]:
+        """Return unit directions (K, 3), float32, and linear RGB intensities (K, 3) for a power of 1.
 
         K is at most 256, over the whole sphere, densest where the light is strong. The intensity of a
         direction is the radiance integrated over its region, divided by π: that of a directional light of the
@@ -179,7 +160,10 @@ class EnvironmentLight(Light):
         directions, intensities = self.image.lamps
         turn = self.rotation % 360
         axes = from_spherical([turn + 90, 0, turn], [0, 90, 0])  # where x, y and z of the map point
-        return directions @ axes, (intensities * self.power).astype(np.float32)
+        return directions @ axes, intensities
+
+    def sample_radii(self, count: int) -> np.ndarray:
+        return self.image.lamp_radii
 
     def view(self, size: tuple[int, ...], field_of_view: float = FIELD_OF_VIEW) -> np.ndarray:
         """Render the map as a level camera sees it behind the person.

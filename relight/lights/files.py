@@ -41,9 +41,10 @@ import yaml
 
 from relight.lights.directional import DirectionalLight
 from relight.lights.environment import EnvironmentLight
-from relight.lights.light import MAX_NAME_BYTES, REQUIRED, Light, parameters
+from relight.lights.light import Light
 from relight.lights.moving import MovingLight, kind_of
 from relight.lights.near import PointLight, RectLight
+from relight.lights.parameters import MAX_NAME_BYTES, REQUIRED, parameters
 from relight.media.regular_file import check_regular_file
 from shadow.files import AnyPath, replacing
 
@@ -169,8 +170,8 @@ def _light(path: AnyPath, number: int, entry: Any) -> Light | MovingLight:
     for key in arguments:
         if key not in known and key != "orbit":
             raise ValueError(f"{where}: {_shown(key)}: not known; expected {', '.join(known)}, orbit")
-    for key, default in known.items():
-        if default is REQUIRED and key not in arguments:
+    for key, parameter in known.items():
+        if parameter.default is REQUIRED and key not in arguments:
             raise ValueError(f"{where}: {key}: is missing")
     if "image" in arguments:
         if not isinstance(arguments["image"], str):

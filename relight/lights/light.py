@@ -1,65 +1,57 @@
-"""The base class of lights: strength and colour, samples, parsing from text."""
+"""The base classes of lights: strength and colour, rays, parsing from text."""
 
-import inspect
-import math
-import reprlib
-import unicodedata
-from collections.abc import Iterable
+from collections.abc import Iterable, Iterator
 from dataclasses import dataclass
-from typing import Any, Self
+from typing import Any, ClassVar, NamedTuple, Self
 
 import numpy as np
+import torch
 
+from relight.lights.parameters import (
+    REQUIRED,
+    Colour,
+    Kelvin,
+    Locus,
+    Name,
+    Number,
+    checked_number,
+    parameters,
+)
 from relight.media import colour as colours
 
-VECTOR_PARAMETERS = ("direction", "colour", "position", "toward")
-TEXT_PARAMETERS = ("colour_space", "locus", "name")
-MAX_NAME_BYTES = 240  # with "visibility_" before and ".R" behind, within the 255 of OpenEXR
-REQUIRED = inspect.Parameter.empty
+
+class Rays(NamedTuple):
+    """Rays from surface points (3, ...) to a part of a light of power 1."""
+
+    directions: torch.Tensor  # unit vectors to it: (3, ...), or (K, 3) that are the same for all points
+    irradiance: torch.Tensor  # from there, of a surface that faces it: (...), or (K, 3) linear Rec.709
 
 
-@dataclass(frozen=True, init=False)
+class Parts(NamedTuple):
+    """K points that each stand for a part of a light, where shadows are cast from one point at a time."""
+
+    places: np.ndarray  # (K, 4) homogeneous: metres from the subject's middle and 1, or a direction and 0
+    powers: np.ndarray  # (K, 3) linear Rec.709
+    radii: np.ndarray  # (K,) of the parts: metres, or radians
+
+
+@dataclass(frozen=True, kw_only=True)
 class Light:
     """What all lights have in common; see `relight.DirectionalLight` for the parameters."""
 
-    intensity: float
-    colour: tuple[float, float, float]
-    exposure: float
-    temperature: float | None
-    locus: str
-    name: str | None
+    intensity: Number = Number(1.0, low=0)
+    colour: Colour = Colour((1.0, 1.0, 1.0))
+    exposure: Number = Number(0.0, -64, 64)
+    temperature: Kelvin = Kelvin(None)
+    locus: Locus = Locus("planckian")
+    name: Name = Name(None)
 
-    def _set(
-        self,
-        *,
-        intensity: float,
-        colour: Iterable[float],
-        exposure: float,
-        temperature: float | None,
-        locus: str,
-        name: str | None,
-        **own: Any,
-    ) -> None:
-        """Check and set the common fields and the light's `own` ones, as frozen dataclasses do."""
-        rgb = checked_numbers("colour", colour, 3)
-        if min(rgb) < 0:
-            raise ValueError(f"colour: expected values >= 0, got {rgb}")
-        if not isinstance(locus, str) or locus not in colours.LOCI:
-            raise ValueError(f"locus: expected {' or '.join(colours.LOCI)}, got {reprlib.repr(locus)}")
-        if temperature is not None:
-            temperature = checked_number("temperature", temperature, *colours.LOCI[locus])
-        if name is not None:
-            check_name(name)
-        values = {
-            "intensity": checked_number("intensity", intensity, 0),
-            "colour": rgb,
-            "exposure": checked_number("exposure", exposure, -64, 64),
-            "temperature": temperature,
-            "locus": locus,
-            "name": name,
-        }
-        for field, value in (values | own).items():
-            object.__setattr__(self, field, value)
+    is_near: ClassVar[bool] = False  # whether its rays differ from point to point
+
+    def __post_init__(self) -> None:
+        """Check what depends on several parameters."""
+        if self.temperature is not None:
+            checked_number("temperature", self.temperature, *colours.LOCI[self.locus])
 
     @property
     def power(self) -> np.ndarray:
@@ -69,13 +61,42 @@ class Light:
             tint = colours.temperature(self.temperature, self.locus)
         return np.array(self.colour) * tint * self.intensity * 2.0**self.exposure
 
+    def rays(self, positions: torch.Tensor) -> Iterator[Rays]:
+        """Yield the rays from surface points (3, ...), metres, to one part of the light after the other."""
+        raise NotImplementedError
+
+    def parts(self) -> Parts:
+        """Return the light as points."""
+        raise NotImplementedError
+
+    @property
+    def points(self) -> np.ndarray:
+        """(K, 3) metres: points that shine near the person, or the centre of a sphere."""
+        return np.empty((0, 3))
+
+    @property
+    def extent(self) -> float:
+        """Metres around each of `points` that the light fills."""
+        return 0.0
+
+    @property
+    def flat_axis(self) -> np.ndarray | None:
+        """The unit vector (3,) along which a flat light shines most; None for other lights."""
+        return None
+
+    @property
+    def cone_axis(self) -> np.ndarray | None:
+        """The unit vector (3,) along which a light with a cone shines; None without a cone."""
+        return None
+
+    def cone_transmission(self, cosines: torch.Tensor) -> torch.Tensor:
+        """Return the share (...) of the light, in [0, 1], that leaves at an angle from `cone_axis`."""
+        return torch.ones_like(cosines)
+
     def settings(self) -> dict[str, Any]:
         """Return {parameter: value} of the constructor, without those that have their defaults."""
-        optional = {
-            key: default for key, default in parameters(type(self)).items() if default is not REQUIRED
-        }
-        given = {key: getattr(self, key) for key in optional}
-        return {key: value for key, value in given.items() if value != optional[key]}
+        values = {key: getattr(self, key) for key in parameters(type(self))}
+        return {key: value for key, value in values.items() if value != parameters(type(self))[key].default}
 
     @classmethod
     def parse(cls, text: str) -> Self:
@@ -102,48 +123,40 @@ class Light:
                 raise ValueError(f"{name!r} is no name; settings are separated by commas")
             if colon and "name" in arguments:
                 raise ValueError(f"name={arguments['name']!r} is twice")
-            for key, default in parameters(cls).items():
-                if default is REQUIRED and key not in arguments:
+            for key, parameter in parameters(cls).items():
+                if parameter.default is REQUIRED and key not in arguments:
                     raise ValueError(f"{key} is missing")
             return cls(**arguments | ({"name": name} if colon else {}))
         except (TypeError, ValueError) as error:
             raise ValueError(f"light {text!r}: {error}") from error
 
-    def samples(self) -> tuple[np.ndarray, np.ndarray]:
-        """Return the light as unit directions (K, 3) and linear RGB intensities (K, 3), float32."""
+
+class DistantLight(Light):
+    """A light whose rays are the same for all surface points."""
+
+    def unit_samples(self) -> tuple[np.ndarray, np.ndarray]:
+        """Return unit directions (K, 3), float32, and linear RGB intensities (K, 3) for a power of 1."""
         raise NotImplementedError
 
+    def samples(self) -> tuple[np.ndarray, np.ndarray]:
+        """Return the light as unit directions (K, 3) and linear RGB intensities (K, 3), float32."""
+        directions, intensities = self.unit_samples()
+        with np.errstate(over="ignore"):  # infinite values are refused where the light is used
+            return directions, (intensities * self.power).astype(np.float32)
 
-def check_name(name: Any) -> None:
-    """Raise TypeError or ValueError unless `name` can name a light, and layers of an OpenEXR file."""
-    if not isinstance(name, str) or not name:
-        raise TypeError(f"name: expected a non-empty string, got {reprlib.repr(name)}")
-    if any(unicodedata.category(character) in ("Cc", "Cs") for character in name):
-        raise ValueError(f"name: expected no control characters, got {reprlib.repr(name)}")
-    if len(name.encode()) > MAX_NAME_BYTES:
-        raise ValueError(f"name: expected at most {MAX_NAME_BYTES} bytes of UTF-8, got {len(name.encode())}")
+    def rays(self, positions: torch.Tensor) -> Iterator[Rays]:
+        """Yield all rays at once, the same for all `positions`."""
+        directions, intensities = self.unit_samples()
+        yield Rays(torch.from_numpy(directions), torch.from_numpy(intensities))
 
+    def sample_radii(self, count: int) -> np.ndarray:
+        """Return the angular radius (K,), radians, of what each of `count` samples stands for."""
+        raise NotImplementedError
 
-def checked_numbers(name: str, value: Any, count: int) -> tuple[float, ...]:
-    """Return `value` as a tuple of `count` finite floats; TypeError or ValueError otherwise."""
-    expected, got = ("numbers", value) if count > 1 else ("number", value[0])
-    try:
-        if isinstance(value, str) or any(isinstance(number, str | bool) for number in value):
-            raise TypeError("text and truth are no numbers")
-        numbers = tuple(float(number) for number in value)
-    except (OverflowError, TypeError, ValueError) as error:
-        raise TypeError(f"{name}: expected {count} {expected}, got {reprlib.repr(got)}") from error
-    if len(numbers) != count or not all(map(math.isfinite, numbers)):
-        raise ValueError(f"{name}: expected {count} finite {expected}, got {reprlib.repr(got)}")
-    return numbers
-
-
-def checked_number(name: str, value: Any, low: float = -math.inf, high: float = math.inf) -> float:
-    """Return `value` as one finite float in [low, high]; TypeError or ValueError otherwise."""
-    (number,) = checked_numbers(name, (value,), 1)
-    if not low <= number <= high:
-        raise ValueError(f"{name}: expected {low:g} to {high:g}, got {number:g}")
-    return number
+    def parts(self) -> Parts:
+        directions, powers = self.samples()
+        places = np.concatenate([directions, np.zeros((len(directions), 1), np.float32)], axis=1)
+        return Parts(places, powers, self.sample_radii(len(directions)))
 
 
 def parse_settings(light: type[Light], settings: Iterable[str]) -> dict[str, Any]:
@@ -157,19 +170,5 @@ def parse_settings(light: type[Light], settings: Iterable[str]) -> dict[str, Any
             raise ValueError(
                 f"{setting!r} is {problem}; expected parameter=value,... with {', '.join(known)}"
             )
-        if key in TEXT_PARAMETERS:
-            arguments[key] = value
-            continue
-        try:
-            numbers = tuple(map(float, value.split("/")))
-        except ValueError as error:
-            raise ValueError(f"{key} expects a number, got {value!r}") from error
-        if key not in VECTOR_PARAMETERS and len(numbers) > 1:
-            raise ValueError(f"{key} expects one number, got {value!r}")
-        arguments[key] = numbers if key in VECTOR_PARAMETERS else numbers[0]
+        arguments[key] = known[key].read(value)
     return arguments
-
-
-def parameters(light: type[Light]) -> dict[str, Any]:
-    """Return the parameters of a class of lights, in order: {parameter: its default, or REQUIRED}."""
-    return {key: parameter.default for key, parameter in inspect.signature(light).parameters.items()}

@@ -12,8 +12,9 @@ from typing import Any
 import numpy as np
 
 from relight.lights.directional import DirectionalLight
-from relight.lights.light import Light, parameters
+from relight.lights.light import Light
 from relight.lights.near import PointLight, RectLight
+from relight.lights.parameters import parameters
 
 Keyframes = dict[float, float | tuple[float, ...]]  # {frame: value}, in the order of frames
 ORBIT_ANGLES = ("azimuth", "rotation")  # parameters to which an orbit adds its angle

@@ -6,15 +6,16 @@ faces them from one metre, and it falls off with the square of the distance.
 """
 
 import math
-from collections.abc import Iterable, Iterator
-from dataclasses import dataclass
-from typing import Any
+from collections.abc import Iterator
+from dataclasses import KW_ONLY, dataclass
+from typing import Any, ClassVar
 
 import numpy as np
 import torch
 import torch.nn.functional as F
 
-from relight.lights.light import Light, checked_number, checked_numbers
+from relight.lights.light import Light, Parts, Rays
+from relight.lights.parameters import Number, OptionalVector, Vector
 from relight.lights.spherical_rectangle import SphericalRectangle
 
 SAMPLE_COUNT = 16  # over a light that has a size
@@ -23,39 +24,42 @@ MIN_METRES = 1e-4  # of a side, and of the distance to a light
 FULL_CONE, HALF_CONE = 180.0, 90.0  # degrees from the axis to which a lamp, and a rectangle, shines
 MIN_CONE = 1e-4  # degrees
 GOLDEN = (math.sqrt(5) - 1) / 2
-
-# Unit directions (3, ...) to the light, and the irradiance (...) from there, at intensity 1, of a
-# surface that faces it.
-Rays = tuple[torch.Tensor, torch.Tensor]
+DISC_SAMPLES = 32  # over a sphere that shines, for the shadows that it casts
 
 
-@dataclass(frozen=True, init=False)
+@dataclass(frozen=True)
 class NearLight(Light):
     """What near lights have in common."""
 
-    position: tuple[float, float, float]
-    cone: float
-    softness: float
+    position: Vector = Vector(largest=MAX_METRES, unit="metres")
+    _: KW_ONLY
+    cone: Number = Number(FULL_CONE, MIN_CONE, FULL_CONE)
+    softness: Number = Number(0.0, 0, 1)
 
-    def settings(self) -> dict[str, Any]:
-        """Return {parameter: value} of the constructor, without those that have their defaults."""
-        return {"position": self.position} | super().settings()
+    is_near: ClassVar[bool] = True
 
-    def samples(self) -> tuple[np.ndarray, np.ndarray]:
-        """Raise TypeError: the directions to a near light differ from pixel to pixel."""
-        raise TypeError(
-            f"lights: {self.name or 'a light'} is a near light, which has no single direction; see `rays`"
-        )
-
-    @property
-    def extent(self) -> float:
-        """Metres around each of `points` that the light fills."""
-        return 0.0
+    def _check_faces(self, toward: tuple[float, ...]) -> None:
+        if math.dist(self.position, toward) < MIN_METRES:
+            raise ValueError("toward: is where the light stands; expected a point that it faces")
 
     @property
     def points(self) -> np.ndarray:
         """(K, 3) metres: points that shine, or the centre of a sphere."""
         return np.array([self.position])
+
+    def parts(self) -> Parts:
+        """Return the light as points: for a sphere those of its disc as the person sees it."""
+        points, radius = self.points, self.extent
+        if radius:
+            points = _disc(points[0], radius)
+        return self._parts(points, radius)
+
+    def _parts(self, points: np.ndarray, radius: float) -> Parts:
+        """Return even parts of a light that is as wide as a disc."""
+        count = len(points)
+        places = np.concatenate([np.float32(points), np.ones((count, 1), np.float32)], axis=1)
+        powers = np.broadcast_to(np.float32(self.power / count), (count, 3))
+        return Parts(places, powers, np.full(count, radius / math.sqrt(count)))
 
     @property
     def axis(self) -> np.ndarray:
@@ -65,11 +69,12 @@ class NearLight(Light):
     @property
     def has_cone(self) -> bool:
         """Whether a cone blocks some of its light."""
-        return False
-
-    def rays(self, positions: torch.Tensor) -> Iterator[Rays]:
-        """Yield the rays from surface points (3, ...), metres, to one sample of the light after the other."""
         raise NotImplementedError
+
+    @property
+    def cone_axis(self) -> np.ndarray | None:
+        """The axis (3,) of its cone; None without one."""
+        return self.axis if self.has_cone else None
 
     def cone_transmission(self, cosines: torch.Tensor) -> torch.Tensor:
         """Return the share of the light that leaves the cone at an angle from its axis, in [0, 1].
@@ -84,7 +89,7 @@ class NearLight(Light):
         return step * step * (3 - 2 * step)
 
 
-@dataclass(frozen=True, init=False)
+@dataclass(frozen=True)
 class PointLight(NearLight):
     """A lamp near the person: a point or a sphere, like UsdLux's SphereLight; a spotlight if it has a cone.
 
@@ -118,40 +123,16 @@ class PointLight(NearLight):
     (-0.6, 0.4, 0.8)
     """
 
-    radius: float
-    toward: tuple[float, float, float] | None
+    _: KW_ONLY
+    radius: Number = Number(0.0, 0, MAX_METRES)
+    toward: OptionalVector = OptionalVector(None, MAX_METRES, "metres")
 
-    def __init__(
-        self,
-        position: Iterable[float],
-        *,
-        radius: float = 0.0,
-        toward: Iterable[float] | None = None,
-        cone: float = FULL_CONE,
-        softness: float = 0.0,
-        intensity: float = 1.0,
-        colour: Iterable[float] = (1.0, 1.0, 1.0),
-        exposure: float = 0.0,
-        temperature: float | None = None,
-        locus: str = "planckian",
-        name: str | None = None,
-    ) -> None:
-        place = _position("position", position)
-        if toward is None and cone != FULL_CONE:
+    def __post_init__(self) -> None:
+        super().__post_init__()
+        if self.toward is not None:
+            self._check_faces(self.toward)
+        elif self.has_cone:
             raise ValueError("toward: is missing; expected a point that the cone faces")
-        self._set(
-            position=place,
-            radius=checked_number("radius", radius, 0, MAX_METRES),
-            toward=None if toward is None else _target(place, toward),
-            cone=checked_number("cone", cone, MIN_CONE, FULL_CONE),
-            softness=checked_number("softness", softness, 0, 1),
-            intensity=intensity,
-            colour=colour,
-            exposure=exposure,
-            temperature=temperature,
-            locus=locus,
-            name=name,
-        )
 
     @property
     def extent(self) -> float:
@@ -160,9 +141,8 @@ class PointLight(NearLight):
     @property
     def axis(self) -> np.ndarray:
         """The unit vector (3,) along which a spotlight shines."""
-        if self.toward is None:
-            return np.array([0.0, 0.0, -1.0])
-        return _unit(np.subtract(self.toward, self.position))
+        toward = (0.0, 0.0, -1.0) if self.toward is None else np.subtract(self.toward, self.position)
+        return _unit(np.asarray(toward))
 
     @property
     def has_cone(self) -> bool:
@@ -173,7 +153,7 @@ class PointLight(NearLight):
         for directions, irradiance in self._rays(positions):
             if self.has_cone:
                 irradiance = irradiance * self.cone_transmission(-_dot(self.axis, directions))
-            yield directions, irradiance
+            yield Rays(directions, irradiance)
 
     def _rays(self, positions: torch.Tensor) -> Iterator[Rays]:
         """Yield one ray to a point, or SAMPLE_COUNT rays to a sphere.
@@ -183,7 +163,7 @@ class PointLight(NearLight):
         """
         axis, squared = _toward(self.position, positions)
         if self.radius == 0:
-            yield axis, 1 / squared
+            yield Rays(axis, 1 / squared)
             return
         aside = F.normalize(torch.cross(axis, _aside(self.position, axis), dim=0), dim=0)
         other = torch.cross(axis, aside, dim=0)
@@ -193,10 +173,10 @@ class PointLight(NearLight):
         for number, step in enumerate(steps):
             along, angle = 1 - depth * step, 2 * math.pi * GOLDEN * number
             around = aside * math.cos(angle) + other * math.sin(angle)
-            yield axis * along + around * (1 - along**2).clamp_min(0).sqrt(), irradiance
+            yield Rays(axis * along + around * (1 - along**2).clamp_min(0).sqrt(), irradiance)
 
 
-@dataclass(frozen=True, init=False)
+@dataclass(frozen=True)
 class RectLight(NearLight):
     """A softbox or window near the person, like UsdLux's RectLight: one side is uniformly bright.
 
@@ -229,45 +209,15 @@ class RectLight(NearLight):
     [0.59, -0.2, -0.78]
     """
 
-    toward: tuple[float, float, float]
-    width: float
-    height: float
+    toward: Vector = Vector(largest=MAX_METRES, unit="metres")
+    width: Number = Number(low=MIN_METRES, high=MAX_METRES)
+    height: Number = Number(low=MIN_METRES, high=MAX_METRES)
+    _: KW_ONLY
+    cone: Number = Number(HALF_CONE, MIN_CONE, HALF_CONE)
 
-    def __init__(
-        self,
-        position: Iterable[float],
-        toward: Iterable[float],
-        width: float,
-        height: float,
-        *,
-        cone: float = HALF_CONE,
-        softness: float = 0.0,
-        intensity: float = 1.0,
-        colour: Iterable[float] = (1.0, 1.0, 1.0),
-        exposure: float = 0.0,
-        temperature: float | None = None,
-        locus: str = "planckian",
-        name: str | None = None,
-    ) -> None:
-        place = _position("position", position)
-        self._set(
-            position=place,
-            toward=_target(place, toward),
-            cone=checked_number("cone", cone, MIN_CONE, HALF_CONE),
-            softness=checked_number("softness", softness, 0, 1),
-            width=checked_number("width", width, MIN_METRES, MAX_METRES),
-            height=checked_number("height", height, MIN_METRES, MAX_METRES),
-            intensity=intensity,
-            colour=colour,
-            exposure=exposure,
-            temperature=temperature,
-            locus=locus,
-            name=name,
-        )
-
-    def settings(self) -> dict[str, Any]:
-        shape = {"toward": self.toward, "width": self.width, "height": self.height}
-        return {"position": self.position} | shape | super().settings()
+    def __post_init__(self) -> None:
+        super().__post_init__()
+        self._check_faces(self.toward)
 
     @property
     def axis(self) -> np.ndarray:
@@ -293,6 +243,13 @@ class RectLight(NearLight):
         u, v = _lattice().T - 0.5
         return np.array(self.position) + self.width * u[:, None] * right + self.height * v[:, None] * up
 
+    @property
+    def flat_axis(self) -> np.ndarray | None:
+        return self.axis
+
+    def parts(self) -> Parts:
+        return self._parts(self.points, math.sqrt(self.width * self.height / math.pi))
+
     def rays(self, positions: torch.Tensor) -> Iterator[Rays]:
         """Yield SAMPLE_COUNT rays of equal solid angle, seen from a surface point.
 
@@ -310,9 +267,9 @@ class RectLight(NearLight):
             directions = F.normalize(directions, dim=0).to(positions)
             if self.has_cone:
                 transmission = self.cone_transmission(-_dot(self.axis, directions))
-                yield directions, irradiance * transmission
+                yield Rays(directions, irradiance * transmission)
             else:
-                yield directions, irradiance
+                yield Rays(directions, irradiance)
 
 
 def _lattice() -> np.ndarray:
@@ -321,20 +278,15 @@ def _lattice() -> np.ndarray:
     return np.stack([(number + 0.5) / SAMPLE_COUNT, (number + 0.5) * GOLDEN % 1], axis=1)
 
 
-def _position(name: str, value: Iterable[float]) -> tuple[float, ...]:
-    """Return three finite numbers, metres."""
-    numbers = checked_numbers(name, value, 3)
-    if max(map(abs, numbers)) > MAX_METRES:
-        raise ValueError(f"{name}: expected at most {MAX_METRES:g} metres, got {numbers}")
-    return numbers
-
-
-def _target(place: tuple[float, ...], value: Iterable[float]) -> tuple[float, ...]:
-    """Return the point, metres, that a light at `place` faces."""
-    target = _position("toward", value)
-    if math.dist(place, target) < MIN_METRES:
-        raise ValueError("toward: is where the light stands; expected a point that it faces")
-    return target
+def _disc(centre: np.ndarray, radius: float) -> np.ndarray:
+    """Return points (DISC_SAMPLES, 3) over a disc that faces the origin: an even golden-angle spiral."""
+    along = centre / np.linalg.norm(centre)
+    aside = np.cross(along, np.eye(3)[np.abs(along).argmin()])
+    aside /= np.linalg.norm(aside)
+    step = np.arange(DISC_SAMPLES)
+    out, angle = radius * np.sqrt((step + 0.5) / DISC_SAMPLES), math.pi * (3 - math.sqrt(5)) * step
+    across = np.stack([out * np.cos(angle), out * np.sin(angle)], axis=1)
+    return centre + across @ np.stack([aside, np.cross(along, aside)])
 
 
 def _unit(vector: np.ndarray) -> np.ndarray:

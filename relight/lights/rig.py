@@ -17,13 +17,13 @@ def as_rig(lights: Any, expected: str = "lights") -> list[Any]:
     """
     if isinstance(lights, str):
         return presets.named(lights)
-    alone = hasattr(lights, "samples") or hasattr(lights, "at")  # a light, of whatever class
+    alone = hasattr(lights, "rays") or hasattr(lights, "at")  # a light, of whatever class
     try:
         several: list[Any] = [lights] if alone else list(lights)
     except TypeError as error:
         raise TypeError(f"lights: expected {expected}, got {type(lights).__name__}") from error
     for light in several:
-        if not hasattr(light, "samples") and not hasattr(light, "at"):
+        if not hasattr(light, "rays") and not hasattr(light, "at"):
             raise TypeError(f"lights: expected lights, e.g. DirectionalLight, got {type(light).__name__}")
     return several
 

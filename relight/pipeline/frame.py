@@ -19,7 +19,7 @@ from scipy.ndimage import distance_transform_edt
 from relight.analysis.depth import MAX_DEPTH, MIN_COVERAGE
 from relight.compositing.placement import place
 from relight.lights.environment import FIELD_OF_VIEW
-from relight.lights.light import checked_number
+from relight.lights.parameters import checked_number
 from relight.matting import chroma_key, refine
 from relight.matting.networks import AUTO
 from relight.matting.sequence import MattingOptions, SequenceMatting

@@ -1,5 +1,6 @@
 """Lights of a USD stage as ours: UsdLux, brought into the camera's frame."""
 
+import dataclasses
 import math
 from collections.abc import Iterable
 from pathlib import Path
@@ -183,8 +184,7 @@ def renamed(light: Light | MovingLight, name: str) -> Light | MovingLight:
     """Return the same light under another name."""
     if isinstance(light, MovingLight):
         return MovingLight(light.kind, orbit=light.orbit, **light.rests | light.moves | {"name": name})
-    settings = {field: getattr(light, field) for field in light.__dataclass_fields__}
-    return type(light)(**settings | {"name": name})
+    return dataclasses.replace(light, name=name)
 
 
 def _changes_image(found: list[Found]) -> bool:

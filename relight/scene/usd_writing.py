@@ -3,7 +3,7 @@
 import math
 import shutil
 import warnings
-from collections.abc import Iterable
+from collections.abc import Callable, Iterable
 from pathlib import Path
 from typing import Any, NamedTuple
 
@@ -97,19 +97,20 @@ def _has_usd_temperature(light: Light) -> bool:
     return kelvin is not None and light.locus == "planckian" and kelvin <= HOTTEST
 
 
+def _kind(light: Light) -> "Kind":
+    """Return the schema of a light and its writer."""
+    for kind, found in KINDS.items():
+        if isinstance(light, kind):
+            return found
+    raise TypeError(f"lights: expected lights, e.g. DirectionalLight, got {type(light).__name__}")
+
+
 def _define(stage: Any, path: str, light: Light) -> Any:
+    """Define the prim of a light."""
     from pxr import UsdLux
 
-    kinds = {
-        DirectionalLight: UsdLux.DistantLight,
-        PointLight: UsdLux.SphereLight,
-        RectLight: UsdLux.RectLight,
-        EnvironmentLight: UsdLux.DomeLight,
-    }
-    for kind, schema in kinds.items():
-        if isinstance(light, kind):
-            return schema.Define(stage, path).GetPrim()
-    raise TypeError(f"lights: expected lights, e.g. DirectionalLight, got {type(light).__name__}")
+    schema, _ = _kind(light)
+    return getattr(UsdLux, schema).Define(stage, path).GetPrim()
 
 
 def _write(prim: Any, light: Light, time: Any, place: Place, kelvins: bool) -> None:
@@ -126,35 +127,65 @@ def _write(prim: Any, light: Light, time: Any, place: Place, kelvins: bool) -> N
     if kelvins:
         api.CreateEnableColorTemperatureAttr(True)
         api.CreateColorTemperatureAttr().Set(light.temperature, time)
-    scale = 1.0
-    if isinstance(light, DirectionalLight):
-        UsdLux.DistantLight(prim).CreateAngleAttr().Set(light.angle, time)
-        scale, matrix = units.DISTANT, _frame(np.array(light.direction), np.zeros(3))
-    elif isinstance(light, PointLight):
-        sphere = UsdLux.SphereLight(prim)
-        sphere.CreateRadiusAttr().Set(light.radius, time)
-        scale, matrix = units.SPHERE, _frame(-light.axis, np.array(light.position))
-    elif isinstance(light, RectLight):
-        rect = UsdLux.RectLight(prim)
-        rect.CreateWidthAttr().Set(light.width, time)
-        rect.CreateHeightAttr().Set(light.height, time)
-        scale, matrix = units.RECT, _frame(-light.axis, np.array(light.position))
-    else:
-        assert isinstance(light, EnvironmentLight)
-        turn = math.radians(light.rotation)
-        matrix = _frame(np.array([math.sin(turn), 0.0, math.cos(turn)]), np.zeros(3))
-        _texture(prim, light, place)
-    if isinstance(light, NearLight) and light.has_cone:
-        shaping = UsdLux.ShapingAPI.Apply(prim)
-        shaping.CreateShapingConeAngleAttr().Set(light.cone, time)
-        shaping.CreateShapingConeSoftnessAttr().Set(light.softness, time)
-    if not isinstance(light, EnvironmentLight):
-        api.CreateNormalizeAttr(True)
+    _, write = _kind(light)
+    scale, matrix = write(prim, light, time, place)
     api.CreateIntensityAttr().Set(light.intensity * scale, time)
     xform = UsdGeom.Xformable(prim)
     operations = xform.GetOrderedXformOps()
     operation = operations[0] if operations else xform.AddTransformOp()
     operation.Set(Gf.Matrix4d(*matrix.T.ravel().tolist()), time)
+
+
+def _write_distant(prim: Any, light: DirectionalLight, time: Any, place: Place) -> tuple[float, np.ndarray]:
+    """Set what only a distant light has; return the scale of its intensity and its transform (4, 4)."""
+    from pxr import UsdLux
+
+    UsdLux.LightAPI(prim).CreateNormalizeAttr(True)
+    UsdLux.DistantLight(prim).CreateAngleAttr().Set(light.angle, time)
+    return units.DISTANT, _frame(np.array(light.direction), np.zeros(3))
+
+
+def _write_sphere(prim: Any, light: PointLight, time: Any, place: Place) -> tuple[float, np.ndarray]:
+    from pxr import UsdLux
+
+    UsdLux.SphereLight(prim).CreateRadiusAttr().Set(light.radius, time)
+    return units.SPHERE, _near_frame(prim, light, time)
+
+
+def _write_rect(prim: Any, light: RectLight, time: Any, place: Place) -> tuple[float, np.ndarray]:
+    from pxr import UsdLux
+
+    rect = UsdLux.RectLight(prim)
+    rect.CreateWidthAttr().Set(light.width, time)
+    rect.CreateHeightAttr().Set(light.height, time)
+    return units.RECT, _near_frame(prim, light, time)
+
+
+def _write_dome(prim: Any, light: EnvironmentLight, time: Any, place: Place) -> tuple[float, np.ndarray]:
+    _texture(prim, light, place)
+    turn = math.radians(light.rotation)
+    return 1.0, _frame(np.array([math.sin(turn), 0.0, math.cos(turn)]), np.zeros(3))
+
+
+def _near_frame(prim: Any, light: NearLight, time: Any) -> np.ndarray:
+    """Set what all near lights have, and return the transform (4, 4)."""
+    from pxr import UsdLux
+
+    UsdLux.LightAPI(prim).CreateNormalizeAttr(True)
+    if light.has_cone:
+        shaping = UsdLux.ShapingAPI.Apply(prim)
+        shaping.CreateShapingConeAngleAttr().Set(light.cone, time)
+        shaping.CreateShapingConeSoftnessAttr().Set(light.softness, time)
+    return _frame(-light.axis, np.array(light.position))
+
+
+Kind = tuple[str, Callable[..., tuple[float, np.ndarray]]]
+KINDS: dict[type[Light], Kind] = {
+    DirectionalLight: ("DistantLight", _write_distant),
+    PointLight: ("SphereLight", _write_sphere),
+    RectLight: ("RectLight", _write_rect),
+    EnvironmentLight: ("DomeLight", _write_dome),
+}  # the schema of UsdLux, and what sets its attributes
 
 
 def _frame(z: np.ndarray, place: np.ndarray) -> np.ndarray:

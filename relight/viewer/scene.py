@@ -16,7 +16,8 @@ from relight.compositing.placement import cover
 from relight.lights.directional import DirectionalLight
 from relight.lights.environment import EnvironmentLight
 from relight.lights.light import Light
-from relight.lights.near import NearLight, PointLight
+from relight.lights.near import PointLight
+from relight.lights.parameters import parameters
 from relight.lights.rig import Lights, by_name
 from relight.media.colour import LOCI, encode, temperature
 from relight.media.images import scene_linear
@@ -25,7 +26,6 @@ MAX_LIGHTS = 8  # directional and point lights, beside one environment
 DEFAULT_LIGHT = DirectionalLight(azimuth=-40, elevation=30, angle=10, name="key")
 TINT_COUNT = 100  # colours of each locus, in equal steps of mired
 HandleLight = DirectionalLight | PointLight  # lights that have a handle on the page
-SHARED_PARAMETERS = ("intensity", "colour", "exposure", "temperature", "locus")
 COMMAND = ("relight", "apply", "photo.png")  # unless the caller names the file
 
 
@@ -89,7 +89,7 @@ def checked_lights(lights: Lights) -> dict[str, Light]:
                 "lights: the viewer shows DirectionalLight, PointLight and EnvironmentLight, "
                 f"got {type(light).__name__}"
             )
-        if isinstance(light, PointLight) and light.has_cone:
+        if light.cone_axis is not None:
             raise ValueError("lights: the viewer shows lamps that shine all around; a light has a cone")
     if len(named) - len(skies) > MAX_LIGHTS or len(skies) > 1:
         raise ValueError(
@@ -102,8 +102,7 @@ def checked_lights(lights: Lights) -> dict[str, Light]:
 def check_positions(lights: Iterable[Light], maps: AnalysisMaps) -> None:
     """Raise ValueError for a near light that touches the person."""
     for light in lights:
-        if isinstance(light, NearLight):
-            maps.check_outside(light)
+        maps.check_outside(light)
 
 
 def parameters_of(light: HandleLight, name: str | None = None) -> dict[str, Any]:
@@ -116,7 +115,7 @@ def parameters_of(light: HandleLight, name: str | None = None) -> dict[str, Any]
 
 
 def _shared(light: Light) -> dict[str, Any]:
-    return {key: getattr(light, key) for key in SHARED_PARAMETERS}
+    return {key: getattr(light, key) for key in parameters(Light) if key != "name"}
 
 
 def _environment(light: EnvironmentLight, name: str) -> dict[str, Any]:

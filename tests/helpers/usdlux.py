@@ -26,7 +26,7 @@ def stage(folder, prim):
 def ours(light, normals):
     """The sphere's value in one of our lights, where nothing is in between: (N, 3)."""
     power = light.power
-    if hasattr(light, "rays"):
+    if light.is_near:
         positions = torch.from_numpy(np.float32(normals.T * RADIUS))
         total = sum(
             irradiance * (directions * torch.from_numpy(np.float32(normals.T))).sum(dim=0).clamp_min(0)

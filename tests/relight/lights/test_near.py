@@ -262,3 +262,9 @@ def test_spotlights_come_from_text_and_move():
         relight.PointLight((0, 0, 1), cone=30)
     with pytest.raises(ValueError, match="cone: expected"):
         relight.RectLight((0, 0, 1), (0, 0, 0), 1, 1, cone=100)
+
+
+def test_a_light_writes_only_what_is_not_the_default_of_its_kind():
+    box = relight.RectLight((1, 1, 1), toward=(0, 0, 0), width=1, height=2)
+    assert box.settings() == {"position": (1, 1, 1), "toward": (0, 0, 0), "width": 1, "height": 2}
+    assert relight.PointLight((1, 1, 1), toward=(0, 0, 0), cone=90).settings()["cone"] == 90
