@@ -3,10 +3,11 @@
 python benchmarks/fuzz.py N [--first SEED] [--kind KIND] [--journal FOLDER]
 
 Inputs and invariants are those of tests/helpers/fuzzing.py. Each input is made from its kind and seed alone,
-on one thread. Unless one kind is asked for, the kinds take turns, and one input in 13 goes to the networks. A
-child process tries the inputs. It writes each one to the journal before and after the try, so that the
-journal names the seed of a crash in native code or of a hang. An interrupted run is resumed. Several
-processes can share a range through --first.
+on one thread. Unless one kind is asked for, the kinds take turns, and one input in 13 goes to the networks;
+with --cheap, none goes to them or to a browser. A child process tries the inputs, with no more than 8 GiB of
+memory. It writes each one to the journal before and after the try, so that the journal names the seed of a
+crash in native code or of a hang. An interrupted run is resumed. Several processes can share a range through
+--first.
 """
 
 import argparse
@@ -26,18 +27,26 @@ sys.path[:0] = [str(ROOT), str(ROOT / "tests")]  # tests/relight would hide the 
 CHEAP = (
     *("light text", "lights file", "damaged image", "ICC bytes", "Exif bytes", "container tags") * 2,
     *("damaged mask", "containers", "ONNX model", "kept shapes"),
+    *("foreign image", "scene", "analysed shot") * 2,
 )
 PAGES = 41  # one input in so many is a link, which a browser follows
 NETWORKS = 13  # one input in so many goes to the networks
-HANG = 300  # seconds without a word
+REQUESTS = 20  # one input in so many is a few requests to the app
+MOVIES = 11  # one input in so many is a movie
+HANG = 60  # seconds without a word
+MEMORY = 8 << 30  # bytes of address space, libraries included
 STARTED = "started"
 
 
-def kind_of(seed):
+def kind_of(seed, cheap=False):
     """What an input is where the kinds take turns."""
-    if seed % PAGES == 1:
+    if seed % PAGES == 1 and not cheap:
         return "page fragment"
-    return "apply" if seed % NETWORKS == 0 else CHEAP[seed % len(CHEAP)]
+    if seed % REQUESTS == 2:
+        return "app request"
+    if seed % MOVIES == 3:
+        return "damaged movie"
+    return "apply" if seed % NETWORKS == 0 and not cheap else CHEAP[seed % len(CHEAP)]
 
 
 def attempt(kind, seed, folder):
@@ -55,8 +64,11 @@ def attempt(kind, seed, folder):
 
 def child(inputs, journal):
     """Try the inputs, (kind, seed) each, in turn, each noted before and after."""
+    import resource
+
     import torch
 
+    resource.setrlimit(resource.RLIMIT_AS, (MEMORY, MEMORY))
     torch.set_num_threads(1)
     memory = "/dev/shm" if Path("/dev/shm").is_dir() else None
     with (
@@ -137,12 +149,13 @@ def main():
     parser.add_argument("count", type=int, metavar="N")
     parser.add_argument("--first", type=int, default=0)
     parser.add_argument("--kind", help="this kind alone")
+    parser.add_argument("--cheap", action="store_true", help="neither networks nor a browser")
     parser.add_argument("--journal", type=Path, default=Path("fuzz"))
     parser.add_argument("--report", action="store_true", help="print what the journals say and try nothing")
     parser.add_argument("--child", type=Path, help=argparse.SUPPRESS)
     given = parser.parse_args()
     seeds = range(given.first, given.first + given.count)
-    inputs = [(given.kind or kind_of(seed), seed) for seed in seeds]
+    inputs = [(given.kind or kind_of(seed, given.cheap), seed) for seed in seeds]
     if given.child:
         return child(left(inputs, given.child), given.child)
     given.journal.mkdir(parents=True, exist_ok=True)

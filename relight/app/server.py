@@ -142,7 +142,7 @@ class Server:
 
     async def preview(self, request: Request) -> Response:
         photograph = self._of(request)
-        return FileResponse(photograph.folder / photograph.about["preview"])
+        return _file_answer(photograph.folder / photograph.about["preview"])
 
     def _of(self, request: Request) -> Photograph:
         return self.session.photograph(request.path_params["id"])
@@ -226,7 +226,7 @@ class Server:
     async def pack(self, request: Request) -> Response:
         from relight.app.tasks import PACK
 
-        return FileResponse(self._analysed(request).folder / PACK)
+        return _file_answer(self._analysed(request).folder / PACK)
 
     async def scene(self, request: Request) -> Response:
         return JSONResponse(self._analysed(request).scene)
@@ -305,7 +305,7 @@ class Server:
             arguments = {"name": photograph.name, "mask": name}
             await self.worker.run("full_matte", photograph.folder, arguments, brief=True)
         disposition = f"attachment; filename*=UTF-8''{quote(name)}"
-        return FileResponse(photograph.folder / name, headers={"Content-Disposition": disposition})
+        return _file_answer(photograph.folder / name, {"Content-Disposition": disposition})
 
     def _analysed(self, request: Request) -> Photograph:
         photograph = self._of(request)
@@ -326,6 +326,13 @@ class Server:
         elif isinstance(look["background"], dict):
             look["background"] = {"file": self.session.lend(str(look["background"]["file"]), photograph)}
         return look
+
+
+def _file_answer(path: Path, headers: dict[str, str] | None = None) -> Response:
+    """Answer with a file; raise Refused if something removed it, such as a program that cleans up."""
+    if not path.is_file():
+        raise Refused("This file is no longer here: drop the photograph again.", 404)
+    return FileResponse(path, headers=headers)
 
 
 def _finder() -> dict[str, str | None]:

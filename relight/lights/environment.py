@@ -21,7 +21,7 @@ from numpy.typing import ArrayLike
 from relight.lights import plate
 from relight.lights.light import DistantLight, parse_settings
 from relight.lights.parameters import Number, Parameter, checked_number
-from relight.media import cubemap, images
+from relight.media import cubemap, images, photo_sphere
 from relight.media.content_hash import content_hash
 from relight.media.regular_file import check_regular_file
 from relight.media.resampling import resize
@@ -289,9 +289,10 @@ class Panorama:
 def _read(path: Path, state: tuple[int, ...], colour_space: str | None) -> Panorama:
     """Read a file's map; `state` identifies this version of the file for the cache."""
     pixels = images.read(path, colour_space=colour_space)
+    file, _ = images.split_layer(path)
+    pixels = photo_sphere.whole_sphere(file, pixels)
     cube = cubemap.is_cube(pixels)
     if cube:
-        file, _ = images.split_layer(path)
         pixels = cubemap.to_latlong(pixels, openexr=file.suffix.lower() == ".exr")
     return Panorama(pixels, path, cube)
 

@@ -3,12 +3,13 @@
 No file stands for the whole shot, so any number of machines may write frames into one folder.
 """
 
+import math
 import os
 import warnings
-from collections.abc import Iterable
+from collections.abc import Callable, Iterable
 from fractions import Fraction
 from pathlib import Path
-from typing import Any, TypeGuard
+from typing import Any, TypeGuard, TypeVar
 
 from relight.analysis import storage
 from relight.empty_subject import load_subject
@@ -21,6 +22,7 @@ from relight.pipeline.plate_metadata import PlateMetadata, relative_path
 from relight.subject import Person, weights
 from shadow.files import AnyPath
 
+Number = TypeVar("Number", float, Fraction)
 SUFFIX = ".relight"
 STILL = f"still{storage.SUFFIX}"  # the name of the one file of a still
 NEEDED = ("options", "precision", "sources")  # of a frame's provenance
@@ -77,18 +79,17 @@ class AnalysisCache:
     @property
     def rate(self) -> Fraction | None:
         """Frames a second of the movie that was analysed."""
-        rate = self._stated("rate")
-        return None if rate is None else Fraction(rate)
+        return self._positive("rate", Fraction)
 
     @property
     def field_of_view(self) -> float:
         """Of the camera, vertical, in degrees."""
-        return self._stated("field_of_view") or FIELD_OF_VIEW
+        return self._positive("field_of_view", float) or FIELD_OF_VIEW
 
     @property
     def pixel_aspect(self) -> float:
         """How many times as wide as high the pixels of the plates are that were analysed."""
-        return self._stated("pixel_aspect") or 1.0
+        return self._positive("pixel_aspect", float) or 1.0
 
     def plate_metadata(self, number: int) -> PlateMetadata:
         """Return what is kept of the statements of a frame's plate; nothing for a frame that is not there.
@@ -111,13 +112,26 @@ class AnalysisCache:
         except ValueError as error:
             raise DamagedFileError(f"{path}: {error}") from error
 
-    def _stated(self, name: str) -> Any:
-        """Return the provenance of the first readable frame."""
+    def _positive(self, name: str, kind: Callable[[Any], Number]) -> Number | None:
+        """Return a number of the provenance of the first readable frame; None where it states none.
+
+        Raises DamagedFileError for anything that is no positive number.
+        """
         for number in self.numbers or [0]:
+            path = self.file(number)
             try:
-                return storage.read_header(self.file(number))["provenance"].get(name)
+                stated = storage.read_header(path)["provenance"].get(name)
             except (OSError, ValueError):  # that frame is reported when it is its turn
                 continue
+            try:
+                found = None if stated is None else kind(stated)
+                if found is not None and not 0 < found < math.inf:
+                    raise ValueError("it is not positive")
+            except (ArithmeticError, TypeError, ValueError) as error:
+                raise DamagedFileError(
+                    f"{path}: is damaged: its {name} is {stated!r:.40}: {error}"
+                ) from error
+            return found
         return None
 
     def file(self, number: int) -> Path:

@@ -41,6 +41,7 @@ from relight.pipeline.readers import (
 
 if TYPE_CHECKING:
     from relight.pipeline.options import Normals
+    from relight.scene.camera_view import CameraView
 
 NETWORK_SUFFIXES = (".onnx", ".pt")
 MAX_PICTURE_PIXELS = 2**28  # 4 GiB as RGBA floats
@@ -119,6 +120,8 @@ class FrameReader:
         The reader of the backgrounds, whose size the picture may have.
     log
         ReadLog, through which all files are read.
+    camera
+        What the scene's camera sees, unless the source has a field of view of its own.
 
     Raises
     ------
@@ -128,22 +131,41 @@ class FrameReader:
         Bad arguments.
     """
 
-    def __init__(self, source: Source, backgrounds: Reader, log: ReadLog) -> None:
+    def __init__(
+        self, source: Source, backgrounds: Reader, log: ReadLog, camera: "CameraView | None" = None
+    ) -> None:
         self.source = source
         self.matting_options = MattingOptions.parse(source.matte, source.person, source.refine_matte)
         self.placement = Placement(source.size, source.placement, source.scale, source.offset)
         self.cache = AnalysisCache(source.plate) if is_cache(source.plate) else None
-        self.field_of_view = self._field_of_view(source.field_of_view)
+        self._camera = camera
         self.height = None if source.height is None else checked_number("height", source.height, 0.01, 100)
         self._normals, self._depths = normals_reader(source.normals, source.axes), depth_reader(source.depth)
         self.plates: Any = self.cache or plate_reader(source.plate, source.colour_space, source.alpha)
         self._mattes = matte_reader(source.mask)
         self._backgrounds, self._log = backgrounds, log
 
-    def _field_of_view(self, given: float | None) -> float:
+    @functools.cached_property
+    def field_of_view(self) -> float:
+        """Of the camera, vertical, in degrees: as given, or that of the scene's camera in this picture."""
+        given = self.source.field_of_view
+        if given is None and self._camera is not None:
+            height, width = self._picture_size()
+            given = self._camera.vertical_degrees(width / height)
         if given is None:
             return FIELD_OF_VIEW if self.cache is None else self.cache.field_of_view
         return checked_number("field_of_view", given, 1e-3, 170)
+
+    def _picture_size(self) -> tuple[int, ...]:
+        """Return the size (H, W) of the picture of the first frame that can be read."""
+        behind = None
+        if self.placement.size == BACKGROUND:
+            behind = self._log.read(self._backgrounds, (self._backgrounds.numbers or self.numbers)[0])
+        for number in self.numbers:
+            with suppress(OSError, ValueError):  # that frame is reported when it is its turn
+                size = self.cache.read(number).size if self.cache else self.plates.read(number).shape[:2]
+                return self.placement.size_of(size, behind) or size
+        return 1, 1
 
     @functools.cached_property
     def _matting(self) -> SequenceMatting | None:

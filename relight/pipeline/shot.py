@@ -1,6 +1,5 @@
 """A shot on disk with its lights: a still, a sequence, a movie or an analysis cache, opened once."""
 
-import dataclasses
 import math
 from collections.abc import Callable, Iterable, Iterator, Sequence
 from contextlib import contextmanager
@@ -30,6 +29,7 @@ from relight.pipeline.options import Compute, Lighting, Output, Source
 from relight.pipeline.persons import FrameAnalyser, Persons
 from relight.pipeline.readers import ReadLog, plate_reader
 from relight.rendering import check_free
+from relight.scene.camera_view import CameraView
 from relight.scene.lights import write_lights
 from relight.subject import Person, Subject, weights
 from shadow import inputs as checks
@@ -82,13 +82,13 @@ class Shot:
         self.source, self.lighting = Source.of(source), Lighting.of(lighting)
         self.compute = compute or Compute()
         self.every_light: list[Light | MovingLight] = []
+        self._camera_view: CameraView | None = None
         checks.device("device", self.compute.device)
         check_not_analysed(self.source, self.compute)
         if self.lighting.has_lights:
             rig = self.lighting.rig()
             self.every_light = rig.lights
-            if rig.vertical is not None and "field_of_view" not in self.source.given():
-                self.source = dataclasses.replace(self.source, field_of_view=rig.vertical)
+            self._camera_view = rig.view
         self.matching = Matching(self.lighting.match_plate, self.lighting.match, self.lighting.match_mask)
         self._log = ReadLog()
 
@@ -121,7 +121,7 @@ class Shot:
     @cached_property
     def frames(self) -> FrameReader:
         """What reads the persons."""
-        return FrameReader(self.source, self._backgrounds, self._log)
+        return FrameReader(self.source, self._backgrounds, self._log, self._camera_view)
 
     @cached_property
     def analyser(self) -> FrameAnalyser:

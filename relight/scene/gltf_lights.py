@@ -16,7 +16,7 @@ from relight.lights.light import Light
 from relight.lights.moving import MovingLight
 from relight.lights.near import PointLight, RectLight
 from relight.media.regular_file import check_regular_file
-from relight.scene import blender, units
+from relight.scene import blender, camera_view, units
 from relight.scene.usd_lights import Rig, renamed
 from shadow.files import AnyPath, check_writable, replacing
 
@@ -81,8 +81,8 @@ def read_rig(
         raise ValueError(f"{path}: holds {len(lights)} lights; expected at most {MOST_LIGHTS}")
     if seen is None:
         return Rig(lights)
-    yfov = _get(tree["cameras"][seen.description["camera"]], "perspective", "yfov")
-    return Rig(lights, seen.description.get("name"), None if yfov is None else math.degrees(yfov))
+    camera_sees = camera_view.of_gltf(path, tree["cameras"][seen.description["camera"]])
+    return Rig(lights, seen.description.get("name"), camera_sees)
 
 
 def write_lights(path: AnyPath, lights: Iterable[Light | MovingLight]) -> None:

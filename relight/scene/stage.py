@@ -49,7 +49,7 @@ def open_stage(path: AnyPath, *, allow_external: bool = False) -> Any:
         if layer is not None:
             layer.Reload()  # somebody may have opened it before it changed
     except Tf.ErrorException as error:
-        raise ValueError(f"{path}: is not a USD stage: {_first_line(error)}") from error
+        raise ValueError(f"{path}: is not a USD stage: {first_line(error)}") from error
     if layer is None:
         raise ValueError(f"{path}: is not a USD stage")
     folder = path.resolve().parent
@@ -57,10 +57,10 @@ def open_stage(path: AnyPath, *, allow_external: bool = False) -> Any:
     try:
         stage = Usd.Stage.Open(layer)
     except Tf.ErrorException as error:
-        raise ValueError(f"{path}: cannot be composed: {_first_line(error)}") from error
+        raise ValueError(f"{path}: cannot be composed: {first_line(error)}") from error
     errors = stage.GetCompositionErrors()
     if errors:
-        raise ValueError(f"{path}: cannot be composed: {_first_line(errors[0])}")
+        raise ValueError(f"{path}: cannot be composed: {first_line(errors[0])}")
     return stage
 
 
@@ -106,8 +106,11 @@ def _check_layers(path: Path, layer: Any, folder: Path, allow_external: bool) ->
     follow(layer, ())
 
 
-def _first_line(error: Any) -> str:
+def first_line(error: Any) -> str:
     """Return the first line of USD's message, without the place in USD's own source."""
-    said = " ".join(str(error).split())
+    try:
+        said = " ".join(str(error).split())
+    except UnicodeDecodeError:  # USD quotes a damaged file
+        return "it is damaged"
     match = re.search(r" : '(.*)'", said)
     return re.sub(r"pxrInternal\S*", "the grammar", match[1] if match else said)[:300]

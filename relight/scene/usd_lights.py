@@ -11,7 +11,8 @@ import numpy as np
 from relight.lights.light import Light
 from relight.lights.moving import MovingLight
 from relight.scene import usd_old_names
-from relight.scene.stage import open_stage
+from relight.scene.camera_view import CameraView
+from relight.scene.stage import first_line, open_stage
 from relight.scene.usd_light_kinds import Found, LightConverter, Numbers
 from relight.scene.usd_view import StageView
 from shadow.files import AnyPath
@@ -26,7 +27,7 @@ class Rig(NamedTuple):
 
     lights: list[Light | MovingLight]
     camera: str | None = None  # the camera's path or name
-    vertical: float | None = None  # its angle of view in degrees
+    view: CameraView | None = None  # what it sees
 
 
 def read_rig(
@@ -64,8 +65,13 @@ def read_rig(
         What our lights cannot represent, with the path of its prim.
     """
     stage = open_stage(path, allow_external=allow_external)
-    view = StageView(Path(path), stage, camera, subject_at)
-    return _Reader(view, allow_external).rig()
+    from pxr import Tf
+
+    try:
+        view = StageView(Path(path), stage, camera, subject_at)
+        return _Reader(view, allow_external).rig()
+    except Tf.ErrorException as error:
+        raise ValueError(f"{path}: is damaged: {first_line(error)}") from error
 
 
 class _Reader:
@@ -74,8 +80,6 @@ class _Reader:
         self.convert = LightConverter(view, external)
 
     def rig(self) -> Rig:
-        from pxr import Usd, UsdGeom
-
         lights = []
         prims = [prim for prim in self.view.prims() if self._is_light(prim)]
         if len(prims) > MOST_LIGHTS:
@@ -92,10 +96,27 @@ class _Reader:
             )
         if self.view.camera is None:
             return Rig(self._named(lights))
-        view = UsdGeom.Camera(self.view.camera).GetCamera(Usd.TimeCode.EarliestTime())
-        return Rig(
-            self._named(lights), str(self.view.camera.GetPath()), view.GetFieldOfView(view.FOVVertical)
-        )
+        return Rig(self._named(lights), str(self.view.camera.GetPath()), self._camera_view())
+
+    def _camera_view(self) -> CameraView | None:
+        """Return the angles of view of the camera's film back, and how it is fitted to a picture."""
+        from pxr import Usd, UsdGeom
+
+        seen = UsdGeom.Camera(self.view.camera).GetCamera(Usd.TimeCode.EarliestTime())
+        if seen.projection != seen.Perspective:
+            self.convert.cannot(self.view.camera, "is an orthographic camera; its angle of view is not used")
+            return None
+        if seen.horizontalApertureOffset or seen.verticalApertureOffset:
+            self.convert.cannot(
+                self.view.camera, "has a shifted film back; its angle of view is used, the shift is not"
+            )
+        lens = 2 * seen.focalLength
+        if not (lens > 0 and seen.horizontalAperture > 0 and seen.verticalAperture > 0):
+            self.convert.cannot(
+                self.view.camera, "has no film back or focal length; its angle of view is not used"
+            )
+            return None
+        return CameraView(seen.horizontalAperture / lens, seen.verticalAperture / lens, self.view.fit())
 
     def _is_light(self, prim: Any) -> bool:
         from pxr import UsdGeom, UsdLux
@@ -120,7 +141,12 @@ class _Reader:
             return None
         self.convert.check_extras(prim)
         frames = self._frames(prim)
-        found = [kind(prim, time) for time in frames]
+        try:
+            found = [kind(prim, time) for time in frames]
+        except TypeError as error:  # a value of another type than the schema's
+            raise ValueError(
+                f"{self.path}: {prim.GetPath()}: holds a value of another type: {error}"
+            ) from error
         if not any(settings["intensity"] > 0 for _, settings in found):
             return None
         if _changes_image(found):

@@ -7,6 +7,8 @@ from typing import Any
 
 import numpy as np
 
+from relight.scene.camera_view import EXPAND
+
 
 @dataclass(frozen=True)
 class View:
@@ -74,6 +76,14 @@ class StageView:
             raise ValueError(f"subject_at: expected the path of a prim or three numbers, got {subject_at!r}")
         return point
 
+    def fit(self) -> str:
+        """Return how the stage's render settings fit the film back to a picture."""
+        from pxr import UsdRender
+
+        settings = UsdRender.Settings.GetStageRenderSettings(self.stage)
+        found = settings.GetAspectRatioConformPolicyAttr().Get() if settings else None
+        return str(found or EXPAND)
+
     def at(self, time: float) -> View:
         """Return the camera's frame at a time."""
         from pxr import UsdGeom
@@ -103,8 +113,10 @@ class StageView:
         """Return the transform (4, 4) of a prim to the world, for column vectors."""
         from pxr import UsdGeom
 
-        matrix = UsdGeom.XformCache(time).GetLocalToWorldTransform(prim)
-        return np.array(matrix).T
+        matrix = np.array(UsdGeom.XformCache(time).GetLocalToWorldTransform(prim)).T
+        if not np.isfinite(matrix).all():
+            raise ValueError(f"{self.path}: {prim.GetPath()}: has a transform that is not finite")
+        return matrix
 
 
 def rotation(matrix: np.ndarray, mirrored: bool = False) -> np.ndarray:

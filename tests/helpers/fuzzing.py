@@ -18,7 +18,9 @@ import yaml
 
 import relight
 from helpers import hostile
+from helpers.app_requests import app_request
 from helpers.commandlines import command_line
+from helpers.containers_damage import analysed_shot, foreign_image, scene
 from helpers.damage import (
     containers,
     damaged_analysis,
@@ -219,6 +221,10 @@ KINDS: dict[str, Callable[[Random, Path], None]] = {
     "lights file": lights_file,
     "damaged image": damaged_image,
     "damaged mask": damaged_mask,
+    "foreign image": foreign_image,
+    "scene": scene,
+    "analysed shot": analysed_shot,
+    "app request": app_request,
     "damaged movie": damaged_movie,
     "damaged weights": damaged_weights,
     "damaged analysis": damaged_analysis,

@@ -83,7 +83,7 @@ def test_the_cameras_frame(tmp_path):
     path = scene(tmp_path / "set.gltf", nodes, [BULB], cameras=[CAMERA])
     rig = read_rig(path, camera="cam", subject_at="mark")
     np.testing.assert_allclose(rig.lights[0].position, (1, 0, 0), atol=1e-6)  # the camera looks along -x
-    np.testing.assert_allclose(rig.vertical, np.degrees(0.6))
+    np.testing.assert_allclose(rig.view.vertical_degrees(1.5), np.degrees(0.6))
     with pytest.raises(ValueError, match="say where the subject is"):
         read_lights(path)
 
@@ -117,7 +117,7 @@ def test_a_camera_without_a_name_has_its_field_of_view(tmp_path):
     nodes = [{"children": [1, 2]}, {"camera": 0}, lit(0)]
     rig = read_rig(scene(tmp_path / "set.gltf", nodes, [SUN], cameras=[CAMERA]))
     assert rig.camera is None
-    assert rig.vertical == pytest.approx(np.degrees(0.6))
+    assert rig.view.vertical_degrees(1.5) == pytest.approx(np.degrees(0.6))
 
 
 def check_refused(match, path, kind=ValueError, **keywords):

@@ -112,9 +112,9 @@ def test_blenders_worlds(tmp_path):
 
 def test_the_camera_says_its_field_of_view(tmp_path):
     rig = read_rig(stage(tmp_path, CAMERA + KEY), camera="/cam")
-    np.testing.assert_allclose(np.tan(np.radians(rig.vertical / 2)), 12 / 50, rtol=1e-6)
+    np.testing.assert_allclose(np.tan(np.radians(rig.view.vertical_degrees(1.5) / 2)), 12 / 50, rtol=1e-6)
     assert rig.camera == "/cam"
-    assert read_rig(stage(tmp_path, KEY)).vertical is None
+    assert read_rig(stage(tmp_path, KEY)).view is None
 
 
 def test_the_hierarchy_scales_and_turns(tmp_path):
