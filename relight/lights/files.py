@@ -229,6 +229,8 @@ class _Loader(yaml.SafeLoader):
     """Safe YAML 1.2 without repeated keys, and with few merged ones.
 
     PyYAML reads YAML 1.1, where 010 is eight, 1:30 is ninety, 1e3 is a text and `on` is true.
+    ruamel.yaml reads 1.2, but with dates, 1_000 and merges without bound, and what it writes reads otherwise
+    in YAML 1.1 (`on`, 1:30): to keep these would take as many lines.
     """
 
     def construct_mapping(self, node: yaml.MappingNode, deep: bool = False) -> dict[Hashable, Any]:

@@ -2,7 +2,8 @@
 
 Files name them by chromaticities (OpenEXR, PNG, TIFF, BMP), by an exponent (PNG, Exif), or by the code points
 of ITU-T H.273 (movies, HEIF, AVIF, PNG's cICP, ICC's cicp). Rec.709 and sRGB need NumPy alone; colour-science
-is imported for the rarer transfer functions.
+is imported for the rarer transfer functions. It has these primaries and Bradford's matrix too, and a test
+compares them; but its import takes a second, which a photograph with a profile must not wait for.
 """
 
 import atexit

@@ -1,7 +1,9 @@
+import sys
+
 import numpy as np
 import pytest
 
-from relight.media import colour
+from relight.media import colour, encodings
 
 
 def test_srgb_decodes_integers_exactly_as_floats():
@@ -207,3 +209,14 @@ def test_temperature_runs_from_red_to_blue():
 def test_temperature_out_of_range(kelvin):
     with pytest.raises(ValueError, match="temperature: expected 1000 to 40000 kelvin"):
         colour.temperature(kelvin)
+
+
+def test_primaries_and_adaptation_are_those_of_colour_science():
+    colour = encodings.colour_science()
+    tables = sys.modules["colour.models.rgb.itut_h_273"]
+    for code, chromaticities in encodings.PRIMARIES.items():
+        stated = [*np.ravel(tables.COLOUR_PRIMARIES_ITUTH273[code]), *tables.CCS_WHITEPOINTS_ITUTH273[code]]
+        np.testing.assert_allclose(chromaticities, stated, atol=1e-6)
+    d50, d65 = encodings.xy_to_xyz(encodings.D50), encodings.xy_to_xyz(encodings.D65)
+    bradford = colour.adaptation.matrix_chromatic_adaptation_VonKries(d50, d65, transform="Bradford")
+    np.testing.assert_allclose(encodings.adaptation(encodings.D50, encodings.D65), bradford, atol=1e-6)
