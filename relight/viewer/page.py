@@ -13,6 +13,7 @@ from typing import Any
 import numpy as np
 
 from relight.analysis.record import AnalysisRecord
+from relight.viewer import constants
 from relight.viewer.packing import pack
 from shadow.files import AnyPath, check_writable, replacing
 
@@ -80,9 +81,11 @@ def page(scene: Mapping[str, Any], packed: bytes) -> str:
 
 @functools.cache
 def module() -> str:
-    """Return the program as one ES module without exports: its files one after the other, and its shaders."""
+    """Return the program as one ES module without exports: constants, shaders, and its files in order."""
     shaders = {name: _text(f"shaders/{name}.glsl") for name in SHADERS}
-    parts = [f"const SHADERS = {_within_script(json.dumps(shaders))};"]
+    shaders["common"] += constants.of_the_shaders()
+    given = {"SHADERS": shaders, "PYTHON": constants.of_the_program()}
+    parts = [f"const {name} = {_within_script(json.dumps(value))};" for name, value in given.items()]
     for name in MODULES:
         text = re.sub(r"^import [^;]*;\n", "", _text(f"{name}.js"), flags=re.MULTILINE)
         parts.append(re.sub(r"^export (?=async|class|const|function)", "", text, flags=re.MULTILINE))

@@ -21,8 +21,8 @@ from relight.lights.parameters import parameters
 from relight.lights.rig import Lights, by_name
 from relight.media.colour import LOCI, encode, temperature
 from relight.media.images import scene_linear
+from relight.viewer.constants import MAX_LIGHTS
 
-MAX_LIGHTS = 8  # directional and point lights, beside one environment
 DEFAULT_LIGHT = DirectionalLight(azimuth=-40, elevation=30, angle=10, name="key")
 TINT_COUNT = 100  # colours of each locus, in equal steps of mired
 HandleLight = DirectionalLight | PointLight  # lights that have a handle on the page

@@ -19,8 +19,9 @@ from relight.lights.directional import DirectionalLight
 from relight.lights.light import Light
 from relight.lights.near import PointLight
 from relight.lights.rig import as_rig
+from relight.viewer.constants import MAX_LIGHTS
 from relight.viewer.page import module, style
-from relight.viewer.scene import MAX_LIGHTS, HandleLight, parameters_of
+from relight.viewer.scene import HandleLight, parameters_of
 
 
 def _to_browser(lights: list[HandleLight], widget: Any) -> list[dict[str, Any]]:

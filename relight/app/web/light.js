@@ -1,7 +1,7 @@
 // The third step: the viewer in place, with presets below it; stills by the server where the browser has no WebGL 2.
 
 import { Viewer, backdropOf, checkedLight, environmentText, h, keyDown, keyUp, lampsOfRows, lightTexts, mapOf, readImage, short } from "../viewer.js";
-import { presetsFor, withPreset } from "./presets.js";
+import { presetsOf, withPreset } from "./presets.js";
 import { ask, askJson } from "./requests.js";
 import { StillEngine } from "./still.js";
 import { THUMB, Thumbs } from "./thumbs.js";
@@ -115,7 +115,7 @@ export class Light {
       viewer.change((state) => Object.assign(state, rig.state));
       if (rig.state.background === "original" && !viewer.original) viewer.setBackgroundKind("none");
     } else {
-      const [first] = presetsFor(this.app.about.presets, viewer.room.height);
+      const [first] = presetsOf(this.app.about.presets);
       viewer.change((state) => Object.assign(state, withPreset(state, first), { background: viewer.original && "original" }));
     }
     viewer.past = [];
@@ -144,7 +144,7 @@ export class Light {
 
   showPresets() {
     const { viewer } = this;
-    const entries = presetsFor(this.app.about.presets, viewer.room.height).map((preset) => {
+    const entries = presetsOf(this.app.about.presets).map((preset) => {
       const canvas = h("canvas", { width: THUMB[0], height: THUMB[1], "aria-hidden": "true" });
       const button = h(
         "button",

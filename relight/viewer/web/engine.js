@@ -14,7 +14,7 @@
 import { Unsupported, program, setUniform, target, texture } from "./gl.js";
 import { LUMINANCE, dot, isNear } from "./lights.js";
 
-export const LIGHTS = 8; // of which each can be alone; the layer after them is the environment's
+export const { LIGHTS } = PYTHON; // of which each can be alone; the layer after them is the environment's
 const LAYERS = LIGHTS + 1;
 const ROWS = 14; // vec4 a sample: see shaders/light.glsl
 const RAYS = 16; // to a lamp that has a size: SAMPLES of relight/lights/near.py

@@ -1,11 +1,9 @@
 // Lights as Python's: the parameters of relight.DirectionalLight and relight.PointLight, and the directions that
 // a distant light comes down to.
 
-const SOFT_SAMPLES = 32; // directions over the disc of a soft light: relight/lights/directional.py
+// SOFT_SAMPLES: directions over the disc of a soft light. LOCI: kelvin. See relight/viewer/constants.py.
+export const { LOCI, LUMINANCE, SOFT_SAMPLES } = PYTHON;
 export const DEGREE = Math.PI / 180;
-
-export const LUMINANCE = [0.2126, 0.7152, 0.0722];
-export const LOCI = { planckian: [1000, 40000], daylight: [4000, 25000] }; // kelvin
 
 /** Whether a light stands in the room, at a position. */
 export const isNear = (light) => "position" in light;

@@ -7,25 +7,10 @@ import { LIGHTS, LOOKS } from "./engine.js";
 /** Something from outside that cannot be used, in a sentence. */
 export class Invalid extends Error {}
 
-const BLANK = {
-  intensity: 1,
-  colour: [1, 1, 1],
-  exposure: 0,
-  temperature: null,
-  locus: "planckian",
-};
+const { SHARED, RANGES } = PYTHON; // what all lights have; { parameter: [low, high] }, null for no limit
 const SWITCHES = { muted: false, solo: false };
-const LIGHT = { name: "", azimuth: 0, elevation: 0, ...BLANK, angle: 0, ...SWITCHES };
-const LAMP = { name: "", position: [0, 0, 1], ...BLANK, radius: 0, ...SWITCHES };
-const RANGES = {
-  azimuth: [-Infinity, Infinity],
-  elevation: [-90, 90],
-  intensity: [0, 1e6],
-  exposure: [-64, 64],
-  angle: [0, 180],
-  radius: [0, 1e6],
-  rotation: [-Infinity, Infinity],
-};
+const LIGHT = { name: "", azimuth: 0, elevation: 0, ...SHARED, angle: 0, ...SWITCHES };
+const LAMP = { name: "", position: [0, 0, 1], ...SHARED, radius: 0, ...SWITCHES };
 
 /** A light with all its parameters, from some of them; Invalid for what its class in Python refuses. */
 export function checkedLight(given, kind = isNear(given) ? LAMP : LIGHT) {
@@ -38,8 +23,8 @@ export function checkedLight(given, kind = isNear(given) ? LAMP : LIGHT) {
   for (const [key, [low, high]] of Object.entries(RANGES)) {
     if (!(key in light)) continue;
     const value = light[key];
-    if (typeof value !== "number" || !Number.isFinite(value) || value < low || value > high) {
-      throw new Invalid(`${key}: expected a number${Number.isFinite(low) ? ` from ${low} to ${high}` : ""}, got ${value}.`);
+    if (typeof value !== "number" || !Number.isFinite(value) || (low !== null && value < low) || (high !== null && value > high)) {
+      throw new Invalid(`${key}: expected a number${low !== null ? ` from ${low} to ${high}` : ""}, got ${value}.`);
     }
   }
   const { colour, locus, temperature, position } = light;
@@ -65,7 +50,7 @@ export const nameOf = (text) => (text ?? "").replace(/\p{Cc}/gu, "").trim().slic
 
 /** The environment's part of the state: its map is kept elsewhere. */
 export const checkedEnvironment = (given) =>
-  checkedLight(given, { name: "environment", ...BLANK, rotation: 0, muted: false });
+  checkedLight(given, { name: "environment", ...SHARED, rotation: 0, muted: false });
 
 /** The state that a scene from Python begins with. */
 export function initial(scene) {

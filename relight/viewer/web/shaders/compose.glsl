@@ -1,6 +1,5 @@
 // A look of the whole picture: linear light, premultiplied, over the background; or data.
 const int PICTURE = 0, LIGHT = 1, VISIBILITY = 2, NORMALS = 3, ALBEDO = 4, PHOTOGRAPH = 5;
-const float MOST = 65504.0;  // that half floats hold
 
 uniform sampler2D light;  // enlarged: the light and its visibility, or the normals
 uniform sampler2D reflection;  // enlarged: what a gloss of 1 adds

@@ -1,8 +1,4 @@
-// Joint bilateral upsampling (Kopf et al. 2007) from the canvas to the plate: relight/upsampling.py.
-const float SIGMA = 0.1;
-const float LEAST = 1e-3;    // range weight where no neighbour looks alike
-const float UNKNOWN = 1e-4;  // of canvas pixels off the subject
-const float BRIGHTEST = 1.8778618;  // of a guide
+// Joint bilateral upsampling (Kopf et al. 2007) from the canvas to the plate: relight/analysis/upsampling.py.
 
 uniform sampler2D source;
 uniform sampler2D guide;       // the canvas's, and in alpha whether a pixel shows the subject

@@ -1,5 +1,4 @@
 // Reflection at grazing angles for light of unit intensity: `reflectance` of relight/analysis/gloss.py.
-const float MIN_COSINE = 1e-4;
 const int SHADING = 0, GLOSS = 1;
 
 uniform int part;         // which of them is drawn

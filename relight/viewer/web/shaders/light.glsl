@@ -1,8 +1,5 @@
 // One light on the networks' canvas: its shading in RGB, and in alpha the share of it that nothing blocks. Or its gloss.
 // shading.diffuse.Shading and shadow.networks.field.Visibility, in which cast(p, L) = Σ a(L) F(p) here.
-const int CAST = 6;      // vec4 of components of the cast shadow's logit
-const int RESIDUAL = 6;  // and of the residual
-const vec3 LUMINANCE = vec3(0.2126, 0.7152, 0.0722);
 
 uniform sampler2DArray features;
 uniform sampler2D surface;  // normals, and the slope of the gate

@@ -1,10 +1,6 @@
 // A lamp in the room on the networks' canvas: its shading in RGB, and in alpha the share of it that nothing
 // blocks, or its gloss. As light.glsl, but each pixel has its own direction and distance: relight/lights/near.py.
-const int CAST = 6;      // vec4 of components of the cast shadow's logit
-const int RESIDUAL = 6;  // and of the residual
-const float GOLDEN = 0.6180339887;
 const float PI = 3.1415926536;
-const float MOST = 65504.0;  // that half floats hold
 
 uniform sampler2DArray features;
 uniform sampler2D surface;    // normals, and the slope of the gate
@@ -33,7 +29,7 @@ void main() {
   vec4 parts[CAST + RESIDUAL];
   for (int k = 0; k < CAST + RESIDUAL; k++) parts[k] = texelFetch(features, ivec3(pixel, k), 0);
   vec3 way = position - texelFetch(positions, pixel, 0).xyz;
-  float squared = max(dot(way, way), 1e-8);
+  float squared = max(dot(way, way), MIN_SQUARED);
   vec3 straight = way * inversesqrt(squared);
   vec3 aside = normalize(cross(straight, axis));
   vec3 other = cross(straight, aside);

@@ -1,5 +1,4 @@
 // Linear light as a display shows it: relight.media.colour.encode, its white the brightest there is.
-const float KNEE = 0.6;
 
 uniform sampler2D picture;
 uniform sampler2D brightest;

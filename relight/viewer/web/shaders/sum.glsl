@@ -9,7 +9,7 @@ uniform vec4 lamps[9];  // where a light stands in the room, and its radius; bel
 float whole(int slot, vec3 here) {
   if (lamps[slot].w < 0.0) return 1.0;
   vec3 way = lamps[slot].xyz - here;
-  float squared = max(dot(way, way), 1e-8);
+  float squared = max(dot(way, way), MIN_SQUARED);
   return 2.0 / (squared * (1.0 + sqrt(max(0.0, 1.0 - lamps[slot].w * lamps[slot].w / squared))));
 }
 
