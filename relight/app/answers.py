@@ -15,6 +15,8 @@ from relight.app.worker import EXPECTED, Refused
 BODY_BYTES = 4 << 20  # of a request that is no file
 CONNECTION_CHECK = 0.25  # seconds between two looks whether the page is still there
 
+Report = Callable[[dict[str, Any]], None]  # what is done of a task, and how much of it
+
 
 async def json_of(request: Request) -> dict[str, Any]:
     """Return a request's JSON object; raise Refused for anything else, or more than `BODY_BYTES`."""
@@ -71,14 +73,14 @@ async def while_connected(request: Request, work: Coroutine[Any, Any, Any]) -> A
             await job
 
 
-def streamed(work: Callable[[Callable[[str], None]], Awaitable[dict[str, Any]]]) -> Response:
+def streamed(work: Callable[[Report], Awaitable[dict[str, Any]]]) -> Response:
     """Answer in lines of JSON: first the progress of the work, at last its result.
 
     The work is cancelled when the page goes away.
     """
 
     async def lines() -> AsyncIterator[str]:
-        said: asyncio.Queue[str | None] = asyncio.Queue()
+        said: asyncio.Queue[dict[str, Any] | None] = asyncio.Queue()
         job = asyncio.ensure_future(work(said.put_nowait))
         job.add_done_callback(lambda _: said.put_nowait(None))
         try:

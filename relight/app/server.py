@@ -13,7 +13,7 @@ from starlette.requests import Request
 from starlette.responses import FileResponse, HTMLResponse, JSONResponse, Response
 from starlette.routing import Route
 
-from relight.app.answers import json_of, notes_of, refusing, streamed, while_connected
+from relight.app.answers import Report, json_of, notes_of, refusing, streamed, while_connected
 from relight.app.session import MASK_SUFFIX, MODELS, PICTURES, Photograph, Session
 from relight.app.worker import Refused, Worker
 from relight.lights import presets
@@ -23,9 +23,9 @@ ORIGINAL = "original"  # as a background: the photograph itself
 OUTPUTS = (".png", ".jpg", ".tif", ".exr", ".html", ".glb")
 KINDS = {".js": "text/javascript", ".css": "text/css", ".html": "text/html", ".png": "image/png"}
 VIEWER_NAMES = (
-    "Engine", "SHADERS", "Viewer", "checkedLight", "environmentText", "fitting", "h", "iconButton",
-    "keyDown", "keyUp", "lightTexts", "panned", "power", "preferredSurround", "readImage", "samples", "short",
-    "surround", "toCommand", "wheeled", "zoomed", "backdropOf", "lampsOfRows", "mapOf",
+    "Engine", "SHADERS", "Viewer", "checkedLight", "environmentText", "fitting", "floorText", "h",
+    "iconButton", "keyDown", "keyUp", "lightTexts", "panned", "power", "preferredSurround", "readImage",
+    "samples", "short", "surround", "toCommand", "wheeled", "zoomed", "backdropOf", "lampsOfRows", "mapOf",
 )  # fmt: skip
 
 
@@ -58,6 +58,7 @@ class Server:
             Route(f"{one}/pack", refusing(self.pack)),
             Route(f"{one}/scene", refusing(self.scene)),
             Route(f"{one}/still", refusing(self.still), methods=["POST"]),
+            Route(f"{one}/floor", refusing(self.floor), methods=["POST"]),
             Route(f"{one}/save", refusing(self.save), methods=["POST"]),
             Route(f"{one}/files/{{name}}", refusing(self.download)),
             Route("/environments", refusing(self.environment), methods=["POST"]),
@@ -189,14 +190,14 @@ class Server:
     async def person(self, request: Request) -> Response:
         photograph = self._of(request)
 
-        async def work(report: Callable[[str], None]) -> dict[str, Any]:
+        async def work(report: Report) -> dict[str, Any]:
             found: dict[str, Any] = await self.worker.run("find_person", photograph.folder, {}, report)
             return found
 
         return streamed(work)
 
     async def fetch_person(self, request: Request) -> Response:
-        async def work(report: Callable[[str], None]) -> dict[str, Any]:
+        async def work(report: Report) -> dict[str, Any]:
             return {**await self.worker.run("fetch_person", self.session.folder, {}, report), **_finder()}
 
         return streamed(work)
@@ -211,7 +212,7 @@ class Server:
         if not uses_own and not drawn:
             raise Refused("The photograph has no outline yet: draw a line around the person.")
 
-        async def work(report: Callable[[str], None]) -> dict[str, Any]:
+        async def work(report: Report) -> dict[str, Any]:
             arguments = {"name": photograph.name, "mask": mask, "drawn": drawn}
             found = await self.worker.run("analyse", photograph.folder, arguments, report)
             photograph.mask, photograph.scene = mask, found["scene"]
@@ -275,6 +276,14 @@ class Server:
         found = await self.worker.run("still", photograph.folder, arguments, brief=True)
         return Response(found["png"], media_type="image/png")
 
+    async def floor(self, request: Request) -> Response:
+        photograph = self._analysed(request)
+        look = self._look(await json_of(request), photograph)
+        arguments = {"name": photograph.name, "mask": photograph.mask, "look": look}
+        work = self.worker.run("floor_shadow", photograph.folder, arguments, brief=True)
+        found = await while_connected(request, work)
+        return Response(found["png"], media_type="image/png")
+
     # --- files
 
     async def save(self, request: Request) -> Response:
@@ -286,7 +295,7 @@ class Server:
         passes = [str(name) for name in asked.get("passes") or []] if suffix == ".exr" else []
         output = photograph.output(suffix)
 
-        async def work(report: Callable[[str], None]) -> dict[str, Any]:
+        async def work(report: Report) -> dict[str, Any]:
             arguments = {
                 "name": photograph.name, "mask": photograph.mask, "look": look, "output": output,
                 "passes": passes,
@@ -317,7 +326,8 @@ class Server:
         """Return the lights and background that a page asks for; put their files beside the photograph."""
         if not isinstance(given, dict):
             raise Refused("look: expected an object", 400)
-        look = {key: given.get(key) for key in ("lights", "environment", "background", "exposure", "gloss")}
+        names = ("lights", "environment", "background", "floor", "exposure", "gloss")
+        look = {key: given.get(key) for key in names}
         if look["environment"]:
             name = self.session.lend(str(look["environment"]["file"]), photograph)
             look["environment"] = f"{name},{look['environment']['settings']}"

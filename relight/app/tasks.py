@@ -20,13 +20,14 @@ import torch
 from PIL import Image
 
 from relight.app import compiling
+from relight.compositing.floor import Floor
 from relight.errors import EmptyMatteError
 from relight.lights.environment import EnvironmentLight
 from relight.matting import networks, outline, person, person_files
 from relight.matting.sequence import MattingOptions
 from relight.media import images
 from relight.media.colour import encode
-from relight.pipeline.options import Lighting
+from relight.pipeline.options import Lighting, Output, Source
 from relight.subject import Subject
 from relight.viewer.packing import pack
 from relight.viewer.scene import scene_of
@@ -39,8 +40,9 @@ KEPT = 2  # subjects that are kept in memory, for stills
 REDUCED, MODEL, MATTE, PACK = "reduced.npy", "model.npy", "matte.npy", "pack.bin"
 LOADED, EDGE = "loaded.npy", "edge.json"  # a matte from a file, in full; what was done to the accepted matte
 FILE = "file"  # in place of a model: the matte is that of a file
+READ, ANALYSED, RELIT = 0.3, 0.5, 0.9  # shares of the time to save 24 megapixels that have passed, roughly
 EDGE_SIDE = 0.05  # of the picture's longer side, that an edge may be shifted or blurred by, at most
-Report = Callable[[str], None]
+Report = Callable[..., None]  # (what is done, the share of the task that is done, if that is known)
 
 _subjects: OrderedDict[str, Subject] = OrderedDict()
 
@@ -116,7 +118,10 @@ def fetch_person(report: Report) -> dict[str, Any]:
     """Bring the networks that find people."""
 
     def told(done: int, total: int, what: str) -> None:
-        report(f"{what}: {done / 1e6:.0f} of {total / 1e6:.0f} MB" if total else what)
+        if total:
+            report(f"{what}: {done / 1e6:.0f} of {total / 1e6:.0f} MB", done / total)
+        else:
+            report(what)
 
     person_files.fetch(progress=told)
     return {}
@@ -202,7 +207,7 @@ def full_matte(name: str, mask: str, report: Report) -> dict[str, Any]:
     """Write the accepted matte at the photograph's own size and detail, unless that has been done."""
     if not Path(mask).exists():
         compiling.wait(report)
-        report("Refining the edge")
+        report("Refining the edge", 0.0)
         edge, pixels = json.loads(Path(EDGE).read_text()), images.read(name)
         found = np.load(LOADED if edge["file"] else MATTE).astype(np.float32)
         if found.shape != pixels.shape[:2]:
@@ -233,6 +238,34 @@ def still(name: str, mask: str | None, look: Mapping[str, Any], report: Report) 
     """Relight the reduced copy and return a PNG, for browsers that cannot render it themselves."""
     from relight.compositing.composite import over
 
+    subject, lighting = _subject(name, mask, report), _lighting(look)
+    lights: Any = lighting.rig().lights
+    picture = subject.relit(lights, lighting.gloss)
+    behind: Any = lighting.background
+    if behind is not None:
+        pixels = _reduced() if behind == name else images.read(behind) if isinstance(behind, str) else behind
+        shadow = None if lighting.floor is None else subject.shadows(lights, lighting.floor)[1]
+        picture = over(picture, pixels, shadow)
+    file = io.BytesIO()
+    Image.fromarray(_encoded(picture, _exposure(look))).save(file, "PNG", compress_level=1)
+    return {"png": file.getvalue()}
+
+
+def floor_shadow(name: str, mask: str | None, look: Mapping[str, Any], report: Report) -> dict[str, Any]:
+    """Return the factors by which the person's shadow on the floor dims the background: an encoded PNG."""
+    subject, lighting = _subject(name, mask, report), _lighting(look)
+    if lighting.floor is None:
+        raise ValueError("floor: expected one")
+    lights: Any = lighting.rig().lights
+    shadow = subject.shadows(lights, lighting.floor)[1]
+    file = io.BytesIO()
+    codes = np.round(encode(shadow, white=1) * 255).astype(np.uint8)
+    Image.fromarray(codes).save(file, "PNG", compress_level=1)
+    return {"png": file.getvalue()}
+
+
+def _subject(name: str, mask: str | None, report: Report) -> Subject:
+    """Return the subject of the reduced copy, which is analysed again unless it is kept."""
     subject = _subjects.get(_key(name))
     if subject is None:
         report("Analysing the person")
@@ -242,16 +275,7 @@ def still(name: str, mask: str | None, look: Mapping[str, Any], report: Report) 
             found = _shifted(np.load(MATTE).astype(np.float32), edge["shift"], edge["feather"])
         subject = Subject(_reduced(), found)
         _keep(name, subject)
-    lighting = _lighting(look)
-    lights: Any = lighting.rig().lights
-    picture = subject.relit(lights, lighting.gloss)
-    behind: Any = lighting.background
-    if behind is not None:
-        pixels = _reduced() if behind == name else images.read(behind) if isinstance(behind, str) else behind
-        picture = over(picture, pixels)
-    file = io.BytesIO()
-    Image.fromarray(_encoded(picture, _exposure(look))).save(file, "PNG", compress_level=1)
-    return {"png": file.getvalue()}
+    return subject
 
 
 def save(
@@ -263,32 +287,40 @@ def save(
     report: Report,
 ) -> dict[str, Any]:
     """Write a picture at full resolution, the page, or the mesh."""
-    from relight.pipeline.options import Output, Source
-    from relight.pipeline.render import render_shot
     from relight.viewer.shot import write_view
 
     if mask is not None:
         full_matte(name, mask, report)
     source, lighting = Source(name, mask=mask), _lighting(look)
     suffix = Path(output).suffix
-
-    def told(done: int, total: int, what: str) -> None:
-        report(what)
-
+    report("Analysing the person", READ)
     if suffix == ".html":
-        write_view(output, source, lighting, command=_command(name, mask), progress=told)
+        if lighting.floor is not None:
+            warnings.warn("The page does not show the shadow on the floor.", stacklevel=2)
+        write_view(output, source, lighting, command=_command(name, mask))
     elif suffix == ".glb":
         found = None if mask is None else images.read_mask(mask)
         lights: Any = lighting.rig().lights
         Subject(images.read(name), found).export(output, lights, gloss=lighting.gloss)
     else:
-        render_shot(
+        _save_picture(
             source,
             lighting,
             Output((Path(output),), passes=tuple(passes), exposure=_exposure(look)),
-            progress=told,
+            report,
         )
     return {"file": output}
+
+
+def _save_picture(source: Source, lighting: Lighting, output: Output, report: Report) -> None:
+    """Do what `relight.render_shot` does, and tell how far it is."""
+    from relight.pipeline.render import render_frames
+    from relight.pipeline.shot import Shot
+
+    with Shot.open(source, lighting) as shot:
+        shot.person(0)
+        report("Relighting", ANALYSED)
+        render_frames(shot, output, progress=lambda done, total, what: report(what, RELIT))
 
 
 def _lighting(look: Mapping[str, Any]) -> Lighting:
@@ -300,8 +332,13 @@ def _lighting(look: Mapping[str, Any]) -> Lighting:
     if not light and not environment:
         raise ValueError("There is no light: add one, or an environment.")
     gloss = float(look.get("gloss") or 0)
+    floor = Floor.parse(str(look["floor"])) if look.get("floor") else None
     return Lighting(
-        light=light, environment=(environment,) if environment else (), background=behind, gloss=gloss
+        light=light,
+        environment=(environment,) if environment else (),
+        background=behind,
+        gloss=gloss,
+        floor=floor,
     )
 
 

@@ -62,12 +62,13 @@ class Worker:
         task: str,
         folder: Path,
         arguments: Mapping[str, Any],
-        report: Callable[[str], None] = lambda what: None,
+        report: Callable[[dict[str, Any]], None] = lambda said: None,
         *,
         brief: bool = False,
     ) -> Any:
         """Run a task in `folder` when those before it are done; return what it returns.
 
+        `report` gets {"what": what is done, "share": of the task that is done, or None}.
         A task whose caller is cancelled is ended with its process, unless it is `brief`.
         Raises Refused for what the task refuses, with no path of this machine in its sentence.
         """
@@ -134,11 +135,15 @@ def _answer(
     tasks: Any, task: str, folder: str, arguments: dict[str, Any], connection: Any
 ) -> tuple[str, Any]:
     """Run a task and return its answer: ("done", its value) or ("refused", a sentence)."""
+
+    def report(what: str, share: float | None = None) -> None:
+        connection.send(("progress", {"what": what, "share": share}))
+
     try:
         os.chdir(folder)
         with warnings.catch_warnings(record=True) as said:
             warnings.simplefilter("always", UserWarning)
-            value = getattr(tasks, task)(**arguments, report=lambda what: connection.send(("progress", what)))
+            value = getattr(tasks, task)(**arguments, report=report)
         notes = [_sentence(str(one.message), folder) for one in said if issubclass(one.category, UserWarning)]
         return "done", {**value, "notes": list(dict.fromkeys(notes))}
     except EXPECTED as error:

@@ -266,7 +266,8 @@ class Application {
   progressSheet() {
     this.doing = h("p", { role: "status", "aria-live": "polite" });
     this.cancel = h("button", { type: "button", class: "quiet", onclick: () => this.aborting?.abort() }, "Cancel");
-    const sheet = h("dialog", { class: "progress", "aria-label": "Working" }, h("div", { class: "track", "aria-hidden": "true" }), this.doing, this.cancel);
+    this.track = h("div", { class: "track", role: "progressbar", "aria-label": "Progress", "aria-valuemin": 0, "aria-valuemax": 100 }, h("i"));
+    const sheet = h("dialog", { class: "progress", "aria-label": "Working" }, this.track, this.doing, this.cancel);
     sheet.addEventListener("cancel", (event) => {
       event.preventDefault();
       this.aborting?.abort();
@@ -274,9 +275,20 @@ class Application {
     return sheet;
   }
 
+  /** Shows how much of what is done is done, a share; null where that is not known. */
+  showShare(share) {
+    this.track.classList.toggle("measured", share !== null);
+    this.track.firstChild.style.width = share === null ? "" : `${100 * share}%`;
+    if (share === null) this.track.removeAttribute("aria-valuenow");
+    else this.track.setAttribute("aria-valuenow", Math.round(100 * share));
+  }
+
   /** Does what takes a while: it is told, and can be cancelled. Within something busy it is a part of that. */
   async busy(work) {
-    const say = (text) => (this.doing.textContent = `${text}…`);
+    const say = (text, share = null) => {
+      this.doing.textContent = `${text}…`;
+      this.showShare(share);
+    };
     if (this.aborting) return work(say, this.aborting.signal);
     this.aborting = new AbortController();
     const began = this.step;

@@ -1,6 +1,7 @@
 // The third step: the viewer in place, with presets below it; stills by the server where the browser has no WebGL 2.
 
-import { Viewer, backdropOf, checkedLight, environmentText, h, keyDown, keyUp, lampsOfRows, lightTexts, mapOf, readImage, short } from "../viewer.js";
+import { Viewer, backdropOf, checkedLight, environmentText, floorText, h, keyDown, keyUp, lampsOfRows, lightTexts, mapOf, readImage, short } from "../viewer.js";
+import { FloorShadow } from "./floor.js";
 import { presetsOf, withPreset } from "./presets.js";
 import { ask, askJson } from "./requests.js";
 import { StillEngine } from "./still.js";
@@ -57,6 +58,7 @@ export class Light {
       engine: (viewer) => new StillEngine(viewer, photograph, () => this.look(viewer), (error) => this.app.fail(error)),
     };
     this.viewer = await Viewer.open(root, scene, bytes, false, host);
+    if (!this.still) new FloorShadow(this.viewer, photograph, () => this.look(), (error) => this.app.fail(error));
     this.restoreRig();
     this.photograph = photograph;
     if (this.still) this.app.tell("This browser has no WebGL 2: the server makes each picture, which takes a moment.", true);
@@ -129,6 +131,7 @@ export class Light {
       lights: lightTexts(state),
       environment: settings ? { file: environment.id, settings } : null,
       background: background === "original" ? background : background === "picture" ? backdrop && { file: backdrop.id } : background && background.map(short),
+      floor: floorText(state),
       exposure: short(state.exposure),
       gloss: short(state.gloss),
     };

@@ -460,6 +460,8 @@ export class OutlineStep {
       ? "Finding the edge…"
       : this.corners.length
         ? "Continue around the person. Click the first corner, or press C, to close the line."
+        : this.matte && this.grey
+          ? "White is the person, black is left out. Paint with Person or Background where the edge is wrong."
         : this.matte
           ? "The dimmed part is left out. Paint with Person or Background where the edge is wrong."
           : "Draw a line around the person. It need not be exact.";

@@ -42,7 +42,7 @@ export async function follow(path, value, onprogress, signal) {
       const said = JSON.parse(line);
       if (said.sentence) throw new Refused(said.sentence);
       if (said.done) return said.done;
-      onprogress(said.progress);
+      onprogress(said.progress.what, said.progress.share);
     }
     if (done) throw new Refused(GONE);
   }

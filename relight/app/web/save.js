@@ -143,6 +143,7 @@ function toPython(look, photograph, viewer, output, behind) {
     ...(lights.length ? ["        light=[", ...lights.map((line) => `    ${line}`), "        ],"] : []),
     ...(environment ? [`        environment=[${environment}],`] : []),
     ...(background ? [`        background=${Array.isArray(background) ? `(${background.join(", ")})` : text(behind)},`] : []),
+    ...(look.floor ? [`        floor=relight.Floor(${look.floor}),`] : []),
     ...(Number(look.gloss) ? [`        gloss=${look.gloss},`] : []),
     "    ),",
     `    ${Number(look.exposure) ? `relight.Output(${text(output)}, exposure=${look.exposure})` : text(output)},`,

@@ -22,6 +22,8 @@ export class StillEngine {
 
   setLights() {}
 
+  setFloorShadow() {} // it is in the server's pictures
+
   setBackground(picture) {
     this.backdrop = picture;
   }

@@ -9,6 +9,8 @@ import { LOOK_NAMES } from "./controls.js";
 // Where lights are put one after the other: a key, a rim, a fill, a kicker...
 const PLACES = [[-40, 30], [145, 25], [60, 10], [-145, 20], [0, 70], [20, -30], [-90, 0], [90, 0]];
 
+const LEVEL = 0.5; // share of the height at which a level camera sees the horizon
+
 export function actionsOf(viewer) {
   const selected = (state) => state.lights[state.selected];
   const change = (mutate, gesture) => viewer.change((state) => mutate(state, selected(state)), gesture);
@@ -74,6 +76,16 @@ export function actionsOf(viewer) {
       const kinds = [...(viewer.original ? ["original"] : []), "none", "colour", ...(viewer.pictures[picture] ? ["picture"] : [])];
       const kind = background === null ? "none" : Array.isArray(background) ? "colour" : background;
       viewer.setBackgroundKind(kinds[(kinds.indexOf(kind) + 1) % kinds.length]);
+    },
+    switchFloor: () => {
+      const { size, box } = viewer.pack.description;
+      const soles = (box[1] + box[3]) / size[1];
+      if (!viewer.state.floor && soles >= 1) {
+        viewer.say("The frame cuts the feet off: there is no floor on which a shadow could fall.");
+        viewer.refresh();
+        return;
+      }
+      change((state) => (state.floor = state.floor ? null : { horizon: Math.min(LEVEL, 0.8 * soles) }));
     },
     look: (look) => {
       if (!viewer.engine.looks.includes(look)) return viewer.say(`${LOOK_NAMES[look]}: needs WebGL 2, which this browser does not have.`);

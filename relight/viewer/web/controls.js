@@ -118,7 +118,16 @@ export class Controls {
     );
     this.backgroundColour.addEventListener("change", () => this.viewer.endGesture());
     const open = this.fileButton("Open…", this.viewer.host ? "" : "image/*,.hdr", (file) => this.viewer.openBackground(file));
-    return h("section", { "aria-label": "Background" }, h("h2", {}, "Background", open), h("div", { class: "row" }, this.backgroundKind, this.backgroundColour));
+    return h("section", { "aria-label": "Background" }, h("h2", {}, "Background", open), h("div", { class: "row" }, this.backgroundKind, this.backgroundColour), ...(this.viewer.host ? this.floor() : []));
+  }
+
+  /** The switch of the shadow on the floor, which an application's server makes, and the floor's horizon. */
+  floor() {
+    const { actions } = this.viewer;
+    this.floorSwitch = h("input", { type: "checkbox", role: "switch" });
+    this.floorSwitch.addEventListener("change", () => actions.switchFloor());
+    this.horizon = bound(this.viewer, "Horizon", "horizon", (state) => state.floor, { min: 0, max: 1, step: 0.01, neutral: 0.5 });
+    return [h("label", { class: "row switch" }, this.floorSwitch, "Shadow on the floor"), this.horizon];
   }
 
   fileButton(label, accept, onfile) {
@@ -206,6 +215,12 @@ export class Controls {
     this.backgroundKind.set(kind);
     this.backgroundColour.hidden = kind !== "colour";
     if (kind === "colour") this.backgroundColour.value = toHex(state.background);
+    if (this.floorSwitch) {
+      this.floorSwitch.checked = Boolean(state.floor);
+      this.floorSwitch.disabled = kind === "none";
+      this.horizon.hidden = !state.floor || kind === "none";
+      this.horizon.refresh(state);
+    }
     this.look.set(state.look);
     this.wipe.value = state.wipe?.look ?? "";
     this.exposure.refresh(state);

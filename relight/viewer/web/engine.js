@@ -96,6 +96,7 @@ export class Engine {
       this.reductions.push(target(gl, { size: sides, format: "half" }));
     }
     this.setBackground(this.backdrop ?? null);
+    this.setFloorShadow(this.floorShadow ?? null);
   }
 
   /** The plate's guide, which tells the enlargement what looks alike, and the matte. */
@@ -111,15 +112,27 @@ export class Engine {
 
   /** A picture to be behind the person, {width, height, rgb: Float32Array}; null for none. */
   setBackground(picture) {
-    const { gl } = this;
     this.backdrop = picture;
-    if (this.background) gl.deleteTexture(this.background.handle);
+    if (this.background) this.gl.deleteTexture(this.background.handle);
+    this.background = this.textureOf(picture);
+  }
+
+  /** The factors, a picture of any size, by which the person's shadow on the floor dims the background; null for none. */
+  setFloorShadow(picture) {
+    this.floorShadow = picture;
+    if (this.shadow) this.gl.deleteTexture(this.shadow.handle);
+    this.shadow = this.textureOf(picture);
+  }
+
+  /** A texture of a picture; a black pixel for null. */
+  textureOf(picture) {
+    const { gl } = this;
     const { width, height, rgb } = picture ?? { width: 1, height: 1, rgb: new Float32Array(3) };
     const data = new Float32Array(width * height * 4);
     for (let pixel = 0; pixel < width * height; pixel++) {
       for (let channel = 0; channel < 3; channel++) data[pixel * 4 + channel] = Math.min(rgb[pixel * 3 + channel], 65504);
     }
-    this.background = texture(gl, { size: [width, height], format: "float", data, mipmaps: true });
+    return texture(gl, { size: [width, height], format: "float", data, mipmaps: true });
   }
 
   /**
@@ -279,6 +292,8 @@ export class Engine {
       albedo: this.albedo,
       photograph: this.photograph,
       background: this.background,
+      shadow: this.shadow,
+      shadowed: { whole: Number(Boolean(this.floorShadow)) },
       backgroundSize: this.backdrop ? [this.backdrop.width, this.backdrop.height] : [1, 1],
       box: this.box,
       size: this.size,

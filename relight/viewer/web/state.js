@@ -61,6 +61,7 @@ export function initial(scene) {
     map: 0, // which of the viewer's environment maps lights the person, and which picture is behind them
     picture: 0,
     background: scene.background ?? null, // null, [r, g, b] linear, "picture", or "original" in an application
+    floor: null, // in an application { horizon: a share of the height from the top }: the person casts a shadow on it
     look: "picture",
     wipe: null, // or { look, at }: what is right of `at`, a share of the width
     exposure: 0,
@@ -262,11 +263,16 @@ export function toCommand(state, environment, scene, backgroundName, output = "r
   if (settings) words.push("--environment", `${environment.path},${settings}`);
   if (typeof state.background === "string") words.push(...(backgroundName ? ["--background", backgroundName] : []));
   else if (state.background) words.push("--background", state.background.map(short).join("/"));
+  const floor = floorText(state);
+  if (floor) words.push("--floor", floor);
   if (state.gloss) words.push("--gloss", short(state.gloss));
   if (state.exposure) words.push("--exposure", short(state.exposure));
   words.push("-o", output);
   return words.map(quoted).join(" ");
 }
+
+/** The floor as the command takes it; null where no background shows its shadow. */
+export const floorText = ({ floor, background }) => (floor && background ? `horizon=${short(floor.horizon)}` : null);
 
 /** A word as a POSIX shell takes it. */
 const quoted = (word) => (/^[\w@%+=:,./-]+$/.test(word) ? word : `'${word.replaceAll("'", "'\\''")}'`);

@@ -23,7 +23,7 @@ export class Viewer {
   /**
    * In `root`, from a scene (see relight/viewer/scene.py) and a pack; `linked`: whether the page's address holds the state.
    * `host`: the application around it, if any: { environment(file), background(file), original, save(), finish(),
-   * engine(viewer) }. `original` is the whole photograph as a backdrop, or null; its engine draws where the browser has no
+   * engine(viewer), floorShadow(look) }. `original` is the whole photograph as a backdrop, or null; its engine draws where the browser has no
    * WebGL 2.
    */
   static async open(root, scene, bytes, linked, host = null) {

@@ -19,7 +19,7 @@ pytest.importorskip("pymatting")
 LOOK = {"lights": ["key:azimuth=-40,elevation=30"], "background": [0.1, 0.1, 0.1]}
 
 
-def silent(what):
+def silent(what, share=None):
     """Take a report of progress."""
 
 

@@ -9,6 +9,8 @@ uniform sampler2D albedo;
 uniform sampler2D photograph;
 uniform sampler2D background;
 uniform vec2 backgroundSize;
+uniform sampler2D shadow;  // of the person on the floor: factors of the background
+uniform bool shadowed;
 uniform vec4 box;  // left, top, width and height of the person's part
 uniform vec2 size;
 uniform int look;
@@ -43,6 +45,9 @@ void main() {
   bool inside = all(greaterThanEqual(gl_FragCoord.xy, box.xy)) && all(lessThan(gl_FragCoord.xy, box.xy + box.zw));
   float coverage = inside ? texelFetch(plateGuide, pixel, 0).a : 0.0;
   result = coverage > 0.0 ? vec4(person(pixel) * coverage, coverage) : vec4(0.0);
-  if (behind != 0) result = vec4(result.rgb + (1.0 - coverage) * backdrop(), 1.0);
+  if (behind != 0) {
+    vec3 left = shadowed ? texture(shadow, gl_FragCoord.xy / size).rgb : vec3(1.0);
+    result = vec4(result.rgb + (1.0 - coverage) * left * backdrop(), 1.0);
+  }
   result = min(result, MOST);
 }
