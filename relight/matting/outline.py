@@ -20,6 +20,7 @@ from numpy.typing import ArrayLike
 from PIL import Image, ImageDraw
 from scipy import ndimage
 from scipy.spatial import cKDTree
+from scipy.special import logit
 
 from relight.matting.refine import encoded_srgb
 from relight.media.images import coverage, scene_linear
@@ -34,6 +35,10 @@ NEIGHBOURS = 12  # samples of known colour that vote on a pixel
 PLACE = 0.08  # how far the picture's longer side is, as a distance of colours: near samples count more
 NEARNESS = 3.0  # logarithm of the odds at the band's rim, of being inside
 PRIOR = 0.02  # weight of the priors beside the matting Laplacian
+UNSURE = (
+    0.05  # a rough matte is sure within this of 0 and 1; between, colours decide too, however far the edge
+)
+DOUBT = 0.6  # of the logarithm of its odds there: its weight, as a distance
 REFINED_PRIOR = 0.002  # the same for `refine`, whose prior is blurred: more weight makes edges soft
 MARGIN = 0.12  # of the outline's size, of the photograph around it that is looked at
 FILTER = "triangle"  # of OpenImageIO, for copies
@@ -248,24 +253,24 @@ def _drawn(
     """
     top, left, bottom, right = part
     corner = np.array([left, top])
-    inside = np.ones(size, bool)
-    slack = 1.0
+    inside, rough, slack = np.ones(size, bool), None, 1.0
     if outline.matte is not None:
-        rough = resize(np.asarray(outline.matte[top:bottom, left:right, None], np.float32), size, FILTER)[
-            ..., 0
-        ]
-        inside = rough > 0.5
+        given = np.asarray(outline.matte[top:bottom, left:right, None], np.float32)
+        rough = resize(given, size, FILTER)[..., 0].clip(0, 1)
         slack = max(2.0, SLACK / 3 * max(size))
     elif outline.lasso is None:
         inside = np.zeros(size, bool)
     if outline.lasso is not None:
-        drawn = _filled((np.asarray(outline.lasso, float) - corner) * scale, size)
-        inside = drawn if outline.matte is None else inside & drawn
-        slack = slack if outline.matte is not None else max(2.0, SLACK * _extent(drawn))
+        inside = _filled((np.asarray(outline.lasso, float) - corner) * scale, size)
+        slack = slack if outline.matte is not None else max(2.0, SLACK * _extent(inside))
     for hole in outline.holes:
         inside = inside & ~_filled((np.reshape(np.asarray(hole, float), (-1, 2)) - corner) * scale, size)
-    distance = _inside(inside) / slack
+    unsure = np.zeros(size, bool) if rough is None else inside & (rough > UNSURE) & (rough < 1 - UNSURE)
+    distance = _inside(inside if rough is None else inside & (rough > 0.5)) / slack
+    if rough is not None:
+        distance = np.where(unsure, (DOUBT * logit(rough.clip(UNSURE, 1 - UNSURE))).clip(-1, 1), distance)
     known = np.where(distance >= 1, PERSON, np.where(distance <= -1, BACKGROUND, UNKNOWN))
+    known[unsure] = UNKNOWN
     for stroke in outline.strokes:
         painted = _painted(
             (np.reshape(np.asarray(stroke.points, float), (-1, 2)) - corner) * scale,

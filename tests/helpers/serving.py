@@ -1,5 +1,6 @@
 """The application in a process of its own, and pages of it in a browser."""
 
+import base64
 import os
 import signal
 import subprocess
@@ -8,7 +9,9 @@ import tempfile
 from contextlib import contextmanager
 from pathlib import Path
 
+import numpy as np
 import pytest
+from PIL import Image
 
 from helpers import ROOT
 from helpers.browsing import wait
@@ -62,6 +65,29 @@ def visited(browser, address, size=(1280, 800), before=None, **options):
 def chosen(page, *paths):
     """Choose photographs by the first step's file dialogue."""
     page.locator(".drop input[type=file]").set_input_files([str(path) for path in paths])
+
+
+DROP = """([name, text]) => {
+    const bytes = Uint8Array.from(atob(text), (one) => one.charCodeAt(0));
+    const dataTransfer = new DataTransfer();
+    dataTransfer.items.add(new File([bytes], name));
+    const drop = new DragEvent("drop", { dataTransfer, bubbles: true, cancelable: true });
+    document.querySelector("main > section:not([hidden])").dispatchEvent(drop);
+}"""
+
+
+def dropped(page, path):
+    """Drop a photograph on the page."""
+    page.evaluate(DROP, [Path(path).name, base64.b64encode(Path(path).read_bytes()).decode()])
+
+
+def saved_picture(page, path):
+    """Click on "Save PNG", and return the file's codes, (H, W, 3|4)."""
+    with page.expect_download(timeout=240_000) as download:
+        page.get_by_role("button", name="Save PNG", exact=True).click()
+    download.value.save_as(path)
+    with Image.open(path) as picture:
+        return np.asarray(picture, int)
 
 
 def lasso(page, points):

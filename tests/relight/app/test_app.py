@@ -12,7 +12,17 @@ from helpers import ROOT, browsing
 from helpers.drawn import photographed, polygon
 from helpers.finders import discs, small_finder
 from helpers.onnx_models import channel
-from helpers.serving import LIT, OUTLINED, at_step, chosen, lasso, served, visited
+from helpers.serving import (
+    LIT,
+    OUTLINED,
+    at_step,
+    chosen,
+    dropped,
+    lasso,
+    saved_picture,
+    served,
+    visited,
+)
 from PIL import Image
 from typer.testing import CliRunner
 
@@ -153,13 +163,15 @@ def test_one_drop_opens_the_light_and_one_click_saves(browser, finding, tmp_path
     for name, pixels in (("disc.png", picture), ("nobody.png", picture[:60])):
         Image.fromarray(np.round(255 * pixels).astype(np.uint8)).save(tmp_path / name)
     page = visited(browser, finding)
-    chosen(page, tmp_path / "disc.png")
+    dropped(page, tmp_path / "disc.png")
     at_step(page, "light")
     browsing.wait(page, LIT, 120)
-    with page.expect_download(timeout=240000) as download:
-        page.get_by_role("button", name="Save PNG").click()
-    download.value.save_as(tmp_path / "saved.png")
-    assert Image.open(tmp_path / "saved.png").size == (300, 300)
+    found, before = saved_picture(page, tmp_path / "saved.png"), np.round(255 * picture)
+    assert found.shape == (300, 300, 3)
+    changed = np.abs(found - before).max(axis=-1)
+    y, x = np.mgrid[:300, :300] - [[[160]], [[150]]]
+    assert changed[np.hypot(x, y) > 40].max() <= 2  # the photograph is behind them
+    assert changed[np.hypot(x, y) < 25].mean() > 10  # in other light
     at_step(page, "light")
     state = "relightApp.parts.light.viewer.state"
     page.evaluate(

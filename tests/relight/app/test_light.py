@@ -5,10 +5,8 @@ import io
 import numpy as np
 import pytest
 from helpers import ROOT, browsing
-from helpers.serving import LIT, at_step, chosen, served, visited
+from helpers.serving import LIT, at_step, chosen, saved_picture, served, visited
 from PIL import Image
-
-import relight
 
 pytestmark = [pytest.mark.slow, browsing.NEEDS_CHROMIUM]
 VIEWER = "relightApp.parts.light.viewer"
@@ -38,27 +36,32 @@ def photo(tmp_path_factory):
     return path
 
 
+@pytest.fixture(scope="module")
+def opened(browser, address, photo):
+    """The light step with the photograph, and the state that it begins with."""
+    page = visited(browser, address, permissions=["clipboard-read", "clipboard-write"])
+    chosen(page, photo)
+    at_step(page, "light")
+    browsing.wait(page, LIT, 240)
+    yield page, page.evaluate(f"{VIEWER}.state")
+    page.context.close()
+
+
 @pytest.fixture
-def page(browser, address, photo):
-    found = visited(browser, address, permissions=["clipboard-read", "clipboard-write"])
-    chosen(found, photo)
+def page(opened):
+    found, state = opened
+    found.evaluate("relightApp.go('light')")
     at_step(found, "light")
-    browsing.wait(found, LIT, 120)
+    found.evaluate(f"(state) => {VIEWER}.change((now) => Object.assign(now, state))", state)
+    found.evaluate(f"(relightApp.hush(), {VIEWER}.stage.message.replaceChildren())")
+    browsing.settled(found)
     yield found
     assert not [line for line in found.complaints if "willReadFrequently" not in line]
-    found.context.close()
 
 
 def shown(page):
     height, width, data = page.evaluate(SHOWN)
     return np.reshape(np.array(data, np.float32), (height, width, 4))[..., :3] / 255
-
-
-def save(page, path, button="Save PNG"):
-    with page.expect_download(timeout=240000) as download:
-        page.get_by_role("button", name=button, exact=True).click()
-    download.value.save_as(path)
-    return path
 
 
 def middle(page):
@@ -81,7 +84,7 @@ def test_the_shadow_on_the_floor_is_a_switch_and_what_is_shown_is_saved(page, tm
     with_floor = shown(page)
     assert (with_floor <= before + 0.01).all()
     assert (before - with_floor).max() > 0.2  # beside the feet
-    saved = np.asarray(Image.open(save(page, tmp_path / "saved.png")).convert("RGB"), np.float32) / 255
+    saved = saved_picture(page, tmp_path / "saved.png") / 255
     assert np.abs(saved - with_floor).mean() < 0.004
     page.get_by_role("slider", name="Horizon", exact=True).fill("0.3")
     page.get_by_role("button", name="Save files…").click()
@@ -133,6 +136,7 @@ def test_a_click_on_nothing_changes_nothing_and_the_wheel_zooms(page):
 def test_space_and_the_button_show_the_photograph_while_held_after_help_too(page):
     page.get_by_role("button", name="Help").click()
     page.get_by_role("button", name="Close").click()
+    browsing.settled(page)
     held = f"{VIEWER}.held"
     page.keyboard.down(" ")
     browsing.settled(page)
@@ -169,7 +173,7 @@ def test_a_save_tells_how_far_it_is_and_can_be_cancelled(page, tmp_path):
             relightApp.showShare = (share) => (seen.push([relightApp.doing.textContent, share]), show(share));
         }"""
     )
-    assert Image.open(save(page, tmp_path / "saved.png")).size == (320, 400)
+    assert saved_picture(page, tmp_path / "saved.png").shape == (400, 320, 4)
     at_step(page, "light")
     told = page.evaluate("shares")
     shares = [share for _, share in told if share is not None]
@@ -185,7 +189,7 @@ def test_a_save_tells_how_far_it_is_and_can_be_cancelled(page, tmp_path):
         }"""
     )
     assert page.locator(".notice span").inner_text() == "Cancelled."
-    assert relight.read(save(page, tmp_path / "again.png")).shape == (400, 320, 4)  # and the server goes on
+    assert saved_picture(page, tmp_path / "again.png").shape == (400, 320, 4)  # and the server goes on
 
 
 COVERED = """(() => {

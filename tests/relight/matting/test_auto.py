@@ -56,6 +56,18 @@ def test_the_person_in_a_photograph_is_relit(fetched):
         relight.apply(codes, KEY, matte=None)
 
 
+def test_the_command_writes_the_person_of_a_photograph_without_a_matte(fetched, tmp_path):
+    codes, (where,) = photograph((90, 70, 14))
+    relight.write(tmp_path / "photo.png", codes)
+    words = [str(tmp_path / "photo.png"), "--preset", "rembrandt", "-o", str(tmp_path / "out.png")]
+    done = CliRunner().invoke(app, ["apply", *words])
+    assert done.exit_code == 0, done.output
+    written = relight.read(tmp_path / "out.png")
+    assert overlap(written[..., 3], where) > 0.9
+    expected = relight.apply(codes, "rembrandt")
+    assert np.abs(written - expected.clip(0, 1))[..., 3].max() < 0.01
+
+
 def test_nothing_is_looked_for_where_there_is_a_matte(monkeypatch):
     def load():
         raise AssertionError("the networks were loaded")

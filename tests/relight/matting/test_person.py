@@ -8,7 +8,8 @@ import pytest
 from helpers.finders import discs, small_finder
 
 from relight.errors import EmptyMatteError
-from relight.matting import person
+from relight.matting import person, person_choice, person_detector
+from relight.matting.person_region import Circle, DetectedPerson
 
 
 @pytest.fixture(scope="module")
@@ -51,18 +52,18 @@ def test_one_of_several_people_is_chosen(three):
     assert len(found) == 3
     large, middle, small = people
     size = (300, 300)
-    assert overlap(person.mask_of(found, None, size), large) > 0.9
+    assert overlap(person_choice.mask_of(found, None, size), large) > 0.9
     for number, where in enumerate(people, start=1):
-        assert overlap(person.mask_of(found, number, size), where) > 0.9
-    assert overlap(person.mask_of(found, (70, 90), size), small) > 0.9
-    assert overlap(person.mask_of(found, found[1].circle, size), middle) > 0.9
-    assert overlap(person.mask_of(found, "all", size), large | middle | small) > 0.9
+        assert overlap(person_choice.mask_of(found, number, size), where) > 0.9
+    assert overlap(person_choice.mask_of(found, (70, 90), size), small) > 0.9
+    assert overlap(person_choice.mask_of(found, found[1].circle, size), middle) > 0.9
+    assert overlap(person_choice.mask_of(found, "all", size), large | middle | small) > 0.9
 
 
 @pytest.mark.parametrize("chosen", [0, 4, True, 1.5, "both", (500, 10), (1, 2, 3)])
 def test_a_person_who_is_not_there_is_refused(three, chosen):
     with pytest.raises(ValueError, match="person: expected"):
-        person.mask_of(three[0], chosen, (300, 300))
+        person_choice.mask_of(three[0], chosen, (300, 300))
 
 
 def test_nobody_is_refused(finder, tmp_path):
@@ -76,47 +77,47 @@ def test_nobody_is_refused(finder, tmp_path):
 
 def test_who_is_upright_is_taken_before_what_lies_and_is_larger():
     def seen(centre, radius, up, presence):
-        circle = person.Circle(np.array(centre), radius, np.array(up))
-        return person.DetectedPerson(circle, np.ones((256, 256), np.float32), presence)
+        circle = Circle(np.array(centre), radius, np.array(up))
+        return DetectedPerson(circle, np.ones((256, 256), np.float32), presence)
 
     standing, lying = seen((100.0, 150.0), 60, (0.0, -1.0), 0.9), seen((400.0, 150.0), 90, (1.0, 0.0), 1.0)
     assert standing.certainty > person.CERTAIN > lying.certainty
     again = seen((100.0, 155.0), 60, (0.0, -1.0), 0.95)
-    kept = person._distinct([lying, standing, again], (300, 600))
+    kept = person_choice.distinct([lying, standing, again], (300, 600))
     assert [each is other for each, other in zip(kept, [again, lying], strict=True)] == [True, True]
 
 
 def test_a_doubtful_person_takes_nothing_from_a_certain_one():
-    circle = person.Circle(np.array([100.0, 150.0]), 60, np.array([0.0, -1.0]))
+    circle = Circle(np.array([100.0, 150.0]), 60, np.array([0.0, -1.0]))
     mask, other = np.full((256, 256), 0.8, np.float32), np.ones((256, 256), np.float32)
     for presence, least in ((0.5, 0.7), (0.9, 0.1)):
-        found = [person.DetectedPerson(circle, mask), person.DetectedPerson(circle, other, presence)]
-        assert (person.mask_of(found, 1, (300, 200))[150, 100] > 0.5) == (least > 0.5)
+        found = [DetectedPerson(circle, mask), DetectedPerson(circle, other, presence)]
+        assert (person_choice.mask_of(found, 1, (300, 200))[150, 100] > 0.5) == (least > 0.5)
 
 
 def test_a_turned_square_and_its_mask_agree():
     """The way to the network's canvas and back is the same for a person who leans."""
-    circle = person.Circle.of(np.array([60.0, 70.0]), np.array([90.0, 40.0]))
+    circle = Circle.of(np.array([60.0, 70.0]), np.array([90.0, 40.0]))
     square = circle.square(256)
     rim = (np.array([90.0, 40.0]) - square[:, 2]) @ np.linalg.inv(square[:, :2]).T
     np.testing.assert_allclose(rim, [128, 128 - 128 / person.ROOM], atol=1e-9)
     upper = np.zeros((256, 256), np.float32)
     upper[:128] = 1
-    mask = person.DetectedPerson(circle, upper).on((140, 150))
+    mask = DetectedPerson(circle, upper).on((140, 150))
     assert mask[55, 75] == pytest.approx(1, abs=1e-5)
     assert mask[85, 45] == pytest.approx(0, abs=1e-5)
 
 
 def test_anchors_are_those_of_the_detector():
-    anchors = person._anchors()
+    anchors = person_detector._anchors()
     assert anchors.shape == (2254, 2)
     np.testing.assert_allclose(anchors[[0, 1, 2, -1]], np.array([[4, 4], [4, 4], [12, 4], [208, 208]]) / 224)
 
 
 def test_the_parts_cover_the_picture_to_its_rim():
-    assert [*person._parts(100, 60, 1.0)] == [(0.0, -20.0, 100.0)]
-    assert [*person._parts(100, 60, 1.4)] == [(-20.0, 0.0, 140.0)]
-    parts = [*person._parts(100, 60, 0.5)]
+    assert [*person_detector._parts(100, 60, 1.0)] == [(0.0, -20.0, 100.0)]
+    assert [*person_detector._parts(100, 60, 1.4)] == [(-20.0, 0.0, 140.0)]
+    parts = [*person_detector._parts(100, 60, 0.5)]
     assert {(left, top) for left, top, _ in parts} == {(left, top) for left in (0, 25, 50) for top in (0, 10)}
 
 

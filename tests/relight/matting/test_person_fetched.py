@@ -1,8 +1,11 @@
 """The published networks, brought by `relight fetch person`: needs a package registry, and fails without."""
 
+import os
+
 import numpy as np
 import pytest
-from helpers import ROOT
+from helpers import ROOT, browsing
+from PIL import Image
 from skimage import data
 from typer.testing import CliRunner
 
@@ -37,8 +40,6 @@ def test_the_bundled_person_is_found_in_front_of_a_photograph():
 
 def test_the_astronaut_is_found_and_relit(tmp_path):
     """Without a matte, by the shortest command."""
-    from PIL import Image
-
     Image.fromarray(data.astronaut()).save(tmp_path / "photo.jpg", quality=92)
     options = ["--preset", "golden-hour", "-o", str(tmp_path / "out.png")]
     done = CliRunner().invoke(app, ["apply", str(tmp_path / "photo.jpg"), *options])
@@ -48,6 +49,26 @@ def test_the_astronaut_is_found_and_relit(tmp_path):
     assert alpha[350:500, 60:280].mean() > 0.95  # the suit
     assert alpha[:200, 400:].mean() < 0.02  # the shuttle behind
     assert alpha[:120, :120].mean() < 0.02
+
+
+@browsing.NEEDS_CHROMIUM
+def test_one_drop_in_the_app_and_one_click_save_a_photograph_relit(browser, tmp_path):
+    """The background is the photograph's own, and the person is in other light."""
+    serving = pytest.importorskip("helpers.serving")
+    before = data.astronaut()
+    Image.fromarray(before).save(tmp_path / "photo.png")
+    with serving.served(RELIGHT_CACHE=os.environ["RELIGHT_CACHE"]) as (address, _):
+        page = serving.visited(browser, address)
+        serving.dropped(page, tmp_path / "photo.png")
+        serving.at_step(page, "light")
+        browsing.wait(page, serving.LIT, 240)
+        saved = serving.saved_picture(page, tmp_path / "saved.png")
+        page.context.close()
+    assert saved.shape == before.shape
+    changed = np.abs(saved - before).max(axis=-1)
+    assert changed[:200, 400:].max() <= 2  # the shuttle behind
+    assert changed[:120, :120].max() <= 2
+    assert changed[40:120, 180:270].mean() > 10  # the face
 
 
 def test_two_people_side_by_side_are_told_apart():
