@@ -1,17 +1,24 @@
-"""Measure what a stored analysis saves: relight a shot from it, and relight the same plates without it. Times
-are processor time of one thread, without imports. Prints ratios from one run, which are comparable between
-machines.
+"""Measure what a frame of a shot costs, by phases, and what a stored analysis saves.
 
-python benchmarks/shot.py [frames...]          20 and 200 unless given
+    OMP_NUM_THREADS=1 ATEN_CPU_CAPABILITY=avx2 ONEDNN_MAX_CPU_ISA=AVX2 python benchmarks/shot.py
+    OMP_NUM_THREADS=1 python benchmarks/shot.py 20 200
 
-The bundled person drifts across 1920 x 1080, photographed with noise, and is relit by a key light and a rim.
-Memory is that of the process after the tenth frame and after the last one, which shows whether it grows with
-the shot. The last figure is the disk space of a close-up, where the person covers four fifths of the frame.
+The first command has the networks run in float32, as processors without bfloat16 do. It prints a table of a
+frame of HD and of 4K, from OpenEXR to OpenEXR; a second lighting from the analysis cache; storing an
+analysis; and the peak memory of a process that relights one frame. The second command relights shots of as
+many frames from their stored analysis and without it, and prints ratios, memory and disk space.
 
-Memory should not grow with the number of frames. Figures to compare with are in docs/video.md.
+The bundled person drifts across the frame, photographed with noise, and is relit by a key light and a rim.
+Times are user time of one thread, without imports: the quickest of REPEATS runs. Memory after the tenth frame
+and after the last one shows whether it grows with the shot, which it should not. Figures to compare with are
+in docs/video.md.
 """
 
+import cProfile
+import io
+import pstats
 import resource
+import subprocess
 import sys
 import tempfile
 import time
@@ -27,25 +34,38 @@ from relight.rendering import render_subject
 
 PERSON = Path(__file__).parents[1] / "examples" / "person.png"
 SIZE = 1080, 1920
+SIZES = {"HD": SIZE, "4K": (2160, 3840)}
+REPEATS = 5
+PHASES = {  # what a phase is called: functions whose time it is, (end of the file's name, function)
+    "reading": [("images/reading.py", "read"), ("images/maps.py", "read_mask")],
+    "checking, cleaning the matte": [("analysis/infer.py", "check_inputs")],
+    "filling the unknown": [("analysis/foreground.py", "own_colour")],
+    "both networks": [("shading/analysis.py", "__init__")],
+    "old light and its noise": [("analysis/denoising.py", "denoised"), ("analysis/old_light.py", "fit")],
+    "upsampling": [("analysis/upsampling.py", "__init__"), ("analysis/upsampling.py", "__call__")],
+    "scattering": [("analysis/foreground.py", "scatter")],
+    "writing": [("images/writing.py", "write")],
+    "storing": [("analysis/storage.py", "write_record")],
+}
 LIGHTS = [
     relight.DirectionalLight(azimuth=-40, elevation=30, intensity=2, name="key"),
     relight.DirectionalLight(azimuth=150, elevation=20, name="rim"),
 ]
 
 
-def photographed(number, x, y, size):
-    """A plate with noise and its matte: the person `size` times as large, at (x, y) from the middle."""
-    picture = moved(relight.read(PERSON), x, y, size, SIZE).clip(0)
+def photographed(number, x, y, scale, size=SIZE):
+    """A plate with noise and its matte: the person `scale` times as large, at (x, y) from the middle."""
+    picture = moved(relight.read(PERSON), x, y, scale, size).clip(0)
     picture[..., 3] = picture[..., 3].clip(0, 1)
     plate = relight.over(picture, (0.3, 0.3, 0.3))
     plate *= 1 + np.random.default_rng(number).normal(0, 0.02, plate.shape).astype(np.float32)
     return plate.clip(0), picture[..., 3]
 
 
-def write_plates(folder, frames):
+def write_plates(folder, frames, size=SIZE):
     """Plates and mattes, numbered from 1."""
     for number in range(1, frames + 1):
-        plate, matte = photographed(number, 3.7 * number % 400, 0, 1.06)
+        plate, matte = photographed(number, 3.7 * number % 400, 0, 1.06 * size[0] / SIZE[0], size)
         relight.write(folder / f"plate.{number:04d}.exr", plate)
         relight.write_mask(folder / f"matte.{number:04d}.png", matte)
 
@@ -112,13 +132,90 @@ def measure_close_up(folder):
     print(f"close-up, {share:.0%} of the frame: {size:.2f} MB, relit RMS {np.sqrt((error**2).mean()):.5f}")
 
 
+def user_time():
+    """Seconds of processor time outside the kernel, which does not count what other processes do."""
+    return resource.getrusage(resource.RUSAGE_SELF).ru_utime
+
+
+def profiled(function, *arguments):
+    """User and system seconds of the quickest of several calls, and the seconds of each phase."""
+    best = None
+    for _ in range(REPEATS):
+        profile, before = cProfile.Profile(user_time), resource.getrusage(resource.RUSAGE_SELF)
+        profile.runcall(function, *arguments)
+        after = resource.getrusage(resource.RUSAGE_SELF)
+        user, system = after.ru_utime - before.ru_utime, after.ru_stime - before.ru_stime
+        if best is None or user < best[0]:
+            calls = pstats.Stats(profile, stream=io.StringIO()).stats.items()
+            best = user, system, {phase: seconds_in(calls, called) for phase, called in PHASES.items()}
+    return best
+
+
+def seconds_in(calls, functions):
+    """Seconds in all calls of some functions, of the statistics of a profile."""
+    return sum(
+        spent[3]
+        for (file, _, name), spent in calls
+        if any(file.endswith(end) and name == called for end, called in functions)
+    )
+
+
+def one_frame(folder):
+    """The source of the first frame alone, as a still."""
+    return relight.Source(folder / "plate.0001.exr", mask=folder / "matte.0001.png")
+
+
+def analysed_again(source, folder):
+    """Analyse a still and store its analysis, even if it is stored already."""
+    (folder / "still.safetensors").unlink(missing_ok=True)
+    relight.analyse_shot(source, folder)
+
+
+def measure_phases(folder):
+    """Print the phases of one frame at each size: from the plate, from the analysis cache, and storing it."""
+    columns = {}
+    for name, size in SIZES.items():
+        place = folder / name
+        place.mkdir()
+        write_plates(place, 1, size)
+        source, kept, relit = one_frame(place), place / "kept.relight", place / "relit.exr"
+        columns[f"{name}, analysed and stored"] = profiled(analysed_again, source, kept)
+        columns[f"{name}, from the plate"] = profiled(relight.render_shot, source, LIGHTS, relit)
+        columns[f"{name}, from the cache"] = profiled(relight.render_shot, kept, LIGHTS, relit)
+    print(f"| seconds | {' | '.join(columns)} |\n|---|{'---|' * len(columns)}")
+    for phase in PHASES:
+        print(f"| {phase} | {' | '.join(f'{phases[phase]:.2f}' for _, _, phases in columns.values())} |")
+    print(f"| user time | {' | '.join(f'{user:.2f}' for user, _, _ in columns.values())} |")
+    print(f"| and system time | {' | '.join(f'{system:.2f}' for _, system, _ in columns.values())} |")
+    for name in SIZES:
+        output = subprocess.run(
+            [sys.executable, __file__, "--peak", str(folder / name)],
+            check=True,
+            capture_output=True,
+            text=True,
+        )
+        print(f"peak memory of one frame, {name}: {output.stdout.strip()}")
+
+
+def print_peak(folder):
+    """Relight one frame, and print the most memory that this process has held."""
+    relight.render_shot(one_frame(folder), LIGHTS, folder / "peak.exr")
+    status = Path("/proc/self/status").read_text()  # resource's figure would begin with that of the parent
+    print(f"{int(status.split('VmHWM:')[1].split()[0]) / 1024:.0f} MiB")
+
+
 if __name__ == "__main__":
     torch.set_num_threads(1)
+    if sys.argv[1:2] == ["--peak"]:
+        sys.exit(print_peak(Path(sys.argv[2])))
     small = np.zeros((64, 48, 4), np.float32)
     small[8:60, 12:36] = (0.4, 0.3, 0.2, 1)
     relight.Subject(small).relit(LIGHTS)  # the networks' weights are loaded, and the first steps made
-    for frames in map(int, sys.argv[1:] or (20, 200)):
+    for frames in map(int, sys.argv[1:]):
         with tempfile.TemporaryDirectory() as folder:
             measure(Path(folder), frames)
     with tempfile.TemporaryDirectory() as folder:
-        measure_close_up(Path(folder))
+        if sys.argv[1:]:
+            measure_close_up(Path(folder))
+        else:
+            measure_phases(Path(folder))

@@ -31,11 +31,13 @@ def canvas_size(height: int) -> tuple[int, int]:
 
 def bounding_box(mask: torch.Tensor, threshold: float = 0.5) -> tuple[int, int, int, int]:
     """Return (top, left, bottom, right) of `mask` (H, W) > `threshold`, in pixels; the last two exclusive."""
-    rows = torch.nonzero((mask > threshold).any(dim=1))[:, 0]
-    columns = torch.nonzero((mask > threshold).any(dim=0))[:, 0]
+    shown = mask > threshold
+    rows = torch.nonzero(shown.any(dim=1))[:, 0]
     if not len(rows):
         raise ValueError("mask: is empty, so there is no subject to frame")
-    return int(rows[0]), int(columns[0]), int(rows[-1]) + 1, int(columns[-1]) + 1
+    top, bottom = int(rows[0]), int(rows[-1]) + 1
+    columns = torch.nonzero(shown[top:bottom].any(dim=0))[:, 0]
+    return top, int(columns[0]), bottom, int(columns[-1]) + 1
 
 
 def affine_sample(
@@ -168,14 +170,14 @@ class Framed:
         leaves no black edge. Raises ValueError if the subject is too thin for any canvas pixel to show it.
         """
         framing = Framing.around(matte, height)
-        mask = framing.crop(matte[None])[0].clamp(0, 1)
+        layers = framing.crop(torch.cat([matte[None], torch.ones_like(matte)[None], rgb]))
+        mask, covered, colour = layers[0].clamp(0, 1), layers[1:2], layers[2:]
         if not (mask > 0.5).any():
             thinnest = 1 / framing.scale
             raise ValueError(
                 f"mask: is too thin for its length, expected at least {thinnest:.1f} pixels across somewhere"
             )
-        covered = framing.crop(torch.ones_like(rgb[:1]))
-        colour = framing.crop(rgb) / covered.clamp_min(1e-6) * (covered > 0)
+        colour = colour / covered.clamp_min(1e-6) * (covered > 0)
         return cls(framing, colour, mask, matte)
 
     def restored(self, maps: torch.Tensor) -> torch.Tensor:

@@ -32,7 +32,7 @@ def _tensor(name: str, value: Array, expected: str) -> torch.Tensor:
 
 
 def _finite(name: str, tensor: torch.Tensor) -> torch.Tensor:
-    if not torch.isfinite(tensor).all():
+    if tensor.numel() and not torch.isfinite(torch.stack(tensor.aminmax())).all():  # which pass NaN on
         raise ValueError(f"{name}: contains NaN or infinite values")
     return tensor
 
@@ -50,7 +50,8 @@ def image(name: str, value: Array) -> torch.Tensor:
 
 def bounded(name: str, pixels: torch.Tensor) -> torch.Tensor:
     """Return the pixels; raises ValueError if sums over them could overflow float32."""
-    if (largest := pixels.abs().max()) > LARGEST_VALUE:
+    low, high = map(float, pixels.aminmax())
+    if (largest := max(-low, high)) > LARGEST_VALUE:
         raise ValueError(f"{name}: expected values of at most {LARGEST_VALUE:g}, got {largest:g}")
     return pixels
 
@@ -67,9 +68,10 @@ def mask(name: str, value: Array, size: Sequence[int]) -> torch.Tensor:
     if not (tensor.is_floating_point() or tensor.dtype == torch.bool):
         raise TypeError(f"{name}: expected {expected}, got dtype {tensor.dtype}")
     tensor = _finite(name, tensor.float())
-    if tensor.min() < 0 or tensor.max() > 1:
-        raise ValueError(f"{name}: expected values in [0, 1], got [{tensor.min():g}, {tensor.max():g}]")
-    if not (tensor > 0.5).any():
+    low, high = tensor.aminmax()
+    if low < 0 or high > 1:
+        raise ValueError(f"{name}: expected values in [0, 1], got [{low:g}, {high:g}]")
+    if high <= 0.5:
         raise EmptyMaskError(f"{name}: is empty (no value above 0.5), so there is no subject")
     return tensor
 

@@ -6,6 +6,7 @@ import torch.nn.functional as F
 from scipy import ndimage
 
 from shadow import inputs
+from shadow.framing import bounding_box
 
 NOISE_COVERAGE = 0.1  # coverage up to this counts as 0, and from 1 minus this as 1
 SPECK_SHARE = 0.02  # a detached part with less than this share of the largest part's coverage is a speck
@@ -20,18 +21,23 @@ def clean_matte(matte: torch.Tensor) -> torch.Tensor:
     the largest one and detached from the large ones. A matte of two people keeps both. Warns about the pixels
     in such small components, and about a matte that looks inverted.
     """
-    coverage = matte.cpu().numpy()
-    solid = coverage > NOISE_COVERAGE
-    labels, parts = ndimage.label(solid, structure=np.ones((3, 3)))
-    if parts == 0:  # the caller decides whether to refuse a matte without a person
+    whole = matte.cpu()
+    solid = (whole > NOISE_COVERAGE).numpy()
+    if not solid.any():  # the caller decides whether to refuse a matte without a person
         return matte
     _warn_if_inverted(solid)
+    top, left, bottom, right = bounding_box(whole, NOISE_COVERAGE)
+    box = np.s_[top:bottom, left:right]
+    solid, coverage = solid[box], whole[box].numpy()
+    labels, parts = ndimage.label(solid, structure=np.ones((3, 3)))
     weight = np.bincount(labels.ravel(), weights=coverage.ravel(), minlength=parts + 1)
     weight[0] = 0  # label 0 is the background
     large = weight >= SPECK_SHARE * weight.max()
     kept = large.copy()
     if not large[1:].all():
-        near = _near(torch.from_numpy(large[labels])).numpy()
+        parts_of_person = torch.zeros(matte.shape, dtype=torch.bool)
+        parts_of_person[box] = torch.from_numpy(large[labels])
+        near = _near(parts_of_person)[box].numpy()
         kept |= np.bincount(labels[near & solid], minlength=parts + 1) > 0
     kept[0] = False
     left_out = int(np.count_nonzero(solid & ~kept[labels]))
@@ -39,7 +45,9 @@ def clean_matte(matte: torch.Tensor) -> torch.Tensor:
         count = int((~kept[1:]).sum())
         inputs.warn(f"mask: {left_out} pixels in {count} small parts far from the person are left out")
     belongs = torch.from_numpy(kept[labels]).to(matte.device)
-    return ((matte - NOISE_COVERAGE) / (1 - 2 * NOISE_COVERAGE)).clamp(0, 1) * belongs
+    cleaned = torch.zeros_like(matte)
+    cleaned[box] = ((matte[box] - NOISE_COVERAGE) / (1 - 2 * NOISE_COVERAGE)).clamp(0, 1) * belongs
+    return cleaned
 
 
 def _warn_if_inverted(solid: np.ndarray) -> None:

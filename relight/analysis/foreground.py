@@ -191,19 +191,19 @@ def _own_colour(plate: np.ndarray, alpha: torch.Tensor, photographed: bool) -> t
         known = _away_from_the_rim(torch.from_numpy(known)[None], alpha[None])[0].numpy()
     filled = fill_unknown(rgb, known)
     if photographed and not own_alpha.size:
-        filled = _solved(rgb, filled, alpha.numpy())
-    return torch.from_numpy(np.where(known[..., None], rgb, filled).clip(0)).permute(2, 0, 1)
+        filled = _solved(rgb, filled, alpha.numpy(), known)
+    return torch.from_numpy(filled.clip(0)).permute(2, 0, 1)
 
 
-def _solved(plate: np.ndarray, colour: np.ndarray, alpha: np.ndarray) -> np.ndarray:
-    """Correct the person's continued colour (h, w, 3) where the matte (h, w) is soft.
+def _solved(plate: np.ndarray, colour: np.ndarray, alpha: np.ndarray, known: np.ndarray) -> np.ndarray:
+    """Correct the person's continued colour (h, w, 3) where the matte is soft and it is not `known`.
 
     plate = alpha · colour + (1 - alpha) · background. The background is continued under the person, too. Of
     all pairs that satisfy the equation, the most likely one is taken, with Gaussian errors of both (as in
     Bayesian matting, Chuang et al. 2001). It needs no more than the photograph, so that it stays quick.
     """
     empty = alpha <= 1 - OPAQUE_COVERAGE
-    soft = (alpha > MIN_COVERAGE) & (alpha < OPAQUE_COVERAGE)
+    soft = (alpha > MIN_COVERAGE) & (alpha < OPAQUE_COVERAGE) & ~known
     if not empty.any() or not soft.any():
         return colour
     background = fill_unknown(plate, empty)[soft]

@@ -91,8 +91,7 @@ def check_inputs(
 def infer(given: AnalysisInputs) -> AnalysisRecord:
     """Analyse a person: run each network once. Raises ValueError for normals or depth of another picture."""
     field, shader = analysis.load(device=given.device), diffuse.load(device=given.device)
-    photograph = without_alpha(given.plate)
-    seen = None if given.normals is None else photograph.to(given.device)
+    seen = None if given.normals is None else without_alpha(given.plate).to(given.device)
     normals = resolve(given.normals, seen, given.alpha.to(given.device), field, shader)
 
     person = Foreground.of(given.alpha, given.matte, given.has_mask)
@@ -110,7 +109,7 @@ def infer(given: AnalysisInputs) -> AnalysisRecord:
     on_plate = framed.framing.shifted(person.left, person.top, person.size)
     depth, relative = given.depth, False
     if isinstance(depth, OnnxDepth):
-        depth, relative = depth.depth(photograph), True
+        depth, relative = depth.depth(without_alpha(given.plate)), True
     elif depth is not None:
         relative = not depth.is_floating_point()  # a picture of depth
     geometry = WorldGeometry.of(

@@ -1,7 +1,11 @@
-"""Resize images, and fill what is unknown of them, by OpenImageIO."""
+"""Resize images, and fill what is unknown of them."""
+
+import math
 
 import numpy as np
 import OpenImageIO as oiio
+import torch
+import torch.nn.functional as F
 
 from relight.media.buffers import to_array, to_buffer
 
@@ -33,6 +37,9 @@ def resize(image: np.ndarray, size: tuple[int, ...], filter_name: str = "blackma
 def fill_unknown(image: np.ndarray, known: np.ndarray) -> np.ndarray:
     """Continue an image to where it is not known, by push-pull (Gortler et al. 1996).
 
+    Each level has half the size of the one before, and the means of what is known there. OpenImageIO's
+    `fillholes_pushpull` gives the same to float32 rounding, in five times the time.
+
     Parameters
     ----------
     image
@@ -43,8 +50,47 @@ def fill_unknown(image: np.ndarray, known: np.ndarray) -> np.ndarray:
     Returns
     -------
     np.ndarray
-        (H, W, 3) float32, smooth in the unknown part. Known pixels are reproduced to float32 rounding only.
+        (H, W, 3) float32, smooth in the unknown part; zero if nothing is known. Known pixels are unchanged.
     """
-    weight = known[..., None]
-    weighted = np.concatenate([image * weight, weight], axis=-1, dtype=np.float32)  # the alpha is channel 3
-    return to_array(oiio.ImageBufAlgo.fillholes_pushpull(to_buffer(weighted)))[..., :3]
+    if known.all():
+        return np.asarray(image, np.float32)
+    weighted = np.zeros((*known.shape, 4), np.float32)
+    np.copyto(weighted[..., :3], image, where=known[..., None], casting="same_kind")
+    weighted[..., 3] = known
+    if known.size == 1:
+        return weighted[..., :3]
+    half_size = max(1, known.shape[0] // 2), max(1, known.shape[1] // 2)
+    *colours, weight = np.moveaxis(_interpolated(weighted, half_size), 2, 0)
+    seen = weight > 0
+    means = np.stack([np.divide(c, weight, out=np.zeros_like(c), where=seen) for c in colours], axis=-1)
+    filled = _interpolated(fill_unknown(means, seen), known.shape)
+    np.copyto(filled, weighted[..., :3], where=known[..., None])
+    return filled
+
+
+def _interpolated(image: np.ndarray, size: tuple[int, ...]) -> np.ndarray:
+    """Resample an image (h, w, C) float32 to `size` (H, W) by a triangle filter: linear interpolation."""
+    tensor = torch.from_numpy(np.ascontiguousarray(image))
+    for length in size:  # rows, then columns
+        taps, weights = _triangle_filter(len(tensor), length)
+        flat = F.embedding_bag(taps, tensor.flatten(1), per_sample_weights=weights, mode="sum")
+        tensor = flat.view(length, *tensor.shape[1:]).transpose(0, 1).contiguous()
+    return tensor.numpy()
+
+
+def _triangle_filter(source: int, length: int) -> tuple[torch.Tensor, torch.Tensor]:
+    """Return, for each of `length` pixels, which of the `source` pixels it is made of, and their weights.
+
+    The edge goes on beyond the image. Positions are rounded to float32 as OpenImageIO rounds them.
+    """
+    ratio = np.float32(length) / np.float32(source)
+    slope = np.minimum(ratio, np.float32(1))  # of the triangle, over a pixel of the source
+    radius = math.ceil(1 / slope)
+    position = (np.arange(length, dtype=np.float32) + np.float32(0.5)) * (np.float32(1) / np.float32(length))
+    position *= np.float32(source)
+    first, step = np.floor(position), np.arange(-radius, radius + 1, dtype=np.float32)
+    distance = slope * (step - (position - first - np.float32(0.5))[:, None])
+    weights = (1 - np.abs(distance)).clip(0)
+    weights /= weights.sum(axis=1, keepdims=True)
+    taps = (first[:, None] + step).clip(0, source - 1).astype(np.int64)
+    return torch.from_numpy(taps), torch.from_numpy(weights)

@@ -90,8 +90,8 @@ def painted(colour: np.ndarray, matte: np.ndarray, box: tuple[int, int, int, int
     top, left, bottom, right = box
     alpha = np.ascontiguousarray(matte[top:bottom, left:right], np.float32)
     inside = colour[top:bottom, left:right]
-    linear = np.where(alpha[..., None] > 0, inside, fill_unknown(inside, alpha > 0)).clip(0, 1)
-    codes = np.round(encode(linear.astype(np.float32), white=1) * 255)
+    linear = fill_unknown(inside, alpha > 0).clip(0, 1)
+    codes = np.round(encode(linear, white=1) * 255)
     pixels = np.concatenate([codes, np.round(alpha[..., None] * 255)], axis=-1).astype(np.uint8)
     file = io.BytesIO()
     Image.fromarray(pixels).save(file, "PNG", compress_level=6)

@@ -153,8 +153,9 @@ class _ReducedPlate:
         inside = matte > 0
         brightest = float(np.quantile(colour[inside], 0.999))
         self.gain = min(1.0, 1 / max(brightest, 1e-6)) if brightest <= 1 else 1 / brightest
-        self.photograph = resize(_filled(colour, inside), size) * np.float32(self.gain)
-        self.albedo = resize(_filled(albedo, inside), size)
+        # Continued, so that the JPEG has no edge that rings.
+        self.photograph = resize(fill_unknown(colour, inside), size) * np.float32(self.gain)
+        self.albedo = resize(fill_unknown(albedo, inside), size)
         self.matte = resize(np.ascontiguousarray(matte[..., None]), size)[..., 0].clip(0, 1)
         centre = tuple(
             c * side / old for c, side, old in zip(framing.centre, size[::-1], (columns, rows), strict=True)
@@ -189,11 +190,6 @@ def _deflated(arrays: dict[str, np.ndarray], compression: int) -> bytes:
         planes = np.moveaxis(planes, -1, 0)
         parts.append(np.diff(planes, axis=-1, prepend=np.uint8(0)).astype(np.uint8).tobytes())
     return zlib.compress(b"".join(parts), compression)
-
-
-def _filled(image: np.ndarray, known: np.ndarray) -> np.ndarray:
-    """Continue an image (h, w, 3) from where it is known: its JPEG then has no edge that rings."""
-    return np.where(known[..., None], image, fill_unknown(image, known)).astype(np.float32)
 
 
 def _jpeg(linear: np.ndarray) -> bytes:

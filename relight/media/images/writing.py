@@ -37,7 +37,7 @@ DEPTH = "Z"  # the layer, and OpenEXR's name of its channel: half floats would m
 LONGEST_LAYER = 253  # bytes of UTF-8: with ".R" behind, the 255 of OpenEXR
 NO_COLOUR = ("N", "P")  # layers of three channels that are no colour
 SAMPLED = 16  # one pixel in so many tells that a layer is bright
-ROWS = 64  # of a file that are written at a time; whole blocks of OpenEXR's compression
+ROWS = 16  # of a file that are written at a time: a block of OpenEXR's ZIP compression
 LOST = 0.01  # share of a layer's light that half floats may lose before a warning says so
 
 
