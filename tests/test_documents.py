@@ -6,7 +6,7 @@ from collections import Counter
 
 import numpy as np
 import pytest
-from helpers import ROOT, documents
+from helpers import ROOT, documents, stated_table
 from helpers.architecture import FOLDERS
 from helpers.documents import DOCUMENTS, blocks
 from typer.main import get_command
@@ -210,3 +210,8 @@ def test_the_architecture_says_the_order_that_the_tests_check():
     rows = re.findall(r"^\| `relight/(\w+)(?:\.py)?` \|", page, re.MULTILINE)
     present = [name for name in FOLDERS if list((ROOT / "relight").glob(f"{name}*"))]
     assert rows == present
+
+
+def test_the_table_of_what_files_state_is_that_of_the_tests():
+    _, written, _ = stated_table.documented()
+    assert written == stated_table.table(), "run python tests/helpers/stated_table.py"

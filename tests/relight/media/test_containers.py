@@ -40,6 +40,7 @@ def mean(picture):
 
 
 @pytest.mark.parametrize("shape", [(128, 128), (96, 128), (64, 64)])
+@pytest.mark.states("Stills", "a gain map of a JPEG: the base picture", "honoured")
 def test_a_gain_map_leaves_the_base_picture_alone(tmp_path, shape):
     codes = ramp(*shape)
     gain_map_jpeg(tmp_path / "u.jpg", codes, np.full((shape[0] // 2, shape[1] // 2), 200, np.uint8))
@@ -72,6 +73,7 @@ def test_the_base_picture_of_a_gain_map_keeps_its_profile(tmp_path):
         },
     ],
 )
+@pytest.mark.states("Stills", "Adobe RGB by Exif", "honoured")
 def test_adobe_rgb_by_exif(tmp_path, name, tags):
     if name == "a.tif" and "InteroperabilityIndex" in tags:
         tags = {"ColorSpace": 2}  # Pillow writes no interoperability directory into a TIFF
@@ -127,6 +129,7 @@ def test_a_gain_map_that_cannot_be_applied_leaves_the_base_picture(tmp_path):
     ],
 )
 @pytest.mark.parametrize("dtype", [np.uint8, np.uint16])
+@pytest.mark.states("Stills", "cICP, iCCP, sRGB, gAMA and cHRM of a PNG, in this order", "honoured")
 def test_primaries_of_a_png_count_in_the_order_of_its_specification(tmp_path, chunks, expected, dtype):
     red = RED.astype(dtype) * (257 if dtype == np.uint16 else 1)
     png(tmp_path / "a.png", red, **chunks)
@@ -155,6 +158,7 @@ def test_pq_and_hlg_of_a_png_are_light(tmp_path, transfer):
         ({"cHRM": bytes(32)}, "span no colours"),
     ],
 )
+@pytest.mark.states("Stills", "cICP of a PNG that is not full-range RGB, odd exponents", "refused")
 def test_what_a_png_says_in_vain_is_one_line(tmp_path, chunk, message):
     png(tmp_path / "a.png", RED, **chunk)
     assert message in first_line(tmp_path / "a.png")
@@ -175,6 +179,7 @@ def test_what_a_png_says_in_vain_is_one_line(tmp_path, chunk, message):
         ("yuv420p", 9, 1, 9, (65535, 0, 0), RED_OF_BT2020, 0.06),
     ],
 )
+@pytest.mark.states("Stills", "code points of an AVIF", "honoured")
 def test_avif_says_its_colour_by_numbers(
     tmp_path, layout, primaries, transfer, matrix, codes, expected, tolerance
 ):
@@ -239,6 +244,7 @@ def test_alpha_of_integers_is_straight(tmp_path):
 
 
 @pytest.mark.parametrize("masks", [(0xFF, 0xFF00, 0xFF0000), (0x3FF00000, 0xFFC00, 0x3FF)])
+@pytest.mark.states("Stills", "masks of a BMP in another order", "refused")
 def test_masks_of_a_bmp_in_another_order_are_refused(tmp_path, masks):
     bmp(tmp_path / "a.bmp", np.full((8, 8, 4), 128, np.uint8), compression=3, masks=masks)
     assert "its header states the masks 0x" in first_line(tmp_path / "a.bmp")
@@ -288,6 +294,7 @@ def test_a_damaged_dpx_is_named(tmp_path):
         (["pcomb a.hdr", "\tEXPOSURE=4", "EXPOSURE=2"], (0.5, 0.25, 0.125)),  # indented: of a.hdr
     ],
 )
+@pytest.mark.states("Stills", "EXPOSURE and COLORCORR of a Radiance file", "honoured")
 def test_exposure_of_a_radiance_picture_is_divided_out(tmp_path, lines, expected):
     radiance(tmp_path / "a.hdr", (128, 64, 32, 129), *lines)
     np.testing.assert_allclose(mean(relight.read(tmp_path / "a.hdr")), expected, atol=0.005)
@@ -326,6 +333,7 @@ def test_pfm_is_light_from_the_bottom_up(tmp_path, order, scale):
 
 
 @pytest.mark.parametrize("photometric", ["cielab", "logluv"])
+@pytest.mark.states("Stills", "CIE Lab and LogLuv of a TIFF", "refused")
 def test_colours_that_are_not_red_green_and_blue_are_refused(tmp_path, photometric):
     tifffile = pytest.importorskip("tifffile")
     tifffile.imwrite(tmp_path / "a.tif", np.full((8, 8, 3), 128, np.uint8), photometric=photometric)

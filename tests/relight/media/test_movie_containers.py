@@ -17,6 +17,7 @@ PRORES = {"codec": "prores_ks", "layout": "yuva444p10le"}
     ("codec", "options"), [("libvpx-vp9", {"lossless": "1"}), ("libvpx", {"auto-alt-ref": "0", "crf": "4"})]
 )
 @pytest.mark.parametrize("suffix", [".webm", ".mkv"])
+@pytest.mark.states("Movies", "alpha of VP8 and VP9", "honoured")
 def test_alpha_of_vp8_and_vp9_is_read(tmp_path, codec, options, suffix):
     path = tmp_path / f"a{suffix}"
     movie(path, [CUT] * 3, codec=codec, layout="yuva420p", options=options)
@@ -31,6 +32,7 @@ def test_alpha_of_vp8_and_vp9_is_read(tmp_path, codec, options, suffix):
     np.testing.assert_allclose(MatteMovie(path).read(2), MATTE, atol=0.06)
 
 
+@pytest.mark.states("Movies", "alpha that FFmpeg lacks the decoder for", "refused")
 def test_alpha_that_cannot_be_decoded_is_refused(tmp_path, monkeypatch):
     movie(tmp_path / "a.webm", [CUT], codec="libvpx-vp9", layout="yuva420p")
     monkeypatch.setattr(av, "codecs_available", av.codecs_available - {"libvpx-vp9"})
@@ -54,6 +56,7 @@ def test_a_grey_matte_with_opaque_alpha_is_its_grey(tmp_path, name, settings):
     np.testing.assert_allclose(MatteMovie(tmp_path / name).read(1), MATTE, atol=0.01)
 
 
+@pytest.mark.states("Movies", "opaque colour, as a matte", "refused")
 def test_opaque_colour_is_no_matte(tmp_path):
     movie(tmp_path / "a.mp4", [ramp()] * 2, codec="libx264", layout="yuv420p")
     with pytest.raises(ValueError, match=r"a\.mp4: expected mattes .* got opaque colour in frame 1"):
@@ -138,6 +141,7 @@ def combed(field):
         ("a.mxf", "mpeg2video", "yuv420p"),
     ],
 )
+@pytest.mark.states("Movies", "two fields a frame", "honoured")
 def test_fields_are_taken_apart(tmp_path, name, codec, layout, field):
     frames = combed(field)
     alpha = layout in ("yuva444p10le", "argb", "bgra")
@@ -171,6 +175,7 @@ def test_progressive_frames_stay_as_they_are(tmp_path, settings):
 @pytest.mark.parametrize(
     ("name", "codec"), [("a.mov", "prores_ks"), ("a.mp4", "libx264"), ("a.mkv", "libx264")]
 )
+@pytest.mark.states("Movies", "a sample aspect", "honoured")
 def test_pixels_are_made_square(tmp_path, name, codec, aspect):
     layout = {"prores_ks": "yuva444p10le", "libx264": "yuv420p"}[codec]
     movie(tmp_path / name, [CUT] * 2, codec=codec, layout=layout, aspect=aspect)
@@ -189,12 +194,14 @@ def test_pixels_are_made_square(tmp_path, name, codec, aspect):
         ((9, 18, 9), 32768, (0.3144,) * 3),  # 1/12 of the camera's range over 0.265
     ],
 )
+@pytest.mark.states("Movies", "the transfer functions PQ and HLG", "honoured")
 def test_pq_and_hlg_are_light(tmp_path, colour, code, expected):
     grey = np.full((64, 64, 3), code, np.uint16)
     movie(tmp_path / "a.mkv", [grey] * 2, codec="ffv1", layout="yuv444p10le", colour=colour)
     np.testing.assert_allclose(Movie(tmp_path / "a.mkv").read(2)[32, 32], expected, atol=0.03)
 
 
+@pytest.mark.states("Movies", "colour primaries", "honoured")
 def test_primaries_of_a_movie_count(tmp_path):
     red = np.tile(np.uint16([65535, 0, 0]), (64, 64, 1))
     movie(tmp_path / "a.mkv", [red] * 2, codec="ffv1", layout="yuv444p10le", colour=(9, 1, 9))

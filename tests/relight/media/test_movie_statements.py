@@ -51,6 +51,7 @@ def with_display_matrix(path, a, b, c, d):
         ("prores_ks", "yuv422p10le", "b.mov", "tff"),
     ],
 )
+@pytest.mark.states("Movies", "a display matrix that mirrors or turns by quarters of a circle", "honoured")
 def test_mirrored_and_turned_movies_stand_as_their_matrix_says(
     tmp_path, codec, layout, name, field, matrix, shown
 ):
@@ -62,6 +63,7 @@ def test_mirrored_and_turned_movies_stand_as_their_matrix_says(
 
 @pytest.mark.parametrize("matrix", [(0.8, 0.6, -0.6, 0.8), (1, 0, 0.5, 1)])
 @pytest.mark.filterwarnings("ignore:.*times as wide as high")
+@pytest.mark.states("Movies", "a display matrix of another angle, or that shears", "refused")
 def test_a_matrix_of_another_angle_is_refused(tmp_path, matrix):
     movie(tmp_path / "a.mov", [CORNERS] * 2, codec="qtrle", layout="rgb24")
     with_display_matrix(tmp_path / "a.mov", *matrix)
@@ -86,12 +88,14 @@ def ycgco(layout, full):
 
 @pytest.mark.parametrize("full", [True, False])
 @pytest.mark.parametrize("layout", ["yuv444p", "yuv420p", "yuv422p10le", "yuv444p12le"])
+@pytest.mark.states("Movies", "the matrix YCgCo", "honoured")
 def test_ycgco_is_decoded_in_every_layout(layout, full):
     found = video_frames.read_codes(ycgco(layout, full), "h264")
     np.testing.assert_allclose(found[5, 5] / 65535, CODES, atol=0.006)
 
 
 @pytest.mark.parametrize("matrix", [10, 11, 13, 14, 15, 16])
+@pytest.mark.states("Movies", "ICtCp, constant luminance, other matrices that are not undone", "refused")
 def test_matrices_that_cannot_be_undone_are_refused(tmp_path, matrix):
     path = tmp_path / "a.mkv"
     with av.open(str(path), "w") as file:
@@ -146,6 +150,7 @@ def with_dolby_vision(path, codec, profile, compatibility):
         ("libsvtav1", b"av01", 10, 1, False),
     ],
 )
+@pytest.mark.states("Movies", "Dolby Vision without a compatible base (profile 5)", "refused")
 def test_dolby_vision_with_colours_of_its_own_is_refused(
     tmp_path, codec, box, profile, compatibility, refused
 ):
@@ -160,6 +165,7 @@ def test_dolby_vision_with_colours_of_its_own_is_refused(
 
 
 @pytest.mark.parametrize("name", ["a.m4v", "a.mp4", "a.mkv"])
+@pytest.mark.states("Movies", "cover art before or after the video stream", "honoured")
 def test_cover_art_is_not_the_movie(tmp_path, name):
     frames = [np.full((64, 64, 3), code, np.uint8) for code in (40, 80, 120)]
     movie(tmp_path / "plain.mp4", frames, codec="libx264", layout="yuv420p")
@@ -189,6 +195,7 @@ def test_cover_art_is_not_the_movie(tmp_path, name):
 
 
 @pytest.mark.parametrize("codec", ["libx264", "mpeg2video"])
+@pytest.mark.states("Movies", "times that start again in joined transport streams", "warned of")
 def test_parts_of_a_joined_stream_are_read_one_after_the_other(tmp_path, codec):
     name, content = "a.ts" if codec == "libx264" else "a.mpg", b""
     for start in (10, 100, 180):
@@ -224,6 +231,7 @@ def at_times(path, times):
 
 
 @pytest.mark.parametrize("name", ["a.mkv", "a.mp4"])
+@pytest.mark.states("Movies", "a variable frame rate", "warned of")
 def test_sound_is_left_out_where_the_frame_rate_varies(tmp_path, name):
     at_times(tmp_path / name, [*range(0, 600, 40), *range(600, 1800, 120)])
     with pytest.warns(UserWarning, match=rf"{name}: has a variable frame rate"):
@@ -240,6 +248,7 @@ def test_sound_stays_where_frames_are_a_little_late(tmp_path, name):
     assert PlateMetadataReader(found).at(1).sound == tmp_path / name
 
 
+@pytest.mark.states("Movies", "the display matrix of a matte", "honoured")
 def test_mattes_are_mirrored_as_their_pictures_are(tmp_path):
     matte = np.zeros((64, 64, 3), np.uint8)
     matte[:, 40:] = 255

@@ -41,6 +41,7 @@ def save(folder, suffix, pixels=PART, packet=b""):
     ("suffix", "form"),
     [("jpg", "attributes"), ("jpg", "elements"), ("tif", "elements"), ("webp", "attributes")],
 )
+@pytest.mark.states("Environments", "a part of a photo sphere: placed, the rest is dark", "warned of")
 def test_a_part_is_placed_in_its_sphere(tmp_path, suffix, form):
     path = save(tmp_path, suffix, packet=xmp(form))
     with pytest.warns(UserWarning, match=r"sphere\.\w+: is 25% of its sphere; the rest is dark"):
@@ -69,6 +70,7 @@ def test_a_part_that_was_reduced_later_is_where_it_was(tmp_path):
     assert not pixels[4].any()
 
 
+@pytest.mark.states("Environments", "a whole photo sphere", "honoured")
 def test_whole_spheres_are_as_before(tmp_path, recwarn):
     whole = xmp(
         CroppedAreaImageWidthPixels=80, CroppedAreaImageHeightPixels=40, CroppedAreaLeftPixels=0,
@@ -91,6 +93,7 @@ def test_whole_spheres_are_as_before(tmp_path, recwarn):
         ({"CroppedAreaImageHeightPixels": 30}, "which is another shape than the 40 x 30"),
     ],
 )
+@pytest.mark.states("Environments", "another projection, or a part beyond its sphere", "refused")
 def test_a_part_that_cannot_be_placed_is_refused(tmp_path, fields, message):
     with pytest.raises(ValueError, match=message) as caught:
         relight.EnvironmentLight(save(tmp_path, "jpg", packet=xmp(**fields)))

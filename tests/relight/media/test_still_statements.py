@@ -37,6 +37,7 @@ FILTERS = [
 @pytest.mark.parametrize(
     "suffix", ["tif", "tiff", "3fr", "iiq", "fff", "mos", "erf", "kdc", "dcr", "rwl", "jpg"]
 )
+@pytest.mark.states("Stills", "a camera raw, under any name of a TIFF", "honoured")
 def test_a_camera_raw_is_developed_whatever_its_name(tmp_path, suffix, order):
     pytest.importorskip("rawpy")
     path = tmp_path / f"a.{suffix}"
@@ -47,6 +48,7 @@ def test_a_camera_raw_is_developed_whatever_its_name(tmp_path, suffix, order):
 
 
 @pytest.mark.parametrize("big", [False, True])
+@pytest.mark.states("Stills", "reduced pages of a TIFF", "honoured")
 def test_a_reduced_page_is_passed_over(tmp_path, big):
     with tifffile.TiffWriter(tmp_path / "a.tif", bigtiff=big) as file:
         file.write(THUMBNAIL, photometric="rgb", subfiletype=1, metadata=None)
@@ -58,6 +60,7 @@ def test_a_reduced_page_is_passed_over(tmp_path, big):
     np.testing.assert_allclose(found, decode_srgb(ramp() / 255), atol=1e-4)
 
 
+@pytest.mark.states("Stills", "further pages of a TIFF", "warned of")
 def test_further_pages_are_warned_of_and_a_reduced_copy_alone_is_refused(tmp_path):
     with tifffile.TiffWriter(tmp_path / "a.tif") as file:
         file.write(ramp(), photometric="rgb", metadata=None)
@@ -70,6 +73,7 @@ def test_further_pages_are_warned_of_and_a_reduced_copy_alone_is_refused(tmp_pat
 
 
 @pytest.mark.parametrize("name", ["a.png", "a.webp", "a.gif", "a.avif"])
+@pytest.mark.states("Stills", "animation of PNG, WebP, GIF, AVIF", "warned of")
 def test_an_animation_is_warned_of(tmp_path, name):
     first, second = Image.fromarray(ramp()), Image.fromarray(ramp()[::-1])
     first.save(tmp_path / name, save_all=True, append_images=[second])
@@ -99,6 +103,7 @@ def targa(path, attributes, pixel=(60, 20, 10, 128)):
 
 
 @pytest.mark.parametrize(("attributes", "straight"), [(3, True), (4, False)])
+@pytest.mark.states("Stills", "attributes type of a Targa file", "honoured")
 def test_alpha_of_targa_is_what_its_attributes_say(tmp_path, attributes, straight):
     targa(tmp_path / "a.tga", attributes)
     found = relight.read(tmp_path / "a.tga")[0, 0]
@@ -120,12 +125,14 @@ def test_alpha_of_targa_is_what_its_attributes_say(tmp_path, attributes, straigh
         (["GAMMA=1.8"], 0.5**1.8),
     ],
 )
+@pytest.mark.states("Stills", "eight zero primaries and GAMMA of a Radiance file", "honoured")
 def test_radiance_headers_of_other_programs(tmp_path, lines, light):
     radiance(tmp_path / "a.hdr", (128, 128, 128, 128), *lines)
     np.testing.assert_allclose(relight.read(tmp_path / "a.hdr"), light, rtol=2e-3)
 
 
 @pytest.mark.parametrize("count", [1, 2])
+@pytest.mark.states("Stills", "unspecified extra samples of a grey TIFF", "honoured")
 def test_samples_that_a_grey_tiff_does_not_name_are_passed_over(tmp_path, count):
     samples = np.dstack([disc()] + [np.full((64, 64), 90, np.uint8)] * count)
     tifffile.imwrite(
@@ -136,6 +143,7 @@ def test_samples_that_a_grey_tiff_does_not_name_are_passed_over(tmp_path, count)
 
 
 @pytest.mark.parametrize(("name", "kind"), [("a.exr", "half"), ("a.tif", "float")])
+@pytest.mark.states("Stills", "alpha more than 0.5 beyond 0 and 1", "refused")
 def test_alpha_beyond_its_range_is_clipped_or_refused_by_name(tmp_path, name, kind):
     pixels = np.full((8, 8, 4), 0.5, np.float32)
     pixels[0, 0, 3], pixels[0, 1, 3] = -0.09, 1.17
@@ -154,6 +162,7 @@ def test_alpha_beyond_its_range_is_clipped_or_refused_by_name(tmp_path, name, ki
 
 
 @pytest.mark.parametrize("size", [1, 16, 40])
+@pytest.mark.states("Stills", "a JPEG XL of few bytes", "honoured")
 def test_a_small_jpeg_xl_is_read(tmp_path, size):
     path = str(tmp_path / "a.jxl")
     file = oiio.ImageOutput.create(path)
@@ -166,6 +175,7 @@ def test_a_small_jpeg_xl_is_read(tmp_path, size):
 
 
 @pytest.mark.parametrize("name", ["a.png", "a.gif", "a.webp", "a.avif"])
+@pytest.mark.states("Stills", "more pixels than the file can mean", "refused")
 def test_a_small_file_of_a_huge_picture_is_refused(tmp_path, name, monkeypatch):
     monkeypatch.setattr("relight.media.images.pages.FREE_PIXELS", 1000)
     monkeypatch.setattr("relight.media.images.pages.PIXELS_PER_BYTE", 1)

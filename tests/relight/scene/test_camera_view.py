@@ -59,11 +59,15 @@ def tangent(degrees):
         ("adjustPixelAspectRatio", 2.0, 12),
     ],
 )
+@pytest.mark.states(
+    "USD", "a film back of another aspect than the picture, `aspectRatioConformPolicy`", "honoured"
+)
 def test_a_film_back_is_fitted_as_the_stages_render_settings_say(tmp_path, policy, aspect, expected):
     rig = rig_of(tmp_path, settings=f'{POLICY} = "{policy}"' if policy else "")
     np.testing.assert_allclose(tangent(rig.view.vertical_degrees(aspect)), expected / 50, rtol=1e-6)
 
 
+@pytest.mark.states("USD", "aperture offsets, orthographic cameras", "warned of")
 def test_a_shifted_film_back_is_said_and_an_orthographic_camera_has_no_angle(tmp_path):
     with pytest.warns(UserWarning, match="/cam: has a shifted film back"):
         rig = rig_of(tmp_path, "float horizontalApertureOffset = 4")
@@ -86,6 +90,7 @@ def test_a_shifted_film_back_is_said_and_an_orthographic_camera_has_no_angle(tmp
         ({"yfov": 0.6}, 0.5, math.tan(0.3)),
     ],
 )
+@pytest.mark.states("glTF", "`yfov` and `aspectRatio` of the camera", "honoured")
 def test_what_a_gltf_camera_sees_is_not_cropped(tmp_path, perspective, aspect, expected):
     """glTF 2.0, 3.10.3.1."""
     tree = {

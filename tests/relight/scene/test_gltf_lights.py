@@ -50,6 +50,7 @@ def test_photometric_units_and_places(tmp_path):
 
 
 @pytest.mark.parametrize("version", ["3.6.28", "5.0.21"])
+@pytest.mark.states("glTF", "683 lm/W of Blender, by its generator", "warned of")
 def test_blender_writes_lumens_for_watts(tmp_path, version):
     """Cycles gives a white surface 40 / 4 pi^2 at a metre from a lamp of 40 W, and 3 / pi in a sun of 3."""
     lights = [
@@ -150,6 +151,7 @@ def test_bad_input_is_named_in_one_line(tmp_path):
 
 
 @pytest.mark.parametrize("hidden", ["the light", "what it hangs from"])
+@pytest.mark.states("glTF", "KHR_node_visibility", "honoured")
 def test_lights_of_hidden_nodes_do_not_shine(tmp_path, hidden):
     """KHR_node_visibility hides a node with its children."""
     off = {"extensions": {"KHR_node_visibility": {"visible": False}}}
@@ -162,6 +164,7 @@ def test_lights_of_hidden_nodes_do_not_shine(tmp_path, hidden):
 
 
 @pytest.mark.parametrize("node", [0, 1])
+@pytest.mark.states("glTF", "animated lights", "warned of")
 def test_an_animated_light_is_named(tmp_path, node):
     """The light, or what it hangs from, moves; the animation of another node does not matter."""
     nodes = [{"children": [1]}, lit(0, name="sun"), {"name": "other"}]
@@ -174,6 +177,7 @@ def test_an_animated_light_is_named(tmp_path, node):
         read_lights(scene(tmp_path / "still.gltf", nodes, [SUN], **target))
 
 
+@pytest.mark.states("glTF", "unknown `extensionsRequired`", "warned of")
 def test_an_extension_that_the_file_requires_is_named(tmp_path):
     """Compressed meshes do not concern lights; unknown extensions may."""
     nodes = [lit(0, name="sun")]

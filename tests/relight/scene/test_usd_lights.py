@@ -72,6 +72,7 @@ def DistantLight "sun" {
 BLENDER = 'doc = "Blender v5.0.1"'
 
 
+@pytest.mark.states("USD", "suns and temperatures of Blender", "honoured")
 def test_blenders_sun_and_temperature(tmp_path):
     """Blender writes a sun of 3 W/m2 and 10 degrees so, and switches temperatures on that it does not use."""
     (sun,) = read_lights(stage(tmp_path, SUN, BLENDER))
@@ -94,6 +95,7 @@ def test_what_is_authored_over_blenders_stage_is_usdlux(tmp_path):
     assert sun.angle == 10
 
 
+@pytest.mark.states("USD", "the strength of a world of Blender, which it does not write", "warned of")
 def test_blenders_worlds(tmp_path):
     """A colour is a picture of one pixel; the strength of an image is not in the file."""
     relight.write(tmp_path / "colour.exr", np.full((1, 1, 3), (1, 0.5, 0.25), np.float32))
@@ -142,6 +144,7 @@ def test_a_z_up_stage_is_turned_to_y_up(tmp_path):
     np.testing.assert_allclose(bulb.position, (1, 3, 2), atol=1e-6)
 
 
+@pytest.mark.states("USD", "hidden prims", "honoured")
 def test_what_is_hidden_or_dark_does_not_shine(tmp_path):
     hidden = KEY.replace('"key" {', '"hidden" {\n    token visibility = "invisible"')
     dark = KEY.replace('"key" {', '"dark" {\n    float inputs:intensity = 0')
@@ -162,6 +165,7 @@ def test_colours_add_up(tmp_path):
     np.testing.assert_allclose(key.power, 2 * tint * (1, 0.5, 0.25), rtol=2e-3)
 
 
+@pytest.mark.states("USD", "time samples", "honoured")
 def test_time_samples_become_moving_lights(tmp_path):
     body = """
     def DistantLight "sun" {
@@ -228,6 +232,7 @@ def Mesh "glowing" (prepend apiSchemas = ["MeshLightAPI"]) {}
 """
 
 
+@pytest.mark.states("USD", "light filters, IES profiles, portals, cylinders, mesh lights", "warned of")
 def test_what_cannot_be_represented_is_named_with_its_prim(tmp_path):
     with pytest.warns(UserWarning, match="set.usda") as caught:
         read_lights(stage(tmp_path, MANY))
@@ -385,6 +390,7 @@ def test_a_stage_that_includes_itself_is_refused(tmp_path):
     check_refused("missing", stage(tmp_path, KEY, "subLayers = [@./none.usda@]"), FileNotFoundError)
 
 
+@pytest.mark.states("USD", "files from outside the folder of the stage", "refused")
 def test_files_from_outside_need_leave(tmp_path):
     sky = tmp_path / "sky.exr"
     relight.write(sky, np.ones((32, 64, 3), np.float32))
@@ -435,6 +441,7 @@ def SphereLight "lamp" (prepend apiSchemas = ["ShapingAPI"]) {{
 """
 
 
+@pytest.mark.states("USD", "lights of before 21.02, without `inputs:`", "honoured")
 def test_attributes_of_before_21_02_are_read(tmp_path):
     """Houdini 18 and Maya 2022 wrote `intensity`, later programs `inputs:intensity`; today's names win."""
     (old,) = read_lights(stage(tmp_path, OLD.format(""), name="old.usda"))
@@ -447,6 +454,7 @@ def test_attributes_of_before_21_02_are_read(tmp_path):
     assert light.intensity == pytest.approx(2 * plain.intensity)
 
 
+@pytest.mark.states("USD", "lights of point instancers", "warned of")
 def test_lights_of_a_point_instancer_are_named_and_left_out(tmp_path):
     """They would shine from their prototype's place."""
     body = """
