@@ -63,7 +63,7 @@ class PlateMetadata:
         """Return what `to_json` was given. Raises ValueError for another version or other values."""
         try:
             if value["version"] != VERSION:
-                raise ValueError(f"expected version {VERSION}, got {value['version']}")
+                raise ValueError(f"expected version {VERSION}, got {value['version']!r:.40}")
             begin, end = map(Fraction, value["shown"])
             return cls(
                 {

@@ -87,6 +87,7 @@ def _check_layers(path: Path, layer: Any, folder: Path, allow_external: bool) ->
         if layer.identifier in done:
             return
         done.add(layer.identifier)
+        _check_specs(path, layer)
         if len(done) > MOST_LAYERS:
             raise ValueError(f"{path}: draws in more than {MOST_LAYERS} files")
         for asset in layer.GetCompositionAssetDependencies():
@@ -104,6 +105,19 @@ def _check_layers(path: Path, layer: Any, folder: Path, allow_external: bool) ->
             follow(below, (*above, layer.identifier))
 
     follow(layer, ())
+
+
+def _check_specs(path: Path, layer: Any) -> None:
+    """Raise ValueError if a layer lists prims or properties that it does not hold.
+
+    USD ends the process where it composes such a layer, which a damaged .usdc can be.
+    """
+    from pxr import Sdf
+
+    listed: list[Any] = []
+    layer.Traverse(Sdf.Path.absoluteRootPath, listed.append)
+    if not all(layer.GetObjectAtPath(spec) for spec in listed):
+        raise ValueError(f"{path}: is damaged: {layer.GetDisplayName()} lists what it does not hold")
 
 
 def first_line(error: Any) -> str:

@@ -143,10 +143,11 @@ class _Reader:
         frames = self._frames(prim)
         try:
             found = [kind(prim, time) for time in frames]
-        except TypeError as error:  # a value of another type than the schema's
-            raise ValueError(
-                f"{self.path}: {prim.GetPath()}: holds a value of another type: {error}"
-            ) from error
+        except (TypeError, ValueError) as error:
+            if str(self.path) in str(error):
+                raise
+            what = "holds a value of another type than the schema's"
+            raise ValueError(f"{self.path}: {prim.GetPath()}: {what}: {error}") from error
         if not any(settings["intensity"] > 0 for _, settings in found):
             return None
         if _changes_image(found):

@@ -223,3 +223,14 @@ def test_pymatting_is_compiled_beside_the_worker(tmp_path):
         [sys.executable, "-c", program], capture_output=True, text=True, env=environment, timeout=120
     )
     assert done.stdout.strip() == "True", done.stderr
+
+
+def test_a_file_that_something_else_removed_is_a_sentence(session):
+    """A program that cleans temporary folders up, or a tab that removed the photograph meanwhile."""
+    photograph = session.new_photograph("a.png")
+    photograph.about, photograph.scene = {"preview": "none.jpg"}, {}
+    photograph.outputs.add("a-relit.png")
+    for endpoint, path in (("preview", {}), ("pack", {}), ("download", {"name": "a-relit.png"})):
+        found = answer(session, endpoint, id=photograph.id, **path)
+        assert found.status_code == 404, endpoint
+        assert b"drop the photograph again" in found.body

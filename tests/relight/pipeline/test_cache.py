@@ -422,3 +422,16 @@ def test_a_plate_replaced_during_the_analysis_is_kept_with_the_hash_of_what_was_
         cache.read(102)
     with pytest.warns(UserWarning, match="1 of . frames were damaged, or made from other plates"):
         shots.analyse(source, tmp_path / "s.relight", temporal_filter=False)
+
+
+@pytest.mark.states("Analysis caches", "a rate, an angle or an aspect that is no positive number", "refused")
+@pytest.mark.parametrize("value", [-90, "x", [], "1/0", float("nan"), {"a": 1}])
+@pytest.mark.parametrize("name", ["rate", "field_of_view", "pixel_aspect"])
+def test_numbers_of_a_hostile_header_are_named(tmp_path, monkeypatch, name, value):
+    (tmp_path / "shot.relight").mkdir()
+    frame = cache.frame_file(tmp_path / "shot.relight", 1)
+    frame.touch()
+    monkeypatch.setattr(cache.storage, "read_header", lambda path: {"provenance": {name: value}})
+    with pytest.raises(ValueError, match=f"{frame.name}: is damaged: its {name} is") as caught:
+        getattr(AnalysisCache(tmp_path / "shot.relight"), name)
+    assert "\n" not in str(caught.value)

@@ -1,4 +1,8 @@
+import base64
+import subprocess
+import sys
 import warnings
+import zlib
 
 import numpy as np
 import pytest
@@ -38,6 +42,29 @@ def SphereLight "bulb" {
     uniform token[] xformOpOrder = ["xformOp:translate"]
 }
 """
+
+
+DAMAGED_CRATE = (  # zlib and base 85: a .usdc of three lights with a few bytes exchanged
+    "c-oCsZ%i9y7=PZQM-K{Xq3!6VLW@ISfn+$p$l~t!Q#W*hLa&N5&K&IvJ-Oap?hb`TW0PgcV$70l#=taFKd3P=N}^#O{D6tN#AG"
+    "J>piwf$n6fc9=3rsj6an9B?>a(U*xUZz_nznZJ@50p|0CU9^|5Gc3owu=zvRP%mDLT3MWYGwtnXriO$2TNr==?;@Dlh4`~;f`$"
+    "_N4kL1d90B5<v9c!Z#wpu%zv5`@-"
+    "uz^wCmlwh01U(0*Le`;7cbd|N}Y2U}ffz!ukY#CnpJhlJyv7gyz&Xiv}ICh<F^;|un9QtkCw)ekx;`QC<E{)&%Wa97D)r%~5^!"
+    "oWP8!xjDHk0%0#EtPEsy>*@@w4(|uK%wh&4Y_IUyqlanq69c^Cp{>zt7prr;3D6>n7PPfnU=VZ=GSY^4z-"
+    "k)9lF+v;4@~aqkm9ZN+ET#b-"
+    "B&KfXcy@%zOmmA%yFlGIt>OP2Co+qgKqtG*WC1sG7921OlG*ua_|!CFif4R~JBqy(s%m}*IiQbNNrByg`VAQ=&&16{>&u~)<zb"
+    "oVM+3XCBYw+kr@aV4cHGL{YK7v%)>;~|iQlnSaKV+mSC-"
+    "4JABpV*f)AR+3iBn)NTL|Gj$^v1X%DVi<dK~>QQH0*)HGKnEb;=vLK3v!=S45OlKU|AQ9As9Rk=?=Bg&;(g80!Jy_Vmh=0$xPK"
+    "06>Elwb%?4-"
+    "tl^`um>*3Fswnq0McROTMB_=E67*rX<G`}eBjFY^0UoD_qhO2x8Ur`k(=km*hy$%qstd56Bq`%>pkOO}rz^dNjCCElaJ&}f0pe"
+    "d16Grklgpzm+_+Cj7jFTt`@sD7B^UhxAQ4|SMf}x3nPb9!l`my}tOYo|oi9(MknS=Si(_L-"
+    "p>g~0Um{knHyf=)1_U9oAA&UCP;baz^uH^;NJUo;Ag_dsEPC<%ni%}Oxb|l#%1zfiqnxGbFCUa^j*s+}}a6${XI2QvY2?iQ!!N"
+    "Y)~1{w;vL60eJB}x~E7*q2;se|xYhE~ZyrHf0O>I)fS6=No;e@KEcT(t+jMabNB0S?l;!U6Er1c3AsLYxy+!XP_&cMuxRyW2S6"
+    "NZsTC?x(Y7pJIS?5Nswfh*Se5wNJth7e~KLvUI~?k|jL?JKeB72&fE3p^iI3nIm<j_gZ6a&)o`{BY|i>g8aU4j5jB*mX9^Tzw}"
+    "+&ahrB7(5}C{bN*{y$De^&uk(tRx$G^N@fQB!b^Y!wy5udM4o!uq3!%Kps)-"
+    "7#Q@h=ki&APXpWojZ<0CWzGHBZ2oOMu$B0#ea8ab+ST)%m*$2vP>bSF;?%v9bowfxxhA}U;_ZWmTxyt#>5DB6;vXRi28;DP)-"
+    "s|9ygHZ86ov|{Jrwu$G^n)45pIe(9tS}aVaAdGxK({#T1n85NK;=53qz16L$%Dgm=tmIr>vfnVi<JoX~^xh5h4wY@cu%bozuD1"
+    "3)_Xy2a7d}gVx-Gn~b&daXmi=+G)*j|<$`Lx-9<X<P6Tf$jJ6y5sZ(DLS5^h;**Q~_jmi!;Q*S1F"
+)
 
 
 def stage(folder, body, head="metersPerUnit = 0.01", name="set.usda"):
@@ -467,3 +494,24 @@ def PointInstancer "bulbs" {
     with pytest.warns(UserWarning, match="/bulbs/bulb: copies of a point instancer are not read"):
         (light,) = read_lights(stage(tmp_path, body))
     assert light.name == "kept"
+
+
+@pytest.mark.states("USD", "prims that a damaged .usdc lists and does not hold", "refused")
+def test_a_damaged_crate_is_refused_before_usd_ends_the_process(tmp_path):
+    """In a process of its own: USD aborts where it composes such a layer."""
+    path = tmp_path / "damaged.usdc"
+    path.write_bytes(zlib.decompress(base64.b85decode(DAMAGED_CRATE)))
+    program = "import sys, relight; relight.read_lights(sys.argv[1])"
+    refused = "damaged.usdc: is damaged: damaged.usdc lists what it does not hold"
+    done = subprocess.run(
+        [sys.executable, "-c", program, str(path)], capture_output=True, text=True, timeout=120
+    )
+    assert refused in done.stderr
+    assert done.returncode == 1  # of an exception that nobody caught, not of a signal
+
+
+def test_values_and_transforms_of_no_meaning_name_the_prim(tmp_path):
+    other = KEY.replace("float inputs:angle = 0", 'string inputs:exposure = "bright"')
+    check_refused("/key: holds a value of another type", stage(tmp_path, other))
+    far = KEY.replace("(-30, 90, 0)", "(-30, inf, 0)")
+    check_refused("/key: has a transform that is not finite", stage(tmp_path, far))
