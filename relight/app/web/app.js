@@ -29,7 +29,12 @@ class Application {
     this.steps = Object.fromEntries(
       STEPS.map(([name, label], index) => [
         name,
-        h("button", { type: "button", class: "step", onclick: () => this.go(name) }, h("span", { class: "number", "aria-hidden": "true" }, `${index + 1}`), h("span", {}, label)),
+        h(
+          "button",
+          { type: "button", class: "step", onclick: () => this.go(name) },
+          h("span", { class: "number", "aria-hidden": "true" }, `${index + 1}`),
+          h("span", {}, label),
+        ),
       ]),
     );
     this.strip = h("ul", { class: "strip", "aria-label": "Photographs" });
@@ -111,8 +116,11 @@ class Application {
   /** Uploads files, and goes on with the first of them. */
   async add(files) {
     const [known, other] = [[], []];
-    for (const file of files) (this.about.suffixes.some((suffix) => file.name.toLowerCase().endsWith(suffix)) ? known : other).push(file);
-    const problems = other.length ? [`${other[0].name}${other.length > 1 ? ` and ${other.length - 1} more` : ""}: no picture that can be read.`] : [];
+    for (const file of files)
+      (this.about.suffixes.some((suffix) => file.name.toLowerCase().endsWith(suffix)) ? known : other).push(file);
+    const problems = other.length
+      ? [`${other[0].name}${other.length > 1 ? ` and ${other.length - 1} more` : ""}: no picture that can be read.`]
+      : [];
     let first = null;
     await this.busy(async (say, signal) => {
       for (const [index, file] of known.entries()) {
@@ -149,9 +157,11 @@ class Application {
     this.refresh();
     if (photograph.analysed) await this.go("light");
     else if (photograph.cut_out) return this.analyse(null, photograph.notes ?? []);
-    else if (this.about.finder === "ready" && !this.parts.outline.drawings.has(photograph.id)) return this.findPerson(photograph, photograph.notes ?? []);
+    else if (this.about.finder === "ready" && !this.parts.outline.drawings.has(photograph.id))
+      return this.findPerson(photograph, photograph.notes ?? []);
     else await this.go("outline");
-    if (this.chosen === photograph && this.message.hidden && photograph.notes?.length) this.tell(photograph.notes.join(" "));
+    if (this.chosen === photograph && this.message.hidden && photograph.notes?.length)
+      this.tell(photograph.notes.join(" "));
   }
 
   async remove(photograph) {
@@ -204,7 +214,10 @@ class Application {
     return this.about.finder === "ready";
   }
 
-  /** Accepts an outline, `drawn`, or the photograph's own: the light opens when the person is analysed. `said`: what was warned of before. */
+  /**
+   * Accepts an outline, `drawn`, or the photograph's own: the light opens when the person is analysed. `said`: what
+   * was warned of before.
+   */
   async analyse(drawn, said = []) {
     const { chosen } = this;
     await this.busy(async (say, signal) => {
@@ -254,7 +267,18 @@ class Application {
         h(
           "li",
           { class: photograph === this.chosen ? "chosen" : "" },
-          h("button", { type: "button", class: "thumb", title: photograph.name, "aria-label": photograph.name, "aria-pressed": String(photograph === this.chosen), onclick: () => this.choose(photograph) }, h("img", { src: `photographs/${photograph.id}/preview`, alt: "" })),
+          h(
+            "button",
+            {
+              type: "button",
+              class: "thumb",
+              title: photograph.name,
+              "aria-label": photograph.name,
+              "aria-pressed": String(photograph === this.chosen),
+              onclick: () => this.choose(photograph),
+            },
+            h("img", { src: `photographs/${photograph.id}/preview`, alt: "" }),
+          ),
           iconButton("delete", `Remove ${photograph.name}`, () => this.remove(photograph)),
         ),
       ),
@@ -266,7 +290,11 @@ class Application {
   progressSheet() {
     this.doing = h("p", { role: "status", "aria-live": "polite" });
     this.cancel = h("button", { type: "button", class: "quiet", onclick: () => this.aborting?.abort() }, "Cancel");
-    this.track = h("div", { class: "track", role: "progressbar", "aria-label": "Progress", "aria-valuemin": 0, "aria-valuemax": 100 }, h("i"));
+    this.track = h(
+      "div",
+      { class: "track", role: "progressbar", "aria-label": "Progress", "aria-valuemin": 0, "aria-valuemax": 100 },
+      h("i"),
+    );
     const sheet = h("dialog", { class: "progress", "aria-label": "Working" }, this.track, this.doing, this.cancel);
     sheet.addEventListener("cancel", (event) => {
       event.preventDefault();
@@ -325,7 +353,10 @@ class Application {
   tell(text, kept = false, act = null) {
     clearTimeout(this.telling);
     const button = ([label, onclick]) => h("button", { type: "button", class: "quiet", onclick }, label);
-    this.message.replaceChildren(h("span", {}, text), ...[act, ["Close", () => this.hush()]].filter(Boolean).map(button));
+    this.message.replaceChildren(
+      h("span", {}, text),
+      ...[act, ["Close", () => this.hush()]].filter(Boolean).map(button),
+    );
     (this.parts[this.step].noticePlace?.() ?? this.main).append(this.message);
     this.message.hidden = false;
     this.telling = setTimeout(() => this.hush(), TOLD[Number(kept)]);

@@ -11,12 +11,26 @@ export class Drop {
       this.input.value = "";
       if (files.length) app.add(files);
     });
-    this.choose = h("button", { type: "button", class: "primary", onclick: () => this.input.click() }, "Choose photographs…");
+    this.choose = h(
+      "button",
+      { type: "button", class: "primary", onclick: () => this.input.click() },
+      "Choose photographs…",
+    );
     this.about = h("p");
     this.finderAbout = h("span");
-    this.finder = h("p", { class: "finder small" }, this.finderAbout, h("button", { type: "button", class: "secondary", onclick: () => app.fetchFinder() }, "Fetch them once"));
+    this.finder = h(
+      "p",
+      { class: "finder small" },
+      this.finderAbout,
+      h("button", { type: "button", class: "secondary", onclick: () => app.fetchFinder() }, "Fetch them once"),
+    );
     this.files = h("ul", { class: "files" });
-    this.folder = h("section", { class: "folder", "aria-label": "Files of the folder", hidden: true }, h("h2", {}, "Or choose from the folder"), this.files);
+    this.folder = h(
+      "section",
+      { class: "folder", "aria-label": "Files of the folder", hidden: true },
+      h("h2", {}, "Or choose from the folder"),
+      this.files,
+    );
     this.element = h(
       "section",
       { class: "drop", "aria-label": "Photograph" },
@@ -29,7 +43,11 @@ export class Drop {
           "div",
           { class: "choices" },
           this.choose,
-          h("button", { type: "button", class: "secondary", onclick: () => app.addFrom("example", {}) }, "Try the example"),
+          h(
+            "button",
+            { type: "button", class: "secondary", onclick: () => app.addFrom("example", {}) },
+            "Try the example",
+          ),
         ),
         h("p", { class: "small" }, "JPEG, PNG, HEIC, raw, EXR or TIFF, up to 100 megapixels. Pasting works too."),
         this.input,
@@ -50,7 +68,13 @@ export class Drop {
     this.finderAbout.textContent = `People can be found for you, by ${finder_about}.`;
     this.folder.hidden = !root.length;
     this.files.replaceChildren(
-      ...root.map(({ path, name }) => h("li", {}, h("button", { type: "button", class: "quiet", onclick: () => this.app.addFrom("root", { path }) }, name))),
+      ...root.map(({ path, name }) =>
+        h(
+          "li",
+          {},
+          h("button", { type: "button", class: "quiet", onclick: () => this.app.addFrom("root", { path }) }, name),
+        ),
+      ),
     );
   }
 }

@@ -33,7 +33,7 @@ export class FloorShadow {
     if (this.asking) return;
     this.asking = true;
     try {
-      for (let asked = null; this.wanted && asked !== this.wanted; ) {
+      for (let asked = null; this.wanted && asked !== this.wanted;) {
         asked = this.wanted;
         const response = await post(`photographs/${this.photograph.id}/floor`, JSON.parse(asked));
         const picture = await readImage(new File([await response.blob()], "shadow.png"));

@@ -1,6 +1,20 @@
 // The third step: the viewer in place, with presets below it; stills by the server where the browser has no WebGL 2.
 
-import { Viewer, backdropOf, checkedLight, environmentText, floorText, h, keyDown, keyUp, lampsOfRows, lightTexts, mapOf, readImage, short } from "../viewer.js";
+import {
+  Viewer,
+  backdropOf,
+  checkedLight,
+  environmentText,
+  floorText,
+  h,
+  keyDown,
+  keyUp,
+  lampsOfRows,
+  lightTexts,
+  mapOf,
+  readImage,
+  short,
+} from "../viewer.js";
 import { FloorShadow } from "./floor.js";
 import { presetsOf, withPreset } from "./presets.js";
 import { ask, askJson } from "./requests.js";
@@ -29,7 +43,10 @@ export class Light {
     await this.app.busy(async (say, signal) => {
       say("Opening the light");
       const address = `photographs/${chosen.id}`;
-      const [scene, pack] = await Promise.all([askJson(`${address}/scene`, { signal }), ask(`${address}/pack`, { signal })]);
+      const [scene, pack] = await Promise.all([
+        askJson(`${address}/scene`, { signal }),
+        ask(`${address}/pack`, { signal }),
+      ]);
       const bytes = new Uint8Array(await pack.arrayBuffer());
       await this.begin(chosen, scene, bytes);
     });
@@ -55,13 +72,26 @@ export class Light {
       original: photograph.cut_out ? null : await this.original(photograph),
       save: () => this.app.parts.save.save(".png"),
       finish: () => this.app.go("save"),
-      engine: (viewer) => new StillEngine(viewer, photograph, () => this.look(viewer), (error) => this.app.fail(error)),
+      engine: (viewer) =>
+        new StillEngine(
+          viewer,
+          photograph,
+          () => this.look(viewer),
+          (error) => this.app.fail(error),
+        ),
     };
     this.viewer = await Viewer.open(root, scene, bytes, false, host);
-    if (!this.still) new FloorShadow(this.viewer, photograph, () => this.look(), (error) => this.app.fail(error));
+    if (!this.still)
+      new FloorShadow(
+        this.viewer,
+        photograph,
+        () => this.look(),
+        (error) => this.app.fail(error),
+      );
     this.restoreRig();
     this.photograph = photograph;
-    if (this.still) this.app.tell("This browser has no WebGL 2: the server makes each picture, which takes a moment.", true);
+    if (this.still)
+      this.app.tell("This browser has no WebGL 2: the server makes each picture, which takes a moment.", true);
     this.showPresets();
   }
 
@@ -85,7 +115,9 @@ export class Light {
   keptRig() {
     this.keepRig();
     const { state, maps, pictures } = this.rig ?? {};
-    return state && { state, environment: state.environment && maps[state.map]?.id, picture: pictures[state.picture]?.id };
+    return (
+      state && { state, environment: state.environment && maps[state.map]?.id, picture: pictures[state.picture]?.id }
+    );
   }
 
   /** Takes what `keptRig` gave; a file that is no longer there is left out. */
@@ -93,8 +125,14 @@ export class Light {
     if (!kept) return;
     const { state } = kept;
     const opened = (kind, id) => (id ? askJson(`${kind}/${id}`).catch(() => null) : null);
-    const [environment, picture] = await Promise.all([opened("environments", kept.environment), opened("backgrounds", kept.picture)]);
-    const maps = [null, ...(environment ? [mapOf(environment.path, lampsOfRows(environment.lamps), environment.file)] : [])];
+    const [environment, picture] = await Promise.all([
+      opened("environments", kept.environment),
+      opened("backgrounds", kept.picture),
+    ]);
+    const maps = [
+      null,
+      ...(environment ? [mapOf(environment.path, lampsOfRows(environment.lamps), environment.file)] : []),
+    ];
     const pictures = [null, ...(picture ? [await backdropOf(picture)] : [])];
     state.lights = state.lights.map((light) => checkedLight(light));
     Object.assign(state, { map: maps.length - 1, picture: pictures.length - 1 });
@@ -118,7 +156,9 @@ export class Light {
       if (rig.state.background === "original" && !viewer.original) viewer.setBackgroundKind("none");
     } else {
       const [first] = presetsOf(this.app.about.presets);
-      viewer.change((state) => Object.assign(state, withPreset(state, first), { background: viewer.original && "original" }));
+      viewer.change((state) =>
+        Object.assign(state, withPreset(state, first), { background: viewer.original && "original" }),
+      );
     }
     viewer.past = [];
   }
@@ -130,7 +170,12 @@ export class Light {
     return {
       lights: lightTexts(state),
       environment: settings ? { file: environment.id, settings } : null,
-      background: background === "original" ? background : background === "picture" ? backdrop && { file: backdrop.id } : background && background.map(short),
+      background:
+        background === "original"
+          ? background
+          : background === "picture"
+            ? backdrop && { file: backdrop.id }
+            : background && background.map(short),
       floor: floorText(state),
       exposure: short(state.exposure),
       gloss: short(state.gloss),

@@ -26,16 +26,36 @@ export class OutlineStep {
     this.app = app;
     this.closedAt = -DOUBLE_CLICK; // when a line was closed
     this.drawings = new Map(); // photograph id: { now, past, future }, drawings like NOTHING
-    this.canvas = h("canvas", { tabindex: 0, role: "application", "aria-label": "The photograph. Drag to draw around the person. With the keyboard: arrows move the pen, Enter sets a corner, C closes the line." });
+    this.canvas = h("canvas", {
+      tabindex: 0,
+      role: "application",
+      "aria-label":
+        "The photograph. Drag to draw around the person. With the keyboard: arrows move the pen, Enter sets a corner, C closes the line.",
+    });
     this.paper = new Paper(this.canvas);
     this.hint = h("p", { class: "hint", "aria-live": "polite" });
     this.stage = h("div", { class: "paper" }, this.canvas, this.hint);
-    this.buttons = Object.fromEntries(TOOLS.map(([name, label, title]) => [name, h("button", { type: "button", class: "tool", title, onclick: () => this.use(name) }, label)]));
+    this.buttons = Object.fromEntries(
+      TOOLS.map(([name, label, title]) => [
+        name,
+        h("button", { type: "button", class: "tool", title, onclick: () => this.use(name) }, label),
+      ]),
+    );
     this.size = h("input", { type: "range", min: 1, max: 100, value: 30, "aria-label": "Brush size" });
     this.size.addEventListener("input", () => this.draw());
     this.shift = this.edge("shift", "Shift", -100);
     this.feather = this.edge("feather", "Feather", 0);
-    this.greyButton = h("button", { type: "button", class: "tool", title: "Show the matte alone: white is the person (M)", "aria-pressed": "false", onclick: () => this.showGrey(!this.grey) }, "Matte");
+    this.greyButton = h(
+      "button",
+      {
+        type: "button",
+        class: "tool",
+        title: "Show the matte alone: white is the person (M)",
+        "aria-pressed": "false",
+        onclick: () => this.showGrey(!this.grey),
+      },
+      "Matte",
+    );
     this.file = h("input", { type: "file", accept: "image/*,.exr,.tif,.tiff", hidden: true, "aria-label": "A matte" });
     this.file.addEventListener("change", () => {
       const [file] = this.file.files;
@@ -44,9 +64,16 @@ export class OutlineStep {
     });
     this.undoButton = iconButton("undo", "Undo", () => this.undo(), "Ctrl Z");
     this.redoButton = iconButton("redo", "Redo", () => this.redo(), "Ctrl Shift Z");
-    this.models = new ModelSheet((file, options) => this.findByFile(file, options), (name) => this.find({ name }));
+    this.models = new ModelSheet(
+      (file, options) => this.findByFile(file, options),
+      (name) => this.find({ name }),
+    );
     this.finder = h("button", { type: "button", class: "tool", onclick: () => this.findPerson() }, "Find the person");
-    this.accept = h("button", { type: "button", class: "primary", onclick: () => this.app.analyse(this.plain()) }, "Use this outline");
+    this.accept = h(
+      "button",
+      { type: "button", class: "primary", onclick: () => this.app.analyse(this.plain()) },
+      "Use this outline",
+    );
     this.element = h(
       "section",
       { class: "outline", "aria-label": "Outline" },
@@ -59,10 +86,29 @@ export class OutlineStep {
         h("div", { class: "edge", role: "group", "aria-label": "Edge" }, this.shift.element, this.feather.element),
         this.greyButton,
         h("div", { class: "group" }, this.undoButton, this.redoButton),
-        h("div", { class: "group zooms" }, h("button", { type: "button", class: "tool", "aria-label": "Zoom out", onclick: () => this.zoom(0.7) }, "−"), h("button", { type: "button", class: "tool", onclick: () => this.fit() }, "Fit"), h("button", { type: "button", class: "tool", "aria-label": "Zoom in", onclick: () => this.zoom(1.4) }, "+")),
+        h(
+          "div",
+          { class: "group zooms" },
+          h("button", { type: "button", class: "tool", "aria-label": "Zoom out", onclick: () => this.zoom(0.7) }, "−"),
+          h("button", { type: "button", class: "tool", onclick: () => this.fit() }, "Fit"),
+          h("button", { type: "button", class: "tool", "aria-label": "Zoom in", onclick: () => this.zoom(1.4) }, "+"),
+        ),
         this.finder,
-        h("button", { type: "button", class: "tool", onclick: () => this.models.open(this.app.about.models) }, "Find with a model…"),
-        h("button", { type: "button", class: "tool", title: "Take a matte from a picture: white is the person", onclick: () => this.file.click() }, "Load a matte…"),
+        h(
+          "button",
+          { type: "button", class: "tool", onclick: () => this.models.open(this.app.about.models) },
+          "Find with a model…",
+        ),
+        h(
+          "button",
+          {
+            type: "button",
+            class: "tool",
+            title: "Take a matte from a picture: white is the person",
+            onclick: () => this.file.click(),
+          },
+          "Load a matte…",
+        ),
         this.file,
         this.models.file,
         this.models.sheet,
@@ -101,10 +147,14 @@ export class OutlineStep {
     on("pointerleave", () => ((this.pen = null), this.draw()));
     on("contextmenu", (event) => event.preventDefault());
     on("dblclick", () => this.close());
-    on("wheel", (event) => {
-      event.preventDefault();
-      this.zoom(wheeled(event), this.paper.at(event));
-    }, { passive: false });
+    on(
+      "wheel",
+      (event) => {
+        event.preventDefault();
+        this.zoom(wheeled(event), this.paper.at(event));
+      },
+      { passive: false },
+    );
     this.element.addEventListener("keydown", (event) => this.key(event));
     new ResizeObserver(() => this.canvas.clientWidth && this.fit()).observe(this.stage);
   }
@@ -240,7 +290,9 @@ export class OutlineStep {
   /** Begins with a matte from a file. */
   async load(file) {
     const { photograph } = this;
-    const response = await ask(`photographs/${photograph.id}/matte?name=${encodeURIComponent(file.name)}`, { body: file });
+    const response = await ask(`photographs/${photograph.id}/matte?name=${encodeURIComponent(file.name)}`, {
+      body: file,
+    });
     await this.shows(response, photograph);
     this.change({ ...NOTHING, model: "file" });
     this.use("person");
@@ -289,7 +341,8 @@ export class OutlineStep {
   use(tool) {
     this.tool = tool;
     this.corners = [];
-    for (const [name, button] of Object.entries(this.buttons)) button.setAttribute("aria-pressed", String(name === tool));
+    for (const [name, button] of Object.entries(this.buttons))
+      button.setAttribute("aria-pressed", String(name === tool));
     this.draw();
   }
 
@@ -334,7 +387,8 @@ export class OutlineStep {
     else if (this.line) {
       if (Math.hypot(place[0] - this.pressed[0], place[1] - this.pressed[1]) > DRAG) this.freehand = true;
       const last = this.paper.spot(this.line.at(-1));
-      if (this.freehand && Math.hypot(place[0] - last[0], place[1] - last[1]) >= APART) this.line.push(this.paper.share(place));
+      if (this.freehand && Math.hypot(place[0] - last[0], place[1] - last[1]) >= APART)
+        this.line.push(this.paper.share(place));
     }
     this.draw();
   }
@@ -360,7 +414,10 @@ export class OutlineStep {
 
   stroke(points) {
     const { strokes } = this.drawing;
-    this.change({ ...this.drawing, strokes: [...strokes, { person: this.tool === "person", points, radius: this.reach }] });
+    this.change({
+      ...this.drawing,
+      strokes: [...strokes, { person: this.tool === "person", points, radius: this.reach }],
+    });
   }
 
   corner(place) {
@@ -438,7 +495,9 @@ export class OutlineStep {
     paper.begin(this.matte, this.grey && this.matte ? this.greys : null);
     if (!this.matte && this.drawing.lasso) paper.trace(this.drawing.lasso, true);
     if (this.line && brushes) paper.brush(this.line, this.tool === "person", this.radius);
-    if (busy) for (const { points, person, radius } of this.drawing.strokes.slice(-1)) paper.brush(points, person, radius * paper.width);
+    if (busy)
+      for (const { points, person, radius } of this.drawing.strokes.slice(-1))
+        paper.brush(points, person, radius * paper.width);
     if (!brushes) paper.trace([...this.corners, ...(this.line ?? [])], false, this.corners);
     if (this.pen) paper.pen(this.pen, brushes ? this.radius : null);
     this.say(busy);
@@ -462,9 +521,9 @@ export class OutlineStep {
         ? "Continue around the person. Click the first corner, or press C, to close the line."
         : this.matte && this.grey
           ? "White is the person, black is left out. Paint with Person or Background where the edge is wrong."
-        : this.matte
-          ? "The dimmed part is left out. Paint with Person or Background where the edge is wrong."
-          : "Draw a line around the person. It need not be exact.";
+          : this.matte
+            ? "The dimmed part is left out. Paint with Person or Background where the edge is wrong."
+            : "Draw a line around the person. It need not be exact.";
     if (this.hint.textContent !== text) this.hint.textContent = text;
   }
 }

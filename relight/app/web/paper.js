@@ -104,7 +104,10 @@ export class Paper {
     context.beginPath();
     if (radius !== null) context.arc(x, y, radius, 0, 7);
     else {
-      for (const [across, down] of [[8, 0], [0, 8]]) {
+      for (const [across, down] of [
+        [8, 0],
+        [0, 8],
+      ]) {
         context.moveTo(x - across, y - down);
         context.lineTo(x + across, y + down);
       }
@@ -113,7 +116,10 @@ export class Paper {
   }
 
   ink(outer, inner, colour) {
-    for (const [width, style] of [[outer, OUTLINED], [inner, colour]]) {
+    for (const [width, style] of [
+      [outer, OUTLINED],
+      [inner, colour],
+    ]) {
       this.context.lineWidth = width;
       this.context.strokeStyle = style;
       this.context.stroke();

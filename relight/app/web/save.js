@@ -11,7 +11,13 @@ const FORMATS = [
   [".html", "Page", "One file in which anyone can drag the lights"],
   [".glb", "3D model", "The person as a mesh, for 3D programs"],
 ];
-const PASSES = [["albedo", "Albedo"], ["N", "Normals"], ["Z", "Depth"], ["visibility", "Visibility"], ["shading", "Shading"]];
+const PASSES = [
+  ["albedo", "Albedo"],
+  ["N", "Normals"],
+  ["Z", "Depth"],
+  ["visibility", "Visibility"],
+  ["shading", "Shading"],
+];
 
 export class Save {
   constructor(app) {
@@ -37,7 +43,11 @@ export class Save {
         h("p", { class: "hint" }, "Files have the photograph's full resolution."),
         h("ul", { class: "formats" }, ...Object.values(this.rows).map(({ element }) => element)),
         h("h2", {}, "Make it again"),
-        h("p", { class: "hint" }, "The command and the lines of Python make the same picture, pixel for pixel. Both need the photograph, and its matte beside it."),
+        h(
+          "p",
+          { class: "hint" },
+          "The command and the lines of Python make the same picture, pixel for pixel. Both need the photograph, and its matte beside it.",
+        ),
         this.saveMatte,
         this.renamed,
         this.command.element,
@@ -47,16 +57,38 @@ export class Save {
   }
 
   row(suffix, name, about) {
-    const button = h("button", { type: "button", class: "secondary", "aria-label": `Save ${name}`, onclick: () => this.save(suffix) }, "Save");
-    const extra = suffix === ".exr" ? [h("div", { class: "passes", role: "group", "aria-label": "Further layers" }, ...this.passes.map(({ element }) => element))] : [];
+    const button = h(
+      "button",
+      { type: "button", class: "secondary", "aria-label": `Save ${name}`, onclick: () => this.save(suffix) },
+      "Save",
+    );
+    const extra =
+      suffix === ".exr"
+        ? [
+            h(
+              "div",
+              { class: "passes", role: "group", "aria-label": "Further layers" },
+              ...this.passes.map(({ element }) => element),
+            ),
+          ]
+        : [];
     const detail = h("span", { class: "hint" }, about);
-    return { button, detail, about, element: h("li", { "data-suffix": suffix }, h("div", {}, h("b", {}, name), detail, ...extra), button) };
+    return {
+      button,
+      detail,
+      about,
+      element: h("li", { "data-suffix": suffix }, h("div", {}, h("b", {}, name), detail, ...extra), button),
+    };
   }
 
   /** A command or program, with a button that copies it. */
   code(label) {
     const text = h("pre", { tabindex: 0, "aria-label": label });
-    const copy = h("button", { type: "button", class: "quiet", "aria-label": `Copy: ${label}`, onclick: () => this.copy(text.textContent) }, "Copy");
+    const copy = h(
+      "button",
+      { type: "button", class: "quiet", "aria-label": `Copy: ${label}`, onclick: () => this.copy(text.textContent) },
+      "Copy",
+    );
     return { text, element: h("div", { class: "code" }, h("h3", {}, label, copy), text) };
   }
 
@@ -79,8 +111,11 @@ export class Save {
     this.snapshot(viewer);
     const look = parts.light.look();
     this.rows[".jpg"].button.disabled = !look.background;
-    this.rows[".jpg"].detail.textContent = look.background ? this.rows[".jpg"].about : "Needs a background: choose a colour or a picture in the light step";
-    for (const [suffix, { element }] of Object.entries(this.rows)) element.hidden = !this.app.about.outputs.includes(suffix);
+    this.rows[".jpg"].detail.textContent = look.background
+      ? this.rows[".jpg"].about
+      : "Needs a background: choose a colour or a picture in the light step";
+    for (const [suffix, { element }] of Object.entries(this.rows))
+      element.hidden = !this.app.about.outputs.includes(suffix);
     this.saveMatte.hidden = !chosen.mask;
     if (chosen.mask) this.saveMatte.href = `photographs/${chosen.id}/files/${encodeURIComponent(chosen.mask)}`;
     const output = `${stemOf(chosen.name)}-relit.png`;
@@ -101,7 +136,10 @@ export class Save {
     const { canvas } = viewer.stage;
     const { width, height } = canvas;
     const shrink = Math.min(1, 1600 / Math.max(width, height, 1));
-    [preview.width, preview.height] = [Math.max(1, Math.round(width * shrink)), Math.max(1, Math.round(height * shrink))];
+    [preview.width, preview.height] = [
+      Math.max(1, Math.round(width * shrink)),
+      Math.max(1, Math.round(height * shrink)),
+    ];
     preview.getContext("2d").drawImage(canvas, 0, 0, preview.width, preview.height);
   }
 
@@ -110,7 +148,12 @@ export class Save {
     await this.app.busy(async (say, signal) => {
       say("Making the picture");
       const passes = this.passes.filter(({ box }) => box.checked).map(({ box }) => box.value);
-      const { file, notes } = await follow(`photographs/${chosen.id}/save`, { suffix, passes, look: parts.light.look() }, say, signal);
+      const { file, notes } = await follow(
+        `photographs/${chosen.id}/save`,
+        { suffix, passes, look: parts.light.look() },
+        say,
+        signal,
+      );
       const link = h("a", { href: `photographs/${chosen.id}/files/${encodeURIComponent(file)}`, download: file });
       link.click();
       this.app.tell([`Saved ${file}.`, ...notes].join(" "));
@@ -120,7 +163,10 @@ export class Save {
 
 const stemOf = (name) => name.replace(/\.\w+$/, "");
 
-/** The background's file as the command names it: with a number where the photograph, its matte or the result has its name. */
+/**
+ * The background's file as the command names it: with a number where the photograph, its matte or the result has its
+ * name.
+ */
 function backgroundName({ state, backdrop }, photograph) {
   if (!backdrop || state.background === "original") return backdrop?.name;
   const [stem, own] = [stemOf(backdrop.name), stemOf(photograph.name)];
@@ -142,7 +188,9 @@ function toPython(look, photograph, viewer, output, behind) {
     "    relight.Lighting(",
     ...(lights.length ? ["        light=[", ...lights.map((line) => `    ${line}`), "        ],"] : []),
     ...(environment ? [`        environment=[${environment}],`] : []),
-    ...(background ? [`        background=${Array.isArray(background) ? `(${background.join(", ")})` : text(behind)},`] : []),
+    ...(background
+      ? [`        background=${Array.isArray(background) ? `(${background.join(", ")})` : text(behind)},`]
+      : []),
     ...(look.floor ? [`        floor=relight.Floor(${look.floor}),`] : []),
     ...(Number(look.gloss) ? [`        gloss=${look.gloss},`] : []),
     "    ),",

@@ -15,12 +15,29 @@ export class Thumbs {
     const tall = Math.min(height, TALLEST * width);
     const shrink = Math.min(1, Math.max(THUMB[0] / width, THUMB[1] / tall));
     const size = [width, height].map((side) => Math.max(1, Math.round(side * shrink)));
-    const reduced = (image) => createImageBitmap(image, { resizeWidth: size[0], resizeHeight: size[1], resizeQuality: "high", premultiplyAlpha: "none", colorSpaceConversion: "none" });
+    const reduced = (image) =>
+      createImageBitmap(image, {
+        resizeWidth: size[0],
+        resizeHeight: size[1],
+        resizeQuality: "high",
+        premultiplyAlpha: "none",
+        colorSpaceConversion: "none",
+      });
     const [photograph, albedo] = await Promise.all([images.photograph, images.albedo].map(reduced));
     const matte = { shape: [1, size[1], size[0]], data: averaged(arrays.matte.data, [width, height], size) };
-    const description = { ...about, size, box: [0, 0, ...size], centre: about.centre.map((place) => place * shrink), scale: about.scale / shrink };
+    const description = {
+      ...about,
+      size,
+      box: [0, 0, ...size],
+      centre: about.centre.map((place) => place * shrink),
+      scale: about.scale / shrink,
+    };
     const small = { description, arrays: { ...arrays, matte }, images: { photograph, albedo } };
-    return new Thumbs(new Engine(document.createElement("canvas"), small, viewer.room, SHADERS), viewer.tints, Math.round(tall * shrink));
+    return new Thumbs(
+      new Engine(document.createElement("canvas"), small, viewer.room, SHADERS),
+      viewer.tints,
+      Math.round(tall * shrink),
+    );
   }
 
   constructor(engine, tints, tall) {
@@ -31,13 +48,28 @@ export class Thumbs {
   draw(canvas, { lights, gloss }) {
     const { engine } = this;
     const given = lights.map((light) => checkedLight(light));
-    engine.setLights(Array.from({ length: LAYERS }, (_, slot) => given[slot] ? { samples: fewer(samples(given[slot])), colour: power(given[slot], this.tints) } : null), gloss);
+    engine.setLights(
+      Array.from({ length: LAYERS }, (_, slot) =>
+        given[slot] ? { samples: fewer(samples(given[slot])), colour: power(given[slot], this.tints) } : null,
+      ),
+      gloss,
+    );
     engine.show("picture", { exposure: 0, background: null });
     const [width] = engine.size;
     const fit = Math.min(canvas.width / width, canvas.height / this.tall);
     const context = canvas.getContext("2d");
     context.imageSmoothingQuality = "high";
-    context.drawImage(engine.canvas, 0, 0, width, this.tall, (canvas.width - width * fit) / 2, canvas.height - this.tall * fit, width * fit, this.tall * fit);
+    context.drawImage(
+      engine.canvas,
+      0,
+      0,
+      width,
+      this.tall,
+      (canvas.width - width * fit) / 2,
+      canvas.height - this.tall * fit,
+      width * fit,
+      this.tall * fit,
+    );
   }
 
   /** Resolves when the graphics processor has drawn: the light in the hand then waits for one thumbnail at most. */
@@ -45,7 +77,8 @@ export class Thumbs {
     const { gl } = this.engine;
     const fence = gl.fenceSync(gl.SYNC_GPU_COMMANDS_COMPLETE, 0);
     gl.flush();
-    while (gl.getSyncParameter(fence, gl.SYNC_STATUS) === gl.UNSIGNALED) await new Promise((done) => setTimeout(done, 10));
+    while (gl.getSyncParameter(fence, gl.SYNC_STATUS) === gl.UNSIGNALED)
+      await new Promise((done) => setTimeout(done, 10));
     gl.deleteSync(fence);
   }
 
@@ -57,7 +90,8 @@ export class Thumbs {
 /** Some of a distant light's samples in place of all, with their power; a near light as it is. */
 function fewer(all) {
   if (!Array.isArray(all)) return all;
-  const some = all.length < EVERY ? all : all.filter((_, index) => index % EVERY === EVERY / 2); // from the middle of each four
+  // from the middle of each four
+  const some = all.length < EVERY ? all : all.filter((_, index) => index % EVERY === EVERY / 2);
   const times = all.length / some.length;
   return some.map(({ toward, power }) => ({ toward, power: power.map((value) => value * times) }));
 }
@@ -70,7 +104,8 @@ function averaged(data, [width, height], [across, down]) {
     for (let x = 0; x < across; x++) {
       const [left, right] = [x, x + 1].map((column) => Math.floor((column * width) / across));
       let sum = 0;
-      for (let row = top; row < bottom; row++) for (let column = left; column < right; column++) sum += data[row * width + column];
+      for (let row = top; row < bottom; row++)
+        for (let column = left; column < right; column++) sum += data[row * width + column];
       found[y * across + x] = sum / Math.max(1, (bottom - top) * (right - left));
     }
   }

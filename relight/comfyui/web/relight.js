@@ -22,12 +22,24 @@ class ViewerPage {
     this.hint = document.createElement("p");
     this.element = document.createElement("div");
     this.element.append(this.frame, this.hint);
-    Object.assign(this.element.style, { width: "100%", height: "100%", background: "#1b1b1b", borderRadius: "6px", overflow: "hidden", display: "grid", placeItems: "center" });
+    Object.assign(this.element.style, {
+      width: "100%",
+      height: "100%",
+      background: "#1b1b1b",
+      borderRadius: "6px",
+      overflow: "hidden",
+      display: "grid",
+      placeItems: "center",
+    });
     Object.assign(this.frame.style, { width: "100%", height: "100%", border: "0", gridArea: "1 / 1" });
     Object.assign(this.hint.style, { gridArea: "1 / 1", color: "#a3a09b", font: "13px sans-serif", margin: "0" });
     this.say(BEFORE);
     const reset = node.addWidget("button", "Take the lights that come in", null, () => this.reset());
-    const page = node.addDOMWidget("page", "relight_page", this.element, { serialize: false, hideOnZoom: false, getMinHeight: () => 360 });
+    const page = node.addDOMWidget("page", "relight_page", this.element, {
+      serialize: false,
+      hideOnZoom: false,
+      getMinHeight: () => 360,
+    });
     reset.serialize = page.serialize = false;
     node.setSize([Math.max(node.size[0], SIZE[0]), Math.max(node.size[1], SIZE[1])]);
   }
@@ -74,7 +86,10 @@ class ViewerPage {
     this.held.value = link;
     clearTimeout(this.telling);
     // Undo and "queue on change" look at the graph after the hand has come to rest.
-    this.telling = setTimeout(() => app.extensionManager?.workflow?.activeWorkflow?.changeTracker?.checkState?.(), SETTLED);
+    this.telling = setTimeout(
+      () => app.extensionManager?.workflow?.activeWorkflow?.changeTracker?.checkState?.(),
+      SETTLED,
+    );
   }
 
   reset() {

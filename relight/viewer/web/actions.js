@@ -7,7 +7,16 @@ import { checkedLight, toCommand, toFragment, toYaml } from "./state.js";
 import { LOOK_NAMES } from "./controls.js";
 
 // Where lights are put one after the other: a key, a rim, a fill, a kicker...
-const PLACES = [[-40, 30], [145, 25], [60, 10], [-145, 20], [0, 70], [20, -30], [-90, 0], [90, 0]];
+const PLACES = [
+  [-40, 30],
+  [145, 25],
+  [60, 10],
+  [-145, 20],
+  [0, 70],
+  [20, -30],
+  [-90, 0],
+  [90, 0],
+];
 
 const LEVEL = 0.5; // share of the height at which a level camera sees the horizon
 
@@ -33,7 +42,8 @@ export function actionsOf(viewer) {
     add: () => {
       viewer.stop();
       change((state) => {
-        if (state.lights.length >= LIGHTS) return viewer.say(`There are ${LIGHTS} lights, the most that the page shows.`);
+        if (state.lights.length >= LIGHTS)
+          return viewer.say(`There are ${LIGHTS} lights, the most that the page shows.`);
         const [azimuth, elevation] = PLACES[state.lights.length];
         state.lights.push(checkedLight({ name: freeName(state.lights), azimuth, elevation, angle: 10 }));
         state.selected = state.lights.length - 1;
@@ -56,7 +66,8 @@ export function actionsOf(viewer) {
     switch: () => {
       change((state, light) => light && (state.lights[state.selected] = viewer.room.switched(light)));
       const light = selected(viewer.state);
-      if (light && isNear(light) && viewer.room.camera.guessed) viewer.say("The frame cuts the person: metres are as if it showed 1.75 of them. Give relight view --height.");
+      if (light && isNear(light) && viewer.room.camera.guessed)
+        viewer.say("The frame cuts the person: metres are as if it showed 1.75 of them. Give relight view --height.");
     },
     brighten: (step) => onLight((light) => (light.exposure = clamp(light.exposure + step, -64, 64)), "keys"),
     soften: (steps) =>
@@ -64,7 +75,12 @@ export function actionsOf(viewer) {
         if (isNear(light)) light.radius = clamp(light.radius + steps / 100, 0, viewer.room.height);
         else light.angle = clamp(light.angle + 2 * steps, 0, 180);
       }, "keys"),
-    warmth: (mireds) => onLight((light) => (light.temperature = clamp(1e6 / (1e6 / (light.temperature ?? 6500) + mireds), ...LOCI[light.locus])), "keys"),
+    warmth: (mireds) =>
+      onLight(
+        (light) =>
+          (light.temperature = clamp(1e6 / (1e6 / (light.temperature ?? 6500) + mireds), ...LOCI[light.locus])),
+        "keys",
+      ),
     orbit: () => (viewer.playing === null ? viewer.play() : viewer.stop()),
     turn: (degrees) =>
       viewer.state.environment
@@ -73,7 +89,12 @@ export function actionsOf(viewer) {
     muteEnvironment: () => change((state) => state.environment && (state.environment.muted = !state.environment.muted)),
     nextBackground: () => {
       const { background, picture } = viewer.state;
-      const kinds = [...(viewer.original ? ["original"] : []), "none", "colour", ...(viewer.pictures[picture] ? ["picture"] : [])];
+      const kinds = [
+        ...(viewer.original ? ["original"] : []),
+        "none",
+        "colour",
+        ...(viewer.pictures[picture] ? ["picture"] : []),
+      ];
       const kind = background === null ? "none" : Array.isArray(background) ? "colour" : background;
       viewer.setBackgroundKind(kinds[(kinds.indexOf(kind) + 1) % kinds.length]);
     },
@@ -88,11 +109,16 @@ export function actionsOf(viewer) {
       change((state) => (state.floor = state.floor ? null : { horizon: Math.min(LEVEL, 0.8 * soles) }));
     },
     look: (look) => {
-      if (!viewer.engine.looks.includes(look)) return viewer.say(`${LOOK_NAMES[look]}: needs WebGL 2, which this browser does not have.`);
+      if (!viewer.engine.looks.includes(look))
+        return viewer.say(`${LOOK_NAMES[look]}: needs WebGL 2, which this browser does not have.`);
       change((state) => (state.look = look));
       viewer.say(LOOK_NAMES[look]);
     },
-    wipe: () => change((state) => (state.wipe = state.wipe ? null : { look: state.look === "photograph" ? "picture" : "photograph", at: 0.5 })),
+    wipe: () =>
+      change(
+        (state) =>
+          (state.wipe = state.wipe ? null : { look: state.look === "photograph" ? "picture" : "photograph", at: 0.5 }),
+      ),
     moveWipe: (step) => change((state) => state.wipe && (state.wipe.at = clamp(state.wipe.at + step, 0, 1)), "keys"),
     expose: (stops) => {
       change((state) => (state.exposure = clamp(state.exposure + stops, -64, 64)), "keys");
@@ -105,12 +131,21 @@ export function actionsOf(viewer) {
     copyLights: () => copy("The lights", toYaml(viewer.state, viewer.environment)),
     copyCommand: () => {
       const unnamed = typeof viewer.state.background === "string" && !viewer.backdrop?.name;
-      return copy(unnamed ? "The command, without the background (it has no file)" : "The command", toCommand(viewer.state, viewer.environment, viewer.scene, viewer.backdrop?.name));
+      return copy(
+        unnamed ? "The command, without the background (it has no file)" : "The command",
+        toCommand(viewer.state, viewer.environment, viewer.scene, viewer.backdrop?.name),
+      );
     },
     copyLink: () => {
       const { environment, map, background, picture } = viewer.state;
-      const files = [environment && map && viewer.environment.path, background === "picture" && picture && viewer.backdrop.name].filter(Boolean);
-      return copy(files.length ? `The link (${files.join(" and ")} must be dropped on the page again)` : "The link", `${location.href.split("#")[0]}#${toFragment(viewer.state, viewer)}`);
+      const files = [
+        environment && map && viewer.environment.path,
+        background === "picture" && picture && viewer.backdrop.name,
+      ].filter(Boolean);
+      return copy(
+        files.length ? `The link (${files.join(" and ")} must be dropped on the page again)` : "The link",
+        `${location.href.split("#")[0]}#${toFragment(viewer.state, viewer)}`,
+      );
     },
     copyPicture: async () => {
       viewer.stop();

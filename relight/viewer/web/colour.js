@@ -5,7 +5,13 @@ export const encoded = (light) => (light <= 0.0031308 ? light * 12.92 : 1.055 * 
 
 /** Linear RGB as "#rrggbb"; values above one become one. */
 export const toHex = (colour) =>
-  `#${colour.map((value) => Math.round(255 * encoded(Math.min(1, value))).toString(16).padStart(2, "0")).join("")}`;
+  `#${colour
+    .map((value) =>
+      Math.round(255 * encoded(Math.min(1, value)))
+        .toString(16)
+        .padStart(2, "0"),
+    )
+    .join("")}`;
 
 /** "#rrggbb" as linear RGB. */
 export const fromHex = (text) => [1, 3, 5].map((at) => decoded(parseInt(text.slice(at, at + 2), 16) / 255));

@@ -38,7 +38,16 @@ export class Controls {
     this.element = h(
       "aside",
       { class: "panel", "aria-label": "Lights and view" },
-      h("header", {}, h("h1", {}, viewer.scene.title), this.play, this.undo, this.redo, iconButton("help", "Help", actions.help, "?"), this.menu),
+      h(
+        "header",
+        {},
+        h("h1", {}, viewer.scene.title),
+        this.play,
+        this.undo,
+        this.redo,
+        iconButton("help", "Help", actions.help, "?"),
+        this.menu,
+      ),
       this.lightList(),
       this.inspector.element,
       this.environment(),
@@ -79,10 +88,24 @@ export class Controls {
     const { viewer } = this;
     const of = (state) => state.lights[index];
     const toggle = (key, letter) =>
-      h("button", { type: "button", class: `toggle ${key}`, onclick: () => this.change((state) => (of(state)[key] = !of(state)[key])) }, letter);
+      h(
+        "button",
+        {
+          type: "button",
+          class: `toggle ${key}`,
+          onclick: () => this.change((state) => (of(state)[key] = !of(state)[key])),
+        },
+        letter,
+      );
     const row = {
       ball: h("canvas", { width: 36, height: 36, "aria-hidden": "true" }),
-      name: h("input", { type: "text", class: "name", maxlength: 80, spellcheck: "false", "aria-label": `Name of light ${index + 1}` }),
+      name: h("input", {
+        type: "text",
+        class: "name",
+        maxlength: 80,
+        spellcheck: "false",
+        "aria-label": `Name of light ${index + 1}`,
+      }),
       solo: toggle("solo", "S"),
       muted: toggle("muted", "M"),
       remove: iconButton("delete", "Delete", () => viewer.actions.remove(index)),
@@ -98,27 +121,89 @@ export class Controls {
     const of = (state) => state.environment;
     this.environmentName = h("span", { class: "file" });
     this.environmentSliders = [
-      bound(this.viewer, "Rotation", "rotation", of, { min: -180, max: 180, step: 1, unit: "°", digits: 1, low: -1e6, high: 1e6 }),
-      bound(this.viewer, "Strength", "exposure", of, { min: -6, max: 6, step: 0.05, unit: "stops", low: -64, high: 64 }),
+      bound(this.viewer, "Rotation", "rotation", of, {
+        min: -180,
+        max: 180,
+        step: 1,
+        unit: "°",
+        digits: 1,
+        low: -1e6,
+        high: 1e6,
+      }),
+      bound(this.viewer, "Strength", "exposure", of, {
+        min: -6,
+        max: 6,
+        step: 0.05,
+        unit: "stops",
+        low: -64,
+        high: 64,
+      }),
     ];
-    this.environmentMute = h("button", { type: "button", class: "toggle muted", "aria-label": "Mute the environment", title: "Mute", onclick: () => this.change((state) => (of(state).muted = !of(state).muted)) }, "M");
-    this.environmentRemove = iconButton("delete", "Remove the environment", () => this.change((state) => (state.environment = null)));
-    this.environmentBody = h("div", {}, h("div", { class: "row" }, this.environmentName, this.environmentMute, this.environmentRemove), ...this.environmentSliders);
-    this.environmentHint = h("p", { class: "hint" }, "Drop a latitude-longitude map (.hdr or a picture) on this panel.");
-    const open = this.fileButton("Open…", this.viewer.host ? "" : ".hdr,.rgbe,.pic,image/*", (file) => this.viewer.openEnvironment(file));
-    this.environmentSection = h("section", { "aria-label": "Environment", "data-drop": "environment" }, h("h2", {}, "Environment", open), this.environmentHint, this.environmentBody);
+    this.environmentMute = h(
+      "button",
+      {
+        type: "button",
+        class: "toggle muted",
+        "aria-label": "Mute the environment",
+        title: "Mute",
+        onclick: () => this.change((state) => (of(state).muted = !of(state).muted)),
+      },
+      "M",
+    );
+    this.environmentRemove = iconButton("delete", "Remove the environment", () =>
+      this.change((state) => (state.environment = null)),
+    );
+    this.environmentBody = h(
+      "div",
+      {},
+      h("div", { class: "row" }, this.environmentName, this.environmentMute, this.environmentRemove),
+      ...this.environmentSliders,
+    );
+    this.environmentHint = h(
+      "p",
+      { class: "hint" },
+      "Drop a latitude-longitude map (.hdr or a picture) on this panel.",
+    );
+    const open = this.fileButton("Open…", this.viewer.host ? "" : ".hdr,.rgbe,.pic,image/*", (file) =>
+      this.viewer.openEnvironment(file),
+    );
+    this.environmentSection = h(
+      "section",
+      { "aria-label": "Environment", "data-drop": "environment" },
+      h("h2", {}, "Environment", open),
+      this.environmentHint,
+      this.environmentBody,
+    );
     return this.environmentSection;
   }
 
   background() {
-    this.backgroundKind = choice(`background${this.id}`, "Background", [...(this.viewer.original ? [["original", "Original"]] : []), ["none", "None"], ["colour", "Colour"], ["picture", "Picture"]], (kind) => this.viewer.setBackgroundKind(kind));
+    this.backgroundKind = choice(
+      `background${this.id}`,
+      "Background",
+      [
+        ...(this.viewer.original ? [["original", "Original"]] : []),
+        ["none", "None"],
+        ["colour", "Colour"],
+        ["picture", "Picture"],
+      ],
+      (kind) => this.viewer.setBackgroundKind(kind),
+    );
     this.backgroundColour = h("input", { type: "color", "aria-label": "Background colour", value: "#1c1e22" });
     this.backgroundColour.addEventListener("input", () =>
       this.change((state) => (state.background = fromHex(this.backgroundColour.value)), "background"),
     );
     this.backgroundColour.addEventListener("change", () => this.viewer.endGesture());
-    const open = this.fileButton("Open…", this.viewer.host ? "" : "image/*,.hdr", (file) => this.viewer.openBackground(file));
-    return h("section", { "aria-label": "Background" }, h("h2", {}, "Background", open), h("div", { class: "row" }, this.backgroundKind, this.backgroundColour), ...(this.viewer.host ? this.floor() : []));
+    const open = this.fileButton("Open…", this.viewer.host ? "" : "image/*,.hdr", (file) =>
+      this.viewer.openBackground(file),
+    );
+    return h(
+      "section",
+      { "aria-label": "Background" },
+      h("h2", {}, "Background", open),
+      h("div", { class: "row" }, this.backgroundKind, this.backgroundColour),
+      ...(this.viewer.host ? this.floor() : []),
+    );
   }
 
   /** The switch of the shadow on the floor, which an application's server makes, and the floor's horizon. */
@@ -126,14 +211,23 @@ export class Controls {
     const { actions } = this.viewer;
     this.floorSwitch = h("input", { type: "checkbox", role: "switch" });
     this.floorSwitch.addEventListener("change", () => actions.switchFloor());
-    this.horizon = bound(this.viewer, "Horizon", "horizon", (state) => state.floor, { min: 0, max: 1, step: 0.01, neutral: 0.5 });
+    this.horizon = bound(this.viewer, "Horizon", "horizon", (state) => state.floor, {
+      min: 0,
+      max: 1,
+      step: 0.01,
+      neutral: 0.5,
+    });
     return [h("label", { class: "row switch" }, this.floorSwitch, "Shadow on the floor"), this.horizon];
   }
 
   fileButton(label, accept, onfile) {
     const input = h("input", { type: "file", accept: accept || null, hidden: true });
     input.addEventListener("change", () => input.files[0] && onfile(input.files[0]));
-    const button = h("button", { type: "button", class: "quiet", onclick: () => ((input.value = ""), input.click()) }, label);
+    const button = h(
+      "button",
+      { type: "button", class: "quiet", onclick: () => ((input.value = ""), input.click()) },
+      label,
+    );
     return h("span", { class: "open" }, button, input);
   }
 
@@ -141,9 +235,25 @@ export class Controls {
     const options = this.viewer.engine.looks.map((look) => [look, LOOK_NAMES[look]]);
     this.look = choice(`look${this.id}`, "Look", options, (look) => this.change((state) => (state.look = look)));
     this.look.classList.add("looks");
-    this.wipe = h("select", { "aria-label": "Wipe to" }, h("option", { value: "" }, "No wipe"), ...options.map(([value, text]) => h("option", { value }, `Wipe to ${text.toLowerCase()}`)));
-    this.wipe.addEventListener("change", () => this.change((state) => (state.wipe = this.wipe.value ? { look: this.wipe.value, at: state.wipe?.at ?? 0.5 } : null)));
-    this.exposure = bound(this.viewer, "Exposure", "exposure", (state) => state, { min: -6, max: 6, step: 0.05, unit: "stops", low: -64, high: 64 });
+    this.wipe = h(
+      "select",
+      { "aria-label": "Wipe to" },
+      h("option", { value: "" }, "No wipe"),
+      ...options.map(([value, text]) => h("option", { value }, `Wipe to ${text.toLowerCase()}`)),
+    );
+    this.wipe.addEventListener("change", () =>
+      this.change(
+        (state) => (state.wipe = this.wipe.value ? { look: this.wipe.value, at: state.wipe?.at ?? 0.5 } : null),
+      ),
+    );
+    this.exposure = bound(this.viewer, "Exposure", "exposure", (state) => state, {
+      min: -6,
+      max: 6,
+      step: 0.05,
+      unit: "stops",
+      low: -64,
+      high: 64,
+    });
     this.gloss = bound(this.viewer, "Gloss", "gloss", (state) => state, { min: 0, max: 1, step: 0.01 });
     this.surround = choice(`surround${this.id}`, "Surround", SURROUNDS, (name) => this.viewer.setSurround(name));
     return h(
@@ -159,7 +269,8 @@ export class Controls {
 
   out() {
     const { actions } = this.viewer;
-    const button = (label, key, action) => h("button", { type: "button", title: key ? `${label} (${key})` : label, onclick: action }, label);
+    const button = (label, key, action) =>
+      h("button", { type: "button", title: key ? `${label} (${key})` : label, onclick: action }, label);
     this.outSection = h(
       "section",
       { class: "out", "aria-label": "Copy and save" },
@@ -192,7 +303,11 @@ export class Controls {
       if (row.name.getRootNode().activeElement !== row.name) row.name.value = light.name;
       row.name.placeholder = `light${index + 1}`;
       const name = light.name || row.name.placeholder;
-      for (const [key, does] of [["solo", "Solo"], ["muted", "Mute"], ["remove", "Delete"]]) {
+      for (const [key, does] of [
+        ["solo", "Solo"],
+        ["muted", "Mute"],
+        ["remove", "Delete"],
+      ]) {
         row[key].setAttribute("aria-label", `${does} ${name}`);
         row[key].title = `${does} ${name}`;
         if (key !== "remove") row[key].setAttribute("aria-pressed", light[key]);
@@ -211,7 +326,8 @@ export class Controls {
       this.environmentSliders[0].set(turn);
       this.environmentSliders[1].refresh(state);
     }
-    const kind = state.background === null ? "none" : typeof state.background === "string" ? state.background : "colour";
+    const kind =
+      state.background === null ? "none" : typeof state.background === "string" ? state.background : "colour";
     this.backgroundKind.set(kind);
     this.backgroundColour.hidden = kind !== "colour";
     if (kind === "colour") this.backgroundColour.value = toHex(state.background);

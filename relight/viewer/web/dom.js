@@ -5,7 +5,8 @@ export function h(tag, attributes = {}, ...children) {
   const element = document.createElement(tag);
   for (const [key, value] of Object.entries(attributes)) {
     if (key.startsWith("on")) element.addEventListener(key.slice(2), value);
-    else if (value !== null && value !== undefined && value !== false) element.setAttribute(key, value === true ? "" : value);
+    else if (value !== null && value !== undefined && value !== false)
+      element.setAttribute(key, value === true ? "" : value);
   }
   element.append(...children);
   return element;
@@ -23,7 +24,13 @@ const ICONS = {
 
 /** A button with an icon, whose name screen readers say. */
 export function iconButton(icon, label, onclick, key = "") {
-  const button = h("button", { type: "button", class: "icon", "aria-label": label, title: key ? `${label} (${key})` : label, onclick });
+  const button = h("button", {
+    type: "button",
+    class: "icon",
+    "aria-label": label,
+    title: key ? `${label} (${key})` : label,
+    onclick,
+  });
   const svg = document.createElementNS("http://www.w3.org/2000/svg", "svg");
   svg.setAttribute("viewBox", "0 0 24 24");
   svg.setAttribute("aria-hidden", "true");

@@ -48,7 +48,11 @@ export class Engine {
     this.programs = Object.fromEntries(
       ["light", "near", "sum", "prepare", "enlarge", "compose", "reduce", "show"].map((name) => [
         name,
-        program(gl, this.shaders.quad, this.shaders.common + (LIT.includes(name) ? this.shaders.gloss : "") + this.shaders[name]),
+        program(
+          gl,
+          this.shaders.quad,
+          this.shaders.common + (LIT.includes(name) ? this.shaders.gloss : "") + this.shaders[name],
+        ),
       ]),
     );
     gl.bindVertexArray(gl.createVertexArray());
@@ -91,7 +95,7 @@ export class Engine {
     this.picture = target(gl, { size, format: "half" });
     this.shown = target(gl, { size });
     this.reductions = [];
-    for (let sides = size; sides[0] > 1 || sides[1] > 1 || !this.reductions.length; ) {
+    for (let sides = size; sides[0] > 1 || sides[1] > 1 || !this.reductions.length;) {
       sides = sides.map((side) => Math.ceil(side / 8));
       this.reductions.push(target(gl, { size: sides, format: "half" }));
     }
@@ -117,7 +121,9 @@ export class Engine {
     this.background = this.textureOf(picture);
   }
 
-  /** The factors, a picture of any size, by which the person's shadow on the floor dims the background; null for none. */
+  /**
+   * The factors, a picture of any size, by which the person's shadow on the floor dims the background; null for none.
+   */
   setFloorShadow(picture) {
     this.floorShadow = picture;
     if (this.shadow) this.gl.deleteTexture(this.shadow.handle);
@@ -130,7 +136,8 @@ export class Engine {
     const { width, height, rgb } = picture ?? { width: 1, height: 1, rgb: new Float32Array(3) };
     const data = new Float32Array(width * height * 4);
     for (let pixel = 0; pixel < width * height; pixel++) {
-      for (let channel = 0; channel < 3; channel++) data[pixel * 4 + channel] = Math.min(rgb[pixel * 3 + channel], 65504);
+      for (let channel = 0; channel < 3; channel++)
+        data[pixel * 4 + channel] = Math.min(rgb[pixel * 3 + channel], 65504);
     }
     return texture(gl, { size: [width, height], format: "float", data, mipmaps: true });
   }
@@ -145,7 +152,10 @@ export class Engine {
     const colours = new Float32Array(LAYERS * 3);
     layers.forEach((layer, slot) => layer && colours.set(layer.colour, slot * 3));
     // Half floats hold 65504: the sum is kept within about one, and its scale apart.
-    this.scale = Math.max(1, colours.reduce((sum, value) => sum + value, 0));
+    this.scale = Math.max(
+      1,
+      colours.reduce((sum, value) => sum + value, 0),
+    );
     if (gloss > 0) {
       const { gl, field, box } = this;
       this.glossy ??= {
@@ -167,7 +177,9 @@ export class Engine {
       if (isNear(layer.samples)) this.drawLamp(destination, layer.samples, part);
       else this.drawLayer(destination, layer.samples, part);
     });
-    const lamps = layers.flatMap((layer) => (layer && isNear(layer.samples) ? [...layer.samples.position, layer.samples.radius] : [0, 0, 0, -1]));
+    const lamps = layers.flatMap((layer) =>
+      layer && isNear(layer.samples) ? [...layer.samples.position, layer.samples.radius] : [0, 0, 0, -1],
+    );
     const shares = new Float32Array(LAYERS);
     const strengths = layers.map((layer) => (layer ? Math.max(dot(LUMINANCE, layer.colour), 1e-9) : 0));
     const all = strengths.reduce((sum, value) => sum + value, 0);
@@ -209,7 +221,13 @@ export class Engine {
   drawLamp(destination, { position, radius }, part) {
     const sides = position.map(Math.abs);
     const least = sides.indexOf(Math.min(...sides));
-    this.table ??= texture(this.gl, { size: [TABLE, TABLE], layers: 13, format: "float", data: this.tableOf(), smooth: true });
+    this.table ??= texture(this.gl, {
+      size: [TABLE, TABLE],
+      layers: 13,
+      format: "float",
+      data: this.tableOf(),
+      smooth: true,
+    });
     this.draw("near", destination, {
       features: this.features,
       surface: this.surface,
@@ -220,8 +238,8 @@ export class Engine {
       radius,
       rays: radius ? RAYS : 1,
       residualBias: this.pack.description.residualBias,
-        roughness: this.pack.description.roughness,
-        part: { whole: part },
+      roughness: this.pack.description.roughness,
+      part: { whole: part },
     });
   }
 
@@ -238,7 +256,9 @@ export class Engine {
       const length = Math.hypot(...place);
       const { shadow, bounce } = this.weightsOf(place.map((value) => value / length));
       const rows = [...shadow.subarray(0, -1), ...bounce.subarray(0, -1), shadow.at(-1), bounce.at(-1)];
-      rows.forEach((value, index) => (this.weights[(Math.floor(index / 4) * texels + texel) * 4 + (index % 4)] = value));
+      rows.forEach(
+        (value, index) => (this.weights[(Math.floor(index / 4) * texels + texel) * 4 + (index % 4)] = value),
+      );
     }
     return this.weights;
   }

@@ -11,7 +11,9 @@ import { Viewer } from "./viewer.js";
 /** Says in place of a picture why there is none. */
 function explain(root, error) {
   const known = error instanceof Unsupported;
-  root.replaceChildren(h("p", { class: "sorry", role: "alert" }, known ? error.message : `The page cannot be shown: ${error.message}`));
+  root.replaceChildren(
+    h("p", { class: "sorry", role: "alert" }, known ? error.message : `The page cannot be shown: ${error.message}`),
+  );
 }
 
 /** The page: its data lies in script elements. */
@@ -43,12 +45,16 @@ function asInPython({ muted, solo, ...light }) {
   return isNear(light) ? light : { ...light, azimuth: rounded(light.azimuth), elevation: rounded(light.elevation) };
 }
 
-/** The lights of the panel with Python's in place of those that shine; those that do not shine stay, as far as there is room. */
+/**
+ * The lights of the panel with Python's in place of those that shine; those that do not shine stay, as far as there
+ * is room.
+ */
 function merged(lights, active, given) {
   const alone = lights.some((light) => light.solo);
   const next = given.map((light) => ({ ...light, solo: alone }));
   const dark = lights.length - active.length;
-  if (alone && !given.length) return lights.filter((light) => !active.includes(light)).map((light) => ({ ...light, muted: true }));
+  if (alone && !given.length)
+    return lights.filter((light) => !active.includes(light)).map((light) => ({ ...light, muted: true }));
   if (given.length + dark > LIGHTS) return next;
   return [...lights.flatMap((light) => (active.includes(light) ? next.splice(0, 1) : [light])), ...next];
 }
@@ -59,7 +65,12 @@ export async function render({ model, el }) {
   el.append(root);
   try {
     const view = model.get("pack");
-    const viewer = await Viewer.open(root, model.get("scene"), new Uint8Array(view.buffer, view.byteOffset, view.byteLength), false);
+    const viewer = await Viewer.open(
+      root,
+      model.get("scene"),
+      new Uint8Array(view.buffer, view.byteOffset, view.byteLength),
+      false,
+    );
     const plain = (state) => shining(state).map(asInPython);
     let told = JSON.stringify(plain(viewer.state));
     viewer.listeners.add((state) => {

@@ -69,7 +69,7 @@ function scanline(bytes, at, width, row) {
     return at + width * 4;
   }
   at += 4;
-  for (let place = 0; place < row.length && at < bytes.length; ) {
+  for (let place = 0; place < row.length && at < bytes.length;) {
     const count = bytes[at++];
     if (count > 128) row.fill(bytes[at++], place, (place += count - 128));
     else for (let k = 0; k < count; k++) row[place++] = bytes[at++];
@@ -147,8 +147,10 @@ function divide(sums) {
     }
   }
   const part = (top, bottom, left, right, k) =>
-    table[bottom * stride + right * 7 + k] - table[top * stride + right * 7 + k] -
-    table[bottom * stride + left * 7 + k] + table[top * stride + left * 7 + k];
+    table[bottom * stride + right * 7 + k] -
+    table[top * stride + right * 7 + k] -
+    table[bottom * stride + left * 7 + k] +
+    table[top * stride + left * 7 + k];
   const loss = (...region) =>
     part(...region, 3) - Math.hypot(part(...region, 4), part(...region, 5), part(...region, 6));
   const entry = (region) => {

@@ -21,10 +21,24 @@ export class Inspector {
     const slide = (...words) => bound(viewer, ...words);
     const reach = Math.max(1.5 * viewer.room.height, 0.5);
     const metres = { step: 0.01, unit: "m", low: -1e6, high: 1e6 };
-    this.ball = h("canvas", { class: "ball", width: 192, height: 192, "aria-hidden": "true", title: "Drag: the light follows" });
+    this.ball = h("canvas", {
+      class: "ball",
+      width: 192,
+      height: 192,
+      "aria-hidden": "true",
+      title: "Drag: the light follows",
+    });
     this.listenToBall();
     this.plan = new Plan(viewer);
-    this.distance = choice(`distance${id}`, "Distance", [["far", "Far"], ["near", "Near"]], () => viewer.actions.switch());
+    this.distance = choice(
+      `distance${id}`,
+      "Distance",
+      [
+        ["far", "Far"],
+        ["near", "Near"],
+      ],
+      () => viewer.actions.switch(),
+    );
     this.aims = [
       slide("Azimuth", "azimuth", distant, { min: -180, max: 180, step: 0.5, unit: "°", digits: 1 }),
       slide("Elevation", "elevation", distant, { min: -90, max: 90, step: 0.5, unit: "°", digits: 1 }),
@@ -32,19 +46,47 @@ export class Inspector {
     this.places = ["Right", "Up", "To camera"].map((label, axis) =>
       slide(label, axis, (state) => near(state)?.position, { ...metres, min: -reach, max: reach }),
     );
-    this.exposure = slide("Exposure", "exposure", selected, { min: -6, max: 6, step: 0.05, unit: "stops", low: -64, high: 64 });
+    this.exposure = slide("Exposure", "exposure", selected, {
+      min: -6,
+      max: 6,
+      step: 0.05,
+      unit: "stops",
+      low: -64,
+      high: 64,
+    });
     this.arriving = h("output");
     this.meter = h(
       "div",
-      { class: "slider meter", title: "Irradiance at the person's middle, on a surface that faces the lamp. A distant light of exposure 0 gives 1." },
+      {
+        class: "slider meter",
+        title:
+          "Irradiance at the person's middle, on a surface that faces the lamp. A distant light of exposure 0 gives 1.",
+      },
       h("span", { class: "label" }, "At the person"),
       this.arriving,
     );
-    this.softness = slide("Softness", "angle", distant, { min: 0, max: 120, step: 0.5, unit: "°", digits: 1, high: 180 });
+    this.softness = slide("Softness", "angle", distant, {
+      min: 0,
+      max: 120,
+      step: 0.5,
+      unit: "°",
+      digits: 1,
+      high: 180,
+    });
     this.radius = slide("Radius", "radius", near, { ...metres, min: 0, max: reach / 5, low: 0 });
     this.kelvin = slide("Kelvin", "temperature", selected, {
-      min: mired(12000), max: mired(1800), step: 0.5, unit: "K", digits: 0, neutral: 6500, off: "off",
-      low: LOCI.planckian[0], high: LOCI.planckian[1], limits: (light) => light && LOCI[light.locus], place: mired, value: mired,
+      min: mired(12000),
+      max: mired(1800),
+      step: 0.5,
+      unit: "K",
+      digits: 0,
+      neutral: 6500,
+      off: "off",
+      low: LOCI.planckian[0],
+      high: LOCI.planckian[1],
+      limits: (light) => light && LOCI[light.locus],
+      place: mired,
+      value: mired,
     });
     this.kelvin.classList.add("kelvin");
     this.element = h(
@@ -72,8 +114,15 @@ export class Inspector {
       }, "swatch"),
     );
     this.swatch.addEventListener("change", () => viewer.endGesture());
-    const white = () => viewer.change((state) => Object.assign(selected(state), { temperature: null, colour: [1, 1, 1] }));
-    return h("div", { class: "row" }, h("span", { class: "label" }, "Colour"), this.swatch, h("button", { type: "button", class: "quiet", onclick: white }, "White"));
+    const white = () =>
+      viewer.change((state) => Object.assign(selected(state), { temperature: null, colour: [1, 1, 1] }));
+    return h(
+      "div",
+      { class: "row" },
+      h("span", { class: "label" }, "Colour"),
+      this.swatch,
+      h("button", { type: "button", class: "quiet", onclick: white }, "White"),
+    );
   }
 
   /** The sphere is a handle of a distant light. */
@@ -106,7 +155,8 @@ export class Inspector {
     this.distance.set(lamp ? "near" : "far");
     for (const control of [...this.aims, this.softness]) control.hidden = lamp;
     for (const control of [...this.places, this.radius, this.meter]) control.hidden = !lamp;
-    for (const control of [...this.aims, ...this.places, this.exposure, this.softness, this.radius, this.kelvin]) control.refresh(state);
+    for (const control of [...this.aims, ...this.places, this.exposure, this.softness, this.radius, this.kelvin])
+      control.refresh(state);
     this.plan.element.hidden = !lamp;
     this.ball.hidden = lamp; // the plan holds it instead
     if (lamp) {
@@ -114,7 +164,11 @@ export class Inspector {
       this.plan.update(state);
     }
     this.swatch.value = toHex(chroma(light.colour));
-    if (!lamp) paintBall(this.ball, shining(state).map((one) => ({ light: one, colour: power(one, viewer.tints) })));
+    if (!lamp)
+      paintBall(
+        this.ball,
+        shining(state).map((one) => ({ light: one, colour: power(one, viewer.tints) })),
+      );
   }
 }
 

@@ -3,7 +3,10 @@
 import { h } from "./dom.js";
 
 const OF_INPUTS = /^(Arrow|Page|Home|End|Backspace|Delete)/; // keys with which sliders and choices are set
-const DRAG = ["Drag on the picture", "the light follows, on a sphere around the person; beyond the ring it moves behind them"];
+const DRAG = [
+  "Drag on the picture",
+  "the light follows, on a sphere around the person; beyond the ring it moves behind them",
+];
 const FINGERS = [
   DRAG,
   ["Pinch, drag two fingers", "zooms and moves the picture"],
@@ -22,7 +25,8 @@ const MOUSE = [
 /** [key as `KeyboardEvent.key` has it, with its modifiers; as people write it; what it does; action]. */
 export function keyTable(viewer) {
   const { actions } = viewer;
-  const aim = (azimuth, elevation) => (event) => actions.aim(azimuth * (event.shiftKey ? 10 : 1), elevation * (event.shiftKey ? 10 : 1));
+  const aim = (azimuth, elevation) => (event) =>
+    actions.aim(azimuth * (event.shiftKey ? 10 : 1), elevation * (event.shiftKey ? 10 : 1));
   const push = (centimetres) => (event) => actions.push(centimetres * (event.shiftKey ? 10 : 1));
   const look = (name) => () => actions.look(name);
   return [
@@ -89,7 +93,10 @@ function actionOf(table, event) {
   const control = event.ctrlKey || event.metaKey ? "ctrl+" : "";
   const letter = event.key.length === 1 && event.key.toLowerCase() !== event.key.toUpperCase();
   const shift = event.shiftKey && letter ? "shift+" : "";
-  const key = /^[1-8]$/.test(event.key) && !control ? "digit" : `${control}${shift}${event.key.length === 1 ? event.key.toLowerCase() : event.key}`;
+  const key =
+    /^[1-8]$/.test(event.key) && !control
+      ? "digit"
+      : `${control}${shift}${event.key.length === 1 ? event.key.toLowerCase() : event.key}`;
   return table.find(([name, , , action]) => action && name === key)?.[3] ?? null;
 }
 
@@ -123,7 +130,8 @@ export function keyUp(viewer, event) {
   viewer.endGesture();
 }
 
-const rows = (entries) => h("dl", {}, ...entries.map(([what, does]) => h("div", {}, h("dt", {}, what), h("dd", {}, does))));
+const rows = (entries) =>
+  h("dl", {}, ...entries.map(([what, does]) => h("div", {}, h("dt", {}, what), h("dd", {}, does))));
 
 /** A dialogue with gestures and keys: first those of fingers where there is no mouse. */
 export function helpSheet(viewer, table) {
@@ -139,10 +147,18 @@ export function helpSheet(viewer, table) {
   const sheet = h(
     "dialog",
     { class: "help", "aria-label": "Help" },
-    h("form", { method: "dialog" }, h("h2", {}, touch ? "Gestures and keys" : "Mouse and keys"), h("button", { class: "quiet" }, "Close")),
-    ...(touch ? [fingers, h("details", {}, h("summary", {}, "Mouse and keyboard"), mouse, ...keyboard)] : [mouse, ...keyboard, fingers]),
+    h(
+      "form",
+      { method: "dialog" },
+      h("h2", {}, touch ? "Gestures and keys" : "Mouse and keys"),
+      h("button", { class: "quiet" }, "Close"),
+    ),
+    ...(touch
+      ? [fingers, h("details", {}, h("summary", {}, "Mouse and keyboard"), mouse, ...keyboard)]
+      : [mouse, ...keyboard, fingers]),
   );
   sheet.addEventListener("click", (event) => event.target === sheet && sheet.close());
-  sheet.addEventListener("close", () => viewer.stage.element.focus({ preventScroll: true })); // where Space shows the photograph
+  // where Space shows the photograph
+  sheet.addEventListener("close", () => viewer.stage.element.focus({ preventScroll: true }));
   return sheet;
 }

@@ -13,11 +13,7 @@ export function direction(light) {
   if (isNear(light)) return light.position.some(Boolean) ? normalised(light.position) : [0, 0, 1];
   const { azimuth, elevation } = light;
   const across = Math.cos(elevation * DEGREE);
-  return [
-    across * Math.sin(azimuth * DEGREE),
-    Math.sin(elevation * DEGREE),
-    across * Math.cos(azimuth * DEGREE),
-  ];
+  return [across * Math.sin(azimuth * DEGREE), Math.sin(elevation * DEGREE), across * Math.cos(azimuth * DEGREE)];
 }
 
 /** { azimuth, elevation } in degrees of a vector. */
@@ -65,7 +61,12 @@ export function samples(light) {
 /** Directions over a spherical cap, in equal areas along a golden-angle spiral, as Python's `_cap`. */
 function cap(axis, radius) {
   const smallest = axis.map(Math.abs).reduce((best, value, index, all) => (value < all[best] ? index : best), 0);
-  const aside = normalised(cross(axis, [0, 1, 2].map((index) => Number(index === smallest))));
+  const aside = normalised(
+    cross(
+      axis,
+      [0, 1, 2].map((index) => Number(index === smallest)),
+    ),
+  );
   const other = cross(axis, aside);
   return Array.from({ length: SOFT_SAMPLES }, (_, step) => {
     const along = 1 - ((1 - Math.cos(radius)) * (step + 0.5)) / SOFT_SAMPLES;
@@ -79,11 +80,7 @@ function cap(axis, radius) {
 export const clamp = (value, low, high) => Math.min(high, Math.max(low, value));
 export const dot = (a, b) => a[0] * b[0] + a[1] * b[1] + a[2] * b[2];
 
-const cross = (a, b) => [
-  a[1] * b[2] - a[2] * b[1],
-  a[2] * b[0] - a[0] * b[2],
-  a[0] * b[1] - a[1] * b[0],
-];
+const cross = (a, b) => [a[1] * b[2] - a[2] * b[1], a[2] * b[0] - a[0] * b[2], a[0] * b[1] - a[1] * b[0]];
 
 function normalised(vector) {
   const length = Math.hypot(...vector);

@@ -38,7 +38,9 @@ export class Plan {
     const { viewer } = this;
     const place = (event) => {
       const bounds = canvas.getBoundingClientRect();
-      return [(event.clientX - bounds.left) / bounds.width, (event.clientY - bounds.top) / bounds.height].map((share) => share * SIDE);
+      return [(event.clientX - bounds.left) / bounds.width, (event.clientY - bounds.top) / bounds.height].map(
+        (share) => share * SIDE,
+      );
     };
     const move = (event) => {
       if (!canvas.hasPointerCapture(event.pointerId)) return;
@@ -91,7 +93,9 @@ export class Plan {
       context.clearRect(0, 0, SIDE, SIDE);
       this.drawRoom(context, axes);
       context.drawImage(person, 0, 0);
-      state.lights.forEach((light, index) => this.drawLight(context, axes, light, active.has(light), index === state.selected));
+      state.lights.forEach((light, index) =>
+        this.drawLight(context, axes, light, active.has(light), index === state.selected),
+      );
     }
   }
 
@@ -115,7 +119,12 @@ export class Plan {
     for (let pixel = 0; pixel < known.length; pixel++) {
       if (!known[pixel]) continue;
       const [x, y] = this.spot(positions.subarray(pixel * 4, pixel * 4 + 3), axes).map(Math.floor);
-      for (const [across, down] of [[0, 0], [1, 0], [0, 1], [1, 1]]) {
+      for (const [across, down] of [
+        [0, 0],
+        [1, 0],
+        [0, 1],
+        [1, 1],
+      ]) {
         if (x + across < 0 || y + down < 0 || x + across >= SIDE || y + down >= SIDE) continue;
         const at = ((y + down) * SIDE + x + across) * 4;
         image.data.set([190, 190, 190, Math.min(255, image.data[at + 3] + 70)], at);
@@ -171,7 +180,8 @@ export class Plan {
       const [[right, toRight], [up, toUp]] = axes;
       const toward = direction(light);
       const [across, above] = [toRight * toward[right], toUp * toward[up]];
-      for (const share of [0.86, 0.98]) context.lineTo(SIDE / 2 + across * share * (SIDE / 2), SIDE / 2 - above * share * (SIDE / 2));
+      for (const share of [0.86, 0.98])
+        context.lineTo(SIDE / 2 + across * share * (SIDE / 2), SIDE / 2 - above * share * (SIDE / 2));
       context.stroke();
     }
     context.globalAlpha = 1;

@@ -17,7 +17,12 @@ export async function toPng({ width, height, data }) {
   view.setUint32(4, height);
   header.set([8, 6], 8); // 8 bits, RGBA
   const deflated = new Uint8Array(await new Response(stream).arrayBuffer());
-  const parts = [chunk("IHDR", header), chunk("sRGB", new Uint8Array([0])), chunk("IDAT", deflated), chunk("IEND", new Uint8Array())];
+  const parts = [
+    chunk("IHDR", header),
+    chunk("sRGB", new Uint8Array([0])),
+    chunk("IDAT", deflated),
+    chunk("IEND", new Uint8Array()),
+  ];
   return new Blob([new Uint8Array([137, 80, 78, 71, 13, 10, 26, 10]), ...parts], { type: "image/png" });
 }
 
@@ -25,7 +30,10 @@ function chunk(name, data) {
   const bytes = new Uint8Array(data.length + 12);
   const view = new DataView(bytes.buffer);
   view.setUint32(0, data.length);
-  bytes.set([...name].map((letter) => letter.charCodeAt(0)), 4);
+  bytes.set(
+    [...name].map((letter) => letter.charCodeAt(0)),
+    4,
+  );
   bytes.set(data, 8);
   let crc = 0xffffffff;
   for (const byte of bytes.subarray(4, -4)) crc = CRC[(crc ^ byte) & 255] ^ (crc >>> 8);

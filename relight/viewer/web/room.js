@@ -1,4 +1,5 @@
-// Where the person is in the room, and lamps that stand there: see relight/analysis/depth.py and relight/lights/near.py.
+// Where the person is in the room, and lamps that stand there: see relight/analysis/depth.py and
+// relight/lights/near.py.
 // Positions are metres in the camera's axes, from the subject's middle.
 
 import { DEGREE, angles, clamp, direction, isNear, softness } from "./lights.js";
@@ -67,7 +68,10 @@ export class Room {
 
   /** The position that a pixel of the page's picture shows at a z, or at the largest z of a lamp. */
   seenAt(place, z) {
-    return this.at(place.map((value) => value * this.perPixel), Math.min(z, this.nearest));
+    return this.at(
+      place.map((value) => value * this.perPixel),
+      Math.min(z, this.nearest),
+    );
   }
 
   /** A position moved along the camera's ray through it, so that it is seen where it was. */

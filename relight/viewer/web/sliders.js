@@ -8,11 +8,30 @@ import { clamp } from "./lights.js";
  * `place` and `value`: from the value to the slider's place and back, if they differ; `neutral`: what a double click
  * sets; `off`: the text of an unset value, null, where there may be none.
  */
-export function slider({ label, min, max, step, unit = "", digits = 2, neutral = 0, off = null, place = (v) => v, value = (p) => p, onchange, onend }) {
+export function slider({
+  label,
+  min,
+  max,
+  step,
+  unit = "",
+  digits = 2,
+  neutral = 0,
+  off = null,
+  place = (v) => v,
+  value = (p) => p,
+  onchange,
+  onend,
+}) {
   const range = h("input", { type: "range", min, max, step, "aria-label": label });
   const number = h("input", { type: "text", inputmode: "decimal", class: "number", "aria-label": `${label}, exactly` });
   const units = h("span", { class: "unit" }, unit);
-  const row = h("div", { class: "slider" }, h("span", { class: "label" }, label), range, h("span", { class: "value" }, number, units));
+  const row = h(
+    "div",
+    { class: "slider" },
+    h("span", { class: "label" }, label),
+    range,
+    h("span", { class: "value" }, number, units),
+  );
   range.addEventListener("input", () => onchange(value(Number(range.value))));
   range.addEventListener("change", () => onend());
   range.addEventListener("dblclick", () => (onchange(off ? null : neutral), onend()));
@@ -45,7 +64,10 @@ export function bound(viewer, label, key, owner, options) {
     label,
     ...options,
     onchange: (given) => {
-      const [low, high] = options.limits?.(owner(viewer.state)) ?? [options.low ?? options.min, options.high ?? options.max];
+      const [low, high] = options.limits?.(owner(viewer.state)) ?? [
+        options.low ?? options.min,
+        options.high ?? options.max,
+      ];
       const value = given === null ? null : clamp(given, low, high);
       viewer.change((state) => owner(state) && (owner(state)[key] = value), `${label}${viewer.state.selected}`);
     },

@@ -47,8 +47,21 @@ export class Stage {
     this.message = h("div", { class: "message", role: "status", "aria-live": "polite" });
     this.element = h(
       "div",
-      { class: "stage", tabindex: 0, role: "application", "aria-label": "The person in new light. Arrow keys move the selected light; press question mark for all keys.", "data-drop": "background" },
-      this.canvas, this.rings, this.divider, ...this.labels, ...this.handles, this.readout, this.tools, this.message,
+      {
+        class: "stage",
+        tabindex: 0,
+        role: "application",
+        "aria-label": "The person in new light. Arrow keys move the selected light; press question mark for all keys.",
+        "data-drop": "background",
+      },
+      this.canvas,
+      this.rings,
+      this.divider,
+      ...this.labels,
+      ...this.handles,
+      this.readout,
+      this.tools,
+      this.message,
     );
     this.pointers = new Map();
     const on = (name, listener, options) => this.element.addEventListener(name, listener, options);
@@ -77,21 +90,46 @@ export class Stage {
   }
 
   wipeDivider() {
-    return h("div", { class: "divider", role: "slider", tabindex: 0, "aria-label": "Wipe", "aria-valuemin": 0, "aria-valuemax": 100, hidden: true }, h("i"));
+    return h(
+      "div",
+      {
+        class: "divider",
+        role: "slider",
+        tabindex: 0,
+        "aria-label": "Wipe",
+        "aria-valuemin": 0,
+        "aria-valuemax": 100,
+        hidden: true,
+      },
+      h("i"),
+    );
   }
 
   /** What looks at the picture: the photograph while it is held, and the zoom. */
   viewTools() {
     const { viewer } = this;
-    const before = h("button", { type: "button", class: "before", title: "Hold to see the photograph (Space)" }, "Before");
+    const before = h(
+      "button",
+      { type: "button", class: "before", title: "Hold to see the photograph (Space)" },
+      "Before",
+    );
     const hold = (held) => (event) => {
       if (event.key === undefined || event.key === " " || event.key === "Enter") viewer.hold(held);
     };
     for (const name of ["pointerdown", "keydown"]) before.addEventListener(name, hold(true));
-    for (const name of ["pointerup", "pointercancel", "pointerleave", "keyup", "blur"]) before.addEventListener(name, hold(false));
-    const button = (label, text, onclick) => h("button", { type: "button", "aria-label": label, title: label, onclick }, text);
+    for (const name of ["pointerup", "pointercancel", "pointerleave", "keyup", "blur"])
+      before.addEventListener(name, hold(false));
+    const button = (label, text, onclick) =>
+      h("button", { type: "button", "aria-label": label, title: label, onclick }, text);
     this.fitButton = button("Show all of the picture (0)", "Fit", () => this.fit());
-    return h("div", { class: "view-tools" }, before, button("Zoom out (Shift Z)", "−", () => this.zoom(0.7)), this.fitButton, button("Zoom in (Z)", "+", () => this.zoom(1.4)));
+    return h(
+      "div",
+      { class: "view-tools" },
+      before,
+      button("Zoom out (Shift Z)", "−", () => this.zoom(0.7)),
+      this.fitButton,
+      button("Zoom in (Z)", "+", () => this.zoom(1.4)),
+    );
   }
 
   /** Fits the picture into the stage unless it is zoomed, and the map of directions about the person. */
@@ -107,10 +145,24 @@ export class Stage {
     this.radius = (0.46 * Math.min(width, height)) / FARTHEST;
     [1, FARTHEST].forEach((ring, index) => {
       const side = 2 * ring * this.radius;
-      Object.assign(this.rings.children[index].style, { left: `${this.middle[0] - side / 2}px`, top: `${this.middle[1] - side / 2}px`, width: `${side}px`, height: `${side}px` });
+      Object.assign(this.rings.children[index].style, {
+        left: `${this.middle[0] - side / 2}px`,
+        top: `${this.middle[1] - side / 2}px`,
+        width: `${side}px`,
+        height: `${side}px`,
+      });
     });
     const zoomed = view && view.scale > view.fitted;
-    this.see(zoomed ? { ...view, left: view.left + (width - sides[0]) / 2, top: view.top + (height - sides[1]) / 2, fitted: fit.scale } : fit);
+    this.see(
+      zoomed
+        ? {
+            ...view,
+            left: view.left + (width - sides[0]) / 2,
+            top: view.top + (height - sides[1]) / 2,
+            fitted: fit.scale,
+          }
+        : fit,
+    );
   }
 
   /** Shows the picture in a view: all of it, or larger, with some of it in the stage's middle. */
@@ -119,11 +171,18 @@ export class Stage {
     const isZoomed = view.scale > view.fitted * 1.001;
     const [width, height] = size.map((side) => side * view.scale);
     const kept = (at, extent, side) => clamp(at, side / 2 - extent, side / 2);
-    this.view = isZoomed ? { ...view, left: kept(view.left, width, this.sides[0]), top: kept(view.top, height, this.sides[1]) } : this.fitted;
+    this.view = isZoomed
+      ? { ...view, left: kept(view.left, width, this.sides[0]), top: kept(view.top, height, this.sides[1]) }
+      : this.fitted;
     const { left, top } = this.view;
     this.scale = view.scale; // CSS pixels a pixel of the picture
     this.frame = { left, top, width, height };
-    Object.assign(this.canvas.style, { left: `${left}px`, top: `${top}px`, width: `${width}px`, height: `${height}px` });
+    Object.assign(this.canvas.style, {
+      left: `${left}px`,
+      top: `${top}px`,
+      width: `${width}px`,
+      height: `${height}px`,
+    });
     this.tools.classList.toggle("zoomed", isZoomed);
     this.fitButton.disabled = !isZoomed;
     this.update(this.viewer.state);
@@ -173,7 +232,8 @@ export class Stage {
     this.before = null;
     for (const pointer of this.pointers.values()) pointer.start = pointer.now;
     this.began = { rotation: state.environment?.rotation, view: this.view };
-    if (this.task === "turn" && !state.environment) this.viewer.say("There is no environment to turn: drop a map on the panel.");
+    if (this.task === "turn" && !state.environment)
+      this.viewer.say("There is no environment to turn: drop a map on the panel.");
   }
 
   move(event) {
@@ -186,9 +246,19 @@ export class Stage {
     else if (this.task === "turn") this.turn(now[0] - start[0]);
     else if (this.task === "pan") {
       const pointers = [...this.pointers.values()];
-      this.see(panned(this.began.view, pointers.map((one) => one.start), pointers.map((one) => one.now), ZOOM));
-    }
-    else if (this.task === "wipe") this.viewer.change((state) => (state.wipe.at = clamp((pointer.now[0] - this.frame.left) / this.frame.width, 0, 1)), "wipe");
+      this.see(
+        panned(
+          this.began.view,
+          pointers.map((one) => one.start),
+          pointers.map((one) => one.now),
+          ZOOM,
+        ),
+      );
+    } else if (this.task === "wipe")
+      this.viewer.change(
+        (state) => (state.wipe.at = clamp((pointer.now[0] - this.frame.left) / this.frame.width, 0, 1)),
+        "wipe",
+      );
   }
 
   beginAim() {
@@ -215,7 +285,10 @@ export class Stage {
 
   /** Turns the environment by a motion to the right, in CSS pixels. */
   turn(moved) {
-    this.viewer.change((state) => state.environment && (state.environment.rotation = this.began.rotation + (moved / this.radius) * 45), "turn");
+    this.viewer.change(
+      (state) => state.environment && (state.environment.rotation = this.began.rotation + (moved / this.radius) * 45),
+      "turn",
+    );
   }
 
   up(event) {
@@ -278,7 +351,11 @@ export class Stage {
     this.labels.forEach((label) => (label.hidden = !wipe));
     if (wipe) {
       const { left, top, width, height } = this.frame;
-      Object.assign(this.divider.style, { left: `${left + wipe.at * width}px`, top: `${top}px`, height: `${height}px` });
+      Object.assign(this.divider.style, {
+        left: `${left + wipe.at * width}px`,
+        top: `${top}px`,
+        height: `${height}px`,
+      });
       this.divider.setAttribute("aria-valuenow", Math.round(wipe.at * 100));
       [state.look, wipe.look].forEach((look, index) => {
         this.labels[index].textContent = look;
@@ -290,7 +367,11 @@ export class Stage {
 
 function described(light) {
   if (isNear(light)) {
-    const metres = (value) => value.toFixed(2).replace("-", "−").replace(/^−0.00$/, "0.00");
+    const metres = (value) =>
+      value
+        .toFixed(2)
+        .replace("-", "−")
+        .replace(/^−0.00$/, "0.00");
     const [x, y, z] = light.position.map(metres);
     const size = light.radius ? `, radius ${metres(light.radius)}` : "";
     return `${x} right, ${y} up, ${z} to the camera${size} m`;

@@ -23,7 +23,12 @@ export function checkedLight(given, kind = isNear(given) ? LAMP : LIGHT) {
   for (const [key, [low, high]] of Object.entries(RANGES)) {
     if (!(key in light)) continue;
     const value = light[key];
-    if (typeof value !== "number" || !Number.isFinite(value) || (low !== null && value < low) || (high !== null && value > high)) {
+    if (
+      typeof value !== "number" ||
+      !Number.isFinite(value) ||
+      (low !== null && value < low) ||
+      (high !== null && value > high)
+    ) {
       throw new Invalid(`${key}: expected a number${low !== null ? ` from ${low} to ${high}` : ""}, got ${value}.`);
     }
   }
@@ -46,7 +51,11 @@ const isPlace = (position) =>
   Array.isArray(position) && position.length === 3 && position.every((value) => Math.abs(value) <= 1e6);
 
 /** A name as OpenEXR layers can have it: no control characters, not too long. */
-export const nameOf = (text) => (text ?? "").replace(/\p{Cc}/gu, "").trim().slice(0, 80);
+export const nameOf = (text) =>
+  (text ?? "")
+    .replace(/\p{Cc}/gu, "")
+    .trim()
+    .slice(0, 80);
 
 /** The environment's part of the state: its map is kept elsewhere. */
 export const checkedEnvironment = (given) =>
@@ -79,7 +88,8 @@ export function shining({ lights }) {
 
 /**
  * The state as a link's fragment; lights are written as the command line takes them.
- * `files`: { environment, backdrop }, whose names are written where they were dropped on the page: the link has no more of them.
+ * `files`: { environment, backdrop }, whose names are written where they were dropped on the page: the link has no more
+ * of them.
  */
 export function toFragment(state, files = {}) {
   const query = new URLSearchParams();
@@ -87,8 +97,14 @@ export function toFragment(state, files = {}) {
   const numbers = (test) => state.lights.flatMap((light, index) => (test(light) ? [index + 1] : [])).join(" ");
   const set = (key, value) => value && query.set(key, value);
   if (!state.lights.length) query.set("light", "none");
-  set("muted", numbers((light) => light.muted));
-  set("solo", numbers((light) => light.solo));
+  set(
+    "muted",
+    numbers((light) => light.muted),
+  );
+  set(
+    "solo",
+    numbers((light) => light.solo),
+  );
   set("selected", state.selected ? state.selected + 1 : "");
   if (state.environment) {
     query.set("environment", asText({ ...state.environment, name: "" }, ["rotation"]));
@@ -113,7 +129,8 @@ export function fromFragment(fragment, base, { maps = [], pictures = [] } = {}, 
   const state = structuredClone(base);
   if (query.has("light")) {
     const texts = query.getAll("light").filter((text) => text !== "none");
-    if (texts.length > LIGHTS) throw new Invalid(`The link has ${texts.length} lights; the page shows up to ${LIGHTS}.`);
+    if (texts.length > LIGHTS)
+      throw new Invalid(`The link has ${texts.length} lights; the page shows up to ${LIGHTS}.`);
     state.lights = texts.map((text) => checkedLight(parsed(text)));
     for (const key of ["muted", "solo"]) {
       for (const number of (query.get(key) ?? "").split(" ").filter(Boolean)) {
@@ -122,7 +139,10 @@ export function fromFragment(fragment, base, { maps = [], pictures = [] } = {}, 
     }
     Object.assign(state, { background: null, gloss: 0 });
   }
-  state.selected = Math.min(Math.max(numberOf("selected", query.get("selected") ?? 1) - 1, 0), Math.max(state.lights.length - 1, 0));
+  state.selected = Math.min(
+    Math.max(numberOf("selected", query.get("selected") ?? 1) - 1, 0),
+    Math.max(state.lights.length - 1, 0),
+  );
   if (query.get("environment") === "none") state.environment = null;
   else if (query.has("environment")) {
     const [name, muted] = [query.get("map"), query.has("dark")];
@@ -212,9 +232,14 @@ export function asText(light, first = placing(light)) {
 function parsed(text) {
   const colon = text.lastIndexOf(":");
   const given = { name: text.slice(0, Math.max(colon, 0)) };
-  for (const part of text.slice(colon + 1).split(",").filter(Boolean)) {
+  for (const part of text
+    .slice(colon + 1)
+    .split(",")
+    .filter(Boolean)) {
     const [key, value] = part.split("=");
-    const numbers = (value ?? "").split("/").map((number) => numberOf(key, number === "" ? NaN : key === "locus" ? 0 : number));
+    const numbers = (value ?? "")
+      .split("/")
+      .map((number) => numberOf(key, number === "" ? NaN : key === "locus" ? 0 : number));
     given[key] = key === "locus" ? value : key === "colour" || key === "position" ? numbers : numbers[0];
   }
   return given;

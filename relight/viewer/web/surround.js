@@ -1,6 +1,10 @@
 // What is around the picture: dark, mid-grey or light. A picture looks brighter beside dark, and darker beside light.
 
-export const SURROUNDS = [["dark", "Dark"], ["grey", "Grey"], ["light", "Light"]];
+export const SURROUNDS = [
+  ["dark", "Dark"],
+  ["grey", "Grey"],
+  ["light", "Light"],
+];
 const KEY = "relight-surround";
 
 /** The surround that was chosen last in this browser; otherwise the one that the system's colour scheme suggests. */

@@ -21,9 +21,11 @@ const GREY = [0.0116, 0.0129, 0.0161]; // of a background that becomes a colour
 
 export class Viewer {
   /**
-   * In `root`, from a scene (see relight/viewer/scene.py) and a pack; `linked`: whether the page's address holds the state.
+   * In `root`, from a scene (see relight/viewer/scene.py) and a pack; `linked`: whether the page's address holds the
+   * state.
    * `host`: the application around it, if any: { environment(file), background(file), original, save(), finish(),
-   * engine(viewer), floorShadow(look) }. `original` is the whole photograph as a backdrop, or null; its engine draws where the browser has no
+   * engine(viewer), floorShadow(look) }. `original` is the whole photograph as a backdrop, or null; its engine draws
+   * where the browser has no
    * WebGL 2.
    */
   static async open(root, scene, bytes, linked, host = null) {
@@ -97,7 +99,10 @@ export class Viewer {
     const { root, stage } = this;
     root.addEventListener("keydown", (event) => keyDown(this, event));
     root.addEventListener("keyup", (event) => keyUp(this, event));
-    root.addEventListener("pointerdown", (event) => event.target.closest?.(".out, .menu") || this.controls.openMenu(false));
+    root.addEventListener(
+      "pointerdown",
+      (event) => event.target.closest?.(".out, .menu") || this.controls.openMenu(false),
+    );
     root.addEventListener("dragover", (event) => event.preventDefault());
     root.addEventListener("drop", (event) => this.drop(event));
     stage.canvas.addEventListener("webglcontextlost", (event) => event.preventDefault());
@@ -201,7 +206,11 @@ export class Viewer {
   async openEnvironment(file) {
     await this.tryFile(async () => {
       const found = this.host ? await this.host.environment(file) : null;
-      this.maps.push(found ? mapOf(found.path, lampsOfRows(found.lamps), found.file) : mapOf(file.name, lampsOf(await readImage(file))));
+      this.maps.push(
+        found
+          ? mapOf(found.path, lampsOfRows(found.lamps), found.file)
+          : mapOf(file.name, lampsOf(await readImage(file))),
+      );
       this.change((state) => Object.assign(state, { environment: checkedEnvironment({}), map: this.maps.length - 1 }));
       this.say(`The environment is ${file.name}`);
     });
@@ -271,7 +280,8 @@ export class Viewer {
       this.stage.update(this.state);
       this.checkLamps();
       // Keys are heard where the focus is: it must not fall out of the page with a row, a handle or a button.
-      if (focused && (focused.disabled || focused.closest("[hidden]"))) this.stage.element.focus({ preventScroll: true });
+      if (focused && (focused.disabled || focused.closest("[hidden]")))
+        this.stage.element.focus({ preventScroll: true });
     });
   }
 
@@ -299,14 +309,18 @@ export class Viewer {
     const layers = Array.from({ length: LIGHTS }, (_, slot) => {
       const light = state.lights[slot];
       if (!light || !active.has(light)) return null;
-      const settings = isNear(light) ? [...light.position, light.radius] : [light.azimuth, light.elevation, light.angle];
+      const settings = isNear(light)
+        ? [...light.position, light.radius]
+        : [light.azimuth, light.elevation, light.angle];
       return { samples: this.samplesOf(slot, settings, () => samples(light)), colour: power(light, this.tints) };
     });
     const { environment } = state;
     const shines = environment && this.environment && !environment.muted;
     layers.push(
       shines && {
-        samples: this.samplesOf(LIGHTS, [`map ${state.map}`, environment.rotation], () => turned(this.environment.lamps, environment.rotation)),
+        samples: this.samplesOf(LIGHTS, [`map ${state.map}`, environment.rotation], () =>
+          turned(this.environment.lamps, environment.rotation),
+        ),
         colour: power(environment, this.tints).map((value) => value * this.environment.strength),
       },
     );
@@ -319,10 +333,16 @@ export class Viewer {
     return this.drawn[slot].samples;
   }
 
-  /** Lights, as Python's DirectionalLight and PointLight have them, to {width, height, data}: linear premultiplied RGBA. */
+  /**
+   * Lights, as Python's DirectionalLight and PointLight have them, to {width, height, data}: linear premultiplied
+   * RGBA.
+   */
   async render(lights, gloss = 0) {
     const given = lights.map((light) => checkedLight(light));
-    const blocked = given.filter(isNear).map((lamp) => this.room.obstacle(lamp)).find(Boolean);
+    const blocked = given
+      .filter(isNear)
+      .map((lamp) => this.room.obstacle(lamp))
+      .find(Boolean);
     if (blocked) throw new Invalid(`position: ${blocked}; expected a light beside them.`);
     let picture = null;
     for (let first = 0; first < Math.max(1, given.length); first += LIGHTS) {
@@ -344,7 +364,10 @@ export class Viewer {
     const { message } = this.stage;
     clearTimeout(this.saying);
     message.replaceChildren(text);
-    if (kept) message.append(h("button", { type: "button", class: "quiet", onclick: () => message.replaceChildren() }, "Close"));
+    if (kept)
+      message.append(
+        h("button", { type: "button", class: "quiet", onclick: () => message.replaceChildren() }, "Close"),
+      );
     else this.saying = setTimeout(() => message.replaceChildren(), 3500);
   }
 
@@ -355,7 +378,12 @@ export class Viewer {
     } catch {
       const area = h("textarea", { readonly: true, rows: 8, "aria-label": what });
       area.value = text;
-      const sheet = h("dialog", { class: "help" }, h("form", { method: "dialog" }, h("h2", {}, `${what}, to copy`), h("button", { class: "quiet" }, "Close")), area);
+      const sheet = h(
+        "dialog",
+        { class: "help" },
+        h("form", { method: "dialog" }, h("h2", {}, `${what}, to copy`), h("button", { class: "quiet" }, "Close")),
+        area,
+      );
       sheet.addEventListener("close", () => sheet.remove());
       this.root.append(sheet);
       sheet.showModal();
@@ -370,7 +398,11 @@ export class Viewer {
       const missing = [];
       const state = fromFragment(location.hash.slice(1), initial(this.scene), this, (name) => missing.push(name));
       this.change((now) => Object.assign(now, state));
-      if (missing.length) this.say(`This page does not have ${missing.join(" and ")}, which the link shows: drop ${missing.length > 1 ? "them" : "it"} here again.`, true);
+      if (missing.length)
+        this.say(
+          `This page does not have ${missing.join(" and ")}, which the link shows: drop ${missing.length > 1 ? "them" : "it"} here again.`,
+          true,
+        );
     } catch (error) {
       if (!(error instanceof Invalid)) throw error;
       this.say(`This link cannot be used. ${error.message}`, true);

@@ -17,11 +17,21 @@ export function zoomed(view, times, from, to, limits) {
   return { ...view, scale, left: to[0] - (from[0] - view.left) * by, top: to[1] - (from[1] - view.top) * by };
 }
 
-/** A view moved and zoomed by fingers, or one pointer: `began` and `now` are their spots, `view` the one they began with. */
+/**
+ * A view moved and zoomed by fingers, or one pointer: `began` and `now` are their spots, `view` the one they began
+ * with.
+ */
 export function panned(view, began, now, limits) {
   const middle = (spots) => [0, 1].map((axis) => spots.reduce((sum, spot) => sum + spot[axis], 0) / spots.length);
-  const spread = (spots) => (spots.length < 2 ? 1 : Math.hypot(spots[0][0] - spots[1][0], spots[0][1] - spots[1][1]) || 1);
-  return zoomed(view, now.length === began.length ? spread(now) / spread(began) : 1, middle(began), middle(now), limits);
+  const spread = (spots) =>
+    spots.length < 2 ? 1 : Math.hypot(spots[0][0] - spots[1][0], spots[0][1] - spots[1][1]) || 1;
+  return zoomed(
+    view,
+    now.length === began.length ? spread(now) / spread(began) : 1,
+    middle(began),
+    middle(now),
+    limits,
+  );
 }
 
 /** How much a turn of the wheel zooms. */

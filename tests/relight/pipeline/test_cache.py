@@ -106,7 +106,7 @@ def test_a_file_says_what_it_was_made_of(desk):
     assert len(provenance["weights"]) == 2
 
 
-def test_what_is_whole_and_fresh_is_kept(desk, monkeypatch):
+def test_what_is_whole_and_fresh_is_kept(desk):
     before = files(desk)
     damaged = desk / "shot.relight" / "000102.safetensors"
     damaged.write_bytes(damaged.read_bytes()[:-100])
@@ -116,8 +116,11 @@ def test_what_is_whole_and_fresh_is_kept(desk, monkeypatch):
     after = files(desk)
     assert [name for name in before if before[name] != after[name]] != []
     assert before["000101.safetensors"] == after["000101.safetensors"]
-    monkeypatch.setattr(persons.Persons, "at", None)  # nothing is left to analyse
-    shots.analyse(desk / "plate.%04d.exr", desk / "shot.relight", **mattes(desk))
+
+    def refuse(*arguments, **settings):
+        raise AssertionError("a frame was analysed again")
+
+    shots.analyse(desk / "plate.%04d.exr", desk / "shot.relight", analyse=refuse, **mattes(desk))
     assert files(desk) == after
 
 
@@ -138,10 +141,9 @@ class Saved:
 
 
 @pytest.mark.parametrize("other", [{"threads": 2}, {"precision": "float32"}, {"precision": "bfloat16"}])
-def test_an_analysis_of_other_threads_or_precision_is_another(desk, monkeypatch, other):
+def test_an_analysis_of_other_threads_or_precision_is_another(desk, other):
     made = storage.read_header(desk / "shot.relight" / "000101.safetensors")["provenance"]
-    monkeypatch.setattr(persons.Persons, "at", lambda self, number: Saved())
-    settings = mattes(desk) | {"precision": made["precision"]} | other
+    settings = mattes(desk) | {"precision": made["precision"], "analyse": Saved} | other
     if all(made[name] == value for name, value in other.items()):
         shots.analyse(desk / "plate.%04d.exr", desk / "shot.relight", **settings)
         return
@@ -178,15 +180,14 @@ def test_a_full_disk_keeps_what_is_analysed(desk, monkeypatch):
             raise OSError(errno.ENOSPC, os.strerror(errno.ENOSPC))
         flush(descriptor)
 
-    monkeypatch.setattr(persons.Persons, "at", lambda self, number: Saved())
     with monkeypatch.context() as disk:
         disk.setattr(os, "fsync", full)
-        problems = shots.analyse(desk / "plate.%04d.exr", folder, **mattes(desk))
+        problems = shots.analyse(desk / "plate.%04d.exr", folder, analyse=Saved, **mattes(desk))
     assert list(problems) == [103, 104]
     assert "No space left on device" in problems[103]
     there = {path: path.stat().st_ino for path in folder.iterdir()}
     assert len(there) == 2
-    assert shots.analyse(desk / "plate.%04d.exr", folder, **mattes(desk)) == {}
+    assert shots.analyse(desk / "plate.%04d.exr", folder, analyse=Saved, **mattes(desk)) == {}
     assert all(path.stat().st_ino == inode for path, inode in there.items())
     assert len(list(folder.iterdir())) == 4
 
