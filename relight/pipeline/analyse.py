@@ -1,18 +1,14 @@
 """Keeps the analysis of a still or a shot: one file a frame, which is relit without a network."""
 
-import warnings
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
-from relight import __version__
-from relight.analysis import storage
-from relight.media.content_hash import content_hash
 from relight.media.sequences import FrameRange
-from relight.pipeline.cache import SUFFIX, describe_sources, frame_file, is_cache, kept_frames
+from relight.pipeline.cache import SUFFIX, check_kind, is_cache
+from relight.pipeline.cache_writer import CacheWriter
 from relight.pipeline.frame_loop import check_any_made, each_frame
 from relight.pipeline.option_fields import Report
 from relight.pipeline.options import Compute, Source
-from relight.pipeline.plate_metadata import VERSION, PlateMetadataReader
 from relight.pipeline.shot import Shot
 
 if TYPE_CHECKING:
@@ -86,76 +82,14 @@ def store_frames(
     """Analyse and store the frames of an open shot; `analyse_shot` describes arguments, result and errors."""
     report = progress or (lambda done, total, what: None)
     numbers = _numbers(frames, shot)
-    if kept_frames(folder) if shot.is_still else frame_file(folder, None).is_file():
-        kinds = ("a still", "a shot") if shot.is_still else ("a shot", "a still")
-        raise ValueError(f"{folder}: expected a folder for {kinds[0]}, and this holds {kinds[1]}")
+    check_kind(folder, shot.is_still)
     folder.mkdir(parents=True, exist_ok=True)
     shot.prepare(report)
-    return _CacheWriter(shot, folder).write(numbers, report)
-
-
-class _CacheWriter:
-    """Writes the frames of a shot into its cache."""
-
-    def __init__(self, shot: Shot, folder: Path) -> None:
-        self._shot, self._folder = shot, folder
-        self._replaced = 0  # frames
-        self._plates = PlateMetadataReader(shot.frames.plates)
-        precision, threads = shot.computed_in
-        self._provenance: dict[str, Any] = {
-            "options": content_hash(shot.frames.options_hash, __version__),
-            "version": __version__,
-            "rate": None if shot.rate is None else str(shot.rate),
-            "field_of_view": shot.frames.field_of_view,
-            "pixel_aspect": shot.pixel_aspect,
-            "precision": precision,
-            "threads": threads,
-        }
-
-    def write(self, numbers: FrameRange, report: Report) -> dict[int, str]:
-        """Analyse all frames; return {frame number: error}. Raises ValueError if none could be analysed."""
-        problems = each_frame(numbers, self._write, report, "Analysing")
-        check_any_made(numbers, problems, "analysed")
-        if self._replaced:
-            warnings.warn(
-                f"{self._folder}: {self._replaced} of {len(numbers)} frames were damaged, or made from other "
-                "plates, with other options or weights or by another version, and were analysed again",
-                stacklevel=4,
-            )
-        return problems
-
-    def _write(self, number: int) -> None:
-        """Analyse a frame unless it is up to date."""
-        path = frame_file(self._folder, None if self._shot.is_still else number)
-        there = path.exists()
-        if there and _states(path, self._content_hash(number)):
-            return
-        person = self._shot.person(number)
-        person.save(
-            path,
-            provenance=self._provenance
-            | {
-                "content_hash": self._content_hash(number, as_read=True),
-                "sources": describe_sources(self._folder, self._shot.records(number)),
-                "plate_metadata": self._plates.at(number).to_json(self._folder),
-            },
-        )
-        self._replaced += there
-
-    def _content_hash(self, number: int, as_read: bool = False) -> str:
-        """Return a hash of all that determines the file of a frame."""
-        return content_hash(self._shot.person_hash(number, as_read), VERSION)
-
-
-def _states(path: Path, made_from: str) -> bool:
-    """Return whether a frame's file is complete, and was made from exactly these inputs."""
-    try:
-        about = storage.read_header(path)
-        if "empty" not in about:
-            storage.read_record(path)
-        return about["provenance"].get("content_hash") == made_from
-    except (OSError, ValueError):
-        return False
+    writer = CacheWriter(shot, folder)
+    problems = each_frame(numbers, writer.write, report, "Analysing")
+    check_any_made(numbers, problems, "analysed")
+    writer.warn_of_replaced(len(numbers))
+    return problems
 
 
 def _numbers(frames: tuple[int, int] | str | FrameRange | None, shot: Shot) -> FrameRange:

@@ -54,6 +54,24 @@ def kept_frames(folder: Path) -> list[int]:
     return FrameSequence(folder, "", 6, storage.SUFFIX).numbers()
 
 
+def check_kind(folder: Path, is_still: bool) -> None:
+    """Raise ValueError if a folder for a still holds a shot, or the other way round."""
+    if kept_frames(folder) if is_still else frame_file(folder, None).is_file():
+        kinds = ("a still", "a shot") if is_still else ("a shot", "a still")
+        raise ValueError(f"{folder}: expected a folder for {kinds[0]}, and this holds {kinds[1]}")
+
+
+def is_made_from(path: Path, content_hash: str) -> bool:
+    """Return whether a frame's file is complete, and states this hash of what it was made from."""
+    try:
+        about = storage.read_header(path)
+        if "empty" not in about:
+            storage.read_record(path)
+        return about["provenance"].get("content_hash") == content_hash
+    except (OSError, ValueError):
+        return False
+
+
 class AnalysisCache:
     """The kept frames of a shot, checked as they are read.
 

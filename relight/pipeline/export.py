@@ -1,6 +1,7 @@
 """Write a person for 3D programs and for Nuke, from files to a file; `relight export` calls it."""
 
 from collections.abc import Iterator
+from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -10,8 +11,9 @@ from relight.media.sequences import FrameRange
 from relight.pipeline.option_fields import Report
 from relight.pipeline.options import Compute, Lighting, Source
 from relight.pipeline.shot import Shot
-from relight.scene import asset, mesh, nuke_script, writing
-from relight.scene.asset import Asset
+from relight.scene import mesh, nuke_script, writing
+from relight.scene.asset import Asset, checked
+from relight.subject import Subject
 
 
 def export_person(
@@ -60,10 +62,8 @@ def export_person(
         No such file or frames.
     OSError
         A file cannot be written.
-    ValueError
+    TypeError, ValueError
         Bad arguments, several frames for a .glb, a frame that shows no person.
-    TypeError
-        Not lights.
 
     Examples
     --------
@@ -73,59 +73,46 @@ def export_person(
     'person.glb'
     """
     report = progress or (lambda done, total, what: None)
-    path = asset.checked(output, texture, triangles)
+    path = checked(output, texture, triangles)
     with Shot.open(source, lighting, compute) as shot:
-        lights = shot.every_light
-        mesh: dict[str, Any] = {"triangles": triangles, "texture": texture, "gloss": shot.lighting.gloss}
+        lights, gloss, rate = shot.every_light, shot.lighting.gloss, float(shot.rate or RATE)
         knobs = nuke_script.checked_lights(lights) if is_script(path) else []
         shot.check_not_read([path, *writing.companions(path, texture)])
         numbers = _numbers(path, shot, frames)
         shot.check_lights(numbers[0])
         shot.prepare(report)
-        rate = float(shot.rate or RATE)
+        asset: Any = partial(Subject.asset, lights=lights, triangles=triangles, texture=texture, gloss=gloss)
         if len(numbers) == 1:
             report(0, 1, "Analysing")
             subject = shot.subject(numbers[0])
             report(1, 1, "Analysing")
             if is_script(path):
-                return writing.write_script(path, subject, knobs, shot.lighting.gloss)
-            return writing.write(path, subject.asset(lights, **mesh))
-
-        def subject_at(number: int) -> Any:
-            person = shot.person(number)
-            return None if person.is_empty else person
-
+                return writing.write_script(path, subject, knobs, gloss)
+            return writing.write(path, asset(subject))
         if is_script(path):
-            return writing.write_script_sequence(
-                path, subject_at, numbers, knobs, rate, report, shot.lighting.gloss
-            )
+            return writing.write_script_sequence(path, shot.person, numbers, knobs, rate, report, gloss)
 
         def assets() -> Iterator[tuple[int, Asset]]:
             for done, number in enumerate(numbers):
                 report(done, len(numbers), "Frames")
-                subject = subject_at(number)
-                if subject is not None:
-                    yield number, subject.asset(lights, **mesh)
+                person = shot.person(number)
+                if not person.is_empty:
+                    yield number, asset(person)
             report(len(numbers), len(numbers), "Frames")
 
         return writing.write_sequence(path, assets(), rate)
 
 
 def _numbers(path: Path, shot: Shot, frames: int | tuple[int, int] | str | FrameRange | None) -> list[int]:
-    """Return the frames to write; 0 for a still.
-
-    Raises ValueError if the file cannot hold several frames, or if there are none.
-    """
+    """Return the frames to write, 0 for a still; raises ValueError for those that are not or do not fit."""
     if shot.is_still:
         return [0]
+    holds_one = path.suffix.lower() == ".glb"
     if frames is None:
-        numbers = list(shot.numbers)
-        numbers = numbers[:1] if path.suffix.lower() == ".glb" else numbers
-    else:
-        numbers = [frames] if isinstance(frames, int) else list(FrameRange.of(frames))
-    missing = sorted(set(numbers) - set(shot.numbers))
-    if missing:
+        return list(shot.numbers[:1] if holds_one else shot.numbers)
+    numbers = [frames] if isinstance(frames, int) else list(FrameRange.of(frames))
+    if missing := sorted(set(numbers) - set(shot.numbers)):
         raise ValueError(f"frames: {FrameRange(missing)} are not there")
-    if len(numbers) > 1 and path.suffix.lower() == ".glb":
+    if len(numbers) > 1 and holds_one:
         raise ValueError(f"{path}: holds one frame; choose it (--frames 7), or write USD")
     return numbers

@@ -66,7 +66,7 @@ def write_script_sequence(
     path
         The script, .nk.
     person
-        The `relight.Subject` of a frame, or None where it shows no person.
+        The `relight.Subject` of a frame, or an `EmptySubject`.
     numbers
         The frames.
     lights
@@ -85,7 +85,7 @@ def write_script_sequence(
     """
     path = Path(path)
     step = -(-len(numbers) // BASIS_FRAMES)
-    chosen = [found for number in numbers[::step] if (found := person(number)) is not None]
+    chosen = [found for number in numbers[::step] if not (found := person(number)).is_empty]
     if not chosen:
         looked = ", ".join(str(number) for number in numbers[::step])
         raise ValueError(f"frames: expected some that show the person; frames {looked} do not")
@@ -94,7 +94,7 @@ def write_script_sequence(
     for done, number in enumerate(numbers):
         progress(done, len(numbers), "Frames")
         subject = person(number)
-        if subject is not None and subject.size != size:
+        if not subject.is_empty and subject.size != size:
             raise ValueError(f"frame {number}: has size {subject.size}, the first has {size}")
         _write_layers(companion(path, LAYERS, FRAME % number), subject, basis, size)
     progress(len(numbers), len(numbers), "Frames")
@@ -107,7 +107,7 @@ def write_script_sequence(
 
 def _write_layers(path: Path, subject: Any, basis: Basis, size: tuple[int, int] = (0, 0)) -> None:
     """Write the layers of a person, or zeros of a size where there is none."""
-    if subject is None:
+    if subject.is_empty:
         picture = np.zeros((*size, 4), np.float32)
         layers = {name: picture[..., :3] for name in NAMES}
     else:
