@@ -31,6 +31,7 @@ from relight.pipeline.options import Lighting, Output, Source
 from relight.subject import Subject
 from relight.viewer.packing import pack
 from relight.viewer.scene import scene_of
+from shadow.files import replacing
 
 PIXELS = 100_000_000  # of a photograph, at most
 PREVIEW_SIDE = 1600  # pixels, the longer side of what the page shows and the outline is solved on
@@ -94,7 +95,7 @@ def read(name: str, report: Report) -> dict[str, Any]:
     cut_out = pixels.shape[-1] == 4 and float(pixels[..., 3].min()) < 1
     size = _reduced_size(height, width, PREVIEW_SIDE)
     reduced = _resized(pixels if cut_out else np.ascontiguousarray(pixels[..., :3]), size)
-    np.save(REDUCED, reduced.astype(np.float16))
+    _save_array(REDUCED, reduced)
     codes = _encoded(reduced)
     Path(PREVIEWS).mkdir(exist_ok=True)
     preview = f"{PREVIEWS}/preview.{'png' if cut_out else 'jpg'}"
@@ -164,15 +165,21 @@ def load_matte(name: str, report: Report) -> dict[str, Any]:
             f"{name}: expected a matte of the photograph's proportions, "
             f"got {loaded.shape[1]} x {loaded.shape[0]}"
         )
-    np.save(LOADED, loaded.astype(np.float16))
+    _save_array(LOADED, loaded)
     found = _resized(loaded[..., None].astype(np.float32), size)[..., 0].clip(0, 1)
     _keep_matte(found)
     return {"png": _png(found)}
 
 
+def _save_array(name: str, array: np.ndarray) -> None:
+    """Write an array as half floats: whole or not at all, where the disk is full."""
+    with replacing(name) as beside, beside.open("wb") as file:
+        np.save(file, array.astype(np.float16))
+
+
 def _keep_matte(found: np.ndarray) -> None:
     """Keep the matte that a network found; an outline may start from it."""
-    np.save(MODEL, found.astype(np.float16))
+    _save_array(MODEL, found)
     _solve.cache_clear()
 
 
@@ -193,9 +200,11 @@ def analyse(name: str, mask: str | None, drawn: Mapping[str, Any] | None, report
     report("Analysing the person")
     subject = Subject(reduced, found)
     report("Preparing the light")
-    Path(PACK).write_bytes(pack(subject.record, subject.matte, subject.albedo, compression=1))
+    packed = pack(subject.record, subject.matte, subject.albedo, compression=1)
+    with replacing(PACK) as beside:
+        beside.write_bytes(packed)
     if mask is not None and found is not None:  # until here, what was accepted before is kept
-        np.save(MATTE, kept.astype(np.float16))
+        _save_array(MATTE, kept)
         Path(EDGE).write_text(json.dumps({"shift": shift, "feather": feather, "file": as_it_is}))
         Path(mask).unlink(missing_ok=True)
     scene = scene_of(subject.size, title=name, command=_command(name, mask))

@@ -11,6 +11,8 @@ import zlib
 import numpy as np
 import OpenImageIO as oiio
 import pytest
+from helpers.clothed import clothed
+from PIL import Image
 
 pytest.importorskip("starlette")
 pytest.importorskip("uvicorn")
@@ -234,3 +236,50 @@ def test_a_file_that_something_else_removed_is_a_sentence(session):
         found = answer(session, endpoint, id=photograph.id, **path)
         assert found.status_code == 404, endpoint
         assert b"drop the photograph again" in found.body
+
+
+@pytest.mark.skipif(sys.platform == "win32", reason="has no such limit")
+@pytest.mark.parametrize("task", ["read", "outline_of", "load_matte", "analyse", "save"])
+def test_a_full_disk_is_a_sentence_in_every_step(tmp_path, small_canvas, monkeypatch, task):
+    """Files can have no more than 100 bytes, which ends each write as a full disk does."""
+    import resource
+    import signal
+
+    plate, matte = clothed(seed=1)
+    codes = (np.dstack([np.clip(plate[..., :3], 0, 1), matte]) * 255).astype(np.uint8)
+    Image.fromarray(codes).save(tmp_path / "a.png")
+    Image.fromarray(codes[..., 3]).save(tmp_path / "matte.png")
+    look = {"lights": ["key:azimuth=-40"]}
+    drawn = {"lasso": [[0.1, 0.1], [0.9, 0.1], [0.5, 0.9]]}
+    arguments = {
+        "read": {"name": "a.png"}, "outline_of": {"drawn": drawn}, "load_matte": {"name": "matte.png"},
+        "analyse": {"name": "a.png", "mask": None, "drawn": None},
+        "save": {"name": "a.png", "mask": None, "look": look, "output": "a-relit.png", "passes": []},
+    }  # fmt: skip
+
+    class Wire:
+        def send(self, what):
+            pass
+
+    def ask(name):
+        return worker._answer(tasks, name, str(tmp_path), arguments[name], Wire())
+
+    before, limit = os.getcwd(), resource.getrlimit(resource.RLIMIT_FSIZE)
+    monkeypatch.setattr(tasks.compiling, "wait", lambda report: None)
+    old = signal.signal(signal.SIGXFSZ, signal.SIG_IGN)
+    try:
+        assert ask("read")[0] == "done"
+        held = {path.name for path in tmp_path.iterdir()}
+        resource.setrlimit(resource.RLIMIT_FSIZE, (100, limit[1]))
+        kind, said = ask(task)
+        resource.setrlimit(resource.RLIMIT_FSIZE, limit)
+        if task != "outline_of":  # writes nothing
+            assert kind == "refused", said
+            assert said not in (worker.DEFECT, worker.STOPPED)
+            assert str(tmp_path) not in said
+        assert not {path.name for path in tmp_path.iterdir()} - held, "half a file stays"
+        assert ask(task)[0] == "done"  # when there is room again
+    finally:
+        resource.setrlimit(resource.RLIMIT_FSIZE, limit)
+        signal.signal(signal.SIGXFSZ, old)
+        os.chdir(before)

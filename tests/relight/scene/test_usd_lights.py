@@ -515,3 +515,22 @@ def test_values_and_transforms_of_no_meaning_name_the_prim(tmp_path):
     check_refused("/key: holds a value of another type", stage(tmp_path, other))
     far = KEY.replace("(-30, 90, 0)", "(-30, inf, 0)")
     check_refused("/key: has a transform that is not finite", stage(tmp_path, far))
+
+
+@pytest.mark.parametrize(("turn", "move"), [((0, 90, 0), (0, 0, 0)), ((20, -130, 75), (300, -40, 1000))])
+@pytest.mark.parametrize("up", ["Y", "Z"])
+def test_a_turned_world_is_lit_as_before(tmp_path, turn, move, up):
+    """The camera, the lights and the mark turn and move together: nothing changes before the camera."""
+    whole = CAMERA + KEY + BULB
+    before = read_lights(stage(tmp_path, whole), subject_at="/mark")
+    head = f'metersPerUnit = 0.01\n    upAxis = "{up}"'
+    world = f"""def Xform "world" {{
+    double3 xformOp:translate = {move}
+    float3 xformOp:rotateXYZ = {turn}
+    uniform token[] xformOpOrder = ["xformOp:translate", "xformOp:rotateXYZ"]
+    {whole}
+}}"""
+    after = read_lights(stage(tmp_path, world, head, "turned.usda"), subject_at="/world/mark")
+    np.testing.assert_allclose(after[0].direction, before[0].direction, atol=1e-5)
+    np.testing.assert_allclose(after[1].position, before[1].position, atol=1e-4)
+    np.testing.assert_allclose([light.power for light in after], [light.power for light in before], rtol=1e-5)

@@ -1,0 +1,111 @@
+"""What surrounds a run: locales, temporary folders, other processes, signals; and a still as a movie."""
+
+import os
+import signal
+import subprocess
+import sys
+import time
+
+import numpy as np
+import pytest
+from helpers import ROOT, shots
+from helpers.clothed import clothed
+from helpers.foreign_files import movie
+
+import relight
+from relight.media.movies import Movie
+
+COMMAND = [sys.executable, "-m", "relight.cli", "apply"]
+KEY = relight.DirectionalLight(azimuth=-40, elevation=30, name="key")
+
+pytestmark = pytest.mark.usefixtures("small_canvas")
+
+
+@pytest.fixture(scope="module")
+def codes():
+    """Somebody of 8 bits, with alpha, opaque outside for movies without."""
+    plate, matte = clothed(seed=2)
+    rgb = np.round(255 * np.clip(plate[..., :3], 0, 1) ** (1 / 2.2)).astype(np.uint8)
+    return np.dstack([rgb, np.round(255 * matte).astype(np.uint8)])
+
+
+@pytest.mark.parametrize(("name", "codec"), [("a.mov", "qtrle"), ("a.mkv", "ffv1")])
+def test_a_still_as_a_movie_is_relit_as_the_still(tmp_path, codes, name, codec):
+    layout = {"qtrle": "argb", "ffv1": "bgra"}[codec]
+    movie(tmp_path / name, [codes] * 3, codec=codec, layout=layout)
+    relight.write(tmp_path / "a.png", codes)
+    kept = {"colour_space": "sRGB"}  # a movie that says nothing is BT.709
+    shots.render(tmp_path / "a.png", KEY, tmp_path / "still.exr", **kept)
+    shots.render(tmp_path / name, KEY, tmp_path / "frame.%04d.exr", **kept)
+    still = relight.read(tmp_path / "still.exr")
+    frames = sorted(tmp_path.glob("frame.*.exr"))
+    assert len(frames) == 3
+    for frame in frames:
+        np.testing.assert_allclose(relight.read(frame), still, atol=2e-3)
+
+
+@pytest.fixture
+def figure(tmp_path, codes):
+    relight.write(tmp_path / "figure.png", codes)
+    return tmp_path
+
+
+def run(folder, *words, **environment):
+    done = subprocess.run(
+        [*COMMAND, *words], cwd=folder, capture_output=True, text=True, encoding="utf-8", timeout=300,
+        env={**os.environ, "PYTHONPATH": str(ROOT), **environment},
+    )  # fmt: skip
+    assert "Traceback" not in done.stderr, done.stderr
+    return done
+
+
+@pytest.mark.parametrize("locale", ["C", "tr_TR.UTF-8"])
+def test_names_and_numbers_are_those_of_every_locale(figure, locale):
+    (figure / "figure.png").rename(figure / "Işıl.png")
+    done = run(
+        figure, "Işıl.png", "--light", "İpek:azimuth=-40.5,intensity=1.5", "-o", "ışık.exr", LC_ALL=locale
+    )
+    assert done.returncode == 0, done.stderr
+    assert list(relight.read_layers(figure / "ışık.exr")) == ["C_İpek"]
+
+
+def test_a_temporary_folder_that_cannot_be_written_is_replaced(figure):
+    done = run(figure, "figure.png", "--light", "azimuth=-40", "-o", "out.exr", TMPDIR="/nonexistent")
+    assert done.returncode == 0, done.stderr
+    assert (figure / "out.exr").exists()
+
+
+@pytest.mark.parametrize("output", [pytest.param("out.mov", marks=pytest.mark.slow), "out.png"])
+def test_two_processes_with_one_output_leave_one_whole_file(figure, output):
+    environment = {**os.environ, "PYTHONPATH": str(ROOT)}
+    jobs = [
+        subprocess.Popen(
+            [*COMMAND, "figure.png", "--light", f"azimuth={azimuth}", "-o", output, *frames(output)],
+            cwd=figure, env=environment, stderr=subprocess.PIPE, text=True,
+        )
+        for azimuth in (-60, 60)
+    ]  # fmt: skip
+    said = [job.communicate(timeout=300)[1] for job in jobs]
+    assert not any("Traceback" in words for words in said), said
+    if output.endswith(".mov"):  # the frames of both lie in one folder: one of them may say that it is gone
+        assert 0 in [job.returncode for job in jobs], said
+        assert len(Movie(figure / output).numbers) == 2
+        return
+    assert [job.returncode for job in jobs] == [0, 0], said
+    assert sorted(path.name for path in figure.iterdir()) == ["figure.png", output]
+    relight.read(figure / output)
+
+
+def frames(output):
+    return ["--frames", "1-2"] if output.endswith(".mov") else []
+
+
+@pytest.mark.skipif(sys.platform == "win32", reason="has no SIGINT for other processes")
+def test_an_interruption_while_libraries_load_leaves_nothing(figure):
+    environment = {**os.environ, "PYTHONPATH": str(ROOT)}
+    words = [*COMMAND, "figure.png", "--light", "azimuth=-40", "-o", "out.exr"]
+    with subprocess.Popen(words, cwd=figure, env=environment, stderr=subprocess.DEVNULL) as job:
+        time.sleep(0.5)
+        job.send_signal(signal.SIGINT)
+        assert job.wait(120) != 0
+    assert [path.name for path in figure.iterdir()] == ["figure.png"]
