@@ -38,6 +38,7 @@ PREVIEW_SIDE = 1600  # pixels, the longer side of what the page shows and the ou
 PREVIEWS = "page"  # folder of what the page shows: no upload has this name, which has no suffix
 BACKGROUND_SIDE = 2048  # pixels, the longer side of a background on the page, at most
 KEPT = 2  # subjects that are kept in memory, for stills
+KEPT_PIXELS = 4_000_000  # of a photograph that was saved, whose subject is kept for the next file, at most
 REDUCED, MODEL, MATTE, PACK = "reduced.npy", "model.npy", "matte.npy", "pack.bin"
 LOADED, EDGE = "loaded.npy", "edge.json"  # a matte from a file, in full; what was done to the accepted matte
 FILE = "file"  # in place of a model: the matte is that of a file
@@ -46,6 +47,7 @@ EDGE_SIDE = 0.05  # of the picture's longer side, that an edge may be shifted or
 Report = Callable[..., None]  # (what is done, the share of the task that is done, if that is known)
 
 _subjects: OrderedDict[str, Subject] = OrderedDict()
+_saved: dict[tuple[Any, ...], Subject] = {}  # at full size, of the files that were saved last
 
 
 def load_networks() -> None:
@@ -326,10 +328,25 @@ def _save_picture(source: Source, lighting: Lighting, output: Output, report: Re
     from relight.pipeline.render import render_frames
     from relight.pipeline.shot import Shot
 
-    with Shot.open(source, lighting) as shot:
+    with Shot.open(source, lighting, analyse=_analysing(source)) as shot:
         shot.person(0)
         report("Relighting", ANALYSED)
         render_frames(shot, output, progress=lambda done, total, what: report(what, RELIT))
+
+
+def _analysing(source: Source) -> Callable[..., Subject]:
+    """Return what analyses a photograph, but not again for the next file of it unless it is large."""
+    files = [Path(str(path)).resolve() for path in (source.plate, source.mask) if path is not None]
+    key = tuple((path, path.stat().st_mtime_ns) for path in files)
+
+    def analyse(*given: Any, **options: Any) -> Subject:
+        subject = _saved[key] if key in _saved else Subject(*given, **options)
+        _saved.clear()
+        if subject.size[0] * subject.size[1] <= KEPT_PIXELS:
+            _saved[key] = subject
+        return subject
+
+    return analyse
 
 
 def _lighting(look: Mapping[str, Any]) -> Lighting:

@@ -164,6 +164,32 @@ def test_a_photograph_larger_than_its_copy_is_lit_reduced_and_saved_whole(folder
 
 
 @pytest.mark.slow
+def test_files_of_one_photograph_are_analysed_once_and_again_when_the_matte_changes(folder, monkeypatch):
+    path, matte, _ = folder
+    analysed, subject = [], tasks.Subject
+    monkeypatch.setattr(
+        tasks, "Subject", lambda *given, **options: analysed.append(1) or subject(*given, **options)
+    )
+    relight.media.images.write_mask(path / "me-matte.png", matte)
+    for output in ("me-relit.png", "me-relit.exr"):
+        tasks.save("me.png", "me-matte.png", LOOK, output, [], silent)
+    assert len(analysed) == 1
+    shown = relight.read(path / "me-relit.exr")
+    expected = relight.apply(
+        relight.read(path / "me.png"), relight.DirectionalLight(azimuth=-40, elevation=30),
+        mask=relight.media.images.read_mask(path / "me-matte.png"), background=(0.1, 0.1, 0.1),
+    )  # fmt: skip
+    np.testing.assert_allclose(shown, expected, rtol=2e-3, atol=1e-3)
+    relight.media.images.write_mask(path / "me-matte.png", np.where(np.arange(200)[:, None] < 100, matte, 0))
+    tasks.save("me.png", "me-matte.png", LOOK, "me-relit.png", [], silent)
+    assert len(analysed) == 2
+    monkeypatch.setattr(tasks, "KEPT_PIXELS", 1)
+    tasks._saved.clear()
+    for _ in range(2):
+        tasks.save("me.png", "me-matte.png", LOOK, "me-relit.png", [], silent)
+    assert len(analysed) == 4
+
+
 def test_an_outline_that_is_accepted_again_replaces_the_matte(folder):
     path, _, drawn = folder
     tasks.analyse("me.png", "me-matte.png", drawn, silent)
