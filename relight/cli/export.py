@@ -9,7 +9,7 @@ from typing import Annotated
 
 import typer
 
-from relight.cli.options import Frames, console, progress_bars, with_options
+from relight.cli.options import Frames, print_written, progress_bars, with_options
 from relight.pipeline.options import Compute, Lighting, Source
 
 
@@ -45,4 +45,4 @@ def export(
             output, source, lighting, frames=frames, triangles=triangles, texture=str(texture),
             compute=compute, progress=report,
         )  # fmt: skip
-    console.print(f"{written}")
+    print_written(written)

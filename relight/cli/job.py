@@ -8,7 +8,7 @@ from typing import Annotated
 
 import typer
 
-from relight.cli.options import Frames, console, with_options
+from relight.cli.options import Frames, print_written, with_options
 from relight.pipeline.options import Compute, Lighting, Output, Source
 
 
@@ -39,4 +39,4 @@ def job(
         jobs[0], source, lighting, replace(output, paths=paths), frames=frames, analysis=analysis,
         chunk=chunk_size, compute=compute,
     )  # fmt: skip
-    console.print(f"{jobs[0]}")
+    print_written(jobs[0])

@@ -8,7 +8,7 @@ from typing import Annotated
 
 import typer
 
-from relight.cli.options import Frame, console, progress_bars, with_options
+from relight.cli.options import Frame, print_written, progress_bars, with_options
 from relight.pipeline.options import Compute, Source
 
 
@@ -33,4 +33,5 @@ def olat(
 
     with progress_bars() as report:
         paths = write_olat(source, output, behind=behind, frame=frame, compute=compute, progress=report)
-    console.print(f"{paths[0]}" if len(paths) < 4 else f"{paths[0]} ... {len(paths)} files")
+    for path in paths:
+        print_written(path)

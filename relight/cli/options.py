@@ -2,6 +2,7 @@
 
 import inspect
 import json
+import os
 from collections.abc import Callable, Iterable, Iterator, Mapping
 from contextlib import contextmanager
 from dataclasses import MISSING, Field, fields
@@ -121,12 +122,17 @@ def progress_bars() -> Iterator[Callable[[int, int, str], None]]:
             progress.stop()
 
 
+def print_written(path: Path) -> None:
+    """Print the name of a written file to standard output, as bytes where the system has it so."""
+    typer.echo(os.fsencode(path) if os.name == "posix" else str(path))
+
+
 def report_failures(problems: Mapping[int, str], outputs: Iterable[Path]) -> None:
     """Print which frames could not be made, and what was written; exit with code 1 if there are any."""
     for number, problem in problems.items():
         console.print(f"frame {number}: {problem}")
     for path in outputs:
-        console.print(f"{path}")
+        print_written(path)
     if problems:
         raise typer.Exit(1)
 

@@ -8,7 +8,7 @@ from typing import Annotated
 
 import typer
 
-from relight.cli.options import Frame, console, given_words, progress_bars, with_options
+from relight.cli.options import Frame, given_words, print_written, progress_bars, with_options
 from relight.pipeline.options import Compute, Lighting, Source
 
 
@@ -33,6 +33,6 @@ def view(
             output, source, lighting, frame=frame, command=command, compute=compute,
             progress=report,
         )  # fmt: skip
-    console.print(f"{written}")
+    print_written(written)
     if open_:
         typer.launch(str(written))

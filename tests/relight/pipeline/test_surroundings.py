@@ -69,6 +69,12 @@ def test_names_and_numbers_are_those_of_every_locale(figure, locale):
     assert list(relight.read_layers(figure / "ışık.exr")) == ["C_İpek"]
 
 
+def test_written_files_are_named_on_standard_output(figure):
+    """Brackets are no markup, and a name is a line however long it is."""
+    name = f"photo [bold]{'x' * 120}.png"
+    assert run(figure, "figure.png", "--light", "azimuth=-40", "-o", name).stdout == f"{name}\n"
+
+
 def test_a_temporary_folder_that_cannot_be_written_is_replaced(figure):
     done = run(figure, "figure.png", "--light", "azimuth=-40", "-o", "out.exr", TMPDIR="/nonexistent")
     assert done.returncode == 0, done.stderr
