@@ -18,7 +18,7 @@ from lighting import table
 
 from shadow.data.photographs import LUMINANCE, PictureStyle, compress, rough_matte, sharpen
 from shadow.data.records import ENCODING
-from shadow.evaluation.scores import View
+from shadow.evaluation.scores import ScoredView
 
 
 def grey(rgb):
@@ -41,7 +41,7 @@ def styled(rgb, style):
 
 def photographs(record, seed, height):
     """Names, and Views of the record on a canvas of `height` pixels, the clean one first."""
-    view = View.of(record, seed, height)
+    view = ScoredView.of(record, seed, height)
     rgb = view.rgb.cpu()
     worse = {
         "as it is": rgb,

@@ -15,7 +15,7 @@ from collections import defaultdict
 import numpy as np
 
 from shadow.lightstage.people.cloth.garments import Wardrobe
-from shadow.lightstage.people.cloth.nearest import Surface
+from shadow.lightstage.people.cloth.nearest import MeshSurface
 from shadow.lightstage.people.cloth.simulation import Simulator
 from shadow.lightstage.people.generate import bodies, outfits, poses
 
@@ -58,14 +58,14 @@ def kind(person, cut, upper):
 def figures(person, sewn):
     """(kind, vertices, how many are deep in the body, how many in the garments under it) of each garment."""
     tights = person.base.tights
-    body = Surface(person.posed(tights.weights, person.tights_rest), tights.faces)
+    body = MeshSurface(person.posed(tights.weights, person.tights_rest), tights.faces)
     under, upper = [], False
     for cut, hung in sewn:
         name = kind(person, cut, upper)
         upper |= name in ("top", "dress")
         poked = np.any([surface.heights(hung)[0] < -DEEP for surface in under] or [[False]], axis=0)
         yield name, len(hung), (body.heights(hung)[0] < -DEEP).sum(), poked.sum()
-        under.append(Surface(hung, cut.faces))
+        under.append(MeshSurface(hung, cut.faces))
 
 
 dressed(0)  # loads the body model and compiles

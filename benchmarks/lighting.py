@@ -20,7 +20,7 @@ from shadow import visibility
 from shadow.data.records import Records
 from shadow.directions import from_spherical
 from shadow.evaluation import metrics
-from shadow.evaluation.scores import Tally, View, best_device
+from shadow.evaluation.scores import ScoredView, Tally, best_device
 
 
 def lightings(directions):
@@ -49,8 +49,8 @@ def photographs(record, seed, height):
     """Names, and Views of the record on a canvas of `height` pixels."""
     lit = lightings(record.directions)
     grey = replace(record, albedo_uint8=np.full_like(record.albedo_uint8, 186))
-    views = {name: View.of(record, seed, height, weights) for name, weights in lit.items()}
-    views["key, without paint"] = unpainted = View.of(grey, seed, height, lit["key"])
+    views = {name: ScoredView.of(record, seed, height, weights) for name, weights in lit.items()}
+    views["key, without paint"] = unpainted = ScoredView.of(grey, seed, height, lit["key"])
     views["without light"] = replace(unpainted, rgb=views["key"].albedo)
     views["without either"] = replace(unpainted, rgb=unpainted.albedo)
     return views

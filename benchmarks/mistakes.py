@@ -70,8 +70,8 @@ def mistakes(figure, view, seed):
 
 
 def main(scans):
-    sources = [stage.Source.scan(path) for path in scans]
-    sources = sources or [stage.Source.body(seed, "generalisation") for seed in range(0, 20, 2)]
+    sources = [stage.FigureSource.scan(path) for path in scans]
+    sources = sources or [stage.FigureSource.body(seed, "generalisation") for seed in range(0, 20, 2)]
     found = []
     for number, source in enumerate(track(sources, "figures")):
         figure = source.load()

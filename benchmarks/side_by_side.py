@@ -21,7 +21,7 @@ from shadow import visibility
 from shadow.data.records import Records
 from shadow.directions import from_spherical
 from shadow.evaluation import pictures
-from shadow.evaluation.scores import View
+from shadow.evaluation.scores import ScoredView
 from shadow.framing import Framed, canvas_size
 from shadow.networks.backbone import EXPOSURE
 
@@ -95,7 +95,7 @@ def main():
     for folder in given.records:
         records = Records([folder])
         for index in records.spread(given.views):
-            view = View.of(records[index], (0, index), CANVAS)
+            view = ScoredView.of(records[index], (0, index), CANVAS)
             rows += [inferred(weights, view.rgb, view.mask) for weights in sets]
             rows.append(true(records[index], view))
     pictures.write_grid(given.out, rows)

@@ -544,14 +544,14 @@ class Subject:
     ) -> Any:
         """Return the mesh, camera and lights that `export` writes; the arguments are the same."""
         from relight.scene.asset import make
-        from relight.scene.mesh import Surface
+        from relight.scene.mesh import PersonSurface
 
         maps = self._record.maps
         geometry = maps.geometry
         layers = torch.cat([geometry.depth[None], maps.normals, torch.ones_like(geometry.depth)[None]])
         depth, *normals, known = self._extend(layers).numpy()
         facing = np.stack(normals, axis=-1)
-        surface = Surface(depth, facing, known > 0.5, geometry.framing, geometry.camera, self.matte)
+        surface = PersonSurface(depth, facing, known > 0.5, geometry.framing, geometry.camera, self.matte)
         unlit = texture == "photograph"
         colour = self.on_plate(self._record.colour) if unlit else self.albedo
         return make(surface, colour, lights, triangles, unlit, gloss)

@@ -19,7 +19,7 @@ evaluate = typer.Typer(
 )
 
 
-class Light(StrEnum):
+class EverydayLight(StrEnum):
     hard = "hard"
     sky = "sky"
     any = "any"
@@ -42,7 +42,7 @@ def evaluate_visibility(
     seed: LightingSeed = 0,
     limit: Limit = None,
     light: Annotated[
-        Light | None,
+        EverydayLight | None,
         typer.Option(help="Photograph the records in everyday light of this kind instead of a mixture."),
     ] = None,
 ) -> None:

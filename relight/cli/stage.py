@@ -15,7 +15,7 @@ from relight.cli.options import console
 if TYPE_CHECKING:
     from concurrent.futures import Executor
 
-    from shadow.lightstage.stage import Source
+    from shadow.lightstage.stage import FigureSource
 
 
 @in_panels(STAGE)
@@ -143,33 +143,33 @@ def _executor(scheduler: str) -> AbstractContextManager["Executor"]:
 
 def _people(
     bodies: str | None, pairs: str | None, split: str, cloth: Path | None, assets: Path | None
-) -> list["Source"]:
+) -> list["FigureSource"]:
     """Return the sources of bodies and pairs of a split.
 
     `cloth`: folder of simulated garments, or None. `assets`: folder of MakeHuman's assets, or None.
     """
-    from shadow.lightstage.stage import Source
+    from shadow.lightstage.stage import FigureSource
 
     simulate = cloth is not None
     people = [
-        Source.body(seed, split, simulate=simulate, cache=cloth, assets=assets)
+        FigureSource.body(seed, split, simulate=simulate, cache=cloth, assets=assets)
         for seed in _seeds("--bodies", bodies)
     ]
-    return people + [Source.pair(seed, split) for seed in _seeds("--pairs", pairs)]
+    return people + [FigureSource.pair(seed, split) for seed in _seeds("--pairs", pairs)]
 
 
-def _scans(meshes: list[Path], variants: str | None, folds: bool, normal_maps: bool) -> list["Source"]:
+def _scans(meshes: list[Path], variants: str | None, folds: bool, normal_maps: bool) -> list["FigureSource"]:
     """Return the sources of scans, or of variants of each."""
-    from shadow.lightstage.stage import Source
+    from shadow.lightstage.stage import FigureSource
 
     if folds and variants is None:
         raise ValueError("--folds: expected --variants as well, to whose cloth folds are added")
     if variants is None:
-        return [Source.scan(path, normal_maps) for path in meshes]
+        return [FigureSource.scan(path, normal_maps) for path in meshes]
     if not meshes:
         raise ValueError("--variants: expected --scan or --scan-list as well")
     return [
-        Source.variant(path, number, folds, normal_maps)
+        FigureSource.variant(path, number, folds, normal_maps)
         for path in meshes
         for number in _seeds("--variants", variants)
     ]

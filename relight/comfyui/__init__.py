@@ -7,7 +7,7 @@ ComfyUI folder; see docs/comfyui.md.
 from pathlib import Path
 
 from relight.comfyui.analyse import Analyse
-from relight.comfyui.lights import Environment, Lamp, Light, Preset
+from relight.comfyui.lights import Environment, Lamp, LightNode, Preset
 from relight.comfyui.match import Match
 from relight.comfyui.render import Orbit, Passes, Render
 from relight.comfyui.save_exr import SaveEXR
@@ -15,7 +15,7 @@ from relight.comfyui.viewer import Viewer
 
 NODE_CLASS_MAPPINGS = {
     "RelightAnalyse": Analyse,
-    "RelightLight": Light,
+    "RelightLight": LightNode,
     "RelightLamp": Lamp,
     "RelightEnvironment": Environment,
     "RelightPreset": Preset,

@@ -11,11 +11,11 @@ from relight.comfyui.tensors import light, pictures
 from relight.lights import presets
 from relight.lights.directional import DirectionalLight
 from relight.lights.environment import EnvironmentLight
-from relight.lights.light import Light as AnyLight
+from relight.lights.light import Light
 from relight.lights.near import PointLight
 from relight.media.images import scene_linear
 
-Lights = tuple[AnyLight, ...]  # what a RELIGHT_LIGHTS socket carries
+Lights = tuple[Light, ...]  # what a RELIGHT_LIGHTS socket carries
 
 SHARED = {
     "intensity": widgets.number(
@@ -35,7 +35,7 @@ SHARED = {
 NAME = widgets.text("", "The name of the light's layer in Save EXR and of its handle in the viewer.")
 
 
-class Light:
+class LightNode:
     """A light so far away that its rays are parallel."""
 
     CATEGORY = "relight"

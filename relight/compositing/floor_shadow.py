@@ -15,7 +15,7 @@ import torch
 import torch.nn.functional as F
 
 from relight.compositing.floor import Floor, Plane, PlateCamera
-from relight.compositing.shadow_caster import ShadowCaster, Silhouette, pixel_spacing
+from relight.compositing.shadow_caster import CasterSilhouette, ShadowCaster, pixel_spacing
 from relight.lights.light import Light
 
 MAX_LOOKUPS = 2**23  # in silhouettes, for one light: more samples are looked up on a coarser grid of pixels
@@ -25,7 +25,7 @@ COARSE_METRES = 0.015  # between the points of a shadow caster for one of many s
 class LightSample(NamedTuple):
     """A point that stands for a part of a light."""
 
-    light: torch.Tensor  # (4,) homogeneous position, see `Silhouette`
+    light: torch.Tensor  # (4,) homogeneous position, see `CasterSilhouette`
     power: torch.Tensor  # (3,) linear Rec.709
     radius: float = 0.0  # of the part that it stands for: radians, or metres for a near light
     axis: torch.Tensor | None = None  # (3,) in which a near light shines most; None for all directions
@@ -50,7 +50,7 @@ class LightSample(NamedTuple):
         return irradiance[..., None] * self.power
 
     def blur(self, rays: torch.Tensor, factors: torch.Tensor) -> torch.Tensor | None:
-        """Return the blur (P,) of the shadow of points, see `Silhouette`, from what `project_to_plane`
+        """Return the blur (P,) of the shadow of points, see `CasterSilhouette`, from what `project_to_plane`
         returns.
 
         The standard deviation of a disc along one axis is half its radius.
@@ -124,7 +124,7 @@ class FloorShadow(NamedTuple):
             rays, factors = self.plane.project_to_plane(caster.points, sample.light)
             part = self._shadowed_part(caster.points, rays, factors, sample.radius, top, step)
             if part is not None:
-                silhouette = Silhouette(caster, sample.light, sample.blur(rays, factors))
+                silhouette = CasterSilhouette(caster, sample.light, sample.blur(rays, factors))
                 hidden = silhouette.at(points[part])[..., None]
                 blocked[part] += hidden * (arriving if arriving.ndim == 1 else arriving[part])
         size = self.camera.size

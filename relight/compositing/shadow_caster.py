@@ -64,7 +64,7 @@ class ShadowCaster(NamedTuple):
         return ShadowCaster(sums / count[:, None], spacing)
 
 
-class Silhouette:
+class CasterSilhouette:
     """The image of a shadow caster from a point light: 1 where it blocks the light, 0 where light passes.
 
     Parameters

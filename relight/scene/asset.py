@@ -16,7 +16,7 @@ from relight.media.colour import encode
 from relight.media.nuke import is_script
 from relight.media.resampling import fill_unknown
 from relight.scene import mesh
-from relight.scene.mesh import Mesh, Surface
+from relight.scene.mesh import Mesh, PersonSurface
 from shadow import files
 from shadow.files import AnyPath
 
@@ -66,7 +66,7 @@ def companion(path: Path, content: str, frame: str | None = None) -> Path:
 
 
 def make(
-    surface: Surface,
+    surface: PersonSurface,
     colour: np.ndarray,
     lights: Iterable[Light | MovingLight] | Light | MovingLight | None,
     triangles: int = mesh.TRIANGLES,

@@ -31,7 +31,7 @@ BISECTIONS = 8  # that find where coverage crosses CUTOFF between two nodes
 INSET = 0.75  # pixels from there to the back's rim: between two of its vertices the outline may turn inward
 
 
-class Surface(NamedTuple):
+class PersonSurface(NamedTuple):
     """What a mesh is made from: maps on the networks' canvas, continued a little beyond the person."""
 
     depth: np.ndarray  # (h, w) metres from the subject's middle, along the camera's axis
@@ -73,7 +73,7 @@ class _Outline(NamedTuple):
     share: np.ndarray  # (P,) of the way from there to the node outside
 
 
-def build(surface: Surface, triangles: int = TRIANGLES) -> Mesh:
+def build(surface: PersonSurface, triangles: int = TRIANGLES) -> Mesh:
     """Build the mesh of a person.
 
     Parameters
@@ -113,7 +113,7 @@ def _box(matte: np.ndarray) -> tuple[int, int, int, int]:
     return int(rows[0]), int(columns[0]), int(rows[-1]) + 1, int(columns[-1]) + 1
 
 
-def _grid(surface: Surface, box: tuple[int, int, int, int], spacing: float) -> _Grid:
+def _grid(surface: PersonSurface, box: tuple[int, int, int, int], spacing: float) -> _Grid:
     """Return nodes at most `spacing` pixels apart over a part of the plate."""
     top, left, bottom, right = box
     x = np.linspace(left, right, math.ceil((right - left) / spacing) + 1)
@@ -132,7 +132,9 @@ def _grid(surface: Surface, box: tuple[int, int, int, int], spacing: float) -> _
     return _Grid(x, y, cells, depth, normals)
 
 
-def _sampled(surface: Surface, x: np.ndarray, y: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+def _sampled(
+    surface: PersonSurface, x: np.ndarray, y: np.ndarray
+) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     """Depth (m, n), normals (m, n, 3) and whether they are known (m, n) at nodes of the plate.
 
     Between four pixels of the canvas the values are interpolated, unless depth jumps there: then they are the
@@ -165,7 +167,7 @@ def _sampled(surface: Surface, x: np.ndarray, y: np.ndarray) -> tuple[np.ndarray
     return depth, normals, total > 0
 
 
-def _shell(surface: Surface, grid: _Grid, box: tuple[int, int, int, int]) -> Mesh:
+def _shell(surface: PersonSurface, grid: _Grid, box: tuple[int, int, int, int]) -> Mesh:
     """Return the closed mesh over a grid."""
     top, left, bottom, right = box
     node, depth, faces = _front(grid)

@@ -11,7 +11,7 @@ from relight.scene.camera_view import EXPAND
 
 
 @dataclass(frozen=True)
-class View:
+class CameraFrame:
     """The camera's frame at one time: world positions to metres from the subject's middle."""
 
     axes: np.ndarray  # (3, 3): world directions to the camera's
@@ -84,7 +84,7 @@ class StageView:
         found = settings.GetAspectRatioConformPolicyAttr().Get() if settings else None
         return str(found or EXPAND)
 
-    def at(self, time: float) -> View:
+    def at(self, time: float) -> CameraFrame:
         """Return the camera's frame at a time."""
         from pxr import UsdGeom
 
@@ -107,7 +107,7 @@ class StageView:
             origin = self.mark
         elif self.mark is not None:
             origin = self.matrix(self.mark, time)[:3, 3]
-        return View(axes, origin, self.scale)
+        return CameraFrame(axes, origin, self.scale)
 
     def matrix(self, prim: Any, time: float) -> np.ndarray:
         """Return the transform (4, 4) of a prim to the world, for column vectors."""

@@ -14,7 +14,7 @@ from torch import nn
 from shadow import visibility
 from shadow.data.records import Records
 from shadow.evaluation import plots, scores
-from shadow.evaluation.scores import ESTIMATED, TRUE, Score, View
+from shadow.evaluation.scores import ESTIMATED, TRUE, Score, ScoredView
 from shadow.files import replacing
 from shadow.framing import canvas_size
 from shadow.networks import checkpoints
@@ -111,7 +111,7 @@ def write(
         "threads": torch.get_num_threads(),
         "table2": _table_2(scored),
         "table3": _table_3(scored),
-        "table4": _table_4(scored, networks, View.of(records[0], (seed, 0), ours.size)),
+        "table4": _table_4(scored, networks, ScoredView.of(records[0], (seed, 0), ours.size)),
         "table5": table_5,
         "figure2": _figure_2(out / "figure-2.png", tallies["ours"]),
         "figure4": _figure_4(out / "figure-4.png", records, ours, surface, seed, limit),
@@ -169,7 +169,7 @@ def _table_3(scored: dict[str, Score]) -> list[Row]:
     ]
 
 
-def _table_4(scored: dict[str, Score], networks: dict[str, nn.Module], view: View) -> list[Row]:
+def _table_4(scored: dict[str, Score], networks: dict[str, nn.Module], view: ScoredView) -> list[Row]:
     """Measure time and size of each latent, trained or not, and of ours, without pre- and postprocessing."""
     place: Any = {"device": view.rgb.device, "memory_format": torch.channels_last}
     candidates: dict[str, Any] = {
@@ -220,7 +220,7 @@ def _figure_4(path: Path, records: Records, network: Any, surface: Any, seed: in
     return {"views": views, "levels": LEVELS.tolist(), "dice": dice}
 
 
-def _milliseconds(network: Any, view: View, lights: torch.Tensor) -> float:
+def _milliseconds(network: Any, view: ScoredView, lights: torch.Tensor) -> float:
     times = []
     for _ in range(1 + REPEATS):  # the first call allocates memory and is not counted
         start = time.perf_counter()

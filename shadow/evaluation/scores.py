@@ -36,7 +36,7 @@ class Score:
 
 
 @dataclass(frozen=True)
-class View:
+class ScoredView:
     """A photograph of a record on a canvas, with the true visibility of the frontal lights."""
 
     rgb: torch.Tensor  # (3, h, w) linear photograph
@@ -50,7 +50,7 @@ class View:
     @classmethod
     def of(
         cls, record: Record, seed: tuple[int, int], height: int, lighting: np.ndarray | None = None
-    ) -> "View":
+    ) -> "ScoredView":
         """Make the view of `record` on a canvas of `height` pixels.
 
         `seed` determines the simulated camera. `lighting`, weights (D, 3) over the record's directions, is
@@ -90,7 +90,7 @@ class Tally:
     dice: list[float] = field(default_factory=list)
     lights: list[list[float]] = field(default_factory=list)
 
-    def add(self, binary: torch.Tensor, view: View, chosen: torch.Tensor | slice = slice(None)) -> None:
+    def add(self, binary: torch.Tensor, view: ScoredView, chosen: torch.Tensor | slice = slice(None)) -> None:
         """Score binary maps (D, h, w) against the view's maps of all lights, or of the `chosen` ones."""
         estimate, truth, inside = binary[chosen].float(), view.visibility[chosen], view.mask > 0.5
         self.rmse.extend(metrics.rmse(estimate, truth, inside).tolist())
@@ -130,12 +130,14 @@ def compare(
     first, angles = next(iter(networks.values())), []
     for index in track(records.spread(limit or len(records)), "evaluating"):
         record = records[index]
-        views: dict[tuple[int, int], tuple[View, Any]] = {}
+        views: dict[tuple[int, int], tuple[ScoredView, Any]] = {}
         for name, network in networks.items():
             if network.size in views:
                 view, given = views[network.size]
             else:
-                view = View.of(record, (seed, index), network.size, _lighting(record, (seed, index), light))
+                view = ScoredView.of(
+                    record, (seed, index), network.size, _lighting(record, (seed, index), light)
+                )
                 given = view.given(surface, network)
             estimated, binary = view.binary(network, given)
             views[network.size] = view, estimated
@@ -233,7 +235,7 @@ def intensity_sweep(
     """
     tallies = [(Tally(), Tally()) for _ in levels]
     for index in track(records.spread(limit or len(records)), "intensities"):
-        view = View.of(records[index], (seed, index), network.size)
+        view = ScoredView.of(records[index], (seed, index), network.size)
         exposed = view.scene * (EXPOSURE * view.mask.sum() * 3 / (view.scene * view.mask).sum())
         for level, (ours, baseline) in zip(levels, tallies, strict=True):
             encoded = (level * exposed).clamp(0, 1) ** (1 / ENCODING)
@@ -283,8 +285,8 @@ def against_soft_maps(
             continue
         # Their maps take the place of the record's visibility, so that they are resampled like the truth.
         packed = np.packbits(bits, axis=1)
-        view = View.of(record, (seed, index), network.size)
-        other = View.of(replace(record, visibility_bits=packed), (seed, index), network.size)
+        view = ScoredView.of(record, (seed, index), network.size)
+        other = ScoredView.of(replace(record, visibility_bits=packed), (seed, index), network.size)
         theirs, ours = tallies.setdefault(record.about.get("figure", name), (Tally(), Tally()))
         theirs.add(other.visibility, view, chosen)
         ours.add(view.binary(network, view.given(surface, network))[1], view, chosen)

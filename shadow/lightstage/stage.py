@@ -229,7 +229,7 @@ def _seed(*parts: object) -> int:
 
 
 @dataclass(frozen=True)
-class Source:
+class FigureSource:
     """The name of a figure and a function that makes it, to be called in a worker process."""
 
     name: str  # prefix of the names of its records
@@ -244,32 +244,32 @@ class Source:
         simulate: bool = False,
         cache: Path | None = None,
         assets: Path | None = None,
-    ) -> "Source":
+    ) -> "FigureSource":
         """Return the source of a clothed body; see `bodies.body`."""
         name = f"body-{split}-{seed:06d}" + "-simulated" * simulate + "-makehuman" * (assets is not None)
         return cls(name, partial(bodies.body, seed, split, simulate=simulate, cache=cache, assets=assets))
 
     @classmethod
-    def pair(cls, seed: int, split: str) -> "Source":
+    def pair(cls, seed: int, split: str) -> "FigureSource":
         """Return the source of two clothed people who touch each other; see `pairs.pair`."""
         return cls(f"pair-{split}-{seed:06d}", partial(pairs.pair, seed, split))
 
     @classmethod
-    def scan(cls, path: str | Path, normal_map: bool = True) -> "Source":
+    def scan(cls, path: str | Path, normal_map: bool = True) -> "FigureSource":
         """Return the source of a mesh or scan; see `scans.load`."""
         return cls(f"scan-{Path(path).stem}", partial(scans.load, path, normal_map))
 
     @classmethod
     def variant(
         cls, path: str | Path, number: int, folded: bool = False, normal_map: bool = True
-    ) -> "Source":
+    ) -> "FigureSource":
         """Return the source of a scan with another build and other colours; see `variants.variant`."""
         name = f"scan-{variants.name(path, number, folded)}"
         return cls(name, partial(variants.variant, path, number, folded, normal_map))
 
 
 def _render_figure(
-    source: Source,
+    source: FigureSource,
     out: Path,
     view_count: int,
     size: int,
@@ -306,7 +306,7 @@ def _render_figure(
 
 
 def render_all(
-    sources: Collection[Source],
+    sources: Collection[FigureSource],
     out: str | Path,
     *,
     views: int = 9,

@@ -38,7 +38,7 @@ class ChannelNorm(nn.LayerNorm):
         return super().forward(x.permute(0, 2, 3, 1)).permute(0, 3, 1, 2)
 
 
-class Residual(nn.Module):
+class ResidualBlock(nn.Module):
     """Pre-activation residual block (HZRS16): x + two normalised 3 x 3 convolutions of x."""
 
     def __init__(self, channels: int) -> None:
@@ -72,13 +72,14 @@ class Backbone(nn.Module):
         super().__init__()
         self.stem = nn.Conv2d(4 * in_channels + guides, widths[0], 3, padding=1)
         self.encoder = nn.ModuleList(
-            nn.Sequential(*(Residual(c) for _ in range(n))) for c, n in zip(widths, encoder, strict=True)
+            nn.Sequential(*(ResidualBlock(c) for _ in range(n))) for c, n in zip(widths, encoder, strict=True)
         )
         steps = list(itertools.pairwise(widths))
         self.down = nn.ModuleList(nn.Conv2d(fine, coarse, 2, stride=2) for fine, coarse in steps)
         self.up = nn.ModuleList(nn.Conv2d(coarse, fine, 1) for fine, coarse in steps)
         self.decoder = nn.ModuleList(
-            nn.Sequential(*(Residual(c) for _ in range(n))) for c, n in zip(widths[:-1], decoder, strict=True)
+            nn.Sequential(*(ResidualBlock(c) for _ in range(n)))
+            for c, n in zip(widths[:-1], decoder, strict=True)
         )
         self.norm = ChannelNorm(widths[0])
         self.head = nn.Conv2d(widths[0], 4 * out_channels, 1)

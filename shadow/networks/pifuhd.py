@@ -32,7 +32,7 @@ GREY_BACKGROUND = 0.5  # display-encoded, behind the person
 PREFIX = "netG.netF."  # of the generator's keys in a checkpoint
 
 
-class Residual(nn.Module):
+class ResidualBlock(nn.Module):
     """Residual block of pix2pixHD; `conv_block` is its name in the checkpoint."""
 
     def __init__(self, channels: int) -> None:
@@ -64,7 +64,7 @@ class FrontNormals(nn.Module):
         layers = [nn.ReflectionPad2d(3), nn.Conv2d(3, width, 7), nn.InstanceNorm2d(width), nn.ReLU()]
         for fine, coarse in itertools.pairwise(widths):
             layers += [nn.Conv2d(fine, coarse, 3, stride=2, padding=1), nn.InstanceNorm2d(coarse), nn.ReLU()]
-        layers += [Residual(widths[-1]) for _ in range(9)]
+        layers += [ResidualBlock(widths[-1]) for _ in range(9)]
         for coarse, fine in itertools.pairwise(reversed(widths)):
             up = nn.ConvTranspose2d(coarse, fine, 3, stride=2, padding=1, output_padding=1)
             layers += [up, nn.InstanceNorm2d(fine), nn.ReLU()]

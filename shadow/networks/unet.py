@@ -29,7 +29,7 @@ class ConvSet(nn.Sequential):
         super().__init__(convolution, *normalisation, nn.ReLU())
 
 
-class Residual(nn.Module):
+class ResidualBlock(nn.Module):
     """ResB of Table 1, with one convolution: two would exceed the parameter counts of Table 4."""
 
     def __init__(self, channels: int, kernel: int) -> None:
@@ -59,7 +59,7 @@ class Attention(nn.Sequential):
 
 
 def _residuals(kernel: int) -> Callable[[int], nn.Module]:
-    return lambda channels: nn.Sequential(Residual(channels, kernel), Residual(channels, kernel))
+    return lambda channels: nn.Sequential(ResidualBlock(channels, kernel), ResidualBlock(channels, kernel))
 
 
 LATENTS = {"resb3": _residuals(3), "resb7": _residuals(7), "resb11": _residuals(11), "attention": Attention}

@@ -6,7 +6,7 @@ import torch
 from torch import nn
 
 from shadow.networks import checkpoints
-from shadow.networks.backbone import Residual
+from shadow.networks.backbone import ResidualBlock
 
 
 def warm_start(network: nn.Module, path: str | Path) -> None:
@@ -61,7 +61,7 @@ def _deepen(network: nn.Module, state: dict[str, torch.Tensor]) -> dict[str, tor
     """
     blocks: dict[str, torch.Tensor] = {}
     for name, module in network.named_modules():
-        if isinstance(module, Residual) and f"{name}.conv2.weight" not in state:
+        if isinstance(module, ResidualBlock) and f"{name}.conv2.weight" not in state:
             nn.init.zeros_(module.conv2.weight)
             assert module.conv2.bias is not None
             nn.init.zeros_(module.conv2.bias)

@@ -9,7 +9,7 @@ from helpers import ROOT, browsing
 
 import relight
 from relight.comfyui import WEB_DIRECTORY, host
-from relight.comfyui.lights import Light
+from relight.comfyui.lights import LightNode
 from relight.comfyui.subjects import SubjectBatch
 from relight.comfyui.viewer import Viewer
 
@@ -89,7 +89,7 @@ def served(browser, temp):
 
 def test_the_light_that_is_dragged_in_the_node_feeds_the_workflow(browser, batch, tmp_path, monkeypatch):
     monkeypatch.setattr(host, "folder", lambda kind: tmp_path)
-    lights = Light().add(-50.0, 20.0, intensity=2.0, softness=10.0, name="key")[0]
+    lights = LightNode().add(-50.0, 20.0, intensity=2.0, softness=10.0, name="key")[0]
     node = Viewer()
     shown = node.show(batch, lights)["ui"]
     page = served(browser, tmp_path)

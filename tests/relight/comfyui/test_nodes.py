@@ -12,14 +12,14 @@ from PIL import Image
 import relight
 from relight.comfyui import NODE_CLASS_MAPPINGS, NODE_DISPLAY_NAME_MAPPINGS, host, tensors
 from relight.comfyui.analyse import Analyse
-from relight.comfyui.lights import Environment, Lamp, Light, Preset
+from relight.comfyui.lights import Environment, Lamp, LightNode, Preset
 from relight.comfyui.match import Match
 from relight.comfyui.render import Orbit, Passes, Render, orbiting
 from relight.comfyui.save_exr import SaveEXR
 from relight.comfyui.viewer import Viewer, held_lights
 
-KEY = Light().add(-50.0, 30.0, intensity=1.5, colour="1/0.9/0.8", name="key")[0]
-TWO = Light().add(120.0, 20.0, temperature=3200.0, softness=10.0, name="rim", lights=KEY)[0]
+KEY = LightNode().add(-50.0, 30.0, intensity=1.5, colour="1/0.9/0.8", name="key")[0]
+TWO = LightNode().add(120.0, 20.0, temperature=3200.0, softness=10.0, name="rim", lights=KEY)[0]
 
 
 @pytest.fixture(scope="module")
@@ -317,9 +317,9 @@ def test_what_is_held_reads_as_the_page_writes_it():
             "floor: expected a back",
         ),
         (lambda image, mask, batch: Passes().passes(batch, ()), "lights: expected at least one"),
-        (lambda image, mask, batch: Light().add(0.0, 0.0, colour="red"), "colour: expected #rrggbb or"),
+        (lambda image, mask, batch: LightNode().add(0.0, 0.0, colour="red"), "colour: expected #rrggbb or"),
         (
-            lambda image, mask, batch: Light().add(0.0, 0.0, temperature=300.0),
+            lambda image, mask, batch: LightNode().add(0.0, 0.0, temperature=300.0),
             "temperature: expected 1000 to",
         ),
         (lambda image, mask, batch: Environment().add(), "environment: expected a path or an image"),
@@ -370,7 +370,7 @@ def test_what_does_not_fit_is_refused_before_the_person_is_analysed(name):
     """ComfyUI asks a node with a lazy input what it still needs, when it has the others."""
     kind = NODE_CLASS_MAPPINGS[name]
     assert kind.INPUT_TYPES()["required"]["subject"][1]["lazy"]
-    (key,) = Light().add(-40.0, 30.0, name="key")
+    (key,) = LightNode().add(-40.0, 30.0, name="key")
     assert kind().check_lazy_status(subject=None, lights=key) == ["subject"]
     assert kind().check_lazy_status(subject=3, lights=key) == []
     with pytest.raises(ValueError, match="lights: expected different names, got key, key"):

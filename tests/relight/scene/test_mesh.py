@@ -4,7 +4,7 @@ import torch
 from scipy.ndimage import map_coordinates
 
 from relight.analysis.camera import Camera, canvas_grid
-from relight.scene.mesh import CUTOFF, JUMP, Surface, build
+from relight.scene.mesh import CUTOFF, JUMP, PersonSurface, build
 from shadow.framing import Framing
 
 PLATE = (200, 160)
@@ -21,7 +21,7 @@ def surface():
     bar = (abs(y - 100) < 12) & (x > 60) & (x < 100)
     depth = np.where(bar, -0.15, 0.0) + 0.02 * np.sin(x / 9)
     normals = np.broadcast_to(np.array([0, 0, 1.0]), (*depth.shape, 3))
-    return Surface(depth, normals, np.ones(depth.shape, bool), framing, camera, matte)
+    return PersonSurface(depth, normals, np.ones(depth.shape, bool), framing, camera, matte)
 
 
 @pytest.fixture(scope="module")
@@ -77,7 +77,7 @@ def test_cells_smaller_than_pixels_leave_no_holes(surface):
     framing = Framing.around(torch.from_numpy(np.ascontiguousarray(small)), 128)
     camera = Camera.of(torch.from_numpy(np.ascontiguousarray(small)), 1.2, 30.0)
     flat = np.zeros(surface.depth.shape)
-    mesh = build(Surface(flat, surface.normals, surface.known, framing, camera, small))
+    mesh = build(PersonSurface(flat, surface.normals, surface.known, framing, camera, small))
     sheet = mesh.points[front(mesh)]
     across, up = sheet[:, 1] - sheet[:, 0], sheet[:, 2] - sheet[:, 0]
     area = abs(across[:, 0] * up[:, 1] - across[:, 1] * up[:, 0]).sum() / 2

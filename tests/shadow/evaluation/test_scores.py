@@ -43,14 +43,14 @@ def test_the_score_does_not_depend_on_chance(folder):
 def test_the_kind_of_light_is_what_the_photograph_is_taken_in(folder, monkeypatch):
     """Hard: nearly all of the light comes from one or two directions; under a sky it does not."""
     lit = {}
-    view_of = scores.View.of
+    view_of = scores.ScoredView.of
 
     def watched(record, seed, height, lighting=None):
         energy = np.sort(lighting.sum(axis=1))[::-1]
         lit.setdefault(kind, []).append(energy[:2].sum() / energy.sum())
         return view_of(record, seed, height, lighting)
 
-    monkeypatch.setattr(scores.View, "of", watched)
+    monkeypatch.setattr(scores.ScoredView, "of", watched)
     for kind in ("hard", "sky"):
         scores.evaluate([folder], model=folder / "field.safetensors", light=kind)
     assert min(lit["hard"]) > 0.6 > 0.4 > max(lit["sky"])

@@ -38,7 +38,7 @@ def ball():
 
 
 def test_two_scans_of_one_name_are_refused(tmp_path):
-    sources = [stage.Source.scan(tmp_path / name / "mesh.obj") for name in ("alice", "bob")]
+    sources = [stage.FigureSource.scan(tmp_path / name / "mesh.obj") for name in ("alice", "bob")]
     with pytest.raises(ValueError, match="two are named 'scan-mesh'"):
         stage.render_all(sources, tmp_path / "records", views=1)
     assert not (tmp_path / "records").exists()
@@ -176,7 +176,7 @@ def mesh_file(tmp_path_factory):
 
 def test_rendering_resumes_and_is_deterministic(mesh_file, tmp_path):
     arguments = {"views": 2, "size": 64, "behind": True, "jitter": True}
-    sources = [stage.Source.scan(mesh_file)]
+    sources = [stage.FigureSource.scan(mesh_file)]
     written, size, errors = stage.render_all(sources, tmp_path / "a", processes=1, **arguments)
     assert (written, errors) == (2, {})
     assert size == sum(path.stat().st_size for path in (tmp_path / "a").iterdir())
@@ -192,7 +192,7 @@ def test_rendering_resumes_and_is_deterministic(mesh_file, tmp_path):
 @pytest.mark.slow
 def test_directions_drawn_for_each_view_are_trained_on_and_scored(mesh_file, tmp_path):
     """Views with directions of their own, beside one with the fixed ones, make one mini-batch."""
-    sources = [stage.Source.scan(mesh_file)]
+    sources = [stage.FigureSource.scan(mesh_file)]
     more = {"size": 64, "behind": True, "processes": 1}
     for folder in ("a", "b"):
         stage.render_all(sources, tmp_path / folder, views=2, lights=42, **more)
@@ -232,7 +232,7 @@ def test_views_of_a_body_may_differ_in_its_fabrics():
 
 @pytest.mark.slow
 def test_the_option_of_fabrics_changes_the_albedo_and_not_the_normals(tmp_path):
-    sources = [stage.Source.body(3, "training")]
+    sources = [stage.FigureSource.body(3, "training")]
     for name in ("a", "b"):
         stage.render_all(sources, tmp_path / name, views=2, size=64, fabrics=name == "b", processes=1)
     plain, other = (records.Records([tmp_path / name])[0] for name in ("a", "b"))
@@ -243,7 +243,7 @@ def test_the_option_of_fabrics_changes_the_albedo_and_not_the_normals(tmp_path):
 def test_folds_are_raised_if_asked_also_after_torch_has_started_threads(mesh_file, tmp_path):
     torch.rand(2000, 2000).exp().sum()  # many threads, which no forked process inherits
     for raised in (False, True):
-        sources = [stage.Source.scan(mesh_file)]
+        sources = [stage.FigureSource.scan(mesh_file)]
         stage.render_all(sources, tmp_path / str(raised), raised=raised, views=1, size=64, processes=1)
     plain, relief = (records.Records([tmp_path / name])[0] for name in ("False", "True"))
     assert "relief" not in plain.about
@@ -254,7 +254,7 @@ def test_folds_are_raised_if_asked_also_after_torch_has_started_threads(mesh_fil
 def test_a_broken_mesh_is_reported_and_the_rest_rendered(mesh_file, tmp_path):
     broken = tmp_path / "broken.glb"
     broken.write_bytes(b"not a mesh")
-    sources = [stage.Source.scan(path) for path in (broken, mesh_file)]
+    sources = [stage.FigureSource.scan(path) for path in (broken, mesh_file)]
     written, _, errors = stage.render_all(sources, tmp_path / "out", views=1, size=32, processes=1)
     assert written == 1
     assert list(errors) == ["scan-broken"]

@@ -83,7 +83,10 @@ def test_a_number_and_a_mesh_make_one_variant(tmp_path):
     np.testing.assert_array_equal(first.vertices, again.vertices)
     assert abs(first.vertices - second.vertices).max() > 0.02
     assert abs(first.vertices - scans.load(path).vertices).max() > 0.02
-    sources = [stage.Source.scan(path), *(stage.Source.variant(path, number) for number in (0, 1))]
+    sources = [
+        stage.FigureSource.scan(path),
+        *(stage.FigureSource.variant(path, number) for number in (0, 1)),
+    ]
     names = ["scan-ball", "scan-ball-variant-000", "scan-ball-variant-001"]
     assert [source.name for source in sources] == names
     assert stage.render_all(sources, tmp_path / "out", views=1, size=32, processes=1)[::2] == (3, {})

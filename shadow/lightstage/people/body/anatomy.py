@@ -27,7 +27,7 @@ LIMBS = {"arm": ("upperarm01", "lowerarm01", "wrist"), "leg": ("upperleg01", "lo
 
 
 @dataclass(frozen=True)
-class Surface:
+class BaseSurface:
     """A subdivided surface of the base mesh.
 
     faces: (F, 3). rows: (V, 19158), which combine vertices of the base mesh. weights: (V, J), for skinning.
@@ -47,9 +47,9 @@ class BaseMesh:
     model: object
     names: list[str]  # of the bones
     parents: list[int]  # of the bones, -1 for the root
-    body: Surface
-    eyes: Surface
-    tights: Surface
+    body: BaseSurface
+    eyes: BaseSurface
+    tights: BaseSurface
     skirt: np.ndarray  # base vertex indices
     weights: csr_matrix
     regions: np.ndarray  # (J,) region of each bone, an index into REGIONS
@@ -93,7 +93,7 @@ def base_mesh() -> BaseMesh:
         (len(bone), len(names)),
     )
 
-    def surface(*groups: str, levels: int) -> Surface:
+    def surface(*groups: str, levels: int) -> BaseSurface:
         quad = np.concatenate([np.array(quads[name]) for name in groups])
         corners = np.concatenate([quad[:, [0, 1, 2]], quad[:, [0, 2, 3]]])
         used, faces = np.unique(corners[..., 0], return_inverse=True)
@@ -102,7 +102,7 @@ def base_mesh() -> BaseMesh:
         for _ in range(levels):
             faces, step = subdivide(faces, rows.shape[0])
             rows, uv = (step @ rows).tocsr(), subdivide_corners(uv)
-        return Surface(faces, rows, (rows @ weights).tocsr(), uv)
+        return BaseSurface(faces, rows, (rows @ weights).tocsr(), uv)
 
     body, tights = surface("body", levels=1), surface("helper-tights", levels=1)
     template, _ = _rest(model, {}, Face())

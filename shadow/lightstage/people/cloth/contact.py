@@ -14,7 +14,7 @@ from scipy.spatial import cKDTree
 from shadow.lightstage.figure import vertex_normals
 from shadow.lightstage.people.body.anatomy import ARMS, LEGS
 from shadow.lightstage.people.cloth import solver
-from shadow.lightstage.people.cloth.nearest import Surface, neighbours
+from shadow.lightstage.people.cloth.nearest import MeshSurface, neighbours
 
 LAST = 1 << 30  # number of a frame after all others
 ALL_KINDS = np.uint16(0xFFFF)
@@ -139,18 +139,18 @@ class Contact:
         return moved
 
     @cached_property
-    def final(self) -> list[tuple[Surface, np.ndarray]]:
+    def final(self) -> list[tuple[MeshSurface, np.ndarray]]:
         """The final surface of each layer except laps, and the kinds of contact (P,) of its vertices."""
         ends = []
         for layer in (layer for layer in self.layers if not layer.lap):
             allowed = layer.allowed(self.spans)
             if layer.bare is not None:
-                ends.append((Surface(layer.bare, layer.faces), allowed))
-            ends.append((Surface(layer.positions(LAST), layer.faces), allowed))
+                ends.append((MeshSurface(layer.bare, layer.faces), allowed))
+            ends.append((MeshSurface(layer.positions(LAST), layer.faces), allowed))
         return ends
 
 
-def _nearest(cloth: np.ndarray, kinds: np.ndarray, surface: Surface, allowed: np.ndarray) -> np.ndarray:
+def _nearest(cloth: np.ndarray, kinds: np.ndarray, surface: MeshSurface, allowed: np.ndarray) -> np.ndarray:
     """Return, for each vertex of the cloth (V,), the nearest of the surface with a common kind, or -1."""
     near = np.full(len(cloth), -1)
     for bits in np.unique(kinds):

@@ -20,7 +20,7 @@ MIN_INSIDE_COSINE = 0.4  # between the inward normal and the direction from the 
 
 
 @dataclass(frozen=True)
-class Surface:
+class MeshSurface:
     """A mesh whose triangles face outward. points: (P, 3) in metres. faces: (F, 3)."""
 
     points: np.ndarray

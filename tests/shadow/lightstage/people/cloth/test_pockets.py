@@ -12,7 +12,7 @@ from shadow.lightstage.figure import normalize
 from shadow.lightstage.people.cloth import pockets
 from shadow.lightstage.people.cloth.fabric import Fabric
 from shadow.lightstage.people.cloth.garments import Wardrobe
-from shadow.lightstage.people.cloth.nearest import Surface
+from shadow.lightstage.people.cloth.nearest import MeshSurface
 from shadow.lightstage.people.cloth.patterns import Fit
 from shadow.lightstage.people.generate import bodies, poses
 
@@ -38,7 +38,7 @@ def test_the_hand_lies_flat_beside_the_hip(pocketed):
     tights = pocketed.base.tights
     posed = pocketed.posed(tights.weights, pocketed.tights_rest)
     trunk = pocketed.tights_regions[:, 1:3].sum(axis=1) < 0.05
-    body = Surface(posed, tights.faces)
+    body = MeshSurface(posed, tights.faces)
     near = np.linalg.norm(posed[trunk][None] - fingers(pocketed, "L")[:, None], axis=2).argmin(axis=1)
     height, _, _ = body.heights(fingers(pocketed, "L"), np.flatnonzero(trunk)[near])
     assert np.percentile(height, 5) > -0.02  # flesh gives way a little

@@ -12,7 +12,7 @@ pytest.importorskip("trimesh")
 
 from shadow.lightstage.people.cloth import simulation
 from shadow.lightstage.people.cloth.garments import Wardrobe
-from shadow.lightstage.people.cloth.nearest import Surface
+from shadow.lightstage.people.cloth.nearest import MeshSurface
 from shadow.lightstage.people.cloth.patterns import Fit
 from shadow.lightstage.people.cloth.simulation import Simulator
 from shadow.lightstage.people.generate import bodies, poses
@@ -80,7 +80,7 @@ def test_cloth_is_neither_at_rest_nor_torn(person, worn):
 
 def test_nothing_is_left_inside_the_body(person, worn):
     tights = person.base.tights
-    body = Surface(person.posed(tights.weights, person.tights_rest), tights.faces)
+    body = MeshSurface(person.posed(tights.weights, person.tights_rest), tights.faces)
     height, _, _ = body.heights(worn[0])
     assert (height < -0.001).mean() <= 0.001
     # The margin is of use: cloth that is only carried along by the bones is in it.
@@ -127,7 +127,7 @@ def ball(size=40):
     import trimesh
 
     mesh = trimesh.creation.uv_sphere(1.0, count=(size, size))
-    return Surface(mesh.vertices.view(np.ndarray), mesh.faces.view(np.ndarray))
+    return MeshSurface(mesh.vertices.view(np.ndarray), mesh.faces.view(np.ndarray))
 
 
 def test_heights_above_a_sphere():
@@ -144,7 +144,7 @@ def test_heights_above_a_sphere():
 def test_beyond_a_border_nothing_is_inside():
     whole = ball()
     corners = whole.points[whole.faces]
-    half = Surface(whole.points, whole.faces[corners[:, :, 1].max(axis=1) < 1e-6])
+    half = MeshSurface(whole.points, whole.faces[corners[:, :, 1].max(axis=1) < 1e-6])
     below, beyond = [[0.0, -0.95, 0.0]], [[0.999, 0.2, 0.0], [0.97, 0.2, 0.0]]
     assert half.heights(np.array(below))[0][0] == pytest.approx(-0.05, abs=0.005)
     assert (half.heights(np.array(beyond))[0] > 0).all()
