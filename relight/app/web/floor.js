@@ -8,7 +8,11 @@ const PAUSE = 120; // milliseconds after a change before a shadow is asked for
 export class FloorShadow {
   /** `look()`: what the server makes the shadow of; `fail(error)`: says what went wrong. */
   constructor(viewer, photograph, look, fail) {
-    Object.assign(this, { viewer, photograph, look, fail, wanted: null });
+    this.viewer = viewer;
+    this.photograph = photograph;
+    this.look = look;
+    this.fail = fail;
+    this.wanted = null;
     viewer.listeners.add(() => this.follow());
   }
 

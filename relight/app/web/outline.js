@@ -362,7 +362,7 @@ export class OutlineStep {
     this.canvas.focus({ preventScroll: true });
     const place = this.paper.at(event);
     this.pointers.set(event.pointerId, place);
-    if (this.pointers.size === 2 || event.button > 0 || this.spaced) {
+    if (this.pointers.size === 2 || event.button > 0) {
       this.line = null;
       this.panning = { pointers: structuredClone([...this.pointers.values()]), view: this.paper.view };
       return;

@@ -10,7 +10,9 @@ const OUTLINED = "rgb(0 0 0 / 60%)"; // around lines, which are seen on any phot
 
 export class Paper {
   constructor(canvas) {
-    Object.assign(this, { canvas, image: null, view: null });
+    this.canvas = canvas;
+    this.image = null;
+    this.view = null;
   }
 
   /** A pointer's spot. */
@@ -19,13 +21,19 @@ export class Paper {
     return [event.clientX - bounds.left, event.clientY - bounds.top];
   }
 
-  /** A spot's place on the photograph. */
+  /**
+   * A spot's place on the photograph.
+   * @param {number[]} spot
+   */
   share([x, y]) {
     const { scale, left, top } = this.view;
     return [(x - left) / (scale * this.image.width), (y - top) / (scale * this.image.height)];
   }
 
-  /** A place's spot on the canvas. */
+  /**
+   * A place's spot on the canvas.
+   * @param {number[]} place
+   */
   spot([across, down]) {
     const { scale, left, top } = this.view;
     return [left + across * scale * this.image.width, top + down * scale * this.image.height];

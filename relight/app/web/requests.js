@@ -5,7 +5,11 @@ export class Refused extends Error {}
 
 const GONE = "The server does not answer: start relight app again, and open the address that it prints.";
 
-/** A response, or Refused. */
+/**
+ * A response, or Refused.
+ * @param {string} path
+ * @param {{ body?: any, method?: string, signal?: AbortSignal }} options
+ */
 export async function ask(path, { body, method = body === undefined ? "GET" : "POST", signal } = {}) {
   let response;
   try {

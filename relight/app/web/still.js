@@ -8,7 +8,10 @@ const PAUSE = 80; // milliseconds after a change before a picture is asked for
 export class StillEngine {
   /** `look()`: what the server makes the picture of; `fail(error)`: says what went wrong. */
   constructor(viewer, photograph, look, fail) {
-    Object.assign(this, { viewer, photograph, look, fail });
+    this.viewer = viewer;
+    this.photograph = photograph;
+    this.look = look;
+    this.fail = fail;
     this.canvas = viewer.stage.replaceCanvas(); // one that was tried with WebGL 2 gives no other context
     [this.canvas.width, this.canvas.height] = viewer.pack.description.size;
     this.looks = ["picture", "photograph"];

@@ -41,7 +41,9 @@ export class Thumbs {
   }
 
   constructor(engine, tints, tall) {
-    Object.assign(this, { engine, tints, tall });
+    this.engine = engine;
+    this.tints = tints;
+    this.tall = tall;
   }
 
   /** Draws the person in the light of a preset on a canvas. */
@@ -96,7 +98,12 @@ function fewer(all) {
   return some.map(({ toward, power }) => ({ toward, power: power.map((value) => value * times) }));
 }
 
-/** Grey pixels (0 to 255) of one size, averaged to a smaller one. */
+/**
+ * Grey pixels (0 to 255) of one size, averaged to a smaller one.
+ * @param {Uint8Array} data
+ * @param {number[]} from
+ * @param {number[]} to
+ */
 function averaged(data, [width, height], [across, down]) {
   const found = new Uint8Array(across * down);
   for (let y = 0; y < down; y++) {

@@ -27,10 +27,15 @@ export const LOOKS = ["picture", "light", "visibility", "normals", "albedo", "ph
 export class Engine {
   /** `pack`: what `unpack` gives, and its images decoded; `room`: the Room of it; `shaders`: {name: text}. */
   constructor(canvas, pack, room, shaders) {
-    Object.assign(this, { canvas, pack, room, shaders });
+    this.canvas = canvas;
+    this.pack = pack;
+    this.room = room;
+    this.shaders = shaders;
     const { size, box, canvas: field } = pack.description;
     [canvas.width, canvas.height] = size;
-    Object.assign(this, { size, box, field });
+    this.size = size;
+    this.box = box;
+    this.field = field;
     this.mixes = mixes(pack);
     this.looks = LOOKS;
     this.restore();
@@ -62,6 +67,7 @@ export class Engine {
     this.enlarged = null; // the normals, once they are asked for
     this.table = null; // of the components' weights, once there is a lamp
     this.background = null;
+    this.shadow = null;
     this.makeTextures();
     this.block = gl.createBuffer();
     gl.bindBuffer(gl.UNIFORM_BUFFER, this.block);

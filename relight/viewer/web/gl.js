@@ -14,7 +14,12 @@ function formats(gl) {
   };
 }
 
-/** A texture, or with `layers` an array of them; `data`: its pixels, top row first. */
+/**
+ * A texture, or with `layers` an array of them; `data`: its pixels, top row first.
+ * @param {WebGL2RenderingContext} gl
+ * @param {{ size: number[], layers?: number, format?: string, data?: any, mipmaps?: boolean,
+ *   smooth?: boolean }} options
+ */
 export function texture(gl, { size, layers, format = "bytes", data = null, mipmaps = false, smooth = mipmaps }) {
   const kind = layers ? gl.TEXTURE_2D_ARRAY : gl.TEXTURE_2D;
   const handle = gl.createTexture();
@@ -22,8 +27,8 @@ export function texture(gl, { size, layers, format = "bytes", data = null, mipma
   gl.bindTexture(kind, handle);
   gl.pixelStorei(gl.UNPACK_ALIGNMENT, 1);
   gl.pixelStorei(gl.UNPACK_COLORSPACE_CONVERSION_WEBGL, gl.NONE);
-  if (layers) gl.texImage3D(kind, 0, internal, ...size, layers, 0, channels, type, data);
-  else gl.texImage2D(kind, 0, internal, ...size, 0, channels, type, data);
+  if (layers) gl.texImage3D(kind, 0, internal, size[0], size[1], layers, 0, channels, type, data);
+  else gl.texImage2D(kind, 0, internal, size[0], size[1], 0, channels, type, data);
   if (mipmaps) gl.generateMipmap(kind);
   gl.texParameteri(kind, gl.TEXTURE_MIN_FILTER, mipmaps ? gl.LINEAR_MIPMAP_LINEAR : smooth ? gl.LINEAR : gl.NEAREST);
   gl.texParameteri(kind, gl.TEXTURE_MAG_FILTER, smooth ? gl.LINEAR : gl.NEAREST);

@@ -16,7 +16,10 @@ export function direction(light) {
   return [across * Math.sin(azimuth * DEGREE), Math.sin(elevation * DEGREE), across * Math.cos(azimuth * DEGREE)];
 }
 
-/** { azimuth, elevation } in degrees of a vector. */
+/**
+ * { azimuth, elevation } in degrees of a vector.
+ * @param {number[]} vector
+ */
 export function angles([x, y, z]) {
   return { azimuth: Math.atan2(x, z) / DEGREE, elevation: Math.atan2(y, Math.hypot(x, z)) / DEGREE };
 }

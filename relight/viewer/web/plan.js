@@ -19,6 +19,7 @@ const VIEWS = [
 export class Plan {
   constructor(viewer) {
     this.viewer = viewer;
+    /** @type {any[]} */
     this.views = VIEWS.map(([name, ...axes]) => {
       const canvas = h("canvas", { width: SIDE, height: SIDE, "aria-hidden": "true", title: `${name}: drag the lamp` });
       this.listen(canvas, axes);

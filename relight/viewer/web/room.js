@@ -11,7 +11,8 @@ const ASIDE = 0.5; // of the person's height: where a distant light comes to sta
 export class Room {
   constructor({ description, arrays }) {
     const { camera, canvas, box, size } = description;
-    Object.assign(this, { camera, canvas });
+    this.camera = camera;
+    this.canvas = canvas;
     this.perPixel = camera.size[0] / size[0]; // plate pixels that a pixel of the page stands for
     this.height = (box[3] * this.perPixel * camera.distance) / camera.focal; // about the person's, metres
     this.middle = this.slopes(camera.middle);
@@ -108,7 +109,10 @@ export class Room {
     return behind > 0 && behind < THICK * this.rim(place) * camera.metresPerPixel ? "is inside the person" : null;
   }
 
-  /** Canvas pixels from a place on the person to the nearest beside them. */
+  /**
+   * Canvas pixels from a place on the person to the nearest beside them.
+   * @param {number[]} place
+   */
   rim([column, row]) {
     const { canvas, known } = this;
     let least = Infinity;

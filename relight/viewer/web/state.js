@@ -124,7 +124,7 @@ export function toFragment(state, files = {}) {
  * The state that a fragment says, upon what `base` has; Invalid if it says what cannot be.
  * `files`: the { maps, pictures } of the page. `lack` is told the name of a file that they do not have.
  */
-export function fromFragment(fragment, base, { maps = [], pictures = [] } = {}, lack = () => {}) {
+export function fromFragment(fragment, base, { maps = [], pictures = [] } = {}, lack = null) {
   const query = new URLSearchParams(fragment);
   const state = structuredClone(base);
   if (query.has("light")) {
@@ -134,13 +134,14 @@ export function fromFragment(fragment, base, { maps = [], pictures = [] } = {}, 
     state.lights = texts.map((text) => checkedLight(parsed(text)));
     for (const key of ["muted", "solo"]) {
       for (const number of (query.get(key) ?? "").split(" ").filter(Boolean)) {
-        if (state.lights[number - 1]) state.lights[number - 1][key] = true;
+        const light = state.lights[Number(number) - 1];
+        if (light) light[key] = true;
       }
     }
     Object.assign(state, { background: null, gloss: 0 });
   }
   state.selected = Math.min(
-    Math.max(numberOf("selected", query.get("selected") ?? 1) - 1, 0),
+    Math.max(numberOf("selected", query.get("selected") ?? "1") - 1, 0),
     Math.max(state.lights.length - 1, 0),
   );
   if (query.get("environment") === "none") state.environment = null;
@@ -152,7 +153,7 @@ export function fromFragment(fragment, base, { maps = [], pictures = [] } = {}, 
       state.environment = checkedEnvironment({ ...given, name: base.environment?.name ?? "environment", muted });
     } else {
       Object.assign(state, { environment: null, map: 0 });
-      lack(name ?? "the environment");
+      lack?.(name ?? "the environment");
     }
   }
   if (query.has("background")) {
@@ -164,7 +165,7 @@ export function fromFragment(fragment, base, { maps = [], pictures = [] } = {}, 
     } else if (pictures[state.picture]) state.background = text;
     else {
       Object.assign(state, { background: null, picture: 0 });
-      lack(name ?? "the background");
+      lack?.(name ?? "the background");
     }
   }
   if (query.has("look")) state.look = checkedLook(query.get("look"));

@@ -30,6 +30,7 @@ export class Viewer {
    */
   static async open(root, scene, bytes, linked, host = null) {
     const pack = await unpack(bytes);
+    /** @type {ImageBitmapOptions} */
     const exact = { colorSpaceConversion: "none", premultiplyAlpha: "none" };
     const [photograph, albedo] = await Promise.all(
       [pack.files.photograph, pack.files.albedo].map((file) => createImageBitmap(file, exact)),
@@ -39,8 +40,18 @@ export class Viewer {
   }
 
   constructor(root, scene, pack, linked, host) {
-    Object.assign(this, { root, scene, pack, linked, host, tints: scene.tints });
-    Object.assign(this, { past: [], future: [], gesture: null, playing: null, bare: false, held: false });
+    this.root = root;
+    this.scene = scene;
+    this.pack = pack;
+    this.linked = linked;
+    this.host = host;
+    this.tints = scene.tints;
+    this.past = [];
+    this.future = [];
+    this.gesture = null;
+    this.playing = null;
+    this.bare = false;
+    this.held = false;
     this.drawn = Array(LIGHTS + 1).fill({}); // of each slot: the settings that its samples are of
     // What was opened, which states name by number: 0 is the scene's, and stays empty where it has none.
     this.maps = [null]; // { path, lamps, strength }
@@ -274,7 +285,8 @@ export class Viewer {
   drawSoon() {
     this.frame ??= requestAnimationFrame(() => {
       this.frame = null;
-      const focused = this.root.contains(document.activeElement) && document.activeElement;
+      const active = /** @type {HTMLButtonElement} */ (document.activeElement);
+      const focused = this.root.contains(active) && active;
       this.redraw();
       this.controls.update(this.state);
       this.stage.update(this.state);

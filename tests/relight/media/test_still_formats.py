@@ -1,4 +1,4 @@
-"""Variations of what containers of stills say: other types, orders of bytes, positions and values."""
+"""Stills of every format say what they hold: types of numbers, orders of bytes, positions and values."""
 
 import base64
 import io
