@@ -55,6 +55,7 @@ TYPES: dict[str, type[Light]] = {
     "rect": RectLight,
 }
 SUFFIXES = (".yaml", ".yml", ".json")
+MOST_LIGHTS = 1000  # of a file: each is a layer of a picture, and takes its memory
 MAX_KEYS = 1000  # of a mapping, merged ones included
 MERGE_TAG = "tag:yaml.org,2002:merge"
 
@@ -151,6 +152,8 @@ def _entries(path: AnyPath) -> list[Any]:
             raise ValueError(f"{path}: {_shown(key)}: not known here; expected lights")
     if not isinstance(document["lights"], list):
         raise ValueError(f"{path}: lights: expected a list, got {reprlib.repr(document['lights'])}")
+    if len(document["lights"]) > MOST_LIGHTS:
+        raise ValueError(f"{path}: holds {len(document['lights'])} lights; expected at most {MOST_LIGHTS}")
     return document["lights"]
 
 

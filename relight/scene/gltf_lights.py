@@ -12,6 +12,7 @@ import numpy as np
 
 from relight.lights.directional import DirectionalLight
 from relight.lights.environment import EnvironmentLight
+from relight.lights.files import MOST_LIGHTS
 from relight.lights.light import Light
 from relight.lights.moving import MovingLight
 from relight.lights.near import PointLight, RectLight
@@ -27,7 +28,6 @@ APART_FROM_LIGHTS = (
     EXTENSION, VISIBILITY, "KHR_draco", "KHR_materials", "KHR_mesh", "KHR_texture", "KHR_gaussian",
     "EXT_mesh", "EXT_texture", "MSFT_texture",
 )  # fmt: skip
-MOST_LIGHTS = 1000
 MAGIC, JSON_CHUNK = 0x46546C67, 0x4E4F534A
 LARGEST_JSON = 2**28  # bytes
 

@@ -8,6 +8,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
+from relight.lights.files import MOST_LIGHTS
 from relight.lights.light import Light
 from relight.lights.moving import MovingLight
 from relight.scene import usd_old_names
@@ -17,7 +18,6 @@ from relight.scene.usd_light_kinds import Found, LightConverter, Numbers
 from relight.scene.usd_view import StageView
 from shadow.files import AnyPath
 
-MOST_LIGHTS = 1000
 MOST_FRAMES = 10_000
 ORIENTATION = ("image", "rotation")  # of an environment: one that is not upright turns its image
 

@@ -11,7 +11,7 @@ from pathlib import Path
 ROOT = Path(__file__).resolve().parents[2]
 DOCUMENT = ROOT / "docs" / "files.md"
 BEGIN, END = "<!-- from the tests: begin -->", "<!-- from the tests: end -->"
-KINDS = ("Stills", "Environments", "Movies", "USD", "glTF", "Analysis caches", "Names and outputs")
+KINDS = ("Stills", "Environments", "Movies", "USD", "glTF", "Lights files", "Analysis caches")
 # What a test of each verdict has in its body; the words of a verdict are those of the table.
 CALLS = {
     "honoured": (),

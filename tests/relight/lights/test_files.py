@@ -221,3 +221,12 @@ def test_so_are_those_of_its_own_keys(tmp_path, text):
     with pytest.raises(ValueError, match=r"l\.json: .*a\\nb") as caught:
         relight.read_lights(path)
     assert len(str(caught.value).splitlines()) == 1
+
+
+@pytest.mark.states("Lights files", "more than 1,000 lights", "refused")
+@pytest.mark.parametrize("suffix", [".yaml", ".json"])
+def test_more_lights_than_memory_has_layers_for_are_refused(tmp_path, suffix):
+    path = tmp_path / f"many{suffix}"
+    relight.write_lights(path, [relight.DirectionalLight(name=f"l{n}") for n in range(1001)])
+    with pytest.raises(ValueError, match=r"many\.\w+: holds 1001 lights; expected at most 1000"):
+        relight.read_lights(path)
