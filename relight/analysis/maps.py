@@ -85,7 +85,7 @@ class AnalysisMaps(NamedTuple):
         total = torch.zeros(self.known.numel(), 3)  # a pixel's channels side by side, as upsampling wants
         for light in sorted(lights, key=lambda light: light.is_near):
             self.check_outside(light)
-            add_light(total, maps, light, self.geometry.positions)
+            add_light(total, maps, light, self._positions_for(light))
         return total.T.unflatten(1, self.known.shape)
 
     def unshadowed(self, light: Light) -> torch.Tensor:
@@ -95,7 +95,7 @@ class AnalysisMaps(NamedTuple):
             return (lit / whole.clamp_min(1e-30))[None]
         if not light.power.any():  # it is out: its visibility is that of the light when it is on
             light = replace(light, intensity=1, colour=(1, 1, 1), exposure=0)
-        ((directions, intensities),) = light.rays(self.geometry.positions)
+        ((directions, intensities),) = light.rays(self._positions_for(light))
         powers = (intensities.numpy() * light.power).astype(np.float32)
         weights = luminance(powers.astype(np.float64)).clip(0)
         if not weights.any():  # a black map
@@ -105,11 +105,20 @@ class AnalysisMaps(NamedTuple):
         add_parallel(total, self.visibility, directions, shares)
         return total.T.unflatten(1, self.known.shape)
 
+    def _positions_for(self, light: Light) -> torch.Tensor:
+        """Return the positions (3, h, w) that a near light needs; of no pixel for others.
+
+        Depth is integrated only where it is needed: that takes as long as a network.
+        """
+        return self.geometry.positions if light.is_near else torch.empty(3, 0)
+
     def check_outside(self, light: Light) -> None:
         """Raise ValueError for a near light that touches the person or lies inside.
 
         The far side of the person is not seen. A limb is taken to be about as thick as it is wide.
         """
+        if not light.is_near:
+            return
         geometry, known = self.geometry, self.known
         name, surface = light.name or "light", geometry.positions[:, known]
         for point in light.points:

@@ -1,4 +1,5 @@
 import multiprocessing
+import warnings
 
 import numpy as np
 import pytest
@@ -316,3 +317,13 @@ def test_a_camera_of_another_plate_is_refused(person):
     subject = relight.Subject(rgb, mask)
     with pytest.raises(ValueError, match="camera: expected that of a plate of"):
         relight.Subject(rgb[:-1], mask[:-1], camera=subject.camera)
+
+
+def test_a_distant_light_needs_no_depth_of_a_person_whom_the_frame_cuts():
+    subject = relight.Subject(np.full((64, 48, 3), 0.3, np.float32), np.eye(64, 48, k=-8) < 0.5)
+    with warnings.catch_warnings():
+        warnings.simplefilter("error")  # that the height is a guess
+        subject.relit([relight.DirectionalLight(azimuth=-40), relight.EnvironmentLight(np.ones((4, 8, 3)))])
+        subject.unshadowed(relight.DirectionalLight(azimuth=-40))
+    with pytest.warns(UserWarning, match="height"):
+        subject.relit(relight.PointLight(position=(0, 0, 3)))
