@@ -15,17 +15,23 @@ from collections.abc import Sequence
 from dataclasses import dataclass, field
 
 import numpy as np
-import torch
 from numpy.typing import ArrayLike
 from PIL import Image, ImageDraw
 from scipy import ndimage
 from scipy.spatial import cKDTree
 from scipy.special import logit
 
-from relight.matting.refine import encoded_srgb
+from relight.matting.refine import (
+    BACKGROUND,
+    PERSON,
+    UNKNOWN,
+    closed_form,
+    distance_inside,
+    encoded_srgb,
+    solve_edge,
+)
 from relight.media.images import coverage, scene_linear
 from relight.media.resampling import resize
-from shadow.installing import install_command
 
 SLACK = 0.03  # of the outline's height: how far the true edge may be from the line that was drawn
 SOLVED_SIDE = 360  # pixels, the longer side of the copy on which an outline is solved
@@ -39,10 +45,8 @@ UNSURE = (
     0.05  # a rough matte is sure within this of 0 and 1; between, colours decide too, however far the edge
 )
 DOUBT = 0.6  # of the logarithm of its odds there: its weight, as a distance
-REFINED_PRIOR = 0.002  # the same for `refine`, whose prior is blurred: more weight makes edges soft
 MARGIN = 0.12  # of the outline's size, of the photograph around it that is looked at
 FILTER = "triangle"  # of OpenImageIO, for copies
-PERSON, BACKGROUND, UNKNOWN = 1.0, 0.0, 0.5  # values of a trimap
 
 
 @dataclass(frozen=True)
@@ -204,11 +208,7 @@ def refine(image: ArrayLike, matte: np.ndarray) -> np.ndarray:
     size = (max(3, round(coarse.shape[0] * shrink)), max(3, round(coarse.shape[1] * shrink)))
     seen = resize(fine, size, FILTER)
     rough = resize(coarse[..., None], size, FILTER)[..., 0].clip(0, 1)
-    known = np.full(size, UNKNOWN)
-    inside = rough > 0.5
-    known[ndimage.binary_erosion(inside, iterations=BAND, border_value=1)] = PERSON
-    known[~ndimage.binary_dilation(inside, iterations=BAND)] = BACKGROUND
-    alpha = _closed_form(seen, known, rough, np.full(size, REFINED_PRIOR))
+    alpha = solve_edge(seen, rough, BAND)
     refined = np.zeros((height, width), np.float32)
     refined[box] = alpha if shrink == 1 else _guided(seen, alpha, fine)
     return refined
@@ -266,7 +266,7 @@ def _drawn(
     for hole in outline.holes:
         inside = inside & ~_filled((np.reshape(np.asarray(hole, float), (-1, 2)) - corner) * scale, size)
     unsure = np.zeros(size, bool) if rough is None else inside & (rough > UNSURE) & (rough < 1 - UNSURE)
-    distance = _inside(inside if rough is None else inside & (rough > 0.5)) / slack
+    distance = distance_inside(inside if rough is None else inside & (rough > 0.5)) / slack
     if rough is not None:
         distance = np.where(unsure, (DOUBT * logit(rough.clip(UNSURE, 1 - UNSURE))).clip(-1, 1), distance)
     known = np.where(distance >= 1, PERSON, np.where(distance <= -1, BACKGROUND, UNKNOWN))
@@ -290,7 +290,7 @@ def _solved(seen: np.ndarray, known: np.ndarray, distance: np.ndarray) -> np.nda
         return np.zeros(known.shape, np.float32)
     evidence = NEARNESS * distance + _votes(seen, known, distance)
     prior = 1 / (1 + np.exp(-evidence))
-    return _closed_form(seen, known, prior, PRIOR * np.abs(2 * prior - 1))
+    return closed_form(seen, known, prior, PRIOR * np.abs(2 * prior - 1))
 
 
 def _votes(seen: np.ndarray, known: np.ndarray, distance: np.ndarray) -> np.ndarray:
@@ -315,31 +315,6 @@ def _votes(seen: np.ndarray, known: np.ndarray, distance: np.ndarray) -> np.ndar
     inner, outer = logarithms
     vote[unknown] = np.clip(6 * np.log((outer + 0.01) / (inner + 0.01)), -6, 6)
     return vote
-
-
-def _closed_form(seen: np.ndarray, known: np.ndarray, prior: np.ndarray, weight: np.ndarray) -> np.ndarray:
-    """Solve (L + W) alpha = W prior in the unknown pixels, with L the matting Laplacian; (h, w) in [0, 1]."""
-    if not (known == UNKNOWN).any():
-        return known.astype(np.float32)
-    try:
-        from pymatting.laplacian.cf_laplacian import cf_laplacian
-        from pymatting.preconditioner.ichol import ichol
-        from pymatting.solver.cg import cg
-    except ImportError as error:
-        raise ImportError(f"outline: needs PyMatting; install it with: {install_command('key')}") from error
-    import scipy.sparse
-
-    threads = torch.get_num_threads()
-    unknown = (known == UNKNOWN).ravel()
-    laplacian = cf_laplacian(seen.astype(float), epsilon=1e-5, is_known=~unknown.reshape(known.shape))
-    rows = laplacian[unknown]
-    own = scipy.sparse.csr_matrix(rows[:, unknown] + scipy.sparse.diags(weight.ravel()[unknown] + 1e-6))
-    target = weight.ravel()[unknown] * prior.ravel()[unknown] - rows[:, ~unknown] @ known.ravel()[~unknown]
-    alpha = known.ravel().copy()
-    start = prior.ravel()[unknown]
-    alpha[unknown] = cg(own, target, x0=start, M=ichol(own, discard_threshold=1e-3), rtol=1e-4, maxiter=300)
-    torch.set_num_threads(threads)  # numba has set the process' to the number of processors
-    return alpha.reshape(known.shape).clip(0, 1).astype(np.float32)
 
 
 def _guided(seen: np.ndarray, alpha: np.ndarray, fine: np.ndarray) -> np.ndarray:
@@ -387,14 +362,3 @@ def _extent(drawn: np.ndarray) -> int:
     """Return the larger of a region's height and width, in pixels."""
     rows, columns = np.nonzero(drawn)
     return 0 if not len(rows) else max(int(np.ptp(rows)), int(np.ptp(columns))) + 1
-
-
-def _inside(region: np.ndarray) -> np.ndarray:
-    """Return the distance (h, w) to the edge of a region, in pixels, positive inside.
-
-    The border of the picture is not an edge.
-    """
-    if region.all() or not region.any():
-        return np.full(region.shape, np.inf if region.any() else -np.inf)
-    inner, outer = ndimage.distance_transform_edt(region), ndimage.distance_transform_edt(~region)
-    return np.where(region, inner - 0.5, 0.5 - outer)
