@@ -89,7 +89,7 @@ def refine_matte(pixels: np.ndarray, rough: np.ndarray, band: int) -> np.ndarray
     rough
         (H, W) in [0, 1].
     band
-        Width in pixels, at least 2, of the band along the mask's edge that is solved, see `solve_edge`.
+        Width in pixels, at least 2, of the band along the mask's edge that is solved.
 
     Returns
     -------
@@ -109,10 +109,14 @@ def refine_matte(pixels: np.ndarray, rough: np.ndarray, band: int) -> np.ndarray
     depth = np.where(inside, distance_transform_edt(inside), -distance_transform_edt(~inside))
     if not (depth > band / 2).any() or not (depth < -band / 2).any():
         raise ValueError(f"refine_matte: a band of {band} pixels leaves nothing of the person or behind them")
-    rows, columns = np.nonzero(depth > -band / 2)
+    known = np.where(depth > band / 2, 1.0, np.where(depth < -band / 2, 0.0, 0.5))
+    rows, columns = np.nonzero(known > 0)
     box = np.s_[max(rows.min() - 2, 0) : rows.max() + 3, max(columns.min() - 2, 0) : columns.max() + 3]
+    solve = _pymatting("alpha.estimate_alpha_cf", "estimate_alpha_cf")
+    threads = torch.get_num_threads()
     alpha = np.zeros(rough.shape, np.float32)
-    alpha[box] = solve_edge(pixels[box].clip(0, 1), rough[box], band / 2)
+    alpha[box] = solve(encoded_srgb(pixels[box]).astype(float), known[box]).clip(0, 1)
+    torch.set_num_threads(threads)  # numba has set the process' to the number of processors
     return alpha
 
 
