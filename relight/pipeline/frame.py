@@ -139,6 +139,8 @@ class FrameReader:
         self.placement = Placement(source.size, source.placement, source.scale, source.offset)
         self.cache = AnalysisCache(source.plate) if is_cache(source.plate) else None
         self._camera = camera
+        degrees = source.field_of_view
+        self._degrees = None if degrees is None else checked_number("field_of_view", degrees, 1e-3, 170)
         self.height = None if source.height is None else checked_number("height", source.height, 0.01, 100)
         self._normals, self._depths = normals_reader(source.normals, source.axes), depth_reader(source.depth)
         self.plates: Any = self.cache or plate_reader(source.plate, source.colour_space, source.alpha)
@@ -148,13 +150,15 @@ class FrameReader:
     @functools.cached_property
     def field_of_view(self) -> float:
         """Of the camera, vertical, in degrees: as given, or that of the scene's camera in this picture."""
-        given = self.source.field_of_view
-        if given is None and self._camera is not None:
+        degrees = self._degrees
+        if degrees is None and self._camera is not None:
             height, width = self._picture_size()
-            given = self._camera.vertical_degrees(width / height)
-        if given is None:
+            degrees = checked_number(
+                "field_of_view", self._camera.vertical_degrees(width / height), 1e-3, 170
+            )
+        if degrees is None:
             return FIELD_OF_VIEW if self.cache is None else self.cache.field_of_view
-        return checked_number("field_of_view", given, 1e-3, 170)
+        return degrees
 
     def _picture_size(self) -> tuple[int, ...]:
         """Return the size (H, W) of the picture of the first frame that can be read."""

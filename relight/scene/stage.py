@@ -116,7 +116,9 @@ def _check_specs(path: Path, layer: Any) -> None:
 
     listed: list[Any] = []
     layer.Traverse(Sdf.Path.absoluteRootPath, listed.append)
-    if not all(layer.GetObjectAtPath(spec) for spec in listed):
+    # Targets of relationships and connections are listed too, and are no objects of their own.
+    specs = [each for each in listed if each.IsPrimPath() or each.IsPrimPropertyPath()]
+    if not all(layer.GetObjectAtPath(spec) for spec in specs):
         raise ValueError(f"{path}: is damaged: {layer.GetDisplayName()} lists what it does not hold")
 
 
