@@ -41,9 +41,7 @@ NEIGHBOURS = 12  # samples of known colour that vote on a pixel
 PLACE = 0.08  # how far the picture's longer side is, as a distance of colours: near samples count more
 NEARNESS = 3.0  # logarithm of the odds at the band's rim, of being inside
 PRIOR = 0.02  # weight of the priors beside the matting Laplacian
-UNSURE = (
-    0.05  # a rough matte is sure within this of 0 and 1; between, colours decide too, however far the edge
-)
+UNSURE = 0.05  # a rough matte is sure within this of 0 and 1; between, colours decide, however far the edge
 DOUBT = 0.6  # of the logarithm of its odds there: its weight, as a distance
 MARGIN = 0.12  # of the outline's size, of the photograph around it that is looked at
 FILTER = "triangle"  # of OpenImageIO, for copies
