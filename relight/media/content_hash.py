@@ -42,7 +42,7 @@ def _feed(sha: Any, part: Any) -> None:
     """Hash a part: its kind and its length first, so that no two lists of parts read the same."""
     part = part.value if isinstance(part, enum.Enum) else part
     if isinstance(part, Path):
-        text = hash_file(part)
+        text = file_state(part)
     elif isinstance(part, np.ndarray):
         sha.update(f"{part.dtype.str}{part.shape}".encode())
         sha.update(np.ascontiguousarray(part).data)
@@ -66,14 +66,22 @@ def _feed(sha: Any, part: Any) -> None:
 
 
 def hash_file(path: Path) -> str:
-    """Return the SHA-256 of a file; "" if it cannot be read."""
+    """Return the SHA-256 of a file. Raises OSError if it cannot be read, or is a device or a pipe."""
+    state = path.stat()
+    if not stat.S_ISREG(state.st_mode):  # it would never end
+        raise OSError(f"{path}: is no regular file")
+    return _hashed(path, (state.st_dev, state.st_ino, state.st_size, state.st_mtime_ns))
+
+
+def file_state(path: Path) -> str:
+    """Return the SHA-256 of a file, or the name of the error that reading it raises.
+
+    A frame can be made although the file of its neighbour is not there.
+    """
     try:
-        state = path.stat()
-        if not stat.S_ISREG(state.st_mode):  # a device or a pipe would never end
-            return ""
-        return _hashed(path, (state.st_dev, state.st_ino, state.st_size, state.st_mtime_ns))
-    except OSError:
-        return ""
+        return hash_file(path)
+    except OSError as error:
+        return type(error).__name__
 
 
 @functools.lru_cache(maxsize=64)

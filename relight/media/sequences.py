@@ -17,7 +17,7 @@ from typing import Any, Self
 import numpy as np
 
 from relight.errors import MissingFramesError
-from relight.media.content_hash import FileRecord, content_hash, hash_file
+from relight.media.content_hash import FileRecord, content_hash, file_state
 from relight.media.images.layers import split_layer
 from shadow.files import AnyPath
 
@@ -224,5 +224,5 @@ class SequenceReader:
 
         `sha256`: of the file as it was read; unless given, as it is.
         """
-        held = hash_file(self.sequence.path(number)) if sha256 is None else sha256
+        held = file_state(self.sequence.path(number)) if sha256 is None else sha256
         return content_hash(held) if self.sequence.layer is None else content_hash(held, self.sequence.layer)

@@ -8,7 +8,7 @@ from pathlib import Path
 import av
 import numpy as np
 
-from relight.media.content_hash import FileRecord, content_hash, hash_file
+from relight.media.content_hash import FileRecord, content_hash, file_state
 from relight.media.encodings import Encoding, decode_bt709
 from relight.media.images.edge import linearise
 from relight.media.images.turning import SIDEWAYS, upright
@@ -153,7 +153,7 @@ class Movie:
 
         `sha256`: of the file as it was read; unless given, as it is now.
         """
-        return content_hash(hash_file(self.path) if sha256 is None else sha256, number)
+        return content_hash(file_state(self.path) if sha256 is None else sha256, number)
 
     def upright_aspect(self) -> float:
         """Return how many times as wide as high the pixels are once a frame stands upright.

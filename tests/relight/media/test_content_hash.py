@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 import relight
-from relight.media.content_hash import content_hash
+from relight.media.content_hash import FileRecord, content_hash, file_state
 
 
 @dataclass(frozen=True)
@@ -57,3 +57,12 @@ def test_a_file_counts_by_what_is_in_it(tmp_path):
     (tmp_path / "a").write_bytes(b"other")
     os.utime(tmp_path / "a", ns=(0, 0))
     assert content_hash(tmp_path / "a") != before
+
+
+def test_a_file_that_cannot_be_read_counts_by_its_error(tmp_path):
+    (tmp_path / "empty").write_bytes(b"")
+    states = [file_state(tmp_path / "gone"), file_state(tmp_path), file_state(tmp_path / "empty")]
+    assert all(states)
+    assert len(set(states)) == len(states)
+    with pytest.raises(OSError, match="no regular file"):
+        FileRecord.of(tmp_path)
