@@ -146,6 +146,7 @@ class FrameReader:
         self.plates: Any = self.cache or plate_reader(source.plate, source.colour_space, source.alpha)
         self._mattes = matte_reader(source.mask)
         self._backgrounds, self._log = backgrounds, log
+        self._opaque: dict[int, bool] = {}  # {frame number: whether its plate is}
 
     @functools.cached_property
     def field_of_view(self) -> float:
@@ -200,12 +201,14 @@ class FrameReader:
 
     @functools.cached_property
     def _finds_mattes(self) -> bool:
-        """Whether mattes are found or refined: not if the first plate, which is read, has alpha."""
+        """Whether mattes are found or refined: not if the first plate has alpha. It is read unless it was."""
         if self._must_matte:
             return True
         for number in self.numbers:
             with suppress(OSError, ValueError):  # that frame is reported when it is its turn
-                return refine.is_opaque(self.plates.read(number))
+                if number not in self._opaque:
+                    self._opaque[number] = refine.is_opaque(self._log.read(self.plates, number))
+                return self._opaque[number]
         return True
 
     @property
@@ -300,7 +303,9 @@ class FrameReader:
         """
         plate, matte = self._log.read(self.plates, number), self._log.read(self._mattes, number)
         matte = self._squared_as_plate(matte, plate, number)
-        if self._matting is not None and (self._must_matte or refine.is_opaque(plate)):
+        if self._matting is not None:
+            self._opaque[number] = refine.is_opaque(plate)
+        if self._matting is not None and (self._must_matte or self._opaque[number]):
             plate, matte = self._matting.cut(number, matte), None
         elif self.source.key is not None:
             plate, matte = chroma_key.key(plate, self.source.key, mask=matte), None

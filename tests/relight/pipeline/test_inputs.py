@@ -2,10 +2,12 @@
 
 import numpy as np
 import pytest
+from helpers import standins
 
 import relight
 from relight import Lighting, Output, Source
 from relight.errors import MissingNetworksError
+from relight.media import images
 from relight.pipeline.frame import Placement
 from relight.pipeline.shot import Shot
 
@@ -94,3 +96,14 @@ def test_a_photograph_without_a_matte_is_named(plate):
         Shot(Source(plate[..., :3])).frame(0)
     person = Shot(Source(plate[..., :3], mask=plate[..., 3])).frame(0)
     np.testing.assert_array_equal(person.matte, plate[..., 3])
+
+
+def test_each_plate_of_a_shot_with_alpha_is_read_once(tmp_path, plate, monkeypatch):
+    for number in (1, 2):
+        relight.write(tmp_path / f"p.{number}.exr", plate)
+    paths, read = [], images.read
+    monkeypatch.setattr(images, "read", lambda path, **options: paths.append(path) or read(path, **options))
+    key = relight.DirectionalLight(name="key")
+    source, relit = tmp_path / "p.%d.exr", tmp_path / "r.%d.exr"
+    assert standins.FlatShots().render(source, key, relit, temporal_filter=False) == {}
+    assert paths == [tmp_path / "p.1.exr", tmp_path / "p.2.exr"]
