@@ -76,7 +76,7 @@ def run(*arguments):
     ],
 )
 def test_a_refused_command_prints_one_line_and_changes_no_file(tmp_path, monkeypatch, arguments, message):
-    monkeypatch.setattr(relight.Subject, "__init__", None)
+    monkeypatch.setattr("shadow.networks.checkpoints.load", None)
     before = {path: path.read_bytes() for path in tmp_path.rglob("*") if path.is_file()}
     result = run(*arguments)
     assert result.exit_code == 2, result.output

@@ -60,7 +60,6 @@ def no_network(monkeypatch):
         raise AssertionError("a network was loaded")
 
     monkeypatch.setattr("shadow.networks.checkpoints.load", refuse)
-    monkeypatch.setattr(persons.Subject, "__init__", refuse)
 
 
 def mattes(folder):
