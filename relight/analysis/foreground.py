@@ -67,7 +67,9 @@ class Foreground:
         # the plate's frame cuts.
         top, left = max(top - 1, 0), max(left - 1, 0)
         box = np.s_[top : min(bottom + 1, height), left : min(right + 1, width)]
-        return cls((height, width), (top, left), alpha[box], matte[box], photographed)
+        # Copies: a view would hold the whole plate in memory.
+        content = alpha[box].contiguous(), matte[box].contiguous()
+        return cls((height, width), (top, left), *content, photographed)
 
     def own_colour(self, plate: np.ndarray, photographed: bool | None = None) -> torch.Tensor:
         """Estimate the person's own colour, without the background, continued beyond the matte's edge.

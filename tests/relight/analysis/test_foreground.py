@@ -143,3 +143,12 @@ def test_masks_of_either_byte_order_are_one(person):
     codes = (mask * 65535).astype(np.uint16)
     pictures = [relight.apply(rgb, LEFT, mask=each) for each in (codes, codes.astype(">u2"))]
     np.testing.assert_array_equal(*pictures)
+
+
+def test_a_person_does_not_hold_the_memory_of_the_whole_matte():
+    matte = torch.zeros(200, 300)
+    matte[50:90, 100:130] = 1
+    person = Foreground.of(matte, matte.clone(), photographed=True)
+    assert person.matte.shape == (42, 32)
+    for kept in (person.alpha, person.matte):
+        assert kept.untyped_storage().nbytes() == kept.nbytes
