@@ -13,25 +13,34 @@ from relight.lights.directional import DirectionalLight
 from relight.lights.environment import EnvironmentLight
 from relight.lights.light import Light
 from relight.lights.near import PointLight
+from relight.lights.parameters import Number, parameters
+from relight.media.colour import LOCI
 from relight.media.images import scene_linear
 
 Lights = tuple[Light, ...]  # what a RELIGHT_LIGHTS socket carries
 
+
+def _number(kind: type[Light], name: str, step: float, tooltip: str, **shown: float) -> widgets.Input:
+    """Describe a parameter of a light. `shown`: another default, or a range that suits a slider."""
+    declared = parameters(kind)[name]
+    assert isinstance(declared, Number)
+    limits = {"default": declared.default, "low": declared.low, "high": declared.high, **shown}
+    return widgets.number(**limits, step=step, tooltip=tooltip)
+
+
 SHARED = {
-    "intensity": widgets.number(
-        1.0,
-        0.0,
-        1000.0,
-        0.05,
-        "At 1, a white surface that faces the light (a lamp: from one metre) is white.",
+    "intensity": _number(
+        Light, "intensity", 0.05,
+        "At 1, a white surface that faces the light (a lamp: from one metre) is white.", high=1000.0,
     ),
     "colour": widgets.text(
         "#ffffff", "#rrggbb as a colour picker says it, or linear red/green/blue such as 1/0.9/0.8."
     ),
     "temperature": widgets.number(
-        0.0, 0.0, 40000.0, 50.0, "Kelvin of a black body, from 1000: 3200 is tungsten, 5600 a flash. 0: none."
+        0.0, 0.0, LOCI["planckian"][1], 50.0,
+        "Kelvin of a black body, from 1000: 3200 is tungsten, 5600 a flash. 0: none.",
     ),
-}
+}  # fmt: skip
 NAME = widgets.text("", "The name of the light's layer in Save EXR and of its handle in the viewer.")
 
 
@@ -50,19 +59,28 @@ class LightNode:
         """Return ComfyUI's description of the inputs."""
         return {
             "required": {
-                "azimuth": widgets.number(
-                    -40.0,
-                    -180.0,
-                    180.0,
+                "azimuth": _number(
+                    DirectionalLight,
+                    "azimuth",
                     1.0,
                     "Degrees from the camera (0) toward image right (90); 180: behind.",
+                    default=-40.0,
+                    low=-180.0,
+                    high=180.0,
                 ),
-                "elevation": widgets.number(
-                    30.0, -90.0, 90.0, 1.0, "Degrees up from the horizon (0) to overhead (90)."
+                "elevation": _number(
+                    DirectionalLight,
+                    "elevation",
+                    1.0,
+                    "Degrees up from the horizon (0) to overhead (90).",
+                    default=30.0,
                 ),
                 **SHARED,
-                "softness": widgets.number(
-                    0.0, 0.0, 180.0, 1.0, "Angular diameter in degrees: 0 a hard light, tens a softbox."
+                "softness": _number(
+                    DirectionalLight,
+                    "angle",
+                    1.0,
+                    "Angular diameter in degrees: 0 a hard light, tens a softbox.",
                 ),
             },
             "optional": {"lights": widgets.CHAINED, "name": NAME},
@@ -108,12 +126,12 @@ class Lamp:
                 "y": widgets.number(0.6, -100, 100, 0.05, "Metres above the subject's middle."),
                 "z": widgets.number(0.6, -100, 100, 0.05, "Metres from the subject's middle to the camera."),
                 **SHARED,
-                "radius": widgets.number(
-                    0.0,
-                    0.0,
-                    10.0,
+                "radius": _number(
+                    PointLight,
+                    "radius",
                     0.01,
                     "Metres, of a sphere that shines: larger is softer, and no brighter.",
+                    high=10.0,
                 ),
             },
             "optional": {"lights": widgets.CHAINED, "name": NAME},
@@ -155,8 +173,13 @@ class Environment:
                     "",
                     "The map's file, .exr or .hdr, in ComfyUI's input folder or by its whole path.",
                 ),
-                "rotation": widgets.number(
-                    0.0, -360.0, 360.0, 1.0, "Degrees about the vertical, from the camera toward image right."
+                "rotation": _number(
+                    EnvironmentLight,
+                    "rotation",
+                    1.0,
+                    "Degrees about the vertical, from the camera toward image right.",
+                    low=-360.0,
+                    high=360.0,
                 ),
                 **SHARED,
             },

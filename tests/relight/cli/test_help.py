@@ -7,8 +7,10 @@ import pytest
 from typer.main import get_command
 from typer.testing import CliRunner
 
+import relight
 from relight.cli import app
 from relight.cli.help import EXAMPLES, SHOT, STAGE, TRAIN
+from relight.lights.parameters import parameters
 
 LEAST = {100: 40, 80: 20}  # characters of the narrowest column, by those of the terminal
 COMMANDS = ("apply", "view", "analyse", "export", "olat", "job", "app", "stage", "train", "evaluate tables")
@@ -64,3 +66,10 @@ def test_three_examples_at_the_end_are_understood(command, monkeypatch):
 
 def test_the_shortest_command_stands_in_the_help(monkeypatch):
     assert "--preset golden-hour -o out.jpg" in shown("apply", monkeypatch)
+
+
+def test_the_help_of_apply_names_every_parameter_of_its_lights(monkeypatch):
+    """It is no table of theirs: that would import torch, and take seconds."""
+    words = set(re.findall(r"\w+", shown("apply", monkeypatch, 300)))
+    for light in (relight.DirectionalLight, relight.PointLight, relight.RectLight):
+        assert parameters(light).keys() - {"name"} <= words, light
