@@ -263,7 +263,9 @@ def _drawn(
         slack = slack if outline.matte is not None else max(2.0, SLACK * _extent(inside))
     for hole in outline.holes:
         inside = inside & ~_filled((np.reshape(np.asarray(hole, float), (-1, 2)) - corner) * scale, size)
+    # The edge of a sharp mask is grey too, but at most two pixels wide.
     unsure = np.zeros(size, bool) if rough is None else inside & (rough > UNSURE) & (rough < 1 - UNSURE)
+    unsure = ndimage.binary_opening(unsure, np.ones((3, 3)))
     distance = distance_inside(inside if rough is None else inside & (rough > 0.5)) / slack
     if rough is not None:
         distance = np.where(unsure, (DOUBT * logit(rough.clip(UNSURE, 1 - UNSURE))).clip(-1, 1), distance)

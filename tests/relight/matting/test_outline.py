@@ -4,6 +4,7 @@ import numpy as np
 import pytest
 from helpers import ROOT
 from helpers.drawn import overlap, photographed, polygon
+from scipy import ndimage
 
 from relight.matting.outline import Outline, Stroke, outlined, refine, shift_edge
 from shadow.data.records import Records
@@ -35,6 +36,16 @@ def test_a_polygon_of_24_points_becomes_the_matte_of_a_body(number):
     coarse = outlined(image, Outline(line))
     assert overlap(coarse, truth) >= 0.95
     assert overlap(refine(image, coarse), truth) >= 0.97
+
+
+def test_the_edge_of_a_sharp_mask_is_moved_to_that_of_the_photograph():
+    pytest.importorskip("kornia")
+    from skimage import data
+
+    image, truth = photographed(Records([ROOT / "tests" / "data"])[0], data.chelsea(), 0)
+    mask = np.float32(ndimage.binary_dilation(truth > 0.5, iterations=5))
+    assert overlap(mask, truth) < 0.85
+    assert overlap(outlined(image, Outline(matte=mask)), truth) > 0.966
 
 
 def test_strokes_correct_what_the_line_found_and_the_later_one_counts():
