@@ -3,7 +3,7 @@
 import { LIGHTS } from "./engine.js";
 import { LOCI, clamp, isNear } from "./lights.js";
 import { toPng } from "./png.js";
-import { checkedLight, toCommand, toFragment, toYaml } from "./state.js";
+import { RANGES, checkedLight, toCommand, toFragment, toYaml } from "./state.js";
 import { LOOK_NAMES } from "./controls.js";
 
 // Where lights are put one after the other: a key, a rim, a fill, a kicker...
@@ -69,11 +69,11 @@ export function actionsOf(viewer) {
       if (light && isNear(light) && viewer.room.camera.guessed)
         viewer.say("The frame cuts the person: metres are as if it showed 1.75 of them. Give relight view --height.");
     },
-    brighten: (step) => onLight((light) => (light.exposure = clamp(light.exposure + step, -64, 64)), "keys"),
+    brighten: (step) => onLight((light) => (light.exposure = clamp(light.exposure + step, ...RANGES.exposure)), "keys"),
     soften: (steps) =>
       onLight((light) => {
         if (isNear(light)) light.radius = clamp(light.radius + steps / 100, 0, viewer.room.height);
-        else light.angle = clamp(light.angle + 2 * steps, 0, 180);
+        else light.angle = clamp(light.angle + 2 * steps, ...RANGES.angle);
       }, "keys"),
     warmth: (mireds) =>
       onLight(
@@ -121,7 +121,7 @@ export function actionsOf(viewer) {
       ),
     moveWipe: (step) => change((state) => state.wipe && (state.wipe.at = clamp(state.wipe.at + step, 0, 1)), "keys"),
     expose: (stops) => {
-      change((state) => (state.exposure = clamp(state.exposure + stops, -64, 64)), "keys");
+      change((state) => (state.exposure = clamp(state.exposure + stops, ...RANGES.exposure)), "keys");
       viewer.say(`Exposure ${viewer.state.exposure.toFixed(2)} stops`);
     },
     hide: () => {

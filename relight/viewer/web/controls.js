@@ -7,7 +7,7 @@ import { LIGHTS } from "./engine.js";
 import { Inspector } from "./inspector.js";
 import { power } from "./lights.js";
 import { grip } from "./sheet.js";
-import { bound } from "./sliders.js";
+import { STOPS, bound } from "./sliders.js";
 import { nameOf, shining } from "./state.js";
 import { SURROUNDS } from "./surround.js";
 
@@ -130,14 +130,7 @@ export class Controls {
         low: -1e6,
         high: 1e6,
       }),
-      bound(this.viewer, "Strength", "exposure", of, {
-        min: -6,
-        max: 6,
-        step: 0.05,
-        unit: "stops",
-        low: -64,
-        high: 64,
-      }),
+      bound(this.viewer, "Strength", "exposure", of, STOPS),
     ];
     this.environmentMute = h(
       "button",
@@ -246,14 +239,7 @@ export class Controls {
         (state) => (state.wipe = this.wipe.value ? { look: this.wipe.value, at: state.wipe?.at ?? 0.5 } : null),
       ),
     );
-    this.exposure = bound(this.viewer, "Exposure", "exposure", (state) => state, {
-      min: -6,
-      max: 6,
-      step: 0.05,
-      unit: "stops",
-      low: -64,
-      high: 64,
-    });
+    this.exposure = bound(this.viewer, "Exposure", "exposure", (state) => state, STOPS);
     this.gloss = bound(this.viewer, "Gloss", "gloss", (state) => state, { min: 0, max: 1, step: 0.01 });
     this.surround = choice(`surround${this.id}`, "Surround", SURROUNDS, (name) => this.viewer.setSurround(name));
     return h(

@@ -5,7 +5,7 @@ import { chroma, fromHex, toHex } from "./colour.js";
 import { choice, h } from "./dom.js";
 import { LOCI, angles, irradiance, isNear, power } from "./lights.js";
 import { Plan } from "./plan.js";
-import { bound } from "./sliders.js";
+import { STOPS, bound } from "./sliders.js";
 import { unprojected } from "./stage.js";
 import { shining } from "./state.js";
 
@@ -46,14 +46,7 @@ export class Inspector {
     this.places = ["Right", "Up", "To camera"].map((label, axis) =>
       slide(label, axis, (state) => near(state)?.position, { ...metres, min: -reach, max: reach }),
     );
-    this.exposure = slide("Exposure", "exposure", selected, {
-      min: -6,
-      max: 6,
-      step: 0.05,
-      unit: "stops",
-      low: -64,
-      high: 64,
-    });
+    this.exposure = slide("Exposure", "exposure", selected, STOPS);
     this.arriving = h("output");
     this.meter = h(
       "div",
@@ -71,7 +64,6 @@ export class Inspector {
       step: 0.5,
       unit: "°",
       digits: 1,
-      high: 180,
     });
     this.radius = slide("Radius", "radius", near, { ...metres, min: 0, max: reach / 5, low: 0 });
     this.kelvin = slide("Kelvin", "temperature", selected, {

@@ -2,6 +2,10 @@
 
 import { h } from "./dom.js";
 import { clamp } from "./lights.js";
+import { RANGES } from "./state.js";
+
+/** A slider of stops. */
+export const STOPS = { min: -6, max: 6, step: 0.05, unit: "stops" };
 
 /**
  * A labelled slider with its number beside it.
@@ -58,15 +62,18 @@ export function slider({
 
 const written = (value, digits) => Number(value.toFixed(digits)).toString().replace("-", "−");
 
-/** A slider of what `owner` picks from a viewer's state. */
+/**
+ * A slider of what `owner` picks from a viewer's state. Numbers that are typed may be beyond its ends: from `low` to
+ * `high`, or in the range of the light's parameter.
+ */
 export function bound(viewer, label, key, owner, options) {
   const control = slider({
     label,
     ...options,
     onchange: (given) => {
       const [low, high] = options.limits?.(owner(viewer.state)) ?? [
-        options.low ?? options.min,
-        options.high ?? options.max,
+        options.low ?? RANGES[key]?.[0] ?? options.min,
+        options.high ?? RANGES[key]?.[1] ?? options.max,
       ];
       const value = given === null ? null : clamp(given, low, high);
       viewer.change((state) => owner(state) && (owner(state)[key] = value), `${label}${viewer.state.selected}`);

@@ -7,7 +7,7 @@ import { LIGHTS, LOOKS } from "./engine.js";
 /** Something from outside that cannot be used, in a sentence. */
 export class Invalid extends Error {}
 
-const { SHARED, RANGES } = PYTHON; // what all lights have; { parameter: [low, high] }, null for no limit
+export const { SHARED, RANGES } = PYTHON; // what all lights have; { parameter: [low, high] }, null for no limit
 const SWITCHES = { muted: false, solo: false };
 const LIGHT = { name: "", azimuth: 0, elevation: 0, ...SHARED, angle: 0, ...SWITCHES };
 const LAMP = { name: "", position: [0, 0, 1], ...SHARED, radius: 0, ...SWITCHES };
