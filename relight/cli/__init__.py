@@ -3,6 +3,7 @@
 Heavy modules are imported inside the commands, so that `relight --help` answers at once.
 """
 
+import warnings
 from typing import Annotated, Any
 
 import typer
@@ -30,9 +31,11 @@ EXTRAS = {  # of modules that only some commands need
 
 
 class _OneLineErrors(TyperGroup):
-    """Bad input is one line and exit code 2; anything else is a bug and keeps its trace."""
+    """Bad input is one line and exit code 2, a warning one line. Anything else is a bug with its trace."""
 
     def invoke(self, ctx: Any) -> Any:
+        before = warnings.formatwarning
+        warnings.formatwarning = _one_line
         try:
             return super().invoke(ctx)
         except (ImportError, OSError, TypeError, ValueError) as error:
@@ -46,6 +49,13 @@ class _OneLineErrors(TyperGroup):
         except MemoryError as error:
             typer.echo(f"relight: not enough memory: {error}", err=True)
             raise typer.Exit(2) from error
+        finally:
+            warnings.formatwarning = before
+
+
+def _one_line(message: Warning | str, *place: Any) -> str:
+    """Return a warning without the place in the source, which tells a user nothing."""
+    return f"relight: warning: {' '.join(str(message).split())}\n"
 
 
 app = typer.Typer(cls=_OneLineErrors, no_args_is_help=True, pretty_exceptions_enable=False)

@@ -403,3 +403,19 @@ def test_the_workshop_names_bad_input(arguments, message, tmp_path, monkeypatch)
     result = run(*arguments)
     assert result.exit_code == 2
     assert message in result.output
+
+
+def test_a_warning_is_one_line_without_its_place_in_the_source(tmp_path, photo):
+    command = [
+        sys.executable,
+        "-m",
+        "relight.cli",
+        "apply",
+        *map(str, photo),
+        "--light",
+        "key:intensity=1e-7",
+    ]
+    done = subprocess.run([*command, "-o", tmp_path / "a.exr"], capture_output=True, text=True, check=True)
+    (warning,) = [line for line in done.stderr.splitlines() if "C_key" in line]
+    assert warning.startswith("relight: warning: C_key: is so dim")
+    assert ".py" not in done.stderr
