@@ -203,6 +203,7 @@ def render_subject(
     exr_type: str = "half",
     floor: Floor | None = None,
     gloss: float = 0.0,
+    layered: bool = True,
 ) -> tuple[np.ndarray, Layers]:
     """Render a picture of an analysed person, and its layers.
 
@@ -218,6 +219,8 @@ def render_subject(
         Further layers, of PASSES.
     exr_type
         See `relight.render`.
+    layered
+        False for the same picture without its layers, which take as much memory for each light.
 
     Returns
     -------
@@ -236,17 +239,17 @@ def render_subject(
     """
     lights, passes = as_lights(lights), check_names(passes)
     background = _background(background, lights)
-    picture, groups = light_groups(subject, lights, exr_type, gloss)
+    picture, layers = light_groups(subject, lights, exr_type, gloss, layered)
     further, shadow = passes_of(subject, lights, passes), None
     if floor is not None:
         per_light, shadow = subject.shadows(lights, floor)
         further |= {f"shadow_floor_{name}": layer for name, layer in per_light.items()}
-    if background is None:
-        return picture, groups | further
-    check_free(by_name(lights))
-    seen = behind(picture, _seen_by(subject, background, lights), shadow)
-    groups["C_background"] = _rounded(seen, "C_background", exr_type)
-    return picture[..., :3] + groups["C_background"], groups | further
+    if background is not None:
+        check_free(by_name(lights))
+        seen = behind(picture, _seen_by(subject, background, lights), shadow)
+        layers["C_background"] = _rounded(seen, "C_background", exr_type)
+        picture = picture[..., :3] + layers["C_background"]
+    return picture, layers | further if layered else {}
 
 
 def _seen_by(subject: Person, background: Background, lights: Iterable[Light]) -> Background:
@@ -261,7 +264,7 @@ def _seen_by(subject: Person, background: Background, lights: Iterable[Light]) -
 
 
 def light_groups(
-    subject: Person, lights: Lights, exr_type: str = "half", gloss: float = 0.0
+    subject: Person, lights: Lights, exr_type: str = "half", gloss: float = 0.0, layered: bool = True
 ) -> tuple[np.ndarray, Layers]:
     """Render the person's picture, and the part of each light in it.
 
@@ -271,8 +274,8 @@ def light_groups(
         relight.Subject.
     lights
         One light or more.
-    exr_type, gloss
-        See `relight.render`.
+    exr_type, gloss, layered
+        See `render_subject`.
 
     Returns
     -------
@@ -288,14 +291,16 @@ def light_groups(
     ValueError
         No light, or two of one name.
     """
-    groups, colour = {}, torch.zeros(())
+    groups: Layers = {}
+    colour = coverage = torch.zeros(())
     for name, layer in subject.pixels_per_light(lights, gloss):
         group = torch.from_numpy(_rounded(layer.numpy(), f"C_{name}", exr_type))
-        colour = colour + group[:, :3]
-        groups[f"C_{name}"] = subject.on_plate(group)
-    if not groups:
+        colour, coverage = colour + group[:, :3], layer[:, 3:]  # coverage does not add up
+        if layered:
+            groups[f"C_{name}"] = subject.on_plate(group)
+    if not colour.ndim:
         raise ValueError("lights: expected at least one")
-    return subject.on_plate(torch.cat([colour, layer[:, 3:]], dim=1)), groups  # coverage does not add up
+    return subject.on_plate(torch.cat([colour, coverage], dim=1)), groups
 
 
 def _rounded(values: np.ndarray, name: str, exr_type: str) -> np.ndarray:

@@ -106,6 +106,7 @@ class FrameWriter:
             person, [*shot.lights(number), *shot.background_lights(number, size)],
             background=shot.background(number, size), passes=output.passes,
             exr_type=output.exr_type.value, floor=shot.lighting.floor, gloss=shot.lighting.gloss,
+            layered=any(map(is_exr, output.paths)),
         )  # fmt: skip
         metadata = {**self._delivery.metadata(number), **metadata_of(person, output.passes)}
         for sink in sinks:

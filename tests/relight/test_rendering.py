@@ -131,6 +131,14 @@ def test_a_light_so_dim_that_half_floats_lose_it_is_warned_of(subject):
         render_subject(subject, [dim, *LIGHTS])
 
 
+@pytest.mark.parametrize("background", [None, (0.2, 0.3, 0.4)])
+def test_a_picture_is_the_same_without_its_layers(subject, background):
+    whole, _ = render_subject(subject, LIGHTS, background=background)
+    alone, layers = render_subject(subject, LIGHTS, background=background, layered=False)
+    assert layers == {}
+    np.testing.assert_array_equal(alone, whole)
+
+
 def test_a_frame_without_a_person_has_every_pass():
     nobody = EmptySubject((4, 6))
     assert metadata_of(nobody, ["Z", "P"]) == {}
