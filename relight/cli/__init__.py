@@ -53,7 +53,7 @@ class _OneLineErrors(TyperGroup):
             warnings.formatwarning = before
 
 
-def _one_line(message: Warning | str, *place: Any) -> str:
+def _one_line(message: Warning | str, *place: Any, **line: Any) -> str:
     """Return a warning without the place in the source, which tells a user nothing."""
     return f"relight: warning: {' '.join(str(message).split())}\n"
 
