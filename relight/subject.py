@@ -122,7 +122,7 @@ class Subject:
     Raises
     ------
     TypeError
-        A dtype that is not accepted.
+        A dtype that is not accepted; a matting model that is an array.
     ValueError
         Wrong shapes, NaN or infinite values, values out of range, an unknown device; neither mask
         nor alpha, with `matte=None`.

@@ -68,10 +68,11 @@ def check_inputs(
     """Check the arguments of `relight.Subject`, which documents them and the errors raised."""
     place = inputs.device("device", device) or torch.device("cpu")
     plate = linear_plate(image)
-    if mask is None and matte is not None and (matte != AUTO or is_opaque(plate)):
+    automatic = isinstance(matte, str) and matte == AUTO
+    if mask is None and matte is not None and (not automatic or is_opaque(plate)):
         mask = networks.matte(plate, matte)
         plate = plate[..., :3]
-    elif matte not in (None, AUTO):
+    elif matte is not None and not automatic:
         raise ValueError("matte: expected no mask beside a matting model, which makes one")
     alpha = plate_coverage(plate, mask)
     size = tuple(alpha.shape)

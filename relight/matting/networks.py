@@ -166,6 +166,11 @@ def load(
     sigmoid
         Whether the file lacks the sigmoid that makes a matte of its output.
     """
+    if not isinstance(model, str | os.PathLike):
+        raise TypeError(
+            f"matte: expected 'auto', an .onnx file or the name of a model, got {type(model).__name__}; "
+            "give the matte itself as mask"
+        )
     given: dict[str, Any] = {"size": size, "order": order, "fit": fit}
     given |= {"mean": None if mean is None else tuple(mean), "std": None if std is None else tuple(std)}
     preparation: dict[str, Any] = {name: value for name, value in given.items() if value is not None}

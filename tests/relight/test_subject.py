@@ -239,6 +239,7 @@ IMAGE = image_of(COVERAGE)
         ({"image": IMAGE[..., :3], "matte": None}, ValueError, "mask: the image has no alpha channel"),
         ({"image": np.ones((60, 45, 4)), "matte": None}, ValueError, "the image is opaque everywhere"),
         ({"mask": COVERAGE, "matte": "m.onnx"}, ValueError, "matte: expected no mask beside a matting model"),
+        ({"image": IMAGE[..., :3], "matte": COVERAGE}, TypeError, "give the matte itself as mask"),
         ({"image": IMAGE[..., :3]}, ImportError, "relight fetch person brings them"),
         ({"image": IMAGE * 0}, ValueError, "image's alpha: is empty"),
         ({"image": IMAGE * np.nan}, ValueError, "image: contains NaN or infinite"),
