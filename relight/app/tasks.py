@@ -251,7 +251,7 @@ def still(name: str, mask: str | None, look: Mapping[str, Any], report: Report) 
 
     subject, lighting = _subject(name, mask, report), _lighting(look)
     lights: Any = lighting.rig().lights
-    picture = subject.relit(lights, lighting.gloss)
+    picture = subject.relit(lights, lighting.effective_gloss)
     behind: Any = lighting.background
     if behind is not None:
         pixels = _reduced() if behind == name else images.read(behind) if isinstance(behind, str) else behind
@@ -312,7 +312,7 @@ def save(
     elif suffix == ".glb":
         found = None if mask is None else images.read_mask(mask)
         lights: Any = lighting.rig().lights
-        Subject(images.read(name), found).export(output, lights, gloss=lighting.gloss)
+        Subject(images.read(name), found).export(output, lights, gloss=lighting.effective_gloss)
     else:
         _save_picture(
             source,

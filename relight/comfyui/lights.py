@@ -255,7 +255,7 @@ class Preset:
         known = presets.presets(height)
         if preset not in known:
             raise ValueError(f"preset: expected one of {', '.join(known)}, got {preset!r}")
-        return (*lights, *known[preset]), float(presets.document()[preset].get("gloss", 0))
+        return (*lights, *known[preset]), presets.gloss(preset)
 
 
 def _file(path: str) -> Path:

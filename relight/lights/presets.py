@@ -53,6 +53,12 @@ def named(name: str) -> list[Light]:
     return known[name]
 
 
+def gloss(name: str) -> float:
+    """Return the gloss of a preset, 0 by default. Raises ValueError for another name."""
+    named(name)
+    return float(document()[name].get("gloss", 0))
+
+
 @functools.cache
 def document() -> dict[str, Any]:
     """Return the file: {name: {"title": as it is shown, "lights": entries of a lights file, "gloss"}}."""

@@ -75,7 +75,7 @@ def export_person(
     report = progress or (lambda done, total, what: None)
     path = checked(output, texture, triangles)
     with Shot.open(source, lighting, compute) as shot:
-        lights, gloss, rate = shot.every_light, shot.lighting.gloss, float(shot.rate or RATE)
+        lights, gloss, rate = shot.every_light, shot.lighting.effective_gloss, float(shot.rate or RATE)
         knobs = nuke_script.checked_lights(lights) if is_script(path) else []
         shot.check_not_read([path, *writing.companions(path, texture)])
         numbers = _numbers(path, shot, frames)

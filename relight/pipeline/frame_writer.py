@@ -73,7 +73,7 @@ class FrameWriter:
         """Return a hash of all from which a frame is made. `as_read`: see `Shot.content_hash`."""
         shot, lighting = self._shot, self._shot.lighting
         return content_hash(
-            shot.content_hash(number, as_read), self._output.passes, lighting.floor, lighting.gloss
+            shot.content_hash(number, as_read), self._output.passes, lighting.floor, lighting.effective_gloss
         )
 
     def _check_exists(self, number: int, made: str) -> None:
@@ -105,7 +105,7 @@ class FrameWriter:
         picture, layers = render_subject(
             person, [*shot.lights(number), *shot.background_lights(number, size)],
             background=shot.background(number, size), passes=output.passes,
-            exr_type=output.exr_type.value, floor=shot.lighting.floor, gloss=shot.lighting.gloss,
+            exr_type=output.exr_type.value, floor=shot.lighting.floor, gloss=shot.lighting.effective_gloss,
             layered=any(map(is_exr, output.paths)),
         )  # fmt: skip
         metadata = {**self._delivery.metadata(number), **metadata_of(person, output.passes)}

@@ -139,7 +139,8 @@ class Lighting(Options):
     """The lights of a shot, and what is behind the person.
 
     `lights` are a light, several, the name of a preset, or the path of a lights file; `light` and
-    `environment` add lights, objects or texts as the command line spells them.
+    `environment` add lights, objects or texts as the command line spells them. A preset brings its gloss,
+    unless `gloss` is given.
 
     Examples
     --------
@@ -202,10 +203,9 @@ class Lighting(Options):
         path=True,
     )
     match_mask: Picture | None = option("The matte of the --match photograph.", path=True)
-    gloss: float = option(
+    gloss: float | None = option(
         "Reflection at grazing angles, 0 to 1: a rim on hair, shoulders and arms in light from behind. "
-        "Default: none.",
-        0.0,
+        "Default: that of the preset; otherwise none.",
         text=float,
         min=0,
         max=1,
@@ -238,7 +238,7 @@ class Lighting(Options):
         self._set("light", tuple(texts))
         if isinstance(self.background, str):
             self._set("background", parse_background(self.background))
-        if self.gloss != 0:
+        if self.gloss is not None:
             from relight.analysis.gloss import checked_gloss
 
             self._set("gloss", checked_gloss(self.gloss))
@@ -275,6 +275,15 @@ class Lighting(Options):
         lights = [*rig.lights, *preset, *added]
         lights += [parse(text, EnvironmentLight) for text in self.environment]
         return rig._replace(lights=lights)
+
+    @property
+    def effective_gloss(self) -> float:
+        """The strength of the gloss: the one given, otherwise that of the preset, otherwise 0."""
+        if self.gloss is None and self.preset is not None:
+            from relight.lights import presets
+
+            return presets.gloss(self.preset)
+        return self.gloss or 0.0
 
     def check_any(self) -> None:
         """Raise ValueError if there are no lights, not even matched ones."""

@@ -89,6 +89,6 @@ def write_view(
         title=title,
         command=[ABSOLUTE.sub(r"\1", word) for word in command],
         background_name=name,
-        gloss=lighting.gloss,
+        gloss=lighting.effective_gloss,
     )
     return path

@@ -44,6 +44,8 @@ class Viewer(anywidget.AnyWidget):
         Up to eight `DirectionalLight` and `PointLight`, those that shine. Dragging in the notebook changes
         the list; setting the list moves the lights. Observe it as any trait: `widget.observe(changed,
         "lights")`.
+    gloss
+        Strength of the reflection at grazing angles, in [0, 1], see `Subject.relit`; the slider's, both ways.
     """
 
     _esm = module() + "\nexport default { render };\n"
@@ -54,15 +56,16 @@ class Viewer(anywidget.AnyWidget):
         traitlets.Union([traitlets.Instance(DirectionalLight), traitlets.Instance(PointLight)]),
         maxlen=MAX_LIGHTS,
     ).tag(sync=True, to_json=_to_browser, from_json=_from_browser)
+    gloss = traitlets.Float(min=0, max=1).tag(sync=True)
 
     def __init__(
-        self, packed: bytes, scene: Mapping[str, Any], relit: Callable[[list[Light]], np.ndarray]
+        self, packed: bytes, scene: Mapping[str, Any], relit: Callable[[list[Light], float], np.ndarray]
     ) -> None:
         """`packed`, `scene`: see `packing` and `scene` in this package. `relit`: relights the person."""
         self._relit = relit
         first = _from_browser(scene["lights"], self)
-        super().__init__(pack=packed, scene=dict(scene), lights=first)
+        super().__init__(pack=packed, scene=dict(scene), lights=first, gloss=scene["gloss"])
 
     def snapshot(self, further: Light | Iterable[Light] = ()) -> np.ndarray:
-        """Relight the person by the widget's lights and by `further` ones; see `Subject.relit`."""
-        return self._relit([*self.lights, *as_rig(further)])
+        """Relight the person by the widget's lights and gloss and by `further` lights, see `Subject`."""
+        return self._relit([*self.lights, *as_rig(further)], self.gloss)

@@ -59,7 +59,7 @@ function merged(lights, active, given) {
   return [...lights.flatMap((light) => (active.includes(light) ? next.splice(0, 1) : [light])), ...next];
 }
 
-/** The widget of a notebook (anywidget): its lights are those that shine, in Python and here. */
+/** The widget of a notebook (anywidget): its lights are those that shine, in Python and here; so is its gloss. */
 export async function render({ model, el }) {
   const root = h("div", { class: "relight embedded" });
   el.append(root);
@@ -75,11 +75,16 @@ export async function render({ model, el }) {
     let told = JSON.stringify(plain(viewer.state));
     viewer.listeners.add((state) => {
       const lights = plain(state);
-      if (JSON.stringify(lights) === told) return;
-      told = JSON.stringify(lights);
-      model.set("lights", lights);
+      const same = JSON.stringify(lights) === told;
+      if (same && state.gloss === model.get("gloss")) return;
+      if (!same) {
+        told = JSON.stringify(lights);
+        model.set("lights", lights);
+      }
+      model.set("gloss", state.gloss);
       model.save_changes();
     });
+    model.on("change:gloss", () => viewer.change((state) => (state.gloss = model.get("gloss"))));
     model.on("change:lights", () => {
       const lights = model.get("lights").map((light) => checkedLight(light));
       if (JSON.stringify(lights.map(asInPython)) === told) return;

@@ -50,6 +50,18 @@ def test_json_carries_options_unchanged(name):
         from_json(GROUPS[name], {"speed": 3})
 
 
+def test_a_preset_brings_its_gloss():
+    brought = relight.presets()
+    assert Lighting("rim").effective_gloss == Lighting(preset="rim").effective_gloss > 0
+    assert Lighting("rim", gloss=0).effective_gloss == 0
+    assert Lighting("rim", gloss=0.25).effective_gloss == 0.25
+    assert Lighting(brought["rim"]).effective_gloss == 0  # lights alone
+    assert from_json(Lighting, to_json(Lighting("rim", gloss=0))).effective_gloss == 0
+    assert "gloss" not in to_json(Lighting("rim"))
+    with pytest.raises(ValueError, match="expected lights, or a preset"):
+        _ = Lighting(preset="rimm").effective_gloss
+
+
 def test_json_names_what_it_cannot_hold():
     with pytest.raises(
         TypeError, match="plate: expected a path or a number, which JSON can hold, got ndarray"

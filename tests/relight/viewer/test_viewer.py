@@ -197,14 +197,16 @@ def test_the_widget_s_module_draws_with_a_model_of_a_notebook(browser, viewed, t
     packed = pack(viewed.record, viewed.matte, viewed.albedo)
     stub = f"""
         const bytes = fromBase64("{base64.b64encode(packed).decode()}");
-        const listeners = [], scene = {json.dumps(scene)};
-        const values = {{ scene, pack: new DataView(bytes.buffer), lights: [] }};
+        const scene = {json.dumps(scene)};
+        const values = {{ scene, pack: new DataView(bytes.buffer), lights: [], gloss: 0 }};
+        const heard = {{}};
         window.model = {{
             get: (key) => values[key],
             set: (key, value) => (values[key] = value),
-            save_changes: () => (window.saved = values.lights),
-            on: (name, listener) => listeners.push(listener),
-            give: (lights) => {{ values.lights = lights; listeners.forEach((listener) => listener()); }},
+            save_changes: () => Object.assign(window, {{ saved: values.lights, glossy: values.gloss }}),
+            on: (name, listener) => (heard[name] = listener),
+            give: (lights) => {{ values.lights = lights; heard["change:lights"](); }},
+            polish: (gloss) => {{ values.gloss = gloss; heard["change:gloss"](); }},
         }};
         await render({{ model: window.model, el: document.body }});
         window.relight = {{}};
@@ -236,5 +238,12 @@ def test_the_widget_s_module_draws_with_a_model_of_a_notebook(browser, viewed, t
     browsing.press(page, "Shift+ArrowRight")
     sent = page.evaluate("saved")
     assert all(round(light["azimuth"], 4) == light["azimuth"] for light in sent)
+    slider = page.get_by_role("slider", name="Gloss")
+    page.evaluate("model.polish(0.4)")
+    browsing.settled(page)
+    assert slider.input_value() == "0.4"
+    slider.fill("0.7")
+    browsing.settled(page)
+    assert page.evaluate("glossy") == 0.7
     assert not page.complaints
     page.context.close()

@@ -52,6 +52,16 @@ def test_lights_that_the_widget_cannot_show_are_refused(subject):
     assert np.isfinite(widget.snapshot()).all()
 
 
+def test_gloss_goes_to_the_browser_and_back(subject):
+    rim = relight.DirectionalLight(azimuth=150, elevation=30, name="rim")
+    widget = subject.view(None, rim, gloss=0.4)
+    assert widget.get_state(["gloss"])["gloss"] == 0.4
+    widget.set_state({"gloss": 1.0})  # as the slider does
+    assert np.array_equal(widget.snapshot(), subject.relit(rim, gloss=1))
+    with pytest.raises(ValueError, match="gloss"):
+        subject.view(None, rim, gloss=2)
+
+
 def test_a_lamp_goes_to_the_browser_and_back(subject):
     lamp = relight.PointLight((-1, 0.5, 1), radius=0.1, name="lamp")
     widget = subject.view(None, lamp)
