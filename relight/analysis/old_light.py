@@ -34,6 +34,7 @@ MAX_COLOUR, MAX_SATURATION = 1.5, 0.5
 MIN_EXPLAINED = 0.15  # share of the differences in colour that the light explains; neutral lights reach 0.14
 MIN_PAIRS = 500
 DARKEST = 0.06  # display-encoded: darker pixels have no reliable colour
+SATURATED = (1.5, 3.0)  # log of the largest channel over the smallest: trust falls from 1 to 0
 NEARLY_CLIPPED = 0.98  # relative to the brightest pixel, display-encoded
 FLOOR = 1e-4  # linear
 
@@ -70,6 +71,7 @@ class OldLight(NamedTuple):
         colour = colour - torch.tensor(self.middle).view(2, 1, 1)
         seen = _chromaticity(albedo) - colour
         colour = colour + seen * (1 - (self.saturation * (level / self.middle_level).log()).exp())
+        colour = colour * _trust(albedo)
         tint = torch.stack([colour[0], torch.zeros_like(level), colour[1]]).exp()
         return tint * (_luminance(albedo / tint) / _luminance(albedo))
 
@@ -90,7 +92,7 @@ class OldLight(NamedTuple):
         level = light.mean(dim=0).clamp_min(1e-12)
         brightest = photograph.amax(dim=0)
         clipped = brightest > NEARLY_CLIPPED * brightest[known].max()
-        reliable = known & ~clipped & (photograph.amin(dim=0) > DARKEST)
+        reliable = known & ~clipped & (photograph.amin(dim=0) > DARKEST) & (_trust(albedo) > 0.5)
         pairs = _pairs(_luminance(albedo)[0].log().numpy(), reliable.numpy())
         if len(pairs[0]) < MIN_PAIRS:
             return cls()
@@ -170,6 +172,16 @@ def _chromaticity(colours: torch.Tensor) -> torch.Tensor:
     """Return log R/G and log B/G (2, h, w) of linear colours (3, h, w)."""
     logs = colours.clamp_min(FLOOR).log()
     return logs[::2] - logs[1:2]
+
+
+def _trust(albedo: torch.Tensor) -> torch.Tensor:
+    """Return how far colours (3, h, w) show that of the light: (h, w) in [0, 1].
+
+    Cameras cut saturated colours to their gamut, so that the small channels show neither cloth nor light.
+    """
+    spread = (albedo.amax(dim=0).clamp_min(FLOOR) / albedo.amin(dim=0).clamp_min(FLOOR)).log()
+    low, high = SATURATED
+    return ((high - spread) / (high - low)).clamp(0, 1)
 
 
 def _luminance(colours: torch.Tensor) -> torch.Tensor:

@@ -86,3 +86,19 @@ def test_a_few_pixels_change_nothing(pixels):
     if not pixels:  # all of them too dark
         few, encoded = known, encoded * 0
     assert OldLight.fit(encoded, light, albedo, normals, few) == OldLight()
+
+
+def test_saturated_cloth_neither_tells_the_light_nor_is_changed_by_it():
+    """A camera cuts saturated colours to its gamut, and what is left of the small channels is no colour."""
+    seen, _ = canvas()
+    encoded, light, albedo, normals, known = seen
+    before = OldLight.fit(*seen)
+    cloth = torch.arange(known.shape[1]) % 4 < 2
+    shadow = light.mean(dim=0) < light.mean()
+    albedo = albedo.clone()
+    albedo[:, :, cloth] = torch.tensor([0.5, 0.02, 0.02]).view(3, 1, 1)
+    albedo[2] = torch.where(cloth & shadow, 0.01, albedo[2])  # bluer in the sun
+    encoded = torch.where(cloth, encoded.clamp_min(0.1), encoded)
+    found = OldLight.fit(encoded, light, albedo, normals, known)
+    assert found.ambient == pytest.approx(before.ambient, abs=0.03)
+    assert (found.tint(light, albedo, normals)[:, :, cloth] == 1).all()
