@@ -14,7 +14,7 @@ from typer.main import get_command
 import relight
 import shading
 import shadow
-from relight.cli import app
+from relight.cli.commands import app
 from relight.media.movies import Movie
 
 README = (ROOT / "README.md").read_text()

@@ -8,6 +8,7 @@ from typing import Annotated
 
 import typer
 
+from relight.cli import INTERRUPTED
 from relight.cli.options import (
     Frames,
     OptionsFile,
@@ -43,5 +44,5 @@ def analyse(
             problems = analyse_shot(source, output, compute=compute, frames=frames, progress=report)
         except KeyboardInterrupt as interruption:
             console.print("interrupted; the same command continues")
-            raise typer.Exit(130) from interruption
+            raise typer.Exit(INTERRUPTED) from interruption
     report_failures(problems, [output])

@@ -8,6 +8,7 @@ from typing import Annotated, Any
 
 import typer
 
+from relight.cli import INTERRUPTED
 from relight.cli.options import (
     Frames,
     OptionsFile,
@@ -70,6 +71,6 @@ def apply(
             )  # fmt: skip
         except KeyboardInterrupt as interruption:
             console.print("interrupted; the same command with --resume continues")
-            raise typer.Exit(130) from interruption
+            raise typer.Exit(INTERRUPTED) from interruption
     matte = [] if output.save_matte is None else [output.save_matte]
     report_failures(problems, [*output.paths, *matte])

@@ -13,7 +13,7 @@ import relight
 from helpers import hostile
 from helpers.damage import small_canvas
 from helpers.invariants import require, require_finite, require_usable
-from relight.cli import app
+from relight.cli.commands import app
 from relight.media.movies import Movie, is_movie
 
 ODD = [word for word in hostile.WORDS if "\x00" not in word and "\ud800" not in word]

@@ -19,7 +19,7 @@ from typer.testing import CliRunner
 
 import relight
 from helpers import ROOT
-from relight.cli import app
+from relight.cli.commands import app
 from relight.media.movies import write_movie
 
 DOCUMENTS = [ROOT / "README.md", *sorted((ROOT / "docs").glob("*.md"))]

@@ -7,7 +7,7 @@ from typer.testing import CliRunner
 
 import relight
 from relight import light_estimation
-from relight.cli import app
+from relight.cli.commands import app
 from relight.light_estimation import WINDOW_RADIUS, PlateLight
 from relight.media.sequences import FrameSequence, SequenceReader, Still
 

@@ -9,7 +9,7 @@ from typer.testing import CliRunner
 
 import relight
 from relight.analysis.gloss import ROUGHNESS, reflectance
-from relight.cli import app
+from relight.cli.commands import app
 
 SKY = np.zeros((16, 32, 3), np.float32)
 SKY[3:6, [2, 9, 29]] = (2, 3, 5), (9, 1, 1), (1, 1, 4)

@@ -27,7 +27,7 @@ from PIL import Image
 from typer.testing import CliRunner
 
 import relight
-from relight.cli import app as command_line
+from relight.cli.commands import app as command_line
 from shadow.data.records import Records
 
 pytestmark = [pytest.mark.slow, browsing.NEEDS_CHROMIUM]

@@ -9,7 +9,7 @@ from helpers import damage
 from typer.testing import CliRunner
 
 import relight
-from relight.cli import app
+from relight.cli.commands import app
 
 LIGHT = ["--light", "key:azimuth=-40,elevation=30"]
 

@@ -8,7 +8,7 @@ import pytest
 from typer.testing import CliRunner
 
 import relight
-from relight.cli import app
+from relight.cli.commands import app
 from relight.cli.training import Model
 from relight.compositing.placement import place
 from relight.media.movies import Movie
@@ -323,7 +323,7 @@ def test_video_reports_broken_frames(tmp_path):
 
 
 def test_help_does_not_load_the_networks():
-    program = "import sys, relight.cli; sys.exit(any(m in sys.modules for m in ('torch', 'colour')))"
+    program = "import sys, relight.cli.commands; sys.exit(any(m in sys.modules for m in ('torch', 'colour')))"
     assert subprocess.run([sys.executable, "-c", program], check=False).returncode == 0
     result = run("--help")
     assert result.exit_code == 0

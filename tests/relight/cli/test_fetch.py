@@ -5,7 +5,7 @@ import zipfile
 
 from typer.testing import CliRunner
 
-from relight.cli import app
+from relight.cli.commands import app
 from relight.matting import person_files
 
 

@@ -8,7 +8,7 @@ from typer.main import get_command
 from typer.testing import CliRunner
 
 import relight
-from relight.cli import app
+from relight.cli.commands import app
 from relight.cli.help import EXAMPLES, SHOT, STAGE, TRAIN
 from relight.lights.parameters import parameters
 

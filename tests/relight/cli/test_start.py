@@ -10,7 +10,12 @@ import relight
 
 SLOW_TO_LOAD = {"colour", "kornia", "matplotlib", "numba", "onnxruntime", "scipy.optimize", "scipy.sparse"}
 LOADED_BY_COLOUR = {"matplotlib", "scipy.optimize", "scipy.sparse"}  # colour-science itself imports these
-RUN = "import sys; from relight.cli import app; app(sys.argv[1:], standalone_mode=False); print(*sys.modules)"
+RUN = """
+import sys
+from relight.cli.commands import app
+app(sys.argv[1:], standalone_mode=False)
+print(*sys.modules)
+"""
 
 
 @pytest.fixture

@@ -8,7 +8,7 @@ import tomllib
 import pytest
 from typer.testing import CliRunner
 
-from relight.cli import app
+from relight.cli.commands import app
 from relight.comfyui import NODE_CLASS_MAPPINGS
 from relight.comfyui.install import install
 

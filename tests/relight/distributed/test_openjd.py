@@ -14,7 +14,7 @@ from openjd.model import decode_job_template
 from typer.testing import CliRunner
 
 import relight
-from relight.cli import app
+from relight.cli.commands import app
 
 LIGHTS = ["--light", "key:azimuth=-40,elevation=30", "--light", "rim:azimuth=150,orbit=20"]
 OUTPUTS = ["relit.%04d.exr", "relit.nk", "relit.mov"]

@@ -12,7 +12,7 @@ from typer.testing import CliRunner
 
 import relight
 from relight.analysis.infer import check_inputs
-from relight.cli import app
+from relight.cli.commands import app
 from relight.errors import EmptyMatteError, MissingNetworksError
 from relight.matting import person
 from relight.media import colour

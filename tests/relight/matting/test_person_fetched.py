@@ -10,7 +10,7 @@ from skimage import data
 from typer.testing import CliRunner
 
 import relight
-from relight.cli import app
+from relight.cli.commands import app
 from relight.matting import person
 
 pytestmark = pytest.mark.slow

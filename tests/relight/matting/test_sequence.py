@@ -7,7 +7,7 @@ from typer.testing import CliRunner
 
 import relight
 from relight import Source
-from relight.cli import app
+from relight.cli.commands import app
 from relight.pipeline.shot import Shot
 
 OPTIONS = "mean=0/0/0,std=1/1/1"

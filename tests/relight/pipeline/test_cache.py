@@ -20,7 +20,7 @@ from safetensors.numpy import save_file
 
 import relight
 from relight.analysis import storage
-from relight.cli import app
+from relight.cli.commands import app
 from relight.media.content_hash import FileRecord
 from relight.pipeline import cache, persons
 from relight.pipeline.cache import AnalysisCache

@@ -6,7 +6,7 @@ from helpers import ROOT, nuke_scripts
 from typer.testing import CliRunner
 
 import relight
-from relight.cli import app
+from relight.cli.commands import app
 from relight.pipeline.options import Source
 
 pxr = pytest.importorskip("pxr")

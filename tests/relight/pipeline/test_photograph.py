@@ -14,7 +14,7 @@ pytest.importorskip("pymatting")
 onnx = pytest.importorskip("onnx")
 
 import relight
-from relight.cli import app
+from relight.cli.commands import app
 from relight.media import colour
 
 TURNED = Image.Exif()

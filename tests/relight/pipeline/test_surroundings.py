@@ -4,7 +4,6 @@ import os
 import signal
 import subprocess
 import sys
-import time
 from functools import partial
 
 import numpy as np
@@ -108,14 +107,20 @@ def frames(output):
 
 
 @pytest.mark.skipif(sys.platform == "win32", reason="has no SIGINT for other processes")
-def test_an_interruption_while_libraries_load_leaves_nothing(figure):
+@pytest.mark.parametrize("loaded", ["typer.core", "numpy"])
+def test_an_interruption_while_modules_load_is_one_line_and_leaves_nothing(figure, loaded):
     environment = {**os.environ, "PYTHONPATH": str(ROOT)}
-    words = [*COMMAND, "figure.png", "--light", "azimuth=-40", "-o", "out.exr"]
+    command = [sys.executable, "-X", "importtime", *COMMAND[1:]]  # names each module that it has loaded
+    words = [*command, "figure.png", "--light", "azimuth=-40", "-o", "out.exr"]
     # A shell's background jobs ignore the signal, and their children inherit that.
     heed = partial(signal.signal, signal.SIGINT, signal.SIG_DFL)
-    quiet = {"stderr": subprocess.DEVNULL, "preexec_fn": heed}
+    quiet = {"stderr": subprocess.PIPE, "text": True, "preexec_fn": heed}
     with subprocess.Popen(words, cwd=figure, env=environment, **quiet) as job:
-        time.sleep(0.5)
+        while not (line := job.stderr.readline()).endswith(f" {loaded}\n"):
+            assert line, job.wait()
         job.send_signal(signal.SIGINT)
-        assert job.wait(120) != 0
+        said = job.communicate(timeout=120)[1]
+    assert job.returncode in (130, -signal.SIGINT)  # both are 130 in a shell
+    assert "Traceback" not in said
+    assert [line for line in said.splitlines() if "import time" not in line] == ["relight: interrupted"]
     assert [path.name for path in figure.iterdir()] == ["figure.png"]

@@ -9,7 +9,7 @@ import pytest
 from typer.testing import CliRunner
 
 import relight
-from relight.cli import app
+from relight.cli.commands import app
 from relight.media.colour import temperature
 from relight.viewer.packing import pack
 from relight.viewer.page import module, page

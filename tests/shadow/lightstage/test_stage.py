@@ -280,7 +280,7 @@ def test_bounce_light_is_recorded_on_request():
 def test_other_machines_render_the_same_and_resume(mesh_file, tmp_path):
     """Records are named by what they show, so a run that stopped here goes on by the workers of a cluster."""
     distributed = pytest.importorskip("distributed")
-    from relight.cli import app
+    from relight.cli.commands import app
 
     words = ["--scan", str(mesh_file), "--views", "3", "--size", "48"]
     here, there = tmp_path / "here", tmp_path / "there"

@@ -10,7 +10,7 @@ helper = pytest.importorskip("onnx").helper
 
 import relight
 import shadow
-from relight.cli import app
+from relight.cli.commands import app
 from shadow import normals
 
 

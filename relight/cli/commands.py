@@ -1,0 +1,85 @@
+"""All commands under one name, `relight`."""
+
+import warnings
+from typing import Annotated, Any
+
+import typer
+from typer.core import TyperGroup
+
+from relight import __version__
+from relight.cli import INTERRUPTED
+from relight.cli.analyse import analyse
+from relight.cli.app import app as app_command
+from relight.cli.apply import apply
+from relight.cli.comfyui import comfyui
+from relight.cli.evaluation import evaluate
+from relight.cli.export import export
+from relight.cli.fetch import fetch
+from relight.cli.help import EXAMPLES
+from relight.cli.job import job
+from relight.cli.olat import olat
+from relight.cli.stage import stage
+from relight.cli.training import shrink, train
+from relight.cli.view import view
+
+EXTRAS = {  # of modules that only some commands need
+    "anny": "stage", "embreex": "stage", "mitsuba": "stage", "numba": "stage", "trimesh": "stage",
+    "kornia": "train", "matplotlib": "train",
+}  # fmt: skip
+
+
+class _OneLineErrors(TyperGroup):
+    """Bad input is one line and exit code 2, a warning one line. Anything else is a bug with its trace."""
+
+    def invoke(self, ctx: Any) -> Any:
+        before = warnings.formatwarning
+        warnings.formatwarning = _one_line
+        try:
+            return super().invoke(ctx)
+        except (ImportError, OSError, TypeError, ValueError) as error:
+            message = " ".join(str(error).split())
+            if isinstance(error, ModuleNotFoundError) and (extra := EXTRAS.get(error.name or "")):
+                from shadow.installing import install_command  # with torch, which --help does without
+
+                message = f"needs {error.name}; install it with: {install_command(extra)}"
+            typer.echo(f"relight: {message}", err=True)
+            raise typer.Exit(2) from error
+        except MemoryError as error:
+            typer.echo(f"relight: not enough memory: {error}", err=True)
+            raise typer.Exit(2) from error
+        except KeyboardInterrupt as interruption:
+            typer.echo("relight: interrupted", err=True)
+            raise typer.Exit(INTERRUPTED) from interruption
+        finally:
+            warnings.formatwarning = before
+
+
+def _one_line(message: Warning | str, *place: Any, **line: Any) -> str:
+    """Return a warning without the place in the source, which tells a user nothing."""
+    return f"relight: warning: {' '.join(str(message).split())}\n"
+
+
+app = typer.Typer(cls=_OneLineErrors, no_args_is_help=True, pretty_exceptions_enable=False)
+
+
+def _version(asked: bool) -> None:
+    if asked:
+        typer.echo(f"relight {__version__}")
+        raise typer.Exit
+
+
+@app.callback()
+def main(
+    version: Annotated[
+        bool, typer.Option("--version", callback=_version, is_eager=True, help="Print the version.")
+    ] = False,
+) -> None:
+    """Relight a photographed person, light by light, in scene-linear colour."""
+
+
+app.command("video", epilog=EXAMPLES["apply"], help="The same as `relight apply`.")(apply)
+for command in (apply, job, view, analyse, export, olat, comfyui, stage, train, shrink):
+    app.command(epilog=EXAMPLES.get(command.__name__))(command)
+app.command("app")(app_command)
+app.add_typer(fetch, name="fetch")
+app.add_typer(evaluate, name="evaluate")
