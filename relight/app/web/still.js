@@ -1,6 +1,7 @@
 // The picture where the browser has no WebGL 2: the server makes it of each state, a moment later.
 // It stands in for the viewer's Engine, so that handles, panel, keys and presets work as they do with it.
 
+import { Latest } from "./latest.js";
 import { post } from "./requests.js";
 
 const PAUSE = 80; // milliseconds after a change before a picture is asked for
@@ -9,9 +10,18 @@ export class StillEngine {
   /** `look()`: what the server makes the picture of; `fail(error)`: says what went wrong. */
   constructor(viewer, photograph, look, fail) {
     this.viewer = viewer;
-    this.photograph = photograph;
     this.look = look;
-    this.fail = fail;
+    const make = async (text) => {
+      viewer.root.classList.add("waiting");
+      try {
+        const response = await post(`photographs/${photograph.id}/still`, JSON.parse(text));
+        this.picture = await createImageBitmap(await response.blob());
+        viewer.drawSoon();
+      } finally {
+        viewer.root.classList.remove("waiting");
+      }
+    };
+    this.latest = new Latest(PAUSE, make, fail);
     this.canvas = viewer.stage.replaceCanvas(); // one that was tried with WebGL 2 gives no other context
     [this.canvas.width, this.canvas.height] = viewer.pack.description.size;
     this.looks = ["picture", "photograph"];
@@ -45,35 +55,7 @@ export class StillEngine {
     context.clearRect(left, 0, across, height);
     if (image) context.drawImage(image, 0, 0, width, height);
     context.restore();
-    if (look !== "photograph") this.askSoon();
-  }
-
-  askSoon() {
-    const wanted = JSON.stringify(this.look());
-    if (wanted === this.wanted) return;
-    this.wanted = wanted;
-    clearTimeout(this.waiting);
-    this.waiting = setTimeout(() => this.ask(), PAUSE);
-  }
-
-  /** Asks for the picture; while one is made, only the last state waits. */
-  async ask() {
-    if (this.asking) return;
-    this.asking = true;
-    this.viewer.root.classList.add("waiting");
-    try {
-      while (this.made !== this.wanted) {
-        this.made = this.wanted;
-        const response = await post(`photographs/${this.photograph.id}/still`, JSON.parse(this.made));
-        this.picture = await createImageBitmap(await response.blob());
-        this.viewer.drawSoon();
-      }
-    } catch (error) {
-      this.fail(error);
-    } finally {
-      this.asking = false;
-      this.viewer.root.classList.remove("waiting");
-    }
+    if (look !== "photograph") this.latest.want(JSON.stringify(this.look()));
   }
 
   /** What is shown, as {width, height, data}: encoded RGBA bytes with straight alpha, top row first. */
@@ -84,7 +66,6 @@ export class StillEngine {
 
   /** Ends what is on its way. */
   close() {
-    clearTimeout(this.waiting);
-    this.wanted = this.made;
+    this.latest.close();
   }
 }

@@ -31,8 +31,8 @@ from relight.cli.commands import app as command_line
 from shadow.data.records import Records
 
 pytestmark = [pytest.mark.slow, browsing.NEEDS_CHROMIUM]
-SETTLED = """(({ engine }) => engine.picture && !engine.asking && engine.made === engine.wanted)(
-    relightApp.parts.light.viewer)"""
+SETTLED = """(({ picture, latest }) => picture && !latest.asking && latest.made === latest.wanted)(
+    relightApp.parts.light.viewer.engine)"""
 
 COVERED = """(({ greys }) => { // the share of the photograph that the matte covers
     const context = new OffscreenCanvas(greys.width, greys.height).getContext("2d");
