@@ -1,6 +1,8 @@
 """A run that is killed, and resumed, ends as if nobody had killed it; benchmarks/kill.py kills more."""
 
 import os
+import signal
+import subprocess
 import sys
 
 import pytest
@@ -20,6 +22,50 @@ class Slow(FlatSubject):
 make(sys.argv[1], Slow)
 """
 
+# What is written last goes to the file and takes its time there, until somebody ends the process.
+CLOSING = """
+import sys, time
+from pathlib import Path
+from contextlib import contextmanager
+from shadow import files
+whole = files.replacing
+@contextmanager
+def slowly(path):
+    with whole(path) as beside:
+        yield beside
+        if Path(path).name == sys.argv[2]:
+            print("written", flush=True)
+            time.sleep(300)
+files.replacing = slowly
+"""
+MAKE = """
+from helpers.rising import make
+from helpers.standins import FlatSubject
+make(sys.argv[1], FlatSubject)
+"""
+ANALYSE = """
+import relight.analysis.storage as storage
+storage.replacing = slowly
+from helpers import shots
+from helpers.clothed import clothed
+from helpers.damage import small_canvas
+plate, matte = clothed(seed=1)
+with small_canvas():
+    shots.analyse(plate, sys.argv[1], mask=matte)
+"""
+EXPORT = """
+import relight.scene.gltf as gltf
+gltf.replacing = slowly
+import relight
+from helpers.clothed import clothed
+from helpers.damage import small_canvas
+plate, matte = clothed(seed=1)
+with small_canvas():
+    relight.Subject(plate, matte).export(sys.argv[1])
+"""
+ENVIRONMENT = os.environ | {"PYTHONPATH": str(ROOT / "tests")}
+ENDED_BY = ["SIGKILL", "SIGTERM"]
+
 
 @pytest.mark.parametrize(("name", "files"), [("r.%02d.exr", 2), ("r.mp4", 4)])
 def test_killed_and_resumed(tmp_path, name, files):
@@ -28,8 +74,52 @@ def test_killed_and_resumed(tmp_path, name, files):
         path.mkdir()
     make(whole / name, FlatSubject)
     program = [sys.executable, "-c", SLOWLY, str(folder / name)]
-    environment = os.environ | {"PYTHONPATH": str(ROOT / "tests")}
-    assert kill(program, folder, files, 0.02, cwd=ROOT, env=environment)
+    assert kill(program, folder, files, 0.02, cwd=ROOT, env=ENVIRONMENT)
     assert files <= len(finished(folder)) < 10
     make(folder / name, FlatSubject)
     assert differences(folder, whole) == []
+
+
+def end_at_the_close(program, output, last, ended_by):
+    """Start a program, and end it by a signal once the content of the file `last` is written, unnamed."""
+    command = [sys.executable, "-c", CLOSING + program, str(output), last]
+    with subprocess.Popen(command, cwd=ROOT, env=ENVIRONMENT, stdout=subprocess.PIPE, text=True) as process:
+        try:
+            assert "written\n" in process.stdout
+        finally:
+            process.send_signal(getattr(signal, ended_by))
+        assert process.wait(60) == -getattr(signal, ended_by)
+
+
+@pytest.mark.skipif(sys.platform != "linux", reason="has no files without a name")
+@pytest.mark.parametrize("ended_by", ENDED_BY)
+@pytest.mark.parametrize(
+    ("name", "last", "kept"),
+    [("r.%02d.exr", "r.10.exr", 9), ("r.mp4", "r.mp4", 10)],
+)
+def test_ended_as_the_last_file_closes_and_resumed(tmp_path, name, last, kept, ended_by):
+    whole, folder = tmp_path / "whole", tmp_path / "ended"
+    for path in (whole, folder):
+        path.mkdir()
+    make(whole / name, FlatSubject)
+    end_at_the_close(MAKE, folder / name, last, ended_by)
+    assert not (folder / last).exists()
+    assert len([path for path in folder.rglob("*") if path.is_file()]) == kept
+    make(folder / name, FlatSubject)
+    assert differences(folder, whole) == []
+
+
+@pytest.mark.skipif(sys.platform != "linux", reason="has no files without a name")
+@pytest.mark.parametrize("ended_by", ENDED_BY)
+@pytest.mark.parametrize(
+    ("program", "name", "last"),
+    [(ANALYSE, "s.relight", "still.safetensors"), (EXPORT, "person.glb", "person.glb")],
+    ids=["analyse", "export"],
+)
+def test_ended_as_an_analysis_or_a_mesh_closes(tmp_path, program, name, last, ended_by):
+    before = b"of an earlier run"
+    if name == last:
+        (tmp_path / name).write_bytes(before)
+    end_at_the_close(program, tmp_path / name, last, ended_by)
+    left = {path.name: path.read_bytes() for path in tmp_path.rglob("*") if path.is_file()}
+    assert left == ({name: before} if name == last else {})
