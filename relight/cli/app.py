@@ -9,6 +9,7 @@ from typing import Annotated, Any
 
 import typer
 
+from relight.cli import INTERRUPTED
 from relight.cli.options import console
 
 
@@ -38,4 +39,7 @@ def app(
 
     opened: list[Callable[[str], Any]] = [typer.echo] if no_browser else [typer.echo, typer.launch]
     console.print("The application listens on this machine alone. Stop it by Ctrl C.")
-    serve(root, port, opened)
+    try:
+        serve(root, port, opened)
+    except KeyboardInterrupt as end:  # as the line above says
+        raise typer.Exit(INTERRUPTED) from end
