@@ -608,8 +608,8 @@ class Subject:
         right, y up, z to the camera; zero outside the matte."""
         height, width = self.size
         rows, columns = torch.meshgrid(torch.arange(height), torch.arange(width), indexing="ij")
-        place = self.camera.positions(columns + 0.5, rows + 0.5, torch.tensor(self.depth))
-        return _read_only(place.permute(1, 2, 0).numpy() * (self.matte > 0)[..., None])
+        positions = self.camera.positions(columns + 0.5, rows + 0.5, torch.tensor(self.depth))
+        return _read_only(positions.permute(1, 2, 0).numpy() * (self.matte > 0)[..., None])
 
     def visibility(self, directions: np.ndarray) -> np.ndarray:
         """Compute self-shadow maps for light directions.

@@ -26,12 +26,12 @@ async def json_of(request: Request) -> dict[str, Any]:
         if len(body) > BODY_BYTES:
             raise Refused("The request is too large.", 413)
     try:
-        found = json.loads(body or b"{}")
+        parsed = json.loads(body or b"{}")
     except (ValueError, RecursionError) as error:
         raise Refused("expected JSON", 400) from error
-    if not isinstance(found, dict):
+    if not isinstance(parsed, dict):
         raise Refused("expected a JSON object", 400)
-    return found
+    return parsed
 
 
 def notes_of(found: dict[str, Any]) -> dict[str, str]:

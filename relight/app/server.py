@@ -153,8 +153,8 @@ class Server:
     async def outline(self, request: Request) -> Response:
         photograph, drawn = self._of(request), await json_of(request)
         work = self.worker.run("outline_of", photograph.folder, {"drawn": drawn}, brief=True)
-        found = await while_connected(request, work)
-        return Response(found["png"], media_type="image/png", headers=notes_of(found))
+        answer = await while_connected(request, work)
+        return Response(answer["png"], media_type="image/png", headers=notes_of(answer))
 
     async def model(self, request: Request) -> Response:
         photograph, asked = self._of(request), await json_of(request)
@@ -167,8 +167,8 @@ class Server:
             if name not in {model["name"] for model in _models()}:
                 raise Refused("This model is not offered here.", 404)
         work = self.worker.run("matte_by_model", photograph.folder, {"model": name})
-        found = await while_connected(request, work)
-        return Response(found["png"], media_type="image/png", headers=notes_of(found))
+        answer = await while_connected(request, work)
+        return Response(answer["png"], media_type="image/png", headers=notes_of(answer))
 
     async def matte(self, request: Request) -> Response:
         photograph = self._of(request)
@@ -176,8 +176,8 @@ class Server:
         try:
             await self.session.receive(request.stream(), path)
             name = self.session.lend(identity, photograph)
-            found = await self.worker.run("load_matte", photograph.folder, {"name": name}, brief=True)
-            return Response(found["png"], media_type="image/png", headers=notes_of(found))
+            answer = await self.worker.run("load_matte", photograph.folder, {"name": name}, brief=True)
+            return Response(answer["png"], media_type="image/png", headers=notes_of(answer))
         finally:
             self.session.remove_file(identity)
 
@@ -191,8 +191,8 @@ class Server:
         photograph = self._of(request)
 
         async def work(report: Report) -> dict[str, Any]:
-            found: dict[str, Any] = await self.worker.run("find_person", photograph.folder, {}, report)
-            return found
+            answer: dict[str, Any] = await self.worker.run("find_person", photograph.folder, {}, report)
+            return answer
 
         return streamed(work)
 
@@ -214,11 +214,11 @@ class Server:
 
         async def work(report: Report) -> dict[str, Any]:
             arguments = {"name": photograph.name, "mask": mask, "drawn": drawn}
-            found = await self.worker.run("analyse", photograph.folder, arguments, report)
-            photograph.mask, photograph.scene = mask, found["scene"]
+            answer = await self.worker.run("analyse", photograph.folder, arguments, report)
+            photograph.mask, photograph.scene = mask, answer["scene"]
             if mask is not None:
                 photograph.outputs.add(mask)
-            return {"photograph": photograph.to_json(), "notes": found["notes"]}
+            return {"photograph": photograph.to_json(), "notes": answer["notes"]}
 
         return streamed(work)
 
@@ -247,12 +247,12 @@ class Server:
         return JSONResponse(await self._background(identity, self.session.file(identity)))
 
     async def _environment(self, identity: str, path: Path) -> dict[str, Any]:
-        found = await self.worker.run("environment", path.parent, {"name": path.name}, brief=True)
-        return {"file": identity, "path": found["path"], "lamps": found["lamps"]}
+        answer = await self.worker.run("environment", path.parent, {"name": path.name}, brief=True)
+        return {"file": identity, "path": answer["path"], "lamps": answer["lamps"]}
 
     async def _background(self, identity: str, path: Path) -> dict[str, Any]:
-        found = await self.worker.run("background", path.parent, {"name": path.name}, brief=True)
-        return {"file": identity, "name": found["name"], "data": found["data"]}
+        answer = await self.worker.run("background", path.parent, {"name": path.name}, brief=True)
+        return {"file": identity, "name": answer["name"], "data": answer["data"]}
 
     async def _other(
         self,
@@ -273,16 +273,16 @@ class Server:
         photograph = self._analysed(request)
         look = self._look(await json_of(request), photograph)
         arguments = {"name": photograph.name, "mask": photograph.mask, "look": look}
-        found = await self.worker.run("still", photograph.folder, arguments, brief=True)
-        return Response(found["png"], media_type="image/png")
+        answer = await self.worker.run("still", photograph.folder, arguments, brief=True)
+        return Response(answer["png"], media_type="image/png")
 
     async def floor(self, request: Request) -> Response:
         photograph = self._analysed(request)
         look = self._look(await json_of(request), photograph)
         arguments = {"name": photograph.name, "mask": photograph.mask, "look": look}
         work = self.worker.run("floor_shadow", photograph.folder, arguments, brief=True)
-        found = await while_connected(request, work)
-        return Response(found["png"], media_type="image/png")
+        answer = await while_connected(request, work)
+        return Response(answer["png"], media_type="image/png")
 
     # --- files
 
@@ -300,9 +300,9 @@ class Server:
                 "name": photograph.name, "mask": photograph.mask, "look": look, "output": output,
                 "passes": passes,
             }  # fmt: skip
-            found = await self.worker.run("save", photograph.folder, arguments, report)
+            answer = await self.worker.run("save", photograph.folder, arguments, report)
             photograph.outputs.add(output)
-            return {"file": output, "notes": found["notes"]}
+            return {"file": output, "notes": answer["notes"]}
 
         return streamed(work)
 

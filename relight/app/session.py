@@ -109,20 +109,20 @@ class Session:
 
     def photograph(self, identity: str) -> Photograph:
         """Return a photograph; raises Refused if there is none of that id."""
-        found = self.photographs.get(identity)
-        if found is None:
+        photograph = self.photographs.get(identity)
+        if photograph is None:
             raise Refused("This photograph is no longer here: drop it again.", 404)
-        return found
+        return photograph
 
     def new_photograph(self, name: str) -> Photograph:
         """Make room for a photograph's file; raises Refused for another kind of file, or one too many."""
         if len(self.photographs) >= PHOTOGRAPHS:
             raise Refused(f"{PHOTOGRAPHS} photographs are open, the most that fit: remove some first.", 409)
-        found = Photograph(secrets.token_hex(8), checked_name(name, PICTURES), self.folder)
-        found.folder = self.folder / "photographs" / found.id
-        found.folder.mkdir(parents=True)
-        self.photographs[found.id] = found
-        return found
+        photograph = Photograph(secrets.token_hex(8), checked_name(name, PICTURES), self.folder)
+        photograph.folder = self.folder / "photographs" / photograph.id
+        photograph.folder.mkdir(parents=True)
+        self.photographs[photograph.id] = photograph
+        return photograph
 
     def remove(self, photograph: Photograph) -> None:
         """Remove a photograph and all that was made of it; the last one can be brought back."""
@@ -131,12 +131,12 @@ class Session:
 
     def bring_back(self, identity: str) -> Photograph:
         """Bring back the photograph that was removed last; raises Refused for another one."""
-        found = self._removed
-        if found is None or found.id != identity:
+        photograph = self._removed
+        if photograph is None or photograph.id != identity:
             raise Refused("This photograph is no longer here: drop it again.", 404)
         self._removed = None
-        self.photographs[found.id] = found
-        return found
+        self.photographs[photograph.id] = photograph
+        return photograph
 
     def empty_bin(self) -> None:
         """Delete what was removed last."""
@@ -192,14 +192,14 @@ class Session:
         """Yield the pictures that may be chosen, relative to the root."""
         if self.root is None:
             return
-        found = 0
+        count = 0
         for folder, folders, names in os.walk(self.root):
             folders[:] = sorted(name for name in folders if not name.startswith("."))
             for name in sorted(names):
                 if Path(name).suffix.lower() in PICTURES and not name.startswith("."):
                     yield str((Path(folder) / name).relative_to(self.root))
-                    found += 1
-                    if found == LISTED:
+                    count += 1
+                    if count == LISTED:
                         return
 
     def copy_from_root(self, relative: str) -> Photograph:

@@ -153,9 +153,9 @@ def matte_by_model(model: str, report: Report) -> dict[str, Any]:
     matting = MattingOptions.parse(model)
     if matting is None or matting.model is None:
         raise ValueError("model: expected an ONNX file, or the name of a model")
-    found = networks.matte(reduced, matting.model, **matting.options)
-    _keep_matte(found)
-    return {"png": _png(found)}
+    matte = networks.matte(reduced, matting.model, **matting.options)
+    _keep_matte(matte)
+    return {"png": _png(matte)}
 
 
 def load_matte(name: str, report: Report) -> dict[str, Any]:
@@ -168,9 +168,9 @@ def load_matte(name: str, report: Report) -> dict[str, Any]:
             f"got {loaded.shape[1]} x {loaded.shape[0]}"
         )
     _save_array(LOADED, loaded)
-    found = _resized(loaded[..., None].astype(np.float32), size)[..., 0].clip(0, 1)
-    _keep_matte(found)
-    return {"png": _png(found)}
+    matte = _resized(loaded[..., None].astype(np.float32), size)[..., 0].clip(0, 1)
+    _keep_matte(matte)
+    return {"png": _png(matte)}
 
 
 def _save_array(name: str, array: np.ndarray) -> None:
@@ -191,22 +191,22 @@ def analyse(name: str, mask: str | None, drawn: Mapping[str, Any] | None, report
     The matte's file, `mask`, is written at full resolution when it is needed: see `full_matte`.
     """
     reduced = _reduced()
-    found = None
+    matte = None
     if mask is not None and drawn is not None:
         compiling.wait(report)
         report("Refining the edge")
         as_it_is = _is_file(drawn)
-        kept = _solved(drawn) if as_it_is else outline.refine(reduced[..., :3], _solved(drawn))
+        unshifted = _solved(drawn) if as_it_is else outline.refine(reduced[..., :3], _solved(drawn))
         shift, feather = _edge(drawn)
-        found = _shifted(kept, shift, feather)
+        matte = _shifted(unshifted, shift, feather)
     report("Analysing the person")
-    subject = Subject(reduced, found)
+    subject = Subject(reduced, matte)
     report("Preparing the light")
     packed = pack(subject.record, subject.matte, subject.albedo, compression=1)
     with replacing(PACK) as beside:
         beside.write_bytes(packed)
-    if mask is not None and found is not None:  # until here, what was accepted before is kept
-        _save_array(MATTE, kept)
+    if mask is not None and matte is not None:  # until here, what was accepted before is kept
+        _save_array(MATTE, unshifted)
         Path(EDGE).write_text(json.dumps({"shift": shift, "feather": feather, "file": as_it_is}))
         Path(mask).unlink(missing_ok=True)
     scene = scene_of(subject.size, title=name, command=_command(name, mask))
@@ -220,11 +220,11 @@ def full_matte(name: str, mask: str, report: Report) -> dict[str, Any]:
         compiling.wait(report)
         report("Refining the edge", 0.0)
         edge, pixels = json.loads(Path(EDGE).read_text()), images.read(name)
-        found = np.load(LOADED if edge["file"] else MATTE).astype(np.float32)
-        if found.shape != pixels.shape[:2]:
-            found = _resized(found[..., None], pixels.shape[:2])[..., 0].clip(0, 1)
-            found = found if edge["file"] else outline.refine(pixels, found)
-        images.write_mask(mask, _shifted(found, edge["shift"], edge["feather"]))
+        matte = np.load(LOADED if edge["file"] else MATTE).astype(np.float32)
+        if matte.shape != pixels.shape[:2]:
+            matte = _resized(matte[..., None], pixels.shape[:2])[..., 0].clip(0, 1)
+            matte = matte if edge["file"] else outline.refine(pixels, matte)
+        images.write_mask(mask, _shifted(matte, edge["shift"], edge["feather"]))
     return {"file": mask}
 
 
@@ -232,8 +232,8 @@ def environment(name: str, report: Report) -> dict[str, Any]:
     """Return an environment map as the page's program takes it."""
     _check_size(Path(name))
     light = EnvironmentLight(name)
-    found = scene_of((1, 1), light)["environment"]
-    return {"path": name, "lamps": found["lamps"]}
+    entry = scene_of((1, 1), light)["environment"]
+    return {"path": name, "lamps": entry["lamps"]}
 
 
 def background(name: str, report: Report) -> dict[str, Any]:
@@ -280,11 +280,11 @@ def _subject(name: str, mask: str | None, report: Report) -> Subject:
     subject = _subjects.get(_key(name))
     if subject is None:
         report("Analysing the person")
-        found = None
+        matte = None
         if mask is not None:
             edge = json.loads(Path(EDGE).read_text())
-            found = _shifted(np.load(MATTE).astype(np.float32), edge["shift"], edge["feather"])
-        subject = Subject(_reduced(), found)
+            matte = _shifted(np.load(MATTE).astype(np.float32), edge["shift"], edge["feather"])
+        subject = Subject(_reduced(), matte)
         _keep(name, subject)
     return subject
 
@@ -310,9 +310,9 @@ def save(
             warnings.warn("The page does not show the shadow on the floor.", stacklevel=2)
         write_view(output, source, lighting, command=_command(name, mask))
     elif suffix == ".glb":
-        found = None if mask is None else images.read_mask(mask)
+        matte = None if mask is None else images.read_mask(mask)
         lights: Any = lighting.rig().lights
-        Subject(images.read(name), found).export(output, lights, gloss=lighting.effective_gloss)
+        Subject(images.read(name), matte).export(output, lights, gloss=lighting.effective_gloss)
     else:
         _save_picture(
             source,
@@ -428,8 +428,8 @@ def _meant(drawn: Mapping[str, Any], reduced: np.ndarray) -> np.ndarray:
     scale = np.array([width, height], float)
 
     def places(points: Any) -> np.ndarray:
-        found = np.reshape(np.asarray(points, float), (-1, 2))
-        return found.clip(-4, 5) * scale
+        relative = np.reshape(np.asarray(points, float), (-1, 2))
+        return relative.clip(-4, 5) * scale
 
     strokes = [
         outline.Stroke(bool(stroke["person"]), places(stroke["points"]), float(stroke["radius"]) * width)
@@ -463,8 +463,8 @@ def _keep(name: str, subject: Subject) -> None:
 def _resized(image: np.ndarray, size: tuple[int, int]) -> np.ndarray:
     """Return an image (h, w, C), float32, in another size (H, W), by a triangle filter."""
     planes = torch.from_numpy(image).permute(2, 0, 1)[None]
-    found = torch.nn.functional.interpolate(planes, size, mode="bilinear", antialias=True)
-    return found[0].permute(1, 2, 0).contiguous().numpy()
+    resized = torch.nn.functional.interpolate(planes, size, mode="bilinear", antialias=True)
+    return resized[0].permute(1, 2, 0).contiguous().numpy()
 
 
 def _reduced() -> np.ndarray:

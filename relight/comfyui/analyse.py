@@ -107,7 +107,7 @@ class Analyse:
             raise ValueError(f"image: expected as many images as there are masks or maps, {count}")
 
         frames = list(range(len(plates))) if batch == SHOT and len(plates) > 1 else None
-        found = SequenceMatting(
+        matting = SequenceMatting(
             MattingOptions(AUTO), lambda number: tensors.light("image", plates[number]), frames
         )
 
@@ -117,7 +117,7 @@ class Analyse:
                 name: maps[number if len(maps) > 1 else 0] for name, maps in given.items()
             }
             if "mask" not in maps and is_opaque(plate):
-                plate = found.cut(number, None)
+                plate = matting.cut(number, None)
             coverage = maps.get("mask", plate[..., -1])
             if len(plates) > 1 and coverage.max() <= 0.5:
                 return EmptySubject(plate.shape[:2])

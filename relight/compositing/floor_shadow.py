@@ -100,9 +100,9 @@ class FloorShadow(NamedTuple):
         """Return the shadow of each light and of all, see `relight.Subject.shadows`."""
         shadows, full, blocked = {}, torch.zeros(3), torch.zeros(*self.camera.size, 3)
         for name, light in lights.items():
-            unblocked, kept = self.irradiance(_samples(light, self.camera))
-            shadows[name] = _ratio(unblocked, kept)
-            full, blocked = full + unblocked, blocked + kept
+            unblocked, lost = self.irradiance(_samples(light, self.camera))
+            shadows[name] = _ratio(unblocked, lost)
+            full, blocked = full + unblocked, blocked + lost
         return shadows, _ratio(full, blocked)
 
     def irradiance(self, samples: list[LightSample]) -> tuple[torch.Tensor, torch.Tensor]:

@@ -114,8 +114,8 @@ class CasterSilhouette:
         size = torch.tensor([self.image.shape[-1], self.image.shape[-2]])
         # The position of a cell is the centre of its pixel.
         grid = ((seen - self._low) / self._cell * 2 + 1) / size - 1
-        found = F.grid_sample(self.image, grid[None], padding_mode="zeros", align_corners=False)[0, 0]
-        return found if front is None else found * front
+        blocked = F.grid_sample(self.image, grid[None], padding_mode="zeros", align_corners=False)[0, 0]
+        return blocked if front is None else blocked * front
 
 
 def thickness(edge: np.ndarray) -> np.ndarray:

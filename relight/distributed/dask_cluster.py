@@ -171,10 +171,10 @@ class _Run:
         """Submit a chunk to a worker; after a failure, to another worker if there is one."""
         avoid = self._avoid[frames[0]]
         others = [address for address in self._workers() if address not in avoid]
-        place = {"workers": others, "allow_other_workers": True} if avoid and others else {}
+        preference = {"workers": others, "allow_other_workers": True} if avoid and others else {}
         resume = self._resume or bool(avoid)
         made_with = (__version__, *weights())
-        return self._client.submit(_make, self._options, frames, resume, made_with, pure=False, **place)
+        return self._client.submit(_make, self._options, frames, resume, made_with, pure=False, **preference)
 
     def _failures(self, future: Any, frames: FrameRange) -> dict[int, str]:
         """Return {frame number: error} of a finished chunk."""
@@ -198,10 +198,10 @@ class _Run:
     def _workers(self) -> dict[str, int]:
         """{address: tasks at a time} of the workers that there are."""
         try:
-            found = self._client.scheduler_info(n_workers=-1)["workers"]
+            workers = self._client.scheduler_info(n_workers=-1)["workers"]
         except (OSError, KeyError) as error:
             raise self._gone() from error
-        return {address: about["nthreads"] for address, about in found.items()}
+        return {address: about["nthreads"] for address, about in workers.items()}
 
     def _gone(self) -> ConnectionError:
         why = "the scheduler went away; the frames that are there stay (--resume)"

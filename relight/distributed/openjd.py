@@ -107,8 +107,8 @@ def write_job(
         lighting = replace(lighting, camera=None, subject_at=None, allow_external=False)
     lighting = replace(lighting, lights=lights_path, light=(), environment=())
     job, plate = _Job(path, numbers, chunk, compute), shot.source.plate
-    kept = Path(str(plate) if shot.is_analysed else analysis or _analysis_beside(path, plate))
-    _add_steps(job, shot, _stated(shot), lighting, output, kept)
+    cache = Path(str(plate) if shot.is_analysed else analysis or _analysis_beside(path, plate))
+    _add_steps(job, shot, _stated(shot), lighting, output, cache)
     job.write()
 
 
@@ -128,13 +128,13 @@ def _add_steps(
     """Add the steps of a job. `kept`: folder of the analysis."""
     threads = ["--threads", "{{Param.Threads}}"]
     compute = Compute(device=shot.compute.device)
-    place = job.path("Analysis", kept, "IN" if shot.is_analysed else "INOUT", "DIRECTORY")
+    analysis = job.path("Analysis", kept, "IN" if shot.is_analysed else "INOUT", "DIRECTORY")
     if not shot.is_analysed:
         plate = job.path("Plate", Path(str(source.plate)), "IN")
-        words = ["analyse", plate, "-o", place, *job.files(source, "plate")]
+        words = ["analyse", plate, "-o", analysis, *job.files(source, "plate")]
         words += ["--precision", "{{Param.Precision}}", *threads]
         job.step("Analyse", words, {"source": source, "compute": compute}, chunked=not shot.is_still)
-    words = ["apply", place, *job.files(lighting)]
+    words = ["apply", analysis, *job.files(lighting)]
     for number, path in enumerate(output.paths):
         words += ["-o", job.path(f"Output{number or ''}", path, "OUT")]
     words += [*job.files(output, "paths"), *threads]
@@ -257,13 +257,13 @@ def _analysis_beside(path: Path, plate: object) -> Path:
 def _without_files(options: Options) -> dict[str, Any]:
     """Return options as JSON without files that are parameters of the job; other paths become absolute."""
     written = isinstance(options, Output)
-    kept = {
+    names = {
         each.name
         for each in fields(options)  # type: ignore[arg-type]
         if each.name not in ("plate", "paths")
         and not (each.metadata["path"] and _is_file(getattr(options, each.name), written))
     }
-    return {name: value for name, value in to_json(options.absolute()).items() if name in kept}
+    return {name: value for name, value in to_json(options.absolute()).items() if name in names}
 
 
 def _is_file(value: object, written: bool) -> bool:

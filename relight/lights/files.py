@@ -220,12 +220,12 @@ def _plain(value: Any) -> Any:
 
 def _unique(pairs: list[tuple[Any, Any]]) -> dict[Any, Any]:
     """Return a JSON object as a dictionary; raises ValueError for a repeated key."""
-    found: dict[Any, Any] = {}
+    members: dict[Any, Any] = {}
     for key, value in pairs:
-        if key in found:
+        if key in members:
             raise ValueError(f"{reprlib.repr(key)} is there twice")
-        found[key] = value
-    return found
+        members[key] = value
+    return members
 
 
 class _Loader(yaml.SafeLoader):

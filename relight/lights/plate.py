@@ -106,8 +106,8 @@ def _at(image: np.ndarray, across: np.ndarray, down: np.ndarray) -> np.ndarray:
     """Sample an image (rows, columns, 3) at positions in [-1, 1], across (columns,), down (rows, columns)."""
     grid = np.float32(np.stack([np.broadcast_to(across, down.shape), down], axis=-1))
     source = torch.from_numpy(np.ascontiguousarray(image.transpose(2, 0, 1)))[None]
-    found = F.grid_sample(source, torch.from_numpy(grid)[None], padding_mode="border", align_corners=False)
-    return found[0].permute(1, 2, 0).numpy()
+    sampled = F.grid_sample(source, torch.from_numpy(grid)[None], padding_mode="border", align_corners=False)
+    return sampled[0].permute(1, 2, 0).numpy()
 
 
 def _blurred(image: np.ndarray) -> np.ndarray:

@@ -154,10 +154,10 @@ def linear_space(space: str) -> tuple[str, Encoding]:
     Raises ValueError for a space that is not linear, or of which no chromaticities are known here.
     """
     known = _linear_spaces()
-    found = known.get(resolve(space))
-    if found is None:
+    linear = known.get(resolve(space))
+    if linear is None:
         raise ValueError(f"colour_space: expected a linear one, {', '.join(known)}; got {space!r}")
-    return found
+    return linear
 
 
 def is_linear(space: str) -> bool:

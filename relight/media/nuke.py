@@ -63,7 +63,7 @@ def write_script(
     path = Path(path)
     if not groups:
         raise ValueError("groups: expected at least one")
-    names = check_layers(held for _, held in groups.values() if held is not None).values()
+    names = check_layers(layer_name for _, layer_name in groups.values() if layer_name is not None).values()
     blocks = [root(size, frames, rate, pixel_aspect)]
     blocks += [layer(name, ("red", "green", "blue", "alpha")) for name in names]
     reads: dict[AnyPath, str] = {}
@@ -72,8 +72,8 @@ def write_script(
     if live is not None:
         blocks += [layer(name, "XYZ") for name in ("N", "P")]
         blocks += [layer("albedo", ("red", "green", "blue")), *sources(live, size, pixel_aspect)]
-    for column, (name, (file, held)) in enumerate(groups.items()):
-        place: dict[str, object] = {"xpos": column * STEP}
+    for column, (name, (file, layer_name)) in enumerate(groups.items()):
+        position: dict[str, object] = {"xpos": column * STEP}
         word = word_of(name)
         while word in words:  # two nodes need two names
             word += "_"
@@ -83,19 +83,19 @@ def write_script(
         else:
             reads[file] = f"N{len(reads) + 1}"
             relative = Path(os.path.relpath(file, path.parent)).as_posix()
-            knobs = span(frames) | {"name": f"Read{len(reads)}"} | read_from(path) | place
+            knobs = span(frames) | {"name": f"Read{len(reads)}"} | read_from(path) | position
             blocks.append(node("Read", inputs=0, file=literal(relative), **knobs, ypos=-120))
             blocks.append(f"set {reads[file]} [stack 0]")
-        if held is not None:
-            knobs = {"in": word_of(held), "out": "rgb", "name": f"Shuffle_{word}"} | place
+        if layer_name is not None:
+            knobs = {"in": word_of(layer_name), "out": "rgb", "name": f"Shuffle_{word}"} | position
             blocks.append(node("Shuffle", **knobs, ypos=0))
-        knobs = {"channels": "rgb", "value": 1, "name": f"Multiply_{word}", "label": literal(name)} | place
+        knobs = {"channels": "rgb", "value": 1, "name": f"Multiply_{word}", "label": literal(name)} | position
         blocks.append(node("Multiply", **knobs, ypos=80))
         if column:
-            knobs = {"operation": "plus", "Achannels": "rgb", "Bchannels": "rgb", "output": "rgb"} | place
+            knobs = {"operation": "plus", "Achannels": "rgb", "Bchannels": "rgb", "output": "rgb"} | position
             blocks.append(node("Merge2", inputs=2, **knobs, name=f"Plus_{word}", ypos=160))
-        if live is not None and held is not None and name == lit[-1]:
-            blocks += switch(word_of(held), column * STEP)
+        if live is not None and layer_name is not None and name == lit[-1]:
+            blocks += switch(word_of(layer_name), column * STEP)
     with replacing(path) as beside:
         beside.write_text("\n".join(blocks) + "\n", encoding="utf-8")
 

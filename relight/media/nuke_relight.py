@@ -28,8 +28,8 @@ def sources(live: LiveLight, size: tuple[int, ...], pixel_aspect: float) -> list
     scale = FILM_WIDTH / (size[1] * pixel_aspect)  # millimetres for each height of a pixel
     film = {"haperture": f"{FILM_WIDTH:g}", "vaperture": f"{scale * size[0]:.9g}"}
     focal = f"{scale * live.focal:.9g}"
-    place = {"name": "Camera", "xpos": -330, "ypos": 160}
-    camera = node("Camera2", inputs=0, translate=_vector(live.eye), focal=focal, **film, **place)
+    knobs = {"name": "Camera", "xpos": -330, "ypos": 160}
+    camera = node("Camera2", inputs=0, translate=_vector(live.eye), focal=focal, **film, **knobs)
     light = node("Light2", inputs=0, translate=_vector(LIGHT), name="Light", xpos=-220, ypos=160)
     return [camera, light]
 

@@ -224,5 +224,7 @@ class SequenceReader:
 
         `sha256`: of the file as it was read; unless given, as it is.
         """
-        held = file_state(self.sequence.path(number)) if sha256 is None else sha256
-        return content_hash(held) if self.sequence.layer is None else content_hash(held, self.sequence.layer)
+        state = file_state(self.sequence.path(number)) if sha256 is None else sha256
+        return (
+            content_hash(state) if self.sequence.layer is None else content_hash(state, self.sequence.layer)
+        )

@@ -142,14 +142,14 @@ class AnalysisCache:
             except (OSError, ValueError):  # that frame is reported when it is its turn
                 continue
             try:
-                found = None if stated is None else kind(stated)
-                if found is not None and not 0 < found < math.inf:
+                value = None if stated is None else kind(stated)
+                if value is not None and not 0 < value < math.inf:
                     raise ValueError("it is not positive")
             except (ArithmeticError, TypeError, ValueError) as error:
                 raise DamagedFileError(
                     f"{path}: is damaged: its {name} is {stated!r:.40}: {error}"
                 ) from error
-            return found
+            return value
         return None
 
     def file(self, number: int) -> Path:

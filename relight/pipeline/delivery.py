@@ -42,9 +42,9 @@ class Delivery:
 
     def metadata(self, number: int) -> images.Metadata:
         """Return what the header of an .exr states of a plate's scene and camera."""
-        found = self._plate_metadata(number)
-        self._timecode = found.timecode
-        return found.header
+        metadata = self._plate_metadata(number)
+        self._timecode = metadata.timecode
+        return metadata.header
 
     def warn_of_timecode(self, path: object, metadata: images.Metadata) -> None:
         """Warn, once, if the plate of the last `metadata` has a timecode that the header of an .exr lacks."""

@@ -80,7 +80,7 @@ def with_background(source: Source, lighting: Lighting, output: Output) -> Light
 
 def check_not_read(paths: Iterable[Path], sources: Iterable[object]) -> None:
     """Refuse to write what is read: ValueError that names the path. `sources` as for `check_outputs`."""
-    read = [found for source in sources if (found := _path(source)) is not None]
+    read = [source_path for source in sources if (source_path := _path(source)) is not None]
     for path in paths:
         if any(_same(place, source) for place in _places(path) for source in read):
             raise ValueError(f"{path}: is read as well, and would be overwritten")

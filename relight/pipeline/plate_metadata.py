@@ -48,10 +48,10 @@ class PlateMetadata:
 
         Values that are longer than `LONGEST` characters, and arrays of bytes, are left out.
         """
-        kept = {name: [each.kind, each.value] for name, each in self.header.items() if _is_kept(each.value)}
+        header = {name: [each.kind, each.value] for name, each in self.header.items() if _is_kept(each.value)}
         return {
             "version": VERSION,
-            "header": kept,
+            "header": header,
             "timecode": self.timecode,
             "tags": {name: text for name, text in self.tags.items() if len(text) <= LONGEST},
             "sound": None if self.sound is None else relative_path(self.sound, folder),

@@ -235,9 +235,11 @@ class Shot:
         if self._sees_lights:
             skies = [light for light in self.lights(number) if isinstance(light, EnvironmentLight)]
             return np.sum([sky.view(size, field_of_view) for sky in skies], axis=0)
-        found: Any = self._log.read(self._backgrounds, number)
-        found = found.at(number) if isinstance(found, MovingLight) else found
-        return found.view(size, field_of_view) if isinstance(found, EnvironmentLight) else found
+        background: Any = self._log.read(self._backgrounds, number)
+        background = background.at(number) if isinstance(background, MovingLight) else background
+        return (
+            background.view(size, field_of_view) if isinstance(background, EnvironmentLight) else background
+        )
 
     def background_lights(self, number: int, size: tuple[int, ...]) -> list[EnvironmentLight]:
         """Return the light of a frame's background, for a `size` (H, W), if the plate is matched."""

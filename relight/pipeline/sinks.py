@@ -223,7 +223,7 @@ class ScriptSink:
         files = [path for path in files if path.exists()]
         size = images.read_size(files[0])
         cameras = (images.read_camera(path) for path in files) if self.live else iter(())
-        live = next((LiveLight(*found) for found in cameras if found is not None), None)
+        live = next((LiveLight(*camera) for camera in cameras if camera is not None), None)
         frames = (numbers[0], numbers[-1]) if self.moving else None
         groups = {name: (str(file), layer) for name, (file, layer) in self.groups.items()}
         nuke.write_script(
@@ -250,8 +250,8 @@ class MovieSink:
         return self.complete or images.read_content_hash(self.frames.path(number)) == content_hash(made)
 
     def exists(self, number: int) -> bool:
-        held = self.frames.path(number).exists()
-        return held or (self.path.exists() and not self.frames.folder.exists())
+        has_frame = self.frames.path(number).exists()
+        return has_frame or (self.path.exists() and not self.frames.folder.exists())
 
     def write(
         self, number: int, picture: np.ndarray, layers: Layers, made: str, metadata: images.Metadata
@@ -271,9 +271,9 @@ class MovieSink:
                 f"{self.path}: frame {others[0]} is not there as this run made it; "
                 "does another run write the same movie?"
             )
-        held, comment = self._held(numbers, report), None if problems else self._hash(made)
+        pictures, comment = self._held(numbers, report), None if problems else self._hash(made)
         movies.write_movie(
-            self.path, held, rate=self.delivery.rate, comment=comment, **self.display,
+            self.path, pictures, rate=self.delivery.rate, comment=comment, **self.display,
             pixel_aspect=self.delivery.pixel_aspect, tracks=self.delivery.tracks(numbers, self.path),
         )  # fmt: skip
         if not problems:

@@ -50,10 +50,10 @@ def checked(path: AnyPath, texture: str, triangles: int) -> Path:
     mesh.check_triangles(triangles)
     if texture not in TEXTURES:
         raise ValueError(f"texture: expected {' or '.join(TEXTURES)}, got {texture!r}")
-    found = files.check_writable(path, SUFFIXES)
-    if is_script(found) and (triangles, texture) != (mesh.TRIANGLES, TEXTURES[0]):
-        raise ValueError(f"{found}: holds no mesh; leave out triangles and texture")
-    return found
+    file = files.check_writable(path, SUFFIXES)
+    if is_script(file) and (triangles, texture) != (mesh.TRIANGLES, TEXTURES[0]):
+        raise ValueError(f"{file}: holds no mesh; leave out triangles and texture")
+    return file
 
 
 def companion(path: Path, content: str, frame: str | None = None) -> Path:

@@ -11,8 +11,8 @@ SUN_ANGLE = 2.0  # angular diameter of a sun for each degree of a DistantLight's
 
 def exported_gltf(generator: Any) -> bool:
     """Return whether the `generator` of a glTF file is an exporter of Blender that has lighting modes."""
-    found = re.match(r"Khronos glTF Blender I/O v(\d+)\.(\d+)", str(generator))
-    return found is not None and tuple(map(int, found.groups())) >= FIRST_MODES
+    match = re.match(r"Khronos glTF Blender I/O v(\d+)\.(\d+)", str(generator))
+    return match is not None and tuple(map(int, match.groups())) >= FIRST_MODES
 
 
 def authored(attribute: Any) -> bool:

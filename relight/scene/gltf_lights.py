@@ -110,7 +110,7 @@ def write_lights(path: AnyPath, lights: Iterable[Light | MovingLight]) -> None:
 
 def punctual_lights(lights: Iterable[Light | MovingLight]) -> tuple[list[dict[str, Any]], list[Light]]:
     """Return glTF's description of each light that it can express, and those lights; warn of the others."""
-    found: list[dict[str, Any]] = []
+    entries: list[dict[str, Any]] = []
     ours: list[Light] = []
     for number, given in enumerate(lights, 1):
         light = given
@@ -148,9 +148,9 @@ def punctual_lights(lights: Iterable[Light | MovingLight]) -> tuple[list[dict[st
                 warnings.warn(f"{name}: glTF's lights have no size; it is written as a point", stacklevel=3)
         else:
             raise TypeError(f"lights: expected lights, e.g. DirectionalLight, got {type(light).__name__}")
-        found.append(entry)
+        entries.append(entry)
         ours.append(light)
-    return found, ours
+    return entries, ours
 
 
 def place_nodes(entries: list[dict[str, Any]], lights: list[Light]) -> list[dict[str, Any]]:
@@ -230,9 +230,9 @@ def _nodes(path: Path, tree: dict[str, Any]) -> Iterable[Node]:
             if not np.isfinite(world).all():
                 raise ValueError(f"{path}: node {index}: has a transform that is not finite")
             shown = _get(node, "extensions", VISIBILITY, "visible", default=True) is not False
-            found = Node(node, world, above.visible and shown, (*above.line, index))
-            yield found
-            stack += [(child, found) for child in reversed(node.get("children", []))]
+            placed = Node(node, world, above.visible and shown, (*above.line, index))
+            yield placed
+            stack += [(child, placed) for child in reversed(node.get("children", []))]
     except (AttributeError, IndexError, KeyError, TypeError) as error:
         raise ValueError(f"{path}: is damaged: its nodes do not form a tree") from error
     except (ArithmeticError, ValueError) as error:
@@ -281,10 +281,10 @@ def _camera(path: Path, nodes: list[Node], name: str | None) -> Node | None:
     cameras = [node for node in nodes if "camera" in node.description]
     names = ", ".join(str(node.description.get("name")) for node in cameras[:20]) or "none"
     if name is not None:
-        found = _named(cameras, name)
-        if found is None:
+        camera = _named(cameras, name)
+        if camera is None:
             raise ValueError(f"{path}: has no camera {name}; its cameras are {names}")
-        return found
+        return camera
     if len(cameras) > 1:
         raise ValueError(f"{path}: has several cameras; expected one of {names} (--camera)")
     return cameras[0] if cameras else None

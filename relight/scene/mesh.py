@@ -284,8 +284,8 @@ def _front(grid: _Grid) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     farthest = depths.max(axis=1, keepdims=True)
     near = depths < farthest - JUMP
     away = np.where(near, 0, depths).sum(axis=1) / (~near).sum(axis=1)
-    cells, place = np.nonzero(near)
-    beneath = corners[cells, place]
+    cells, corner = np.nonzero(near)
+    beneath = corners[cells, corner]
     sums = np.bincount(beneath, away[cells], len(own))
     counts = np.bincount(beneath, minlength=len(own))
     second = np.divide(sums, counts, out=np.zeros(len(own)), where=counts > 0)

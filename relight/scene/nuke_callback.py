@@ -85,9 +85,9 @@ def where(group: Any, light: int, frame: float) -> tuple[float, ...]:
     axis = group.input(light)
     toward = direction(azimuth, elevation)
     if axis is not None:
-        place = [axis["world_matrix"].getValueAt(frame, index) for index in PLACE]
-        length = math.sqrt(sum(value * value for value in place))
-        toward = (place[0] / length, place[1] / length, place[2] / length) if length else (0.0, 0.0, 1.0)
+        point = [axis["world_matrix"].getValueAt(frame, index) for index in PLACE]
+        length = math.sqrt(sum(value * value for value in point))
+        toward = (point[0] / length, point[1] / length, point[2] / length) if length else (0.0, 0.0, 1.0)
     return (*toward, softness)
 
 

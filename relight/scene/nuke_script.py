@@ -190,13 +190,13 @@ def _inside(basis: Basis, lights: Sequence[DirectionalLight]) -> list[str]:
 def _light(number: int, light: DirectionalLight, basis: Basis) -> list[str]:
     """Return the nodes of a light: its matrices, the lit albedo with its gloss, and its colour."""
     toward = samples(direction(light.azimuth, light.elevation), light.angle)
-    place: dict[str, object] = {"xpos": COLUMN * number}
+    position: dict[str, object] = {"xpos": COLUMN * number}
     blocks = []
     for row, (name, values) in enumerate(
         zip(("facing", "toward", *LAYERS), matrices(basis.tables, toward), strict=True)
     ):
         rows = " ".join("{" + " ".join(f"{v:.7g}" for v in values[3 * i : 3 * i + 3]) + "}" for i in range(3))
-        knobs = {"channels": name, "matrix": f"{{{rows}}}", "name": f"light{number}_{row}"} | place
+        knobs = {"channels": name, "matrix": f"{{{rows}}}", "name": f"light{number}_{row}"} | position
         blocks.append(node("ColorMatrix", **knobs, ypos=ROW * row))
     below = ROW * (len(LAYERS) + 2)
     shading: dict[str, object] = {}
@@ -208,11 +208,11 @@ def _light(number: int, light: DirectionalLight, basis: Basis) -> list[str]:
         f"expr{index}": f'"((sample0+sample1+sample2)*{channel}+parent.gloss*gloss*a)/3"'
         for index, channel in enumerate("rgb")
     }
-    blocks.append(node("Expression", **shading, **lit, name=f"Shading{number}", **place, ypos=below))
+    blocks.append(node("Expression", **shading, **lit, name=f"Shading{number}", **position, ypos=below))
     knob = f"parent.light{number}_"
     strength = f"pow(2,{knob}exposure)*2/(1+cos(radians({knob}softness)/2))"
     power = " ".join(f"{{{knob}colour.{channel}*{strength}}}" for channel in "rgb")
-    knobs = {"channels": "rgb", "value": f"{{{power} 1}}", "name": f"Colour{number}"} | place
+    knobs = {"channels": "rgb", "value": f"{{{power} 1}}", "name": f"Colour{number}"} | position
     return [*blocks, node("Multiply", **knobs, ypos=below + ROW)]
 
 

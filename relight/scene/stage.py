@@ -96,10 +96,10 @@ def _check_layers(path: Path, layer: Any, folder: Path, allow_external: bool) ->
                     f"{path}: has the absolute path {asset}; expected one relative to the stage, or allow "
                     "external files (--allow-external)"
                 )
-            found = layer.ComputeAbsolutePath(asset)
+            resolved = layer.ComputeAbsolutePath(asset)
             if not allow_external:
-                check_inside(path, found, asset)
-            below = Sdf.Layer.FindOrOpen(found)
+                check_inside(path, resolved, asset)
+            below = Sdf.Layer.FindOrOpen(resolved)
             if below is None:
                 raise FileNotFoundError(f"{path}: draws in {asset}, which is missing or no USD file")
             follow(below, (*above, layer.identifier))

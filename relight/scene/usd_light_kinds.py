@@ -213,8 +213,8 @@ class LightConverter:
         }
         if round_:
             axis = rotation(matrix)[:, 2]
-            place = matrix[:3, 3] - axis / self.view.scale  # a metre along the axis
-            settings["toward"] = self.view.at(time).position(place)
+            point = matrix[:3, 3] - axis / self.view.scale  # a metre along the axis
+            settings["toward"] = self.view.at(time).position(point)
         return settings
 
     def _dome(self, prim: Any, time: float) -> Found:

@@ -142,24 +142,24 @@ class _Reader:
         self.convert.check_extras(prim)
         frames = self._frames(prim)
         try:
-            found = [kind(prim, time) for time in frames]
+            samples = [kind(prim, time) for time in frames]
         except (TypeError, ValueError) as error:
             if str(self.path) in str(error):
                 raise
             what = "holds a value of another type than the schema's"
             raise ValueError(f"{self.path}: {prim.GetPath()}: {what}: {error}") from error
-        if not any(settings["intensity"] > 0 for _, settings in found):
+        if not any(settings["intensity"] > 0 for _, settings in samples):
             return None
-        if _changes_image(found):
+        if _changes_image(samples):
             self.convert.cannot(prim, "changes its texture in time; the first one is used")
-        elif _tilts(found):
+        elif _tilts(samples):
             self.convert.cannot(
                 prim,
                 "tilts against the camera, or changes its texture, in time; it stays as in its first frame",
             )
-            found = _untilted(found)
+            samples = _untilted(samples)
         try:
-            return _assembled(found, frames)
+            return _assembled(samples, frames)
         except (TypeError, ValueError) as error:
             raise ValueError(f"{self.path}: {prim.GetPath()}: {error}") from error
 

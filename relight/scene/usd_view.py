@@ -81,8 +81,8 @@ class StageView:
         from pxr import UsdRender
 
         settings = UsdRender.Settings.GetStageRenderSettings(self.stage)
-        found = settings.GetAspectRatioConformPolicyAttr().Get() if settings else None
-        return str(found or EXPAND)
+        policy = settings.GetAspectRatioConformPolicyAttr().Get() if settings else None
+        return str(policy or EXPAND)
 
     def at(self, time: float) -> CameraFrame:
         """Return the camera's frame at a time."""

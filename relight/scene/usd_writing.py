@@ -99,9 +99,9 @@ def _has_usd_temperature(light: Light) -> bool:
 
 def _kind(light: Light) -> "Kind":
     """Return the schema of a light and its writer."""
-    for kind, found in KINDS.items():
-        if isinstance(light, kind):
-            return found
+    for light_type, kind in KINDS.items():
+        if isinstance(light, light_type):
+            return kind
     raise TypeError(f"lights: expected lights, e.g. DirectionalLight, got {type(light).__name__}")
 
 

@@ -85,7 +85,7 @@ def write_script_sequence(
     """
     path = Path(path)
     step = -(-len(numbers) // BASIS_FRAMES)
-    chosen = [found for number in numbers[::step] if not (found := person(number)).is_empty]
+    chosen = [subject for number in numbers[::step] if not (subject := person(number)).is_empty]
     if not chosen:
         looked = ", ".join(str(number) for number in numbers[::step])
         raise ValueError(f"frames: expected some that show the person; frames {looked} do not")

@@ -57,18 +57,18 @@ def index_layers(parts: Iterable[Part]) -> dict[str, Layer]:
     A depth without a layer, the channel Z, is a layer of its own.
     """
     parts = list(parts)
-    found: dict[str, Layer] = {}
+    layers: dict[str, Layer] = {}
     for part in parts:
         for number, channel in enumerate(part.channels):
             layer, _, suffix = channel.rpartition(".")
             layer = layer or (part.name if len(parts) > 1 else "")
             if suffix == DEPTH and (not layer or layer.lower() in BEAUTY):
                 layer = DEPTH
-            if layer in found and found[layer].part is not part:
+            if layer in layers and layers[layer].part is not part:
                 continue  # two parts of one name, such as two views: the first
             key = SUFFIXES.get(suffix.upper(), suffix.upper() if len(suffix) == 1 else suffix)
-            found.setdefault(layer, Layer(part, {})).channels.setdefault(key, number)
-    return found
+            layers.setdefault(layer, Layer(part, {})).channels.setdefault(key, number)
+    return layers
 
 
 def find_beauty(layers: dict[str, Layer]) -> Layer:

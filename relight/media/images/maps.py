@@ -56,10 +56,10 @@ def _coverage(path: AnyPath, stored: StoredPicture) -> np.ndarray:
     known = [index for index, name in enumerate(names) if name != "A" and not UNNAMED.fullmatch(name)]
     colours = pixels[..., known]
     alpha = None if at is None else pixels[..., at]
-    found = matte_of(colours, alpha, opaque=1, grey=GREY)
-    if found is None:
+    matte = matte_of(colours, alpha, opaque=1, grey=GREY)
+    if matte is None:
         raise ValueError(f"{path}: expected a mask (grey, or with transparency), got an opaque colour image")
-    return found
+    return matte
 
 
 def write_mask(

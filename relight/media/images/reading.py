@@ -96,9 +96,9 @@ def squared(path: AnyPath, pixels: np.ndarray, aspect: float, *, nearest: bool =
     """Return pixels (H, W, C) resampled to square ones; warn of it, once for the files of a folder."""
     if is_square(aspect):
         return pixels
-    place = (Path(path).parent, round(aspect, 3))
-    if place not in _warned:
-        _warned.add(place)
+    key = (Path(path).parent, round(aspect, 3))
+    if key not in _warned:
+        _warned.add(key)
         warnings.warn(
             f"{path}: its pixels are {aspect:.4g} times as wide as high; {SQUARED}",
             stacklevel=3,
@@ -144,11 +144,11 @@ def read_layers(path: AnyPath) -> dict[str, np.ndarray]:
     if not path.exists():
         raise FileNotFoundError(f"{path}: no such file")
     names = [name for name in layers_of(path) if name.lower() not in ("", "rgba")]
-    found = {}
+    layers = {}
     for name in names:
         stored = load(path, layer=name, space=colour.LINEAR)
-        found[name] = np.asarray(stored.pixels, np.float32)
-    return found
+        layers[name] = np.asarray(stored.pixels, np.float32)
+    return layers
 
 
 def read_size(path: AnyPath) -> tuple[int, int]:
@@ -185,13 +185,13 @@ def read_content_hash(path: AnyPath) -> str | None:
         problem(oiio)  # is taken note of, or it would be reported later
         return None
     spec = file.spec()
-    found = spec.get_string_attribute(content_hash.HASH_ATTRIBUTE)
+    digest = spec.get_string_attribute(content_hash.HASH_ATTRIBUTE)
     holds = spec.get_string_attribute(content_hash.CONTENTS_ATTRIBUTE)
     try:
-        if not found or (holds and holds != content_hash.describe_contents(spec)):
+        if not digest or (holds and holds != content_hash.describe_contents(spec)):
             return None
     except UnicodeDecodeError:  # the channels' names are garbled
         return None
     last = spec.y + spec.height - 1
     pixels = file.read_scanlines(0, 0, last, last + 1, 0, 0, spec.nchannels, str(spec.format))
-    return None if pixels is None or problem(file) else found
+    return None if pixels is None or problem(file) else digest

@@ -333,8 +333,8 @@ def _occupied(stacks: Sequence[np.ndarray]) -> tuple[slice, slice]:
 
 def _span(occupied: np.ndarray) -> slice:
     """From the first to the last that is; the first of all where none is."""
-    found = np.flatnonzero(occupied)
-    return slice(int(found[0]), int(found[-1]) + 1) if len(found) else slice(0, 1)
+    indices = np.flatnonzero(occupied)
+    return slice(int(indices[0]), int(indices[-1]) + 1) if len(indices) else slice(0, 1)
 
 
 def _blocks(stacks: Sequence[np.ndarray], dtype: torch.dtype) -> Iterator[np.ndarray]:

@@ -35,17 +35,17 @@ def packet(spec: oiio.ImageSpec) -> bytes:
 def add_to_png(path: Path, xmp: bytes) -> None:
     """Add XMP to a PNG in front of its pixels, where readers look: text, uncompressed, without language."""
     with path.open("r+b") as file:
-        place = len(PNG_SIGNATURE)
+        offset = len(PNG_SIGNATURE)
         while True:
-            file.seek(place)
+            file.seek(offset)
             (length,), kind = struct.unpack(">I", file.read(4)), file.read(4)
             if kind == b"IDAT":
                 break
-            place += length + 12  # with length, kind and checksum
-        file.seek(place)
+            offset += length + 12  # with length, kind and checksum
+        file.seek(offset)
         pixels = file.read()
         text = b"iTXt" + PNG_KEYWORD + bytes(5) + xmp
-        file.seek(place)
+        file.seek(offset)
         file.write(struct.pack(">I", len(text) - 4) + text + struct.pack(">I", zlib.crc32(text)) + pixels)
 
 
@@ -67,7 +67,7 @@ def replace_in_tiff(path: Path, xmp: bytes) -> None:
         file.seek(directory)
         (fields,) = read("Q" if big else "H")
         for _ in range(fields):
-            place = file.tell()
+            offset = file.tell()
             tag, *_ = read("HHQQ" if big else "HHII")
             if tag == TIFF_TAG:
                 break
@@ -75,5 +75,5 @@ def replace_in_tiff(path: Path, xmp: bytes) -> None:
             raise ValueError(f"{path}: expected XMP in the TIFF, which is replaced, and found none")
         start = file.seek(0, 2)
         file.write(xmp)
-        file.seek(place)
+        file.seek(offset)
         file.write(struct.pack(order + ("HHQQ" if big else "HHII"), TIFF_TAG, BYTE, len(xmp), start))

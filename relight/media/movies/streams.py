@@ -38,8 +38,8 @@ def video_stream(container: InputContainer, path: AnyPath) -> Any:
     """
     streams = [stream for stream in container.streams.video if not stream.disposition & COVER]
     if not streams:
-        found = "cover art alone" if container.streams.video else "no pictures"
-        raise ValueError(f"{path}: cannot be read as a movie: it holds {found}")
+        content = "cover art alone" if container.streams.video else "no pictures"
+        raise ValueError(f"{path}: cannot be read as a movie: it holds {content}")
     if streams[0].codec_context is None:
         raise ValueError(f"{path}: is in a codec that FFmpeg does not decode")
     try:
