@@ -81,7 +81,13 @@ def test_a_temporary_folder_that_cannot_be_written_is_replaced(figure):
     assert (figure / "out.exr").exists()
 
 
-@pytest.mark.parametrize("output", [pytest.param("out.mov", marks=pytest.mark.slow), "out.png"])
+@pytest.mark.parametrize(
+    "output",
+    [
+        *(pytest.param(name, marks=pytest.mark.slow) for name in ("out.mov", "out.%d.exr")),
+        "out.png",
+    ],
+)
 def test_two_processes_with_one_output_leave_one_whole_file(figure, output):
     environment = {**os.environ, "PYTHONPATH": str(ROOT)}
     jobs = [
@@ -98,12 +104,14 @@ def test_two_processes_with_one_output_leave_one_whole_file(figure, output):
         assert len(Movie(figure / output).numbers) == 2
         return
     assert [job.returncode for job in jobs] == [0, 0], said
-    assert sorted(path.name for path in figure.iterdir()) == ["figure.png", output]
-    relight.read(figure / output)
+    names = [output % number for number in (1, 2)] if "%" in output else [output]
+    assert sorted(path.name for path in figure.iterdir()) == ["figure.png", *names]
+    for name in names:
+        relight.read(figure / name)
 
 
 def frames(output):
-    return ["--frames", "1-2"] if output.endswith(".mov") else []
+    return [] if output.endswith(".png") else ["--frames", "1-2"]
 
 
 @pytest.mark.skipif(sys.platform == "win32", reason="has no SIGINT for other processes")
