@@ -19,7 +19,7 @@ from numpy.typing import ArrayLike
 from PIL import Image, ImageDraw
 from scipy import ndimage
 from scipy.spatial import cKDTree
-from scipy.special import logit
+from scipy.special import expit, logit
 
 from relight.matting.refine import (
     BACKGROUND,
@@ -41,6 +41,8 @@ NEIGHBOURS = 12  # samples of known colour that vote on a pixel
 PLACE = 0.08  # how far the picture's longer side is, as a distance of colours: near samples count more
 NEARNESS = 3.0  # logarithm of the odds at the band's rim, of being inside
 PRIOR = 0.02  # weight of the priors beside the matting Laplacian
+MOVES, LEAST_SHIFT = 2, 0.2  # of a sharp mask's edge as a whole, and of its tolerance, from where it counts
+MASK_NEARNESS, MASK_PRIOR = 8.0, 0.05  # as `NEARNESS` and `PRIOR`, for sharp masks
 UNSURE = 0.05  # a rough matte is sure within this of 0 and 1; between, colours decide, however far the edge
 DOUBT = 0.6  # of the logarithm of its odds there: its weight, as a distance
 MARGIN = 0.12  # of the outline's size, of the photograph around it that is looked at
@@ -116,9 +118,9 @@ def outlined(image: ArrayLike, outline: Outline) -> np.ndarray:
     size = (max(3, round((bottom - top) * shrink)), max(3, round((right - left) * shrink)))
     scale = np.array([size[1] / (right - left), size[0] / (bottom - top)])
 
-    known, distance = _drawn(outline, (top, left, bottom, right), size, scale)
+    known, distance, sharp = _drawn(outline, (top, left, bottom, right), size, scale)
     seen = encoded_srgb(resize(pixels[top:bottom, left:right], size, FILTER))
-    alpha = _solved(seen, known, distance)
+    alpha = _solved(seen, known, distance, sharp)
     if alpha.max() <= 0.5:
         raise ValueError("outline: nothing of the person is inside it; draw around the whole person")
     if (alpha > 0.5).all() and size == (height, width):
@@ -244,10 +246,11 @@ def _looked_at(outline: Outline, size: tuple[int, int]) -> tuple[int, int, int, 
 
 def _drawn(
     outline: Outline, part: tuple[int, int, int, int], size: tuple[int, int], scale: np.ndarray
-) -> tuple[np.ndarray, np.ndarray]:
-    """Draw an outline on a copy (h, w): return its trimap, and the distance inside the edge.
+) -> tuple[np.ndarray, np.ndarray, bool]:
+    """Draw an outline on a copy (h, w): return its trimap, the distance inside the edge, and what it is.
 
-    The distance is in units of the tolerance of the drawn line.
+    The distance is in units of the tolerance of the drawn line, infinite under strokes. The last value is
+    whether the outline is a sharp mask without lines, whose edge may be shifted as a whole.
     """
     top, left, bottom, right = part
     corner = np.array([left, top])
@@ -280,17 +283,34 @@ def _drawn(
         known[painted] = PERSON if stroke.person else BACKGROUND
         near = ndimage.binary_dilation(painted, iterations=max(2, round(slack))) & ~painted
         known[near & (known == (BACKGROUND if stroke.person else PERSON))] = UNKNOWN
-        distance = np.where(near, 0.0, np.where(painted, 1.0 if stroke.person else -1.0, distance))
-    return known, distance
+        distance = np.where(near, 0.0, np.where(painted, np.inf if stroke.person else -np.inf, distance))
+    lines = outline.lasso is not None or len(outline.holes) > 0
+    return known, distance, rough is not None and not lines and not unsure.any()
 
 
-def _solved(seen: np.ndarray, known: np.ndarray, distance: np.ndarray) -> np.ndarray:
+def _solved(seen: np.ndarray, known: np.ndarray, distance: np.ndarray, sharp: bool) -> np.ndarray:
     """Solve the matte (h, w) of a copy (h, w, 3), encoded, with the trimap `known`."""
     if not (known == PERSON).any() and not ((known == UNKNOWN) & (distance > 0)).any():
         return np.zeros(known.shape, np.float32)
-    evidence = NEARNESS * distance + _votes(seen, known, distance)
-    prior = 1 / (1 + np.exp(-evidence))
-    return closed_form(seen, known, prior, PRIOR * np.abs(2 * prior - 1))
+    votes, nearness, weight = _votes(seen, known, distance), NEARNESS, PRIOR
+    if sharp:
+        for _ in range(MOVES):
+            shift = _shift(votes, distance, known == UNKNOWN)
+            if abs(shift) < LEAST_SHIFT:
+                break
+            distance = distance - shift
+            known = np.where(distance >= 1, PERSON, np.where(distance <= -1, BACKGROUND, UNKNOWN))
+            votes = _votes(seen, known, distance)
+        nearness, weight = MASK_NEARNESS, MASK_PRIOR
+    prior = expit(nearness * distance + votes)
+    return closed_form(seen, known, prior, weight * np.abs(2 * prior - 1))
+
+
+def _shift(votes: np.ndarray, distance: np.ndarray, unknown: np.ndarray) -> float:
+    """Return at which distance inside its edge a mask agrees best with the votes of colours."""
+    places, cast = distance[unknown], votes[unknown]
+    shifts = np.linspace(-0.9, 0.9, 37)
+    return float(max(shifts, key=lambda shift: (np.where(places > shift, cast, -cast).sum(), -abs(shift))))
 
 
 def _votes(seen: np.ndarray, known: np.ndarray, distance: np.ndarray) -> np.ndarray:
