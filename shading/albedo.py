@@ -90,10 +90,12 @@ def infer_lighting(
     >>> mask[8:56, 12:36] = 1
     >>> directions, weights, albedo = shading.infer_lighting(rgb, mask)
     """
-    found = analyse(rgb, mask, normals=normals, model=model)
-    albedo, framed = found.albedo, found.framed
+    analysis = analyse(rgb, mask, normals=normals, model=model)
+    albedo, framed = analysis.albedo, analysis.framed
     directions = torch.from_numpy(olat(behind=True)).to(framed.rgb.device)
-    weights = solve_lighting(framed.rgb, found.canvas_albedo, found.canvas_shading(directions), framed.mask)
+    weights = solve_lighting(
+        framed.rgb, analysis.canvas_albedo, analysis.canvas_shading(directions), framed.mask
+    )
     return inputs.like(directions, rgb), inputs.like(weights, rgb), albedo
 
 

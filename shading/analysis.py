@@ -45,8 +45,8 @@ class Analysis(analysis.Analysis):
         like: Array | None = None,
     ) -> None:
         super().__init__(framed, field, normals, like)
-        found = network.analyse(framed.rgb, framed.mask, self.canvas_normals, self.canvas_visibility)
-        self.canvas_shading, self.canvas_albedo = found
+        inferred = network.analyse(framed.rgb, framed.mask, self.canvas_normals, self.canvas_visibility)
+        self.canvas_shading, self.canvas_albedo = inferred
 
     def shading(self, directions: Array, visibility: Array | None = None) -> Array:
         """Return the diffuse shading (D, H, W), float32 in [0, 1], by each light of unit intensity alone.

@@ -117,12 +117,12 @@ def evaluate(
             raise ValueError(f"model: the network given for the row {name!r} was not trained with its inputs")
     field = visibility.load(field_model)
     elsewhere = None if normals_model is None else normals.load(normals_model)
-    found = Records(paths)
+    records = Records(paths)
     tallies = {name: Tally() for name in (BASE, BINARY, *networks)}
     delights = {"photograph": Delight(), "albedo": Delight()}
-    chosen, rows = found.spread(limit or len(found)), []
+    chosen, rows = records.spread(limit or len(records)), []
     for number, index in enumerate(track(chosen, "evaluating")):
-        record, rng = found[index], np.random.default_rng((seed, index))
+        record, rng = records[index], np.random.default_rng((seed, index))
         if record.bounce_float16 is None:
             raise ValueError("records: have no bounce light; render them with `relight stage --shading`")
         view = sample(record, rng, canvas_size(networks["ours"].size), augment=False)

@@ -57,11 +57,11 @@ def evaluate(
     photograph, scaled to the brightness of the albedo, is the baseline. Raises ValueError if the network
     infers no albedo.
     """
-    network, field, found = diffuse.load(model), visibility.load(field_model), Records(paths)
-    chosen = found.spread(limit or len(found))
+    network, field, records = diffuse.load(model), visibility.load(field_model), Records(paths)
+    chosen = records.spread(limit or len(records))
     sums = {name: np.zeros(4) for name in ("photograph", "albedo")}
     for index in track(chosen, "evaluating"):
-        record, rng = found[index], np.random.default_rng((seed, index))
+        record, rng = records[index], np.random.default_rng((seed, index))
         lighting = everyday_lighting(rng, record.directions)
         drawn = sample(record, rng, canvas_size(network.size), augment=False, lighting=lighting)
         rgb, mask = photograph(drawn["rgb"], drawn["mask"], rng), drawn["mask"][0]

@@ -37,12 +37,12 @@ def from_axes(axes: str) -> np.ndarray:
     itself; "+x-y-z" is OpenCV's, x right, y down, z into the scene; "+x-y+z" is a normal map with inverted
     green. Raises ValueError if it is none of the 48 conventions.
     """
-    found = re.fullmatch(3 * "([+-])([xyz])", axes) if isinstance(axes, str) else None
-    if found is None or len(set(found.groups()[1::2])) < 3:
+    match = re.fullmatch(3 * "([+-])([xyz])", axes) if isinstance(axes, str) else None
+    if match is None or len(set(match.groups()[1::2])) < 3:
         raise ValueError(f"axes: expected each of x, y and z once, signed, such as '+x-y-z'; got {axes!r}")
     matrix = np.zeros((3, 3), np.float32)
     for component in range(3):
-        sign, axis = found.groups()[2 * component : 2 * component + 2]
+        sign, axis = match.groups()[2 * component : 2 * component + 2]
         matrix["xyz".index(axis), component] = float(sign + "1")
     return matrix
 

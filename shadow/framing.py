@@ -131,8 +131,8 @@ class Extension:
         # A neighbour beyond the canvas counts as farther than all others, so its weight is 0.
         neighbours = (pixels[:, None] + (step[:, None] * width + step).ravel()).clip(0, height * width - 1)
         ring = np.pad(distance, 1, constant_values=height + width)
-        place = (y + 1) * (width + 2) + x + 1
-        around = place[:, None] + (step[:, None] * (width + 2) + step).ravel()
+        padded_pixels = (y + 1) * (width + 2) + x + 1
+        around = padded_pixels[:, None] + (step[:, None] * (width + 2) + step).ravel()
         weights = (ring.ravel()[around] < distance[y, x][:, None]).astype(np.float32)
         weights /= weights.sum(axis=1, keepdims=True)
         sizes = np.bincount(distance[y, x])[1:].tolist()

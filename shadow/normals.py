@@ -117,8 +117,8 @@ def on_plate(source: Any, rgb: torch.Tensor, mask: torch.Tensor) -> torch.Tensor
     """
     here = rgb.device
     if isinstance(source, nn.Module):
-        place = next(source.parameters()).device
-        rgb, mask = rgb.to(place), mask.to(place)
+        device = next(source.parameters()).device
+        rgb, mask = rgb.to(device), mask.to(device)
     if not isinstance(source, VisibilityField):
         return source.normals(rgb, mask).to(here)
     framed = Framed.of(rgb, mask, source.size)

@@ -256,8 +256,8 @@ def _sampled(images: torch.Tensor, matrices: torch.Tensor, size: tuple[int, int]
         y, x = (((torch.arange(length * times) + 0.5) / times).to(images) for length in size)
         across, down, offset = matrices[group].permute(2, 0, 1)[:, :, None, None]
         grid = (x[:, None] * across + y[:, None, None] * down + offset) * 2 / extent - 1
-        found = F.grid_sample(images[group], grid, padding_mode="zeros", align_corners=False)
-        canvases[group] = F.avg_pool2d(found, times) if times > 1 else found
+        sampled = F.grid_sample(images[group], grid, padding_mode="zeros", align_corners=False)
+        canvases[group] = F.avg_pool2d(sampled, times) if times > 1 else sampled
     return canvases
 
 

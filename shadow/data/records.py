@@ -142,16 +142,16 @@ class Record:
         order = np.full(self.mask.shape, -1)
         order[self.mask] = np.arange(len(self.normals_int8))
         order = order[top:bottom:stride, left:right:stride]
-        kept = order[order >= 0]
+        indices = order[order >= 0]
         return replace(
             self,
             mask=np.pad(order >= 0, around),
-            normals_int8=self.normals_int8[kept],
-            albedo_uint8=self.albedo_uint8[kept],
-            visibility_bits=self.visibility_bits[kept],
-            bounce_float16=None if self.bounce_float16 is None else self.bounce_float16[kept],
-            depth_float16=None if self.depth_float16 is None else self.depth_float16[kept],
-            regions=None if self.regions is None else self.regions[kept],
+            normals_int8=self.normals_int8[indices],
+            albedo_uint8=self.albedo_uint8[indices],
+            visibility_bits=self.visibility_bits[indices],
+            bounce_float16=None if self.bounce_float16 is None else self.bounce_float16[indices],
+            depth_float16=None if self.depth_float16 is None else self.depth_float16[indices],
+            regions=None if self.regions is None else self.regions[indices],
             about=_strided(self.about, stride),
         )
 

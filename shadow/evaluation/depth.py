@@ -33,12 +33,12 @@ def evaluate(
     .safetensors path. limit: use this many records, spread evenly. Raises ValueError if the network infers no
     depth, or no record has any.
     """
-    network, found = visibility.load(model), Records(paths)
+    network, records = visibility.load(model), Records(paths)
     if not getattr(network, "depth", False):
         raise ValueError(f"model: {model} infers no depth; expected a field that was trained with it")
     scores = []
-    for index in track(found.spread(limit or len(found)), "evaluating"):
-        record = found[index]
+    for index in track(records.spread(limit or len(records)), "evaluating"):
+        record = records[index]
         if record.depth is None:
             continue
         rng = np.random.default_rng((seed, index))

@@ -55,5 +55,5 @@ def record_row(record: records.Record, seed: int) -> list[torch.Tensor]:
 
 def contact_sheet(paths: Iterable[str | Path], out: str | Path, count: int = 10) -> None:
     """Draw `count` evenly spread records of `paths`, one in each row, as a PNG at `out`."""
-    found = records.Records(paths)
-    write_grid(out, [record_row(found[index], index) for index in found.spread(count)])
+    dataset = records.Records(paths)
+    write_grid(out, [record_row(dataset[index], index) for index in dataset.spread(count)])

@@ -44,12 +44,12 @@ def evaluate(
     {"whole body", "face", "hands": RegionScore}, without those that no view shows. Raises ValueError if no
     record has regions.
     """
-    network, found = visibility.load(model), Records(paths)
+    network, records = visibility.load(model), Records(paths)
     surface = normals_of(network, normals_model)
     angles: dict[str, list[float]] = {}
     counts: dict[str, np.ndarray] = {}
-    for index in track(found.spread(limit or len(found)), "evaluating"):
-        record = found[index]
+    for index in track(records.spread(limit or len(records)), "evaluating"):
+        record = records[index]
         if record.regions is None:
             continue
         rng = np.random.default_rng((seed, index))
@@ -58,14 +58,16 @@ def evaluate(
         given = None if surface is network else surface.normals(rgb, mask)
         normals, maps = network.analyse(rgb, mask, given)
         inside = mask > 0.5
-        places = {WHOLE: inside}
+        regions = {WHOLE: inside}
         for name, share in zip(REGIONS[1:], drawn["regions"], strict=True):
-            places[name] = inside & (share > 0.5)
-        for name, place in places.items():
-            if place.sum() < MIN_REGION_PIXELS:
+            regions[name] = inside & (share > 0.5)
+        for name, region in regions.items():
+            if region.sum() < MIN_REGION_PIXELS:
                 continue
-            angles.setdefault(name, []).append(float(metrics.angular_error(normals, drawn["normals"], place)))
-            counts[name] = counts.get(name, np.zeros(4)) + _count_cast(drawn, maps, place)
+            angles.setdefault(name, []).append(
+                float(metrics.angular_error(normals, drawn["normals"], region))
+            )
+            counts[name] = counts.get(name, np.zeros(4)) + _count_cast(drawn, maps, region)
     if not angles:
         raise ValueError("records: expected some with regions, found none; render bodies again")
     return {

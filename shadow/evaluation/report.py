@@ -171,9 +171,9 @@ def _table_3(scored: dict[str, Score]) -> list[Row]:
 
 def _table_4(scored: dict[str, Score], networks: dict[str, nn.Module], view: ScoredView) -> list[Row]:
     """Measure time and size of each latent, trained or not, and of ours, without pre- and postprocessing."""
-    place: Any = {"device": view.rgb.device, "memory_format": torch.channels_last}
+    placement: Any = {"device": view.rgb.device, "memory_format": torch.channels_last}
     candidates: dict[str, Any] = {
-        name: networks.get(name) or PerLight(latent=name).eval().to(**place) for name in LATENTS
+        name: networks.get(name) or PerLight(latent=name).eval().to(**placement) for name in LATENTS
     }
     rows = []
     for name, network in (candidates | {"ours": networks["ours"]}).items():

@@ -61,9 +61,9 @@ class ScoredView:
         frontal = drawn["directions"][:, 2] > FRONTAL
         lit = (drawn["visibility"][frontal] > 0.5).float()
         rgb = photograph(drawn["rgb"], drawn["mask"], rng)
-        place = best_device()
+        device = best_device()
         truth = (drawn["mask"][0], drawn["normals"], drawn["albedo"], drawn["directions"][frontal], lit)
-        return cls(*(tensor.to(place) for tensor in (rgb, drawn["rgb"], *truth)))
+        return cls(*(tensor.to(device) for tensor in (rgb, drawn["rgb"], *truth)))
 
     def given(self, surface: Any, network: Any) -> torch.Tensor | None:
         """Infer the normals (3, h, w) that a visibility network is given, by the network `surface`.
@@ -265,15 +265,15 @@ def against_soft_maps(
     Returns {figure: (theirs, ours)}, Tallies of the frontal lights that have files. Raises ValueError if
     there are no files, or a file has another size.
     """
-    found = _soft_maps(folder)
+    soft_maps = _soft_maps(folder)
     tallies: dict[str, tuple[Tally, Tally]] = {}
     for index in track(records.spread(limit or len(records)), "soft maps"):
         file, member = records.entries[index]
         name = Path(member or file).stem
         record = records[index]
         bits, known = np.zeros_like(record.visibility), np.zeros(len(record.directions), bool)
-        for light in found.get(name, {}):
-            path = found[name][light]
+        for light in soft_maps.get(name, {}):
+            path = soft_maps[name][light]
             if light >= len(known):
                 raise ValueError(f"soft: {path}: the record has {len(known)} lights, counted from 0")
             grey = _grey(path)
@@ -297,12 +297,12 @@ def against_soft_maps(
 
 def _soft_maps(folder: str | Path) -> dict[str, dict[int, Path]]:
     """List the files in a folder as {record: {light: path}}."""
-    found: dict[str, dict[int, Path]] = {}
+    files: dict[str, dict[int, Path]] = {}
     for path in sorted(Path(folder).iterdir()):
         record, _, light = path.stem.rpartition("_")
         if record and light.isdigit():
-            found.setdefault(record, {})[int(light)] = path
-    return found
+            files.setdefault(record, {})[int(light)] = path
+    return files
 
 
 def _binary(grey: np.ndarray) -> np.ndarray:

@@ -115,7 +115,7 @@ def clip(faces: np.ndarray, inside: np.ndarray) -> tuple[np.ndarray, csr_matrix]
     inside, snap = _snap_to_line(faces, inside)
     sign = np.sign(inside).astype(int)
     corner = sign[faces]
-    kept = faces[(corner >= 0).all(axis=1) & (corner > 0).any(axis=1)]
+    whole = faces[(corner >= 0).all(axis=1) & (corner > 0).any(axis=1)]
     mixed = (corner > 0).any(axis=1) & (corner < 0).any(axis=1)
     cut, corner = faces[mixed], corner[mixed]
     # Rotate each cut face so that its first vertex is alone on its side, or lies on the line.
@@ -133,7 +133,7 @@ def clip(faces: np.ndarray, inside: np.ndarray) -> tuple[np.ndarray, csr_matrix]
         return count + sum(map(len, new_edges[:-1])) + np.arange(len(start))
 
     on_line = corner[:, 0] == 0
-    parts = [kept]
+    parts = [whole]
     a, b, c = cut[on_line].T
     m = crossing_point(b, c)
     b_in = corner[on_line, 1] > 0
@@ -209,14 +209,14 @@ def add_lining(
     lined = faces[np.isfinite(reach)[faces].all(axis=1)]
     source, inner = np.unique(lined, return_inverse=True)
     count = len(vertices)
-    place = np.full(count, -1)
-    place[source] = count + np.arange(len(source))
+    opposite = np.full(count, -1)
+    opposite[source] = count + np.arange(len(source))
     rims = []
     for chain in chains:
         a, b = chain[:-1], chain[1:]
-        whole = (place[a] >= 0) & (place[b] >= 0)
+        whole = (opposite[a] >= 0) & (opposite[b] >= 0)
         a, b = a[whole], b[whole]
-        rims += [np.stack([b, a, place[a]], 1), np.stack([b, place[a], place[b]], 1)]
+        rims += [np.stack([b, a, opposite[a]], 1), np.stack([b, opposite[a], opposite[b]], 1)]
     behind = vertices[source] - vertex_normals(vertices, faces)[source] * thickness
     return (
         np.concatenate([vertices, behind]),

@@ -45,11 +45,11 @@ def raise_folds(record: Record, height: float = 1.0) -> Record:
     turned[:, 2].clamp_min_(MIN_NORMAL_Z)
     normals = F.normalize(turned, dim=1).numpy()
     lit = record.visibility * (normals @ record.directions.T > 0)
-    kept = torch.exp(-ENCODING * contrast[0, 0])[mask].numpy()
+    factor = torch.exp(-ENCODING * contrast[0, 0])[mask].numpy()
     return Record.of(
         record.mask,
         normals,
-        record.albedo * kept[:, None],
+        record.albedo * factor[:, None],
         lit,
         record.directions,
         record.about | {"relief": height},

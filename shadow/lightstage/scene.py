@@ -58,8 +58,8 @@ class Scene:
     def trace(self, origins: np.ndarray, rays: np.ndarray) -> tuple[np.ndarray, Surface]:
         """Trace rays (N, 3) from `origins` (N, 3): return which rays hit (N,), and the nearest hits."""
         hit = self._embree.run(origins.astype(np.float32), rays.astype(np.float32), output=True)
-        found = hit["primID"] >= 0
-        face, u, v = hit["primID"][found], hit["u"][found], hit["v"][found]
+        is_hit = hit["primID"] >= 0
+        face, u, v = hit["primID"][is_hit], hit["u"][is_hit], hit["v"][is_hit]
         barycentric = np.stack([1 - u - v, u, v], axis=1)
         triangle = self.figure.faces[face]
         corners = self._vertices[triangle]
@@ -70,11 +70,11 @@ class Scene:
         normal = np.where(length > 1e-6, normal / length.clip(1e-6), geometric)
         normal = self._apply_normal_map(normal, face, barycentric)
         # Surfaces are two-sided: the inner side, seen through an open hem, is shaded like the outer one.
-        flip = np.where((geometric * rays[found]).sum(axis=1) > 0, -1.0, 1.0)[:, None]
+        flip = np.where((geometric * rays[is_hit]).sum(axis=1) > 0, -1.0, 1.0)[:, None]
         geometric, normal = geometric * flip, normal * flip
         position = np.einsum("nk,nkc->nc", barycentric, corners)
         region = None if self.figure.regions is None else self.figure.regions[face]
-        return found, Surface(position, geometric, normal, self.figure.albedo(face, barycentric), region)
+        return is_hit, Surface(position, geometric, normal, self.figure.albedo(face, barycentric), region)
 
     def _apply_normal_map(self, normal: np.ndarray, face: np.ndarray, barycentric: np.ndarray) -> np.ndarray:
         """Apply the figure's normal map, if it has one, to unit normals (N, 3) at these points."""
@@ -106,8 +106,8 @@ class Scene:
         outward = np.einsum("nrc,nc->nr", rays, surface.geometric) > 0
         source = np.nonzero(outward)[0]
         origins = (surface.position + OFFSET * surface.geometric)[source]
-        found, hits = self.trace(origins, rays[outward])
-        return source[found], hits
+        is_hit, hits = self.trace(origins, rays[outward])
+        return source[is_hit], hits
 
 
 def _cosine_rays(normals: np.ndarray, strata: tuple[int, int], rng: np.random.Generator) -> np.ndarray:

@@ -120,8 +120,8 @@ class VisibilityField(nn.Module):
         silhouette = Silhouette(mask)
         image = with_mirror(encode_image(rgb[None], mask[None, None]))[:passes]
         with autocast(rgb.device):
-            found = with_cast_weights(self)(image, silhouette.blocks[:passes])
-        sides = [FieldMaps(*side) for side in zip(*map(silhouette.sides, found), strict=True)]
+            outputs = with_cast_weights(self)(image, silhouette.blocks[:passes])
+        sides = [FieldMaps(*side) for side in zip(*map(silhouette.sides, outputs), strict=True)]
         return sides[0] if passes == 1 else self._averaged(*sides), silhouette
 
     def _averaged(self, own: FieldMaps, mirrored: FieldMaps) -> FieldMaps:
@@ -220,8 +220,8 @@ class Visibility(NamedTuple):
         height, width = (length // 2 for length in self.silhouette.shape)
         maps = own.new_zeros(2, height * width, len(own))
         for side, directions in enumerate((own, mirrored)):
-            chosen, place = self.silhouette.at_half_resolution(bool(side))
-            maps[side].index_copy_(0, place, self.at_pixels(directions, chosen).T)
+            chosen, index = self.silhouette.at_half_resolution(bool(side))
+            maps[side].index_copy_(0, index, self.at_pixels(directions, chosen).T)
         return maps.unflatten(1, (height, width)).permute(0, 3, 1, 2)
 
     @torch.no_grad()

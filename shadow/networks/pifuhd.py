@@ -156,19 +156,19 @@ def _generator(path: Path, checkpoint: Any) -> dict[str, torch.Tensor]:
     """Return the parameters of the front-normal generator, as float32 copies."""
     checkpoint = checkpoint if isinstance(checkpoint, dict) else {}
     parameters = checkpoint.get("model_state_dict", checkpoint.get("state_dict"))  # the second is ICON's
-    found = {
+    weights = {
         key.removeprefix(PREFIX): value.float().clone()
         for key, value in (parameters.items() if isinstance(parameters, dict) else ())
         if isinstance(key, str) and key.startswith(PREFIX) and isinstance(value, torch.Tensor)
     }
-    if "model.1.weight" not in found or found["model.1.weight"].ndim != 4:
+    if "model.1.weight" not in weights or weights["model.1.weight"].ndim != 4:
         raise ValueError(
             f"normals: {path} has no front-normal generator: model_state_dict lacks {PREFIX}model.1.weight"
         )
-    channels = found["model.1.weight"].shape[1]
+    channels = weights["model.1.weight"].shape[1]
     if channels != 3:
         raise ValueError(
             f"normals: the generator in {path} takes {channels} channels, expected 3, the photograph; "
             "those of ICON and ECON also take a rendered body and are not supported"
         )
-    return found
+    return weights

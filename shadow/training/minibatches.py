@@ -98,11 +98,11 @@ class StackedPhotographs(IterableDataset):
         info = get_worker_info()
         workers, number = (1, 0) if info is None else (info.num_workers, info.id)
         first = self.start + number  # the loader takes a mini-batch of each worker in turn
-        held = _Share(self, first % workers, workers)
+        share = _Share(self, first % workers, workers)
         for count in itertools.count(first // workers):
-            held.look()
-            yield held.stack.photographs(
-                [held.draw(index) for index in range(count * self.batch, (count + 1) * self.batch)]
+            share.look()
+            yield share.stack.photographs(
+                [share.draw(index) for index in range(count * self.batch, (count + 1) * self.batch)]
             )
 
 

@@ -153,10 +153,10 @@ def _analysed(network: Any, batch: Batch) -> tuple[torch.Tensor | None, torch.Te
     """
     given = batch.get("estimated_normals", [None] * len(batch["rgb"]))
     views = zip(batch["rgb"], batch["matte"][:, 0], given, batch["directions"], strict=True)
-    found = [(network.analyse(rgb, mask, surface), lights) for rgb, mask, surface, lights in views]
-    surfaces: list[Any] = [surface for (surface, _), _ in found]
-    maps = torch.stack([visibility(lights) for (_, visibility), lights in found])
-    depths: list[Any] = [getattr(visibility, "depth", None) for (_, visibility), _ in found]
+    analyses = [(network.analyse(rgb, mask, surface), lights) for rgb, mask, surface, lights in views]
+    surfaces: list[Any] = [surface for (surface, _), _ in analyses]
+    maps = torch.stack([visibility(lights) for (_, visibility), lights in analyses])
+    depths: list[Any] = [getattr(visibility, "depth", None) for (_, visibility), _ in analyses]
     surface, depth = (None if each[0] is None else torch.stack(each) for each in (surfaces, depths))
     return surface, maps, depth
 

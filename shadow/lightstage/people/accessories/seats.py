@@ -40,8 +40,8 @@ def sit(wardrobe: Wardrobe, rng: np.random.Generator, cloth: Fabric) -> None:
     below = top - thick - floor
     for x in (-1, 1):
         for z in (-1, 1):
-            place = [x * (width / 2 - leg), floor + below / 2, centre[2] + z * (depth / 2 - leg)]
-            pieces.append((trimesh.creation.box([2 * leg, below, 2 * leg]), np.array(place)))
+            middle = [x * (width / 2 - leg), floor + below / 2, centre[2] + z * (depth / 2 - leg)]
+            pieces.append((trimesh.creation.box([2 * leg, below, 2 * leg]), np.array(middle)))
     if not stool:
         pieces += _back(rng, width, top, centre[2] - depth / 2 - _behind(points, axes, origin, depth), leg)
     for mesh, at in pieces:

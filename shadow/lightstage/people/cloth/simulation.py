@@ -148,13 +148,13 @@ class GarmentSimulation:
         if folder is None:
             return self.frames[-1].astype(float)
         path = folder / f"{self.simulator.name}-{self.digest}.npz"
-        kept = _read_cached(path, self.cut.rest.shape)
-        if kept is None:
-            kept = self.frames[-1]
+        vertices = _read_cached(path, self.cut.rest.shape)
+        if vertices is None:
+            vertices = self.frames[-1]
             folder.mkdir(parents=True, exist_ok=True)
             with replacing(path) as beside, open(beside, "wb") as file:
-                np.savez(file, vertices=kept)
-        return kept.astype(float)
+                np.savez(file, vertices=vertices)
+        return vertices.astype(float)
 
     @cached_property
     def frames(self) -> np.ndarray:

@@ -306,7 +306,7 @@ def close_pairs(x, rest, reach, apart):
         order[filled[slot[i]]] = i
         filled[slot[i]] += 1
     pairs = np.empty((8 * count, 2), np.int32)
-    found = 0
+    total = 0
     for i in range(count):
         for step in range(18):  # its own cell, and one of each two opposite cells of the 26 around it
             a, b, c = step // 9, (step // 3) % 3 - 1, step % 3 - 1
@@ -314,8 +314,8 @@ def close_pairs(x, rest, reach, apart):
                 continue
             u, v, w = cell[i, 0] + a, cell[i, 1] + b, cell[i, 2] + c
             s = (u * 73856093 ^ v * 19349663 ^ w * 83492791) & (size - 1)
-            for place in range(begins[s], begins[s + 1]):
-                j = order[place]
+            for index in range(begins[s], begins[s + 1]):
+                j = order[index]
                 if cell[j, 0] != u or cell[j, 1] != v or cell[j, 2] != w:
                     continue
                 if a == 0 and b == 0 and c == 0 and j <= i:
@@ -324,10 +324,10 @@ def close_pairs(x, rest, reach, apart):
                 for k in range(3):
                     now += (x[i, k] - x[j, k]) ** 2
                     then += (rest[i, k] - rest[j, k]) ** 2
-                if now < reach * reach and then > apart * apart and found < len(pairs):
-                    pairs[found, 0], pairs[found, 1] = i, j
-                    found += 1
-    return pairs[:found]
+                if now < reach * reach and then > apart * apart and total < len(pairs):
+                    pairs[total, 0], pairs[total, 1] = i, j
+                    total += 1
+    return pairs[:total]
 
 
 @compiled

@@ -256,11 +256,11 @@ def _assemble(parts: list[MeshPart], person: Person, name: str, split: str) -> F
     """Join the parts of a dressed person into a figure on the floor."""
     for part in parts:
         part.faces, rows = remove_unused(part.faces, identity(len(part.vertices), format="csr"))
-        kept = rows.indices
-        part.vertices, part.rest, part.region = part.vertices[kept], part.rest[kept], part.region[kept]
-        part.label = np.broadcast_to(part.label, rows.shape[1])[kept]
+        used = rows.indices
+        part.vertices, part.rest, part.region = part.vertices[used], part.rest[used], part.region[used]
+        part.label = np.broadcast_to(part.label, rows.shape[1])[used]
         if part.normals is not None:
-            part.normals = part.normals[kept]
+            part.normals = part.normals[used]
     first = np.cumsum([0] + [len(part.vertices) for part in parts])
     vertices = np.concatenate([part.vertices for part in parts])
     faces = np.concatenate([part.faces + start for part, start in zip(parts, first[:-1], strict=True)])

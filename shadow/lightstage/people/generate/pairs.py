@@ -21,8 +21,8 @@ def pair(seed: int, split: str) -> Figure:
     rng = random_generator(seed, split, 2)
     shapes = [Shape.draw(rng) for _ in range(2)]
     stances = [poses.stand(shape.skeleton, rng) for shape in shapes]
-    place = [_beside, _beside, _embracing, _behind][rng.integers(4)]
-    yaw, offset = place(_Couple(shapes, stances), rng)
+    arrange = [_beside, _beside, _embracing, _behind][rng.integers(4)]
+    yaw, offset = arrange(_Couple(shapes, stances), rng)
     name = f"pair-{split}-{seed:06d}"
     first, second = (shape.dress(pose, rng, split, name) for shape, pose in zip(shapes, stances, strict=True))
     return _together(first, second, rotation((0, 1, 0), yaw), offset, name)
