@@ -6,6 +6,7 @@ the bounce light of bounce.py.
 """
 
 import hashlib
+import multiprocessing
 import os
 from collections import Counter
 from collections.abc import Callable, Collection
@@ -13,6 +14,7 @@ from concurrent.futures import Executor, ProcessPoolExecutor, as_completed
 from contextlib import AbstractContextManager, nullcontext
 from dataclasses import asdict, dataclass, replace
 from functools import partial
+from multiprocessing.context import BaseContext
 from pathlib import Path
 
 import numpy as np
@@ -268,6 +270,15 @@ class FigureSource:
         return cls(name, partial(variants.variant, path, number, folded, normal_map))
 
 
+def _clean_processes() -> BaseContext:
+    """Return how to start processes without threads of this one: forks of a server that has this module."""
+    if "forkserver" not in multiprocessing.get_all_start_methods():
+        return multiprocessing.get_context("spawn")
+    context = multiprocessing.get_context("forkserver")
+    context.set_forkserver_preload([__name__])
+    return context
+
+
 def _render_figure(
     source: FigureSource,
     out: Path,
@@ -391,12 +402,11 @@ def render_all(
     written, size_on_disk = 0, 0
     errors: dict[str, Exception] = {}
     columns = TextColumn("{task.description}"), BarColumn(), MofNCompleteColumn(), TimeRemainingColumn()
-    # One thread in each process: after a fork, torch's threads do not exist and would be waited for forever.
-    # DataLoader's workers do the same.
     own: AbstractContextManager[Executor]
     if pool is None:
+        # A fork of this process would wait forever for the threads of torch and Embree, which it lacks.
         own = ProcessPoolExecutor(
-            processes or os.cpu_count(), initializer=torch.set_num_threads, initargs=(1,)
+            processes or os.cpu_count(), _clean_processes(), initializer=torch.set_num_threads, initargs=(1,)
         )
     else:
         own = nullcontext(pool)
