@@ -18,7 +18,6 @@ GROUPED = {"apply": SHOT, "stage": STAGE, "train": TRAIN}
 
 
 def shown(command, monkeypatch, width=100):
-    monkeypatch.setenv("TERMINAL_WIDTH", str(width))
     monkeypatch.setenv("COLUMNS", str(width))
     return CliRunner().invoke(app, [*command.split(), "--help"]).output
 
