@@ -7,7 +7,7 @@ import pytest
 from typer.testing import CliRunner
 
 import relight
-from relight import cli
+from relight.cli.commands import app
 from relight.pipeline import render
 
 STILL = ["apply", "photo.png", "--mask", "mask.png", "-o", "a.exr"]
@@ -34,7 +34,7 @@ def folder(tmp_path, monkeypatch):
 
 
 def run(*arguments):
-    return CliRunner().invoke(cli.app, [*arguments])
+    return CliRunner().invoke(app, [*arguments])
 
 
 @pytest.mark.parametrize(
