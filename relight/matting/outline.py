@@ -272,7 +272,7 @@ def _drawn(
     distance = distance_inside(inside if rough is None else inside & (rough > 0.5)) / slack
     if rough is not None:
         distance = np.where(unsure, (DOUBT * logit(rough.clip(UNSURE, 1 - UNSURE))).clip(-1, 1), distance)
-    known = np.where(distance >= 1, PERSON, np.where(distance <= -1, BACKGROUND, UNKNOWN))
+    known = _trimap(distance)
     known[unsure] = UNKNOWN
     for stroke in outline.strokes:
         painted = _painted(
@@ -288,6 +288,11 @@ def _drawn(
     return known, distance, rough is not None and not lines and not unsure.any()
 
 
+def _trimap(distance: np.ndarray) -> np.ndarray:
+    """Return what is surely inside, surely outside, and neither, from distances in units of the tolerance."""
+    return np.where(distance >= 1, PERSON, np.where(distance <= -1, BACKGROUND, UNKNOWN))
+
+
 def _solved(seen: np.ndarray, known: np.ndarray, distance: np.ndarray, sharp: bool) -> np.ndarray:
     """Solve the matte (h, w) of a copy (h, w, 3), encoded, with the trimap `known`."""
     if not (known == PERSON).any() and not ((known == UNKNOWN) & (distance > 0)).any():
@@ -299,7 +304,7 @@ def _solved(seen: np.ndarray, known: np.ndarray, distance: np.ndarray, sharp: bo
             if abs(shift) < LEAST_SHIFT:
                 break
             distance = distance - shift
-            known = np.where(distance >= 1, PERSON, np.where(distance <= -1, BACKGROUND, UNKNOWN))
+            known = _trimap(distance)
             votes = _votes(seen, known, distance)
         nearness, weight = MASK_NEARNESS, MASK_PRIOR
     prior = expit(nearness * distance + votes)

@@ -303,7 +303,7 @@ class FrameReader:
         """
         plate, matte = self._log.read(self.plates, number), self._log.read(self._mattes, number)
         matte = self._squared_as_plate(matte, plate, number)
-        if self._matting is not None:
+        if self._matting is not None and not self._must_matte:
             self._opaque[number] = refine.is_opaque(plate)
         if self._matting is not None and (self._must_matte or self._opaque[number]):
             plate, matte = self._matting.cut(number, matte), None
