@@ -2,9 +2,10 @@
 
 import math
 import struct
+import warnings
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
+from typing import Any, BinaryIO
 
 from PIL import ExifTags, Image, JpegImagePlugin, TiffImagePlugin, WebPImagePlugin
 
@@ -27,7 +28,6 @@ LARGEST_CHUNK = 1 << 20  # bytes: what states a PNG's colour is small, but for i
 EXPONENTS = 0.1, 10.0  # of transfer functions that are believed
 PARSERS: dict[str, Any] = {
     "jpeg": JpegImagePlugin.JpegImageFile,
-    "tiff": TiffImagePlugin.TiffImageFile,
     "webp": WebPImagePlugin.WebPImageFile,
 }
 ADOBE = 2  # of Exif's ColorSpace: in no standard, but written by cameras
@@ -96,17 +96,30 @@ def exif_encoding(path: Path, kind: str) -> Encoding | str | None:
 
     Exif that cannot be parsed says nothing.
     """
-    if kind not in (*PARSERS, "png"):
+    if kind not in (*PARSERS, "png", "tiff"):
         return None
     try:
         if kind == "png":  # Pillow decodes the whole picture to look for Exif behind it
             exif = Image.Exif()
             exif.load(_png_chunks(path)["eXIf"])
             return encoding_of_exif(exif)
+        if kind == "tiff":
+            with path.open("rb") as file, warnings.catch_warnings():
+                warnings.simplefilter("ignore")  # Pillow's, of truncated files
+                return encoding_of_exif(_tiff_exif(file))
         with PARSERS[kind](path) as file:
             return encoding_of_exif(file.getexif())
     except Exception:  # of many classes: Exif is a format of its own, and often damaged
         return None
+
+
+def _tiff_exif(file: BinaryIO) -> Image.Exif:
+    """Return the fields of a TIFF as Exif. Pillow's reader of TIFF refuses floats."""
+    head, exif = file.read(16), Image.Exif()
+    exif.bigtiff, exif.endian = 43 in head[2:4], "<" if head.startswith(b"II") else ">"
+    first = TiffImagePlugin.ImageFileDirectory_v2(head if exif.bigtiff else head[:8]).next
+    exif.load_from_fp(file, first)
+    return exif
 
 
 def encoding_of_exif(exif: Image.Exif) -> Encoding | str | None:

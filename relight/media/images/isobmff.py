@@ -1,4 +1,4 @@
-"""The code points of colour in HEIF and AVIF files (ISO/IEC 23008-12): `colr` of the primary item."""
+"""Boxes of files, and the code points of HEIF and AVIF (ISO/IEC 23008-12): `colr` of the primary item."""
 
 import struct
 from collections.abc import Iterator
@@ -12,15 +12,15 @@ def read_code_points(data: bytes) -> tuple[int, int] | None:
     `data` is the file, or its start. Damaged boxes have none.
     """
     try:
-        meta = next(body for kind, body in _boxes(data) if kind == "meta")[4:]
-        boxes = dict(_boxes(meta))
-        properties = list(_boxes(boxes["iprp"]))
+        meta = next(body for kind, body in boxes(data) if kind == "meta")[4:]
+        parts = dict(boxes(meta))
+        properties = list(boxes(parts["iprp"]))
         colours = [
             (index, body)
-            for index, (kind, body) in enumerate(_boxes(dict(properties)["ipco"]), 1)
+            for index, (kind, body) in enumerate(boxes(dict(properties)["ipco"]), 1)
             if kind == "colr" and body[:4] == b"nclx"
         ]
-        primary = _primary_item(boxes["pitm"])
+        primary = _primary_item(parts["pitm"])
         wanted = {
             index for kind, body in properties if kind == "ipma" for index in _associated(body, primary)
         }
@@ -30,7 +30,7 @@ def read_code_points(data: bytes) -> tuple[int, int] | None:
         return None
 
 
-def _boxes(data: bytes) -> Iterator[tuple[str, bytes]]:
+def boxes(data: bytes) -> Iterator[tuple[str, bytes]]:
     """Yield the boxes in some data: type and content."""
     start = 0
     while start + 8 <= len(data):

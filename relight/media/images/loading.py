@@ -15,6 +15,7 @@ from relight.media.buffers import problem
 from relight.media.encodings import AP0, REC709, Encoding, decode_bt709, decode_linear
 from relight.media.icc import Profile
 from relight.media.images import headers, pages, phone
+from relight.media.images.jpeg2000 import jpeg2000_header, jpeg2000_space
 from relight.media.images.layers import Layer, Part, find_beauty, find_layer, index_layers, split_layer
 from relight.media.images.stored import StoredPicture
 from relight.media.images.turning import SIDEWAYS, upright
@@ -111,6 +112,8 @@ def _upright_aspect(path: Path, kind: str, spec: oiio.ImageSpec) -> float:
         with path.open("rb") as file:
             header = headers.radiance_header(file.read(headers.RADIANCE_HEADER))
         aspect = 1.0 if header is None else header.aspect
+    if kind == "jpeg2000":
+        aspect = jpeg2000_header(path).aspect
     return 1 / aspect if spec.get_int_attribute("Orientation", 1) in SIDEWAYS else aspect
 
 
@@ -308,14 +311,16 @@ def _stated(
         upright(pixels, orientation),
         names,
         space,
-        straight=_is_straight(kind, spec, pixels),
+        straight=_is_straight(path, kind, spec, pixels),
         aspect=_upright_aspect(path, kind, spec),
         unsigned=unsigned,
     )
 
 
-def _is_straight(kind: str, spec: oiio.ImageSpec, pixels: np.ndarray) -> bool:
-    """Return whether colours are not multiplied by alpha: integers, unless a TIFF or Targa file says so."""
+def _is_straight(path: Path, kind: str, spec: oiio.ImageSpec, pixels: np.ndarray) -> bool:
+    """Return whether colours are not multiplied by alpha: integers, unless their file says so."""
+    if kind == "jpeg2000":
+        return not jpeg2000_header(path).is_premultiplied
     if kind == "targa" and spec.get_int_attribute("targa:alpha_type", -1) == PREMULTIPLIED_TARGA:
         return False
     integer = np.issubdtype(pixels.dtype, np.integer)
@@ -340,6 +345,8 @@ def _stated_space(path: Path, kind: str, spec: oiio.ImageSpec, integer: bool) ->
         first = headers.bmp_encoding(path.read_bytes())
     elif kind == "hdr":
         first = headers.radiance_encoding(path)
+    elif kind == "jpeg2000":
+        first = jpeg2000_space(path)
     if isinstance(first, bytes):
         return _profile(first)
     if first is not None:
@@ -354,6 +361,8 @@ def _stated_space(path: Path, kind: str, spec: oiio.ImageSpec, integer: bool) ->
         return exif
     if kind == "pnm":  # its specification says BT.709; what writes it writes sRGB, and light as floats
         return colour.SRGB if integer else colour.LINEAR
+    if kind == "tiff" and not integer:  # OpenImageIO calls every TIFF with Exif sRGB
+        return colour.LINEAR
     return _named_space(spec, integer)
 
 

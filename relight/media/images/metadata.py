@@ -67,7 +67,7 @@ def read_metadata(path: AnyPath) -> dict[str, TypedValue]:
             return {}
         is_exr = opened.format_name() == "openexr"
         return {
-            attribute.name: TypedValue(str(attribute.type), attribute.value)
+            attribute.name: _typed(str(attribute.type), attribute.value)
             for attribute in opened.spec().extra_attribs
             if _is_kept(attribute.name, is_exr)
             and attribute.value is not None
@@ -75,6 +75,12 @@ def read_metadata(path: AnyPath) -> dict[str, TypedValue]:
         }
     except (OSError, UnicodeDecodeError):
         return {}
+
+
+def _typed(kind: str, value: Any) -> TypedValue:
+    """Return a value with its type; OpenImageIO makes an array of one of a TIFF's sensitivity."""
+    is_one = kind.endswith("[1]") and isinstance(value, tuple) and len(value) == 1
+    return TypedValue(kind.removesuffix("[1]"), value[0]) if is_one else TypedValue(kind, value)
 
 
 def read_frame_rate(path: AnyPath) -> Fraction | None:

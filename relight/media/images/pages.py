@@ -16,6 +16,7 @@ DNG_VERSION, SUB_DIRECTORIES, PHOTOMETRIC = 50706, 330, 262  # tags of TIFF
 MOSAICS = (32803, 34892)  # photometric interpretations of camera raw: a colour filter array, linear raw
 TIFF_MAGIC = (b"II*\0", b"MM\0*", b"II+\0", b"MM\0+")
 REDUCED = 1  # bit of NewSubfileType: a copy of another page, with fewer pixels
+SUBFILE_TYPE, OLD_REDUCED = 255, 2  # TIFF 5.0's tag of the same, and its value of such a copy
 MOST_DIRECTORIES = 32  # beyond which a file is not searched
 ANY_SIZE = "RELIGHT_ANY_SIZE"  # environment variable: its value 1 lifts the limits below
 LARGEST = 2**29  # pixels of a picture
@@ -39,23 +40,40 @@ def check_size(width: int, height: int, file_bytes: int) -> None:
 
 
 def whole_page(file: oiio.ImageInput, path: Path) -> int:
-    """Return the number of a TIFF's first page that is no reduced copy; 0 in other formats.
+    """Return the number of a TIFF's first page that is no reduced copy, of an ICO's largest; else 0.
 
-    Warns of further pages, which are not read. ValueError where all pages are reduced copies.
+    Warns of further pages of a TIFF, which are not read. ValueError where all pages are reduced copies.
     """
-    if file.format_name() != "tiff":
+    if file.format_name() not in ("tiff", "ico"):
         return 0
-    whole, pages = [], 0
-    while pages < MOST_DIRECTORIES and file.seek_subimage(pages, 0):
-        if not file.spec(pages, 0).get_int_attribute("tiff:subfiletype") & REDUCED:
-            whole.append(pages)
-        pages += 1
+    specs: list[oiio.ImageSpec] = []
+    while len(specs) < MOST_DIRECTORIES and file.seek_subimage(len(specs), 0):
+        specs.append(file.spec(len(specs), 0))
     problem(file)  # is taken note of, or it would be reported later
+    if file.format_name() == "ico":
+        return max(range(len(specs)), key=lambda page: specs[page].width)
+    reduced = _reduced_in_old_files(path) if len(specs) > 1 else set()
+    whole = [
+        page
+        for page, spec in enumerate(specs)
+        if not spec.get_int_attribute("tiff:subfiletype") & REDUCED and page not in reduced
+    ]
     if not whole:
         raise ValueError("holds nothing but a reduced copy of its picture; export the picture itself")
     if len(whole) > 1:
         _warn(path, f"holds {len(whole)} pages; the first is read")
     return whole[0]
+
+
+def _reduced_in_old_files(path: Path) -> set[int]:
+    """Return the pages that TIFF 5.0's tag calls reduced, which OpenImageIO does not pass on."""
+    try:
+        with path.open("rb") as file, warnings.catch_warnings():
+            warnings.simplefilter("ignore")  # Pillow's, of truncated files
+            pages = enumerate(_directories(file, with_sub_directories=False))
+            return {number for number, page in pages if page.get(SUBFILE_TYPE) == OLD_REDUCED}
+    except Exception:  # of many classes: a damaged TIFF is reported where it is read
+        return set()
 
 
 def warn_of_animation(path: Path, kind: str) -> None:
@@ -110,7 +128,9 @@ def holds_raw(path: Path) -> bool:
         return False
 
 
-def _directories(file: Any) -> Iterator[TiffImagePlugin.ImageFileDirectory_v2]:
+def _directories(
+    file: Any, with_sub_directories: bool = True
+) -> Iterator[TiffImagePlugin.ImageFileDirectory_v2]:
     """Yield the directories of a TIFF, and those below them; none in another file."""
     head = file.read(16)
     if head[:4] not in TIFF_MAGIC:
@@ -124,5 +144,5 @@ def _directories(file: Any) -> Iterator[TiffImagePlugin.ImageFileDirectory_v2]:
         directory.load(file)
         done += 1
         yield directory
-        below = directory.get(SUB_DIRECTORIES, ())
+        below = directory.get(SUB_DIRECTORIES, ()) if with_sub_directories else ()
         waiting += [*(below if isinstance(below, tuple) else (below,)), *filter(None, [directory.next])]

@@ -10,7 +10,6 @@ import OpenImageIO as oiio
 from relight.media.images.headers import PNG_SIGNATURE
 
 TIFF_TAG = 700  # XMLPacket, "XMP Specification Part 3", 1.1.5
-BYTE = 1  # type of a TIFF's field
 PNG_KEYWORD = b"XML:com.adobe.xmp"  # of the iTXt chunk, "XMP Specification Part 3", 1.1.5
 
 
@@ -47,33 +46,3 @@ def add_to_png(path: Path, xmp: bytes) -> None:
         text = b"iTXt" + PNG_KEYWORD + bytes(5) + xmp
         file.seek(offset)
         file.write(struct.pack(">I", len(text) - 4) + text + struct.pack(">I", zlib.crc32(text)) + pixels)
-
-
-def replace_in_tiff(path: Path, xmp: bytes) -> None:
-    """Let the first image of a TIFF, which has XMP, have other XMP, at the end of the file.
-
-    Raises ValueError if it has none.
-    """
-    with path.open("r+b") as file:
-        order = {b"II": "<", b"MM": ">"}[file.read(2)]
-
-        def read(layout: str) -> tuple[int, ...]:
-            return struct.unpack(order + layout, file.read(struct.calcsize(order + layout)))
-
-        big = read("H") == (43,)  # BigTIFF, whose counts and offsets have 8 bytes
-        if big:
-            file.seek(8)
-        (directory,) = read("Q" if big else "I")
-        file.seek(directory)
-        (fields,) = read("Q" if big else "H")
-        for _ in range(fields):
-            offset = file.tell()
-            tag, *_ = read("HHQQ" if big else "HHII")
-            if tag == TIFF_TAG:
-                break
-        else:
-            raise ValueError(f"{path}: expected XMP in the TIFF, which is replaced, and found none")
-        start = file.seek(0, 2)
-        file.write(xmp)
-        file.seek(offset)
-        file.write(struct.pack(order + ("HHQQ" if big else "HHII"), TIFF_TAG, BYTE, len(xmp), start))

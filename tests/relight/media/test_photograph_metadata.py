@@ -1,13 +1,19 @@
 """Files carry what photographs carry: when, with what lens, an ICC profile, rating and keywords."""
 
 import io
+import struct
+from contextlib import nullcontext
 
 import numpy as np
 import pytest
+import tifffile
 from PIL import ExifTags, Image, ImageCms
+from PIL.TiffImagePlugin import IFDRational
 
 import relight
 from relight.media import images
+from relight.media.images import tiff_fields
+from relight.media.images.tiff_fields import Field
 
 XMP = b"""<?xpacket begin="" id="W5M0MpCehiHzreSzNTczkc9d"?><x:xmpmeta xmlns:x="adobe:ns:meta/">
 <rdf:RDF xmlns:rdf="http://www.w3.org/1999/02/22-rdf-syntax-ns#"><rdf:Description rdf:about=""
@@ -63,3 +69,65 @@ def test_a_tiff_keeps_rating_and_keywords(tmp_path, depth):
         with Image.open(tmp_path / "b.tif") as file:
             assert b"<rdf:li>Bo &amp; Co</rdf:li>" in file.tag_v2[700]
     np.testing.assert_allclose(relight.read(tmp_path / "b.tif"), pixels, atol=5e-3)
+
+
+EXPOSED = {
+    "ExposureTime": 1 / 125, "FNumber": 2.8, "Exif:PhotographicSensitivity": 400,
+    "Exif:ExposureBiasValue": -1 / 3, "Exif:FocalLength": 50.0, "Exif:Flash": 16,
+    "Exif:LensSpecification": (24.0, 70.0, 2.8, 4.0),
+}  # fmt: skip
+
+
+def photograph(path, stated=EXPOSED):
+    """A JPEG that states its exposure as a camera does: in fractions, in Exif's own directory."""
+    exif = Image.Exif()
+    for name, value in stated.items():
+        name = name.removeprefix("Exif:").replace("PhotographicSensitivity", "ISOSpeedRatings")
+        if isinstance(value, float | tuple):
+            ratios = [round(number * 3000) for number in np.ravel(value)]
+            value = tuple(IFDRational(ratio, 3000) for ratio in ratios)
+            value = value if len(value) > 1 else value[0]
+        exif.get_ifd(ExifTags.IFD.Exif)[ExifTags.Base[name]] = value
+    Image.fromarray(np.full((32, 24, 3), 120, np.uint8)).save(path, exif=exif)
+
+
+@pytest.mark.parametrize("second", ["b.jpg", "b.png", "b.tif", "b.exr"])
+@pytest.mark.parametrize("first", ["a.jpg", "a.png", "a.tif", "a.exr", "float.tif"])
+def test_exposure_and_lens_go_from_any_file_to_any_other(tmp_path, first, second):
+    photograph(tmp_path / "plate.jpg")
+    pixels, source = relight.read(tmp_path / "plate.jpg"), tmp_path / "plate.jpg"
+    for name in (first, second):
+        depth = {"depth": "float"} if name == "float.tif" else {}
+        relight.write(tmp_path / name, pixels, metadata=images.read_metadata(source), **depth)
+        source = tmp_path / name
+        np.testing.assert_allclose(relight.read(source), pixels, atol=0.01)
+        found = images.read_metadata(source)
+        for key, value in EXPOSED.items():
+            np.testing.assert_allclose(found[key].value, value, rtol=1e-5, err_msg=f"{name}: {key}")
+    with Image.open(source) if source.suffix != ".exr" else nullcontext() as file:
+        if file is not None:  # as other programs see it
+            details = file.getexif().get_ifd(ExifTags.IFD.Exif)
+            assert details[ExifTags.Base.ISOSpeedRatings] == 400
+            assert float(details[ExifTags.Base.ExposureBiasValue]) == pytest.approx(-1 / 3, rel=1e-5)
+
+
+@pytest.mark.parametrize("name", ["a.tif", "a.jpg", "a.png"])
+def test_sensitivities_beyond_exifs_are_its_highest(tmp_path, name):
+    metadata = {"Exif:PhotographicSensitivity": 102_400}
+    relight.write(tmp_path / name, np.full((8, 8, 3), 0.5, np.float32), metadata=metadata)
+    assert images.read_metadata(tmp_path / name)["Exif:PhotographicSensitivity"].value == 65_535
+
+
+@pytest.mark.parametrize(("order", "big"), [("<", False), (">", False), ("<", True), (">", True)])
+def test_fields_are_added_to_every_kind_of_tiff(tmp_path, order, big):
+    path, pixels = tmp_path / "a.tif", np.arange(60, dtype=np.uint8).reshape(5, 4, 3)
+    with tifffile.TiffWriter(path, byteorder=order, bigtiff=big) as file:
+        file.write(pixels, photometric="rgb", metadata=None)
+        file.write(pixels[::-1], photometric="rgb", metadata=None)
+    for sensitivity in (100, 200):
+        data = struct.pack(f"{order}H", sensitivity)
+        tiff_fields.add_fields(path, {}, {34855: Field(tiff_fields.SHORT, 1, data)})
+        with tifffile.TiffFile(path) as file:
+            assert file.pages[0].tags["ExifTag"].value == {"ISOSpeedRatings": sensitivity}
+            np.testing.assert_array_equal(file.pages[0].asarray(), pixels)
+            np.testing.assert_array_equal(file.pages[1].asarray(), pixels[::-1])

@@ -3,7 +3,8 @@
 import numpy as np
 import OpenImageIO as oiio
 import pytest
-from helpers.foreign_files import disc, ramp
+import tifffile
+from helpers.foreign_files import RED_OF_BT2020, disc, ramp
 from helpers.stored import store
 from PIL import Image
 
@@ -84,6 +85,32 @@ def test_files_are_written_in_a_colour_space(tmp_path, space, red):
     np.testing.assert_array_equal(relight.read_layers(tmp_path / "a.exr")["N"], LIGHT)
     raw = oiio.ImageInput.open(str(tmp_path / "a.exr")).read_image(0, 3, "float")
     assert np.allclose(raw, LIGHT, atol=1e-5) == (space == "lin_rec709")
+
+
+@pytest.mark.parametrize("space", ["ACEScg", "ACES2065-1", "Rec.2020", "lin_rec709"])
+def test_a_tiff_of_floats_states_its_primaries(tmp_path, space):
+    """ACES2065-1 has a blue below zero."""
+    metadata = {"Make": "A camera", "Exif:FNumber": 2.8}  # OpenImageIO calls a TIFF with Exif sRGB
+    colours = np.random.default_rng(0).random((8, 8, 3), np.float32)
+    relight.write(tmp_path / "a.tif", colours, depth="float", colour_space=space, metadata=metadata)
+    np.testing.assert_allclose(relight.read(tmp_path / "a.tif"), colours, atol=1e-5)
+    raw = oiio.ImageInput.open(str(tmp_path / "a.tif")).read_image("float")
+    assert np.allclose(raw, colours, atol=1e-5) == (space == "lin_rec709")
+
+
+@pytest.mark.parametrize(("order", "big"), [("<", False), (">", False), ("<", True)])
+@pytest.mark.states("Stills", "primaries of a TIFF of floats", "honoured")
+def test_primaries_of_a_tiff_of_floats_are_honoured(tmp_path, order, big):
+    """As other programs write them: fractions of WhitePoint and PrimaryChromaticities."""
+    numbers = [round(10000 * number) for number in (0.708, 0.292, 0.170, 0.797, 0.131, 0.046)]
+    fields = [
+        (318, 5, 2, (3127, 10000, 3290, 10000), True),
+        (319, 5, 6, tuple(part for number in numbers for part in (number, 10000)), True),
+    ]
+    with tifffile.TiffWriter(tmp_path / "a.tif", byteorder=order, bigtiff=big) as file:
+        red = np.tile(np.float32([1, 0, 0]), (8, 8, 1))
+        file.write(red, photometric="rgb", extratags=fields, metadata=None)
+    np.testing.assert_allclose(relight.read(tmp_path / "a.tif")[0, 0], RED_OF_BT2020, atol=1e-3)
 
 
 def test_a_colour_space_that_cannot_be_written_is_refused(tmp_path):

@@ -47,17 +47,33 @@ def test_a_camera_raw_is_developed_whatever_its_name(tmp_path, suffix, order):
     assert relight.read(path).shape == (64, 96, 3)
 
 
-@pytest.mark.parametrize("big", [False, True])
+@pytest.mark.parametrize(
+    ("said", "big"),
+    [
+        ({"subfiletype": 1}, False),
+        ({"subfiletype": 1}, True),
+        ({"subfiletype": 1, "tile": (16, 16)}, False),
+        ({"extratags": [(255, 3, 1, 2, True)]}, False),  # TIFF 5.0's SubfileType
+        ({"extratags": [(255, 3, 1, 2, True)]}, True),
+    ],
+)
 @pytest.mark.states("Stills", "reduced pages of a TIFF", "honoured")
-def test_a_reduced_page_is_passed_over(tmp_path, big):
+def test_a_reduced_page_is_passed_over(tmp_path, said, big):
     with tifffile.TiffWriter(tmp_path / "a.tif", bigtiff=big) as file:
-        file.write(THUMBNAIL, photometric="rgb", subfiletype=1, metadata=None)
+        file.write(THUMBNAIL, photometric="rgb", metadata=None, **said)
         file.write(ramp(), photometric="rgb", subfiletype=0, metadata=None)
-        file.write(THUMBNAIL, photometric="rgb", subfiletype=1, metadata=None)
+        file.write(THUMBNAIL, photometric="rgb", metadata=None, **said)
     with warnings.catch_warnings():
         warnings.simplefilter("error")
         found = relight.read(tmp_path / "a.tif")
     np.testing.assert_allclose(found, decode_srgb(ramp() / 255), atol=1e-4)
+
+
+def test_the_largest_picture_of_an_icon_is_read(tmp_path):
+    Image.fromarray(ramp()).save(tmp_path / "a.ico", sizes=[(16, 16), (64, 64), (32, 32)])
+    np.testing.assert_allclose(
+        relight.read(tmp_path / "a.ico")[..., :3], decode_srgb(ramp() / 255), atol=1e-3
+    )
 
 
 @pytest.mark.states("Stills", "further pages of a TIFF", "warned of")
@@ -94,18 +110,21 @@ def test_a_grey_matte_with_a_few_faint_pixels_is_its_grey(tmp_path, name, low):
     np.testing.assert_allclose(relight.read_mask(tmp_path / name), disc() / 255, atol=0.01)
 
 
-def targa(path, attributes, pixel=(60, 20, 10, 128)):
+def targa(path, attributes, packed=False, pixel=(60, 20, 10, 128)):
     """A Targa file of one pixel (R, G, B, A) repeated, with an extension of some attributes type."""
     red, green, blue, alpha = pixel
-    body = struct.pack("<3B5x4H2B", 0, 0, 2, 0, 0, 8, 8, 32, 8 | 32) + bytes((blue, green, red, alpha)) * 64
+    colour = bytes((blue, green, red, alpha))
+    rows = (b"\x87" + colour) * 8 if packed else colour * 64  # 0x87: eight pixels alike
+    body = struct.pack("<3B5x4H2B", 0, 0, 10 if packed else 2, 0, 0, 8, 8, 32, 8 | 32) + rows
     extension = struct.pack("<H", 495) + bytes(492) + bytes((attributes,))
     path.write_bytes(body + extension + struct.pack("<II", len(body), 0) + b"TRUEVISION-XFILE.\0")
 
 
+@pytest.mark.parametrize("packed", [False, True])
 @pytest.mark.parametrize(("attributes", "straight"), [(3, True), (4, False)])
 @pytest.mark.states("Stills", "attributes type of a Targa file", "honoured")
-def test_alpha_of_targa_is_what_its_attributes_say(tmp_path, attributes, straight):
-    targa(tmp_path / "a.tga", attributes)
+def test_alpha_of_targa_is_what_its_attributes_say(tmp_path, attributes, straight, packed):
+    targa(tmp_path / "a.tga", attributes, packed)
     found = relight.read(tmp_path / "a.tga")[0, 0]
     alpha = 128 / 255
     codes = np.array([60, 20, 10]) / 255 / (1 if straight else alpha)
@@ -131,34 +150,64 @@ def test_radiance_headers_of_other_programs(tmp_path, lines, light):
     np.testing.assert_allclose(relight.read(tmp_path / "a.hdr"), light, rtol=2e-3)
 
 
-@pytest.mark.parametrize("count", [1, 2])
+@pytest.mark.parametrize(
+    ("count", "kind", "photometric", "order"),
+    [
+        (1, "uint8", "minisblack", "contig"),
+        (2, "uint8", "minisblack", "contig"),
+        (1, "uint16", "minisblack", "separate"),
+        (1, "float32", "minisblack", "contig"),
+        (1, "uint8", "miniswhite", "contig"),
+    ],
+)
 @pytest.mark.states("Stills", "unspecified extra samples of a grey TIFF", "honoured")
-def test_samples_that_a_grey_tiff_does_not_name_are_passed_over(tmp_path, count):
-    samples = np.dstack([disc()] + [np.full((64, 64), 90, np.uint8)] * count)
+def test_samples_that_a_grey_tiff_does_not_name_are_passed_over(tmp_path, count, kind, photometric, order):
+    full = 1 if kind == "float32" else np.iinfo(kind).max
+    matte = (disc() / 255 * full).astype(kind)
+    samples = np.stack([matte] + [np.full_like(matte, 0.3 * full)] * count, 0 if order == "separate" else -1)
     tifffile.imwrite(
-        tmp_path / "a.tif", samples, photometric="minisblack", planarconfig="contig", extrasamples=[0] * count
+        tmp_path / "a.tif", samples, photometric=photometric, planarconfig=order, extrasamples=[0] * count
     )
-    np.testing.assert_allclose(relight.read_mask(tmp_path / "a.tif"), disc() / 255, atol=1e-4)
+    shown = 1 - disc() / 255 if photometric == "miniswhite" else disc() / 255
+    np.testing.assert_allclose(relight.read_mask(tmp_path / "a.tif"), shown, atol=1e-4)
     assert relight.read(tmp_path / "a.tif").shape == (64, 64, 3)
 
 
-@pytest.mark.parametrize(("name", "kind"), [("a.exr", "half"), ("a.tif", "float")])
+@pytest.mark.parametrize(("extra", "channels"), [([0], 3), ([0, 0], 3), ([2, 0], 4), ([0, 2], 4)])
+def test_samples_that_a_coloured_tiff_does_not_name_are_passed_over(tmp_path, extra, channels):
+    samples = np.dstack([ramp()] + [np.full((64, 64), 90, np.uint8)] * len(extra))
+    tifffile.imwrite(
+        tmp_path / "a.tif", samples, photometric="rgb", planarconfig="contig", extrasamples=extra
+    )
+    assert relight.read(tmp_path / "a.tif").shape == (64, 64, channels)
+
+
+@pytest.mark.parametrize(
+    ("name", "kind", "layer"),
+    [("a.exr", "half", ""), ("a.tif", "float", ""), ("a.exr", "float", "rgba."), ("a.exr", "half", "key.")],
+)
 @pytest.mark.states("Stills", "alpha more than 0.5 beyond 0 and 1", "refused")
-def test_alpha_beyond_its_range_is_clipped_or_refused_by_name(tmp_path, name, kind):
+def test_alpha_beyond_its_range_is_clipped_or_refused_by_name(tmp_path, name, kind, layer):
     pixels = np.full((8, 8, 4), 0.5, np.float32)
     pixels[0, 0, 3], pixels[0, 1, 3] = -0.09, 1.17
     for most in (1.17, 255.0):
         pixels[0, 1, 3] = most
         file = oiio.ImageOutput.create(str(tmp_path / name))
-        file.open(str(tmp_path / name), oiio.ImageSpec(8, 8, 4, kind))
+        spec = oiio.ImageSpec(8, 8, 4, kind)
+        spec.channelnames = [f"{layer}{channel}" for channel in "RGBA"]
+        file.open(str(tmp_path / name), spec)
         file.write_image(pixels)
         file.close()
+        chosen = {"layer": "key"} if layer == "key." else {}
         if most == 255:
             with pytest.raises(ValueError, match=rf"{name}: expected alpha in \[0, 1\], got"):
-                relight.read(tmp_path / name)
+                relight.read(tmp_path / name, **chosen)
         else:
-            alpha = relight.read(tmp_path / name)[..., 3]
-            assert (alpha.min(), alpha.max()) == (0, 1)
+            for alpha in (
+                relight.read(tmp_path / name, **chosen)[..., 3],
+                relight.read_mask(tmp_path / name, layer=layer[:-1] or None),
+            ):
+                assert (alpha.min(), alpha.max()) == (0, 1)
 
 
 @pytest.mark.parametrize("size", [1, 16, 40])
