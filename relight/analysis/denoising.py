@@ -7,7 +7,8 @@ more the larger the gain is:
 
 - a guided filter (He et al. 2013) whose guide is the lightness: colour is linear in lightness within small
   windows. Its lines come from the networks' canvas (as in the fast guided filter, He and Sun 2015);
-- colour near black is drawn to that of grey cloth in the same light: black cloth is the most likely.
+- no channel of the albedo gets darker than dyes are. Tone curves cut the small channels of dark cloth to
+  black, which would make jeans and suits in shadow as blue as a lamp.
 
 The lightness is left alone, for the canvas does not see how much of it is fine texture.
 Nothing changes where the person is lit as on average or more.
@@ -22,7 +23,8 @@ from shadow.framing import Framing
 ENCODING = 2.2  # of `encode_guide`
 RADIUS = 3  # of the filter's windows, canvas pixels
 NOISE = 0.03  # standard deviation of the noise in colour, display-encoded
-NEAR_BLACK = 0.05  # lightness, display-encoded, at which half of the saturation is trusted
+DARKEST_DYE = 0.03  # albedo of a channel: below it, the cloth's surface reflects more than its dye
+KNEE = 3  # exponent of the smooth maximum of albedo and DARKEST_DYE: larger is sharper
 BRIGHTEST = 1.0  # display-encoded: brighter pixels show no noise
 MIN_STRENGTH = 0.02  # pixels with less are left as they are
 
@@ -58,19 +60,20 @@ def denoised(
     level = light.mean(dim=0, keepdim=True).clamp_min(1e-12)
     # Noise in the encoded albedo is larger by a factor of level ** (-1 / ENCODING) than in the photograph.
     strength = (1 - level.clamp(0, 1) ** (2 / ENCODING)) * known
-    maps = torch.cat([strength, light / level, *_line(image, known)])
+    maps = torch.cat([strength, light, *_line(image, known)])
     share = _at(strength, framing, pixels)[0]
     chosen = torch.nonzero(share > MIN_STRENGTH)[:, 0]
     seen = encode_guide(colour[chosen] * exposure)
     dark = seen.amax(dim=1) < BRIGHTEST
     chosen, seen = chosen[dark], seen[dark]
-    strength, grey, slope, offset = _at(maps, framing, pixels[chosen]).T.split([1, 3, 3, 3], dim=1)
+    strength, light, slope, offset = _at(maps, framing, pixels[chosen]).T.split([1, 3, 3, 3], dim=1)
     smooth = slope * seen.mean(dim=1, keepdim=True) + offset
     smooth = torch.lerp(seen, smooth, strength).clamp_min(0)
-    lightness, linear = smooth.mean(dim=1, keepdim=True), smooth**ENCODING
-    doubt = strength * NEAR_BLACK**2 / (NEAR_BLACK**2 + lightness**2)
-    linear = torch.lerp(linear, linear.mean(dim=1, keepdim=True) * grey, doubt)
-    return colour.index_copy(0, chosen, linear / exposure)
+    linear = smooth**ENCODING / exposure
+    albedo = linear / light.clamp_min(1e-12)
+    raised = (albedo**KNEE + (strength * DARKEST_DYE) ** KNEE) ** (1 / KNEE) * light
+    linear = raised * linear.mean(dim=1, keepdim=True) / raised.mean(dim=1, keepdim=True).clamp_min(1e-12)
+    return colour.index_copy(0, chosen, linear)
 
 
 def _line(image: torch.Tensor, known: torch.Tensor) -> tuple[torch.Tensor, torch.Tensor]:

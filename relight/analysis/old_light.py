@@ -29,11 +29,11 @@ RESIDUAL = 0.1  # log-chromaticity, at which a pair's weight falls to a half
 FIRST_RESIDUAL = 0.4  # the same at the first step, so that a strong colour is not taken for another material
 STEPS = 12
 MAX_STEP = 0.5
-AMBIENT_RIDGE, NORMAL_RIDGE, SATURATION_RIDGE = 1e-3, 2e-3, 2e-2  # a pair; draw what is not seen to zero
-MAX_COLOUR, MAX_SATURATION = 1.5, 0.5
+AMBIENT_RIDGE, NORMAL_RIDGE, SATURATION_RIDGE = 1e-3, 2e-3, 5e-3  # a pair; draw what is not seen to zero
+MAX_COLOUR, MAX_SATURATION = 1.5, 0.8
 MIN_EXPLAINED = 0.15  # share of the differences in colour that the light explains; neutral lights reach 0.14
 MIN_PAIRS = 500
-DARKEST = 0.06  # display-encoded: darker pixels have no reliable colour
+DARKEST = 0.02  # display-encoded: darker pixels have no reliable colour
 SATURATED = (1.5, 3.0)  # log of the largest channel over the smallest: trust falls from 1 to 0
 NEARLY_CLIPPED = 0.98  # relative to the brightest pixel, display-encoded
 FLOOR = 1e-4  # linear
@@ -68,10 +68,9 @@ class OldLight(NamedTuple):
         ambient = torch.tensor(self.ambient).view(2, 1, 1)
         slopes = torch.tensor(self.slopes).view(2, 3)
         colour = (share + (1 - share) * ambient.exp()).log() + torch.einsum("cn,nhw->chw", slopes, normals)
-        colour = colour - torch.tensor(self.middle).view(2, 1, 1)
+        colour = (colour - torch.tensor(self.middle).view(2, 1, 1)) * _trust(albedo)
         seen = _chromaticity(albedo) - colour
         colour = colour + seen * (1 - (self.saturation * (level / self.middle_level).log()).exp())
-        colour = colour * _trust(albedo)
         tint = torch.stack([colour[0], torch.zeros_like(level), colour[1]]).exp()
         return tint * (_luminance(albedo / tint) / _luminance(albedo))
 
@@ -92,17 +91,17 @@ class OldLight(NamedTuple):
         level = light.mean(dim=0).clamp_min(1e-12)
         brightest = photograph.amax(dim=0)
         clipped = brightest > NEARLY_CLIPPED * brightest[known].max()
-        reliable = known & ~clipped & (photograph.amin(dim=0) > DARKEST) & (_trust(albedo) > 0.5)
+        reliable = known & ~clipped & (photograph.amin(dim=0) > DARKEST)
         pairs = _pairs(_luminance(albedo)[0].log().numpy(), reliable.numpy())
         if len(pairs[0]) < MIN_PAIRS:
             return cls()
-        levels, normal, colour = (
+        levels, normal, colour, trust = (
             values.flatten(-2).double().numpy()[..., pairs]
-            for values in (level, normals, _chromaticity(albedo))
+            for values in (level, normals, _chromaticity(albedo), _trust(albedo))
         )
         ambient_level = float(torch.quantile(level[known], AMBIENT_QUANTILE))
         shares = np.maximum(0, 1 - ambient_level / levels)
-        solution, explained = _solve(shares, normal, colour, -np.log(levels))
+        solution, explained = _solve(shares, normal, colour, -np.log(levels), trust.min(axis=0))
         if explained < MIN_EXPLAINED:
             return cls()
         values = [float(value) for value in solution]
@@ -132,9 +131,10 @@ def _pairs(log_albedo: np.ndarray, reliable: np.ndarray) -> np.ndarray:
 
 
 def _solve(
-    shares: np.ndarray, normals: np.ndarray, colours: np.ndarray, gains: np.ndarray
+    shares: np.ndarray, normals: np.ndarray, colours: np.ndarray, gains: np.ndarray, trust: np.ndarray
 ) -> tuple[np.ndarray, float]:
-    """Fit the model to pairs: shares of the key (2, N), normals (3, 2, N), log-chromaticity (2, 2, N), gains.
+    """Fit the model to pairs: shares of the key (2, N), normals (3, 2, N), log-chromaticity (2, 2, N), gains,
+    and how far (N,) the pairs show the light's colour.
 
     Returns the nine unknowns in the order of `OldLight`, and the share of the colours' differences, squared,
     that they explain.
@@ -153,10 +153,11 @@ def _solve(
             ambient = np.exp(solution[channel])
             light = shares + (1 - shares) * ambient
             jacobian = np.zeros((9, shares.shape[1]))
-            jacobian[channel] = np.subtract(*((1 - shares) * ambient / light))
-            jacobian[2 + 3 * channel : 5 + 3 * channel] = turned
+            jacobian[channel] = trust * np.subtract(*((1 - shares) * ambient / light))
+            jacobian[2 + 3 * channel : 5 + 3 * channel] = trust * turned
             jacobian[8] = ascent[channel]
-            residual = differences[channel] - np.subtract(*np.log(light)) - solution[2:] @ jacobian[2:]
+            lamps = trust * np.subtract(*np.log(light))
+            residual = differences[channel] - lamps - solution[2:] @ jacobian[2:]
             weights = 1 / (1 + (residual / scale) ** 2)
             hessian = hessian + (weights * jacobian) @ jacobian.T
             gradient = gradient + (weights * jacobian) @ residual

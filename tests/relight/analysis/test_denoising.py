@@ -83,6 +83,17 @@ def test_colour_in_shadow_stays(paint):
     assert lightness == pytest.approx(1, abs=0.05)
 
 
+def test_channels_that_a_camera_cut_to_black_become_those_of_a_dye():
+    """Denim in shadow, of codes 2, 6, 33: its albedo would be sixty times as blue as red."""
+    codes = np.full((*SIZE, 3), (2, 6, 33), np.uint8)
+    light = torch.full((3, *SIZE), 0.07)
+    before, after = (colour / 0.07 for colour in (scene_linear("codes", codes), mended(codes, light)))
+    assert (before[..., 0] < 0.01).all()
+    assert (after.argmax(axis=-1) == 2).all()
+    assert (after.min(axis=-1) > 0.02).all()
+    np.testing.assert_allclose(after.mean(axis=-1), before.mean(axis=-1), rtol=1e-4)
+
+
 def test_nothing_changes_where_the_light_is_bright():
     codes, light, _ = cloth(BLACK, 0.08)
     lit = np.s_[: SIZE[0] // 2 - 1]
