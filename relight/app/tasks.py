@@ -113,7 +113,8 @@ def _reduced_size(height: int, width: int, side: int) -> tuple[int, int]:
 
 def outline_of(drawn: Mapping[str, Any], report: Report) -> dict[str, Any]:
     """Return the matte of a drawn outline, as a grey PNG of the preview's size."""
-    compiling.wait(report)
+    if not _is_file(drawn):
+        compiling.wait(report)
     return {"png": _png(_matte(drawn))}
 
 
@@ -193,9 +194,10 @@ def analyse(name: str, mask: str | None, drawn: Mapping[str, Any] | None, report
     reduced = _reduced()
     matte = None
     if mask is not None and drawn is not None:
-        compiling.wait(report)
-        report("Refining the edge")
         as_it_is = _is_file(drawn)
+        if not as_it_is:
+            compiling.wait(report)
+        report("Refining the edge")
         unshifted = _solved(drawn) if as_it_is else outline.refine(reduced[..., :3], _solved(drawn))
         shift, feather = _edge(drawn)
         matte = _shifted(unshifted, shift, feather)
@@ -217,9 +219,10 @@ def analyse(name: str, mask: str | None, drawn: Mapping[str, Any] | None, report
 def full_matte(name: str, mask: str, report: Report) -> dict[str, Any]:
     """Write the accepted matte at the photograph's own size and detail, unless that has been done."""
     if not Path(mask).exists():
-        compiling.wait(report)
-        report("Refining the edge", 0.0)
         edge, pixels = json.loads(Path(EDGE).read_text()), images.read(name)
+        if not edge["file"]:
+            compiling.wait(report)
+        report("Refining the edge", 0.0)
         matte = np.load(LOADED if edge["file"] else MATTE).astype(np.float32)
         if matte.shape != pixels.shape[:2]:
             matte = _resized(matte[..., None], pixels.shape[:2])[..., 0].clip(0, 1)

@@ -5,6 +5,7 @@ import contextlib
 import functools
 import multiprocessing
 import os
+import re
 import traceback
 import warnings
 from collections.abc import Callable, Mapping
@@ -118,7 +119,9 @@ def _serve(connection: Any) -> None:
 
     signal.signal(signal.SIGINT, signal.SIG_IGN)  # Ctrl C ends the server, which ends this process
     from relight.app import tasks
+    from relight.media.images import limit_pixels
 
+    limit_pixels(tasks.PIXELS)
     waiting = list(tasks.PREPARATIONS)
     while True:
         while waiting and not connection.poll():
@@ -162,5 +165,5 @@ def _sentence(text: str, folder: str) -> str:
     with contextlib.suppress(RuntimeError):  # there is no home
         home = str(Path.home())
         if len(Path(home).parts) > 1:  # that of a system's own user may be /
-            text = text.replace(home, "~")
+            text = re.sub(rf"(?<![\w./-]){re.escape(home)}(?![\w-]|\.\w)", "~", text)
     return " ".join(text.split())

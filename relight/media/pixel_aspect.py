@@ -14,6 +14,11 @@ def is_square(aspect: float) -> bool:
     return not 1 / MOST <= aspect <= MOST or abs(aspect - 1) <= SQUARE
 
 
+def growth(aspect: float) -> float:
+    """Return how many times as many pixels a picture has once its pixels are square."""
+    return 1.0 if is_square(aspect) else max(aspect, 1 / aspect)
+
+
 def square_pixels(pixels: np.ndarray, aspect: float, *, nearest: bool = False) -> np.ndarray:
     """Resample a picture (H, W, C) whose pixels are `aspect` times as wide as high to square pixels.
 

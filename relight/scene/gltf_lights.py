@@ -2,9 +2,10 @@
 
 import json
 import math
+import re
 import struct
 import warnings
-from collections.abc import Iterable
+from collections.abc import Iterable, Iterator
 from pathlib import Path
 from typing import Any, NamedTuple
 
@@ -28,6 +29,8 @@ APART_FROM_LIGHTS = (
     EXTENSION, VISIBILITY, "KHR_draco", "KHR_materials", "KHR_mesh", "KHR_texture", "KHR_gaussian",
     "EXT_mesh", "EXT_texture", "MSFT_texture",
 )  # fmt: skip
+POINTER = "KHR_animation_pointer"
+MOVED = re.compile(r"^(?:/extensions/KHR_lights_punctual)?/(nodes|lights|cameras)/(\d{1,9})/")
 MAGIC, JSON_CHUNK = 0x46546C67, 0x4E4F534A
 LARGEST_JSON = 2**28  # bytes
 
@@ -81,7 +84,7 @@ def read_rig(
         raise ValueError(f"{path}: holds {len(lights)} lights; expected at most {MOST_LIGHTS}")
     if seen is None:
         return Rig(lights)
-    camera_sees = camera_view.of_gltf(path, tree["cameras"][seen.description["camera"]])
+    camera_sees = camera_view.of_gltf(path, _item(path, tree, "cameras", seen.description["camera"]))
     return Rig(lights, seen.description.get("name"), camera_sees)
 
 
@@ -213,11 +216,28 @@ def _get(tree: Any, *keys: str, default: Any = None) -> Any:
     return tree
 
 
+def _items(path: Path, tree: Any, *keys: str) -> list[Any]:
+    """Return a list in nested objects, empty where there is none."""
+    found = _get(tree, *keys, default=[])
+    if not isinstance(found, list):
+        raise ValueError(f"{path}: is damaged: {keys[-1]} is no list")
+    return found
+
+
+def _item(path: Path, tree: Any, key: str, index: Any) -> Any:
+    """Return what a file's list has at an index."""
+    items = _items(path, tree, key)
+    if not isinstance(index, int) or not 0 <= index < len(items):
+        raise ValueError(f"{path}: is damaged: {key} has nothing at {index!r:.40}")
+    return items[index]
+
+
 def _nodes(path: Path, tree: dict[str, Any]) -> Iterable[Node]:
     """Yield the nodes of the file's scene with their transforms to the world, parents first."""
-    nodes, scenes = tree.get("nodes", []), tree.get("scenes", [])
+    nodes, scenes = _items(path, tree, "nodes"), _items(path, tree, "scenes")
     try:
-        roots = scenes[tree.get("scene", 0)].get("nodes", []) if scenes else range(len(nodes))
+        chosen = _item(path, tree, "scenes", tree.get("scene", 0)) if scenes else {}
+        roots = chosen.get("nodes", []) if scenes else range(len(nodes))
         stack: list[tuple[int, Node]] = [(index, Node({}, np.eye(4), True, ())) for index in reversed(roots)]
         visited = set()
         while stack:
@@ -246,7 +266,10 @@ def _local(node: dict[str, Any]) -> np.ndarray:
     if "matrix" in node:
         return np.array(node["matrix"], float).reshape(4, 4).T
     matrix = np.eye(4)
-    x, y, z, w = np.array(node.get("rotation", [0, 0, 0, 1]), float)
+    quaternion = np.array(node.get("rotation", [0, 0, 0, 1]), float)
+    if not (length := np.linalg.norm(quaternion)):
+        raise ValueError("rotation: expected a unit quaternion, got zeros")
+    x, y, z, w = quaternion / length
     rotation = np.array(
         [
             [1 - 2 * (y * y + z * z), 2 * (x * y - z * w), 2 * (x * z + y * w)],
@@ -254,8 +277,8 @@ def _local(node: dict[str, Any]) -> np.ndarray:
             [2 * (x * z - y * w), 2 * (y * z + x * w), 1 - 2 * (x * x + y * y)],
         ]
     )
-    matrix[:3, :3] = rotation * np.array(node.get("scale", [1, 1, 1]), float)
-    matrix[:3, 3] = np.array(node.get("translation", [0, 0, 0]), float)
+    matrix[:3, :3] = rotation * np.array(node.get("scale", [1, 1, 1]), float).reshape(3)
+    matrix[:3, 3] = np.array(node.get("translation", [0, 0, 0]), float).reshape(3)
     return matrix
 
 
@@ -315,24 +338,51 @@ def _warn_of_the_rest(path: Path, tree: dict[str, Any], nodes: list[Node]) -> No
 
     nodes: those of the lights and of the camera.
     """
-    required = tree.get("extensionsRequired", [])
+    required = _items(path, tree, "extensionsRequired")
     foreign = [name for name in map(str, required) if not name.startswith(APART_FROM_LIGHTS)]
     if foreign:
         warnings.warn(
             f"{path}: requires {', '.join(foreign)}, which is not read: lights may be missing or elsewhere",
             stacklevel=3,
         )
-    channels = [
-        c for animation in tree.get("animations", []) for c in _get(animation, "channels", default=[])
-    ]
-    moved = {_get(channel, "target", "node") for channel in channels}
-    names = [str(node.description.get("name")) for node in nodes if moved & set(node.line)]
+    moved = {
+        target
+        for animation in _items(path, tree, "animations")
+        for channel in _items(path, animation, "channels")
+        for target in _targets(channel)
+    }
+    names = [str(node.description.get("name")) for node in nodes if moved & _parts_of(node)]
     if names:
         warnings.warn(
             f"{path}: animations are not read; {', '.join(names[:8])} stay where they are without them. USD "
             "carries moving lights",
             stacklevel=3,
         )
+    if any(_get(_camera_of(path, tree, node), "type") == "orthographic" for node in nodes):
+        warnings.warn(f"{path}: its camera is orthographic; the picture is seen in perspective", stacklevel=3)
+
+
+def _targets(channel: Any) -> Iterator[tuple[str, int]]:
+    """Yield what a channel of an animation moves: ("nodes" or "lights" or "cameras", its number)."""
+    node = _get(channel, "target", "node")
+    if isinstance(node, int):
+        yield "nodes", node
+    pointer = _get(channel, "target", "extensions", POINTER, "pointer")
+    for kind, number in MOVED.findall(pointer) if isinstance(pointer, str) else ():
+        yield kind, int(number)
+
+
+def _parts_of(node: Node) -> set[tuple[str, int]]:
+    """Return what may move a node with a light or a camera, as `_targets` does."""
+    light, camera = _get(node.description, "extensions", EXTENSION, "light"), node.description.get("camera")
+    own = {(kind, at) for kind, at in (("lights", light), ("cameras", camera)) if isinstance(at, int)}
+    return own | {("nodes", index) for index in node.line}
+
+
+def _camera_of(path: Path, tree: dict[str, Any], node: Node) -> Any:
+    """Return the file's description of a node's camera; None without one."""
+    index = node.description.get("camera")
+    return None if index is None else _item(path, tree, "cameras", index)
 
 
 def _kind(path: Path, tree: dict[str, Any], node: Node) -> tuple[str, ...]:
@@ -350,6 +400,8 @@ def _entry(path: Path, tree: dict[str, Any], node: Node) -> dict[str, Any]:
     index = _get(node.description, "extensions", EXTENSION, "light")
     if not isinstance(index, int) or not isinstance(lights, list) or not 0 <= index < len(lights):
         raise ValueError(f"{path}: node {node.description.get('name')}: has no such light, {index}")
+    if not isinstance(lights[index], dict):
+        raise ValueError(f"{path}: is damaged: light {index} is no object")
     return lights[index]
 
 
@@ -386,5 +438,5 @@ def _light(path: Path, tree: dict[str, Any], node: Node, view: np.ndarray, origi
         if entry.get("range") is not None:
             warnings.warn(f"{where}: the range of a light is not applied", stacklevel=2)
         return PointLight(position, **settings)
-    except (ArithmeticError, KeyError, TypeError, ValueError) as error:
+    except (ArithmeticError, AttributeError, KeyError, TypeError, ValueError) as error:
         raise ValueError(f"{where}: {error}") from error

@@ -9,6 +9,12 @@ from safetensors.numpy import save_file
 import relight
 from relight import errors
 from relight.empty_subject import load_subject
+from relight.pipeline.cache import AnalysisCache
+from relight.subject import weights
+
+PROVENANCE = {
+    "weights": list(weights()), "options": "x", "precision": "float32", "content_hash": "x", "sources": [],
+}  # fmt: skip
 
 
 def test_a_matte_without_a_person_has_its_class():
@@ -43,6 +49,35 @@ def test_an_empty_frame_of_no_size_is_damaged(tmp_path, size):
     save_file({}, tmp_path / "000001.safetensors", {"relight": json.dumps(header)})
     with pytest.raises(errors.DamagedFileError, match=r"000001\.safetensors: "):
         load_subject(tmp_path / "000001.safetensors")
+
+
+@pytest.mark.parametrize(
+    "said",
+    [
+        *(
+            {"provenance": {key: value for key, value in PROVENANCE.items() if key != name}}
+            for name in PROVENANCE
+        ),
+        *({"provenance": PROVENANCE | {name: [{}]}} for name in ("weights", "sources")),
+        *({"provenance": value} for value in ([], None, "x", 3)),
+        "[" * 10_000,
+        '{"format": ' + "9" * 5000 + "}",
+        '{"format": 4, "format": 1e999}',
+        "\ud800",
+    ],
+)
+@pytest.mark.states("Analysis caches", "no provenance, or no JSON, in a header", "refused")
+def test_a_frame_that_does_not_say_what_it_was_made_of_is_damaged(tmp_path, said):
+    """But for what is amiss it is the frame of somebody who is not there."""
+    (tmp_path / "c.relight").mkdir()
+    path = tmp_path / "c.relight" / "still.safetensors"
+    header = {"format": 4, "empty": [64, 48], "arrays": {}, "provenance": PROVENANCE}
+    text = said if isinstance(said, str) else json.dumps(header | said)
+    content = json.dumps({"__metadata__": {"relight": text}}).encode()
+    path.write_bytes(len(content).to_bytes(8, "little") + content)
+    with pytest.raises((OSError, ValueError), match=r"still\.safetensors|c\.relight") as caught:
+        AnalysisCache(tmp_path / "c.relight").read(0)
+    assert "\n" not in str(caught.value)
 
 
 def test_missing_frames_are_missing_files():

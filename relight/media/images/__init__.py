@@ -9,6 +9,7 @@ from relight.media.images.layers import split_layer
 from relight.media.images.loading import read_pixel_aspect
 from relight.media.images.maps import check_matte, read_depth, read_mask, read_normals, write_mask
 from relight.media.images.metadata import TIMECODE, TypedValue, read_frame_rate, read_metadata
+from relight.media.images.pages import limit_pixels
 from relight.media.images.reading import read, read_camera, read_content_hash, read_layers, read_size
 from relight.media.images.writing import (
     DEPTHS,
@@ -31,6 +32,7 @@ __all__ = [
     "check_writable",
     "coverage",
     "half",
+    "limit_pixels",
     "person_mask",
     "read",
     "read_camera",

@@ -19,6 +19,7 @@ from relight.media.images.jpeg2000 import jpeg2000_header, jpeg2000_space
 from relight.media.images.layers import Layer, Part, find_beauty, find_layer, index_layers, split_layer
 from relight.media.images.stored import StoredPicture
 from relight.media.images.turning import SIDEWAYS, upright
+from relight.media.pixel_aspect import growth
 from shadow.files import AnyPath
 
 # OpenImageIO's own limit, 1024, is passed by an OpenEXR file of 256 lights; more than this is a damaged file.
@@ -205,9 +206,8 @@ def _load(
     numbers = sorted(number for number, name in names.items() if wanted is None or name in wanted)
     numbers = numbers or sorted(names)
     spec = opened.spec(chosen.part.index, 0)
-    pages.check_size(
-        max(spec.width, spec.full_width), max(spec.height, spec.full_height), path.stat().st_size
-    )
+    width = round(max(spec.width, spec.full_width) * growth(_upright_aspect(path, kind, spec)))
+    pages.check_size(width, max(spec.height, spec.full_height), path.stat().st_size)
     if kind == "jpeg" and str(spec.format) != "uint8":  # with a gain map, which OpenImageIO has applied
         return _base_of_gain_map(path, space)
     if kind == "bmp":

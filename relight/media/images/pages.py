@@ -22,14 +22,27 @@ ANY_SIZE = "RELIGHT_ANY_SIZE"  # environment variable: its value 1 lifts the lim
 LARGEST = 2**29  # pixels of a picture
 FREE_PIXELS = 2**25  # of a picture of any file: 8K
 PIXELS_PER_BYTE = 1000  # of the file, beyond FREE_PIXELS
+_most: int | None = None  # pixels that this process reads
+
+
+def limit_pixels(most: int | None) -> None:
+    """Let this process refuse pictures of more pixels, whatever RELIGHT_ANY_SIZE says; None lifts it."""
+    global _most
+    _most = most
 
 
 def check_size(width: int, height: int, file_bytes: int) -> None:
     """Raise ValueError for a picture that is larger than its file can mean, or than memory should hold.
 
-    A file of a few kilobytes may claim any size. The environment variable RELIGHT_ANY_SIZE=1 lifts the limit.
+    A file of a few kilobytes may claim any size. The environment variable RELIGHT_ANY_SIZE=1 lifts the limit,
+    but not that of `limit_pixels`.
     """
     pixels = width * height
+    if _most is not None and pixels > _most:
+        raise ValueError(
+            f"has {width} x {height} pixels; expected {_most // 1_000_000} million at most, in pictures that "
+            "are made of it too"
+        )
     if pixels <= FREE_PIXELS or os.environ.get(ANY_SIZE) == "1":
         return
     if pixels > min(LARGEST, PIXELS_PER_BYTE * file_bytes):

@@ -12,6 +12,7 @@ from av.format import Flags
 from av.stream import Disposition
 
 from relight.media.images.pages import check_size
+from relight.media.pixel_aspect import growth
 from relight.media.regular_file import check_regular_file
 from shadow.files import AnyPath
 
@@ -43,7 +44,8 @@ def video_stream(container: InputContainer, path: AnyPath) -> Any:
     if streams[0].codec_context is None:
         raise ValueError(f"{path}: is in a codec that FFmpeg does not decode")
     try:
-        check_size(streams[0].width, streams[0].height, Path(path).stat().st_size)
+        width = round(streams[0].width * growth(float(pixel_aspect(streams[0]))))
+        check_size(width, streams[0].height, Path(path).stat().st_size)
     except ValueError as error:
         raise ValueError(f"{path}: {error}") from error
     return streams[0]

@@ -11,6 +11,7 @@ import zlib
 import numpy as np
 import OpenImageIO as oiio
 import pytest
+import tifffile
 from helpers.clothed import clothed
 from PIL import Image
 
@@ -19,6 +20,7 @@ pytest.importorskip("uvicorn")
 
 from starlette.requests import Request
 
+import relight
 from relight.app import tasks, worker
 from relight.app.answers import refusing
 from relight.app.server import Server
@@ -109,17 +111,28 @@ def test_drawings_that_mean_nothing_are_a_sentence(tmp_path, drawn, capfd):
 
 
 @pytest.mark.skipif(sys.platform == "win32", reason="names are Unicode there")
-def test_names_in_the_root_that_are_no_utf8_can_be_chosen(session, tmp_path):
-    place = os.fsencode(tmp_path) + b"/caf\xe9.jpg"  # as old archives have it
+@pytest.mark.parametrize(
+    ("name", "quoted"),
+    [
+        (b"caf\xe9.jpg", b"caf%E9.jpg"),  # Latin-1, as old archives have it
+        (b"\x8e\xca\x90^.png", b"%8E%CA%90%5E.png"),  # Shift JIS
+        (b"f\xfches/me.tif", b"f%FChes/me.tif"),  # a folder
+        ("ca\u0301fe %41.jpg".encode(), b"ca%CC%81fe%20%2541.jpg"),
+    ],
+)
+def test_names_in_the_root_that_are_no_utf8_can_be_chosen(session, tmp_path, name, quoted):
+    place = os.fsencode(tmp_path) + b"/" + name
     try:
+        os.makedirs(os.path.dirname(place), exist_ok=True)
         with open(place, "wb") as file:
             file.write(b"x")
     except OSError:
         pytest.skip("this file system has none")
     found = answer(session, "about")
     assert found.status_code == 200
-    assert b"caf%E9.jpg" in found.body
-    assert answer(session, "add_from_root", b'{"path": "caf%E9.jpg"}').status_code == 422  # by the worker
+    assert quoted in found.body
+    chosen = answer(session, "add_from_root", b'{"path": "' + quoted + b'"}')
+    assert chosen.status_code == 422  # by the worker
     assert not session.photographs
 
 
@@ -152,18 +165,84 @@ def test_pictures_of_too_many_pixels_are_refused_before_they_are_decoded(tmp_pat
             getattr(tasks, task)(name, lambda what: None)
 
 
-@pytest.mark.parametrize("home", ["/", None])
+def anamorphic(path):
+    spec = oiio.ImageSpec(60, 60, 3, "half")
+    spec.attribute("PixelAspectRatio", 10.0)
+    out = oiio.ImageOutput.create(str(path))
+    out.open(str(path), spec)
+    out.write_image(np.ones((60, 60, 3), np.float32))
+    out.close()
+
+
+def after_a_reduced_page(path):
+    with tifffile.TiffWriter(path) as file:
+        for side, reduced in ((8, 1), (50, 0)):
+            file.write(np.zeros((side, side, 3), np.uint8), photometric="rgb", subfiletype=reduced)
+
+
+def sphere(path):
+    """A part of a photo sphere of 800 x 400 pixels."""
+    stated = {
+        "FullPanoWidthPixels": 800, "FullPanoHeightPixels": 400, "CroppedAreaImageWidthPixels": 80,
+        "CroppedAreaImageHeightPixels": 40, "CroppedAreaLeftPixels": 0, "CroppedAreaTopPixels": 0,
+    }  # fmt: skip
+    xmp = "<x " + " ".join(f'GPano:{name}="{value}"' for name, value in stated.items()) + "/>"
+    Image.new("RGB", (80, 40)).save(path, xmp=xmp.encode())
+
+
+@pytest.mark.parametrize(
+    ("name", "write", "task", "most"),
+    [
+        ("wide.exr", anamorphic, "read", 10_000),
+        ("wide.exr", anamorphic, "background", 10_000),
+        ("pages.tif", after_a_reduced_page, "read", 1000),
+        ("pages.tif", after_a_reduced_page, "load_matte", 1000),
+        ("sphere.jpg", sphere, "environment", 10_000),
+    ],
+)
+def test_pixels_that_a_header_does_not_tell_are_limited_as_well(
+    tmp_path, monkeypatch, name, write, task, most
+):
+    """The worker's process refuses what becomes large after its first header: see `worker._serve`."""
+    monkeypatch.chdir(tmp_path)
+    write(tmp_path / name)
+    relight.media.images.limit_pixels(most)
+    try:
+        with pytest.raises(ValueError, match=rf"{name}: .*pixels; expected 0 million at most"):
+            getattr(tasks, task)(name, lambda what: None)
+    finally:
+        relight.media.images.limit_pixels(None)
+
+
+@pytest.mark.parametrize("home", ["/", "//", "", ".", None])
 def test_a_home_that_is_none_is_no_reason_to_fail(home, monkeypatch):
     def at():
-        if home is None:
-            raise RuntimeError("Could not determine home directory.")
-        return worker.Path(home)
+        raise RuntimeError("Could not determine home directory.")
 
-    monkeypatch.setattr(worker.Path, "home", at)
-    assert worker._sentence("colour: expected 1/0.9/0.8", "/tmp/x") == "colour: expected 1/0.9/0.8"
+    if home is None:
+        monkeypatch.setattr(worker.Path, "home", at)
+    else:
+        monkeypatch.setenv("HOME", home)
+    assert worker._sentence("colour: expected 1/0.9/0.8.", "/tmp/x") == "colour: expected 1/0.9/0.8."
 
 
-def test_a_large_drawing_does_not_stop_the_server():
+@pytest.mark.parametrize("home", ["/home/ada", "/home/ada/", "/h"])
+def test_sentences_have_no_home_and_no_other_folder_is_one(home, monkeypatch):
+    monkeypatch.setenv("HOME", home)
+    place = home.rstrip("/")
+    said = worker._sentence(f"{place}/a.png: see {place}vance/b.png and half{place}", "/tmp/x")
+    assert said == f"~/a.png: see {place}vance/b.png and half{place}"
+
+
+@pytest.mark.parametrize(
+    ("task", "arguments"),
+    [
+        ("outline_of", {"drawn": "x" * 5_000_000}),
+        ("analyse", {"drawn": {"strokes": [{"points": [[0.5, 0.5]] * 200_000}]}}),
+        ("save", {"look": {"lights": [f"light{number}:azimuth=10" for number in range(200_000)]}}),
+    ],
+)
+def test_a_large_request_does_not_stop_the_server(task, arguments):
     """The process takes nothing from its pipe, as while it is busy, and the server still answers."""
     stuck = Worker()
     sending = asyncio.Event()
@@ -175,7 +254,7 @@ def test_a_large_drawing_does_not_stop_the_server():
         stuck._connection = ours
         stuck.start = lambda: None
         stuck.stop = theirs.close
-        job = asyncio.ensure_future(stuck.run("outline_of", "/tmp", {"drawn": "x" * 5_000_000}))
+        job = asyncio.ensure_future(stuck.run(task, "/tmp", arguments))
         for _ in range(3):
             await asyncio.sleep(0.01)  # the loop goes on
         assert not job.done()
@@ -206,15 +285,28 @@ def test_a_photograph_that_was_removed_comes_back_until_the_next_one_goes(sessio
 
 @pytest.mark.slow
 @pytest.mark.skipif(sys.platform == "win32", reason="has no SIGHUP")
-def test_a_closed_terminal_leaves_nothing_behind(tmp_path):
+@pytest.mark.parametrize("signals", [["SIGHUP"], ["SIGTERM"], ["SIGINT"], ["SIGHUP", "SIGHUP", "SIGTERM"]])
+def test_a_closed_terminal_leaves_nothing_behind(tmp_path, signals):
     import signal
+    import urllib.request
 
     from helpers.serving import served
 
-    with served(TMPDIR=str(tmp_path)) as (_, process):
-        process.send_signal(signal.SIGHUP)
-        assert process.wait(60) == 0
-    assert not [one.name for one in tmp_path.iterdir() if one.name.startswith("relight-app-")]
+    Image.fromarray(np.full((40, 30, 4), 90, np.uint8)).save(tmp_path / "a.png")
+    temporary = tmp_path / "temporary"
+    temporary.mkdir()
+    with served(TMPDIR=str(temporary)) as (address, process):
+        post = urllib.request.Request(
+            f"{address}photographs?name=a.png", (tmp_path / "a.png").read_bytes(),
+            {"Origin": address[: address.index("/", 8)]}, method="POST",
+        )  # fmt: skip
+        with urllib.request.urlopen(post, timeout=120) as said:
+            assert said.status == 200
+        assert [*temporary.glob("relight-app-*/photographs/*/a.png")]
+        for name in signals:
+            process.send_signal(getattr(signal, name))
+        process.wait(60)
+    assert not [*temporary.glob("relight-app-*")]
 
 
 def test_pymatting_is_compiled_beside_the_worker(tmp_path):

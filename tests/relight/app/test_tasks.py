@@ -129,6 +129,22 @@ def test_a_matte_from_a_file_is_the_accepted_one_as_it_is(folder, unanalysed):
         tasks.load_matte("other.png", silent)
 
 
+def test_what_needs_no_matting_does_not_wait_for_it(folder, unanalysed, monkeypatch):
+    """On the first start ever PyMatting is compiled meanwhile: alpha and mattes from files do not wait."""
+    path, matte, drawn = folder
+    waited = []
+    monkeypatch.setattr(tasks.compiling, "wait", lambda report: waited.append(True))
+    tasks.analyse("me.png", None, None, silent)
+    Image.fromarray(np.round(matte * 255).astype(np.uint8)).save(path / "hand.png")
+    tasks.load_matte("hand.png", silent)
+    tasks.outline_of({"model": "file"}, silent)
+    tasks.analyse("me.png", "me-matte.png", {"model": "file"}, silent)
+    tasks.full_matte("me.png", "me-matte.png", silent)
+    assert not waited
+    tasks.outline_of(drawn, silent)
+    assert waited
+
+
 def test_a_shifted_edge_is_that_of_the_page_and_of_the_file(folder, unanalysed):
     path, matte, _ = folder
     Image.fromarray(np.round(matte * 255).astype(np.uint8)).save(path / "hand.png")

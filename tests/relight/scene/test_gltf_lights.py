@@ -177,6 +177,82 @@ def test_an_animated_light_is_named(tmp_path, node):
         read_lights(scene(tmp_path / "still.gltf", nodes, [SUN], **target))
 
 
+@pytest.mark.parametrize(
+    ("pointer", "moves"),
+    [
+        ("/extensions/KHR_lights_punctual/lights/0/intensity", True),
+        ("/extensions/KHR_lights_punctual/lights/1/color", False),
+        ("/nodes/0/translation", True),
+        ("/nodes/1/extensions/KHR_node_visibility/visible", True),
+        ("/nodes/2/rotation", False),
+        ("/materials/0/emissiveFactor", False),
+    ],
+)
+def test_a_light_that_a_pointer_animates_is_named(tmp_path, pointer, moves):
+    """KHR_animation_pointer animates what is no transform of a node, too."""
+    nodes = [{"children": [1]}, lit(0, name="sun"), {"name": "other"}]
+    target = {"path": "pointer", "extensions": {"KHR_animation_pointer": {"pointer": pointer}}}
+    path = scene(tmp_path / "set.gltf", nodes, [SUN, BULB], animations=[{"channels": [{"target": target}]}])
+    with warnings.catch_warnings(record=True) as said:
+        warnings.simplefilter("always")
+        read_lights(path)
+    assert [str(one.message).partition(": ")[2][:28] for one in said] == [
+        "animations are not read; sun"
+    ] * moves
+
+
+@pytest.mark.states("glTF", "an orthographic camera", "warned of")
+def test_an_orthographic_camera_is_named(tmp_path):
+    nodes = [{"children": [1, 2]}, {"camera": 0}, lit(0)]
+    camera = {"type": "orthographic", "orthographic": {"xmag": 1, "ymag": 1, "znear": 0, "zfar": 9}}
+    with pytest.warns(UserWarning, match=r"set\.gltf: its camera is orthographic"):
+        assert read_rig(scene(tmp_path / "set.gltf", nodes, [SUN], cameras=[camera])).view is None
+
+
+HUGE = 10**400
+WRONG_NODES = [
+    {"matrix": [1]}, {"matrix": ["a"] * 16}, {"matrix": [HUGE] * 16}, {"matrix": None},
+    {"rotation": [0, 0, 0]}, {"rotation": [0, 0, 0, 0]}, {"rotation": "xyzw"}, {"scale": [HUGE, 1, 1]},
+    {"scale": [0, 0, 0]},
+    {"translation": [1]}, {"translation": {}}, {"children": 5}, {"children": ["a"]}, {"children": [1.5]},
+    {"camera": 3}, {"camera": "a"},
+]  # fmt: skip
+WRONG_LIGHTS = [
+    {"color": "red"}, {"color": [1]}, {"color": [[1], 2, 3]}, {"color": [HUGE, 1, 1]}, {"intensity": "x"},
+    {"intensity": None}, {"intensity": HUGE}, {"intensity": float("nan")}, {"intensity": -1}, {"type": []},
+    {"type": "spot", "spot": []}, {"type": "spot", "spot": {"outerConeAngle": HUGE}},
+    {"type": "spot", "spot": {"innerConeAngle": "a"}},
+]  # fmt: skip
+WRONG_SCENES = [
+    {"scenes": 5}, {"scenes": [5]}, {"scene": 9}, {"scene": -1}, {"scene": "x"},
+    {"animations": 5}, {"animations": [{"channels": 5}]}, {"extensionsRequired": 5},
+    {"extensionsRequired": None}, {"asset": 5}, {"extensions": []},
+    {"extensions": {EXTENSION: {"lights": {}}}},
+]  # fmt: skip
+
+
+@pytest.mark.parametrize(
+    ("node", "light", "more"),
+    [
+        *((node, {}, {}) for node in WRONG_NODES),
+        *(({}, light, {}) for light in WRONG_LIGHTS),
+        *(({}, {}, more) for more in WRONG_SCENES),
+    ],
+)
+@pytest.mark.states("glTF", "numbers, indices and types that are none", "refused")
+def test_what_means_nothing_is_one_line_that_names_the_file(tmp_path, node, light, more):
+    path = scene(tmp_path / "set.gltf", [lit(0, **node)], [SUN | light], **more)
+    check_refused(r"set\.gltf", path)
+    for nodes, lights in ((5, [SUN]), ([5], [SUN]), ([lit(0)], [5])):
+        check_refused(r"set\.gltf", scene(path, nodes, lights))
+
+
+def test_a_rotation_that_is_no_unit_is_made_one(tmp_path):
+    turn = [3 * value for value in QUARTER]
+    (sun,) = read_lights(scene(tmp_path / "set.gltf", [lit(0, rotation=turn)], [SUN]))
+    np.testing.assert_allclose(sun.direction, (1, 0, 0), atol=1e-6)
+
+
 @pytest.mark.states("glTF", "unknown `extensionsRequired`", "warned of")
 def test_an_extension_that_the_file_requires_is_named(tmp_path):
     """Compressed meshes do not concern lights; unknown extensions may."""

@@ -113,6 +113,49 @@ def test_blenders_sun_and_temperature(tmp_path):
     assert sun.temperature == 3200
 
 
+@pytest.mark.parametrize("binary", [False, True])
+@pytest.mark.parametrize(
+    "kind",
+    ["SphereLight", "RectLight", "DiskLight", "DistantLight", "SphereLight over time", "SphereLight on"],
+)
+def test_lights_of_blender_are_white_unless_they_say_how_warm(tmp_path, kind, binary):
+    switch = "bool inputs:enableColorTemperature"
+    if kind.endswith("over time"):
+        switch += ".timeSamples = { 1: 1, 3: 1 }"
+    else:
+        switch += " = 1"
+    if kind.endswith("on"):
+        switch += "\n    float inputs:colorTemperature = 6500"
+    text = f'def {kind.split()[0]} "lamp" {{\n    float inputs:intensity = 2\n    {switch}\n}}'
+    path = stage(tmp_path, text, BLENDER)
+    if binary:
+        from pxr import Sdf
+
+        layer = Sdf.Layer.FindOrOpen(str(path))
+        layer.Export(str(tmp_path / "set.usdc"))
+        path = tmp_path / "set.usdc"
+    (light,) = read_lights(path)
+    power = light.at(2).power if isinstance(light, relight.MovingLight) else light.power
+    assert (np.ptp(power) > 0.01 * power.mean()) == kind.endswith("on")
+
+
+@pytest.mark.parametrize(
+    ("body", "at", "power", "angle"),
+    [
+        (SUN.replace("intensity = 0.75", "intensity.timeSamples = { 1: 0.75, 3: 2.25 }"), 2, 6, 10),
+        (SUN.replace("inputs:angle = 5", "inputs:angle.timeSamples = { 1: 2, 3: 4 }"), 2, 3, 6),
+        (SUN.replace('"sun" {', '"sun" {\n    float inputs:exposure = 1'), 1, 6, 10),
+        (f'def Xform "world" {{ double3 xformOp:scale = (9, 9, 9)\n uniform token[] xformOpOrder = '
+         f'["xformOp:scale"]\n{SUN}}}', 1, 3, 10),
+    ],
+)  # fmt: skip
+def test_suns_of_blender_that_move_or_hang_somewhere(tmp_path, body, at, power, angle):
+    (sun,) = read_lights(stage(tmp_path, body, BLENDER))
+    sun = sun.at(at) if isinstance(sun, relight.MovingLight) else sun
+    np.testing.assert_allclose(sun.power, power / np.pi, rtol=1e-5)
+    assert sun.angle == pytest.approx(angle)
+
+
 def test_what_is_authored_over_blenders_stage_is_usdlux(tmp_path):
     """The layer that a value is from says what it means, not the stage."""
     stage(tmp_path, SUN, BLENDER, "blender.usda")
@@ -479,6 +522,54 @@ def test_attributes_of_before_21_02_are_read(tmp_path):
     both = 'def SphereLight "lamp" {\n float intensity = 7\n float inputs:intensity = 2\n}'
     (light,) = read_lights(stage(tmp_path, both, name="both.usda"))
     assert light.intensity == pytest.approx(2 * plain.intensity)
+
+
+OLD_KINDS = {
+    "DistantLight": "float {0}angle = 3\n float {0}intensity = 5\n bool {0}normalize = 1\n"
+    "bool {0}enableColorTemperature = 1\n float {0}colorTemperature = 3200",
+    "RectLight": "float {0}width = 2\n float {0}height = 0.5\n float {0}exposure = 3\nfloat {0}diffuse = 0.5",
+    "DiskLight": "float {0}radius = 0.7\n color3f {0}color = (0.2, 1, 0.4)\n float {0}intensity = 2",
+    "DomeLight": 'asset {0}texture:file = @./sky.exr@\n token {0}texture:format = "latlong"\n'
+    "float {0}intensity = 0.5",
+}
+
+
+@pytest.mark.parametrize("binary", [False, True])
+@pytest.mark.parametrize("kind", OLD_KINDS)
+def test_old_attributes_of_every_kind_of_light(tmp_path, kind, binary):
+    from pxr import Sdf
+
+    relight.write(tmp_path / "sky.exr", np.random.default_rng(0).random((32, 64, 3), np.float32))
+    found = []
+    for prefix in ("", "inputs:"):
+        body = f'def {kind} "light" {{\n{OLD_KINDS[kind].format(prefix)}\n}}'
+        path = stage(tmp_path, body, name="set.usda")
+        if binary:
+            layer = Sdf.Layer.FindOrOpen(str(path))
+            layer.Export(str(tmp_path / f"{prefix[:2]}set.usdc"))
+            path = tmp_path / f"{prefix[:2]}set.usdc"
+        found.append(read_lights(path)[0])
+    old, new = found
+    for field in old.__dataclass_fields__:
+        if field != "image":
+            assert getattr(old, field) == getattr(new, field), field
+    if kind == "DomeLight":
+        np.testing.assert_array_equal(old.image.pixels, new.image.pixels)
+    assert not np.allclose(old.power, type(old)().power if kind == "DistantLight" else 1)
+
+
+@pytest.mark.parametrize("parent", ["PointInstancer", "PointInstancer over Xform"])
+def test_only_lights_of_the_instancer_are_left_out(tmp_path, parent):
+    inner = 'def SphereLight "bulb" {}'
+    if "Xform" in parent:
+        inner = f'def Xform "deep" {{\n{inner}\n}}'
+    bulbs = f'def PointInstancer "bulbs" {{\n{inner}\n}}'
+    body = f'def SphereLight "kept" {{}}\n{bulbs}'
+    with pytest.warns(UserWarning, match="bulb: copies of a point instancer are not read"):
+        assert [light.name for light in read_lights(stage(tmp_path, body))] == ["kept"]
+    alone = stage(tmp_path, bulbs, name="alone.usda")
+    with pytest.warns(UserWarning, match="copies"), pytest.raises(ValueError, match="holds no light"):
+        read_lights(alone)
 
 
 @pytest.mark.states("USD", "lights of point instancers", "warned of")
