@@ -8,6 +8,7 @@ import torch.nn.functional as F
 from torch import nn
 
 from shadow.framing import bounding_box
+from shadow.networks.winograd import Conv3x3
 
 ENCODING = 2.2  # exponent of the display-like encoding of images and albedo
 EXPOSURE = 0.2  # mean linear luminance inside the mask, after normalisation
@@ -43,8 +44,8 @@ class ResidualBlock(nn.Module):
 
     def __init__(self, channels: int) -> None:
         super().__init__()
-        self.norm1, self.conv1 = ChannelNorm(channels), nn.Conv2d(channels, channels, 3, padding=1)
-        self.norm2, self.conv2 = ChannelNorm(channels), nn.Conv2d(channels, channels, 3, padding=1)
+        self.norm1, self.conv1 = ChannelNorm(channels), Conv3x3(channels, channels)
+        self.norm2, self.conv2 = ChannelNorm(channels), Conv3x3(channels, channels)
 
     def forward(self, x: torch.Tensor) -> torch.Tensor:
         h = self.conv1(F.silu(self.norm1(x)))
