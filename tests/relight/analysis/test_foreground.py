@@ -152,3 +152,16 @@ def test_a_person_does_not_hold_the_memory_of_the_whole_matte():
     assert person.matte.shape == (42, 32)
     for kept in (person.alpha, person.matte):
         assert kept.untyped_storage().nbytes() == kept.nbytes
+
+
+@pytest.mark.parametrize("side", [16, 600])  # 600: so large that its memory is allocated page by page
+def test_pixels_are_put_where_the_person_is(side):
+    alpha = torch.zeros(side, side)
+    alpha[side // 4 : side // 2, side // 8 : side // 3] = 1
+    person = Foreground.of(alpha, alpha, photographed=True)
+    values = torch.rand(len(person.pixels), 3)
+    image = person.scatter(values)
+    np.testing.assert_array_equal(image[alpha.numpy() > 0], values.numpy())
+    assert image.shape == (side, side, 3)
+    assert not image[alpha.numpy() == 0].any()
+    image[0, 0] = 1  # and it can be written

@@ -7,7 +7,9 @@ import torch.nn.functional as F
 from shadow.networks.winograd import Conv3x3
 
 
-@pytest.mark.parametrize("size", [(32, 16), (33, 22), (128, 48)])  # whole tiles, parts of tiles, several chunks
+@pytest.mark.parametrize(
+    "size", [(32, 16), (33, 22), (128, 48)]
+)  # whole tiles, parts of tiles, several chunks
 def test_a_frozen_convolution_equals_pytorchs(size, monkeypatch):
     torch.manual_seed(0)
     convolution = Conv3x3(96, 80).requires_grad_(False)
