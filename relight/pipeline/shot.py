@@ -307,7 +307,10 @@ class Shot:
         if frames is None and spans:
             frames = math.floor(min(first for first, _ in spans)), math.ceil(max(last for _, last in spans))
         if frames is None:
-            raise ValueError("frames: expected (first, last), as neither source nor lights say how many")
+            raise ValueError(
+                "frames: expected (first, last), as neither source nor lights say how many; "
+                f"{output.paths[0]} is a movie, or has a frame number in its name"
+            )
         return FrameRange.of(frames)
 
     def start(self, numbers: FrameRange) -> int:

@@ -15,6 +15,7 @@ from typing import NamedTuple
 import numpy as np
 import torch
 from scipy.ndimage import binary_dilation, map_coordinates
+from scipy.sparse import csr_array
 from scipy.spatial import cKDTree
 
 from relight.analysis.camera import Camera
@@ -28,6 +29,8 @@ MIN_COVERAGE = 0.02  # coverage below which a part of the plate has no surface
 THINNEST = 5e-4  # metres between front and back, so that no renderer sees them in one place
 CUTOFF = 0.5  # coverage below which the material cuts the mesh away
 BISECTIONS = 8  # that find where coverage crosses CUTOFF between two nodes
+SMOOTH = 0.03  # metres: the standard deviation by which the back is smoothed, less close to the outline
+STEP = 0.5  # of the variance that a mean over neighbours adds, in squares of the spacing of vertices
 INSET = 0.75  # pixels from there to the back's rim: between two of its vertices the outline may turn inward
 
 
@@ -175,7 +178,10 @@ def _shell(surface: PersonSurface, grid: _Grid, box: tuple[int, int, int, int]) 
     x, y = grid.x[columns], grid.y[rows]
     outline = _outline(surface.matte, grid)
     back_x, back_y, back_depth = _ended(outline, grid, node, x, y, depth)
-    away = _thickness(outline, grid, surface.camera.metres_per_pixel).ravel()[node]
+    edge = _edge(outline, grid, surface.camera.metres_per_pixel).ravel()[node]
+    away = np.maximum(thickness(edge), THINNEST)
+    pixel = surface.camera.metres_per_pixel * (grid.x[-1] - grid.x[0]) / (len(grid.x) - 1)
+    away = np.maximum(_smoothed(back_depth + away, edge, faces, pixel) - back_depth, THINNEST)
     front = _positions(surface.camera, x, y, depth)
     rim = _positions(surface.camera, back_x, back_y, back_depth)
     eye = np.array(surface.camera.eye)
@@ -246,8 +252,8 @@ def _ended(
     return x, y, depth
 
 
-def _thickness(outline: _Outline, grid: _Grid, pixel: float) -> np.ndarray:
-    """Return the metres (m, n) from front to back at each node, of pixels of `pixel` metres."""
+def _edge(outline: _Outline, grid: _Grid, pixel: float) -> np.ndarray:
+    """Return the metres (m, n) from each node inside to the outline, of pixels of `pixel` metres; else 0."""
     inside = outline.inside.copy()
     inside[[0, -1]], inside[:, [0, -1]] = False, False
     ends = outline.inside & ~inside  # the frame of the plate cuts the person
@@ -258,7 +264,23 @@ def _thickness(outline: _Outline, grid: _Grid, pixel: float) -> np.ndarray:
     )
     if inside.any():
         edge[inside] = cKDTree(points).query(np.stack([across[inside], down[inside]], axis=1))[0] * pixel
-    return np.maximum(thickness(edge), THINNEST)
+    return edge
+
+
+def _smoothed(depth: np.ndarray, edge: np.ndarray, faces: np.ndarray, spacing: float) -> np.ndarray:
+    """Return the depth (V,) of the back, smooth but for a third of SMOOTH along the outline.
+
+    Folds of the front and bends of the outline would go through to the back, which looks ragged where it is
+    seen beside the front. `edge`: (V,) metres to the outline. `spacing`: metres between vertices.
+    """
+    ends = np.concatenate([faces[:, [0, 1]], faces[:, [1, 2]], faces[:, [2, 0]]])
+    ends = np.concatenate([ends, ends[:, ::-1], np.arange(len(depth))[:, None].repeat(2, axis=1)])
+    near = csr_array((np.ones(len(ends)), ends.T), shape=(len(depth),) * 2)
+    total, smooth = near.sum(axis=1), depth
+    for _ in range(round((SMOOTH / spacing) ** 2 / STEP)):
+        smooth = near @ smooth / total
+    share = (3 * edge / SMOOTH).clip(0, 1)
+    return depth + (smooth - depth) * share * share * (3 - 2 * share)
 
 
 def _above(lowest: float, points: np.ndarray, eye: np.ndarray) -> np.ndarray:

@@ -119,6 +119,18 @@ def test_the_cut_at_half_coverage_does_not_open_the_shell(surface, blur, turn):
     assert from_inside.mean() < 1e-3
 
 
+@pytest.mark.parametrize("fold", [6, 9])
+def test_folds_of_the_front_do_not_go_through_to_the_back(surface, fold):
+    """Seen from the side, the back stands out beside the front, and its own outline would be ragged."""
+    _, y = (values.numpy() for values in canvas_grid(surface.framing))
+    mesh = build(surface._replace(depth=0.01 * np.sin(2 * np.pi * y / fold)))
+    sheet, back = np.split(mesh.points, 2)
+    middle = abs(sheet[:, 0]) < 0.08
+    middle &= abs(sheet[:, 1]) < 0.3
+    assert sheet[middle, 2].std() > 0.005
+    assert back[middle, 2].std() < 0.2 * sheet[middle, 2].std()
+
+
 @pytest.mark.parametrize("row", [30, 100, 190])
 def test_nothing_is_below_the_soles(surface, row):
     """The back goes away from the camera, downward below its horizon; at the ground it stops."""
