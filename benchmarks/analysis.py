@@ -1,20 +1,24 @@
-"""Measure the analysis of one image against one float32 forward of the paper's per-light network (ResB 7).
+"""Measure the analysis of one image against one float32 forward of the paper's per-light network (ResB 7),
+and a whole `relight.Subject` against one that keeps the old light's colour and noise in the albedo.
 
-Both see the same canvas, and the ratio is taken within one run, so that it can be compared between machines.
+All see the same canvas, and ratios are taken within one run, so that they can be compared between machines.
 Times are processor time, the quickest of several calls.
 
     OMP_NUM_THREADS=1 python benchmarks/analysis.py [image]
 
-A good ratio is at most 0.6.
+A good ratio to the forward is at most 0.6, and of the two subjects at most 1.1.
 """
 
 import sys
 from pathlib import Path
+from unittest import mock
 
 import torch
 from timing import quickest
 
 import relight
+from relight.analysis import infer
+from relight.analysis.old_light import OldLight
 from shading import Analysis, diffuse
 from shadow import analysis
 from shadow.framing import Framed
@@ -44,10 +48,21 @@ def main(path):
     def one_forward():
         return per_light(*inputs, light)
 
+    plate = image.permute(1, 2, 0).numpy()
+
+    def subject():
+        return relight.Subject(plate)
+
+    def subject_with_old_colour():
+        with mock.patch.object(infer, "denoised", lambda colour, *_: colour):
+            return relight.Subject(plate, old_light=OldLight())
+
     functions = {
         "resb7, one forward": one_forward,
         "analysis": both_networks,
         "analysis in float32": both_networks_in_float32,
+        "subject": subject,
+        "subject with the old colour and noise": subject_with_old_colour,
     }
     for function in functions.values():
         function()
@@ -56,6 +71,8 @@ def main(path):
     print("bfloat16" if precision.native_bfloat16("cpu") else "no native bfloat16")
     for name, seconds in times.items():
         print(f"{name}: {seconds:.3f} s, {seconds / times['resb7, one forward']:.2f} times")
+    whole, coloured = list(times.values())[-2:]
+    print(f"subjects: {whole / coloured:.3f} times")
 
 
 if __name__ == "__main__":
