@@ -13,30 +13,19 @@ from relight.comfyui.render import Orbit, Passes, Render
 from relight.comfyui.save_exr import SaveEXR
 from relight.comfyui.viewer import Viewer
 
-NODE_CLASS_MAPPINGS = {
-    "RelightAnalyse": Analyse,
-    "RelightLight": LightNode,
-    "RelightLamp": Lamp,
-    "RelightEnvironment": Environment,
-    "RelightPreset": Preset,
-    "RelightRender": Render,
-    "RelightPasses": Passes,
-    "RelightMatch": Match,
-    "RelightOrbit": Orbit,
-    "RelightSaveEXR": SaveEXR,
-    "RelightViewer": Viewer,
+NODES = {
+    "Analyse": Analyse,
+    "Light": LightNode,
+    "Lamp": Lamp,
+    "Environment": Environment,
+    "Preset": Preset,
+    "Render": Render,
+    "Passes": Passes,
+    "Match": Match,
+    "Orbit": Orbit,
+    "Save EXR": SaveEXR,
+    "Viewer": Viewer,
 }
-NODE_DISPLAY_NAME_MAPPINGS = {
-    "RelightAnalyse": "Relight Analyse",
-    "RelightLight": "Relight Light",
-    "RelightLamp": "Relight Lamp",
-    "RelightEnvironment": "Relight Environment",
-    "RelightPreset": "Relight Preset",
-    "RelightRender": "Relight Render",
-    "RelightPasses": "Relight Passes",
-    "RelightMatch": "Relight Match",
-    "RelightOrbit": "Relight Orbit",
-    "RelightSaveEXR": "Relight Save EXR",
-    "RelightViewer": "Relight Viewer",
-}
+NODE_CLASS_MAPPINGS = {f"Relight{title.replace(' ', '')}": node for title, node in NODES.items()}
+NODE_DISPLAY_NAME_MAPPINGS = {f"Relight{title.replace(' ', '')}": f"Relight {title}" for title in NODES}
 WEB_DIRECTORY = str(Path(__file__).parent / "web")  # the extension that shows the viewer inside its node

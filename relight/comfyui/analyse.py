@@ -1,7 +1,7 @@
 """The node that analyses a person: what all others start from."""
 
 from collections.abc import Iterator
-from typing import Any
+from typing import Annotated, Any
 
 import numpy as np
 import torch
@@ -21,10 +21,9 @@ NORMAL_AXES = ("+x+y+z", "+x-y+z", "-x+y+z", "+x-y-z")
 TO_CAMERA = np.array([0, 0, 1], np.float32)
 
 
-class Analyse:
+class Analyse(widgets.Node):
     """Infer normals, albedo, depth and self-shadowing of the person in each image."""
 
-    CATEGORY = "relight"
     DESCRIPTION = (
         "Analyses the person once; then any number of lights costs a weighted sum and no network. A batch is "
         "a shot: its frames share one room and are filtered in time. ComfyUI keeps the result in its cache."
@@ -39,57 +38,53 @@ class Analyse:
     )
     FUNCTION = "analyse"
 
-    @classmethod
-    def INPUT_TYPES(cls) -> dict[str, Any]:
-        """Return ComfyUI's description of the inputs."""
-        return {
-            "required": {
-                "image": widgets.socket("IMAGE", "The photograph, or the frames of a shot."),
-                "mask_shows": widgets.choice((tensors.PERSON, tensors.BACKGROUND), widgets.MASK_SHOWS),
-                "batch": widgets.choice(
-                    (SHOT, SEPARATE), "Whether the images are one shot, filtered in time, or have no order."
-                ),
-                "height": widgets.number(
-                    1.75,
-                    0.05,
-                    20.0,
-                    0.01,
-                    "Metres of the person that the first image shows; less in a portrait.",
-                ),
-                "field_of_view": widgets.number(
-                    FIELD_OF_VIEW, 1.0, 170.0, 1.0, "Of the photograph's camera, vertical, in degrees."
-                ),
-            },
-            "optional": {
-                "mask": widgets.socket(
-                    "MASK",
-                    "The person's matte, one or one a frame. Without it and alpha the person is found.",
-                ),
-                "normals": widgets.socket("IMAGE", "A picture of normals to use instead of inferring them."),
-                "normal_axes": widgets.choice(
-                    NORMAL_AXES,
-                    "What red, green and blue of the normals run along: +x+y+z is right, up, to the camera "
-                    "(OpenGL); +x-y+z has its green turned over (DirectX).",
-                ),
-                "depth": widgets.socket(
-                    "IMAGE",
-                    "A picture of depth, such as Depth Anything's, instead of what the normals say. Its "
-                    "scale is fitted to theirs, either way up.",
-                ),
-            },
-        }
-
     def analyse(
         self,
-        image: torch.Tensor,
-        mask_shows: str = tensors.PERSON,
-        batch: str = SHOT,
-        height: float = 1.75,
-        field_of_view: float = FIELD_OF_VIEW,
-        mask: torch.Tensor | None = None,
-        normals: torch.Tensor | None = None,
-        normal_axes: str = NORMAL_AXES[0],
-        depth: torch.Tensor | None = None,
+        image: Annotated[torch.Tensor, widgets.socket("IMAGE", "The photograph, or the frames of a shot.")],
+        mask_shows: widgets.MaskShows = tensors.PERSON,
+        batch: Annotated[
+            str,
+            widgets.choice(
+                (SHOT, SEPARATE), "Whether the images are one shot, filtered in time, or have no order."
+            ),
+        ] = SHOT,
+        height: Annotated[
+            float,
+            widgets.number(
+                0.05, 20.0, 0.01, "Metres of the person that the first image shows; less in a portrait."
+            ),
+        ] = 1.75,
+        field_of_view: Annotated[
+            float,
+            widgets.number(1.0, 170.0, 1.0, "Of the photograph's camera, vertical, in degrees."),
+        ] = FIELD_OF_VIEW,
+        *,
+        mask: Annotated[
+            torch.Tensor | None,
+            widgets.socket(
+                "MASK", "The person's matte, one or one a frame. Without it and alpha the person is found."
+            ),
+        ] = None,
+        normals: Annotated[
+            torch.Tensor | None,
+            widgets.socket("IMAGE", "A picture of normals to use instead of inferring them."),
+        ] = None,
+        normal_axes: Annotated[
+            str,
+            widgets.choice(
+                NORMAL_AXES,
+                "What red, green and blue of the normals run along: +x+y+z is right, up, to the camera "
+                "(OpenGL); +x-y+z has its green turned over (DirectX).",
+            ),
+        ] = NORMAL_AXES[0],
+        depth: Annotated[
+            torch.Tensor | None,
+            widgets.socket(
+                "IMAGE",
+                "A picture of depth, such as Depth Anything's, instead of what the normals say. Its scale is "
+                "fitted to theirs, either way up.",
+            ),
+        ] = None,
     ) -> tuple[SubjectBatch, torch.Tensor, torch.Tensor, torch.Tensor]:
         """Analyse each image on the device that it is on."""
         plates = tensors.pictures("image", image)

@@ -1,7 +1,7 @@
 """The nodes that make lights. Each adds one to those that come in, so that they chain."""
 
 from pathlib import Path
-from typing import Any
+from typing import Annotated, Any
 
 import numpy as np
 import torch
@@ -18,84 +18,83 @@ from relight.media.colour import LOCI
 from relight.media.images import scene_linear
 
 Lights = tuple[Light, ...]  # what a RELIGHT_LIGHTS socket carries
+PRESETS = [*presets.document()]
 
 
 def _number(kind: type[Light], name: str, step: float, tooltip: str, **shown: float) -> widgets.Input:
-    """Describe a parameter of a light. `shown`: another default, or a range that suits a slider."""
+    """Describe a parameter of a light. `shown`: a range that suits a slider."""
     declared = parameters(kind)[name]
     assert isinstance(declared, Number)
-    limits = {"default": declared.default, "low": declared.low, "high": declared.high, **shown}
+    limits = {"low": declared.low, "high": declared.high, **shown}
     return widgets.number(**limits, step=step, tooltip=tooltip)
 
 
-SHARED = {
-    "intensity": _number(
+Intensity = Annotated[
+    float,
+    _number(
         Light, "intensity", 0.05,
         "At 1, a white surface that faces the light (a lamp: from one metre) is white.", high=1000.0,
     ),
-    "colour": widgets.text(
-        "#ffffff", "#rrggbb as a colour picker says it, or linear red/green/blue such as 1/0.9/0.8."
-    ),
-    "temperature": widgets.number(
-        0.0, 0.0, LOCI["planckian"][1], 50.0,
+]  # fmt: skip
+Colour = Annotated[
+    str, widgets.text("#rrggbb as a colour picker says it, or linear red/green/blue such as 1/0.9/0.8.")
+]
+Kelvin = Annotated[
+    float,
+    widgets.number(
+        0.0, LOCI["planckian"][1], 50.0,
         "Kelvin of a black body, from 1000: 3200 is tungsten, 5600 a flash. 0: none.",
     ),
-}  # fmt: skip
-NAME = widgets.text("", "The name of the light's layer in Save EXR and of its handle in the viewer.")
+]  # fmt: skip
+Chained = Annotated[Lights, widgets.CHAINED]
+Name = Annotated[
+    str, widgets.text("The name of the light's layer in Save EXR and of its handle in the viewer.")
+]
 
 
-class LightNode:
-    """A light so far away that its rays are parallel."""
+class LightsNode(widgets.Node):
+    """A node that adds lights to those that come in."""
 
-    CATEGORY = "relight"
-    DESCRIPTION = "A distant light: the sun, a far softbox."
-    RETURN_TYPES = ("RELIGHT_LIGHTS",)
-    RETURN_NAMES = ("lights",)
-    OUTPUT_TOOLTIPS = ("The lights that came in, and this one.",)
+    RETURN_TYPES: tuple[str, ...] = ("RELIGHT_LIGHTS",)
+    RETURN_NAMES: tuple[str, ...] = ("lights",)
     FUNCTION = "add"
 
-    @classmethod
-    def INPUT_TYPES(cls) -> dict[str, Any]:
-        """Return ComfyUI's description of the inputs."""
-        return {
-            "required": {
-                "azimuth": _number(
-                    DirectionalLight,
-                    "azimuth",
-                    1.0,
-                    "Degrees from the camera (0) toward image right (90); 180: behind.",
-                    default=-40.0,
-                    low=-180.0,
-                    high=180.0,
-                ),
-                "elevation": _number(
-                    DirectionalLight,
-                    "elevation",
-                    1.0,
-                    "Degrees up from the horizon (0) to overhead (90).",
-                    default=30.0,
-                ),
-                **SHARED,
-                "softness": _number(
-                    DirectionalLight,
-                    "angle",
-                    1.0,
-                    "Angular diameter in degrees: 0 a hard light, tens a softbox.",
-                ),
-            },
-            "optional": {"lights": widgets.CHAINED, "name": NAME},
-        }
+
+class LightNode(LightsNode):
+    """A light so far away that its rays are parallel."""
+
+    DESCRIPTION = "A distant light: the sun, a far softbox."
+    OUTPUT_TOOLTIPS = ("The lights that came in, and this one.",)
 
     def add(
         self,
-        azimuth: float,
-        elevation: float,
-        intensity: float = 1.0,
-        colour: str = "#ffffff",
-        temperature: float = 0.0,
-        softness: float = 0.0,
-        lights: Lights = (),
-        name: str = "",
+        azimuth: Annotated[
+            float,
+            _number(
+                DirectionalLight,
+                "azimuth",
+                1.0,
+                "Degrees from the camera (0) toward image right (90); 180: behind.",
+                low=-180.0,
+                high=180.0,
+            ),
+        ] = -40.0,
+        elevation: Annotated[
+            float,
+            _number(DirectionalLight, "elevation", 1.0, "Degrees up from the horizon (0) to overhead (90)."),
+        ] = 30.0,
+        intensity: Intensity = 1.0,
+        colour: Colour = "#ffffff",
+        temperature: Kelvin = 0.0,
+        softness: Annotated[
+            float,
+            _number(
+                DirectionalLight, "angle", 1.0, "Angular diameter in degrees: 0 a hard light, tens a softbox."
+            ),
+        ] = 0.0,
+        *,
+        lights: Chained = (),
+        name: Name = "",
     ) -> tuple[Lights]:
         """Add a `relight.DirectionalLight` to the lights."""
         added = DirectionalLight(
@@ -107,91 +106,48 @@ class LightNode:
         return ((*lights, added),)
 
 
-class Lamp:
+class Lamp(LightsNode):
     """A lamp in the room, at a position."""
 
-    CATEGORY = "relight"
     DESCRIPTION = "A lamp in the room: near the person, falling off with the square of the distance."
-    RETURN_TYPES = ("RELIGHT_LIGHTS",)
-    RETURN_NAMES = ("lights",)
     OUTPUT_TOOLTIPS = ("The lights that came in, and this lamp.",)
-    FUNCTION = "add"
-
-    @classmethod
-    def INPUT_TYPES(cls) -> dict[str, Any]:
-        """Return ComfyUI's description of the inputs."""
-        return {
-            "required": {
-                "x": widgets.number(-0.8, -100, 100, 0.05, "Metres to image right of the subject's middle."),
-                "y": widgets.number(0.6, -100, 100, 0.05, "Metres above the subject's middle."),
-                "z": widgets.number(0.6, -100, 100, 0.05, "Metres from the subject's middle to the camera."),
-                **SHARED,
-                "radius": _number(
-                    PointLight,
-                    "radius",
-                    0.01,
-                    "Metres, of a sphere that shines: larger is softer, and no brighter.",
-                    high=10.0,
-                ),
-            },
-            "optional": {"lights": widgets.CHAINED, "name": NAME},
-        }
 
     def add(
         self,
-        x: float,
-        y: float,
-        z: float,
-        intensity: float = 1.0,
-        colour: str = "#ffffff",
-        temperature: float = 0.0,
-        radius: float = 0.0,
-        lights: Lights = (),
-        name: str = "",
+        x: Annotated[
+            float, widgets.number(-100, 100, 0.05, "Metres to image right of the subject's middle.")
+        ] = -0.8,
+        y: Annotated[float, widgets.number(-100, 100, 0.05, "Metres above the subject's middle.")] = 0.6,
+        z: Annotated[
+            float, widgets.number(-100, 100, 0.05, "Metres from the subject's middle to the camera.")
+        ] = 0.6,
+        intensity: Intensity = 1.0,
+        colour: Colour = "#ffffff",
+        temperature: Kelvin = 0.0,
+        radius: Annotated[
+            float,
+            _number(
+                PointLight,
+                "radius",
+                0.01,
+                "Metres, of a sphere that shines: larger is softer, and no brighter.",
+                high=10.0,
+            ),
+        ] = 0.0,
+        *,
+        lights: Chained = (),
+        name: Name = "",
     ) -> tuple[Lights]:
         """Add a `relight.PointLight` to the lights."""
         added = PointLight((x, y, z), radius=radius, **_shared(intensity, colour, temperature, name))
         return ((*lights, added),)
 
 
-class Environment:
+class Environment(LightsNode):
     """Light from all around: a latitude-longitude map."""
 
-    CATEGORY = "relight"
     DESCRIPTION = "Light from a latitude-longitude map (HDRI), given as an image or as a file."
-    RETURN_TYPES = ("RELIGHT_LIGHTS",)
-    RETURN_NAMES = ("lights",)
     OUTPUT_TOOLTIPS = ("The lights that came in, and the environment.",)
-    FUNCTION = "add"
-
-    @classmethod
-    def INPUT_TYPES(cls) -> dict[str, Any]:
-        """Return ComfyUI's description of the inputs."""
-        return {
-            "required": {
-                "path": widgets.text(
-                    "",
-                    "The map's file, .exr or .hdr, in ComfyUI's input folder or by its whole path.",
-                ),
-                "rotation": _number(
-                    EnvironmentLight,
-                    "rotation",
-                    1.0,
-                    "Degrees about the vertical, from the camera toward image right.",
-                    low=-360.0,
-                    high=360.0,
-                ),
-                **SHARED,
-            },
-            "optional": {
-                "image": widgets.socket(
-                    "IMAGE",
-                    "The map, twice as wide as high, its centre at the camera. Values above 1 are kept.",
-                ),
-                "lights": widgets.CHAINED,
-                "name": NAME,
-            },
-        }
 
     @classmethod
     def IS_CHANGED(cls, path: str = "", **inputs: Any) -> tuple[float, int] | None:
@@ -201,14 +157,33 @@ class Environment:
 
     def add(
         self,
-        path: str = "",
-        rotation: float = 0.0,
-        intensity: float = 1.0,
-        colour: str = "#ffffff",
-        temperature: float = 0.0,
-        image: torch.Tensor | None = None,
-        lights: Lights = (),
-        name: str = "",
+        path: Annotated[
+            str,
+            widgets.text("The map's file, .exr or .hdr, in ComfyUI's input folder or by its whole path."),
+        ] = "",
+        rotation: Annotated[
+            float,
+            _number(
+                EnvironmentLight,
+                "rotation",
+                1.0,
+                "Degrees about the vertical, from the camera toward image right.",
+                low=-360.0,
+                high=360.0,
+            ),
+        ] = 0.0,
+        intensity: Intensity = 1.0,
+        colour: Colour = "#ffffff",
+        temperature: Kelvin = 0.0,
+        *,
+        image: Annotated[
+            torch.Tensor | None,
+            widgets.socket(
+                "IMAGE", "The map, twice as wide as high, its centre at the camera. Values above 1 are kept."
+            ),
+        ] = None,
+        lights: Chained = (),
+        name: Name = "",
     ) -> tuple[Lights]:
         """Add a `relight.EnvironmentLight` to the lights."""
         if (image is None) == (not path):
@@ -223,34 +198,29 @@ class Environment:
         return ((*lights, added),)
 
 
-class Preset:
+class Preset(LightsNode):
     """Lighting that photographers know by name."""
 
-    CATEGORY = "relight"
     DESCRIPTION = "Lighting by name, such as rembrandt: the presets of `relight apply --preset`."
     RETURN_TYPES = ("RELIGHT_LIGHTS", "FLOAT")
     RETURN_NAMES = ("lights", "gloss")
     OUTPUT_TOOLTIPS = ("The lights that came in, and those of the preset.", "The preset's gloss, for Render.")
-    FUNCTION = "add"
 
-    @classmethod
-    def INPUT_TYPES(cls) -> dict[str, Any]:
-        """Return ComfyUI's description of the inputs."""
-        return {
-            "required": {
-                "preset": widgets.choice([*presets.document()], "The lighting's name."),
-                "height": widgets.number(
-                    presets.HEIGHT,
-                    0.01,
-                    100.0,
-                    0.05,
-                    "Metres of the person, as in Relight Analyse: lamps near them stand in proportion.",
-                ),
-            },
-            "optional": {"lights": widgets.CHAINED},
-        }
-
-    def add(self, preset: str, height: float = presets.HEIGHT, lights: Lights = ()) -> tuple[Lights, float]:
+    def add(
+        self,
+        preset: Annotated[str, widgets.choice(PRESETS, "The lighting's name.")] = PRESETS[0],
+        height: Annotated[
+            float,
+            widgets.number(
+                0.01,
+                100.0,
+                0.05,
+                "Metres of the person, as in Relight Analyse: lamps near them stand in proportion.",
+            ),
+        ] = presets.HEIGHT,
+        *,
+        lights: Chained = (),
+    ) -> tuple[Lights, float]:
         """Add the lights of a preset of `relight.presets`."""
         known = presets.presets(height)
         if preset not in known:

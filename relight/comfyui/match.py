@@ -1,20 +1,19 @@
 """The node that takes its lights from a picture: of another person, or of the place behind."""
 
-from typing import Any
+from typing import Annotated
 
 import numpy as np
 import torch
 
 from relight.comfyui import tensors, widgets
-from relight.comfyui.lights import Lights
+from relight.comfyui.lights import Chained, Lights
 from relight.comfyui.subjects import SubjectBatch
 from relight.lights.environment import FIELD_OF_VIEW, EnvironmentLight
 
 
-class Match:
+class Match(widgets.Node):
     """The lights of a reference, or of a background."""
 
-    CATEGORY = "relight"
     DESCRIPTION = (
         "Estimates the lights of a photograph of another person (reference and its mask), or the light of "
         "the place that a background shows. Connect one of the two."
@@ -24,41 +23,30 @@ class Match:
     OUTPUT_TOOLTIPS = ("The lights of the input, and the estimated ones.",)
     FUNCTION = "match"
 
-    @classmethod
-    def INPUT_TYPES(cls) -> dict[str, Any]:
-        """Return ComfyUI's description of the inputs."""
-        return {
-            "required": {
-                "subject": widgets.SUBJECT,
-                "mask_shows": widgets.choice((tensors.PERSON, tensors.BACKGROUND), widgets.MASK_SHOWS),
-                "field_of_view": widgets.number(
-                    FIELD_OF_VIEW,
-                    1.0,
-                    170.0,
-                    1.0,
-                    "Vertical field of view of the picture's camera, in degrees.",
-                ),
-            },
-            "optional": {
-                "reference": widgets.socket("IMAGE", "A photograph of another person, whose light is used."),
-                "reference_mask": widgets.socket("MASK", "The matte of that person."),
-                "background": widgets.socket(
-                    "IMAGE",
-                    "The place behind the person. For a batch, the light is that of the mean of its frames.",
-                ),
-                "lights": widgets.CHAINED,
-            },
-        }
-
     def match(
         self,
-        subject: SubjectBatch,
-        mask_shows: str = tensors.PERSON,
-        field_of_view: float = FIELD_OF_VIEW,
-        reference: torch.Tensor | None = None,
-        reference_mask: torch.Tensor | None = None,
-        background: torch.Tensor | None = None,
-        lights: Lights = (),
+        subject: Annotated[SubjectBatch, widgets.SUBJECT],
+        mask_shows: widgets.MaskShows = tensors.PERSON,
+        field_of_view: Annotated[
+            float,
+            widgets.number(1.0, 170.0, 1.0, "Vertical field of view of the picture's camera, in degrees."),
+        ] = FIELD_OF_VIEW,
+        *,
+        reference: Annotated[
+            torch.Tensor | None,
+            widgets.socket("IMAGE", "A photograph of another person, whose light is used."),
+        ] = None,
+        reference_mask: Annotated[
+            torch.Tensor | None, widgets.socket("MASK", "The matte of that person.")
+        ] = None,
+        background: Annotated[
+            torch.Tensor | None,
+            widgets.socket(
+                "IMAGE",
+                "The place behind the person. For a batch, the light is that of the mean of its frames.",
+            ),
+        ] = None,
+        lights: Chained = (),
     ) -> tuple[Lights]:
         """Find lights as `relight.match`, or as `relight.EnvironmentLight.from_plate`."""
         if (reference is None) == (background is None):

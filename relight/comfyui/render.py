@@ -2,7 +2,7 @@
 
 from collections.abc import Callable
 from itertools import chain
-from typing import Any
+from typing import Annotated, Any
 
 import numpy as np
 import torch
@@ -17,14 +17,15 @@ from relight.lights.light import Light
 from relight.lights.moving import MovingLight
 from relight.lights.rig import by_name
 
-PLACE = {
-    "background": widgets.socket("IMAGE", widgets.RENDER_BACKGROUND),
-    "floor": widgets.text("", widgets.FLOOR),
-    "exposure": widgets.number(0.0, -16.0, 16.0, 0.1, widgets.EXPOSURE),
-}
+Analysed = Annotated[SubjectBatch, widgets.SUBJECT_LAST]
+Given = Annotated[Lights, widgets.LIGHTS]
+Behind = Annotated[torch.Tensor | None, widgets.socket("IMAGE", widgets.RENDER_BACKGROUND)]
+Ground = Annotated[str, widgets.text(widgets.FLOOR)]
+Exposure = Annotated[float, widgets.number(-16.0, 16.0, 0.1, widgets.EXPOSURE)]
+Gloss = Annotated[float, widgets.number(0.0, 1.0, 0.05, widgets.GLOSS)]
 
 
-class CheckedNode:
+class CheckedNode(widgets.Node):
     """A node that refuses its lights and its floor before it asks for the analysed person."""
 
     def check_lazy_status(
@@ -45,7 +46,6 @@ class CheckedNode:
 class Render(CheckedNode):
     """The person in the lights, over a background or for one."""
 
-    CATEGORY = "relight"
     DESCRIPTION = "The person in new light: exactly linear in the lights, with cast shadows."
     RETURN_TYPES = ("IMAGE", "MASK", "IMAGE")
     RETURN_NAMES = ("image", "mask", "light_only")
@@ -56,22 +56,15 @@ class Render(CheckedNode):
     )
     FUNCTION = "render"
 
-    @classmethod
-    def INPUT_TYPES(cls) -> dict[str, Any]:
-        """Return ComfyUI's description of the inputs."""
-        return {
-            "required": {"subject": widgets.SUBJECT_LAST, "lights": widgets.LIGHTS},
-            "optional": {**PLACE, "gloss": widgets.number(0.0, 0.0, 1.0, 0.05, widgets.GLOSS)},
-        }
-
     def render(
         self,
-        subject: SubjectBatch,
-        lights: Lights,
-        background: torch.Tensor | None = None,
-        floor: str = "",
-        exposure: float = 0.0,
-        gloss: float = 0.0,
+        subject: Analysed,
+        lights: Given,
+        *,
+        background: Behind = None,
+        floor: Ground = "",
+        exposure: Exposure = 0.0,
+        gloss: Gloss = 0.0,
     ) -> tuple[torch.Tensor, torch.Tensor, torch.Tensor]:
         """Relight each frame; see `relight.apply`."""
         by_name(lights)  # two lights of one name are refused before the work
@@ -93,45 +86,42 @@ class Render(CheckedNode):
 class Orbit(CheckedNode):
     """The person in lights that turn around them."""
 
-    CATEGORY = "relight"
     DESCRIPTION = "The lights turn about the person: a video of a still, or a moving light over a shot."
     RETURN_TYPES = ("IMAGE", "MASK")
     RETURN_NAMES = ("images", "masks")
     OUTPUT_TOOLTIPS = ("The frames, for a video node.", "The person's matte in each frame.")
     FUNCTION = "orbit"
 
-    @classmethod
-    def INPUT_TYPES(cls) -> dict[str, Any]:
-        """Return ComfyUI's description of the inputs."""
-        frames = (
-            "Frames of the video. A shot has its own number: its lights turn within as many as this says."
-        )
-        turns = (
-            "Turns within the frames: 1 is once around, from the camera toward image right; -1 the other way."
-        )
-        return {
-            "required": {
-                "subject": widgets.SUBJECT_LAST,
-                "lights": widgets.LIGHTS,
-                "frames": widgets.whole(48, 1, 100000, frames),
-                "turns": widgets.number(1.0, -1000.0, 1000.0, 0.25, turns),
-            },
-            "optional": {
-                "still_lights": widgets.socket("RELIGHT_LIGHTS", "Lights that stay where they are."),
-                **PLACE,
-            },
-        }
-
     def orbit(
         self,
-        subject: SubjectBatch,
-        lights: Lights,
-        frames: int,
-        turns: float = 1.0,
-        still_lights: Lights = (),
-        background: torch.Tensor | None = None,
-        floor: str = "",
-        exposure: float = 0.0,
+        subject: Analysed,
+        lights: Given,
+        frames: Annotated[
+            int,
+            widgets.whole(
+                1,
+                100000,
+                "Frames of the video. A shot has its own number: its lights turn within as many as this "
+                "says.",
+            ),
+        ] = 48,
+        turns: Annotated[
+            float,
+            widgets.number(
+                -1000.0,
+                1000.0,
+                0.25,
+                "Turns within the frames: 1 is once around, from the camera toward image right; -1 the other "
+                "way.",
+            ),
+        ] = 1.0,
+        *,
+        still_lights: Annotated[
+            Lights, widgets.socket("RELIGHT_LIGHTS", "Lights that stay where they are.")
+        ] = (),
+        background: Behind = None,
+        floor: Ground = "",
+        exposure: Exposure = 0.0,
     ) -> tuple[torch.Tensor, torch.Tensor]:
         """Relight each frame by the lights as `relight.MovingLight` turns them."""
         backdrop = Backdrop(background, floor)
@@ -153,7 +143,6 @@ class Orbit(CheckedNode):
 class Passes(CheckedNode):
     """What the picture is made of, light by light."""
 
-    CATEGORY = "relight"
     DESCRIPTION = "For each light its visibility, its shading and its light group, as batches."
     RETURN_TYPES = ("IMAGE", "IMAGE", "IMAGE", "STRING")
     RETURN_NAMES = ("visibility", "shading", "light_groups", "names")
@@ -165,17 +154,8 @@ class Passes(CheckedNode):
     )
     FUNCTION = "passes"
 
-    @classmethod
-    def INPUT_TYPES(cls) -> dict[str, Any]:
-        """Return ComfyUI's description of the inputs."""
-        exposure = widgets.number(0.0, -16.0, 16.0, 0.1, widgets.EXPOSURE)
-        return {
-            "required": {"subject": widgets.SUBJECT_LAST, "lights": widgets.LIGHTS},
-            "optional": {"exposure": exposure},
-        }
-
     def passes(
-        self, subject: SubjectBatch, lights: Lights, exposure: float = 0.0
+        self, subject: Analysed, lights: Given, *, exposure: Exposure = 0.0
     ) -> tuple[torch.Tensor, torch.Tensor, torch.Tensor, str]:
         """Render the passes of each light, all frames of one light after the other."""
         named = by_name(lights)

@@ -1,14 +1,10 @@
 """The node that saves OpenEXR files: scene-linear, with light groups and passes."""
 
 from pathlib import Path
-from typing import Any
-
-import torch
+from typing import Annotated, Any
 
 from relight.comfyui import host, tensors, widgets
-from relight.comfyui.lights import Lights
-from relight.comfyui.render import Backdrop, CheckedNode
-from relight.comfyui.subjects import SubjectBatch
+from relight.comfyui.render import Analysed, Backdrop, Behind, CheckedNode, Given, Gloss, Ground
 from relight.media.images import write
 from relight.media.sequences import FrameSequence
 from relight.rendering import PASSES, check_names, metadata_of, render_subject
@@ -17,7 +13,6 @@ from relight.rendering import PASSES, check_names, metadata_of, render_subject
 class SaveEXR(CheckedNode):
     """The picture in scene-linear half floats, with its light groups."""
 
-    CATEGORY = "relight"
     DESCRIPTION = "Saves multi-layer OpenEXR: the picture, a layer C_<light> for each light, and passes."
     RETURN_TYPES = ("STRING",)
     RETURN_NAMES = ("path",)
@@ -25,40 +20,25 @@ class SaveEXR(CheckedNode):
     OUTPUT_NODE = True
     FUNCTION = "save"
 
-    @classmethod
-    def INPUT_TYPES(cls) -> dict[str, Any]:
-        """Return ComfyUI's description of the inputs."""
-        return {
-            "required": {
-                "subject": widgets.SUBJECT_LAST,
-                "lights": widgets.LIGHTS,
-                "path": widgets.text(
-                    "relight/relit.####.exr",
-                    "The file, .exr, in ComfyUI's output folder, or a whole path. #### or %04d is the number "
-                    "of the frame; a batch needs it. Files of that name are replaced.",
-                ),
-                "first_frame": widgets.whole(1, 0, 1000000, "The number of the first frame."),
-                "passes": widgets.text(
-                    "", f"Further layers, any of {', '.join(PASSES)}, with commas between."
-                ),
-            },
-            "optional": {
-                "background": widgets.socket("IMAGE", widgets.RENDER_BACKGROUND),
-                "floor": widgets.text("", widgets.FLOOR),
-                "gloss": widgets.number(0.0, 0.0, 1.0, 0.05, widgets.GLOSS),
-            },
-        }
-
     def save(
         self,
-        subject: SubjectBatch,
-        lights: Lights,
-        path: str,
-        first_frame: int = 1,
-        passes: str = "",
-        background: torch.Tensor | None = None,
-        floor: str = "",
-        gloss: float = 0.0,
+        subject: Analysed,
+        lights: Given,
+        path: Annotated[
+            str,
+            widgets.text(
+                "The file, .exr, in ComfyUI's output folder, or a whole path. #### or %04d is the number of "
+                "the frame; a batch needs it. Files of that name are replaced."
+            ),
+        ] = "relight/relit.####.exr",
+        first_frame: Annotated[int, widgets.whole(0, 1000000, "The number of the first frame.")] = 1,
+        passes: Annotated[
+            str, widgets.text(f"Further layers, any of {', '.join(PASSES)}, with commas between.")
+        ] = "",
+        *,
+        background: Behind = None,
+        floor: Ground = "",
+        gloss: Gloss = 0.0,
     ) -> dict[str, Any]:
         """Write a file for each frame, as `relight apply` does."""
         names = check_names(filter(None, (name.strip() for name in passes.split(","))))

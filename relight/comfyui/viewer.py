@@ -2,7 +2,7 @@
 
 import secrets
 from pathlib import Path
-from typing import Any
+from typing import Annotated, Any
 from urllib.parse import parse_qs
 
 import torch
@@ -18,10 +18,9 @@ from relight.lights.near import PointLight
 from relight.viewer.scene import DEFAULT_LIGHT
 
 
-class Viewer:
+class Viewer(widgets.Node):
     """A page in the node in which one drags the lights on the person."""
 
-    CATEGORY = "relight"
     DESCRIPTION = (
         "Shows the person of the first image with the lights in your hand. After the first run drag a light "
         "in the node; what you see feeds the workflow when it runs again."
@@ -36,31 +35,28 @@ class Viewer:
         self._shown: tuple[Any, ...] = ()  # what the page was made of
         self._page = Path()
 
-    @classmethod
-    def INPUT_TYPES(cls) -> dict[str, Any]:
-        """Return ComfyUI's description of the inputs."""
-        begin = (
-            "What the viewer begins with, up to 8 lights and an environment; a key light unless connected."
-        )
-        held = (
-            "The lights as they were dragged, which the viewer writes: the part of the page's link behind #. "
-            "Empty: the lights that come in."
-        )
-        return {
-            "required": {"subject": widgets.SUBJECT},
-            "optional": {
-                "lights": widgets.socket("RELIGHT_LIGHTS", begin),
-                "background": widgets.socket("IMAGE", "What is behind the person in the viewer."),
-                "held": widgets.text("", held),
-            },
-        }
-
     def show(
         self,
-        subject: SubjectBatch,
-        lights: Lights | None = None,
-        background: torch.Tensor | None = None,
-        held: str = "",
+        subject: Annotated[SubjectBatch, widgets.SUBJECT],
+        *,
+        lights: Annotated[
+            Lights | None,
+            widgets.socket(
+                "RELIGHT_LIGHTS",
+                "What the viewer begins with, up to 8 lights and an environment; a key light unless "
+                "connected.",
+            ),
+        ] = None,
+        background: Annotated[
+            torch.Tensor | None, widgets.socket("IMAGE", "What is behind the person in the viewer.")
+        ] = None,
+        held: Annotated[
+            str,
+            widgets.text(
+                "The lights as they were dragged, which the viewer writes: the part of the page's link "
+                "behind #. Empty: the lights that come in."
+            ),
+        ] = "",
     ) -> dict[str, Any]:
         """Write the page to ComfyUI's temporary folder, and return the lights that it holds."""
         begun = (DEFAULT_LIGHT,) if lights is None else tuple(lights)

@@ -91,7 +91,7 @@ def test_the_light_that_is_dragged_in_the_node_feeds_the_workflow(browser, batch
     monkeypatch.setattr(host, "folder", lambda kind: tmp_path)
     lights = LightNode().add(-50.0, 20.0, intensity=2.0, softness=10.0, name="key")[0]
     node = Viewer()
-    shown = node.show(batch, lights)["ui"]
+    shown = node.show(batch, lights=lights)["ui"]
     page = served(browser, tmp_path)
     assert "Run the workflow once" in page.inner_text("p")
     assert page.evaluate("node.widgets[0].hidden")
@@ -114,7 +114,7 @@ def test_the_light_that_is_dragged_in_the_node_feeds_the_workflow(browser, batch
     browsing.wait(page, "held() !== ''")
     browsing.settled(page)
 
-    again = node.show(batch, lights, held=page.evaluate("held()"))
+    again = node.show(batch, lights=lights, held=page.evaluate("held()"))
     assert again["ui"] == shown  # the page stays open
     ((held,),) = again["result"]
     assert 30 < held.azimuth < 70

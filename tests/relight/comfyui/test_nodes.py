@@ -89,7 +89,7 @@ def test_a_preset_is_that_of_the_library_and_chains():
 def test_the_gloss_of_render_and_of_files_is_relit_s(batch, reference, tmp_path):
     rim = (relight.DirectionalLight(azimuth=150, elevation=20, intensity=2, name="rim"),)
     background = torch.zeros((1, 50, 40, 3))
-    plain, glossy = (Render().render(batch, rim, background, gloss=gloss)[0] for gloss in (0, 0.5))
+    plain, glossy = (Render().render(batch, rim, background=background, gloss=gloss)[0] for gloss in (0, 0.5))
     assert (glossy - plain).max() > 0.05
     assert (glossy - plain).min() >= -0.01
     SaveEXR().save(batch, rim, str(tmp_path / "rim.exr"), passes="gloss", gloss=0.5)
@@ -105,7 +105,7 @@ def test_render_is_apply(batch, reference, tmp_path):
     ]
     assert list(TWO) == lights
     background = torch.full((1, 50, 40, 3), 0.5)
-    image, mask, white = Render().render(batch, TWO, background, exposure=0.5)
+    image, mask, white = Render().render(batch, TWO, background=background, exposure=0.5)
     expected = relight.over(reference.relit(lights), background[0].numpy() ** 2.2)
     np.testing.assert_allclose(mask[0], reference.matte, atol=1e-6)
     assert image.shape == (1, 246, 126, 3)
@@ -161,7 +161,7 @@ def test_a_pixel_that_is_not_changed_keeps_its_code_in_save_image():
 
 
 def test_halves_and_other_devices_come_back_on_the_cpu_in_floats(batch):
-    image, mask, _ = Render().render(batch, KEY, torch.zeros(1, 8, 8, 3, dtype=torch.float16))
+    image, mask, _ = Render().render(batch, KEY, background=torch.zeros(1, 8, 8, 3, dtype=torch.float16))
     assert {tensor.dtype for tensor in (image, mask)} == {torch.float32}
     assert {tensor.device.type for tensor in (image, mask)} == {"cpu"}
 
@@ -262,18 +262,18 @@ def test_the_viewer_keeps_its_page_and_gives_the_lights_that_it_holds(batch, com
 
     monkeypatch.setattr(relight.Subject, "view", view)  # the page itself is tested in test_extension.py
     node = Viewer()
-    first = node.show(batch, TWO)
+    first = node.show(batch, lights=TWO)
     assert first["result"] == (TWO,)
     (page,) = first["ui"]["relight_viewer"]
     assert page["type"] == "temp"
     assert (comfyui / "temp" / page["filename"]).read_text() == "key rim"
     held = "light=key%3Aazimuth%3D60%2Celevation%3D10%2Cintensity%3D1.5&look=normals"
-    second = node.show(batch, TWO, held=held)
+    second = node.show(batch, lights=TWO, held=held)
     assert second["ui"] == first["ui"]
     assert second["result"][0] == (
         relight.DirectionalLight(azimuth=60, elevation=10, intensity=1.5, name="key"),
     )
-    assert node.show(batch, KEY)["ui"] != first["ui"]
+    assert node.show(batch, lights=KEY)["ui"] != first["ui"]
 
 
 def test_what_is_held_reads_as_the_page_writes_it():
