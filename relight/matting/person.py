@@ -24,7 +24,7 @@ from numpy.typing import ArrayLike
 from scipy.special import expit
 
 from relight.errors import EmptyMatteError
-from relight.matting import person_files
+from relight.matting import people, person_files
 from relight.matting.person_choice import CERTAIN, as_circle, distinct, index_of, mask_of
 from relight.matting.person_detector import SHARES, Detector
 from relight.matting.person_region import ROOM, Circle, DetectedPerson, planes, sampled
@@ -44,6 +44,7 @@ PRESENT = 0.3  # certainty from which somebody is there
 SCORES = (0.5, 0.1)  # of detections, at least; lower ones count where the higher ones lead to nobody
 MOST = 8  # detections of one score and share that are looked at, the best ones
 ALIKE = 1.0  # distance of circles up to which they may be of one person in two frames
+UNSCALED = np.ones(2)
 REDUCED_SIDE = 1024  # pixels, the longer side of the copy on which the detector looks
 
 NOBODY = (
@@ -162,7 +163,16 @@ class PersonFinder:
         found = self.people(encoded, thorough=person is not None and near is None, near=near)
         if not found:
             raise EmptyMatteError(NOBODY)
+        if not (isinstance(person, str) and person == ALL):
+            chosen = index_of(found, person, size)
+            found[chosen] = self._alone(encoded, found[chosen], person)
         return mask_of(found, person, size)
+
+    def _alone(self, encoded: np.ndarray, person: DetectedPerson, chosen: Any) -> DetectedPerson:
+        """Return one of the people in a picture, see `mask`, without who is beside them."""
+        at = None if isinstance(chosen, Circle) or np.ndim(chosen) != 1 else np.array(chosen, float)
+        picture = torch.from_numpy(encoded).permute(2, 0, 1)
+        return people.alone(picture, person, self._detector, self._person, at)
 
     def people(
         self, encoded: np.ndarray, thorough: bool = False, near: Circle | None = None
@@ -197,7 +207,9 @@ class PersonFinder:
             found, key=lambda each: (each.certainty < CERTAIN, -min(each.certainty, CERTAIN), -each.area)
         )
 
-    def _person(self, picture: torch.Tensor, around: Circle, scale: np.ndarray) -> list[DetectedPerson]:
+    def _person(
+        self, picture: torch.Tensor, around: Circle, scale: np.ndarray = UNSCALED
+    ) -> list[DetectedPerson]:
         """Return who is in a circle of the full picture, seen in a copy (3, h, w); nobody or one.
 
         `scale` (x, y) leads from the copy to the picture.

@@ -1,6 +1,6 @@
 """MediaPipe's pose detector: where people are in a picture, and in parts of it for small people."""
 
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Iterable, Iterator, Sequence
 from typing import Any
 
 import numpy as np
@@ -28,8 +28,21 @@ class Detector:
 
         `least` is the least score.
         """
+        return self.look(picture, _parts(picture.shape[2], picture.shape[1], share), least)
+
+    def look(
+        self,
+        picture: torch.Tensor,
+        squares: Iterable[tuple[float, float, float]],
+        least: float,
+        same_face: float = SAME_FACE,
+    ) -> list[tuple[np.ndarray, np.ndarray]]:
+        """Return whom the detector sees in squares (left, top, side) of a picture, as `__call__` does.
+
+        Of faces that overlap more than `same_face`, the one of the highest score counts.
+        """
         scores, boxes, points = [], [], []
-        for left, top, side in _parts(picture.shape[2], picture.shape[1], share):
+        for left, top, side in squares:
             step = side / DETECTOR_SIDE
             seen = sampled(picture, np.array([[step, 0, left], [0, step, top]]), DETECTOR_SIDE)
             answers, odds = self._network(seen * 2 - 1).values()
@@ -46,7 +59,7 @@ class Detector:
         while len(order):
             best, others = order[0], order[1:]
             found.append((point[best, 0], point[best, 1]))
-            order = others[_overlaps(box[best], box[others]) < SAME_FACE]
+            order = others[_overlaps(box[best], box[others]) < same_face]
         return found
 
 

@@ -1,0 +1,135 @@
+"""One of several people who stand side by side: their mask without pieces of the others.
+
+The landmark network shows whoever is near the middle of its square, and takes close neighbours for a part of
+them. So the detector looks once more, at both sides of the person. Where it sees several faces, the picture
+is divided among them: each pixel belongs to the nearest body's axis. The network then looks at everybody
+with the other bodies painted over, and a pixel is given to whoever's mask is strongest there.
+"""
+
+from collections.abc import Callable, Sequence
+from dataclasses import replace
+
+import numpy as np
+import torch
+from scipy.ndimage import distance_transform_edt, gaussian_filter, label, maximum_filter
+from torch.nn import functional as F
+
+from relight.matting.person_choice import CERTAIN
+from relight.matting.person_detector import Detector
+from relight.matting.person_region import ROOM, Circle, DetectedPerson
+from shadow.framing import affine_sample
+
+WIDTH = 2  # side of the scene that is divided, of the square around the person
+VIEW, RAISED = (
+    2.2,
+    0.22,
+)  # side of what the detector sees, and how far its middle is above the hips, of the radius
+ASIDE = (-0.6, 0.0, 0.6)  # of the radius: how far aside it is
+SCORE, SAME_FACE = 0.5, 0.24  # of detections, at least; overlap of two boxes from which they are of one face
+LEAST_SIZE = 0.4  # of another body, of the person's
+HEAD = 0.6  # of the radius: how far the head is from the hips
+AXIS = (1.7, -0.3)  # ends of a body's axis below the head, of the radius
+MARGIN = 0.1  # of the radius: how far beyond the middle between two axes each body is still shown
+BLUR = 3.0  # pixels of the scene, of the edge of what is painted over
+RIM = 5  # pixels of the scene, the width of the filter that widens the other people's masks
+
+Look = Callable[[torch.Tensor, Circle], Sequence[DetectedPerson]]
+
+
+def alone(
+    picture: torch.Tensor,
+    person: DetectedPerson,
+    detector: Detector,
+    look: Look,
+    at: np.ndarray | None = None,
+) -> DetectedPerson:
+    """Return a person without the people beside them; the same person if nobody is there.
+
+    Parameters
+    ----------
+    picture
+        (3, H, W), encoded in [0, 1].
+    person
+        Who is meant, in pixels of the picture.
+    detector, look
+        Where people are, and who the landmark network sees in a circle of a picture.
+    at
+        A point (x, y) on the one who is meant, if it was given.
+    """
+    side, size = len(person.mask), (WIDTH * len(person.mask),) * 2
+    circle = person.circle
+    matrix = Circle(circle.centre, WIDTH * circle.radius, circle.up).square(size[0])
+    # After that the scene has about the picture's pixels, and sampling it takes no mean of many.
+    shrink = max(1, min(int(np.hypot(*matrix[:, 0])), *picture.shape[1:]))
+    small, within = F.avg_pool2d(picture, shrink), torch.tensor(matrix / shrink, dtype=torch.float32)
+    radius = side / ROOM / 2
+    corner = (size[0] - VIEW * radius) / 2
+    squares = [(corner + aside * radius, corner - RAISED * radius, VIEW * radius) for aside in ASIDE]
+    seen = detector.look(affine_sample(small, within, size), squares, SCORE, SAME_FACE)
+    bodies = [body for body in (Circle.of(*each) for each in seen) if body.radius > LEAST_SIZE * radius]
+    if len(bodies) < 2:
+        return person
+    scene = affine_sample(small, within, size, "border")
+    shares, paint = _shares(bodies, size), scene.mean((1, 2), keepdim=True)
+    views = [torch.lerp(paint, scene, torch.from_numpy(share)) for share in shares]
+    everybody = [next(iter(look(view, body)), None) for view, body in zip(views, bodies, strict=True)]
+    middle = (np.s_[(size[0] - side) // 2 : (size[0] + side) // 2],) * 2
+    masks = [
+        np.zeros_like(person.mask) if found is None else (found.on(size) * share)[middle]
+        for found, share in zip(everybody, shares, strict=True)
+    ]
+    if at is None:
+        own = int(np.argmax([(mask * person.mask).sum() / max(mask.sum(), 1) for mask in masks]))
+    else:
+        x, y = np.linalg.solve(matrix[:, :2], at - matrix[:, 2]) - (size[0] - side) / 2
+        own = int(np.argmin([_distance(mask, x, y) for mask in masks]))
+    certain = [found is not None and found.certainty >= CERTAIN for found in everybody]
+    rivals = [mask for index, mask in enumerate(masks) if index != own and certain[index]]
+    if not rivals or not certain[own]:
+        return person
+    return replace(
+        person, mask=_without(person.mask, masks[own], shares[own][middle], np.max(rivals, axis=0))
+    )
+
+
+def _shares(bodies: Sequence[Circle], size: tuple[int, int]) -> list[np.ndarray]:
+    """Return for each body where it is shown, around what is nearest to its axis: (h, w) in [0, 1]."""
+    places = np.moveaxis(np.mgrid[: size[0], : size[1]][::-1], 0, -1) + 0.5
+    distances = []
+    for body in bodies:
+        head = body.centre + HEAD * body.radius * body.up
+        low, high = (head + [0, end * body.radius] for end in AXIS)
+        along = ((places - low) @ (high - low) / ((high - low) @ (high - low))).clip(0, 1)
+        distances.append(np.linalg.norm(places - low - along[..., None] * (high - low), axis=-1))
+    return [
+        gaussian_filter(
+            np.float32(
+                own < np.min(distances[:index] + distances[index + 1 :], axis=0) + MARGIN * body.radius
+            ),
+            BLUR,
+        )
+        for index, (own, body) in enumerate(zip(distances, bodies, strict=True))
+    ]
+
+
+def _without(mask: np.ndarray, own: np.ndarray, share: np.ndarray, rival: np.ndarray) -> np.ndarray:
+    """Return a mask that has pieces of neighbours without them: all (h, w), float32 in [0, 1].
+
+    `own` is the mask that the person has with the neighbours painted over, `share` where they are not, and
+    `rival` the neighbours' masks.
+    """
+    cleaned = share * own + (1 - share) * mask
+    theirs = maximum_filter(np.where(rival > cleaned, rival, 0), RIM)
+    cleaned = np.minimum(cleaned, 1 - theirs)
+    pieces, count = label(cleaned > 0.5)
+    if count > 1:
+        largest = 1 + int(np.argmax(np.bincount(pieces.ravel(), own.ravel())[1:]))
+        nearest = distance_transform_edt(pieces == 0, return_distances=False, return_indices=True)
+        cleaned = np.where(pieces[tuple(nearest)] == largest, cleaned, 0)
+    return cleaned.astype(np.float32)
+
+
+def _distance(mask: np.ndarray, x: float, y: float) -> float:
+    """Return how far a point is from what a mask (h, w) shows, in pixels."""
+    rows, columns = np.nonzero(mask > 0.5)
+    return float(np.hypot(columns + 0.5 - x, rows + 0.5 - y).min(initial=np.inf))

@@ -1,0 +1,70 @@
+"""One of two people who stand side by side, with stand-ins for both networks: a person is what is red."""
+
+import numpy as np
+import pytest
+
+from relight.matting.person import PersonFinder
+from relight.matting.person_region import Circle, DetectedPerson, sampled
+
+SIZE, RADIUS = (240, 240), 90.0
+LEFT, RIGHT = np.s_[60:200, 84:118], np.s_[60:200, 122:156]
+HIPS = {"left": np.array([101.0, 130.0]), "right": np.array([139.0, 130.0])}
+
+
+class Detector:
+    """Sees one person in the whole picture, and all faces when it looks beside that one."""
+
+    def __init__(self, faces):
+        self.faces = faces
+
+    def __call__(self, picture, share, least):
+        return [(HIPS["left"], HIPS["left"] - [0, RADIUS])]
+
+    def look(self, picture, squares, least, same_face):
+        scene = Circle(HIPS["left"], 2 * RADIUS, np.array([0.0, -1.0])).square(512)
+        points = [np.stack([HIPS[face], HIPS[face] - [0, RADIUS]]) for face in self.faces]
+        return [tuple((each - scene[:, 2]) @ np.linalg.inv(scene[:, :2]).T) for each in points]
+
+
+def finder(faces, presence=1.0):
+    """A `PersonFinder` whose landmark network shows everything red, whoever it is."""
+
+    def look(picture, circle, scale=1):
+        seen = sampled(picture, circle.square(256), 256, "border")[0]
+        return [DetectedPerson(circle, np.float32(seen[..., 0] - seen[..., 1] > 0.4), presence)]
+
+    made = object.__new__(PersonFinder)
+    made._detector, made._person = Detector(faces), look
+    return made
+
+
+@pytest.fixture(scope="module")
+def picture():
+    drawn = np.full((*SIZE, 3), 0.3, np.float32)
+    drawn[LEFT] = drawn[RIGHT] = (1.0, 0.0, 0.0)
+    return drawn
+
+
+def shown(mask):
+    return [float((mask[body] > 0.5).mean()) for body in (LEFT, RIGHT)]
+
+
+def test_somebody_beside_another_is_found_without_them(picture):
+    left, right = shown(finder(["left", "right"]).mask(picture))
+    assert left > 0.95
+    assert right < 0.02
+
+
+def test_a_point_on_the_other_one_selects_them(picture):
+    left, right = shown(finder(["left", "right"]).mask(picture, (140, 100)))
+    assert right > 0.9
+    assert left < 0.02
+
+
+def test_everybody_is_everybody(picture):
+    assert min(shown(finder(["left", "right"]).mask(picture, "all"))) > 0.95
+
+
+@pytest.mark.parametrize(("faces", "presence"), [(["left"], 1.0), (["left", "right"], 0.7)])
+def test_nothing_is_taken_from_somebody_alone_or_by_who_is_doubtful(picture, faces, presence):
+    assert min(shown(finder(faces, presence).mask(picture))) > 0.95
