@@ -3,8 +3,10 @@
 import os
 import stat
 
+import numpy as np
 import pytest
 
+import relight
 from shadow.files import check_writable, replacing
 
 
@@ -21,6 +23,26 @@ def test_a_replaced_file_keeps_its_mode(tmp_path, mode):
     write(path)
     assert path.read_text() == "new"
     assert stat.S_IMODE(path.stat().st_mode) == mode
+
+
+@pytest.mark.parametrize("name", ["a.png", "a.exr", "a.jpg", "a.tif", "a.mov", "a.yaml", "a.usda", "a.gltf"])
+def test_a_private_file_of_any_format_stays_private(tmp_path, name):
+    path, pixels = tmp_path / name, np.full((16, 16, 3), 0.5, np.float32)
+    for _ in range(2):
+        if path.suffix in (".yaml", ".usda", ".gltf"):
+            pytest.importorskip("pxr")
+            relight.write_lights(path, [relight.DirectionalLight(name="key")])
+        else:
+            relight.write(path, [pixels] if name == "a.mov" else pixels)
+        path.chmod(0o600)
+    assert stat.S_IMODE(path.stat().st_mode) == 0o600
+    before = path.read_bytes()
+    if path.suffix in (".yaml", ".usda", ".gltf"):
+        relight.write_lights(path, [relight.DirectionalLight(name="other")])
+    else:
+        relight.write(path, [pixels / 2] if name == "a.mov" else pixels / 2)
+    assert path.read_bytes() != before
+    assert stat.S_IMODE(path.stat().st_mode) == 0o600
 
 
 def test_a_pipe_stays_a_pipe(tmp_path):

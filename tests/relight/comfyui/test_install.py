@@ -88,6 +88,24 @@ def test_the_folder_does_not_hide_the_package(comfyui):
     assert not folder.name.isidentifier()  # no import statement can find it
 
 
+def test_loaders_may_name_the_module_as_they_like(comfyui):
+    """After the folder (hiddenswitch, ComfyUI of 2023), or after its path with other signs for dots."""
+    file = install(comfyui)
+    load = (
+        "import importlib.util, sys\n"
+        f"path = r'{file.parent}'\n"
+        "names = 'relight-nodes', 'relight_nodes', 'custom_nodes.relight-nodes', path.replace('.', '_x_')\n"
+        "for name in names:\n"
+        "    spec = importlib.util.spec_from_file_location(name, path + '/__init__.py')\n"
+        "    sys.modules[name] = module = importlib.util.module_from_spec(spec)\n"
+        "    spec.loader.exec_module(module)\n"
+        "    assert module.NODE_CLASS_MAPPINGS\n"
+        "import relight\n"
+        "assert relight.DirectionalLight\n"
+    )
+    subprocess.run([sys.executable, "-c", load], check=True, cwd=file.parent)
+
+
 def test_somebody_elses_folder_of_that_name_stays(comfyui):
     theirs = comfyui / "custom_nodes" / "relight"
     theirs.mkdir()

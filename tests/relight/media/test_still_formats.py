@@ -435,3 +435,29 @@ def test_depth_beside_the_person_in_any_file(tmp_path, name, far):
     source = relight.Source(np.dstack([ramp(32, 32), disc(32)]), depth=str(tmp_path / name), size=(40, 40))
     frame = Shot(source).frame(0)  # placed, the person's depth is mixed with nothing behind them
     np.testing.assert_allclose(frame.depth[frame.plate[..., 3] > 0.01], 2.5, atol=1e-3)
+
+
+SIMPLE = ("SIMPLE", "T")
+
+
+@pytest.mark.parametrize(
+    "cards",
+    [
+        [("BITPIX", 8), ("NAXIS", 0)],
+        [("BITPIX", 8), ("NAXIS", 2), ("NAXIS1", 0), ("NAXIS2", 4)],
+        [("BITPIX", 8), ("NAXIS", 2), ("NAXIS1", -4), ("NAXIS2", 4)],
+        [("BITPIX", 8), ("NAXIS", 2), ("NAXIS1", 4), ("NAXIS2", "!")],
+        [("BITPIX", 8), ("NAXIS", 3), ("NAXIS1", 4), ("NAXIS2", 4), ("NAXIS3", 0)],
+        [("BITPIX", 8), ("NAXIS", 2), ("NAXIS1", 10**9), ("NAXIS2", 10**9)],
+        [("BITPIX", 7), ("NAXIS", 2), ("NAXIS1", 4), ("NAXIS2", 4)],
+    ],
+)
+@pytest.mark.parametrize("read", [relight.read, relight.read_mask])
+def test_a_header_of_no_pixels_is_damaged(tmp_path, read, cards):
+    """FITS: OpenImageIO opens some of them as pictures without rows, columns or channels."""
+    lines = [*(f"{name:<8}= {value:>20}" for name, value in (SIMPLE, *cards)), "END"]
+    header = "".join(f"{line:<80}" for line in lines).encode()
+    (tmp_path / "a.fits").write_bytes(header.ljust(2880) + bytes(2880))
+    with pytest.raises(ValueError, match=r"a\.fits: ") as caught:
+        read(tmp_path / "a.fits")
+    assert "\n" not in str(caught.value)

@@ -121,6 +121,14 @@ def test_the_photograph_as_an_unlit_surface(subject, tmp_path):
     assert (tmp_path / "person_photograph.png").exists()
 
 
+def test_light_in_blender_is_what_its_mode_unitless_makes_of_the_file(files):
+    """Lux are W/m2 of a sun, candela times 4 pi W of a lamp; in Cycles a white surface has E / pi."""
+    key, lamp = tree(files["glb"])["extensions"]["KHR_lights_punctual"]["lights"]
+    np.testing.assert_allclose(key["intensity"] / np.pi, np.max(KEY.power), rtol=1e-6)
+    watts = lamp["intensity"] * 4 * np.pi
+    np.testing.assert_allclose(watts / (4 * np.pi**2), np.max(LAMP.power), rtol=1e-6)
+
+
 @pytest.mark.parametrize("gloss", [0, 0.7])
 def test_the_surface_reflects_what_pictures_do(subject, tmp_path, gloss):
     (material,) = tree(subject.export(tmp_path / "p.glb", triangles=5000, gloss=gloss))["materials"]
