@@ -38,6 +38,19 @@ def test_a_polygon_of_24_points_becomes_the_matte_of_a_body(number):
     assert overlap(refine(image, coarse), truth) >= 0.97
 
 
+def test_fingers_and_gaps_of_two_pixels_are_found():
+    random = np.random.default_rng(0)
+    truth = np.zeros((700, 420), np.float32)
+    truth[60:640, 120:300] = 1
+    for row in range(320, 380, 4):
+        truth[row : row + 2, 300:320] = 1
+    wall, cloth = random.integers(110, 150, (2, *truth.shape, 1)) + np.array([[[[0, 0, 40]]], [[[40, 0, 0]]]])
+    codes = np.where(truth[..., None] > 0, cloth, wall).astype(np.uint8)
+    line = [[112, 52], [308, 52], [308, 648], [112, 648]]
+    hand = np.s_[320:380, 302:318]
+    assert overlap(outlined(codes, Outline(line))[hand], truth[hand]) > 0.95
+
+
 def test_the_edge_of_a_sharp_mask_is_moved_to_that_of_the_photograph():
     pytest.importorskip("kornia")
     from skimage import data
