@@ -34,11 +34,6 @@ async def json_of(request: Request) -> dict[str, Any]:
     return parsed
 
 
-def notes_of(found: dict[str, Any]) -> dict[str, str]:
-    """Return the warnings of a task as a header."""
-    return {"X-Notes": quote(json.dumps(found["notes"]))}
-
-
 def refusing(endpoint: Callable[[Request], Awaitable[Response]]) -> Callable[[Request], Awaitable[Response]]:
     """Wrap an endpoint: it answers a refusal by a sentence, as JSON."""
 
@@ -71,6 +66,13 @@ async def while_connected(request: Request, work: Coroutine[Any, Any, Any]) -> A
         job.cancel()
         with contextlib.suppress(asyncio.CancelledError, Refused):
             await job
+
+
+async def picture(request: Request, work: Coroutine[Any, Any, Any]) -> Response:
+    """Answer with the PNG of a task, and its warnings as a header, unless the page goes away."""
+    answer = await while_connected(request, work)
+    notes = {"X-Notes": quote(json.dumps(answer["notes"]))}
+    return Response(answer["png"], media_type="image/png", headers=notes)
 
 
 def streamed(work: Callable[[Report], Awaitable[dict[str, Any]]]) -> Response:

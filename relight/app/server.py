@@ -13,7 +13,7 @@ from starlette.requests import Request
 from starlette.responses import FileResponse, HTMLResponse, JSONResponse, Response
 from starlette.routing import Route
 
-from relight.app.answers import Report, json_of, notes_of, refusing, streamed, while_connected
+from relight.app.answers import Report, json_of, picture, refusing, streamed
 from relight.app.session import MASK_SUFFIX, MODELS, PICTURES, Photograph, Session
 from relight.app.worker import Refused, Worker
 from relight.lights import presets
@@ -153,8 +153,7 @@ class Server:
     async def outline(self, request: Request) -> Response:
         photograph, drawn = self._of(request), await json_of(request)
         work = self.worker.run("outline_of", photograph.folder, {"drawn": drawn}, brief=True)
-        answer = await while_connected(request, work)
-        return Response(answer["png"], media_type="image/png", headers=notes_of(answer))
+        return await picture(request, work)
 
     async def model(self, request: Request) -> Response:
         photograph, asked = self._of(request), await json_of(request)
@@ -166,9 +165,7 @@ class Server:
             name = str(asked.get("name"))
             if name not in {model["name"] for model in _models()}:
                 raise Refused("This model is not offered here.", 404)
-        work = self.worker.run("matte_by_model", photograph.folder, {"model": name})
-        answer = await while_connected(request, work)
-        return Response(answer["png"], media_type="image/png", headers=notes_of(answer))
+        return await picture(request, self.worker.run("matte_by_model", photograph.folder, {"model": name}))
 
     async def matte(self, request: Request) -> Response:
         photograph = self._of(request)
@@ -176,8 +173,8 @@ class Server:
         try:
             await self.session.receive(request.stream(), path)
             name = self.session.lend(identity, photograph)
-            answer = await self.worker.run("load_matte", photograph.folder, {"name": name}, brief=True)
-            return Response(answer["png"], media_type="image/png", headers=notes_of(answer))
+            work = self.worker.run("load_matte", photograph.folder, {"name": name}, brief=True)
+            return await picture(request, work)
         finally:
             self.session.remove_file(identity)
 
@@ -188,13 +185,8 @@ class Server:
         return await self._other(request, MODELS, opened)
 
     async def person(self, request: Request) -> Response:
-        photograph = self._of(request)
-
-        async def work(report: Report) -> dict[str, Any]:
-            answer: dict[str, Any] = await self.worker.run("find_person", photograph.folder, {}, report)
-            return answer
-
-        return streamed(work)
+        folder = self._of(request).folder
+        return streamed(lambda report: self.worker.run("find_person", folder, {}, report))
 
     async def fetch_person(self, request: Request) -> Response:
         async def work(report: Report) -> dict[str, Any]:
@@ -270,19 +262,17 @@ class Server:
             raise
 
     async def still(self, request: Request) -> Response:
-        photograph = self._analysed(request)
-        look = self._look(await json_of(request), photograph)
-        arguments = {"name": photograph.name, "mask": photograph.mask, "look": look}
-        answer = await self.worker.run("still", photograph.folder, arguments, brief=True)
-        return Response(answer["png"], media_type="image/png")
+        return await self._lit(request, "still")
 
     async def floor(self, request: Request) -> Response:
+        return await self._lit(request, "floor_shadow")
+
+    async def _lit(self, request: Request, task: str) -> Response:
+        """Answer with a picture of the person in the light that the page asks for."""
         photograph = self._analysed(request)
         look = self._look(await json_of(request), photograph)
         arguments = {"name": photograph.name, "mask": photograph.mask, "look": look}
-        work = self.worker.run("floor_shadow", photograph.folder, arguments, brief=True)
-        answer = await while_connected(request, work)
-        return Response(answer["png"], media_type="image/png")
+        return await picture(request, self.worker.run(task, photograph.folder, arguments, brief=True))
 
     # --- files
 

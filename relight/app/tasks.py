@@ -115,7 +115,7 @@ def outline_of(drawn: Mapping[str, Any], report: Report) -> dict[str, Any]:
     """Return the matte of a drawn outline, as a grey PNG of the preview's size."""
     if not _is_file(drawn):
         compiling.wait(report)
-    return {"png": _png(_matte(drawn))}
+    return {"png": _png(_codes(_matte(drawn)))}
 
 
 def fetch_person(report: Report) -> dict[str, Any]:
@@ -156,7 +156,7 @@ def matte_by_model(model: str, report: Report) -> dict[str, Any]:
         raise ValueError("model: expected an ONNX file, or the name of a model")
     matte = networks.matte(reduced, matting.model, **matting.options)
     _keep_matte(matte)
-    return {"png": _png(matte)}
+    return {"png": _png(_codes(matte))}
 
 
 def load_matte(name: str, report: Report) -> dict[str, Any]:
@@ -171,7 +171,7 @@ def load_matte(name: str, report: Report) -> dict[str, Any]:
     _save_array(LOADED, loaded)
     matte = _resized(loaded[..., None].astype(np.float32), size)[..., 0].clip(0, 1)
     _keep_matte(matte)
-    return {"png": _png(matte)}
+    return {"png": _png(_codes(matte))}
 
 
 def _save_array(name: str, array: np.ndarray) -> None:
@@ -260,9 +260,7 @@ def still(name: str, mask: str | None, look: Mapping[str, Any], report: Report) 
         pixels = _reduced() if behind == name else images.read(behind) if isinstance(behind, str) else behind
         shadow = None if lighting.floor is None else subject.shadows(lights, lighting.floor)[1]
         picture = over(picture, pixels, shadow)
-    file = io.BytesIO()
-    Image.fromarray(_encoded(picture, _exposure(look))).save(file, "PNG", compress_level=1)
-    return {"png": file.getvalue()}
+    return {"png": _png(_encoded(picture, _exposure(look)))}
 
 
 def floor_shadow(name: str, mask: str | None, look: Mapping[str, Any], report: Report) -> dict[str, Any]:
@@ -271,11 +269,7 @@ def floor_shadow(name: str, mask: str | None, look: Mapping[str, Any], report: R
     if lighting.floor is None:
         raise ValueError("floor: expected one")
     lights: Any = lighting.rig().lights
-    shadow = subject.shadows(lights, lighting.floor)[1]
-    file = io.BytesIO()
-    codes = np.round(encode(shadow, white=1) * 255).astype(np.uint8)
-    Image.fromarray(codes).save(file, "PNG", compress_level=1)
-    return {"png": file.getvalue()}
+    return {"png": _png(_codes(encode(subject.shadows(lights, lighting.floor)[1], white=1)))}
 
 
 def _subject(name: str, mask: str | None, report: Report) -> Subject:
@@ -500,13 +494,18 @@ def _check_size(path: Path) -> None:
 def _encoded(pixels: np.ndarray, exposure: float = 0.0) -> np.ndarray:
     """Encode linear, premultiplied (H, W, 3|4) for a display: uint8 with straight alpha."""
     if pixels.shape[-1] == 3:
-        return np.round(encode(pixels.clip(0), exposure=exposure) * 255).astype(np.uint8)
+        return _codes(encode(pixels.clip(0), exposure=exposure))
     alpha = pixels[..., 3:].clip(0, 1)
     colour = encode((pixels[..., :3] / np.maximum(alpha, 1e-4)).clip(0), exposure=exposure)
-    return np.round(np.concatenate([colour, alpha], axis=-1) * 255).astype(np.uint8)
+    return _codes(np.concatenate([colour, alpha], axis=-1))
 
 
-def _png(matte: np.ndarray) -> bytes:
+def _codes(shown: np.ndarray) -> np.ndarray:
+    """Return values in [0, 1] as uint8."""
+    return np.round(shown * 255).astype(np.uint8)
+
+
+def _png(codes: np.ndarray) -> bytes:
     file = io.BytesIO()
-    Image.fromarray(np.round(matte * 255).astype(np.uint8)).save(file, "PNG", compress_level=1)
+    Image.fromarray(codes).save(file, "PNG", compress_level=1)
     return file.getvalue()
