@@ -23,6 +23,7 @@ from relight.app import compiling
 from relight.compositing.floor import Floor
 from relight.errors import EmptyMatteError
 from relight.lights.environment import EnvironmentLight
+from relight.lights.rig import as_lights
 from relight.matting import networks, outline, person, person_files
 from relight.matting.sequence import MattingOptions
 from relight.media import images
@@ -253,7 +254,7 @@ def still(name: str, mask: str | None, look: Mapping[str, Any], report: Report) 
     from relight.compositing.composite import over
 
     subject, lighting = _subject(name, mask, report), _lighting(look)
-    lights: Any = lighting.rig().lights
+    lights = as_lights(lighting.rig().lights)
     picture = subject.relit(lights, lighting.effective_gloss)
     behind: Any = lighting.background
     if behind is not None:
@@ -268,7 +269,7 @@ def floor_shadow(name: str, mask: str | None, look: Mapping[str, Any], report: R
     subject, lighting = _subject(name, mask, report), _lighting(look)
     if lighting.floor is None:
         raise ValueError("floor: expected one")
-    lights: Any = lighting.rig().lights
+    lights = as_lights(lighting.rig().lights)
     return {"png": _png(_codes(encode(subject.shadows(lights, lighting.floor)[1], white=1)))}
 
 
@@ -308,7 +309,7 @@ def save(
         write_view(output, source, lighting, command=_command(name, mask))
     elif suffix == ".glb":
         matte = None if mask is None else images.read_mask(mask)
-        lights: Any = lighting.rig().lights
+        lights = as_lights(lighting.rig().lights)
         Subject(images.read(name), matte).export(output, lights, gloss=lighting.effective_gloss)
     else:
         _save_picture(

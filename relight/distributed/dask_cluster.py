@@ -89,16 +89,11 @@ def render_distributed(
     with Shot.open(source, lighting, compute) as shot:
         precision, _ = shot.computed_in
         numbers = shot.frames_for(output, frames)
-    source, compute = shot.source, replace(compute, precision=cast(Any, precision or compute.precision))
-    lighting = replace(
-        lighting,
-        lights=tuple(shot.every_light),
-        camera=None,
-        subject_at=None,
-        allow_external=False,
-        light=(),
-        environment=(),
+    source, compute = (
+        shot.stated_source,
+        replace(compute, precision=cast(Any, precision or compute.precision)),
     )
+    lighting = lighting.with_lights(shot.every_light)
     report = progress or (lambda done, total, what: None)
     # With no frames to make, this refuses what can be refused.
     render_shot(source, lighting, output, compute=compute, frames=FrameRange(), phase=Phase.frames)

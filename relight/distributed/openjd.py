@@ -104,8 +104,7 @@ def write_job(
     _warn_of_missing(shot, numbers)
     if given is None:
         write_lights(lights_path, shot.every_light)
-        lighting = replace(lighting, camera=None, subject_at=None, allow_external=False)
-    lighting = replace(lighting, lights=lights_path, light=(), environment=())
+        lighting = lighting.with_lights(lights_path)
     job, plate = _Job(path, numbers, chunk, compute), shot.source.plate
     cache = Path(str(plate) if shot.is_analysed else analysis or _analysis_beside(path, plate))
     _add_steps(job, shot, _stated(shot), lighting, output, cache)
@@ -113,13 +112,16 @@ def write_job(
 
 
 def _stated(shot: Shot) -> Source:
-    """Return the source with the person who is followed, so that all machines take the same one."""
+    """Return the source with the camera's field of view and the person who is followed.
+
+    All machines then take the same ones.
+    """
     try:
         followed = shot.frames.followed
     except (ImportError, MissingNetworksError) as error:
         warnings.warn(f"{error}. Each machine chooses the person by itself.", stacklevel=3)
-        return shot.source
-    return shot.source if followed is None else replace(shot.source, person=followed)
+        return shot.stated_source
+    return shot.stated_source if followed is None else replace(shot.stated_source, person=followed)
 
 
 def _add_steps(

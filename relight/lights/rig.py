@@ -5,6 +5,7 @@ from typing import Any
 
 from relight.lights import presets
 from relight.lights.light import Light
+from relight.lights.moving import MovingLight
 
 Lights = Light | Iterable[Light] | str  # what functions accept
 
@@ -28,7 +29,7 @@ def as_rig(lights: Any, expected: str = "lights") -> list[Any]:
     return several
 
 
-def as_lights(lights: Lights) -> list[Light]:
+def as_lights(lights: Lights | Iterable[Light | MovingLight]) -> list[Light]:
     """Return lights as a list, see `as_rig`; raises TypeError for moving ones."""
     several = as_rig(lights)
     for light in several:

@@ -276,6 +276,13 @@ class Lighting(Options):
         lights += [parse(text, EnvironmentLight) for text in self.environment]
         return rig._replace(lights=lights)
 
+    def with_lights(self, lights: Iterable[Light | MovingLight] | Path) -> Lighting:
+        """Return the same options with these lights alone: all that `rig` reads, or their file."""
+        return dataclasses.replace(
+            self, lights=lights, preset=None, light=(), environment=(), camera=None, subject_at=None,
+            allow_external=False, gloss=self.effective_gloss or None,
+        )  # fmt: skip
+
     @property
     def effective_gloss(self) -> float:
         """The strength of the gloss: the one given, otherwise that of the preset, otherwise 0."""

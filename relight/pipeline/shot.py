@@ -3,6 +3,7 @@
 import math
 from collections.abc import Callable, Iterable, Iterator, Sequence
 from contextlib import contextmanager
+from dataclasses import replace
 from fractions import Fraction
 from functools import cached_property
 from pathlib import Path
@@ -159,6 +160,13 @@ class Shot:
     def is_analysed(self) -> bool:
         """Whether the source is an analysis cache, of which no network runs."""
         return is_cache(self.source.plate)
+
+    @property
+    def stated_source(self) -> Source:
+        """The source with the field of view of the scene's camera, for runs that do not read the scene."""
+        if self._camera_view is None or self.is_analysed:
+            return self.source
+        return replace(self.source, field_of_view=self.frames.field_of_view)
 
     @property
     def numbers(self) -> Sequence[int]:

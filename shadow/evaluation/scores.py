@@ -130,7 +130,7 @@ def compare(
     first, angles = next(iter(networks.values())), []
     for index in track(records.spread(limit or len(records)), "evaluating"):
         record = records[index]
-        views: dict[tuple[int, int], tuple[ScoredView, Any]] = {}
+        views: dict[int, tuple[ScoredView, Any]] = {}  # of each size of canvas
         for name, network in networks.items():
             if network.size in views:
                 view, given = views[network.size]

@@ -126,6 +126,27 @@ def test_a_lights_file_is_read_and_never_written(shot):
     assert Path("key.yaml").read_text() == text
 
 
+def test_the_lights_of_a_preset_are_there_once_and_its_gloss_stays(shot):
+    template = written(*shot, "--preset", "rim")
+    assert options(template, 1) == {"lighting": {"gloss": relight.Lighting(preset="rim").effective_gloss}}
+    expected = [light.name for light in relight.presets()["rim"]]
+    assert [light.name for light in relight.read_lights("job.lights.yaml")] == expected
+
+
+def test_the_analysis_has_the_field_of_view_of_the_scene_s_camera(shot):
+    sun, camera = {"extensions": {"KHR_lights_punctual": {"light": 0}}}, {"camera": 0}
+    scene = {
+        "asset": {"version": "2.0"},
+        "scenes": [{"nodes": [0, 1]}],
+        "nodes": [sun, camera],
+        "cameras": [{"type": "perspective", "perspective": {"yfov": 0.5, "znear": 0.1}}],
+        "extensions": {"KHR_lights_punctual": {"lights": [{"type": "directional"}]}},
+    }
+    Path("scene.gltf").write_text(json.dumps(scene))
+    template = written(*shot, "--lights", "scene.gltf")
+    assert options(template, 0)["source"]["field_of_view"] == pytest.approx(np.degrees(0.5))
+
+
 def test_frames_are_those_of_a_moving_background(shot):
     for number in (1, 2, 3):
         relight.write(f"bg.{number:04d}.png", np.full((60, 50, 3), 0.2, np.float32))
