@@ -9,11 +9,14 @@ from typing import Any
 # Words of a tag's name, in any container's spelling: `location-eng`, `Exif:BodySerialNumber`, `©xyz`
 PRIVATE_NAME = re.compile(
     r"gps|geo(?!m)|locat|latitude|longitude|altitude|iso6709|\bxyz\b|\bloci\b|sublocation|\bcity\b|country"
-    r"|province|owner|serial|(?:host|computer|machine|user)_?name|hostcomputer",
+    r"|province|owner|serial|camera_?uuid|(?:host|computer|machine|user)_?name|hostcomputer",
     re.IGNORECASE,
 )
 COORDINATES = re.compile(r"[+-]\d{1,3}\.\d+[+-]\d{1,3}\.\d+")  # ISO 6709
-FOLDER = re.compile(r"(?:^|[\s\"'=(,;])(?:/[^/\s]+/|~/|[A-Za-z]:[\\/]|\\\\[^\\\s]+\\)|file://", re.IGNORECASE)
+FOLDER = re.compile(
+    r"(?:^|[\s\"'=(,;:\[<|])(?:/[^/\s]+/|~\w*/|[A-Za-z]:[\\/]|\\\\[^\\\s]+\\)|(?:file|smb|nfs|afp|sftp)://",
+    re.IGNORECASE,
+)
 
 
 def is_private(name: str, value: Any = None) -> bool:

@@ -61,6 +61,28 @@ def test_mirrored_and_turned_movies_stand_as_their_matrix_says(
     np.testing.assert_array_equal(found[16::32, 16::32] > 0.5, shown[16::32, 16::32] > 127)
 
 
+@pytest.mark.parametrize(
+    ("matrix", "shown"), [((0, 1, -1, 0), np.rot90(CORNERS, -1)), ((-1, 0, 0, 1), CORNERS[:, ::-1])]
+)
+@pytest.mark.parametrize("name", ["b.mkv", "b.mp4"])
+def test_the_matrix_counts_in_other_containers(tmp_path, name, matrix, shown):
+    """Matroska states the angle and mirror of a projection; a fragmented .mp4 has its tracks in front."""
+    movie(tmp_path / "a.mp4", [CORNERS] * 3, codec="libx264", layout="yuv444p")
+    with_display_matrix(tmp_path / "a.mp4", *matrix)
+    options = {"movflags": "frag_keyframe+empty_moov"} if name == "b.mp4" else {}
+    with (
+        av.open(str(tmp_path / "a.mp4")) as source,
+        av.open(str(tmp_path / name), "w", options=options) as file,
+    ):
+        stream = file.add_stream_from_template(source.streams.video[0])
+        for packet in source.demux(video=0):
+            if packet.dts is not None:
+                packet.stream = stream
+                file.mux(packet)
+    found = Movie(tmp_path / name).read(2)
+    np.testing.assert_array_equal(found[16::32, 16::32] > 0.5, shown[16::32, 16::32] > 127)
+
+
 @pytest.mark.parametrize("matrix", [(0.8, 0.6, -0.6, 0.8), (1, 0, 0.5, 1)])
 @pytest.mark.filterwarnings("ignore:.*times as wide as high")
 @pytest.mark.states("Movies", "a display matrix of another angle, or that shears", "refused")
@@ -194,10 +216,13 @@ def test_cover_art_is_not_the_movie(tmp_path, name):
     assert found.read(3).shape == (64, 64, 3)
 
 
-@pytest.mark.parametrize("codec", ["libx264", "mpeg2video"])
+@pytest.mark.parametrize(
+    ("codec", "name"),
+    [("libx264", "a.ts"), ("mpeg2video", "a.mpg"), ("libx264", "a.m2ts"), ("mpeg2video", "a.mts")],
+)
 @pytest.mark.states("Movies", "times that start again in joined transport streams", "warned of")
-def test_parts_of_a_joined_stream_are_read_one_after_the_other(tmp_path, codec):
-    name, content = "a.ts" if codec == "libx264" else "a.mpg", b""
+def test_parts_of_a_joined_stream_are_read_one_after_the_other(tmp_path, codec, name):
+    content = b""
     for start in (10, 100, 180):
         frames = [np.full((64, 64, 3), start + 6 * number, np.uint8) for number in range(10)]
         movie(tmp_path / name, frames, codec=codec, layout="yuv420p")
@@ -230,10 +255,19 @@ def at_times(path, times):
         file.mux(sound.encode())
 
 
-@pytest.mark.parametrize("name", ["a.mkv", "a.mp4"])
+@pytest.mark.parametrize(
+    ("name", "times"),
+    [
+        ("a.mkv", [*range(0, 600, 40), *range(600, 1800, 120)]),
+        ("a.mp4", [*range(0, 600, 40), *range(600, 1800, 120)]),
+        ("a.mov", [*range(0, 1200, 120), *range(1200, 1800, 40)]),  # slower first
+        ("a.mp4", [*range(0, 400, 40), 3000]),  # a last frame that stands
+        ("a.mkv", [*range(0, 400, 40), *range(1400, 1800, 40)]),  # a gap
+    ],
+)
 @pytest.mark.states("Movies", "a variable frame rate", "warned of")
-def test_sound_is_left_out_where_the_frame_rate_varies(tmp_path, name):
-    at_times(tmp_path / name, [*range(0, 600, 40), *range(600, 1800, 120)])
+def test_sound_is_left_out_where_the_frame_rate_varies(tmp_path, name, times):
+    at_times(tmp_path / name, times)
     with pytest.warns(UserWarning, match=rf"{name}: has a variable frame rate"):
         found = Movie(tmp_path / name)
     assert PlateMetadataReader(found).at(1).sound is None

@@ -10,6 +10,8 @@ from relight.media.movies.tracks import read_tags
 from relight.media.privacy import is_private
 
 KEPT = {"Exif:FNumber": 2.8, "Model": "ALEXA", "title": "take 3", "lensModel": "24-70 / 2.8"}
+KEPT |= {"comment": "see https://example.com/a/b", "shutter": "1/125", "timecode": "01:00:00:12"}
+KEPT |= {"Exif:SubjectDistance": 3.0, "note": "either/or: yes/no", "geometry": "x"}
 
 
 @pytest.mark.parametrize(
@@ -27,6 +29,16 @@ KEPT = {"Exif:FNumber": 2.8, "Model": "ALEXA", "title": "take 3", "lensModel": "
         ("HostComputer", "desk"),
         ("comment", "from /home/jane/plates"),
         ("input", r"C:\plates\a.exr"),
+        ("input", "path:/mnt/plates/a.exr"),
+        ("input", "[/mnt/plates/a.exr]"),
+        ("input", "~jane/a.exr"),
+        ("input", r"\\server\share\a.exr"),
+        ("input", "smb://nas/share/a.exr"),
+        ("cameraUuid", "5f9c"),
+        ("lens_serial_number", "12"),
+        ("com.apple.quicktime.location.accuracy.horizontal", "14.2"),
+        ("\xa9xyz", "x"),
+        ("IPTC:City", "Wien"),
     ],
 )
 def test_what_tells_of_a_person_is_private(name, value):
