@@ -8,6 +8,7 @@ from numpy.typing import ArrayLike
 
 from relight.media import colour
 from relight.media.images.edge import coverage
+from relight.media.images.layers import Layer, find_beauty
 from relight.media.images.loading import layers_of, load
 from relight.media.images.reading import squared
 from relight.media.images.saving import save
@@ -34,9 +35,22 @@ def read_mask(path: AnyPath, *, layer: str | None = None) -> np.ndarray:
     >>> float(matte.max())
     1.0
     """
+    if layer is None and Path(path).suffix.lower() == ".exr" and Path(path).is_file():
+        layer = _picture_layer(layers_of(path))
     stored = load(path, layer=layer, space=colour.LINEAR)
     matte = squared(path, _coverage(path, stored)[..., None], stored.aspect)[..., 0]
     return np.clip(matte, 0, 1, dtype=np.float32)
+
+
+def _picture_layer(layers: dict[str, Layer]) -> str | None:
+    """Return the name of the picture's layer where all channels have one, as Blender's; else None."""
+    if "" in layers:
+        return None
+    try:
+        picture = find_beauty(layers)
+    except ValueError:
+        return None
+    return next(name for name, layer in layers.items() if layer is picture)
 
 
 def _coverage(path: AnyPath, stored: StoredPicture) -> np.ndarray:

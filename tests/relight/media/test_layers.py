@@ -175,3 +175,18 @@ def test_bad_layers_are_named(tmp_path, layers, error, message):
     with pytest.raises(error, match=message):
         relight.write(tmp_path / "l.exr", PREMULTIPLIED, layers=layers)
     assert os.listdir(tmp_path) == []
+
+
+@pytest.mark.parametrize("layer", ["ViewLayer.Combined.", "rgba.", "beauty.", ""])
+def test_a_matte_is_the_alpha_of_the_picture_wherever_that_is(tmp_path, layer):
+    """Blender's multilayer files have no channel without a layer."""
+    pixels = np.full((8, 8, 8), 0.5, np.float32)
+    pixels[:4, :, 3] = 0
+    spec = oiio.ImageSpec(8, 8, 8, "half")
+    others = ["Depth.Z", "Normal.X", "Normal.Y", "Normal.Z"]
+    spec.channelnames = [*(f"{layer}{name}" for name in "RGBA"), *(f"ViewLayer.{name}" for name in others)]
+    file = oiio.ImageOutput.create(str(tmp_path / "a.exr"))
+    file.open(str(tmp_path / "a.exr"), spec)
+    file.write_image(pixels)
+    file.close()
+    np.testing.assert_array_equal(relight.read_mask(tmp_path / "a.exr"), pixels[..., 3])
