@@ -103,13 +103,13 @@ def depth_reader(depth: "Picture | os.PathLike | None") -> Reader:
 
 def read_still(path: Path, read: Callable) -> Still:
     """Read a still, and record the bytes that were read. `path` may name a layer of an OpenEXR file."""
-    file, _ = images.split_layer(path)
+    file, layer = images.split_layer(path)
     if not file.is_file():
         return Still(read(path))  # which says what is wrong
     record = FileRecord.of(file)
     picture = read(path)
     check_unchanged(record)
-    return Still(picture, record=record)
+    return Still(picture, (record.sha256, layer), record)
 
 
 def check_unchanged(record: FileRecord) -> None:
