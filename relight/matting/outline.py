@@ -28,6 +28,7 @@ from relight.matting.refine import (
     closed_form,
     distance_inside,
     encoded_srgb,
+    smooth_where_alike,
     solve_edge,
 )
 from relight.media.images import coverage, scene_linear
@@ -210,7 +211,7 @@ def refine(image: ArrayLike, matte: np.ndarray) -> np.ndarray:
     size = (max(3, round(coarse.shape[0] * shrink)), max(3, round(coarse.shape[1] * shrink)))
     seen = resize(fine, size, FILTER)
     rough = resize(coarse[..., None], size, FILTER)[..., 0].clip(0, 1)
-    alpha = solve_edge(seen, rough, BAND)
+    alpha = smooth_where_alike(seen, solve_edge(seen, rough, BAND))
     refined = np.zeros((height, width), np.float32)
     refined[box] = alpha if shrink == 1 else _guided(seen, alpha, fine)
     return refined

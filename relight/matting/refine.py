@@ -7,7 +7,7 @@ from typing import Any
 import numpy as np
 import torch
 from numpy.typing import ArrayLike
-from scipy.ndimage import distance_transform_edt, label
+from scipy.ndimage import distance_transform_edt, gaussian_filter, label, uniform_filter
 
 from relight.media import colour
 from relight.media.images import scene_linear
@@ -18,6 +18,8 @@ OPAQUE, OPAQUE_SHARE = 0.99, 0.999  # alpha is no matte where this share of its 
 PERSON, BACKGROUND, UNKNOWN = 1.0, 0.0, 0.5  # values of a trimap
 EDGE = 2.0  # pixels on either side of the edge that are solved a second time
 SURE = 0.2  # farther from that edge, coverage up to this is none, and above 1 - SURE it is full
+ALIKE = 0.03  # contrast of person and background, encoded, relative to the darker: below, colours find no edge
+SMOOTH = 4.0  # standard deviation in pixels of the Gaussian that smooths the contour there
 REGULARISATION = 1e-6  # of the matting Laplacian; linear light has small variances
 EDGE_PRIOR = 0.002  # weight of the rough matte, which is blurred: more of it makes edges soft
 MIN_PERSON_SHARE = 0.1  # of the largest connected region's area: a smaller one is no person of its own
@@ -146,6 +148,40 @@ def solve_edge(seen: np.ndarray, rough: np.ndarray, band: float) -> np.ndarray:
     narrow = trimap(alpha, EDGE)
     partly = (known == UNKNOWN) & (np.abs(alpha - narrow) > SURE)
     return closed_form(seen, np.where(partly, UNKNOWN, narrow), alpha, weight, REGULARISATION)
+
+
+def smooth_where_alike(seen: np.ndarray, alpha: np.ndarray) -> np.ndarray:
+    """Smooth the contour of a matte where person and background have nearly one colour.
+
+    There, the solution follows noise and the blocks of JPEG. Contrast is relative, since dark cloth keeps its
+    edge at small differences.
+
+    Parameters
+    ----------
+    seen
+        (H, W, 3) in [0, 1], linear.
+    alpha
+        (H, W) in [0, 1].
+
+    Returns
+    -------
+    np.ndarray
+        (H, W) float32 in [0, 1].
+    """
+    size = round(3 * SMOOTH) + 1  # a box about as wide as the Gaussian
+    codes = encoded_srgb(seen)
+    share, every, person = (
+        uniform_filter(values, (size, size, 0)) for values in (alpha[..., None], codes, codes * alpha[..., None])
+    )
+    inner = person / np.maximum(share, 1e-3)
+    outer = (every - person) / np.maximum(1 - share, 1e-3)
+    contrast = np.sqrt(np.square(inner - outer).mean(axis=-1))
+    darker = np.minimum(inner.mean(axis=-1), outer.mean(axis=-1)).clip(0)
+    alike = np.exp(-np.square(contrast / (darker + 0.05) / ALIKE))
+    # A straight edge has this slope when blurred; the smooth contour's edge is two pixels wide.
+    slope = 1 / (SMOOTH * np.sqrt(2 * np.pi))
+    smooth = (0.5 + (gaussian_filter(alpha, SMOOTH) - 0.5) / (2 * slope)).clip(0, 1)
+    return np.asarray(alpha + alike * (smooth - alpha), np.float32)
 
 
 def trimap(matte: np.ndarray, band: float) -> np.ndarray:

@@ -7,6 +7,7 @@ from helpers.drawn import overlap, photographed, polygon
 from scipy import ndimage
 
 from relight.matting.outline import Outline, Stroke, outlined, refine, shift_edge
+from relight.matting.refine import smooth_where_alike
 from shadow.data.records import Records
 
 SQUARE = [[30, 20], [90, 20], [90, 100], [30, 100]]
@@ -59,6 +60,17 @@ def test_the_edge_of_a_sharp_mask_is_moved_to_that_of_the_photograph():
     mask = np.float32(ndimage.binary_dilation(truth > 0.5, iterations=5))
     assert overlap(mask, truth) < 0.85
     assert overlap(outlined(image, Outline(matte=mask)), truth) > 0.98
+
+
+def test_a_ragged_contour_is_smoothed_where_person_and_wall_have_one_colour_and_only_there():
+    steps = np.where(np.arange(160) // 8 % 2, 3, -3)  # as JPEG's blocks
+    alpha = np.float32(np.arange(120) < 60 + steps[:, None])
+    wall, alike, other = (np.full((160, 120, 1), level, np.float32) * np.ones(3) for level in (0.8, 0.79, 0.5))
+    person = alpha[..., None] > 0
+    smooth = smooth_where_alike(np.where(person, alike, wall), alpha)
+    assert np.std(alpha.sum(axis=1)) == 3
+    assert np.std(smooth[20:-20].sum(axis=1)) < 1.2
+    np.testing.assert_allclose(smooth_where_alike(np.where(person, other, wall), alpha), alpha, atol=1e-3)
 
 
 def test_strokes_correct_what_the_line_found_and_the_later_one_counts():
