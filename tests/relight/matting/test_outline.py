@@ -65,7 +65,7 @@ def test_the_edge_of_a_sharp_mask_is_moved_to_that_of_the_photograph():
 def test_a_ragged_contour_is_smoothed_where_person_and_wall_have_one_colour_and_only_there():
     steps = np.where(np.arange(160) // 8 % 2, 3, -3)  # as JPEG's blocks
     alpha = np.float32(np.arange(120) < 60 + steps[:, None])
-    wall, alike, other = (np.full((160, 120, 1), level, np.float32) * np.ones(3) for level in (0.8, 0.79, 0.5))
+    wall, alike, other = (np.full((160, 120, 3), level, np.float32) for level in (0.8, 0.79, 0.5))
     person = alpha[..., None] > 0
     smooth = smooth_where_alike(np.where(person, alike, wall), alpha)
     assert np.std(alpha.sum(axis=1)) == 3
