@@ -113,4 +113,6 @@ def _opened(path: AnyPath) -> oiio.ImageInput | None:
 def _is_kept(name: str, is_exr: bool) -> bool:
     if name in OWN or name.startswith(OWN_PREFIXES):
         return False
+    if is_exr and name == "Copyright":  # what OpenImageIO makes of OpenEXR's `owner`
+        return False
     return is_exr or name in CAMERA or name.startswith(CAMERA_PREFIXES)

@@ -64,6 +64,7 @@ def test_an_exr_keeps_its_camera_and_loses_its_place(tmp_path):
     written = images.read_metadata(tmp_path / "r.exr")
     assert written["Model"].value == "ALEXA"
     assert not [name for name in written if name in ("latitude", "longitude", "owner")]
+    assert b"Jane" not in (tmp_path / "r.exr").read_bytes()  # OpenImageIO calls the owner Copyright
 
 
 def test_tags_of_a_movie_have_no_place(tmp_path):
