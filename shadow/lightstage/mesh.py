@@ -23,6 +23,17 @@ def unique_edges(faces: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]
     return sides[first], inverse.reshape(-1, 3), count
 
 
+def inner_edges(faces: np.ndarray) -> np.ndarray:
+    """Return the vertices (E, 4) of each edge between two faces: its ends, and the vertices opposite it."""
+    edges, side, shared = unique_edges(faces)
+    opposite = np.roll(faces, 1, axis=1).ravel()
+    order = np.argsort(side.ravel(), kind="stable")
+    inner = np.flatnonzero(shared == 2)
+    first = np.concatenate([[0], np.cumsum(shared)])[inner]
+    across = np.stack([opposite[order[first]], opposite[order[first + 1]]], axis=1)
+    return np.concatenate([edges[inner], across], axis=1)
+
+
 def subdivide(faces: np.ndarray, count: int) -> tuple[np.ndarray, csr_matrix]:
     """Apply one step of Loop subdivision to a mesh of `count` vertices: (4F, 3) faces and the operator."""
     edges, side, shared = unique_edges(faces)

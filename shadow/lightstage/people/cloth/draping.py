@@ -5,7 +5,7 @@ from scipy.sparse import csr_matrix, diags
 from scipy.spatial import cKDTree
 
 from shadow.lightstage.figure import normalize
-from shadow.lightstage.mesh import unique_edges
+from shadow.lightstage.mesh import inner_edges, unique_edges
 
 DRAPING_STEPS = 40
 NOISE_WAVES = 6
@@ -100,12 +100,8 @@ def _springs(
     There is one along each edge, and one of stiffness `bending` across each inner edge, between the two
     opposite vertices.
     """
-    edges, side, shared = unique_edges(faces)
-    opposite = np.roll(faces, 1, axis=1).ravel()
-    order = np.argsort(side.ravel(), kind="stable")
-    inner = np.flatnonzero(shared == 2)
-    first = np.concatenate([[0], np.cumsum(shared)])[inner]
-    across = np.stack([opposite[order[first]], opposite[order[first + 1]]], axis=1)
+    edges, _, _ = unique_edges(faces)
+    across = inner_edges(faces)[:, 2:]
     springs = np.concatenate([edges, across])
     stiffness = np.concatenate([np.ones(len(edges)), np.full(len(across), bending)]).astype(np.float32)
     length = np.linalg.norm(rest[springs[:, 1]] - rest[springs[:, 0]], axis=1).astype(np.float32)

@@ -18,7 +18,7 @@ from scipy.sparse.csgraph import dijkstra
 
 from shadow.files import replacing
 from shadow.lightstage.figure import normalize, vertex_normals
-from shadow.lightstage.mesh import unique_edges
+from shadow.lightstage.mesh import inner_edges, unique_edges
 from shadow.lightstage.people.body.anatomy import Person, skin
 from shadow.lightstage.people.cloth import pockets, solver
 from shadow.lightstage.people.cloth.concavities import GARMENT_ROUNDS, CreaseFilling, lap_sheets, seat_film
@@ -294,14 +294,7 @@ def _bending_hinges(
     The vertices are those of an inner edge and the two opposite ones (Bergou et al. 2006, "A Quadratic
     Bending Model for Inextensible Surfaces").
     """
-    edges, side, shared = unique_edges(faces)
-    opposite = np.roll(faces, 1, axis=1).ravel()
-    order = np.argsort(side.ravel(), kind="stable")
-    inner = np.flatnonzero(shared == 2)
-    first = np.concatenate([[0], np.cumsum(shared)])[inner]
-    hinges = np.concatenate(
-        [edges[inner], opposite[order[first], None], opposite[order[first + 1], None]], axis=1
-    )
+    hinges = inner_edges(faces)
     a, b, c, d = (rest[hinges[:, k]] for k in range(4))
 
     def cotangent(corner: np.ndarray, one: np.ndarray, two: np.ndarray) -> np.ndarray:
