@@ -116,7 +116,7 @@ def outline_of(drawn: Mapping[str, Any], report: Report) -> dict[str, Any]:
     """Return the matte of a drawn outline, as a grey PNG of the preview's size."""
     if not _is_file(drawn):
         compiling.wait(report)
-    return {"png": _png(_codes(_matte(drawn)))}
+    return {"png": _png(_matte(drawn))}
 
 
 def fetch_person(report: Report) -> dict[str, Any]:
@@ -306,11 +306,18 @@ def save(
     if suffix == ".html":
         if lighting.floor is not None:
             warnings.warn("The page does not show the shadow on the floor.", stacklevel=2)
-        write_view(output, source, lighting, command=_command(name, mask))
+
+        def analysed(done: int, total: int, what: str) -> None:
+            if done == total:
+                report("Writing the page", RELIT)
+
+        write_view(output, source, lighting, command=_command(name, mask), progress=analysed)
     elif suffix == ".glb":
         matte = None if mask is None else images.read_mask(mask)
         lights = as_lights(lighting.rig().lights)
-        Subject(images.read(name), matte).export(output, lights, gloss=lighting.effective_gloss)
+        subject = Subject(images.read(name), matte)
+        report("Making the mesh", ANALYSED)
+        subject.export(output, lights, gloss=lighting.effective_gloss)
     else:
         _save_picture(
             source,

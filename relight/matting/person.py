@@ -3,9 +3,10 @@
 The detector sees the picture, and overlapping parts of it for small people, and answers with the middle of a
 person's hips and a point on the circle around the whole person. The landmark network sees the square around
 that circle, turned so that the person is upright. It answers with a better circle, and with a mask of 256
-pixels a side (Bazarevsky et al., "BlazePose", 2020). After two looks the circle is right,
-and the masks of three squares and of their mirror images are averaged. Whoever is cut by the frame is often
-detected only where the picture has room below. OpenVINO runs both in float32 on one thread, so that
+pixels a side (Bazarevsky et al., "BlazePose", 2020). After two looks the circle is right, and the masks of
+three squares and of their mirror images are averaged. The mask of who is meant is then taken from further
+squares. Each counts by how sure it is, and by how well its mirror image agrees. Whoever is cut by the frame
+is often detected only where the picture has room below. OpenVINO runs both in float32 on one thread, so that
 machines of one kind agree to the bit. The files are those of `relight.matting.person_files`.
 """
 
@@ -27,25 +28,26 @@ from relight.errors import EmptyMatteError
 from relight.matting import people, person_files
 from relight.matting.person_choice import CERTAIN, as_circle, distinct, index_of, mask_of
 from relight.matting.person_detector import SHARES, Detector
-from relight.matting.person_region import ROOM, Circle, DetectedPerson, planes, sampled
+from relight.matting.person_region import LANDMARK_SIDE, Circle, Copies, DetectedPerson, Look, joined, sampled
 from relight.matting.refine import ALL, encoded_srgb, opaque_photograph
-from relight.media.resampling import resize
 from shadow.files import AnyPath
-from shadow.framing import affine_sample
 from shadow.installing import install_command
 
-LANDMARK_SIDE = 256  # pixels of the landmark network's square input
 HIPS, RIM = 33, 34  # rows of the landmarks: the middle of the hips, and the circle's upper end
 LANDMARK_VALUES = 5  # x, y, z, visibility, presence
 LOOKS = 2  # of the landmark network until the circle is right: that of a detection may be far off
 HOPELESS = 0.005  # presence in all of them from which nobody is there
 SQUARES = (1.0, 0.9, 0.8)  # sides of the squares whose masks are averaged, of that around the circle
+NEAR_AND_FAR = (1.3, 1.0, 0.8)  # sides of the squares of a surer mask, and of those around what they show
+FRAME = 1.6  # side of the square in which these masks are joined; the others lie in it, almost
+DOUBT = 0.05  # doubt by which a mask counts 1/e of another; see `Look.doubt`
+UNSURE = 0.75  # doubt of the surest look from which none tells more than the first ones
+LIKELY = 0.5  # certainty from which somebody counts as a neighbour; what only looks like somebody has less
 PRESENT = 0.3  # certainty from which somebody is there
 SCORES = (0.5, 0.1)  # of detections, at least; lower ones count where the higher ones lead to nobody
 MOST = 8  # detections of one score and share that are looked at, the best ones
 ALIKE = 1.0  # distance of circles up to which they may be of one person in two frames
 UNSCALED = np.ones(2)
-REDUCED_SIDE = 1024  # pixels, the longer side of the copy on which the detector looks
 
 NOBODY = (
     "matte: found no person in the photograph: give a mask (--mask), draw an outline (relight app), or name "
@@ -160,12 +162,16 @@ class PersonFinder:
         """Return the mask (H, W) of a person in a photograph (H, W, 3), sRGB-encoded; see `find`."""
         size, person = (encoded.shape[0], encoded.shape[1]), as_circle(person)
         near = person if isinstance(person, Circle) else None
-        found = self.people(encoded, thorough=person is not None and near is None, near=near)
+        copies = Copies.of(encoded)
+        found = self._people(copies, thorough=person is not None and near is None, near=near)
         if not found:
             raise EmptyMatteError(NOBODY)
         if not (isinstance(person, str) and person == ALL):
-            chosen = index_of(found, person, size)
-            found[chosen] = self._alone(encoded, found[chosen], person)
+            number = index_of(found, person, size)
+            chosen = self._alone(encoded, found[number], person)
+            if chosen is found[number] and sum(each.certainty >= LIKELY for each in found) < 2:
+                chosen = self._surer(copies, chosen)
+            found[number], person = chosen, number + 1
         return mask_of(found, person, size)
 
     def _alone(self, encoded: np.ndarray, person: DetectedPerson, chosen: Any) -> DetectedPerson:
@@ -182,21 +188,18 @@ class PersonFinder:
         Smaller parts of the picture are looked at until somebody is found who is like `near`, if that is
         given; all of them if `thorough`.
         """
-        shrink = min(1.0, REDUCED_SIDE / max(encoded.shape[:2]))
-        reduced = resize(encoded, tuple(max(1, round(n * shrink)) for n in encoded.shape[:2]), "triangle")
-        scale = np.array(encoded.shape[1::-1]) / reduced.shape[1::-1]
-        copy, full = map(planes, (reduced, encoded))
+        return self._people(Copies.of(encoded), thorough, near)
+
+    def _people(self, copies: Copies, thorough: bool, near: Circle | None) -> list[DetectedPerson]:
         found: list[DetectedPerson] = []
         for score, share in itertools.product(SCORES, SHARES):
             seen = list(found)
-            for hips, rim in self._detector(copy, share, score)[:MOST]:
-                # A circle that is large on the reduced copy has all the detail there that its mask needs.
-                large = 2 * ROOM * float(np.hypot(*(rim - hips))) >= LANDMARK_SIDE
-                picture, factor = (copy, scale) if large else (full, np.ones(2))
-                start = Circle.of(hips * scale, rim * scale)
+            for hips, rim in self._detector(copies.reduced, share, score)[:MOST]:
+                start = Circle.of(hips * copies.scale, rim * copies.scale)
                 if not any(each.certainty >= CERTAIN and each.has_part(start) for each in seen):
-                    seen += self._person(picture, start, factor)
-            found = distinct(seen, encoded.shape[:2])
+                    picture, scale = copies.for_circle(start)
+                    seen += self._person(picture, start, scale)
+            found = distinct(seen, copies.size)
             enough = any(
                 each.certainty >= CERTAIN and (near is None or each.circle.distance(near) < ALIKE)
                 for each in found
@@ -225,19 +228,46 @@ class PersonFinder:
         if max(opinions) < HOPELESS:
             return []
         del opinions[:-1]  # the first ones are of circles that may be far off
-        sums = torch.zeros(2, LANDMARK_SIDE, LANDMARK_SIDE)  # of masks, and how many show each pixel
-        for share in SQUARES:
-            square = Circle(circle.centre, circle.radius * share, circle.up).square(LANDMARK_SIDE)
-            canvas = sampled(picture, square, LANDMARK_SIDE, "border")
-            (first, mask, _), (second, mirrored, _) = self._look(canvas), self._look(canvas[:, :, ::-1])
-            opinions += [first, second]
-            both = torch.from_numpy((mask + mirrored[:, ::-1]) / 2)
-            corner = LANDMARK_SIDE / 2 * (1 - 1 / share)
-            inside = torch.tensor([[1 / share, 0, corner], [0, 1 / share, corner]])
-            sums += affine_sample(torch.stack([both, torch.ones_like(both)]), inside, sums.shape[1:])
+        looks = [self._look_twice(picture, circle.of_size(share)) for share in SQUARES]
+        opinions += [presence for look in looks for presence in look.presences]
         place = Circle(circle.centre * scale, circle.radius * factor, circle.up)
-        person = DetectedPerson(place, (sums[0] / sums[1]).numpy(), float(np.mean(opinions)))
+        person = DetectedPerson(place, joined(looks, circle, LANDMARK_SIDE), float(np.mean(opinions)))
         return [person] if person.certainty >= PRESENT else []
+
+    def _surer(self, copies: Copies, person: DetectedPerson) -> DetectedPerson:
+        """Return a person with a mask from more looks, near and far, and around what these show.
+
+        Before clutter a single look may take parts of it for the person. It then seldom agrees with its
+        mirror image. Beside other people all looks may agree on a part of a neighbour, so this is for one
+        person alone.
+        """
+        picture, scale = copies.for_circle(person.circle)
+        factor = float(scale.mean())
+        circle = Circle(person.circle.centre / scale, person.circle.radius / factor, person.circle.up)
+        looks = [self._look_twice(picture, circle.of_size(share)) for share in NEAR_AND_FAR]
+        looks += [
+            self._look_twice(picture, look.next.of_size(share))
+            for look in list(looks)
+            for share in NEAR_AND_FAR
+        ]
+        doubts = np.array([look.doubt for look in looks])
+        if doubts.min() > UNSURE:
+            return person
+        mask = joined(
+            looks, circle.of_size(FRAME), 2 * LANDMARK_SIDE, np.exp(-(doubts - doubts.min()) / DOUBT)
+        )
+        return DetectedPerson(person.circle.of_size(FRAME), mask, person.presence)
+
+    def _look_twice(self, picture: torch.Tensor, circle: Circle) -> Look:
+        """Look at the square around a circle of a picture (3, h, w), and at its mirror image."""
+        square = circle.square(LANDMARK_SIDE)
+        canvas = sampled(picture, square, LANDMARK_SIDE, "border")
+        (first, mask, points), (second, mirrored, others) = self._look(canvas), self._look(canvas[:, :, ::-1])
+        others = others * [-1, 1] + [LANDMARK_SIDE, 0]
+        hips, rim = ((points + others) / 2) @ square[:, :2].T + square[:, 2]
+        return Look(
+            circle, (mask, mirrored[:, ::-1]), (first, second), Circle.of(hips, rim), picture.shape[1:]
+        )
 
     def _look(self, canvas: np.ndarray) -> tuple[float, np.ndarray, np.ndarray]:
         """Return the presence, the mask and the two points (x, y) of the next circle on a canvas."""

@@ -4,13 +4,17 @@ The square is turned so that the person is upright. What is sampled from it, and
 are those of `relight.matting.person`.
 """
 
-from dataclasses import dataclass
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
 
 import numpy as np
 import torch
 
+from relight.media.resampling import resize
 from shadow.framing import affine_sample
 
+LANDMARK_SIDE = 256  # pixels of the landmark network's square input
+REDUCED_SIDE = 1024  # pixels, the longer side of the copy on which the detector looks
 ROOM = 1.25  # side of the square that the landmark network sees, in diameters of the circle
 PART = 0.6  # of a person's radius: a smaller circle whose middle is on them is around a part of them
 
@@ -35,6 +39,10 @@ class Circle:
         x, y = self.up
         turn = step * np.array([[-y, -x], [x, -y]])
         return np.concatenate([turn, (self.centre - turn @ [side / 2, side / 2])[:, None]], axis=1)
+
+    def of_size(self, share: float) -> "Circle":
+        """Return a circle around the same place, `share` times as large."""
+        return replace(self, radius=self.radius * share)
 
     def distance(self, other: "Circle") -> float:
         """Return how unlike another circle is, in place and in size: 0 for the same."""
@@ -86,6 +94,83 @@ class DetectedPerson:
             part = affine_sample(torch.from_numpy(self.mask)[None], matrix, (bottom - top, right - left))
             found[top:bottom, left:right] = part[0].numpy()
         return found
+
+
+@dataclass(frozen=True)
+class Look:
+    """What the landmark network sees in the square around a circle, and in its mirror image turned back.
+
+    masks: two of (256, 256) in [0, 1]; presences: its two opinions that somebody is there; next: the circle
+    around them as both see it; size: (h, w) of the picture on which the circles are.
+    """
+
+    circle: Circle
+    masks: tuple[np.ndarray, np.ndarray]
+    presences: tuple[float, float]
+    next: Circle
+    size: Sequence[int]
+
+    @property
+    def mask(self) -> np.ndarray:
+        """The mean of both masks."""
+        return (self.masks[0] + self.masks[1]) / 2
+
+    @property
+    def doubt(self) -> float:
+        """How grey the mask is, and how much both differ, as shares of its area within the picture."""
+        rows, columns = np.mgrid[:LANDMARK_SIDE, :LANDMARK_SIDE] + 0.5
+        square = self.circle.square(LANDMARK_SIDE)
+        places = np.stack([columns, rows], axis=-1) @ square[:, :2].T + square[:, 2]
+        inside = ((places > 0) & (places < [self.size[1], self.size[0]])).all(axis=-1)
+        mask = self.mask
+        grey = 4 * mask * (1 - mask) + np.abs(self.masks[0] - self.masks[1])
+        return float(grey[inside].sum() / max(mask[inside].sum(), 1.0))
+
+
+def joined(
+    looks: Sequence[Look], circle: Circle, side: int, weights: Sequence[float] | None = None
+) -> np.ndarray:
+    """Return the weighted mean (side, side) of the masks of looks, in the square around a circle."""
+    canvas = np.vstack([circle.square(side), [0, 0, 1]])
+    sums = torch.zeros(2, side, side)  # of masks, and of the weights of those that show a pixel
+    for look, weight in zip(looks, weights if weights is not None else np.ones(len(looks)), strict=True):
+        onto = np.linalg.inv(np.vstack([look.circle.square(LANDMARK_SIDE), [0, 0, 1]])) @ canvas
+        mask = torch.from_numpy(look.mask.astype(np.float32))
+        matrix = torch.tensor(onto[:2], dtype=torch.float32)
+        sums += float(weight) * affine_sample(
+            torch.stack([mask, torch.ones_like(mask)]), matrix, (side, side)
+        )
+    return (sums[0] / sums[1].clamp(min=1e-6)).numpy()
+
+
+@dataclass(frozen=True)
+class Copies:
+    """A picture (3, H, W) in full, and reduced to 1024 pixels; `scale` (x, y) leads back to the full one."""
+
+    full: torch.Tensor
+    reduced: torch.Tensor
+    scale: np.ndarray
+
+    @classmethod
+    def of(cls, encoded: np.ndarray) -> "Copies":
+        """Return the copies of a picture (H, W, 3)."""
+        shrink = min(1.0, REDUCED_SIDE / max(encoded.shape[:2]))
+        reduced = resize(encoded, tuple(max(1, round(n * shrink)) for n in encoded.shape[:2]), "triangle")
+        scale = np.array(encoded.shape[1::-1]) / reduced.shape[1::-1]
+        return cls(planes(encoded), planes(reduced), scale)
+
+    @property
+    def size(self) -> tuple[int, int]:
+        """(H, W) of the full picture."""
+        return (self.full.shape[1], self.full.shape[2])
+
+    def for_circle(self, circle: Circle) -> tuple[torch.Tensor, np.ndarray]:
+        """Return the copy to look at, and the scale (x, y) from it to the full one.
+
+        A circle that is large on the reduced copy has all the detail there that its mask needs.
+        """
+        large = 2 * ROOM * circle.radius >= LANDMARK_SIDE * float(self.scale.mean())
+        return (self.reduced, self.scale) if large else (self.full, np.ones(2))
 
 
 def planes(picture: np.ndarray) -> torch.Tensor:

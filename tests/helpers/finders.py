@@ -2,7 +2,7 @@
 
 import numpy as np
 
-from relight.matting import person
+from relight.matting import person, person_region
 
 CELLS = 28  # of the detector's finest layer
 REACH = 20 / 224  # from the hips to the circle's rim, straight up, as a share of what the detector sees
@@ -37,7 +37,7 @@ def small_finder(folder, presence=None):
     picture, red = redness(256)
     landmarks = np.zeros((39, 5), np.float32)
     landmarks[person.HIPS, :2] = 128
-    landmarks[person.RIM, :2] = 128, 128 - 128 / person.ROOM
+    landmarks[person.RIM, :2] = 128, 128 - 128 / person_region.ROOM
     middle = ops.reshape(
         ops.gather(ops.reshape(red, np.int64([-1]), False), np.int64([128 * 257]), np.int64(0)),
         np.int64([1, 1]),

@@ -515,14 +515,18 @@ export class OutlineStep {
       input.value = Math.round((this.drawing[name] / EDGE) * 100);
       shown.textContent = this.pixels(this.drawing[name]);
     }
+    const [around, next] =
+      this.tool === "hole"
+        ? ["what does not belong to the person", "Draw a line around what does not belong to the person."]
+        : ["the person", "Paint with Person or Background where the edge is wrong."];
     const text = busy
       ? "Finding the edge…"
       : this.corners.length
-        ? "Continue around the person. Click the first corner, or press C, to close the line."
+        ? `Continue around ${around}. Click the first corner, or press C, to close the line.`
         : this.matte && this.grey
-          ? "White is the person, black is left out. Paint with Person or Background where the edge is wrong."
+          ? `White is the person, black is left out. ${next}`
           : this.matte
-            ? "The dimmed part is left out. Paint with Person or Background where the edge is wrong."
+            ? `The dimmed part is left out. ${next}`
             : "Draw a line around the person. It need not be exact.";
     if (this.hint.textContent !== text) this.hint.textContent = text;
   }

@@ -146,7 +146,7 @@ export class Save {
   async save(suffix) {
     const { chosen, parts } = this.app;
     await this.app.busy(async (say, signal) => {
-      say("Making the picture");
+      say("Making the picture", 0);
       const passes = this.passes.filter(({ box }) => box.checked).map(({ box }) => box.value);
       const { file, notes } = await follow(
         `photographs/${chosen.id}/save`,

@@ -180,6 +180,22 @@ def test_a_photograph_larger_than_its_copy_is_lit_reduced_and_saved_whole(folder
 
 
 @pytest.mark.slow
+@pytest.mark.parametrize(
+    ("suffix", "last"), [(".jpg", "Relighting"), (".html", "Writing the page"), (".glb", "Making the mesh")]
+)
+def test_a_save_says_what_is_being_done_and_never_goes_back(folder, suffix, last):
+    path, matte, _ = folder
+    relight.media.images.write_mask(path / "me-matte.png", matte)
+    told = []
+    tasks.save("me.png", "me-matte.png", LOOK, f"me-relit{suffix}", [], lambda *said: told.append(said))
+    names, shares = zip(*told, strict=True)
+    assert names[0] == "Analysing the person"
+    assert last in names
+    assert list(shares) == sorted(shares)
+    assert (path / f"me-relit{suffix}").exists()
+
+
+@pytest.mark.slow
 def test_files_of_one_photograph_are_analysed_once_and_again_when_the_matte_changes(folder, monkeypatch):
     path, matte, _ = folder
     analysed, subject = [], tasks.Subject

@@ -8,8 +8,8 @@ import pytest
 from helpers.finders import discs, small_finder
 
 from relight.errors import EmptyMatteError
-from relight.matting import person, person_choice, person_detector
-from relight.matting.person_region import Circle, DetectedPerson
+from relight.matting import person, person_choice, person_detector, person_region
+from relight.matting.person_region import Circle, Copies, DetectedPerson, Look, joined
 
 
 @pytest.fixture(scope="module")
@@ -100,12 +100,62 @@ def test_a_turned_square_and_its_mask_agree():
     circle = Circle.of(np.array([60.0, 70.0]), np.array([90.0, 40.0]))
     square = circle.square(256)
     rim = (np.array([90.0, 40.0]) - square[:, 2]) @ np.linalg.inv(square[:, :2]).T
-    np.testing.assert_allclose(rim, [128, 128 - 128 / person.ROOM], atol=1e-9)
+    np.testing.assert_allclose(rim, [128, 128 - 128 / person_region.ROOM], atol=1e-9)
     upper = np.zeros((256, 256), np.float32)
     upper[:128] = 1
     mask = DetectedPerson(circle, upper).on((140, 150))
     assert mask[55, 75] == pytest.approx(1, abs=1e-5)
     assert mask[85, 45] == pytest.approx(0, abs=1e-5)
+
+
+def looked(masks, circle=None, size=(400, 400)):
+    circle = circle or Circle(np.array([200.0, 200.0]), 100, np.array([0.0, -1.0]))
+    return Look(circle, masks, (1.0, 1.0), circle, size)
+
+
+def test_a_look_is_doubted_where_it_is_grey_and_where_its_mirror_image_differs():
+    sure, other, grey = (np.zeros((256, 256), np.float32) for _ in range(3))
+    sure[64:192, 64:192], other[64:192, 128:192], grey[64:192, 64:192] = 1, 1, 0.5
+    assert looked((sure, sure)).doubt == 0
+    assert looked((grey, grey)).doubt == pytest.approx(2)
+    assert looked((sure, other)).doubt == pytest.approx(4 / 3)
+    below = sure.copy()
+    below[192:] = 0.5  # beyond the picture's lower end, which is no matter
+    high = Circle(np.array([200.0, 340.0]), 100, np.array([0.0, -1.0]))
+    assert looked((below, below), high).doubt == 0
+
+
+def test_one_person_alone_is_looked_at_more_often(finder, monkeypatch):
+    """Beside others, all looks may agree on a part of a neighbour."""
+    looked_at = []
+    surer = person.PersonFinder._surer
+    monkeypatch.setattr(
+        person.PersonFinder, "_surer", lambda *given: looked_at.append(given[-1]) or surer(*given)
+    )
+    alone, (where,) = discs((300, 300), (220, 220, 26))
+    assert overlap(finder.mask(alone), where) > 0.95
+    assert len(looked_at) == 1
+    beside, (where, _) = discs((300, 300), (220, 220, 26), (60, 230, 20))
+    assert overlap(finder.mask(beside), where) > 0.95
+    assert len(looked_at) == 1
+
+
+def test_where_no_look_is_sure_the_first_mask_stands(finder, monkeypatch):
+    grey = np.full((256, 256), 0.5, np.float32)
+    monkeypatch.setattr(finder, "_look_twice", lambda picture, circle: looked((grey, grey), circle))
+    circle = Circle(np.array([200.0, 200.0]), 100, np.array([0.0, -1.0]))
+    first = DetectedPerson(circle, np.ones((256, 256), np.float32))
+    assert finder._surer(Copies.of(np.zeros((400, 400, 3), np.float32)), first) is first
+
+
+def test_looks_are_joined_in_place_and_by_weight():
+    circle = Circle(np.array([200.0, 200.0]), 100, np.array([0.0, -1.0]))
+    whole, half = np.ones((256, 256), np.float32), np.zeros((256, 256), np.float32)
+    half[:, :128] = 1
+    looks = [looked((whole, whole), circle.of_size(0.5)), looked((half, half), circle)]
+    mask = joined(looks, circle, 512, (3.0, 1.0))
+    assert mask[256, 320] == pytest.approx(0.75)  # both see it
+    assert mask[256, [20, 192, 480]] == pytest.approx([1, 1, 0], abs=1e-5)
 
 
 def test_anchors_are_those_of_the_detector():
