@@ -18,9 +18,7 @@ OPAQUE, OPAQUE_SHARE = 0.99, 0.999  # alpha is no matte where this share of its 
 PERSON, BACKGROUND, UNKNOWN = 1.0, 0.0, 0.5  # values of a trimap
 EDGE = 2.0  # pixels on either side of the edge that are solved a second time
 SURE = 0.2  # farther from that edge, coverage up to this is none, and above 1 - SURE it is full
-ALIKE = (
-    0.03  # contrast of person and background, encoded, relative to the darker: below, colours find no edge
-)
+ALIKE = 0.03  # contrast, encoded, relative to the darker side; below, colours hardly find an edge
 SMOOTH = 4.0  # standard deviation in pixels of the Gaussian that smooths the contour there
 REGULARISATION = 1e-6  # of the matting Laplacian; linear light has small variances
 EDGE_PRIOR = 0.002  # weight of the rough matte, which is blurred: more of it makes edges soft
