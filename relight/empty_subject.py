@@ -1,6 +1,5 @@
 """The counterpart of a Subject for frames of a shot that show no person."""
 
-import math
 from collections.abc import Iterable, Iterator, Mapping
 from typing import Any, ClassVar, Self
 
@@ -9,7 +8,6 @@ import torch
 
 from relight.analysis import storage
 from relight.analysis.camera import Camera, focal_length
-from relight.errors import DamagedFileError
 from relight.lights.environment import FIELD_OF_VIEW
 from relight.lights.rig import Lights, by_name
 from relight.subject import Person, Subject, weights
@@ -76,9 +74,4 @@ def load_subject(path: AnyPath) -> Person:
     size = storage.read_header(path).get("empty")
     if size is None:
         return Subject.load(path)
-    sides = list(size) if isinstance(size, list) else []
-    if len(sides) != 2 or not all(type(side) is int and side > 0 for side in sides):
-        raise DamagedFileError(f"{path}: is damaged: expected the size of a frame, got {str(size)[:40]}")
-    if math.prod(sides) > storage.PLATE_PIXELS:
-        raise DamagedFileError(f"{path}: is damaged: a frame of {sides[0]} x {sides[1]} pixels is too large")
-    return EmptySubject(tuple(sides))
+    return EmptySubject(tuple(size))

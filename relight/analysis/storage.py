@@ -148,6 +148,8 @@ def _open(path: AnyPath, whole: bool = True) -> tuple[dict[str, Any], dict[str, 
         raise DamagedFileError(f"{path}: is damaged: {error}") from error
     if "format" not in header:
         raise DamagedFileError(f"{path}: is no analysis by relight")
+    if "empty" in header:
+        _check_size(path, header["empty"])
     if header["format"] != FORMAT:
         raise StaleAnalysisError(
             f"{path}: has format {header['format']}, expected {FORMAT}; analyse the plate again"
@@ -155,6 +157,15 @@ def _open(path: AnyPath, whole: bool = True) -> tuple[dict[str, Any], dict[str, 
     if not isinstance(header.get("provenance"), dict):
         raise DamagedFileError(f"{path}: is no analysis by relight")
     return header, tensors
+
+
+def _check_size(path: Path, size: Any) -> None:
+    """Raise DamagedFileError for what is no size of a frame, which is written alike in all formats."""
+    sides = list(size) if isinstance(size, list) else []
+    if len(sides) != 2 or not all(type(side) is int and side > 0 for side in sides):
+        raise DamagedFileError(f"{path}: is damaged: expected the size of a frame, got {str(size)[:40]}")
+    if math.prod(sides) > PLATE_PIXELS:
+        raise DamagedFileError(f"{path}: is damaged: a frame of {sides[0]} x {sides[1]} pixels is too large")
 
 
 def _plate_arrays(record: AnalysisRecord) -> dict[str, np.ndarray]:

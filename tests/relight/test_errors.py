@@ -44,8 +44,9 @@ def test_files_that_are_no_analysis_of_this_version_have_classes(tmp_path, heade
 @pytest.mark.parametrize(
     "size", [[4], [], {"a": 1}, 5, "ab", [-1, 4], [1.5, 2], [0, 0], [10**9, 10**9], [30000, 30000], [True, 4]]
 )
-def test_an_empty_frame_of_no_size_is_damaged(tmp_path, size):
-    header = {"format": 4, "provenance": {"weights": []}, "arrays": {}, "empty": size}
+@pytest.mark.parametrize("version", [3, 4])
+def test_an_empty_frame_of_no_size_is_damaged_whatever_its_format(tmp_path, size, version):
+    header = {"format": version, "provenance": {"weights": []}, "arrays": {}, "empty": size}
     save_file({}, tmp_path / "000001.safetensors", {"relight": json.dumps(header)})
     with pytest.raises(errors.DamagedFileError, match=r"000001\.safetensors: "):
         load_subject(tmp_path / "000001.safetensors")
