@@ -104,6 +104,12 @@ def warn_of_frames(path: Path) -> None:
     _warn(path, "is animated; its first frame is read, convert it to a movie for all of them")
 
 
+def warn_of_others(path: Path, count: int) -> None:
+    """Warn that the main one of several pictures is read, such as those of a burst."""
+    if count > 1:
+        _warn(path, f"holds {count} pictures; the main one is read")
+
+
 def _warn(path: Path, problem: str) -> None:
     warnings.warn(f"{path}: {problem}", stacklevel=2)
 

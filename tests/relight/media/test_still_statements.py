@@ -6,6 +6,7 @@ import warnings
 
 import numpy as np
 import OpenImageIO as oiio
+import pillow_heif
 import pytest
 import tifffile
 from helpers.foreign_files import decode_srgb, disc, radiance, ramp
@@ -99,6 +100,19 @@ def test_an_animation_is_warned_of(tmp_path, name):
     with warnings.catch_warnings():
         warnings.simplefilter("error")
         relight.read(tmp_path / name)
+
+
+@pytest.mark.states("Stills", "further pictures of a HEIC", "warned of")
+def test_further_pictures_of_a_heic_are_warned_of(tmp_path):
+    file = pillow_heif.from_pillow(Image.fromarray(ramp()))
+    file.save(tmp_path / "one.heic")
+    with warnings.catch_warnings():
+        warnings.simplefilter("error")
+        one = relight.read(tmp_path / "one.heic")
+    file.add_from_pillow(Image.fromarray(ramp()[::-1]))
+    file.save(tmp_path / "two.heic", primary_index=0)
+    with pytest.warns(UserWarning, match=r"two\.heic: holds 2 pictures; the main one is read"):
+        np.testing.assert_array_equal(relight.read(tmp_path / "two.heic"), one)
 
 
 @pytest.mark.parametrize(("name", "low"), [("a.png", 254), ("a.tif", 254), ("a.png", 200), ("a.webp", 253)])
