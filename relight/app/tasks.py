@@ -116,7 +116,7 @@ def outline_of(drawn: Mapping[str, Any], report: Report) -> dict[str, Any]:
     """Return the matte of a drawn outline, as a grey PNG of the preview's size."""
     if not _is_file(drawn):
         compiling.wait(report)
-    return {"png": _png(_matte(drawn))}
+    return {"png": _png(_codes(_matte(drawn)))}
 
 
 def fetch_person(report: Report) -> dict[str, Any]:
