@@ -20,10 +20,8 @@ from relight.matting.person_region import ROOM, Circle, DetectedPerson
 from shadow.framing import affine_sample
 
 WIDTH = 2  # side of the scene that is divided, of the square around the person
-VIEW, RAISED = (
-    2.2,
-    0.22,
-)  # side of what the detector sees, and how far its middle is above the hips, of the radius
+VIEW = 2.2  # of the radius: side of what the detector sees
+RAISED = 0.22  # of the radius: how far its middle is above the hips
 ASIDE = (-0.6, 0.0, 0.6)  # of the radius: how far aside it is
 SCORE, SAME_FACE = 0.5, 0.24  # of detections, at least; overlap of two boxes from which they are of one face
 LEAST_SIZE = 0.4  # of another body, of the person's
