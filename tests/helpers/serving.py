@@ -35,6 +35,7 @@ def served(*words, **environment):
         stdout=subprocess.PIPE,
         text=True,
         env={**os.environ, "PYTHONPATH": str(ROOT), "XDG_CACHE_HOME": cache, **environment},
+        preexec_fn=_heed_hangups if hasattr(signal, "SIGHUP") else None,
     )
     try:
         address = process.stdout.readline().strip()
@@ -43,6 +44,11 @@ def served(*words, **environment):
     finally:
         process.send_signal(signal.SIGINT)
         process.wait(30)
+
+
+def _heed_hangups():
+    """Undo `nohup` of whoever runs the tests, which the application would honour."""
+    signal.signal(signal.SIGHUP, signal.SIG_DFL)
 
 
 def visited(browser, address, size=(1280, 800), before=None, **options):
