@@ -11,7 +11,8 @@ patches. The model of the light's log-chromaticity (log R/G, log B/G) at a pixel
 
 It is fitted to pairs of near pixels of similar albedo, which most often show one material: their difference
 in colour is that of the light. Reweighting leaves out the other pairs (iteratively reweighted least squares
-with Cauchy's weights, inside Gauss-Newton). Lightness stays as the network gives it.
+with Cauchy's weights, inside Gauss-Newton). Saturated colours, which cameras cut to their gamut, show the
+slope but not the lamps' colour, and keep that. Lightness stays as the network gives it.
 """
 
 from typing import NamedTuple

@@ -31,14 +31,12 @@ MARGIN = 0.1  # of the radius: how far beyond the middle between two axes each b
 BLUR = 3.0  # pixels of the scene, of the edge of what is painted over
 RIM = 5  # pixels of the scene, the width of the filter that widens the other people's masks
 
-Look = Callable[[torch.Tensor, Circle], Sequence[DetectedPerson]]
-
 
 def alone(
     picture: torch.Tensor,
     person: DetectedPerson,
     detector: Detector,
-    look: Look,
+    look: Callable[[torch.Tensor, Circle], Sequence[DetectedPerson]],
     at: np.ndarray | None = None,
 ) -> DetectedPerson:
     """Return a person without the people beside them; the same person if nobody is there.

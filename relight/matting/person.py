@@ -168,17 +168,16 @@ class PersonFinder:
             raise EmptyMatteError(NOBODY)
         if not (isinstance(person, str) and person == ALL):
             number = index_of(found, person, size)
-            chosen = self._alone(encoded, found[number], person)
+            chosen = self._alone(copies, found[number], person)
             if chosen is found[number] and sum(each.certainty >= LIKELY for each in found) < 2:
                 chosen = self._surer(copies, chosen)
             found[number], person = chosen, number + 1
         return mask_of(found, person, size)
 
-    def _alone(self, encoded: np.ndarray, person: DetectedPerson, chosen: Any) -> DetectedPerson:
+    def _alone(self, copies: Copies, person: DetectedPerson, chosen: Any) -> DetectedPerson:
         """Return one of the people in a picture, see `mask`, without who is beside them."""
         at = None if isinstance(chosen, Circle) or np.ndim(chosen) != 1 else np.array(chosen, float)
-        picture = torch.from_numpy(encoded).permute(2, 0, 1)
-        return people.alone(picture, person, self._detector, self._person, at)
+        return people.alone(copies.full, person, self._detector, self._person, at)
 
     def people(
         self, encoded: np.ndarray, thorough: bool = False, near: Circle | None = None
@@ -217,9 +216,7 @@ class PersonFinder:
 
         `scale` (x, y) leads from the copy to the picture.
         """
-        factor = float(scale.mean())
-        circle = Circle(around.centre / scale, around.radius / factor, around.up)
-        opinions = []
+        circle, opinions = around.reduced(scale), []
         for _ in range(LOOKS):
             square = circle.square(LANDMARK_SIDE)
             presence, _, points = self._look(sampled(picture, square, LANDMARK_SIDE, "border"))
@@ -230,7 +227,7 @@ class PersonFinder:
         del opinions[:-1]  # the first ones are of circles that may be far off
         looks = [self._look_twice(picture, circle.of_size(share)) for share in SQUARES]
         opinions += [presence for look in looks for presence in look.presences]
-        place = Circle(circle.centre * scale, circle.radius * factor, circle.up)
+        place = Circle(circle.centre * scale, circle.radius * float(scale.mean()), circle.up)
         person = DetectedPerson(place, joined(looks, circle, LANDMARK_SIDE), float(np.mean(opinions)))
         return [person] if person.certainty >= PRESENT else []
 
@@ -242,8 +239,7 @@ class PersonFinder:
         person alone.
         """
         picture, scale = copies.for_circle(person.circle)
-        factor = float(scale.mean())
-        circle = Circle(person.circle.centre / scale, person.circle.radius / factor, person.circle.up)
+        circle = person.circle.reduced(scale)
         looks = [self._look_twice(picture, circle.of_size(share)) for share in NEAR_AND_FAR]
         looks += [
             self._look_twice(picture, look.next.of_size(share))

@@ -44,6 +44,10 @@ class Circle:
         """Return a circle around the same place, `share` times as large."""
         return replace(self, radius=self.radius * share)
 
+    def reduced(self, scale: np.ndarray) -> "Circle":
+        """Return the circle on a copy of the picture, from which `scale` (x, y) leads to the picture."""
+        return Circle(self.centre / scale, self.radius / float(scale.mean()), self.up)
+
     def distance(self, other: "Circle") -> float:
         """Return how unlike another circle is, in place and in size: 0 for the same."""
         moved = float(np.hypot(*(self.centre - other.centre))) / other.radius
