@@ -132,26 +132,13 @@ def lights_in(
 class Matching:
     """Which lights of a shot are estimated from pictures.
 
-    Parameters
-    ----------
-    plate
-        Whether the background lights the person, see `relight.EnvironmentLight.from_plate`; the light's name
-        is "plate".
-    reference
-        A photograph of another person, as an image or a file, whose lights are estimated, see
-        `relight.match`.
-    mask
-        That person's matte, as a mask or a file.
-
-    Raises
-    ------
-    ValueError
-        A mask without a reference, a movie or a sequence.
+    Raises ValueError for a mask without a reference, a movie or a sequence.
     """
 
+    # Whether the background lights the person, by a light named "plate", see `EnvironmentLight.from_plate`.
     plate: bool = False
-    reference: Any = None
-    mask: Any = None
+    reference: Any = None  # image or file of another person, whose lights are estimated, see `relight.match`
+    mask: Any = None  # that person's matte, as a mask or a file
 
     def __post_init__(self) -> None:
         if self.reference is None and self.mask is not None:

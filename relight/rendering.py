@@ -205,37 +205,18 @@ def render_subject(
     gloss: float = 0.0,
     layered: bool = True,
 ) -> tuple[np.ndarray, Layers]:
-    """Render a picture of an analysed person, and its layers.
+    """Render the picture of an analysed person that `relight.apply` returns, and layers for `relight.write`.
 
-    Parameters
-    ----------
-    subject
-        relight.Subject.
-    lights
-        One light or more.
-    background, floor, gloss
-        See `relight.apply`.
-    passes
-        Further layers, of PASSES.
-    exr_type
-        See `relight.render`.
-    layered
-        False for the same picture without its layers, which take as much memory for each light.
-
-    Returns
-    -------
-    tuple[np.ndarray, Layers]
-        The picture, as `relight.apply` returns it, and its layers, for `relight.write`:
+    `background`, `floor`, `gloss`: see `relight.apply`. `passes`: further layers, of PASSES. `exr_type`: see
+    `relight.render`. `layered`: False for the same picture without its layers, which take as much memory for
+    each light. The layers are
 
     - "C_<light>" (H, W, 4), light groups whose colours, rounded to `exr_type`, sum to the picture's;
     - over a background "C_background" (H, W, 3), its visible part with the shadow of all lights in it;
     - on a floor "shadow_floor_<light>" (H, W, 3), the factor of the background if there were no other light;
     - the passes, see `passes_of`.
 
-    Raises
-    ------
-    ValueError
-        No light, two lights of one name, an unknown pass, a gloss outside [0, 1].
+    Raises ValueError for no light, two lights of one name, an unknown pass, or a gloss outside [0, 1].
     """
     lights, passes = as_lights(lights), check_names(passes)
     background = _background(background, lights)
@@ -266,30 +247,11 @@ def _seen_by(subject: Person, background: Background, lights: Iterable[Light]) -
 def light_groups(
     subject: Person, lights: Lights, exr_type: str = "half", gloss: float = 0.0, layered: bool = True
 ) -> tuple[np.ndarray, Layers]:
-    """Render the person's picture, and the part of each light in it.
+    """Render the person's picture, and the part of each light in it; see `render_subject`.
 
-    Parameters
-    ----------
-    subject
-        relight.Subject.
-    lights
-        One light or more.
-    exr_type, gloss, layered
-        See `render_subject`.
-
-    Returns
-    -------
-    tuple[np.ndarray, Layers]
-        The picture (H, W, 4), linear, premultiplied, and its groups {"C_<light>": (H, W, 4)}, as
-        `relight.write` takes them. For half-float files the groups are rounded and the picture is their sum,
-        so that it still is after a round trip through the file. Each carries the matte as its alpha.
-
-    Raises
-    ------
-    TypeError
-        Not lights.
-    ValueError
-        No light, or two of one name.
+    The picture is (H, W, 4), linear, premultiplied, and its groups are {"C_<light>": (H, W, 4)}, as
+    `relight.write` takes them. For half-float files the groups are rounded and the picture is their sum, so
+    that it still is after a round trip through the file. Each carries the matte as its alpha.
     """
     groups: Layers = {}
     colour = coverage = torch.zeros(())
@@ -315,32 +277,19 @@ def check_exr_type(exr_type: str) -> None:
 
 
 def passes_of(subject: Person, lights: Lights, names: Iterable[str]) -> Layers:
-    """Return passes at the plate's size, zero outside the matte and not premultiplied.
+    """Return passes {layer name: float32 array} of the plate's size, zero off the matte, not premultiplied.
 
-    Parameters
-    ----------
-    subject
-        relight.Subject.
-    lights
-        One light or more.
-    names
-        Any of "albedo": (H, W, 3), linear Rec.709. "N": (H, W, 3), normals in the camera frame: x right, y
-        up, z to the camera. "Z": (H, W), metres from the camera along its axis. "P": (H, W, 3), metres from
-        the subject's middle in the camera's axes, see `Subject.position`. "visibility": `visibility_<light>`
-        (H, W) for each light, the share of it that the person does not block. "shading": `shading_<light>`
-        (H, W, 3) for each light, the picture of a white person. "gloss": `gloss_<light>` (H, W, 3) for each
-        light, what a gloss of 1 adds, whatever the picture's own: the light group is `(albedo ×
-        shading_<light> + gloss × gloss_<light>) × alpha`.
+    - "albedo": (H, W, 3), linear Rec.709.
+    - "N": (H, W, 3), normals in the camera frame: x right, y up, z to the camera.
+    - "Z": (H, W), metres from the camera along its axis.
+    - "P": (H, W, 3), metres from the subject's middle in the camera's axes, see `Subject.position`.
+    - "visibility": `visibility_<light>` (H, W) for each light, the share of it that the person does not
+      block.
+    - "shading": `shading_<light>` (H, W, 3) for each light, the picture of a white person.
+    - "gloss": `gloss_<light>` (H, W, 3) for each light, what a gloss of 1 adds, whatever the picture's own:
+      the light group is `(albedo × shading_<light> + gloss × gloss_<light>) × alpha`.
 
-    Returns
-    -------
-    Layers
-        {layer name: array}, float32.
-
-    Raises
-    ------
-    ValueError
-        Another name.
+    Raises ValueError for another name.
     """
     names = check_names(names)
     layers = {"albedo": subject.albedo} if "albedo" in names else {}
@@ -377,10 +326,8 @@ def metadata_of(subject: Person, passes: Iterable[str]) -> Metadata:
 def check_names(names: Iterable[str], outputs: Iterable[Path] | None = None) -> tuple[str, ...]:
     """Check the names of passes, and return them.
 
-    Raises
-    ------
-    ValueError
-        A name is not of PASSES; or no .exr among `outputs`, if these are given, could hold the passes.
+    Raises ValueError: a name is not of PASSES; or no .exr among `outputs`, if these are given, could hold the
+    passes.
     """
     names = tuple(names)
     for name in names:

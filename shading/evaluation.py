@@ -79,36 +79,18 @@ def evaluate(
 ) -> tuple[dict[str, Tally], dict[str, Delight]]:
     """Score shading networks on records with bounce light, as Table 6 does, and the albedo of "ours".
 
-    Each record is photographed once under a random lighting that `seed` determines, and framed on the canvas.
-    Its frontal lights are scored by RMSE inside the mask and SSIM in the mask's bounding box (Section 4.4).
+    Each record, of those that `relight stage --shading` made, is photographed once under a random lighting
+    that `seed` determines, and framed on the canvas. Its frontal lights are scored by RMSE inside the mask
+    and SSIM in the mask's bounding box (Section 4.4).
 
-    Parameters
-    ----------
-    paths
-        Record folders or shards, made with `relight stage --shading`.
-    models
-        {row of Table 6: name or .safetensors path}; "ours" is the shipped one unless given.
-    out
-        Path of a PNG for Figure 6, or None.
-    field_model
-        Name or path of the visibility field whose maps all rows take.
-    normals_model
-        Name or path of the network whose normals all rows take; by default the visibility field.
-    seed
-        Seed of the random lightings.
-    limit
-        Use this many records, spread evenly.
+    `models`: {row of Table 6: name or .safetensors path}; "ours" is the shipped one unless given. `out`: path
+    of a PNG for Figure 6, or None. `field_model`: the visibility field whose maps all rows take;
+    `normals_model`: the network whose normals they take, by default that field. `limit`: use this many
+    records, spread evenly.
 
-    Returns
-    -------
-    tuple[dict[str, Tally], dict[str, Delight]]
-        {row: Tally}, including the base image of "ours", and {"photograph" or "albedo": Delight}.
-
-    Raises
-    ------
-    FileNotFoundError, ValueError
-        There are no records, records lack bounce light, weights are damaged, or a network does not match its
-        row.
+    Returns {row: Tally}, including the base image of "ours", and {"photograph" or "albedo": Delight}. Raises
+    FileNotFoundError or ValueError if there are no records, records lack bounce light, weights are damaged,
+    or a network does not match its row.
     """
     networks = {name: diffuse.load(path) for name, path in {"ours": "shading", **(models or {})}.items()}
     for name, network in networks.items():

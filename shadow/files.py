@@ -21,11 +21,8 @@ def replacing(path: AnyPath) -> Iterator[Path]:
     is complete. Elsewhere a killed process leaves a hidden file. A symbolic link stays, and the file that it
     points to is replaced. The new file has the mode of the one that it replaces.
 
-    Raises
-    ------
-    OSError
-        There is a pipe, a device or a folder, or the system refuses, for example because the disk is full.
-        The message names `path`, not the temporary file.
+    Raises OSError, which names `path` and not the temporary file, for a pipe, a device or a folder, or if the
+    system refuses, for example because the disk is full.
     """
     path = Path(path)
     target = Path(os.path.realpath(path))
@@ -87,16 +84,8 @@ def _flush(descriptor: int) -> None:
 def check_writable(path: AnyPath, suffixes: Collection[str]) -> Path:
     """Return `path` as a Path if a file can be written there.
 
-    Raises
-    ------
-    ValueError
-        The name ends in none of `suffixes`.
-    FileNotFoundError
-        The folder does not exist.
-    IsADirectoryError
-        `path` is a folder.
-    PermissionError
-        The folder takes no new files.
+    Raises ValueError if the name ends in none of `suffixes`, FileNotFoundError if the folder does not exist,
+    IsADirectoryError for a folder, PermissionError for a folder that takes no new files.
     """
     path = Path(path)
     if path.suffix.lower() not in suffixes:

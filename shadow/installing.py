@@ -14,8 +14,6 @@ def install_command(extra: str) -> str:
     From a folder or a wheel (PEP 610, `direct_url.json`) pip takes the same path with the extra behind it;
     from a repository its address. Without a record, the reader fills in the folder of the source.
 
-    Examples
-    --------
     >>> install_command("matte").endswith("[matte]'")
     True
     """

@@ -45,42 +45,28 @@ def load(
 ) -> Any:
     """Load a source of normals, for `infer_normals` and for every argument `normals`.
 
-    Parameters
-    ----------
-    source
-        One of the following:
+    It is one of the following:
 
-        - "field", the shipped visibility field, or the .safetensors file of a field that was trained by
-          `relight train shadow`;
-        - the path of your own PIFuHD checkpoint, a .pt file (see `shadow.networks.pifuhd`);
-        - the path of your own .onnx file (extra `matte`): DAViD's normals and multi-task models are
-          recognised by their inputs and outputs, any other needs `order` (see
-          `shadow.networks.foreign.OnnxNormals`);
-        - a function (rgb, mask) -> (H, W, 3) of float32 NumPy arrays: the photograph (H, W, 3), linear
-          Rec.709, and the matte (H, W) in [0, 1];
-        - an array (H, W, 3) of the photograph's size, such as `relight.read_normals` reads from an image.
-    axes
-        Axes of the vectors of a function, an array or an ONNX file: "+x+y+z" is the camera frame (x right, y
-        up, z to the camera), "+x-y-z" OpenCV's; see `shadow.directions.from_axes`.
-    order
-        Channel order, "rgb" or "bgr", of the input of an ONNX file that is not DAViD's.
-    device
-        Where a network that is loaded from a file runs; an ONNX file runs on the CPU.
+    - "field", the shipped visibility field, or the .safetensors file of a field that was trained by `relight
+      train shadow`;
+    - the path of your own PIFuHD checkpoint, a .pt file (see `shadow.networks.pifuhd`);
+    - the path of your own .onnx file (extra `matte`): DAViD's normals and multi-task models are recognised by
+      their inputs and outputs, any other needs `order` (see `shadow.networks.foreign.OnnxNormals`);
+    - a function (rgb, mask) -> (H, W, 3) of float32 NumPy arrays: the photograph (H, W, 3), linear Rec.709,
+      and the matte (H, W) in [0, 1];
+    - an array (H, W, 3) of the photograph's size, such as `relight.read_normals` reads from an image.
 
-    Returns
-    -------
-    Any
-        An object with the method `normals(rgb, mask)`. It takes tensors (3, H, W), linear, and (H, W), and
-        returns unit normals (3, H, W) in the camera frame, zero outside the mask. A field expects both on its
-        canvas.
+    `axes`: of the vectors of a function, an array or an ONNX file: "+x+y+z" is the camera frame (x right, y
+    up, z to the camera), "+x-y-z" OpenCV's; see `shadow.directions.from_axes`. `order`: channel order, "rgb"
+    or "bgr", of the input of an ONNX file that is not DAViD's. `device`: where a network that is loaded from
+    a file runs; an ONNX file runs on the CPU.
 
-    Raises
-    ------
-    FileNotFoundError
-        No such file.
-    ValueError
-        No such weights, a damaged file, another kind of network, unknown axes, or axes given for a network
-        whose convention is known.
+    Returns an object with the method `normals(rgb, mask)`. It takes tensors (3, H, W), linear, and (H, W),
+    and returns unit normals (3, H, W) in the camera frame, zero outside the mask. A field expects both on its
+    canvas.
+
+    Raises FileNotFoundError, and ValueError for no such weights, a damaged file, another kind of network,
+    unknown axes, or axes given for a network whose convention is known.
     """
     a_file, loaded = isinstance(source, str | os.PathLike), _infers_normals(source)
     if not a_file and not loaded:

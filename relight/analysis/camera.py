@@ -43,21 +43,11 @@ class Camera:
     def of(
         cls, matte: torch.Tensor, height: float | None = None, field_of_view: float = FIELD_OF_VIEW
     ) -> "Camera":
-        """Make the camera that sees a person's matte.
+        """Make the camera that sees a person's matte (H, W) in [0, 1].
 
-        Parameters
-        ----------
-        matte
-            (H, W) in [0, 1].
-        height
-            Metres of the person that the matte shows, in [0.01, 100]; DEFAULT_HEIGHT unless given.
-        field_of_view
-            Vertical, degrees, in [0.001, 170].
-
-        Raises
-        ------
-        TypeError, ValueError
-            No number, or out of range.
+        `height`: metres of the person that the matte shows, in [0.01, 100]; DEFAULT_HEIGHT unless given.
+        `field_of_view`: vertical, degrees, in [0.001, 170]. Raises TypeError or ValueError for no number, or
+        one out of range.
         """
         angle = checked_number("field_of_view", field_of_view, 1e-3, 170)
         metres = DEFAULT_HEIGHT if height is None else checked_number("height", height, 0.01, 100)

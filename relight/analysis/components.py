@@ -6,12 +6,9 @@ import torch
 def principal_components(maps: torch.Tensor, rank: int) -> tuple[torch.Tensor, torch.Tensor]:
     """Factor maps (K, N) into their `rank` strongest components over the pixels.
 
-    Returns
-    -------
-    basis: (K, rank) float32, orthonormal columns, the strongest first.
-    coefficients: (rank, N) float32, such that `basis @ coefficients` is the best approximation of the maps.
-
-    The maps of the 96 anchor directions are of low rank.
+    Returns a basis (K, rank) of orthonormal columns, the strongest first, and coefficients (rank, N),
+    float32, such that `basis @ coefficients` is the best approximation. The maps of the 96 anchor directions
+    are of low rank.
 
     >>> import torch
     >>> maps = torch.outer(torch.arange(4.0), torch.ones(6))

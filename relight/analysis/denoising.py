@@ -40,22 +40,10 @@ def denoised(
 ) -> torch.Tensor:
     """Return the person's colour (P, 3), linear, without the noise that their albedo would amplify.
 
-    Parameters
-    ----------
-    colour
-        (P, 3) linear.
-    exposure
-        Factor by which the colour is multiplied before it is encoded.
-    pixels
-        (P,) their indices on the plate, in row-major order.
-    framing
-        Of the canvas on the plate.
-    image
-        (3, h, w) the colour on the canvas, exposed and encoded.
-    known
-        (h, w) where the canvas shows the person.
-    light
-        (3, h, w) the photograph over its albedo, linear, about 1 on average.
+    `exposure`: factor of the colour before it is encoded. `pixels`: (P,) their indices on the plate, in
+    row-major order. On the canvas, which `framing` places: `image` (3, h, w), the colour, exposed and
+    encoded; `known` (h, w), where it shows the person; `light` (3, h, w), the photograph over its albedo,
+    linear, about 1 on average.
     """
     level = light.mean(dim=0, keepdim=True).clamp_min(1e-12)
     # Noise in the encoded albedo is larger by a factor of level ** (-1 / ENCODING) than in the photograph.

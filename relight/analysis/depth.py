@@ -50,21 +50,11 @@ class WorldGeometry:
     ) -> "WorldGeometry":
         """Choose the source of the depth of an analysed person.
 
-        Parameters
-        ----------
-        analysis
-            The networks' maps.
-        camera, framing
-            Of the plate, and of the canvas on it.
-        matte
-            (H, W) on the plate.
-        provided
-            (1, H, W) depth of the plate that replaces that of the normals, in metres unless `relative`.
-        relative
-            Whether `provided` is known up to scale and offset only, either sign.
-        own_normals
-            Whether the normals are the network's. Those that the caller provided are integrated without the
-            network's depth as an anchor, since that belongs to the network's normals.
+        `camera` and the matte (H, W) are the plate's, and `framing` places the canvas on it. `provided`: (1,
+        H, W) depth of the plate that replaces that of the normals, in metres or, if `relative`, known up to
+        scale and offset only, either sign. `own_normals`: whether the normals are the network's. Those that
+        the caller provided are integrated without the network's depth as an anchor, since that belongs to the
+        network's normals.
         """
         known, anchor = analysis.framed.mask.cpu() > 0.5, analysis.canvas_depth if own_normals else None
         if anchor is not None:
@@ -176,12 +166,8 @@ def checked_depth(depth: Any, matte: torch.Tensor) -> torch.Tensor:
     """Return the caller's depth as (1, H, W): float32 metres, or int32 for a picture of relative depth.
 
     The matte (H, W) shows where the person is. Elsewhere renderers write infinity or a large number, which is
-    ignored.
-
-    Raises
-    ------
-    TypeError, ValueError
-        Another dtype or shape; NaN, infinity or more than MAX_DEPTH on the person.
+    ignored. Raises TypeError or ValueError for another dtype or shape, and for NaN, infinity or more than
+    MAX_DEPTH on the person.
     """
     values, size = as_array("depth", depth), tuple(matte.shape)
     picture = values.dtype in (np.uint8, np.uint16)

@@ -26,22 +26,10 @@ BACKGROUND_VARIANCE = 3.0  # of a continued background, relative to that of the 
 class Foreground:
     """The person's part of a plate: the box around the matte, and in it the P pixels with coverage.
 
-    Attributes
-    ----------
-    size
-        (H, W) of the plate, pixels.
-    left, top
-        First column and row of the box on the plate.
-    alpha
-        (h, w) tensor in [0, 1], coverage in the box.
-    matte
-        (h, w) tensor in [0, 1], the part of `alpha` that belongs to the person and is not noise.
-    photographed
-        Whether partly covered pixels show the background too, as they do beside a separate mask.
-    pixels
-        (P,) tensor, indices into the box in row-major order.
-    coverage
-        (P,) tensor, `alpha` at `pixels`.
+    `size`: (H, W) of the plate; `left` and `top`: first column and row of the box on it. `alpha`: (h, w) in
+    [0, 1], coverage in the box; `matte`: (h, w), the part of it that belongs to the person and is not noise.
+    `photographed`: whether partly covered pixels show the background too, as they do beside a separate mask.
+    `pixels`: (P,) indices into the box in row-major order; `coverage`: (P,), `alpha` at them.
     """
 
     def __init__(
@@ -78,22 +66,9 @@ class Foreground:
     def own_colour(self, plate: np.ndarray, photographed: bool | None = None) -> torch.Tensor:
         """Estimate the person's own colour, without the background, continued beyond the matte's edge.
 
-        Parameters
-        ----------
-        plate
-            (H, W, 3|4) float32, linear Rec.709, premultiplied: theirs, or another of the same size.
-        photographed
-            As the attribute, for another plate.
-
-        Returns
-        -------
-        torch.Tensor
-            (3, h, w) in the box, linear Rec.709, not premultiplied, at least 0.
-
-        Raises
-        ------
-        ValueError
-            The matte shows a person where the plate's own alpha is zero.
+        From (H, W, 3|4) float32, linear Rec.709, premultiplied: their plate, or another of its size, with its
+        own `photographed`. Returns (3, h, w) in the box, linear Rec.709, not premultiplied, at least 0.
+        Raises ValueError if the matte shows a person where the plate's own alpha is zero.
         """
         photographed = self.photographed if photographed is None else photographed
         return _own_colour(plate[self.box], self.alpha, photographed)
@@ -128,10 +103,7 @@ def _zeros(*shape: int) -> np.ndarray:
 def linear_plate(image: np.ndarray) -> np.ndarray:
     """Return a plate as (H, W, 3|4) float32, linear Rec.709, premultiplied; see `relight.Subject`.
 
-    Raises
-    ------
-    TypeError, ValueError
-        What `scene_linear` refuses, and values whose sums exceed float32.
+    Raises TypeError, ValueError: what `scene_linear` refuses, and values whose sums exceed float32.
     """
     pixels = scene_linear("image", image)
     inputs.bounded("image", torch.from_numpy(pixels[..., :3]))
@@ -139,21 +111,11 @@ def linear_plate(image: np.ndarray) -> np.ndarray:
 
 
 def plate_coverage(plate: np.ndarray, mask: Any = None) -> torch.Tensor:
-    """Return the person's coverage (H, W) in [0, 1]: the mask if there is one, else the plate's alpha.
+    """Return the coverage (H, W) in [0, 1] of a linear plate: the mask if there is one, else its alpha.
 
-    Parameters
-    ----------
-    plate
-        (H, W, 3|4), as `linear_plate` returns it.
-    mask
-        (H, W), floats or bools in [0, 1], or uint8 or uint16 over the full range.
-
-    Raises
-    ------
-    TypeError, ValueError
-        Wrong shape, dtype or range; neither mask nor alpha.
-    relight.errors.EmptyMatteError
-        No coverage is above one half.
+    The mask is (H, W), floats or bools in [0, 1], or uint8 or uint16 over the full range. Raises TypeError or
+    ValueError for another shape, dtype or range, and without mask and alpha; EmptyMatteError if no coverage
+    is above one half.
     """
     if mask is not None:
         return person_mask("mask", mask, plate.shape[:2])

@@ -28,25 +28,13 @@ def integrate(
 ) -> torch.Tensor:
     """Find the surface with these normals, as the logarithm of its distance along the camera's axis.
 
-    Parameters
-    ----------
-    normals
-        (3, h, w) unit vectors, camera frame.
-    known
-        (h, w) bool, true on the subject.
-    rays
-        (3, h, w) from the camera through the pixels, with z = -1.
-    focal
-        Focal length in pixels.
-    anchor
-        (h, w) logarithm of a depth over that of the middle, whose low frequencies the result keeps.
+    `normals`: (3, h, w) unit vectors, camera frame, on the subject, where `known` (h, w) is true. `rays`: (3,
+    h, w) from the camera through the pixels, with z = -1. `focal`: pixels. `anchor`: (h, w) logarithm of a
+    depth over that of the middle, whose low frequencies the result keeps.
 
-    Returns
-    -------
-    torch.Tensor
-        (h, w) float32, of mean zero over the subject and zero elsewhere. Where a normal is nearly at right
-        angles to the ray, or points away, the depth is that of the nearest pixel where it does not. 25,000
-        pixels take 0.25 s of one core.
+    Returns (h, w) float32, of mean zero over the subject and zero elsewhere. Where a normal is nearly at
+    right angles to the ray, or points away, the depth is that of the nearest pixel where it does not. 25,000
+    pixels take 0.25 s of one core.
     """
     facing = (known & (-(normals * rays).sum(dim=0) >= MIN_COSINE)).numpy()
     if not facing.any():

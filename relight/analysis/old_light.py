@@ -53,14 +53,9 @@ class OldLight(NamedTuple):
     def tint(self, light: torch.Tensor, albedo: torch.Tensor, normals: torch.Tensor) -> torch.Tensor:
         """Return the colour of the light (3, h, w), by which the albedo is to be divided.
 
-        Parameters
-        ----------
-        light
-            (3, h, w) the photograph over its albedo, linear.
-        albedo
-            (3, h, w) linear, photograph times grey gain. Divided by the tint it keeps its luminance.
-        normals
-            (3, h, w) unit vectors, camera frame.
+        `light`: (3, h, w) the photograph over its albedo, linear. `albedo`: (3, h, w) linear, photograph
+        times grey gain; divided by the tint it keeps its luminance. `normals`: (3, h, w) unit vectors, camera
+        frame.
         """
         if self == OldLight():
             return torch.ones_like(albedo)

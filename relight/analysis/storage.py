@@ -56,12 +56,7 @@ BASE_BYTES, MAX_EXPANSION = 2**28, 100  # arrays of a file may take BASE_BYTES +
 def write_record(path: AnyPath, record: AnalysisRecord, provenance: Mapping[str, Any]) -> None:
     """Write a record and its provenance, which JSON must hold, to a file: whole or not at all.
 
-    Raises
-    ------
-    ValueError
-        Another suffix than `.safetensors`.
-    OSError
-        The file cannot be written.
+    Raises ValueError for another suffix than `.safetensors`, OSError if the file cannot be written.
     """
     path = check_writable(path, (SUFFIX,))
     arrays = _plate_arrays(record) | _canvas_arrays(record)
@@ -102,16 +97,8 @@ def _save(path: Path, tensors: dict[str, np.ndarray], header: dict[str, Any]) ->
 def read_header(path: AnyPath) -> dict[str, Any]:
     """Read the header of a file, without its arrays.
 
-    Raises
-    ------
-    FileNotFoundError
-        No such file.
-    relight.errors.DamagedFileError
-        It is damaged, or no analysis.
-    relight.errors.StaleAnalysisError
-        It has the format of another version.
-    relight.errors.UnsupportedFileError
-        It is no regular file, such as a device or a pipe.
+    Raises FileNotFoundError; DamagedFileError for a damaged file or no analysis; StaleAnalysisError for the
+    format of another version; UnsupportedFileError for what is no regular file, such as a device or a pipe.
     """
     return _open(path, whole=False)[0]
 

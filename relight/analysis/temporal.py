@@ -32,21 +32,10 @@ WINDOW = 5  # canvas pixels, the side of the square over which differences are a
 def temporally_filtered(
     maps: AnalysisMaps, neighbours: Iterable[AnalysisMaps], range_sigma: float = RANGE_SIGMA
 ) -> AnalysisMaps:
-    """Average a frame's maps with those of neighbouring frames where they agree.
+    """Average a frame's maps with those of frames before and after it where they agree.
 
-    Parameters
-    ----------
-    maps
-        Of the frame.
-    neighbours
-        Maps of frames before and after it.
-    range_sigma
-        Difference in shading, in [0, 1], at which a neighbour's weight falls to 60 %.
-
-    Raises
-    ------
-    ValueError
-        The albedo was provided for some of the frames and inferred for others.
+    `range_sigma`: difference in shading, in [0, 1], at which a neighbour's weight falls to 60 %. Raises
+    ValueError if the albedo was provided for some of the frames and inferred for others.
     """
     neighbours = list(neighbours)
     if not neighbours:

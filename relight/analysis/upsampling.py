@@ -22,18 +22,9 @@ class JointBilateral:
     B-spline), and so do those whose guide is similar to the plate at that pixel. The weights depend on the
     guide only: the operator is linear, keeps constants and ranges, and adds no texture to the maps.
 
-    Parameters
-    ----------
-    framing
-        shadow.framing.Framing of the canvas on the plate.
-    guide
-        (P, 3) colours of the wanted plate pixels, display-encoded, see `encode_guide`.
-    canvas_guide
-        (3, h, w) the same on the canvas.
-    known
-        (h, w) bool, the canvas pixels that show the person.
-    pixels
-        (P,) indices of the wanted pixels on the plate, in row-major order.
+    `guide`: (P, 3) colours of the wanted plate pixels, display-encoded, see `encode_guide`; `pixels`: (P,)
+    their indices on the plate, in row-major order. `canvas_guide`: (3, h, w) the same on the canvas, which
+    `framing` places; `known`: (h, w) bool, the canvas pixels that show the person.
     """
 
     def __init__(

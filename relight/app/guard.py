@@ -27,14 +27,7 @@ HEADERS = {
 class Guard:
     """Pass requests on that name this server as their host, come from its own pages, and know the token.
 
-    Parameters
-    ----------
-    app
-        The ASGI application behind it.
-    token
-        The first part of every address.
-    port
-        Of the loopback address.
+    `token`: the first part of every address. `port`: of the loopback address.
     """
 
     def __init__(self, app: ASGIApp, token: str, port: int) -> None:

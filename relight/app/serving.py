@@ -42,21 +42,9 @@ def serve(
 ) -> None:
     """Serve the application until it is interrupted.
 
-    Parameters
-    ----------
-    root:
-        The folder that the page lists pictures of; None for none.
-    port:
-        Of the loopback address; 0 for any that is free.
-    opened:
-        Called with the address, token included, once the server listens.
-
-    Raises
-    ------
-    NotADirectoryError
-        `root` is no folder.
-    OSError
-        The port is in use.
+    `root`: the folder that the page lists pictures of; None for none. `port`: of the loopback address; 0 for
+    any that is free. `opened`: called with the address, token included, once the server listens. Raises
+    NotADirectoryError if `root` is no folder, OSError if the port is in use.
     """
     folder = None if root is None else Path(root)
     if folder is not None and not folder.is_dir():

@@ -28,33 +28,16 @@ MASK_SUFFIX = "-matte.png"  # after a photograph's name without its own suffix
 
 @dataclass
 class Photograph:
-    """A photograph of the session.
+    """A photograph of the session."""
 
-    Attributes
-    ----------
-    id:
-        Its name in addresses: random.
-    name:
-        Its file's name, as commands have it.
-    folder:
-        Holds its file and what is made of it.
-    about:
-        What `relight.app.tasks.read` found.
-    mask:
-        The name of its matte's file; None if the photograph has alpha, or no outline is accepted yet.
-    scene:
-        What the page's viewer begins with, once the photograph is analysed.
-    outputs:
-        Names of files that can be downloaded.
-    """
-
-    id: str
-    name: str
-    folder: Path
-    about: dict[str, Any] = field(default_factory=dict)
+    id: str  # its name in addresses: random
+    name: str  # of its file, as commands have it
+    folder: Path  # holds its file and what is made of it
+    about: dict[str, Any] = field(default_factory=dict)  # what `relight.app.tasks.read` found
+    # The name of its matte's file; None if the photograph has alpha, or no outline is accepted yet.
     mask: str | None = None
-    scene: dict[str, Any] | None = None
-    outputs: set[str] = field(default_factory=set)
+    scene: dict[str, Any] | None = None  # what the viewer begins with, once the photograph is analysed
+    outputs: set[str] = field(default_factory=set)  # names of files that can be downloaded
 
     @property
     def stem(self) -> str:
@@ -85,15 +68,7 @@ class Photograph:
 class Session:
     """Photographs and other files of one run of the server.
 
-    Parameters
-    ----------
-    root:
-        The folder that files may be chosen from, or None.
-
-    Attributes
-    ----------
-    folder:
-        The session's temporary folder; `close` removes it.
+    `root`: the folder that files may be chosen from, or None. `folder`: temporary; `close` removes it.
     """
 
     def __init__(self, root: Path | None = None) -> None:
@@ -253,10 +228,7 @@ class Session:
 def checked_name(name: str, suffixes: tuple[str, ...]) -> str:
     """Return a file's name without its folders, as a file system and a command can have it.
 
-    Raises
-    ------
-    Refused
-        Its suffix is none of `suffixes`.
+    Raises Refused: its suffix is none of `suffixes`.
     """
     last = re.split(r"[/\\]", name)[-1]
     last = re.sub(r"[\x00-\x1f\x7f]", "", last).strip()

@@ -1,7 +1,4 @@
-"""`relight analyse`: the analysis of a still or a shot, kept to be relit later.
-
-Heavy modules are imported inside the command, so that `relight --help` answers at once.
-"""
+"""`relight analyse`: the analysis of a still or a shot, kept to be relit later."""
 
 from pathlib import Path
 from typing import Annotated

@@ -1,7 +1,4 @@
-"""`relight app`: the local web application.
-
-Heavy modules are imported inside the command, so that `relight --help` answers at once.
-"""
+"""`relight app`: the local web application."""
 
 from collections.abc import Callable
 from pathlib import Path

@@ -1,7 +1,4 @@
-"""`relight apply`, also called `relight video`: stills, sequences, movies and analysis caches relit.
-
-Heavy modules are imported inside the command, so that `relight --help` answers at once.
-"""
+"""`relight apply`, also called `relight video`: stills, sequences, movies and analysis caches relit."""
 
 from functools import partial
 from typing import Annotated, Any

@@ -1,7 +1,4 @@
-"""`relight evaluate`: networks scored on records that they were not trained on.
-
-Heavy modules are imported inside the commands, so that `relight --help` answers at once.
-"""
+"""`relight evaluate`: networks scored on records that they were not trained on."""
 
 from enum import StrEnum
 from pathlib import Path

@@ -1,7 +1,4 @@
-"""`relight export`: the person as a mesh for other 3D programs, or as a Nuke script.
-
-Heavy modules are imported inside the command, so that `relight --help` answers at once.
-"""
+"""`relight export`: the person as a mesh for other 3D programs, or as a Nuke script."""
 
 from enum import StrEnum
 from pathlib import Path

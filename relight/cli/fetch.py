@@ -1,7 +1,4 @@
-"""`relight fetch`: bring files that are not part of the package.
-
-Heavy modules are imported inside the command, so that `relight --help` answers at once.
-"""
+"""`relight fetch`: bring files that are not part of the package."""
 
 from pathlib import Path
 from typing import Annotated

@@ -1,7 +1,4 @@
-"""`relight job`: a shot as a job for a farm.
-
-Heavy modules are imported inside the command, so that `relight --help` answers at once.
-"""
+"""`relight job`: a shot as a job for a farm."""
 
 from pathlib import Path
 from typing import Annotated

@@ -1,7 +1,4 @@
-"""`relight olat`: one light at a time.
-
-Heavy modules are imported inside the command, so that `relight --help` answers at once.
-"""
+"""`relight olat`: one light at a time."""
 
 from pathlib import Path
 from typing import Annotated

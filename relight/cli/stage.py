@@ -1,7 +1,4 @@
-"""`relight stage`: records from the virtual light stage.
-
-Heavy modules are imported inside the command, so that `relight --help` answers at once.
-"""
+"""`relight stage`: records from the virtual light stage."""
 
 from contextlib import AbstractContextManager, nullcontext
 from pathlib import Path

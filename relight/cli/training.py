@@ -1,7 +1,4 @@
-"""`relight train` and `relight shrink`: networks from records.
-
-Heavy modules are imported inside the command, so that `relight --help` answers at once.
-"""
+"""`relight train` and `relight shrink`: networks from records."""
 
 from dataclasses import replace
 from enum import StrEnum

@@ -1,7 +1,4 @@
-"""`relight view`: the interactive page.
-
-Heavy modules are imported inside the command, so that `relight --help` answers at once.
-"""
+"""`relight view`: the interactive page."""
 
 from pathlib import Path
 from typing import Annotated

@@ -31,27 +31,13 @@ DisplayName = "Relight"
 def install(comfyui: AnyPath) -> Path:
     """Write `custom_nodes/relight-nodes/__init__.py`, which imports the nodes, into a ComfyUI folder.
 
-    Beside it are the example workflows, which ComfyUI offers, and a `pyproject.toml` for its registry.
+    Beside it are the example workflows, which ComfyUI offers, and a `pyproject.toml` for its registry. The
+    folder is that of ComfyUI's program, or the data folder of ComfyUI Desktop. An earlier file is replaced,
+    whole or not at all, and the folder `custom_nodes/relight` of an earlier version is removed. Returns the
+    file.
 
-    Parameters
-    ----------
-    comfyui
-        ComfyUI's folder: that of its program, or the data folder of ComfyUI Desktop.
-
-    Returns
-    -------
-    Path
-        The file. It appears whole or not at all, and an earlier one is replaced. The folder
-        `custom_nodes/relight` of an earlier version is removed.
-
-    Raises
-    ------
-    FileNotFoundError
-        There is no such folder.
-    ValueError
-        It is not ComfyUI's, or has other nodes in `custom_nodes/relight-nodes`.
-    OSError
-        The file cannot be written.
+    Raises FileNotFoundError if there is no such folder, ValueError if it is not ComfyUI's or has other nodes
+    in `custom_nodes/relight-nodes`, OSError if the file cannot be written.
     """
     root = Path(comfyui)
     if not root.is_dir():

@@ -14,17 +14,11 @@ Analyse = Callable[[int, Subject | None], Person]
 
 
 class SubjectBatch:
-    """What a RELIGHT_SUBJECT socket carries: a `relight.Subject` for each image of a batch.
+    """What a RELIGHT_SUBJECT socket carries: a `relight.Subject` for each image (`size`, (H, W)) of a batch.
 
     A few are kept in memory. Those of a longer batch are kept as `Subject.save` keeps them, in a temporary
-    folder that disappears with the batch, and read one by one.
-
-    Attributes
-    ----------
-    size
-        (H, W) of the images.
-    shown
-        The first subject, as it was analysed: what the viewer's page shows.
+    folder that disappears with the batch, and read one by one. `shown`: the first subject, as it was
+    analysed: what the viewer's page shows.
     """
 
     def __init__(self, count: int, people: Iterator[tuple[Person, Person]]) -> None:

@@ -22,12 +22,7 @@ ABOVE_ROUNDING = np.float32(2e-5)
 def pictures(name: str, image: torch.Tensor) -> np.ndarray:
     """Return the values of an IMAGE as they are: (B, H, W, 3|4) float32; `name` is what an error calls it.
 
-    Raises
-    ------
-    TypeError
-        It is no floating tensor.
-    ValueError
-        It has another shape, or NaN or infinite values.
+    Raises TypeError for no floating tensor; ValueError for another shape, or NaN or infinite values.
     """
     values = _array(name, image)
     if values.ndim != 4 or values.shape[-1] not in (3, 4) or 0 in values.shape:
@@ -47,26 +42,12 @@ def light(name: str, picture: np.ndarray) -> np.ndarray:
 
 
 def mattes(name: str, mask: torch.Tensor, size: tuple[int, ...], shows: str = PERSON) -> np.ndarray:
-    """Return a MASK as mattes of the person: (B, H, W) float32 in [0, 1].
+    """Return a MASK (B, H, W) or (H, W) as mattes of the person: (B, H, W) float32 in [0, 1].
 
-    Parameters
-    ----------
-    name
-        What an error calls the mask.
-    mask
-        (B, H, W) or (H, W).
-    size
-        (H, W) of the image that it belongs to.
-    shows
-        What is 1 in the mask: "person", or "background" as in the MASK of ComfyUI's Load Image, which is one
-        minus the alpha. A mask that seems to show the other is named in the console.
-
-    Raises
-    ------
-    TypeError
-        It is no floating tensor.
-    ValueError
-        It has another shape or size, or values outside [0, 1].
+    `name`: what an error calls the mask. `size`: (H, W) of the image that it belongs to. `shows`: what is 1
+    in the mask: "person", or "background" as in the MASK of ComfyUI's Load Image, which is one minus the
+    alpha. A mask that seems to show the other is named in the console. Raises TypeError for no floating
+    tensor; ValueError for another shape or size, or values outside [0, 1].
     """
     values = _array(name, mask)
     values = values[None] if values.ndim == 2 else values
@@ -107,13 +88,8 @@ def _mostly_background(mattes: np.ndarray) -> bool:
 def to_image(linear: Sequence[np.ndarray], exposure: float = 0.0) -> torch.Tensor:
     """Encode scene-linear pictures for a display: an IMAGE (B, H, W, 3) in [0, 1], on the CPU.
 
-    Parameters
-    ----------
-    linear
-        One (H, W, 3) or premultiplied (H, W, 4) picture a frame. A picture with alpha becomes straight, as
-        ComfyUI's compositing nodes expect.
-    exposure
-        Stops; doubles the light for each.
+    `linear`: one (H, W, 3) or premultiplied (H, W, 4) picture a frame. A picture with alpha becomes straight,
+    as ComfyUI's compositing nodes expect. `exposure`: stops; doubles the light for each.
 
     As in the library's own PNG files, light up to 1 comes out exact and brighter highlights roll off. The
     roll-off is the same for all frames: a batch does not flicker.
@@ -143,10 +119,7 @@ def to_mask(values: Sequence[np.ndarray]) -> torch.Tensor:
 def frames_together(**counts: int) -> int:
     """Return how many frames batches make together: each has one picture, for all frames, or that many.
 
-    Raises
-    ------
-    ValueError
-        Two batches differ, and neither is a single picture.
+    Raises ValueError: two batches differ, and neither is a single picture.
     """
     longest = max(counts.values())
     if any(count not in (1, longest) for count in counts.values()):

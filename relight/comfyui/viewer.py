@@ -85,19 +85,10 @@ class Viewer(widgets.Node):
 def held_lights(held: str, begun: Lights) -> Lights:
     """Return the lights that shine on the viewer's page.
 
-    Parameters
-    ----------
-    held
-        What the page's link says behind `#`: `light=key:azimuth=-40,elevation=30&muted=1`, URL-encoded. Empty
-        where nothing was dragged.
-    begun
-        The lights that the page began with. An environment's map comes from there.
-
-    Raises
-    ------
-    ValueError
-        The text does not read so, or has an environment that was dropped on the page, whose map the workflow
-        does not have.
+    `held`: what the page's link says behind `#`: `light=key:azimuth=-40,elevation=30&muted=1`, URL-encoded.
+    Empty where nothing was dragged. `begun`: the lights that the page began with, among them an environment,
+    whose map comes from there. Raises ValueError if the text does not read so, or has an environment that was
+    dropped on the page, whose map the workflow does not have.
     """
     query = parse_qs(held.strip().removeprefix("#"))
     if "light" not in query:

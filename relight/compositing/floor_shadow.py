@@ -75,18 +75,10 @@ class FloorShadow(NamedTuple):
     def of(
         cls, floor: Floor, camera: PlateCamera, positions: torch.Tensor, known: torch.Tensor, cut: bool
     ) -> "FloorShadow":
-        """Put a person on a floor.
+        """Put a person on a floor, before the plate's camera.
 
-        Parameters
-        ----------
-        floor, camera
-            The floor, and the plate's camera.
-        positions
-            (3, h, w) metres from the subject's middle, what the camera sees of the person.
-        known
-            (h, w) bool, where that is.
-        cut
-            Whether the frame cuts the feet off.
+        `positions`: (3, h, w) metres from the subject's middle, what the camera sees of the person, where
+        `known` (h, w) is true. `cut`: whether the frame cuts the feet off.
         """
         positions = positions + middle(camera)[:, None, None]
         points = positions[:, known]

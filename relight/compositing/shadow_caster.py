@@ -67,16 +67,9 @@ class ShadowCaster(NamedTuple):
 class CasterSilhouette:
     """The image of a shadow caster from a point light: 1 where it blocks the light, 0 where light passes.
 
-    Parameters
-    ----------
-    caster
-        ShadowCaster.
-    light
-        (4,) homogeneous position, camera frame: (x, y, z, 1) in metres, or (x, y, z, 0) for the direction of
-        a light whose rays are parallel.
-    blur
-        (P,) standard deviation of the edge of each point's shadow, metres; for a near light metres at one
-        metre from it. None for a sharp shadow.
+    `light`: (4,) homogeneous position, camera frame: (x, y, z, 1) in metres, or (x, y, z, 0) for the
+    direction of a light whose rays are parallel. `blur`: (P,) standard deviation of the edge of each point's
+    shadow, metres; for a near light metres at one metre from it. None for a sharp shadow.
     """
 
     def __init__(self, caster: ShadowCaster, light: torch.Tensor, blur: torch.Tensor | None = None) -> None:

@@ -35,22 +35,11 @@ def opaque(background: ArrayLike) -> np.ndarray:
 
 
 def surroundings(plate: np.ndarray, field_of_view: float, highlights: float) -> np.ndarray:
-    """Continue a plate to a latitude-longitude map of its surroundings.
+    """Continue a plate (H, W, 3) to a map (rows, 2 rows, 3) of its surroundings, both linear Rec.709.
 
-    Parameters
-    ----------
-    plate
-        (H, W, 3), linear Rec.709.
-    field_of_view
-        Vertical, degrees: `EnvironmentLight.view` shows the plate again with it.
-    highlights
-        Brightness, in units of white, of pixels that the camera clipped. It has no effect on a plate with
-        values above 1.
-
-    Returns
-    -------
-    np.ndarray
-        (rows, 2 rows, 3) float32, linear Rec.709.
+    `field_of_view`: vertical, degrees: `EnvironmentLight.view` shows the plate again with it. `highlights`:
+    brightness, in units of white, of pixels that the camera clipped. It has no effect on a plate with values
+    above 1.
     """
     half = np.tan(np.radians(field_of_view / 2))
     rows = int(np.clip(round(180 / field_of_view * len(plate)), 64, MAX_ROWS))

@@ -148,23 +148,11 @@ def load(
 ) -> MattingModel:
     """Load a matting network from an ONNX file, or by a name that rembg knows.
 
-    Raises as `matte` does.
-
-    Parameters
-    ----------
-    model
-        See `matte`.
-    person
-        See `matte`; for "auto", which finds each person by itself.
-    family
-        One of `FAMILIES`, unless the file's inputs and outputs identify it.
-    size, mean, std, order, fit
-        See `shadow.networks.onnx.Preprocessing`. Without a known family `mean` and `std` are needed, and
-        `size` unless the file has one.
-    output
-        Index of the matte among the file's outputs.
-    sigmoid
-        Whether the file lacks the sigmoid that makes a matte of its output.
+    `model` and `person` as in `matte`; "auto" finds each person by itself. `family`: one of `FAMILIES`,
+    unless the file's inputs and outputs identify it. `size`, `mean`, `std`, `order`, `fit`: see
+    `shadow.networks.onnx.Preprocessing`; without a known family `mean` and `std` are needed, and `size`
+    unless the file has one. `output`: index of the matte among the file's outputs. `sigmoid`: whether the
+    file lacks the sigmoid that makes a matte of its output. Raises as `matte` does.
     """
     if not isinstance(model, str | os.PathLike):
         raise TypeError(

@@ -54,65 +54,32 @@ FILTER = "triangle"  # of OpenImageIO, for copies
 
 @dataclass(frozen=True)
 class Stroke:
-    """A line drawn with a round brush.
+    """A line drawn with a round brush."""
 
-    Parameters
-    ----------
-    person:
-        Whether the brush says "person"; otherwise it says "not the person".
-    points:
-        (N, 2), x and y in pixels; one point is a dot.
-    radius:
-        Of the brush, in pixels.
-    """
-
-    person: bool
-    points: ArrayLike
-    radius: float
+    person: bool  # whether the brush says "person"; otherwise it says "not the person"
+    points: ArrayLike  # (N, 2), x and y in pixels; one point is a dot
+    radius: float  # of the brush, in pixels
 
 
 @dataclass(frozen=True)
 class Outline:
-    """What somebody drew on a photograph.
+    """What somebody drew on a photograph."""
 
-    Parameters
-    ----------
-    lasso:
-        (N, 2) corners of a closed line around the person, x and y in pixels; three at least, or None. The
-        line may cross itself and leave the photograph.
-    strokes:
-        In the order in which they were drawn: a later one counts where two overlap.
-    matte:
-        (H, W) in [0, 1], a matte that the strokes correct, such as a network's; a lasso limits it.
-    holes:
-        Closed lines, each as `lasso`, around what is not the person, such as the gap between arm and body.
-    """
-
+    # (N, 2) corners of a closed line around the person, x and y in pixels, three at least. The line may cross
+    # itself and leave the photograph.
     lasso: ArrayLike | None = None
-    strokes: Sequence[Stroke] = field(default_factory=tuple)
+    strokes: Sequence[Stroke] = field(default_factory=tuple)  # as drawn: a later one counts where two overlap
+    # (H, W) in [0, 1], a matte that the strokes correct, such as a network's; a lasso limits it.
     matte: np.ndarray | None = None
+    # Closed lines, each as `lasso`, around what is not the person, such as the gap between arm and body.
     holes: Sequence[ArrayLike] = field(default_factory=tuple)
 
 
 def outlined(image: ArrayLike, outline: Outline) -> np.ndarray:
-    """Return the matte that an outline means, from a reduced copy of the photograph.
+    """Return the matte (H, W) in [0, 1] that an outline means, from a reduced copy of the photograph.
 
-    Parameters
-    ----------
-    image:
-        (H, W, 3|4), opaque. Integers are sRGB-encoded; floats are linear Rec.709.
-    outline:
-        What was drawn.
-
-    Returns
-    -------
-    np.ndarray
-        (H, W) float32 in [0, 1].
-
-    Raises
-    ------
-    ValueError
-        Nothing was drawn, or nothing of the person is left by it.
+    The image is (H, W, 3|4), opaque: integers are sRGB-encoded, floats linear Rec.709. Raises ValueError if
+    nothing was drawn, or nothing of the person is left by it.
     """
     pixels = scene_linear("image", image)[..., :3]
     height, width = pixels.shape[:2]
@@ -136,24 +103,11 @@ def outlined(image: ArrayLike, outline: Outline) -> np.ndarray:
 
 
 def shift_edge(matte: np.ndarray, shift: float = 0.0, feather: float = 0.0) -> np.ndarray:
-    """Move the edge of a matte, and blur it.
+    """Move the edge of a matte (H, W) in [0, 1], and blur it.
 
-    Parameters
-    ----------
-    matte:
-        (H, W) in [0, 1].
-    shift:
-        Pixels outward; inward if negative. The edge stays as soft as it was.
-    feather:
-        Standard deviation in pixels of the Gaussian that blurs the matte afterwards.
+    `shift`: pixels outward, inward if negative; the edge stays as soft as it was. `feather`: standard
+    deviation in pixels of the Gaussian that blurs the matte afterwards.
 
-    Returns
-    -------
-    np.ndarray
-        (H, W) float32 in [0, 1].
-
-    Examples
-    --------
     >>> square = np.zeros((20, 20), np.float32)
     >>> square[5:15, 5:15] = 1
     >>> shift_edge(square, 2)[10].sum().round(), shift_edge(square, -2)[10].sum().round()
@@ -174,24 +128,10 @@ def shift_edge(matte: np.ndarray, shift: float = 0.0, feather: float = 0.0) -> n
 
 
 def refine(image: ArrayLike, matte: np.ndarray) -> np.ndarray:
-    """Return a matte of a reduced copy, such as `outlined` makes, at the photograph's own detail.
+    """Return a matte (H, W) of a reduced copy, such as `outlined` makes, at the photograph's own detail.
 
-    Parameters
-    ----------
-    image:
-        (H, W, 3|4), see `outlined`.
-    matte:
-        (H, W) in [0, 1], soft at the scale of the copy.
-
-    Returns
-    -------
-    np.ndarray
-        (H, W) float32 in [0, 1].
-
-    Raises
-    ------
-    ValueError
-        The matte is of another size than the photograph, or it shows no person.
+    The image is as in `outlined`, the matte soft at the scale of the copy. Raises ValueError if the matte is
+    of another size than the photograph, or shows no person.
     """
     pixels = scene_linear("image", image)[..., :3]
     if matte.shape != pixels.shape[:2]:

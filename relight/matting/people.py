@@ -41,16 +41,9 @@ def alone(
 ) -> DetectedPerson:
     """Return a person without the people beside them; the same person if nobody is there.
 
-    Parameters
-    ----------
-    picture
-        (3, H, W), encoded in [0, 1].
-    person
-        Who is meant, in pixels of the picture.
-    detector, look
-        Where people are, and who the landmark network sees in a circle of a picture.
-    at
-        A point (x, y) on the one who is meant, if it was given.
+    The picture is (3, H, W), encoded in [0, 1], and `person`, in its pixels, is the one who is meant. `look`
+    returns whom the landmark network sees in a circle of a picture. `at`: a point (x, y) on the person, if it
+    was given.
     """
     side, size = len(person.mask), (WIDTH * len(person.mask),) * 2
     circle = person.circle

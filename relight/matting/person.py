@@ -57,35 +57,17 @@ LOG = logging.getLogger("relight")
 
 
 def find(image: ArrayLike, person: Any = None) -> np.ndarray:
-    """Find the person in a photograph: their mask, soft and coarse.
+    """Find the person in a photograph: their mask (H, W) in [0, 1], soft and coarse.
 
-    Parameters
-    ----------
-    image
-        (H, W, 3|4), opaque. Integers are sRGB-encoded; floats linear Rec.709.
-    person
-        Which of several people: 1 is the largest, the default, 2 the next; (x, y), in pixels from the top
-        left, selects the one nearest to that point; (x, y, radius) the one most like that circle in place and
-        size, around the hips; "all" takes everybody together.
+    `relight.matting.outline` refines its edge. The image is (H, W, 3|4), opaque: integers are sRGB-encoded,
+    floats linear Rec.709. `person`: which of several people. 1 is the largest, the default, 2 the next; (x,
+    y), in pixels from the top left, selects the one nearest to that point; (x, y, radius) the one most like
+    that circle in place and size, around the hips; "all" takes everybody together.
 
-    Returns
-    -------
-    np.ndarray
-        (H, W) float32 in [0, 1], an outline for `relight.matting.outline`, which refines its edge.
+    Raises ImportError without OpenVINO (the extra `auto`); MissingNetworksError if the networks have not been
+    fetched, see `person_files.fetch`; EmptyMatteError if nobody was found; ValueError for a person that is
+    not there or an image that `relight.Subject` refuses.
 
-    Raises
-    ------
-    ImportError
-        OpenVINO is missing (the extra `auto`).
-    relight.errors.MissingNetworksError
-        The networks have not been fetched: see `relight.matting.person_files.fetch`.
-    relight.errors.EmptyMatteError
-        Nobody was found.
-    ValueError
-        A person that is not there; an image that `relight.Subject` refuses.
-
-    Examples
-    --------
     >>> from skimage import data  # doctest: +SKIP
     >>> relight.matting.person.find(data.astronaut()).shape  # doctest: +SKIP
     (512, 512)

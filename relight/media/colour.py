@@ -106,25 +106,12 @@ def _srgb_table(dtype: np.dtype) -> np.ndarray:
 
 
 def decode(pixels: np.ndarray, space: Space) -> np.ndarray:
-    """Convert pixels of a colour space to linear Rec.709.
+    """Convert pixels of a colour space to linear Rec.709: (H, W, 3) float32, of which nothing is clipped.
 
-    Parameters
-    ----------
-    pixels
-        (H, W, 3), uint8 or uint16 over their full range, or floating with 1 as the encoding's white.
-    space
-        The colour space that `pixels` are in: its name; the chromaticities of linear light, x and y of red,
-        green, blue and white; an Encoding; or an ICC profile.
-
-    Returns
-    -------
-    np.ndarray
-        (H, W, 3) float32. Nothing is clipped.
-
-    Raises
-    ------
-    ValueError
-        The name is unknown, the chromaticities span no colours, or the profile says nothing of such values.
+    `pixels`: (H, W, 3), uint8 or uint16 over their full range, or floating with 1 as the encoding's white.
+    `space`: its name; the chromaticities of linear light, x and y of red, green, blue and white; an Encoding;
+    or an ICC profile. Raises ValueError if the name is unknown, the chromaticities span no colours, or the
+    profile says nothing of such values.
     """
     if isinstance(space, Profile):
         return _through_profile(pixels, space)
@@ -233,28 +220,18 @@ def _by_rows(function: Callable[[np.ndarray], np.ndarray], pixels: np.ndarray) -
 def encode(
     rgb: np.ndarray, *, view: str | None = None, exposure: float = 0.0, white: float | None = None
 ) -> np.ndarray:
-    """Linear Rec.709 to a display's encoding: (H, W, 3) float32 to (H, W, 3) float32 in [0, 1].
+    """Encode linear Rec.709 for a display: (H, W, 3), unbounded, to (H, W, 3) float32 in [0, 1].
 
-    Parameters
-    ----------
-    rgb
-        Scene-linear light, unbounded.
-    view
-        Name of a view transform of the default display of OpenColorIO's built-in configuration or $OCIO's, or
-        a part of it that no other has, e.g. "aces". None encodes for an sRGB display (IEC 61966-2.1).
-    exposure
-        Stops, in [-64, 64]; doubles the light for each.
-    white
-        For sRGB, the exposed light >= 1 that becomes the display's white; None: the brightest there is.
+    `view`: name of a view transform of the default display of OpenColorIO's built-in configuration or
+    $OCIO's, or a part of it that no other has, e.g. "aces". None encodes for an sRGB display (IEC 61966-2.1).
+    `exposure`: stops, in [-64, 64]; doubles the light for each. `white`: for sRGB, the exposed light >= 1
+    that becomes the display's white; None: the brightest there is.
 
     Light up to 1 comes out exact if there is none above `white` = 1. Else what is above 0.6 is compressed, by
     channel and as little as brings `white` to the display's white (Reinhard et al. 2002, equation 4, above a
     knee), so that highlights roll off and keep their shapes. A sequence of pictures wants one `white`.
 
-    Raises
-    ------
-    ValueError
-        No such view, exposure or white out of range, $OCIO that cannot be used.
+    Raises ValueError for no such view, exposure or white out of range, or $OCIO that cannot be used.
     """
     if not -64 <= exposure <= 64:
         raise ValueError(f"exposure: expected -64 to 64 stops, got {exposure:g}")
@@ -316,15 +293,11 @@ def _through_view(rgb: np.ndarray, view: str) -> np.ndarray:
 
 @functools.cache
 def temperature(kelvin: float, locus: str = "planckian") -> tuple[float, float, float]:
-    """Linear Rec.709 colour (three floats) of a colour temperature, scaled to luminance 1, as UsdLux does.
+    """Return the linear Rec.709 colour of a colour temperature, scaled to luminance 1, as UsdLux does.
 
-    Parameters
-    ----------
-    kelvin
-        Correlated colour temperature, in the range that `LOCI` gives for the locus, else ValueError.
-    locus
-        "planckian", a black body: Planck's law through the CIE 1931 2 degree observer. Or "daylight": the CIE
-        daylight locus (CIE 015, method of Judd et al. 1964), on which 6504 K is D65, Rec.709's white.
+    `kelvin`: correlated colour temperature, in the range that `LOCI` gives for the locus, else ValueError.
+    `locus`: "planckian", a black body: Planck's law through the CIE 1931 2 degree observer. Or "daylight":
+    the CIE daylight locus (CIE 015, method of Judd et al. 1964), on which 6504 K is D65, Rec.709's white.
 
     Candle light is redder than Rec.709 can hold and loses its negative blue.
     """

@@ -34,25 +34,12 @@ def is_cube(pixels: np.ndarray) -> bool:
 
 
 def to_latlong(pixels: np.ndarray, *, openexr: bool = False) -> np.ndarray:
-    """Resample a cube's faces to a latitude-longitude map.
+    """Resample a cube's faces of F pixels to a latitude-longitude map (2 F, 4 F, C) float32 around its front.
 
-    Parameters
-    ----------
-    pixels
-        (H, W, C), linear: a strip of 6:1 or 1:6, in the order +X, -X, +Y, -Y, +Z, -Z; or a cross of 4:3 or
-        3:4, whose front is the second face of its second row.
-    openexr
-        Whether a vertical strip is an OpenEXR file's, whose +X is at the left of its +Z.
-
-    Returns
-    -------
-    np.ndarray
-        (2 F, 4 F, C) float32 for faces of F pixels. Its centre is the front.
-
-    Raises
-    ------
-    ValueError
-        Another shape, or a cross whose unused corners hold a picture.
+    `pixels`: (H, W, C), linear: a strip of 6:1 or 1:6, in the order +X, -X, +Y, -Y, +Z, -Z; or a cross of 4:3
+    or 3:4, whose front is the second face of its second row. `openexr`: whether a vertical strip is an
+    OpenEXR file's, whose +X is at the left of its +Z. Raises ValueError for another shape, or a cross whose
+    unused corners hold a picture.
     """
     counts = _layout(pixels)
     if counts is None:

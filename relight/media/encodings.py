@@ -129,21 +129,11 @@ TRANSFERS: dict[int, Transfer] = {
 
 @dataclass(frozen=True)
 class Encoding:
-    """What code values mean.
+    """What code values mean."""
 
-    Parameters
-    ----------
-    chromaticities
-        X and y of red, green, blue and white; Rec.709's by default.
-    transfer
-        From code values to linear light, 1 at white; linear by default.
-    neutral
-        X and y of what is to be seen as white, where that is another than the white of the primaries.
-    """
-
-    chromaticities: Chromaticities = REC709
-    transfer: Transfer = decode_linear
-    neutral: Neutral | None = None
+    chromaticities: Chromaticities = REC709  # x and y of red, green, blue and white
+    transfer: Transfer = decode_linear  # from code values to linear light, 1 at white
+    neutral: Neutral | None = None  # x and y of what is to be seen as white, if not that of the primaries
 
     @classmethod
     def from_code_points(cls, primaries: int, transfer: int, *, unspecified: Transfer) -> "Encoding":

@@ -21,18 +21,13 @@ HEADER = 128  # bytes; the table of tags follows
 
 @dataclass(frozen=True)
 class Profile:
-    """What turns code values to light.
+    """What turns code values to light."""
 
-    curves: of red, green and blue, from code values to light, both 1 at white.
-    colorants: (3, 3), CIE XYZ of red, green and blue, adapted to D50, one a row; None in a grey profile.
-    bounded: whether a curve is a table, which says nothing of values outside [0, 1].
-    encoding: what the tag `cicp` says (ICC.1:2022, 9.2.17), for PQ and HLG alone: their curves in a profile
-        are made for displays that know neither.
-    """
-
-    curves: tuple[Curve, Curve, Curve]
-    colorants: np.ndarray | None
-    bounded: bool
+    curves: tuple[Curve, Curve, Curve]  # of red, green and blue: from code values to light, both 1 at white
+    colorants: np.ndarray | None  # (3, 3), CIE XYZ of R, G, B, adapted to D50, one a row; None if grey
+    bounded: bool  # whether a curve is a table, which says nothing of values outside [0, 1]
+    # What the tag `cicp` says (ICC.1:2022, 9.2.17), for PQ and HLG alone: their curves in a profile are made
+    # for displays that know neither.
     encoding: Encoding | None = None
 
     @classmethod

@@ -10,17 +10,10 @@ def matte_of(
 ) -> np.ndarray | None:
     """Return the matte (H, W) of a picture, as it is stored; None for an opaque picture that is not grey.
 
-    Parameters
-    ----------
-    colours
-        (H, W, C) of one channel or more, without alpha.
-    alpha
-        (H, W); None where there is none.
-    opaque
-        The least alpha that counts as opaque everywhere. A grey picture whose alpha is at least one half
-        everywhere, which cuts nothing out, counts as opaque too, unless `opaque` is infinite.
-    grey
-        Most that the channels of a grey picture differ.
+    `colours`: (H, W, C) of one channel or more, without the alpha (H, W), which is None where there is none.
+    `opaque`: the least alpha that counts as opaque everywhere. A grey picture whose alpha is at least one
+    half everywhere, which cuts nothing out, counts as opaque too, unless `opaque` is infinite. `grey`: most
+    that the channels of a grey picture differ.
     """
     if not colours.size:
         return alpha

@@ -34,31 +34,15 @@ def write_script(
 ) -> None:
     """Write the script. It finds the files relative to itself, so folder and script may move together.
 
-    Parameters
-    ----------
-    path
-        The script, .nk. Its folder must exist.
-    groups
-        {light name: (file, layer)}: where its light group is. `layer` is the name of an OpenEXR layer with
-        red, green and blue, or None for the file's own picture. A file may be a sequence, `a.%04d.exr`.
-    size
-        (height, width) of the pictures in pixels.
-    frames
-        (first, last) frame of sequences; None for stills.
-    rate
-        Frames a second.
-    pixel_aspect
-        How many times as wide as high pixels are.
-    live
-        The camera of pictures with the passes albedo, N and P: adds a group, disabled at first, in which
-        Nuke's own ReLight node takes the place of the person's light groups. None for no such group.
+    `groups`: {light name: (file, layer)}, where its light group is. `layer` is the name of an OpenEXR layer
+    with red, green and blue, or None for the file's own picture. A file may be a sequence, `a.%04d.exr`.
+    `size`: (height, width) of the pictures in pixels, which are `pixel_aspect` times as wide as high.
+    `frames`: (first, last) frame of sequences, `rate` a second; None for stills. `live`: the camera of
+    pictures with the passes albedo, N and P: adds a group, disabled at first, in which Nuke's own ReLight
+    node takes the place of the person's light groups.
 
-    Raises
-    ------
-    ValueError
-        No group, or layers that are one to Nuke (see `check_layers`).
-    OSError
-        The script cannot be written.
+    Raises ValueError for no group, or layers that are one to Nuke (see `check_layers`); OSError if the script
+    cannot be written.
     """
     path = Path(path)
     if not groups:

@@ -37,12 +37,8 @@ def sources(live: LiveLight, size: tuple[int, ...], pixel_aspect: float) -> list
 def switch(matte: str, xpos: int) -> list[str]:
     """Return the group. On the stack are the light groups' sum, with all layers, the light and the camera.
 
-    Parameters
-    ----------
-    matte
-        A layer whose alpha is the person's matte, by which the result is multiplied.
-    xpos
-        The group's column in the node graph.
+    `matte`: a layer whose alpha is the person's matte, by which the result is multiplied. `xpos`: the group's
+    column in the node graph.
     """
     products = {f"expr{index}": f"A{channel}*B{matte}.alpha" for index, channel in enumerate("rgb")}
     return [

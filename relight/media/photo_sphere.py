@@ -31,30 +31,12 @@ def statements(path: Path) -> dict[str, str]:
 
 
 def whole_sphere(path: Path, pixels: np.ndarray) -> np.ndarray:
-    """Return a picture's map of the whole sphere: it is placed where its file says, in a dark one.
+    """Return the map of a whole sphere (H, 2 H, C): a picture where its file says, and dark around it.
 
-    Parameters
-    ----------
-    path
-        The picture's file.
-    pixels
-        (H, W, C), the picture, perhaps of another size than its file states of itself.
-
-    Returns
-    -------
-    np.ndarray
-        (H, 2 H, C); `pixels` themselves where the file states no part of a sphere.
-
-    Raises
-    ------
-    ValueError
-        A part that does not lie in its sphere, a sphere that is not twice as wide as high or has another
-        projection, or one too large. The message names the file.
-
-    Warns
-    -----
-    UserWarning
-        The rest of the sphere is dark.
+    `pixels`, (H, W, C), perhaps of another size than the file states of itself, are returned themselves where
+    the file states no part of a sphere. Raises ValueError, which names the file, for a part that does not lie
+    in its sphere, a sphere that is not twice as wide as high or has another projection, or one too large.
+    Warns that the rest of the sphere is dark.
     """
     stated = statements(path)
     projection = stated.get("ProjectionType", EQUIRECTANGULAR)

@@ -22,8 +22,6 @@ FOLDER = re.compile(
 def is_private(name: str, value: Any = None) -> bool:
     """Return whether a tag of this name and value stays out of what is made from its file.
 
-    Examples
-    --------
     >>> is_private("com.apple.quicktime.location.ISO6709"), is_private("Exif:BodySerialNumber")
     (True, True)
     >>> is_private("comment", "from /home/jane/plates"), is_private("Exif:FNumber", 2.8)

@@ -10,15 +10,8 @@ from relight.errors import UnsupportedFileError
 def check_regular_file(path: str | os.PathLike[str]) -> Path:
     """Return the path of a file that can be read to its end.
 
-    Raises
-    ------
-    FileNotFoundError
-        No such file.
-    relight.errors.UnsupportedFileError
-        A device, a pipe, a socket or a folder.
+    Raises FileNotFoundError, and UnsupportedFileError for a device, a pipe, a socket or a folder.
 
-    Examples
-    --------
     >>> check_regular_file("pyproject.toml").name
     'pyproject.toml'
     """

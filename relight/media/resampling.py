@@ -11,21 +11,10 @@ from relight.media.buffers import to_array, to_buffer
 
 
 def resize(image: np.ndarray, size: tuple[int, ...], filter_name: str = "blackman-harris") -> np.ndarray:
-    """Resample an image to another size.
+    """Resample an image (h, w, C) of floats to (H, W, C) float32; return it as it is if it has that size.
 
-    Parameters
-    ----------
-    image
-        (h, w, C) floats. Unbounded.
-    size
-        (H, W) in pixels, at least 1.
-    filter_name
-        A filter of OpenImageIO. The default has no negative lobes: a lamp gets no dark ring.
-
-    Returns
-    -------
-    np.ndarray
-        (H, W, C) float32; the image itself if it has that size.
+    `size`: (H, W) in pixels, at least 1. `filter_name`: a filter of OpenImageIO; the default has no negative
+    lobes: a lamp gets no dark ring.
     """
     if image.shape[:2] == tuple(size):
         return image
@@ -37,20 +26,11 @@ def resize(image: np.ndarray, size: tuple[int, ...], filter_name: str = "blackma
 def fill_unknown(image: np.ndarray, known: np.ndarray) -> np.ndarray:
     """Continue an image to where it is not known, by push-pull (Gortler et al. 1996).
 
+    The image is (H, W, 3) floats, `known` (H, W) bool; values elsewhere take no part. Returns (H, W, 3)
+    float32, smooth in the unknown part; zero if nothing is known. Known pixels are unchanged.
+
     Each level has half the size of the one before, and the means of what is known there. OpenImageIO's
     `fillholes_pushpull` gives the same to float32 rounding, in five times the time.
-
-    Parameters
-    ----------
-    image
-        (H, W, 3) floats; values where `known` is false take no part.
-    known
-        (H, W) bool.
-
-    Returns
-    -------
-    np.ndarray
-        (H, W, 3) float32, smooth in the unknown part; zero if nothing is known. Known pixels are unchanged.
     """
     if known.all():
         return np.asarray(image, np.float32)

@@ -13,8 +13,6 @@ MOST_PACKED = 39  # frames: their tens have two bits
 def offset_timecode(text: str, frames: int, rate: float | Fraction) -> str | None:
     """Return the timecode of a frame that is `frames` later; None for a text that is no timecode.
 
-    Examples
-    --------
     >>> offset_timecode("01:00:59:24", 1, 25)
     '01:01:00:00'
     >>> offset_timecode("00:00:59;29", 1, Fraction(30000, 1001))
@@ -41,8 +39,6 @@ def offset_timecode(text: str, frames: int, rate: float | Fraction) -> str | Non
 def suits_rate(text: str, rate: float | Fraction) -> bool:
     """Return whether a movie of `rate` frames a second can have a timecode: its number, and dropped numbers.
 
-    Examples
-    --------
     >>> suits_rate("01:00:00:29", 24), suits_rate("01:00:00;29", 30), suits_rate("01:00:00;29", 30000 / 1001)
     (False, False, True)
     """
@@ -70,8 +66,6 @@ def pack_timecode(text: str) -> tuple[int, int] | None:
 def unpack_timecode(packed: int) -> str:
     """Return the timecode that OpenEXR's time and flags say.
 
-    Examples
-    --------
     >>> unpack_timecode(pack_timecode("10:20:30:12")[0])
     '10:20:30:12'
     """

@@ -75,10 +75,7 @@ def is_made_from(path: Path, content_hash: str) -> bool:
 class AnalysisCache:
     """The kept frames of a shot, checked as they are read.
 
-    Raises
-    ------
-    MissingFramesError
-        No such folder, or no frames in it.
+    Raises MissingFramesError: no such folder, or no frames in it.
     """
 
     def __init__(self, folder: AnyPath) -> None:

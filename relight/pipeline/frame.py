@@ -49,25 +49,12 @@ MAX_PICTURE_PIXELS = 2**28  # 4 GiB as RGBA floats
 
 @dataclass(frozen=True)
 class Placement:
-    """Where the photograph lies in the picture; see `relight.place`.
+    """Where the photograph lies in the picture; see `relight.place`, whose errors it raises."""
 
-    Parameters
-    ----------
-    size
-        (H, W) of the picture in pixels; "background" for its own; None for the photograph's.
-    mode
-        "fit", "fill" or "centre". scale: of the photograph, after that. offset: (right, up) in pixels.
-
-    Raises
-    ------
-    TypeError, ValueError
-        As `relight.place` does.
-    """
-
-    size: tuple[int, int] | str | None = None
-    mode: str = "fit"
-    scale: float = 1.0
-    offset: tuple[int, int] = (0, 0)
+    size: tuple[int, int] | str | None = None  # (H, W); "background" for its own; None for the photograph's
+    mode: str = "fit"  # or "fill" or "centre"
+    scale: float = 1.0  # of the photograph, after that
+    offset: tuple[int, int] = (0, 0)  # (right, up) in pixels
 
     def __post_init__(self) -> None:
         size = (1, 1) if self.size is None or isinstance(self.size, str) else self.size
@@ -110,25 +97,11 @@ class FrameInputs(NamedTuple):
 
 
 class FrameReader:
-    """Reads the persons of a shot's frames.
+    """Reads the persons of a shot's frames, all files through a log.
 
-    Parameters
-    ----------
-    source
-        Source.
-    backgrounds
-        The reader of the backgrounds, whose size the picture may have.
-    log
-        ReadLog, through which all files are read.
-    camera
-        What the scene's camera sees, unless the source has a field of view of its own.
-
-    Raises
-    ------
-    FileNotFoundError
-        No such file or frames.
-    TypeError, ValueError
-        Bad arguments.
+    `backgrounds`: their reader, whose size the picture may have. `camera`: what the scene's camera sees,
+    unless the source has a field of view of its own. Raises FileNotFoundError for no such file or frames,
+    TypeError or ValueError for bad arguments.
     """
 
     def __init__(

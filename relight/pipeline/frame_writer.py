@@ -18,18 +18,9 @@ from relight.subject import Person
 class FrameWriter:
     """Writes the frames of a shot to its outputs.
 
-    Parameters
-    ----------
-    shot
-        Shot.
-    output, sinks
-        Output, and what `open_sinks` made of it.
-    delivery
-        What the outputs keep of the source.
-    phase
-        "finalize" only checks that the frames exist.
-    resume
-        Whether to keep existing frames that were made from the same inputs.
+    `sinks`: what `open_sinks` made of the output. `delivery`: what the outputs keep of the source. `phase`:
+    "finalize" only checks that the frames exist. `resume`: whether to keep existing frames that were made
+    from the same inputs.
     """
 
     def __init__(

@@ -75,22 +75,11 @@ def option(
 ) -> Any:
     """Declare a field that is an option of the command line as well.
 
-    Parameters
-    ----------
-    help
-        One or two sentences, for `--help`.
-    default
-        Of the field and of the option; MISSING for what must be given.
-    text
-        The type in which the command line takes it: str, int, float, bool, an enumeration, list[str].
-    parse
-        From the command line's text to the field's value.
-    flags
-        Names of the option, where `--field-name` is not the one.
-    path
-        Whether a text may name a file or a sequence of files.
-    limits
-        Further arguments of `typer.Option`, such as min.
+    `help`: one or two sentences. `default`: of the field and of the option; MISSING for what must be given.
+    `text`: the type in which the command line takes it: str, int, float, bool, an enumeration, list[str];
+    `parse`: from there to the field's value. `flags`: names of the option, where `--field-name` is not the
+    one. `path`: whether a text may name a file or a sequence of files. `limits`: further arguments of
+    `typer.Option`, such as min.
     """
     metadata = {"help": help, "text": text, "parse": parse, "flags": flags, "path": path, "limits": limits}
     return field(metadata=metadata) if default is MISSING else field(default=default, metadata=metadata)

@@ -22,18 +22,8 @@ FRAME_NUMBER = "a movie, or a frame number in the name, such as relit.%04d.exr"
 def check_outputs(output: Output, sources: Iterable[object], sidecar: Path | None = None) -> None:
     """Refuse what could not be written, or would overwrite what is read or written as well.
 
-    Parameters
-    ----------
-    output
-        Output.
-    sources
-        What is read. Paths count, and the images of environments; arrays do not.
-    sidecar
-        The image that is written beside the lights file.
-
-    Raises
-    ------
-    ValueError, OSError that names the path.
+    Of the sources, which are read, paths count, and the images of environments; arrays do not. `sidecar`: the
+    image that is written beside the lights file. Raises ValueError or OSError, which names the path.
     """
     if not output.paths:
         raise ValueError("output: expected at least one file to write (-o FILE)")

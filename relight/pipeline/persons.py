@@ -20,14 +20,9 @@ from relight.subject import Person, Subject
 class Persons:
     """The persons of a shot, filtered in time; the last few are kept, to filter the next ones.
 
-    Parameters
-    ----------
-    numbers
-        The frames that there are.
-    analyse
-        Returns the person of one frame. Its OSError or ValueError is raised again for that frame alone.
-    radius
-        Number of frames before and after, with which a frame is filtered; 0 leaves all as they are.
+    `numbers`: the frames that there are. `analyse` returns the person of one frame; its OSError or ValueError
+    is raised again for that frame alone. `radius`: number of frames before and after, with which a frame is
+    filtered; 0 leaves all as they are.
     """
 
     def __init__(
@@ -78,14 +73,7 @@ class Persons:
 class FrameAnalyser:
     """Analyses the person of one frame, in the world space that the frames of a shot share.
 
-    Parameters
-    ----------
-    frames
-        FrameReader.
-    device
-        Where the networks run.
-    analyse
-        Called with the arguments of `relight.Subject`, and returns the person.
+    `analyse` is called with the arguments of `relight.Subject`, and returns the person.
     """
 
     def __init__(self, frames: FrameReader, device: str | None, analyse: Callable[..., Subject]) -> None:

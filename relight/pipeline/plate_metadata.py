@@ -20,27 +20,13 @@ LONGEST = 1 << 14  # characters of a value that a cache keeps; lists of object n
 
 @dataclass(frozen=True)
 class PlateMetadata:
-    """What outputs keep of the plate of a frame.
+    """What outputs keep of the plate of a frame."""
 
-    Parameters
-    ----------
-    header
-        For the header of an .exr: {name: value}.
-    timecode
-        Of the frame, such as 01:00:00:00.
-    tags
-        Of the container of a movie: {name: text}.
-    sound
-        The movie, if it has sound.
-    begin, end
-        When the frame is shown, in seconds of that movie.
-    """
-
-    header: dict[str, images.TypedValue] = field(default_factory=dict)
-    timecode: str | None = None
-    tags: dict[str, str] = field(default_factory=dict)
-    sound: Path | None = None
-    begin: Fraction = Fraction(0)
+    header: dict[str, images.TypedValue] = field(default_factory=dict)  # for that of an .exr
+    timecode: str | None = None  # of the frame, such as 01:00:00:00
+    tags: dict[str, str] = field(default_factory=dict)  # of the container of a movie
+    sound: Path | None = None  # the movie, if it has sound
+    begin: Fraction = Fraction(0)  # when the frame is shown, in seconds of that movie
     end: Fraction = Fraction(0)
 
     def to_json(self, folder: Path) -> dict[str, Any]:

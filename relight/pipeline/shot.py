@@ -43,28 +43,10 @@ class Shot:
     """The frames of a shot: persons, the lights on them, and what is behind them.
 
     Lights and camera are read at once, pictures when they are asked for. A still is a shot whose only number
-    is 0, and shows the same person at every number: its lights and its background may move.
+    is 0, and shows the same person at every number: its lights and its background may move. `analyse`
+    analyses the person of a frame, from the arguments of `relight.Subject`, the default. Raises
+    FileNotFoundError for no such file or frames, TypeError or ValueError for bad arguments.
 
-    Parameters
-    ----------
-    source
-        Source, or a plate.
-    lighting
-        Lighting, or lights; none by default.
-    compute
-        Compute.
-    analyse
-        What analyses the person of a frame, from the same arguments as `relight.Subject`, the default.
-
-    Raises
-    ------
-    FileNotFoundError
-        No such file or frames.
-    TypeError, ValueError
-        Bad arguments.
-
-    Examples
-    --------
     >>> from relight.pipeline.shot import Shot
     >>> with Shot.open("examples/person.png", relight.DirectionalLight(azimuth=-40)) as shot:
     ...     picture = shot.person(0).relit(shot.lights(0))

@@ -41,18 +41,10 @@ class FrameSink(Protocol):
 
 @dataclass(frozen=True)
 class Sinks:
-    """The outputs of a shot.
+    """The outputs of a shot."""
 
-    Attributes
-    ----------
-    frames
-        All that take frames, movies among them.
-    movies, scripts
-        What is complete only when all frames are there.
-    """
-
-    frames: list[FrameSink]
-    movies: list["MovieSink"]
+    frames: list[FrameSink]  # all that take frames, movies among them
+    movies: list["MovieSink"]  # complete only when all frames are there, as scripts are
     scripts: list["ScriptSink"]
 
     def begin(self, made: Made) -> None:
@@ -110,19 +102,10 @@ def open_sinks(
 ) -> Sinks:
     """Open the outputs of a shot.
 
-    Parameters
-    ----------
-    output
-        Output. moving: whether it has frames, see `relight.pipeline.outputs.has_frames`.
-    transparent
-        Whether the pictures have alpha. resume: whether frames that are right are kept.
-    delivery
-        What the outputs keep of the source. groups: the light groups that a script mixes.
-
-    Raises
-    ------
-    ValueError
-        A movie that cannot hold the alpha; layers that a script cannot tell apart.
+    `moving`: whether it has frames, see `relight.pipeline.outputs.has_frames`. `transparent`: whether the
+    pictures have alpha. `resume`: whether frames that are right are kept. `delivery`: what the outputs keep
+    of the source. `groups`: the light groups that a script mixes. Raises ValueError for a movie that cannot
+    hold the alpha, or layers that a script cannot tell apart.
     """
     display = display_of(output, moving)
     if output.output_colour_space is not None:

@@ -21,8 +21,6 @@ class CameraView(NamedTuple):
     def vertical_degrees(self, aspect: float) -> float:
         """Return the vertical angle of view in degrees of a picture `aspect` times as wide as high.
 
-        Examples
-        --------
         >>> full_frame = CameraView(18 / 50, 12 / 50)  # 36 x 24 mm behind 50 mm
         >>> round(full_frame.vertical_degrees(16 / 9), 1), round(full_frame.vertical_degrees(3 / 4), 1)
         (27.0, 51.3)

@@ -49,12 +49,8 @@ def read_rig(
 ) -> Rig:
     """Read the lights of a glTF scene into a camera's frame; see `relight.read_lights`.
 
-    Raises
-    ------
-    FileNotFoundError
-        No such file.
-    ValueError
-        Not glTF 2.0, no lights or too many, unknown nodes, several cameras and none named.
+    Raises FileNotFoundError, and ValueError for what is not glTF 2.0, no lights or too many, unknown nodes,
+    or several cameras and none named.
     """
     path = Path(path)
     tree = _tree(path)

@@ -77,20 +77,10 @@ class _Outline(NamedTuple):
 
 
 def build(surface: PersonSurface, triangles: int = TRIANGLES) -> Mesh:
-    """Build the mesh of a person.
+    """Build the mesh of a person, from what the networks found of them.
 
-    Parameters
-    ----------
-    surface
-        What the networks found of the person.
-    triangles
-        The most triangles that the mesh may have, at least 1,000. The grid is as fine as the networks' canvas
-        where that many allow it.
-
-    Raises
-    ------
-    ValueError
-        Fewer triangles than a person needs.
+    `triangles`: the most that the mesh may have, at least 1,000. The grid is as fine as the networks' canvas
+    where that many allow it. Raises ValueError for fewer triangles than a person needs.
     """
     check_triangles(triangles)
     box = _box(surface.matte)

@@ -50,21 +50,10 @@ class Basis(NamedTuple):
 
 
 def layers_of(subject: Any, basis: Basis) -> tuple[np.ndarray, dict[str, np.ndarray]]:
-    """Return a person's picture and its layers.
+    """Return a person's picture and its layers, in the basis of the person or of their shot.
 
-    Parameters
-    ----------
-    subject
-        relight.Subject.
-    basis
-        Of the person or of their shot.
-
-    Returns
-    -------
-    picture : np.ndarray
-        (H, W, 4): the albedo, linear Rec.709, premultiplied by the matte, and the matte.
-    layers : dict[str, np.ndarray]
-        {name of NAMES: (H, W, 3)}, zero outside the matte.
+    The picture (H, W, 4) is the albedo, linear Rec.709, premultiplied by the matte, and the matte. The layers
+    are {name of NAMES: (H, W, 3)}, zero outside the matte.
     """
     arrays = subject.record.maps.field
     none = torch.zeros_like(arrays.sharpness)

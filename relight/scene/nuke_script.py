@@ -82,12 +82,8 @@ def write(
 def checked_lights(lights: Iterable[Any] | Any | None) -> list[DirectionalLight]:
     """Return the lights that the knobs begin with, a key light unless given.
 
-    Raises
-    ------
-    TypeError
-        Not lights.
-    ValueError
-        More than four, or lights other than DirectionalLight.
+    Raises TypeError for what is no light, ValueError for more than four or lights other than
+    DirectionalLight.
     """
     chosen: list[DirectionalLight] = []
     for light in [] if lights is None else as_rig(lights):

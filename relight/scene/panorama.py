@@ -6,19 +6,10 @@ import torch.nn.functional as F
 
 
 def turned(pixels: np.ndarray, axes: np.ndarray) -> np.ndarray:
-    """Turn a latitude-longitude map.
+    """Turn a latitude-longitude map (H, 2 H, 3) float32 in OpenEXR's convention, with bilinear samples.
 
-    Parameters
-    ----------
-    pixels
-        (H, 2 H, 3) float32 in OpenEXR's convention.
-    axes
-        (3, 3) orthogonal: where the map's x, y and z point afterwards, one a column. A reflection is allowed.
-
-    Returns
-    -------
-    np.ndarray
-        (H, 2 H, 3) float32, of bilinear samples.
+    `axes`: (3, 3) orthogonal: where the map's x, y and z point afterwards, one a column. A reflection is
+    allowed.
     """
     height, width = pixels.shape[:2]
     latitude = np.pi / 2 - (np.arange(height) + 0.5) * np.pi / height

@@ -23,22 +23,11 @@ def usd() -> Any:
 
 
 def open_stage(path: AnyPath, *, allow_external: bool = False) -> Any:
-    """Open a USD stage.
+    """Open a USD stage: .usda, .usdc, .usdz or .usd.
 
-    Parameters
-    ----------
-    path
-        The file: .usda, .usdc, .usdz or .usd.
-    allow_external
-        Let the stage draw in files from outside its own folder.
-
-    Raises
-    ------
-    FileNotFoundError
-        No such file, or one that it draws in is missing.
-    ValueError
-        Not a USD file, files from outside its folder, layers that include themselves, other errors of
-        composition.
+    `allow_external` lets the stage draw in files from outside its own folder. Raises FileNotFoundError if the
+    file, or one that it draws in, is missing; ValueError for no USD file, files from outside its folder,
+    layers that include themselves and other errors of composition.
     """
     usd()
     from pxr import Sdf, Tf, Usd

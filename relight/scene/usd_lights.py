@@ -37,32 +37,12 @@ def read_rig(
     *,
     allow_external: bool = False,
 ) -> Rig:
-    """Read the lights of a USD stage into a camera's frame.
+    """Read the lights of a USD stage into a camera's frame; see `relight.read_lights`.
 
-    Parameters
-    ----------
-    path
-        The stage: .usda, .usdc, .usdz or .usd.
-    camera
-        The path of the camera that took the plate. The only one in the stage unless given; where there is
-        none, the stage's own axes are taken for the camera's, and its origin for the subject's middle.
-    subject_at
-        Where the subject's middle is: the path of a prim, or (x, y, z) in the stage's units. Unless given, on
-        the camera's axis at its focus distance.
-    allow_external
-        Let the stage draw in files from outside its own folder.
-
-    Raises
-    ------
-    FileNotFoundError
-        No such file, or a texture or layer is missing.
-    ValueError
-        Not a stage, no lights or too many, an unknown camera or prim, files from outside.
-
-    Warns
-    -----
-    UserWarning
-        What our lights cannot represent, with the path of its prim.
+    `camera` is the path of the one that took the plate. Where the stage has none, its own axes are taken for
+    the camera's, and its origin for the subject's middle. `allow_external`: as in `open_stage`, whose errors
+    it raises. Raises ValueError for no lights or too many, and an unknown camera or prim. Warns of what our
+    lights cannot represent, with the path of its prim.
     """
     stage = open_stage(path, allow_external=allow_external)
     from pxr import Tf

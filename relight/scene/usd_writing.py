@@ -36,19 +36,10 @@ def add_lights(
 ) -> None:
     """Add lights to a stage whose axes are the camera's, in metres from the subject's middle.
 
-    Parameters
-    ----------
-    stage
-        The stage.
-    parent
-        The path of the prim below which they come.
-    lights
-        Any number of them. Those that move get a time sample a frame.
-    place
-        Where the stage is written. Maps of environments that are not in its folder are written there too.
-    frames
-        The first and the last frame of the stage, over which orbits are sampled. Without them one turn
-        and all keyframes are written, and a warning says that USD holds the end.
+    They come below the prim `parent`. `place`: where the stage is written; maps of environments that are not
+    in its folder are written there too. `frames`: the first and the last frame of the stage, each of which
+    has a time sample of lights that move. Without them one turn of an orbit and all keyframes are written,
+    and a warning says that USD holds the end.
     """
     from pxr import Tf, UsdLux
 

@@ -61,27 +61,9 @@ def write_script_sequence(
 ) -> Path:
     """Write a Nuke script that lights a person who moves, and its layers: `<name>_layers.%04d.exr`.
 
-    Parameters
-    ----------
-    path
-        The script, .nk.
-    person
-        The `relight.Subject` of a frame, or an `EmptySubject`.
-    numbers
-        The frames.
-    lights
-        What the knobs begin with.
-    rate
-        Frames a second.
-    progress
-        Called with (frames done, frames in all, what is done).
-    gloss
-        What its knob begins with.
-
-    Raises
-    ------
-    ValueError
-        None of the frames shows a person, or they differ in size.
+    `person`: the `relight.Subject` of a frame, or an `EmptySubject`. `numbers`: the frames, `rate` a second.
+    `lights`, `gloss`: what the knobs begin with. `progress` is called with (frames done, frames in all, what
+    is done). Raises ValueError if none of the frames shows a person, or they differ in size.
     """
     path = Path(path)
     step = -(-len(numbers) // BASIS_FRAMES)

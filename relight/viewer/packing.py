@@ -43,16 +43,8 @@ JPEG_QUALITY = 98  # without subsampling; at 95 the picture's error doubles to 0
 def pack(record: AnalysisRecord, matte: np.ndarray, albedo: np.ndarray, *, compression: int = 9) -> bytes:
     """Pack a person as the page takes it.
 
-    Parameters
-    ----------
-    record
-        The analysis.
-    matte
-        (H, W) in [0, 1], see `Subject.matte`.
-    albedo
-        (H, W, 3) linear, see `Subject.albedo`.
-    compression
-        Of zlib, 1 (fast) to 9 (small).
+    The matte is (H, W) in [0, 1], the albedo (H, W, 3) linear, as those of `Subject`. `compression`: of zlib,
+    1 (fast) to 9 (small).
     """
     canvas, field = record.maps, record.maps.field
     plate = _ReducedPlate(record, matte, albedo)
@@ -122,22 +114,10 @@ def _camera(geometry: WorldGeometry) -> dict[str, Any]:
 class _ReducedPlate:
     """The person on the plate, no larger than a page wants it.
 
-    Attributes
-    ----------
-    size
-        (H, W).
-    box
-        Left, top, width and height of the person's part of it, to which the other attributes belong.
-    photograph, albedo
-        (h, w, 3), linear; without the background, continued beyond the matte.
-    matte
-        (h, w) coverage.
-    framing
-        Of the canvas on the box.
-    gain
-        Factor of the photograph, which brings it into [0, 1].
-    exposure
-        Factor that brings the photograph to the guide's exposure.
+    `size`: (H, W). `box`: left, top, width and height of the person's part of it, to which the rest belongs.
+    `photograph`, `albedo`: (h, w, 3), linear; without the background, continued beyond the matte. `matte`:
+    (h, w) coverage. `framing`: of the canvas on the box. `gain`: factor of the photograph, which brings it
+    into [0, 1]. `exposure`: factor that brings the photograph to the guide's exposure.
     """
 
     def __init__(self, record: AnalysisRecord, matte: np.ndarray, albedo: np.ndarray) -> None:

@@ -43,23 +43,11 @@ SHADERS = (
 def write_page(
     path: AnyPath, scene: Mapping[str, Any], record: AnalysisRecord, matte: np.ndarray, albedo: np.ndarray
 ) -> Path:
-    """Write a person's page, whole or not at all.
+    """Write a person's page, .html or .htm, whole or not at all.
 
-    Parameters
-    ----------
-    path
-        The file, .html or .htm.
-    scene
-        What the page begins with, see `relight.viewer.scene`.
-    record, matte, albedo
-        Of the person, see `relight.viewer.packing.pack`.
-
-    Raises
-    ------
-    ValueError
-        Another suffix.
-    OSError
-        The file cannot be written.
+    `scene`: what the page begins with, see `relight.viewer.scene`; the rest: see
+    `relight.viewer.packing.pack`. Raises ValueError for another suffix, OSError if the file cannot be
+    written.
     """
     target = check_writable(path, SUFFIXES)
     text = page(scene, pack(record, matte, albedo))

@@ -41,29 +41,13 @@ def scene_of(
 ) -> dict[str, Any]:
     """Describe a scene as the page's program reads it, ready for JSON.
 
-    Parameters
-    ----------
-    size
-        (H, W) of the picture.
-    lights
-        Up to eight directional lights and lamps, and one environment; a soft key light unless given.
-    background
-        See `relight.over`.
-    title
-        Of the page.
-    command
-        The words that relight the photograph on the command line, without its lights.
-    background_name
-        The background's file, or `environment`, as `--background` takes it; None where it has none.
-    gloss
-        See `relight.Subject.relit`.
+    `size`: (H, W) of the picture. `lights`: up to eight directional lights and lamps, and one environment; a
+    soft key light unless given. `background`: see `relight.over`; `background_name`: its file, or
+    `environment`, as `--background` takes it. `command`: the words that relight the photograph on the command
+    line, without its lights. `gloss`: see `relight.Subject.relit`.
 
-    Raises
-    ------
-    ValueError
-        Too many lights, two of one name, a gloss outside [0, 1].
-    TypeError
-        Lights of another kind, or that move.
+    Raises ValueError for too many lights, two of one name, or a gloss outside [0, 1]; TypeError for lights of
+    another kind, or that move.
     """
     named = checked_lights(DEFAULT_LIGHT if lights is None else lights)
     skies = {name: light for name, light in named.items() if isinstance(light, EnvironmentLight)}

@@ -38,14 +38,10 @@ def _from_browser(lights: list[dict[str, Any]], widget: Any) -> list[HandleLight
 class Viewer(anywidget.AnyWidget):
     """A person whose lights one drags. `Subject.view()` makes it.
 
-    Attributes
-    ----------
-    lights
-        Up to eight `DirectionalLight` and `PointLight`, those that shine. Dragging in the notebook changes
-        the list; setting the list moves the lights. Observe it as any trait: `widget.observe(changed,
-        "lights")`.
-    gloss
-        Strength of the reflection at grazing angles, in [0, 1], see `Subject.relit`; the slider's, both ways.
+    `lights`: up to eight `DirectionalLight` and `PointLight`, those that shine. Dragging in the notebook
+    changes the list; setting the list moves the lights. Observe it as any trait: `widget.observe(changed,
+    "lights")`. `gloss`: strength of the reflection at grazing angles, in [0, 1], see `Subject.relit`; the
+    slider's, both ways.
     """
 
     _esm = module() + "\nexport default { render };\n"

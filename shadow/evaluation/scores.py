@@ -183,22 +183,10 @@ def evaluate(
 ) -> tuple[dict[str, Score], float]:
     """Score visibility on records against sign(N·L) from estimated and from true normals, see `compare`.
 
-    Parameters
-    ----------
-    paths
-        Record folders or shards.
-    model, normals_model
-        Names of shipped weights or .safetensors paths; see `normals_of`.
-    limit
-        Use this many records, spread evenly.
-    light
-        Kind of everyday light for the photographs, "hard", "sky" or "any"; None for that of `compare`.
-
-    Returns
-    -------
-    tuple[dict[str, Score], float]
-        {"field": Score, "sign(N·L), estimated normals": Score, "sign(N·L), true normals": Score}, and the
-        mean angular error of the normals in degrees.
+    The paths are of record folders or shards. `model`, `normals_model`: names of shipped weights or
+    .safetensors paths; see `normals_of`. `limit`: use this many records, spread evenly. Returns {"field":
+    Score, "sign(N·L), estimated normals": Score, "sign(N·L), true normals": Score}, and the mean angular
+    error of the normals in degrees.
     """
     if light not in (None, *KINDS):
         raise ValueError(f"light: expected one of {', '.join(KINDS)}, got {light!r}")

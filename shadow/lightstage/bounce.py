@@ -26,26 +26,12 @@ NORMAL_DISTANCE = 0.1  # one minus the cosine between normals at which it falls 
 def indirect_shading(
     scene: Scene, surface: Surface, lights: np.ndarray, rng: np.random.Generator
 ) -> np.ndarray:
-    """Trace the indirect diffuse shading of points by each light alone.
+    """Trace the indirect diffuse shading of the N points of a surface of the figure by each light alone.
 
-    Parameters
-    ----------
-    scene
-        The figure in front of the camera.
-    surface
-        N points on the figure.
-    lights
-        (D, 3) unit directions to distant lights of intensity 1, which give a surface that faces them the
-        shading 1.
-    rng
-        NumPy Generator of the rays.
-
-    Returns
-    -------
-    np.ndarray
-        (N, D, 3) float32, linear Rec.709, >= 0: light after one to four bounces, coloured by the albedo of
-        the surfaces that it met. Added to max(N·L, 0) × visibility it gives the path-traced shading of
-        Section 3.
+    `lights`: (D, 3) unit directions to distant lights of intensity 1, which give a surface that faces them
+    the shading 1. Returns (N, D, 3) float32, linear Rec.709, >= 0: light after one to four bounces, coloured
+    by the albedo of the surfaces that it met. Added to max(N·L, 0) × visibility it gives the path-traced
+    shading of Section 3.
     """
     source, hits = scene.gather(surface, STRATA, rng)
     if not len(hits):

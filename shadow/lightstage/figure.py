@@ -11,40 +11,23 @@ NormalMap = Callable[[np.ndarray, np.ndarray], np.ndarray]
 
 @dataclass(frozen=True)
 class Figure:
-    """A person, ready to be rendered.
+    """A person, ready to be rendered."""
 
-    Attributes
-    ----------
-    vertices
-        (V, 3) float32 metres, y up, facing +z, the lowest point at y = 0, pelvis near x = z = 0.
-    faces
-        (F, 3) int32 vertex indices, counter-clockwise seen from outside.
-    normals
-        (V, 3) float32 unit shading normals; a vertex is repeated where the surface has a crease.
-    albedo
-        (face index (N,), barycentric (N, 3)) -> (N, 3) float32, linear Rec.709 in [0, 1].
-    name
-        The name in the records.
-    normal_map
-        The normal map: (face index (N,), barycentric (N, 3)) -> (N, 3) directions in tangent space, whose z
-        is along the shading normal; None if the figure has none.
-    tangents
-        (F, 3, 4) float32 tangents of the corners, see `normalmaps.tangents`; None without a normal map.
-    regions
-        (F,) uint8 indices into `records.REGIONS`; None if they are unknown.
-    redraw_fabrics
-        A function that draws the albedo of the figure with other fabrics and colours of its clothes; None if
-        clothes are part of the mesh.
-    """
-
+    # (V, 3) float32 metres, y up, facing +z, the lowest point at y = 0, pelvis near x = z = 0.
     vertices: np.ndarray
-    faces: np.ndarray
+    faces: np.ndarray  # (F, 3) int32 vertex indices, counter-clockwise seen from outside
+    # (V, 3) float32 unit shading normals; a vertex is repeated where the surface has a crease.
     normals: np.ndarray
+    # (face index (N,), barycentric (N, 3)) -> (N, 3) float32, linear Rec.709 in [0, 1].
     albedo: Albedo
-    name: str
+    name: str  # in the records
+    # (face index (N,), barycentric (N, 3)) -> (N, 3) directions in tangent space, whose z is along the
+    # shading normal; None if the figure has none.
     normal_map: NormalMap | None = None
+    # (F, 3, 4) float32 of the corners, see `normalmaps.tangents`; None without a normal map.
     tangents: np.ndarray | None = None
-    regions: np.ndarray | None = None
+    regions: np.ndarray | None = None  # (F,) uint8 indices into `records.REGIONS`; None if they are unknown
+    # Draws the albedo with other fabrics and colours of the clothes; None if these are part of the mesh.
     redraw_fabrics: Callable[[np.random.Generator], Albedo] | None = None
 
 

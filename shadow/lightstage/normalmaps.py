@@ -14,22 +14,11 @@ def tangents(vertices: np.ndarray, faces: np.ndarray, normals: np.ndarray, uv: n
     """Return the tangents of MikkTSpace (Mikkelsen 2008), for which normal maps are baked.
 
     A tangent is the mean over the faces at a vertex, weighted by their angles there. Faces with a mirrored
-    texture have a mean of their own.
+    texture have a mean of their own. `vertices`, `normals`: (V, 3); normals are unit vectors. `faces`: (F, 3)
+    vertex indices. `uv`: (V, 2) texture coordinates, v up.
 
-    Parameters
-    ----------
-    vertices, normals
-        (V, 3); normals are unit vectors.
-    faces
-        (F, 3) vertex indices.
-    uv
-        (V, 2) texture coordinates, v up.
-
-    Returns
-    -------
-    np.ndarray
-        (F, 3, 4) float32. For each corner: the unit direction of increasing u, or zero where the texture has
-        no area; and the sign s such that v increases along s (normal × tangent).
+    Returns (F, 3, 4) float32. For each corner: the unit direction of increasing u, or zero where the texture
+    has no area; and the sign s such that v increases along s (normal × tangent).
     """
     corners, texture = vertices[faces].astype(np.float64), uv[faces].astype(np.float64)
     along, across = corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0]

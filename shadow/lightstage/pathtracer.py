@@ -18,26 +18,12 @@ def path_trace(
     texture that is finer than the mesh. Mitsuba's scalar variant is slow, but it does not need LLVM, of which
     an incompatible version ends the process.
 
-    Parameters
-    ----------
-    figure
-        The figure, in metres.
-    view
-        The camera.
-    size
-        Side of the square image in pixels.
-    light
-        (3,) unit direction to a distant light of intensity 1, in the camera frame.
-    samples
-        Paths for each pixel.
-    bounces
-        Bounces after the first hit; 0 is direct light only.
+    `figure`: the figure, in metres. `view`: the camera. `size`: side of the square image in pixels. `light`:
+    (3,) unit direction to a distant light of intensity 1, in the camera frame. `samples`: paths for each
+    pixel. `bounces`: bounces after the first hit; 0 is direct light only.
 
-    Returns
-    -------
-    np.ndarray
-        (H, W, 3) float32, linear Rec.709, divided by the albedo of the first hit: 1 is a surface that faces
-        the unoccluded light and receives no other light. NaN where the camera sees nothing.
+    Returns (H, W, 3) float32, linear Rec.709, divided by the albedo of the first hit: 1 is a surface that
+    faces the unoccluded light and receives no other light. NaN where the camera sees nothing.
     """
     import mitsuba as mi
 

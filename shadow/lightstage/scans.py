@@ -29,24 +29,14 @@ TANGENT_ATTRIBUTE = "_TANGENT"  # user-defined attribute: trimesh keeps these, b
 
 
 def load(path: str | Path, normal_map: bool = True) -> Figure:
-    """Load a mesh file as a figure.
+    """Load a mesh file as a figure: any that trimesh reads (OBJ, PLY, GLB, ...), in metres, y up, facing +z.
 
     The base colour comes from the texture (sRGB, sampled bilinearly), or else from vertex colours (sRGB), a
     plain material colour (linear in glTF, sRGB elsewhere), or a grey of 0.5. Normals in the file are kept.
-    The normal map of a glTF file is used with the file's tangents or, without these, those of MikkTSpace. The
-    figure is moved to stand on y = 0 with the centre of its bounding box at x = z = 0.
-
-    Parameters
-    ----------
-    path
-        Any file that trimesh reads (OBJ, PLY, GLB, ...), in metres, y up, the person facing +z.
-    normal_map
-        Whether to use the normal map of a glTF file (.glb, .gltf).
-
-    Raises
-    ------
-    ValueError
-        The file cannot be read, or has no triangles. The message names the path.
+    The normal map of a glTF file (.glb, .gltf) is used, unless `normal_map` is false, with the file's
+    tangents or, without these, those of MikkTSpace. The figure is moved to stand on y = 0 with the centre of
+    its bounding box at x = z = 0. Raises ValueError, which names the path, if the file cannot be read, or has
+    no triangles.
     """
     path = Path(path)
     try:

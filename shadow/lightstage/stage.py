@@ -338,47 +338,22 @@ def render_all(
     Existing views are kept, so an interrupted run continues where it stopped. The result depends on the
     arguments only, not on the order or the number of processes.
 
-    Parameters
-    ----------
-    sources
-        The figures.
-    out
-        Folder of the records, created if it does not exist.
-    views
-        Number of views around each figure (Section 3: 9).
-    size
-        Side of the square image in pixels (Section 3: 512).
-    behind
-        Whether to add 32 directions behind the subject to the 64 of the frontal hemisphere.
-    lights
-        Number of directions, drawn at random for each view, instead of those. With `behind`, a third of them
-        are behind the subject. Fewer directions take less time, and networks see more different ones.
-    jitter
-        Whether to vary camera height, distance and field of view.
-    portrait
-        Whether to take close-up views with jitter, in which the frame cuts the figure between neck and shins.
-    head
-        Whether to take views of the head, down to the waist at most.
-    bounced
-        Whether to trace bounce light, for path-traced shading.
-    raised
-        Whether to convert painted folds of scans without a normal map to relief (relief.py).
-    fabrics
-        Whether to draw other fabrics and colours of a body's clothes for each view. Their shape stays.
-    processes
-        Number of processes, by default one for each core.
-    pool
-        Used instead of processes. Its workers see `out` and the sources under the same paths.
+    - `views`: around each figure (Section 3: 9). `size`: side of the square image in pixels (Section 3: 512).
+    - `behind`: whether to add 32 directions behind the subject to the 64 of the frontal hemisphere.
+    - `lights`: number of directions, drawn at random for each view, instead of those. With `behind`, a third
+      of them are behind the subject. Fewer directions take less time, and networks see more different ones.
+    - `jitter`: whether to vary camera height, distance and field of view.
+    - `portrait`: whether to take close-up views with jitter, in which the frame cuts the figure between neck
+      and shins. `head`: whether to take views of the head, down to the waist at most.
+    - `bounced`: whether to trace bounce light, for path-traced shading.
+    - `raised`: whether to convert painted folds of scans without a normal map to relief (relief.py).
+    - `fabrics`: whether to draw other fabrics and colours of a body's clothes for each view. Their shape
+      stays.
+    - `processes`: by default one for each core. `pool`: used instead of processes. Its workers see `out` and
+      the sources under the same paths.
 
-    Returns
-    -------
-    tuple[int, int, dict[str, Exception]]
-        The number of records and of bytes written, and {source name: error}.
-
-    Raises
-    ------
-    ValueError
-        Two sources have one name.
+    Returns the number of records and of bytes written, and {source name: error}. Raises ValueError if two
+    sources have one name.
     """
     for name, count in Counter(source.name for source in sources).items():
         if count > 1:

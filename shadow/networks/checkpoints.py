@@ -113,25 +113,12 @@ def load(
 ) -> Any:
     """Load the network `name` for inference on `device`.
 
-    The network is shared between all callers on that device, who must not change it.
+    The network is shared between all callers on that device, who must not change it. `name`: a name in
+    `<package>/weights/index.json`, or the path of a .safetensors file. `networks`: {network: class}, the
+    classes that are accepted. `package`: "shadow" or "shading".
 
-    Parameters
-    ----------
-    name
-        A name in `<package>/weights/index.json`, or the path of a .safetensors file.
-    networks
-        {network: class}, the classes that are accepted.
-    package
-        "shadow" or "shading".
-    device
-        A torch.device or its name.
-
-    Raises
-    ------
-    ValueError
-        The name is unknown, the file is damaged, or the network is of another kind.
-    FileNotFoundError
-        `name` is a path at which there is no file.
+    Raises ValueError if the name is unknown, the file is damaged, or the network is of another kind;
+    FileNotFoundError if `name` is a path at which there is no file.
     """
     kinds = tuple(networks.items())
     if str(name).endswith(".safetensors"):

@@ -91,20 +91,16 @@ class OnnxFile:
 
 @dataclass(frozen=True)
 class Preprocessing:
-    """The preprocessing that turns a photograph into a network's input, and its inverse for the output.
+    """The preprocessing that turns a photograph into a network's input, and its inverse for the output."""
 
-    size: side of the square input in pixels; with "short", the shorter side.
-    fit: "stretch" to the square; "pad" to a square by repeating the edge, then scale; "short": the shorter
-        side scaled to `size`, both to multiples of 32.
-    mean, std: of red, green and blue in [0, 1], sRGB-encoded: the input is (value - mean) / std.
-    order: "rgb" or "bgr".
-    """
-
-    size: int
+    size: int  # side of the square input in pixels; with "short", the shorter side
+    # "stretch" to the square; "pad" to a square by repeating the edge, then scale; "short": the shorter side
+    # scaled to `size`, both to multiples of 32.
     fit: str = "stretch"
+    # Of red, green and blue in [0, 1], sRGB-encoded: the input is (value - mean) / std.
     mean: tuple[float, ...] = (0.0, 0.0, 0.0)
     std: tuple[float, ...] = (1.0, 1.0, 1.0)
-    order: str = "rgb"
+    order: str = "rgb"  # or "bgr"
 
     def __post_init__(self) -> None:
         for name in ("mean", "std"):

@@ -111,13 +111,8 @@ def load(path: str | os.PathLike, device: torch.device | str = "cpu") -> FrontNo
     The network is shared between callers, who must not change it. No code in the file is executed: the only
     pickled object that is accepted is the training options (argparse.Namespace).
 
-    Raises
-    ------
-    FileNotFoundError
-        No such file.
-    ValueError
-        The file is damaged, contains pickled code or no front-normal generator, or its generator takes more
-        than the photograph, as those of ICON and ECON do.
+    Raises FileNotFoundError, and ValueError if the file is damaged, contains pickled code or no front-normal
+    generator, or its generator takes more than the photograph, as those of ICON and ECON do.
     """
     path = Path(path).resolve(strict=True)
     return _load(path, file_version(path), torch.device(device))

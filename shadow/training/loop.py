@@ -216,53 +216,29 @@ def fit(
     stacked: bool = False,
     compiled: bool | str = False,
 ) -> Path:
-    """Train a network, or resume from `out`/checkpoint.pt if it exists.
+    """Train a network, or resume from `out`/checkpoint.pt if it exists; return the path of the weights.
 
-    Parameters
-    ----------
-    task
-        What the network learns.
-    recipe
-        How it learns.
-    records
-        Paths of record folders or shards.
-    out
-        Folder for checkpoint.pt, log.jsonl, samples-*.png and <kind>.safetensors (the averaged weights).
-    validation
-        Paths of records to score on at every checkpoint; never trained on.
-    init
-        .safetensors file of initial weights: a network of the same kind, or another one with the same
-        backbone. It may be shallower, but not deeper.
-    estimator
-        Source of the normals that the network takes: a name or path for `shadow.normals.load` (also PIFuHD),
-        or "true" for those of the records. With None, a visibility field uses its own, and other networks
-        those of `visibility`. The weights file stores the source, since training and inference with different
-        normals reduces accuracy (Table 3).
-    visibility
-        Name or path of the visibility field whose maps are an input of the task, or of the one that is
-        distilled. The weights file stores it.
-    workers
-        Processes that make photographs: by default 1 for a CPU, and for a GPU one for each core, or 4 if
-        `stacked`. With 0, the training process makes them.
-    checkpoint_minutes
-        Minutes between checkpoints. Each checkpoint also writes a line of log.jsonl.
-    stacked
-        Whether the device holds the records and makes the photographs of a mini-batch together; see
-        `shadow.data.batches`. Records that are added to the folders are taken in. For fields only.
-    compiled
-        Whether torch.compile makes the network's forward faster, or the name of a backend of it.
+    - `records`: paths of record folders or shards. `out`: folder for checkpoint.pt, log.jsonl, samples-*.png
+      and <kind>.safetensors (the averaged weights).
+    - `validation`: paths of records to score on at every checkpoint; never trained on.
+    - `init`: .safetensors file of initial weights: a network of the same kind, or another one with the same
+      backbone. It may be shallower, but not deeper.
+    - `estimator`: source of the normals that the network takes: a name or path for `shadow.normals.load`
+      (also PIFuHD), or "true" for those of the records. With None, a visibility field uses its own, and other
+      networks those of `visibility`. The weights file stores the source, since training and inference with
+      different normals reduces accuracy (Table 3).
+    - `visibility`: name or path of the visibility field whose maps are an input of the task, or of the one
+      that is distilled. The weights file stores it.
+    - `workers`: processes that make photographs: by default 1 for a CPU, and for a GPU one for each core, or
+      4 if `stacked`. With 0, the training process makes them.
+    - `checkpoint_minutes`: minutes between checkpoints. Each checkpoint also writes a line of log.jsonl.
+    - `stacked`: whether the device holds the records and makes the photographs of a mini-batch together; see
+      `shadow.data.batches`. Records that are added to the folders are taken in. For fields only.
+    - `compiled`: whether torch.compile makes the network's forward faster, or the name of a backend of it.
 
-    Returns
-    -------
-    Path
-        The path of the weights.
-
-    Raises
-    ------
-    FileNotFoundError, ValueError
-        There are no records; the weights are damaged or have another architecture; the checkpoint is damaged,
-        of another run, or has made more steps; the loss or the network is not finite. In the last case the
-        error names the step, and the last checkpoint stays.
+    Raises FileNotFoundError or ValueError if there are no records; the weights are damaged or have another
+    architecture; the checkpoint is damaged, of another run, or has made more steps; the loss or the network
+    is not finite. In the last case the error names the step, and the last checkpoint stays.
     """
     if task.needs_normals and estimator is None:
         estimator = visibility

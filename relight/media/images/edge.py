@@ -15,27 +15,11 @@ if TYPE_CHECKING:
 
 
 def scene_linear(name: str, image: ArrayLike) -> np.ndarray:
-    """Convert a public image to linear Rec.709, premultiplied.
+    """Convert a public image to linear Rec.709, premultiplied; `name` is what an error calls it.
 
-    Parameters
-    ----------
-    name
-        What to call it in an error.
-    image
-        (H, W, 3) or (H, W, 4). uint8 and uint16 are sRGB-encoded with straight alpha; floating dtypes are
-        scene-linear Rec.709 with premultiplied alpha.
-
-    Returns
-    -------
-    np.ndarray
-        (H, W, 3) or (H, W, 4) float32, colour unbounded, alpha in [0, 1].
-
-    Raises
-    ------
-    TypeError
-        Another dtype.
-    ValueError
-        Another shape, NaN or infinite values, alpha outside [0, 1].
+    (H, W, 3|4): uint8 and uint16 are sRGB-encoded with straight alpha; floating dtypes are scene-linear
+    Rec.709 with premultiplied alpha. Returns float32, colour unbounded, alpha in [0, 1]. Raises TypeError for
+    another dtype; ValueError for another shape, NaN or infinite values, or alpha outside [0, 1].
     """
     pixels = as_array(name, image)
     if pixels.dtype not in (np.uint8, np.uint16) and not np.issubdtype(pixels.dtype, np.floating):
@@ -120,23 +104,11 @@ def coverage(name: str, mask: ArrayLike) -> np.ndarray:
 
 
 def person_mask(name: str, mask: ArrayLike, size: Sequence[int]) -> "torch.Tensor":
-    """Convert a public matte of a person to a float32 tensor (H, W) in [0, 1].
+    """Convert a public matte of a person, which an error calls `name`, to a float32 tensor (H, W) in [0, 1].
 
-    Parameters
-    ----------
-    name
-        What to call it in an error.
-    mask
-        (H, W), floats or bools in [0, 1], or uint8 or uint16 over the full range.
-    size
-        (H, W) that is expected, pixels.
-
-    Raises
-    ------
-    TypeError, ValueError
-        Another dtype or shape, NaN or values out of range.
-    relight.errors.EmptyMatteError
-        No coverage is above one half.
+    (H, W), which `size` must be: floats or bools in [0, 1], or uint8 or uint16 over the full range. Raises
+    TypeError or ValueError for another dtype or shape, NaN or values out of range; EmptyMatteError if no
+    coverage is above one half.
     """
     from shadow import inputs
 

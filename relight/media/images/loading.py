@@ -41,24 +41,14 @@ def load(
 ) -> StoredPicture:
     """Load a picture as its file stores it.
 
-    Parameters
-    ----------
-    path
-        The file; of an OpenEXR file also `plate.exr:LAYER`.
-    layer
-        Of an OpenEXR file: its channels, under the names R, G, B, A, X, Y, Z. Unless given, all channels of
-        the file's only part, or of the part that holds the picture itself.
-    wanted
-        Names of the channels that are needed: the picture itself, and no more than lies from the first to the
-        last of them.
-    space
-        The colour space, where the caller knows it: then what the file states is not looked at.
+    `layer`: of an OpenEXR file, which may also be `plate.exr:LAYER`: its channels, under the names R, G, B,
+    A, X, Y, Z. Unless given, all channels of the file's only part, or of the part that holds the picture
+    itself. `wanted`: names of the channels that are needed: the picture itself, and no more than lies from
+    the first to the last of them. `space`: the colour space, where the caller knows it: then what the file
+    states is not looked at.
 
-    Raises
-    ------
-    FileNotFoundError
-        No such file. ValueError, which names the file: no picture, a damaged one, no such layer, or a
-        statement that cannot be honoured.
+    Raises FileNotFoundError, and ValueError, which names the file: no picture, a damaged one, no such layer,
+    or a statement that cannot be honoured.
     """
     path, named = split_layer(path)
     layer = layer if layer is not None else named

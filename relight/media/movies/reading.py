@@ -48,27 +48,13 @@ class Movie:
     frame for each, and pixels that are not square are made so. Frames are turned and mirrored as the
     container's display matrix says.
 
-    Parameters
-    ----------
-    path
-        A file that FFmpeg reads.
-    colour_space
-        Of its red, green and blue, where it does not declare it, or declares what is wrong.
-    alpha
-        "straight" or "premultiplied"; movies are straight unless it is said.
+    The file is one that FFmpeg reads. `colour_space`: of its red, green and blue, where it does not declare
+    it, or declares what is wrong. `alpha`: "straight" or "premultiplied"; movies are straight unless it is
+    said.
 
-    Raises
-    ------
-    FileNotFoundError
-        No such file.
-    ValueError
-        No movie, cover art alone, Dolby Vision with colours of its own, or alpha that this FFmpeg does not
-        decode.
-
-    Warns
-    -----
-    UserWarning
-        Pixels are not square, the frame rate varies, or the times start again within the file.
+    Raises FileNotFoundError, and ValueError for no movie, cover art alone, Dolby Vision with colours of its
+    own, or alpha that this FFmpeg does not decode. Warns of pixels that are not square, a frame rate that
+    varies, and times that start again within the file.
     """
 
     record: FileRecord | None = None  # of the file as it was opened, where that is asked for

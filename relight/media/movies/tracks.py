@@ -21,24 +21,12 @@ OWN_TAGS = {"comment", "compatible_brands", "encoder", "major_brand", "minor_ver
 
 @dataclass(frozen=True)
 class Tracks:
-    """What is to be carried.
+    """What is to be carried."""
 
-    Parameters
-    ----------
-    timecode
-        Of the first frame, such as 01:00:00:00.
-    tags
-        Of the container: {name: text}.
-    sound
-        The movie whose sound is copied, without encoding it again.
-    start, end
-        The part of the sound, in seconds of that movie.
-    """
-
-    timecode: str | None = None
-    tags: dict[str, str] = field(default_factory=dict)
-    sound: Path | None = None
-    start: Fraction = Fraction(0)
+    timecode: str | None = None  # of the first frame, such as 01:00:00:00
+    tags: dict[str, str] = field(default_factory=dict)  # of the container
+    sound: Path | None = None  # the movie whose sound is copied, without encoding it again
+    start: Fraction = Fraction(0)  # of the part of the sound, in seconds of that movie
     end: Fraction = Fraction(0)
 
 

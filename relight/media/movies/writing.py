@@ -48,36 +48,21 @@ def write_movie(
     pixel_aspect: float = 1.0,
     tracks: Tracks | None = None,
 ) -> None:
-    """Write a movie. The file appears when it is complete.
+    """Write a movie, .mp4 or .mov. The file appears when it is complete.
 
-    Parameters
-    ----------
-    path
-        .mp4 or .mov. Its folder must exist.
-    frames
-        Any number of images of one size, (H, W, 3|4), linear Rec.709, premultiplied. An odd row or column is
-        repeated in an .mp4, which has even sizes only.
-    rate
-        Frames a second, 0.01 to 1000; 23.976, 29.97 and 59.94 are taken for the NTSC rates.
-    view, exposure, white
-        How light becomes what a display shows; see `relight.media.colour.encode`. Without a view the movie is
-        the same picture as a PNG, in BT.709's encoding. White = 1 clips, and light up to 1 comes back exact
-        but for the movie's own rounding.
-    comment
-        A text that the file carries; see `read_comment`.
-    pixel_aspect
-        How many times as wide as high the frames' pixels are, which the file states.
-    tracks
-        Timecode, tags and sound of another movie, see `relight.media.movies.tracks`.
+    `frames`: any number of images of one size, (H, W, 3|4), linear Rec.709, premultiplied. An odd row or
+    column is repeated in an .mp4, which has even sizes only. `rate`: frames a second, 0.01 to 1000; 23.976,
+    29.97 and 59.94 are taken for the NTSC rates. `view`, `exposure`, `white`: how light becomes what a
+    display shows; see `relight.media.colour.encode`. Without a view the movie is the same picture as a PNG,
+    in BT.709's encoding. White = 1 clips, and light up to 1 comes back exact but for the movie's own
+    rounding. `comment`: a text that the file carries; see `read_comment`. `pixel_aspect`: how many times as
+    wide as high the frames' pixels are, which the file states. `tracks`: timecode, tags and sound of another
+    movie, see `relight.media.movies.tracks`.
 
     The same frames give the same file, on any number of torch's threads, which convert them.
 
-    Raises
-    ------
-    ValueError
-        Another suffix, no frames, several sizes, alpha in an .mp4, a rate out of range.
-    OSError
-        The folder does not exist or the file cannot be written.
+    Raises ValueError for another suffix, no frames, several sizes, alpha in an .mp4 or a rate out of range;
+    OSError if the folder does not exist or the file cannot be written.
     """
     path = check_writable(path)
     rate, tracks = frame_rate(rate), tracks or Tracks()

@@ -22,32 +22,13 @@ def drape(
     weight: float = 1.0,
     bending: float = 0.3,
 ) -> np.ndarray:
-    """Let cloth settle on a body by position-based dynamics with Jacobi averaging.
+    """Return the positions (V, 3) of cloth settled on a body, by position-based dynamics, Jacobi-averaged.
 
-    Parameters
-    ----------
-    start
-        (V, 3) initial positions in metres, y up.
-    faces
-        (F, 3) vertex indices.
-    rest
-        (V, 3) positions that define the lengths of the edges.
-    body
-        For each group of cloth vertices that collides with the same obstacle: the indices of these vertices,
-        the points (P, 3) of the obstacle, and their outward normals (P, 3).
-    held
-        (V,) in [0, 1]: 1 stays at the start, 0 is free.
-    gap
-        Metres between cloth and obstacle.
-    weight
-        Factor of gravity.
-    bending
-        Resistance to bending in [0, 1].
-
-    Returns
-    -------
-    np.ndarray
-        (V, 3) positions.
+    `start`: (V, 3) initial positions in metres, y up; `rest`: those that define the lengths of the edges;
+    `faces`: (F, 3). `body`: for each group of cloth vertices that collides with the same obstacle: the
+    indices of these vertices, the points (P, 3) of the obstacle, and their outward normals (P, 3). `held`:
+    (V,) in [0, 1]: 1 stays at the start, 0 is free. `gap`: metres between cloth and obstacle. `weight`:
+    factor of gravity. `bending`: resistance to it in [0, 1].
     """
     count = len(start)
     springs, stiffness, length = _springs(faces, rest, bending)

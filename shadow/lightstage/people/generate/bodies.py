@@ -46,25 +46,11 @@ def body(
 ) -> Figure:
     """Generate a clothed person in a pose. The same seed and split give the same arrays in any process.
 
-    Parameters
-    ----------
-    seed
-        An integer >= 0.
-    split
-        "training", "validation" or "generalisation".
-    simulate
-        Whether to simulate the cloth, which takes about 20 s of a core instead of one. The person and the
-        clothes are the same, but the clothes fold.
-    cache
-        Folder that stores simulated garments, or None.
-    assets
-        Folder of MakeHuman's assets, from which the person gets a skin, brows and lashes, and often hair or a
-        suit; None: all is procedural. See `makehuman`.
-
-    Raises
-    ------
-    ValueError
-        Another split, or a negative seed.
+    The split is "training", "validation" or "generalisation". `simulate`: whether to simulate the cloth,
+    which takes about 20 s of a core instead of one. The person and the clothes are the same, but the clothes
+    fold. `cache`: folder that stores simulated garments, or None. `assets`: folder of MakeHuman's assets,
+    from which the person gets a skin, brows and lashes, and often hair or a suit; None: all is procedural.
+    See `makehuman`. Raises ValueError for another split, or a negative seed.
     """
     rng = random_generator(seed, split)
     shape = Shape.draw(rng)
