@@ -37,7 +37,8 @@ export class Inspector {
         ["far", "Far"],
         ["near", "Near"],
       ],
-      () => viewer.actions.switch(),
+      // The state may be ahead of what is drawn: a light that is there already stays.
+      (kind) => isNear(selected(viewer.state)) === (kind === "near") || viewer.actions.switch(),
     );
     this.aims = [
       slide("Azimuth", "azimuth", distant, { min: -180, max: 180, step: 0.5, unit: "°", digits: 1 }),

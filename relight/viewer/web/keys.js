@@ -119,7 +119,8 @@ export function keyDown(viewer, event) {
     return;
   }
   const action = actionOf(viewer.keys, event);
-  if (!action || (action === actions.copyPicture && String(getSelection()))) return; // selected text is copied as ever
+  // Selected text is copied as ever. That of a field stays selected when the focus leaves it, but is collapsed.
+  if (!action || (action === actions.copyPicture && !getSelection().isCollapsed)) return;
   event.preventDefault();
   if (action !== actions.orbit) viewer.stop();
   action(event);

@@ -14,8 +14,13 @@ pytest.importorskip("playwright")
 pytestmark = browsing.NEEDS_CHROMIUM
 
 
-def test_a_near_light_is_where_the_hand_holds_it(page, viewed, tmp_path):
+def leave_one_light(page):
     page.evaluate("relight.viewer.change((state) => state.lights.pop())")
+    browsing.settled(page)  # the row of the light that goes moves all that is below it
+
+
+def test_a_near_light_is_where_the_hand_holds_it(page, viewed, tmp_path):
+    leave_one_light(page)
     page.get_by_label("Near").check(force=True)
     browsing.settled(page)
     assert np.linalg.norm(browsing.state(page)["lights"][0]["position"]) > 0.3
@@ -50,6 +55,15 @@ def test_a_near_light_is_where_the_hand_holds_it(page, viewed, tmp_path):
     browsing.press(page, "d")
     assert "azimuth" in browsing.state(page)["lights"][0]
     browsing.press(page, "Control+z")
+    assert "position" in browsing.state(page)["lights"][0]
+
+
+def test_near_is_near_where_the_key_came_first(page):
+    page.evaluate("""() => {
+        relight.viewer.actions.switch();
+        document.querySelector("[aria-label=Distance] [value=near]").click(); // before the panel shows the key's work
+    }""")
+    browsing.settled(page)
     assert "position" in browsing.state(page)["lights"][0]
 
 
@@ -111,8 +125,9 @@ def test_the_picture_can_be_copied(page):
         const png = await item.getType("image/png");
         window.copied.push((await createImageBitmap(png)).width);
     }; }""")
-    page.keyboard.press("Control+c")
-    browsing.wait(page, "window.copied.length === 1")
+    page.get_by_label("Azimuth, exactly").click()  # which selects its text
+    browsing.press(page, "Tab", "Control+c")
+    browsing.wait(page, "window.copied.length === 1", 20)
     assert page.evaluate("window.copied[0] === relight.viewer.pack.description.size[0]")
 
 
@@ -154,7 +169,7 @@ def test_what_is_dropped_on_the_person_is_behind_them_and_on_the_panel_around_th
 
 
 def test_the_light_follows_the_hand_on_all_four_sides(page):
-    page.evaluate("relight.viewer.change((state) => state.lights.pop())")
+    leave_one_light(page)
     centres = {}
     for side, where in {"left": (-0.9, 0), "right": (0.9, 0), "top": (0, 0.9), "bottom": (0, -0.9)}.items():
         browsing.drag(page, *where)
@@ -167,7 +182,7 @@ def test_the_light_follows_the_hand_on_all_four_sides(page):
 
 
 def test_beyond_the_ring_the_light_is_behind_and_leaves_a_rim(page):
-    page.evaluate("relight.viewer.change((state) => state.lights.pop())")
+    leave_one_light(page)
     browsing.drag(page, 1.25, 0)
     light = browsing.state(page)["lights"][0]
     assert 100 < light["azimuth"] < 170
