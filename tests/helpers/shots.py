@@ -1,5 +1,7 @@
 """Shots rendered from keywords, each of which goes to the option object that it is a field of."""
 
+import json
+import math
 from dataclasses import fields
 
 import relight
@@ -50,3 +52,21 @@ def analyse(source, output, *, analyse=None, **settings):
 def distribute(source, lights, outputs, **settings):
     """`relight.render_distributed` of such keywords."""
     return relight.render_distributed(**options_of(source, lights, outputs, **settings))
+
+
+def write_scene(path, field_of_view=30):
+    """Write a glTF scene: a camera with its vertical field of view in degrees, and a lamp before it."""
+    lens = {"yfov": math.radians(field_of_view), "znear": 0.1}
+    lamps = [{"type": "point", "name": "lamp", "intensity": 500, "color": [1, 0.7, 0.4]}]
+    scene = {
+        "asset": {"version": "2.0"},
+        "scenes": [{"nodes": [0, 1]}],
+        "nodes": [
+            {"translation": [-0.8, 0.5, -2], "extensions": {"KHR_lights_punctual": {"light": 0}}},
+            {"camera": 0},
+        ],
+        "cameras": [{"type": "perspective", "perspective": lens}],
+        "extensionsUsed": ["KHR_lights_punctual"],
+        "extensions": {"KHR_lights_punctual": {"lights": lamps}},
+    }
+    path.write_text(json.dumps(scene))

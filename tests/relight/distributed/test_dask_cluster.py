@@ -6,13 +6,14 @@ import subprocess
 import sys
 import time
 from concurrent.futures import Future
+from pathlib import Path
 from types import SimpleNamespace
 
 import pytest
 from helpers import ROOT, shots
 from helpers.killing import differences
 from helpers.rising import STILL
-from helpers.standins import FlatSubject, somebody
+from helpers.standins import FlatSubject, ball, image_of, somebody
 
 import relight
 from relight.media.movies import Movie
@@ -77,6 +78,26 @@ def test_workers_that_are_killed_lose_nothing(plates, tmp_path):
     assert len(set(killed)) == 3
     assert differences(tmp_path / "many", tmp_path / "one") == []
     assert workers() == []
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize(
+    "lighting",
+    [{"lights": (), "preset": "rim"}, {"lights": "scene.gltf", "subject_at": (0, 0, -3)}],
+    ids=["preset", "scene"],
+)
+def test_workers_light_by_a_preset_or_a_scene_as_one_process_does(lighting, tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    for number in (1, 2):
+        relight.write(f"p.{number:02d}.exr", image_of(ball(60, 50, centre=(0.3 + 0.1 * number, 0.5))[0]))
+    shots.write_scene(Path("scene.gltf"))
+    settings = {"frames": "1-2", "threads": 1, "precision": "float32", **lighting}
+    for folder in ("one", "many"):
+        Path(folder).mkdir()
+    assert shots.render("p.%02d.exr", outputs="one/r.%02d.exr", **settings) == {}
+    with dask.config.set({"distributed.worker.preload": []}):  # with the networks
+        assert shots.distribute("p.%02d.exr", outputs="many/r.%02d.exr", workers=1, **settings) == {}
+    assert differences(Path("many"), Path("one")) == []
 
 
 @pytest.mark.slow

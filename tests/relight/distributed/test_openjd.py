@@ -8,6 +8,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from helpers import shots
 from helpers.killing import differences
 from helpers.stored import store
 from openjd.model import decode_job_template
@@ -17,6 +18,7 @@ import relight
 from relight.cli.commands import app
 
 LIGHTS = ["--light", "key:azimuth=-40,elevation=30", "--light", "rim:azimuth=150,orbit=20"]
+SCENE = ["--lights", "scene.gltf", "--subject-at", "0/0/-3"]
 OUTPUTS = ["relit.%04d.exr", "relit.nk", "relit.mov"]
 
 
@@ -134,17 +136,9 @@ def test_the_lights_of_a_preset_are_there_once_and_its_gloss_stays(shot):
 
 
 def test_the_analysis_has_the_field_of_view_of_the_scene_s_camera(shot):
-    sun, camera = {"extensions": {"KHR_lights_punctual": {"light": 0}}}, {"camera": 0}
-    scene = {
-        "asset": {"version": "2.0"},
-        "scenes": [{"nodes": [0, 1]}],
-        "nodes": [sun, camera],
-        "cameras": [{"type": "perspective", "perspective": {"yfov": 0.5, "znear": 0.1}}],
-        "extensions": {"KHR_lights_punctual": {"lights": [{"type": "directional"}]}},
-    }
-    Path("scene.gltf").write_text(json.dumps(scene))
-    template = written(*shot, "--lights", "scene.gltf")
-    assert options(template, 0)["source"]["field_of_view"] == pytest.approx(np.degrees(0.5))
+    shots.write_scene(Path("scene.gltf"), field_of_view=28)
+    template = written(*shot, *SCENE)
+    assert options(template, 0)["source"]["field_of_view"] == pytest.approx(28)
 
 
 def test_frames_are_those_of_a_moving_background(shot):
@@ -202,3 +196,25 @@ def test_a_job_makes_what_one_process_makes(shot):
         for words in runs:
             run_openjd(*given, *words)
         assert differences(Path(folder), Path("one")) == []
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize(
+    ("lights", "lens"),
+    [(["--preset", "rim"], []), (SCENE, ["--field-of-view", 30])],
+    ids=["preset", "scene"],
+)
+def test_a_job_lights_by_a_preset_or_a_scene_as_the_commands_do(shot, lights, lens):
+    shots.write_scene(Path("scene.gltf"), field_of_view=30)
+    Path("one").mkdir()
+    Path("farm").mkdir()
+    computed = ["--threads", 1, "--precision", "float32"]
+    for words in (
+        ["analyse", *shot, *lens, *computed, "--frames", "2-3", "-o", "p.relight"],
+        ["apply", "p.relight", *lights, "--threads", 1, "-o", "one/relit.%04d.exr"],
+        ["job", *shot, *lights, *computed, "--frames", "2-3", "-o", "farm/relit.%04d.exr", "-o", "job.json"],
+    ):
+        result = run(*words)
+        assert result.exit_code == 0, result.output
+    run_openjd("-p", "Analysis=farm.relight")
+    assert differences(Path("farm"), Path("one")) == []

@@ -60,8 +60,8 @@ def test_a_near_light_is_where_the_hand_holds_it(page, viewed, tmp_path):
 
 def test_near_is_near_where_the_key_came_first(page):
     page.evaluate("""() => {
-        relight.viewer.actions.switch();
-        document.querySelector("[aria-label=Distance] [value=near]").click(); // before the panel shows the key's work
+        relight.viewer.actions.switch(); // which the panel does not show yet
+        document.querySelector("[aria-label=Distance] [value=near]").click();
     }""")
     browsing.settled(page)
     assert "position" in browsing.state(page)["lights"][0]
