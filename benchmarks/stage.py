@@ -9,14 +9,18 @@ Figures to compare with are in docs/training.md and docs/history.md.
 
 import sys
 import time
+from pathlib import Path
 
 import numpy as np
 
 from shadow import directions
 from shadow.data import records
 from shadow.lightstage import scans, stage
-from shadow.lightstage.pathtracer import path_trace
 from shadow.lightstage.people.generate import bodies
+
+sys.path.insert(0, str(Path(__file__).parents[1] / "tests"))
+
+from helpers.pathtracer import path_trace
 
 SIZE = 512
 

@@ -23,7 +23,7 @@ from relight.cli.training import shrink, train
 from relight.cli.view import view
 
 EXTRAS = {  # of modules that only some commands need
-    "anny": "stage", "embreex": "stage", "mitsuba": "stage", "numba": "stage", "trimesh": "stage",
+    "anny": "stage", "embreex": "stage", "numba": "stage", "trimesh": "stage",
     "kornia": "train", "matplotlib": "train",
 }  # fmt: skip
 

@@ -5,10 +5,11 @@ pytest.importorskip("embreex")
 pytest.importorskip("kornia")
 trimesh = pytest.importorskip("trimesh")
 
+from helpers.pathtracer import path_trace
+
 from shadow import directions
 from shadow.lightstage import bounce, stage
 from shadow.lightstage.figure import Figure
-from shadow.lightstage.pathtracer import path_trace
 from shadow.lightstage.scene import Scene
 
 ALBEDO = np.float32([0.8, 0.5, 0.2])
