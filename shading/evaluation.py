@@ -6,16 +6,14 @@ from pathlib import Path
 
 import numpy as np
 import torch
-from rich.progress import track
 
 from shading import diffuse
 from shading.tasks import true_shading
 from shadow import normals, visibility
-from shadow.data.photographs import Sample, photograph, sample
+from shadow.data.photographs import Sample
 from shadow.data.records import Records
 from shadow.evaluation import metrics, pictures, plots
-from shadow.evaluation.scores import FRONTAL
-from shadow.framing import canvas_size
+from shadow.evaluation.scores import FRONTAL, photographed, table
 from shadow.networks.backbone import ENCODING
 
 BASE = "base image"
@@ -102,14 +100,12 @@ def evaluate(
     records = Records(paths)
     tallies = {name: Tally() for name in (BASE, BINARY, *networks)}
     delights = {"photograph": Delight(), "albedo": Delight()}
-    chosen, rows = records.spread(limit or len(records)), []
-    for number, index in enumerate(track(chosen, "evaluating")):
-        record, rng = records[index], np.random.default_rng((seed, index))
+    step, rows = max(1, len(records.spread(limit or len(records))) // FIGURE_VIEWS), []
+    for number, (record, view, rgb) in enumerate(photographed(records, networks["ours"].size, seed, limit)):
         if record.bounce_float16 is None:
             raise ValueError("records: have no bounce light; render them with `relight stage --shading`")
-        view = sample(record, rng, canvas_size(networks["ours"].size), augment=False)
-        rgb, mask = photograph(view["rgb"], view["mask"], rng), view["mask"][0]
-        frontal, inside = view["directions"][:, 2] > FRONTAL, mask > 0.5
+        mask, frontal = view["mask"][0], view["directions"][:, 2] > FRONTAL
+        inside = mask > 0.5
         truth = true_shading({key: value[None] for key, value in view.items()})[0]
         lights, truth = view["directions"][frontal], truth[frontal] * inside
         given = None if elsewhere is None else elsewhere.normals(rgb, mask)
@@ -126,7 +122,7 @@ def evaluate(
                 _score_albedo(delights, analysed.albedo, view, rgb, inside)
         for name, shading in maps.items():
             tallies[name].add(shading, truth, inside)
-        if out is not None and number % max(1, len(chosen) // FIGURE_VIEWS) == 0:
+        if out is not None and number % step == 0:
             rows.append(_figure_row(rgb * inside, truth, maps, (7 * number + 20) % len(lights)))
     if out is not None:
         pictures.write_grid(out, rows)
@@ -169,25 +165,20 @@ def _figure_row(
 
 def report(tallies: dict[str, Tally], delights: dict[str, Delight]) -> str:
     """Format the scores as Markdown tables beside those of the paper."""
-    rows = [
-        "| variant | RMSE ↓ | SSIM ↑ | paper: RMSE | paper: SSIM |",
-        "|---|---|---|---|---|",
-    ]
+    rows = []
     for name in dict.fromkeys((BASE, BINARY, *ROWS, *tallies)):
         own = ["not given", "–"]
         if name in tallies:
             own = [f"{np.mean(v):.3f} ({np.std(v):.3f})" for v in (tallies[name].rmse, tallies[name].ssim)]
         paper = ROWS[name][1:] if name in ROWS else ("–", "–")
-        rows.append(f"| {' | '.join((name, *own, *paper))} |")
-    rows += [
-        "",
-        "| albedo from | L1, lit ↓ | L1, in shadow ↓ | shadow left, stops ↓ |",
-        "|---|---|---|---|",
-    ]
+        rows.append([name, *own, *paper])
+    albedo = []
     for name, delight in delights.items():
         columns = delight.lit, delight.shadow, delight.left
-        cells = (f"{np.mean(values):.3f}" if values else "–" for values in columns)
-        rows.append(f"| {' | '.join((name, *cells))} |")
-    return "\n".join(
-        [*rows, "", f"Albedo: {len(delights['albedo'].lit)} photographs with a hard cast shadow."]
+        albedo.append([name, *(f"{np.mean(values):.3f}" if values else "–" for values in columns)])
+    return (
+        table(["variant", "RMSE ↓", "SSIM ↑", "paper: RMSE", "paper: SSIM"], rows)
+        + "\n\n"
+        + table(["albedo from", "L1, lit ↓", "L1, in shadow ↓", "shadow left, stops ↓"], albedo)
+        + f"\n\nAlbedo: {len(delights['albedo'].lit)} photographs with a hard cast shadow."
     )

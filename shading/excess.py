@@ -10,13 +10,12 @@ from typing import NamedTuple
 
 import numpy as np
 import torch
-from rich.progress import track
 
 from shading import diffuse
 from shadow import visibility
-from shadow.data.photographs import everyday_lighting, photograph, sample
+from shadow.data.photographs import everyday_lighting
 from shadow.data.records import Records
-from shadow.framing import canvas_size
+from shadow.evaluation.scores import photographed, table
 from shadow.networks.backbone import ENCODING
 
 BRIGHTEST_PAINT = 0.9  # albedo of fresh snow or chalk
@@ -58,13 +57,11 @@ def evaluate(
     infers no albedo.
     """
     network, field, records = diffuse.load(model), visibility.load(field_model), Records(paths)
-    chosen = records.spread(limit or len(records))
+    views = 0
     sums = {name: np.zeros(4) for name in ("photograph", "albedo")}
-    for index in track(chosen, "evaluating"):
-        record, rng = records[index], np.random.default_rng((seed, index))
-        lighting = everyday_lighting(rng, record.directions)
-        drawn = sample(record, rng, canvas_size(network.size), augment=False, lighting=lighting)
-        rgb, mask = photograph(drawn["rgb"], drawn["mask"], rng), drawn["mask"][0]
+    for _, drawn, rgb in photographed(records, network.size, seed, limit, lighting=everyday_lighting):
+        views += 1
+        mask = drawn["mask"][0]
         albedo = network.analyse(rgb, mask, *field.analyse(rgb, mask)).albedo
         if albedo is None:
             raise ValueError(f"model: {model} infers no albedo; expected a shading field")
@@ -77,7 +74,7 @@ def evaluate(
             )
     shares = {}
     for name, (bright, colourful, compared, total) in sums.items():
-        shares[name] = Excess(bright / total, colourful / total, compared / total, len(chosen))
+        shares[name] = Excess(bright / total, colourful / total, compared / total, views)
     return shares
 
 
@@ -113,12 +110,13 @@ def _saturation(linear: np.ndarray) -> np.ndarray:
 
 def report(found: dict[str, Excess]) -> str:
     """Format the fractions as a Markdown table."""
-    rows = ["| albedo from | above 0.9, % ↓ | more colourful in shadow, % ↓ | together, % ↓ |"]
-    rows.append("|---|---|---|---|")
-    for name, each in found.items():
-        shares = " | ".join(f"{100 * x:.2f}" for x in (each.bright, each.colourful, each.wrong))
-        rows.append(f"| {name} | {shares} |")
-    last = found["albedo"]
-    return "\n".join(
-        [*rows, "", f"{last.views} photographs; {100 * last.compared:.1f} % of the pixels could be compared."]
+    shares = table(
+        ["albedo from", "above 0.9, % ↓", "more colourful in shadow, % ↓", "together, % ↓"],
+        (
+            [name, *(f"{100 * x:.2f}" for x in (each.bright, each.colourful, each.wrong))]
+            for name, each in found.items()
+        ),
     )
+    last = found["albedo"]
+    compared = f"{100 * last.compared:.1f} % of the pixels could be compared."
+    return f"{shares}\n\n{last.views} photographs; {compared}"

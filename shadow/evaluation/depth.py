@@ -6,13 +6,11 @@ from typing import NamedTuple
 
 import numpy as np
 import torch
-from rich.progress import track
 
 from shadow import visibility
-from shadow.data.photographs import photograph, sample
 from shadow.data.records import Records
 from shadow.evaluation import metrics
-from shadow.framing import canvas_size
+from shadow.evaluation.scores import photographed
 
 
 class DepthScore(NamedTuple):
@@ -37,14 +35,11 @@ def evaluate(
     if not getattr(network, "depth", False):
         raise ValueError(f"model: {model} infers no depth; expected a field that was trained with it")
     scores = []
-    for index in track(records.spread(limit or len(records)), "evaluating"):
-        record = records[index]
-        if record.depth is None:
-            continue
-        rng = np.random.default_rng((seed, index))
-        drawn = sample(record, rng, canvas_size(network.size), lights=1, augment=False)
+    views = photographed(
+        records, network.size, seed, limit, suited=lambda record: record.depth is not None, lights=1
+    )
+    for _, drawn, rgb in views:
         mask, truth = drawn["mask"][0], drawn["depth"][0]
-        rgb = photograph(drawn["rgb"], drawn["mask"], rng)
         estimate, inside = network.analyse(rgb, mask)[1].depth, mask > 0.5
         errors = (metrics.depth_error(depth, truth, inside) for depth in (estimate, torch.zeros_like(truth)))
         scores.append([*map(float, errors), float(metrics.depth_order(estimate, truth, inside))])

@@ -6,14 +6,12 @@ from typing import NamedTuple
 
 import numpy as np
 import torch
-from rich.progress import track
 
 from shadow import visibility
-from shadow.data.photographs import Sample, photograph, sample
+from shadow.data.photographs import Sample
 from shadow.data.records import REGIONS, Records
 from shadow.evaluation import metrics
-from shadow.evaluation.scores import FRONTAL, normals_of
-from shadow.framing import canvas_size
+from shadow.evaluation.scores import FRONTAL, normals_of, photographed, table
 from shadow.networks.field import Visibility
 
 WHOLE = "whole body"
@@ -48,13 +46,9 @@ def evaluate(
     surface = normals_of(network, normals_model)
     angles: dict[str, list[float]] = {}
     counts: dict[str, np.ndarray] = {}
-    for index in track(records.spread(limit or len(records)), "evaluating"):
-        record = records[index]
-        if record.regions is None:
-            continue
-        rng = np.random.default_rng((seed, index))
-        drawn = sample(record, rng, canvas_size(network.size), augment=False)
-        rgb, mask = photograph(drawn["rgb"], drawn["mask"], rng), drawn["mask"][0]
+    views = photographed(records, network.size, seed, limit, suited=lambda record: record.regions is not None)
+    for _, drawn, rgb in views:
+        mask = drawn["mask"][0]
         given = None if surface is network else surface.normals(rgb, mask)
         normals, maps = network.analyse(rgb, mask, given)
         inside = mask > 0.5
@@ -96,9 +90,10 @@ def _count_cast(drawn: Sample, maps: Visibility, place: torch.Tensor) -> np.ndar
 
 def report(scores: dict[str, RegionScore]) -> str:
     """Format the scores as a Markdown table."""
-    rows = ["| region | error of normals, degrees ↓ | cast shadow found, % ↑ | false shadow, % ↓ | views |"]
-    rows.append("|---|---|---|---|---|")
-    for name, score in scores.items():
-        share = f"{100 * score.recall:.1f} | {100 * score.false:.1f}"
-        rows.append(f"| {name} | {score.angle:.1f} | {share} | {score.views} |")
-    return "\n".join(rows)
+    return table(
+        ["region", "error of normals, degrees ↓", "cast shadow found, % ↑", "false shadow, % ↓", "views"],
+        (
+            [name, f"{x.angle:.1f}", f"{100 * x.recall:.1f}", f"{100 * x.false:.1f}", str(x.views)]
+            for name, x in scores.items()
+        ),
+    )

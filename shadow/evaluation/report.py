@@ -241,11 +241,6 @@ def _scores(row: Row, psnr: bool = False) -> list[str]:
     return [*_cells(row["measured"], psnr, none="not given"), *_cells(row["paper"], psnr)]
 
 
-def _table(header: list[str], rows: Iterable[list[str]]) -> str:
-    lines = [header, ["---"] * len(header), *rows]
-    return "\n".join("| " + " | ".join(line) + " |" for line in lines)
-
-
 def _lines_of_table_4(rows: list[Row]) -> Iterator[list[str]]:
     for row in rows:
         own, paper = (
@@ -271,16 +266,16 @@ def _tables(figures: Row) -> tuple[str, str, str, str]:
     header = ["ms ↓", "params, M ↓", "RMSE ↓", "Dice ↑"]
     paper = ["paper: ms", "paper: params, M", "paper: RMSE", "paper: Dice"]
     return (
-        _table(
+        scores.table(
             ["variant", "RMSE ↓", "PSNR ↑", "Dice ↑", "paper: RMSE", "paper: PSNR", "paper: Dice"],
             [[row["variant"], *_scores(row, psnr=True)] for row in figures["table2"]],
         ),
-        _table(
+        scores.table(
             ["variant", "training", "inference", "RMSE ↓", "Dice ↑", "paper: RMSE", "paper: Dice"],
             [[row["variant"], row["training"], row["inference"], *_scores(row)] for row in figures["table3"]],
         ),
-        _table(["variant", *header, *paper], _lines_of_table_4(figures["table4"])),
-        _table(
+        scores.table(["variant", *header, *paper], _lines_of_table_4(figures["table4"])),
+        scores.table(
             ["subject", "RMSE ↓, theirs", "RMSE ↓, ours", "Dice ↑, theirs", "Dice ↑, ours"],
             _lines_of_table_5(figures["table5"]),
         ),

@@ -1,6 +1,6 @@
 """Score visibility networks and their normals on records, as in Sections 4.1 to 4.3."""
 
-from collections.abc import Iterable
+from collections.abc import Callable, Iterable, Iterator
 from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Any
@@ -11,7 +11,7 @@ import torch
 from rich.progress import track
 
 from shadow import normals, visibility
-from shadow.data.photographs import KINDS, everyday_lighting, photograph, sample
+from shadow.data.photographs import KINDS, Sample, everyday_lighting, photograph, sample
 from shadow.data.records import Record, Records
 from shadow.evaluation import metrics
 from shadow.framing import canvas_size
@@ -156,6 +156,29 @@ def _lighting(record: Record, seed: tuple[int, int], light: str | None) -> np.nd
     return everyday_lighting(np.random.default_rng((*seed, KINDS.index(light))), record.directions, light)
 
 
+def photographed(
+    records: Records,
+    height: int,
+    seed: int,
+    limit: int | None,
+    *,
+    suited: Callable[[Record], bool] = lambda record: True,
+    lights: int | None = None,
+    lighting: Callable[[np.random.Generator, np.ndarray], np.ndarray] | None = None,
+) -> Iterator[tuple[Record, Sample, torch.Tensor]]:
+    """Photograph each of `limit` records once that is suited, on a canvas of `height` pixels.
+
+    `lights` and `lighting`, which draws the weights, are those of `sample`. Yields the record, the truth, and
+    the linear picture (3, h, w) that a camera took.
+    """
+    for index in track(records.spread(limit or len(records)), "evaluating"):
+        record, rng = records[index], np.random.default_rng((seed, index))
+        if suited(record):
+            weights = None if lighting is None else lighting(rng, record.directions)
+            drawn = sample(record, rng, canvas_size(height), lights, augment=False, lighting=weights)
+            yield record, drawn, photograph(drawn["rgb"], drawn["mask"], rng)
+
+
 def best_device() -> torch.device:
     """Return the device of photographs and networks that are scored: a GPU if there is one."""
     return torch.device("cuda" if torch.cuda.is_available() else "cpu")
@@ -198,13 +221,18 @@ def evaluate(
 
 def report(scores: dict[str, Score], angle: float) -> str:
     """Format the scores as a Markdown table."""
-    rows = ["| visibility | RMSE ↓ | PSNR ↑ | Dice ↑ |", "|---|---|---|---|"]
+    rows = []
     for name, score in scores.items():
-        (rmse, rmse_sd), (dice, dice_sd) = score.rmse, score.dice
-        rows.append(
-            f"| {name} | {rmse:.3f} ({rmse_sd:.3f}) | {score.psnr:.2f} | {dice:.3f} ({dice_sd:.3f}) |"
-        )
-    return "\n".join([*rows, "", f"Estimated normals: mean angular error {angle:.1f} degrees."])
+        rmse, dice = ("{:.3f} ({:.3f})".format(*pair) for pair in (score.rmse, score.dice))
+        rows.append([name, rmse, f"{score.psnr:.2f}", dice])
+    found = table(["visibility", "RMSE ↓", "PSNR ↑", "Dice ↑"], rows)
+    return f"{found}\n\nEstimated normals: mean angular error {angle:.1f} degrees."
+
+
+def table(header: Iterable[str], rows: Iterable[Iterable[str]]) -> str:
+    """Format a table as Markdown."""
+    header = list(header)
+    return "\n".join(f"| {' | '.join(cells)} |" for cells in (header, ["---"] * len(header), *rows))
 
 
 def intensity_sweep(
