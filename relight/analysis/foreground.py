@@ -1,14 +1,12 @@
 """The person cut out of a plate: their coverage, their own colour, and which pixels show them."""
 
-import math
-import mmap
-import sys
 from typing import Any, Self
 
 import numpy as np
 import torch
 import torch.nn.functional as F
 
+from relight.media.buffers import lazy_zeros
 from relight.media.images import person_mask, scene_linear
 from relight.media.resampling import fill_unknown
 from shadow import inputs
@@ -19,7 +17,6 @@ OPAQUE_COVERAGE = 0.98  # above it, a photograph's pixel shows hardly any backgr
 NEARLY_OPAQUE_COVERAGE = 0.9  # counts as opaque where no pixel within EDGE_PIXELS has less
 EDGE_PIXELS = 2
 MIN_COVERAGE = 0.05  # below it, premultiplied colour is too coarse to divide by, or a matte is noise
-HUGE_PAGES = 1 << 20  # float32 values from which NumPy asks Linux for huge pages
 BACKGROUND_VARIANCE = 3.0  # of a continued background, relative to that of the person's continued colour
 
 
@@ -83,21 +80,9 @@ class Foreground:
 
     def scatter(self, values: torch.Tensor) -> np.ndarray:
         """Put the person's pixels (P, C) into an image (H, W, C) float32 that is zero elsewhere."""
-        image = _zeros(self.size[0] * self.size[1], values.shape[1])
+        image = lazy_zeros((self.size[0] * self.size[1], values.shape[1]))
         torch.from_numpy(image).index_copy_(0, self._plate_pixels, values)
         return image.reshape(*self.size, -1)
-
-
-def _zeros(*shape: int) -> np.ndarray:
-    """Return float32 zeros; on Linux, memory pages that are not written are not allocated.
-
-    NumPy asks for huge pages there, of which a person touches all: with its zeros the peak at 4K is 1.2 GiB
-    instead of 0.9 GiB.
-    """
-    count = math.prod(shape)
-    if sys.platform != "linux" or count < HUGE_PAGES:
-        return np.zeros(shape, np.float32)
-    return np.frombuffer(mmap.mmap(-1, 4 * count, access=mmap.ACCESS_COPY), np.float32).reshape(shape)
 
 
 def linear_plate(image: np.ndarray) -> np.ndarray:

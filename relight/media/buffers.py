@@ -1,9 +1,15 @@
-"""Arrays to OpenImageIO's image buffers and back."""
+"""Arrays to OpenImageIO's image buffers and back, and arrays of which most stays zero."""
 
+import math
+import mmap
+import sys
 from typing import Any
 
 import numpy as np
 import OpenImageIO as oiio
+from numpy.typing import DTypeLike
+
+HUGE_PAGES = 1 << 22  # bytes from which NumPy asks Linux for huge pages
 
 
 def to_buffer(pixels: np.ndarray) -> oiio.ImageBuf:
@@ -25,3 +31,15 @@ def problem(source: Any) -> str:
         return source.geterror().strip().partition("\n")[0]
     except UnicodeDecodeError:  # it quotes the file
         return "what it holds is garbled"
+
+
+def lazy_zeros(shape: tuple[int, ...], dtype: DTypeLike = np.float32) -> np.ndarray:
+    """Return zeros; on Linux, memory pages that are not written are not allocated.
+
+    NumPy asks for huge pages there, of which a person touches all: with its zeros the peak at 4K is 1.2 GiB
+    instead of 0.9 GiB.
+    """
+    size = math.prod(shape) * np.dtype(dtype).itemsize
+    if sys.platform != "linux" or size < HUGE_PAGES:
+        return np.zeros(shape, dtype)
+    return np.frombuffer(mmap.mmap(-1, size, access=mmap.ACCESS_COPY), dtype).reshape(shape)

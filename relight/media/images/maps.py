@@ -8,6 +8,7 @@ from numpy.typing import ArrayLike
 
 from relight.media import colour
 from relight.media.images.edge import coverage
+from relight.media.images.exr import save_exr
 from relight.media.images.layers import Layer, find_beauty
 from relight.media.images.loading import layers_of, load
 from relight.media.images.reading import squared
@@ -107,7 +108,11 @@ def write_mask(
     check_matte(path)
     depth = checked_depth(path, depth or ("half" if path.suffix.lower() == ".exr" else "uint16"))
     pixels = coverage("mask", mask)[..., None]
-    save(path, [pixels], new_spec(pixels.shape[:2], depth, ["Y"], metadata))
+    spec = new_spec(pixels.shape[:2], depth, ["Y"], metadata)
+    if path.suffix.lower() == ".exr":
+        save_exr(path, [pixels], (0, 0), spec)
+    else:
+        save(path, pixels, spec)
 
 
 def check_matte(path: Path) -> None:

@@ -4,7 +4,7 @@ import functools
 import io
 import math
 import struct
-from collections.abc import Iterable, Sequence
+from collections.abc import Sequence
 from fractions import Fraction
 from pathlib import Path
 from typing import Any
@@ -31,27 +31,24 @@ DENOMINATOR = 1_000_000  # of a fraction of Exif, at most
 RENAMED = {"PhotographicSensitivity": "ISOSpeedRatings"}  # Pillow has the tag's older name
 
 
-def save(path: Path, blocks: Iterable[np.ndarray], spec: oiio.ImageSpec) -> None:
-    """Write a file that is whole or not there, from its rows (rows, W, C), some or all at a time."""
+def save(path: Path, pixels: np.ndarray, spec: oiio.ImageSpec) -> None:
+    """Write pixels (H, W, C) to a file, not OpenEXR, that is whole or not there."""
     is_tiff = path.suffix.lower() in (".tif", ".tiff")
     if is_tiff and _is_srgb(spec):
         profile = _srgb_profile()
         spec.attribute(
             "ICCProfile", oiio.TypeDesc(f"uint8[{len(profile)}]"), np.frombuffer(profile, np.uint8)
         )
-    if path.suffix.lower() != ".exr" and spec.get_int_attribute(SENSITIVITY) > LARGEST_SENSITIVITY:
+    if spec.get_int_attribute(SENSITIVITY) > LARGEST_SENSITIVITY:
         spec.attribute(SENSITIVITY, LARGEST_SENSITIVITY)
     with files.replacing(path) as beside:
         if path.suffix.lower() in (".jpeg", ".jpg"):
-            beside.write_bytes(_jpeg(np.concatenate(list(blocks)), spec))
+            beside.write_bytes(_jpeg(pixels, spec))
             return
         file = oiio.ImageOutput.create(str(path))  # by its suffix
         if file is None:
             raise OSError(f"{path}: cannot be written: {problem(oiio)}")
-        written, row = file.open(str(beside), spec), spec.y
-        for block in blocks if written else ():
-            written = written and file.write_scanlines(row, row + len(block), 0, block)
-            row += len(block)
+        written = file.open(str(beside), spec) and file.write_image(np.ascontiguousarray(pixels))
         if not (file.close() and written):
             raise OSError(f"{path}: cannot be written: {problem(file)}")
         if path.suffix.lower() == ".png":

@@ -2,7 +2,7 @@
 
 import reprlib
 import warnings
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from pathlib import Path
 
 import numpy as np
@@ -13,6 +13,7 @@ from numpy.typing import ArrayLike
 from relight import __version__
 from relight.media import colour, content_hash
 from relight.media.images.edge import as_array, scene_linear
+from relight.media.images.exr import save_exr
 from relight.media.images.metadata import TypedValue
 from relight.media.images.saving import JPEG_LARGEST, save
 from shadow import files
@@ -37,7 +38,6 @@ DEPTH = "Z"  # the layer, and OpenEXR's name of its channel: half floats would m
 LONGEST_LAYER = 253  # bytes of UTF-8: with ".R" behind, the 255 of OpenEXR
 NO_COLOUR = ("N", "P")  # layers of three channels that are no colour
 SAMPLED = 16  # one pixel in so many tells that a layer is bright
-ROWS = 16  # of a file that are written at a time: a block of OpenEXR's ZIP compression
 LOST = 0.01  # share of a layer's light that half floats may lose before a warning says so
 
 
@@ -141,19 +141,17 @@ def write(
         prefix = "" if _is_depth(name, stack) else f"{name}."
         names += [prefix + channel for channel in _channels(name, stack)]
     stacks = {"image": pixels, **{f"layers[{name!r}]": stack for name, stack in stacks.items()}}
-    rows, columns = _occupied(list(stacks.values())) if autocrop else map(slice, pixels.shape[:2])
-    stacks = {name: stack[rows, columns] for name, stack in stacks.items()}
-    exact = {f"layers[{DEPTH!r}]"} & stacks.keys()
-    if depth == "half":
-        for name, stack in stacks.items():
-            if name not in exact:
-                _check_half(path, name, stack)
-    spec = new_spec(stacks["image"].shape[:2], depth, names, metadata)
-    spec.x, spec.y = columns.start or 0, rows.start or 0
-    spec.full_height, spec.full_width = pixels.shape[:2]
+    rows, columns = _occupied(list(stacks.values())) if suffix == ".exr" else map(slice, pixels.shape[:2])
+    spec = new_spec(pixels.shape[:2], depth, names, metadata)
+    if autocrop:
+        spec.x, spec.y, (spec.height, spec.width) = columns.start, rows.start, pixels[rows, columns].shape[:2]
     spec = _header(suffix, spec, depth, names, view, metadata, colour_space or colour.LINEAR)
-    halved = depth == "half" and not exact
-    save(path, _blocks(list(stacks.values()), torch.float16 if halved else torch.float32), spec)
+    if suffix != ".exr":
+        return save(path, pixels, spec)
+    stacks = {name: stack[rows, columns] for name, stack in stacks.items()}
+    for name, stack in stacks.items():
+        _check_stack(path, name, stack, depth)
+    save_exr(path, list(stacks.values()), (rows.start - spec.y, columns.start - spec.x), spec)
 
 
 def _header(
@@ -272,8 +270,6 @@ def _layer(name: str, layer: ArrayLike, size: tuple[int, ...]) -> np.ndarray:
     stack = stack[..., None] if stack.ndim == 2 else stack
     if stack.ndim != 3 or stack.shape[:2] != size or stack.shape[-1] not in (1, 3, 4):
         raise ValueError(f"layers[{name!r}]: expected shape {size} or {(*size, '1|3|4')}, got {stack.shape}")
-    if not np.isfinite(stack).all():
-        raise ValueError(f"layers[{name!r}]: contains NaN or infinite values")
     return stack
 
 
@@ -309,8 +305,12 @@ def _check_lost(values: torch.Tensor, name: str) -> None:
         )
 
 
-def _check_half(path: Path, name: str, stack: np.ndarray) -> None:
-    """Raise ValueError for a stack (H, W, C) that half floats cannot hold; warns as `half` does."""
+def _check_stack(path: Path, name: str, stack: np.ndarray, depth: str) -> None:
+    """Raise ValueError for a stack (H, W, C) that a file of `depth` cannot hold; warns as `half` does."""
+    if not np.isfinite(stack).all():
+        raise ValueError(f"{name}: contains NaN or infinite values")
+    if depth != "half" or name == f"layers[{DEPTH!r}]":
+        return
     tensor = torch.from_numpy(np.require(stack, requirements=("C", "W")))  # torch warns of what is read-only
     low, high = map(float, tensor.aminmax())
     if max(high, -low) > HALF_MAX:
@@ -335,15 +335,3 @@ def _span(occupied: np.ndarray) -> slice:
     """From the first to the last that is; the first of all where none is."""
     indices = np.flatnonzero(occupied)
     return slice(int(indices[0]), int(indices[-1]) + 1) if len(indices) else slice(0, 1)
-
-
-def _blocks(stacks: Sequence[np.ndarray], dtype: torch.dtype) -> Iterator[np.ndarray]:
-    """Yield blocks of rows with the channels of all stacks (rows, W, C), to avoid a copy of them all."""
-    tensors = [torch.from_numpy(np.require(stack, requirements=("C", "W"))) for stack in stacks]
-    height, width = tensors[0].shape[:2]
-    channels = [tensor.shape[-1] for tensor in tensors]
-    for start in range(0, height, ROWS):
-        block = torch.empty(min(ROWS, height - start), width, sum(channels), dtype=dtype)
-        for part, tensor in zip(block.split(channels, dim=-1), tensors, strict=True):
-            part.copy_(tensor[start : start + ROWS].to(dtype))  # rounding what lies together is faster
-        yield block.numpy()

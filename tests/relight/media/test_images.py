@@ -336,7 +336,7 @@ def test_a_write_that_openimageio_refuses_is_an_oserror(tmp_path, monkeypatch):
                 file.write(b"half a file")
             return True
 
-        def write_scanlines(self, first, end, z, pixels):
+        def write_image(self, pixels):
             return False
 
         def close(self):

@@ -37,6 +37,18 @@ def test_layers_come_back_under_their_names(tmp_path):
         np.testing.assert_array_equal(layer, STRAIGHT)
 
 
+def test_names_that_openexr_gives_a_meaning_are_those_of_layers(tmp_path):
+    layers = {"RGB": STRAIGHT[..., :3], "RGBA": STRAIGHT * 0.5, "a": STRAIGHT[..., 0], "a.Y": STRAIGHT}
+    relight.write(tmp_path / "l.exr", PREMULTIPLIED, layers=layers, depth="float")
+    names = ["RGB.R", "RGB.G", "RGB.B", *(f"RGBA.{c}" for c in "RGBA"), "a.Y", *(f"a.Y.{c}" for c in "RGBA")]
+    file = oiio.ImageInput.open(str(tmp_path / "l.exr"))
+    stored = dict(zip(file.spec().channelnames, file.read_image("float").transpose(2, 0, 1), strict=True))
+    assert set(stored) == {*"RGBA", *names}
+    expected = np.concatenate([layer.reshape(24, 32, -1) for layer in layers.values()], axis=-1)
+    np.testing.assert_array_equal([stored[name] for name in names], expected.transpose(2, 0, 1))
+    np.testing.assert_array_equal(relight.read(tmp_path / "l.exr"), PREMULTIPLIED)
+
+
 def test_the_longest_names_come_back(tmp_path):
     name = "visibility_" + 80 * "光"  # of the longest name of a light
     relight.write(tmp_path / "l.exr", PREMULTIPLIED, layers={name: STRAIGHT[..., 0], "a": STRAIGHT[..., 1]})
