@@ -18,6 +18,7 @@ from relight.matting.sequence import MattingOptions, SequenceMatting
 from relight.media import images, movies
 from relight.media.sequences import FrameSequence, SequenceReader, Still
 from relight.subject import Subject
+from shadow.files import is_path
 
 PLATE = "plate"  # the name of the background's light
 MATCH_PREFIX = "match"  # of the names of a reference's lights
@@ -144,7 +145,7 @@ class Matching:
         if self.reference is None and self.mask is not None:
             raise ValueError("match_mask: expected a reference as well (--match FILE), whose matte it is")
         for path in (self.reference, self.mask):
-            if isinstance(path, str | Path) and (movies.is_movie(path) or FrameSequence.of(path) is not None):
+            if is_path(path) and (movies.is_movie(path) or FrameSequence.of(path) is not None):
                 raise ValueError(f"match: expected one picture's file, got {path}")
 
     def sidecar_path(self, path: Path | None) -> Path | None:
@@ -185,9 +186,9 @@ class Matching:
         if self.reference is None:
             return None
         reference, mask = self.reference, self.mask
-        if isinstance(reference, str | Path):
+        if is_path(reference):
             reference = images.read(reference)
-        if isinstance(mask, str | Path):
+        if is_path(mask):
             mask = images.read_mask(mask)
         try:
             pixels = linear_plate(reference)

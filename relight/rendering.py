@@ -11,12 +11,12 @@ from relight.analysis.gloss import checked_gloss
 from relight.analysis.infer import check_inputs, infer
 from relight.compositing.composite import ENVIRONMENT, Background, behind, over, parse_background
 from relight.compositing.floor import Floor
-from relight.lights.environment import FIELD_OF_VIEW, EnvironmentLight
+from relight.lights.environment import FIELD_OF_VIEW, EnvironmentLight, environments
 from relight.lights.light import Light
 from relight.lights.rig import Lights, as_lights, by_name
 from relight.media.images import Metadata, half, read
 from relight.subject import Person, Subject
-from shadow.files import AnyPath
+from shadow.files import AnyPath, is_path
 
 PASSES = ("albedo", "N", "Z", "P", "visibility", "shading", "gloss")
 EXR_TYPES = ("half", "float")
@@ -103,10 +103,10 @@ def apply(
 
 def _background(background: Background | AnyPath | None, lights: Iterable[Light]) -> Background | None:
     """Return what a text means, `ENVIRONMENT` as it is; anything else unchanged."""
-    if not isinstance(background, str | os.PathLike):
+    if not is_path(background):
         return background
     meant = parse_background(os.fspath(background))
-    if meant == ENVIRONMENT and not any(isinstance(light, EnvironmentLight) for light in lights):
+    if meant == ENVIRONMENT and not environments(lights):
         raise ValueError("background: 'environment' expected an environment among the lights")
     return read(meant) if isinstance(meant, str) and meant != ENVIRONMENT else meant
 
@@ -238,7 +238,7 @@ def _seen_by(subject: Person, background: Background, lights: Iterable[Light]) -
     if isinstance(background, EnvironmentLight):
         skies = [background]
     elif isinstance(background, str):  # ENVIRONMENT
-        skies = [light for light in lights if isinstance(light, EnvironmentLight)]
+        skies = environments(lights)
     else:
         return background
     return np.sum([sky.view(subject.camera.size, subject.camera.field_of_view) for sky in skies], axis=0)

@@ -6,9 +6,18 @@ import stat
 from collections.abc import Collection, Iterator
 from contextlib import contextmanager
 from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+if TYPE_CHECKING:
+    from typing_extensions import TypeIs
 
 AnyPath = str | os.PathLike[str]
 PROBE_BYTES = 16384  # written after a file to prove that the disk is not full: more than a library's buffer
+
+
+def is_path(value: Any) -> "TypeIs[AnyPath]":
+    """Return whether a value is the path of a file, and no picture or parameters."""
+    return isinstance(value, str | os.PathLike)
 
 
 @contextmanager

@@ -1,6 +1,5 @@
 """Surface normals of the photographed person in the camera frame, from the field or from another source."""
 
-import os
 from pathlib import Path
 from typing import Any
 
@@ -11,6 +10,7 @@ from torch import nn
 
 from shadow import inputs
 from shadow.directions import CAMERA, from_axes
+from shadow.files import is_path
 from shadow.framing import Framed, Framing
 from shadow.matte_cleanup import clean_matte
 from shadow.networks import checkpoints, pifuhd
@@ -68,7 +68,7 @@ def load(
     Raises FileNotFoundError, and ValueError for no such weights, a damaged file, another kind of network,
     unknown axes, or axes given for a network whose convention is known.
     """
-    a_file, loaded = isinstance(source, str | os.PathLike), _infers_normals(source)
+    a_file, loaded = is_path(source), _infers_normals(source)
     if not a_file and not loaded:
         name = getattr(source, "__name__", "a function") if callable(source) else "another program"
         return ProvidedNormals(source, axes, checkpoints.Origin(name, None, {}))
@@ -122,7 +122,7 @@ def resolve(
     """
     if given is None:
         source = network if isinstance(network, VisibilityField) else load(device=rgb.device)
-    elif callable(given) or _infers_normals(given) or isinstance(given, str | os.PathLike):
+    elif callable(given) or _infers_normals(given) or is_path(given):
         source = load(given, device=rgb.device)
     else:
         source = ProvidedNormals(given)

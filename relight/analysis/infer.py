@@ -27,7 +27,7 @@ from relight.matting.networks import AUTO
 from relight.matting.refine import is_opaque
 from shading import Analysis, diffuse
 from shadow import analysis, inputs
-from shadow.files import AnyPath
+from shadow.files import AnyPath, is_path
 from shadow.framing import Framed
 from shadow.matte_cleanup import clean_matte
 from shadow.networks.foreign import OnnxDepth
@@ -80,7 +80,7 @@ def check_inputs(
     cleaned = clean_matte(alpha)
     provided: torch.Tensor | OnnxDepth | None = None
     if depth is not None:
-        provided = OnnxDepth(depth) if isinstance(depth, str | os.PathLike) else checked_depth(depth, cleaned)
+        provided = OnnxDepth(depth) if is_path(depth) else checked_depth(depth, cleaned)
     if camera is not None and tuple(camera.size) != size:
         raise ValueError(f"camera: expected that of a plate of {size} pixels, got {camera.size}")
     camera = camera or Camera.of(cleaned, height, field_of_view)

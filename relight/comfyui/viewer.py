@@ -12,7 +12,7 @@ from relight.comfyui.lights import Lights
 from relight.comfyui.render import Backdrop
 from relight.comfyui.subjects import SubjectBatch
 from relight.lights.directional import DirectionalLight
-from relight.lights.environment import EnvironmentLight
+from relight.lights.environment import EnvironmentLight, environments
 from relight.lights.light import Light, parse_settings
 from relight.lights.near import PointLight
 from relight.viewer.scene import DEFAULT_LIGHT
@@ -100,14 +100,14 @@ def held_lights(held: str, begun: Lights) -> Lights:
         for number, light in enumerate(lights, 1)
         if str(number) not in muted and (not solo or str(number) in solo)
     ]
-    environments = [light for light in begun if isinstance(light, EnvironmentLight)]
+    skies = environments(begun)
     shown = query.get("environment", ["none"])[0]
-    if shown != "none" and not environments:
+    if shown != "none" and not skies:
         raise ValueError(
             "held: has an environment that was dropped on the viewer; give it by a Relight Environment node"
         )
     if shown != "none" and "dark" not in query:
-        (environment,) = environments
+        (environment,) = skies
         settings = parse_settings(EnvironmentLight, shown.split(","))
         shining.append(EnvironmentLight(environment.image, **{"name": environment.name} | settings))
     return tuple(shining)

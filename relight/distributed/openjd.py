@@ -238,7 +238,7 @@ class _Job:
 
 def _lights_file(lighting: Lighting) -> Path | None:
     """Return the file that holds all lights, if there is one."""
-    if isinstance(lighting.lights, str | Path) and not (lighting.light or lighting.environment):
+    if files.is_path(lighting.lights) and not (lighting.light or lighting.environment):
         return Path(lighting.lights)
     return None
 
@@ -272,4 +272,4 @@ def _is_file(value: object, written: bool) -> bool:
     """Return whether an option's value is a file or a sequence, not a colour or a network's name."""
     if written:
         return isinstance(value, Path)
-    return isinstance(value, str | Path) and (os.path.isfile(value) or FrameSequence.of(value) is not None)
+    return files.is_path(value) and (os.path.isfile(value) or FrameSequence.of(value) is not None)

@@ -8,7 +8,7 @@ map's centre is at the camera, its left half at image right, and its edges meet 
 import functools
 import heapq
 import itertools
-import os
+from collections.abc import Iterable
 from dataclasses import KW_ONLY, dataclass
 from pathlib import Path
 from typing import Any, Self
@@ -26,7 +26,7 @@ from relight.media.content_hash import content_hash
 from relight.media.regular_file import check_regular_file
 from relight.media.resampling import resize
 from shadow.directions import from_spherical
-from shadow.files import AnyPath, file_version
+from shadow.files import AnyPath, file_version, is_path
 
 MAX_LAMPS = 256  # irradiance within 0.5 % (RMS) of that of all the map's pixels
 GRID_ROWS = 256  # of the grid that is divided among the lamps; finer maps are summed to it
@@ -134,7 +134,7 @@ class EnvironmentLight(DistantLight):
         """
         field_of_view = checked_number("field_of_view", field_of_view, 1e-3, 170)
         highlights = checked_number("highlights", highlights, 1)
-        if isinstance(background, str | os.PathLike):
+        if is_path(background):
             background = images.read(background)
         pixels = plate.opaque(background)
         return cls(plate.surroundings(pixels, field_of_view, highlights), **settings)
@@ -224,7 +224,7 @@ class Panorama:
     @classmethod
     def of(cls, image: AnyPath | ArrayLike, colour_space: str | None = None) -> "Panorama":
         """Make a map of an array, or of a file; the last two files' maps are kept in memory."""
-        if not isinstance(image, str | os.PathLike):
+        if not is_path(image):
             if colour_space is not None:
                 raise ValueError("colour_space: is that of a file; got an array, which is linear Rec.709")
             pixels = images.scene_linear("image", image)
@@ -322,6 +322,11 @@ def _cells(pixels: np.ndarray) -> np.ndarray:
         sums = np.concatenate([colour, weight, weight * towards], axis=-1).sum(axis=0)
         cells[index] = np.add.reduceat(sums, columns)
     return cells
+
+
+def environments(lights: Iterable[Any]) -> list[EnvironmentLight]:
+    """Return the environments among lights."""
+    return [light for light in lights if isinstance(light, EnvironmentLight)]
 
 
 def _divide(cells: np.ndarray) -> np.ndarray:

@@ -5,14 +5,13 @@ from importlib.util import find_spec
 from pathlib import Path
 
 import numpy as np
-import torch
 from numpy.typing import ArrayLike
 from scipy.ndimage import minimum_filter, uniform_filter
 
 from relight.errors import EmptyMatteError
+from relight.matting.refine import pymatting
 from relight.media.images import person_mask, scene_linear
 from relight.media.resampling import fill_unknown
-from shadow.installing import install_command
 
 SCREENS = {"green": 1, "blue": 2}  # index of the screen's channel
 MIN_SATURATION = 0.3  # least difference of a screen's channel to the others, as a share of it
@@ -75,11 +74,7 @@ def key(image: ArrayLike, screen: str = "green", *, mask: ArrayLike | None = Non
     inside = None
     if mask is not None:
         inside = person_mask("mask", mask, pixels.shape[:2]).numpy()
-    try:
-        from pymatting.foreground.estimate_foreground_ml import estimate_foreground_ml
-    except ImportError as error:
-        raise ImportError(f"key: needs PyMatting; install it with: {install_command('key')}") from error
-
+    estimate_foreground = pymatting("foreground.estimate_foreground_ml", "key")
     channel = SCREENS[screen]
     observed = _difference(pixels, channel)
     smoothed = uniform_filter(observed, 3)  # grain makes no holes in the regions where all is clear
@@ -103,10 +98,7 @@ def key(image: ArrayLike, screen: str = "green", *, mask: ArrayLike | None = Non
     alpha[solid] = 1
     if inside is not None:
         alpha *= inside
-    threads = torch.get_num_threads()
-    foreground = estimate_foreground_ml(pixels, alpha)
-    torch.set_num_threads(threads)  # numba has set the process' to the number of processors
-    colour = _despill(foreground.clip(0), channel, person)
+    colour = _despill(estimate_foreground(pixels, alpha).clip(0), channel, person)
     return np.concatenate([colour * alpha[..., None], alpha[..., None]], axis=-1, dtype=np.float32)
 
 

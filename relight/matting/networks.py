@@ -18,7 +18,7 @@ from scipy.special import expit
 from relight.errors import EmptyMatteError
 from relight.matting.person import NOBODY, FoundPerson
 from relight.matting.refine import encoded_srgb, opaque_photograph, select_person
-from shadow.files import AnyPath
+from shadow.files import AnyPath, is_path
 from shadow.installing import install_command
 from shadow.networks.onnx import MAX_SIDE, OnnxFile, Preprocessing, Shape, checked_maps
 
@@ -154,7 +154,7 @@ def load(
     unless the file has one. `output`: index of the matte among the file's outputs. `sigmoid`: whether the
     file lacks the sigmoid that makes a matte of its output. Raises as `matte` does.
     """
-    if not isinstance(model, str | os.PathLike):
+    if not is_path(model):
         raise TypeError(
             f"matte: expected 'auto', an .onnx file or the name of a model, got {type(model).__name__}; "
             "give the matte itself as mask"

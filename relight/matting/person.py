@@ -29,7 +29,7 @@ from relight.matting import people, person_files
 from relight.matting.person_choice import CERTAIN, as_circle, distinct, index_of, mask_of
 from relight.matting.person_detector import SHARES, Detector
 from relight.matting.person_region import LANDMARK_SIDE, Circle, Copies, DetectedPerson, Look, joined, sampled
-from relight.matting.refine import ALL, encoded_srgb, opaque_photograph
+from relight.matting.refine import encoded_srgb, is_everybody, opaque_photograph
 from shadow.files import AnyPath
 from shadow.installing import install_command
 
@@ -121,7 +121,7 @@ class FoundPerson:
         Return whether somebody is there.
         """
         found = self._finder.people(encoded, thorough=self._person is not None)
-        if found and not (isinstance(self._person, str) and self._person == ALL):
+        if found and not is_everybody(self._person):
             self._person = found[index_of(found, self._person, encoded.shape[:2])].circle
         return bool(found)
 
@@ -148,7 +148,7 @@ class PersonFinder:
         found = self._people(copies, thorough=person is not None and near is None, near=near)
         if not found:
             raise EmptyMatteError(NOBODY)
-        if not (isinstance(person, str) and person == ALL):
+        if not is_everybody(person):
             number = index_of(found, person, size)
             chosen = self._alone(copies, found[number], person)
             if chosen is found[number] and sum(each.certainty >= LIKELY for each in found) < 2:

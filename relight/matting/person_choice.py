@@ -7,7 +7,7 @@ import numpy as np
 from scipy.ndimage import distance_transform_edt
 
 from relight.matting.person_region import Circle, DetectedPerson
-from relight.matting.refine import ALL
+from relight.matting.refine import is_everybody
 
 SAME_PERSON = 0.6  # the same, of two masks
 COMPARED_SIDE = 256  # pixels, the longer side of the copy on which masks are compared
@@ -16,7 +16,7 @@ CERTAIN = 0.8  # certainty from which somebody is there without doubt
 
 def mask_of(found: Sequence[DetectedPerson], person: Any, size: tuple[int, int]) -> np.ndarray:
     """Return the mask (H, W) of one of several people without the others, or of all; see `find`."""
-    if isinstance(person, str) and person == ALL:
+    if is_everybody(person):
         return np.max([each.on(size) for each in found], axis=0)
     chosen = found[index_of(found, person, size)]
     mask = chosen.on(size)

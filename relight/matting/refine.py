@@ -1,6 +1,7 @@
 """Work on mattes: select one of several people, refine the edge, cut the person out of the photograph."""
 
 import warnings
+from collections.abc import Callable
 from importlib import import_module
 from typing import Any
 
@@ -54,12 +55,17 @@ def encoded_srgb(pixels: np.ndarray) -> np.ndarray:
     return colour.encode(pixels.clip(0, 1)).clip(0, 1).astype(np.float32)
 
 
+def is_everybody(person: Any) -> bool:
+    """Return whether all people are meant, and not one of them, which may be an array."""
+    return isinstance(person, str) and person == ALL
+
+
 def select_person(found: np.ndarray, person: Any = None) -> np.ndarray:
     """Return the matte (H, W) of one of several people, see `relight.matte`.
 
     People are regions above 0.5 that do not touch. Each takes the soft edge and small parts nearest to it.
     """
-    if isinstance(person, str) and person == ALL:
+    if is_everybody(person):
         return found
     regions, count = label(found > 0.5, np.ones((3, 3)))
     areas = np.bincount(regions.ravel(), minlength=count + 1)[1:]
@@ -97,11 +103,9 @@ def refine_matte(pixels: np.ndarray, rough: np.ndarray, band: int) -> np.ndarray
     known = np.where(depth > band / 2, 1.0, np.where(depth < -band / 2, 0.0, 0.5))
     rows, columns = np.nonzero(known > 0)
     box = np.s_[max(rows.min() - 2, 0) : rows.max() + 3, max(columns.min() - 2, 0) : columns.max() + 3]
-    solve = _pymatting("alpha.estimate_alpha_cf", "estimate_alpha_cf")
-    threads = torch.get_num_threads()
+    solve = pymatting("alpha.estimate_alpha_cf")
     alpha = np.zeros(rough.shape, np.float32)
     alpha[box] = solve(encoded_srgb(pixels[box]).astype(float), known[box]).clip(0, 1)
-    torch.set_num_threads(threads)  # numba has set the process' to the number of processors
     return alpha
 
 
@@ -160,12 +164,10 @@ def closed_form(
     """Solve (L + W) alpha = W prior in the unknown pixels, with L the matting Laplacian; (h, w) in [0, 1]."""
     if not (known == UNKNOWN).any():
         return known.astype(np.float32)
-    laplacian_of = _pymatting("laplacian.cf_laplacian", "cf_laplacian")
-    precondition = _pymatting("preconditioner.ichol", "ichol")
-    solve = _pymatting("solver.cg", "cg")
+    laplacian_of = pymatting("laplacian.cf_laplacian")
+    precondition, solve = pymatting("preconditioner.ichol"), pymatting("solver.cg")
     import scipy.sparse
 
-    threads = torch.get_num_threads()
     unknown = (known == UNKNOWN).ravel()
     laplacian = laplacian_of(seen.astype(float), epsilon=epsilon, is_known=~unknown.reshape(known.shape))
     rows = laplacian[unknown]
@@ -175,7 +177,6 @@ def closed_form(
     start = prior.ravel()[unknown].astype(float)
     within = precondition(own, discard_threshold=1e-3)
     alpha[unknown] = solve(own, target, x0=start, M=within, atol=1e-8, rtol=1e-4, maxiter=1000)
-    torch.set_num_threads(threads)  # numba has set the process' to the number of processors
     return alpha.reshape(known.shape).clip(0, 1).astype(np.float32)
 
 
@@ -195,16 +196,22 @@ def cut_out(pixels: np.ndarray, alpha: np.ndarray) -> np.ndarray:
 
     Their own colours at soft edges come from multi-level foreground estimation (Germer et al. 2020).
     """
-    estimate = _pymatting("foreground.estimate_foreground_ml", "estimate_foreground_ml")
-    threads = torch.get_num_threads()
-    own = estimate(pixels, alpha).clip(0)
-    torch.set_num_threads(threads)
+    own = pymatting("foreground.estimate_foreground_ml")(pixels, alpha).clip(0)
     own = np.where(alpha[..., None] >= 1, pixels, own)
     return np.concatenate([own * alpha[..., None], alpha[..., None]], axis=-1, dtype=np.float32)
 
 
-def _pymatting(module: str, name: str) -> Any:
+def pymatting(name: str, extra: str = "matte") -> Callable[..., Any]:
+    """Return the function of a module of PyMatting that has its name; an extra of this name installs it."""
     try:
-        return getattr(import_module(f"pymatting.{module}"), name)
+        function = getattr(import_module(f"pymatting.{name}"), name.split(".")[-1])
     except ImportError as error:
-        raise ImportError(f"matte: needs PyMatting; install it with: {install_command('matte')}") from error
+        raise ImportError(f"{extra}: needs PyMatting; install it with: {install_command(extra)}") from error
+
+    def called(*values: Any, **options: Any) -> Any:
+        threads = torch.get_num_threads()
+        result = function(*values, **options)
+        torch.set_num_threads(threads)  # numba has set the process' to the number of processors
+        return result
+
+    return called

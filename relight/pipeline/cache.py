@@ -20,7 +20,7 @@ from relight.media.sequences import FrameSequence
 from relight.pipeline.options import Compute, Source
 from relight.pipeline.plate_metadata import PlateMetadata, relative_path
 from relight.subject import Person, weights
-from shadow.files import AnyPath
+from shadow.files import AnyPath, is_path
 
 Number = TypeVar("Number", float, Fraction)
 SUFFIX = ".relight"
@@ -31,7 +31,7 @@ AGAIN = "run `relight analyse` again"
 
 def is_cache(path: object) -> TypeGuard[str | Path]:
     """Return whether a source is an analysis cache: a folder, or a path with its suffix."""
-    return isinstance(path, str | Path) and (Path(path).suffix.lower() == SUFFIX or Path(path).is_dir())
+    return is_path(path) and (Path(path).suffix.lower() == SUFFIX or Path(path).is_dir())
 
 
 def check_not_analysed(source: Source, compute: Compute | None = None) -> None:

@@ -38,6 +38,7 @@ from relight.pipeline.readers import (
     normals_reader,
     plate_reader,
 )
+from shadow.files import is_path
 
 if TYPE_CHECKING:
     from relight.pipeline.options import Normals
@@ -256,7 +257,7 @@ class FrameReader:
         paths = [reader.file(n) for reader, n in self._pairs(around)]
         model = None if self.matting_options is None else self.matting_options.model
         for network in (model, self.source.normals, self.source.depth):
-            if isinstance(network, str | os.PathLike) and Path(network).suffix.lower() in NETWORK_SUFFIXES:
+            if is_path(network) and Path(network).suffix.lower() in NETWORK_SUFFIXES:
                 paths += [Path(network)] if Path(network).is_file() else []
         return [self._log.record(path) for path in sorted({p for p in paths if p})]
 

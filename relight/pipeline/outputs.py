@@ -1,6 +1,5 @@
 """Checks of a shot's outputs. Everything that can be refused is refused before the networks run."""
 
-import os
 import re
 from collections.abc import Iterable
 from dataclasses import replace
@@ -113,7 +112,7 @@ def _path(source: object) -> Path | None:
         source = source.rests
     image = source.get("image") if isinstance(source, dict) else getattr(source, "image", source)
     image = image.path if isinstance(image, Panorama) else image
-    return images.split_layer(image)[0] if isinstance(image, str | os.PathLike) else None
+    return images.split_layer(image)[0] if files.is_path(image) else None
 
 
 def _same(first: Path, second: Path) -> bool:

@@ -10,6 +10,7 @@ from relight.media.content_hash import FileRecord
 from relight.media.sequences import FrameSequence, SequenceReader, Still
 from shadow import normals as normals_module
 from shadow.directions import CAMERA
+from shadow.files import is_path
 
 if TYPE_CHECKING:
     from relight.pipeline.options import Normals, Picture
@@ -51,7 +52,7 @@ class ReadLog:
 
 def reader_of(value: object, read: Callable, read_movie: Callable, colour_space: str | None = None) -> Reader:
     """Return the reader of an argument. `read` and `read_movie` take the path of an image or of a movie."""
-    if not isinstance(value, str | Path):
+    if not is_path(value):
         return Still(value)
     if movies.is_movie(value):
         record = FileRecord.of(Path(value)) if Path(value).is_file() else None
@@ -87,7 +88,7 @@ def normals_reader(normals: "Normals | None", axes: str | None) -> Reader:
             raise ValueError("axes: expected normals as well (--normals FILE), whose axes they are")
         return Still(None)
     axes = axes or CAMERA
-    if not isinstance(normals, str | os.PathLike):
+    if not is_path(normals):
         return Still(normals if axes == CAMERA else normals_module.load(normals, axes=axes), normals)
     if Path(normals).suffix.lower() in NETWORKS:
         return Still(normals if axes == CAMERA else normals_module.load(normals, axes=axes), Path(normals))
@@ -96,7 +97,7 @@ def normals_reader(normals: "Normals | None", axes: str | None) -> Reader:
 
 def depth_reader(depth: "Picture | os.PathLike | None") -> Reader:
     """Return the reader of depth: images, sequences, arrays, and the path of an ONNX network."""
-    if isinstance(depth, str | os.PathLike) and Path(depth).suffix.lower() == ".onnx":
+    if is_path(depth) and Path(depth).suffix.lower() == ".onnx":
         return Still(depth, Path(depth))
     return reader_of(depth, images.read_depth, _refuse_movie)
 

@@ -16,7 +16,7 @@ from relight import __version__
 from relight.analysis.temporal import RADIUS
 from relight.compositing.composite import ENVIRONMENT, Background
 from relight.light_estimation import PLATE, Matching, PlateLight, lights_in
-from relight.lights.environment import EnvironmentLight
+from relight.lights.environment import EnvironmentLight, environments
 from relight.lights.light import Light
 from relight.lights.moving import MovingLight, lights_at
 from relight.lights.rig import by_name
@@ -223,7 +223,7 @@ class Shot:
         """Return the background of a frame whose picture has a `size` (H, W)."""
         field_of_view = self.frames.field_of_view
         if self._sees_lights:
-            skies = [light for light in self.lights(number) if isinstance(light, EnvironmentLight)]
+            skies = environments(self.lights(number))
             return np.sum([sky.view(size, field_of_view) for sky in skies], axis=0)
         background: Any = self._log.read(self._backgrounds, number)
         background = background.at(number) if isinstance(background, MovingLight) else background
@@ -360,7 +360,7 @@ class Shot:
     def check_lights(self, number: int) -> None:
         """Raise ValueError if a frame's lights do not go with the background, or have names of layers."""
         named = by_name(self.lights(number))
-        if self._sees_lights and not any(isinstance(light, EnvironmentLight) for light in named.values()):
+        if self._sees_lights and not environments(named.values()):
             raise ValueError("background: 'environment' expected an environment among the lights")
         if self.has_background:
             check_free(named)

@@ -14,7 +14,7 @@ from relight.analysis.maps import AnalysisMaps
 from relight.compositing.composite import Background
 from relight.compositing.placement import cover
 from relight.lights.directional import DirectionalLight
-from relight.lights.environment import EnvironmentLight
+from relight.lights.environment import EnvironmentLight, environments
 from relight.lights.light import Light
 from relight.lights.near import PointLight
 from relight.lights.parameters import parameters
@@ -66,7 +66,7 @@ def scene_of(
 def checked_lights(lights: Lights) -> dict[str, Light]:
     """Return lights by name; raise ValueError or TypeError where the page cannot show them."""
     named = by_name(lights)
-    skies = [light for light in named.values() if isinstance(light, EnvironmentLight)]
+    skies = environments(named.values())
     for light in named.values():
         if not isinstance(light, DirectionalLight | PointLight | EnvironmentLight):
             raise TypeError(

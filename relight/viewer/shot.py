@@ -1,6 +1,5 @@
 """Write the page of a frame of a shot, from files to a file; `relight view` calls it."""
 
-import os
 import re
 from collections.abc import Sequence
 from pathlib import Path
@@ -79,9 +78,9 @@ def write_view(
         report(1, 1, "Analysing")
         background = shot.background(number, subject.size)
     plate = shot.source.plate
-    title = Path(plate).name if isinstance(plate, str | os.PathLike) else "relight"
+    title = Path(plate).name if files.is_path(plate) else "relight"
     behind = lighting.background
-    name = Path(behind).name if isinstance(behind, str | os.PathLike) else None
+    name = Path(behind).name if files.is_path(behind) else None
     subject.view(
         path,
         shown,
