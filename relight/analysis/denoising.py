@@ -7,8 +7,9 @@ more the larger the gain is:
 
 - a guided filter (He et al. 2013) whose guide is the lightness: colour is linear in lightness within small
   windows. Its lines come from the networks' canvas (as in the fast guided filter, He and Sun 2015);
-- no channel of the albedo gets darker than dyes are. Tone curves cut the small channels of dark cloth to
-  black, which would make jeans and suits in shadow as blue as a lamp.
+- a channel near black does not make the albedo darker than dyes are. Tone curves cut the small channels of
+  dark cloth to black, which would make jeans and suits in shadow as blue as a lamp. Channels with clear codes
+  keep what the photograph shows.
 
 The lightness is left alone, for the canvas does not see how much of it is fine texture.
 Nothing changes where the person is lit as on average or more.
@@ -23,7 +24,8 @@ from shadow.framing import Framing
 ENCODING = 2.2  # of `encode_guide`
 RADIUS = 3  # of the filter's windows, canvas pixels
 NOISE = 0.03  # standard deviation of the noise in colour, display-encoded
-DARKEST_DYE = 0.03  # albedo of a channel: below it, the cloth's surface reflects more than its dye
+DARKEST_DYE = 0.04  # albedo of a channel: below it, the cloth's surface reflects more than its dye
+DARK_CODE = 0.15  # display-encoded: from here down to black, DARKEST_DYE comes in
 KNEE = 3  # exponent of the smooth maximum of albedo and DARKEST_DYE: larger is sharper
 BRIGHTEST = 1.0  # display-encoded: brighter pixels show no noise
 MIN_STRENGTH = 0.02  # pixels with less are left as they are
@@ -59,7 +61,8 @@ def denoised(
     smooth = torch.lerp(seen, smooth, strength).clamp_min(0)
     linear = smooth**ENCODING / exposure
     albedo = linear / light.clamp_min(1e-12)
-    raised = (albedo**KNEE + (strength * DARKEST_DYE) ** KNEE) ** (1 / KNEE) * light
+    least = strength * DARKEST_DYE * (1 - smooth / DARK_CODE).clamp_min(0)
+    raised = (albedo**KNEE + least**KNEE) ** (1 / KNEE) * light
     linear = raised * linear.mean(dim=1, keepdim=True) / raised.mean(dim=1, keepdim=True).clamp_min(1e-12)
     return colour.index_copy(0, chosen, linear)
 

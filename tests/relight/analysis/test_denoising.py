@@ -94,6 +94,15 @@ def test_channels_that_a_camera_cut_to_black_become_those_of_a_dye():
     np.testing.assert_allclose(after.mean(axis=-1), before.mean(axis=-1), rtol=1e-4)
 
 
+def test_dark_cloth_with_clear_codes_keeps_its_colour_in_shadow():
+    """Its codes, 24 and more, tell a channel that is darker than most dyes."""
+    codes = np.full((*SIZE, 3), (24, 40, 70), np.uint8)
+    light = torch.full((3, *SIZE), 0.4)
+    before, after = scene_linear("codes", codes), mended(codes, light)
+    assert before[..., 0].max() / 0.4 < 0.025
+    np.testing.assert_allclose(after, before, rtol=0.02)
+
+
 def test_nothing_changes_where_the_light_is_bright():
     codes, light, _ = cloth(BLACK, 0.08)
     lit = np.s_[: SIZE[0] // 2 - 1]

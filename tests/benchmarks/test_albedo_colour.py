@@ -1,0 +1,48 @@
+"""What benchmarks/albedo_colour.py measures, on the records of tests/data."""
+
+import pytest
+from helpers import ROOT
+
+import relight
+from relight.analysis.old_light import OldLight
+from shadow.data.records import Records
+
+
+@pytest.fixture
+def benchmark(monkeypatch):
+    monkeypatch.syspath_prepend(ROOT / "benchmarks")
+    import albedo_colour
+
+    return albedo_colour
+
+
+def scored(benchmark, record, name, old_light=None):
+    """Errors in the key's light, in its shadow, and of the picture in its own lights."""
+    seen = benchmark.photograph(record, *benchmark.lightings(record.directions, 0)[name])
+    return benchmark.errors(relight.Subject(seen.pixels, seen.mask, old_light=old_light), seen)
+
+
+@pytest.mark.parametrize(
+    ("name", "most", "colour"),
+    [
+        ("sun and sky, curve", 0.65, 0.14),
+        pytest.param("sun and sky", 0.65, 0.12, marks=pytest.mark.slow),
+        pytest.param("evening", 0.4, 0.16, marks=pytest.mark.slow),
+    ],
+)
+def test_the_colour_of_sun_and_sky_leaves_the_albedo_of_a_body(benchmark, name, most, colour):
+    record = Records([ROOT / "tests" / "data"])[0]
+    left_in, found = (scored(benchmark, record, name, light) for light in (OldLight(), None))
+    assert found[1] < most * left_in[1]
+    assert found[1] < colour
+    assert found[0] < left_in[0] + 0.01
+    assert found[2] < 0.055  # relit by its own lights, it stays itself
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("name", ["neutral", "neutral, curve"])
+def test_neutral_lights_leave_the_colour_of_a_body(benchmark, name):
+    record = Records([ROOT / "tests" / "data"])[0]
+    left_in, found = (scored(benchmark, record, name, light) for light in (OldLight(), None))
+    assert found[1] < left_in[1] + 0.01
+    assert found[0] < left_in[0] + 0.01
