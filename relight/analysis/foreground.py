@@ -1,5 +1,6 @@
 """The person cut out of a plate: their coverage, their own colour, and which pixels show them."""
 
+import functools
 from typing import Any, Self
 
 import numpy as np
@@ -153,7 +154,7 @@ def _own_colour(plate: np.ndarray, alpha: torch.Tensor, photographed: bool) -> t
     if not known.any():
         raise ValueError("mask: the image is transparent where the mask shows a subject")
     if photographed:
-        known = _away_from_the_rim(torch.from_numpy(known)[None], alpha[None])[0].numpy()
+        known = _away_from_the_rim(torch.from_numpy(known), alpha).numpy()
     filled = fill_unknown(rgb, known)
     if photographed and not own_alpha.size:
         filled = _solved(rgb, filled, alpha.numpy(), known)
@@ -187,7 +188,7 @@ def _relative_coverage(alpha: torch.Tensor) -> torch.Tensor:
 
 
 def _away_from_the_rim(known: torch.Tensor, alpha: torch.Tensor) -> torch.Tensor:
-    """Return which opaque pixels (1, h, w) hold no background, from the opaque ones and the coverage."""
+    """Return which opaque pixels (h, w) hold no background, from the opaque ones and the coverage."""
     # A compressed matte varies a little inside the person, far from any edge.
     covered = known | ~_dilated(alpha < NEARLY_OPAQUE_COVERAGE, EDGE_PIXELS)
     inner = covered & ~_dilated(alpha <= MIN_COVERAGE, 1)
@@ -195,5 +196,9 @@ def _away_from_the_rim(known: torch.Tensor, alpha: torch.Tensor) -> torch.Tensor
 
 
 def _dilated(pixels: torch.Tensor, radius: int) -> torch.Tensor:
-    """Return where (1, H, W) one of these pixels is at most `radius` pixels away, diagonals included."""
-    return F.max_pool2d(pixels.float(), 2 * radius + 1, stride=1, padding=radius) > 0
+    """Return where (H, W) one of these pixels is at most `radius` pixels away, diagonals included."""
+    height, width = pixels.shape
+    shifts = range(2 * radius + 1)
+    padded = F.pad(pixels, (radius, radius, radius, radius))
+    rows = functools.reduce(torch.logical_or, [padded[shift : shift + height] for shift in shifts])
+    return functools.reduce(torch.logical_or, [rows[:, shift : shift + width] for shift in shifts])

@@ -98,9 +98,10 @@ class Backbone(nn.Module):
         """
         canvas, (rows, columns) = x.shape[2:], subject_window(x[:, 3])
         x = F.pixel_unshuffle(x[..., rows, columns], 2)
-        if guides is not None:
-            guides = guides[..., _halved(rows), _halved(columns)]
-        x = self.stem(x if guides is None else torch.cat([x, guides], dim=1))
+        if guides is not None:  # their channels are adjacent in memory, as convolutions read them
+            x = x.contiguous(memory_format=torch.channels_last)
+            x = torch.cat([x, guides[..., _halved(rows), _halved(columns)]], dim=1)
+        x = self.stem(x)
         skips = []
         for residuals, down in zip(self.encoder, self.down, strict=False):
             x = residuals(x)
