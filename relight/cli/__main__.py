@@ -1,8 +1,6 @@
 """The program `relight`, also as `python -m relight.cli` and as `torchrun -m` starts it."""
 
-import sys
-
-from relight.cli import INTERRUPTED
+from relight.cli import end_interrupted
 
 
 def main() -> None:
@@ -12,8 +10,7 @@ def main() -> None:
 
         app()
     except KeyboardInterrupt:
-        print("relight: interrupted", file=sys.stderr)
-        sys.exit(INTERRUPTED)
+        end_interrupted()
 
 
 if __name__ == "__main__":

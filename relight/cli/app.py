@@ -34,9 +34,13 @@ def app(
             f"the application needs {error.name}; install it with: {install_command('app')}"
         ) from error
 
-    opened: list[Callable[[str], Any]] = [typer.echo] if no_browser else [typer.echo, typer.launch]
-    console.print("The application listens on this machine alone. Stop it by Ctrl C.")
+    def explain(address: str) -> None:
+        console.print("The application listens on this machine alone. Stop it by Ctrl C.")
+
+    opened: list[Callable[[str], Any]] = [explain, typer.echo]
+    if not no_browser:
+        opened.append(typer.launch)
     try:
         serve(root, port, opened)
-    except KeyboardInterrupt as end:  # as the line above says
+    except KeyboardInterrupt as end:  # as the line says
         raise typer.Exit(INTERRUPTED) from end

@@ -7,7 +7,7 @@ import typer
 from typer.core import TyperGroup
 
 from relight import __version__
-from relight.cli import INTERRUPTED
+from relight.cli import end_interrupted
 from relight.cli.analyse import analyse
 from relight.cli.app import app as app_command
 from relight.cli.apply import apply
@@ -47,9 +47,8 @@ class _OneLineErrors(TyperGroup):
         except MemoryError as error:
             typer.echo(f"relight: not enough memory: {error}", err=True)
             raise typer.Exit(2) from error
-        except KeyboardInterrupt as interruption:
-            typer.echo("relight: interrupted", err=True)
-            raise typer.Exit(INTERRUPTED) from interruption
+        except KeyboardInterrupt:
+            end_interrupted()
         finally:
             warnings.formatwarning = before
 

@@ -191,5 +191,6 @@ def checked_number(name: str, value: Any, low: float = -math.inf, high: float = 
     """Return `value` as one finite float in [low, high]; TypeError or ValueError otherwise."""
     (number,) = checked_numbers(name, (value,), 1)
     if not low <= number <= high:
-        raise ValueError(f"{name}: expected {low:g} to {high:g}, got {number:g}")
+        expected = f"at least {low:g}" if high == math.inf else f"{low:g} to {high:g}"
+        raise ValueError(f"{name}: expected {expected}, got {number:g}")
     return number

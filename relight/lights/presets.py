@@ -45,11 +45,11 @@ def presets(height: float = HEIGHT) -> dict[str, list[Light]]:
     return made
 
 
-def named(name: str) -> list[Light]:
-    """Return the lights of a preset. Raises ValueError for another name."""
+def named(name: str, argument: str = "preset") -> list[Light]:
+    """Return the lights of a preset, which is given as an `argument`. Raises ValueError for another name."""
     known = presets()
     if name not in known:
-        raise ValueError(f"lights: expected lights, or a preset: {', '.join(known)}; got {name!r}")
+        raise ValueError(f"{argument}: no preset is called {name!r}; there are {', '.join(known)}")
     return known[name]
 
 

@@ -17,7 +17,7 @@ def as_rig(lights: Any, expected: str = "lights") -> list[Any]:
     message asks for.
     """
     if isinstance(lights, str):
-        return presets.named(lights)
+        return presets.named(lights, "lights")
     alone = hasattr(lights, "rays") or hasattr(lights, "at")  # a light, of whatever class
     try:
         several: list[Any] = [lights] if alone else list(lights)

@@ -87,7 +87,10 @@ class AnalysisCache:
                 raise ValueError(f"{still}: a still among the frames of a shot; remove it, or the frames")
             self.numbers = None
         if self.numbers == []:
-            raise MissingFramesError(f"{folder}: no analysed frames; `relight analyse` makes them")
+            raise MissingFramesError(
+                f"{folder}: no analysed frames; `relight analyse` makes them. Give the plates of a shot "
+                "by their names, such as plate.%04d.exr"
+            )
         self._first: tuple[Path, dict[str, Any]] | None = None  # a frame, and its provenance
         self._warned: set[str] = set()
 

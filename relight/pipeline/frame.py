@@ -277,6 +277,7 @@ class FrameReader:
         """
         plate, matte = self._log.read(self.plates, number), self._log.read(self._mattes, number)
         matte = self._squared_as_plate(matte, plate, number)
+        self._check_size(matte, plate, number)
         if self._matting is not None and not self._must_matte:
             self._opaque[number] = refine.is_opaque(plate)
         if self._matting is not None and (self._must_matte or self._opaque[number]):
@@ -302,6 +303,17 @@ class FrameReader:
             normals = self.placement(normals, size)
         matte = None if matte is None else self.placement(matte, size)
         return FrameInputs(self.placement(plate, size), matte, normals, depth)
+
+    def _check_size(self, matte: Any, plate: np.ndarray, number: int) -> None:
+        """Raise ValueError for a matte (h, w) of another size than its plate."""
+        if np.ndim(matte) != 2 or np.shape(matte) == np.shape(plate)[:2]:
+            return
+        file = self._mattes.file(number)
+        found, expected = (f"{np.shape(image)[1]} x {np.shape(image)[0]}" for image in (matte, plate))
+        raise ValueError(
+            f"mask: {'' if file is None else f'{file}: '}expected {expected} pixels, the size of the plate, "
+            f"got {found}"
+        )
 
     def _squared_as_plate(self, values: Any, plate: np.ndarray, number: int) -> Any:
         """Resample a matte, normals or depth like its plate with non-square pixels.

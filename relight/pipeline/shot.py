@@ -332,7 +332,7 @@ class Shot:
         if frames is None and self._span is not None:
             raise ValueError(
                 f"{name}: expected {outputs.FRAME_NUMBER}, as the source has frames; or choose one frame "
-                "(--frames 7)"
+                f"(--frames {self._span[0]})"
             )
         if frames is None and moving:
             raise ValueError(

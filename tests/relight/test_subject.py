@@ -271,7 +271,7 @@ def test_a_subject_refuses_invalid_images_masks_albedo_and_normals(arguments, er
 def test_only_lights_light(sphere, lights):
     with pytest.raises(TypeError, match="lights: expected lights"):
         sphere.relit(lights)
-    with pytest.raises(ValueError, match="lights: expected lights, or a preset: three-point"):
+    with pytest.raises(ValueError, match="lights: no preset is called 'key'; there are three-point"):
         sphere.relit("key")
 
 

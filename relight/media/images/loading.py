@@ -146,8 +146,10 @@ def _opened(file: Path) -> oiio.ImageInput:
 
 
 def _reason(source: object) -> str:
-    """Return OpenImageIO's words, and what to do where it cannot read chroma of half the size."""
+    """Return OpenImageIO's words, or what to do where it cannot read chroma of half the size."""
     reason = problem(source)
+    if "could not find a format reader" in reason:
+        return "its format is not known"
     if "subsampl" in reason.lower():
         reason = reason.rstrip(".") + "; save it as red, green and blue, or with chroma of full size"
     return reason

@@ -28,6 +28,7 @@ def folder(tmp_path, monkeypatch):
         relight.write(f"p.{number:04d}.png", person)
     relight.write("sky.exr", np.full((16, 32, 3), 0.5, np.float32))
     relight.write_lights("lights.yaml", [relight.DirectionalLight(azimuth=10, name="sun")])
+    Path("notes.txt").write_text("notes")
     Path("a.mov.frames").mkdir()
     relight.write("a.mov.frames/000001.exr", person)
     Path("q.2.png").symlink_to("p.0002.png")
@@ -50,7 +51,13 @@ def run(*arguments):
             ["apply", "photo.png", "-o", "a.png", "--save-lights", "l.yaml", *LAMP],
             "(--mask FILE), name a matting model (--matte MODEL), or key the person",
         ),
-        (["apply", "p.%04d.png", "-o", "a.png", *LAMP], f"a.png: {FRAMES}"),
+        (["apply", "p.%04d.png", "-o", "a.png", *LAMP], f"a.png: {FRAMES}; or choose one frame (--frames 0)"),
+        (
+            ["apply", "notes.txt", "-o", "a.png", *LAMP],
+            "notes.txt: cannot be read as an image: its format is not known",
+        ),
+        ([*STILL, "--preset", "rembrant"], "preset: no preset is called 'rembrant'; there are three-point"),
+        (["app", "--root", "gone"], "gone: expected a folder to choose pictures from"),
         ([*STILL, *LAMP, "--background", "p.####.png"], f"a.exr: {FRAMES}"),
         (
             [*STILL, *LAMP, "--save-matte", "m.%04d.png"],

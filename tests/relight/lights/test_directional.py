@@ -109,7 +109,7 @@ def test_lights_are_values():
         ({"direction": (0, 0, 1), "elevation": 5}, ValueError, "either a direction or an azimuth"),
         ({"azimuth": math.inf}, ValueError, "azimuth: expected 1 finite"),
         ({"elevation": 91}, ValueError, "elevation: expected -90 to 90, got 91"),
-        ({"intensity": -1}, ValueError, "intensity: expected 0 to inf, got -1"),
+        ({"intensity": -1}, ValueError, "intensity: expected at least 0, got -1"),
         ({"intensity": None}, TypeError, "intensity: expected 1 number"),
         ({"colour": (1, -1, 1)}, ValueError, "colour: expected values >= 0"),
         ({"colour": 1}, TypeError, "colour: expected 3 numbers"),
@@ -163,7 +163,7 @@ def test_text_gives_a_directional_light_with_all_its_settings():
         ("key:colour=1/2", "colour: expected 3 finite numbers"),
         ("key:name=2", "name='2' is twice"),
         (":azimuth=2", "name: expected a non-empty string"),
-        ("key:intensity=-2", "intensity: expected 0 to inf"),
+        ("key:intensity=-2", "intensity: expected at least 0"),
     ],
 )
 def test_parse_says_what_it_does_not_understand(text, message):

@@ -226,7 +226,7 @@ def test_darkness_is_a_light_too():
         (np.zeros((4, 8, 3), int), {}, TypeError, "image: expected uint8"),
         ("gone.exr", {}, FileNotFoundError, "gone.exr: no such file"),
         (np.zeros((4, 8, 3)), {"rotation": np.inf}, ValueError, "rotation: expected 1 finite number"),
-        (np.zeros((4, 8, 3)), {"intensity": -1}, ValueError, "intensity: expected 0 to inf"),
+        (np.zeros((4, 8, 3)), {"intensity": -1}, ValueError, "intensity: expected at least 0"),
         (np.zeros((4, 8, 3)), {"name": ""}, TypeError, "name: expected a non-empty string"),
     ],
 )

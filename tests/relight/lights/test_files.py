@@ -83,7 +83,7 @@ def test_merges_of_merges_are_bounded(tmp_path):
         ),
         ("lights: [{azimuth: left}]", "light 1: azimuth: expected 1 number, got 'left'"),
         ("lights: [{azimuth: [1, 2]}]", r"light 1: azimuth: expected 1 number, got \[1, 2\]"),
-        ("lights: [{intensity: -1}]", "light 1: intensity: expected 0 to inf, got -1"),
+        ("lights: [{intensity: -1}]", "light 1: intensity: expected at least 0, got -1"),
         ("lights: [{intensity: .nan}]", "light 1: intensity: expected 1 finite number"),
         ("lights: [{intensity: true}]", "light 1: intensity: expected 1 number, got True"),
         ("lights: [{intensity: yes}]", "light 1: intensity: expected 1 number, got 'yes'"),

@@ -82,7 +82,7 @@ def test_text_with_an_orbit():
         ({"azimuth": {1: (1, 2, 3)}}, TypeError, "azimuth: expected 1 number"),
         ({"colour": {1: 1.0}}, TypeError, "colour: expected 3 numbers"),
         ({"colour": {1: (1, 1, 1), 2: 1.0}}, ValueError, "colour: expected numbers or vectors"),
-        ({"intensity": {1: 1, 9: -1}}, ValueError, "intensity: expected 0 to inf, got -1"),
+        ({"intensity": {1: 1, 9: -1}}, ValueError, "intensity: expected at least 0, got -1"),
         ({"elevation": {1: 0, 9: 91}}, ValueError, "elevation: expected -90 to 90, got 91"),
         ({"direction": {1: (0, 0, 0)}}, ValueError, "direction: has zero length"),
         ({"direction": {1: (1, 0, 0), 9: (-2, 0, 0)}}, ValueError, "direction: opposite in successive"),

@@ -98,6 +98,14 @@ def test_a_photograph_without_a_matte_is_named(plate):
     np.testing.assert_array_equal(person.matte, plate[..., 3])
 
 
+def test_a_matte_of_another_size_is_named_with_both_sizes(tmp_path, plate):
+    height, width = plate.shape[:2]
+    relight.write_mask(tmp_path / "small.png", plate[:-2, :-3, 3])
+    expected = f"mask: .*small.png: expected {width} x {height} pixels, .* got {width - 3} x {height - 2}"
+    with pytest.raises(ValueError, match=expected):
+        Shot(Source(plate, mask=tmp_path / "small.png")).frame(0)
+
+
 def test_each_plate_of_a_shot_with_alpha_is_read_once(tmp_path, plate, monkeypatch):
     for number in (1, 2):
         relight.write(tmp_path / f"p.{number}.exr", plate)

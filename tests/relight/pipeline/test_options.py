@@ -58,7 +58,7 @@ def test_a_preset_brings_its_gloss():
     assert Lighting(brought["rim"]).effective_gloss == 0  # lights alone
     assert from_json(Lighting, to_json(Lighting("rim", gloss=0))).effective_gloss == 0
     assert "gloss" not in to_json(Lighting("rim"))
-    with pytest.raises(ValueError, match="expected lights, or a preset"):
+    with pytest.raises(ValueError, match="preset: no preset is called 'rimm'; there are three-point"):
         _ = Lighting(preset="rimm").effective_gloss
 
 
