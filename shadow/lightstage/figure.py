@@ -42,6 +42,12 @@ def vertex_normals(vertices: np.ndarray, faces: np.ndarray) -> np.ndarray:
     return normalize(normals)
 
 
+def outwards(vertices: np.ndarray, faces: np.ndarray, inside: np.ndarray) -> np.ndarray:
+    """Return faces, all reversed if they point to `inside`: a point (3,), or one for each vertex (V, 3)."""
+    away = (vertex_normals(vertices, faces) * (vertices - inside)).sum()
+    return faces[:, ::-1] if away < 0 else faces
+
+
 def normalize(vectors: np.ndarray) -> np.ndarray:
     """Return vectors (..., 3) scaled to length 1; the zero vector becomes +y."""
     length = np.linalg.norm(vectors, axis=-1, keepdims=True)

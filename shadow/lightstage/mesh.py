@@ -23,6 +23,13 @@ def unique_edges(faces: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]
     return sides[first], inverse.reshape(-1, 3), count
 
 
+def adjacency(faces: np.ndarray, count: int) -> csr_matrix:
+    """Return the adjacency matrix (V, V) of the vertices of a mesh."""
+    edges, _, _ = unique_edges(faces)
+    both = np.concatenate([edges, edges[:, ::-1]])
+    return csr_matrix((np.ones(len(both)), (both[:, 0], both[:, 1])), (count, count))
+
+
 def inner_edges(faces: np.ndarray) -> np.ndarray:
     """Return the vertices (E, 4) of each edge between two faces: its ends, and the vertices opposite it."""
     edges, side, shared = unique_edges(faces)

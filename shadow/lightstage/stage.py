@@ -166,31 +166,12 @@ def camera_rays(view: View, size: int) -> tuple[np.ndarray, np.ndarray]:
 def render(
     figure: Figure, view: View, size: int, lights: np.ndarray, bounced: bool = False
 ) -> records.Record:
-    """Ray-trace one view of a figure.
+    """Ray-trace one view of a figure, a square image of `size` pixels a side.
 
-    Parameters
-    ----------
-    figure
-        The figure, in metres.
-    view
-        The camera.
-    size
-        Side of the square image in pixels.
-    lights
-        (D, 3) unit directions in the camera frame.
-    bounced
-        Whether to trace bounce light too, which path-traced shading needs.
-
-    Returns
-    -------
-    records.Record
-        Visibility is zero where the geometric or the shading normal faces away from the light, so that
-        interpolated normals do not leak light through a coarse surface.
-
-    Raises
-    ------
-    ValueError
-        The camera sees nothing of the figure.
+    `lights`: (D, 3) unit directions in the camera frame. `bounced`: whether to trace bounce light too, which
+    path-traced shading needs. Visibility is zero where the geometric or the shading normal faces away from
+    the light, so that interpolated normals do not leak light through a coarse surface. Raises ValueError if
+    the camera sees nothing of the figure.
     """
     scene = Scene(figure, view.rotation(), view.position())
     seen, surface = scene.trace(*camera_rays(view, size))

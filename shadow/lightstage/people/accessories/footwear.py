@@ -6,7 +6,7 @@ import numpy as np
 from scipy.sparse import csr_matrix
 from scipy.spatial import ConvexHull, cKDTree
 
-from shadow.lightstage.figure import normalize, vertex_normals
+from shadow.lightstage.figure import normalize, outwards, vertex_normals
 from shadow.lightstage.mesh import add_lining, clip, loft, subdivide
 from shadow.lightstage.people.body.anatomy import LEGS, Person
 from shadow.lightstage.people.body.skeleton import SIDES
@@ -116,7 +116,7 @@ def _shaped(person: Person, shoe: Shoe, faces: np.ndarray, rows: csr_matrix) -> 
 
 def _tight(wardrobe: Wardrobe, posed: np.ndarray, normals: np.ndarray) -> np.ndarray:
     """Return the metres (V,) by which a shaft has to be wider for the clothes in it."""
-    points, out = (np.concatenate([layer[k] for layer in wardrobe.obstacles]) for k in (0, 1))
+    points, out, _, _ = wardrobe.worn
     distance, near = cKDTree(points).query(posed)
     height = ((posed - points[near]) * out[near]).sum(axis=1)
     facing = (normals * out[near]).sum(axis=1) > 0.3
@@ -125,8 +125,7 @@ def _tight(wardrobe: Wardrobe, posed: np.ndarray, normals: np.ndarray) -> np.nda
 
 def _block(person: Person, shoe: Shoe, side: str, sole: np.ndarray, fabric: Fabric) -> MeshPart:
     """Return the heel block of one foot, from the points (N, 3) of the sole at rest down to the ground."""
-    names = person.base.names
-    foot, toes = (person.transforms[names.index(name)] for name in (f"foot.{side}", f"toe2-1.{side}"))
+    foot, toes = person.bone(f"foot.{side}"), person.bone(f"toe2-1.{side}")
     bottom = sole[:, 1].min()
     heel = sole[sole[:, 2] < sole[:, 2].min() + 0.3 * np.ptp(sole[:, 2])]
     flat = heel[heel[:, 1] < bottom + 0.006][:, [0, 2]]
@@ -145,9 +144,8 @@ def _block(person: Person, shoe: Shoe, side: str, sole: np.ndarray, fabric: Fabr
         rings.append(here)
     rings.append(np.repeat(rings[-1].mean(axis=0, keepdims=True), OUTLINE_CORNERS, axis=0))
     local = np.stack(rings)
-    faces, points = loft(local, closed=True), local.reshape(-1, 3)
-    if (vertex_normals(points, faces) * (points - points.mean(axis=0))).sum() < 0:
-        faces = faces[:, ::-1]
+    points = local.reshape(-1, 3)
+    faces = outwards(points, loft(local, closed=True), points.mean(axis=0))
     placed = points @ toes[:, :3].T + toes[:, 3]
     return MeshPart(placed, faces, points, np.full(len(points), LEGS["LR".index(side)]), fabric)
 

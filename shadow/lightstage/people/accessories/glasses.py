@@ -3,7 +3,7 @@
 import numpy as np
 
 from shadow.data.records import REGIONS
-from shadow.lightstage.figure import normalize, vertex_normals
+from shadow.lightstage.figure import normalize, outwards
 from shadow.lightstage.mesh import loft
 from shadow.lightstage.people.accessories.hair import Skull
 from shadow.lightstage.people.body.anatomy import Person
@@ -32,11 +32,8 @@ def tube(path: np.ndarray, radius: float, closed: bool) -> tuple[np.ndarray, np.
     else:
         first, last = (np.tile(path[at], (1, TUBE_SIDES, 1)) for at in (0, -1))
         rings = np.concatenate([first, rings, last])
-    vertices, faces = rings.reshape(-1, 3), loft(rings, closed=True)
-    middle = np.repeat(rings.mean(axis=1), TUBE_SIDES, axis=0)
-    if (vertex_normals(vertices, faces) * (vertices - middle)).sum() < 0:
-        faces = faces[:, ::-1]
-    return vertices, faces
+    vertices, middle = rings.reshape(-1, 3), np.repeat(rings.mean(axis=1), TUBE_SIDES, axis=0)
+    return vertices, outwards(vertices, loft(rings, closed=True), middle)
 
 
 def glasses(person: Person, skull: Skull, rng: np.random.Generator) -> list[MeshPart]:

@@ -5,7 +5,7 @@ import trimesh
 from scipy.spatial import cKDTree
 
 from shadow.data.records import REGIONS
-from shadow.lightstage.figure import normalize, vertex_normals
+from shadow.lightstage.figure import normalize, outwards, vertex_normals
 from shadow.lightstage.mesh import add_lining, boundary_chains, clip, loft, longest_run
 from shadow.lightstage.people.body.anatomy import Person
 from shadow.lightstage.people.cloth.draping import drape, fold_noise
@@ -216,7 +216,7 @@ def _above_shoulders(points: np.ndarray, wardrobe: Wardrobe) -> np.ndarray:
 
     It is infinite where no shoulder is below.
     """
-    under = np.concatenate([layer[0] for layer in wardrobe.obstacles])
+    under = wardrobe.worn[0]
     near = cKDTree(under[:, [0, 2]]).query_ball_point(points[:, [0, 2]], 0.025)
     highest = [max((y for y in under[ids, 1] if y < point[1]), default=-np.inf)
                for point, ids in zip(points, near, strict=True)]  # fmt: skip
@@ -263,14 +263,8 @@ def _tail(skull: Skull, wardrobe: Wardrobe, rng: np.random.Generator, fabric: Fa
         -1,
     ).reshape(-1, 3)
     points = rings.reshape(-1, 3)
-    faces = _outwards(points, faces, np.repeat(path, 36, axis=0))
+    faces = outwards(points, faces, np.repeat(path, 36, axis=0))
     wardrobe.parts.append(MeshPart(points, faces, rest, np.zeros(len(points), int), fabric))
-
-
-def _outwards(points: np.ndarray, faces: np.ndarray, axis: np.ndarray) -> np.ndarray:
-    """Reverse all faces if they point toward the axis."""
-    agreement = (vertex_normals(points, faces) * (points - axis)).sum()
-    return faces if agreement > 0 else faces[:, ::-1]
 
 
 def beard(skull: Skull, wardrobe: Wardrobe, rng: np.random.Generator, fabric: Fabric) -> None:

@@ -43,12 +43,12 @@ class Grip:
     @classmethod
     def of(cls, wardrobe: Wardrobe, side: str) -> "Grip":
         """Return the grip of the hand of a side, "L" or "R"."""
-        head, person = wardrobe.person.skeleton.head, wardrobe.person
+        head = wardrobe.person.skeleton.head
         knuckle = (head(f"finger2-1.{side}") + head(f"finger5-1.{side}")) / 2
         along = normalize(knuckle - head(f"wrist.{side}"))
         across = normalize(head(f"finger2-1.{side}") - head(f"finger5-1.{side}"))
         palm = (1 if side == "L" else -1) * normalize(np.cross(along, across))
-        bone = person.transforms[person.base.names.index(f"wrist.{side}")]
+        bone = wardrobe.person.bone(f"wrist.{side}")
         turned = bone[:, :3]
         at = turned @ (knuckle + 0.02 * along) + bone[:, 3]
         return cls(at, turned @ normalize(np.cross(palm, along) * (across @ np.cross(palm, along))),
@@ -91,9 +91,7 @@ class _Body:
     """The clothed trunk, legs and other arm, with which a held object must not collide."""
 
     def __init__(self, wardrobe: Wardrobe, side: str) -> None:
-        points, normals, member = (
-            np.concatenate([layer[k] for layer in wardrobe.obstacles]) for k in range(3)
-        )
+        points, normals, member, _ = wardrobe.worn
         others = (
             member[:, ARMS["LR".index(side)]] < 0.5 if side in ("L", "R") else member[:, ARMS].sum(1) < 0.5
         )

@@ -4,7 +4,7 @@ import numpy as np
 import trimesh
 from scipy.ndimage import median_filter
 
-from shadow.lightstage.figure import normalize, vertex_normals
+from shadow.lightstage.figure import normalize, outwards
 from shadow.lightstage.mesh import loft
 from shadow.lightstage.people.cloth import fabric
 from shadow.lightstage.people.cloth.draping import fold_noise
@@ -20,11 +20,6 @@ def carry(wardrobe: Wardrobe, rng: np.random.Generator, split: str) -> None:
         backpack(wardrobe, rng, fabric.draw(rng, split, fabric.plain))
     if rng.random() < 0.07:
         scarf(wardrobe, rng, fabric.draw(rng, split))
-
-
-def _bone(wardrobe: Wardrobe, name: str) -> np.ndarray:
-    person = wardrobe.person
-    return person.transforms[person.base.names.index(name)]
 
 
 def _place(points: np.ndarray, bone: np.ndarray) -> np.ndarray:
@@ -56,12 +51,9 @@ def _ribbon(
     out = normalize(np.cross(side, along))
     corners = [(-1, 0), (-1, 1), (-0.6, 1.25), (0.6, 1.25), (1, 1), (1, 0), (0, -0.5)]
     rings = np.stack([path + side * (x * width / 2) + out * (y * thickness) for x, y in corners], axis=1)
-    faces = loft(rings, closed=True)
     vertices = rings.reshape(-1, 3)
     centre = np.repeat(path + out * thickness * 0.4, len(corners), axis=0)
-    if (vertex_normals(vertices, faces) * (vertices - centre)).sum() < 0:
-        faces = faces[:, ::-1]
-    return vertices, faces
+    return vertices, outwards(vertices, loft(rings, closed=True), centre)
 
 
 def _wrap(
@@ -71,8 +63,8 @@ def _wrap(
 
     Each point moves along its ray from `centre` (N, 3). Returns the path and the outward normals (N, 3).
     """
-    points, normals, member = (np.concatenate([layer[k] for layer in wardrobe.obstacles]) for k in range(3))
-    chest, throat = _bone(wardrobe, "spine02"), wardrobe.person.skeleton.head("neck01")[1]
+    points, normals, member, _ = wardrobe.worn
+    chest, throat = wardrobe.person.bone("spine02"), wardrobe.person.skeleton.head("neck01")[1]
     height = (points - chest[:, 3]) @ chest[:, :3][:, 1]  # in the rest pose: straps pass beside the neck
     trunk = (member[:, 0] > 0.6) & (height < throat + 0.02)
     points, normals = points[trunk], normals[trunk]
@@ -98,7 +90,7 @@ def shoulder_bag(wardrobe: Wardrobe, rng: np.random.Generator, cloth: Fabric) ->
     """Put on a bag at one hip, with a strap across the trunk from the other shoulder."""
     head = wardrobe.person.skeleton.head
     side = rng.choice([-1.0, 1.0])
-    chest, pelvis = _bone(wardrobe, "spine02"), _bone(wardrobe, "root")
+    chest, pelvis = wardrobe.person.bone("spine02"), wardrobe.person.bone("root")
     # Rays from the middle of the trunk, in the plane through one shoulder, beside the neck, and the other
     # hip.
     shoulder = _place(head("clavicle.L") * [0, 1, 1] + [-side * 0.075, 0.05, 0], chest)
@@ -121,7 +113,7 @@ def backpack(wardrobe: Wardrobe, rng: np.random.Generator, cloth: Fabric) -> Non
     """Put on a backpack with two straps over the shoulders."""
     wardrobe.packed = True
     head = wardrobe.person.skeleton.head
-    chest = _bone(wardrobe, "spine02")
+    chest = wardrobe.person.bone("spine02")
     size = np.array([rng.uniform(0.26, 0.34), rng.uniform(0.36, 0.5), rng.uniform(0.12, 0.2)])
     points, faces = _box(size, 0.45)
     points = points + 0.005 * fold_noise(points, rng, 0.12)[:, None]
@@ -151,7 +143,7 @@ def backpack(wardrobe: Wardrobe, rng: np.random.Generator, cloth: Fabric) -> Non
 def scarf(wardrobe: Wardrobe, rng: np.random.Generator, cloth: Fabric) -> None:
     """Put on a wound scarf: two lumpy rings around the neck."""
     neck = wardrobe.person.skeleton.head("neck01")
-    bone = _bone(wardrobe, "neck01")
+    bone = wardrobe.person.bone("neck01")
     for turn in range(2):
         angle, around = np.meshgrid(
             np.linspace(0, 2 * np.pi, 96, endpoint=False),
@@ -183,6 +175,5 @@ def scarf(wardrobe: Wardrobe, rng: np.random.Generator, cloth: Fabric) -> None:
         middle = (
             np.repeat(shape.reshape(96, 28, 3)[:, :1], 28, axis=1).reshape(-1, 3) + neck + [0, 0.01, 0.012]
         )
-        if (vertex_normals(points, faces) * (points - middle)).sum() < 0:
-            faces = faces[:, ::-1]
+        faces = outwards(points, faces, middle)
         _add(wardrobe, points @ bone[:, :3].T + bone[:, 3], faces, points, cloth)

@@ -15,7 +15,7 @@ COMPRESSION = 0.012  # metres by which flesh and cloth give way
 def sit(wardrobe: Wardrobe, rng: np.random.Generator, cloth: Fabric) -> None:
     """Put a chair or a stool under a seated person."""
     person = wardrobe.person
-    root = person.transforms[person.base.names.index("root")]
+    root = person.bone("root")
     hips = np.mean([person.limb_joints(k)[0] for k in LEGS], axis=0)
     forward = normalize((root[:, :3] @ [0, 0, 1.0]) * [1, 0, 1])
     axes = np.stack([np.cross([0, 1.0, 0], forward), [0, 1.0, 0], forward])  # rows: left, up, forward

@@ -178,6 +178,10 @@ class Person:
         """Transforms (J, 3, 4) of the bones from rest to the pose."""
         return self.skeleton.transforms(self.rotations)
 
+    def bone(self, name: str) -> np.ndarray:
+        """Return the transform (3, 4) of a bone from rest to the pose."""
+        return self.transforms[self.base.names.index(name)]
+
     def interpolated_transforms(self, share: float) -> np.ndarray:
         """Interpolate the transforms (J, 3, 4) between rest (share 0) and the pose (share 1).
 

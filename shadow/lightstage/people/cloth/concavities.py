@@ -8,7 +8,7 @@ from scipy.sparse import coo_matrix, csr_matrix, diags
 from scipy.sparse.linalg import spsolve
 
 from shadow.lightstage.figure import vertex_normals
-from shadow.lightstage.mesh import unique_edges
+from shadow.lightstage.mesh import adjacency
 from shadow.lightstage.people.body.anatomy import Person
 
 BODY_ROUNDS = 16  # iterations of filling, which reach about 3 cm on the mesh of the tights
@@ -24,7 +24,7 @@ def seat_film(person: Person) -> csr_matrix:
     hip = person.skeleton.head("upperleg01.L")[1]
     lowest = crotch(person)
     hollow = (np.abs(x) < 0.04) & (y > lowest[1] - 0.01) & (y < hip + 0.1) & (z < lowest[2])
-    graph = _graph(faces, len(points))
+    graph = adjacency(faces, len(points))
     laplacian = (diags(np.asarray(graph.sum(axis=1)).ravel()) - graph).tocsr()
     inside, rim = np.flatnonzero(hollow), np.flatnonzero(~hollow)
     film = csr_matrix(spsolve(laplacian[inside][:, inside].tocsc(), -laplacian[inside][:, rim].tocsc()))
@@ -50,7 +50,7 @@ class CreaseFilling:
 
     def __init__(self, faces: np.ndarray, count: int) -> None:
         self.faces = faces
-        graph = _graph(faces, count)
+        graph = adjacency(faces, count)
         self.mean = diags(1 / np.maximum(np.asarray(graph.sum(axis=1)).ravel(), 1)) @ graph
 
     def filled(self, points: np.ndarray, rounds: int = BODY_ROUNDS) -> np.ndarray:
@@ -99,10 +99,3 @@ def lap_sheets(person: Person) -> tuple[csr_matrix, np.ndarray]:
         faces.append(both if facing > 0 else both[:, ::-1])
     entries = (np.concatenate(values), (np.concatenate(rows), np.concatenate(columns)))
     return csr_matrix(entries, (2 * LAP_ROWS * LAP_COLUMNS, len(x))), np.concatenate(faces)
-
-
-def _graph(faces: np.ndarray, count: int) -> csr_matrix:
-    """Return the adjacency matrix (V, V) of the vertices."""
-    edges, _, _ = unique_edges(faces)
-    both = np.concatenate([edges, edges[:, ::-1]])
-    return csr_matrix((np.ones(len(both)), (both[:, 0], both[:, 1])), (count, count))

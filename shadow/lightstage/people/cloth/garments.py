@@ -44,6 +44,11 @@ class Wardrobe:
         if simulator:
             simulator.stand(self.between_thighs(person.tights_rest, tights.faces))
 
+    @property
+    def worn(self) -> tuple[np.ndarray, ...]:
+        """The obstacles of all layers: points, normals, weights of regions, and which face the other leg."""
+        return tuple(map(np.concatenate, zip(*self.obstacles, strict=True)))
+
     def between_legs(self, rest: np.ndarray, faces: np.ndarray) -> np.ndarray:
         """Return which vertices (V,) face the other leg or buttock, a gap that cloth around both spans."""
         low = rest[:, 1] < self.person.skeleton.head("upperleg01.L")[1] + 0.12
@@ -59,8 +64,7 @@ class Wardrobe:
         The cloth of a limb collides with its own limb only, so that a hanging arm does not push the shirt
         into the trunk.
         """
-        points, normals, member = (np.concatenate([layer[k] for layer in self.obstacles]) for k in range(3))
-        between = np.concatenate([layer[3] for layer in self.obstacles])
+        points, normals, member, between = self.worn
         groups = []
         for k in np.unique(region):
             if k == 0:

@@ -13,7 +13,7 @@ from scipy.sparse import csr_matrix
 from scipy.spatial import cKDTree
 
 from shadow.lightstage.figure import vertex_normals
-from shadow.lightstage.mesh import unique_edges
+from shadow.lightstage.mesh import adjacency
 from shadow.lightstage.people.cloth.solver import compiled
 
 MIN_INSIDE_COSINE = 0.4  # between the inward normal and the direction from the surface to a point inside
@@ -65,9 +65,7 @@ class MeshSurface:
 
 def neighbours(faces: np.ndarray, count: int) -> tuple[np.ndarray, np.ndarray]:
     """Return the neighbours of each vertex, as indptr (count + 1,) and indices of a CSR matrix."""
-    edges, _, _ = unique_edges(faces)
-    both = np.concatenate([edges, edges[:, ::-1]])
-    graph = csr_matrix((np.ones(len(both), np.int8), (both[:, 0], both[:, 1])), (count, count))
+    graph = adjacency(faces, count)
     return graph.indptr.astype(np.int32), graph.indices.astype(np.int32)
 
 

@@ -12,7 +12,7 @@ from scipy.sparse import csr_matrix, vstack
 from scipy.spatial import cKDTree
 
 from shadow.lightstage.figure import vertex_normals
-from shadow.lightstage.mesh import boundary_chains, clip, longest_run, subdivide, unique_edges
+from shadow.lightstage.mesh import adjacency, boundary_chains, clip, longest_run, subdivide
 from shadow.lightstage.people.body.anatomy import ARMS, LEGS, Person
 
 
@@ -175,9 +175,7 @@ def let_out(person: Person, fit: Fit) -> np.ndarray:
 def _fill_concavities(person: Person) -> np.ndarray:
     """Return the tights (V, 3) with concavities filled: vertices move outward to the mean of neighbours."""
     tights, rest = person.base.tights, person.tights_rest.copy()
-    edges, _, _ = unique_edges(tights.faces)
-    both = np.concatenate([edges, edges[:, ::-1]])
-    mean = csr_matrix((np.ones(len(both)), (both[:, 0], both[:, 1])), (len(rest), len(rest)))
+    mean = adjacency(tights.faces, len(rest))
     degree = np.asarray(mean.sum(axis=1))
     normals = person.tights_normals
     for _ in range(25):

@@ -189,7 +189,6 @@ def open_front(fit: Fit, person: Person, garment: Garment) -> np.ndarray:
     beyond = np.abs(x) - front_gap(person, fit, y)
     near = np.exp(-((np.maximum(beyond, 0) / 0.07) ** 2)) * (z > 0)
     lower = np.clip((chest - y) / 0.35, 0, 1)
-    names = person.base.names
-    turned = person.transforms[names.index("spine04"), :, :3]
+    turned = person.bone("spine04")[:, :3]
     aside = normalize(np.stack([0.6 * np.sign(x), np.zeros(len(x)), np.full(len(x), 0.8)], axis=1)) @ turned.T
     return posed + aside * (fit.swing * near * lower)[:, None]

@@ -26,8 +26,7 @@ def collar(
     ring = chain[:-1] if closed else chain
     if len(ring) < 8:
         return []
-    names = person.base.names
-    chest = person.transforms[names.index("spine01"), :, :3]
+    chest = person.bone("spine01")[:, :3]
     up = normalize(chest @ np.array([0.0, 1.0, 0.12]))
     here = posed[ring]
     centre = here.mean(axis=0)
