@@ -10,7 +10,7 @@ lights in one forward, `PerLightShading` is the paper's. Both predict linear val
 
 import os
 from collections.abc import Callable
-from typing import Any, NamedTuple, overload
+from typing import Any, NamedTuple
 
 import torch
 from torch import nn
@@ -21,7 +21,7 @@ from shadow.networks.backbone import ENCODING, Backbone, encode_image, take_bloc
 from shadow.networks.field import Visibility, anchor_weights, average_mirrored, interpolate_anchors
 from shadow.networks.mirror import MIRROR, Pixels, Silhouette, with_mirror
 from shadow.networks.precision import autocast, with_cast_weights
-from shadow.networks.unet import LIGHTS_AT_ONCE, UNet
+from shadow.networks.unet import LIGHTS_AT_ONCE, UNet, per_light
 
 Visible = Callable[[torch.Tensor], torch.Tensor]  # unit directions (D, 3) to visibility (D, h, w)
 
@@ -31,28 +31,16 @@ Visible = Callable[[torch.Tensor], torch.Tensor]  # unit directions (D, 3) to vi
 RESIDUAL_BIAS = 0.01
 
 
-@overload
-def base(
-    normals: torch.Tensor, visibility: torch.Tensor | None, directions: torch.Tensor
-) -> torch.Tensor: ...
-
-
-@overload
 def base(
     normals: torch.Tensor | None, visibility: torch.Tensor | None, directions: torch.Tensor
-) -> torch.Tensor | float: ...
-
-
-def base(
-    normals: torch.Tensor | None, visibility: torch.Tensor | None, directions: torch.Tensor
-) -> torch.Tensor | float:
+) -> torch.Tensor:
     """Return the base image (B, D, H, W) of normals (B, 3, H, W) and visibility (B, D, H, W).
 
     `directions` are (B, D, 3). Ablations of Table 6: without normals the base is the visibility, without
     visibility it is max(N·L, 0), without both it is 0.
     """
     if normals is None:
-        return 0.0 if visibility is None else visibility
+        return torch.zeros(()) if visibility is None else visibility
     facing = torch.einsum("bdc,bchw->bdhw", directions, normals).clamp_min(0)
     return facing if visibility is None else facing * visibility
 
@@ -259,18 +247,14 @@ class PerLightShading(nn.Module):
 
         The image and mask (B, 4, H, W) are encoded; normals are (B, 3, H, W), visibility (B, D, H, W).
         """
-        photograph = torch.cat([image[:, :3], normals], dim=1) if self.normals else image[:, :3]
-        lights = directions.shape[1]
-        inputs = [photograph[:, None].expand(-1, lights, -1, -1, -1)]
-        inputs.append(directions[..., None, None].expand(-1, -1, -1, *image.shape[-2:]))
+        inputs = per_light(image, normals if self.normals else None, directions)
         if self.visibility == "baseline":
             visibility = base(normals, None, directions).gt(0).float()
         if self.visibility is not None:
-            inputs.append(visibility[:, :, None])
-        residual = self.unet(torch.cat(inputs, dim=2).flatten(0, 1)).float()
+            inputs = torch.cat([inputs, visibility[:, :, None]], dim=2)
+        residual = self.unet(inputs.flatten(0, 1)).float().unflatten(0, directions.shape[:2])[:, :, 0]
         known = visibility if self.visibility == "inferred" else None
-        direct = base(normals if self.normals else None, known, directions)
-        return direct + residual.unflatten(0, (-1, lights))[:, :, 0]
+        return base(normals if self.normals else None, known, directions) + residual
 
     @torch.no_grad()
     def analyse(

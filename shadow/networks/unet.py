@@ -116,6 +116,16 @@ class UNet(nn.Module):
         return x if self.linear else torch.tanh(x)
 
 
+def per_light(image: torch.Tensor, normals: torch.Tensor | None, directions: torch.Tensor) -> torch.Tensor:
+    """Return the input of each light (B, D, 9, H, W): colour, normals (B, 3, H, W), and its direction.
+
+    The image is (B, C, H, W), colour first, directions are (B, D, 3). Without normals there are 6 channels.
+    """
+    seen = image[:, :3] if normals is None else torch.cat([image[:, :3], normals], dim=1)
+    seen = seen[:, None].expand(-1, directions.shape[1], -1, -1, -1)
+    return torch.cat([seen, directions[..., None, None].expand(-1, -1, -1, *image.shape[-2:])], dim=2)
+
+
 class PerLight(nn.Module):
     """The paper's visibility network (Section 3), from colour, normals and a light direction to a map."""
 
@@ -131,12 +141,8 @@ class PerLight(nn.Module):
 
         image: encoded image and mask (B, 4, H, W). normals: (B, 3, H, W) or None. directions: (B, D, 3) unit.
         """
-        masked = torch.cat([image[:, :3], normals], dim=1) if self.normals else image[:, :3]
-        lights = directions.shape[1]
-        masked = masked[:, None].expand(-1, lights, -1, -1, -1)
-        broadcast = directions[..., None, None].expand(-1, -1, -1, *image.shape[-2:])
-        maps = self.unet(torch.cat([masked, broadcast], dim=2).flatten(0, 1))
-        return maps.float().unflatten(0, (-1, lights))[:, :, 0]
+        inputs = per_light(image, normals if self.normals else None, directions)
+        return self.unet(inputs.flatten(0, 1)).float().unflatten(0, directions.shape[:2])[:, :, 0]
 
     @torch.no_grad()
     def analyse(
