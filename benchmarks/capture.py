@@ -16,7 +16,7 @@ import torch
 import torch.nn.functional as F
 from lighting import table
 
-from shadow.data.photographs import LUMINANCE, PictureStyle, compress, rough_matte, sharpen
+from shadow.data.photographs import LUMINANCE, MatteError, PictureStyle, compress, sharpen
 from shadow.data.records import ENCODING
 from shadow.evaluation.scores import ScoredView
 
@@ -57,7 +57,7 @@ def photographs(record, seed, height):
         "flat raw development": styled(rgb, PictureStyle(0, 0.5, 0.8, 0)),
     }
     views = {name: replace(view, rgb=image.to(view.rgb)) for name, image in worse.items()}
-    matte = rough_matte(view.mask.cpu()[None], np.random.default_rng(seed))[0]
+    matte = MatteError.draw(np.random.default_rng(seed))(view.mask.cpu()[None])[0]
     return views | {"rough matte": replace(view, mask=matte.to(view.mask))}
 
 

@@ -4,6 +4,7 @@ import asyncio
 import contextlib
 import os
 from collections.abc import Awaitable, Callable
+from functools import partial
 from importlib.resources import files
 from pathlib import Path
 from typing import Any
@@ -72,7 +73,7 @@ class Server:
     # --- the page
 
     async def page(self, request: Request) -> Response:
-        return HTMLResponse(_web("page.html"))
+        return HTMLResponse(files("relight.app").joinpath("web", "page.html").read_text(encoding="utf-8"))
 
     async def viewer(self, request: Request) -> Response:
         return Response(
@@ -225,26 +226,24 @@ class Server:
         return JSONResponse(self._analysed(request).scene)
 
     async def environment(self, request: Request) -> Response:
-        return await self._other(request, PICTURES, self._environment)
+        return await self._other(request, PICTURES, partial(self._opened, "environment"))
 
     async def background(self, request: Request) -> Response:
-        return await self._other(request, PICTURES, self._background)
+        return await self._other(request, PICTURES, partial(self._opened, "background"))
 
     async def environment_again(self, request: Request) -> Response:
-        identity = request.path_params["id"]
-        return JSONResponse(await self._environment(identity, self.session.file(identity)))
+        return await self._again("environment", request)
 
     async def background_again(self, request: Request) -> Response:
+        return await self._again("background", request)
+
+    async def _again(self, task: str, request: Request) -> Response:
         identity = request.path_params["id"]
-        return JSONResponse(await self._background(identity, self.session.file(identity)))
+        return JSONResponse(await self._opened(task, identity, self.session.file(identity)))
 
-    async def _environment(self, identity: str, path: Path) -> dict[str, Any]:
-        answer = await self.worker.run("environment", path.parent, {"name": path.name}, brief=True)
-        return {"file": identity, "path": answer["path"], "lamps": answer["lamps"]}
-
-    async def _background(self, identity: str, path: Path) -> dict[str, Any]:
-        answer = await self.worker.run("background", path.parent, {"name": path.name}, brief=True)
-        return {"file": identity, "name": answer["name"], "data": answer["data"]}
+    async def _opened(self, task: str, identity: str, path: Path) -> dict[str, Any]:
+        answer = await self.worker.run(task, path.parent, {"name": path.name}, brief=True)
+        return {"file": identity} | answer
 
     async def _other(
         self,
@@ -365,7 +364,3 @@ def _outputs() -> list[str]:
 
     meshes = find_spec("trimesh") is not None
     return [suffix for suffix in OUTPUTS if meshes or suffix != ".glb"]
-
-
-def _web(name: str) -> str:
-    return files("relight.app").joinpath("web", name).read_text(encoding="utf-8")

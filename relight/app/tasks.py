@@ -5,7 +5,6 @@ Pictures are made by the code of `relight apply`, pages by that of `relight view
 """
 
 import functools
-import io
 import json
 import os
 import warnings
@@ -28,6 +27,7 @@ from relight.matting import networks, outline, person, person_files
 from relight.matting.sequence import MattingOptions
 from relight.media import images
 from relight.media.colour import encode
+from relight.media.images.saving import compressed
 from relight.pipeline.options import Lighting, Output, Source
 from relight.subject import Subject
 from relight.viewer.packing import pack
@@ -99,10 +99,10 @@ def read(name: str, report: Report) -> dict[str, Any]:
     size = _reduced_size(height, width, PREVIEW_SIDE)
     reduced = _resized(pixels if cut_out else np.ascontiguousarray(pixels[..., :3]), size)
     _save_array(REDUCED, reduced)
-    codes = _encoded(reduced)
     Path(PREVIEWS).mkdir(exist_ok=True)
-    preview = f"{PREVIEWS}/preview.{'png' if cut_out else 'jpg'}"
-    Image.fromarray(codes).save(preview, quality=95, subsampling=0)  # it may be the background as well
+    preview, kind = f"{PREVIEWS}/preview.{'png' if cut_out else 'jpg'}", "PNG" if cut_out else "JPEG"
+    # It may be the background as well.
+    Path(preview).write_bytes(compressed(_encoded(reduced), kind, quality=95, subsampling=0))
     return {"width": width, "height": height, "cut_out": cut_out, "preview": preview}
 
 
@@ -116,7 +116,7 @@ def outline_of(drawn: Mapping[str, Any], report: Report) -> dict[str, Any]:
     """Return the matte of a drawn outline, as a grey PNG of the preview's size."""
     if not _is_file(drawn):
         compiling.wait(report)
-    return {"png": _png(_codes(_matte(drawn)))}
+    return {"png": _png(_shifted(_solved(drawn), *_edge(drawn)))}
 
 
 def fetch_person(report: Report) -> dict[str, Any]:
@@ -157,7 +157,7 @@ def matte_by_model(model: str, report: Report) -> dict[str, Any]:
         raise ValueError("model: expected an ONNX file, or the name of a model")
     matte = networks.matte(reduced, matting.model, **matting.options)
     _keep_matte(matte)
-    return {"png": _png(_codes(matte))}
+    return {"png": _png(matte)}
 
 
 def load_matte(name: str, report: Report) -> dict[str, Any]:
@@ -172,7 +172,7 @@ def load_matte(name: str, report: Report) -> dict[str, Any]:
     _save_array(LOADED, loaded)
     matte = _resized(loaded[..., None].astype(np.float32), size)[..., 0].clip(0, 1)
     _keep_matte(matte)
-    return {"png": _png(_codes(matte))}
+    return {"png": _png(matte)}
 
 
 def _save_array(name: str, array: np.ndarray) -> None:
@@ -270,7 +270,7 @@ def floor_shadow(name: str, mask: str | None, look: Mapping[str, Any], report: R
     if lighting.floor is None:
         raise ValueError("floor: expected one")
     lights = as_lights(lighting.rig().lights)
-    return {"png": _png(_codes(encode(subject.shadows(lights, lighting.floor)[1], white=1)))}
+    return {"png": _png(encode(subject.shadows(lights, lighting.floor)[1], white=1))}
 
 
 def _subject(name: str, mask: str | None, report: Report) -> Subject:
@@ -380,11 +380,6 @@ def _exposure(look: Mapping[str, Any]) -> float:
 def _command(name: str, mask: str | None) -> list[str]:
     """Return the words of the command that relights a photograph, without its lights."""
     return ["relight", "apply", name, *(["--mask", mask] if mask else [])]
-
-
-def _matte(drawn: Mapping[str, Any]) -> np.ndarray:
-    """Return the matte of the reduced copy that was drawn, its edge shifted and blurred as asked for."""
-    return _shifted(_solved(drawn), *_edge(drawn))
 
 
 def _solved(drawn: Mapping[str, Any]) -> np.ndarray:
@@ -500,20 +495,13 @@ def _check_size(path: Path) -> None:
 
 
 def _encoded(pixels: np.ndarray, exposure: float = 0.0) -> np.ndarray:
-    """Encode linear, premultiplied (H, W, 3|4) for a display: uint8 with straight alpha."""
+    """Encode linear, premultiplied (H, W, 3|4) for a display, with straight alpha."""
     if pixels.shape[-1] == 3:
-        return _codes(encode(pixels.clip(0), exposure=exposure))
+        return encode(pixels.clip(0), exposure=exposure)
     alpha = pixels[..., 3:].clip(0, 1)
     colour = encode((pixels[..., :3] / np.maximum(alpha, 1e-4)).clip(0), exposure=exposure)
-    return _codes(np.concatenate([colour, alpha], axis=-1))
+    return np.concatenate([colour, alpha], axis=-1)
 
 
-def _codes(shown: np.ndarray) -> np.ndarray:
-    """Return values in [0, 1] as uint8."""
-    return np.round(shown * 255).astype(np.uint8)
-
-
-def _png(codes: np.ndarray) -> bytes:
-    file = io.BytesIO()
-    Image.fromarray(codes).save(file, "PNG", compress_level=1)
-    return file.getvalue()
+def _png(shown: np.ndarray) -> bytes:
+    return compressed(shown, "PNG", compress_level=1)

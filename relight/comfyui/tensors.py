@@ -68,7 +68,8 @@ def mattes(name: str, mask: torch.Tensor, size: tuple[int, ...], shows: str = PE
         raise ValueError(f"{name}: expected values in [0, 1], got [{low:g}, {high:g}]")
     values = values.clip(0, 1)
     values = 1 - values if shows == BACKGROUND else values
-    if _mostly_background(values):
+    edges = np.concatenate([values[:, 0], values[:, :, 0], values[:, :, -1]], axis=1)  # above and beside
+    if edges.mean() > 0.5:
         other = PERSON if shows == BACKGROUND else BACKGROUND
         logging.getLogger(__name__).warning(
             "%s: covers the edges of the image, as a mask of the background does, such as Load Image's; if "
@@ -77,12 +78,6 @@ def mattes(name: str, mask: torch.Tensor, size: tuple[int, ...], shows: str = PE
             other,
         )
     return values
-
-
-def _mostly_background(mattes: np.ndarray) -> bool:
-    """Return whether mattes (B, H, W) cover most of the frame's upper, left and right edge."""
-    edges = np.concatenate([mattes[:, 0], mattes[:, :, 0], mattes[:, :, -1]], axis=1)
-    return bool(edges.mean() > 0.5)
 
 
 def to_image(linear: Sequence[np.ndarray], exposure: float = 0.0) -> torch.Tensor:

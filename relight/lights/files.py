@@ -63,43 +63,21 @@ MERGE_TAG = "tag:yaml.org,2002:merge"
 def read_lights(path: AnyPath) -> list[Light | MovingLight]:
     """Read a lights file: a list of lights, in the file's order.
 
-    Parameters
-    ----------
-    path
-        A .yaml, .yml or .json file: `lights`, a list, each a mapping of a light's parameters (see
-        `relight.DirectionalLight`, `relight.EnvironmentLight` and `relight.MovingLight`), with `type:
-        environment` where it is one.
-
-    Raises
-    ------
-    FileNotFoundError
-        No such file.
-    ValueError
-        Not YAML or JSON, unknown or repeated keys, values that the light refuses; the message names the file,
-        the light and the key.
+    It is a .yaml, .yml or .json: `lights`, a list, each a mapping of a light's parameters (see
+    `relight.DirectionalLight`, `relight.EnvironmentLight` and `relight.MovingLight`), with `type:
+    environment` where it is one. Raises FileNotFoundError, and ValueError, which names the file, the light
+    and the key, for what is not YAML or JSON, unknown or repeated keys, and values that the light refuses.
     """
     return [_light(path, number, entry) for number, entry in enumerate(_entries(path), 1)]
 
 
 def write_lights(path: AnyPath, lights: Iterable[Light | MovingLight]) -> None:
-    """Write lights to a file that `read_lights` reads back to the same lights. Whole, or not at all.
+    """Write lights to a .yaml, .yml or .json, which `read_lights` reads back to the same lights.
 
-    Parameters
-    ----------
-    path
-        .yaml, .yml or .json. Its folder must exist.
-    lights
-        Any number of lights. Directions are written as azimuth and elevation, rounded to 1e-4 degrees; an
-        environment's image by its path, relative to the lights file unless it is absolute.
-
-    Raises
-    ------
-    ValueError
-        Another suffix, an environment that is an array and no file.
-    TypeError
-        Not lights.
-    OSError
-        The file cannot be written.
+    Directions are written as azimuth and elevation, rounded to 1e-4 degrees; an environment's image by its
+    path, relative to the lights file unless it is absolute. The file is written whole, or not at all. Raises
+    ValueError for another suffix and for an environment that is an array and no file, TypeError for what is
+    no light, OSError if the file cannot be written.
     """
     path = _lights_path(path)
     document = {"lights": [_entry(path, light) for light in lights]}

@@ -150,16 +150,12 @@ class PersonFinder:
             raise EmptyMatteError(NOBODY)
         if not is_everybody(person):
             number = index_of(found, person, size)
-            chosen = self._alone(copies, found[number], person)
+            at = None if isinstance(person, Circle) or np.ndim(person) != 1 else np.array(person, float)
+            chosen = people.alone(copies.full, found[number], self._detector, self._person, at)
             if chosen is found[number] and sum(each.certainty >= LIKELY for each in found) < 2:
                 chosen = self._surer(copies, chosen)
             found[number], person = chosen, number + 1
         return mask_of(found, person, size)
-
-    def _alone(self, copies: Copies, person: DetectedPerson, chosen: Any) -> DetectedPerson:
-        """Return one of the people in a picture, see `mask`, without who is beside them."""
-        at = None if isinstance(chosen, Circle) or np.ndim(chosen) != 1 else np.array(chosen, float)
-        return people.alone(copies.full, person, self._detector, self._person, at)
 
     def people(
         self, encoded: np.ndarray, thorough: bool = False, near: Circle | None = None

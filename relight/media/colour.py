@@ -241,12 +241,9 @@ def encode(
     white = max(1.0, float(rgb.max(initial=0)) * float(gain)) if white is None else white
     if not 1 <= white < math.inf:
         raise ValueError(f"white: expected a finite number >= 1, got {white:g}")
-    return _by_rows(lambda rows: encode_srgb(_shown(rows * gain, white)), rgb)
-
-
-def _shown(rgb: np.ndarray, white: float) -> np.ndarray:
-    """Light within [0, 1], float64, of which `white` is 1."""
-    return np.clip(_roll_off(rgb, white), 0, 1).astype(np.float64)
+    return _by_rows(
+        lambda rows: encode_srgb(np.clip(_roll_off(rows * gain, white), 0, 1).astype(np.float64)), rgb
+    )
 
 
 def _roll_off(rgb: np.ndarray, white: float) -> np.ndarray:

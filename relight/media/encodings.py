@@ -199,11 +199,6 @@ def to_rec709(chromaticities: Chromaticities, neutral: Neutral | None = None) ->
     if neutral is None and given.shape == (8,) and np.allclose(given, REC709, atol=2e-3):
         return np.eye(3, dtype=np.float32)
     matrix = rgb_to_xyz(chromaticities)
-    if neutral is not None or not _is_xyz(given):
+    if neutral is not None or not np.allclose(given, XYZ, atol=2e-3):
         matrix = adaptation(neutral or (given[6], given[7]), D65) @ matrix
     return (np.linalg.inv(rgb_to_xyz(REC709)) @ matrix).astype(np.float32)
-
-
-def _is_xyz(chromaticities: np.ndarray) -> bool:
-    """Return whether chromaticities are those of CIE XYZ: (1, 0), (0, 1), (0, 0), white (1/3, 1/3)."""
-    return np.allclose(chromaticities, XYZ, atol=2e-3)

@@ -32,10 +32,17 @@ class Profile:
 
     @classmethod
     def parse(cls, data: bytes) -> "Profile":
-        """Parse a profile.
+        """Parse the profile of a picture.
 
         Raises ValueError if damaged, or not made of curves and primaries.
         """
+        try:
+            return cls._parsed(data)
+        except ValueError as error:
+            raise ValueError(f"its colour profile {error}; say which colour_space it is") from error
+
+    @classmethod
+    def _parsed(cls, data: bytes) -> "Profile":
         try:
             tags, kind = _tags(data), data[16:20].decode("ascii", "replace").strip()
             if kind not in CURVES:

@@ -1,6 +1,5 @@
 """The person as other programs take them: a mesh, its texture, the plate's camera and the lights."""
 
-import io
 from collections.abc import Iterable
 from pathlib import Path
 from typing import NamedTuple
@@ -13,6 +12,7 @@ from relight.lights.light import Light
 from relight.lights.moving import MovingLight
 from relight.lights.rig import as_rig
 from relight.media.colour import encode
+from relight.media.images.saving import compressed
 from relight.media.nuke import is_script
 from relight.media.resampling import fill_unknown
 from relight.scene import mesh
@@ -85,14 +85,9 @@ def painted(colour: np.ndarray, matte: np.ndarray, box: tuple[int, int, int, int
 
     Renderers that blend neighbouring pixels then find no black at the person's outline.
     """
-    from PIL import Image
-
     top, left, bottom, right = box
     alpha = np.ascontiguousarray(matte[top:bottom, left:right], np.float32)
     inside = colour[top:bottom, left:right]
     linear = fill_unknown(inside, alpha > 0).clip(0, 1)
-    codes = np.round(encode(linear, white=1) * 255)
-    pixels = np.concatenate([codes, np.round(alpha[..., None] * 255)], axis=-1).astype(np.uint8)
-    file = io.BytesIO()
-    Image.fromarray(pixels).save(file, "PNG", compress_level=6)
-    return file.getvalue()
+    pixels = np.concatenate([encode(linear, white=1), alpha[..., None]], axis=-1)
+    return compressed(pixels, "PNG", compress_level=6)

@@ -61,7 +61,9 @@ def read_rig(
         view = (seen.world[:3, :3] / np.linalg.norm(seen.world[:3, :3], axis=0)).T
     origin = _mark(path, nodes, subject_at)
     if origin is None:
-        if seen is not None and any("position" in _kind(path, tree, node) for node in _lit(nodes)):
+        if seen is not None and any(
+            _entry(path, tree, node).get("type") != "directional" for node in _lit(nodes)
+        ):
             raise ValueError(f"{path}: glTF has no focus distance; say where the subject is (--subject-at)")
         origin = np.zeros(3)
     lights: list[Light | MovingLight] = [_light(path, tree, node, view, origin) for node in _lit(nodes)]
@@ -379,11 +381,6 @@ def _camera_of(path: Path, tree: dict[str, Any], node: Node) -> Any:
     """Return the file's description of a node's camera; None without one."""
     index = node.description.get("camera")
     return None if index is None else _item(path, tree, "cameras", index)
-
-
-def _kind(path: Path, tree: dict[str, Any], node: Node) -> tuple[str, ...]:
-    """Return the parameter that a node's light has: its direction or its position."""
-    return ("direction",) if _entry(path, tree, node).get("type") == "directional" else ("position",)
 
 
 def _by_blender(tree: dict[str, Any]) -> bool:

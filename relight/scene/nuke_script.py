@@ -41,29 +41,10 @@ def write(
 ) -> None:
     """Write the script. It finds the pictures in its own folder.
 
-    Parameters
-    ----------
-    path
-        The script, .nk.
-    picture
-        The file with the layers, or the sequence, such as `person.%04d.exr`.
-    basis
-        What the layers are components of.
-    lights
-        Up to four, which the knobs begin with.
-    size
-        (H, W) of the pictures, pixels.
-    frames
-        (first, last) of a sequence; None for a still.
-    rate
-        Frames a second.
-    gloss
-        What the knob begins with, in [0, 1], see `relight.Subject.relit`.
-
-    Raises
-    ------
-    OSError
-        The script cannot be written.
+    `picture`: the file with the layers, of `size` (H, W), or the sequence, such as `person.%04d.exr`;
+    `basis`: what the layers are components of. `lights`, at most four, and `gloss`, in [0, 1]: what the knobs
+    begin with. `frames`: (first, last) of a sequence, `rate` a second; None for a still. Raises OSError if
+    the script cannot be written.
     """
     path, file = Path(path), literal(Path(picture).name)
     knobs = span(frames) | read_from(path)

@@ -70,7 +70,9 @@ def _show_in_turn(prims: dict[int, Any]) -> None:
 def _lights(writing: "_stage", asset: Asset, frames: tuple[int, int] | None = None) -> None:
     """Add the lights of an asset, if it has any; `frames` are the first and the last of a sequence."""
     if asset.lights:
-        _define(writing.stage, "/World/Lights")
+        from pxr import UsdGeom
+
+        UsdGeom.Scope.Define(writing.stage, "/World/Lights")
         add_lights(writing.stage, "/World/Lights", asset.lights, writing.place, frames)
 
 
@@ -139,12 +141,6 @@ def _replace(target: Path, file: Path) -> None:
 
 def _word(asset: Asset) -> str:
     return "photograph" if asset.unlit else "albedo"
-
-
-def _define(stage: Any, path: str) -> Any:
-    from pxr import UsdGeom
-
-    return UsdGeom.Scope.Define(stage, path)
 
 
 def _lift(root: Any, metres: float) -> None:

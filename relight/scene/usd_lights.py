@@ -149,7 +149,7 @@ class _Reader:
 
         times: set[float] = set()
         for start in filter(
-            None, (prim, self.view.camera, self.view.mark if not _is_point(self.view.mark) else None)
+            None, (prim, self.view.camera, None if isinstance(self.view.mark, np.ndarray) else self.view.mark)
         ):
             attributes = list(start.GetAttributes()) if start == prim else []
             if start == self.view.camera and self.view.mark is None:
@@ -206,13 +206,8 @@ def _tilts(found: list[Found]) -> bool:
 
 
 def _has_one_image(found: list[Found]) -> bool:
-    images = [settings.get("image") for _, settings in found]
-    return all(_is_same(image, images[0]) for image in images)
-
-
-def _is_same(image: Any, other: Any) -> bool:
-    """Return whether two images, files or arrays, are one."""
-    return image is other or bool(np.array_equal(np.asarray(image), np.asarray(other)))
+    images: list[Any] = [settings.get("image") for _, settings in found]
+    return all(each is images[0] or np.array_equal(np.asarray(each), images[0]) for each in images)
 
 
 def _untilted(found: list[Found]) -> list[Found]:
@@ -243,7 +238,3 @@ def _assembled(found: list[Found], frames: list[float]) -> Light | MovingLight:
         else:
             moving[key] = dict(zip(frames, values, strict=True))
     return MovingLight(kind, **rests | moving) if moving else kind(**rests)
-
-
-def _is_point(mark: Any) -> bool:
-    return isinstance(mark, np.ndarray)

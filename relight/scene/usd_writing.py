@@ -56,7 +56,8 @@ def add_lights(
                 f"{name}: orbit: written for frames {moments[0][0]:g} to {moments[-1][0]:g}; then it stops",
                 stacklevel=2,
             )
-        prim = _define(stage, f"{parent}/{word}", moments[0][1])
+        schema, _ = _kind(moments[0][1])
+        prim = getattr(UsdLux, schema).Define(stage, f"{parent}/{word}").GetPrim()
         prim.SetDisplayName(name)
         stills = [still for _, still in moments]
         kelvins = all(map(_has_usd_temperature, stills))
@@ -94,14 +95,6 @@ def _kind(light: Light) -> "Kind":
         if isinstance(light, light_type):
             return kind
     raise TypeError(f"lights: expected lights, e.g. DirectionalLight, got {type(light).__name__}")
-
-
-def _define(stage: Any, path: str, light: Light) -> Any:
-    """Define the prim of a light."""
-    from pxr import UsdLux
-
-    schema, _ = _kind(light)
-    return getattr(UsdLux, schema).Define(stage, path).GetPrim()
 
 
 def _write(prim: Any, light: Light, time: Any, place: Place, kelvins: bool) -> None:

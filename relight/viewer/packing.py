@@ -10,7 +10,6 @@ of a light a pixel then costs as many products as there are components.
     JPEG files: the photograph, the albedo
 """
 
-import io
 import json
 import struct
 import warnings
@@ -20,7 +19,6 @@ from typing import Any
 
 import numpy as np
 import torch
-from PIL import Image
 
 from relight.analysis.components import principal_components
 from relight.analysis.depth import WorldGeometry
@@ -29,6 +27,7 @@ from relight.analysis.light_field import ANCHORS
 from relight.analysis.record import AnalysisRecord
 from relight.analysis.upsampling import EXTENSION_SHARE, GUIDE_MAX
 from relight.media.colour import encode
+from relight.media.images.saving import compressed
 from relight.media.resampling import fill_unknown, resize
 from shading.diffuse import RESIDUAL_BIAS
 from shadow.framing import Extension, Framing
@@ -72,7 +71,10 @@ def pack(record: AnalysisRecord, matte: np.ndarray, albedo: np.ndarray, *, compr
         "residual": residual_mix.numpy(),
     }
     stream = _deflated(arrays, compression)
-    files = [_jpeg(getattr(plate, name)) for name in FILES]
+    pictures = (encode(getattr(plate, name).clip(0, 1), white=1) for name in FILES)
+    files = [
+        compressed(each, "JPEG", quality=JPEG_QUALITY, subsampling=0, optimize=True) for each in pictures
+    ]
     description = {
         "size": plate.size[::-1],
         "box": plate.box,
@@ -170,11 +172,3 @@ def _deflated(arrays: dict[str, np.ndarray], compression: int) -> bytes:
         planes = np.moveaxis(planes, -1, 0)
         parts.append(np.diff(planes, axis=-1, prepend=np.uint8(0)).astype(np.uint8).tobytes())
     return zlib.compress(b"".join(parts), compression)
-
-
-def _jpeg(linear: np.ndarray) -> bytes:
-    """Encode a linear image (h, w, 3) in [0, 1] as JPEG, sRGB."""
-    codes = np.round(encode(linear.clip(0, 1), white=1) * 255).astype(np.uint8)
-    file = io.BytesIO()
-    Image.fromarray(codes).save(file, "JPEG", quality=JPEG_QUALITY, subsampling=0, optimize=True)
-    return file.getvalue()

@@ -2,12 +2,10 @@
 
 import base64
 import functools
-import io
 from collections.abc import Iterable, Sequence
 from typing import Any
 
 import numpy as np
-from PIL import Image
 
 from relight.analysis.gloss import checked_gloss
 from relight.analysis.maps import AnalysisMaps
@@ -21,6 +19,7 @@ from relight.lights.parameters import parameters
 from relight.lights.rig import Lights, by_name
 from relight.media.colour import LOCI, encode, temperature
 from relight.media.images import scene_linear
+from relight.media.images.saving import compressed
 from relight.viewer.constants import MAX_LIGHTS
 
 DEFAULT_LIGHT = DirectionalLight(azimuth=-40, elevation=30, angle=10, name="key")
@@ -133,8 +132,6 @@ def _backdrop(background: Background | None, size: tuple[int, int], name: str | 
         return {"background": colour.tolist(), "backdrop": None}
     else:
         pixels = cover(scene_linear("background", background)[..., :3], size)
-    codes = np.round(encode(pixels.clip(0, 1), white=1) * 255).astype(np.uint8)
-    file = io.BytesIO()
-    Image.fromarray(codes).save(file, "JPEG", quality=92, optimize=True)
-    picture = {"name": name, "data": base64.b64encode(file.getvalue()).decode()}
+    data = compressed(encode(pixels.clip(0, 1), white=1), "JPEG", quality=92, optimize=True)
+    picture = {"name": name, "data": base64.b64encode(data).decode()}
     return {"background": "picture", "backdrop": picture}

@@ -235,17 +235,12 @@ def sharpen(rgb: torch.Tensor, factor: float | torch.Tensor) -> torch.Tensor:
     return sharpness(rgb.clamp(0, 1) ** (1 / ENCODING), factor) ** ENCODING
 
 
-def rough_matte(mask: torch.Tensor, rng: np.random.Generator) -> torch.Tensor:
-    """Return an inaccurate matte (1, H, W), such as a matting tool makes, of a mask (1, H, W).
+class MatteError(NamedTuple):
+    """What makes an inaccurate matte of a mask, such as a matting tool makes.
 
     Its edge is soft or hard, and lies inside or outside the subject's edge by up to 1 % of the height.
     Thinner parts are lost, and thinner gaps are filled.
     """
-    return MatteError.draw(rng)(mask)
-
-
-class MatteError(NamedTuple):
-    """What is drawn for `rough_matte`."""
 
     reach: float  # of the soft edge, relative to the height
     level: np.ndarray  # (1, 1, 9, 7) value of the softened mask at which the edge lies, over the picture
@@ -360,7 +355,7 @@ def sample(
     frame = torch.eye(3)
     frame[:2, :2] = torch.from_numpy(turn)
     turned = torch.einsum("ij,jhw->ihw", frame, normals)
-    rgb, matte = _degrade(rgb, mask, rng) if augment else (rgb, mask)
+    rgb, matte = Flaws.draw(rng, tuple(rgb.shape))(rgb, mask) if augment else (rgb, mask)
     images = {
         "rgb": rgb,
         "matte": matte,
@@ -449,13 +444,6 @@ def _placement(
     offset = np.array(framing.centre) - linear @ (np.array([size[1], size[0]]) / 2 + shift * [1, -1])
     matrix = torch.from_numpy(np.concatenate([linear, offset[:, None]], axis=1)).float()
     return turn, matrix
-
-
-def _degrade(
-    rgb: torch.Tensor, mask: torch.Tensor, rng: np.random.Generator
-) -> tuple[torch.Tensor, torch.Tensor]:
-    """Simulate a camera for a linear image (3, h, w), and a matting tool for its mask (1, h, w)."""
-    return Flaws.draw(rng, tuple(rgb.shape))(rgb, mask)
 
 
 class Flaws(NamedTuple):

@@ -54,37 +54,17 @@ def write(
     seed: int = 0,
     limit: int | None = None,
 ) -> Path:
-    """Write `out`/report.md, report.json, figure-2.png and figure-4.png.
+    """Write `out`/report.md, report.json, figure-2.png and figure-4.png; return the path of report.md.
 
-    Parameters
-    ----------
-    paths
-        Record folders or shards.
-    out
-        Folder, created if it does not exist.
-    models
-        {name: shipped name or .safetensors path}. "ours" (the shipped field unless given) is the network of
-        Tables 2, 3 and 5 and of the figures. "without-normals" and "mixed" are rows of Table 3. "resb3",
-        "resb7", "resb11" and "attention" are rows of Table 4. Any other name is an additional row of Table 2.
-    normals_model
-        Source of the normals for all networks, see `scores.normals_of`; "ours" if None.
-    soft
-        Folder of another method's soft maps for Table 5, see `scores.against_soft_maps`.
-    seed
-        Seed of the random lightings of the photographs.
-    limit
-        Use this many records, spread evenly.
+    The paths are of record folders or shards. `models`: {name: shipped name or .safetensors path}. "ours"
+    (the shipped field unless given) is the network of Tables 2, 3 and 5 and of the figures. "without-normals"
+    and "mixed" are rows of Table 3. "resb3", "resb7", "resb11" and "attention" are rows of Table 4. Any other
+    name is an additional row of Table 2. `normals_model`: source of the normals for all networks, see
+    `scores.normals_of`; "ours" if None. `soft`: folder of another method's soft maps for Table 5, see
+    `scores.against_soft_maps`. `limit`: use this many records, spread evenly.
 
-    Returns
-    -------
-    Path
-        The path of report.md.
-
-    Raises
-    ------
-    FileNotFoundError, ValueError
-        There are no records, weights are damaged, a network does not match its row, or no soft map belongs to
-        a record.
+    Raises FileNotFoundError or ValueError if there are no records, weights are damaged, a network does not
+    match its row, or no soft map belongs to a record.
     """
     models = {"ours": "field", **(models or {})}
     records = Records(paths)

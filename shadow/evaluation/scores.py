@@ -129,15 +129,16 @@ def compare(
     tallies = {name: Tally() for name in (*networks, ESTIMATED, TRUE)}
     first, angles = next(iter(networks.values())), []
     for index in track(records.spread(limit or len(records)), "evaluating"):
-        record = records[index]
+        record, lighting = records[index], None
+        if light is not None:
+            rng = np.random.default_rng((seed, index, KINDS.index(light)))
+            lighting = everyday_lighting(rng, record.directions, light)
         views: dict[int, tuple[ScoredView, Any]] = {}  # of each size of canvas
         for name, network in networks.items():
             if network.size in views:
                 view, given = views[network.size]
             else:
-                view = ScoredView.of(
-                    record, (seed, index), network.size, _lighting(record, (seed, index), light)
-                )
+                view = ScoredView.of(record, (seed, index), network.size, lighting)
                 given = view.given(surface, network)
             estimated, binary = view.binary(network, given)
             views[network.size] = view, estimated
@@ -147,13 +148,6 @@ def compare(
         tallies[TRUE].add(view.sign(view.normals), view)
         angles.append(float(metrics.angular_error(estimated, view.normals, view.mask > 0.5)))
     return tallies, float(np.mean(angles))
-
-
-def _lighting(record: Record, seed: tuple[int, int], light: str | None) -> np.ndarray | None:
-    """Draw the weights (D, 3) of everyday light of a kind; None stays None."""
-    if light is None:
-        return None
-    return everyday_lighting(np.random.default_rng((*seed, KINDS.index(light))), record.directions, light)
 
 
 def photographed(

@@ -169,9 +169,5 @@ def take_blocks(image: torch.Tensor, blocks: torch.Tensor) -> torch.Tensor:
     width = image.shape[3]
     corner = blocks // (width // 2) * 2 * width + blocks % (width // 2) * 2
     corners = torch.stack([corner, corner + 1, corner + width, corner + width + 1], dim=1)
-    return _gather(image, corners.flatten(1)).unflatten(2, (4, -1))
-
-
-def _gather(image: torch.Tensor, index: torch.Tensor) -> torch.Tensor:
-    """Return the pixels (B, C, P) of images (B, C, H, W) at flat indices (B, P)."""
-    return image.flatten(2).gather(2, index[:, None].expand(-1, image.shape[1], -1))
+    index = corners.flatten(1)[:, None].expand(-1, image.shape[1], -1)
+    return image.flatten(2).gather(2, index).unflatten(2, (4, -1))

@@ -83,7 +83,9 @@ class OnnxFile:
     def picture(self) -> str:
         """Return the name of the only input (N, 3, H, W); raises ValueError for any other inputs."""
         name, shape = next(iter(self.inputs.items()), ("", ()))
-        is_picture = len(self.inputs) == 1 and len(shape) == 4 and (shape[1] == 3 or _free(shape[1]))
+        is_picture = (
+            len(self.inputs) == 1 and len(shape) == 4 and (shape[1] == 3 or not isinstance(shape[1], int))
+        )
         if not is_picture or any(isinstance(size, int) and size < 1 for size in shape):
             raise ValueError(f"{self.path}: expected one input (N, 3, H, W), got {self.signature()}")
         return name
@@ -163,10 +165,6 @@ def _margins(height: int, width: int) -> tuple[int, int, int, int]:
 
 def _multiple(length: float) -> int:
     return max(32, int(length / 32) * 32)
-
-
-def _free(size: int | str | None) -> bool:
-    return not isinstance(size, int)
 
 
 def _puts(puts: Mapping[str, Shape]) -> str:

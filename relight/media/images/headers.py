@@ -43,7 +43,7 @@ def png_encoding(path: Path) -> tuple[Encoding | str | None, bool]:
     The order is that of the PNG specification, third edition, section 4.3: cICP, iCCP, sRGB, then gAMA and
     cHRM. (None, False) where none of them is there. Raises ValueError for values that mean nothing.
     """
-    chunks = _png_chunks(path)
+    chunks = png_chunks(path)
     if "cICP" in chunks and len(chunks["cICP"]) == 4:
         primaries, transfer, matrix, full = chunks["cICP"]
         if matrix != 0 or full != 1:
@@ -73,7 +73,7 @@ def _exponent(exponent: float) -> float:
     return exponent
 
 
-def _png_chunks(path: Path) -> dict[str, bytes]:
+def png_chunks(path: Path) -> dict[str, bytes]:
     """Return the small chunks of a PNG before its pixels, the first of each kind."""
     chunks: dict[str, bytes] = {}
     with path.open("rb") as file:
@@ -101,7 +101,7 @@ def exif_encoding(path: Path, kind: str) -> Encoding | str | None:
     try:
         if kind == "png":  # Pillow decodes the whole picture to look for Exif behind it
             exif = Image.Exif()
-            exif.load(_png_chunks(path)["eXIf"])
+            exif.load(png_chunks(path)["eXIf"])
             return encoding_of_exif(exif)
         if kind == "tiff":
             with path.open("rb") as file, warnings.catch_warnings():

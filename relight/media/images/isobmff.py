@@ -20,7 +20,8 @@ def read_code_points(data: bytes) -> tuple[int, int] | None:
             for index, (kind, body) in enumerate(boxes(dict(properties)["ipco"]), 1)
             if kind == "colr" and body[:4] == b"nclx"
         ]
-        primary = _primary_item(parts["pitm"])
+        item = parts["pitm"]
+        primary = struct.unpack_from(">I" if item[0] else ">H", item, 4)[0]
         wanted = {
             index for kind, body in properties if kind == "ipma" for index in _associated(body, primary)
         }
@@ -43,11 +44,6 @@ def boxes(data: bytes) -> Iterator[tuple[str, bytes]]:
             return
         yield kind.decode("latin-1"), data[start + head : start + size]
         start += size
-
-
-def _primary_item(body: bytes) -> int:
-    """Return the number of the primary item."""
-    return struct.unpack_from(">I" if body[0] else ">H", body, 4)[0]
 
 
 def _associated(body: bytes, item: int) -> list[int]:

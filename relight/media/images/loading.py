@@ -273,7 +273,7 @@ def _base_of_gain_map(path: Path, space: colour.Space | None) -> StoredPicture:
         with JpegImagePlugin.JpegImageFile(path) as file:
             profile, orientation = file.info.get("icc_profile"), file.getexif().get(0x112, 1)
             if space is None:
-                space = _profile(profile) if profile else headers.encoding_of_exif(file.getexif())
+                space = Profile.parse(profile) if profile else headers.encoding_of_exif(file.getexif())
             pixels = np.asarray(file.convert("RGB"))
     except (OSError, SyntaxError) as error:
         raise ValueError(f"cannot be read as an image: {error}") from error
@@ -340,12 +340,12 @@ def _stated_space(path: Path, kind: str, spec: oiio.ImageSpec, integer: bool) ->
     elif kind == "jpeg2000":
         first = jpeg2000_space(path)
     if isinstance(first, bytes):
-        return _profile(first)
+        return Profile.parse(first)
     if first is not None:
         return first
     profile = spec.getattribute("ICCProfile")
     if profile is not None:
-        return _profile(np.asarray(profile, np.uint8).tobytes())
+        return Profile.parse(np.asarray(profile, np.uint8).tobytes())
     exif = headers.exif_encoding(path, kind)
     if isinstance(exif, Encoding):
         return exif if integer else Encoding(exif.chromaticities)
@@ -373,13 +373,6 @@ def _named_space(spec: oiio.ImageSpec, integer: bool) -> colour.Space:
         return Encoding(AP0) if is_aces else colour.SRGB if integer else colour.LINEAR
     white = None if neutral is None or len(neutral) != 2 else (float(neutral[0]), float(neutral[1]))
     return Encoding(tuple(REC709 if primaries is None else primaries), decode_linear, white)
-
-
-def _profile(data: bytes) -> Profile:
-    try:
-        return Profile.parse(data)
-    except ValueError as error:
-        raise ValueError(f"its colour profile {error}; say which colour_space it is") from error
 
 
 def _in_display_window(pixels: np.ndarray, spec: oiio.ImageSpec) -> np.ndarray:

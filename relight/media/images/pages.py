@@ -1,7 +1,6 @@
 """Files of several pictures: animations, pages, reduced copies, and the picture of a camera raw."""
 
 import os
-import struct
 import warnings
 from collections.abc import Iterator
 from pathlib import Path
@@ -11,6 +10,7 @@ import OpenImageIO as oiio
 from PIL import Image, TiffImagePlugin
 
 from relight.media.buffers import problem
+from relight.media.images.headers import png_chunks
 
 DNG_VERSION, SUB_DIRECTORIES, PHOTOMETRIC = 50706, 330, 262  # tags of TIFF
 MOSAICS = (32803, 34892)  # photometric interpretations of camera raw: a colour filter array, linear raw
@@ -93,9 +93,7 @@ def warn_of_animation(path: Path, kind: str) -> None:
     """Warn if a PNG, WebP or GIF is animated: its first frame is read. `kind` is OpenImageIO's format."""
     if kind not in ("gif", "png", "webp"):
         return
-    with path.open("rb") as file:
-        frames = _animation_frames(file, kind)
-    if frames:
+    if _is_animated(path, kind):
         warn_of_frames(path)
 
 
@@ -114,21 +112,16 @@ def _warn(path: Path, problem: str) -> None:
     warnings.warn(f"{path}: {problem}", stacklevel=2)
 
 
-def _animation_frames(file: Any, kind: str) -> bool:
+def _is_animated(path: Path, kind: str) -> bool:
     """Return whether a picture's header says that it is animated."""
-    start = file.read(64)
-    if kind == "webp":  # RIFF, size, WEBP, VP8X, size, flags
-        return start[12:16] == b"VP8X" and bool(start[20] & 2)
     if kind == "png":
-        file.seek(8)
-        while len(head := file.read(8)) == 8 and head[4:] not in (b"IDAT", b"IEND"):
-            if head[4:] == b"acTL":
-                return True
-            file.seek(struct.unpack(">I", head[:4])[0] + 4, os.SEEK_CUR)
-        return False
-    file.seek(0)
+        return "acTL" in png_chunks(path)
+    if kind == "webp":  # RIFF, size, WEBP, VP8X, size, flags
+        with path.open("rb") as file:
+            start = file.read(64)
+        return start[12:16] == b"VP8X" and bool(start[20] & 2)
     try:
-        with Image.open(file, formats=["GIF"]) as gif:
+        with Image.open(path, formats=["GIF"]) as gif:
             return bool(getattr(gif, "is_animated", False))
     except Exception:  # of many classes: a damaged GIF is reported where it is read
         return False

@@ -138,10 +138,7 @@ def _exif(data: bytes | None) -> Image.Exif:
 def _stated_space(profile: bytes | None, points: tuple[int, int] | None, exif: Image.Exif) -> colour.Space:
     """Return the colour space that a file states: by a profile, by H.273's code points, or by Exif."""
     if profile:
-        try:
-            return Profile.parse(profile)
-        except ValueError as error:
-            raise ValueError(f"its colour profile {error}; say which colour_space it is") from error
+        return Profile.parse(profile)
     if points is not None and points != (UNSPECIFIED, UNSPECIFIED):
         return Encoding.from_code_points(*points, unspecified=decode_srgb)
     try:

@@ -106,12 +106,16 @@ def _jpeg(pixels: np.ndarray, spec: oiio.ImageSpec) -> bytes:
             value = _exif_value(attribute.value)
             if tag is not None and value is not None:
                 exif.get_ifd(ExifTags.IFD.Exif)[tag] = value
-    file = io.BytesIO()
-    codes = np.rint(pixels * 255).astype(np.uint8)
     profile = _srgb_profile() if _is_srgb(spec) else None
-    Image.fromarray(codes).save(
-        file, "JPEG", quality=JPEG_QUALITY, exif=exif, icc_profile=profile, xmp=xmp.packet(spec)
+    return compressed(
+        pixels, "JPEG", quality=JPEG_QUALITY, exif=exif, icc_profile=profile, xmp=xmp.packet(spec)
     )
+
+
+def compressed(pixels: np.ndarray, kind: str, **options: Any) -> bytes:
+    """Return a file, "PNG" or "JPEG", of encoded pixels in [0, 1], as 8 bits; `options` are Pillow's."""
+    file = io.BytesIO()
+    Image.fromarray(np.rint(pixels * 255).astype(np.uint8)).save(file, kind, **options)
     return file.getvalue()
 
 

@@ -270,7 +270,7 @@ def test_a_rough_matte_is_wrong_at_the_edge_alone(ball):
     core = -F.max_pool2d(-mask, width, stride=1, padding=width // 2)
     reach = F.max_pool2d(mask, width, stride=1, padding=width // 2)
     for seed in range(8):
-        matte = photographs.rough_matte(mask, np.random.default_rng(seed))
+        matte = photographs.MatteError.draw(np.random.default_rng(seed))(mask)
         assert (matte >= core).all()
         assert (matte[reach == 0] == 0).all()
         assert 0 < (matte - mask).abs().sum() < 0.1 * mask.sum()
