@@ -4,9 +4,7 @@ Each function runs in a photograph's folder and names files relative to it.
 Pictures are made by the code of `relight apply`, pages by that of `relight view`.
 """
 
-import functools
 import json
-import os
 import warnings
 from collections import OrderedDict
 from collections.abc import Callable, Mapping, Sequence
@@ -18,7 +16,8 @@ import OpenImageIO as oiio
 import torch
 from PIL import Image
 
-from relight.app import compiling
+from relight.app import compiling, drawing
+from relight.app.drawing import MODEL, REDUCED
 from relight.compositing.floor import Floor
 from relight.errors import EmptyMatteError
 from relight.lights.environment import EnvironmentLight
@@ -40,11 +39,9 @@ PREVIEWS = "page"  # folder of what the page shows: no upload has this name, whi
 BACKGROUND_SIDE = 2048  # pixels, the longer side of a background on the page, at most
 KEPT = 2  # subjects that are kept in memory, for stills
 KEPT_PIXELS = 4_000_000  # of a photograph that was saved, whose subject is kept for the next file, at most
-REDUCED, MODEL, MATTE, PACK = "reduced.npy", "model.npy", "matte.npy", "pack.bin"
+MATTE, PACK = "matte.npy", "pack.bin"
 LOADED, EDGE = "loaded.npy", "edge.json"  # a matte from a file, in full; what was done to the accepted matte
-FILE = "file"  # in place of a model: the matte is that of a file
 READ, ANALYSED, RELIT = 0.3, 0.5, 0.9  # shares of the time to save 24 megapixels that have passed, roughly
-EDGE_SIDE = 0.05  # of the picture's longer side, that an edge may be shifted or blurred by, at most
 Report = Callable[..., None]  # (what is done, the share of the task that is done, if that is known)
 
 _subjects: OrderedDict[str, Subject] = OrderedDict()
@@ -114,9 +111,9 @@ def _reduced_size(height: int, width: int, side: int) -> tuple[int, int]:
 
 def outline_of(drawn: Mapping[str, Any], report: Report) -> dict[str, Any]:
     """Return the matte of a drawn outline, as a grey PNG of the preview's size."""
-    if not _is_file(drawn):
+    if not drawing.is_file(drawn):
         compiling.wait(report)
-    return {"png": _png(_shifted(_solved(drawn), *_edge(drawn)))}
+    return {"png": _png(drawing.shifted(drawing.solved(drawn), *drawing.edge_of(drawn)))}
 
 
 def fetch_person(report: Report) -> dict[str, Any]:
@@ -135,7 +132,7 @@ def fetch_person(report: Report) -> dict[str, Any]:
 def find_person(report: Report) -> dict[str, Any]:
     """Find the person, and keep their matte as that of a model, which the outline may correct."""
     report("Finding the person")
-    reduced = _reduced()[..., :3]
+    reduced = drawing.reduced()[..., :3]
     try:
         rough = person.find(reduced)
     except EmptyMatteError as error:
@@ -151,7 +148,7 @@ def matte_by_model(model: str, report: Report) -> dict[str, Any]:
     `model` is as `relight apply --matte` takes it.
     """
     report("Finding the person")
-    reduced = _reduced()
+    reduced = drawing.reduced()
     matting = MattingOptions.parse(model)
     if matting is None or matting.model is None:
         raise ValueError("model: expected an ONNX file, or the name of a model")
@@ -163,7 +160,7 @@ def matte_by_model(model: str, report: Report) -> dict[str, Any]:
 def load_matte(name: str, report: Report) -> dict[str, Any]:
     """Take a matte from a file, of the photograph's proportions, as that of a model."""
     _check_size(Path(name))
-    loaded, size = images.read_mask(name), _reduced().shape[:2]
+    loaded, size = images.read_mask(name), drawing.reduced().shape[:2]
     if abs(loaded.shape[1] / loaded.shape[0] / (size[1] / size[0]) - 1) > 0.01:
         raise ValueError(
             f"{name}: expected a matte of the photograph's proportions, "
@@ -184,7 +181,7 @@ def _save_array(name: str, array: np.ndarray) -> None:
 def _keep_matte(found: np.ndarray) -> None:
     """Keep the matte that a network found; an outline may start from it."""
     _save_array(MODEL, found)
-    _solve.cache_clear()
+    drawing.forget()
 
 
 def analyse(name: str, mask: str | None, drawn: Mapping[str, Any] | None, report: Report) -> dict[str, Any]:
@@ -192,16 +189,18 @@ def analyse(name: str, mask: str | None, drawn: Mapping[str, Any] | None, report
 
     The matte's file, `mask`, is written at full resolution when it is needed: see `full_matte`.
     """
-    reduced = _reduced()
+    reduced = drawing.reduced()
     matte = None
     if mask is not None and drawn is not None:
-        as_it_is = _is_file(drawn)
+        as_it_is = drawing.is_file(drawn)
         if not as_it_is:
             compiling.wait(report)
         report("Refining the edge")
-        unshifted = _solved(drawn) if as_it_is else outline.refine(reduced[..., :3], _solved(drawn))
-        shift, feather = _edge(drawn)
-        matte = _shifted(unshifted, shift, feather)
+        unshifted = drawing.solved(drawn)
+        if not as_it_is:
+            unshifted = outline.refine(reduced[..., :3], unshifted)
+        shift, feather = drawing.edge_of(drawn)
+        matte = drawing.shifted(unshifted, shift, feather)
     report("Analysing the person")
     subject = Subject(reduced, matte)
     report("Preparing the light")
@@ -228,7 +227,7 @@ def full_matte(name: str, mask: str, report: Report) -> dict[str, Any]:
         if matte.shape != pixels.shape[:2]:
             matte = _resized(matte[..., None], pixels.shape[:2])[..., 0].clip(0, 1)
             matte = matte if edge["file"] else outline.refine(pixels, matte)
-        images.write_mask(mask, _shifted(matte, edge["shift"], edge["feather"]))
+        images.write_mask(mask, drawing.shifted(matte, edge["shift"], edge["feather"]))
     return {"file": mask}
 
 
@@ -258,9 +257,10 @@ def still(name: str, mask: str | None, look: Mapping[str, Any], report: Report) 
     picture = subject.relit(lights, lighting.effective_gloss)
     behind: Any = lighting.background
     if behind is not None:
-        pixels = _reduced() if behind == name else images.read(behind) if isinstance(behind, str) else behind
+        if isinstance(behind, str):
+            behind = drawing.reduced() if behind == name else images.read(behind)
         shadow = None if lighting.floor is None else subject.shadows(lights, lighting.floor)[1]
-        picture = over(picture, pixels, shadow)
+        picture = over(picture, behind, shadow)
     return {"png": _png(_encoded(picture, _exposure(look)))}
 
 
@@ -281,8 +281,8 @@ def _subject(name: str, mask: str | None, report: Report) -> Subject:
         matte = None
         if mask is not None:
             edge = json.loads(Path(EDGE).read_text())
-            matte = _shifted(np.load(MATTE).astype(np.float32), edge["shift"], edge["feather"])
-        subject = Subject(_reduced(), matte)
+            matte = drawing.shifted(np.load(MATTE).astype(np.float32), edge["shift"], edge["feather"])
+        subject = Subject(drawing.reduced(), matte)
         _keep(name, subject)
     return subject
 
@@ -382,72 +382,6 @@ def _command(name: str, mask: str | None) -> list[str]:
     return ["relight", "apply", name, *(["--mask", mask] if mask else [])]
 
 
-def _solved(drawn: Mapping[str, Any]) -> np.ndarray:
-    """Return the matte of the reduced copy that was drawn; an outline that is accepted is not solved again.
-
-    Positions are fractions of width and height.
-    """
-    lines = {key: value for key, value in drawn.items() if key not in ("shift", "feather")}
-    return _solve(os.getcwd(), json.dumps(lines, sort_keys=True))
-
-
-def _edge(drawn: Mapping[str, Any]) -> tuple[float, float]:
-    """Return by how much the edge is to be shifted and blurred, as shares of the picture's longer side."""
-    shift, feather = (float(drawn.get(key) or 0) for key in ("shift", "feather"))
-    if not (abs(shift) <= EDGE_SIDE and 0 <= feather <= EDGE_SIDE):
-        raise ValueError(f"edge: expected shares of up to {EDGE_SIDE}, got {shift} and {feather}")
-    return shift, feather
-
-
-def _shifted(matte: np.ndarray, shift: float, feather: float) -> np.ndarray:
-    side = max(matte.shape)
-    return outline.shift_edge(matte, shift * side, feather * side)
-
-
-def _is_file(drawn: Mapping[str, Any]) -> bool:
-    """Return whether a drawing is a matte from a file, as it is, whose edge is right by itself."""
-    return drawn.get("model") == FILE and not any(drawn.get(key) for key in ("lasso", "strokes", "holes"))
-
-
-@functools.lru_cache(maxsize=1)
-def _solve(folder: str, drawing: str) -> np.ndarray:
-    """Solve what was drawn, as JSON, for the matte of the reduced copy.
-
-    The copy is in `folder`, the working folder, which is named because the result is kept.
-    """
-    drawn = json.loads(drawing)
-    try:
-        return _meant(drawn, _reduced())
-    except (AttributeError, KeyError, OverflowError, TypeError) as error:
-        raise ValueError("drawn: expected an outline as the page draws it") from error
-
-
-def _meant(drawn: Mapping[str, Any], reduced: np.ndarray) -> np.ndarray:
-    """Return the matte (h, w) that a drawing means on the reduced copy."""
-    height, width = reduced.shape[:2]
-    scale = np.array([width, height], float)
-
-    def places(points: Any) -> np.ndarray:
-        relative = np.reshape(np.asarray(points, float), (-1, 2))
-        return relative.clip(-4, 5) * scale
-
-    strokes = [
-        outline.Stroke(bool(stroke["person"]), places(stroke["points"]), float(stroke["radius"]) * width)
-        for stroke in drawn.get("strokes") or []
-    ]
-    lasso = drawn.get("lasso") or None
-    holes = [places(points) for points in drawn.get("holes") or []]
-    rough = None
-    if drawn.get("model"):
-        rough = np.load(MODEL).astype(np.float32)
-    elif reduced.shape[-1] == 4:
-        rough = reduced[..., 3]
-    if rough is not None and not (strokes or holes) and lasso is None:
-        return rough
-    meant = outline.Outline(None if lasso is None else places(lasso), strokes, rough, holes)
-    return outline.outlined(reduced[..., :3], meant)
-
-
 def _key(name: str) -> str:
     return str(Path(name).resolve())
 
@@ -465,10 +399,6 @@ def _resized(image: np.ndarray, size: tuple[int, int]) -> np.ndarray:
     planes = torch.from_numpy(image).permute(2, 0, 1)[None]
     resized = torch.nn.functional.interpolate(planes, size, mode="bilinear", antialias=True)
     return resized[0].permute(1, 2, 0).contiguous().numpy()
-
-
-def _reduced() -> np.ndarray:
-    return np.load(REDUCED).astype(np.float32)
 
 
 def _check_size(path: Path) -> None:

@@ -6,7 +6,8 @@ from typing import Any
 
 from relight.analysis.gloss import ROUGHNESS
 from relight.scene.asset import Asset
-from relight.scene.gltf_lights import EXTENSION, place_nodes, punctual_lights
+from relight.scene.gltf_lights import EXTENSION
+from relight.scene.gltf_writing import place_nodes, punctual_lights
 from relight.scene.mesh import CUTOFF
 from shadow.files import replacing
 from shadow.installing import install_command

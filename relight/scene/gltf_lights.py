@@ -12,15 +12,14 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from relight.lights.directional import DirectionalLight
-from relight.lights.environment import EnvironmentLight
 from relight.lights.files import MOST_LIGHTS
 from relight.lights.light import Light
 from relight.lights.moving import MovingLight
-from relight.lights.near import PointLight, RectLight
+from relight.lights.near import PointLight
 from relight.media.regular_file import check_regular_file
 from relight.scene import blender, camera_view, units
 from relight.scene.usd_lights import Rig, renamed
-from shadow.files import AnyPath, check_writable, replacing
+from shadow.files import AnyPath
 
 SUFFIXES = (".gltf", ".glb")
 EXTENSION, VISIBILITY = "KHR_lights_punctual", "KHR_node_visibility"
@@ -84,106 +83,6 @@ def read_rig(
         return Rig(lights)
     camera_sees = camera_view.of_gltf(path, _item(path, tree, "cameras", seen.description["camera"]))
     return Rig(lights, seen.description.get("name"), camera_sees)
-
-
-def write_lights(path: AnyPath, lights: Iterable[Light | MovingLight]) -> None:
-    """Write lights alone as a glTF scene: its axes are the camera's, its origin is the subject's middle."""
-    path = check_writable(path, SUFFIXES)
-    entries, places = punctual_lights(lights)
-    if not entries:
-        raise ValueError(f"{path}: expected lights that glTF has: directional ones and points")
-    nodes = place_nodes(entries, places)
-    tree = {
-        "asset": {"version": "2.0", "generator": "relight"},
-        "extensionsUsed": [EXTENSION],
-        "extensions": {EXTENSION: {"lights": entries}},
-        "scene": 0,
-        "scenes": [{"nodes": list(range(len(nodes)))}],
-        "nodes": nodes,
-    }
-    text = json.dumps(tree, indent=1 if path.suffix.lower() == ".gltf" else None).encode()
-    if path.suffix.lower() == ".glb":
-        text += b" " * (-len(text) % 4)
-        text = struct.pack("<5I", MAGIC, 2, 20 + len(text), len(text), JSON_CHUNK) + text
-    with replacing(path) as written:
-        written.write_bytes(text)
-
-
-def punctual_lights(lights: Iterable[Light | MovingLight]) -> tuple[list[dict[str, Any]], list[Light]]:
-    """Return glTF's description of each light that it can express, and those lights; warn of the others."""
-    entries: list[dict[str, Any]] = []
-    ours: list[Light] = []
-    for number, given in enumerate(lights, 1):
-        light = given
-        name = light.name or f"light{number}"
-        if isinstance(light, MovingLight):
-            warnings.warn(f"{name}: glTF's lights do not move; it is written as at frame 1", stacklevel=3)
-            light = light.at(1)
-        if isinstance(light, EnvironmentLight):
-            warnings.warn(f"{name}: glTF has no environments; it is left out", stacklevel=3)
-            continue
-        power = np.asarray(light.power) * units.GLTF
-        brightest = float(power.max())
-        entry: dict[str, Any] = {
-            "name": name,
-            "color": (power / brightest if brightest > 0 else np.ones(3)).tolist(),
-            "intensity": brightest,
-        }
-        if isinstance(light, DirectionalLight):
-            entry["type"] = "directional"
-            if light.angle:
-                warnings.warn(
-                    f"{name}: glTF's lights have no size; it is written as a hard one", stacklevel=3
-                )
-        elif isinstance(light, RectLight):
-            entry |= {"type": "spot", "spot": {"innerConeAngle": 0.0, "outerConeAngle": math.pi / 2}}
-            warnings.warn(
-                f"{name}: glTF has no rectangles; it is written as a spot of 180 degrees", stacklevel=3
-            )
-        elif isinstance(light, PointLight):
-            entry["type"] = "point"
-            if light.has_cone:
-                entry["type"] = "spot"
-                entry["spot"] = _cone(light)
-            if light.radius:
-                warnings.warn(f"{name}: glTF's lights have no size; it is written as a point", stacklevel=3)
-        else:
-            raise TypeError(f"lights: expected lights, e.g. DirectionalLight, got {type(light).__name__}")
-        entries.append(entry)
-        ours.append(light)
-    return entries, ours
-
-
-def place_nodes(entries: list[dict[str, Any]], lights: list[Light]) -> list[dict[str, Any]]:
-    """Return a node for each light, which shines along its own -z."""
-    nodes = []
-    for index, (entry, light) in enumerate(zip(entries, lights, strict=True)):
-        node: dict[str, Any] = {"name": entry["name"], "extensions": {EXTENSION: {"light": index}}}
-        if isinstance(light, DirectionalLight):
-            node["rotation"] = _facing(np.array(light.direction))
-        elif isinstance(light, PointLight | RectLight):
-            node["translation"] = list(map(float, light.position))
-            node["rotation"] = _facing(-light.axis)
-        nodes.append(node)
-    return nodes
-
-
-def _cone(light: PointLight) -> dict[str, float]:
-    """Return the angles of a spotlight's cone; glTF has none wider than a hemisphere."""
-    if light.cone > 90:
-        warnings.warn(
-            f"{light.name or 'light'}: glTF's cones end at 90 degrees; it is written so", stacklevel=4
-        )
-    outer = math.radians(min(light.cone, 90))
-    return {"innerConeAngle": outer * (1 - light.softness), "outerConeAngle": outer}
-
-
-def _facing(z: np.ndarray) -> list[float]:
-    """Return the quaternion (x, y, z, w) that turns +z to a unit vector."""
-    if z[2] < -1 + 1e-12:
-        return [0.0, 1.0, 0.0, 0.0]
-    quaternion = np.array([-z[1], z[0], 0.0, 1 + z[2]])
-    return (quaternion / np.linalg.norm(quaternion)).tolist()
 
 
 def _tree(path: Path) -> dict[str, Any]:

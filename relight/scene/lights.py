@@ -6,7 +6,7 @@ from pathlib import Path
 from relight.lights import files
 from relight.lights.light import Light
 from relight.lights.moving import MovingLight
-from relight.scene import gltf_lights, stage, usd_lights
+from relight.scene import gltf_lights, gltf_writing, stage, usd_lights
 from relight.scene.usd_lights import Rig
 from shadow.files import AnyPath
 
@@ -118,7 +118,7 @@ def write_lights(path: AnyPath, lights: Iterable[Light | MovingLight]) -> None:
 
         usd.write_lights(path, lights)
     elif suffix in gltf_lights.SUFFIXES:
-        gltf_lights.write_lights(path, lights)
+        gltf_writing.write_lights(path, lights)
     elif suffix in files.SUFFIXES:
         files.write_lights(path, lights)
     else:

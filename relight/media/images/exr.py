@@ -20,16 +20,9 @@ from shadow import files
 def save_exr(path: Path, stacks: Sequence[np.ndarray], corner: tuple[int, int], spec: oiio.ImageSpec) -> None:
     """Write a file that is whole or not there. Raises OSError if it cannot be written.
 
-    Parameters
-    ----------
-    path
-        The file.
-    stacks
-        Pixels (h, w, C) of a box, outside which all is zero, with the channels of `spec` in their order.
-    corner
-        (row, column) of the box in the data window.
-    spec
-        The file's windows, channels with their types, and attributes.
+    `stacks`: pixels (h, w, C) of a box, outside which all is zero, with the channels of `spec` in order.
+    `corner`: (row, column) of the box in the data window. `spec`: the file's windows, channels with their
+    types, and attributes.
     """
     height, width = stacks[0].shape[:2]
     box = np.s_[corner[0] : corner[0] + height, corner[1] : corner[1] + width]

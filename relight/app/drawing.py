@@ -1,0 +1,92 @@
+"""Mattes of the reduced copy of a photograph, from what the page draws and shifts."""
+
+import functools
+import json
+import os
+from collections.abc import Mapping
+from typing import Any
+
+import numpy as np
+
+from relight.matting import outline
+
+REDUCED, MODEL = "reduced.npy", "model.npy"  # the copy, and the matte that a network found on it
+FILE = "file"  # in place of a model: the matte is that of a file
+EDGE_SIDE = 0.05  # of the picture's longer side, that an edge may be shifted or blurred by, at most
+
+
+def reduced() -> np.ndarray:
+    """Return the reduced copy of the photograph in the working folder."""
+    return np.load(REDUCED).astype(np.float32)
+
+
+def forget() -> None:
+    """Solve the next drawing anew, since what the network found is another matte."""
+    _solve.cache_clear()
+
+
+def solved(drawn: Mapping[str, Any]) -> np.ndarray:
+    """Return the matte of the reduced copy that was drawn; an outline that is accepted is not solved again.
+
+    Positions are fractions of width and height.
+    """
+    lines = {key: value for key, value in drawn.items() if key not in ("shift", "feather")}
+    return _solve(os.getcwd(), json.dumps(lines, sort_keys=True))
+
+
+def edge_of(drawn: Mapping[str, Any]) -> tuple[float, float]:
+    """Return by how much the edge is to be shifted and blurred, as shares of the picture's longer side."""
+    shift, feather = (float(drawn.get(key) or 0) for key in ("shift", "feather"))
+    if not (abs(shift) <= EDGE_SIDE and 0 <= feather <= EDGE_SIDE):
+        raise ValueError(f"edge: expected shares of up to {EDGE_SIDE}, got {shift} and {feather}")
+    return shift, feather
+
+
+def shifted(matte: np.ndarray, shift: float, feather: float) -> np.ndarray:
+    """Return a matte (h, w) with its edge moved and blurred by shares of its longer side."""
+    side = max(matte.shape)
+    return outline.shift_edge(matte, shift * side, feather * side)
+
+
+def is_file(drawn: Mapping[str, Any]) -> bool:
+    """Return whether a drawing is a matte from a file, as it is, whose edge is right by itself."""
+    return drawn.get("model") == FILE and not any(drawn.get(key) for key in ("lasso", "strokes", "holes"))
+
+
+@functools.lru_cache(maxsize=1)
+def _solve(folder: str, drawing: str) -> np.ndarray:
+    """Solve what was drawn, as JSON, for the matte of the reduced copy.
+
+    The copy is in `folder`, the working folder, which is named because the result is kept.
+    """
+    drawn = json.loads(drawing)
+    try:
+        return _meant(drawn, reduced())
+    except (AttributeError, KeyError, OverflowError, TypeError) as error:
+        raise ValueError("drawn: expected an outline as the page draws it") from error
+
+
+def _meant(drawn: Mapping[str, Any], picture: np.ndarray) -> np.ndarray:
+    """Return the matte (h, w) that a drawing means on the reduced copy."""
+    height, width = picture.shape[:2]
+    scale = np.array([width, height], float)
+
+    def places(points: Any) -> np.ndarray:
+        relative = np.reshape(np.asarray(points, float), (-1, 2))
+        return relative.clip(-4, 5) * scale
+
+    strokes = [
+        outline.Stroke(bool(stroke["person"]), places(stroke["points"]), float(stroke["radius"]) * width)
+        for stroke in drawn.get("strokes") or []
+    ]
+    lasso = drawn.get("lasso") or None
+    holes = [places(points) for points in drawn.get("holes") or []]
+    rough = None
+    if drawn.get("model"):
+        rough = np.load(MODEL).astype(np.float32)
+    elif picture.shape[-1] == 4:
+        rough = picture[..., 3]
+    if rough is not None and not (strokes or holes) and lasso is None:
+        return rough
+    meant = outline.Outline(None if lasso is None else places(lasso), strokes, rough, holes)
+    return outline.outlined(picture[..., :3], meant)
