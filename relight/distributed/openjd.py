@@ -93,7 +93,10 @@ def write_job(
         raise ValueError("size: expected WIDTHxHEIGHT, since an analysis knows no background")
     lighting.check_any()
     shot = Shot(source, lighting, compute)
-    given = _lights_file(lighting)
+    alone = not (lighting.light or lighting.environment)
+    given = (
+        Path(lighting.lights) if alone and files.is_path(lighting.lights) else None
+    )  # one file of all lights
     lights_path = given or files.check_writable(
         output.save_lights or path.with_name(f"{path.stem}.lights.yaml"), LIGHTS_SUFFIXES
     )
@@ -101,7 +104,9 @@ def write_job(
     shot.check_outputs(output, lights_path)
     shot.check_not_read([path] if given else [path, lights_path])
     numbers = shot.frames_for(output, frames)
-    _warn_of_missing(shot, numbers)
+    missing = [] if shot.is_still else sorted(set(numbers).difference(shot.numbers))
+    if missing:
+        warnings.warn(f"{shot.source.plate}: frames {FrameRange(missing)} are not there yet", stacklevel=2)
     if given is None:
         write_lights(lights_path, shot.every_light)
         lighting = lighting.with_lights(lights_path)
@@ -234,19 +239,6 @@ class _Job:
             text = yaml.safe_dump(template, sort_keys=False)
         with files.replacing(self._path) as beside:
             beside.write_text(text + "\n", encoding="utf-8")
-
-
-def _lights_file(lighting: Lighting) -> Path | None:
-    """Return the file that holds all lights, if there is one."""
-    if files.is_path(lighting.lights) and not (lighting.light or lighting.environment):
-        return Path(lighting.lights)
-    return None
-
-
-def _warn_of_missing(shot: Shot, numbers: FrameRange) -> None:
-    missing = [] if shot.is_still else sorted(set(numbers).difference(shot.numbers))
-    if missing:
-        warnings.warn(f"{shot.source.plate}: frames {FrameRange(missing)} are not there yet", stacklevel=3)
 
 
 def _analysis_beside(path: Path, plate: object) -> Path:

@@ -19,6 +19,7 @@ def root(
     """
     first, last = frames or (1, 1)
     height, width = size
+    name = f"relight_{width}x{height}" + (f"_{pixel_aspect:g}" if pixel_aspect != 1 else "")
     return node(
         "Root",
         inputs=0,
@@ -27,13 +28,8 @@ def root(
         first_frame=first,
         last_frame=last,
         fps=f"{float(rate):g}",
-        format=f'"{width} {height} 0 0 {width} {height} {pixel_aspect:g} {_format_name(size, pixel_aspect)}"',
+        format=f'"{width} {height} 0 0 {width} {height} {pixel_aspect:g} {name}"',
     )
-
-
-def _format_name(size: tuple[int, ...], pixel_aspect: float) -> str:
-    height, width = size
-    return f"relight_{width}x{height}" + (f"_{pixel_aspect:g}" if pixel_aspect != 1 else "")
 
 
 def read_from(script: Path) -> dict[str, str]:

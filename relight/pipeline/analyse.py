@@ -81,7 +81,9 @@ def store_frames(
 ) -> dict[int, str]:
     """Analyse and store the frames of an open shot; `analyse_shot` describes arguments, result and errors."""
     report = progress or (lambda done, total, what: None)
-    numbers = _numbers(frames, shot)
+    if frames is not None and shot.is_still:
+        raise ValueError("frames: a still has none")
+    numbers = FrameRange.of(frames or (shot.numbers[0], shot.numbers[-1]))
     check_kind(folder, shot.is_still)
     folder.mkdir(parents=True, exist_ok=True)
     shot.prepare(report)
@@ -90,10 +92,3 @@ def store_frames(
     check_any_made(numbers, problems, "analysed")
     writer.warn_of_replaced(len(numbers))
     return problems
-
-
-def _numbers(frames: tuple[int, int] | str | FrameRange | None, shot: Shot) -> FrameRange:
-    """Return the numbers of the frames to analyse; 0 for a still."""
-    if frames is not None and shot.is_still:
-        raise ValueError("frames: a still has none")
-    return FrameRange.of(frames or (shot.numbers[0], shot.numbers[-1]))
