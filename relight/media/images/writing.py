@@ -64,52 +64,29 @@ def write(
 ) -> None:
     """Write an image. The file appears when it is complete; after an error, the old file is unchanged.
 
-    Parameters
-    ----------
-    path
-        Its suffix is the format: .exr, .hdr, .jpg, .png, .tif. Its folder must exist.
-    image
-        (H, W, 3|4), integers sRGB with straight alpha, floats linear Rec.709 premultiplied.
-    layers
-        {name: (H, W) or (H, W, 1|3|4) float}, for .exr: written as `name.R` ... `name.A`, or `name.Y`, or
-        `N.X` ... `N.Z` for normals, after the image's R, G, B, A. Values are not converted. A layer "Z" (H,
-        W) is the depth: the channel Z, which is always float32.
-    depth
-        "uint8", "uint16", "half" or "float", if the format has it. The default is half for .exr, uint8 for
-        .png and .jpg, uint16 for .tif, float for .hdr.
-    autocrop
-        Whether an .exr stores only the box of its pixels that are not zero, its data window. `read`, and
-        programs that honour the display window, show the whole picture; others show the box only.
-    metadata
-        {name: text, number or tuple of numbers} for the file's header.
-    view, exposure, white
-        How values that are brighter than a display are encoded as integers; see
-        `relight.media.colour.encode`.
-    colour_space
-        A linear colour space for an .exr or a .tif of floats, such as "ACEScg", "ACES2065-1" or "Rec.2020".
-        The image and its layers are converted to it, except normals, positions and single values. The file
-        states its chromaticities. The default is linear Rec.709.
+    The suffix is the format: .exr, .hdr, .jpg, .png, .tif. The image is (H, W, 3|4), integers sRGB with
+    straight alpha, floats linear Rec.709 premultiplied. Floats are written scene-linear and premultiplied.
+    Integers are encoded for a display, with straight alpha: without a `view` as sRGB, in which values up to 1
+    are exact and brighter highlights are compressed; `view`, `exposure`, `white`: see
+    `relight.media.colour.encode`.
 
-    Raises
-    ------
-    TypeError, ValueError
-        Wrong shape, dtype, suffix or depth; NaN or infinite values; values that half cannot hold; alpha that
-        is not 1 in a format without alpha; layers in a format other than .exr.
-    OSError
-        The folder does not exist, or the file cannot be written.
+    - `layers`: {name: (H, W) or (H, W, 1|3|4) float}, for .exr: written as `name.R` ... `name.A`, or
+      `name.Y`, or `N.X` ... `N.Z` for normals, after the image's R, G, B, A. Values are not converted. A
+      layer "Z" (H, W) is the depth: the channel Z, which is always float32. A warning names a layer so dim
+      that half floats lose more than 1 % of its light.
+    - `depth`: "uint8", "uint16", "half" or "float", if the format has it. The default is half for .exr, uint8
+      for .png and .jpg, uint16 for .tif, float for .hdr.
+    - `autocrop`: whether an .exr stores only the box of its pixels that are not zero, its data window.
+      `read`, and programs that honour the display window, show the whole picture; others show the box only.
+    - `metadata`: {name: text, number or tuple of numbers} for the file's header.
+    - `colour_space`: a linear colour space for an .exr or a .tif of floats, such as "ACEScg", "ACES2065-1" or
+      "Rec.2020". The image and its layers are converted to it, except normals, positions and single values.
+      The file states its chromaticities. The default is linear Rec.709.
 
-    Warns
-    -----
-    UserWarning
-        A layer is so dim that half floats lose more than 1 % of its light.
+    Raises TypeError or ValueError for a wrong shape, dtype, suffix or depth, NaN or infinite values, values
+    that half cannot hold, alpha that is not 1 in a format without alpha, and layers in a format other than
+    .exr; OSError if the folder does not exist, or the file cannot be written.
 
-    Notes
-    -----
-    Floats are written scene-linear and premultiplied. Integers are encoded for a display, with straight
-    alpha: without a `view` as sRGB, in which values up to 1 are exact and brighter highlights are compressed.
-
-    Examples
-    --------
     >>> image = relight.read("examples/person.png")
     >>> relight.write("copy.exr", image, layers={"C_key": image})
     """
