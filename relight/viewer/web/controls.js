@@ -30,6 +30,7 @@ export class Controls {
     this.undo = iconButton("undo", "Undo", actions.undo, "Ctrl Z");
     this.redo = iconButton("redo", "Redo", actions.redo, "Ctrl Shift Z");
     this.play = iconButton("play", "Play an orbit", actions.orbit, "T");
+    this.helpButton = iconButton("help", "Help", actions.help, "?");
     this.inspector = new Inspector(viewer, this.id);
     this.grip = grip(viewer);
     this.menu = iconButton("out", "Copy and save", () => this.openMenu(!this.outIsOpen));
@@ -38,16 +39,7 @@ export class Controls {
     this.element = h(
       "aside",
       { class: "panel", "aria-label": "Lights and view" },
-      h(
-        "header",
-        {},
-        h("h1", {}, viewer.scene.title),
-        this.play,
-        this.undo,
-        this.redo,
-        iconButton("help", "Help", actions.help, "?"),
-        this.menu,
-      ),
+      h("header", {}, h("h1", {}, viewer.scene.title), this.play, this.undo, this.redo, this.helpButton, this.menu),
       this.lightList(),
       this.inspector.element,
       this.environment(),

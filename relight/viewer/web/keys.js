@@ -159,7 +159,9 @@ export function helpSheet(viewer, table) {
       : [mouse, ...keyboard, fingers]),
   );
   sheet.addEventListener("click", (event) => event.target === sheet && sheet.close());
-  // where Space shows the photograph
-  sheet.addEventListener("close", () => viewer.stage.element.focus({ preventScroll: true }));
+  // The focus is back where it was; from the button to where Space shows the photograph.
+  sheet.addEventListener("close", () => {
+    if (viewer.controls.helpButton.matches(":focus")) viewer.stage.element.focus({ preventScroll: true });
+  });
   return sheet;
 }

@@ -120,6 +120,14 @@ def test_before_is_a_button_and_a_key_also_after_the_help(page):
     assert not page.evaluate("relight.viewer.help.open")
 
 
+def test_the_focus_is_where_it_was_after_the_help(page):
+    page.get_by_role("button", name="Solo key").focus()
+    browsing.press(page, "?", "Escape")
+    browsing.wait(page, "!relight.viewer.help.open")
+    browsing.settled(page)
+    assert page.evaluate("document.activeElement.getAttribute('aria-label')") == "Solo key"
+
+
 def test_the_picture_can_be_copied(page):
     page.evaluate("""() => { window.copied = []; navigator.clipboard.write = async ([item]) => {
         const png = await item.getType("image/png");
