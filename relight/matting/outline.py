@@ -21,6 +21,7 @@ from scipy import ndimage
 from scipy.spatial import cKDTree
 from scipy.special import expit, logit
 
+from relight.matting.gaps import gaps
 from relight.matting.refine import (
     BACKGROUND,
     PERSON,
@@ -48,6 +49,7 @@ MOVES, LEAST_SHIFT = 2, 0.2  # of a sharp mask's edge as a whole, and of its tol
 MASK_NEARNESS, MASK_PRIOR = 8.0, 0.05  # as `NEARNESS` and `PRIOR`, for sharp masks
 UNSURE = 0.05  # a rough matte is sure within this of 0 and 1; between, colours decide, however far the edge
 DOUBT = 0.6  # of the logarithm of its odds there: its weight, as a distance
+REACH = 6  # pixels around a gap that are solved with it
 MARGIN = 0.12  # of the outline's size, of the photograph around it that is looked at
 FILTER = "triangle"  # of OpenImageIO, for copies
 
@@ -88,8 +90,10 @@ def outlined(image: ArrayLike, outline: Outline) -> np.ndarray:
     size = (max(3, round((bottom - top) * shrink)), max(3, round((right - left) * shrink)))
     scale = np.array([size[1] / (right - left), size[0] / (bottom - top)])
 
-    known, distance, sharp = _drawn(outline, (top, left, bottom, right), size, scale)
+    known, distance, unsure, sharp = _drawn(outline, (top, left, bottom, right), size, scale)
     seen = encoded_srgb(resize(pixels[top:bottom, left:right], size, FILTER))
+    if not sharp:
+        known, distance = _opened(seen, known, distance, unsure)
     alpha = _solved(seen, known, distance, sharp)
     if alpha.max() <= 0.5:
         raise ValueError("outline: nothing of the person is inside it; draw around the whole person")
@@ -189,11 +193,12 @@ def _looked_at(outline: Outline, size: tuple[int, int]) -> tuple[int, int, int, 
 
 def _drawn(
     outline: Outline, part: tuple[int, int, int, int], size: tuple[int, int], scale: np.ndarray
-) -> tuple[np.ndarray, np.ndarray, bool]:
+) -> tuple[np.ndarray, np.ndarray, np.ndarray | None, bool]:
     """Draw an outline on a copy (h, w): return its trimap, the distance inside the edge, and what it is.
 
-    The distance is in units of the tolerance of the drawn line, infinite under strokes. The last value is
-    whether the outline is a sharp mask without lines, whose edge may be shifted as a whole.
+    The distance is in units of the tolerance of the drawn line, infinite under strokes. The third value is
+    where a mask is not sure of the person, None without one. The last one is whether the outline is a sharp
+    mask without lines, whose edge may be shifted as a whole.
     """
     top, left, bottom, right = part
     corner = np.array([left, top])
@@ -228,7 +233,25 @@ def _drawn(
         known[near & (known == (BACKGROUND if stroke.person else PERSON))] = UNKNOWN
         distance = np.where(near, 0.0, np.where(painted, np.inf if stroke.person else -np.inf, distance))
     lines = outline.lasso is not None or len(outline.holes) > 0
-    return known, distance, rough is not None and not lines and not unsure.any()
+    sharp = rough is not None and not lines and not unsure.any()
+    return known, distance, None if rough is None else rough < 1 - UNSURE, sharp
+
+
+def _opened(
+    seen: np.ndarray, known: np.ndarray, distance: np.ndarray, unsure: np.ndarray | None
+) -> tuple[np.ndarray, np.ndarray]:
+    """Return a trimap and its distances with the gaps opened in which the background shows.
+
+    A stroke that says "person" keeps a gap closed.
+    """
+    painted = np.isposinf(distance) & (known == PERSON)
+    gap = gaps(seen, known, np.isfinite(distance) & (distance > 0), unsure)
+    gap &= ~ndimage.binary_propagation(gap & ndimage.binary_dilation(painted), mask=gap)
+    near = np.isfinite(distance) & ndimage.binary_dilation(gap, iterations=REACH)
+    distance = np.where(gap, -1.0, np.where(near, np.minimum(distance, 0), distance))
+    known = np.where(near, UNKNOWN, known)
+    known[ndimage.binary_erosion(gap)] = BACKGROUND
+    return known, distance
 
 
 def _trimap(distance: np.ndarray) -> np.ndarray:
