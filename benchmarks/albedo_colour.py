@@ -8,7 +8,8 @@ photographed in several lights, in 8 bits, some with a camera's tone curve or as
 difference of the albedo's log-chromaticity, log R/G and log B/G, from the true albedo's, where the key light
 shone and where it did not. A tint of the whole picture is no error: the median difference in the light is
 taken off first. With --keep-tint nothing is corrected, to compare with.
-"Relit" is the RMS difference, encoded, of the photograph from `subject.relit(fit_lights(photograph))`.
+"Relit" is the RMS difference, encoded, of the photograph from `subject.relit(fit_lights(photograph))`, and
+"inside" is the same without the rim of the mask, where a person's colour is continued from inside.
 
 Figures to compare with are in docs/history.md; lower is better.
 """
@@ -19,6 +20,7 @@ from dataclasses import dataclass
 
 import numpy as np
 from PIL import Image
+from scipy.ndimage import binary_erosion
 
 import relight
 from relight.analysis.old_light import OldLight
@@ -38,6 +40,7 @@ ANGLES = (
 MEAN = 0.2  # linear, of a photograph's person
 MIN_ALBEDO, MIN_ENCODED, MAX_ENCODED = 0.02, 0.03, 0.985  # other pixels have no colour to measure
 MIN_PIXELS = 200
+RIM = 4  # pixels, whose colour is continued from inside
 
 
 @dataclass(frozen=True)
@@ -100,8 +103,9 @@ def chromaticity(rgb):
     return logs[..., ::2] - logs[..., 1:2]
 
 
-def errors(subject: relight.Subject, seen: Photograph) -> tuple[float, float, float] | None:
-    """Return the RMS error in the key's light, in its shadow, and of the picture in its own lights."""
+def errors(subject: relight.Subject, seen: Photograph) -> tuple[float, ...] | None:
+    """Return the RMS error in the key's light, in its shadow, and of the picture in its own lights, whole and
+    inside."""
     encoded = seen.pixels / 255
     clear = seen.mask & (seen.albedo.min(axis=-1) > MIN_ALBEDO) & (encoded.max(axis=-1) < MAX_ENCODED)
     clear &= encoded.min(axis=-1) > MIN_ENCODED
@@ -112,7 +116,8 @@ def errors(subject: relight.Subject, seen: Photograph) -> tuple[float, float, fl
     wrong = wrong - np.median(wrong[lit], axis=0)
     again = subject.relit(relight.fit_lights(seen.pixels, subject))[..., :3]
     difference = again.clip(0, 1) ** (1 / photographs.ENCODING) - encoded
-    each = (wrong[lit], wrong[shadow], difference[seen.mask])
+    inside = binary_erosion(seen.mask, iterations=RIM)
+    each = (wrong[lit], wrong[shadow], difference[seen.mask], difference[inside])
     return tuple(float(np.sqrt(np.mean(values**2))) for values in each)
 
 
@@ -134,7 +139,7 @@ def main() -> None:
             scored = errors(relight.Subject(seen.pixels, seen.mask, old_light=old_light), seen)
             if scored is not None:
                 found.setdefault(name, []).append(scored)
-    print("| light | in the light | in its shadow | relit | views |\n|---|---|---|---|---|")
+    print("| light | in the light | in its shadow | relit | inside | views |\n|---|---|---|---|---|---|")
     for name, values in found.items():
         print(
             f"| {name} | " + " | ".join(f"{x:.3f}" for x in np.mean(values, axis=0)) + f" | {len(values)} |"

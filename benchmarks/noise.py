@@ -13,7 +13,7 @@ import argparse
 import io
 
 import numpy as np
-from albedo_colour import ANGLES, MEAN, MIN_PIXELS, lamp
+from albedo_colour import ANGLES, MEAN, MIN_PIXELS, RIM, lamp
 from PIL import Image
 from scipy.ndimage import binary_erosion
 
@@ -27,7 +27,6 @@ SKY = 0.06  # of the light
 BLACK_CLOTH = 0.12  # factor of the clothes' albedo
 HEAD = 0.2  # of the person's height
 KEY_SHARE = 0.15  # of the luminance, below which a pixel is in the key's shadow
-RIM = 4  # pixels, whose colour is continued from inside
 QUALITIES = {"codes of 8 bits": None, "JPEG 90": 90, "JPEG 75": 75}
 
 

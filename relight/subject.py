@@ -408,8 +408,18 @@ class Subject:
         colour = person.own_colour(plate, photographed=plate.shape[-1] == 3)
         framed = Framed.of(colour, person.matte, record.framing.canvas[0])
         directions = torch.from_numpy(olat(behind=True))
-        powers = solve_lighting(framed.rgb, maps.albedo, maps.shading(directions), maps.known.float())
+        powers = solve_lighting(
+            framed.rgb, self._canvas_albedo(), maps.shading(directions), maps.known.float()
+        )
         return directions.numpy(), powers.numpy()
+
+    def _canvas_albedo(self) -> torch.Tensor:
+        """Return the albedo of relit pictures, without noise, on the networks' canvas (3, h, w)."""
+        person = self._record.foreground
+        covered = torch.cat([torch.ones(len(self._albedo), 1), self._albedo], dim=1)
+        layers = torch.from_numpy(person.scatter(covered)[person.box]).permute(2, 0, 1)
+        share, albedo = self._record.framing.crop(layers).split([1, 3])
+        return albedo / share.clamp_min(1e-6)
 
     def view(
         self,

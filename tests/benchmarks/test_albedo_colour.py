@@ -17,7 +17,7 @@ def benchmark(monkeypatch):
 
 
 def scored(benchmark, record, name, old_light=None):
-    """Errors in the key's light, in its shadow, and of the picture in its own lights."""
+    """Errors in the key's light, in its shadow, and of the picture in its own lights, whole and inside."""
     seen = benchmark.photograph(record, *benchmark.lightings(record.directions, 0)[name])
     return benchmark.errors(relight.Subject(seen.pixels, seen.mask, old_light=old_light), seen)
 
@@ -37,6 +37,7 @@ def test_the_colour_of_sun_and_sky_leaves_the_albedo_of_a_body(benchmark, name, 
     assert found[1] < colour
     assert found[0] < left_in[0] + 0.01
     assert found[2] < 0.055  # relit by its own lights, it stays itself
+    assert found[3] < found[2]
 
 
 @pytest.mark.slow

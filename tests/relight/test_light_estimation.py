@@ -9,7 +9,9 @@ import relight
 from relight import light_estimation
 from relight.cli.commands import app
 from relight.light_estimation import WINDOW_RADIUS, PlateLight
+from relight.media.colour import encode
 from relight.media.sequences import FrameSequence, SequenceReader, Still
+from shadow.data.records import Records
 
 PERSON = ROOT / "examples" / "person.png"
 
@@ -63,6 +65,22 @@ def test_the_light_of_a_reference_lights_another():
     np.testing.assert_allclose(again[inside].mean(), reference[inside].mean(), rtol=0.1)
     brighter = relight.match(subject, reference * np.float32((2, 2, 2, 1)))
     np.testing.assert_allclose(sum(light.power.mean() for light in brighter), 2 * powers.sum(), rtol=0.02)
+
+
+def test_a_picture_in_known_lights_stays_itself_where_the_albedo_lacks_noise():
+    """Dark clothes, some channels of which a camera cut to black: those of the albedo are raised."""
+    record = Records([ROOT / "tests" / "data"])[0]
+    light = record.visibility[:, record.directions[:, 0] > 0.8].mean(axis=1, keepdims=True) + 0.1
+    photograph = record.image(np.float32(record.albedo * light)).permute(1, 2, 0).numpy()
+    rows = np.nonzero(record.mask.any(axis=1))[0]
+    photograph[rows[len(rows) // 3] :] *= (0.004, 0.06, 0.05)
+    subject = relight.Subject(np.uint8(np.round(255 * encode(photograph.clip(0, 1)))), record.mask)
+    key, fill = relight.DirectionalLight(azimuth=-40, elevation=30), relight.DirectionalLight(intensity=0.3)
+    picture = subject.relit([key, fill])
+    again = subject.relit(relight.fit_lights(picture, subject))
+    wrong = np.diff([encode(image[..., :3].clip(0, 1)) for image in (picture, again)], axis=0)[0][record.mask]
+    assert np.sqrt((wrong**2).mean()) < 0.01
+    assert np.sqrt(((wrong - wrong.mean(axis=-1, keepdims=True)) ** 2).mean()) < 0.004
 
 
 def test_the_strongest_is_first_by_what_is_given(monkeypatch):
