@@ -23,7 +23,7 @@ import numpy as np
 import relight
 
 ROOT = Path(__file__).resolve().parents[1]
-sys.path.insert(0, str(ROOT / "tests"))
+sys.path[:0] = [str(ROOT), str(ROOT / "tests")]  # tests/relight would hide the package if it came first
 
 from helpers.killing import differences, finished, kill  # noqa: E402
 

@@ -26,7 +26,7 @@ ROOT = Path(__file__).parents[1]
 PERSON = ROOT / "examples" / "person.png"
 LIGHTS = ((-60, 20), (60, 20), (0, 70))  # from left, right and above: azimuth, elevation
 SHADOW = (-50, 45)
-sys.path.insert(0, str(ROOT / "tests"))
+sys.path[:0] = [str(ROOT), str(ROOT / "tests")]  # tests/relight would hide the package if it came first
 
 from helpers import exported, usdlux  # noqa: E402
 

@@ -18,9 +18,10 @@ from shadow.data import records
 from shadow.lightstage import scans, stage
 from shadow.lightstage.people.generate import bodies
 
-sys.path.insert(0, str(Path(__file__).parents[1] / "tests"))
+ROOT = Path(__file__).parents[1]
+sys.path[:0] = [str(ROOT), str(ROOT / "tests")]  # tests/relight would hide the package if it came first
 
-from helpers.pathtracer import path_trace
+from helpers.pathtracer import path_trace  # noqa: E402
 
 SIZE = 512
 

@@ -12,8 +12,9 @@ from pathlib import Path
 
 import relight
 
-sys.path.append(str(Path(__file__).parents[1] / "tests"))
-from helpers import browsing
+ROOT = Path(__file__).parents[1]
+sys.path[:0] = [str(ROOT), str(ROOT / "tests")]  # tests/relight would hide the package if it came first
+from helpers import browsing  # noqa: E402
 
 FRAMES = 10
 TIME = """async ([count, frames, near]) => {

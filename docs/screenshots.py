@@ -13,7 +13,7 @@ import relight
 from relight import Subject
 
 ROOT = Path(__file__).parents[1]
-sys.path.insert(0, str(ROOT / "tests"))
+sys.path[:0] = [str(ROOT), str(ROOT / "tests")]  # tests/relight would hide the package if it came first
 
 from helpers import browsing  # noqa: E402
 from helpers.serving import LIT, at_step, served, visited  # noqa: E402

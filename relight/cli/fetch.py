@@ -35,7 +35,7 @@ def person(
     with progress_bars() as report:
 
         def told(done: int, total: int, what: str) -> None:
-            report(done // MEGABYTE, total // MEGABYTE, f"{what}, MB")
+            report(done // MEGABYTE, total // MEGABYTE or None, f"{what}, MB")
 
         kept = person_files.fetch(wheel, told)
     console.print(f"{kept}", soft_wrap=True)

@@ -103,13 +103,16 @@ def is_given(context: typer.Context, name: str) -> bool:
 
 
 @contextmanager
-def progress_bars() -> Iterator[Callable[[int, int, str], None]]:
-    """Show the steps of a run, one bar for each kind of step; nothing before the first step."""
+def progress_bars() -> Iterator[Callable[[int, int | None, str], None]]:
+    """Show the steps of a run, one bar for each kind of step; nothing before the first step.
+
+    A total of None is not known.
+    """
     columns = (TextColumn("{task.description}"), BarColumn(), MofNCompleteColumn(), TimeRemainingColumn())
     progress = Progress(*columns, console=console)
     tasks: dict[str, Any] = {}
 
-    def report(done: int, total: int, what: str) -> None:
+    def report(done: int, total: int | None, what: str) -> None:
         progress.start()
         if what not in tasks:
             tasks[what] = progress.add_task(what, total=total)

@@ -13,6 +13,7 @@ import sys
 import tempfile
 import zipfile
 from collections.abc import Callable
+from contextlib import suppress
 from pathlib import Path
 
 from relight.errors import DamagedFileError, MissingNetworksError
@@ -93,9 +94,9 @@ def fetched() -> tuple[Path, Path]:
 def fetch(wheel: AnyPath | None = None, progress: Progress | None = None) -> Path:
     """Bring the files of the networks that find people, and return the folder that keeps them.
 
-    They are taken from `wheel`, `mediapipe-0.10.14-….whl` of any system; pip downloads it to a temporary
-    folder otherwise. `progress` is called with what is done, of how much, in bytes, and words that say what
-    is being done.
+    They are taken from `wheel`, `mediapipe-0.10.14-….whl` of any system; otherwise, unless they are there
+    and intact, pip downloads it to a temporary folder. `progress` is called with what is done, of how much,
+    in bytes, and words that say what is being done.
 
     Raises FileNotFoundError if there is no such wheel; DamagedFileError if it is none, or does not hold the
     files that were published; OSError if pip is missing or cannot download it, or the folder cannot be
@@ -110,6 +111,8 @@ def fetch(wheel: AnyPath | None = None, progress: Progress | None = None) -> Pat
     kept.mkdir(parents=True, exist_ok=True)
     if wheel is not None:
         return _unpacked(Path(wheel), kept)
+    with suppress(MissingNetworksError, DamagedFileError):
+        return fetched()[0].parent
     with tempfile.TemporaryDirectory() as scratch:
         return _unpacked(_downloaded(Path(scratch), told), kept)
 

@@ -96,6 +96,9 @@ def test_pip_downloads_the_wheel_and_tells_how_far_it_is(tmp_path, cache, monkey
     assert told == [
         (done, total, "Downloading mediapipe 0.10.14") for done, total in ((0, 0), (10, 40), (40, 40))
     ]
+    asked.clear()
+    assert person_files.fetch() == cache  # they are there
+    assert not asked
 
 
 def test_a_download_that_fails_says_why_and_what_to_do(cache, monkeypatch):
