@@ -1,6 +1,6 @@
-"""Gaps within an outline through which the background shows, such as that between arm and body.
+"""Gaps within a soft mask through which the background shows, such as that between arm and body.
 
-A coarse mask closes them, and a line around the person holds them. A gap is found by its colour: the
+A coarse mask closes them, but is seldom sure of them. A gap is found by its colour: the
 background near by has nearly one colour, the gap has the same, and what surrounds the gap has clearly
 another. So nothing is found before clutter, nor where the person wears the background's colour.
 """
@@ -25,19 +25,19 @@ LEAST_AREA = 30  # pixels of a gap
 WORN = 0.05  # of the longer side: so near, the person may not wear more of that colour than a gap has
 
 
-def gaps(seen: np.ndarray, known: np.ndarray, inside: np.ndarray, unsure: np.ndarray | None) -> np.ndarray:
-    """Return where the background shows within an outline beyond reasonable doubt: (h, w), bool.
+def gaps(seen: np.ndarray, known: np.ndarray, inside: np.ndarray, unsure: np.ndarray) -> np.ndarray:
+    """Return where the background shows within a mask beyond reasonable doubt: (h, w), bool.
 
     Parameters
     ----------
     seen
         (h, w, 3) in [0, 1], encoded.
     known
-        (h, w), the outline's trimap.
+        (h, w), the mask's trimap.
     inside
         (h, w), bool: where a gap may be.
     unsure
-        (h, w), bool: where a soft mask is not sure of the person; a gap has such a place. None without one.
+        (h, w), bool: where the mask is not sure of the person; a gap has such a place.
     """
     colour = ndimage.gaussian_filter(seen, (0.7, 0.7, 0))
     deviations, plain = _deviations(colour, known)
@@ -45,9 +45,7 @@ def gaps(seen: np.ndarray, known: np.ndarray, inside: np.ndarray, unsure: np.nda
     labels, count = ndimage.label(same)
     large = np.bincount(labels.ravel(), minlength=count + 1) >= LEAST_AREA
     large[0] = False
-    doubted = large
-    if unsure is not None:
-        doubted = large & (np.bincount(labels.ravel(), unsure.ravel(), count + 1) > 0)
+    doubted = large & (np.bincount(labels.ravel(), unsure.ravel(), count + 1) > 0)
     worn, reach = (large & ~doubted)[labels], round(WORN * max(known.shape))
     found = np.zeros(known.shape, bool)
     for number, part in enumerate(ndimage.find_objects(labels), 1):

@@ -92,7 +92,7 @@ def outlined(image: ArrayLike, outline: Outline) -> np.ndarray:
 
     known, distance, unsure, sharp = _drawn(outline, (top, left, bottom, right), size, scale)
     seen = encoded_srgb(resize(pixels[top:bottom, left:right], size, FILTER))
-    if not sharp:
+    if unsure is not None and not sharp:
         known, distance = _opened(seen, known, distance, unsure)
     alpha = _solved(seen, known, distance, sharp)
     if alpha.max() <= 0.5:
@@ -238,7 +238,7 @@ def _drawn(
 
 
 def _opened(
-    seen: np.ndarray, known: np.ndarray, distance: np.ndarray, unsure: np.ndarray | None
+    seen: np.ndarray, known: np.ndarray, distance: np.ndarray, unsure: np.ndarray
 ) -> tuple[np.ndarray, np.ndarray]:
     """Return a trimap and its distances with the gaps opened in which the background shows.
 
