@@ -39,30 +39,35 @@ def presets(height: float = HEIGHT) -> dict[str, list[Light]]:
     ['key', 'fill']
     """
     scale = checked_number("height", height, 0.01, 100) / HEIGHT
-    made: dict[str, Any] = {}
-    for name, preset in document().items():
-        made[name] = from_entries([_scaled(entry, scale) for entry in preset["lights"]])
-    return made
+    return {name: _lights(preset, scale) for name, preset in document().items()}
 
 
 def named(name: str, argument: str = "preset") -> list[Light]:
     """Return the lights of a preset, which is given as an `argument`. Raises ValueError for another name."""
-    known = presets()
-    if name not in known:
-        raise ValueError(f"{argument}: no preset is called {name!r}; there are {', '.join(known)}")
-    return known[name]
+    return _lights(_known(name, argument))
 
 
 def gloss(name: str) -> float:
     """Return the gloss of a preset, 0 by default. Raises ValueError for another name."""
-    named(name)
-    return float(document()[name].get("gloss", 0))
+    return float(_known(name, "preset").get("gloss", 0))
+
+
+def _known(name: str, argument: str) -> dict[str, Any]:
+    """Return what the file says of a preset. Raises as `named` does."""
+    if name not in document():
+        raise ValueError(f"{argument}: no preset is called {name!r}; there are {', '.join(document())}")
+    return document()[name]
 
 
 @functools.cache
 def document() -> dict[str, Any]:
     """Return the file: {name: {"title": as it is shown, "lights": entries of a lights file, "gloss"}}."""
     return yaml.safe_load(files("relight").joinpath("presets.yaml").read_text(encoding="utf-8"))
+
+
+def _lights(preset: dict[str, Any], scale: float = 1.0) -> list[Any]:
+    """Return the lights of a preset, for a person `scale` times as high as the file's."""
+    return from_entries([_scaled(entry, scale) for entry in preset["lights"]])
 
 
 def _scaled(entry: dict[str, Any], scale: float) -> dict[str, Any]:

@@ -21,7 +21,7 @@ def matte_of(
         return alpha
     if alpha is not None and alpha.min() >= opaque:
         alpha = None
-    difference = np.ptp(colours, axis=-1).max(initial=0)
+    difference = np.ptp(colours, axis=-1).max(initial=0) if colours.shape[-1] > 1 else 0
     if alpha is not None and (difference > grey or np.ptp(colours) <= grey):  # no matte is in the colours
         return alpha
     if difference > grey:

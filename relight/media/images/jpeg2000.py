@@ -1,5 +1,6 @@
 """What the boxes of a JPEG 2000 file say (ISO/IEC 15444-1, Annex I) that OpenImageIO does not pass on."""
 
+import functools
 import struct
 from pathlib import Path
 from typing import NamedTuple
@@ -7,6 +8,7 @@ from typing import NamedTuple
 from relight.media.colour import SRGB
 from relight.media.encodings import Encoding, decode_srgb
 from relight.media.images.isobmff import HEADER, boxes
+from shadow.files import file_version
 
 ENUMERATED, RESTRICTED_PROFILE, ANY_PROFILE, CODE_POINTS = 1, 2, 3, 5  # methods of `colr`
 SRGB_SPACES = 16, 17, 18  # sRGB, its grey, and sYCC, which OpenImageIO makes red, green and blue
@@ -26,7 +28,13 @@ class Jpeg2000Header(NamedTuple):
 
 
 def jpeg2000_header(path: Path) -> Jpeg2000Header:
-    """Read the header of a JPEG 2000 file. A codestream without boxes says nothing."""
+    """Read the header of a JPEG 2000 file, once while it stays. A codestream without boxes says nothing."""
+    return _header(path, file_version(path))
+
+
+@functools.lru_cache(maxsize=1)
+def _header(path: Path, version: tuple[int, ...]) -> Jpeg2000Header:
+    """Read a header; `version` tells the cache when the file has been written again."""
     with path.open("rb") as file:
         content = dict(boxes(file.read(HEADER))).get("jp2h", b"")
     found = Jpeg2000Header()
