@@ -5,7 +5,7 @@ python benchmarks/gpu/session.py OUT [--limit 560] [--total 760] [--records DIR 
 
 `--begin` unpacks what .gpu has (`pack.py` makes it), starts to render records on all cores, and returns at
 once. It can be given several times, with another part of .gpu each time: packages.tar.xz and people.tar.xz
-first; makehuman.tar.xz, *.glb (scans to render) and *.npz (records) when they are there.
+first; makehuman.tar.xz, *.npz (records) and *.glb (scans to render; four parts at most) when they are there.
 
 Without it, the work is done by a process of its own in --work, which goes on if this command is stopped. The
 command starts it where there is none, and follows it: it prints its log, and copies weights in 8 bits, the
@@ -45,22 +45,24 @@ FOLLOW_SECONDS, PUBLISH_SECONDS = 2.0, 10.0
 RESTARTS = 2  # after errors of the worker
 HERE = Path(__file__).resolve()
 ROOT = HERE.parents[2]
-PEAK_RATE, PEAK_STEPS = 4e-4, 2000  # a run of fewer steps has a lower rate
+PEAK_STEPS = 2000  # a run of fewer steps has a lower rate
 WARM_UP = 0.03  # of the steps
 STEPS_A_SECOND = 5.0  # of an H100, in mini-batches of 32 photographs of 512 x 512
 WORKERS = 4  # that make photographs on the GPU
 PROBE_SECONDS = 120.0  # the compiler took 90 s while 16 processes rendered
 POOL = {  # folder: options of `relight stage`, share of the cores
-    "heads": ("--bodies 110000:119000 --views 3 --head --makehuman MAKEHUMAN", 0.32),
-    "bodies": ("--bodies 80000:89000 --views 3 --jitter --fabrics", 0.16),
-    "looks": ("--bodies 100000:109000 --views 3 --jitter --makehuman MAKEHUMAN", 0.2),
-    "close": ("--bodies 120000:129000 --views 2 --portrait --makehuman MAKEHUMAN", 0.14),
-    "draped": ("--bodies 61000:62000 --simulate --views 8 --jitter --fabrics", 0.18),
+    "heads": ("--bodies 140000:149000 --views 3 --head --makehuman MAKEHUMAN", 0.3),
+    "bodies": ("--bodies 180000:189000 --views 3 --jitter --fabrics", 0.16),
+    "looks": ("--bodies 160000:169000 --views 3 --jitter --makehuman MAKEHUMAN", 0.16),
+    "close": ("--bodies 170000:179000 --views 2 --portrait --makehuman MAKEHUMAN", 0.12),
+    "draped": ("--bodies 63000:64000 --simulate --views 8 --jitter --fabrics", 0.18),
+    # These begin with each part of the scans.
     "scans": ("SCANS --views 8 --jitter --no-normal-maps", 0.1),
     "scan-maps": ("SCANS --views 4 --jitter", 0.06),
     "scan-heads": ("SCANS --views 6 --head", 0.08),
-    "variants": ("SCANS --variants 900:908 --folds --no-normal-maps --views 1 --jitter", 0.16),
+    "variants": ("SCANS --variants 910:918 --folds --no-normal-maps --views 1 --jitter", 0.1),
 }
+SCAN_PARTS = 4  # at most, of one --begin each
 TINY = {"bodies": ("--bodies 0:1 --views 2 --jitter", 0.0)}
 STAGE = "--size 576 --behind --directions 44"
 
@@ -173,14 +175,31 @@ def note(work: Path, **facts) -> None:
     print(facts, flush=True)
 
 
+def kinds(tiny: bool) -> dict[str, tuple[str, float]]:
+    """Return the options and share of the cores of each folder of records; a part of the scans has one."""
+    found = {}
+    for name, given in (TINY if tiny else POOL).items():
+        parts = SCAN_PARTS if "SCANS" in given[0] else 1
+        found |= {f"{name}-{part}" if parts > 1 else name: given for part in range(parts)}
+    return found
+
+
 def render(work: Path, tiny: bool) -> None:
     """Start the processes that make records, one for each kind that has what it needs and has not begun."""
-    scans = " ".join(f"--scan {path}" for path in sorted((work / "scans").glob("*.glb")))
+    begun = work / "scans-begun"
+    parts = begun.read_text().splitlines() if begun.exists() else []
+    new = sorted(set(map(str, (work / "scans").glob("*.glb"))) - set(" ".join(parts).split()))
+    scans = " ".join(f"--scan {path}" for path in new)
+    if new:
+        begun.write_text("".join(f"{line}\n" for line in [*parts, " ".join(new)]))
     assets = work / "site/makehuman"
     stage = STAGE if not tiny else "--size 96 --behind --directions 44"
-    for name, (options, share) in (POOL if not tiny else TINY).items():
+    for name, (options, share) in kinds(tiny).items():
         pid, out = work / f"{name}.pid", work / "records" / name
-        lacking = ("SCANS" in options and not scans) or ("MAKEHUMAN" in options and not assets.exists())
+        if "SCANS" in options:
+            lacking = not scans or not name.endswith(f"-{len(parts)}")
+        else:
+            lacking = "MAKEHUMAN" in options and not assets.exists()
         if pid.exists() or lacking:
             continue
         words = options.replace("SCANS", scans).replace("MAKEHUMAN", str(assets)).split()
@@ -237,7 +256,8 @@ def prepare(work: Path, given: argparse.Namespace, until: float) -> dict:
     pool = work / "records"
     enough = 64 if not given.tiny else 1
     rendering = lambda: time.time() < until and renderers(work)  # noqa: E731
-    measure(work, given)
+    if given.measure:
+        measure(work, given)
     while rendering() and not given.records and len(list(pool.glob("*/*.npz"))) < enough:
         time.sleep(0.5)
     found = probe(work, given, until)
@@ -250,8 +270,8 @@ def prepare(work: Path, given: argparse.Namespace, until: float) -> dict:
 
 def counts(work: Path) -> dict[str, int]:
     """Return the number of records of each kind."""
-    kinds = sorted((work / "records").glob("*"))
-    return {kind.name: len(list(kind.glob("*.npz"))) for kind in kinds}
+    folders = sorted((work / "records").glob("*"))
+    return {folder.name: len(list(folder.glob("*.npz"))) for folder in folders}
 
 
 def probe(work: Path, given: argparse.Namespace, until: float) -> dict:
@@ -293,7 +313,7 @@ def recipe_for(given: argparse.Namespace, found: dict, seconds: float, steps: fl
     from shadow.training.recipes import preset
     from shadow.training.tasks import SHADOW
 
-    rate = PEAK_RATE * min(1.0, steps / PEAK_STEPS) ** 0.5
+    rate = given.rate * min(1.0, steps / PEAK_STEPS) ** 0.5
     sizes = {"size": 512, "batch": found["batch"], "lights": 12}
     if given.tiny:
         sizes = {"size": 128, "batch": 2, "lights": 4}
@@ -325,7 +345,7 @@ def train(work: Path, given: argparse.Namespace, ends: float, found: dict) -> No
     recipe = recipe_for(given, found, **planned)
     note(work, plan=planned, learning_rate=recipe.learning_rate, warm_up=recipe.warm_up)
     # All folders of the pool: some kinds may have no record yet.
-    folders = [work / "records" / name for name in (*(POOL if not given.tiny else TINY), "made")]
+    folders = [work / "records" / name for name in (*kinds(given.tiny), "made")]
     for folder in folders:
         folder.mkdir(parents=True, exist_ok=True)
     fit_field(given, found, recipe, [*given.records, *folders], work / "run")
@@ -406,6 +426,8 @@ def main() -> int:
     parser.add_argument("--init", type=Path, default=ROOT / "shadow/weights/field.safetensors")
     parser.add_argument("--distil", type=float, default=0.0, help="of `relight train`; --init is the teacher")
     parser.add_argument("--batch", type=int, default=32)
+    parser.add_argument("--rate", type=float, default=4e-4, help="highest, of a run of 2,000 steps or more")
+    parser.add_argument("--measure", action=argparse.BooleanOptionalAction, default=True)
     parser.add_argument("--minutes", type=float, default=1.0, help="between checkpoints")
     parser.add_argument("--seed", type=int, default=223)
     parser.add_argument("--tiny", action="store_true", help="a rehearsal on a CPU")
