@@ -8,10 +8,10 @@ once. It can be given several times, with another part of .gpu each time: packag
 first; makehuman.tar.xz, *.npz (records) and *.glb (scans to render; four parts at most) when they are there.
 
 Without it, the work is done by a process of its own in --work, which goes on if this command is stopped. The
-command starts it where there is none, and follows it: it prints its log, and copies weights in 8 bits, the
-state in parts of 16 MiB, the log and every exception to OUT as soon as they are there, each minute. So a stop
-loses a minute at most. Given again, it follows the same work, or starts it again after an error; what is done
-is not done twice.
+command starts it where there is none, and follows it: it prints its log and the errors of rendering, and
+copies weights in 8 bits, the state in parts of 16 MiB, the log and every exception to OUT as soon as they are
+there, each minute. So a stop loses a minute at most. Given again, it follows the same work, or starts it
+again after an error; what is done is not done twice.
 
 1. While the first records are rendered, until --records-seconds after the first start, the GPU measures the
    product (`measure.py`, at most 60 s) and trains a throw-away network, which compiles the code and predicts
@@ -382,11 +382,19 @@ def start(work: Path) -> subprocess.Popen:
     return worker
 
 
+def failures(work: Path) -> set[str]:
+    """Return the error lines of the processes that render."""
+    log = work / "render.log"
+    lines = log.read_text(errors="replace").splitlines() if log.exists() else []
+    return {line for line in lines if line.startswith("relight: ") or "Error: " in line}
+
+
 def follow(given: argparse.Namespace) -> int:
     """Follow the worker for `limit` seconds, and return an exit status: 0 if all is done."""
     until, published, shown, work = time.time() + given.limit, 0.0, 0, given.work
     sys.path[1:1] = [str(work / "code"), str(work / "site")]
     worker, starts = None, 0
+    told: set[str] = set()
     while True:
         finished, running = (work / "done").exists(), alive(work / "worker")
         if worker is not None:
@@ -394,6 +402,9 @@ def follow(given: argparse.Namespace) -> int:
         failed = not finished and not running and starts > RESTARTS
         if not finished and not running and not failed:
             worker, starts = start(work), starts + 1
+        for line in sorted(failures(work) - told):
+            print(f"rendering: {line}", flush=True)
+        told |= failures(work)
         text = (work / "worker.log").read_bytes()
         sys.stdout.write(text[shown:].decode(errors="replace"))
         sys.stdout.flush()
