@@ -438,7 +438,7 @@ def main() -> int:
     parser.add_argument("--distil", type=float, default=0.0, help="of `relight train`; --init is the teacher")
     parser.add_argument("--batch", type=int, default=32)
     parser.add_argument("--rate", type=float, default=4e-4, help="highest, of a run of 2,000 steps or more")
-    parser.add_argument("--measure", action=argparse.BooleanOptionalAction, default=True)
+    parser.add_argument("--no-measure", action="store_false", dest="measure")
     parser.add_argument("--minutes", type=float, default=1.0, help="between checkpoints")
     parser.add_argument("--seed", type=int, default=223)
     parser.add_argument("--tiny", action="store_true", help="a rehearsal on a CPU")

@@ -34,13 +34,13 @@ KEPT = 0.005  # RMS difference from a kept map, whose values are in [0, 1]: floa
 
 BOUNDS = {  # of the means over the records: 1 to 4 % above what tests/data/README.md says was measured
     "normals, degrees": 10.8,
-    "visibility, RMSE": 0.2865,
-    "visibility, 1 - Dice": 0.0755,
-    "cast shadows missed": 0.246,
+    "visibility, RMSE": 0.285,
+    "visibility, 1 - Dice": 0.0745,
+    "cast shadows missed": 0.2545,
     "shading, RMSE": 0.1345,
-    "albedo in the light, L1": 0.0273,
+    "albedo in the light, L1": 0.0281,
     "albedo in shadow, L1": 0.0599,
-    "shadow left in the albedo, stops": 0.165,
+    "shadow left in the albedo, stops": 0.115,
 }
 
 
