@@ -36,7 +36,7 @@ def bodies():
 
 def test_a_batch_is_its_photographs(bodies, monkeypatch):
     """Each has its light, skin, place, rotation, depth and directions. They are clean here."""
-    monkeypatch.setattr(photographs, "_degrade", lambda rgb, mask, rng: (rgb, mask))
+    monkeypatch.setattr(photographs.Flaws, "__call__", lambda _, rgb, mask: (rgb, mask))
     stack = Stack(bodies, SIZE, CPU)
     numbers = [0, 1, 2, 1]
     draws = [stack.draw(number, np.random.default_rng(seed), 12) for seed, number in enumerate(numbers)]
