@@ -56,7 +56,7 @@ POOL = {  # folder: options of `relight stage`, share of the cores
     "looks": ("--bodies 160000:169000 --views 3 --jitter --makehuman MAKEHUMAN", 0.16),
     "close": ("--bodies 170000:179000 --views 2 --portrait --makehuman MAKEHUMAN", 0.12),
     "draped": ("--bodies 63000:64000 --simulate --views 8 --jitter --fabrics", 0.18),
-    # These begin with each part of the scans.
+    # Each part of the scans starts these again.
     "scans": ("SCANS --views 8 --jitter --no-normal-maps", 0.1),
     "scan-maps": ("SCANS --views 4 --jitter", 0.06),
     "scan-heads": ("SCANS --views 6 --head", 0.08),
@@ -176,7 +176,10 @@ def note(work: Path, **facts) -> None:
 
 
 def kinds(tiny: bool) -> dict[str, tuple[str, float]]:
-    """Return the options and share of the cores of each folder of records; a part of the scans has one."""
+    """Return the options and the share of the cores of each folder of records.
+
+    Kinds that need scans have a folder for each part of the scans.
+    """
     found = {}
     for name, given in (TINY if tiny else POOL).items():
         parts = SCAN_PARTS if "SCANS" in given[0] else 1
@@ -402,9 +405,10 @@ def follow(given: argparse.Namespace) -> int:
         failed = not finished and not running and starts > RESTARTS
         if not finished and not running and not failed:
             worker, starts = start(work), starts + 1
-        for line in sorted(failures(work) - told):
+        new = failures(work) - told
+        for line in sorted(new):
             print(f"rendering: {line}", flush=True)
-        told |= failures(work)
+        told |= new
         text = (work / "worker.log").read_bytes()
         sys.stdout.write(text[shown:].decode(errors="replace"))
         sys.stdout.flush()
