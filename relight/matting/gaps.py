@@ -39,9 +39,8 @@ def gaps(seen: np.ndarray, known: np.ndarray, inside: np.ndarray, unsure: np.nda
     unsure
         (h, w), bool: where the mask is not sure of the person; a gap has such a place.
     """
-    colour = ndimage.gaussian_filter(seen, (0.7, 0.7, 0))
-    deviations, plain = _deviations(colour, known)
-    same = ndimage.binary_opening(inside & plain & (deviations < SAME), np.ones((3, 3)))
+    far, plain = deviations(seen, known == BACKGROUND, NEAR)
+    same = ndimage.binary_opening(inside & plain & (far < SAME), np.ones((3, 3)))
     labels, count = ndimage.label(same)
     large = np.bincount(labels.ravel(), minlength=count + 1) >= LEAST_AREA
     large[0] = False
@@ -56,7 +55,7 @@ def gaps(seen: np.ndarray, known: np.ndarray, inside: np.ndarray, unsure: np.nda
         gap = labels[part] == number
         rim = ndimage.binary_dilation(gap, iterations=BLEND + RIM) & inside[part]
         rim &= ~ndimage.binary_dilation(gap, iterations=BLEND)
-        alike = (deviations[part][rim] < OTHER).sum()
+        alike = (far[part][rim] < OTHER).sum()
         if alike < ALIKE * rim.sum() and worn[around].sum() < gap.sum():
             found[part] |= gap
     return found
@@ -67,16 +66,19 @@ def _grown(part: tuple[slice, ...], margin: int) -> tuple[slice, ...]:
     return tuple(slice(max(side.start - margin, 0), side.stop + margin) for side in part)
 
 
-def _deviations(colour: np.ndarray, known: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+def deviations(seen: np.ndarray, background: np.ndarray, near: float) -> tuple[np.ndarray, np.ndarray]:
     """Return how far colours (h, w, 3) are from the background's near by, and where that is near and plain.
 
-    The distance is Mahalanobis': in standard deviations of the colours that a Gaussian gathers.
+    The distance is Mahalanobis': in standard deviations of the colours of the background (h, w), bool, that
+    a Gaussian gathers, whose own standard deviation is `near` of the longer side.
     """
-    few, background = colour[::STEP, ::STEP], known[::STEP, ::STEP, None] == BACKGROUND
+    colour = ndimage.gaussian_filter(seen, (0.7, 0.7, 0))
+    few = colour[::STEP, ::STEP]
     size = few.shape[:2]
     products = (few[..., :, None] * few[..., None, :]).reshape(*size, 9)
-    gathered = np.concatenate([np.ones((*size, 1)), few, products], axis=-1) * background
-    reach = NEAR * max(size)
+    gathered = np.concatenate([np.ones((*size, 1)), few, products], axis=-1)
+    gathered *= background[::STEP, ::STEP, None]
+    reach = near * max(size)
     gathered = ndimage.gaussian_filter(gathered, (reach, reach, 0))
     share = gathered[..., :1]
     gathered = gathered[..., 1:] / np.maximum(share, 1e-9)
@@ -87,8 +89,8 @@ def _deviations(colour: np.ndarray, known: np.ndarray) -> tuple[np.ndarray, np.n
     offset = (whiten @ mean[..., None])[..., 0]
     rows, columns = np.tril_indices(3)
     local = np.concatenate([plain, offset, whiten[..., rows, columns]], axis=-1).astype(np.float32)
-    local = resize(local, known.shape, "triangle")
-    squares = np.zeros(known.shape, np.float32)
+    local = resize(local, seen.shape[:2], "triangle")
+    squares = np.zeros(seen.shape[:2], np.float32)
     for row in range(3):
         off = -local[..., 1 + row]
         for index in np.nonzero(rows == row)[0]:

@@ -22,6 +22,7 @@ from scipy.spatial import cKDTree
 from scipy.special import expit, logit
 
 from relight.matting.gaps import gaps
+from relight.matting.parts import lost_parts
 from relight.matting.refine import (
     BACKGROUND,
     PERSON,
@@ -90,10 +91,11 @@ def outlined(image: ArrayLike, outline: Outline) -> np.ndarray:
     size = (max(3, round((bottom - top) * shrink)), max(3, round((right - left) * shrink)))
     scale = np.array([size[1] / (right - left), size[0] / (bottom - top)])
 
-    known, distance, unsure, sharp = _drawn(outline, (top, left, bottom, right), size, scale)
+    known, distance, mask, sharp = _drawn(outline, (top, left, bottom, right), size, scale)
     seen = encoded_srgb(resize(pixels[top:bottom, left:right], size, FILTER))
-    if unsure is not None and not sharp:
-        known, distance = _opened(seen, known, distance, unsure)
+    if mask is not None and not sharp:
+        known, distance = _completed(seen, known, distance, mask)
+        known, distance = _opened(seen, known, distance, mask < 1 - UNSURE)
     alpha = _solved(seen, known, distance, sharp)
     if alpha.max() <= 0.5:
         raise ValueError("outline: nothing of the person is inside it; draw around the whole person")
@@ -197,7 +199,7 @@ def _drawn(
     """Draw an outline on a copy (h, w): return its trimap, the distance inside the edge, and what it is.
 
     The distance is in units of the tolerance of the drawn line, infinite under strokes. The third value is
-    where a mask is not sure of the person, None without one. The last one is whether the outline is a sharp
+    the mask on the copy, None without one. The last one is whether the outline is a sharp
     mask without lines, whose edge may be shifted as a whole.
     """
     top, left, bottom, right = part
@@ -234,7 +236,24 @@ def _drawn(
         distance = np.where(near, 0.0, np.where(painted, np.inf if stroke.person else -np.inf, distance))
     lines = outline.lasso is not None or len(outline.holes) > 0
     sharp = rough is not None and not lines and not unsure.any()
-    return known, distance, None if rough is None else rough < 1 - UNSURE, sharp
+    return known, distance, rough, sharp
+
+
+def _completed(
+    seen: np.ndarray, known: np.ndarray, distance: np.ndarray, mask: np.ndarray
+) -> tuple[np.ndarray, np.ndarray]:
+    """Return a trimap and its distances with the parts of the person that a soft mask loses.
+
+    A stroke or a line that says "not the person" keeps a part out.
+    """
+    kept_out = (mask > 0.5) & (distance < 0) | np.isneginf(distance)
+    part = lost_parts(seen, mask, UNSURE)
+    part &= ~ndimage.binary_propagation(part & ndimage.binary_dilation(kept_out), mask=part)
+    near = np.isfinite(distance) & ndimage.binary_dilation(part, iterations=REACH)
+    distance = np.where(part, 1.0, np.where(near, np.maximum(distance, 0), distance))
+    known = np.where(near & (known == BACKGROUND), UNKNOWN, known)
+    known[ndimage.binary_erosion(part, iterations=2)] = PERSON
+    return known, distance
 
 
 def _opened(
