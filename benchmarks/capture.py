@@ -16,7 +16,8 @@ import torch
 import torch.nn.functional as F
 from lighting import table
 
-from shadow.data.photographs import LUMINANCE, MatteError, PictureStyle, compress, sharpen
+from shadow.data.lightings import LUMINANCE
+from shadow.data.photographs import MatteError, PictureStyle, compress, sharpen
 from shadow.data.records import ENCODING
 from shadow.evaluation.scores import ScoredView
 

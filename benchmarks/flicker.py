@@ -147,12 +147,12 @@ def with_our_networks():
 
     Flicker is how much the error changes from frame to frame: what truly moves is not counted.
     """
-    from shadow.data import photographs
+    from shadow.data import lightings, photographs
     from shadow.lightstage import stage
     from shadow.lightstage.people.generate import bodies
 
     lights = directions.olat(behind=True)
-    powers = 0.6 / len(lights) * (1 + lights[:, 1]) + 1.2 * photographs.softbox(lights)
+    powers = 0.6 / len(lights) * (1 + lights[:, 1]) + 1.2 * lightings.softbox(lights)
     powers = np.append(powers, 0).astype(np.float32)[:, None].repeat(3, axis=1)  # the new light is off
     figure, to_light = bodies.body(5, "generalisation"), LIGHT.samples()[0]
     subjects, truth = [], []

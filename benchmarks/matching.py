@@ -26,7 +26,7 @@ from places import KINDS, Place
 from rich.progress import track
 
 import relight
-from shadow.data import photographs
+from shadow.data import lightings, photographs
 from shadow.directions import olat
 from shadow.lightstage import stage
 from shadow.lightstage.people.generate import bodies
@@ -68,7 +68,7 @@ class Scene:
             weights[end - len(powers) : end] = powers
             self.truths.append(self._lit(weights))
         weights = none.copy()
-        weights[: ends[0]] = photographs.everyday_lighting(
+        weights[: ends[0]] = lightings.everyday_lighting(
             np.random.default_rng(self.seed), directions[: ends[0]]
         )
         taken = self._lit(weights)

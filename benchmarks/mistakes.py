@@ -17,7 +17,8 @@ import torch
 from rich.progress import track
 
 import shadow
-from shadow.data.photographs import light, photograph, random_lighting
+from shadow.data.lightings import random_lighting
+from shadow.data.photographs import light, photograph
 from shadow.data.records import Record
 from shadow.directions import olat
 from shadow.lightstage import stage

@@ -30,7 +30,7 @@ from relight.lights.environment import EnvironmentLight
 from relight.matting import outline, person
 from relight.media.colour import decode, encode
 from relight.media.resampling import resize
-from shadow.data import photographs, records
+from shadow.data import lightings, photographs, records
 
 # Bodies that sit on nothing and carry nothing: the networks are asked for people, not for chairs and bags.
 BODIES = (
@@ -67,7 +67,7 @@ def place(rng, name, worlds, horizon):
 def weights(rng, directions, sky):
     """Return the light (D, 3) from a record's directions: the sky's, or a random one."""
     if sky is None:
-        return photographs.everyday_lighting(rng, directions)
+        return lightings.everyday_lighting(rng, directions)
     where, colours = sky.samples()
     gathered = np.zeros((len(directions), 3), np.float32)
     np.add.at(gathered, np.argmax(where @ directions.T, axis=1), colours)

@@ -23,7 +23,8 @@ from rich.progress import track
 
 import shadow
 from shadow import visibility
-from shadow.data.photographs import light, photograph, random_lighting
+from shadow.data.lightings import random_lighting
+from shadow.data.photographs import light, photograph
 from shadow.data.records import REGIONS, Records
 from shadow.evaluation import metrics
 from shadow.evaluation.scores import FRONTAL

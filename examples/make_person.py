@@ -13,7 +13,7 @@ import numpy as np
 
 import relight
 from shadow import directions
-from shadow.data import photographs
+from shadow.data import lightings, photographs
 from shadow.lightstage import stage
 from shadow.lightstage.people.generate import bodies
 
@@ -27,7 +27,7 @@ record = stage.render(bodies.body(seed, "generalisation"), view, 2 * SIZE, light
 
 # A large softbox at upper right and a pale room: the old light that relighting has to take out again.
 weights = np.full((len(lights), 3), 0.6 / len(lights), np.float32) * (1 + lights[:, 1:2])
-weights += np.float32([1.25, 1.2, 1.12]) * photographs.softbox(lights)[:, None]
+weights += np.float32([1.25, 1.2, 1.12]) * lightings.softbox(lights)[:, None]
 colour = record.image(photographs.light(record, weights)).numpy()
 premultiplied = np.concatenate([colour, record.mask[None]]).transpose(1, 2, 0)  # black outside the person
 pixels = premultiplied.reshape(SIZE, 2, SIZE, 2, 4).mean(axis=(1, 3), dtype=np.float32)

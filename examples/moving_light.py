@@ -15,7 +15,7 @@ import numpy as np
 import relight
 from relight.media.movies import write_movie
 from shadow import directions
-from shadow.data import photographs
+from shadow.data import lightings, photographs
 from shadow.lightstage import stage
 from shadow.lightstage.people.generate import bodies
 
@@ -37,7 +37,7 @@ view = stage.View(azimuth=8, distance=3.5, height=1.2, pitch=-5, fov=34)
 olat = directions.olat(behind=True)
 record = stage.render(figure, view, options.size, olat)
 weights = np.full((len(olat), 3), 0.6 / len(olat), np.float32)
-weights += 1.2 * photographs.softbox(olat)[:, None]
+weights += 1.2 * lightings.softbox(olat)[:, None]
 photograph = np.concatenate([record.image(photographs.light(record, weights)), record.mask[None]]).transpose(
     1, 2, 0
 )
@@ -46,7 +46,7 @@ subject = relight.Subject(np.float32(photograph))
 # The truth: direct light and what bounces of it, for the lights of the sweep.
 truth = stage.render(figure, view, options.size, lights, bounced=True)
 strength, patterns = truth.bounce
-luminance = patterns @ photographs.LUMINANCE
+luminance = patterns @ lightings.LUMINANCE
 shading = (truth.normals @ lights.T).clip(0) * truth.visibility + (strength @ luminance).clip(0)
 shading = shading.clip(0, 1)
 

@@ -13,7 +13,7 @@ import torch
 
 from shading import diffuse
 from shadow import visibility
-from shadow.data.photographs import everyday_lighting
+from shadow.data.lightings import everyday_lighting
 from shadow.data.records import Records
 from shadow.evaluation.scores import photographed, table
 from shadow.networks.backbone import ENCODING
@@ -50,7 +50,7 @@ def evaluate(
 ) -> dict[str, Excess]:
     """Measure implausible albedo on records.
 
-    Each record is photographed once under `photographs.everyday_lighting`, whose key lights are warmer than
+    Each record is photographed once under `lightings.everyday_lighting`, whose key lights are warmer than
     the sky. paths: record folders or shards. model, field_model: names of shipped weights or .safetensors
     paths. limit: use this many records, spread evenly. Returns {"photograph" or "albedo": Excess}; the
     photograph, scaled to the brightness of the albedo, is the baseline. Raises ValueError if the network

@@ -5,7 +5,6 @@ the processor. So the random numbers are drawn on the processor as for `sample`,
 mini-batch are made together, from records that the device holds.
 """
 
-import math
 from collections.abc import Sequence
 from dataclasses import replace
 from typing import NamedTuple
@@ -18,12 +17,15 @@ from shadow.data.photographs import (
     ENCODING,
     Flaws,
     Scene,
+    canvas_depth,
     compress,
     draw_scene,
+    mask_height,
     sharpen,
 )
 from shadow.data.records import REGIONS, Record
-from shadow.data.skin import MIN_SIGMA_PIXELS, SCATTERING_RADII
+from shadow.data.skin import pixels_per_metre, scatter_images
+from shadow.framing import affine_sample
 
 IMAGES = "inside", "normals", "albedo", "bits", "depth", "regions"
 GROUP = 16  # photographs made at once, since all lights of one take 50 MB and more
@@ -66,8 +68,8 @@ class Stack:
         depths = [crop.depth_float16 for crop in crops]
         self.directions = torch.from_numpy(np.stack([crop.directions for crop in crops])).to(device)
         self.depth_known = torch.tensor([[float(depth is not None)] for depth in depths], device=device)
-        self.heights = torch.tensor([_height(crop.mask) for crop in crops], device=device)
-        self.scales = torch.tensor([_pixels_a_metre(crop) for crop in crops], device=device)
+        self.heights = torch.tensor([mask_height(crop) for crop in crops], device=device)
+        self.scales = torch.tensor([pixels_per_metre(crop) for crop in crops], device=device)
 
     def _images(self, crops: list[Record]) -> list[torch.Tensor]:
         """Return the fields of the records as images (R, C, H, W) of the stack's size.
@@ -149,7 +151,9 @@ class Stack:
         light = self._light(numbers, normals, visibility, weights, regions.any(dim=1, keepdim=True), scenes)
         albedo = (self.albedo[numbers].float() / 255) ** ENCODING
         images = [inside, albedo * light[0] + light[1], normals, self.depth[numbers].float(), regions, shown]
-        planes = _sampled(torch.cat([image.float() for image in images], dim=1), matrices, self.size)
+        layers = torch.cat([image.float() for image in images], dim=1)
+        placed = zip(layers, [scene.matrix for scene in scenes], strict=True)
+        planes = torch.stack([affine_sample(image, matrix, self.size) for image, matrix in placed])
         mask, straight = planes[:, :1], planes[:, 1:] / planes[:, :1].clamp_min(0.02)
         rgb, normals, depth, regions, shown = straight.split(
             [3, 3, 1, len(REGIONS) - 1, len(chosen[0])], dim=1
@@ -167,7 +171,7 @@ class Stack:
             "normals": turned / turned.square().sum(dim=1, keepdim=True).clamp_min(1e-12).sqrt(),
             "visibility": shown.clamp(0, 1),
             "directions": lights @ frame.mT,
-            "depth": _canvas_depth(depth, mask, self.heights[numbers], matrices),
+            "depth": canvas_depth(depth, mask, self.heights[numbers], matrices),
             "depth_known": self.depth_known[numbers],
             "regions": regions.clamp(0, 1),
         }
@@ -184,7 +188,7 @@ class Stack:
         """Return the light on white and the highlights, both (B, 3, H, W); see `photographs.light`."""
         lights = self.directions[numbers]
         facing = torch.einsum("bdc,bchw->bdhw", lights, normals).clamp_min_(0).mul_(visibility)
-        diffuse = _scattered(torch.einsum("bdhw,bdc->bchw", facing, weights), skin, self.scales[numbers])
+        diffuse = scatter_images(torch.einsum("bdhw,bdc->bchw", facing, weights), skin, self.scales[numbers])
         gloss, shininess = (
             torch.tensor([getattr(scene, name) for scene in scenes], device=self.device)
             .float()
@@ -202,79 +206,10 @@ def _enlarged(images: torch.Tensor, shape: tuple[int, int]) -> torch.Tensor:
     return F.pad(images, (0, shape[1] - images.shape[3], 0, shape[0] - images.shape[2]))
 
 
-def _height(mask: np.ndarray) -> float:
-    rows = np.flatnonzero(mask.any(axis=1))
-    return float(rows[-1] + 1 - rows[0])
-
-
-def _pixels_a_metre(record: Record) -> float:
-    """Return the scale of the record's picture, or 0 if it is unknown."""
-    camera = record.about.get("camera")
-    return 0.0 if camera is None else float(camera["focal"] / record.about["view"]["distance"])
-
-
 def _unpacked(bits: torch.Tensor, count: int) -> torch.Tensor:
     """Unpack `count` bits D of (B, ceil(D / 8), H, W), the highest first, as numpy.packbits packs them."""
     shifts = torch.arange(7, -1, -1, device=bits.device, dtype=torch.uint8).view(1, 1, 8, 1, 1)
     return (bits[:, :, None] >> shifts & 1).flatten(1, 2)[:, :count].float()
-
-
-def _scattered(light: torch.Tensor, skin: torch.Tensor, scales: torch.Tensor) -> torch.Tensor:
-    """Blur the light (B, 3, H, W) on skin (B, 1, H, W) by subsurface scattering; see `skin.scatter`.
-
-    scales (B,): pixels for each metre.
-    """
-    deviations = scales[:, None] * torch.tensor(SCATTERING_RADII, device=scales.device)
-    deviations = deviations * (deviations >= MIN_SIGMA_PIXELS)
-    shares = skin.float().expand_as(light)
-    blurred = _blurred(light * shares, deviations) / _blurred(shares, deviations).clamp_min(1e-6)
-    return torch.where(skin & (deviations > 0)[:, :, None, None], blurred, light)
-
-
-def _blurred(images: torch.Tensor, deviations: torch.Tensor) -> torch.Tensor:
-    """Blur each plane of images (B, C, H, W) by a Gaussian of its own deviation (B, C) in pixels."""
-    sides = (3 * deviations + 1).round()
-    reach = int(sides.max())
-    steps = torch.arange(-reach, reach + 1, device=images.device)
-    kernels = torch.exp(-(steps**2) / (2 * deviations.clamp_min(1e-3)[..., None] ** 2))
-    kernels = kernels * (steps.abs() <= sides[..., None])
-    kernels = (kernels / kernels.sum(dim=-1, keepdim=True)).flatten(0, 1)[:, None]
-    planes = images.flatten(0, 1)[None]
-    planes = F.conv2d(planes, kernels[:, :, None], padding=(0, reach), groups=planes.shape[1])
-    planes = F.conv2d(planes, kernels[..., None], padding=(reach, 0), groups=planes.shape[1])
-    return planes.view(images.shape)
-
-
-def _sampled(images: torch.Tensor, matrices: torch.Tensor, size: tuple[int, int]) -> torch.Tensor:
-    """Sample images (B, C, H, W) with matrices (B, 2, 3) from canvas to image; see `affine_sample`."""
-    shrinks = torch.linalg.det(matrices[:, :, :2]).abs().sqrt().tolist()
-    finer = torch.tensor([math.ceil(shrink) if shrink > 1.5 else 1 for shrink in shrinks])
-    canvases = images.new_empty(*images.shape[:2], *size)
-    extent = images.new_tensor([images.shape[-1], images.shape[-2]])
-    for times in finer.unique().tolist():
-        group = (finer == times).nonzero()[:, 0].to(images.device)
-        y, x = (((torch.arange(length * times) + 0.5) / times).to(images) for length in size)
-        across, down, offset = matrices[group].permute(2, 0, 1)[:, :, None, None]
-        grid = (x[:, None] * across + y[:, None, None] * down + offset) * 2 / extent - 1
-        sampled = F.grid_sample(images[group], grid, padding_mode="zeros", align_corners=False)
-        canvases[group] = F.avg_pool2d(sampled, times) if times > 1 else sampled
-    return canvases
-
-
-def _canvas_depth(
-    depth: torch.Tensor, mask: torch.Tensor, heights: torch.Tensor, matrices: torch.Tensor
-) -> torch.Tensor:
-    """Convert depth (B, 1, h, w) to the unit of `Sample`, as `sample` does.
-
-    heights (B,): rows of the records' masks. matrices (B, 2, 3): from canvas to record.
-    """
-    inside = mask > 0.5
-    mean = (depth * inside).sum(dim=(1, 2, 3)) / inside.sum(dim=(1, 2, 3)).clamp_min(1)
-    rows = inside.any(dim=3)[:, 0].float()
-    first, last = rows.argmax(dim=1), rows.shape[1] - rows.flip(1).argmax(dim=1)
-    magnification = torch.linalg.det(matrices[:, :, :2]).abs().rsqrt()
-    unit = (magnification * heights / (last - first)).view(-1, 1, 1, 1)
-    return (depth - mean.view(-1, 1, 1, 1)) * unit * (mask > 0) * rows.any(dim=1).view(-1, 1, 1, 1)
 
 
 def _flawed(

@@ -11,7 +11,8 @@ import torch
 from rich.progress import track
 
 from shadow import normals, visibility
-from shadow.data.photographs import KINDS, Sample, everyday_lighting, photograph, sample
+from shadow.data.lightings import KINDS, everyday_lighting
+from shadow.data.photographs import Sample, photograph, sample
 from shadow.data.records import Record, Records
 from shadow.evaluation import metrics
 from shadow.framing import canvas_size
@@ -120,7 +121,7 @@ def compare(
     """Score each network of `networks` {name: network} on records, and both sign(N·L) baselines.
 
     Each record is photographed once under a random lighting that `seed` determines, or in everyday light of
-    the kind `light` (`photographs.KINDS`), and framed on the canvas of each network. The binary maps of all
+    the kind `light` (`lightings.KINDS`), and framed on the canvas of each network. The binary maps of all
     frontal lights are scored inside the mask. The baselines use the canvas of the first network. All networks
     take the normals of `surface`, see `normals_of`.
 

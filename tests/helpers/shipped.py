@@ -19,7 +19,7 @@ import shadow
 from helpers import ROOT
 from shading.evaluation import Delight
 from shading.tasks import true_shading
-from shadow.data import photographs
+from shadow.data import lightings, photographs
 from shadow.data.records import Record, Records
 from shadow.directions import from_spherical, olat
 from shadow.evaluation import metrics, pictures
@@ -96,7 +96,7 @@ class Scene:
     def shading(self):
         """(64, H, W), path-traced."""
         strength, patterns = self.record.bounce
-        bounce = torch.from_numpy(patterns[:, : len(LIGHTS)] @ photographs.LUMINANCE).T
+        bounce = torch.from_numpy(patterns[:, : len(LIGHTS)] @ lightings.LUMINANCE).T
         truth = {"normals": self.normals, "visibility": self.visibility, "directions": LIGHTS}
         truth |= {"bounce": self.record.image(strength), "bounce_patterns": bounce}
         return true_shading({name: value[None] for name, value in truth.items()})[0] * self.mask

@@ -11,7 +11,7 @@ import torch.nn.functional as F
 from helpers import ROOT
 from PIL import Image
 
-from shadow.data import photographs, records
+from shadow.data import lightings, photographs, records
 from shadow.framing import canvas_size
 
 
@@ -121,7 +121,7 @@ def test_light_is_lambert_times_visibility(ball):
 
 def test_light_is_linear(ball):
     rng = np.random.default_rng(0)
-    a, b = (photographs.random_lighting(rng, ball.directions) for _ in range(2))
+    a, b = (lightings.random_lighting(rng, ball.directions) for _ in range(2))
     np.testing.assert_allclose(
         photographs.light(ball, a + 2 * b),
         photographs.light(ball, a) + 2 * photographs.light(ball, b),
@@ -135,7 +135,7 @@ def test_random_lighting_is_never_dark():
 
     rng = np.random.default_rng(0)
     for _ in range(50):
-        weights = photographs.random_lighting(rng, olat(behind=True))
+        weights = lightings.random_lighting(rng, olat(behind=True))
         assert np.isfinite(weights).all()
         assert (weights >= 0).all()
         assert weights.sum() > 1
@@ -147,7 +147,7 @@ def test_everyday_light_is_hard_or_a_sky_as_often_and_shadows_are_bluer_than_key
     directions, rng = olat(behind=True), np.random.default_rng(0)
     hard = bluer = 0
     for _ in range(400):
-        weights = photographs.everyday_lighting(rng, directions)
+        weights = lightings.everyday_lighting(rng, directions)
         assert np.isfinite(weights).all()
         assert weights.min() >= 0
         assert weights.sum() > 1
@@ -167,7 +167,7 @@ def test_lighting_without_ambient_light():
 
     rng = np.random.default_rng(0)
     for _ in range(20):
-        weights = photographs.random_lighting(rng, olat(behind=True), unfilled=1)
+        weights = lightings.random_lighting(rng, olat(behind=True), unfilled=1)
         assert 1 <= weights.any(axis=1).sum() <= 4
         assert weights.sum() > 1
 
