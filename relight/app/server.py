@@ -6,6 +6,7 @@ import os
 from collections.abc import Awaitable, Callable
 from functools import partial
 from importlib.resources import files
+from importlib.util import find_spec
 from pathlib import Path
 from typing import Any
 from urllib.parse import quote, unquote_to_bytes
@@ -58,14 +59,14 @@ class Server:
             Route(f"{one}/analyse", refusing(self.analyse), methods=["POST"]),
             Route(f"{one}/pack", refusing(self.pack)),
             Route(f"{one}/scene", refusing(self.scene)),
-            Route(f"{one}/still", refusing(self.still), methods=["POST"]),
-            Route(f"{one}/floor", refusing(self.floor), methods=["POST"]),
+            Route(f"{one}/still", refusing(partial(self.lit, "still")), methods=["POST"]),
+            Route(f"{one}/floor", refusing(partial(self.lit, "floor_shadow")), methods=["POST"]),
             Route(f"{one}/save", refusing(self.save), methods=["POST"]),
             Route(f"{one}/files/{{name}}", refusing(self.download)),
-            Route("/environments", refusing(self.environment), methods=["POST"]),
-            Route("/backgrounds", refusing(self.background), methods=["POST"]),
-            Route("/environments/{id}", refusing(self.environment_again)),
-            Route("/backgrounds/{id}", refusing(self.background_again)),
+            Route("/environments", refusing(partial(self.surroundings, "environment")), methods=["POST"]),
+            Route("/backgrounds", refusing(partial(self.surroundings, "background")), methods=["POST"]),
+            Route("/environments/{id}", refusing(partial(self.surroundings_again, "environment"))),
+            Route("/backgrounds/{id}", refusing(partial(self.surroundings_again, "background"))),
             Route("/person", refusing(self.fetch_person), methods=["POST"]),
             Route("/models", refusing(self.add_model), methods=["POST"]),
         ]
@@ -225,19 +226,11 @@ class Server:
     async def scene(self, request: Request) -> Response:
         return JSONResponse(self._analysed(request).scene)
 
-    async def environment(self, request: Request) -> Response:
-        return await self._other(request, PICTURES, partial(self._opened, "environment"))
+    async def surroundings(self, task: str, request: Request) -> Response:
+        """Take an environment or a background, as the worker's task of that name opens it."""
+        return await self._other(request, PICTURES, partial(self._opened, task))
 
-    async def background(self, request: Request) -> Response:
-        return await self._other(request, PICTURES, partial(self._opened, "background"))
-
-    async def environment_again(self, request: Request) -> Response:
-        return await self._again("environment", request)
-
-    async def background_again(self, request: Request) -> Response:
-        return await self._again("background", request)
-
-    async def _again(self, task: str, request: Request) -> Response:
+    async def surroundings_again(self, task: str, request: Request) -> Response:
         identity = request.path_params["id"]
         return JSONResponse(await self._opened(task, identity, self.session.file(identity)))
 
@@ -260,13 +253,7 @@ class Server:
             self.session.remove_file(identity)
             raise
 
-    async def still(self, request: Request) -> Response:
-        return await self._lit(request, "still")
-
-    async def floor(self, request: Request) -> Response:
-        return await self._lit(request, "floor_shadow")
-
-    async def _lit(self, request: Request, task: str) -> Response:
+    async def lit(self, task: str, request: Request) -> Response:
         """Answer with a picture of the person in the light that the page asks for."""
         photograph = self._analysed(request)
         look = self._look(await json_of(request), photograph)
@@ -336,8 +323,6 @@ def _file_answer(path: Path, headers: dict[str, str] | None = None) -> Response:
 
 def _finder() -> dict[str, str | None]:
     """Return whether people can be found ("ready"; "fetch" for what is to be fetched; None), and by what."""
-    from importlib.util import find_spec
-
     from relight.matting import person_files
 
     state = None
@@ -349,8 +334,6 @@ def _finder() -> dict[str, str | None]:
 
 def _models() -> list[dict[str, str]]:
     """Return the models of rembg, with size and licence of each; an empty list without rembg."""
-    from importlib.util import find_spec
-
     if find_spec("rembg") is None:
         return []
     from relight.matting.networks import DOWNLOADS
@@ -360,7 +343,5 @@ def _models() -> list[dict[str, str]]:
 
 def _outputs() -> list[str]:
     """Return the suffixes of the files that can be saved."""
-    from importlib.util import find_spec
-
     meshes = find_spec("trimesh") is not None
     return [suffix for suffix in OUTPUTS if meshes or suffix != ".glb"]

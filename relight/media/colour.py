@@ -98,13 +98,6 @@ def _convert(pixels: np.ndarray, source: str, target: str, path: str) -> np.ndar
     return to_array(converted)
 
 
-@functools.cache
-def _srgb_table(dtype: np.dtype) -> np.ndarray:
-    """Linear value of every code of an integer dtype: exact, and faster than computing each pixel."""
-    codes = np.arange(np.iinfo(dtype).max + 1) / np.iinfo(dtype).max
-    return decode_srgb(codes).astype(np.float32)
-
-
 def decode(pixels: np.ndarray, space: Space) -> np.ndarray:
     """Convert pixels of a colour space to linear Rec.709: (H, W, 3) float32, of which nothing is clipped.
 
@@ -121,7 +114,7 @@ def decode(pixels: np.ndarray, space: Space) -> np.ndarray:
         return _through_encoding(pixels, space)
     path, space = _find(space)
     if space == resolve(SRGB) and pixels.dtype in (np.uint8, np.uint16):
-        return _srgb_table(pixels.dtype)[pixels]
+        return _table(decode_srgb, pixels.dtype)[pixels]
     if np.issubdtype(pixels.dtype, np.integer):
         pixels = pixels / np.float32(np.iinfo(pixels.dtype).max)
     pixels = np.ascontiguousarray(pixels, np.float32)
@@ -188,23 +181,18 @@ def _from_profile(pixels: np.ndarray, profile: Profile) -> np.ndarray:
 def _through_encoding(pixels: np.ndarray, encoding: Encoding) -> np.ndarray:
     """Decode pixels (H, W, 3) of an encoding to linear Rec.709."""
     matrix = encoding.matrix.T
-    if np.issubdtype(pixels.dtype, np.integer) and encoding.transfer is decode_srgb:
-        light = _srgb_table(pixels.dtype)[pixels]
-    elif np.issubdtype(pixels.dtype, np.integer):
+    if np.issubdtype(pixels.dtype, np.integer):
         light = _table(encoding.transfer, pixels.dtype)[pixels]
     else:
-        pixels = np.asarray(pixels, np.float32)
-        light = (
-            pixels
-            if encoding.is_linear
-            else _by_rows(lambda rows: encoding.transfer(rows.astype(np.float64)), pixels)
-        )
+        light = np.asarray(pixels, np.float32)
+        if not encoding.is_linear:
+            light = _by_rows(lambda rows: encoding.transfer(rows.astype(np.float64)), light)
     return light if np.array_equal(matrix, np.eye(3)) else light @ matrix
 
 
 @functools.lru_cache(maxsize=8)
 def _table(transfer: encodings.Transfer, dtype: np.dtype) -> np.ndarray:
-    """Light, float32, of every code of an integer dtype."""
+    """Light, float32, of every code of an integer dtype: exact, and faster than computing each pixel."""
     codes = np.arange(np.iinfo(dtype).max + 1) / np.iinfo(dtype).max
     return np.asarray(transfer(codes), np.float32)
 

@@ -48,7 +48,7 @@ def to_latlong(pixels: np.ndarray, *, openexr: bool = False) -> np.ndarray:
     if openexr and counts == (6, 1):
         layout = {(row, 0): face for row, face in enumerate(OPENEXR_STRIP)}
     side = pixels.shape[0] // counts[0]
-    directions = _directions(2 * side)
+    directions = latlong_directions(2 * side)
     result = np.zeros((*directions.shape[:2], pixels.shape[2]), np.float32)
     nearest = np.argmax([directions @ face[0] for face in layout.values()], axis=0)
     for index, ((row, column), (forward, right, top)) in enumerate(layout.items()):
@@ -88,7 +88,7 @@ def _is_unused(pixels: np.ndarray, rows: int, columns: int) -> bool:
     return True
 
 
-def _directions(height: int) -> np.ndarray:
+def latlong_directions(height: int) -> np.ndarray:
     """Return the unit directions (H, 2 H, 3) of a latitude-longitude map's pixels."""
     latitude = np.pi / 2 - (np.arange(height) + 0.5)[:, None] * np.pi / height
     longitude = np.pi - (np.arange(2 * height) + 0.5)[None] * np.pi / height

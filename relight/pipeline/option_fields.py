@@ -99,6 +99,11 @@ class Options:
                     raise ValueError(f"{each.name}: expected one of {', '.join(kind)}, got {value!r}")
                 self._set(each.name, kind(value))
 
+    @classmethod
+    def of(cls, given: Any) -> Self:
+        """Return options unchanged, or make them of the plate, the lights or the paths alone."""
+        return given if isinstance(given, cls) else cls(given)  # type: ignore[call-arg]
+
     def _set(self, name: str, value: Any) -> None:
         object.__setattr__(self, name, value)  # as frozen dataclasses initialise themselves
 

@@ -128,11 +128,6 @@ class Source(Options):
         text=bool,
     )
 
-    @classmethod
-    def of(cls, source: Source | Picture) -> Source:
-        """Return options unchanged, or make those of a plate."""
-        return source if isinstance(source, Source) else cls(source)
-
 
 @dataclass(frozen=True)
 class Lighting(Options):
@@ -242,11 +237,6 @@ class Lighting(Options):
             from relight.analysis.gloss import checked_gloss
 
             self._set("gloss", checked_gloss(self.gloss))
-
-    @classmethod
-    def of(cls, lighting: Any) -> Lighting:
-        """Return options unchanged, or make those of lights."""
-        return lighting if isinstance(lighting, Lighting) else cls(lighting)
 
     def rig(self) -> Rig:
         """Read the lights of the objects, the lights file and the texts, and the camera of a scene.
@@ -374,11 +364,6 @@ class Output(Options):
         if isinstance(self.passes, str):
             raise TypeError(f"passes: expected a sequence of names, got {self.passes!r}")
         self._set("passes", tuple(self.passes))
-
-    @classmethod
-    def of(cls, output: Any) -> Output:
-        """Return options unchanged, or make those of paths."""
-        return output if isinstance(output, Output) else cls(output)
 
 
 @dataclass(frozen=True)

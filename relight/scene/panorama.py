@@ -4,6 +4,8 @@ import numpy as np
 import torch
 import torch.nn.functional as F
 
+from relight.media.cubemap import latlong_directions
+
 
 def turned(pixels: np.ndarray, axes: np.ndarray) -> np.ndarray:
     """Turn a latitude-longitude map (H, 2 H, 3) float32 in OpenEXR's convention, with bilinear samples.
@@ -12,16 +14,9 @@ def turned(pixels: np.ndarray, axes: np.ndarray) -> np.ndarray:
     allowed.
     """
     height, width = pixels.shape[:2]
-    latitude = np.pi / 2 - (np.arange(height) + 0.5) * np.pi / height
-    longitude = np.pi - (np.arange(width) + 0.5) * 2 * np.pi / width
-    across = np.cos(latitude)[:, None]
-    shown = np.stack(
-        np.broadcast_arrays(
-            across * np.sin(longitude), np.sin(latitude)[:, None], across * np.cos(longitude)
-        ),
-        axis=-1,
-    )
-    x, y, z = np.moveaxis(shown @ axes, -1, 0)  # the transpose takes directions back to the map
+    x, y, z = np.moveaxis(
+        latlong_directions(height) @ axes, -1, 0
+    )  # the transpose takes directions back to the map
     column = (np.pi - np.arctan2(x, z)) / (2 * np.pi) * width
     row = (np.pi / 2 - np.arcsin(y.clip(-1, 1))) / np.pi * height
     padded = np.concatenate([pixels[:, -1:], pixels, pixels[:, :1]], axis=1)

@@ -122,7 +122,7 @@ def _openable(path: Path) -> Iterator[Path]:
             copy.write_bytes(start.ljust(LEAST_JPEG_XL, b"\0"))
             yield copy
         return
-    header = headers.radiance_header(start) if start.startswith(b"#?") else None
+    header = headers.radiance_header(start)
     if header is None or not header.is_xyz or header.format_at < 0:
         yield path
         return

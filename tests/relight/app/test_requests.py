@@ -1,6 +1,7 @@
 """Requests to the server that are wrong or end early, and what stays of them: no browser and no worker."""
 
 import asyncio
+import functools
 import itertools
 import os
 import struct
@@ -43,7 +44,10 @@ def session(tmp_path):
 
 
 def answer(session, endpoint, body=b"", ends=False, worker=None, **path):
-    """The status of a request; `ends`: the page goes away before its body has come."""
+    """The status of a request; `ends`: the page goes away before its body has come.
+
+    `endpoint`: the method's name, and the task that it takes.
+    """
     parts = [{"type": "http.request", "body": body, "more_body": ends}, {"type": "http.disconnect"}]
 
     async def receive():
@@ -53,7 +57,8 @@ def answer(session, endpoint, body=b"", ends=False, worker=None, **path):
         "type": "http", "method": "POST", "path": "/", "headers": [], "query_string": b"name=sky.exr",
         "path_params": path,
     }  # fmt: skip
-    wrapped = refusing(getattr(Server(session, worker or Refusing()), endpoint))
+    name, *task = endpoint.split()
+    wrapped = refusing(functools.partial(getattr(Server(session, worker or Refusing()), name), *task))
     return asyncio.run(wrapped(Request(scope, receive)))
 
 
@@ -64,7 +69,7 @@ def size(folder):
 @pytest.mark.parametrize(
     ("endpoint", "ends"),
     [  # a model is read when it is used, and not refused before
-        *itertools.product(["add", "environment", "background"], [False, True]),
+        *itertools.product(["add", "surroundings environment", "surroundings background"], [False, True]),
         ("add_model", True),
     ],
 )
