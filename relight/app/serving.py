@@ -35,11 +35,7 @@ def application(session: Session, worker: Worker, token: str, port: int) -> Guar
     return Guard(app, token, port)
 
 
-def serve(
-    root: str | Path | None = None,
-    port: int = 0,
-    opened: Iterable[Callable[[str], Any]] = (),
-) -> None:
+def serve(root: str | Path | None = None, port: int = 0, opened: Iterable[Callable[[str], Any]] = ()) -> None:
     """Serve the application until it is interrupted.
 
     `root`: the folder that the page lists pictures of; None for none. `port`: of the loopback address; 0 for

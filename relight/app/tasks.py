@@ -288,12 +288,7 @@ def _subject(name: str, mask: str | None, report: Report) -> Subject:
 
 
 def save(
-    name: str,
-    mask: str | None,
-    look: Mapping[str, Any],
-    output: str,
-    passes: Sequence[str],
-    report: Report,
+    name: str, mask: str | None, look: Mapping[str, Any], output: str, passes: Sequence[str], report: Report
 ) -> dict[str, Any]:
     """Write a picture at full resolution, the page, or the mesh."""
     from relight.viewer.shot import write_view
@@ -320,10 +315,7 @@ def save(
         subject.export(output, lights, gloss=lighting.effective_gloss)
     else:
         _save_picture(
-            source,
-            lighting,
-            Output((Path(output),), passes=tuple(passes), exposure=_exposure(look)),
-            report,
+            source, lighting, Output((Path(output),), passes=tuple(passes), exposure=_exposure(look)), report
         )
     return {"file": output}
 

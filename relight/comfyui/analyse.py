@@ -55,8 +55,7 @@ class Analyse(widgets.Node):
             ),
         ] = 1.75,
         field_of_view: Annotated[
-            float,
-            widgets.number(1.0, 170.0, 1.0, "Of the photograph's camera, vertical, in degrees."),
+            float, widgets.number(1.0, 170.0, 1.0, "Of the photograph's camera, vertical, in degrees.")
         ] = FIELD_OF_VIEW,
         *,
         mask: Annotated[

@@ -158,8 +158,7 @@ class Environment(LightsNode):
     def add(
         self,
         path: Annotated[
-            str,
-            widgets.text("The map's file, .exr or .hdr, in ComfyUI's input folder or by its whole path."),
+            str, widgets.text("The map's file, .exr or .hdr, in ComfyUI's input folder or by its whole path.")
         ] = "",
         rotation: Annotated[
             float,

@@ -19,15 +19,7 @@ from numpy.typing import ArrayLike
 
 from relight.media import encodings
 from relight.media.buffers import to_array, to_buffer
-from relight.media.encodings import (
-    D50,
-    D65,
-    REC709,
-    Encoding,
-    colour_science,
-    decode_srgb,
-    rgb_to_xyz,
-)
+from relight.media.encodings import D50, D65, REC709, Encoding, colour_science, decode_srgb, rgb_to_xyz
 from relight.media.icc import Profile
 from shadow.srgb import encode_srgb
 

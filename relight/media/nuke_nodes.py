@@ -8,10 +8,7 @@ from typing import Any
 
 
 def root(
-    size: tuple[int, ...],
-    frames: tuple[int, int] | None,
-    rate: float | Fraction,
-    pixel_aspect: float = 1,
+    size: tuple[int, ...], frames: tuple[int, int] | None, rate: float | Fraction, pixel_aspect: float = 1
 ) -> str:
     """Write the script's settings: its format of `size` (H, W) pixels, its frames and frames a second.
 

@@ -321,12 +321,10 @@ class Output(Options):
         parse=parse_passes,
     )
     exr_type: ExrType = option(
-        "Type of the .exr channels; float for lights that are too dim for half.",
-        ExrType.half,
-        text=ExrType,
+        "Type of the .exr channels; float for lights that are too dim for half.", ExrType.half, text=ExrType
     )
     output_colour_space: str | None = option(
-        "Colour space of .exr outputs: ACEScg, ACES2065-1, Rec.2020, P3... Default: linear Rec.709.",
+        "Colour space of .exr outputs: ACEScg, ACES2065-1, Rec.2020, P3... Default: linear Rec.709."
     )
     autocrop: bool = option(
         "Store only the bounding box of the person in an .exr (its data window). Four times as fast.",

@@ -36,11 +36,7 @@ class Basis(NamedTuple):
         for subject in subjects:
             arrays = subject.record.maps.field
             cast, residual = cast + covariance(arrays.cast), residual + covariance(arrays.residual)
-        return cls(
-            ANCHORS,
-            strongest(cast, 3 * CAST_LAYERS),
-            strongest(residual, 3 * RESIDUAL_LAYERS),
-        )
+        return cls(ANCHORS, strongest(cast, 3 * CAST_LAYERS), strongest(residual, 3 * RESIDUAL_LAYERS))
 
     @property
     def tables(self) -> list[float]:

@@ -40,11 +40,7 @@ def hemispheres(path: Path, directions: np.ndarray, panels: Mapping[str, np.ndar
 
 
 def curves(
-    path: Path,
-    x: np.ndarray,
-    series: Mapping[str, tuple[np.ndarray, np.ndarray]],
-    x_label: str,
-    y_label: str,
+    path: Path, x: np.ndarray, series: Mapping[str, tuple[np.ndarray, np.ndarray]], x_label: str, y_label: str
 ) -> None:
     """Draw {name: (mean, standard deviation)}, each (N,), over ascending x (N,) on a logarithmic axis.
 

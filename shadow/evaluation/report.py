@@ -170,12 +170,7 @@ def _table_4(scored: dict[str, Score], networks: dict[str, nn.Module], view: Sco
 
 
 def _table_5(
-    records: Records,
-    folder: str | Path,
-    network: nn.Module,
-    surface: Any,
-    seed: int,
-    limit: int | None,
+    records: Records, folder: str | Path, network: nn.Module, surface: Any, seed: int, limit: int | None
 ) -> list[Row]:
     pairs = scores.against_soft_maps(records, folder, network, surface, seed=seed, limit=limit)
     return [

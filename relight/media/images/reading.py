@@ -99,10 +99,7 @@ def squared(path: AnyPath, pixels: np.ndarray, aspect: float, *, nearest: bool =
     key = (Path(path).parent, round(aspect, 3))
     if key not in _warned:
         _warned.add(key)
-        warnings.warn(
-            f"{path}: its pixels are {aspect:.4g} times as wide as high; {SQUARED}",
-            stacklevel=3,
-        )
+        warnings.warn(f"{path}: its pixels are {aspect:.4g} times as wide as high; {SQUARED}", stacklevel=3)
     return square_pixels(pixels, aspect, nearest=nearest)
 
 
