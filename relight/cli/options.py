@@ -15,7 +15,8 @@ from rich.console import Console
 from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeRemainingColumn
 
 from relight.cli.help import SHOT, grouped
-from relight.pipeline.options import GROUPS, Options, from_json
+from relight.pipeline.option_fields import Options, from_json
+from relight.pipeline.options import GROUPS
 
 console = Console(stderr=True, markup=False, highlight=False)
 

@@ -1,4 +1,4 @@
-"""What the fields of options are made of: their declaration, the texts they are read from, absolute paths.
+"""What options are made of: the declaration of a field, the texts and the JSON that it is read from.
 
 See `relight.pipeline.options`. Nothing heavy is imported.
 """
@@ -8,11 +8,11 @@ from __future__ import annotations
 import dataclasses
 import os
 import re
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from dataclasses import MISSING, field, fields
 from enum import Enum, StrEnum
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, NoReturn, Self, cast
+from typing import TYPE_CHECKING, Any, NoReturn, Self, TypeVar, cast
 
 if TYPE_CHECKING:
     from relight.compositing.floor import Floor
@@ -211,3 +211,60 @@ def _absolute(value: Any) -> Any:
         if separator and os.path.exists(path):
             return f"{os.path.abspath(path)}{separator}{rest}"
     return os.path.abspath(value) if re.search(r"%0?\d*d|#+", os.path.basename(value)) else value
+
+
+AnyOptions = TypeVar("AnyOptions", bound=Options)
+
+
+def to_json(options: Options) -> dict[str, Any]:
+    """Convert options to JSON types: {field: value} of all values that are not the default.
+
+    Raises TypeError, naming the field, for what is in memory alone: arrays and functions.
+
+    >>> from relight.pipeline.options import Source
+    >>> source = Source("plate.%04d.exr", mask="matte.%04d.png", height=1.8)
+    >>> from_json(Source, to_json(source)) == source
+    True
+    """
+    return {name: _plain(name, value) for name, value in options.given().items()}
+
+
+def from_json(kind: type[AnyOptions], document: Mapping[str, Any]) -> AnyOptions:
+    """Convert the result of `to_json` to options. Raises ValueError for unknown fields."""
+    known = {each.name for each in fields(cast(Any, kind))}
+    for name in document:
+        if name not in known:
+            raise ValueError(f"{name}: unknown option; expected any of {', '.join(sorted(known))}")
+    values = dict(document)
+    if isinstance(values.get("lights"), list):
+        from relight.lights.files import from_entries
+
+        values["lights"] = from_entries(values["lights"])
+    if isinstance(values.get("floor"), Mapping):
+        from relight.compositing.floor import Floor
+
+        values["floor"] = Floor(**{name: _tuples(value) for name, value in values["floor"].items()})
+    return kind(**{name: _tuples(value) for name, value in values.items()})
+
+
+def _plain(name: str, value: Any) -> Any:
+    """Convert a value to JSON types."""
+    if name == "lights" and isinstance(value, tuple):
+        from relight.lights.files import to_entries
+
+        return to_entries(value)
+    if isinstance(value, Enum):
+        return value.value
+    if isinstance(value, os.PathLike):
+        return os.fspath(value)
+    if isinstance(value, tuple | list):
+        return [_plain(name, each) for each in value]
+    if dataclasses.is_dataclass(value) and name == "floor":
+        return {each.name: _plain(each.name, getattr(value, each.name)) for each in fields(value)}
+    if value is None or isinstance(value, str | bool | int | float):
+        return value
+    raise TypeError(f"{name}: expected a path or a number, which JSON can hold, got {type(value).__name__}")
+
+
+def _tuples(value: Any) -> Any:
+    return tuple(map(_tuples, value)) if isinstance(value, list) else value

@@ -1,22 +1,17 @@
 """What a shot is made from: `Source`, `Lighting`, `Output` and `Compute`, which every layer passes on.
 
 Each option is declared here once: its type, its default and its help. The command line is generated from the
-fields; `to_json` and `from_json` carry the objects to farms and other programs. Nothing heavy is imported.
-
->>> source = Source("plate.%04d.exr", mask="matte.%04d.png", height=1.8)
->>> from_json(Source, to_json(source)) == source
-True
+fields. Nothing heavy is imported.
 """
 
 from __future__ import annotations
 
 import dataclasses
 import os
-from collections.abc import Callable, Iterable, Mapping
-from dataclasses import MISSING, dataclass, fields
-from enum import Enum
+from collections.abc import Callable, Iterable
+from dataclasses import MISSING, dataclass
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, Literal, TypeVar, cast
+from typing import TYPE_CHECKING, Any, Literal
 
 from relight.pipeline.option_fields import (
     Alpha,
@@ -384,60 +379,9 @@ class Compute(Options):
     )
 
 
-AnyOptions = TypeVar("AnyOptions", bound=Options)
-
 GROUPS: dict[str, type[Options]] = {
     "source": Source,
     "lighting": Lighting,
     "output": Output,
     "compute": Compute,
 }
-
-
-def to_json(options: Options) -> dict[str, Any]:
-    """Convert options to JSON types: {field: value} of all values that are not the default.
-
-    Raises TypeError, naming the field, for what is in memory alone: arrays and functions.
-    """
-    return {name: _plain(name, value) for name, value in options.given().items()}
-
-
-def from_json(kind: type[AnyOptions], document: Mapping[str, Any]) -> AnyOptions:
-    """Convert the result of `to_json` to options. Raises ValueError for unknown fields."""
-    known = {each.name for each in fields(cast(Any, kind))}
-    for name in document:
-        if name not in known:
-            raise ValueError(f"{name}: unknown option; expected any of {', '.join(sorted(known))}")
-    values = dict(document)
-    if isinstance(values.get("lights"), list):
-        from relight.lights.files import from_entries
-
-        values["lights"] = from_entries(values["lights"])
-    if isinstance(values.get("floor"), Mapping):
-        from relight.compositing.floor import Floor
-
-        values["floor"] = Floor(**{name: _tuples(value) for name, value in values["floor"].items()})
-    return kind(**{name: _tuples(value) for name, value in values.items()})
-
-
-def _plain(name: str, value: Any) -> Any:
-    """Convert a value to JSON types."""
-    if name == "lights" and isinstance(value, tuple):
-        from relight.lights.files import to_entries
-
-        return to_entries(value)
-    if isinstance(value, Enum):
-        return value.value
-    if isinstance(value, os.PathLike):
-        return os.fspath(value)
-    if isinstance(value, tuple | list):
-        return [_plain(name, each) for each in value]
-    if dataclasses.is_dataclass(value) and name == "floor":
-        return {each.name: _plain(each.name, getattr(value, each.name)) for each in fields(value)}
-    if value is None or isinstance(value, str | bool | int | float):
-        return value
-    raise TypeError(f"{name}: expected a path or a number, which JSON can hold, got {type(value).__name__}")
-
-
-def _tuples(value: Any) -> Any:
-    return tuple(map(_tuples, value)) if isinstance(value, list) else value

@@ -6,7 +6,8 @@ import pytest
 import relight
 from relight.lights import presets
 from relight.lights.rig import as_rig
-from relight.pipeline.options import Lighting, from_json, to_json
+from relight.pipeline.option_fields import from_json, to_json
+from relight.pipeline.options import Lighting
 
 
 def lights_of(lighting):

@@ -14,8 +14,8 @@ from typer.testing import CliRunner
 import relight
 from relight import Compute, Lighting, Output, Source
 from relight.cli.commands import app
-from relight.pipeline.option_fields import Phase, Screen
-from relight.pipeline.options import GROUPS, from_json, to_json
+from relight.pipeline.option_fields import Phase, Screen, from_json, to_json
+from relight.pipeline.options import GROUPS
 from relight.rendering import PASSES
 
 FULL = {
