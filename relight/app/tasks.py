@@ -12,12 +12,11 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-import OpenImageIO as oiio
 import torch
-from PIL import Image
 
 from relight.app import compiling, drawing
 from relight.app.drawing import MODEL, REDUCED
+from relight.app.pictures import check_size, encoded, png, reduced_size, resized
 from relight.compositing.floor import Floor
 from relight.errors import EmptyMatteError
 from relight.lights.environment import EnvironmentLight
@@ -33,7 +32,6 @@ from relight.viewer.packing import pack
 from relight.viewer.scene import scene_of
 from shadow.files import replacing
 
-PIXELS = 100_000_000  # of a photograph, at most
 PREVIEW_SIDE = 1600  # pixels, the longer side of what the page shows and the outline is solved on
 PREVIEWS = "page"  # folder of what the page shows: no upload has this name, which has no suffix
 BACKGROUND_SIDE = 2048  # pixels, the longer side of a background on the page, at most
@@ -87,33 +85,27 @@ PREPARATIONS = (  # the worker runs them while nobody waits for it
 
 def read(name: str, report: Report) -> dict[str, Any]:
     """Read a photograph; write the copy that the page shows, and the one that outlines are solved on."""
-    _check_size(Path(name))
+    check_size(Path(name))
     pixels = images.read(name)
     height, width = pixels.shape[:2]
     if min(height, width) < 16:
         raise ValueError(f"{name}: expected 16 pixels a side or more, got {width} x {height}")
     cut_out = pixels.shape[-1] == 4 and float(pixels[..., 3].min()) < 1
-    size = _reduced_size(height, width, PREVIEW_SIDE)
-    reduced = _resized(pixels if cut_out else np.ascontiguousarray(pixels[..., :3]), size)
+    size = reduced_size(height, width, PREVIEW_SIDE)
+    reduced = resized(pixels if cut_out else np.ascontiguousarray(pixels[..., :3]), size)
     _save_array(REDUCED, reduced)
     Path(PREVIEWS).mkdir(exist_ok=True)
     preview, kind = f"{PREVIEWS}/preview.{'png' if cut_out else 'jpg'}", "PNG" if cut_out else "JPEG"
     # It may be the background as well.
-    Path(preview).write_bytes(compressed(_encoded(reduced), kind, quality=95, subsampling=0))
+    Path(preview).write_bytes(compressed(encoded(reduced), kind, quality=95, subsampling=0))
     return {"width": width, "height": height, "cut_out": cut_out, "preview": preview}
-
-
-def _reduced_size(height: int, width: int, side: int) -> tuple[int, int]:
-    """Return the size (H, W) of a picture whose longer side is reduced to `side` pixels, if it is longer."""
-    shrink = min(1.0, side / max(height, width))
-    return max(1, round(height * shrink)), max(1, round(width * shrink))
 
 
 def outline_of(drawn: Mapping[str, Any], report: Report) -> dict[str, Any]:
     """Return the matte of a drawn outline, as a grey PNG of the preview's size."""
     if not drawing.is_file(drawn):
         compiling.wait(report)
-    return {"png": _png(drawing.shifted(drawing.solved(drawn), *drawing.edge_of(drawn)))}
+    return {"png": png(drawing.shifted(drawing.solved(drawn), *drawing.edge_of(drawn)))}
 
 
 def fetch_person(report: Report) -> dict[str, Any]:
@@ -154,12 +146,12 @@ def matte_by_model(model: str, report: Report) -> dict[str, Any]:
         raise ValueError("model: expected an ONNX file, or the name of a model")
     matte = networks.matte(reduced, matting.model, **matting.options)
     _keep_matte(matte)
-    return {"png": _png(matte)}
+    return {"png": png(matte)}
 
 
 def load_matte(name: str, report: Report) -> dict[str, Any]:
     """Take a matte from a file, of the photograph's proportions, as that of a model."""
-    _check_size(Path(name))
+    check_size(Path(name))
     loaded, size = images.read_mask(name), drawing.reduced().shape[:2]
     if abs(loaded.shape[1] / loaded.shape[0] / (size[1] / size[0]) - 1) > 0.01:
         raise ValueError(
@@ -167,9 +159,9 @@ def load_matte(name: str, report: Report) -> dict[str, Any]:
             f"got {loaded.shape[1]} x {loaded.shape[0]}"
         )
     _save_array(LOADED, loaded)
-    matte = _resized(loaded[..., None].astype(np.float32), size)[..., 0].clip(0, 1)
+    matte = resized(loaded[..., None].astype(np.float32), size)[..., 0].clip(0, 1)
     _keep_matte(matte)
-    return {"png": _png(matte)}
+    return {"png": png(matte)}
 
 
 def _save_array(name: str, array: np.ndarray) -> None:
@@ -225,7 +217,7 @@ def full_matte(name: str, mask: str, report: Report) -> dict[str, Any]:
         report("Refining the edge", 0.0)
         matte = np.load(LOADED if edge["file"] else MATTE).astype(np.float32)
         if matte.shape != pixels.shape[:2]:
-            matte = _resized(matte[..., None], pixels.shape[:2])[..., 0].clip(0, 1)
+            matte = resized(matte[..., None], pixels.shape[:2])[..., 0].clip(0, 1)
             matte = matte if edge["file"] else outline.refine(pixels, matte)
         images.write_mask(mask, drawing.shifted(matte, edge["shift"], edge["feather"]))
     return {"file": mask}
@@ -233,7 +225,7 @@ def full_matte(name: str, mask: str, report: Report) -> dict[str, Any]:
 
 def environment(name: str, report: Report) -> dict[str, Any]:
     """Return an environment map as the page's program takes it."""
-    _check_size(Path(name))
+    check_size(Path(name))
     light = EnvironmentLight(name)
     entry = scene_of((1, 1), light)["environment"]
     return {"path": name, "lamps": entry["lamps"]}
@@ -241,10 +233,10 @@ def environment(name: str, report: Report) -> dict[str, Any]:
 
 def background(name: str, report: Report) -> dict[str, Any]:
     """Return a background as the page shows it, behind photographs of any shape: a JPEG, in base64."""
-    _check_size(Path(name))
+    check_size(Path(name))
     pixels = images.read(name)[..., :3]
     height, width = pixels.shape[:2]
-    size = _reduced_size(height, width, BACKGROUND_SIDE)
+    size = reduced_size(height, width, BACKGROUND_SIDE)
     return scene_of(size, background=pixels, background_name=name)["backdrop"]
 
 
@@ -261,7 +253,7 @@ def still(name: str, mask: str | None, look: Mapping[str, Any], report: Report) 
             behind = drawing.reduced() if behind == name else images.read(behind)
         shadow = None if lighting.floor is None else subject.shadows(lights, lighting.floor)[1]
         picture = over(picture, behind, shadow)
-    return {"png": _png(_encoded(picture, _exposure(look)))}
+    return {"png": png(encoded(picture, _exposure(look)))}
 
 
 def floor_shadow(name: str, mask: str | None, look: Mapping[str, Any], report: Report) -> dict[str, Any]:
@@ -270,7 +262,7 @@ def floor_shadow(name: str, mask: str | None, look: Mapping[str, Any], report: R
     if lighting.floor is None:
         raise ValueError("floor: expected one")
     lights = as_lights(lighting.rig().lights)
-    return {"png": _png(encode(subject.shadows(lights, lighting.floor)[1], white=1))}
+    return {"png": png(encode(subject.shadows(lights, lighting.floor)[1], white=1))}
 
 
 def _subject(name: str, mask: str | None, report: Report) -> Subject:
@@ -384,46 +376,3 @@ def _keep(name: str, subject: Subject) -> None:
     _subjects.move_to_end(_key(name))
     while len(_subjects) > KEPT:
         _subjects.popitem(last=False)
-
-
-def _resized(image: np.ndarray, size: tuple[int, int]) -> np.ndarray:
-    """Return an image (h, w, C), float32, in another size (H, W), by a triangle filter."""
-    planes = torch.from_numpy(image).permute(2, 0, 1)[None]
-    resized = torch.nn.functional.interpolate(planes, size, mode="bilinear", antialias=True)
-    return resized[0].permute(1, 2, 0).contiguous().numpy()
-
-
-def _check_size(path: Path) -> None:
-    """Raise ValueError for a picture of more pixels than may be decoded, as far as its header says."""
-    size = None
-    file = oiio.ImageInput.open(str(path))
-    if file is not None:
-        spec = file.spec()
-        size = (max(spec.width, spec.full_width), max(spec.height, spec.full_height))
-        file.close()
-    oiio.geterror()
-    if size is None:
-        with warnings.catch_warnings():
-            warnings.simplefilter("ignore")
-            try:
-                with Image.open(path) as picture:
-                    size = picture.size
-            except (OSError, ValueError, Image.DecompressionBombError):
-                return  # `relight.read` says what is wrong
-    if size[0] * size[1] > PIXELS:
-        raise ValueError(
-            f"{path}: has {size[0]} x {size[1]} pixels; expected {PIXELS // 1_000_000} million at most"
-        )
-
-
-def _encoded(pixels: np.ndarray, exposure: float = 0.0) -> np.ndarray:
-    """Encode linear, premultiplied (H, W, 3|4) for a display, with straight alpha."""
-    if pixels.shape[-1] == 3:
-        return encode(pixels.clip(0), exposure=exposure)
-    alpha = pixels[..., 3:].clip(0, 1)
-    colour = encode((pixels[..., :3] / np.maximum(alpha, 1e-4)).clip(0), exposure=exposure)
-    return np.concatenate([colour, alpha], axis=-1)
-
-
-def _png(shown: np.ndarray) -> bytes:
-    return compressed(shown, "PNG", compress_level=1)

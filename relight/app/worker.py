@@ -118,10 +118,10 @@ def _serve(connection: Any) -> None:
     import signal
 
     signal.signal(signal.SIGINT, signal.SIG_IGN)  # Ctrl C ends the server, which ends this process
-    from relight.app import tasks
+    from relight.app import pictures, tasks
     from relight.media.images import limit_pixels
 
-    limit_pixels(tasks.PIXELS)
+    limit_pixels(pictures.PIXELS)
     waiting = list(tasks.PREPARATIONS)
     while True:
         while waiting and not connection.poll():

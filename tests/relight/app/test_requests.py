@@ -22,7 +22,7 @@ pytest.importorskip("uvicorn")
 from starlette.requests import Request
 
 import relight
-from relight.app import tasks, worker
+from relight.app import pictures, tasks, worker
 from relight.app.answers import refusing
 from relight.app.server import Server
 from relight.app.session import Session
@@ -156,7 +156,7 @@ def bomb(path, width, height):
 @pytest.mark.parametrize("task", ["read", "environment", "background"])
 def test_pictures_of_too_many_pixels_are_refused_before_they_are_decoded(tmp_path, monkeypatch, task):
     monkeypatch.chdir(tmp_path)
-    monkeypatch.setattr(tasks, "PIXELS", 10_000)
+    monkeypatch.setattr(pictures, "PIXELS", 10_000)
     monkeypatch.setattr(tasks.images, "read", None)
     bomb(tmp_path / "sky.png", 200, 100)
     spec = oiio.ImageSpec(8, 8, 3, "half")
