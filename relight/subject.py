@@ -14,7 +14,6 @@ import torch.nn.functional as F
 
 from relight.analysis import storage, temporal
 from relight.analysis.camera import Camera
-from relight.analysis.foreground import linear_plate
 from relight.analysis.gloss import checked_gloss
 from relight.analysis.infer import check_inputs, infer
 from relight.analysis.maps import AnalysisMaps
@@ -27,11 +26,9 @@ from relight.lights.environment import FIELD_OF_VIEW
 from relight.lights.light import Light
 from relight.lights.moving import MovingLight
 from relight.lights.rig import Lights, as_lights, by_name
-from shading.albedo import solve_lighting
 from shadow import inputs
-from shadow.directions import olat
 from shadow.files import AnyPath
-from shadow.framing import Extension, Framed
+from shadow.framing import Extension
 from shadow.networks.checkpoints import checksum
 
 LIGHTS_PER_BATCH = 2  # whose maps are upsampled together: more are no faster and take more memory
@@ -401,25 +398,7 @@ class Subject:
 
         Returns directions (96, 3), `shadow.directions.olat(behind=True)`, and their intensities (96, 3) >= 0.
         """
-        record, plate = self._record, linear_plate(image)
-        if plate.shape[:2] != self.size:
-            raise ValueError(f"image: expected the subject's size {self.size}, got {plate.shape[:2]}")
-        person, maps = record.foreground, record.maps
-        colour = person.own_colour(plate, photographed=plate.shape[-1] == 3)
-        framed = Framed.of(colour, person.matte, record.framing.canvas[0])
-        directions = torch.from_numpy(olat(behind=True))
-        powers = solve_lighting(
-            framed.rgb, self._canvas_albedo(), maps.shading(directions), maps.known.float()
-        )
-        return directions.numpy(), powers.numpy()
-
-    def _canvas_albedo(self) -> torch.Tensor:
-        """Return the albedo of relit pictures, without noise, on the networks' canvas (3, h, w)."""
-        person = self._record.foreground
-        covered = torch.cat([torch.ones(len(self._albedo), 1), self._albedo], dim=1)
-        layers = torch.from_numpy(person.scatter(covered)[person.box]).permute(2, 0, 1)
-        share, albedo = self._record.framing.crop(layers).split([1, 3])
-        return albedo / share.clamp_min(1e-6)
+        return self._record.fit_lighting(image, self._albedo)
 
     def view(
         self,
@@ -553,18 +532,9 @@ class Subject:
         gloss: float = 0.0,
     ) -> Any:
         """Return the mesh, camera and lights that `export` writes; the arguments are the same."""
-        from relight.scene.asset import make
-        from relight.scene.mesh import PersonSurface
+        from relight.scene.asset import of_subject
 
-        maps = self._record.maps
-        geometry = maps.geometry
-        layers = torch.cat([geometry.depth[None], maps.normals, torch.ones_like(geometry.depth)[None]])
-        depth, *normals, known = self._extend(layers).numpy()
-        facing = np.stack(normals, axis=-1)
-        surface = PersonSurface(depth, facing, known > 0.5, geometry.framing, geometry.camera, self.matte)
-        unlit = texture == "photograph"
-        colour = self.on_plate(self._record.colour) if unlit else self.albedo
-        return make(surface, colour, lights, triangles, unlit, gloss)
+        return of_subject(self, lights, triangles, texture, gloss)
 
     @property
     def record(self) -> AnalysisRecord:

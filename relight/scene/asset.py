@@ -2,7 +2,7 @@
 
 from collections.abc import Iterable
 from pathlib import Path
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 
@@ -65,17 +65,19 @@ def companion(path: Path, content: str, frame: str | None = None) -> Path:
     return path.with_name(f"{path.stem}_{content}{number}{'.exr' if is_script(path) else '.png'}")
 
 
-def make(
-    surface: PersonSurface,
-    colour: np.ndarray,
+def of_subject(
+    subject: Any,
     lights: Iterable[Light | MovingLight] | Light | MovingLight | None,
-    triangles: int = mesh.TRIANGLES,
-    unlit: bool = False,
-    gloss: float = 0.0,
+    triangles: int,
+    texture: str,
+    gloss: float,
 ) -> Asset:
-    """Make the asset of a person; `colour` (H, W, 3) is linear Rec.709 in [0, 1], zero outside the matte."""
+    """Make the asset of a `relight.Subject`; the arguments are those of its `export`."""
+    surface = PersonSurface.of(subject.record, subject.matte)
     several = [] if lights is None else as_rig(lights)
     gloss = checked_gloss(gloss)
+    unlit = texture == "photograph"
+    colour = subject.on_plate(subject.record.colour) if unlit else subject.albedo
     built = mesh.build(surface, triangles)
     return Asset(built, painted(colour, surface.matte, built.box), unlit, surface.camera, several, gloss)
 

@@ -10,7 +10,7 @@ The back ends there, close behind the front: if the cut went through its steep r
 """
 
 import math
-from typing import NamedTuple
+from typing import NamedTuple, Self
 
 import numpy as np
 import torch
@@ -19,8 +19,10 @@ from scipy.sparse import csr_array
 from scipy.spatial import cKDTree
 
 from relight.analysis.camera import Camera
+from relight.analysis.record import AnalysisRecord
+from relight.analysis.upsampling import EXTENSION_SHARE
 from relight.compositing.shadow_caster import thickness
-from shadow.framing import Framing
+from shadow.framing import Extension, Framing
 
 TRIANGLES = 120_000  # at most, unless said
 FEWEST = 1_000  # triangles that a person can be made of
@@ -43,6 +45,15 @@ class PersonSurface(NamedTuple):
     framing: Framing  # where the canvas lies on the plate
     camera: Camera
     matte: np.ndarray  # (H, W) in [0, 1], on the plate
+
+    @classmethod
+    def of(cls, record: AnalysisRecord, matte: np.ndarray) -> Self:
+        """Take the maps of an analysis, continued as those of pictures are."""
+        maps, geometry = record.maps, record.maps.geometry
+        layers = torch.cat([geometry.depth[None], maps.normals, torch.ones_like(geometry.depth)[None]])
+        depth, *normals, known = Extension(maps.known, EXTENSION_SHARE)(layers).numpy()
+        facing = np.stack(normals, axis=-1)
+        return cls(depth, facing, known > 0.5, geometry.framing, geometry.camera, matte)
 
 
 class Mesh(NamedTuple):
