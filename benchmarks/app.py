@@ -16,17 +16,14 @@ import os
 import sys
 import time
 import urllib.request
-from pathlib import Path
 
 import numpy as np
 import psutil
+from checkout import ROOT
+from helpers.serving import served
 from PIL import Image
 
 from relight.matting import person_files  # before tests/relight is on the path
-
-ROOT = Path(__file__).parents[1]
-sys.path[:0] = [str(ROOT), str(ROOT / "tests")]  # tests/relight would hide the package if it came first
-from helpers.serving import served  # noqa: E402
 
 LOOK = {"lights": ["key:azimuth=-40,elevation=30,angle=20", "rim:azimuth=140,elevation=20"]}
 

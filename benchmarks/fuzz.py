@@ -21,8 +21,7 @@ import traceback
 from pathlib import Path
 from random import Random
 
-ROOT = Path(__file__).resolve().parents[1]
-sys.path[:0] = [str(ROOT), str(ROOT / "tests")]  # tests/relight would hide the package if it came first
+import checkout  # noqa: F401 (puts the helpers on the path)
 
 CHEAP = (
     *("light text", "lights file", "damaged image", "ICC bytes", "Exif bytes", "container tags") * 2,

@@ -19,13 +19,10 @@ from pathlib import Path
 from random import Random
 
 import numpy as np
+from checkout import ROOT
+from helpers.killing import differences, finished, kill
 
 import relight
-
-ROOT = Path(__file__).resolve().parents[1]
-sys.path[:0] = [str(ROOT), str(ROOT / "tests")]  # tests/relight would hide the package if it came first
-
-from helpers.killing import differences, finished, kill  # noqa: E402
 
 OUTPUTS = ("relit.%03d.exr", "relit.%03d.png", "relit.mov", "relit.mp4")
 FRAMES = 48

@@ -11,24 +11,21 @@ the floor; above Mitsuba, below `Subject.relit` and `relight.Floor`.
 
 import argparse
 import math
-import sys
 import tempfile
 import time
 from pathlib import Path
 
 import numpy as np
 import torch
+from checkout import ROOT
+from helpers import exported, usdlux
 
 import relight
 from relight.lights.near import PointLight
 
-ROOT = Path(__file__).parents[1]
 PERSON = ROOT / "examples" / "person.png"
 LIGHTS = ((-60, 20), (60, 20), (0, 70))  # from left, right and above: azimuth, elevation
 SHADOW = (-50, 45)
-sys.path[:0] = [str(ROOT), str(ROOT / "tests")]  # tests/relight would hide the package if it came first
-
-from helpers import exported, usdlux  # noqa: E402
 
 
 def main() -> None:

@@ -9,19 +9,15 @@ Figures to compare with are in docs/training.md and docs/history.md.
 
 import sys
 import time
-from pathlib import Path
 
+import checkout  # noqa: F401 (puts the helpers on the path)
 import numpy as np
+from helpers.pathtracer import path_trace
 
 from shadow import directions
 from shadow.data import records
 from shadow.lightstage import scans, stage
 from shadow.lightstage.people.generate import bodies
-
-ROOT = Path(__file__).parents[1]
-sys.path[:0] = [str(ROOT), str(ROOT / "tests")]  # tests/relight would hide the package if it came first
-
-from helpers.pathtracer import path_trace  # noqa: E402
 
 SIZE = 512
 

@@ -10,11 +10,10 @@ import sys
 import tempfile
 from pathlib import Path
 
-import relight
+from checkout import ROOT
+from helpers import browsing
 
-ROOT = Path(__file__).parents[1]
-sys.path[:0] = [str(ROOT), str(ROOT / "tests")]  # tests/relight would hide the package if it came first
-from helpers import browsing  # noqa: E402
+import relight
 
 FRAMES = 10
 TIME = """async ([count, frames, near]) => {
@@ -54,4 +53,4 @@ def main(path):
 
 
 if __name__ == "__main__":
-    main(*sys.argv[1:] or [Path(__file__).parents[1] / "examples" / "person.png"])
+    main(*sys.argv[1:] or [ROOT / "examples" / "person.png"])
