@@ -68,7 +68,7 @@ def put_on(wardrobe: Wardrobe, shoe: Shoe, fabric: Fabric, rng: np.random.Genera
         wardrobe.simulator.follow(faces, shaped, weights, wardrobe.between_thighs(shaped, faces))
     vertices, lined, source = add_lining(posed, faces, 0.004, 0.04)
     region = np.argmax(member, axis=1)
-    wardrobe.parts.append(MeshPart(vertices, lined, shaped[source], region[source], fabric))
+    wardrobe.parts.append(MeshPart(vertices, lined, shaped[source], fabric, region[source]))
     if person.heel > 0:
         for side in "LR":
             mine = wall & (SIDES[side] * shaped[:, 0] > 0)
@@ -147,7 +147,7 @@ def _block(person: Person, shoe: Shoe, side: str, sole: np.ndarray, fabric: Fabr
     points = local.reshape(-1, 3)
     faces = outwards(points, loft(local, closed=True), points.mean(axis=0))
     placed = points @ toes[:, :3].T + toes[:, 3]
-    return MeshPart(placed, faces, points, np.full(len(points), LEGS["LR".index(side)]), fabric)
+    return MeshPart(placed, faces, points, fabric, LEGS["LR".index(side)])
 
 
 def _rounded(outline: np.ndarray) -> np.ndarray:

@@ -38,7 +38,7 @@ def tube(path: np.ndarray, radius: float, closed: bool) -> tuple[np.ndarray, np.
 
 def glasses(person: Person, skull: Skull, rng: np.random.Generator) -> list[MeshPart]:
     """Draw a pair of glasses: thin or thick, round or square, clear or dark."""
-    eyes = [person.rest[14598:14670].mean(axis=0), person.rest[14670:14742].mean(axis=0)]
+    eyes = person.eyes
     frame = Fabric.plain(rng.choice([0.025, 0.12, 0.4]) * np.array([1.0, rng.uniform(0.6, 1), 0.7]))
     dark = rng.random() < 0.35
     radius = rng.uniform(0.0012, 0.0028)
@@ -72,8 +72,7 @@ def glasses(person: Person, skull: Skull, rng: np.random.Generator) -> list[Mesh
     pieces.append((*tube(bridge, radius, closed=False), frame))
     label = REGIONS.index("face")
     return [
-        MeshPart(skull.posed(points), faces, points, np.zeros(len(points), int), fabric, label)
-        for points, faces, fabric in pieces
+        MeshPart(skull.posed(points), faces, points, fabric, label=label) for points, faces, fabric in pieces
     ]
 
 

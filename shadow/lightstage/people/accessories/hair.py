@@ -7,7 +7,7 @@ from scipy.spatial import cKDTree
 from shadow.data.records import REGIONS
 from shadow.lightstage.figure import normalize, outwards, vertex_normals
 from shadow.lightstage.mesh import add_lining, boundary_chains, clip, loft, longest_run
-from shadow.lightstage.people.body.anatomy import Person
+from shadow.lightstage.people.body.anatomy import TEETH, Person
 from shadow.lightstage.people.cloth.draping import drape, fold_noise
 from shadow.lightstage.people.cloth.fabric import Fabric, MeshPart
 from shadow.lightstage.people.cloth.garments import Wardrobe
@@ -29,8 +29,8 @@ class Skull:
         points = surface.rows @ person.rest
         of_head = np.asarray(surface.weights[:, self.head].todense()).ravel() > 0.5
         points = points[of_head]
-        eyes = (person.rest[14598:14670].mean(axis=0) + person.rest[14670:14742].mean(axis=0)) / 2
-        self.eyes = eyes
+        left_eye, right_eye = person.eyes
+        self.eyes = eyes = (left_eye + right_eye) / 2
         cranium = points[points[:, 1] > eyes[1] + 0.035]
         self.half_width = np.abs(cranium[:, 0]).max()
         middle = (cranium[:, 2].min() + cranium[:, 2].max()) / 2
@@ -81,7 +81,7 @@ class Skull:
 
     def part(self, points: np.ndarray, faces: np.ndarray, fabric: Fabric) -> MeshPart:
         """Return the part of a mesh at rest that moves with the head."""
-        return MeshPart(self.posed(points), faces, points, np.zeros(len(points), int), fabric)
+        return MeshPart(self.posed(points), faces, points, fabric)
 
 
 def grow(
@@ -208,7 +208,7 @@ def _curtain(
     strand = fold_noise(rest * [1, 0.1, 1], rng, 0.012) + 0.6 * fold_noise(rest * [1, 0.1, 1], rng, 0.03)
     posed += vertex_normals(posed, faces) * (0.0022 * strand * (0.3 + 0.7 * below))[:, None]
     vertices, lined, source = add_lining(posed, faces, 0.003, 0.5)
-    wardrobe.parts.append(MeshPart(vertices, lined, rest[source], np.zeros(len(vertices), int), fabric))
+    wardrobe.parts.append(MeshPart(vertices, lined, rest[source], fabric))
 
 
 def _above_shoulders(points: np.ndarray, wardrobe: Wardrobe) -> np.ndarray:
@@ -264,7 +264,7 @@ def _tail(skull: Skull, wardrobe: Wardrobe, rng: np.random.Generator, fabric: Fa
     ).reshape(-1, 3)
     points = rings.reshape(-1, 3)
     faces = outwards(points, faces, np.repeat(path, 36, axis=0))
-    wardrobe.parts.append(MeshPart(points, faces, rest, np.zeros(len(points), int), fabric))
+    wardrobe.parts.append(MeshPart(points, faces, rest, fabric))
 
 
 def beard(skull: Skull, wardrobe: Wardrobe, rng: np.random.Generator, fabric: Fabric) -> None:
@@ -272,7 +272,7 @@ def beard(skull: Skull, wardrobe: Wardrobe, rng: np.random.Generator, fabric: Fa
     person = skull.person
     surface = person.base.body
     rest = surface.rows @ person.rest
-    mouth = person.rest[14992:15128].mean(axis=0)
+    mouth = person.rest[TEETH].mean(axis=0)
     around = skull.around(rest)
     jaw = mouth[1] - 0.012 + 0.05 * np.clip((around - 25) / 50, 0, 1)
     lip = np.hypot(rest[:, 0] / 0.03, (rest[:, 1] - mouth[1]) / 0.016) - 1
@@ -304,7 +304,7 @@ def beard(skull: Skull, wardrobe: Wardrobe, rng: np.random.Generator, fabric: Fa
     grown = root + normalize(rows @ outside + [0, -0.3, 0]) * length[:, None]
     label = REGIONS.index("face")
     grown = person.posed(weights, grown)
-    wardrobe.parts.append(MeshPart(grown, faces, root, np.zeros(len(root), int), fabric, label))
+    wardrobe.parts.append(MeshPart(grown, faces, root, fabric, label=label))
 
 
 def hat(skull: Skull, wardrobe: Wardrobe, rng: np.random.Generator, style: str, fabric: Fabric) -> None:

@@ -6,7 +6,7 @@ import numpy as np
 import trimesh
 from scipy.spatial import cKDTree
 
-from shadow.lightstage.figure import normalize
+from shadow.lightstage.figure import normalize, outwards
 from shadow.lightstage.people.accessories.glasses import tube
 from shadow.lightstage.people.body.anatomy import ARMS
 from shadow.lightstage.people.body.skeleton import rotation
@@ -117,11 +117,8 @@ def _solid(size: np.ndarray, rounded: float = 0.0) -> np.ndarray:
 
 
 def _add(wardrobe: Wardrobe, points: np.ndarray, local: np.ndarray, cloth: Fabric) -> None:
-    faces = np.arange(len(points)).reshape(-1, 3)
-    a, b, c = (points[faces[:, k]] for k in range(3))
-    if (np.cross(b - a, c - a) * (a - points.mean(axis=0))).sum() < 0:
-        faces = faces[:, ::-1]
-    wardrobe.parts.append(MeshPart(points, faces, local, np.zeros(len(points), int), cloth))
+    faces = outwards(points, np.arange(len(points)).reshape(-1, 3), points.mean(axis=0))
+    wardrobe.parts.append(MeshPart(points, faces, local, cloth))
 
 
 def _hang(
@@ -152,7 +149,7 @@ def _hang(
         path = np.stack([np.interp(knots, np.arange(5), path[:, k]) for k in range(3)], axis=1) @ axes + fist
         path += out * (np.abs(knots - 2) / 2)[:, None]
         vertices, faces = tube(path, 0.006, closed=False)
-        wardrobe.parts.append(MeshPart(vertices, faces, vertices, np.zeros(len(vertices), int), cloth))
+        wardrobe.parts.append(MeshPart(vertices, faces, vertices, cloth))
     return True
 
 

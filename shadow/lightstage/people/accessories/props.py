@@ -27,12 +27,6 @@ def _place(points: np.ndarray, bone: np.ndarray) -> np.ndarray:
     return points @ bone[:, :3].T + bone[:, 3]
 
 
-def _add(
-    wardrobe: Wardrobe, vertices: np.ndarray, faces: np.ndarray, rest: np.ndarray, cloth: Fabric
-) -> None:
-    wardrobe.parts.append(MeshPart(vertices, faces, rest, np.zeros(len(vertices), int), cloth))
-
-
 def _box(size: np.ndarray, rounded: float = 0.0) -> tuple[np.ndarray, np.ndarray]:
     """Return vertices and faces of a box around the origin; `rounded`: 0 is sharp, 1 is an ellipsoid."""
     ball = trimesh.creation.icosphere(4)
@@ -101,12 +95,12 @@ def shoulder_bag(wardrobe: Wardrobe, rng: np.random.Generator, cloth: Fabric) ->
     spoke = np.cos(angle)[:, None] * (shoulder - middle) + np.sin(angle)[:, None] * forward * 0.12
     wrapped, facing = _wrap(wardrobe, middle + spoke, np.tile(middle, (80, 1)), 0.004)
     vertices, faces = _ribbon(wrapped, facing, rng.uniform(0.02, 0.05), 0.003)
-    _add(wardrobe, vertices, faces, vertices, cloth)
+    wardrobe.parts.append(MeshPart(vertices, faces, vertices, cloth))
     size = np.array([rng.uniform(0.05, 0.1), rng.uniform(0.16, 0.3), rng.uniform(0.2, 0.32)])
     points, faces = _box(size, 0.3)
     hip = head("upperleg01.L") * [side, 1, 1] + [side * (0.12 + size[0] / 2), -0.02, -0.02]
     points = points + 0.004 * fold_noise(points, rng, 0.1)[:, None]
-    _add(wardrobe, _place(points + hip, pelvis), faces, points, cloth)
+    wardrobe.parts.append(MeshPart(_place(points + hip, pelvis), faces, points, cloth))
 
 
 def backpack(wardrobe: Wardrobe, rng: np.random.Generator, cloth: Fabric) -> None:
@@ -119,7 +113,7 @@ def backpack(wardrobe: Wardrobe, rng: np.random.Generator, cloth: Fabric) -> Non
     points = points + 0.005 * fold_noise(points, rng, 0.12)[:, None]
     back = wardrobe.person.tights_rest[:, 2].min()
     centre = np.array([0, head("spine02")[1] + 0.05, back - size[2] / 2 - 0.01])
-    _add(wardrobe, (points + centre) @ chest[:, :3].T + chest[:, 3], faces, points, cloth)
+    wardrobe.parts.append(MeshPart((points + centre) @ chest[:, :3].T + chest[:, 3], faces, points, cloth))
     for side in (-1.0, 1.0):
         # From the pack over the shoulder and down the chest, then around the flank back to the pack.
         over = np.linspace(-0.3 * np.pi, 0.5 * np.pi, 32)
@@ -137,7 +131,7 @@ def backpack(wardrobe: Wardrobe, rng: np.random.Generator, cloth: Fabric) -> Non
             wardrobe, path @ chest[:, :3].T + chest[:, 3], axis @ chest[:, :3].T + chest[:, 3], 0.005
         )
         vertices, faces = _ribbon(wrapped, facing, 0.045, 0.006)
-        _add(wardrobe, vertices, faces, vertices, cloth)
+        wardrobe.parts.append(MeshPart(vertices, faces, vertices, cloth))
 
 
 def scarf(wardrobe: Wardrobe, rng: np.random.Generator, cloth: Fabric) -> None:
@@ -176,4 +170,4 @@ def scarf(wardrobe: Wardrobe, rng: np.random.Generator, cloth: Fabric) -> None:
             np.repeat(shape.reshape(96, 28, 3)[:, :1], 28, axis=1).reshape(-1, 3) + neck + [0, 0.01, 0.012]
         )
         faces = outwards(points, faces, middle)
-        _add(wardrobe, points @ bone[:, :3].T + bone[:, 3], faces, points, cloth)
+        wardrobe.parts.append(MeshPart(points @ bone[:, :3].T + bone[:, 3], faces, points, cloth))

@@ -48,7 +48,7 @@ def sit(wardrobe: Wardrobe, rng: np.random.Generator, cloth: Fabric) -> None:
         local = np.asarray(mesh.vertices)[mesh.faces].reshape(-1, 3) + at  # edges stay sharp
         placed = local @ axes + origin * [1, 0, 1]
         faces = np.arange(len(local)).reshape(-1, 3)
-        wardrobe.parts.append(MeshPart(placed, faces, local, np.zeros(len(local), int), cloth))
+        wardrobe.parts.append(MeshPart(placed, faces, local, cloth))
 
 
 def _height(wardrobe: Wardrobe, axes: np.ndarray, origin: np.ndarray) -> float:

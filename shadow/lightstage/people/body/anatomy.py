@@ -22,6 +22,7 @@ from shadow.lightstage.people.body.faces import ACTIONS, CHANGES, Face
 from shadow.lightstage.people.body.skeleton import Skeleton
 
 REGIONS = ("torso", "arm.L", "arm.R", "leg.L", "leg.R")
+EYEBALLS, TEETH = (slice(14598, 14670), slice(14670, 14742)), slice(14992, 15128)  # of MakeHuman's vertices
 ARMS, LEGS = (1, 2), (3, 4)  # indices into REGIONS
 LIMBS = {"arm": ("upperarm01", "lowerarm01", "wrist"), "leg": ("upperleg01", "lowerleg01", "foot")}
 
@@ -223,6 +224,12 @@ class Person:
             joints[0] + np.minimum(first, length[0])[:, None] * steps[0],
         )
         return metres / length.sum(), axis, metres
+
+    @property
+    def eyes(self) -> tuple[np.ndarray, np.ndarray]:
+        """The middles (3,) of the left and the right eyeball at rest."""
+        left, right = (self.rest[eyeball].mean(axis=0) for eyeball in EYEBALLS)
+        return left, right
 
     @cached_property
     def tights_rest(self) -> np.ndarray:

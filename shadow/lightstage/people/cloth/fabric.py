@@ -42,9 +42,11 @@ class MeshPart:
     vertices: np.ndarray  # (V, 3) posed, metres
     faces: np.ndarray  # (F, 3)
     rest: np.ndarray  # (V, 3) unposed, for the fabric
-    region: np.ndarray  # (V,) index into anatomy.REGIONS: the limb or trunk of the garment coordinates
     fabric: Fabric
-    label: np.ndarray | int = 0  # index into records.REGIONS, for all vertices or each (V,)
+    # For all vertices or each (V,): index into anatomy.REGIONS, the limb or trunk of the garment coordinates;
+    # index into records.REGIONS.
+    region: np.ndarray | int = 0
+    label: np.ndarray | int = 0
     sewn: bool = False  # whether it is sewn on a garment, and does not push out garments over both
     uv: np.ndarray | None = None  # (F, 3, 2) texture coordinates of the corners, in place of the garment's
     normals: np.ndarray | None = None  # (V, 3) unit, posed; None: those of the faces

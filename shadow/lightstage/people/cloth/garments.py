@@ -149,7 +149,7 @@ class Wardrobe:
         inner = 0.35 if wide or hanging else 0.12
         # In tight folds an inner side would penetrate the outer one, which rays hit from both sides anyway.
         vertices, lined, source = add_lining(posed, faces, fit.thickness, 0.02 if self.simulator else inner)
-        part = MeshPart(vertices, lined, rest[source], region[source], fabric)
+        part = MeshPart(vertices, lined, rest[source], fabric, region[source])
         self.parts.append(part)
         if fit.buttons:
             low = fit.bottom - fit.below * 0.7

@@ -41,7 +41,7 @@ def sew_on(
     region = np.zeros(len(posed), int) if region is None else region
     # A row of the operator combines at most two vertices: the region is that of the nearer one.
     nearest = np.asarray(rows.argmax(axis=1)).ravel()
-    return [MeshPart(vertices, closed, (rows @ rest)[source], region[nearest][source], fabric, sewn=True)]
+    return [MeshPart(vertices, closed, (rows @ rest)[source], fabric, region[nearest][source], sewn=True)]
 
 
 def placket(garment: Garment, low: float, high: float, fabric: Fabric) -> list[MeshPart]:

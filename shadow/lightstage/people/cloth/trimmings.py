@@ -70,7 +70,7 @@ def collar(
         band = band[:, ::-1]  # folded outward, so that the inner side is visible
     vertices, band, source = add_lining(rings.reshape(-1, 3), band, 0.0025, 1.0)
     source = np.tile(ring, len(rings))[source]
-    return [MeshPart(vertices, band, rest[source], np.zeros(len(source), int), fabric)]
+    return [MeshPart(vertices, band, rest[source], fabric)]
 
 
 def buttons(
@@ -100,14 +100,6 @@ def buttons(
         side = normalize(np.cross([0.0, 1.0, 0.0], normal))
         axes = np.stack([side, np.cross(normal, side), normal])
         points = posed[at] + disc.reshape(-1, 3) @ axes
-        sewn.append(
-            MeshPart(
-                points,
-                disc_faces,
-                np.tile(rest[at], (len(points), 1)),
-                np.zeros(len(points), int),
-                fabric,
-                sewn=True,
-            )
-        )
+        unposed = np.tile(rest[at], (len(points), 1))
+        sewn.append(MeshPart(points, disc_faces, unposed, fabric, sewn=True))
     return sewn

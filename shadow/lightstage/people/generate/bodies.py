@@ -26,7 +26,7 @@ from shadow.lightstage.figure import (
 )
 from shadow.lightstage.mesh import remove_unused
 from shadow.lightstage.normalmaps import tangents
-from shadow.lightstage.people.body.anatomy import REGIONS, BaseMesh, Person, base_mesh
+from shadow.lightstage.people.body.anatomy import REGIONS, TEETH, BaseMesh, Person, base_mesh
 from shadow.lightstage.people.body.faces import Face
 from shadow.lightstage.people.body.skeleton import Pose, Skeleton
 from shadow.lightstage.people.cloth import pockets
@@ -154,8 +154,7 @@ def _skin(person: Person, wardrobe: Wardrobe, rng: np.random.Generator, look: Lo
     rest, weights = rows @ person.rest, rows @ person.base.weights
     fabric, uv = (_painted(person, rng), None) if look is None else (look.skin, surface.uv[shown])
     label = _face_and_hands(person, rest, weights)
-    region = np.zeros(len(rest), int)
-    return MeshPart(person.posed(weights, rest), faces, rest, region, fabric, label, uv=uv)
+    return MeshPart(person.posed(weights, rest), faces, rest, fabric, label=label, uv=uv)
 
 
 def _painted(person: Person, rng: np.random.Generator) -> Fabric:
@@ -164,7 +163,8 @@ def _painted(person: Person, rng: np.random.Generator) -> Fabric:
     depth = rng.random() ** 0.75
     tone = np.array([0.06, 0.032, 0.02]) ** (1 - depth) * np.array([0.62, 0.42, 0.32]) ** depth
     tone = tone * rng.uniform(0.92, 1.08, 3)
-    mouth, left, right = _face_landmarks(person)
+    teeth, (left, right) = person.rest[TEETH], person.eyes
+    mouth = np.array([0, teeth[:, 1].mean(), teeth[:, 2].mean()])
     brows, noise = rng.uniform(0.2, 0.85), Noise(rng)
 
     def texture(u: np.ndarray, v: np.ndarray, p: np.ndarray) -> np.ndarray:
@@ -196,7 +196,7 @@ def _face_and_hands(person: Person, rest: np.ndarray, weights: csr_matrix) -> np
     names = person.base.names
     head = weights @ np.array([name == "head" or name.startswith("eye.") for name in names], float)
     hand = weights @ np.array([name.startswith(("finger", "metacarpal", "wrist")) for name in names], float)
-    _, left, right = _face_landmarks(person)
+    left, right = person.eyes
     ears = (left[2] + right[2]) / 2 - 0.055  # metres behind the eyes
     face = (head > 0.5) & (rest[:, 2] > ears)
     return np.where(
@@ -204,17 +204,10 @@ def _face_and_hands(person: Person, rest: np.ndarray, weights: csr_matrix) -> np
     )
 
 
-def _face_landmarks(person: Person) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """Return the positions of mouth, left and right eye at rest, from MakeHuman's teeth and eyeballs."""
-    teeth = person.rest[14992:15128]
-    left, right = person.rest[14598:14670].mean(axis=0), person.rest[14670:14742].mean(axis=0)
-    return np.array([0, teeth[:, 1].mean(), teeth[:, 2].mean()]), left, right
-
-
 def _eyes(person: Person, rng: np.random.Generator) -> MeshPart:
     surface = person.base.eyes
     rest = surface.rows @ person.rest
-    _, left, right = _face_landmarks(person)
+    left, right = person.eyes
     iris = [np.array([0.03, 0.018, 0.012]), np.array([0.06, 0.1, 0.14]), np.array([0.06, 0.08, 0.04])][
         rng.choice(3, p=[0.7, 0.18, 0.12])
     ]
@@ -225,14 +218,8 @@ def _eyes(person: Person, rng: np.random.Generator) -> MeshPart:
         white = np.array([0.55, 0.5, 0.47])
         return np.where((off < 0.0028)[:, None], 0.02, np.where((off < 0.0062)[:, None], iris, white))
 
-    return MeshPart(
-        person.posed(surface.weights, rest),
-        surface.faces,
-        rest,
-        np.zeros(len(rest), int),
-        Fabric(texture),
-        records.REGIONS.index("face"),
-    )
+    posed, label = person.posed(surface.weights, rest), records.REGIONS.index("face")
+    return MeshPart(posed, surface.faces, rest, Fabric(texture), label=label)
 
 
 # Assembly --------------------------------------------------------------------------------------------------
@@ -243,7 +230,8 @@ def _assemble(parts: list[MeshPart], person: Person, name: str, split: str) -> F
     for part in parts:
         part.faces, rows = remove_unused(part.faces, identity(len(part.vertices), format="csr"))
         used = rows.indices
-        part.vertices, part.rest, part.region = part.vertices[used], part.rest[used], part.region[used]
+        part.vertices, part.rest = part.vertices[used], part.rest[used]
+        part.region = np.broadcast_to(part.region, rows.shape[1])[used]
         part.label = np.broadcast_to(part.label, rows.shape[1])[used]
         if part.normals is not None:
             part.normals = part.normals[used]
