@@ -10,6 +10,7 @@ from pathlib import Path
 from typing import Any, NamedTuple
 
 import numpy as np
+from scipy.spatial.transform import Rotation
 
 from relight.lights.directional import DirectionalLight
 from relight.lights.files import MOST_LIGHTS
@@ -164,16 +165,9 @@ def _local(node: dict[str, Any]) -> np.ndarray:
         return np.array(node["matrix"], float).reshape(4, 4).T
     matrix = np.eye(4)
     quaternion = np.array(node.get("rotation", [0, 0, 0, 1]), float)
-    if not (length := np.linalg.norm(quaternion)):
+    if not quaternion.any():
         raise ValueError("rotation: expected a unit quaternion, got zeros")
-    x, y, z, w = quaternion / length
-    rotation = np.array(
-        [
-            [1 - 2 * (y * y + z * z), 2 * (x * y - z * w), 2 * (x * z + y * w)],
-            [2 * (x * y + z * w), 1 - 2 * (x * x + z * z), 2 * (y * z - x * w)],
-            [2 * (x * z - y * w), 2 * (y * z + x * w), 1 - 2 * (x * x + y * y)],
-        ]
-    )
+    rotation = Rotation.from_quat(quaternion).as_matrix()
     matrix[:3, :3] = rotation * np.array(node.get("scale", [1, 1, 1]), float).reshape(3)
     matrix[:3, 3] = np.array(node.get("translation", [0, 0, 0]), float).reshape(3)
     return matrix

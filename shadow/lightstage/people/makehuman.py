@@ -14,6 +14,7 @@ from pathlib import Path
 import numpy as np
 from PIL import Image
 from scipy.sparse import csr_matrix
+from scipy.spatial.transform import Rotation
 
 from shadow.data import records
 from shadow.lightstage.figure import bilinear, normalize, vertex_normals
@@ -162,16 +163,11 @@ def _clothes(folder: Path, name: str, rng: np.random.Generator) -> tuple[Binding
     if not picture.exists():
         return binding, Fabric.plain(garment_colour(rng))
     texels = _texels(picture)
-    turned = _turn_hue(rng.uniform(0, 2 * np.pi)) if rng.random() < 0.66 else np.eye(3)
+    turned = np.eye(3)
+    if rng.random() < 0.66:  # about the axis of greys
+        turned = Rotation.from_rotvec(np.full(3, rng.uniform(0, 2 * np.pi) / np.sqrt(3))).as_matrix()
     matrix = (turned.T * np.exp(rng.normal(0, 0.35)) * np.exp(rng.normal(0, 0.1, 3))).astype(np.float32)
     return binding, Fabric(lambda u, v, rest: _sample(texels, u, v)[:, :3] @ matrix)
-
-
-def _turn_hue(angle: float) -> np.ndarray:
-    """Return the rotation (3, 3) of linear RGB around the grey axis."""
-    axis = np.full(3, 1 / np.sqrt(3))
-    cross = np.array([[0, -axis[2], axis[1]], [axis[2], 0, -axis[0]], [-axis[1], axis[0], 0]])
-    return np.eye(3) + np.sin(angle) * cross + (1 - np.cos(angle)) * cross @ cross
 
 
 @lru_cache(maxsize=64)
