@@ -13,17 +13,8 @@ import numpy as np
 import torch
 import torch.nn.functional as F
 
-from shadow.data.photographs import (
-    ENCODING,
-    Flaws,
-    Scene,
-    canvas_depth,
-    compress,
-    draw_scene,
-    mask_height,
-    sharpen,
-)
-from shadow.data.records import REGIONS, Record
+from shadow.data.photographs import Flaws, Scene, canvas_depth, compress, draw_scene, mask_height, sharpen
+from shadow.data.records import ENCODING, REGIONS, Record
 from shadow.data.skin import pixels_per_metre, scatter_images
 from shadow.framing import affine_sample
 
@@ -141,10 +132,8 @@ class Stack:
             )
         )
         inside = self.inside[numbers].float()
-        visibility, normals = (
-            _unpacked(self.bits[numbers], self.directions.shape[1]),
-            self.normals[numbers].float(),
-        )
+        visibility = _unpacked(self.bits[numbers], self.directions.shape[1])
+        normals = self.normals[numbers].float()
         normals = normals / normals.norm(dim=1, keepdim=True).clamp_min(1)
         shown = visibility.gather(1, chosen[:, :, None, None].expand(-1, -1, *self.shape))
         regions = self.regions[numbers] == torch.arange(1, len(REGIONS), device=self.device).view(-1, 1, 1)

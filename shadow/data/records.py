@@ -22,6 +22,7 @@ from shadow.framing import bounding_box
 SHARD_BYTES = 60 * 2**20
 BOUNCE_RANK = 8  # rank of the factorised bounce light of a view, which keeps 96 % of it
 REGIONS = ("other", "face", "hands")  # labels of pixels
+OF_PIXELS = ("normals_int8", "albedo_uint8", "visibility_bits", "bounce_float16", "depth_float16", "regions")
 ENCODING = 2.2  # albedo is stored as 8 bits of albedo ** (1 / 2.2), which resolves dark cloth better
 
 
@@ -142,25 +143,16 @@ class Record:
         order = np.full(self.mask.shape, -1)
         order[self.mask] = np.arange(len(self.normals_int8))
         order = order[top:bottom:stride, left:right:stride]
-        indices = order[order >= 0]
+        indices, about = order[order >= 0], self.about
+        if "camera" in about:
+            about = about | {"camera": about["camera"] | {"focal": about["camera"]["focal"] / stride}}
+        pixels = {name: getattr(self, name) for name in OF_PIXELS}
         return replace(
             self,
             mask=np.pad(order >= 0, around),
-            normals_int8=self.normals_int8[indices],
-            albedo_uint8=self.albedo_uint8[indices],
-            visibility_bits=self.visibility_bits[indices],
-            bounce_float16=None if self.bounce_float16 is None else self.bounce_float16[indices],
-            depth_float16=None if self.depth_float16 is None else self.depth_float16[indices],
-            regions=None if self.regions is None else self.regions[indices],
-            about=_strided(self.about, stride),
+            about=about,
+            **{name: values[indices] for name, values in pixels.items() if values is not None},
         )
-
-
-def _strided(about: dict[str, Any], stride: int) -> dict[str, Any]:
-    """Adapt `about` to a record that keeps every `stride`-th pixel, which shortens the focal length."""
-    if "camera" not in about:
-        return about
-    return about | {"camera": about["camera"] | {"focal": about["camera"]["focal"] / stride}}
 
 
 def to_bytes(record: Record) -> bytes:
