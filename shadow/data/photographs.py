@@ -247,14 +247,13 @@ def sample(
     if None.
     """
     record = record.cropped(size[0])
-    scene = draw_scene(record, rng, size, lights, augment, lighting)
-    weights, chosen, turn, matrix = scene.weights, scene.chosen, scene.turn, scene.matrix
+    weights, chosen, gloss, shininess, turn, matrix = draw_scene(record, rng, size, lights, augment, lighting)
     bounce, patterns = record.bounce
     rank, traced = bounce.shape[1], record.bounce_float16 is not None
     depth = np.zeros((record.mask.sum(), 1), np.float32) if record.depth is None else record.depth
     values = [
         np.ones((record.mask.sum(), 1), np.float32),
-        light(record, weights, scene.gloss, scene.shininess),
+        light(record, weights, gloss, shininess),
         record.normals,
         record.albedo,
         bounce if traced else bounce[:, :0],
