@@ -1,77 +1,84 @@
-"""Reflection at grazing angles: the rim that light from behind gives to hair, shoulders and arms.
+"""Light that fine fibres scatter: the rim that light from behind gives to hair, shoulders and arms.
 
-    gloss(p, L) = π · D · V · F · max(N·L, 0) × visibility(p, L)
+    gloss(p, L) = π · S · (1 - μV)^5 · μL × cast(p, L)
+    μL = max(N·L - BEND · V·L, 0),  μV = max(N·V - BEND, MIN_COSINE)
 
-D and V are GGX microfacets (Walter et al. 2007) with height-correlated Smith masking (Heitz 2014), F is the
-Fresnel term of Schlick (1994) whose part at normal incidence is left out: F = (1 - V·H)^5. Light from the
-front then adds nothing, so black cloth stays black, and light from behind adds most. The factor π belongs to
-a light of unit intensity, in which a white surface that faces the light has the value 1.
+S is single scattering in a thin layer (Chandrasekhar 1960; Hanrahan and Krueger 1993), averaged over depths of
+exponential distribution about DEPTH: S = p / 4π · DEPTH / (μL μV + DEPTH (μL + μV)). Its phase function p is that
+of Henyey and Greenstein (1941): fibres scatter forward, toward a camera that faces the light. The Fresnel term of
+Schlick (1994), without a part at normal incidence, keeps it to the outline. So light from the front adds hardly
+anything, and black cloth stays black. The factor π belongs to a light of unit intensity, in which a white surface
+that faces the light has the value 1.
 
-The view is orthographic: V is (0, 0, 1) at each pixel. F and the length of the half vector thus depend on the
-light alone, and programs that know no camera compute the same.
+At the outline the true normal is perpendicular to the view, but the inferred ones stay some BEND short of that:
+a pixel shows a part of a limb's turn. So both cosines are of N - BEND · V. A light straight behind then reaches the
+outline, as it does with hair and cloth, whose fibres stand out beyond the surface. `cast` is the visibility without
+the surface's own turn from the light, which μL has.
+
+The view is orthographic: V is (0, 0, 1) at each pixel. p then depends on the light alone, and programs that know no
+camera compute the same.
 """
 
-from typing import Any, NamedTuple, Self
+from typing import Any, NamedTuple
 
 import torch
 
-from relight.analysis.light_field import LightMaps
 from relight.lights.parameters import checked_number
-from shadow.networks.mirror import Pixels
+from shadow.networks.field import Visibility
 
-ROUGHNESS = 0.55  # of glTF and UsdPreviewSurface: the width of the lobe, alpha, is its square
-MIN_COSINE = 1e-4  # of the half vector, and of both angles in the denominator of V
+FORWARD = 0.5  # mean cosine of the angle by which a fibre turns light: g of Henyey and Greenstein
+DEPTH = 0.1  # mean optical depth of the layer, seen from above
+BEND = 0.35  # cosine to the view that inferred normals have about the outline
+MIN_COSINE = 0.06  # of the view: what a pixel shows of the outline is never quite grazing
 
 
 class Gloss(NamedTuple):
     """The gloss of a person as a function of the light's direction, zero outside the person."""
 
-    visibility: LightMaps
-    silhouette: Pixels  # of N pixels
-    normals: torch.Tensor  # (3, N) unit vectors, camera frame
-
-    @classmethod
-    def of(cls, visibility: LightMaps, normals: torch.Tensor, known: torch.Tensor) -> Self:
-        """Take normals (3, h, w), and the pixels (h, w) that show the person."""
-        silhouette = Pixels(known)
-        return cls(visibility, silhouette, silhouette.take(normals))
+    visibility: Visibility
 
     def __call__(self, directions: torch.Tensor) -> torch.Tensor:
-        """Return maps (D, h, w), at least 0 and unbounded, for unit directions (D, 3)."""
-        seen = self.silhouette.take(self.visibility(directions))
-        facing = directions @ self.normals
-        return self.silhouette.scatter(seen.mul_(reflectance(facing, self.normals[2], directions[:, 2:])))
+        """Return maps (D, h, w), at least 0 and at most 0.7, for unit directions (D, 3)."""
+        normals = self.visibility.maps.normals
+        values = reflectance(directions @ normals, normals[2], directions[:, 2:])
+        return self.visibility.silhouette.scatter(values.mul_(self.visibility.cast(directions)))
 
     def per_pixel(self, directions: torch.Tensor) -> torch.Tensor:
         """Return the map (h, w) in which each pixel has its own unit direction (3, h, w)."""
-        seen = self.silhouette.take(self.visibility.per_pixel(directions)[None])
-        toward = self.silhouette.take(directions)
-        facing = (toward * self.normals).sum(dim=0)
-        return self.silhouette.scatter(seen.mul_(reflectance(facing, self.normals[2], toward[2])))[0]
+        normals = self.visibility.maps.normals
+        toward = self.visibility.silhouette.take(directions)
+        values = reflectance((toward * normals).sum(dim=0), normals[2], toward[2])
+        return self.visibility.silhouette.scatter(values.mul_(self.visibility.cast_of_each(toward))[None])[0]
 
 
 def reflectance(facing: torch.Tensor, viewed: torch.Tensor, frontal: torch.Tensor) -> torch.Tensor:
-    """Return π · D · V · F · max(N·L, 0) of the cosines N·L (..., N), N·V and L·V.
+    """Return π · S · (1 - μV)^5 · μL of the cosines N·L (..., N), N·V and L·V.
 
-    N·V and L·V are of a shape that broadcasts to that of N·L. The result is zero where the surface faces away
-    from the light, and at most π · D · F / (2 alpha), which it reaches where the surface is seen edge-on.
+    N·V and L·V are of a shape that broadcasts to that of N·L. The result is in [0, 0.7].
 
     >>> import torch
-    >>> edge = torch.full((3,), 0.3)  # N·L and N·V of a surface that both see from the side
-    >>> values = reflectance(edge, edge, torch.tensor([1.0, 0.0, -0.7]))
-    >>> [round(float(value), 3) for value in values]  # a light at the camera, at the side, behind
-    [0.0, 0.0, 0.023]
+    >>> frontal = torch.tensor([1.0, 0.0, -0.9])  # a light at the camera, at the side, behind
+    >>> outline = reflectance(torch.tensor([0.3, 0.9, 0.3]), torch.full((3,), 0.3), frontal)
+    >>> middle = reflectance(torch.tensor([0.9, 0.4, -0.5]), torch.full((3,), 0.9), frontal)
+    >>> [[round(float(value), 3) for value in values] for values in (outline, middle)]
+    [[0.0, 0.059, 0.391], [0.0, 0.0, 0.0]]
     """
-    alpha = ROUGHNESS**2
-    facing, viewed = facing.clamp_min(0), viewed.clamp_min(0)
-    half = ((1 + frontal) / 2).clamp_min(0).sqrt().clamp_min(MIN_COSINE)  # H·V and H·L: H is midway
-    fresnel = (1 - half).clamp_min(0) ** 5
-    aligned = (facing + viewed).div_(2 * half).clamp_max_(1)  # N·H
-    lobe = aligned.square_().mul_(alpha**2 - 1).add_(1).reciprocal_().square_()  # π · D = alpha² · lobe
-    masking = (facing * _slope(viewed, alpha)).addcmul_(
-        _slope(facing, alpha), viewed
-    )  # V = 1 / (2 · masking)
-    return lobe.mul_(facing).mul_(alpha**2 / 2 * fresnel).div_(masking.clamp_min_(MIN_COSINE))
+    lit = (facing - BEND * frontal).clamp_min_(0)
+    seen = (viewed - BEND).clamp_min(MIN_COSINE)
+    half = DEPTH * seen / (seen + DEPTH)  # μL that gives half of the most
+    phase = (1 - FORWARD**2) / (1 + FORWARD**2 + 2 * FORWARD * frontal) ** 1.5
+    return lit.div_(lit + half).mul_(outline(viewed)).mul_(phase / 4)
+
+
+def outline(viewed: torch.Tensor) -> torch.Tensor:
+    """Return the part of `reflectance` that the light does not change, of the cosine N·V: in (0, 0.46).
+
+    >>> import torch
+    >>> [round(float(value), 3) for value in outline(torch.tensor([0.3, 0.6, 1.0]))]
+    [0.459, 0.068, 0.001]
+    """
+    seen = (viewed - BEND).clamp_min(MIN_COSINE)
+    return DEPTH / (seen + DEPTH) * (1 - seen) ** 5
 
 
 def checked_gloss(gloss: Any) -> float:
@@ -81,7 +88,3 @@ def checked_gloss(gloss: Any) -> float:
     0.5
     """
     return checked_number("gloss", gloss, 0, 1)
-
-
-def _slope(cosine: torch.Tensor, alpha: float) -> torch.Tensor:
-    return (cosine**2 * (1 - alpha**2) + alpha**2).sqrt()

@@ -78,7 +78,7 @@ class AnalysisMaps(NamedTuple):
 
     def reflected(self, lights: Iterable[Light]) -> torch.Tensor:
         """Return Σ intensity · gloss (3, h, w), see `relight.analysis.gloss`; raises as `lit` does."""
-        return self._summed(Gloss.of(self.visibility, self.normals, self.known), lights)
+        return self._summed(Gloss(self.field.visibility), lights)
 
     def _summed(self, maps: LightMaps, lights: Iterable[Light]) -> torch.Tensor:
         """Return Σ intensity · maps (3, h, w) over lights of all kinds."""

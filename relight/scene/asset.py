@@ -22,6 +22,9 @@ from shadow.files import AnyPath
 
 SUFFIXES = (".glb", ".usda", ".usdc", ".usdz", ".nk")
 TEXTURES = ("albedo", "photograph")
+# Of a glossy surface: glTF and UsdPreviewSurface have microfacets. With F0 = 0 and F90 = 1, those of this roughness
+# are nearest to `relight.analysis.gloss`.
+ROUGHNESS = 0.7
 
 
 class Asset(NamedTuple):
@@ -32,7 +35,7 @@ class Asset(NamedTuple):
     unlit: bool  # the texture is the photograph in its own light
     camera: Camera
     lights: list[Light | MovingLight]
-    gloss: float = 0.0  # strength of the reflection of `relight.analysis.gloss`, in [0, 1]
+    gloss: float = 0.0  # strength of what `relight.analysis.gloss` adds, in [0, 1]
 
     @property
     def eye(self) -> np.ndarray:

@@ -4,8 +4,7 @@ import math
 from pathlib import Path
 from typing import Any
 
-from relight.analysis.gloss import ROUGHNESS
-from relight.scene.asset import Asset
+from relight.scene.asset import ROUGHNESS, Asset
 from relight.scene.gltf_lights import EXTENSION
 from relight.scene.gltf_writing import place_nodes, punctual_lights
 from relight.scene.mesh import CUTOFF
@@ -91,8 +90,9 @@ def _complete(tree: dict[str, Any], asset: Asset) -> None:
 
 
 def _specular(gloss: float) -> tuple[str, dict[str, Any]]:
-    """Return the extension that makes F0 zero and F90 `gloss`, as in `relight.analysis.gloss`.
+    """Return the extension that makes F0 zero and F90 `gloss`.
 
-    Without it, a renderer adds the reflection of plastic.
+    Without it, a renderer adds the reflection of plastic. KHR_materials_sheen is no alternative: its fibres
+    scatter backward, so light from the front would veil the outline.
     """
     return "KHR_materials_specular", {"specularFactor": gloss, "specularColorFactor": [0.0, 0.0, 0.0]}

@@ -11,6 +11,7 @@ import numpy as np
 import torch
 
 from relight.analysis.components import covariance, projected, strongest
+from relight.analysis.gloss import outline
 from relight.analysis.light_field import ANCHORS
 
 CAST_LAYERS, RESIDUAL_LAYERS = 6, 3  # of three components each
@@ -18,7 +19,8 @@ LAYERS = (
     *(f"cast{number}" for number in range(1, CAST_LAYERS + 1)),
     *(f"residual{number}" for number in range(1, RESIDUAL_LAYERS + 1)),
 )
-# `facing`: normals; `gate`: the slope of the gate in N·L, and N·V; `toward.red`: 1, for a light's L·V.
+# `facing`: normals; `gate`: the slope of the gate in N·L, N·V, and how much the outline scatters; `toward.red`: 1,
+# for a light's L·V.
 NAMES = ("facing", "gate", "toward", *LAYERS)
 
 
@@ -53,7 +55,7 @@ def layers_of(subject: Any, basis: Basis) -> tuple[np.ndarray, dict[str, np.ndar
     """
     arrays = subject.record.maps.field
     none = torch.zeros_like(arrays.sharpness)
-    gate = torch.cat([arrays.sharpness, arrays.normals[2:], none])
+    gate = torch.cat([arrays.sharpness, arrays.normals[2:], outline(arrays.normals[2:])])
     toward = torch.cat([none + 1, none, none])
     maps = torch.cat(
         [

@@ -12,7 +12,7 @@ from fractions import Fraction
 from pathlib import Path
 from typing import Any
 
-from relight.analysis.gloss import MIN_COSINE, ROUGHNESS
+from relight.analysis.gloss import BEND, DEPTH, FORWARD, MIN_COSINE
 from relight.lights.directional import DirectionalLight
 from relight.lights.rig import as_rig
 from relight.media.nuke_nodes import layer, literal, node, quoted, read_from, root, span
@@ -203,17 +203,19 @@ def _shading(channel: str) -> str:
 
 def _gloss(channel: str) -> str:
     """Return the expression of the gloss by that direction: `relight.analysis.gloss.reflectance`."""
-    alpha = ROUGHNESS**2
-    facing, viewed, least = f"max(facing.{channel},0)", "max(gate.green,0)", f"{MIN_COSINE:g}"
-    half = f"max(pow(max((1+toward.{channel})/2,0),0.5),{least})"
-    aligned = f"min(({facing}+{viewed})/(2*{half}),1)"
-    slopes = [f"pow(pow({c},2)*{1 - alpha**2:.9g}+{alpha**2:.9g},0.5)" for c in (viewed, facing)]
-    masking = f"max({facing}*{slopes[0]}+{viewed}*{slopes[1]},{least})"
-    lobe = f"pow({alpha:.9g}/(1-{1 - alpha**2:.9g}*pow({aligned},2)),2)"
-    return f"{lobe}*pow(max(1-{half},0),5)*{facing}/(2*{masking}*{_shadow(channel)})"
+    frontal = f"toward.{channel}"
+    lit, seen = f"max(facing.{channel}-{BEND:g}*{frontal},0)", f"max(gate.green-{BEND:g},{MIN_COSINE:g})"
+    phase = f"pow({1 + FORWARD**2:.9g}+{2 * FORWARD:g}*{frontal},-1.5)*{(1 - FORWARD**2) / 4:.9g}"
+    reached = f"{lit}/({lit}+{DEPTH:g}*{seen}/({seen}+{DEPTH:g}))"
+    return f"gate.blue*{reached}*{phase}/({_cast(channel)})"
 
 
 def _shadow(channel: str) -> str:
     """Return the expression of one over the visibility in that direction."""
+    return f"(1+exp(-gate.red*facing.{channel}))*{_cast(channel)}"
+
+
+def _cast(channel: str) -> str:
+    """Return the expression of one over the visibility of cast shadows alone."""
     logit = "+".join(f"cast{n}.{channel}" for n in range(1, CAST_LAYERS + 1)) + f"+{LIT_LOGIT:g}"
-    return f"(1+exp(-gate.red*facing.{channel}))*(1+exp(-({logit})))"
+    return f"(1+exp(-({logit})))"

@@ -8,10 +8,9 @@ from typing import Any
 
 import numpy as np
 
-from relight.analysis.gloss import ROUGHNESS
 from relight.lights.light import Light
 from relight.lights.moving import MovingLight
-from relight.scene.asset import Asset, companion
+from relight.scene.asset import ROUGHNESS, Asset, companion
 from relight.scene.mesh import CUTOFF
 from relight.scene.stage import SUFFIXES, usd
 from relight.scene.usd_writing import Place, add_lights

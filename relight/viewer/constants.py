@@ -44,6 +44,9 @@ def of_the_shaders() -> str:
     floats: Mapping[str, float] = {
         "GOLDEN": near.GOLDEN,
         "MIN_SQUARED": near.MIN_METRES**2,  # of the distance to a lamp
+        "FORWARD": gloss.FORWARD,
+        "DEPTH": gloss.DEPTH,
+        "BEND": gloss.BEND,
         "MIN_COSINE": gloss.MIN_COSINE,
         "MOST": HALF_MAX,  # that half floats hold
         "SIGMA": upsampling.RANGE_SIGMA,

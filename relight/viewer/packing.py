@@ -22,7 +22,6 @@ import torch
 
 from relight.analysis.components import principal_components
 from relight.analysis.depth import WorldGeometry
-from relight.analysis.gloss import ROUGHNESS
 from relight.analysis.light_field import ANCHORS
 from relight.analysis.record import AnalysisRecord
 from relight.analysis.upsampling import EXTENSION_SHARE, GUIDE_MAX
@@ -85,7 +84,6 @@ def pack(record: AnalysisRecord, matte: np.ndarray, albedo: np.ndarray, *, compr
         "exposure": plate.exposure,
         "gain": plate.gain,
         "residualBias": RESIDUAL_BIAS,
-        "roughness": ROUGHNESS,
         "kappa": KAPPA,
         "brightest": GUIDE_MAX,
         "arrays": [

@@ -200,6 +200,18 @@ class Visibility(NamedTuple):
         attached = (directions * self.maps.normals).sum(dim=0).mul_(self.maps.sharpness[0]).sigmoid_()
         return cast.add(LIT_LOGIT).sigmoid_().mul_(attached)
 
+    @torch.no_grad()
+    def cast(self, directions: torch.Tensor, chosen: slice = slice(None)) -> torch.Tensor:
+        """Return visibility (D, n) as if the surface faced each direction (D, 3): that of cast shadows alone."""
+        weights = anchor_weights(directions, self.anchors)
+        return (weights @ self.maps.cast[:, chosen]).add_(LIT_LOGIT).sigmoid_()
+
+    @torch.no_grad()
+    def cast_of_each(self, directions: torch.Tensor) -> torch.Tensor:
+        """Return `cast` (N,) for the pixels' own directions (3, N)."""
+        (cast,) = interpolate_anchors(directions, self.anchors, self.maps.cast)
+        return cast.add_(LIT_LOGIT).sigmoid_()
+
     @property
     def depth(self) -> torch.Tensor | None:
         """Depth (h, w) away from the camera, relative to the subject's mean; zero outside the subject.
@@ -230,6 +242,6 @@ class Visibility(NamedTuple):
 
         It is `VisibilityField.log_visibility` without the logarithm, which costs ten times the product.
         """
-        normals, cast, sharpness = (image[:, chosen] for image in self.maps[:3])
+        normals, sharpness = self.maps.normals[:, chosen], self.maps.sharpness[:, chosen]
         attached = (directions @ normals).mul_(sharpness).sigmoid_()
-        return (anchor_weights(directions, self.anchors) @ cast).add_(LIT_LOGIT).sigmoid_().mul_(attached)
+        return self.cast(directions, chosen).mul_(attached)

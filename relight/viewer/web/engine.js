@@ -216,7 +216,6 @@ export class Engine {
         surface: this.surface,
         count: { whole: batch.length },
         residualBias: this.pack.description.residualBias,
-        roughness: this.pack.description.roughness,
         part: { whole: part },
         share: 1 / total,
       });
@@ -244,7 +243,6 @@ export class Engine {
       radius,
       rays: radius ? RAYS : 1,
       residualBias: this.pack.description.residualBias,
-      roughness: this.pack.description.roughness,
       part: { whole: part },
     });
   }

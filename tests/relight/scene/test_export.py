@@ -8,7 +8,7 @@ import pytest
 from helpers import ROOT, exported, shipped
 
 import relight
-from relight.analysis.gloss import ROUGHNESS
+from relight.scene.asset import ROUGHNESS
 from relight.scene.lights import read_lights
 
 pytest.importorskip("pxr")

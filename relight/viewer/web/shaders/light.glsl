@@ -23,11 +23,12 @@ void main() {
     for (int k = 0; k < CAST; k++) logit += dot(rows[14 * i + 2 + k], parts[k]);
     for (int k = CAST; k < CAST + RESIDUAL; k++) residual += dot(rows[14 * i + 2 + k], parts[k]);
     float facing = dot(here.xyz, toward.xyz);
-    float visibility = 1.0 / ((1.0 + exp(-here.w * facing)) * (1.0 + exp(-logit)));
+    float unblocked = 1.0 / (1.0 + exp(-logit));
     if (part == GLOSS) {
-      result.rgb += power.rgb * reflectance(here.xyz, toward.xyz) * visibility;
+      result.rgb += power.rgb * reflectance(here.xyz, toward.xyz) * unblocked;
       continue;
     }
+    float visibility = unblocked / (1.0 + exp(-here.w * facing));
     residual -= clamp(residual, 0.0, residualBias);
     float shading = clamp(max(facing, 0.0) * visibility + residual, 0.0, 1.0);
     result += vec4(power.rgb * shading, dot(LUMINANCE, power.rgb) * share * visibility);

@@ -46,10 +46,11 @@ void main() {
     for (int k = 0; k < CAST; k++) logit += dot(texture(table, vec3(place, k)), parts[k]);
     for (int k = CAST; k < CAST + RESIDUAL; k++) residual += dot(texture(table, vec3(place, k)), parts[k]);
     float facing = dot(here.xyz, toward);
-    float visibility = 1.0 / ((1.0 + exp(-here.w * facing)) * (1.0 + exp(-logit)));
+    float unblocked = 1.0 / (1.0 + exp(-logit));
+    float visibility = unblocked / (1.0 + exp(-here.w * facing));
     residual -= clamp(residual, 0.0, residualBias);
     float shading = clamp(max(facing, 0.0) * visibility + residual, 0.0, 1.0);
-    result += vec4(vec3(part == GLOSS ? reflectance(here.xyz, toward) * visibility : shading), visibility);
+    result += vec4(vec3(part == GLOSS ? reflectance(here.xyz, toward) * unblocked : shading), visibility);
     facings += along;
   }
   result = min(vec4(result.rgb / (squared * facings), result.a / rays), MOST);
