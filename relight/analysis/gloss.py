@@ -3,20 +3,20 @@
     gloss(p, L) = π · S · (1 - μV)^5 · μL × cast(p, L)
     μL = max(N·L - BEND · V·L, 0),  μV = max(N·V - BEND, MIN_COSINE)
 
-S is single scattering in a thin layer (Chandrasekhar 1960; Hanrahan and Krueger 1993), averaged over depths of
-exponential distribution about DEPTH: S = p / 4π · DEPTH / (μL μV + DEPTH (μL + μV)). Its phase function p is that
-of Henyey and Greenstein (1941): fibres scatter forward, toward a camera that faces the light. The Fresnel term of
-Schlick (1994), without a part at normal incidence, keeps it to the outline. So light from the front adds hardly
-anything, and black cloth stays black. The factor π belongs to a light of unit intensity, in which a white surface
-that faces the light has the value 1.
+S is single scattering in a thin layer (Chandrasekhar 1960; Hanrahan and Krueger 1993), averaged over depths
+of exponential distribution about DEPTH: S = p / 4π · DEPTH / (μL μV + DEPTH (μL + μV)). Its phase function p,
+of mean 1, is that of Henyey and Greenstein (1941): fibres scatter forward, toward a camera that faces the
+light. The Fresnel term of Schlick (1994), without a part at normal incidence, keeps it to the outline. So
+light from the front adds hardly anything, and black cloth stays black. The factor π belongs to a light of
+unit intensity, in which a white surface that faces the light has the value 1.
 
-At the outline the true normal is perpendicular to the view, but the inferred ones stay some BEND short of that:
-a pixel shows a part of a limb's turn. So both cosines are of N - BEND · V. A light straight behind then reaches the
-outline, as it does with hair and cloth, whose fibres stand out beyond the surface. `cast` is the visibility without
-the surface's own turn from the light, which μL has.
+At the outline the true normal is perpendicular to the view, but the inferred ones stay some BEND short of
+that: a pixel shows a part of a limb's turn. So both cosines are of N - BEND · V. A light straight behind then
+reaches the outline, as it does with hair and cloth, whose fibres stand out beyond the surface. `cast` is the
+visibility without the surface's own turn from the light, which μL has.
 
-The view is orthographic: V is (0, 0, 1) at each pixel. p then depends on the light alone, and programs that know no
-camera compute the same.
+The view is orthographic: V is (0, 0, 1) at each pixel. p then depends on the light alone, and programs that
+know no camera compute the same.
 """
 
 from typing import Any, NamedTuple

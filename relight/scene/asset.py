@@ -22,8 +22,8 @@ from shadow.files import AnyPath
 
 SUFFIXES = (".glb", ".usda", ".usdc", ".usdz", ".nk")
 TEXTURES = ("albedo", "photograph")
-# Of a glossy surface: glTF and UsdPreviewSurface have microfacets. With F0 = 0 and F90 = 1, those of this roughness
-# are nearest to `relight.analysis.gloss`.
+# Of a glossy surface: glTF and UsdPreviewSurface have microfacets. With F0 = 0 and F90 = 1, those of this
+# roughness are nearest to `relight.analysis.gloss`.
 ROUGHNESS = 0.7
 
 

@@ -19,8 +19,8 @@ LAYERS = (
     *(f"cast{number}" for number in range(1, CAST_LAYERS + 1)),
     *(f"residual{number}" for number in range(1, RESIDUAL_LAYERS + 1)),
 )
-# `facing`: normals; `gate`: the slope of the gate in N·L, N·V, and how much the outline scatters; `toward.red`: 1,
-# for a light's L·V.
+# `facing`: normals; `gate`: the slope of the gate in N·L, N·V, and `relight.analysis.gloss.outline`;
+# `toward.red`: 1, for a light's L·V.
 NAMES = ("facing", "gate", "toward", *LAYERS)
 
 

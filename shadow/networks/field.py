@@ -202,7 +202,7 @@ class Visibility(NamedTuple):
 
     @torch.no_grad()
     def cast(self, directions: torch.Tensor, chosen: slice = slice(None)) -> torch.Tensor:
-        """Return visibility (D, n) as if the surface faced each direction (D, 3): that of cast shadows alone."""
+        """Return visibility (D, n) of cast shadows alone, as if the surface faced each direction (D, 3)."""
         weights = anchor_weights(directions, self.anchors)
         return (weights @ self.maps.cast[:, chosen]).add_(LIT_LOGIT).sigmoid_()
 
