@@ -11,21 +11,3 @@ from relight.media.movies.writing import (
     frame_rate,
     write_movie,
 )
-
-__all__ = [
-    "FASTEST",
-    "RATE",
-    "READ",
-    "SLOWEST",
-    "WHITE",
-    "WRITTEN",
-    "MatteMovie",
-    "Movie",
-    "Tracks",
-    "check_writable",
-    "frame_rate",
-    "has_sound",
-    "is_movie",
-    "read_comment",
-    "write_movie",
-]
