@@ -89,10 +89,8 @@ def render_distributed(
     with Shot.open(source, lighting, compute) as shot:
         precision, _ = shot.computed_in
         numbers = shot.frames_for(output, frames)
-    source, compute = (
-        shot.stated_source,
-        replace(compute, precision=cast(Any, precision or compute.precision)),
-    )
+    source = shot.stated_source
+    compute = replace(compute, precision=cast(Any, precision or compute.precision))
     lighting = lighting.with_lights(shot.every_light)
     report = progress or (lambda done, total, what: None)
     # With no frames to make, this refuses what can be refused.
@@ -236,16 +234,13 @@ def _client(scheduler: str | None, workers: int | None) -> Iterator[Any]:
                 n_workers=workers, threads_per_worker=1, memory_limit=0, dashboard_address="127.0.0.1:0",
                 silence_logs="CRITICAL",
             )  # fmt: skip
-            cluster.adapt(
-                minimum=len(cluster.workers), maximum=len(cluster.workers)
-            )  # one that is killed as it starts is replaced
+            count = len(cluster.workers)
+            cluster.adapt(minimum=count, maximum=count)  # one that is killed as it starts is replaced
             with cluster, Client(cluster) as client:
                 yield client
             return
         try:
-            with ThreadPoolExecutor(
-                1
-            ) as pool:  # in a notebook, this thread has an event loop that is running
+            with ThreadPoolExecutor(1) as pool:  # in a notebook, this thread runs an event loop
                 pool.submit(asyncio.run, _ask(scheduler)).result()
             client = Client(scheduler, timeout=CONNECT_TIMEOUT)
         except (OSError, ValueError) as error:

@@ -94,9 +94,8 @@ def write_job(
     lighting.check_any()
     shot = Shot(source, lighting, compute)
     alone = not (lighting.light or lighting.environment)
-    given = (
-        Path(lighting.lights) if alone and files.is_path(lighting.lights) else None
-    )  # one file of all lights
+    # One file of all lights.
+    given = Path(lighting.lights) if alone and files.is_path(lighting.lights) else None
     lights_path = given or files.check_writable(
         output.save_lights or path.with_name(f"{path.stem}.lights.yaml"), LIGHTS_SUFFIXES
     )

@@ -14,9 +14,8 @@ def turned(pixels: np.ndarray, axes: np.ndarray) -> np.ndarray:
     allowed.
     """
     height, width = pixels.shape[:2]
-    x, y, z = np.moveaxis(
-        latlong_directions(height) @ axes, -1, 0
-    )  # the transpose takes directions back to the map
+    # The transpose takes directions back to the map.
+    x, y, z = np.moveaxis(latlong_directions(height) @ axes, -1, 0)
     column = (np.pi - np.arctan2(x, z)) / (2 * np.pi) * width
     row = (np.pi / 2 - np.arcsin(y.clip(-1, 1))) / np.pi * height
     padded = np.concatenate([pixels[:, -1:], pixels, pixels[:, :1]], axis=1)

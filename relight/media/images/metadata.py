@@ -29,17 +29,9 @@ OWN = {
 OWN_PREFIXES = ("oiio:", "openexr:", "relight:", "ICCProfile:", "GPS:", "nuke/node_hash", "nuke/version")
 # What is kept of pictures other than OpenEXR files, whose headers hold much of their own.
 CAMERA = (
-    "Artist",
-    "Copyright",
-    "DateTime",
-    "ExposureTime",
-    "FNumber",
-    "ImageDescription",
-    "Keywords",
-    "Make",
-    "Model",
-    "IPTC:Rating",
-)
+    "Artist", "Copyright", "DateTime", "ExposureTime", "FNumber", "ImageDescription", "Keywords",
+    "Make", "Model", "IPTC:Rating",
+)  # fmt: skip
 CAMERA_PREFIXES = ("Exif:", "smpte:")
 TIMECODE = "smpte:TimeCode"
 RATES = ("FramesPerSecond", "dpx:FrameRate", "dpx:TelevisionFrameRate")  # OpenEXR, DPX of film, of video

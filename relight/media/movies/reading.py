@@ -97,9 +97,8 @@ class Movie:
     def _check_times(self, joined: bool) -> bool:
         """Return whether frame times are those of a constant rate, so that sound fits; warn if not."""
         rate = Fraction(self.rate or RATE)
-        late = max(
-            abs(time - self._times[0] - number / rate) for number, time in enumerate(self._times)
-        )  # seconds
+        start = self._times[0]
+        late = max(abs(time - start - number / rate) for number, time in enumerate(self._times))  # seconds
         if joined:
             problem = "consists of parts whose times start again"
         elif late > max(1 / rate, SYNCHRONOUS):
