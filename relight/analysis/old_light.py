@@ -9,10 +9,15 @@ patches. The model of the light's log-chromaticity (log R/G, log B/G) at a pixel
 - a change with the normal, for lamps of different colours on different sides;
 - a slope of saturation with the light's level, for the tone curve of a camera.
 
+The tone curve saturates what is dark in the photograph, be it in shadow or dark itself. Colours in the
+brightest light stay as the photograph shows them, the others become less saturated, never more: a gain of
+the albedo would otherwise make ultramarine of navy cloth.
+
 It is fitted to pairs of near pixels of similar albedo, which most often show one material: their difference
 in colour is that of the light. Reweighting leaves out the other pairs (iteratively reweighted least squares
-with Cauchy's weights, inside Gauss-Newton). Saturated colours, which cameras cut to their gamut, show the
-slope but not the lamps' colour, and keep that. Lightness stays as the network gives it.
+with Cauchy's weights, inside Gauss-Newton). Where lamps explain little, the slope is fitted alone. Saturated
+colours, which cameras cut to their gamut, show the slope but not the lamps' colour, and keep that. Lightness
+stays as the network gives it.
 """
 
 from typing import NamedTuple
@@ -33,6 +38,11 @@ MAX_STEP = 0.5
 AMBIENT_RIDGE, NORMAL_RIDGE, SATURATION_RIDGE = 1e-3, 2e-3, 5e-3  # a pair; draw what is not seen to zero
 MAX_COLOUR, MAX_SATURATION = 1.5, 0.8
 MIN_EXPLAINED = 0.15  # share of the differences in colour that the light explains; neutral lights reach 0.14
+MIN_EXPLAINED_BY_CURVE = 0.02  # the same by the tone curve alone; pictures without one reach 0.00
+BRIGHT_QUANTILE = 0.8  # of the light's level: there colours keep their saturation
+DARK_CLOTH = 0.75  # exponent of the albedo's luminance, by which dark cloth loses saturation as shadows do
+MIDDLE_ALBEDO = 0.25  # its luminance, from which up cloth is not dark
+LEAST_SATURATION = 0.35  # factor
 MIN_PAIRS = 500
 DARKEST = 0.02  # display-encoded: darker pixels have no reliable colour
 SATURATED = (1.5, 3.0)  # log of the largest channel over the smallest: trust falls from 1 to 0
@@ -47,7 +57,7 @@ class OldLight(NamedTuple):
     slopes: tuple[float, ...] = (0.0,) * 6  # of log R/G along the normal's x, y, z, then of log B/G
     saturation: float = 0.0  # share by which saturation falls a factor e of light
     ambient_level: float = 1.0  # grey light at which the ambient light is alone, relative to the photograph's
-    middle_level: float = 1.0  # its median over the person
+    bright_level: float = 1.0  # from here up, colours keep their saturation
     middle: tuple[float, float] = (0.0, 0.0)  # median log-chromaticity of the light, which the albedo keeps
 
     def tint(self, light: torch.Tensor, albedo: torch.Tensor, normals: torch.Tensor) -> torch.Tensor:
@@ -65,8 +75,9 @@ class OldLight(NamedTuple):
         slopes = torch.tensor(self.slopes).view(2, 3)
         colour = (share + (1 - share) * ambient.exp()).log() + torch.einsum("cn,nhw->chw", slopes, normals)
         colour = (colour - torch.tensor(self.middle).view(2, 1, 1)) * _trust(albedo)
-        seen = _chromaticity(albedo) - colour
-        colour = colour + seen * (1 - (self.saturation * (level / self.middle_level).log()).exp())
+        cloth = (_luminance(albedo)[0] / MIDDLE_ALBEDO).clamp_max(1) ** DARK_CLOTH
+        kept = ((level / self.bright_level * cloth) ** self.saturation).clamp(LEAST_SATURATION, 1)
+        colour = colour + (_chromaticity(albedo) - colour) * (1 - kept)
         tint = torch.stack([colour[0], torch.zeros_like(level), colour[1]]).exp()
         return tint * (_luminance(albedo / tint) / _luminance(albedo))
 
@@ -97,13 +108,15 @@ class OldLight(NamedTuple):
         )
         ambient_level = float(torch.quantile(level[known], AMBIENT_QUANTILE))
         shares = np.maximum(0, 1 - ambient_level / levels)
-        solution, explained = _solve(shares, normal, colour, -np.log(levels), trust.min(axis=0))
+        gains, trust = -np.log(levels), trust.min(axis=0)
+        solution, explained = _solve(shares, normal, colour, gains, trust)
         if explained < MIN_EXPLAINED:
-            return cls()
+            solution, explained = _solve(shares, normal, colour, gains, np.zeros_like(trust))
+            if explained < MIN_EXPLAINED_BY_CURVE:
+                return cls()
         values = [float(value) for value in solution]
-        found = cls(
-            (values[0], values[1]), tuple(values[2:8]), values[8], ambient_level, float(level[known].median())
-        )
+        bright_level = float(torch.quantile(level[known], BRIGHT_QUANTILE))
+        found = cls((values[0], values[1]), tuple(values[2:8]), values[8], ambient_level, bright_level)
         tint = found._replace(saturation=0.0).tint(light, albedo, normals)
         red, blue = (float(channel[known].median()) for channel in _chromaticity(tint))
         return found._replace(middle=(red, blue))

@@ -40,7 +40,7 @@ from shadow.framing import Framing
 from shadow.networks.mirror import Pixels
 
 SUFFIX = ".safetensors"
-FORMAT = 4
+FORMAT = 5
 SHORTENING_PIXELS = 600_000  # a larger person's colour is shortened, for under 4 MB a frame of HD
 SHORTENED_BITS = 4  # of a half float's mantissa: steps of 1 %, as 8 bits of sRGB have in mid-grey
 RANK = {"cast": 32, "residual": 16}  # principal components of each kind of maps

@@ -106,6 +106,32 @@ def test_saturation_that_a_tone_curve_adds_in_shadow_goes():
     assert after < 0.85 * before
 
 
+def test_a_tone_curve_is_seen_where_lamps_explain_little():
+    """A print of many colours leaves most differences between pixels unexplained."""
+    _, light, _, normals, known = canvas(SUN, SUN, size=192)[0]
+    generator = torch.Generator().manual_seed(0)
+    cloth = (0.06 * torch.randn(light.shape, generator=generator)).exp()
+    skin = torch.tensor(SKIN).view(3, 1, 1).log()
+    albedo = (skin * light**-0.1).exp() * cloth  # more saturated in shadow
+    old = OldLight.fit((2 * albedo * light).clamp(0, 1) ** (1 / 2.2), light, albedo, normals, known)
+    assert old.ambient == pytest.approx((0, 0), abs=1e-6)
+    assert old.saturation == pytest.approx(0.1, abs=0.03)
+
+
+def test_what_is_dark_loses_the_saturation_of_a_tone_curve_and_nothing_gains_any():
+    """A gain of dark cloth as the photograph shows it would be as blue as a lamp, even in full light."""
+    (_, light, _, normals, _), truth = canvas()
+    albedo = torch.where(truth[0] > truth[2], truth, 0.5 * torch.tensor(DENIM).view(3, 1, 1))
+    tint = OldLight(saturation=0.3, bright_level=float(light.max())).tint(light, albedo, normals)
+    before, after = ((c.amax(dim=0) / c.amin(dim=0)).log() for c in (albedo, albedo / tint))
+    kept = after / before
+    assert kept.max() < 1 + 1e-4
+    lit, skin = light[0] > 0.95 * light.max(), truth[0] > truth[2]
+    assert kept[lit & skin].min() > 0.9
+    assert kept[lit & ~skin].max() < 0.8
+    assert kept[light[0] < 0.3].max() < kept[lit].max() - 0.2
+
+
 def test_saturated_cloth_neither_tells_the_light_nor_is_changed_by_it():
     """A camera cuts saturated colours to its gamut, and what is left of the small channels is no colour."""
     seen, _ = canvas()
