@@ -209,7 +209,7 @@ class Server:
         async def work(report: Report) -> dict[str, Any]:
             arguments = {"name": photograph.name, "mask": mask, "drawn": drawn}
             answer = await self.worker.run("analyse", photograph.folder, arguments, report)
-            photograph.mask, photograph.scene = mask, answer["scene"]
+            photograph.mask, photograph.drawn, photograph.scene = mask, drawn, answer["scene"]
             if mask is not None:
                 photograph.outputs.add(mask)
             return {"photograph": photograph.to_json(), "notes": answer["notes"]}

@@ -36,6 +36,7 @@ class Photograph:
     about: dict[str, Any] = field(default_factory=dict)  # what `relight.app.tasks.read` found
     # The name of its matte's file; None if the photograph has alpha, or no outline is accepted yet.
     mask: str | None = None
+    drawn: dict[str, Any] | None = None  # the drawing that the matte is of
     scene: dict[str, Any] | None = None  # what the viewer begins with, once the photograph is analysed
     outputs: set[str] = field(default_factory=set)  # names of files that can be downloaded
 
@@ -60,6 +61,7 @@ class Photograph:
             "id": self.id,
             "name": self.name,
             "mask": self.mask,
+            "drawn": self.drawn,
             "analysed": self.scene is not None,
             **{key: self.about.get(key) for key in ("width", "height", "cut_out", "preview", "notes")},
         }

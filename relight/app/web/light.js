@@ -24,7 +24,8 @@ import { THUMB, Thumbs } from "./thumbs.js";
 export class Light {
   constructor(app) {
     this.app = app;
-    this.rig = null; // what several photographs share: { state, maps, pictures }
+    this.rig = null; // what several photographs share: { state, maps, pictures }, and its { photograph, past, future }
+    this.stale = false; // what is shown is of an analysis before the last
     this.place = h("div", { class: "place" });
     this.presets = h("div", { class: "presets", role: "group", "aria-label": "Presets" });
     this.presets.addEventListener("keydown", (event) => keyDown(this.viewer, event)); // as on the picture
@@ -34,12 +35,12 @@ export class Light {
 
   /** The photograph is analysed again: what is shown of it is old. */
   forget(photograph) {
-    if (this.photograph === photograph) this.photograph = null;
+    if (this.photograph === photograph) this.stale = true;
   }
 
   async open() {
     const { chosen } = this.app;
-    if (this.photograph === chosen) return;
+    if (this.photograph === chosen && !this.stale) return;
     await this.app.busy(async (say, signal) => {
       say("Opening the light");
       const address = `photographs/${chosen.id}`;
@@ -88,8 +89,8 @@ export class Light {
         () => this.look(),
         (error) => this.app.fail(error),
       );
-    this.restoreRig();
-    this.photograph = photograph;
+    this.restoreRig(photograph);
+    [this.photograph, this.stale] = [photograph, false];
     if (this.still)
       this.app.tell("This browser has no WebGL 2: the server makes each picture, which takes a moment.", true);
     this.showPresets();
@@ -143,12 +144,17 @@ export class Light {
 
   /** Keeps the rig for the next photograph. */
   keepRig() {
-    const { viewer } = this;
-    if (viewer) this.rig = { state: structuredClone(viewer.state), maps: viewer.maps, pictures: viewer.pictures };
+    const { viewer, photograph } = this;
+    if (!viewer) return;
+    const { maps, pictures, past, future } = viewer;
+    this.rig = { state: structuredClone(viewer.state), maps, pictures, photograph, past, future };
   }
 
-  /** Lights the photograph as the one before it; the first one softly from three sides, before its own background. */
-  restoreRig() {
+  /**
+   * Lights the photograph as the one before it; the first one softly from three sides, before its own background. One
+   * that was analysed again keeps what can be undone.
+   */
+  restoreRig(photograph) {
     const { rig, viewer } = this;
     if (rig) {
       Object.assign(viewer, { maps: rig.maps, pictures: rig.pictures });
@@ -160,7 +166,9 @@ export class Light {
         Object.assign(state, withPreset(state, first), { background: viewer.original && "original" }),
       );
     }
-    viewer.past = [];
+    const same = rig?.photograph === photograph;
+    [viewer.past, viewer.future] = same ? [rig.past, rig.future] : [[], []];
+    viewer.refresh();
   }
 
   /** What the server makes the picture of: as the copied command says it. */

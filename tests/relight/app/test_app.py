@@ -318,6 +318,29 @@ def test_two_tabs_and_one_that_is_closed_in_the_middle(browser, address, page, p
     assert not page.evaluate("relightApp.message.hidden") or page.evaluate("relightApp.step") == "light"
 
 
+def test_another_tab_shows_the_outline_and_a_new_analysis_keeps_undo(browser, address, page, photo):
+    lit(page, photo)
+    page.locator("[data-preset=split]").click()
+    other = visited(browser, address)
+    other.get_by_role("button", name="me.jpg", exact=True).last.click()
+    at_step(other, "light")
+    other.get_by_role("button", name="Outline").click()
+    browsing.wait(other, OUTLINED, 120)
+    drawings = [each.evaluate("relightApp.parts.outline.drawing") for each in (page, other)]
+    assert drawings[0] == drawings[1]
+    assert drawings[1]["lasso"]
+    other.context.close()
+    page.get_by_role("button", name="Outline").click()
+    page.get_by_role("slider", name="Shift the edge").fill("50")
+    browsing.wait(page, f"relightApp.parts.outline.drawing.shift && {OUTLINED}", 120)
+    page.get_by_role("button", name="Use this outline").click()
+    at_step(page, "light")
+    names = "relightApp.parts.light.viewer.state.lights.map((light) => light.name)"
+    assert page.evaluate(names) == ["key"]
+    page.get_by_role("button", name="Undo", exact=True).last.click()
+    assert page.evaluate(names) == ["key", "fill", "rim"]
+
+
 def test_bad_files_are_a_sentence_and_the_server_goes_on(page, photo, tmp_path):
     (tmp_path / "text.jpg").write_text("this is no picture")
     Image.fromarray(np.zeros((40, 40, 3), np.uint8)).save(tmp_path / "cut.png")
