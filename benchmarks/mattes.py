@@ -4,6 +4,8 @@ Rendered people (examples/person.png and the records of tests/data, or of a fold
 and photographs of scikit-image, in 8 bits. Their mattes are found from a line of 24 corners, from soft masks
 of 256 x 256 pixels, and from dilated and eroded masks. Prints the RMS difference, sRGB-encoded, to the
 composite with the true matte and colour, a mean over black, white and green; and that with the true colour.
+The last rows are of a true matte that `Subject(feather=)` feathers, against the true colour, continued beyond
+the edge, with the feathered matte.
 
 OMP_NUM_THREADS=1 PYTHONPATH=.:tests python benchmarks/mattes.py [records]
 """
@@ -32,6 +34,7 @@ LENS = 0.6  # standard deviation of the blur, pixels
 MARGIN = 0.04  # of the frame's height, beside the person
 BAND = 3  # pixels on either side of the edge
 OFF = 0.008  # of the height: how far a mask is dilated or eroded
+FEATHERS = (1, 2, 4)  # standard deviations, pixels
 OVER = ((0, 0, 0), (1, 1, 1), (0.05, 0.5, 0.05))
 
 
@@ -81,6 +84,19 @@ def mattes(codes, true, seed):
         yield f"{name}, `refine_matte`", refine_matte(linear, mask, 24)
 
 
+def feathered(plate, true, own):
+    """Yield names and RMS differences of composites with feathered mattes, where these are soft."""
+    nearest = ndimage.distance_transform_edt(true <= 0.5, return_distances=False, return_indices=True)
+    own = np.where(true[..., None] > 0.5, own, own[tuple(nearest)])
+    edge = torch.from_numpy(true)
+    for sigma in FEATHERS:
+        alpha = ndimage.gaussian_filter(true, sigma, mode="nearest")
+        cut, colour = Foreground.of(torch.from_numpy(alpha), edge, True), np.zeros_like(plate)
+        colour[cut.box] = cut.own_colour(plate, edge=edge).permute(1, 2, 0).numpy()
+        soft = (alpha > 0.02) & (alpha < 0.98)
+        yield f"true matte, feathered by {sigma}", difference(colour, alpha, own, alpha, soft)
+
+
 def difference(colour, alpha, own, true, band):
     """Return the RMS difference of composites."""
     alpha, true = alpha[..., None], true[..., None]
@@ -110,6 +126,8 @@ def main(folder=ROOT / "tests" / "data"):
                 scores.setdefault(name, []).append(
                     [difference(shown, matte, own, true, depth <= BAND) for shown in (colour, own)]
                 )
+            for name, error in feathered(plate, true, own):
+                scores.setdefault(name, []).append([error, 0])
     print("| matte | RMS | with the true colour |\n|---|---|---|")
     for name, values in scores.items():
         print(f"| {name} | " + " | ".join(f"{value:.4f}" for value in np.mean(values, axis=0)) + " |")

@@ -109,6 +109,10 @@ class Subject:
     old_light
         relight.analysis.old_light.OldLight of another frame, such as the first of a shot: the colour of the
         photograph's light, which the inferred albedo lacks. It is fitted to this image by default.
+    feather
+        Standard deviation, in pixels, of the Gaussian that softens the matte's edge in pictures, up to 5 %
+        of the image's longer side. The analysis, and the person's colour at the edge, have the matte as it
+        is, so the edge shows no line of the old background. 0 by default.
     device
         Device of the networks, such as "cuda"; the CPU by default. Relighting itself runs on the CPU.
     matte
@@ -153,11 +157,23 @@ class Subject:
         field_of_view: float = FIELD_OF_VIEW,
         camera: Camera | None = None,
         old_light: OldLight | None = None,
+        feather: float = 0.0,
         device: str | torch.device | None = None,
         matte: AnyPath | None = "auto",
     ) -> None:
         given = check_inputs(
-            image, mask, albedo, normals, depth, height, field_of_view, camera, device, matte, old_light
+            image,
+            mask,
+            albedo,
+            normals,
+            depth,
+            height,
+            field_of_view,
+            camera,
+            device,
+            matte,
+            old_light,
+            feather,
         )
         self._set_record(infer(given))
 

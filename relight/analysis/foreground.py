@@ -61,15 +61,19 @@ class Foreground:
         content = alpha[box].contiguous(), matte[box].contiguous()
         return cls((height, width), (top, left), *content, photographed)
 
-    def own_colour(self, plate: np.ndarray, photographed: bool | None = None) -> torch.Tensor:
+    def own_colour(
+        self, plate: np.ndarray, photographed: bool | None = None, edge: torch.Tensor | None = None
+    ) -> torch.Tensor:
         """Estimate the person's own colour, without the background, continued beyond the matte's edge.
 
         From (H, W, 3|4) float32, linear Rec.709, premultiplied: their plate, or another of its size, with its
-        own `photographed`. Returns (3, h, w) in the box, linear Rec.709, not premultiplied, at least 0.
+        own `photographed`. `edge`: (H, W), the coverage in that plate where `alpha` was feathered for the
+        pictures. Returns (3, h, w) in the box, linear Rec.709, not premultiplied, at least 0.
         Raises ValueError if the matte shows a person where the plate's own alpha is zero.
         """
         photographed = self.photographed if photographed is None else photographed
-        return _own_colour(plate[self.box], self.alpha, photographed)
+        alpha = self.alpha if edge is None else edge[self.box]
+        return _own_colour(plate[self.box], alpha, photographed)
 
     def crop(self, image: torch.Tensor) -> torch.Tensor:
         """Return the part (C, h, w) of a plate-sized image (C, H, W) that is in the box."""

@@ -6,6 +6,7 @@ from dataclasses import dataclass
 
 import numpy as np
 import torch
+from scipy.ndimage import gaussian_filter
 
 from relight.analysis.camera import Camera
 from relight.analysis.denoising import denoised
@@ -22,6 +23,7 @@ from relight.analysis.old_light import OldLight
 from relight.analysis.record import AnalysisRecord
 from relight.analysis.upsampling import encode_guide
 from relight.lights.environment import FIELD_OF_VIEW
+from relight.lights.parameters import checked_number
 from relight.matting import networks
 from relight.matting.networks import AUTO
 from relight.matting.refine import is_opaque
@@ -33,6 +35,7 @@ from shadow.matte_cleanup import clean_matte
 from shadow.networks.foreign import OnnxDepth
 from shadow.normals import on_canvas, resolve
 
+MAX_FEATHER = 0.05  # of the picture's longer side
 GUIDE_MEAN = 0.2  # mean of the person's linear colour after the exposure of a guide
 
 
@@ -44,6 +47,7 @@ class AnalysisInputs:
     alpha: torch.Tensor  # (H, W) the person's coverage
     matte: torch.Tensor  # (H, W) the same without noise and specks
     has_mask: bool  # the coverage comes from a separate mask
+    feather: float  # pixels, standard deviation of the Gaussian that softens the edge of the pictures
     albedo: torch.Tensor | None  # (3, H, W) in [0, 1]
     normals: np.ndarray | Callable | str | os.PathLike | None
     depth: torch.Tensor | OnnxDepth | None  # (1, H, W) metres; integers, or a network: relative
@@ -64,6 +68,7 @@ def check_inputs(
     device: str | torch.device | None = None,
     matte: AnyPath | None = AUTO,
     old_light: OldLight | None = None,
+    feather: float = 0.0,
 ) -> AnalysisInputs:
     """Check the arguments of `relight.Subject`, which documents them and the errors raised."""
     place = inputs.device("device", device) or torch.device("cpu")
@@ -85,7 +90,17 @@ def check_inputs(
         raise ValueError(f"camera: expected that of a plate of {size} pixels, got {camera.size}")
     camera = camera or Camera.of(cleaned, height, field_of_view)
     return AnalysisInputs(
-        plate, alpha, cleaned, mask is not None, checked_albedo, normals, provided, camera, place, old_light
+        plate,
+        alpha,
+        cleaned,
+        mask is not None,
+        checked_number("feather", feather, 0, MAX_FEATHER * max(size)),
+        checked_albedo,
+        normals,
+        provided,
+        camera,
+        place,
+        old_light,
     )
 
 
@@ -95,8 +110,13 @@ def infer(given: AnalysisInputs) -> AnalysisRecord:
     seen = None if given.normals is None else without_alpha(given.plate).to(given.device)
     normals = resolve(given.normals, seen, given.alpha.to(given.device), field, shader)
 
-    person = Foreground.of(given.alpha, given.matte, given.has_mask)
-    colour = person.own_colour(given.plate)
+    alpha = given.alpha
+    if given.feather:
+        # The networks, and the colour at the edge, have the matte as it is: a feathered one would say that
+        # opaque pixels of the person show the background.
+        alpha = torch.from_numpy(gaussian_filter(alpha.numpy(), given.feather, mode="nearest"))
+    person = Foreground.of(alpha, given.matte, given.has_mask)
+    colour = person.own_colour(given.plate, edge=given.alpha)
     framed = Framed.of(colour, person.matte, field.size)
     normals = on_canvas(None if normals is None else person.crop(normals), framed.framing)
     found = Analysis(framed.to(given.device), field, shader, normals)

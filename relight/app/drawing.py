@@ -42,8 +42,11 @@ def edge_of(drawn: Mapping[str, Any]) -> tuple[float, float]:
     return shift, feather
 
 
-def shifted(matte: np.ndarray, shift: float, feather: float) -> np.ndarray:
-    """Return a matte (h, w) with its edge moved and blurred by shares of its longer side."""
+def shifted(matte: np.ndarray, shift: float, feather: float = 0.0) -> np.ndarray:
+    """Return a matte (h, w) with its edge moved and blurred by shares of its longer side.
+
+    `Subject(feather=)` blurs it after the analysis.
+    """
     side = max(matte.shape)
     return outline.shift_edge(matte, shift * side, feather * side)
 

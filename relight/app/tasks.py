@@ -38,7 +38,8 @@ BACKGROUND_SIDE = 2048  # pixels, the longer side of a background on the page, a
 KEPT = 2  # subjects that are kept in memory, for stills
 KEPT_PIXELS = 4_000_000  # of a photograph that was saved, whose subject is kept for the next file, at most
 MATTE, PACK = "matte.npy", "pack.bin"
-LOADED, EDGE = "loaded.npy", "edge.json"  # a matte from a file, in full; what was done to the accepted matte
+LOADED, EDGE = "loaded.npy", "edge.json"  # a matte from a file, in full; what is done to the accepted matte
+SIDE = "side.txt"  # the photograph's longer side, in pixels
 READ, ANALYSED, RELIT = 0.3, 0.5, 0.9  # shares of the time to save 24 megapixels that have passed, roughly
 Report = Callable[..., None]  # (what is done, the share of the task that is done, if that is known)
 
@@ -94,6 +95,7 @@ def read(name: str, report: Report) -> dict[str, Any]:
     size = reduced_size(height, width, PREVIEW_SIDE)
     reduced = resized(pixels if cut_out else np.ascontiguousarray(pixels[..., :3]), size)
     _save_array(REDUCED, reduced)
+    Path(SIDE).write_text(str(max(height, width)))
     Path(PREVIEWS).mkdir(exist_ok=True)
     preview, kind = f"{PREVIEWS}/preview.{'png' if cut_out else 'jpg'}", "PNG" if cut_out else "JPEG"
     # It may be the background as well.
@@ -182,7 +184,7 @@ def analyse(name: str, mask: str | None, drawn: Mapping[str, Any] | None, report
     The matte's file, `mask`, is written at full resolution when it is needed: see `full_matte`.
     """
     reduced = drawing.reduced()
-    matte = None
+    matte, feather = None, 0.0
     if mask is not None and drawn is not None:
         as_it_is = drawing.is_file(drawn)
         if not as_it_is:
@@ -192,9 +194,9 @@ def analyse(name: str, mask: str | None, drawn: Mapping[str, Any] | None, report
         if not as_it_is:
             unshifted = outline.refine(reduced[..., :3], unshifted)
         shift, feather = drawing.edge_of(drawn)
-        matte = drawing.shifted(unshifted, shift, feather)
+        matte = drawing.shifted(unshifted, shift)
     report("Analysing the person")
-    subject = Subject(reduced, matte)
+    subject = Subject(reduced, matte, feather=feather * max(reduced.shape))
     report("Preparing the light")
     packed = pack(subject.record, subject.matte, subject.albedo, compression=1)
     with replacing(PACK) as beside:
@@ -219,7 +221,7 @@ def full_matte(name: str, mask: str, report: Report) -> dict[str, Any]:
         if matte.shape != pixels.shape[:2]:
             matte = resized(matte[..., None], pixels.shape[:2])[..., 0].clip(0, 1)
             matte = matte if edge["file"] else outline.refine(pixels, matte)
-        images.write_mask(mask, drawing.shifted(matte, edge["shift"], edge["feather"]))
+        images.write_mask(mask, drawing.shifted(matte, edge["shift"]))
     return {"file": mask}
 
 
@@ -270,11 +272,12 @@ def _subject(name: str, mask: str | None, report: Report) -> Subject:
     subject = _subjects.get(_key(name))
     if subject is None:
         report("Analysing the person")
-        matte = None
+        matte, feather, reduced = None, 0.0, drawing.reduced()
         if mask is not None:
             edge = json.loads(Path(EDGE).read_text())
-            matte = drawing.shifted(np.load(MATTE).astype(np.float32), edge["shift"], edge["feather"])
-        subject = Subject(drawing.reduced(), matte)
+            matte = drawing.shifted(np.load(MATTE).astype(np.float32), edge["shift"])
+            feather = edge["feather"] * max(reduced.shape)
+        subject = Subject(reduced, matte, feather=feather)
         _keep(name, subject)
     return subject
 
@@ -287,7 +290,7 @@ def save(
 
     if mask is not None:
         full_matte(name, mask, report)
-    source, lighting = Source(name, mask=mask), _lighting(look)
+    source, lighting = Source(name, mask=mask, feather=_feather(mask)), _lighting(look)
     suffix = Path(output).suffix
     report("Analysing the person", READ)
     if suffix == ".html":
@@ -302,7 +305,7 @@ def save(
     elif suffix == ".glb":
         matte = None if mask is None else images.read_mask(mask)
         lights = as_lights(lighting.rig().lights)
-        subject = Subject(images.read(name), matte)
+        subject = Subject(images.read(name), matte, feather=source.feather)
         report("Making the mesh", ANALYSED)
         subject.export(output, lights, gloss=lighting.effective_gloss)
     else:
@@ -326,7 +329,7 @@ def _save_picture(source: Source, lighting: Lighting, output: Output, report: Re
 def _analysing(source: Source) -> Callable[..., Subject]:
     """Return what analyses a photograph, but not again for the next file of it unless it is large."""
     files = [Path(str(path)).resolve() for path in (source.plate, source.mask) if path is not None]
-    key = tuple((path, path.stat().st_mtime_ns) for path in files)
+    key = (source.feather, *((path, path.stat().st_mtime_ns) for path in files))
 
     def analyse(*given: Any, **options: Any) -> Subject:
         subject = _saved[key] if key in _saved else Subject(*given, **options)
@@ -363,7 +366,19 @@ def _exposure(look: Mapping[str, Any]) -> float:
 
 def _command(name: str, mask: str | None) -> list[str]:
     """Return the words of the command that relights a photograph, without its lights."""
-    return ["relight", "apply", name, *(["--mask", mask] if mask else [])]
+    feather = _feather(mask)
+    return [
+        *("relight", "apply", name),
+        *(["--mask", mask] if mask else []),
+        *(["--feather", f"{feather:g}"] if feather else []),
+    ]
+
+
+def _feather(mask: str | None) -> float:
+    """Return by how many pixels of the photograph the edge of the accepted matte is feathered."""
+    if mask is None or not Path(EDGE).exists():
+        return 0.0
+    return round(json.loads(Path(EDGE).read_text())["feather"] * int(Path(SIDE).read_text()), 2)
 
 
 def _key(name: str) -> str:

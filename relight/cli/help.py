@@ -10,7 +10,7 @@ import typer
 Panels = Mapping[str, str]  # {title: names of parameters}, in the order of the help; rare ones stand last
 
 SHOT: Panels = {  # of all commands that read a photograph or a shot
-    "Person": "mask matte person key refine_matte normals axes depth height field_of_view",
+    "Person": "mask matte person key refine_matte feather normals axes depth height field_of_view",
     "Placement": "size placement scale offset",
     "Lights": "preset light environment lights match_plate match match_mask gloss camera subject_at "
     "allow_external",

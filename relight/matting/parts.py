@@ -24,13 +24,16 @@ def lost_parts(seen: np.ndarray, mask: np.ndarray, least: float) -> np.ndarray:
     `seen`: (h, w, 3) in [0, 1], encoded. `mask`: (h, w) in [0, 1], in doubt where it is between `least` and
     one half.
     """
+    side = max(mask.shape)
+    few = mask[::2, ::2]  # where nothing is in doubt beyond the mask's edge, as is usual, this is quick
+    beyond = ndimage.distance_transform_edt(few < 0.5) >= FAR * side / 2
     shown = ndimage.binary_opening(mask > least, np.ones((3, 3)))
-    if not shown.any():
-        return shown
+    if not shown.any() or 4 * (beyond & (few > least)).sum() < LEAST_AREA * mask.size / 4:
+        return np.zeros(mask.shape, bool)
     around = _hull(shown)
     off, plain = deviations(seen, ~around, REACH)
     # What the mask surrounds is rather a gap that shows a shaded wall.
-    outside, side = ~ndimage.binary_fill_holes(mask >= 0.5), max(mask.shape)
+    outside = ~ndimage.binary_fill_holes(mask >= 0.5)
     labels, count = ndimage.label(
         ndimage.binary_opening(around & outside & plain & (off > OTHER), np.ones((3, 3)))
     )

@@ -204,9 +204,10 @@ class FrameReader:
         model = None if options is None or options.model is None else Path(options.model)
         axes = self.source.axes if self.source.normals is not None else None
         alpha = [] if self.source.alpha is None else [self.source.alpha]
+        feather = [self.source.feather] if self.source.feather else []
         return content_hash(
             self.source.key, options, model, self.source.colour_space, axes, self.field_of_view, self.height,
-            self.placement, self.source.temporal_filter, *alpha,
+            self.placement, self.source.temporal_filter, *alpha, *feather,
         )  # fmt: skip
 
     @functools.cached_property

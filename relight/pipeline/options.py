@@ -80,6 +80,11 @@ class Source(Options):
         "Refine the inferred matte, or a rough --mask, in a band this many pixels wide along its edge.",
         text=int,
     )
+    feather: float = option(
+        "Soften the edge of the person in the picture by a Gaussian of this standard deviation, in pixels.",
+        0.0,
+        text=float,
+    )
     person: int | tuple[int, ...] | str | None = option(
         "Which of several people: 2 is the second largest, X/Y the one nearest to that pixel, X/Y/RADIUS the "
         "one who is found most like that circle, all everybody together.",

@@ -132,7 +132,8 @@ class FrameAnalyser:
             camera = None  # a frame of another size has a world of its own
         subject = self._analyse(
             plate, matte, normals=normals, depth=depth, height=self._frames.height,
-            field_of_view=self._frames.field_of_view, camera=camera, old_light=old_light, device=self._device,
+            field_of_view=self._frames.field_of_view, camera=camera, old_light=old_light,
+            feather=self._frames.source.feather, device=self._device,
         )  # fmt: skip
         if number == first:
             self._first_light = subject.old_light

@@ -180,11 +180,13 @@ function toPython(look, photograph, viewer, output, behind) {
   const lights = look.lights.map((light) => `        ${text(light)},`);
   const environment = look.environment && text(`${viewer.environment.path},${look.environment.settings}`);
   const { background } = look;
+  const { command } = viewer.scene;
+  const feather = command.includes("--feather") && command[command.indexOf("--feather") + 1];
   return [
     "import relight",
     "",
     "relight.render_shot(",
-    `    relight.Source(${text(photograph.name)}${photograph.mask ? `, mask=${text(photograph.mask)}` : ""}),`,
+    `    relight.Source(${text(photograph.name)}${photograph.mask ? `, mask=${text(photograph.mask)}` : ""}${feather ? `, feather=${feather}` : ""}),`,
     "    relight.Lighting(",
     ...(lights.length ? ["        light=[", ...lights.map((line) => `    ${line}`), "        ],"] : []),
     ...(environment ? [`        environment=[${environment}],`] : []),

@@ -4,6 +4,7 @@ import numpy as np
 import pytest
 import torch
 from helpers.standins import Delighter, ball, image_of
+from scipy.ndimage import gaussian_filter
 
 import relight
 from relight.analysis import infer
@@ -54,6 +55,24 @@ def test_strands_at_a_soft_edge_keep_their_own_colour(behind):
     found[person.box] = person.own_colour(plate).permute(1, 2, 0).numpy()
     soft = (matte.numpy() > 0.3) & (matte.numpy() < 0.98)
     assert np.sqrt(((found - own)[soft] ** 2).mean()) < 0.08
+
+
+@pytest.mark.parametrize("behind", [(0.9, 0.9, 0.9), (0.01, 0.01, 0.01)])
+def test_a_feathered_edge_shows_no_line_of_the_old_background(behind, monkeypatch):
+    coverage, normals = ball(240, 180, soft=2)
+    front = np.array([0.4, 0.2, 0.1])
+    photo = (coverage[..., None] * front + (1 - coverage[..., None]) * behind).astype(np.float32)
+    grey = Delighter(lambda rgb, mask: torch.full_like(rgb, 0.5) * (mask > 0))
+    monkeypatch.setattr(infer.diffuse, "load", lambda **_: grey)
+    subject = relight.Subject(photo, mask=coverage, normals=normals, feather=4)
+    feathered = gaussian_filter(coverage, 4, mode="nearest")
+    np.testing.assert_allclose(subject.matte, feathered, atol=1e-5)
+    # Over grey, against the exact composite: the person's one colour, in one light, by the feathered matte.
+    colour = subject.albedo[np.unravel_index(np.argmax(feathered), feathered.shape)]
+    line = (subject.albedo - colour) * feathered[..., None]
+    assert np.sqrt((line[(feathered > 0.02) & (feathered < 0.98)] ** 2).mean()) < 0.003
+    with pytest.raises(ValueError, match="feather: expected 0 to 12, got 13"):
+        relight.Subject(photo, mask=coverage, feather=13)
 
 
 def test_soft_edges_hold_neither_background_nor_black(monkeypatch):

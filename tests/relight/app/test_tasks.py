@@ -85,7 +85,7 @@ def test_an_outline_that_cannot_be_analysed_leaves_the_one_before(folder, monkey
     np.save(tasks.MATTE, np.ones((100, 80), np.float16))
     (path / "me-matte.png").write_bytes(b"written before")
 
-    def cancelled(*arguments):
+    def cancelled(*arguments, **options):
         raise ValueError("cancelled")
 
     monkeypatch.setattr(tasks, "Subject", cancelled)
@@ -106,8 +106,8 @@ class Analysed:
     size = (100, 80)
     record = matte = albedo = None
 
-    def __init__(self, image, mask):
-        Analysed.mask = mask
+    def __init__(self, image, mask, *, feather):
+        Analysed.mask, Analysed.feather = mask, feather
 
 
 @pytest.fixture
@@ -151,10 +151,12 @@ def test_a_shifted_edge_is_that_of_the_page_and_of_the_file(folder, unanalysed):
     tasks.load_matte("hand.png", silent)
     areas = []
     for shift in (0, 0.01, -0.01):  # of 200 pixels: two outward, and two inward
-        drawn = {"model": "file", "shift": shift, "feather": 0.002}
-        shown = codes(tasks.outline_of(drawn, silent)["png"]) / 255
-        tasks.analyse("me.png", "me-matte.png", drawn, silent)
+        drawn = {"model": "file", "shift": shift, "feather": 0.02}
+        shown = codes(tasks.outline_of({**drawn, "feather": 0}, silent)["png"]) / 255
+        scene = tasks.analyse("me.png", "me-matte.png", drawn, silent)["scene"]
         np.testing.assert_allclose(Analysed.mask, shown, atol=0.01)
+        assert Analysed.feather == 2  # of the copy's 100 pixels
+        assert scene["command"][-2:] == ["--feather", "4"]  # of the photograph's 200
         tasks.full_matte("me.png", "me-matte.png", silent)
         whole = relight.read_mask(path / "me-matte.png")
         assert overlap(np.repeat(np.repeat(shown, 2, 0), 2, 1), whole) > 0.95

@@ -20,8 +20,8 @@ from relight.rendering import PASSES
 
 FULL = {
     "source": Source(
-        "p.%04d.exr", mask="m.mov", key="green", matte="rvm.onnx,size=320", refine_matte=4, person=(3, 4),
-        size=(1080, 1920), placement="fill", scale=0.5, offset=(3, -4), colour_space="ACEScg",
+        "p.%04d.exr", mask="m.mov", key="green", matte="rvm.onnx,size=320", refine_matte=4, feather=2.5,
+        person=(3, 4), size=(1080, 1920), placement="fill", scale=0.5, offset=(3, -4), colour_space="ACEScg",
         normals="n.exr",
         axes="+x-y-z", depth="d.exr", height=1.8, field_of_view=30, temporal_filter=False,
     ),
