@@ -10,7 +10,6 @@ from pathlib import Path
 from typing import Any, NamedTuple
 
 import numpy as np
-from scipy.spatial.transform import Rotation
 
 from relight.lights.directional import DirectionalLight
 from relight.lights.files import MOST_LIGHTS
@@ -167,6 +166,8 @@ def _local(node: dict[str, Any]) -> np.ndarray:
     quaternion = np.array(node.get("rotation", [0, 0, 0, 1]), float)
     if not quaternion.any():
         raise ValueError("rotation: expected a unit quaternion, got zeros")
+    from scipy.spatial.transform import Rotation  # with scipy.sparse, a tenth of a second that few calls need
+
     rotation = Rotation.from_quat(quaternion).as_matrix()
     matrix[:3, :3] = rotation * np.array(node.get("scale", [1, 1, 1]), float).reshape(3)
     matrix[:3, 3] = np.array(node.get("translation", [0, 0, 0]), float).reshape(3)
