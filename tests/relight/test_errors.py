@@ -8,6 +8,7 @@ from safetensors.numpy import save_file
 
 import relight
 from relight import errors
+from relight.analysis.storage import FORMAT
 from relight.empty_subject import load_subject
 from relight.pipeline.cache import AnalysisCache
 from relight.subject import weights
@@ -30,7 +31,7 @@ def test_a_matte_without_a_person_has_its_class():
     [
         ({}, errors.DamagedFileError),
         ({"format": 2, "made_of": {}}, errors.StaleAnalysisError),
-        ({"format": 4, "provenance": {}, "empty": [4, 4]}, errors.EmptyMatteError),
+        ({"format": FORMAT, "provenance": {}, "empty": [4, 4]}, errors.EmptyMatteError),
     ],
 )
 def test_files_that_are_no_analysis_of_this_version_have_classes(tmp_path, header, kind):
@@ -44,7 +45,7 @@ def test_files_that_are_no_analysis_of_this_version_have_classes(tmp_path, heade
 @pytest.mark.parametrize(
     "size", [[4], [], {"a": 1}, 5, "ab", [-1, 4], [1.5, 2], [0, 0], [10**9, 10**9], [30000, 30000], [True, 4]]
 )
-@pytest.mark.parametrize("version", [3, 4])
+@pytest.mark.parametrize("version", [FORMAT - 1, FORMAT])
 def test_an_empty_frame_of_no_size_is_damaged_whatever_its_format(tmp_path, size, version):
     header = {"format": version, "provenance": {"weights": []}, "arrays": {}, "empty": size}
     save_file({}, tmp_path / "000001.safetensors", {"relight": json.dumps(header)})
@@ -63,7 +64,7 @@ def test_an_empty_frame_of_no_size_is_damaged_whatever_its_format(tmp_path, size
         *({"provenance": value} for value in ([], None, "x", 3)),
         "[" * 10_000,
         '{"format": ' + "9" * 5000 + "}",
-        '{"format": 4, "format": 1e999}',
+        f'{{"format": {FORMAT}, "format": 1e999}}',
         "\ud800",
     ],
 )
@@ -72,7 +73,7 @@ def test_a_frame_that_does_not_say_what_it_was_made_of_is_damaged(tmp_path, said
     """But for what is amiss it is the frame of somebody who is not there."""
     (tmp_path / "c.relight").mkdir()
     path = tmp_path / "c.relight" / "still.safetensors"
-    header = {"format": 4, "empty": [64, 48], "arrays": {}, "provenance": PROVENANCE}
+    header = {"format": FORMAT, "empty": [64, 48], "arrays": {}, "provenance": PROVENANCE}
     text = said if isinstance(said, str) else json.dumps(header | said)
     content = json.dumps({"__metadata__": {"relight": text}}).encode()
     path.write_bytes(len(content).to_bytes(8, "little") + content)
