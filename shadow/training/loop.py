@@ -347,8 +347,9 @@ def _validate(
     task, network, device = state.task, state.averaged(), state.device
     count = min(VALIDATION_SAMPLES, len(records))
     photographs = Photographs(records, 1, size, task.lights, 0, count, augment=False)
+    first = next(iter(DataLoader(photographs, 4)))  # not under autocast, which would round the photographs
     with autocast(device):
-        first = _prepare(next(iter(DataLoader(photographs, 4))), device, auxiliary)
+        first = _prepare(first, device, auxiliary)
         pictures.write_grid(state.out / f"samples-{state.step:06d}.png", task.show(network, first))
     scores = []
     for each in DataLoader(photographs, 1):
