@@ -186,6 +186,7 @@ def test_workers_without_the_weights_or_with_others_leave_frames_to_the_rest(pla
     scheduler = {"cls": Scheduler, "options": {"dashboard": False, "host": "127.0.0.1"}}
     kinds = {wrong: worker(wrong) for wrong in ("no weights", "other weights", "")}
     with SpecCluster(kinds, scheduler, silence_logs="CRITICAL") as several:
+        several.wait_for_workers(len(kinds))  # a frame goes to another one if there is one
         settings = {"scheduler": several.scheduler_address, "chunk": 2, "temporal_filter": False}
         output = tmp_path / "r.%02d.exr"
         assert shots.distribute(plates, STILL, output, frames="1-8", **settings) == {}
