@@ -90,7 +90,8 @@ export class Light {
         (error) => this.app.fail(error),
       );
     this.restoreRig(photograph);
-    [this.photograph, this.stale] = [photograph, false];
+    this.photograph = photograph;
+    this.stale = false;
     if (this.still)
       this.app.tell("This browser has no WebGL 2: the server makes each picture, which takes a moment.", true);
     this.showPresets();

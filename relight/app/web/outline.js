@@ -173,7 +173,8 @@ export class OutlineStep {
       if (this.photograph !== chosen) return; // another one has been chosen meanwhile
       this.paper.image = picture;
     }
-    if (!this.drawings.has(chosen.id)) // another tab may have drawn one that was analysed
+    if (!this.drawings.has(chosen.id))
+      // another tab may have drawn one that was analysed
       this.drawings.set(chosen.id, { now: { ...NOTHING, ...chosen.drawn }, past: [], future: [] });
     this.finder.hidden = !this.app.about.finder;
     this.use(this.drawing.lasso || chosen.cut_out || this.drawing.model ? "person" : "lasso");

@@ -35,7 +35,8 @@ SETTLED = """(({ picture, latest }) => picture && !latest.asking && latest.made 
     relightApp.parts.light.viewer.engine)"""
 
 COVERED = """(({ greys }) => { // the share of the photograph that the matte covers
-    const context = new OffscreenCanvas(greys.width, greys.height).getContext("2d");
+    const canvas = new OffscreenCanvas(greys.width, greys.height);
+    const context = canvas.getContext("2d", { willReadFrequently: true });
     context.drawImage(greys, 0, 0);
     const { data } = context.getImageData(0, 0, greys.width, greys.height);
     let sum = 0;
