@@ -19,7 +19,7 @@ import torch
 import torch.nn.functional as F
 
 from relight.analysis.upsampling import encode_guide
-from shadow.framing import Framing
+from shadow.framing import Framing, bounding_box
 
 ENCODING = 2.2  # of `encode_guide`
 RADIUS = 3  # of the filter's windows, canvas pixels
@@ -69,21 +69,27 @@ def denoised(
 
 def _line(image: torch.Tensor, known: torch.Tensor) -> tuple[torch.Tensor, torch.Tensor]:
     """Fit colour = slope · lightness + offset, each (3, h, w), in windows of the person's pixels."""
-    inside = known.float()[None]
-    covered = _window_mean(inside).clamp_min(1e-6)
-
-    def mean(maps: torch.Tensor) -> torch.Tensor:
-        return _window_mean(maps * inside) / covered
-
+    top, left, bottom, right = bounding_box(known.float())
+    height, width = known.shape
+    reach = 2 * RADIUS  # of two windows
+    top, left = max(top - reach, 0), max(left - reach, 0)
+    bottom, right = min(bottom + reach, height), min(right + reach, width)
+    image, inside = image[:, top:bottom, left:right], known[None, top:bottom, left:right].float()
     lightness = image.mean(dim=0, keepdim=True)
     chroma = image - lightness
-    centre, middle = mean(lightness), mean(chroma)
-    variance = (mean(lightness**2) - centre**2).clamp_min(0)
-    slope = (mean(lightness * chroma) - centre * middle) / (variance + NOISE**2)
-    return 1 + mean(slope), mean(middle - slope * centre)
+    moments = torch.cat([torch.ones_like(inside), lightness, lightness**2, chroma, lightness * chroma])
+    means = _window_mean(moments * inside)
+    covered = means[:1].clamp_min(1e-6)
+    centre, squared, middle, product = (means[1:] / covered).split([1, 1, 3, 3])
+    variance = (squared - centre**2).clamp_min(0)
+    slope = (product - centre * middle) / (variance + NOISE**2)
+    line = _window_mean(torch.cat([slope, middle - slope * centre]) * inside) / covered
+    slope, offset = F.pad(line, (left, width - right, top, height - bottom)).split(3)
+    return 1 + slope, offset
 
 
 def _window_mean(maps: torch.Tensor) -> torch.Tensor:
+    """Return means (C, h, w) of windows. One call with many maps takes far less time than one for each."""
     side = 2 * RADIUS + 1
     window = torch.full((len(maps), 1, side, side), 1 / side**2)
     return F.conv2d(maps[None], window, padding=RADIUS, groups=len(maps))[0]  # a third of avg_pool2d's time

@@ -99,23 +99,21 @@ class OldLight(NamedTuple):
         brightest = photograph.amax(dim=0)
         clipped = brightest > NEARLY_CLIPPED * brightest[known].max()
         reliable = known & ~clipped & (photograph.amin(dim=0) > DARKEST)
-        pairs = _pairs(_luminance(albedo)[0].log().numpy(), reliable.numpy())
-        if len(pairs[0]) < MIN_PAIRS:
+        pairs = torch.from_numpy(_pairs(_luminance(albedo)[0].log().numpy(), reliable.numpy()))
+        if pairs.shape[1] < MIN_PAIRS:
             return cls()
-        levels, normal, colour, trust = (
-            values.flatten(-2).double().numpy()[..., pairs]
-            for values in (level, normals, _chromaticity(albedo), _trust(albedo))
-        )
-        ambient_level = float(torch.quantile(level[known], AMBIENT_QUANTILE))
-        shares = np.maximum(0, 1 - ambient_level / levels)
-        gains, trust = -np.log(levels), trust.min(axis=0)
-        solution, explained = _solve(shares, normal, colour, gains, trust)
+        levels, normal, paint = (values.flatten(-2)[..., pairs] for values in (level, normals, albedo))
+        quantiles = np.quantile(level[known].numpy(), (AMBIENT_QUANTILE, BRIGHT_QUANTILE))
+        ambient_level, bright_level = (float(value) for value in quantiles)
+        share = (1 - ambient_level / levels).clamp_min(0)
+        seen = share, normal, _chromaticity(paint), -levels.log(), _trust(paint).amin(dim=0)
+        shares, turns, colours, gains, trust = (values.double().numpy() for values in seen)
+        solution, explained = _solve(shares, turns, colours, gains, trust)
         if explained < MIN_EXPLAINED:
-            solution, explained = _solve(shares, normal, colour, gains, np.zeros_like(trust))
-            if explained < MIN_EXPLAINED_BY_CURVE:
-                return cls()
+            solution, explained = _solve(shares, turns, colours, gains, np.zeros_like(trust))
+        if explained < MIN_EXPLAINED_BY_CURVE:
+            return cls()
         values = [float(value) for value in solution]
-        bright_level = float(torch.quantile(level[known], BRIGHT_QUANTILE))
         found = cls((values[0], values[1]), tuple(values[2:8]), values[8], ambient_level, bright_level)
         tint = found._replace(saturation=0.0).tint(light, albedo, normals)
         red, blue = (float(channel[known].median()) for channel in _chromaticity(tint))
@@ -153,25 +151,26 @@ def _solve(
     ridge = shares.shape[1] * np.repeat([AMBIENT_RIDGE, NORMAL_RIDGE, SATURATION_RIDGE], [2, 6, 1])
     low = np.r_[np.full(8, -MAX_COLOUR), 0]
     high = np.r_[np.full(8, MAX_COLOUR), MAX_SATURATION]
+    # Five of the unknowns matter to a channel: its ambient light, its change with the normal, the slope.
+    places = [np.r_[channel, 2 + 3 * channel : 5 + 3 * channel, 8] for channel in range(2)]
+    jacobians = [np.vstack([trust, trust * turned, ascent[channel]]) for channel in range(2)]
     solution = np.zeros(9)
     left = seen = 0.0
     for step in range(STEPS + 1):
         hessian, gradient, left, seen = np.diag(ridge), -ridge * solution, 0.0, 0.0
         scale = max(RESIDUAL, FIRST_RESIDUAL * 0.7**step)
-        for channel in range(2):
+        for channel, (place, jacobian) in enumerate(zip(places, jacobians, strict=True)):
             ambient = np.exp(solution[channel])
             light = shares + (1 - shares) * ambient
-            jacobian = np.zeros((9, shares.shape[1]))
-            jacobian[channel] = trust * np.subtract(*((1 - shares) * ambient / light))
-            jacobian[2 + 3 * channel : 5 + 3 * channel] = trust * turned
-            jacobian[8] = ascent[channel]
-            lamps = trust * np.subtract(*np.log(light))
-            residual = differences[channel] - lamps - solution[2:] @ jacobian[2:]
+            jacobian[0] = trust * np.subtract(*(1 - shares / light))
+            residual = differences[channel] - trust * np.log(light[0] / light[1])
+            residual -= solution[place[1:]] @ jacobian[1:]
             weights = 1 / (1 + (residual / scale) ** 2)
-            hessian = hessian + (weights * jacobian) @ jacobian.T
-            gradient = gradient + (weights * jacobian) @ residual
-            left += float((weights * residual**2).sum())
-            seen += float((weights * differences[channel] ** 2).sum())
+            weighted = weights * jacobian
+            hessian[np.ix_(place, place)] += weighted @ jacobian.T
+            gradient[place] += weighted @ residual
+            left += float(weights @ residual**2)
+            seen += float(weights @ differences[channel] ** 2)
         if step < STEPS:
             update = np.linalg.solve(hessian, gradient).clip(-MAX_STEP, MAX_STEP)
             solution = (solution + update).clip(low, high)
