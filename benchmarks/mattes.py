@@ -91,8 +91,8 @@ def feathered(plate, true, own):
     edge = torch.from_numpy(true)
     for sigma in FEATHERS:
         alpha = ndimage.gaussian_filter(true, sigma, mode="nearest")
-        cut, colour = Foreground.of(torch.from_numpy(alpha), edge, True), np.zeros_like(plate)
-        colour[cut.box] = cut.own_colour(plate, edge=edge).permute(1, 2, 0).numpy()
+        cut, colour = Foreground.of(torch.from_numpy(alpha), edge, True, edge), np.zeros_like(plate)
+        colour[cut.box] = cut.own_colour(plate).permute(1, 2, 0).numpy()
         soft = (alpha > 0.02) & (alpha < 0.98)
         yield f"true matte, feathered by {sigma}", difference(colour, alpha, own, alpha, soft)
 

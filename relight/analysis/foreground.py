@@ -26,6 +26,7 @@ class Foreground:
 
     `size`: (H, W) of the plate; `left` and `top`: first column and row of the box on it. `alpha`: (h, w) in
     [0, 1], coverage in the box; `matte`: (h, w), the part of it that belongs to the person and is not noise.
+    `edge`: (h, w), the coverage in the plate; `alpha` is it, or a feathered copy of it for the pictures.
     `photographed`: whether partly covered pixels show the background too, as they do beside a separate mask.
     `pixels`: (P,) indices into the box in row-major order; `coverage`: (P,), `alpha` at them.
     """
@@ -37,9 +38,11 @@ class Foreground:
         alpha: torch.Tensor,
         matte: torch.Tensor,
         photographed: bool,
+        edge: torch.Tensor | None = None,
     ) -> None:
         """Take the content of a box, whose first pixel is at `corner` (top, left) of the plate."""
         self.size, self.alpha, self.matte, self.photographed = size, alpha, matte, photographed
+        self.edge = alpha if edge is None else edge
         self.top, self.left = corner
         rows, columns = alpha.shape
         self.box = np.s_[self.top : self.top + rows, self.left : self.left + columns]
@@ -49,8 +52,14 @@ class Foreground:
         self._plate_pixels = self.pixels + row * (size[1] - columns) + (self.top * size[1] + self.left)
 
     @classmethod
-    def of(cls, alpha: torch.Tensor, matte: torch.Tensor, photographed: bool) -> Self:
-        """Cut the box out of a whole plate's `alpha` (H, W) and `matte` (H, W)."""
+    def of(
+        cls,
+        alpha: torch.Tensor,
+        matte: torch.Tensor,
+        photographed: bool,
+        edge: torch.Tensor | None = None,
+    ) -> Self:
+        """Cut the box out of a whole plate's `alpha`, `matte` and `edge`, (H, W) each."""
         height, width = alpha.shape
         top, left, bottom, right = bounding_box(alpha, threshold=0)
         # One empty pixel around the person, unless the plate ends there: it tells the framing which sides
@@ -59,21 +68,18 @@ class Foreground:
         box = np.s_[top : min(bottom + 1, height), left : min(right + 1, width)]
         # Copies: a view would hold the whole plate in memory.
         content = alpha[box].contiguous(), matte[box].contiguous()
-        return cls((height, width), (top, left), *content, photographed)
+        own_edge = None if edge is None else edge[box].contiguous()
+        return cls((height, width), (top, left), *content, photographed, own_edge)
 
-    def own_colour(
-        self, plate: np.ndarray, photographed: bool | None = None, edge: torch.Tensor | None = None
-    ) -> torch.Tensor:
+    def own_colour(self, plate: np.ndarray, photographed: bool | None = None) -> torch.Tensor:
         """Estimate the person's own colour, without the background, continued beyond the matte's edge.
 
         From (H, W, 3|4) float32, linear Rec.709, premultiplied: their plate, or another of its size, with its
-        own `photographed`. `edge`: (H, W), the coverage in that plate where `alpha` was feathered for the
-        pictures. Returns (3, h, w) in the box, linear Rec.709, not premultiplied, at least 0.
+        own `photographed`. Returns (3, h, w) in the box, linear Rec.709, not premultiplied, at least 0.
         Raises ValueError if the matte shows a person where the plate's own alpha is zero.
         """
         photographed = self.photographed if photographed is None else photographed
-        alpha = self.alpha if edge is None else edge[self.box]
-        return _own_colour(plate[self.box], alpha, photographed)
+        return _own_colour(plate[self.box], self.edge, photographed)
 
     def crop(self, image: torch.Tensor) -> torch.Tensor:
         """Return the part (C, h, w) of a plate-sized image (C, H, W) that is in the box."""

@@ -115,8 +115,8 @@ def infer(given: AnalysisInputs) -> AnalysisRecord:
         # The networks, and the colour at the edge, have the matte as it is: a feathered one would say that
         # opaque pixels of the person show the background.
         alpha = torch.from_numpy(gaussian_filter(alpha.numpy(), given.feather, mode="nearest"))
-    person = Foreground.of(alpha, given.matte, given.has_mask)
-    colour = person.own_colour(given.plate, edge=given.alpha)
+    person = Foreground.of(alpha, given.matte, given.has_mask, given.alpha)
+    colour = person.own_colour(given.plate)
     framed = Framed.of(colour, person.matte, field.size)
     normals = on_canvas(None if normals is None else person.crop(normals), framed.framing)
     found = Analysis(framed.to(given.device), field, shader, normals)

@@ -40,7 +40,7 @@ from shadow.framing import Framing
 from shadow.networks.mirror import Pixels
 
 SUFFIX = ".safetensors"
-FORMAT = 5
+FORMAT = 6
 SHORTENING_PIXELS = 600_000  # a larger person's colour is shortened, for under 4 MB a frame of HD
 SHORTENED_BITS = 4  # of a half float's mantissa: steps of 1 %, as 8 bits of sRGB have in mid-grey
 RANK = {"cast": 32, "residual": 16}  # principal components of each kind of maps
@@ -169,6 +169,9 @@ def _plate_arrays(record: AnalysisRecord) -> dict[str, np.ndarray]:
     own = person.matte.flatten()[person.pixels]
     if not torch.equal(own, person.coverage):  # noise and specks are left out of the matte
         arrays["matte"] = _half(own)
+    edge = person.edge.flatten()[person.pixels]
+    if not torch.equal(edge, person.coverage):  # the pictures' edge is feathered
+        arrays["edge"] = _half(edge)
     return arrays
 
 
@@ -246,6 +249,7 @@ def _check_shapes(header: dict[str, Any], file_bytes: int) -> None:
         "colour": ("<f2 <u2", (3, plate)),
         "provided_albedo": ("<f2 <u2", (3, plate)),
         "matte": ("<f2", (plate,)),
+        "edge": ("<f2", (plate,)),
         "within": ("|u1", canvas),
         "image": ("|u1", (3, *canvas)),
         "normals": ("<f2", (3, pixels)),
@@ -277,15 +281,16 @@ def _restored(header: dict[str, Any], arrays: dict[str, np.ndarray]) -> Analysis
     exposure = float(header["exposure"])
     rows, columns = header["box"]
     inside = torch.from_numpy(np.flatnonzero(np.unpackbits(arrays["inside"], count=rows * columns)))
-    alpha, matte = torch.zeros(2, rows * columns)
-    alpha[inside] = tensors["coverage"].float()
-    if "matte" in tensors:
-        matte[inside] = tensors["matte"].float()
-    else:
-        matte = alpha
-    size, (top, left) = tuple(header["size"]), header["corner"]
     box = rows, columns
-    person = Foreground(size, (top, left), alpha.view(box), matte.view(box), bool(header["photographed"]))
+
+    def in_the_box(name: str) -> torch.Tensor:
+        values = torch.zeros(rows * columns)
+        values[inside] = tensors[name if name in tensors else "coverage"].float()
+        return values.view(box)
+
+    size, (top, left) = tuple(header["size"]), header["corner"]
+    alpha, matte, edge = (in_the_box(name) for name in ("coverage", "matte", "edge"))
+    person = Foreground(size, (top, left), alpha, matte, bool(header["photographed"]), edge)
     framing = Framing(tuple(header["centre"]), header["scale"], tuple(arrays["within"].shape), box)
     on_plate = framing.shifted(left, top, size)
     camera = Camera(**{name: _tuple(value) for name, value in header["camera"].items()})

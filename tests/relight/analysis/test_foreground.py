@@ -75,6 +75,18 @@ def test_a_feathered_edge_shows_no_line_of_the_old_background(behind, monkeypatc
         relight.Subject(photo, mask=coverage, feather=13)
 
 
+def test_lights_are_fitted_to_the_edge_before_it_was_feathered(tmp_path):
+    coverage, normals = ball(240, 180, radius=0.15, soft=2)
+    shade = 0.2 + 0.4 * normals @ np.float32([0.6, 0, 0.8]).clip(0)
+    photo = (coverage[..., None] * shade[..., None] + (1 - coverage[..., None]) * 0.9).repeat(3, -1)
+    one, feathered = (relight.Subject(photo, mask=coverage, normals=normals, feather=f) for f in (0, 6))
+    feathered.save(tmp_path / "kept.safetensors")
+    kept = relight.Subject.load(tmp_path / "kept.safetensors")
+    expected = one.fit_lighting(photo)[1].sum(0)
+    for subject in (feathered, kept):
+        np.testing.assert_allclose(subject.fit_lighting(photo)[1].sum(0), expected, rtol=0.01)
+
+
 def test_soft_edges_hold_neither_background_nor_black(monkeypatch):
     coverage, normals = ball(480, 360, soft=16)
     front, back = np.array([0.4, 0.4, 0.4]), np.array([0.02, 0.9, 0.05])
