@@ -94,11 +94,23 @@ def apply(
     lights, gloss = as_lights(lights), checked_gloss(gloss)
     background = _background(background, lights)
     subject = _analysed(image, mask, matte, albedo, normals, depth, height, field_of_view, floor, device)
+    seen = None if background is None else _seen_by(subject, background, lights)
+    return relit_over(subject, lights, seen, floor, gloss)
+
+
+def relit_over(
+    subject: Person,
+    lights: Lights,
+    background: Background | None = None,
+    floor: Floor | None = None,
+    gloss: float = 0.0,
+) -> np.ndarray:
+    """Relight an analysed person over a background; see `apply`."""
     picture = subject.relit(lights, gloss)
     if background is None:
         return picture
     shadow = None if floor is None else subject.shadows(lights, floor)[1]
-    return over(picture, _seen_by(subject, background, lights), shadow)
+    return over(picture, background, shadow)
 
 
 def _background(background: Background | AnyPath | None, lights: Iterable[Light]) -> Background | None:

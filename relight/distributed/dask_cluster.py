@@ -12,7 +12,7 @@ from typing import Any, cast
 from relight import __version__
 from relight.media import movies, nuke
 from relight.media.sequences import FrameRange
-from relight.pipeline.option_fields import Options, Phase, Report
+from relight.pipeline.option_fields import Options, Report
 from relight.pipeline.options import Compute, Lighting, Output, Source
 from relight.pipeline.render import render_shot
 from relight.pipeline.shot import Shot
@@ -94,14 +94,14 @@ def render_distributed(
     lighting = lighting.with_lights(shot.every_light)
     report = progress or (lambda done, total, what: None)
     # With no frames to make, this refuses what can be refused.
-    render_shot(source, lighting, output, compute=compute, frames=FrameRange(), phase=Phase.frames)
+    render_shot(source, lighting, output, compute=compute, frames=FrameRange(), phase="frames")
     output = replace(output, save_lights=None)
     with _client(scheduler, workers) as client:
         run = _Run(client, (source, lighting, output, compute), resume)
         problems = run.make(numbers.chunks(chunk or _chunk(len(numbers), client)), report)
     if any(movies.is_movie(path) or nuke.is_script(path) for path in output.paths):
         missing = render_shot(
-            source, lighting, output, compute=compute, frames=numbers, phase=Phase.finalize, progress=report
+            source, lighting, output, compute=compute, frames=numbers, phase="finalize", progress=report
         )
         problems = missing | problems
     elif len(problems) == len(numbers):
@@ -213,7 +213,7 @@ def _make(
             differs = "version of relight" if here[0] != made_with[0] else "weights"
             raise ValueError(f"has another {differs}, expected {made_with}, got {here}")
         *shot, compute = options
-        problems = render_shot(*shot, compute=compute, frames=frames, phase=Phase.frames, resume=resume)
+        problems = render_shot(*shot, compute=compute, frames=frames, phase="frames", resume=resume)
         return address, problems
     except (ImportError, MemoryError, OSError, RuntimeError, TypeError, ValueError) as error:
         return address, dict.fromkeys(frames, f"{address}: {error}")

@@ -19,7 +19,7 @@ import yaml
 from relight.errors import MissingNetworksError
 from relight.media import movies, nuke
 from relight.media.sequences import FrameRange, FrameSequence
-from relight.pipeline.option_fields import BACKGROUND, Options, Phase, to_json
+from relight.pipeline.option_fields import BACKGROUND, Options, to_json
 from relight.pipeline.options import Compute, Lighting, Output, Source
 from relight.pipeline.shot import Shot
 from relight.scene.lights import SUFFIXES as LIGHTS_SUFFIXES
@@ -145,9 +145,9 @@ def _add_steps(
         words += ["-o", job.path(f"Output{number or ''}", path, "OUT")]
     words += [*job.files(output, "paths"), *threads]
     options: dict[str, Options] = {"lighting": lighting, "output": output, "compute": compute}
-    job.step("Light", [*words, "--phase", Phase.frames.value, "--resume"], options)
+    job.step("Light", [*words, "--phase", "frames", "--resume"], options)
     if any(movies.is_movie(path) or nuke.is_script(path) for path in output.paths):
-        words += ["--phase", Phase.finalize.value, "--frames", "{{Param.Frames}}"]
+        words += ["--phase", "finalize", "--frames", "{{Param.Frames}}"]
         job.step("Finish", words, options, chunked=False)
 
 
@@ -191,17 +191,11 @@ class _Job:
 
     def files(self, options: Options, *apart: str) -> Iterator[str]:
         """Yield the words that name the files of options, except those of the fields `apart`."""
-        for each in fields(options):  # type: ignore[arg-type]
-            value = getattr(options, each.name)
-            if (
-                each.metadata["path"]
-                and each.name not in apart
-                and _is_file(value, isinstance(options, Output))
-            ):
-                title = "".join(word.capitalize() for word in each.name.split("_"))
-                flow = "OUT" if isinstance(options, Output) else "IN"
-                yield f"--{each.name.replace('_', '-')}"
-                yield self.path(title, Path(value), flow)
+        flow = "OUT" if isinstance(options, Output) else "IN"
+        for name, path in _files_in(options).items():
+            if name not in apart:
+                yield f"--{name.replace('_', '-')}"
+                yield self.path("".join(word.capitalize() for word in name.split("_")), Path(path), flow)
 
     def step(self, name: str, words: list[str], options: dict[str, Options], chunked: bool = True) -> None:
         """Add a step that runs `relight` with these words and options, for chunks of frames or once."""
@@ -249,18 +243,17 @@ def _analysis_beside(path: Path, plate: object) -> Path:
 
 def _without_files(options: Options) -> dict[str, Any]:
     """Return options as JSON without files that are parameters of the job; other paths become absolute."""
-    written = isinstance(options, Output)
-    names = {
-        each.name
-        for each in fields(options)  # type: ignore[arg-type]
-        if each.name not in ("plate", "paths")
-        and not (each.metadata["path"] and _is_file(getattr(options, each.name), written))
-    }
-    return {name: value for name, value in to_json(options.absolute()).items() if name in names}
+    apart = {"plate", "paths", *_files_in(options)}
+    return {name: value for name, value in to_json(options.absolute()).items() if name not in apart}
 
 
-def _is_file(value: object, written: bool) -> bool:
-    """Return whether an option's value is a file or a sequence, not a colour or a network's name."""
-    if written:
-        return isinstance(value, Path)
-    return files.is_path(value) and (os.path.isfile(value) or FrameSequence.of(value) is not None)
+def _files_in(options: Options) -> dict[str, Any]:
+    """Return the options whose values are files or sequences, not colours or names of networks."""
+
+    def is_file(value: Any) -> bool:
+        if isinstance(options, Output):
+            return isinstance(value, Path)
+        return files.is_path(value) and (os.path.isfile(value) or FrameSequence.of(value) is not None)
+
+    names = [each.name for each in fields(options) if each.metadata["path"]]  # type: ignore[arg-type]
+    return {name: value for name in names if is_file(value := getattr(options, name))}

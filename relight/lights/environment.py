@@ -14,8 +14,6 @@ from pathlib import Path
 from typing import Any, Self
 
 import numpy as np
-import torch
-import torch.nn.functional as F
 from numpy.typing import ArrayLike
 
 from relight.lights import plate
@@ -24,7 +22,7 @@ from relight.lights.parameters import Number, Parameter, checked_number
 from relight.media import cubemap, images, photo_sphere
 from relight.media.content_hash import content_hash
 from relight.media.regular_file import check_regular_file
-from relight.media.resampling import resize
+from relight.media.resampling import resize, sample
 from shadow.directions import from_spherical
 from shadow.files import AnyPath, file_version, is_path
 
@@ -257,10 +255,7 @@ class Panorama:
         fine = resize(self.pixels[rows][:, columns], (height, width))
         x = (column / degrees - (left - margin)) / len(columns) * 2 - 1
         y = ((90 - elevation) / degrees - (top - margin)) / len(rows) * 2 - 1
-        grid = np.stack([np.broadcast_to(x, y.shape), y], axis=-1)
-        source = torch.from_numpy(fine).permute(2, 0, 1)
-        seen = F.grid_sample(source[None], torch.from_numpy(np.float32(grid))[None], align_corners=False)
-        return seen[0].permute(1, 2, 0).numpy()
+        return sample(fine, x, y)
 
     @functools.cached_property
     def _sums(self) -> np.ndarray:

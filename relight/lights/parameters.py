@@ -139,8 +139,15 @@ class Name(Parameter[str | None, str | None]):
     """What can name a light, and layers of an OpenEXR file; or None."""
 
     def checked(self, value: Any) -> str | None:
-        if value is not None:
-            check_name(value)
+        if value is None:
+            return None
+        if not isinstance(value, str) or not value:
+            raise TypeError(f"name: expected a non-empty string, got {reprlib.repr(value)}")
+        if any(unicodedata.category(character) in ("Cc", "Cs") for character in value):
+            raise ValueError(f"name: expected no control characters, got {reprlib.repr(value)}")
+        size = len(value.encode())
+        if size > MAX_NAME_BYTES:
+            raise ValueError(f"name: expected at most {MAX_NAME_BYTES} bytes of UTF-8, got {size}")
         return value
 
 
@@ -161,16 +168,6 @@ def _numbers(name: str, text: str) -> tuple[float, ...]:
         return tuple(map(float, text.split("/")))
     except ValueError as error:
         raise ValueError(f"{name} expects a number, got {text!r}") from error
-
-
-def check_name(name: Any) -> None:
-    """Raise TypeError or ValueError unless `name` can name a light, and layers of an OpenEXR file."""
-    if not isinstance(name, str) or not name:
-        raise TypeError(f"name: expected a non-empty string, got {reprlib.repr(name)}")
-    if any(unicodedata.category(character) in ("Cc", "Cs") for character in name):
-        raise ValueError(f"name: expected no control characters, got {reprlib.repr(name)}")
-    if len(name.encode()) > MAX_NAME_BYTES:
-        raise ValueError(f"name: expected at most {MAX_NAME_BYTES} bytes of UTF-8, got {len(name.encode())}")
 
 
 def checked_numbers(name: str, value: Any, count: int) -> tuple[float, ...]:

@@ -7,14 +7,12 @@ from above, as much as makes the ground as bright as it is.
 """
 
 import numpy as np
-import torch
-import torch.nn.functional as F
 from numpy.typing import ArrayLike
 from scipy.ndimage import gaussian_filter
 
 from relight.media.colour import luminance
 from relight.media.images import scene_linear
-from relight.media.resampling import resize
+from relight.media.resampling import resize, sample
 
 MIN_ALPHA = 0.999  # that filters may leave of 1
 MAX_ROWS = 1024  # of a map
@@ -58,7 +56,7 @@ def surroundings(plate: np.ndarray, field_of_view: float, highlights: float) -> 
     beyond = np.maximum(abs(elevation) - np.arctan(half * np.cos(folded)), 0)  # its upper or lower edge
     outside = np.degrees(np.hypot(beyond, np.maximum(turn - edge, 0) * np.cos(elevation)))
 
-    near, far = (_at(image, across, down.clip(-1, 1)) for image in (plate, _blurred(plate)))
+    near, far = (sample(image, across, down.clip(-1, 1)) for image in (plate, _blurred(plate)))
     fade = _smooth(outside / FADE_DEGREES)[..., None]
     light = near + (far - near) * fade
     light = light + _missing(plate, light, fade * _smooth(np.sin(elevation) / 0.5)[..., None])
@@ -89,14 +87,6 @@ def _expanded(light: np.ndarray, highlights: float) -> np.ndarray:
     """Expand clipped light (H, W, 3), 1, to `highlights`, and nearby values less (Landis 2002)."""
     part = ((luminance(light) - CLIPPING_START) / (1 - CLIPPING_START)).clip(0, 1)[..., None] ** 2
     return light * (1 + part * (highlights - 1))
-
-
-def _at(image: np.ndarray, across: np.ndarray, down: np.ndarray) -> np.ndarray:
-    """Sample an image (rows, columns, 3) at positions in [-1, 1], across (columns,), down (rows, columns)."""
-    grid = np.float32(np.stack([np.broadcast_to(across, down.shape), down], axis=-1))
-    source = torch.from_numpy(np.ascontiguousarray(image.transpose(2, 0, 1)))[None]
-    sampled = F.grid_sample(source, torch.from_numpy(grid)[None], padding_mode="border", align_corners=False)
-    return sampled[0].permute(1, 2, 0).numpy()
 
 
 def _blurred(image: np.ndarray) -> np.ndarray:

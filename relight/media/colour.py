@@ -290,12 +290,7 @@ def temperature(kelvin: float, locus: str = "planckian") -> tuple[float, float, 
     return tuple((rgb / luminance(rgb)).tolist())
 
 
-def luminance_weights(chromaticities: tuple[float, ...] | None = None) -> np.ndarray:
-    """Luminance (3,) of red, green and blue of these primaries and white, Rec.709's unless given."""
-    return rgb_to_xyz(REC709 if chromaticities is None else chromaticities)[1]
-
-
-LUMINANCE = luminance_weights()
+LUMINANCE = rgb_to_xyz(REC709)[1]  # of red, green and blue
 
 
 def luminance(rgb: ArrayLike) -> np.ndarray:

@@ -5,8 +5,8 @@ to its left along +x.
 """
 
 import numpy as np
-import torch
-import torch.nn.functional as F
+
+from relight.media.resampling import sample
 
 X, Y, Z = np.eye(3)
 Face = tuple[np.ndarray, np.ndarray, np.ndarray]  # where it looks, its right, its top; seen from inside
@@ -55,14 +55,9 @@ def to_latlong(pixels: np.ndarray, *, openexr: bool = False) -> np.ndarray:
         chosen = nearest == index
         towards = directions[chosen]
         depth = towards @ forward
-        grid = np.stack([towards @ right / depth, -(towards @ top) / depth], axis=-1)
         face = pixels[row * side : (row + 1) * side, column * side : (column + 1) * side]
-        tensor = torch.from_numpy(np.array(face, np.float32)).permute(2, 0, 1)[None]
-        sampled = F.grid_sample(
-            tensor, torch.from_numpy(grid.astype(np.float32))[None, None], padding_mode="border",
-            align_corners=False,
-        )  # fmt: skip
-        result[chosen] = sampled[0, :, 0].T.numpy()
+        across, down = towards @ right / depth, -(towards @ top) / depth
+        result[chosen] = sample(face, across[None], down[None])[0]
     return result
 
 

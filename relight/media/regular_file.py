@@ -1,7 +1,9 @@
-"""Refuse what is no regular file before it is read: a device or a pipe would never end."""
+"""Files that are read: a device or a pipe, which would never end, is refused, and errors name the file."""
 
 import os
 import stat
+from collections.abc import Iterator
+from contextlib import contextmanager
 from pathlib import Path
 
 from relight.errors import UnsupportedFileError
@@ -23,3 +25,14 @@ def check_regular_file(path: str | os.PathLike[str]) -> Path:
     if not stat.S_ISREG(mode):
         raise UnsupportedFileError(f"{path}: is no regular file")
     return path
+
+
+@contextmanager
+def naming(path: str | os.PathLike[str]) -> Iterator[None]:
+    """Begin the message of each ValueError with the file's name, unless it does."""
+    try:
+        yield
+    except ValueError as error:
+        if str(error).startswith(str(path)):
+            raise
+        raise ValueError(f"{path}: {error}") from error

@@ -11,16 +11,28 @@ from relight.media.buffers import to_array, to_buffer
 
 
 def resize(image: np.ndarray, size: tuple[int, ...], filter_name: str = "blackman-harris") -> np.ndarray:
-    """Resample an image (h, w, C) of floats to (H, W, C) float32; return it as it is if it has that size.
+    """Resample floats (h, w, C) or (h, w) to (H, W, C) or (H, W) float32; as they are if they have that size.
 
     `size`: (H, W) in pixels, at least 1. `filter_name`: a filter of OpenImageIO; the default has no negative
     lobes: a lamp gets no dark ring.
     """
     if image.shape[:2] == tuple(size):
         return image
-    region = oiio.ROI(0, size[1], 0, size[0], 0, 1, 0, image.shape[2])
-    resized = oiio.ImageBufAlgo.resize(to_buffer(image), filter_name, roi=region)
-    return to_array(resized).reshape(size[0], size[1], image.shape[2])
+    pixels = image.reshape(*image.shape[:2], -1)
+    region = oiio.ROI(0, size[1], 0, size[0], 0, 1, 0, pixels.shape[2])
+    resized = oiio.ImageBufAlgo.resize(to_buffer(pixels), filter_name, roi=region)
+    return to_array(resized).reshape(*size, *image.shape[2:])
+
+
+def sample(image: np.ndarray, across: np.ndarray, down: np.ndarray) -> np.ndarray:
+    """Interpolate an image (h, w, C) at positions (H, W) in [-1, 1] between its edges: (H, W, C) float32.
+
+    `across` and `down` may have any shapes that are broadcast to (H, W). The image goes on beyond its edges.
+    """
+    grid = np.float32(np.stack(np.broadcast_arrays(across, down), axis=-1))
+    source = torch.from_numpy(np.array(image, np.float32)).permute(2, 0, 1)[None]
+    found = F.grid_sample(source, torch.from_numpy(grid)[None], padding_mode="border", align_corners=False)
+    return found[0].permute(1, 2, 0).numpy()
 
 
 def fill_unknown(image: np.ndarray, known: np.ndarray) -> np.ndarray:

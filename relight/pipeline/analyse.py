@@ -1,7 +1,7 @@
 """Keeps the analysis of a still or a shot: one file a frame, which is relit without a network."""
 
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import Any
 
 from relight.media.sequences import FrameRange
 from relight.pipeline.cache import SUFFIX, check_kind, is_cache
@@ -11,12 +11,9 @@ from relight.pipeline.option_fields import Report
 from relight.pipeline.options import Compute, Source
 from relight.pipeline.shot import Shot
 
-if TYPE_CHECKING:
-    from relight.pipeline.options import Picture
-
 
 def analyse_shot(
-    source: "Source | Picture",
+    source: Source | Any,
     output: str | Path,
     *,
     compute: Compute | None = None,

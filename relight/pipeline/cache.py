@@ -6,7 +6,7 @@ No file stands for the whole shot, so any number of machines may write frames in
 import math
 import os
 import warnings
-from collections.abc import Callable, Iterable
+from collections.abc import Callable
 from fractions import Fraction
 from pathlib import Path
 from typing import Any, TypeGuard, TypeVar
@@ -18,7 +18,7 @@ from relight.lights.environment import FIELD_OF_VIEW
 from relight.media.content_hash import FileRecord
 from relight.media.sequences import FrameSequence
 from relight.pipeline.options import Compute, Source
-from relight.pipeline.plate_metadata import PlateMetadata, relative_path
+from relight.pipeline.plate_metadata import PlateMetadata
 from relight.subject import Person, weights
 from shadow.files import AnyPath, is_path
 
@@ -34,10 +34,10 @@ def is_cache(path: object) -> TypeGuard[str | Path]:
     return is_path(path) and (Path(path).suffix.lower() == SUFFIX or Path(path).is_dir())
 
 
-def check_not_analysed(source: Source, compute: Compute | None = None) -> None:
+def check_not_analysed(source: Source, compute: Compute) -> None:
     """Raise ValueError if an analysis cache is given together with options that it was made with."""
     given = [name for name in source.given() if name != "plate"]
-    given += ["precision"] if compute is not None and compute.precision is not None else []
+    given += ["precision"] if compute.precision is not None else []
     if is_cache(source.plate) and given:
         raise ValueError(f"{given[0]}: {source.plate} is analysed already; give it to `relight analyse`")
 
@@ -213,11 +213,6 @@ class AnalysisCache:
         if kind not in self._warned:
             self._warned.add(kind)
             warnings.warn(f"{self.folder}: {message}", stacklevel=2)
-
-
-def describe_sources(folder: Path, records: Iterable[FileRecord]) -> list[dict[str, Any]]:
-    """Return the files from which a frame was made, as entries of its provenance."""
-    return [record._asdict() | {"path": relative_path(record.path, folder)} for record in records]
 
 
 def compare_sources(folder: Path, provenance: dict[str, Any]) -> tuple[list[Path], list[Path]]:

@@ -6,8 +6,8 @@ from typing import Any
 
 from relight import __version__
 from relight.media.content_hash import content_hash
-from relight.pipeline.cache import describe_sources, frame_file, is_made_from
-from relight.pipeline.plate_metadata import VERSION, PlateMetadataReader
+from relight.pipeline.cache import frame_file, is_made_from
+from relight.pipeline.plate_metadata import VERSION, PlateMetadataReader, relative_path
 from relight.pipeline.shot import Shot
 
 
@@ -36,9 +36,10 @@ class CacheWriter:
         if there and is_made_from(path, self._content_hash(number)):
             return
         person = self._shot.person(number)
+        files = self._shot.records(number)
         made = {
             "content_hash": self._content_hash(number, as_read=True),
-            "sources": describe_sources(self._folder, self._shot.records(number)),
+            "sources": [file._asdict() | {"path": relative_path(file.path, self._folder)} for file in files],
             "plate_metadata": self._plates.at(number).to_json(self._folder),
         }
         person.save(path, provenance=self._provenance | made)

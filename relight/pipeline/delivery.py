@@ -1,7 +1,6 @@
 """What the outputs of a shot keep of its source: the shape of pixels, timecode, camera metadata and sound."""
 
 import warnings
-from collections.abc import Callable
 from fractions import Fraction
 
 import numpy as np
@@ -12,7 +11,7 @@ from relight.media.movies.tracks import Tracks
 from relight.media.pixel_aspect import squeeze_pixels
 from relight.media.sequences import FrameRange
 from relight.media.timecode import suits_rate
-from relight.pipeline.plate_metadata import PlateMetadata, PlateMetadataReader
+from relight.pipeline.plate_metadata import PlateMetadataReader
 from relight.pipeline.shot import Shot
 from relight.rendering import Layers
 
@@ -26,19 +25,14 @@ class Delivery:
     the picture has a size of its own.
     """
 
-    def __init__(self, shot: Shot | None = None, rate: float | Fraction | None = None) -> None:
+    def __init__(self, shot: Shot, rate: float | Fraction | None = None) -> None:
         """`rate`: of the outputs, in frames a second; the source's unless given."""
-        self.pixel_aspect = 1.0 if shot is None else shot.pixel_aspect
-        self._stated = None if shot is None else shot.rate
+        self.pixel_aspect, self._stated = shot.pixel_aspect, shot.rate
         self.rate: float | Fraction = rate or self._stated or RATE
         self._warned = False
         self._timecode: str | None = None  # of the plate whose metadata was asked for last
-        self._plate_metadata: Callable[[int], PlateMetadata] = lambda number: PlateMetadata()
-        if shot is not None:
-            cache = shot.frames.cache
-            self._plate_metadata = (
-                PlateMetadataReader(shot.frames.plates).at if cache is None else cache.plate_metadata
-            )
+        cache, plates = shot.frames.cache, shot.frames.plates
+        self._plate_metadata = PlateMetadataReader(plates).at if cache is None else cache.plate_metadata
 
     def metadata(self, number: int) -> images.Metadata:
         """Return what the header of an .exr states of a plate's scene and camera."""
@@ -78,12 +72,6 @@ class Delivery:
         warnings.warn(f"{path}: has no sound, {why}", stacklevel=2)
         return silent
 
-    def squeeze(self, picture: np.ndarray) -> np.ndarray:
-        """Return a picture (H, W, C) or matte (H, W) of square pixels with pixels of the plates' shape."""
-        channels = picture[..., None] if picture.ndim == 2 else picture
-        squeezed = squeeze_pixels(channels, self.pixel_aspect)
-        return squeezed[..., 0] if picture.ndim == 2 else squeezed
-
     def squeeze_layers(
         self, picture: np.ndarray, layers: Layers, metadata: images.Metadata, exr_type: str
     ) -> tuple[np.ndarray, Layers, images.Metadata]:
@@ -97,12 +85,11 @@ class Delivery:
         squeezed: Layers = {}
         for name, layer in layers.items():
             is_light = name.startswith(("C_", "shadow_floor"))
-            channels = layer[..., None] if layer.ndim == 2 else layer
-            pixels = squeeze_pixels(channels, self.pixel_aspect, nearest=not is_light)
+            pixels = squeeze_pixels(layer, self.pixel_aspect, nearest=not is_light)
             if is_light and exr_type == "half":
                 pixels = images.half(np.asarray(pixels, np.float32), name)
-            squeezed[name] = pixels[..., 0] if layer.ndim == 2 else pixels
-        picture = self.squeeze(picture)
+            squeezed[name] = pixels
+        picture = squeeze_pixels(picture, self.pixel_aspect)
         groups = [layer[..., :3] for name, layer in squeezed.items() if name.startswith("C_")]
         if groups:
             picture = np.concatenate([np.sum(groups, axis=0), picture[..., 3:]], axis=-1, dtype=np.float32)

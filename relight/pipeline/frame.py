@@ -325,9 +325,7 @@ class FrameReader:
         if not isinstance(values, np.ndarray) or values.shape[:2] == plate.shape[:2] or path is None:
             return values
         aspect = getattr(self.plates, "pixel_aspect", None) or images.read_pixel_aspect(path)
-        channels = values[..., None] if values.ndim == 2 else values
-        squared = square_pixels(channels, aspect, nearest=True)
-        squared = squared[..., 0] if values.ndim == 2 else squared
+        squared = square_pixels(values, aspect, nearest=True)
         return squared if squared.shape[:2] == plate.shape[:2] else values
 
     def _placed_depth(self, depth: np.ndarray, size: tuple[int, ...], person: np.ndarray) -> np.ndarray:

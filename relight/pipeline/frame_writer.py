@@ -4,13 +4,14 @@ import warnings
 
 from relight.media import images
 from relight.media.content_hash import HASH_ATTRIBUTE, content_hash
+from relight.media.pixel_aspect import squeeze_pixels
 from relight.media.sequences import FrameRange
 from relight.pipeline.delivery import Delivery
 from relight.pipeline.option_fields import Phase, Report
 from relight.pipeline.options import Output
 from relight.pipeline.outputs import is_exr
 from relight.pipeline.shot import Shot
-from relight.pipeline.sinks import FrameSink, Sinks, file_of
+from relight.pipeline.sinks import FileSink, MovieSink, Sinks, file_of
 from relight.rendering import metadata_of, render_subject
 from relight.subject import Person
 
@@ -33,7 +34,7 @@ class FrameWriter:
 
     def begin(self, numbers: FrameRange, report: Report) -> None:
         """Find out which frames exist already, and prepare the sinks."""
-        if self._resume or self._phase is Phase.finalize:
+        if self._resume or self._phase == "finalize":
             for done, number in enumerate(numbers, 1):
                 self.hashes[number] = self._content_hash(number)
                 report(done, len(numbers), "Checking")
@@ -44,7 +45,7 @@ class FrameWriter:
     def write(self, number: int) -> None:
         """Write the frame to all outputs that lack it, and its matte. Raises OSError or ValueError."""
         made = self.hashes.get(number) or self._content_hash(number)
-        if self._phase is Phase.finalize:
+        if self._phase == "finalize":
             self._check_exists(number, made)
         else:
             made = self._write(number, made)
@@ -90,13 +91,15 @@ class FrameWriter:
             self._write_matte(number, person, made)
         return made
 
-    def _write_picture(self, number: int, person: Person, sinks: list[FrameSink], made: str) -> None:
+    def _write_picture(
+        self, number: int, person: Person, sinks: list[FileSink | MovieSink], made: str
+    ) -> None:
         """Render the frame, and write it to some of the sinks."""
         shot, output, size = self._shot, self._output, person.size
         picture, layers = render_subject(
             person, [*shot.lights(number), *shot.background_lights(number, size)],
             background=shot.background(number, size), passes=output.passes,
-            exr_type=output.exr_type.value, floor=shot.lighting.floor, gloss=shot.lighting.effective_gloss,
+            exr_type=output.exr_type, floor=shot.lighting.floor, gloss=shot.lighting.effective_gloss,
             layered=any(map(is_exr, output.paths)),
         )  # fmt: skip
         metadata = {**self._delivery.metadata(number), **metadata_of(person, output.passes)}
@@ -109,6 +112,6 @@ class FrameWriter:
         path, matte = self._mattes.path(number), person.matte
         metadata: images.Metadata = {HASH_ATTRIBUTE: made}
         if is_exr(path) and self._delivery.pixel_aspect != 1:
-            matte = self._delivery.squeeze(matte).clip(0, 1)
+            matte = squeeze_pixels(matte, self._delivery.pixel_aspect).clip(0, 1)
             metadata = {**metadata, "PixelAspectRatio": self._delivery.pixel_aspect}
         images.write_mask(path, matte, metadata=metadata)

@@ -10,9 +10,8 @@ import os
 import re
 from collections.abc import Callable, Mapping
 from dataclasses import MISSING, field, fields
-from enum import Enum, StrEnum
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, NoReturn, Self, TypeVar, cast
+from typing import TYPE_CHECKING, Any, Literal, Self, TypeVar, cast, get_args, get_origin
 
 if TYPE_CHECKING:
     from relight.compositing.floor import Floor
@@ -21,46 +20,13 @@ BACKGROUND = "background"  # as a size: the background's own
 
 Report = Callable[[int, int, str], None]  # frames done, frames in all, what is done
 
-
-class Screen(StrEnum):
-    """The colour of a screen that a person is keyed from."""
-
-    green = "green"
-    blue = "blue"
-
-
-class Fitting(StrEnum):
-    """How a photograph lies in a picture of another size."""
-
-    fit = "fit"
-    fill = "fill"
-    centre = "centre"
-
-
-class Alpha(StrEnum):
-    """Whether colours are multiplied by alpha."""
-
-    straight = "straight"
-    premultiplied = "premultiplied"
-
-
-class ExrType(StrEnum):
-    """The type of an OpenEXR file's channels."""
-
-    half = "half"
-    float = "float"
-
-
-class Phase(StrEnum):
-    """What a run does of a shot whose frames are made in chunks."""
-
-    all = "all"
-    frames = "frames"  # the frames of a chunk: no movie and no script
-    finalize = "finalize"  # movies and scripts, from the frames that the chunks have made
-
-    @classmethod
-    def _missing_(cls, value: object) -> NoReturn:
-        raise ValueError(f"phase: expected one of {', '.join(cls)}, got {value!r}")
+Screen = Literal["green", "blue"]  # the colour of a screen that a person is keyed from
+Fitting = Literal["fit", "fill", "centre"]  # how a photograph lies in a picture of another size
+Alpha = Literal["straight", "premultiplied"]  # whether colours are multiplied by alpha
+ExrType = Literal["half", "float"]  # the type of an OpenEXR file's channels
+# What a run does of a shot whose frames are made in chunks: all of it; the frames of a chunk, no movie and no
+# script; or movies and scripts, from the frames that the chunks have made.
+Phase = Literal["all", "frames", "finalize"]
 
 
 def option(
@@ -76,7 +42,7 @@ def option(
     """Declare a field that is an option of the command line as well.
 
     `help`: one or two sentences. `default`: of the field and of the option; MISSING for what must be given.
-    `text`: the type in which the command line takes it: str, int, float, bool, an enumeration, list[str];
+    `text`: the type in which the command line takes it: str, int, float, bool, list[str], or a Literal;
     `parse`: from there to the field's value. `flags`: names of the option, where `--field-name` is not the
     one. `path`: whether a text may name a file or a sequence of files. `limits`: further arguments of
     `typer.Option`, such as min.
@@ -89,15 +55,13 @@ class Options:
     """What the four kinds of options have in common."""
 
     def __post_init__(self) -> None:
-        """Make lists tuples, and texts the members of an enumeration that they name."""
+        """Make lists tuples, and refuse words that are none of those to choose from."""
         for each in fields(cast(Any, self)):
             value, kind = getattr(self, each.name), each.metadata["text"]
             if isinstance(value, list):
                 self._set(each.name, tuple(value))
-            elif isinstance(kind, type) and issubclass(kind, Enum) and value is not None:
-                if value not in list(kind):
-                    raise ValueError(f"{each.name}: expected one of {', '.join(kind)}, got {value!r}")
-                self._set(each.name, kind(value))
+            elif get_origin(kind) is Literal and value is not None and value not in get_args(kind):
+                raise ValueError(f"{each.name}: expected one of {', '.join(get_args(kind))}, got {value!r}")
 
     @classmethod
     def of(cls, given: Any) -> Self:
@@ -253,8 +217,6 @@ def _plain(name: str, value: Any) -> Any:
         from relight.lights.files import to_entries
 
         return to_entries(value)
-    if isinstance(value, Enum):
-        return value.value
     if isinstance(value, os.PathLike):
         return os.fspath(value)
     if isinstance(value, tuple | list):

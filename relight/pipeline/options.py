@@ -94,9 +94,7 @@ class Source(Options):
         "Size of the picture: 1920x1080, or background for that of the background. Default: the source's.",
         parse=parse_size,
     )
-    placement: Fitting = option(
-        "How the source is placed in a picture of another size.", Fitting.fit, text=Fitting
-    )
+    placement: Fitting = option("How the source is placed in a picture of another size.", "fit", text=Fitting)
     scale: float = option("Scale of the source, after --placement.", 1.0, text=float)
     offset: tuple[int, int] = option(
         "Shift of the source in pixels: RIGHT/UP. Default: 0/0.", (0, 0), parse=parse_offset
@@ -321,7 +319,7 @@ class Output(Options):
         parse=parse_passes,
     )
     exr_type: ExrType = option(
-        "Type of the .exr channels; float for lights that are too dim for half.", ExrType.half, text=ExrType
+        "Type of the .exr channels; float for lights that are too dim for half.", "half", text=ExrType
     )
     output_colour_space: str | None = option(
         "Colour space of .exr outputs: ACEScg, ACES2065-1, Rec.2020, P3... Default: linear Rec.709."

@@ -28,7 +28,7 @@ def check_outputs(output: Output, sources: Iterable[object], sidecar: Path | Non
         raise ValueError("output: expected at least one file to write (-o FILE)")
     for path in output.paths:
         if movies.is_movie(path):
-            movies.check_writable(path)
+            files.check_writable(path, movies.WRITTEN)
         elif not nuke.is_script(path):
             images.check_writable(path)
         elif not any(is_exr(other) for other in output.paths):

@@ -9,7 +9,7 @@ from typing import Any, Self
 
 from relight.media import images, movies
 from relight.media.movies import RATE
-from relight.media.movies.tracks import has_sound, read_tags
+from relight.media.movies.tracks import read_tags
 from relight.media.privacy import is_private
 from relight.media.timecode import offset_timecode, pack_timecode, packs, unpack_timecode
 from relight.pipeline.readers import Reader
@@ -119,7 +119,7 @@ class PlateMetadataReader:
     def _stated(self) -> tuple[str | None, dict[str, str], bool]:
         """Timecode of a movie's first frame, its tags, and whether it has sound: read once for all frames."""
         assert isinstance(self._plates, movies.Movie)
-        return *read_tags(self._plates.path), has_sound(self._plates.path)
+        return read_tags(self._plates.path)
 
 
 def _is_kept(value: Any) -> bool:

@@ -50,13 +50,13 @@ class ReadLog:
         return reader.content_hash(number, record.sha256)
 
 
-def reader_of(value: object, read: Callable, read_movie: Callable, colour_space: str | None = None) -> Reader:
+def reader_of(value: object, read: Callable, read_movie: Callable) -> Reader:
     """Return the reader of an argument. `read` and `read_movie` take the path of an image or of a movie."""
     if not is_path(value):
         return Still(value)
     if movies.is_movie(value):
         record = FileRecord.of(Path(value)) if Path(value).is_file() else None
-        movie = read_movie(value, colour_space=colour_space)
+        movie = read_movie(value)
         movie.record = record
         return movie
     sequence = FrameSequence.of(value)
@@ -68,8 +68,7 @@ def plate_reader(picture: object, colour_space: str | None, alpha: str | None = 
     reader = reader_of(
         picture,
         lambda path: images.read(path, colour_space=colour_space, alpha=alpha),
-        lambda path, **space: movies.Movie(path, alpha=alpha, **space),
-        colour_space,
+        lambda path: movies.Movie(path, colour_space=colour_space, alpha=alpha),
     )
     if isinstance(reader, SequenceReader):
         reader.rate = images.read_frame_rate(reader.sequence.path(reader.numbers[0]))
@@ -78,7 +77,7 @@ def plate_reader(picture: object, colour_space: str | None, alpha: str | None = 
 
 def matte_reader(mask: "Picture | None") -> Reader:
     """Return the reader of a matte."""
-    return reader_of(mask, images.read_mask, movies.MatteMovie, "lin_rec709")
+    return reader_of(mask, images.read_mask, movies.MatteMovie)
 
 
 def normals_reader(normals: "Normals | None", axes: str | None) -> Reader:
@@ -119,5 +118,5 @@ def check_unchanged(record: FileRecord) -> None:
         raise ValueError(f"{record.path}: was changed while it was read; run the command again")
 
 
-def _refuse_movie(path: Path, **_: object) -> Still:
+def _refuse_movie(path: Path) -> Still:
     raise ValueError(f"normals, depth: expected images, got the movie {path}")

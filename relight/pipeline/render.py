@@ -1,6 +1,6 @@
 """Renders a shot from files to files: a still, a sequence or a movie. A still is a shot of one frame."""
 
-from typing import Any
+from typing import Any, get_args
 
 from relight.media.sequences import FrameRange
 from relight.pipeline import outputs
@@ -21,7 +21,7 @@ def render_shot(
     compute: Compute | None = None,
     frames: tuple[int, int] | str | FrameRange | None = None,
     resume: bool = False,
-    phase: Phase | str = Phase.all,
+    phase: Phase = "all",
     progress: Report | None = None,
 ) -> dict[int, str]:
     """Relight a still, a sequence, a movie or an analysis cache, from files to files.
@@ -80,7 +80,9 @@ def render_shot(
     >>> relight.render_shot("examples/person.png", key, "relit.exr")
     {}
     """
-    source, output, phase = Source.of(source), Output.of(output), Phase(phase)
+    source, output = Source.of(source), Output.of(output)
+    if phase not in get_args(Phase):
+        raise ValueError(f"phase: expected one of {', '.join(get_args(Phase))}, got {phase!r}")
     lighting = outputs.with_background(source, Lighting.of(lighting), output)
     with Shot.open(source, lighting, compute) as shot:
         return render_frames(shot, output, frames, resume=resume, phase=phase, progress=progress)
@@ -92,7 +94,7 @@ def render_frames(
     frames: tuple[int, int] | str | FrameRange | None = None,
     *,
     resume: bool = False,
-    phase: Phase = Phase.all,
+    phase: Phase = "all",
     progress: Report | None = None,
 ) -> dict[int, str]:
     """Relight the frames of an open shot; `render_shot` describes arguments, result and errors."""
@@ -111,7 +113,7 @@ def render_frames(
     writer = FrameWriter(shot, output, sinks, delivery, phase, resume)
     writer.begin(numbers, report)
     problems = each_frame(numbers, writer.write, report, "Relighting", raises=not moving)
-    if phase is not Phase.frames:
+    if phase != "frames":
         check_any_made(numbers, problems)
         sinks.finish(numbers, writer.hashes, problems, report)
     if output.save_lights is not None:

@@ -4,7 +4,7 @@ import contextlib
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any, Protocol
+from typing import Any
 
 import numpy as np
 
@@ -12,6 +12,7 @@ from relight.media import images, movies, nuke
 from relight.media.colour import encode, linear_space
 from relight.media.content_hash import HASH_ATTRIBUTE, content_hash
 from relight.media.nuke_relight import LiveLight
+from relight.media.pixel_aspect import squeeze_pixels
 from relight.media.sequences import FrameRange, FrameSequence
 from relight.pipeline.delivery import Delivery
 from relight.pipeline.option_fields import Phase, Report
@@ -22,28 +23,11 @@ from relight.rendering import Layers
 Made = Mapping[int, str]  # {frame number: content hash of what the frame is made from}
 
 
-class FrameSink(Protocol):
-    """An output that takes a shot's frames one by one."""
-
-    path: Any
-
-    def has(self, number: int, made: str) -> bool:
-        """Return whether the frame exists, and was made from exactly these inputs."""
-
-    def exists(self, number: int) -> bool:
-        """Return whether the frame exists, from whatever inputs."""
-
-    def write(
-        self, number: int, picture: np.ndarray, layers: Layers, made: str, metadata: images.Metadata
-    ) -> None:
-        """Write a frame."""
-
-
 @dataclass(frozen=True)
 class Sinks:
     """The outputs of a shot."""
 
-    frames: list[FrameSink]  # all that take frames, movies among them
+    frames: list["FileSink | MovieSink"]  # all that take frames, movies among them
     movies: list["MovieSink"]  # complete only when all frames are there, as scripts are
     scripts: list["ScriptSink"]
 
@@ -113,11 +97,11 @@ def open_sinks(
         if not any(is_exr(path) for path in output.paths):
             raise ValueError("--output-colour-space: is that of .exr files; expected one among the outputs")
     exr = {
-        "depth": output.exr_type.value,
+        "depth": output.exr_type,
         "autocrop": output.autocrop,
         "colour_space": output.output_colour_space,
     }
-    frames: list[FrameSink] = []
+    frames: list[FileSink | MovieSink] = []
     movie_sinks: list[MovieSink] = []
     for path in output.paths:
         if nuke.is_script(path):
@@ -125,12 +109,12 @@ def open_sinks(
         if movies.is_movie(path):
             if transparent and path.suffix.lower() == ".mp4":
                 raise ValueError(f"{path}: .mp4 holds no alpha; give a background, or write a .mov")
-            movie_sinks.append(MovieSink(path, resume or phase is not Phase.all, display, delivery))
+            movie_sinks.append(MovieSink(path, resume or phase != "all", display, delivery))
             frames.append(movie_sinks[-1])
         else:
             if transparent and path.suffix.lower() in images.OPAQUE_SUFFIXES:
                 raise ValueError(f"{path}: {path.suffix} holds no alpha; give a background")
-            frames.append(FileSink(file_of(path), resume or phase is Phase.finalize, display, exr, delivery))
+            frames.append(FileSink(file_of(path), resume or phase == "finalize", display, exr, delivery))
     exrs = [path for path in output.paths if is_exr(path)]
     scripts = []
     for path in (path for path in output.paths if nuke.is_script(path)):
@@ -140,24 +124,23 @@ def open_sinks(
     return Sinks(frames, movie_sinks, scripts)
 
 
+@dataclass
 class FileSink:
     """A file a frame."""
 
-    def __init__(
-        self,
-        path: FrameSequence | SingleFile,
-        resume: bool,
-        display: dict[str, Any],
-        exr: dict[str, Any],
-        delivery: Delivery,
-    ) -> None:
-        self.path, self.resume, self.display, self.exr, self.delivery = path, resume, display, exr, delivery
+    path: FrameSequence | SingleFile
+    resume: bool
+    display: dict[str, Any]
+    exr: dict[str, Any]
+    delivery: Delivery
 
     def has(self, number: int, made: str) -> bool:
+        """Return whether the frame exists, and was made from exactly these inputs."""
         path = self.path.path(number)
         return self.resume and images.read_content_hash(path) == self._hash(path, made)
 
     def exists(self, number: int) -> bool:
+        """Return whether the frame exists, from whatever inputs."""
         return self.path.path(number).exists()
 
     def write(
@@ -181,24 +164,19 @@ class FileSink:
         return content_hash(made, self.display)
 
 
+@dataclass
 class ScriptSink:
     """A Nuke script, written once the frames that it reads are there."""
 
-    def __init__(
-        self,
-        path: Path,
-        groups: Mapping[str, tuple[FrameSequence | SingleFile, str | None]],
-        moving: bool,
-        delivery: Delivery,
-        live: bool = False,
-    ) -> None:
-        """Take {light: (its file or sequence, the layer in it)}; all frames have all groups.
+    path: Path
+    # {light: (its file or sequence, the layer in it)}; all frames have all groups
+    groups: Mapping[str, tuple[FrameSequence | SingleFile, str | None]]
+    moving: bool
+    delivery: Delivery
+    live: bool = False  # whether the files have the passes that Nuke's own light needs
 
-        `live`: the files have the passes that Nuke's own light needs.
-        """
-        self.path, self.groups, self.moving, self.delivery = path, groups, moving, delivery
-        self.live = live
-        nuke.check_layers(layer for _, layer in groups.values() if layer is not None)
+    def __post_init__(self) -> None:
+        nuke.check_layers(layer for _, layer in self.groups.values() if layer is not None)
 
     def write(self, numbers: FrameRange) -> None:
         """Write the script of these frames, some of which may be missing."""
@@ -216,7 +194,10 @@ class ScriptSink:
 
 
 class MovieSink:
-    """A movie. Until it is complete, its frames are half-float files in a folder beside it."""
+    """A movie, which takes frames as `FileSink` does.
+
+    Until it is complete, its frames are half-float files in a folder beside it.
+    """
 
     def __init__(self, path: Path, resume: bool, display: dict[str, Any], delivery: Delivery) -> None:
         self.path, self.resume, self.display, self.delivery = path, resume, display, delivery
@@ -277,7 +258,7 @@ class MovieSink:
                     f"{self.path}: frame {shown} has another size than the first, "
                     f"{picture.shape[:2]} instead of {size}"
                 )
-            yield self.delivery.squeeze(picture)
+            yield squeeze_pixels(picture, self.delivery.pixel_aspect)
             report(done, len(numbers), f"Encoding {self.path.name}")
 
     def _clear(self) -> None:

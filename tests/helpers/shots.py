@@ -6,7 +6,6 @@ from dataclasses import fields
 
 import relight
 from relight.pipeline.analyse import store_frames
-from relight.pipeline.option_fields import Phase
 from relight.pipeline.options import GROUPS
 from relight.pipeline.outputs import with_background
 from relight.pipeline.render import render_frames
@@ -36,7 +35,7 @@ def render(source, lights, outputs, *, analyse=None, **settings):
     source, lighting, output, compute = (options.pop(name) for name in GROUPS)
     lighting = with_background(source, lighting, output)
     with Shot.open(source, lighting, compute, analyse) as shot:
-        return render_frames(shot, output, **options | {"phase": Phase(options.pop("phase", Phase.all))})
+        return render_frames(shot, output, **options)
 
 
 def analyse(source, output, *, analyse=None, **settings):

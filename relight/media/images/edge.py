@@ -62,8 +62,8 @@ def linearise(pixels: np.ndarray, *, straight: bool, space: colour.Space) -> np.
     rgb, alpha = pixels[..., :3], pixels[..., 3:]
     if np.issubdtype(pixels.dtype, np.integer):
         alpha = alpha / np.float32(np.iinfo(pixels.dtype).max)
-    floating = np.issubdtype(pixels.dtype, np.floating)
-    if floating and not straight and isinstance(space, str) and _is_rec709(space):
+    is_rec709 = isinstance(space, str) and colour.resolve(space) == colour.resolve(colour.LINEAR)
+    if is_rec709 and not straight and np.issubdtype(pixels.dtype, np.floating):
         return np.ascontiguousarray(pixels, np.float32)
     if not straight and _is_light(space):  # of other primaries: light without coverage stays
         return np.concatenate([colour.decode(rgb, space), alpha], axis=-1, dtype=np.float32)
@@ -71,10 +71,6 @@ def linearise(pixels: np.ndarray, *, straight: bool, space: colour.Space) -> np.
         scale = np.iinfo(pixels.dtype).max if np.issubdtype(pixels.dtype, np.integer) else 1
         rgb = np.divide(rgb / np.float32(scale), alpha, out=np.zeros(rgb.shape, np.float32), where=alpha > 0)
     return np.concatenate([colour.decode(rgb, space) * alpha, alpha], axis=-1, dtype=np.float32)
-
-
-def _is_rec709(space: str) -> bool:
-    return colour.resolve(space) == colour.resolve(colour.LINEAR)
 
 
 def _is_light(space: colour.Space) -> bool:

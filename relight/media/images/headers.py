@@ -248,14 +248,16 @@ class RadianceHeader:
     format_at: int = -1
 
 
-def radiance_header(data: bytes) -> RadianceHeader | None:
-    """Parse the header of a Radiance picture (its reference manual, "File Formats"); None for other files.
+def radiance_header(path: Path) -> RadianceHeader:
+    """Read the header of a Radiance picture (its reference manual, "File Formats"); none of another file.
 
     EXPOSURE, COLORCORR and PIXASPECT multiply where they stand several times. Indented lines are those of
     pictures that this one was made from. Raises ValueError for values that are no numbers.
     """
+    with path.open("rb") as file:
+        data = file.read(RADIANCE_HEADER)
     if not data.startswith(b"#?"):
-        return None
+        return RadianceHeader()
     head = data[:RADIANCE_HEADER].partition(b"\n\n")[0]
     exposure, aspect, chromaticities, is_xyz = [1.0, 1.0, 1.0], 1.0, None, False
     gamma = 1.0
@@ -281,12 +283,9 @@ def radiance_header(data: bytes) -> RadianceHeader | None:
     )
 
 
-def radiance_encoding(path: Path) -> Encoding | None:
-    """Return what the header of a Radiance picture says of its colour; None if nothing."""
-    with path.open("rb") as file:
-        header = radiance_header(file.read(RADIANCE_HEADER))
-    if header is None:
-        return None
+def radiance_encoding(path: Path) -> Encoding:
+    """Return what the header of a Radiance picture says of its colour."""
+    header = radiance_header(path)
     return Encoding(XYZ if header.is_xyz else header.chromaticities or REC709, power(header.gamma))
 
 

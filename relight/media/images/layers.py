@@ -1,4 +1,4 @@
-"""The parts and layers of a picture's file: which channels are the beauty, and which belong to a layer.
+"""A picture as its file stores it, in parts and layers: which channels are the beauty, which are a layer's.
 
 A layer is what stands before the last dot of a channel's name, `albedo` in `albedo.R`; in a file of several
 parts (OpenEXR 2.0) also a part's name, where its channels have no layer.
@@ -9,6 +9,9 @@ from collections.abc import Iterable
 from dataclasses import dataclass
 from pathlib import Path
 
+import numpy as np
+
+from relight.media import colour
 from shadow.files import AnyPath
 
 # Names of the picture itself: Nuke, Houdini and Karma, RenderMan, Blender, Arnold, Unreal.
@@ -38,6 +41,18 @@ class Layer:
         """Return whether the layer has red, green and blue, or grey."""
         grey = "Y" in self.channels and "X" not in self.channels  # X and Y are of a vector
         return {"R", "G", "B"} <= self.channels.keys() or grey
+
+
+@dataclass(frozen=True)
+class StoredPicture:
+    """Pixels as their file stores them, with nothing made of their code values, and what it says of them."""
+
+    pixels: np.ndarray  # (H, W, C), uint8, uint16 or float32, upright, filling the display window
+    names: tuple[str, ...]  # of the channels, such as R, G, B, A, or N.X
+    space: colour.Space  # that the file states, or that its type implies
+    straight: bool = False  # whether colours are not multiplied by alpha
+    aspect: float = 1.0  # how many times as wide as high the pixels are
+    unsigned: bool = False  # whether values are OpenEXR's UINT: counts or object numbers, and no light
 
 
 def split_layer(path: AnyPath) -> tuple[Path, str | None]:

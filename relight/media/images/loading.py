@@ -16,10 +16,17 @@ from relight.media.encodings import AP0, REC709, Encoding, decode_bt709, decode_
 from relight.media.icc import Profile
 from relight.media.images import headers, pages, phone
 from relight.media.images.jpeg2000 import jpeg2000_header, jpeg2000_space
-from relight.media.images.layers import Layer, Part, find_beauty, find_layer, index_layers, split_layer
-from relight.media.images.stored import StoredPicture
-from relight.media.images.turning import SIDEWAYS, upright
-from relight.media.pixel_aspect import growth
+from relight.media.images.layers import (
+    Layer,
+    Part,
+    StoredPicture,
+    find_beauty,
+    find_layer,
+    index_layers,
+    split_layer,
+)
+from relight.media.pixel_aspect import SIDEWAYS, growth, upright
+from relight.media.regular_file import naming
 from shadow.files import AnyPath
 
 # OpenImageIO's own limit, 1024, is passed by an OpenEXR file of 256 lights; more than this is a damaged file.
@@ -57,7 +64,7 @@ def load(
     if not path.is_file():
         raise ValueError(f"{path}: expected a file")
     read_phone = phone.reader(path)
-    with _named(path):
+    with naming(path):
         if read_phone is not None:
             if layer is not None:
                 raise ValueError("layer: only OpenEXR files have layers")
@@ -67,21 +74,10 @@ def load(
             return _load(path, file, layer, wanted, space)
 
 
-@contextmanager
-def _named(path: Path) -> Iterator[None]:
-    """Name the file in each ValueError."""
-    try:
-        yield
-    except ValueError as error:
-        if str(error).startswith(str(path)):
-            raise
-        raise ValueError(f"{path}: {error}") from error
-
-
 def layers_of(path: AnyPath) -> dict[str, Layer]:
     """Return the layers of an OpenEXR file, the picture itself without a name; raises as `load` does."""
     path = Path(path)
-    with _named(path), _openable(path) as file:
+    with naming(path), _openable(path) as file:
         return index_layers(_parts(_opened(file)))
 
 
@@ -90,7 +86,7 @@ def read_pixel_aspect(path: AnyPath) -> float:
     path, _ = split_layer(path)
     if phone.reader(path) is not None:
         return 1.0
-    with _named(path), _openable(path) as file:
+    with naming(path), _openable(path) as file:
         opened = _opened(file)
         return _upright_aspect(path, opened.format_name(), opened.spec())
 
@@ -100,9 +96,7 @@ def _upright_aspect(path: Path, kind: str, spec: oiio.ImageSpec) -> float:
     if kind == "jpeg":  # OpenImageIO takes densities for aspects, which are the inverse (JFIF 1.02)
         aspect = 1 / aspect
     if kind == "hdr":
-        with path.open("rb") as file:
-            header = headers.radiance_header(file.read(headers.RADIANCE_HEADER))
-        aspect = 1.0 if header is None else header.aspect
+        aspect = headers.radiance_header(path).aspect
     if kind == "jpeg2000":
         aspect = jpeg2000_header(path).aspect
     return 1 / aspect if spec.get_int_attribute("Orientation", 1) in SIDEWAYS else aspect
@@ -115,21 +109,18 @@ def _openable(path: Path) -> Iterator[Path]:
     It reads XYZE under the name of RGBE, and a small JPEG XL with zeros behind.
     """
     with path.open("rb") as file:
-        start = file.read(headers.RADIANCE_HEADER)
+        start = file.read(LEAST_JPEG_XL)
+    radiance = headers.radiance_header(path)
     if start.startswith(JPEG_XL) and len(start) < LEAST_JPEG_XL:
-        with tempfile.TemporaryDirectory() as folder:
-            copy = Path(folder) / "padded.jxl"
-            copy.write_bytes(start.ljust(LEAST_JPEG_XL, b"\0"))
-            yield copy
-        return
-    header = headers.radiance_header(start)
-    if header is None or not header.is_xyz or header.format_at < 0:
+        name, content = "padded.jxl", start.ljust(LEAST_JPEG_XL, b"\0")
+    elif radiance.is_xyz and radiance.format_at >= 0:
+        head, _, rest = path.read_bytes().partition(b"_xyze")
+        name, content = "rgbe.hdr", head + b"_rgbe" + rest
+    else:
         yield path
         return
     with tempfile.TemporaryDirectory() as folder:
-        copy = Path(folder) / "rgbe.hdr"
-        content = bytearray(path.read_bytes())
-        content[header.format_at : header.format_at + 5] = b"_rgbe"
+        copy = Path(folder) / name
         copy.write_bytes(content)
         yield copy
 
@@ -293,10 +284,7 @@ def _stated(
     """Return a picture with what else its file states: orientation, alpha, pixel shape and exposure."""
     orientation = spec.get_int_attribute("Orientation", 1)
     if kind == "hdr":
-        with path.open("rb") as file:
-            header = headers.radiance_header(file.read(headers.RADIANCE_HEADER))
-        if header is not None:
-            pixels = pixels / np.array(header.exposure, np.float32)
+        pixels = pixels / np.array(headers.radiance_header(path).exposure, np.float32)
     if kind in ("bmp", "targa") and len(names) == 4 and _alpha_is_unused(path, kind, spec):
         pixels, names = pixels[..., :3], names[:3]
     return StoredPicture(

@@ -9,11 +9,10 @@ from numpy.typing import ArrayLike
 from relight.media import colour
 from relight.media.images.edge import coverage
 from relight.media.images.exr import save_exr
-from relight.media.images.layers import Layer, find_beauty
+from relight.media.images.layers import Layer, StoredPicture, find_beauty
 from relight.media.images.loading import layers_of, load
 from relight.media.images.reading import squared
 from relight.media.images.saving import save
-from relight.media.images.stored import StoredPicture
 from relight.media.images.writing import Metadata, check_writable, checked_depth, new_spec
 from relight.media.matte import matte_of
 from shadow.directions import CAMERA, from_axes
@@ -39,7 +38,7 @@ def read_mask(path: AnyPath, *, layer: str | None = None) -> np.ndarray:
     if layer is None and Path(path).suffix.lower() == ".exr" and Path(path).is_file():
         layer = _picture_layer(layers_of(path))
     stored = load(path, layer=layer, space=colour.LINEAR)
-    matte = squared(path, _coverage(path, stored)[..., None], stored.aspect)[..., 0]
+    matte = squared(path, _coverage(path, stored), stored.aspect)
     return np.clip(matte, 0, 1, dtype=np.float32)
 
 
@@ -142,7 +141,7 @@ def read_depth(path: AnyPath, *, layer: str | None = None) -> np.ndarray:
         raise ValueError(f"{path}: holds integers, expected depth as floats, in metres")
     if not np.isfinite(depth).any():
         raise ValueError(f"{path}: contains NaN or infinite values alone")
-    return squared(path, np.asarray(depth, np.float32)[..., None], stored.aspect, nearest=True)[..., 0]
+    return squared(path, np.asarray(depth, np.float32), stored.aspect, nearest=True)
 
 
 def _depth_layer(names: list[str]) -> str | None:

@@ -1,10 +1,10 @@
 """Files of several pictures: animations, pages, reduced copies, and the picture of a camera raw."""
 
+import contextlib
 import os
 import warnings
 from collections.abc import Iterator
 from pathlib import Path
-from typing import Any
 
 import OpenImageIO as oiio
 from PIL import Image, TiffImagePlugin
@@ -80,20 +80,13 @@ def whole_page(file: oiio.ImageInput, path: Path) -> int:
 
 def _reduced_in_old_files(path: Path) -> set[int]:
     """Return the pages that TIFF 5.0's tag calls reduced, which OpenImageIO does not pass on."""
-    try:
-        with path.open("rb") as file, warnings.catch_warnings():
-            warnings.simplefilter("ignore")  # Pillow's, of truncated files
-            pages = enumerate(_directories(file, with_sub_directories=False))
-            return {number for number, page in pages if page.get(SUBFILE_TYPE) == OLD_REDUCED}
-    except Exception:  # of many classes: a damaged TIFF is reported where it is read
-        return set()
+    pages = enumerate(_directories(path, with_sub_directories=False))
+    return {number for number, page in pages if page.get(SUBFILE_TYPE) == OLD_REDUCED}
 
 
 def warn_of_animation(path: Path, kind: str) -> None:
     """Warn if a PNG, WebP or GIF is animated: its first frame is read. `kind` is OpenImageIO's format."""
-    if kind not in ("gif", "png", "webp"):
-        return
-    if _is_animated(path, kind):
+    if kind in ("gif", "png", "webp") and _is_animated(path, kind):
         warn_of_frames(path)
 
 
@@ -129,32 +122,30 @@ def _is_animated(path: Path, kind: str) -> bool:
 
 def holds_raw(path: Path) -> bool:
     """Return whether a TIFF is a camera's raw file, whatever its name: DNG, or a page with a mosaic."""
-    try:
-        with path.open("rb") as file, warnings.catch_warnings():
-            warnings.simplefilter("ignore")  # Pillow's, of truncated files
-            return any(
-                DNG_VERSION in directory or directory.get(PHOTOMETRIC) in MOSAICS
-                for directory in _directories(file)
-            )
-    except Exception:  # of many classes: a damaged TIFF is reported where it is read
-        return False
+    return any(DNG_VERSION in page or page.get(PHOTOMETRIC) in MOSAICS for page in _directories(path))
 
 
 def _directories(
-    file: Any, with_sub_directories: bool = True
+    path: Path, with_sub_directories: bool = True
 ) -> Iterator[TiffImagePlugin.ImageFileDirectory_v2]:
-    """Yield the directories of a TIFF, and those below them; none in another file."""
-    head = file.read(16)
-    if head[:4] not in TIFF_MAGIC:
-        return
-    head = head if 43 in head[2:4] else head[:8]  # BigTIFF's is longer
-    first = TiffImagePlugin.ImageFileDirectory_v2(head)
-    waiting, done = [first.next], 0
-    while waiting and done < MOST_DIRECTORIES:
-        directory = TiffImagePlugin.ImageFileDirectory_v2(head)
-        file.seek(waiting.pop(0))
-        directory.load(file)
-        done += 1
-        yield directory
-        below = directory.get(SUB_DIRECTORIES, ()) if with_sub_directories else ()
-        waiting += [*(below if isinstance(below, tuple) else (below,)), *filter(None, [directory.next])]
+    """Yield the directories of a TIFF, and those below them; none in another file.
+
+    The first damaged one is the end. Pillow's errors of many classes, and its warnings, are not passed on,
+    for the damage is reported where the file is read.
+    """
+    with contextlib.suppress(Exception), path.open("rb") as file, warnings.catch_warnings():
+        warnings.simplefilter("ignore")
+        head = file.read(16)
+        if head[:4] not in TIFF_MAGIC:
+            return
+        head = head if 43 in head[2:4] else head[:8]  # BigTIFF's is longer
+        first = TiffImagePlugin.ImageFileDirectory_v2(head)
+        waiting, done = [first.next], 0
+        while waiting and done < MOST_DIRECTORIES:
+            directory = TiffImagePlugin.ImageFileDirectory_v2(head)
+            file.seek(waiting.pop(0))
+            directory.load(file)
+            done += 1
+            yield directory
+            below = directory.get(SUB_DIRECTORIES, ()) if with_sub_directories else ()
+            waiting += [*(below if isinstance(below, tuple) else (below,)), *filter(None, [directory.next])]

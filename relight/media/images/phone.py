@@ -10,8 +10,8 @@ from relight.media import colour
 from relight.media.encodings import Encoding, decode_srgb
 from relight.media.icc import Profile
 from relight.media.images import headers, isobmff, pages
-from relight.media.images.stored import StoredPicture
-from relight.media.images.turning import upright
+from relight.media.images.layers import StoredPicture
+from relight.media.pixel_aspect import upright
 from shadow.installing import install_command
 
 HEIF = (".heic", ".heif", ".hif")

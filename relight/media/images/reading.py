@@ -8,17 +8,17 @@ import OpenImageIO as oiio
 
 from relight.media import colour, content_hash
 from relight.media.buffers import problem
-from relight.media.encodings import Encoding
+from relight.media.encodings import REC709, Encoding, rgb_to_xyz
 from relight.media.icc import Profile
 from relight.media.images.edge import linearise
+from relight.media.images.layers import StoredPicture
 from relight.media.images.loading import layers_of, load
-from relight.media.images.stored import StoredPicture
 from relight.media.pixel_aspect import SQUARED, is_square, square_pixels
 from shadow.files import AnyPath
 
 LUMINANCE_CHROMA = ("Y", "RY", "BY")
 ALPHA = ("straight", "premultiplied")
-OVERSHOOT = 0.5  # most by which a filter takes alpha beyond 0 and 1
+OVERSHOOT = 0.5  # most by which a filter with negative lobes (Lanczos, Mitchell) takes alpha beyond 0 and 1
 _warned: set[tuple[Path, float]] = set()  # folders whose pictures have pixels that are not square
 
 
@@ -80,20 +80,15 @@ def read(
     if not np.isfinite(light).all():
         raise ValueError(f"{path}: contains NaN or infinite values")
     if light.shape[-1] == 4:
-        light[..., 3] = _clipped_alpha(path, light[..., 3])
+        low, high = float(light[..., 3].min()), float(light[..., 3].max())
+        if low < -OVERSHOOT or high > 1 + OVERSHOOT:
+            raise ValueError(f"{path}: expected alpha in [0, 1], got [{low:g}, {high:g}]")
+        light[..., 3] = light[..., 3].clip(0, 1)
     return np.ascontiguousarray(squared(path, light, stored.aspect))  # as other libraries want it
 
 
-def _clipped_alpha(path: AnyPath, alpha: np.ndarray) -> np.ndarray:
-    """Return alpha in [0, 1]: filters with negative lobes (Lanczos, Mitchell) leave it a little beyond."""
-    low, high = float(alpha.min(initial=0)), float(alpha.max(initial=0))
-    if low < -OVERSHOOT or high > 1 + OVERSHOOT:
-        raise ValueError(f"{path}: expected alpha in [0, 1], got [{low:g}, {high:g}]")
-    return alpha.clip(0, 1)
-
-
 def squared(path: AnyPath, pixels: np.ndarray, aspect: float, *, nearest: bool = False) -> np.ndarray:
-    """Return pixels (H, W, C) resampled to square ones; warn of it, once for the files of a folder."""
+    """Return pixels (H, W, C) or (H, W), resampled to square ones; warn once for the files of a folder."""
     if is_square(aspect):
         return pixels
     key = (Path(path).parent, round(aspect, 3))
@@ -109,8 +104,8 @@ def _colours(stored: StoredPicture) -> np.ndarray:
     alpha = [names.index("A")] if "A" in names else []
     if all(name in names for name in LUMINANCE_CHROMA):
         y, ry, by = (pixels[..., names.index(name)] for name in LUMINANCE_CHROMA)
-        primaries = stored.space.chromaticities if isinstance(stored.space, Encoding) else None
-        weights = colour.luminance_weights(primaries)
+        primaries = stored.space.chromaticities if isinstance(stored.space, Encoding) else REC709
+        weights = rgb_to_xyz(primaries)[1]
         red, blue = (ry + 1) * y, (by + 1) * y  # OpenEXR's technical introduction, "Luminance/Chroma Images"
         green = (y - weights[0] * red - weights[2] * blue) / weights[1]
         return np.concatenate([np.stack([red, green, blue], axis=-1), pixels[..., alpha]], axis=-1)

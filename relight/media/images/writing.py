@@ -96,7 +96,9 @@ def write(
     if (layers or autocrop) and suffix != ".exr":
         raise ValueError(f"{path}: {'layers need' if layers else 'autocrop needs'} a .exr file")
     if colour_space is not None:
-        check_colour_space(path, depth, colour_space)
+        if suffix not in (".exr", ".tif", ".tiff") or depth.startswith("uint"):
+            raise ValueError(f"{path}: colour_space needs an .exr, or a .tif of floats")
+        colour.linear_space(colour_space)
     pixels = scene_linear("image", image)
     if pixels.shape[-1] == 4 and suffix in OPAQUE_SUFFIXES:
         if pixels[..., 3].min() < 1:
@@ -106,7 +108,7 @@ def write(
         raise ValueError(f"{path}: {path.suffix} holds at most {JPEG_LARGEST} pixels a side")
     names = list("RGBA"[: pixels.shape[-1]])
     if depth.startswith("uint"):
-        pixels = _encoded(pixels, view, exposure, white)
+        pixels = encoded(pixels, view=view, exposure=exposure, white=white)
     stacks = {name: _layer(name, layer, pixels.shape[:2]) for name, layer in (layers or {}).items()}
     if colour_space is not None:
         pixels = _in_space(pixels, colour_space)
@@ -158,13 +160,6 @@ def _header(
     return spec
 
 
-def check_colour_space(path: Path, depth: str, colour_space: str) -> None:
-    """Raise ValueError for a colour space that a file of `depth` cannot be written in."""
-    if path.suffix.lower() not in (".exr", ".tif", ".tiff") or depth.startswith("uint"):
-        raise ValueError(f"{path}: colour_space needs an .exr, or a .tif of floats")
-    colour.linear_space(colour_space)
-
-
 def _in_space(pixels: np.ndarray, colour_space: str) -> np.ndarray:
     """Return linear Rec.709 (H, W, 3|4) in another linear space, alpha as it is."""
     rgb = colour.from_rec709(pixels[..., :3].astype(np.float32, copy=False), colour_space)
@@ -203,8 +198,13 @@ def new_spec(
     return spec
 
 
-def _encoded(pixels: np.ndarray, view: str | None, exposure: float, white: float | None) -> np.ndarray:
-    """Linear premultiplied (H, W, 3|4) to a display's encoding with straight alpha, float32 in [0, 1]."""
+def encoded(
+    pixels: np.ndarray, *, view: str | None = None, exposure: float = 0.0, white: float | None = None
+) -> np.ndarray:
+    """Encode linear, premultiplied (H, W, 3|4) for a display, with straight alpha: float32 in [0, 1].
+
+    `view`, `exposure`, `white`: see `relight.media.colour.encode`.
+    """
     if pixels.shape[-1] == 3:
         return colour.encode(pixels, view=view, exposure=exposure, white=white)
     rgb, alpha = pixels[..., :3], pixels[..., 3:]

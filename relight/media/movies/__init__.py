@@ -1,13 +1,12 @@
 """Movies in and out through PyAV: alpha, colour, fields and pixel shapes as their containers say them."""
 
 from relight.media.movies.reading import RATE, READ, MatteMovie, Movie, is_movie, read_comment
-from relight.media.movies.tracks import Tracks, has_sound
+from relight.media.movies.tracks import Tracks
 from relight.media.movies.writing import (
     FASTEST,
     SLOWEST,
     WHITE,
     WRITTEN,
-    check_writable,
     frame_rate,
     write_movie,
 )

@@ -11,7 +11,6 @@ import numpy as np
 from relight.media.content_hash import FileRecord, content_hash, file_state
 from relight.media.encodings import Encoding, decode_bt709
 from relight.media.images.edge import linearise
-from relight.media.images.turning import SIDEWAYS, upright
 from relight.media.matte import matte_of
 from relight.media.movies.decoding import decode, deinterlaced
 from relight.media.movies.streams import (
@@ -22,7 +21,8 @@ from relight.media.movies.streams import (
     pixel_aspect,
     video_stream,
 )
-from relight.media.pixel_aspect import SQUARED, is_square, square_pixels
+from relight.media.pixel_aspect import SIDEWAYS, SQUARED, is_square, square_pixels, upright
+from relight.media.regular_file import naming
 from relight.media.video_frames import read_codes, read_orientation
 from shadow.files import AnyPath
 
@@ -62,8 +62,6 @@ class Movie:
     def __init__(self, path: AnyPath, *, colour_space: str | None = None, alpha: str | None = None) -> None:
         self.path, self._straight = Path(path), alpha != "premultiplied"
         self.colour_space = colour_space
-        if not self.path.exists():
-            raise FileNotFoundError(f"{path}: no such file")
         try:
             with opened(path) as container:
                 stream = video_stream(container, path)
@@ -122,11 +120,9 @@ class Movie:
         ValueError: there is no such frame, it is damaged, or its transfer function or primaries are unknown.
         """
         codes = self._codes(number)
-        try:
+        with naming(self.path):
             space = self.colour_space or self._encoding()
             light = linearise(codes, straight=self._straight, space=space)
-        except ValueError as error:
-            raise ValueError(f"{self.path}: {error}") from error
         return self._upright(light)
 
     def file(self, number: int) -> Path | None:
@@ -169,10 +165,8 @@ class Movie:
             self._number, self._frame = len(self._order) + 1, None
         if self._number > number or self._frame is None or self._frame.is_corrupt:
             raise ValueError(f"{self.path}: frame {number} is damaged")
-        try:
+        with naming(self.path):
             return read_codes(self._frame, self._codec)
-        except ValueError as error:
-            raise ValueError(f"{self.path}: {error}") from error
 
     def _encoding(self) -> Encoding:
         """Return what the frame says of its colour, BT.709 where it says nothing."""
@@ -189,10 +183,8 @@ class Movie:
     def _orientation(self) -> int:
         """Return the frame's orientation by its display matrix, as Exif counts orientations."""
         assert self._frame is not None
-        try:
+        with naming(self.path):
             return read_orientation(self._frame)
-        except ValueError as error:
-            raise ValueError(f"{self.path}: {error}") from error
 
     def _decoded(self) -> Iterator[tuple[int, av.VideoFrame]]:
         """Yield numbers and frames, as far as they can be decoded.
@@ -215,7 +207,7 @@ class Movie:
 class MatteMovie(Movie):
     """A movie of mattes, read as `relight.read_mask` reads stills: alpha unless it is opaque, else grey."""
 
-    def __init__(self, path: AnyPath, *, colour_space: str | None = None) -> None:
+    def __init__(self, path: AnyPath) -> None:
         super().__init__(path)
         self._transparent: bool | None = None
 

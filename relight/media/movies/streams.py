@@ -13,7 +13,7 @@ from av.stream import Disposition
 
 from relight.media.images.pages import check_size
 from relight.media.pixel_aspect import growth
-from relight.media.regular_file import check_regular_file
+from relight.media.regular_file import check_regular_file, naming
 from shadow.files import AnyPath
 
 # FFmpeg's own decoders of VP8 and VP9 leave alpha out; libvpx's do not.
@@ -43,11 +43,9 @@ def video_stream(container: InputContainer, path: AnyPath) -> Any:
         raise ValueError(f"{path}: cannot be read as a movie: it holds {content}")
     if streams[0].codec_context is None:
         raise ValueError(f"{path}: is in a codec that FFmpeg does not decode")
-    try:
+    with naming(path):
         width = round(streams[0].width * growth(float(pixel_aspect(streams[0]))))
         check_size(width, streams[0].height, Path(path).stat().st_size)
-    except ValueError as error:
-        raise ValueError(f"{path}: {error}") from error
     return streams[0]
 
 

@@ -30,8 +30,9 @@ class Tracks:
     end: Fraction = Fraction(0)
 
 
-def read_tags(path: AnyPath) -> tuple[str | None, dict[str, str]]:
-    """Read the timecode of a movie's first frame, None without one, and its container's tags.
+def read_tags(path: AnyPath) -> tuple[str | None, dict[str, str], bool]:
+    """Read the timecode of a movie's first frame, None without one, its container's tags, and whether it has
+    sound.
 
     What is private is left out, see `relight.media.privacy`.
     """
@@ -48,13 +49,7 @@ def read_tags(path: AnyPath) -> tuple[str | None, dict[str, str]]:
             for name, text in container.metadata.items()
             if name.lower() not in OWN_TAGS and not is_private(name, text)
         }
-        return (stated[0] if stated else None), tags
-
-
-def has_sound(path: AnyPath) -> bool:
-    """Return whether a movie has sound."""
-    with opened(path) as container:
-        return bool(container.streams.audio)
+        return (stated[0] if stated else None), tags, bool(container.streams.audio)
 
 
 class SoundCopier:

@@ -23,6 +23,7 @@ from numpy.typing import ArrayLike
 
 from relight.media import colour, encodings
 from relight.media.images import scene_linear
+from relight.media.images.writing import encoded
 from relight.media.movies.reading import RATE
 from relight.media.movies.tracks import SoundCopier, Tracks
 from relight.media.pixel_aspect import is_square
@@ -64,7 +65,7 @@ def write_movie(
     Raises ValueError for another suffix, no frames, several sizes, alpha in an .mp4 or a rate out of range;
     OSError if the folder does not exist or the file cannot be written.
     """
-    path = check_writable(path)
+    path = files.check_writable(path, WRITTEN)
     rate, tracks = frame_rate(rate), tracks or Tracks()
     with files.replacing(path) as beside:
         try:
@@ -114,11 +115,6 @@ def _ahead(function: Callable[[Any], Any], items: Iterable[Any]) -> Iterator[Any
             yield coming.popleft().result()
 
 
-def check_writable(path: AnyPath) -> Path:
-    """Return `path` as a Path. Raises as `write_movie` does if a movie cannot be written there."""
-    return files.check_writable(path, WRITTEN)
-
-
 def frame_rate(rate: float | Fraction) -> Fraction:
     """Return exact frames per second. Raises ValueError for a rate that `write_movie` does not take."""
     if not SLOWEST <= rate <= FASTEST:
@@ -161,13 +157,10 @@ def _codes(path: Path, frame: ArrayLike, view: str | None, exposure: float, whit
             raise ValueError(f"{path}: .mp4 holds no alpha; give a background, or write a .mov")
         height, width = pixels.shape[:2]
         pixels = np.pad(pixels[..., :3], ((0, height % 2), (0, width % 2), (0, 0)), mode="edge")
-    rgb, alpha = pixels[..., :3], pixels[..., 3:]
-    if alpha.size:
-        rgb = np.divide(rgb, alpha, out=np.zeros_like(rgb), where=alpha > 0)
-    codes = colour.encode(rgb, view=view, exposure=exposure, white=white)
+    codes = encoded(pixels, view=view, exposure=exposure, white=white)
     if view is None or "srgb" in colour.find_view(view)[1].lower():
-        codes = _srgb_to_bt709()[np.rint(codes * 65535).astype(np.uint16)]
-    return np.rint(np.concatenate([codes, alpha], axis=-1) * 65535).astype(np.uint16)
+        codes[..., :3] = _srgb_to_bt709()[np.rint(codes[..., :3] * 65535).astype(np.uint16)]
+    return np.rint(codes * 65535).astype(np.uint16)
 
 
 @functools.cache

@@ -77,6 +77,6 @@ def test_tags_of_a_movie_have_no_place(tmp_path):
         frame = av.VideoFrame.from_ndarray(np.zeros((16, 16, 3), np.uint8), format="rgb24")
         for packet in [*stream.encode(frame), *stream.encode(None)]:
             container.mux(packet)
-    _, tags = read_tags(tmp_path / "a.mov")
+    _, tags, _ = read_tags(tmp_path / "a.mov")
     assert tags.get("title") == "take 3"
     assert not any(map(is_private, tags, tags.values()))

@@ -244,7 +244,7 @@ def test_a_matroska_file_says_its_timecode_in_capitals(tmp_path):
         file.mux(stream.encode())
     with av.open(str(tmp_path / "a.mkv")) as file:
         assert "TIMECODE" in file.streams[0].metadata
-    assert read_tags(tmp_path / "a.mkv") == ("10:20:30:12", {"title": "take 3"})
+    assert read_tags(tmp_path / "a.mkv") == ("10:20:30:12", {"title": "take 3"}, False)
 
 
 @pytest.mark.parametrize(
@@ -321,7 +321,7 @@ def test_a_movie_relit_from_a_cache_has_timecode_tags_and_sound(tmp_path):
     cache = analysed(movie, tmp_path / "a.relight")
     outputs = [tmp_path / "b.mov", tmp_path / "b.%04d.exr"]
     relight.render_shot(cache, KEY, outputs, frames="2-3")
-    timecode, tags = read_tags(tmp_path / "b.mov")
+    timecode, tags, _ = read_tags(tmp_path / "b.mov")
     assert (timecode, tags["com.apple.quicktime.make"]) == ("01:00:00:23", "ARRI")
     assert list(np.unique(heard(tmp_path / "b.mov"))) == [2000, 3000]  # the sound of frames 2 and 3
     found = header_of(tmp_path / "b.0003.exr")

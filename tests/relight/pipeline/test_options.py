@@ -5,6 +5,7 @@ import json
 import subprocess
 import sys
 from dataclasses import fields
+from typing import get_args
 
 import numpy as np
 import pytest
@@ -14,7 +15,7 @@ from typer.testing import CliRunner
 import relight
 from relight import Compute, Lighting, Output, Source
 from relight.cli.commands import app
-from relight.pipeline.option_fields import Phase, Screen, from_json, to_json
+from relight.pipeline.option_fields import Phase, from_json, to_json
 from relight.pipeline.options import GROUPS
 from relight.rendering import PASSES
 
@@ -93,7 +94,7 @@ def test_a_plain_value_stands_for_its_options():
     assert Source.of("a.png") == Source("a.png")
     assert Lighting.of(lamp) == Lighting([lamp])
     assert Output.of("a.png") == Output(["a.png"])
-    assert Source("a.png", key="green").key is Screen.green
+    assert Source("a.png", key="green").key == "green"
 
 
 @pytest.mark.parametrize("command", ["apply", "video", "job"])
@@ -146,7 +147,7 @@ def test_options_of_a_file_give_way_to_the_command_line(tmp_path, monkeypatch):
 
 
 def test_phases_have_three_names():
-    assert list(Phase) == ["all", "frames", "finalize"]
+    assert list(get_args(Phase)) == ["all", "frames", "finalize"]
 
 
 def test_the_help_names_all_passes():

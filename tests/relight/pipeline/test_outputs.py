@@ -1,16 +1,17 @@
 """Outputs are refused before any work where they would overwrite what is read or written as well."""
 
 from pathlib import Path
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
 
 import relight
 from relight import Output
-from relight.pipeline.delivery import Delivery
-from relight.pipeline.option_fields import Phase
 from relight.pipeline.outputs import check_outputs, has_frames, held_frames
 from relight.pipeline.sinks import open_sinks
+
+DELIVERY = SimpleNamespace(rate=24)  # what a movie asks of it before its frames are made
 
 
 @pytest.fixture(autouse=True)
@@ -71,7 +72,7 @@ def test_the_matte_and_the_lights_file_are_written_too():
 
 @pytest.mark.parametrize("name", ["a.jpg", "a.JPEG", "a.hdr", "a.mp4"])
 def test_a_picture_with_alpha_is_refused_before_it_is_made(name):
-    run = {"moving": False, "phase": Phase.all, "groups": [], "delivery": Delivery(), "resume": False}
+    run = {"moving": False, "phase": "all", "groups": [], "delivery": DELIVERY, "resume": False}
     with pytest.raises(ValueError, match="holds no alpha; give a background"):
         open_sinks(Output(name), transparent=True, **run)
     open_sinks(Output(name), transparent=False, **run)
@@ -84,8 +85,8 @@ def test_a_refused_run_keeps_the_frames_of_the_one_before():
     kept = held_frames(Path("a.mov"))
     kept.folder.mkdir()
     relight.write(kept.path(1), np.zeros((4, 4, 4), np.float32))
-    run = {"moving": True, "transparent": True, "phase": Phase.all, "groups": ["a b", "a_b"]}
-    run |= {"delivery": Delivery()}
+    run = {"moving": True, "transparent": True, "phase": "all", "groups": ["a b", "a_b"]}
+    run |= {"delivery": DELIVERY}
     with pytest.raises(ValueError, match=r"layers: 'C_a b' and 'C_a_b' are one to Nuke"):
         open_sinks(Output(["a.mov", "a.%d.exr", "a.nk"]), resume=False, **run)
     assert kept.numbers() == [1]
