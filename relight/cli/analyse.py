@@ -5,15 +5,7 @@ from typing import Annotated
 
 import typer
 
-from relight.cli import INTERRUPTED
-from relight.cli.options import (
-    Frames,
-    OptionsFile,
-    console,
-    progress_bars,
-    report_failures,
-    with_options,
-)
+from relight.cli.options import Frames, OptionsFile, progress_bars, report_failures, with_options
 from relight.pipeline.options import Compute, Source
 
 
@@ -36,10 +28,6 @@ def analyse(
     command continues after an interruption."""
     from relight.pipeline.analyse import analyse_shot
 
-    with progress_bars() as report:
-        try:
-            problems = analyse_shot(source, output, compute=compute, frames=frames, progress=report)
-        except KeyboardInterrupt as interruption:
-            console.print("interrupted; the same command continues")
-            raise typer.Exit(INTERRUPTED) from interruption
+    with progress_bars("the same command continues") as report:
+        problems = analyse_shot(source, output, compute=compute, frames=frames, progress=report)
     report_failures(problems, [output])

@@ -1,8 +1,7 @@
 """`relight app`: the local web application."""
 
-from collections.abc import Callable
 from pathlib import Path
-from typing import Annotated, Any
+from typing import Annotated
 
 import typer
 
@@ -34,12 +33,12 @@ def app(
             f"the application needs {error.name}; install it with: {install_command('app')}"
         ) from error
 
-    def explain(address: str) -> None:
+    def opened(address: str) -> None:
         console.print("The application listens on this machine alone. Stop it by Ctrl C.")
+        typer.echo(address)
+        if not no_browser:
+            typer.launch(address)
 
-    opened: list[Callable[[str], Any]] = [explain, typer.echo]
-    if not no_browser:
-        opened.append(typer.launch)
     try:
         serve(root, port, opened)
     except KeyboardInterrupt as end:  # as the line says

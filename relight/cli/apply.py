@@ -5,15 +5,7 @@ from typing import Annotated, Any
 
 import typer
 
-from relight.cli import INTERRUPTED
-from relight.cli.options import (
-    Frames,
-    OptionsFile,
-    console,
-    progress_bars,
-    report_failures,
-    with_options,
-)
+from relight.cli.options import Frames, OptionsFile, progress_bars, report_failures, with_options
 from relight.pipeline.option_fields import Phase
 from relight.pipeline.options import Compute, Lighting, Output, Source
 
@@ -39,7 +31,7 @@ def apply(
             help="frames: write the frames of a chunk, but no movie and no .nk; finalize: write these from "
             "the frames of all chunks.",
         ),
-    ] = Phase.all,
+    ] = "all",
     dask: Annotated[
         str | None,
         typer.Option(help="Render on a Dask cluster: the address of its scheduler, tcp://farm:8786."),
@@ -53,21 +45,16 @@ def apply(
     from relight.pipeline.render import render_shot
 
     distributed = dask is not None or workers is not None
-    if phase is not Phase.all and distributed:
+    if phase != "all" and distributed:
         raise ValueError("--phase: expected no --dask and no --workers, which make all frames")
     render: Any = partial(render_shot, phase=phase)
     if distributed:
         from relight.distributed.dask_cluster import render_distributed
 
         render = partial(render_distributed, scheduler=dask, workers=workers)
-    with progress_bars() as report:
-        try:
-            problems = render(
-                source, lighting, output, compute=compute, frames=frames, resume=resume,
-                progress=report,
-            )  # fmt: skip
-        except KeyboardInterrupt as interruption:
-            console.print("interrupted; the same command with --resume continues")
-            raise typer.Exit(INTERRUPTED) from interruption
+    with progress_bars("the same command with --resume continues") as report:
+        problems = render(
+            source, lighting, output, compute=compute, frames=frames, resume=resume, progress=report
+        )
     matte = [] if output.save_matte is None else [output.save_matte]
     report_failures(problems, [*output.paths, *matte])

@@ -1,8 +1,7 @@
 """`relight evaluate`: networks scored on records that they were not trained on."""
 
-from enum import StrEnum
 from pathlib import Path
-from typing import Annotated
+from typing import Annotated, Literal
 
 import typer
 
@@ -14,12 +13,6 @@ evaluate = typer.Typer(
     help="Score networks on records that they were not trained on.",
     epilog=EXAMPLES["evaluate"],
 )
-
-
-class EverydayLight(StrEnum):
-    hard = "hard"
-    sky = "sky"
-    any = "any"
 
 
 ScoredRecords = Annotated[list[Path], typer.Option(help="Records or shards to score on. Repeatable.")]
@@ -39,7 +32,7 @@ def evaluate_visibility(
     seed: LightingSeed = 0,
     limit: Limit = None,
     light: Annotated[
-        EverydayLight | None,
+        Literal["hard", "sky", "any"] | None,
         typer.Option(help="Photograph the records in everyday light of this kind instead of a mixture."),
     ] = None,
 ) -> None:

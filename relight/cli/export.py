@@ -1,20 +1,12 @@
 """`relight export`: the person as a mesh for other 3D programs, or as a Nuke script."""
 
-from enum import StrEnum
 from pathlib import Path
-from typing import Annotated
+from typing import Annotated, Literal
 
 import typer
 
 from relight.cli.options import Frames, print_written, progress_bars, with_options
 from relight.pipeline.options import Compute, Lighting, Source
-
-
-class Texture(StrEnum):
-    """What the mesh shows."""
-
-    albedo = "albedo"
-    photograph = "photograph"
 
 
 @with_options(
@@ -30,16 +22,16 @@ def export(
     frames: Frames = None,
     triangles: Annotated[int, typer.Option(help="Largest number of triangles, at least 1000.")] = 120_000,
     texture: Annotated[
-        Texture,
+        Literal["albedo", "photograph"],
         typer.Option(help="albedo: a matte surface for new light; photograph: an unlit surface."),
-    ] = Texture.albedo,
+    ] = "albedo",
 ) -> None:
     """Write the person for other programs: a textured mesh with camera and lights, or a Nuke script."""
     from relight.pipeline.export import export_person
 
     with progress_bars() as report:
         written = export_person(
-            output, source, lighting, frames=frames, triangles=triangles, texture=str(texture),
+            output, source, lighting, frames=frames, triangles=triangles, texture=texture,
             compute=compute, progress=report,
         )  # fmt: skip
     print_written(written)

@@ -1,8 +1,7 @@
 """The help of the commands: groups of options, the order within them, and examples at the end."""
 
 import inspect
-from collections.abc import Callable, Iterable, Mapping
-from functools import wraps
+from collections.abc import Iterable, Mapping
 from typing import Any
 
 import typer
@@ -102,25 +101,6 @@ def grouped(parameters: Iterable[inspect.Parameter], panels: Panels) -> list[ins
         return is_option, places.get(parameter.name, (len(order), ""))[0]
 
     return sorted(parameters, key=place)
-
-
-def in_panels(panels: Panels) -> Callable[[Callable], Callable]:
-    """Show the options of a command in these panels."""
-
-    def decorate(command: Callable) -> Callable:
-        signature = inspect.signature(command)
-        parameters = [
-            each.replace(kind=inspect.Parameter.KEYWORD_ONLY) for each in signature.parameters.values()
-        ]
-
-        @wraps(command)
-        def run(**arguments: Any) -> Any:
-            return command(**arguments)
-
-        run.__signature__ = signature.replace(parameters=grouped(parameters, panels))  # type: ignore[attr-defined]
-        return run
-
-    return decorate
 
 
 def _described(parameter: inspect.Parameter) -> Any:

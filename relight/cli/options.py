@@ -14,7 +14,8 @@ import typer
 from rich.console import Console
 from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeRemainingColumn
 
-from relight.cli.help import SHOT, grouped
+from relight.cli import INTERRUPTED
+from relight.cli.help import SHOT, Panels, grouped
 from relight.pipeline.option_fields import Options, from_json
 from relight.pipeline.options import GROUPS
 
@@ -40,11 +41,12 @@ OptionsFile = Annotated[
 ]
 
 
-def with_options(**subsets: tuple[str, ...]) -> Callable[[Callable], Callable]:
+def with_options(panels: Panels = SHOT, **subsets: tuple[str, ...]) -> Callable[[Callable], Callable]:
     """Give a command the fields of the option classes that its parameters are annotated with.
 
     Each parameter such as `lighting: Lighting` is replaced by the fields of its class on the command line,
-    and gets them as one object. `subsets` names the fields of a class that a command takes, where not all.
+    and gets them as one object. `panels`: of the help. `subsets` names the fields of a class that a command
+    takes, where not all.
     """
 
     def decorate(command: Callable) -> Callable:
@@ -75,7 +77,7 @@ def with_options(**subsets: tuple[str, ...]) -> Callable[[Callable], Callable]:
                 arguments[name] = _build(GROUPS[name], chosen, values, context, stored.get(name, {}))
             return command(**{name: value for name, value in arguments.items() if name in own.parameters})
 
-        parameters = grouped(parameters, SHOT)
+        parameters = grouped(parameters, panels)
         run.__signature__ = own.replace(parameters=parameters)  # type: ignore[attr-defined]  # for typer
         run.__annotations__ = {parameter.name: parameter.annotation for parameter in parameters}
         return run
@@ -104,10 +106,10 @@ def is_given(context: typer.Context, name: str) -> bool:
 
 
 @contextmanager
-def progress_bars() -> Iterator[Callable[[int, int | None, str], None]]:
+def progress_bars(interrupted: str = "") -> Iterator[Callable[[int, int | None, str], None]]:
     """Show the steps of a run, one bar for each kind of step; nothing before the first step.
 
-    A total of None is not known.
+    A total of None is not known. `interrupted`: what Ctrl C prints, where the run can be continued.
     """
     columns = (TextColumn("{task.description}"), BarColumn(), MofNCompleteColumn(), TimeRemainingColumn())
     progress = Progress(*columns, console=console)
@@ -121,6 +123,11 @@ def progress_bars() -> Iterator[Callable[[int, int | None, str], None]]:
 
     try:
         yield report
+    except KeyboardInterrupt as interruption:
+        if not interrupted:
+            raise
+        console.print(f"interrupted; {interrupted}")
+        raise typer.Exit(INTERRUPTED) from interruption
     finally:
         if tasks:
             progress.stop()

@@ -6,8 +6,8 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from relight.cli.help import STAGE, in_panels
-from relight.cli.options import console
+from relight.cli.help import STAGE
+from relight.cli.options import console, with_options
 
 if TYPE_CHECKING:
     from concurrent.futures import Executor
@@ -15,7 +15,7 @@ if TYPE_CHECKING:
     from shadow.lightstage.stage import FigureSource
 
 
-@in_panels(STAGE)
+@with_options(STAGE)
 def stage(
     records: Annotated[Path, typer.Argument(help="Folder of the records, with a file for each view.")],
     bodies: Annotated[

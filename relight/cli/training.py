@@ -1,42 +1,27 @@
 """`relight train` and `relight shrink`: networks from records."""
 
 from dataclasses import replace
-from enum import StrEnum
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated
+from typing import TYPE_CHECKING, Annotated, Literal
 
 import typer
 
-from relight.cli.help import TRAIN, in_panels
-from relight.cli.options import console
+from relight.cli.help import TRAIN
+from relight.cli.options import console, with_options
 
 if TYPE_CHECKING:
     from shadow.training.recipes import Task
-
-
-class Network(StrEnum):
-    shadow = "shadow"
-    shading = "shading"
 
 
 LEVELS = 5  # of the backbone that the one-pass networks share
 ABLATIONS = {"baseline": "baseline", "none": None}  # --visibility, of Table 6
 
 
-class Model(StrEnum):
-    field = "field"
-    resb3 = "resb3"
-    resb7 = "resb7"
-    resb11 = "resb11"
-    attention = "attention"
+Network = Literal["shadow", "shading"]
+Model = Literal["field", "resb3", "resb7", "resb11", "attention"]
 
 
-class Preset(StrEnum):
-    fast = "fast"
-    paper = "paper"
-
-
-@in_panels(TRAIN)
+@with_options(TRAIN)
 def train(
     network: Network,
     records: Annotated[list[Path], typer.Option(help="Records or shards to train on. Repeatable.")],
@@ -48,7 +33,7 @@ def train(
             help="field, our one-pass network, or the paper's per-light one by its latent: resb3, resb7, "
             "resb11, attention.",
         ),
-    ] = Model.field,
+    ] = "field",
     no_normals: Annotated[
         bool, typer.Option("--no-normals", help="Train a network without normals as input (Tables 3 and 6).")
     ] = False,
@@ -65,8 +50,9 @@ def train(
         ),
     ] = None,
     preset: Annotated[
-        Preset, typer.Option(help="Defaults of the options under Recipe: our recipe, or the paper's.")
-    ] = Preset.fast,
+        Literal["fast", "paper"],
+        typer.Option(help="Defaults of the options under Recipe: our recipe, or the paper's."),
+    ] = "fast",
     steps: Annotated[
         int | None, typer.Option(min=1, help="Mini-batches; with --preset paper, 31 epochs.")
     ] = None,
@@ -152,10 +138,10 @@ def train(
 
     task = _task(network, model, not no_normals, visibility, not no_depth)
     for name, times, without in (("borders", borders, 1), ("faces", faces, 1), ("distil", distil, 0)):
-        if times not in (None, without) and model is not Model.field:
+        if times not in (None, without) and model != "field":
             raise ValueError(f"--{name}: expected a one-pass network (--model field), got {model}")
     if blocks is not None:
-        if model is not Model.field:
+        if model != "field":
             raise ValueError(f"--blocks: expected a one-pass network (--model field), got {model}")
         task = replace(task, config=task.config | {"encoder": _levels(blocks)})
     recipe = recipe_of(
@@ -171,25 +157,23 @@ def train(
     console.print(f"{path}")
 
 
-def _task(
-    network: Network, model: Model, with_normals: bool, visibility: str, with_depth: bool = True
-) -> "Task":
+def _task(network: Network, model: Model, with_normals: bool, visibility: str, with_depth: bool) -> "Task":
     """Return the task of a training command."""
     from shading.tasks import per_light_task, shading_task
     from shadow.training.tasks import SHADOW, per_light
 
-    one_pass = model is Model.field
+    one_pass = model == "field"
     if not with_depth:
-        if network is Network.shadow and one_pass and with_normals:
+        if network == "shadow" and one_pass and with_normals:
             return replace(SHADOW, config={"depth": False})
         raise ValueError(
             "--no-depth: expected `train shadow --model field`, the one network that infers depth"
         )
-    if network is Network.shading:
+    if network == "shading":
         inputs = with_normals, ABLATIONS.get(visibility, "inferred")
-        return shading_task(*inputs) if one_pass else per_light_task(model.value, *inputs)
+        return shading_task(*inputs) if one_pass else per_light_task(model, *inputs)
     if not one_pass:
-        return per_light(model.value, with_normals)
+        return per_light(model, with_normals)
     if with_normals:
         return SHADOW
     raise ValueError("--no-normals: expected a per-light network (--model), since a field infers normals")
