@@ -1,14 +1,8 @@
-"""Pictures as the page shows them: checked before they are read, reduced, encoded."""
-
-import warnings
-from pathlib import Path
+"""Pictures as the page shows them: reduced, and compressed."""
 
 import numpy as np
-import OpenImageIO as oiio
 import torch
-from PIL import Image
 
-from relight.media.colour import encode
 from relight.media.images.saving import compressed
 
 PIXELS = 100_000_000  # of a photograph, at most
@@ -25,38 +19,6 @@ def resized(image: np.ndarray, size: tuple[int, int]) -> np.ndarray:
     planes = torch.from_numpy(image).permute(2, 0, 1)[None]
     smaller = torch.nn.functional.interpolate(planes, size, mode="bilinear", antialias=True)
     return smaller[0].permute(1, 2, 0).contiguous().numpy()
-
-
-def check_size(path: Path) -> None:
-    """Raise ValueError for a picture of more pixels than may be decoded, as far as its header says."""
-    size = None
-    file = oiio.ImageInput.open(str(path))
-    if file is not None:
-        spec = file.spec()
-        size = (max(spec.width, spec.full_width), max(spec.height, spec.full_height))
-        file.close()
-    oiio.geterror()
-    if size is None:
-        with warnings.catch_warnings():
-            warnings.simplefilter("ignore")
-            try:
-                with Image.open(path) as picture:
-                    size = picture.size
-            except (OSError, ValueError, Image.DecompressionBombError):
-                return  # `relight.read` says what is wrong
-    if size[0] * size[1] > PIXELS:
-        raise ValueError(
-            f"{path}: has {size[0]} x {size[1]} pixels; expected {PIXELS // 1_000_000} million at most"
-        )
-
-
-def encoded(pixels: np.ndarray, exposure: float = 0.0) -> np.ndarray:
-    """Encode linear, premultiplied (H, W, 3|4) for a display, with straight alpha."""
-    if pixels.shape[-1] == 3:
-        return encode(pixels.clip(0), exposure=exposure)
-    alpha = pixels[..., 3:].clip(0, 1)
-    colour = encode((pixels[..., :3] / np.maximum(alpha, 1e-4)).clip(0), exposure=exposure)
-    return np.concatenate([colour, alpha], axis=-1)
 
 
 def png(shown: np.ndarray) -> bytes:

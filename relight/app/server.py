@@ -7,6 +7,7 @@ from collections.abc import Awaitable, Callable
 from functools import partial
 from importlib.resources import files
 from importlib.util import find_spec
+from itertools import islice
 from pathlib import Path
 from typing import Any
 from urllib.parse import quote, unquote_to_bytes
@@ -16,7 +17,7 @@ from starlette.responses import FileResponse, HTMLResponse, JSONResponse, Respon
 from starlette.routing import Route
 
 from relight.app.answers import Report, json_of, picture, refusing, streamed
-from relight.app.session import MASK_SUFFIX, MODELS, PICTURES, Photograph, Session
+from relight.app.session import LISTED, MASK_SUFFIX, MODELS, PICTURES, Photograph, Session
 from relight.app.worker import Refused, Worker
 from relight.lights import presets
 from relight.viewer.page import module, style
@@ -99,7 +100,7 @@ class Server:
                 "photographs": [one.to_json() for one in self.session.photographs.values() if one.about],
                 "root": [
                     {"path": quote(os.fsencode(name)), "name": name.encode(errors="replace").decode()}
-                    for name in self.session.in_root()
+                    for name in islice(self.session.in_root(), LISTED)
                 ],
                 "models": _models(),
                 "presets": presets.document(),

@@ -4,9 +4,8 @@ import contextlib
 import secrets
 import signal
 import socket
-from collections.abc import AsyncIterator, Callable, Iterable
+from collections.abc import AsyncIterator, Callable
 from pathlib import Path
-from typing import Any
 
 import uvicorn
 from starlette.applications import Starlette
@@ -35,11 +34,11 @@ def application(session: Session, worker: Worker, token: str, port: int) -> Guar
     return Guard(app, token, port)
 
 
-def serve(root: str | Path | None = None, port: int = 0, opened: Iterable[Callable[[str], Any]] = ()) -> None:
+def serve(root: str | Path | None, port: int, opened: Callable[[str], None]) -> None:
     """Serve the application until it is interrupted.
 
     `root`: the folder that the page lists pictures of; None for none. `port`: of the loopback address; 0 for
-    any that is free. `opened`: called with the address, token included, once the server listens. Raises
+    any that is free. `opened`: called with the address, token included, once requests can come. Raises
     NotADirectoryError if `root` is no folder, OSError if the port is in use.
     """
     folder = None if root is None else Path(root)
@@ -58,25 +57,14 @@ def serve(root: str | Path | None = None, port: int = 0, opened: Iterable[Callab
         application(session, Worker(), token, port), log_level="warning", access_log=False,
         server_header=False, limit_concurrency=200, timeout_graceful_shutdown=2,
     )  # fmt: skip
-    server = _Announcing(config, f"http://{HOST}:{port}/{token}/", opened)
+    server = uvicorn.Server(config)
     hangup = getattr(signal, "SIGHUP", None)  # when its terminal is closed
     if hangup is not None and signal.getsignal(hangup) is signal.SIG_DFL:
         signal.signal(hangup, lambda number, frame: setattr(server, "should_exit", True))
     try:
+        listening.listen()  # so that requests wait until the server has started
+        opened(f"http://{HOST}:{port}/{token}/")
         server.run(sockets=[listening])
     finally:
         session.close()
         listening.close()
-
-
-class _Announcing(uvicorn.Server):
-    """A server that reports its address once it listens."""
-
-    def __init__(self, config: uvicorn.Config, address: str, opened: Iterable[Callable[[str], Any]]) -> None:
-        super().__init__(config)
-        self._address, self._opened = address, opened
-
-    async def startup(self, sockets: list[socket.socket] | None = None) -> None:
-        await super().startup(sockets)
-        for tell in self._opened:
-            tell(self._address)

@@ -169,15 +169,11 @@ class Session:
         """Yield the pictures that may be chosen, relative to the root."""
         if self.root is None:
             return
-        count = 0
         for folder, folders, names in os.walk(self.root):
             folders[:] = sorted(name for name in folders if not name.startswith("."))
             for name in sorted(names):
                 if Path(name).suffix.lower() in PICTURES and not name.startswith("."):
                     yield str((Path(folder) / name).relative_to(self.root))
-                    count += 1
-                    if count == LISTED:
-                        return
 
     def copy_from_root(self, relative: str) -> Photograph:
         """Copy a picture from the root; raises Refused for a path or link that leads out of it."""
@@ -220,11 +216,7 @@ class Session:
 
     def _size(self) -> int:
         """Return the size of all that the session holds, in bytes."""
-        return sum(
-            (Path(folder) / name).lstat().st_size
-            for folder, _, names in os.walk(self.folder)
-            for name in names
-        )
+        return sum(path.lstat().st_size for path in self.folder.rglob("*") if not path.is_dir())
 
 
 def checked_name(name: str, suffixes: tuple[str, ...]) -> str:

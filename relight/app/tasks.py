@@ -8,6 +8,7 @@ import json
 import warnings
 from collections import OrderedDict
 from collections.abc import Callable, Mapping, Sequence
+from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -16,7 +17,7 @@ import torch
 
 from relight.app import compiling, drawing
 from relight.app.drawing import MODEL, REDUCED
-from relight.app.pictures import check_size, encoded, png, reduced_size, resized
+from relight.app.pictures import png, reduced_size, resized
 from relight.compositing.floor import Floor
 from relight.errors import EmptyMatteError
 from relight.lights.environment import EnvironmentLight
@@ -26,6 +27,7 @@ from relight.matting.sequence import MattingOptions
 from relight.media import images
 from relight.media.colour import encode
 from relight.media.images.saving import compressed
+from relight.media.images.writing import encoded
 from relight.pipeline.options import Lighting, Output, Source
 from relight.subject import Subject
 from relight.viewer.packing import pack
@@ -64,29 +66,23 @@ def load_matting() -> None:
     outline.outlined(np.random.default_rng(0).random((32, 32, 3), np.float32), square)
 
 
-def load_colours() -> None:
-    """Compute the colours of temperatures, which every page has."""
-    scene_of((1, 1))
-
-
 def load_finder() -> None:
     """Read the networks that find people, where they have been fetched."""
     if person_files.are_fetched():
         person.load()
 
 
-PREPARATIONS = (  # the worker runs them while nobody waits for it
+PREPARATIONS: tuple[Callable[[], object], ...] = (  # the worker runs them while nobody waits for it
     compiling.begin,
     load_networks,
     load_finder,
-    load_colours,
+    partial(scene_of, (1, 1)),  # the colours of temperatures, which every page has
     load_matting,
 )
 
 
 def read(name: str, report: Report) -> dict[str, Any]:
     """Read a photograph; write the copy that the page shows, and the one that outlines are solved on."""
-    check_size(Path(name))
     pixels = images.read(name)
     height, width = pixels.shape[:2]
     if min(height, width) < 16:
@@ -153,7 +149,6 @@ def matte_by_model(model: str, report: Report) -> dict[str, Any]:
 
 def load_matte(name: str, report: Report) -> dict[str, Any]:
     """Take a matte from a file, of the photograph's proportions, as that of a model."""
-    check_size(Path(name))
     loaded, size = images.read_mask(name), drawing.reduced().shape[:2]
     if abs(loaded.shape[1] / loaded.shape[0] / (size[1] / size[0]) - 1) > 0.01:
         raise ValueError(
@@ -227,7 +222,6 @@ def full_matte(name: str, mask: str, report: Report) -> dict[str, Any]:
 
 def environment(name: str, report: Report) -> dict[str, Any]:
     """Return an environment map as the page's program takes it."""
-    check_size(Path(name))
     light = EnvironmentLight(name)
     entry = scene_of((1, 1), light)["environment"]
     return {"path": name, "lamps": entry["lamps"]}
@@ -235,7 +229,6 @@ def environment(name: str, report: Report) -> dict[str, Any]:
 
 def background(name: str, report: Report) -> dict[str, Any]:
     """Return a background as the page shows it, behind photographs of any shape: a JPEG, in base64."""
-    check_size(Path(name))
     pixels = images.read(name)[..., :3]
     height, width = pixels.shape[:2]
     size = reduced_size(height, width, BACKGROUND_SIDE)
@@ -244,18 +237,15 @@ def background(name: str, report: Report) -> dict[str, Any]:
 
 def still(name: str, mask: str | None, look: Mapping[str, Any], report: Report) -> dict[str, Any]:
     """Relight the reduced copy and return a PNG, for browsers that cannot render it themselves."""
-    from relight.compositing.composite import over
+    from relight.rendering import relit_over
 
     subject, lighting = _subject(name, mask, report), _lighting(look)
-    lights = as_lights(lighting.rig().lights)
-    picture = subject.relit(lights, lighting.effective_gloss)
     behind: Any = lighting.background
-    if behind is not None:
-        if isinstance(behind, str):
-            behind = drawing.reduced() if behind == name else images.read(behind)
-        shadow = None if lighting.floor is None else subject.shadows(lights, lighting.floor)[1]
-        picture = over(picture, behind, shadow)
-    return {"png": png(encoded(picture, _exposure(look)))}
+    if isinstance(behind, str):
+        behind = drawing.reduced() if behind == name else images.read(behind)
+    lights = as_lights(lighting.rig().lights)
+    picture = relit_over(subject, lights, behind, lighting.floor, lighting.effective_gloss)
+    return {"png": png(encoded(picture, exposure=_exposure(look)))}
 
 
 def floor_shadow(name: str, mask: str | None, look: Mapping[str, Any], report: Report) -> dict[str, Any]:
@@ -286,7 +276,12 @@ def save(
     name: str, mask: str | None, look: Mapping[str, Any], output: str, passes: Sequence[str], report: Report
 ) -> dict[str, Any]:
     """Write a picture at full resolution, the page, or the mesh."""
+    from relight.pipeline.export import export_person
     from relight.viewer.shot import write_view
+
+    def then(what: str, share: float) -> Callable[[int, int, str], None]:
+        """Return what reports a step once the one before it is done."""
+        return lambda done, total, _: report(what, share) if done == total else None
 
     if mask is not None:
         full_matte(name, mask, report)
@@ -296,18 +291,10 @@ def save(
     if suffix == ".html":
         if lighting.floor is not None:
             warnings.warn("The page does not show the shadow on the floor.", stacklevel=2)
-
-        def analysed(done: int, total: int, what: str) -> None:
-            if done == total:
-                report("Writing the page", RELIT)
-
-        write_view(output, source, lighting, command=_command(name, mask), progress=analysed)
+        told = then("Writing the page", RELIT)
+        write_view(output, source, lighting, command=_command(name, mask), progress=told)
     elif suffix == ".glb":
-        matte = None if mask is None else images.read_mask(mask)
-        lights = as_lights(lighting.rig().lights)
-        subject = Subject(images.read(name), matte, feather=source.feather)
-        report("Making the mesh", ANALYSED)
-        subject.export(output, lights, gloss=lighting.effective_gloss)
+        export_person(output, source, lighting, progress=then("Making the mesh", ANALYSED))
     else:
         _save_picture(
             source, lighting, Output((Path(output),), passes=tuple(passes), exposure=_exposure(look)), report

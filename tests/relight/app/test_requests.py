@@ -22,11 +22,12 @@ pytest.importorskip("uvicorn")
 from starlette.requests import Request
 
 import relight
-from relight.app import pictures, tasks, worker
+from relight.app import tasks, worker
 from relight.app.answers import refusing
 from relight.app.server import Server
 from relight.app.session import Session
 from relight.app.worker import Refused, Worker
+from relight.media.images import loading
 
 
 class Refusing:
@@ -156,8 +157,7 @@ def bomb(path, width, height):
 @pytest.mark.parametrize("task", ["read", "environment", "background"])
 def test_pictures_of_too_many_pixels_are_refused_before_they_are_decoded(tmp_path, monkeypatch, task):
     monkeypatch.chdir(tmp_path)
-    monkeypatch.setattr(pictures, "PIXELS", 10_000)
-    monkeypatch.setattr(tasks.images, "read", None)
+    monkeypatch.setattr(loading, "_pixels", None)
     bomb(tmp_path / "sky.png", 200, 100)
     spec = oiio.ImageSpec(8, 8, 3, "half")
     spec.full_width = spec.full_height = 1000  # the display window is what is allocated
@@ -165,9 +165,13 @@ def test_pictures_of_too_many_pixels_are_refused_before_they_are_decoded(tmp_pat
     out.open("w.exr", spec)
     out.write_image(np.ones((8, 8, 3), np.float32))
     out.close()
-    for name in ("sky.png", "w.exr"):
-        with pytest.raises(ValueError, match="pixels; expected"):
-            getattr(tasks, task)(name, lambda what: None)
+    relight.media.images.limit_pixels(10_000)
+    try:
+        for name in ("sky.png", "w.exr"):
+            with pytest.raises(ValueError, match="pixels; expected"):
+                getattr(tasks, task)(name, lambda what: None)
+    finally:
+        relight.media.images.limit_pixels(None)
 
 
 def anamorphic(path):
