@@ -468,7 +468,8 @@ class Subject:
             self.size, first, background, title=title, command=command or scene.COMMAND,
             background_name=background_name, gloss=gloss,
         )  # fmt: skip
-        scene.check_positions(first or [], self._record.maps)
+        for light in first or []:
+            self._record.maps.check_outside(light)
         person = (self._record, self.matte, self.albedo)
         if path is not None:
             return page.write_page(path, about, *person)

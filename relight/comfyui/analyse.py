@@ -7,7 +7,7 @@ import numpy as np
 import torch
 
 from relight.comfyui import host, tensors, widgets
-from relight.comfyui.subjects import SubjectBatch, of_a_shot, one_by_one
+from relight.comfyui.subjects import SubjectBatch, each_person
 from relight.empty_subject import EmptySubject
 from relight.lights.environment import FIELD_OF_VIEW
 from relight.matting.networks import AUTO
@@ -125,9 +125,8 @@ class Analyse(widgets.Node):
                 **maps,
             )
 
-        order = of_a_shot if batch == SHOT else one_by_one
         pictures = _Pictures()
-        people = pictures.taken(host.progress(order(count, analyse), count))
+        people = pictures.taken(host.progress(each_person(count, analyse, batch == SHOT), count))
         return (SubjectBatch(count, people), *pictures.images())
 
 
@@ -135,33 +134,28 @@ class _Pictures:
     """The pictures of what was found, taken while the subjects pass by."""
 
     def __init__(self) -> None:
-        self._albedo: list[np.ndarray] = []
-        self._normals: list[np.ndarray] = []
-        self._depth: list[np.ndarray] = []
-        self._mattes: list[np.ndarray] = []
+        self._taken: list[tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]] = []
 
     def taken(self, people: Iterator[tuple[Person, Person]]) -> Iterator[tuple[Person, Person]]:
         """Yield the people, and take the pictures of each."""
         for analysed, person in people:
             matte = person.matte
-            self._albedo.append(np.dstack([person.albedo * matte[..., None], matte]))
+            albedo = np.dstack([person.albedo * matte[..., None], matte])
             normals = np.where(matte[..., None] > 0, person.normals, TO_CAMERA)
-            self._normals.append(normals / 2 + np.float32(0.5))
-            self._depth.append(person.depth)
-            self._mattes.append(matte)
+            self._taken.append((albedo, normals / 2 + np.float32(0.5), person.depth, matte))
             yield analysed, person
 
     def images(self) -> tuple[torch.Tensor, torch.Tensor, torch.Tensor]:
         """Return IMAGEs of the albedo, the normals and the depth."""
-        inside = [depth[matte > 0] for depth, matte in zip(self._depth, self._mattes, strict=True)]
+        albedo, normals, depths, mattes = map(list, zip(*self._taken, strict=True))
+        inside = [depth[matte > 0] for depth, matte in zip(depths, mattes, strict=True)]
         metres = np.concatenate(inside) if any(map(len, inside)) else np.zeros(1, np.float32)
         near, far = metres.min(), metres.max()
         nearness = [
             np.where(matte > 0, (far - depth) / max(far - near, 1e-6), 0).astype(np.float32)
-            for depth, matte in zip(self._depth, self._mattes, strict=True)
+            for depth, matte in zip(depths, mattes, strict=True)
         ]
-        normals = torch.from_numpy(np.stack(self._normals))
-        return tensors.to_image(self._albedo), normals, tensors.as_grey(nearness)
+        return tensors.to_image(albedo), torch.from_numpy(np.stack(normals)), tensors.as_grey(nearness)
 
 
 def _normals(image: torch.Tensor, axes: str) -> np.ndarray:

@@ -10,19 +10,31 @@ import torch
 from relight.comfyui import host, tensors, widgets
 from relight.comfyui.lights import Lights
 from relight.comfyui.subjects import Person, SubjectBatch
-from relight.compositing.composite import over
 from relight.compositing.floor import Floor
 from relight.lights.environment import EnvironmentLight
 from relight.lights.light import Light
 from relight.lights.moving import MovingLight
 from relight.lights.rig import by_name
+from relight.rendering import relit_over
+
+FLOOR = (
+    "The floor on which the person's shadow falls in the background: the camera's height above it in metres "
+    "and the horizon as a share of the picture's height from the top, one or both, such as height=1.5 or "
+    "height=1.5,horizon=0.45. Empty for no floor."
+)
+EXPOSURE = "Stops: each doubles the light. Light up to 1 is shown exactly, brighter highlights roll off."
+GLOSS = "Reflection at grazing angles: a rim on hair, shoulders and arms in light from behind. 0 is none."
+BEHIND = (
+    "What is behind the person: one image, or one a frame; scaled to cover the frame and cropped. Without it "
+    "the image is straight colour, for the mask."
+)
 
 Analysed = Annotated[SubjectBatch, widgets.SUBJECT_LAST]
 Given = Annotated[Lights, widgets.LIGHTS]
-Behind = Annotated[torch.Tensor | None, widgets.socket("IMAGE", widgets.RENDER_BACKGROUND)]
-Ground = Annotated[str, widgets.text(widgets.FLOOR)]
-Exposure = Annotated[float, widgets.number(-16.0, 16.0, 0.1, widgets.EXPOSURE)]
-Gloss = Annotated[float, widgets.number(0.0, 1.0, 0.05, widgets.GLOSS)]
+Behind = Annotated[torch.Tensor | None, widgets.socket("IMAGE", BEHIND)]
+Ground = Annotated[str, widgets.text(FLOOR)]
+Exposure = Annotated[float, widgets.number(-16.0, 16.0, 0.1, EXPOSURE)]
+Gloss = Annotated[float, widgets.number(0.0, 1.0, 0.05, GLOSS)]
 
 
 class CheckedNode(widgets.Node):
@@ -199,12 +211,7 @@ class Backdrop:
         self, person: Person, lights: Lights | list[Light], number: int, gloss: float = 0.0
     ) -> np.ndarray:
         """Return the person in the lights over it, (H, W, 3) linear; without one (H, W, 4), premultiplied."""
-        picture, background = person.relit(lights, gloss), self.picture(number)
-        if background is None:
-            return picture
-        return over(
-            picture, background, None if self.floor is None else person.shadows(lights, self.floor)[1]
-        )
+        return relit_over(person, lights, self.picture(number), self.floor, gloss)
 
 
 def orbiting(light: Light, frames: float) -> Callable[[float], Light]:

@@ -5,6 +5,7 @@ from collections.abc import Callable, Iterator
 from pathlib import Path
 
 from relight import empty_subject
+from relight.analysis.temporal import RADIUS
 from relight.pipeline.persons import Persons
 from relight.subject import Person, Subject
 
@@ -50,27 +51,21 @@ class SubjectBatch:
         return empty_subject.load_subject(person) if isinstance(person, Path) else person
 
 
-def one_by_one(count: int, analyse: Analyse) -> Iterator[tuple[Person, Person]]:
-    """Yield the person of each of `count` separate pictures, twice: nothing is filtered."""
-    for number in range(count):
-        person = analyse(number, None)
-        yield person, person
+def each_person(count: int, analyse: Analyse, is_shot: bool) -> Iterator[tuple[Person, Person]]:
+    """Yield the person of each of `count` images: as analysed, and as filtered in time if they are a shot.
 
-
-def of_a_shot(count: int, analyse: Analyse) -> Iterator[tuple[Person, Person]]:
-    """Yield the person of each of `count` frames as analysed, and filtered in time as in a shot.
-
-    `analyse(number, first)` analyses a frame, in the room of the first subject that has been found.
+    `analyse(number, first)` analyses an image: in a shot, in the room of the first subject that was found.
     """
     first: Subject | None = None
 
     def in_room(number: int) -> Person:
         nonlocal first
         person = analyse(number, first)
-        first = person if first is None and isinstance(person, Subject) else first
+        if is_shot and first is None and isinstance(person, Subject):
+            first = person
         return person
 
-    persons = Persons(range(count), in_room)
+    persons = Persons(range(count), in_room, RADIUS if is_shot else 0)
     for number in range(count):
         filtered = persons.at(number)
         yield persons.analysed(number), filtered

@@ -12,6 +12,7 @@ import torch
 
 from relight.media import colour
 from relight.media.images.edge import linearise
+from relight.media.images.writing import encoded
 
 PERSON, BACKGROUND = "person", "background"  # what a mask shows
 # Added to what is shown, 0.005 codes of 8 bits: Save Image cuts off the fraction of a code, and a rounding
@@ -93,10 +94,7 @@ def to_image(linear: Sequence[np.ndarray], exposure: float = 0.0) -> torch.Tenso
     white = max(1.0, brightest * 2.0**exposure)
     frames = []
     for picture in linear:
-        rgb, alpha = picture[..., :3], picture[..., 3:]
-        if alpha.size:
-            rgb = np.divide(rgb, alpha, out=np.zeros_like(rgb), where=alpha > 0)
-        shown = colour.encode(rgb, exposure=exposure, white=white)
+        shown = encoded(picture, exposure=exposure, white=white)[..., :3]
         frames.append(torch.from_numpy(np.where(shown > 0, (shown + ABOVE_ROUNDING).clip(max=1), shown)))
     return torch.stack(frames)
 

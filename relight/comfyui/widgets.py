@@ -12,17 +12,6 @@ MASK_SHOWS = (
     "What is white in the mask. 'person' for segmentation and background removal nodes. 'background' for the "
     "MASK output of Load Image, which is one minus the picture's alpha."
 )
-FLOOR = (
-    "The floor on which the person's shadow falls in the background: the camera's height above it in metres "
-    "and the horizon as a share of the picture's height from the top, one or both, such as height=1.5 or "
-    "height=1.5,horizon=0.45. Empty for no floor."
-)
-EXPOSURE = "Stops: each doubles the light. Light up to 1 is shown exactly, brighter highlights roll off."
-GLOSS = "Reflection at grazing angles: a rim on hair, shoulders and arms in light from behind. 0 is none."
-RENDER_BACKGROUND = (
-    "What is behind the person: one image, or one a frame; scaled to cover the frame and cropped. Without it "
-    "the image is straight colour, for the mask."
-)
 
 
 class Node:

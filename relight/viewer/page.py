@@ -25,19 +25,6 @@ MODULES = (
     "state", "png", "zoom", "stage", "plan", "inspector", "sheet", "surround", "controls", "actions", "keys",
     "viewer", "entry",
 )  # fmt: skip
-SHADERS = (
-    "quad",
-    "common",
-    "gloss",
-    "light",
-    "near",
-    "sum",
-    "prepare",
-    "enlarge",
-    "compose",
-    "reduce",
-    "show",
-)
 
 
 def write_page(
@@ -70,7 +57,8 @@ def page(scene: Mapping[str, Any], packed: bytes) -> str:
 @functools.cache
 def module() -> str:
     """Return the program as one ES module without exports: constants, shaders, and its files in order."""
-    shaders = {name: _text(f"shaders/{name}.glsl") for name in SHADERS}
+    names = sorted(file.name for file in files("relight.viewer").joinpath("web", "shaders").iterdir())
+    shaders = {name.removesuffix(".glsl"): _text(f"shaders/{name}") for name in names}
     shaders["common"] += constants.of_the_shaders()
     given = {"SHADERS": shaders, "PYTHON": constants.of_the_program()}
     parts = [f"const {name} = {_within_script(json.dumps(value))};" for name, value in given.items()]

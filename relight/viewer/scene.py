@@ -2,13 +2,12 @@
 
 import base64
 import functools
-from collections.abc import Iterable, Sequence
+from collections.abc import Sequence
 from typing import Any
 
 import numpy as np
 
 from relight.analysis.gloss import checked_gloss
-from relight.analysis.maps import AnalysisMaps
 from relight.compositing.composite import Background
 from relight.compositing.placement import cover
 from relight.lights.directional import DirectionalLight
@@ -80,12 +79,6 @@ def checked_lights(lights: Lights) -> dict[str, Light]:
             f"got {len(named) - len(skies)} and {len(skies)}"
         )
     return named
-
-
-def check_positions(lights: Iterable[Light], maps: AnalysisMaps) -> None:
-    """Raise ValueError for a near light that touches the person."""
-    for light in lights:
-        maps.check_outside(light)
 
 
 def parameters_of(light: HandleLight, name: str | None = None) -> dict[str, Any]:

@@ -9,7 +9,7 @@ from helpers import ROOT
 
 import relight
 from relight.comfyui import subjects
-from relight.comfyui.subjects import SubjectBatch, of_a_shot, one_by_one
+from relight.comfyui.subjects import SubjectBatch, each_person
 from relight.empty_subject import EmptySubject
 
 
@@ -34,7 +34,7 @@ def test_frames_of_a_shot_are_filtered_with_two_on_either_side():
         made.append(number)
         return EmptySubject((4, 4)) if number == 3 else Frame(number, first)
 
-    people = list(of_a_shot(6, analyse))
+    people = list(each_person(6, analyse, is_shot=True))
     assert made == [0, 1, 2, 3, 4, 5]
     filtered = [person.others for _, person in people if isinstance(person, Frame)]
     assert filtered == [[1, 2], [0, 2], [0, 1, 4], [2, 5], [4]]
@@ -43,9 +43,10 @@ def test_frames_of_a_shot_are_filtered_with_two_on_either_side():
 
 
 def test_a_single_picture_and_separate_ones_are_not_filtered():
-    ((analysed, person),) = of_a_shot(1, Frame)
+    ((analysed, person),) = each_person(1, Frame, is_shot=True)
     assert analysed is person
-    assert [(person.number, person.first) for _, person in one_by_one(2, Frame)] == [(0, None), (1, None)]
+    separate = [person for _, person in each_person(2, Frame, is_shot=False)]
+    assert [(person.number, person.first) for person in separate] == [(0, None), (1, None)]
 
 
 @pytest.fixture(scope="module")
