@@ -183,13 +183,9 @@ class Shading(NamedTuple):
         visibility of these directions, if it is already known.
         """
         residual = anchor_weights(directions, self.anchors) @ self.residual
-        residual -= residual.clamp(0, RESIDUAL_BIAS)
-        if self.normals is not None:
-            base = (directions @ self.normals).clamp_min_(0)
-            residual += base * self._seen(directions, seen) if self.known else base
-        elif self.known:
-            residual += self._seen(directions, seen)
-        return self.silhouette.scatter(residual.clamp_(0, 1))
+        facing = None if self.normals is None else directions @ self.normals
+        lit = self._seen(directions, seen) if self.known else None
+        return self.silhouette.scatter(_sum(residual, facing, lit))
 
     @torch.no_grad()
     def per_pixel(self, directions: torch.Tensor) -> torch.Tensor:
@@ -202,19 +198,25 @@ class Shading(NamedTuple):
             lit = self.visibility.gated(cast, toward)
         else:
             (residual,) = interpolate_anchors(toward, self.anchors, self.residual)
-        residual -= residual.clamp(0, RESIDUAL_BIAS)
-        if self.normals is not None:
-            base = (toward * self.normals).sum(dim=0).clamp_min_(0)
-            residual += base if lit is None else base * lit
-        elif lit is not None:
-            residual += lit
-        return self.silhouette.scatter(residual.clamp_(0, 1)[None])[0]
+        facing = None if self.normals is None else (toward * self.normals).sum(dim=0)
+        return self.silhouette.scatter(_sum(residual, facing, lit)[None])[0]
 
     def _seen(self, directions: torch.Tensor, seen: torch.Tensor | None) -> torch.Tensor:
         """Return the visibility (D, N) of the subject's pixels."""
         if seen is None and isinstance(self.visibility, Visibility):
             return self.visibility.at_pixels(directions)
         return self.silhouette.take(self.visibility(directions) if seen is None else seen)
+
+
+def _sum(residual: torch.Tensor, facing: torch.Tensor | None, lit: torch.Tensor | None) -> torch.Tensor:
+    """Add the base image of N·L and visibility to a residual, in place, and return the shading in [0, 1]."""
+    residual -= residual.clamp(0, RESIDUAL_BIAS)
+    if facing is not None:
+        facing.clamp_min_(0)
+        residual += facing if lit is None else facing.mul_(lit)
+    elif lit is not None:
+        residual += lit
+    return residual.clamp_(0, 1)
 
 
 class PerLightShading(nn.Module):

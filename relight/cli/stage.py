@@ -104,7 +104,7 @@ def stage(
     """Render training records on the virtual light stage, pack them, or draw a contact sheet."""
     from shadow.data import records as record_files
     from shadow.evaluation import pictures
-    from shadow.lightstage.stage import render_all
+    from shadow.lightstage.stage import Settings, render_all
 
     if relief and (bodies is not None or pairs is not None):
         raise ValueError("--relief: expected scans only, since --bodies and --pairs have no painted folds")
@@ -112,11 +112,11 @@ def stage(
     sources = people + _scans([*(scan or []), *_listed(scan_list)], variants, folds, not no_normal_maps)
     if sources:
         with _executor(dask) if dask is not None else nullcontext() as pool:
-            written, on_disk, errors = render_all(
-                sources, records, views=views, size=size, behind=behind, lights=directions,
-                jitter=jitter, portrait=portrait, head=head, bounced=shading, raised=relief, fabrics=fabrics,
-                processes=processes, pool=pool,
+            settings = Settings(
+                views=views, size=size, behind=behind, lights=directions, jitter=jitter, portrait=portrait,
+                head=head, bounced=shading, raised=relief, fabrics=fabrics,
             )  # fmt: skip
+            written, on_disk, errors = render_all(sources, records, settings, processes=processes, pool=pool)
         console.print(f"{written} records, {on_disk // max(1, written)} bytes a view")
         for source, error in errors.items():
             console.print(f"{source}: {error}")

@@ -20,7 +20,7 @@ from relight.matting.person import NOBODY, FoundPerson
 from relight.matting.refine import encoded_srgb, opaque_photograph, select_person
 from shadow.files import AnyPath, is_path
 from shadow.installing import install_command
-from shadow.networks.onnx import MAX_SIDE, OnnxFile, Preprocessing, Shape, checked_maps
+from shadow.networks.onnx import MAX_SIDE, OnnxFile, Preprocessing, checked_maps
 
 AUTO = "auto"  # the model that finds the person
 IMAGENET: dict[str, Any] = {"mean": (0.485, 0.456, 0.406), "std": (0.229, 0.224, 0.225)}
@@ -191,7 +191,7 @@ def load(
     else:
         known = Family(Preprocessing(_side(model, shape[2])))
     family_of = replace(known, preprocessing=replace(known.preprocessing, **preparation), **reading)
-    candidates = [index for index, shape in enumerate(file.outputs.values()) if _channels(shape) == 1]
+    candidates = [index for index, channels in enumerate(file.channels) if channels == 1]
     if name is None and output is None and len(candidates) > 1:
         raise ValueError(
             f"output: {model} has several outputs that may be the matte, expected one of "
@@ -207,14 +207,14 @@ def _family(file: OnnxFile) -> str | None:
 
     IS-Net and DAViD's foreground model are not told: many files have one square input of their sizes.
     """
-    (name, shape), outputs = next(iter(file.inputs.items())), list(file.outputs.values())
-    if shape[2:] == (320, 320) and len(outputs) == 7:
+    name, shape = next(iter(file.inputs.items()))
+    if shape[2:] == (320, 320) and len(file.outputs) == 7:
         return "u2net"
     if name == "input_image" and [*file.outputs] == ["output_image"] and shape[2:] == (1024, 1024):
         return "birefnet"
     if shape == ("batch_size", 3, "height", "width") and [name, *file.outputs] == ["input", "output"]:
         return "modnet"
-    if shape[2:] == (512, 512) and [_channels(output) for output in outputs] == [1, 3, 1]:
+    if shape[2:] == (512, 512) and file.channels == [1, 3, 1]:
         return "david-multitask"
     return None
 
@@ -225,10 +225,6 @@ def _side(model: AnyPath, size: int | str | None) -> int:
     if side > MAX_SIDE:
         raise ValueError(f"{model}: expected an input of up to {MAX_SIDE} pixels a side, got {side}")
     return side
-
-
-def _channels(shape: Shape) -> int | str | None:
-    return shape[1] if len(shape) == 4 else 1
 
 
 class _StillNetwork:
@@ -242,8 +238,7 @@ class _StillNetwork:
 
     def __call__(self, encoded: np.ndarray) -> np.ndarray:
         file, family = self._file, self._family
-        answer = file.run({file.picture: family.preprocessing.preprocess(encoded)})[family.output]
-        found = checked_maps(file.path, [*file.outputs][family.output], answer, 1)
+        found = file.maps(encoded, family.preprocessing, family.output, 1)
         low, high = float(found.min()), float(found.max())
         codes = low >= 0 and MIN_CODE_PEAK <= high <= 255.5  # logits are negative off the person
         if family.sigmoid and (codes or 0 <= low <= high <= 1):

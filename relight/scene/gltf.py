@@ -1,6 +1,8 @@
 """glTF 2.0: the person, the plate's camera and the lights in one binary file."""
 
+import io
 import math
+from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -14,10 +16,15 @@ from shadow.installing import install_command
 
 def write(path: Path, asset: Asset) -> None:
     """Write a person: the nodes World, Person, Camera and the lights, the feet on the ground at y = 0."""
-    trimesh, image = _packages()
+    try:
+        import trimesh
+    except ModuleNotFoundError as error:
+        raise ModuleNotFoundError(f"glTF needs the extra scene: {install_command('scene')}") from error
+    from PIL import Image
+
     material = trimesh.visual.material.PBRMaterial(
         name="Unlit" if asset.unlit else "Matte",
-        baseColorTexture=image(asset.texture),
+        baseColorTexture=Image.open(io.BytesIO(asset.texture)),
         metallicFactor=0.0,
         roughnessFactor=ROUGHNESS if asset.gloss else 1.0,
         alphaMode="MASK",
@@ -30,26 +37,10 @@ def write(path: Path, asset: Asset) -> None:
     )  # fmt: skip
     scene = trimesh.Scene()
     scene.add_geometry(mesh, node_name="Person", geom_name="Person")
-
-    def complete(tree: dict[str, Any]) -> None:
-        _complete(tree, asset)
-
+    complete = partial(_complete, asset=asset)
     content = trimesh.exchange.gltf.export_glb(scene, include_normals=True, tree_postprocessor=complete)
     with replacing(path) as written:
         written.write_bytes(content)
-
-
-def _packages() -> tuple[Any, Any]:
-    """trimesh, and what opens a PNG."""
-    import io
-
-    from PIL import Image
-
-    try:
-        import trimesh
-    except ModuleNotFoundError as error:
-        raise ModuleNotFoundError(f"glTF needs the extra scene: {install_command('scene')}") from error
-    return trimesh, lambda png: Image.open(io.BytesIO(png))
 
 
 def _complete(tree: dict[str, Any], asset: Asset) -> None:

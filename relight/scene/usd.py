@@ -2,9 +2,10 @@
 
 import shutil
 import tempfile
-from collections.abc import Iterable
+from collections.abc import Iterable, Iterator
+from contextlib import contextmanager
 from pathlib import Path
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 
@@ -66,7 +67,7 @@ def _show_in_turn(prims: dict[int, Any]) -> None:
         visibility.Set("inherited", number)
 
 
-def _lights(writing: "_stage", asset: Asset, frames: tuple[int, int] | None = None) -> None:
+def _lights(writing: "_Writing", asset: Asset, frames: tuple[int, int] | None = None) -> None:
     """Add the lights of an asset, if it has any; `frames` are the first and the last of a sequence."""
     if asset.lights:
         from pxr import UsdGeom
@@ -83,54 +84,47 @@ def write_lights(path: AnyPath, lights: Iterable[Light | MovingLight]) -> None:
         _span(writing.stage)
 
 
-class _stage:
-    """A stage in a folder of its own, which is delivered when it is whole, after the files beside it."""
+class _Writing(NamedTuple):
+    """A stage that is being written."""
 
-    def __init__(self, path: Path) -> None:
-        usd()
-        from pxr import Kind, Sdf, Usd, UsdGeom
-
-        self.folder = Path(tempfile.mkdtemp(prefix="relight-"))
-        self.target, self.place = path, Place(path, self.folder)
-        suffix = ".usdc" if path.suffix.lower() == ".usdz" else path.suffix
-        self.path = self.folder / f"{path.stem}{suffix}"
-        self.stage: Any = Usd.Stage.CreateNew(str(self.path))
-        UsdGeom.SetStageUpAxis(self.stage, UsdGeom.Tokens.y)
-        UsdGeom.SetStageMetersPerUnit(self.stage, 1.0)
-        self.root = UsdGeom.Xform.Define(self.stage, "/World")
-        Usd.ModelAPI(self.root).SetKind(Kind.Tokens.component)
-        self.stage.SetDefaultPrim(self.root.GetPrim())
-        self.sdf = Sdf
+    stage: Any
+    root: Any  # the prim /World
+    place: Place
 
     def beside(self, name: str, content: bytes) -> str:
         """Put a file beside the stage; what the stage calls it."""
-        (self.folder / name).write_bytes(content)
+        (self.place.folder / name).write_bytes(content)
         return f"./{name}"
 
-    def __enter__(self) -> "_stage":
-        return self
 
-    def __exit__(self, kind: Any, error: Any, trace: Any) -> None:
-        try:
-            if error is None:
-                self._deliver()
-        finally:
-            shutil.rmtree(self.folder, ignore_errors=True)
+@contextmanager
+def _stage(target: Path) -> Iterator[_Writing]:
+    """Make a stage in a folder of its own, and deliver it when it is whole, after the files beside it."""
+    usd()
+    from pxr import Kind, Sdf, Usd, UsdGeom, UsdUtils
 
-    def _deliver(self) -> None:
-        from pxr import UsdUtils
-
-        self.stage.GetRootLayer().Save()
-        whole = self.path
-        if self.target.suffix.lower() == ".usdz":
-            whole = self.folder / "package.usdz"
-            if not UsdUtils.CreateNewUsdzPackage(self.sdf.AssetPath(str(self.path)), str(whole)):
-                raise OSError(f"{self.target}: cannot be packed")
+    packed = target.suffix.lower() == ".usdz"
+    with tempfile.TemporaryDirectory(prefix="relight-", ignore_cleanup_errors=True) as temporary:
+        folder = Path(temporary)
+        path = folder / f"{target.stem}{'.usdc' if packed else target.suffix}"
+        stage: Any = Usd.Stage.CreateNew(str(path))
+        UsdGeom.SetStageUpAxis(stage, UsdGeom.Tokens.y)
+        UsdGeom.SetStageMetersPerUnit(stage, 1.0)
+        root = UsdGeom.Xform.Define(stage, "/World")
+        Usd.ModelAPI(root).SetKind(Kind.Tokens.component)
+        stage.SetDefaultPrim(root.GetPrim())
+        yield _Writing(stage, root, Place(target, folder))
+        stage.GetRootLayer().Save()
+        whole = path
+        if packed:
+            whole = folder / "package.usdz"
+            if not UsdUtils.CreateNewUsdzPackage(Sdf.AssetPath(str(path)), str(whole)):
+                raise OSError(f"{target}: cannot be packed")
         else:
-            for file in self.folder.iterdir():
-                if file != self.path:
-                    _replace(self.target.with_name(file.name), file)
-        _replace(self.target, whole)
+            for file in folder.iterdir():
+                if file != path:
+                    _replace(target.with_name(file.name), file)
+        _replace(target, whole)
 
 
 def _replace(target: Path, file: Path) -> None:

@@ -7,10 +7,10 @@ the surface and cast shadows.
 from dataclasses import replace
 
 import numpy as np
-from scipy.sparse import coo_matrix, csr_matrix
 from scipy.sparse.csgraph import connected_components
 
 from shadow.lightstage.figure import Albedo, Figure, normalize, vertex_normals
+from shadow.lightstage.mesh import adjacency, unique_edges
 from shadow.lightstage.people.cloth.fabric import Noise
 
 FOLD_HEIGHTS = 0.008, 0.024  # metres from the valley to the crest of a fold: lowest and highest
@@ -102,28 +102,18 @@ def _average_welded(vectors: np.ndarray, point: np.ndarray) -> np.ndarray:
     return normalize(sums)[point]
 
 
-def _adjacency(figure: Figure, point: np.ndarray) -> csr_matrix:
-    """Return the adjacency matrix (P, P) of positions."""
-    ends = point[figure.faces[:, [0, 1, 1, 2, 2, 0]].reshape(-1, 2)]
-    count = point.max() + 1
-    joined = coo_matrix((np.ones(2 * len(ends)), (ends.ravel(), ends[:, ::-1].ravel())), shape=(count, count))
-    matrix = joined.tocsr()
-    matrix.data[:] = 1
-    return matrix
-
-
 def _largest_component(figure: Figure) -> np.ndarray:
     """Return which vertices (V,) belong to the largest connected component; others are eyes, hair, props."""
     point = _weld(figure.vertices)
-    label = connected_components(_adjacency(figure, point), directed=False)[1][point]
+    label = connected_components(adjacency(point[figure.faces], point.max() + 1), directed=False)[1][point]
     return label == np.bincount(label).argmax()
 
 
 def _smooth_mask(figure: Figure, cloth: np.ndarray) -> np.ndarray:
     """Return the weight of the folds (V,) in [0, 1]: 1 inside the cloth, falling to 0 at its edge."""
     point = _weld(figure.vertices)
-    edges = _adjacency(figure, point)
     count = np.bincount(point)
+    edges = adjacency(point[figure.faces], len(count))
     share = np.bincount(point, cloth) / count
     other = share < 0.5
     neighbours = np.asarray(edges.sum(axis=1)).ravel()
@@ -135,11 +125,9 @@ def _smooth_mask(figure: Figure, cloth: np.ndarray) -> np.ndarray:
 
 def _subdivide(figure: Figure, share: np.ndarray) -> tuple[Figure, np.ndarray]:
     """Divide each face of the figure into four; also interpolates the vertex values `share` (V,)."""
-    faces = figure.faces
-    edges = np.sort(faces[:, [0, 1, 1, 2, 2, 0]].reshape(-1, 2), axis=1)
-    ends, inverse = np.unique(edges, axis=0, return_inverse=True)
-    first, second, third = inverse.reshape(-1, 3).T + len(figure.vertices)
-    a, b, c = faces.T
+    ends, side, _ = unique_edges(figure.faces)
+    first, second, third = side.T + len(figure.vertices)
+    a, b, c = figure.faces.T
     quarters = np.stack(
         [a, first, third, first, b, second, third, second, c, first, second, third], axis=1
     ).reshape(-1, 3)

@@ -4,11 +4,36 @@ Mesh edits return the new faces and a sparse operator (new vertices x old vertic
 vertex attributes (positions, skinning weights, garment coordinates) follow.
 """
 
+from pathlib import Path
+
 import numpy as np
 from scipy.sparse import csr_matrix, identity, vstack
 from scipy.spatial import cKDTree
 
 from shadow.lightstage.figure import vertex_normals
+
+
+def read_obj(path: Path) -> tuple[np.ndarray, np.ndarray, dict[str, list[list[list[int]]]]]:
+    """Read a Wavefront file whose polygons have texture coordinates, with the numbers of its vertices.
+
+    Returns the vertices (V, 3), the texture coordinates (T, 2), v up, and {name of a group: polygons}. A
+    corner of a polygon is a pair of indices, of its vertex and of its texture coordinates.
+    """
+    vertices, texture = [], []
+    groups: dict[str, list[list[list[int]]]] = {}
+    group = ""
+    for line in path.read_text().splitlines():
+        kind, *words = line.split() or [""]
+        if kind == "g":
+            group = words[0]
+        elif kind == "v":
+            vertices.append([float(word) for word in words[:3]])
+        elif kind == "vt":
+            texture.append([float(word) for word in words[:2]])
+        elif kind == "f":
+            polygon = [[int(each) - 1 for each in word.split("/")[:2]] for word in words]
+            groups.setdefault(group, []).append(polygon)
+    return np.array(vertices), np.array(texture), groups
 
 
 def unique_edges(faces: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:

@@ -260,39 +260,46 @@ def _clean_processes() -> BaseContext:
     return context
 
 
-def _render_figure(
-    source: FigureSource,
-    out: Path,
-    view_count: int,
-    size: int,
-    behind: bool,
-    light_count: int | None,
-    jitter: bool,
-    portrait: bool,
-    head: bool,
-    bounced: bool,
-    raised: bool,
-    fabrics: bool,
-) -> tuple[int, int]:
+@dataclass(frozen=True)
+class Settings:
+    """What is rendered of each figure. The defaults are those of Section 3."""
+
+    views: int = 9  # around each figure
+    size: int = 512  # side of the square image in pixels
+    behind: bool = False  # whether to add 32 directions behind the subject to the 64 in front
+    # Number of directions, drawn at random for each view, instead of those. With `behind`, a third of them
+    # are behind the subject. Fewer directions take less time, and networks see more different ones.
+    lights: int | None = None
+    jitter: bool = False  # whether to vary camera height, distance and field of view
+    portrait: bool = False  # close-up views with jitter: the frame cuts the figure between neck and shins
+    head: bool = False  # views of the head, down to the waist at most
+    bounced: bool = False  # whether to trace bounce light, for path-traced shading
+    raised: bool = False  # whether painted folds of scans without a normal map become relief (relief.py)
+    # Whether to draw other fabrics and colours of a body's clothes for each view. Their shape stays.
+    fabrics: bool = False
+
+
+def _render_figure(source: FigureSource, out: Path, settings: Settings) -> tuple[int, int]:
     """Render all views of one figure; return the number of records and bytes written."""
     os.environ["OMP_NUM_THREADS"] = "1"
-    paths = [out / f"{source.name}-{index:02d}.npz" for index in range(view_count)]
+    paths = [out / f"{source.name}-{index:02d}.npz" for index in range(settings.views)]
     if all(path.exists() for path in paths):
         return 0, 0
-    figure = source.load()
-    rng = np.random.default_rng(_seed(source.name)) if jitter or portrait or head else None
+    figure, behind = source.load(), settings.behind
+    portrait, head = settings.portrait, settings.head
+    rng = np.random.default_rng(_seed(source.name)) if settings.jitter or portrait or head else None
     lights = directions.olat(behind)
     sizes = []
-    for path, view in zip(paths, views(view_count, figure, rng, portrait, head), strict=True):
+    for path, view in zip(paths, views(settings.views, figure, rng, portrait, head), strict=True):
         if not path.exists():
             own = np.random.default_rng(_seed(path.stem))
-            if light_count is not None:
-                lights = directions.stratified(light_count, own, behind)
-            if fabrics and figure.redraw_fabrics is not None:
+            if settings.lights is not None:
+                lights = directions.stratified(settings.lights, own, behind)
+            if settings.fabrics and figure.redraw_fabrics is not None:
                 figure = replace(figure, albedo=figure.redraw_fabrics(own))
-            record = render(figure, view, size, lights, bounced)
+            record = render(figure, view, settings.size, lights, settings.bounced)
             # A normal map already has the folds that are painted in the texture.
-            painted = raised and figure.normal_map is None
+            painted = settings.raised and figure.normal_map is None
             sizes.append(records.write(path, relief.raise_folds(record) if painted else record))
     return len(sizes), sum(sizes)
 
@@ -300,38 +307,16 @@ def _render_figure(
 def render_all(
     sources: Collection[FigureSource],
     out: str | Path,
+    settings: Settings,
     *,
-    views: int = 9,
-    size: int = 512,
-    behind: bool = False,
-    lights: int | None = None,
-    jitter: bool = False,
-    portrait: bool = False,
-    head: bool = False,
-    bounced: bool = False,
-    raised: bool = False,
-    fabrics: bool = False,
     processes: int | None = None,
     pool: Executor | None = None,
 ) -> tuple[int, int, dict[str, Exception]]:
     """Render records of figures into the folder `out`, in one process for each core or in a given pool.
 
-    Existing views are kept, so an interrupted run continues where it stopped. The result depends on the
-    arguments only, not on the order or the number of processes.
-
-    - `views`: around each figure (Section 3: 9). `size`: side of the square image in pixels (Section 3: 512).
-    - `behind`: whether to add 32 directions behind the subject to the 64 of the frontal hemisphere.
-    - `lights`: number of directions, drawn at random for each view, instead of those. With `behind`, a third
-      of them are behind the subject. Fewer directions take less time, and networks see more different ones.
-    - `jitter`: whether to vary camera height, distance and field of view.
-    - `portrait`: whether to take close-up views with jitter, in which the frame cuts the figure between neck
-      and shins. `head`: whether to take views of the head, down to the waist at most.
-    - `bounced`: whether to trace bounce light, for path-traced shading.
-    - `raised`: whether to convert painted folds of scans without a normal map to relief (relief.py).
-    - `fabrics`: whether to draw other fabrics and colours of a body's clothes for each view. Their shape
-      stays.
-    - `processes`: by default one for each core. `pool`: used instead of processes. Its workers see `out` and
-      the sources under the same paths.
+    Existing views are kept, so an interrupted run continues where it stopped. The result depends on sources
+    and settings only, not on the order or the number of `processes`. The workers of a `pool` see `out` and
+    the sources under the same paths.
 
     Returns the number of records and of bytes written, and {source name: error}. Raises ValueError if two
     sources have one name.
@@ -341,20 +326,7 @@ def render_all(
             raise ValueError(f"sources: two are named {name!r}, as their records would be; rename a file")
     out = Path(out).absolute()  # a worker may have another working directory
     out.mkdir(parents=True, exist_ok=True)
-    work = partial(
-        _render_figure,
-        out=out,
-        view_count=views,
-        size=size,
-        behind=behind,
-        light_count=lights,
-        jitter=jitter,
-        portrait=portrait,
-        head=head,
-        bounced=bounced,
-        raised=raised,
-        fabrics=fabrics,
-    )
+    work = partial(_render_figure, out=out, settings=settings)
     written, size_on_disk = 0, 0
     errors: dict[str, Exception] = {}
     columns = TextColumn("{task.description}"), BarColumn(), MofNCompleteColumn(), TimeRemainingColumn()

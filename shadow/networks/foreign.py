@@ -9,7 +9,7 @@ from scipy.ndimage import distance_transform_edt
 from shadow.directions import CAMERA, from_axes
 from shadow.files import AnyPath
 from shadow.networks.checkpoints import Origin
-from shadow.networks.onnx import OnnxFile, Preprocessing, Shape, checked_maps
+from shadow.networks.onnx import OnnxFile, Preprocessing
 from shadow.srgb import encode_srgb
 
 # DAViD (Saleh et al., ICCV 2025) takes a square of 512 pixels with edge padding, in BGR; normals in our axes.
@@ -32,12 +32,11 @@ class OnnxNormals:
         """
         self._file, self._matrix = OnnxFile(path), from_axes(axes)
         shape = self._file.inputs[self._file.picture]
-        outputs = list(self._file.outputs.values())
-        maps = [index for index, output in enumerate(outputs) if _channels(output) == 3]
-        if len(maps) != 1:
+        channels = self._file.channels
+        if channels.count(3) != 1:
             raise ValueError(f"{path}: expected one output (N, 3, H, W), got {self._file.signature()}")
-        self._output = maps[0]
-        known = shape[2:] == (512, 512) and [_channels(o) for o in outputs] in ([3], [1, 3, 1])
+        self._output = channels.index(3)
+        known = shape[2:] == (512, 512) and channels in ([3], [1, 3, 1])
         if order is None and not known:
             raise ValueError(
                 f"{path}: is not DAViD's by its inputs and outputs: expected order, rgb or bgr, as well; its "
@@ -52,18 +51,14 @@ class OnnxNormals:
 
         Raises ValueError if the output has NaN, or if the normals at the rim point into the person.
         """
-        answer = self._file.run({self._file.picture: self._preprocessing.preprocess(_encoded(rgb))})[
-            self._output
-        ]
-        maps = checked_maps(self._file.path, [*self._file.outputs][self._output], answer, 3)
+        maps = self._file.maps(_encoded(rgb), self._preprocessing, self._output, 3)
         size = (mask.shape[0], mask.shape[1])
         vectors = self._preprocessing.restore(maps, size) @ self._matrix.T
         length = np.linalg.norm(vectors, axis=-1, keepdims=True)
         unit = np.divide(vectors, length, out=np.zeros_like(vectors), where=length > 1e-6)
         coverage = mask.cpu().numpy()
         check_outward(self._file.path, unit, coverage)
-        unit = unit * (coverage > 0)[..., None]
-        return torch.from_numpy(np.ascontiguousarray(unit, np.float32)).permute(2, 0, 1).to(rgb.device)
+        return _tensor(unit * (coverage > 0)[..., None], rgb.device)
 
 
 class OnnxDepth:
@@ -74,8 +69,7 @@ class OnnxDepth:
         model's."""
         self._file = OnnxFile(path)
         shape = self._file.inputs[self._file.picture]
-        channels = [_channels(output) for output in self._file.outputs.values()]
-        if shape[2:] != (DAVID.size, DAVID.size) or channels not in ([1], [1, 3, 1]):
+        if shape[2:] != (DAVID.size, DAVID.size) or self._file.channels not in ([1], [1, 3, 1]):
             raise ValueError(
                 f"{path}: is neither DAViD's depth nor its multi-task model by its inputs and outputs; "
                 f"expected one of these, or depth as an array; its {self._file.signature()}"
@@ -86,16 +80,19 @@ class OnnxDepth:
 
         Raises ValueError if the output has NaN.
         """
-        answer = self._file.run({self._file.picture: DAVID.preprocess(_encoded(rgb))})[0]
-        maps = checked_maps(self._file.path, next(iter(self._file.outputs)), answer, 1)
-        depth = DAVID.restore(maps, (rgb.shape[1], rgb.shape[2]))
-        return torch.from_numpy(np.ascontiguousarray(depth, np.float32)).permute(2, 0, 1).to(rgb.device)
+        maps = self._file.maps(_encoded(rgb), DAVID, 0, 1)
+        return _tensor(DAVID.restore(maps, (rgb.shape[1], rgb.shape[2])), rgb.device)
 
 
 def _encoded(rgb: torch.Tensor) -> np.ndarray:
     """Convert rgb (3, H, W), linear, to (H, W, 3), sRGB-encoded in [0, 1]."""
     linear = rgb.permute(1, 2, 0).clamp(0, 1).cpu().numpy()
     return encode_srgb(linear)
+
+
+def _tensor(maps: np.ndarray, device: torch.device) -> torch.Tensor:
+    """Convert maps (H, W, C) to a float32 tensor (C, H, W) on a device."""
+    return torch.from_numpy(np.ascontiguousarray(maps, np.float32)).permute(2, 0, 1).to(device)
 
 
 def check_outward(path: Path, normals: np.ndarray, mask: np.ndarray) -> None:
@@ -122,7 +119,3 @@ def check_outward(path: Path, normals: np.ndarray, mask: np.ndarray) -> None:
             f"{path}: its normals do not turn outward at the matte's rim, and to the camera, in "
             f"{' and '.join(wrong)}; expected x right, y up, z to the camera: say its axes, such as +x-y-z"
         )
-
-
-def _channels(shape: Shape) -> int | str | None:
-    return shape[1] if len(shape) == 4 else 1

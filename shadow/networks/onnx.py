@@ -66,6 +66,16 @@ class OnnxFile:
         except Exception as error:
             raise ValueError(f"{self.path}: does not run on this photograph: {_line(error)}") from error
 
+    def maps(
+        self, encoded: np.ndarray, preprocessing: "Preprocessing", output: int, channels: int
+    ) -> np.ndarray:
+        """Return the maps (channels, h, w) of one output for a photograph (H, W, 3), sRGB-encoded.
+
+        Raises ValueError as `run` does, and for an output of another shape, or with NaN or infinite values.
+        """
+        answer = self.run({self.picture: preprocessing.preprocess(encoded)})[output]
+        return checked_maps(self.path, [*self.outputs][output], answer, channels)
+
     def _cast(self, name: str, value: np.ndarray) -> np.ndarray:
         """Return a value in the type of its input."""
         kind = self._types.get(name, "tensor(float)")
@@ -78,6 +88,11 @@ class OnnxFile:
     def signature(self) -> str:
         """Describe inputs and outputs for an error message."""
         return f"inputs {_puts(self.inputs)}; outputs {_puts(self.outputs)}"
+
+    @property
+    def channels(self) -> list[int | str | None]:
+        """The number of channels of each output; 1 for one that has no axis of channels."""
+        return [shape[1] if len(shape) == 4 else 1 for shape in self.outputs.values()]
 
     @property
     def picture(self) -> str:

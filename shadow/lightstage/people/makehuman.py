@@ -8,7 +8,7 @@ mesh and an offset, which scales with the body. The assets are in a folder with 
 
 from dataclasses import dataclass
 from functools import lru_cache
-from itertools import pairwise
+from itertools import chain, pairwise
 from pathlib import Path
 
 import numpy as np
@@ -18,7 +18,7 @@ from scipy.spatial.transform import Rotation
 
 from shadow.data import records
 from shadow.lightstage.figure import bilinear, normalize, vertex_normals
-from shadow.lightstage.mesh import clip, subdivide, subdivide_corners
+from shadow.lightstage.mesh import clip, read_obj, subdivide, subdivide_corners
 from shadow.lightstage.normalmaps import decode_normal_map
 from shadow.lightstage.people.body.anatomy import Person
 from shadow.lightstage.people.cloth.fabric import Fabric, MeshPart, hair_colour
@@ -39,27 +39,37 @@ RESERVED = {
 
 
 @dataclass(frozen=True)
-class Binding:
-    """A mesh with V vertices that follows the base mesh, cut or subdivided to W vertices."""
+class Proxy:
+    """A mesh of MakeHuman that follows the base mesh, with V vertices."""
 
+    vertices: np.ndarray  # (V, 3) metres, on MakeHuman's default body
+    faces: np.ndarray  # (F, 3)
+    uv: np.ndarray  # (F, 3, 2) texture coordinates of the corners, v up
     rows: csr_matrix  # (V, 19158)
     offsets: np.ndarray  # (V, 3), in units of `scales`
     scales: tuple[tuple[int, int, float], ...]  # for x, y, z: two base vertices, and their distance in a unit
-    coarse: np.ndarray  # (F, 3), of the V vertices
-    faces: np.ndarray  # (G, 3), of the W vertices
-    operator: csr_matrix  # (W, V)
-    uv: np.ndarray  # (G, 3, 2) texture coordinates of the corners, v up
     hidden: np.ndarray  # (19158,) bool, vertices of the body that it hides
+
+
+@dataclass(frozen=True)
+class Binding:
+    """A proxy, cut or subdivided to W vertices."""
+
+    proxy: Proxy
+    faces: np.ndarray  # (G, 3)
+    operator: csr_matrix  # (W, V)
+    uv: np.ndarray  # (G, 3, 2)
     lift: float = 0.0  # metres along the normals, so that skin does not come through in a pose
     normal_map: np.ndarray | None = None  # (H, W, 3) directions
 
     def on(self, person: Person, fabric: Fabric, label: int = 0) -> MeshPart:
         """Return the mesh on a posed person. label: an index into `records.REGIONS`."""
-        size = [abs(person.rest[a, k] - person.rest[b, k]) / d for k, (a, b, d) in enumerate(self.scales)]
-        rest = self.rows @ person.rest + self.offsets * size
-        weights = (self.rows @ person.base.weights).tocsr()
+        proxy = self.proxy
+        size = [abs(person.rest[a, k] - person.rest[b, k]) / d for k, (a, b, d) in enumerate(proxy.scales)]
+        rest = proxy.rows @ person.rest + proxy.offsets * size
+        weights = (proxy.rows @ person.base.weights).tocsr()
         posed = person.posed(weights, rest)
-        normals = vertex_normals(posed, self.coarse)
+        normals = vertex_normals(posed, proxy.faces)
         posed = posed + self.lift * normals
         return MeshPart(
             self.operator @ posed,
@@ -88,7 +98,7 @@ class Look:
         """Put hair, a suit or shoes on the person of the wardrobe."""
         binding, fabric = worn
         wardrobe.parts.append(binding.on(wardrobe.person, fabric))
-        wardrobe.hidden |= binding.hidden
+        wardrobe.hidden |= binding.proxy.hidden
 
     def face(self, person: Person) -> list[MeshPart]:
         """Return brows and lashes on a posed person."""
@@ -187,28 +197,13 @@ def _sample(texels: np.ndarray, u: np.ndarray, v: np.ndarray) -> np.ndarray:
 # Meshes ----------------------------------------------------------------------------------------------------
 
 
-@dataclass(frozen=True)
-class _Proxy:
-    """A mesh of MakeHuman, as read from its files. vertices: (V, 3) metres, on MakeHuman's default body."""
-
-    vertices: np.ndarray
-    faces: np.ndarray  # (F, 3)
-    uv: np.ndarray  # (F, 3, 2)
-    rows: csr_matrix
-    offsets: np.ndarray
-    scales: tuple[tuple[int, int, float], ...]
-    hidden: np.ndarray
-
-
 @lru_cache(maxsize=64)
 def _cloth(folder: Path, name: str) -> Binding:
     """Read a garment, and subdivide it once."""
     proxy, picture = _read(folder / "clothes" / name / name), folder / f"textures/{name}_normal.jpg"
     faces, operator = subdivide(proxy.faces, len(proxy.vertices))
-    return Binding(
-        proxy.rows, proxy.offsets, proxy.scales, proxy.faces, faces, operator, subdivide_corners(proxy.uv),
-        proxy.hidden, LIFT, decode_normal_map(_texels(picture)[..., :3]) if picture.exists() else None,
-    )  # fmt: skip
+    normal_map = decode_normal_map(_texels(picture)[..., :3]) if picture.exists() else None
+    return Binding(proxy, faces, operator, subdivide_corners(proxy.uv), LIFT, normal_map)
 
 
 @lru_cache(maxsize=64)
@@ -220,13 +215,10 @@ def _cards(folder: Path, kind: str, name: str, picture: str) -> Binding:
     proxy, texels = _read(folder / kind / name / name), _texels(folder / "textures" / picture)
     faces, operator, uv = _tessellate(proxy, EDGE[kind])
     faces, cut = clip(faces, _sample(texels, uv[:, 0], uv[:, 1])[:, 3] - OPAQUE)
-    return Binding(
-        proxy.rows, proxy.offsets, proxy.scales, proxy.faces, faces, (cut @ operator).tocsr(),
-        (cut @ uv)[faces], proxy.hidden,
-    )  # fmt: skip
+    return Binding(proxy, faces, (cut @ operator).tocsr(), (cut @ uv)[faces])
 
 
-def _tessellate(proxy: _Proxy, edge: float) -> tuple[np.ndarray, csr_matrix, np.ndarray]:
+def _tessellate(proxy: Proxy, edge: float) -> tuple[np.ndarray, csr_matrix, np.ndarray]:
     """Divide triangles until no edge is longer than `edge` metres: faces, operator, uv (W, 2).
 
     Each triangle has its own vertices, since it has its own texture coordinates.
@@ -262,20 +254,11 @@ def _lattice(n: int) -> tuple[np.ndarray, np.ndarray]:
     return np.stack([n - i - j, i, j], axis=1) / n, np.array(up + down)
 
 
-def _read(path: Path) -> _Proxy:
+def _read(path: Path) -> Proxy:
     """Read path.mhclo and path.obj."""
-    vertices, texture, faces, uv = [], [], [], []
-    for line in path.with_suffix(".obj").read_text().splitlines():
-        kind, *words = line.split() or [""]
-        if kind == "v":
-            vertices.append([float(word) for word in words[:3]])
-        elif kind == "vt":
-            texture.append([float(word) for word in words[:2]])
-        elif kind == "f":
-            corners = [[int(each) - 1 for each in word.split("/")[:2]] for word in words]
-            for second, third in pairwise(corners[1:]):
-                faces.append([corners[0][0], second[0], third[0]])
-                uv.append([texture[corner[1]] for corner in (corners[0], second, third)])
+    vertices, texture, groups = read_obj(path.with_suffix(".obj"))
+    polygons = chain.from_iterable(groups.values())
+    corners = np.array([(polygon[0], *pair) for polygon in polygons for pair in pairwise(polygon[1:])])
     bound, offsets, scales, hidden = _binding(path.with_suffix(".mhclo"))
     if len(bound) != len(vertices):
         raise ValueError(f"{path}.mhclo: expected {len(vertices)} vertices, as in the .obj, got {len(bound)}")
@@ -284,7 +267,8 @@ def _read(path: Path) -> _Proxy:
         (bound[:, 3:].ravel(), bound[:, :3].astype(int).ravel(), ends), (len(bound), BASE_VERTICES)
     )
     rows.sum_duplicates()
-    return _Proxy(np.array(vertices) / 10, np.array(faces), np.array(uv), rows, offsets, scales, hidden)
+    faces, uv = corners[..., 0], texture[corners[..., 1]]
+    return Proxy(vertices / 10, faces, uv, rows, offsets, scales, hidden)
 
 
 def _binding(path: Path) -> tuple[np.ndarray, np.ndarray, tuple[tuple[int, int, float], ...], np.ndarray]:

@@ -104,5 +104,6 @@ def test_folds_cast_shadows_and_are_seeded(person, folded, tmp_path):
     path = tmp_path / "ball.ply"
     trimesh.creation.icosphere(subdivisions=3, radius=0.9).export(path)
     source = stage.FigureSource.variant(path, 0, folded=True)
-    assert stage.render_all([source], tmp_path / "out", views=1, size=32, processes=1)[::2] == (1, {})
+    settings = stage.Settings(views=1, size=32)
+    assert stage.render_all([source], tmp_path / "out", settings, processes=1)[::2] == (1, {})
     assert records.Records([tmp_path / "out"])[0].about["figure"] == "ball-variant-000-folded"

@@ -192,5 +192,5 @@ def test_a_variant_keeps_the_map_on_its_bent_surface(tmp_path):
 
 def test_painted_folds_are_not_raised_where_there_is_a_map(tmp_path):
     sources = [stage.FigureSource.scan(write(tmp_path / "globe.glb", globe()))]
-    stage.render_all(sources, tmp_path / "out", raised=True, views=1, size=48, processes=1)
+    stage.render_all(sources, tmp_path / "out", stage.Settings(raised=True, views=1, size=48), processes=1)
     assert "relief" not in records.Records([tmp_path / "out"])[0].about

@@ -40,7 +40,7 @@ def ball():
 def test_two_scans_of_one_name_are_refused(tmp_path):
     sources = [stage.FigureSource.scan(tmp_path / name / "mesh.obj") for name in ("alice", "bob")]
     with pytest.raises(ValueError, match="two are named 'scan-mesh'"):
-        stage.render_all(sources, tmp_path / "records", views=1)
+        stage.render_all(sources, tmp_path / "records", stage.Settings(views=1))
     assert not (tmp_path / "records").exists()
 
 
@@ -175,17 +175,17 @@ def mesh_file(tmp_path_factory):
 
 
 def test_rendering_resumes_and_is_deterministic(mesh_file, tmp_path):
-    arguments = {"views": 2, "size": 64, "behind": True, "jitter": True}
+    settings = stage.Settings(views=2, size=64, behind=True, jitter=True)
     sources = [stage.FigureSource.scan(mesh_file)]
-    written, size, errors = stage.render_all(sources, tmp_path / "a", processes=1, **arguments)
+    written, size, errors = stage.render_all(sources, tmp_path / "a", settings, processes=1)
     assert (written, errors) == (2, {})
     assert size == sum(path.stat().st_size for path in (tmp_path / "a").iterdir())
-    assert stage.render_all(sources, tmp_path / "a", processes=1, **arguments)[0] == 0
-    stage.render_all(sources, tmp_path / "b", processes=2, **arguments)
+    assert stage.render_all(sources, tmp_path / "a", settings, processes=1)[0] == 0
+    stage.render_all(sources, tmp_path / "b", settings, processes=2)
     for path in (tmp_path / "a").iterdir():
         assert path.read_bytes() == (tmp_path / "b" / path.name).read_bytes()
     (tmp_path / "a" / "scan-capsule-01.npz").unlink()
-    assert stage.render_all(sources, tmp_path / "a", processes=1, **arguments)[0] == 1
+    assert stage.render_all(sources, tmp_path / "a", settings, processes=1)[0] == 1
     assert len(records.Records([tmp_path / "a"])) == 2
 
 
@@ -193,10 +193,12 @@ def test_rendering_resumes_and_is_deterministic(mesh_file, tmp_path):
 def test_directions_drawn_for_each_view_are_trained_on_and_scored(mesh_file, tmp_path):
     """Views with directions of their own, beside one with the fixed ones, make one mini-batch."""
     sources = [stage.FigureSource.scan(mesh_file)]
-    more = {"size": 64, "behind": True, "processes": 1}
+    drawn, fixed = (
+        stage.Settings(views, 64, behind=True, lights=lights) for views, lights in ((2, 42), (1, None))
+    )
     for folder in ("a", "b"):
-        stage.render_all(sources, tmp_path / folder, views=2, lights=42, **more)
-    stage.render_all(sources, tmp_path / "fixed", views=1, **more)
+        stage.render_all(sources, tmp_path / folder, drawn, processes=1)
+    stage.render_all(sources, tmp_path / "fixed", fixed, processes=1)
     paths = sorted((tmp_path / "a").iterdir())
     assert [path.read_bytes() for path in paths] == [
         path.read_bytes() for path in sorted((tmp_path / "b").iterdir())
@@ -234,7 +236,8 @@ def test_views_of_a_body_may_differ_in_its_fabrics():
 def test_the_option_of_fabrics_changes_the_albedo_and_not_the_normals(tmp_path):
     sources = [stage.FigureSource.body(3, "training")]
     for name in ("a", "b"):
-        stage.render_all(sources, tmp_path / name, views=2, size=64, fabrics=name == "b", processes=1)
+        settings = stage.Settings(views=2, size=64, fabrics=name == "b")
+        stage.render_all(sources, tmp_path / name, settings, processes=1)
     plain, other = (records.Records([tmp_path / name])[0] for name in ("a", "b"))
     np.testing.assert_array_equal(plain.normals_int8, other.normals_int8)
     assert abs(plain.albedo - other.albedo).mean() > 0.02
@@ -244,7 +247,8 @@ def test_folds_are_raised_if_asked_also_after_torch_has_started_threads(mesh_fil
     torch.rand(2000, 2000).exp().sum()  # many threads, which no forked process inherits
     for raised in (False, True):
         sources = [stage.FigureSource.scan(mesh_file)]
-        stage.render_all(sources, tmp_path / str(raised), raised=raised, views=1, size=64, processes=1)
+        settings = stage.Settings(raised=raised, views=1, size=64)
+        stage.render_all(sources, tmp_path / str(raised), settings, processes=1)
     plain, relief = (records.Records([tmp_path / name])[0] for name in ("False", "True"))
     assert "relief" not in plain.about
     assert relief.about["relief"] == 1
@@ -255,7 +259,8 @@ def test_a_broken_mesh_is_reported_and_the_rest_rendered(mesh_file, tmp_path):
     broken = tmp_path / "broken.glb"
     broken.write_bytes(b"not a mesh")
     sources = [stage.FigureSource.scan(path) for path in (broken, mesh_file)]
-    written, _, errors = stage.render_all(sources, tmp_path / "out", views=1, size=32, processes=1)
+    settings = stage.Settings(views=1, size=32)
+    written, _, errors = stage.render_all(sources, tmp_path / "out", settings, processes=1)
     assert written == 1
     assert list(errors) == ["scan-broken"]
     assert scans.load(mesh_file).vertices[:, 1].min() == pytest.approx(0, abs=1e-5)

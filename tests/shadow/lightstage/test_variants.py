@@ -89,7 +89,8 @@ def test_a_number_and_a_mesh_make_one_variant(tmp_path):
     ]
     names = ["scan-ball", "scan-ball-variant-000", "scan-ball-variant-001"]
     assert [source.name for source in sources] == names
-    assert stage.render_all(sources, tmp_path / "out", views=1, size=32, processes=1)[::2] == (3, {})
+    settings = stage.Settings(views=1, size=32)
+    assert stage.render_all(sources, tmp_path / "out", settings, processes=1)[::2] == (3, {})
     found = records.Records([tmp_path / "out"])
     assert [file.stem for file, _ in found.entries] == [f"{name}-00" for name in names]
     assert [f"scan-{record.about['figure']}" for record in found] == names

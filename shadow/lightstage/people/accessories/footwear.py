@@ -125,14 +125,14 @@ def _tight(wardrobe: Wardrobe, posed: np.ndarray, normals: np.ndarray) -> np.nda
 
 def _block(person: Person, shoe: Shoe, side: str, sole: np.ndarray, fabric: Fabric) -> MeshPart:
     """Return the heel block of one foot, from the points (N, 3) of the sole at rest down to the ground."""
-    foot, toes = person.bone(f"foot.{side}"), person.bone(f"toe2-1.{side}")
+    toes = person.bone(f"toe2-1.{side}")
     bottom = sole[:, 1].min()
     heel = sole[sole[:, 2] < sole[:, 2].min() + 0.3 * np.ptp(sole[:, 2])]
     flat = heel[heel[:, 1] < bottom + 0.006][:, [0, 2]]
     outline = flat[ConvexHull(flat).vertices]
     centre = outline.mean(axis=0)
     ring = _rounded(outline - centre)
-    top = np.insert(ring + centre, 1, bottom + 0.004, axis=1) @ foot[:, :3].T + foot[:, 3]
+    top = person.moved(f"foot.{side}", np.insert(ring + centre, 1, bottom + 0.004, axis=1))
     # In the frame of the toes the ground is level. A thin heel is under the back of the foot.
     local = (top - toes[:, 3]) @ toes[:, :3]
     foothold = local.mean(axis=0) - [0, 0, (1 - shoe.tip) * 0.012]
@@ -146,8 +146,7 @@ def _block(person: Person, shoe: Shoe, side: str, sole: np.ndarray, fabric: Fabr
     local = np.stack(rings)
     points = local.reshape(-1, 3)
     faces = outwards(points, loft(local, closed=True), points.mean(axis=0))
-    placed = points @ toes[:, :3].T + toes[:, 3]
-    return MeshPart(placed, faces, points, fabric, LEGS["LR".index(side)])
+    return MeshPart(person.moved(f"toe2-1.{side}", points), faces, points, fabric, LEGS["LR".index(side)])
 
 
 def _rounded(outline: np.ndarray) -> np.ndarray:

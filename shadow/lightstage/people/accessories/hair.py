@@ -61,8 +61,7 @@ class Skull:
 
     def posed(self, points: np.ndarray) -> np.ndarray:
         """Return points (N, 3) at rest, moved with the head to the pose."""
-        transform = self.person.transforms[self.head]
-        return points @ transform[:, :3].T + transform[:, 3]
+        return self.person.moved("head", points)
 
     def neck_and_head(self) -> list[int]:
         """Return the indices of the bones of neck and head."""

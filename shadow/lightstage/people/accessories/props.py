@@ -22,11 +22,6 @@ def carry(wardrobe: Wardrobe, rng: np.random.Generator, split: str) -> None:
         scarf(wardrobe, rng, fabric.draw(rng, split))
 
 
-def _place(points: np.ndarray, bone: np.ndarray) -> np.ndarray:
-    """Apply the transform (3, 4) of a bone to rest points (..., 3)."""
-    return points @ bone[:, :3].T + bone[:, 3]
-
-
 def _box(size: np.ndarray, rounded: float = 0.0) -> tuple[np.ndarray, np.ndarray]:
     """Return vertices and faces of a box around the origin; `rounded`: 0 is sharp, 1 is an ellipsoid."""
     ball = trimesh.creation.icosphere(4)
@@ -82,15 +77,14 @@ def _wrap(
 
 def shoulder_bag(wardrobe: Wardrobe, rng: np.random.Generator, cloth: Fabric) -> None:
     """Put on a bag at one hip, with a strap across the trunk from the other shoulder."""
-    head = wardrobe.person.skeleton.head
+    person, head = wardrobe.person, wardrobe.person.skeleton.head
     side = rng.choice([-1.0, 1.0])
-    chest, pelvis = wardrobe.person.bone("spine02"), wardrobe.person.bone("root")
     # Rays from the middle of the trunk, in the plane through one shoulder, beside the neck, and the other
     # hip.
-    shoulder = _place(head("clavicle.L") * [0, 1, 1] + [-side * 0.075, 0.05, 0], chest)
-    hip = _place(head("upperleg01.L") * [side, 1, 1] + [side * 0.03, 0.03, 0], pelvis)
+    shoulder = person.moved("spine02", head("clavicle.L") * [0, 1, 1] + [-side * 0.075, 0.05, 0])
+    hip = person.moved("root", head("upperleg01.L") * [side, 1, 1] + [side * 0.03, 0.03, 0])
     middle = (shoulder + hip) / 2
-    forward = chest[:, :3] @ np.array([0, 0, 1.0])
+    forward = person.bone("spine02")[:, :3] @ np.array([0, 0, 1.0])
     angle = np.linspace(0, 2 * np.pi, 80)
     spoke = np.cos(angle)[:, None] * (shoulder - middle) + np.sin(angle)[:, None] * forward * 0.12
     wrapped, facing = _wrap(wardrobe, middle + spoke, np.tile(middle, (80, 1)), 0.004)
@@ -100,20 +94,19 @@ def shoulder_bag(wardrobe: Wardrobe, rng: np.random.Generator, cloth: Fabric) ->
     points, faces = _box(size, 0.3)
     hip = head("upperleg01.L") * [side, 1, 1] + [side * (0.12 + size[0] / 2), -0.02, -0.02]
     points = points + 0.004 * fold_noise(points, rng, 0.1)[:, None]
-    wardrobe.parts.append(MeshPart(_place(points + hip, pelvis), faces, points, cloth))
+    wardrobe.parts.append(MeshPart(person.moved("root", points + hip), faces, points, cloth))
 
 
 def backpack(wardrobe: Wardrobe, rng: np.random.Generator, cloth: Fabric) -> None:
     """Put on a backpack with two straps over the shoulders."""
     wardrobe.packed = True
-    head = wardrobe.person.skeleton.head
-    chest = wardrobe.person.bone("spine02")
+    person, head = wardrobe.person, wardrobe.person.skeleton.head
     size = np.array([rng.uniform(0.26, 0.34), rng.uniform(0.36, 0.5), rng.uniform(0.12, 0.2)])
     points, faces = _box(size, 0.45)
     points = points + 0.005 * fold_noise(points, rng, 0.12)[:, None]
-    back = wardrobe.person.tights_rest[:, 2].min()
+    back = person.tights_rest[:, 2].min()
     centre = np.array([0, head("spine02")[1] + 0.05, back - size[2] / 2 - 0.01])
-    wardrobe.parts.append(MeshPart((points + centre) @ chest[:, :3].T + chest[:, 3], faces, points, cloth))
+    wardrobe.parts.append(MeshPart(person.moved("spine02", points + centre), faces, points, cloth))
     for side in (-1.0, 1.0):
         # From the pack over the shoulder and down the chest, then around the flank back to the pack.
         over = np.linspace(-0.3 * np.pi, 0.5 * np.pi, 32)
@@ -127,9 +120,8 @@ def backpack(wardrobe: Wardrobe, rng: np.random.Generator, cloth: Fabric) -> Non
             np.stack([side * np.sin(around), 0 * around, np.cos(around)], axis=1),
         ]
         path = axis + 0.12 * np.concatenate(spoke)
-        wrapped, facing = _wrap(
-            wardrobe, path @ chest[:, :3].T + chest[:, 3], axis @ chest[:, :3].T + chest[:, 3], 0.005
-        )
+        path, axis = person.moved("spine02", path), person.moved("spine02", axis)
+        wrapped, facing = _wrap(wardrobe, path, axis, 0.005)
         vertices, faces = _ribbon(wrapped, facing, 0.045, 0.006)
         wardrobe.parts.append(MeshPart(vertices, faces, vertices, cloth))
 
@@ -137,7 +129,6 @@ def backpack(wardrobe: Wardrobe, rng: np.random.Generator, cloth: Fabric) -> Non
 def scarf(wardrobe: Wardrobe, rng: np.random.Generator, cloth: Fabric) -> None:
     """Put on a wound scarf: two lumpy rings around the neck."""
     neck = wardrobe.person.skeleton.head("neck01")
-    bone = wardrobe.person.bone("neck01")
     for turn in range(2):
         angle, around = np.meshgrid(
             np.linspace(0, 2 * np.pi, 96, endpoint=False),
@@ -170,4 +161,4 @@ def scarf(wardrobe: Wardrobe, rng: np.random.Generator, cloth: Fabric) -> None:
             np.repeat(shape.reshape(96, 28, 3)[:, :1], 28, axis=1).reshape(-1, 3) + neck + [0, 0.01, 0.012]
         )
         faces = outwards(points, faces, middle)
-        wardrobe.parts.append(MeshPart(points @ bone[:, :3].T + bone[:, 3], faces, points, cloth))
+        wardrobe.parts.append(MeshPart(wardrobe.person.moved("neck01", points), faces, points, cloth))

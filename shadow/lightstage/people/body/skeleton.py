@@ -13,6 +13,7 @@ from numpy.typing import ArrayLike
 from shadow.lightstage.figure import normalize
 
 SIDES = {"L": 1.0, "R": -1.0}
+LIMBS = {"arm": ("upperarm01", "lowerarm01", "wrist"), "leg": ("upperleg01", "lowerleg01", "foot")}
 BEHIND_ANKLE = 0.03  # metres from the ankle back to the middle of the heel
 
 
@@ -27,6 +28,10 @@ class Skeleton:
     def head(self, name: str) -> np.ndarray:
         """Return the position (3,) of the head (the first joint) of a bone at rest."""
         return self.heads[self.names.index(name)]
+
+    def limb(self, kind: str, side: str) -> np.ndarray:
+        """Return the three joints (3, 3) of an "arm" or a "leg" at rest."""
+        return np.stack([self.head(f"{name}.{side}") for name in LIMBS[kind]])
 
     def transforms(self, rotations: dict[str, np.ndarray]) -> np.ndarray:
         """Return the transforms (J, 3, 4) of the bones from rest to the pose, given {bone: rotation}."""
@@ -121,13 +126,6 @@ class Pose:
         """Draw a normal variate with standard deviation `scale`, clipped at 2.2 deviations."""
         return float(np.clip(self.rng.normal(), -2.2, 2.2) * scale)
 
-    def joints(self, kind: str, side: str) -> np.ndarray:
-        """Return the three joints (3, 3) of an "arm" or a "leg" at rest."""
-        names = {"arm": ("upperarm01", "lowerarm01", "wrist"), "leg": ("upperleg01", "lowerleg01", "foot")}[
-            kind
-        ]
-        return np.stack([self.skeleton.head(f"{name}.{side}") for name in names])
-
     def torso(self, pitch: float = 0, yaw: float = 0, roll: float = 0) -> None:
         """Bend the spine by angles in degrees, distributed over its bones."""
         for bone, share in (("spine04", 0.25), ("spine03", 0.3), ("spine02", 0.3), ("spine01", 0.15)):
@@ -159,7 +157,7 @@ class Pose:
         raised = np.clip(np.degrees(np.arcsin(upper[1])) + 20, 0, 60) * 0.4
         shoulder = rotation((0, 0, 1), SIDES[side] * raised)
         self.rotations[f"clavicle.{side}"] = shoulder
-        joints = self.joints("arm", side)
+        joints = self.skeleton.limb("arm", side)
         hinge = normalize(np.cross(joints[1] - joints[0], joints[2] - joints[1]))
         first, second, third = _limb(joints, shoulder.T @ upper, shoulder.T @ lower, hinge)
         self.rotations[f"upperarm01.{side}"] = first
@@ -171,7 +169,7 @@ class Pose:
 
         hint: the direction of the elbow, with x away from the body. pronation: degrees.
         """
-        joints = self.joints("arm", side)
+        joints = self.skeleton.limb("arm", side)
         upper, lower = (float(np.linalg.norm(joints[k + 1] - joints[k])) for k in (0, 1))
         directions = reach(joints[0], target, upper, lower, np.asarray(hint, float) * [SIDES[side], 1, 1])
         self.aim_arm(side, *directions)
@@ -179,7 +177,7 @@ class Pose:
 
     def pronate(self, side: str, degrees: float) -> None:
         """Rotate forearm and wrist about the axis of the forearm."""
-        joints = self.joints("arm", side)
+        joints = self.skeleton.limb("arm", side)
         axis = normalize(joints[2] - joints[1])
         angle = SIDES[side] * (degrees + self.jitter(12))
         self.rotations[f"lowerarm02.{side}"] = rotation(axis, 0.6 * angle)
@@ -215,7 +213,7 @@ class Pose:
         `pitch` lifts the thigh forward, `knee` bends the knee, `out` swings the leg sideways, `yaw` turns it
         outward.
         """
-        joints = self.joints("leg", side)
+        joints = self.skeleton.limb("leg", side)
         sign = SIDES[side]
         facing = rotation((0, 1, 0), sign * yaw)
         rest_out = np.degrees(np.arctan2(abs(joints[2, 0] - joints[0, 0]), joints[0, 1] - joints[2, 1]))
@@ -247,7 +245,7 @@ class Pose:
         points, normals (P, 3): the surface of the torso in the rest chest frame.
         """
         for side, (upper, lower) in list(self.arms.items()):
-            joints = self.joints("arm", side)
+            joints = self.skeleton.limb("arm", side)
             lengths = [np.linalg.norm(joints[k + 1] - joints[k]) for k in (0, 1)]
             for _ in range(6):
                 elbow = joints[0] + lengths[0] * upper

@@ -103,7 +103,6 @@ class Wardrobe:
             self._obstacles_by_region(pattern.region),
             pattern.held,
             gap=0.0025 + fit.thickness * 0.6 + 2.5 * fit.wrinkles,
-            weight=fit.weight,
             bending=fit.bending,
         )
         self._add_obstacle(fit, pattern, posed)

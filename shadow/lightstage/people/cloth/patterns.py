@@ -34,7 +34,6 @@ class Fit:
     flare: float = 0.1  # slope of the tube, outward for each metre down
     open_front: float = 0.0  # half the gap of an open jacket at the hem, 0 if closed
     held: tuple[str, ...] = field(default=())  # edges that stay in place: "waist", "hem", "neck", "ankles"
-    weight: float = 1.0  # see `drape`
     bending: float = 0.3  # see `drape`
     wrinkles: float = 0.001  # height of fine creases
     slack: float = 1.0  # length of the cloth relative to the pattern

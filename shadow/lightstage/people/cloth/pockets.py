@@ -55,7 +55,7 @@ def _orient_hand(pose: Pose, side: str, along: np.ndarray, palm: np.ndarray) -> 
         pose.rotations[f"{bone}.{side}"] = np.eye(3)
     forearm = skeleton.transforms(pose.rotations)[skeleton.names.index(f"lowerarm01.{side}"), :, :3]
     turned = forearm.T @ after @ before.T
-    joints = pose.joints("arm", side)
+    joints = skeleton.limb("arm", side)
     axis = normalize(joints[2] - joints[1])
     # The forearm takes the rotation about its own axis, the wrist takes the rest.
     helper = normalize(np.cross(axis, [0.3, 0.2, 0.9]))

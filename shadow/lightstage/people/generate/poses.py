@@ -9,22 +9,8 @@ def draw(skeleton: Skeleton, rng: np.random.Generator) -> Pose:
     """Draw a random pose, about a quarter of them lively."""
     pose = Pose(skeleton, rng)
     lively = rng.random() < 0.22
-    legs = rng.choice(
-        ["sit", "kneel", "run", "lunge", "lift", "wide", "walk"]
-        if lively
-        else [
-            "stand",
-            "stand",
-            "stand",
-            "contrapposto",
-            "contrapposto",
-            "contrapposto",
-            "walk",
-            "walk",
-            "wide",
-            "sit",
-        ]
-    )
+    calm = ["stand"] * 3 + ["contrapposto"] * 3 + ["walk"] * 2 + ["wide", "sit"]
+    legs = rng.choice(["sit", "kneel", "run", "lunge", "lift", "wide", "walk"] if lively else calm)
     _LEGS[legs](pose)
     _torso(pose, lively)
     for side in "LR":
@@ -159,6 +145,15 @@ _LEGS = {
 # Arms: targets are points near the trunk in the rest pose -------------------------------------------------
 
 
+Range = tuple[float, float]
+
+
+def _near(pose: Pose, side: str, joint: str, x: Range, y: Range, z: Range) -> np.ndarray:
+    """Draw a point (3,) near a joint, with offsets in these ranges, in metres; x is away from the body."""
+    offset = [pose.rng.uniform(*each) for each in (x, y, z)]
+    return pose.skeleton.head(joint) + np.array([SIDES[side], 1, 1]) * offset
+
+
 def _down(pose: Pose, side: str) -> None:
     bend = abs(pose.jitter(12)) + 6
     swing = pose.jitter(12)
@@ -195,33 +190,19 @@ def _pocket(pose: Pose, side: str) -> None:
 
 
 def _across(pose: Pose, side: str) -> None:
-    chest = pose.skeleton.head("spine02")
-    target = chest + [
-        -SIDES[side] * pose.rng.uniform(-0.02, 0.12),
-        pose.rng.uniform(-0.12, 0.18),
-        pose.rng.uniform(0.16, 0.24),
-    ]
+    other = "R" if side == "L" else "L"
+    target = _near(pose, other, "spine02", (-0.02, 0.12), (-0.12, 0.18), (0.16, 0.24))
     pose.hand_to(side, target, (1.0, -0.9 + pose.jitter(0.3), -0.1), pose.jitter(30))
 
 
 def _held_in_front(pose: Pose, side: str) -> None:
-    belly = pose.skeleton.head("spine04")
-    target = belly + [
-        SIDES[side] * pose.rng.uniform(0.0, 0.1),
-        pose.rng.uniform(-0.08, 0.2),
-        pose.rng.uniform(0.2, 0.32),
-    ]
+    target = _near(pose, side, "spine04", (0.0, 0.1), (-0.08, 0.2), (0.2, 0.32))
     pose.hand_to(side, target, (0.8, -0.8, -0.5 + pose.jitter(0.3)), pose.jitter(30))
     pose.fingers(side, 40, 0)
 
 
 def _to_face(pose: Pose, side: str) -> None:
-    face = pose.skeleton.head("head")
-    target = face + [
-        SIDES[side] * pose.rng.uniform(0.04, 0.14),
-        pose.rng.uniform(-0.08, 0.1),
-        pose.rng.uniform(0.12, 0.2),
-    ]
+    target = _near(pose, side, "head", (0.04, 0.14), (-0.08, 0.1), (0.12, 0.2))
     pose.hand_to(side, target, (0.6 + pose.jitter(0.4), -1.0, 0.3), pose.jitter(25))
 
 
@@ -280,12 +261,7 @@ def _crossed(pose: Pose) -> None:
 
 def _hugging(pose: Pose, side: str) -> None:
     """Hold something flat in front of the chest, with the forearm across it."""
-    chest = pose.skeleton.head("spine02")
-    target = chest + [
-        SIDES[side] * pose.rng.uniform(-0.04, 0.08),
-        pose.rng.uniform(-0.2, -0.04),
-        pose.rng.uniform(0.22, 0.3),
-    ]
+    target = _near(pose, side, "spine02", (-0.04, 0.08), (-0.2, -0.04), (0.22, 0.3))
     pose.hand_to(side, target, (1.0, -1.0, -0.2), pose.jitter(15))
     pose.fingers(side, 32, 3)
     pose.held[side] = str(pose.rng.choice(["binder", "folder", "book", "tablet"]))
@@ -293,12 +269,7 @@ def _hugging(pose: Pose, side: str) -> None:
 
 def _reading(pose: Pose, side: str) -> None:
     """Hold something to look at in front of the belly."""
-    belly = pose.skeleton.head("spine04")
-    target = belly + [
-        SIDES[side] * pose.rng.uniform(0.0, 0.12),
-        pose.rng.uniform(0.08, 0.28),
-        pose.rng.uniform(0.28, 0.4),
-    ]
+    target = _near(pose, side, "spine04", (0.0, 0.12), (0.08, 0.28), (0.28, 0.4))
     pose.hand_to(side, target, (0.8, -1.0, -0.3), -35 + pose.jitter(25))
     pose.fingers(side, 30, 2)
     pose.held[side] = str(pose.rng.choice(["phone", "phone", "book", "tablet", "folder", "box"]))
