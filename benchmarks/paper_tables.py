@@ -20,7 +20,8 @@ import argparse
 from pathlib import Path
 
 from shading import evaluation
-from shading.tasks import per_light_task, shading_task
+from shading.tasks import SHADING as ONE_PASS
+from shading.tasks import per_light_task
 from shadow.evaluation import report
 from shadow.files import replacing
 from shadow.networks.checkpoints import sha256
@@ -41,7 +42,7 @@ FOLDERS = {  # of the rows of Table 6
     row: "shading-" + row.replace("/", "").replace(" ", "-") for row in (*evaluation.ROWS, "one pass")
 }
 SHADING = {FOLDERS[row]: per_light_task("resb7", *inputs) for row, (inputs, *_) in evaluation.ROWS.items()}
-SHADING[FOLDERS["one pass"]] = shading_task()
+SHADING[FOLDERS["one pass"]] = ONE_PASS
 BATCH, LIGHTS = 4, 4  # photographs in a mini-batch, lights for each photograph
 
 

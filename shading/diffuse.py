@@ -61,11 +61,6 @@ class Diffuse(NamedTuple):
     albedo: torch.Tensor | None  # (3, h, w) linear in [0, 1]; None from a network that infers no albedo
 
 
-def _check_visibility(visibility: str | None) -> None:
-    if visibility not in ("inferred", "baseline", None):
-        raise ValueError(f"visibility: expected inferred, baseline or None, got {visibility!r}")
-
-
 class ShadingField(nn.Module):
     """The one-pass network: one forward gives the residual of every light direction, and the albedo.
 
@@ -80,17 +75,17 @@ class ShadingField(nn.Module):
     def __init__(
         self,
         size: int = 256,  # canvas height that the network was trained for
-        normals: bool = True,  # whether they are an input and part of the base (Table 6)
-        visibility: str | None = "inferred",  # likewise; or "baseline", sign(N·L); or None (Table 6)
+        normals: bool = True,  # these two are in weights files: whether it has the inputs of Table 6
+        visibility: str | None = "inferred",
         **backbone: Any,
     ) -> None:
         super().__init__()
-        _check_visibility(visibility)
-        self.size, self.normals, self.visibility = size, normals, visibility
+        if not normals or visibility != "inferred":
+            raise ValueError("normals, visibility: expected both, which only per-light networks can lack")
+        self.size = size
         self.register_buffer("anchors", torch.from_numpy(olat(behind=True)), persistent=False)
         lights = len(self.anchors)
-        guides = 0 if visibility is None else lights
-        self.backbone = Backbone(7 if normals else 4, lights + 1, guides=guides, **backbone)
+        self.backbone = Backbone(7, lights + 1, guides=lights, **backbone)
 
     anchors: torch.Tensor  # (K, 3)
 
@@ -98,7 +93,7 @@ class ShadingField(nn.Module):
         self,
         image: torch.Tensor,
         normals: torch.Tensor,
-        visibility: torch.Tensor | None,
+        visibility: torch.Tensor,
         blocks: torch.Tensor | None = None,
     ) -> ShadingMaps:
         """Return the ShadingMaps of encoded images and masks (B, 4, H, W) with normals (B, 3, H, W).
@@ -106,10 +101,7 @@ class ShadingField(nn.Module):
         `visibility` is that of the anchor directions at every second pixel, (B, K, H/2, W/2). With `blocks`
         the result is `take_blocks` of the maps.
         """
-        if self.visibility == "baseline":
-            visibility = torch.einsum("kc,bchw->bkhw", self.anchors, normals[..., ::2, ::2]).gt(0).float()
-        x = torch.cat([image, normals], dim=1) if self.normals else image
-        maps = self.backbone(x, blocks, None if self.visibility is None else visibility).float()
+        maps = self.backbone(torch.cat([image, normals], dim=1), blocks, visibility).float()
         residual, log_gain = maps.split([len(self.anchors), 1], dim=1)
         photograph = image[:, :3] if blocks is None else take_blocks(image[:, :3], blocks)
         return ShadingMaps(residual, photograph * log_gain.clamp(-3, 3).exp())
@@ -122,8 +114,7 @@ class ShadingField(nn.Module):
         `visibility` is that of these directions, (B, D, H, W).
         """
         residual = torch.einsum("bdk,bkhw->bdhw", anchor_weights(directions, self.anchors), maps.residual)
-        known = visibility if self.visibility == "inferred" else None
-        return base(normals if self.normals else None, known, directions) + residual
+        return base(normals, visibility, directions) + residual
 
     @torch.no_grad()
     def analyse(
@@ -143,22 +134,19 @@ class ShadingField(nn.Module):
         own, mirrored = (ShadingMaps(*side) for side in zip(*map(silhouette.sides, both), strict=True))
         shading = Shading(
             average_mirrored(own.residual, mirrored.residual, self.anchors),
-            silhouette.take(normals) if self.normals else None,
+            silhouette.take(normals),
             visibility,
             silhouette,
             self.anchors,
-            known=self.visibility == "inferred",
         )
         albedo = ((own.albedo + mirrored.albedo) / 2) ** ENCODING
         return Diffuse(shading, silhouette.scatter(albedo.clamp(0, 1)))
 
-    def _guides(self, visibility: Visible, mirror: torch.Tensor) -> torch.Tensor | None:
+    def _guides(self, visibility: Visible, mirror: torch.Tensor) -> torch.Tensor:
         """Return the visibility of the anchors (2, K, h/2, w/2), of the photograph and its mirror image.
 
         It is that of every second pixel. The mirror image's even columns are the photograph's odd ones.
         """
-        if self.visibility != "inferred":
-            return None
         own, other = self.anchors, self.anchors * mirror
         if isinstance(visibility, Visibility):
             return visibility.at_half_resolution(own, other)
@@ -169,11 +157,10 @@ class Shading(NamedTuple):
     """The shading of one subject by any light: dot products with its maps."""
 
     residual: torch.Tensor  # (K, N) of each anchor direction at the subject's pixels, linear
-    normals: torch.Tensor | None  # (3, N); None if the base image has none
+    normals: torch.Tensor  # (3, N)
     visibility: Visible
     silhouette: Pixels
     anchors: torch.Tensor  # (K, 3)
-    known: bool  # whether the base image includes the visibility
 
     @torch.no_grad()
     def __call__(self, directions: torch.Tensor, seen: torch.Tensor | None = None) -> torch.Tensor:
@@ -183,23 +170,21 @@ class Shading(NamedTuple):
         visibility of these directions, if it is already known.
         """
         residual = anchor_weights(directions, self.anchors) @ self.residual
-        facing = None if self.normals is None else directions @ self.normals
-        lit = self._seen(directions, seen) if self.known else None
-        return self.silhouette.scatter(_sum(residual, facing, lit))
+        base = (directions @ self.normals).clamp_min_(0).mul_(self._seen(directions, seen))
+        return self.silhouette.scatter(_sum(base, residual))
 
     @torch.no_grad()
     def per_pixel(self, directions: torch.Tensor) -> torch.Tensor:
         """Return the map (h, w), in [0, 1], in which each pixel has its own light direction (3, h, w)."""
         toward = self.silhouette.take(directions)
-        lit = None
-        if self.known and isinstance(self.visibility, Visibility):  # which has the same anchors
-            cast = self.visibility.maps.cast
-            residual, cast = interpolate_anchors(toward, self.anchors, self.residual, cast)
-            lit = self.visibility.gated(cast, toward)
+        base = (toward * self.normals).sum(dim=0).clamp_min_(0)
+        if isinstance(self.visibility, Visibility):  # which has the same anchors
+            maps = self.residual, self.visibility.maps.cast
+            residual, cast = interpolate_anchors(toward, self.anchors, *maps)
+            base.mul_(self.visibility.gated(cast, toward))
         else:
             (residual,) = interpolate_anchors(toward, self.anchors, self.residual)
-        facing = None if self.normals is None else (toward * self.normals).sum(dim=0)
-        return self.silhouette.scatter(_sum(residual, facing, lit)[None])[0]
+        return self.silhouette.scatter(_sum(base, residual)[None])[0]
 
     def _seen(self, directions: torch.Tensor, seen: torch.Tensor | None) -> torch.Tensor:
         """Return the visibility (D, N) of the subject's pixels."""
@@ -208,15 +193,10 @@ class Shading(NamedTuple):
         return self.silhouette.take(self.visibility(directions) if seen is None else seen)
 
 
-def _sum(residual: torch.Tensor, facing: torch.Tensor | None, lit: torch.Tensor | None) -> torch.Tensor:
-    """Add the base image of N·L and visibility to a residual, in place, and return the shading in [0, 1]."""
+def _sum(base: torch.Tensor, residual: torch.Tensor) -> torch.Tensor:
+    """Return the shading in [0, 1] of a base image and a residual, in whose place it is."""
     residual -= residual.clamp(0, RESIDUAL_BIAS)
-    if facing is not None:
-        facing.clamp_min_(0)
-        residual += facing if lit is None else facing.mul_(lit)
-    elif lit is not None:
-        residual += lit
-    return residual.clamp_(0, 1)
+    return residual.add_(base).clamp_(0, 1)
 
 
 class PerLightShading(nn.Module):
@@ -231,7 +211,8 @@ class PerLightShading(nn.Module):
         **unet: Any,
     ) -> None:
         super().__init__()
-        _check_visibility(visibility)
+        if visibility not in ("inferred", "baseline", None):
+            raise ValueError(f"visibility: expected inferred, baseline or None, got {visibility!r}")
         self.size, self.normals, self.visibility = size, normals, visibility
         channels = 6 + 3 * normals + (visibility is not None)  # colour, light direction and those two
         self.unet = UNet(channels, 1, latent, linear=True, **unet)

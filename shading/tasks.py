@@ -184,12 +184,7 @@ def _shading_show(network: nn.Module, batch: Batch) -> Iterator[list[torch.Tenso
         yield columns
 
 
-def shading_task(normals: bool = True, visibility: str | None = "inferred") -> Task:
-    """Return the task of the shading field; arguments that are not the defaults give ablations of Table 6."""
-    config = {"normals": normals, "visibility": visibility}
-    return Task(
-        "shading", ShadingField, shading_loss, _shading_score, _shading_show, 40, True, config, {}, True
-    )
+SHADING = Task("shading", ShadingField, shading_loss, _shading_score, _shading_show, 40, True, {}, {}, True)
 
 
 def per_light_loss(network: nn.Module, batch: Batch) -> torch.Tensor:
@@ -202,7 +197,11 @@ def per_light_loss(network: nn.Module, batch: Batch) -> torch.Tensor:
 
 
 def per_light_task(latent: str = "resb7", normals: bool = True, visibility: str | None = "inferred") -> Task:
-    """Return the task of the paper's network; the last two arguments are those of `shading_task`."""
+    """Return the task of the paper's network.
+
+    `normals` and `visibility`: its inputs, see `PerLightShading`; those that are not the defaults are the
+    ablations of Table 6.
+    """
     config = {"latent": latent, "normals": normals, "visibility": visibility}
     recipe = {"batch": 2, "lights": 4, "learning_rate": 5e-4}
     return Task(

@@ -59,7 +59,7 @@ class LightField(NamedTuple):
     def shading(self) -> Shading:
         """Diffuse shading as a function of the light's direction, linear in [0, 1]."""
         visibility: Any = self.visibility  # mypy takes a NamedTuple's call for that of tuple
-        return Shading(self.residual, self.normals, visibility, self.silhouette, ANCHORS, known=True)
+        return Shading(self.residual, self.normals, visibility, self.silhouette, ANCHORS)
 
     @property
     def rows(self) -> torch.Tensor:

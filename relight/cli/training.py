@@ -35,7 +35,10 @@ def train(
         ),
     ] = "field",
     no_normals: Annotated[
-        bool, typer.Option("--no-normals", help="Train a network without normals as input (Tables 3 and 6).")
+        bool,
+        typer.Option(
+            "--no-normals", help="Train a per-light network without normals as input (Tables 3 and 6)."
+        ),
     ] = False,
     no_depth: Annotated[
         bool,
@@ -120,8 +123,8 @@ def train(
     visibility: Annotated[
         str,
         typer.Option(
-            help="The field that shading and per-light networks take their input from; baseline: sign(N·L); "
-            "none (Table 6)."
+            help="The field that shading and per-light networks take their input from; for per-light "
+            "networks also baseline, sign(N·L), or none (Table 6)."
         ),
     ] = "field",
     validation: Annotated[
@@ -159,7 +162,7 @@ def train(
 
 def _task(network: Network, model: Model, with_normals: bool, visibility: str, with_depth: bool) -> "Task":
     """Return the task of a training command."""
-    from shading.tasks import per_light_task, shading_task
+    from shading.tasks import SHADING, per_light_task
     from shadow.training.tasks import SHADOW, per_light
 
     one_pass = model == "field"
@@ -170,8 +173,11 @@ def _task(network: Network, model: Model, with_normals: bool, visibility: str, w
             "--no-depth: expected `train shadow --model field`, the one network that infers depth"
         )
     if network == "shading":
-        inputs = with_normals, ABLATIONS.get(visibility, "inferred")
-        return shading_task(*inputs) if one_pass else per_light_task(model, *inputs)
+        if not one_pass:
+            return per_light_task(model, with_normals, ABLATIONS.get(visibility, "inferred"))
+        if with_normals and visibility not in ABLATIONS:
+            return SHADING
+        raise ValueError("--no-normals, --visibility: Table 6 expects a per-light network (--model resb7)")
     if not one_pass:
         return per_light(model, with_normals)
     if with_normals:

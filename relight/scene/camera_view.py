@@ -1,8 +1,13 @@
-"""What a scene's camera sees in a picture of another shape than its film back."""
+"""Which camera of a scene is the plate's, where it sees the subject, and how much of a picture it sees."""
 
 import math
+from collections.abc import Iterable, Sequence
 from pathlib import Path
-from typing import Any, NamedTuple, TypeGuard
+from typing import Any, NamedTuple, TypeGuard, TypeVar
+
+import numpy as np
+
+Camera = TypeVar("Camera")
 
 EXPAND = "expandAperture"
 
@@ -32,6 +37,31 @@ class CameraView(NamedTuple):
             "adjustApertureHeight": by_width,
         }.get(self.fit, self.vertical)
         return math.degrees(2 * math.atan(tangent))
+
+
+def choose_camera(path: Path, cameras: Sequence[tuple[str, Camera]], name: str | None) -> Camera | None:
+    """Return the camera of a name, of pairs (name, camera), or the only one; None if there is none.
+
+    Raises ValueError, which names the file, for an unknown name, or for several cameras and no name.
+    """
+    listed = ", ".join(each for each, _ in cameras[:20]) or "none"
+    if name is None:
+        if len(cameras) > 1:
+            raise ValueError(f"{path}: has several cameras; expected one of {listed} (--camera)")
+        return cameras[0][1] if cameras else None
+    for each, camera in cameras:
+        if each == name:
+            return camera
+    raise ValueError(f"{path}: has no camera {name}; its cameras are {listed}")
+
+
+def subject_point(subject_at: Iterable[float]) -> np.ndarray:
+    """Return the subject's position (3,) in the scene; raises ValueError for other than three numbers."""
+    point = np.array(list(subject_at), float)
+    if point.shape != (3,) or not np.isfinite(point).all():
+        expected = "the path of a prim, the name of a node, or three numbers"
+        raise ValueError(f"subject_at: expected {expected}, got {subject_at!r}")
+    return point
 
 
 def of_gltf(path: Path, camera: Any) -> CameraView | None:

@@ -54,7 +54,8 @@ def read_rig(
     path = Path(path)
     tree = _tree(path)
     nodes = list(_nodes(path, tree))
-    seen = _camera(path, nodes, camera)
+    cameras = [(str(node.description.get("name")), node) for node in nodes if "camera" in node.description]
+    seen = camera_view.choose_camera(path, cameras, camera)
     view = np.eye(3)  # from world to camera
     if seen is not None:
         view = (seen.world[:3, :3] / np.linalg.norm(seen.world[:3, :3], axis=0)).T
@@ -187,37 +188,16 @@ def _with_different_names(lights: list[Light | MovingLight]) -> list[Light | Mov
     return named
 
 
-def _named(nodes: list[Node], name: str) -> Node | None:
-    return next((node for node in nodes if node.description.get("name") == name), None)
-
-
-def _camera(path: Path, nodes: list[Node], name: str | None) -> Node | None:
-    """Return the camera of a name, or the only one; None if there is none."""
-    cameras = [node for node in nodes if "camera" in node.description]
-    names = ", ".join(str(node.description.get("name")) for node in cameras[:20]) or "none"
-    if name is not None:
-        camera = _named(cameras, name)
-        if camera is None:
-            raise ValueError(f"{path}: has no camera {name}; its cameras are {names}")
-        return camera
-    if len(cameras) > 1:
-        raise ValueError(f"{path}: has several cameras; expected one of {names} (--camera)")
-    return cameras[0] if cameras else None
-
-
 def _mark(path: Path, nodes: list[Node], subject_at: str | Iterable[float] | None) -> np.ndarray | None:
     """Return where the middle of the subject is in the world, or None if it is not said."""
     if subject_at is None:
         return None
     if isinstance(subject_at, str):
-        node = _named(nodes, subject_at)
+        node = next((node for node in nodes if node.description.get("name") == subject_at), None)
         if node is None:
             raise ValueError(f"{path}: has no node {subject_at}, where the subject was to be")
         return node.world[:3, 3]
-    point = np.array(list(subject_at), float)
-    if point.shape != (3,) or not np.isfinite(point).all():
-        raise ValueError(f"subject_at: expected the name of a node or three numbers, got {subject_at!r}")
-    return point
+    return camera_view.subject_point(subject_at)
 
 
 def _lit(nodes: list[Node]) -> list[Node]:

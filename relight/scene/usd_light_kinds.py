@@ -11,12 +11,12 @@ from typing import Any
 import numpy as np
 
 from relight.lights.directional import DirectionalLight
-from relight.lights.environment import EnvironmentLight
+from relight.lights.environment import EnvironmentLight, Panorama
 from relight.lights.light import Light
 from relight.lights.near import FULL_CONE, HALF_CONE, MIN_CONE, PointLight, RectLight
 from relight.media import images
+from relight.media.cubemap import latlong_directions
 from relight.scene import blender, units
-from relight.scene.panorama import turned
 from relight.scene.stage import check_inside
 from relight.scene.usd_view import StageView, rotation
 
@@ -246,7 +246,7 @@ class LightConverter:
         if np.abs(axes[:, 1] - upright).max() < TRANSFORM_TOLERANCE and np.linalg.det(axes) > 0:
             turn = math.degrees(math.atan2(axes[0, 2], axes[2, 2]))
             return EnvironmentLight, settings | {"image": image, "rotation": turn}
-        return EnvironmentLight, settings | {"image": turned(EnvironmentLight(image).image.pixels, axes)}
+        return EnvironmentLight, settings | {"image": _turned(EnvironmentLight(image).image, axes)}
 
     def _texture(self, prim: Any, asset: Any) -> Path | np.ndarray:
         """Return the texture of a dome: its file, or the content of a package."""
@@ -269,6 +269,18 @@ class LightConverter:
             file = Path(folder) / f"texture{Path(asset.path).suffix}"
             file.write_bytes(bytes(packed.GetBuffer()))
             return images.read(file)
+
+
+def _turned(image: Panorama, axes: np.ndarray) -> np.ndarray:
+    """Return a map (H, 2 H, 3) whose x, y and z point along the columns of `axes` (3, 3) afterwards.
+
+    They are orthogonal; a reflection is allowed.
+    """
+    height = len(image.pixels)
+    # The transpose takes directions back to the map.
+    x, y, z = np.moveaxis(latlong_directions(height) @ axes, -1, 0)
+    column, elevation = 180 - np.degrees(np.arctan2(x, z)), np.degrees(np.arcsin(y.clip(-1, 1)))
+    return image.at(column, elevation, 180 / height)
 
 
 def _even(image: Path | np.ndarray) -> Path | np.ndarray:

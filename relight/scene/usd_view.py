@@ -7,7 +7,7 @@ from typing import Any
 
 import numpy as np
 
-from relight.scene.camera_view import EXPAND
+from relight.scene.camera_view import EXPAND, choose_camera, subject_point
 
 
 @dataclass(frozen=True)
@@ -36,7 +36,8 @@ class StageView:
         self.path, self.stage = path, stage
         self.scale = float(UsdGeom.GetStageMetersPerUnit(stage))
         self.z_up = UsdGeom.GetStageUpAxis(stage) == UsdGeom.Tokens.z
-        self.camera = self._camera(camera)
+        cameras = [(str(prim.GetPath()), prim) for prim in self.prims() if prim.IsA(UsdGeom.Camera)]
+        self.camera: Any = choose_camera(path, cameras, camera)
         self.mark = self._mark(subject_at)
 
     def prims(self) -> Iterable[Any]:
@@ -44,21 +45,6 @@ class StageView:
         from pxr import Usd
 
         return self.stage.Traverse(Usd.TraverseInstanceProxies(Usd.PrimDefaultPredicate))
-
-    def _camera(self, path: str | None) -> Any:
-        """Return the prim of the camera; None if the stage has none and none is asked for."""
-        from pxr import Sdf, UsdGeom
-
-        cameras = [prim for prim in self.prims() if prim.IsA(UsdGeom.Camera)]
-        listed = ", ".join(str(prim.GetPath()) for prim in cameras[:20]) or "none"
-        if path is None:
-            if len(cameras) > 1:
-                raise ValueError(f"{self.path}: has several cameras; expected one of {listed} (--camera)")
-            return cameras[0] if cameras else None
-        for prim in cameras:
-            if Sdf.Path.IsValidPathString(path) and prim.GetPath() == Sdf.Path(path):
-                return prim
-        raise ValueError(f"{self.path}: has no camera {path}; its cameras are {listed}")
 
     def _mark(self, subject_at: str | Iterable[float] | None) -> Any:
         """Return the subject's position: a prim, a point (3,) of the stage, or None."""
@@ -71,10 +57,7 @@ class StageView:
             if not prim:
                 raise ValueError(f"{self.path}: has no prim {subject_at}, where the subject was to be")
             return prim
-        point = np.array(list(subject_at), float)
-        if point.shape != (3,) or not np.isfinite(point).all():
-            raise ValueError(f"subject_at: expected the path of a prim or three numbers, got {subject_at!r}")
-        return point
+        return subject_point(subject_at)
 
     def fit(self) -> str:
         """Return how the stage's render settings fit the film back to a picture."""

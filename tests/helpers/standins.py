@@ -37,7 +37,7 @@ class Delighter:
     def analyse(self, rgb, mask, normals, visibility):
         silhouette, nothing = visibility.silhouette, torch.zeros_like(visibility.maps.cast)
         direct = diffuse.Shading(
-            nothing, silhouette.take(normals), visibility, silhouette, visibility.anchors, known=True
+            nothing, silhouette.take(normals), visibility, silhouette, visibility.anchors
         )
         return diffuse.Diffuse(direct, self.answer(rgb, mask))
 

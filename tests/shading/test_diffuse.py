@@ -111,7 +111,6 @@ def test_residuals_change_smoothly_with_the_light(subject):
     assert (smooth[1:] - smooth[:-1]).abs().max() < 0.03
 
 
-@pytest.mark.parametrize("kind", [diffuse.ShadingField, diffuse.PerLightShading])
 @pytest.mark.parametrize(
     "options",
     [
@@ -122,9 +121,9 @@ def test_residuals_change_smoothly_with_the_light(subject):
         {"visibility": "baseline"},
     ],
 )
-def test_ablations_see_only_what_they_are_given(subject, kind, options):
+def test_ablations_see_only_what_they_are_given(subject, options):
     rgb, mask, normals, visibility = subject
-    network = trained(kind(128, **options))
+    network = trained(diffuse.PerLightShading(128, "resb3", **options))
     before = network.analyse(rgb, mask, normals, visibility).shading(LIGHTS[::24])
     blind = lambda lights: torch.zeros(len(lights), *mask.shape)  # noqa: E731
     without = network.analyse(rgb, mask, normals, blind).shading(LIGHTS[::24])
@@ -135,25 +134,29 @@ def test_ablations_see_only_what_they_are_given(subject, kind, options):
 
 
 @pytest.mark.parametrize(
-    ("options", "one_pass", "per_light"),
+    ("options", "channels"),
     [
-        ({}, 4 * 7 + 96, 10),
-        ({"normals": False}, 4 * 4 + 96, 7),
-        ({"visibility": None}, 4 * 7, 9),
-        ({"normals": False, "visibility": None}, 4 * 4, 6),
-        ({"visibility": "baseline"}, 4 * 7 + 96, 10),
+        ({}, 10),
+        ({"normals": False}, 7),
+        ({"visibility": None}, 9),
+        ({"normals": False, "visibility": None}, 6),
+        ({"visibility": "baseline"}, 10),
     ],
 )
-def test_ablations_have_no_channels_for_what_they_lack(options, one_pass, per_light):
-    assert diffuse.ShadingField(128, **options).backbone.stem.in_channels == one_pass
+def test_ablations_have_no_channels_for_what_they_lack(options, channels):
     first = diffuse.PerLightShading(128, "resb3", **options).unet.encoder[0][0][0]
-    assert first.in_channels == per_light
+    assert first.in_channels == channels
 
 
-@pytest.mark.parametrize("kind", [diffuse.ShadingField, diffuse.PerLightShading])
-def test_unknown_ablation_is_refused(kind):
+def test_unknown_ablation_is_refused():
     with pytest.raises(ValueError, match="expected inferred, baseline or None"):
-        kind(visibility="guessed")
+        diffuse.PerLightShading(visibility="guessed")
+
+
+@pytest.mark.parametrize("options", [{"normals": False}, {"visibility": None}, {"visibility": "baseline"}])
+def test_a_field_lacks_no_input(options):
+    with pytest.raises(ValueError, match="normals, visibility: expected both"):
+        diffuse.ShadingField(128, **options)
 
 
 def test_given_visibility_is_used(small_canvas, person):

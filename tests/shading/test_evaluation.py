@@ -27,10 +27,10 @@ def folder(tmp_path_factory):
     for name, network, config in (
         ("field", VisibilityField, {}),
         ("shading", diffuse.ShadingField, {}),
-        ("blind", diffuse.ShadingField, {"normals": False, "visibility": None}),
+        ("blind", diffuse.PerLightShading, {"latent": "resb3", "normals": False, "visibility": None}),
     ):
         config = {"size": 128, **config}
-        kind = "shading" if name == "blind" else name
+        kind = "shading-per-light" if name == "blind" else name
         checkpoints.save(path / f"{name}.safetensors", network(**config), kind, config, {})
     return path
 

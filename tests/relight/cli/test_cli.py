@@ -382,6 +382,11 @@ def test_from_a_mesh_to_weights_and_their_score(tmp_path):
         (["evaluate", "tables", "--records", ".", "--out", "r", "--model", "ours"], "expected NAME=FILE"),
         (["train", "shadow", "--records", ".", "--out", "run"], "steps: expected a number"),
         (["train", "shadow", "--records", ".", "--out", "run", "--no-normals"], "since a field infers"),
+        (["train", "shading", "--records", ".", "--out", "run", "--no-normals"], "expects a per-light"),
+        (
+            ["train", "shading", "--records", ".", "--out", "run", "--visibility", "none"],
+            "expects a per-light network",
+        ),
         (["train", "shading", "--records", ".", "--out", "run", "--no-depth"], "--no-depth: expected"),
         (["train", "shadow", "--records", ".", "--out", "run", "--blocks", "1,2,3"], "expected 5 numbers"),
         (
