@@ -29,7 +29,8 @@ parser.add_argument("--step", type=float, default=2.0, help="degrees from frame 
 options = parser.parse_args()
 
 frames = round(180 / options.step) + 1
-lights = np.concatenate([directions.sweep(frames, elevation) for elevation in ELEVATIONS])
+azimuths = np.linspace(90, -90, frames)  # from image right to image left
+lights = np.concatenate([directions.from_spherical(azimuths, elevation) for elevation in ELEVATIONS])
 figure = bodies.body(options.seed, "generalisation")
 view = stage.View(azimuth=8, distance=3.5, height=1.2, pitch=-5, fov=34)
 

@@ -82,8 +82,3 @@ def stratified(count: int, rng: np.random.Generator, behind: bool = False) -> np
         cosine, sine = np.cos(angle), np.sin(angle)
         parts.append(turned @ np.array([[cosine, sine, 0], [-sine, cosine, 0], [0, 0, 1]]))
     return np.concatenate(parts).astype(np.float32)
-
-
-def sweep(frames: int, elevation: float = 20.0) -> np.ndarray:
-    """Return the moving light of Section 4.4: (frames, 3), from image right (azimuth 90) to image left."""
-    return from_spherical(np.linspace(90.0, -90.0, frames), elevation)

@@ -147,11 +147,6 @@ class Extension:
         return table.T.view(maps.shape)
 
 
-def extend(maps: torch.Tensor, mask: torch.Tensor, reach: float = 1 / 32) -> torch.Tensor:
-    """Extrapolate canvas maps (C, h, w) beyond the edge of `mask` (h, w); see `Extension`."""
-    return Extension(mask, reach)(maps)
-
-
 @dataclass(frozen=True)
 class Framed:
     """A photograph and its matte on the networks' canvas, and the mapping back to the plate."""
@@ -181,7 +176,7 @@ class Framed:
 
     def restored(self, maps: torch.Tensor) -> torch.Tensor:
         """Resample canvas maps (C, h, w) to the plate (C, H, W), extrapolated to the matte's edge."""
-        return self.framing.restore(extend(maps, self.mask)) * (self.matte > 0)
+        return self.framing.restore(Extension(self.mask)(maps)) * (self.matte > 0)
 
     def to(self, device: torch.device | str) -> "Framed":
         """Return a copy with its tensors on another device."""

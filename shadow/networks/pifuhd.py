@@ -20,7 +20,7 @@ import torch.nn.functional as F
 from torch import nn
 
 from shadow.files import file_version
-from shadow.framing import Framing, bounding_box, extend
+from shadow.framing import Extension, Framing, bounding_box
 from shadow.networks import checkpoints
 from shadow.srgb import LAST_LINEAR, SLOPE
 
@@ -87,7 +87,7 @@ class FrontNormals(nn.Module):
         framed = 2 * framing.crop(behind) - 1  # black beyond the plate, as in PIFuHD's padding
         vectors = F.normalize(self(framed[None])[0], dim=0)
         known = framing.crop(mask[None])[0]
-        return F.normalize(framing.restore(extend(vectors, known)), dim=0) * (mask > 0)
+        return F.normalize(framing.restore(Extension(known)(vectors)), dim=0) * (mask > 0)
 
 
 def _framing(mask: torch.Tensor) -> Framing:

@@ -6,6 +6,7 @@ import time
 import zlib
 from collections.abc import Iterator, Sequence
 from concurrent.futures import ThreadPoolExecutor
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
@@ -33,21 +34,17 @@ def numbered(index: int, count: int, seed: int) -> tuple[int, np.random.Generato
     return int(order[position]), np.random.default_rng((seed, epoch, position))
 
 
+@dataclass(eq=False)
 class Photographs(Dataset):
     """Photographs of the records, from number `start` on."""
 
-    def __init__(
-        self,
-        records: Records,
-        seed: int,
-        size: tuple[int, int],
-        lights: int | None,
-        start: int,
-        count: int,
-        augment: bool = True,
-    ) -> None:
-        self.records, self.seed, self.size, self.lights = records, seed, size, lights
-        self.start, self.count, self.augment = start, count, augment
+    records: Records
+    seed: int
+    size: tuple[int, int]
+    lights: int | None
+    start: int
+    count: int
+    augment: bool = True
 
     def __len__(self) -> int:
         return self.count
@@ -66,24 +63,20 @@ class Photographs(Dataset):
         )  # fmt: skip
 
 
+@dataclass(eq=False)
 class StackedPhotographs(IterableDataset):
     """Endless mini-batches of photographs, from number `start` on, made on the device that holds the records.
 
     Each worker holds a share of the records, and takes in what is added to their folders meanwhile.
     """
 
-    def __init__(
-        self,
-        paths: Sequence[str | Path],
-        seed: int,
-        size: tuple[int, int],
-        lights: int | None,
-        start: int,
-        batch: int,
-        device: torch.device,
-    ) -> None:
-        self.paths, self.seed, self.size, self.lights = paths, seed, size, lights
-        self.start, self.batch, self.device = start, batch, device
+    paths: Sequence[str | Path]
+    seed: int
+    size: tuple[int, int]
+    lights: int | None
+    start: int
+    batch: int
+    device: torch.device
 
     def loader(self, workers: int | None) -> DataLoader:
         """Return the mini-batches, made by so many processes, or in this one with 0 workers."""

@@ -11,6 +11,7 @@ from shadow.networks.precision import native_bfloat16
 if TYPE_CHECKING:
     from shadow.training.recipes import Recipe
 
+MOMENTUM = 0.95  # of Muon, torch.optim.Muon's default
 MIN_MATRIX_SIDE = 32  # a matrix with fewer rows or columns gains little from orthogonalisation
 
 
@@ -54,7 +55,7 @@ class Optimiser:
                     torch.optim.Muon(self.views, weight_decay=decay, adjust_lr_fn="match_rms_adamw")
                 )
             else:
-                self.parts.append(FloatMuon(self.views, weight_decay=decay))
+                self.parts.append(FloatMuon(self.views, decay))
 
     def step(self, learning_rate: float) -> None:
         """Take one step and clear the gradients."""
@@ -81,14 +82,8 @@ class Optimiser:
 class FloatMuon(torch.optim.Optimizer):
     """Muon in float32, which is several times as fast as torch.optim.Muon on processors without bfloat16."""
 
-    def __init__(
-        self,
-        params: Iterable[nn.Parameter],
-        lr: float = 1e-3,
-        weight_decay: float = 0.1,
-        momentum: float = 0.95,
-    ) -> None:
-        super().__init__(params, {"lr": lr, "weight_decay": weight_decay, "momentum": momentum})
+    def __init__(self, params: Iterable[nn.Parameter], weight_decay: float) -> None:
+        super().__init__(params, {"lr": 1e-3, "weight_decay": weight_decay})
 
     @torch.no_grad()
     def step(self, closure: None = None) -> None:  # type: ignore[override]  # there is no closure to call
@@ -97,8 +92,8 @@ class FloatMuon(torch.optim.Optimizer):
             for parameter in (each for each in group["params"] if each.grad is not None):
                 state = self.state[parameter]
                 momentum = state.setdefault("momentum_buffer", torch.zeros_like(parameter))
-                momentum.lerp_(parameter.grad, 1 - group["momentum"])
-                update = orthogonalise(parameter.grad.lerp(momentum, group["momentum"]))
+                momentum.lerp_(parameter.grad, 1 - MOMENTUM)
+                update = orthogonalise(parameter.grad.lerp(momentum, MOMENTUM))
                 parameter.mul_(1 - group["lr"] * group["weight_decay"])
                 # Scaled to the size of Adam's step (LSY*25, Section 2.2).
                 parameter.add_(update, alpha=-group["lr"] * 0.2 * max(parameter.shape) ** 0.5)

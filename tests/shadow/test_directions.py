@@ -68,8 +68,3 @@ def test_stratified_directions_differ_and_are_uniform(behind, back):
     front = np.concatenate([found[found[:, 2] > 0] for found in drawn])
     np.testing.assert_allclose(front.mean(axis=0), [0, 0, 0.5], atol=0.02)
     np.testing.assert_allclose((front**2).mean(axis=0), 1 / 3, atol=0.02)
-
-
-def test_sweep_goes_from_right_to_left():
-    path = directions.sweep(5, elevation=0)
-    np.testing.assert_allclose(path[[0, 2, 4]], [[1, 0, 0], [0, 0, 1], [-1, 0, 0]], atol=1e-6)

@@ -1,7 +1,7 @@
 import pytest
 import torch
 
-from shadow.framing import Framing, bounding_box, canvas_size, extend
+from shadow.framing import Extension, Framing, bounding_box, canvas_size
 
 
 def person(height, width, box):
@@ -60,7 +60,7 @@ def test_onto_takes_one_canvas_to_another():
 def test_extend_keeps_the_inside_and_continues_outside():
     mask = person(40, 40, (10, 10, 30, 30))
     values = torch.full((2, 40, 40), 0.7) * mask
-    extended = extend(values, mask, reach=5 / 40)
+    extended = Extension(mask, reach=5 / 40)(values)
     torch.testing.assert_close(extended[:, 10:30, 10:30], values[:, 10:30, 10:30])
     torch.testing.assert_close(extended[:, 5:35, 15:25], torch.full((2, 30, 10), 0.7))
     assert extended[:, :4].abs().max() == 0

@@ -1,7 +1,8 @@
+import numpy as np
 import pytest
 import torch
 
-from shadow.directions import olat
+from shadow.directions import from_spherical, olat
 from shadow.networks import precision
 from shadow.networks.backbone import encode_image, subject_window, take_blocks
 from shadow.networks.field import MIRROR, VisibilityField, anchor_weights
@@ -109,11 +110,9 @@ def test_a_light_does_not_depend_on_its_company(field):
 
 def test_neighbouring_lights_have_neighbouring_maps(field):
     """No flicker: a light that moves by half a degree changes no pixel by much."""
-    from shadow.directions import sweep
-
     _, mask = ball()
     _, visibility = trained(field).analyse(torch.rand(3, 64, 64), mask)
-    maps = visibility(torch.from_numpy(sweep(361)))
+    maps = visibility(torch.from_numpy(from_spherical(np.linspace(90, -90, 361), 20)))
     assert (maps[1:] - maps[:-1]).abs().max() < 0.15
 
 

@@ -2,6 +2,7 @@
 
 import numpy as np
 import trimesh
+from scipy.sparse import csr_matrix
 from scipy.spatial import cKDTree
 
 from shadow.data.records import REGIONS
@@ -63,9 +64,9 @@ class Skull:
         """Return points (N, 3) at rest, moved with the head to the pose."""
         return self.person.moved("head", points)
 
-    def neck_and_head(self) -> list[int]:
-        """Return the indices of the bones of neck and head."""
-        return [self.person.base.names.index(name) for name in ("neck01", "neck02", "neck03", "head")]
+    def neck_and_head(self, weights: csr_matrix) -> np.ndarray:
+        """Return how much (V,) vertices with skinning weights (V, J) follow neck and head, in [0, 1]."""
+        return weights @ np.isin(self.person.base.names, ("neck01", "neck02", "neck03", "head"))
 
     def closed(self, points: np.ndarray, faces: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """Extend a shell over the skull into the head, so that no gap under its boundary is visible."""
@@ -194,7 +195,7 @@ def _curtain(
     )
     person = wardrobe.person
     body = person.base.body
-    head = np.asarray(body.weights @ np.isin(np.arange(len(person.base.names)), skull.neck_and_head()))
+    head = skull.neck_and_head(body.weights)
     skin = person.posed(body.weights, body.rows @ person.rest)
     normal = vertex_normals(skin, body.faces)
     layers = [(skin[head > 0.5], normal[head > 0.5])] + [
@@ -283,9 +284,7 @@ def beard(skull: Skull, wardrobe: Wardrobe, rng: np.random.Generator, fabric: Fa
             lip * 0.015,
         ]
     )
-    of_head = (
-        np.asarray(surface.weights @ np.isin(np.arange(len(person.base.names)), skull.neck_and_head())) > 0.6
-    )
+    of_head = skull.neck_and_head(surface.weights) > 0.6
     inside = np.where(of_head & (rest[:, 2] > mouth[2] - 0.12), inside, -1)
     outside = vertex_normals(rest, surface.faces)
     # The inside of the mouth, behind the lips, stays bare.

@@ -7,8 +7,7 @@ from shadow.lightstage.mesh import add_lining, boundary_chains, loft, longest_ru
 from shadow.lightstage.people.body.anatomy import Person
 from shadow.lightstage.people.cloth.draping import fold_noise
 from shadow.lightstage.people.cloth.fabric import Fabric, MeshPart
-
-Garment = tuple[np.ndarray, np.ndarray, np.ndarray]  # posed vertices, faces, unposed vertices
+from shadow.lightstage.people.cloth.tailoring import Garment
 
 
 def collar(

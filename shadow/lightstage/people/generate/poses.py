@@ -1,5 +1,7 @@
 """Random poses: how people stand, walk, sit and gesture in photographs."""
 
+from collections.abc import Callable
+
 import numpy as np
 
 from shadow.lightstage.people.body.skeleton import SIDES, Pose, Skeleton, rotation
@@ -9,26 +11,25 @@ def draw(skeleton: Skeleton, rng: np.random.Generator) -> Pose:
     """Draw a random pose, about a quarter of them lively."""
     pose = Pose(skeleton, rng)
     lively = rng.random() < 0.22
-    calm = ["stand"] * 3 + ["contrapposto"] * 3 + ["walk"] * 2 + ["wide", "sit"]
-    legs = rng.choice(["sit", "kneel", "run", "lunge", "lift", "wide", "walk"] if lively else calm)
-    _LEGS[legs](pose)
+    calm = [_stand] * 3 + [_contrapposto] * 3 + [_walk] * 2 + [_wide, _sit]
+    legs = [_sit, _kneel, _run, _lunge, _lift, _wide, _walk] if lively else calm
+    legs[rng.choice(len(legs))](pose)
     _torso(pose, lively)
     for side in "LR":
         curls = [(18, 2), (30, 0), (75, 0), (6, 9), (3, 16)]  # relaxed, hooked, a fist, open, spread wide
         pose.fingers(side, *curls[rng.choice(5, p=[0.42, 0.23, 0.12, 0.11, 0.12])])
     both = rng.random() < 0.4
-    kinds, chances = zip(*_ARMS.items(), strict=True)
-    weights = np.array([c[1 if lively else 0] for _, c in chances])
-    first = rng.choice(len(kinds), p=weights / weights.sum())
-    if kinds[first] in _BOTH:
-        _BOTH[kinds[first]](pose)
+    arms, weights = list(_ARMS), np.array([chances[lively] for chances in _ARMS.values()])
+    arm = arms[rng.choice(len(arms), p=weights / weights.sum())]
+    if arm in _BOTH:
+        arm(pose)
         return pose
     for side in rng.permutation(["L", "R"]):
-        chances[first][0](pose, str(side))
+        arm(pose, str(side))
         if not both:
-            first = rng.choice(len(kinds), p=weights / weights.sum())
-            while kinds[first] in _BOTH:
-                first = rng.choice(len(kinds), p=weights / weights.sum())
+            arm = arms[rng.choice(len(arms), p=weights / weights.sum())]
+            while arm in _BOTH:
+                arm = arms[rng.choice(len(arms), p=weights / weights.sum())]
     return pose
 
 
@@ -127,19 +128,6 @@ def _kneel(pose: Pose) -> None:
     pose.pelvis(pose.jitter(6), pose.jitter(15), pose.jitter(2))
     pose.leg(up, 85 + pose.jitter(6), 92 + pose.jitter(6), 6, 8)
     pose.leg(down, 2 + pose.jitter(5), 95, 4, 4)
-
-
-_LEGS = {
-    "stand": _stand,
-    "contrapposto": _contrapposto,
-    "walk": _walk,
-    "run": _run,
-    "lunge": _lunge,
-    "lift": _lift,
-    "wide": _wide,
-    "sit": _sit,
-    "kneel": _kneel,
-}
 
 
 # Arms: targets are points near the trunk in the rest pose -------------------------------------------------
@@ -307,28 +295,26 @@ def _lifting(pose: Pose) -> None:
     pose.held["both"] = "crate"
 
 
-_BOTH = {"crossed": _crossed, "lifting": _lifting}  # of both arms
-
-
-# How often each is drawn: (calm, lively).
-_ARMS = {
-    "down": (_down, (5, 1)),
-    "swung": (_swung, (2, 2)),
-    "akimbo": (_akimbo, (2, 1)),
-    "pocket": (_pocket, (2.5, 0)),
-    "across": (_across, (1.5, 1)),
-    "front": (_held_in_front, (2, 1)),
-    "face": (_to_face, (1.2, 1)),
-    "behind head": (_behind_head, (0.3, 1)),
-    "raised": (_raised, (0.35, 2)),
-    "pointing": (_pointing, (0.8, 1.5)),
-    "offered": (_offered, (1, 1)),
-    "behind back": (_behind_back, (0.4, 0.2)),
-    "sideways": (_sideways, (0.2, 1.5)),
-    "crossed": (_crossed, (1.2, 0.3)),
-    "lifting": (_lifting, (0.5, 0.3)),
-    "hugging": (_hugging, (0.9, 0.3)),
-    "reading": (_reading, (1.0, 0.5)),
-    "ear": (_at_ear, (0.4, 0.3)),
-    "carrying": (_carrying, (0.9, 0.5)),
+_BOTH = (_crossed, _lifting)  # of both arms
+# How often each is drawn: (calm, lively). Those of one arm take its side as well.
+_ARMS: dict[Callable[..., None], tuple[float, float]] = {
+    _down: (5, 1),
+    _swung: (2, 2),
+    _akimbo: (2, 1),
+    _pocket: (2.5, 0),
+    _across: (1.5, 1),
+    _held_in_front: (2, 1),
+    _to_face: (1.2, 1),
+    _behind_head: (0.3, 1),
+    _raised: (0.35, 2),
+    _pointing: (0.8, 1.5),
+    _offered: (1, 1),
+    _behind_back: (0.4, 0.2),
+    _sideways: (0.2, 1.5),
+    _crossed: (1.2, 0.3),
+    _lifting: (0.5, 0.3),
+    _hugging: (0.9, 0.3),
+    _reading: (1.0, 0.5),
+    _at_ear: (0.4, 0.3),
+    _carrying: (0.9, 0.5),
 }

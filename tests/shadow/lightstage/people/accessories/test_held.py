@@ -28,7 +28,7 @@ def wardrobe(gesture, seated=False, seed=0):
     shape = bodies.Shape.draw(rng)
     pose = poses.stand(shape.skeleton, rng)
     if seated:
-        poses._LEGS["sit"](pose)
+        poses._sit(pose)
     gesture(pose)
     person = shape.posed(pose)
     made = Wardrobe(person, rng)

@@ -75,6 +75,6 @@ def test_a_body_without_pockets_has_no_bulge():
 def test_nobody_who_sits_has_a_hand_in_a_pocket():
     rng = np.random.default_rng(3)
     pose = poses.stand(bodies.Shape.draw(rng).skeleton, rng)
-    poses._LEGS["sit"](pose)
+    poses._sit(pose)
     poses._pocket(pose, "L")
     assert not pose.pocketed
