@@ -9,47 +9,30 @@ from shadow.networks import checkpoints
 from shadow.networks.backbone import ResidualBlock
 
 
-def warm_start(network: nn.Module, path: str | Path) -> None:
-    """Copy the backbone, except its head, from the weights file of another network.
-
-    Input channels that the other network lacks start at zero, and residual blocks that it lacks start as the
-    identity, so the features are unchanged at first. Raises ValueError for another architecture.
-    """
-    state, metadata = checkpoints.read(path)
-    own = network.state_dict()
-    if not all(any(key.startswith("backbone.") for key in keys) for keys in (own, state)):
-        kind = metadata.get("network")
-        raise ValueError(f"init: {path} is a {kind!r} network, which has another architecture")
-    for key, value in state.items():
-        if not key.startswith("backbone.") or key.startswith("backbone.head."):
-            continue
-        if key == "backbone.stem.weight":
-            padded = torch.zeros_like(own[key])
-            channels = min(value.shape[1], padded.shape[1])
-            padded[:, :channels] = value[:, :channels].float()
-            value = padded
-        if key not in own or own[key].shape != value.shape:
-            raise ValueError(f"init: {path} has another architecture ({key}: {tuple(value.shape)})")
-        own[key].copy_(value)
-    _deepen(network, state)
-
-
 def load_start(network: nn.Module, path: str | Path, kind: str) -> None:
-    """Copy the weights of a network of the same kind, or the backbone of another network.
+    """Copy the weights of a network of the same kind, or the backbone of another, except its head.
 
-    The other network may be shallower. Outputs of the head that it lacks are the last ones and start at zero.
-    Raises ValueError for weights of another architecture.
+    The other network may be shallower. Residual blocks that it lacks start as the identity. Input channels
+    that another kind lacks, and outputs of the head that the same kind lacks, are the last ones and start at
+    zero. So the features are unchanged at first. Raises ValueError for weights of another architecture.
     """
     state, metadata = checkpoints.read(path)
-    if metadata.get("network") != kind:
-        warm_start(network, path)
-        return
-    state = _deepen(network, state) | {key: value.float() for key, value in state.items()}
-    for key, own in network.state_dict().items():
-        if key.startswith("backbone.head.") and key in state and len(state[key]) < len(own):
-            state[key] = torch.cat([state[key], torch.zeros_like(own[len(state[key]) :])])
+    state, own = {key: value.float() for key, value in state.items()}, network.state_dict()
+    rest: dict[str, torch.Tensor] = {}
+    if metadata.get("network") == kind:
+        for key in (key for key in own if key.startswith("backbone.head.") and key in state):
+            state[key] = torch.cat([state[key], torch.zeros_like(own[key][len(state[key]) :])])
+    else:
+        if not all(any(key.startswith("backbone.") for key in keys) for keys in (own, state)):
+            other = metadata.get("network")
+            raise ValueError(f"init: {path} is a {other!r} network, which has another architecture")
+        kept = {key for key in state if key.startswith("backbone.") and not key.startswith("backbone.head.")}
+        state, rest = {key: state[key] for key in kept}, own
+        stem, wanted = state["backbone.stem.weight"], own["backbone.stem.weight"].shape[1]
+        missing = stem.new_zeros(len(stem), max(0, wanted - stem.shape[1]), *stem.shape[2:])
+        state["backbone.stem.weight"] = torch.cat([stem[:, :wanted], missing], dim=1)
     try:
-        network.load_state_dict(state)
+        network.load_state_dict(rest | _deepen(network, state) | state)
     except RuntimeError as error:
         raise ValueError(f"init: {path} has another architecture: {error}") from error
 

@@ -24,7 +24,7 @@ from shadow.networks.unet import PerLight
 from shadow.training import loop, optimiser, tasks
 from shadow.training.loop import fit
 from shadow.training.recipes import Recipe, learning_rate, preset
-from shadow.training.start import load_start, warm_start
+from shadow.training.start import load_start
 from shadow.training.tasks import SHADOW, per_light
 
 NARROW = {"widths": (8,) * 5, "encoder": (1,) * 5, "decoder": (1,) * 4}
@@ -324,7 +324,7 @@ def test_warm_start_keeps_the_features(tmp_path):
     config = {"size": 128}
     source, target = VisibilityField(**config), diffuse.ShadingField(**config)
     checkpoints.save(tmp_path / "field.safetensors", source, "field", config, {})
-    warm_start(target, tmp_path / "field.safetensors")
+    load_start(target, tmp_path / "field.safetensors", "another")
     image = torch.rand(1, 4, 32, 32)
     stem, wider = source.backbone.half().float().stem, target.backbone.stem
     unshuffled = torch.nn.functional.pixel_unshuffle(image, 2)
@@ -379,7 +379,7 @@ def test_a_deeper_network_of_another_kind_starts_with_the_same_features(tmp_path
     source = VisibilityField(size=128, **SHALLOW)
     checkpoints.save(tmp_path / "field.safetensors", source, "field", {"size": 128, **SHALLOW}, {})
     target = diffuse.ShadingField(size=128)
-    warm_start(target, tmp_path / "field.safetensors")
+    load_start(target, tmp_path / "field.safetensors", "another")
     image = torch.rand(1, 4, 128, 96)
     features = []
     for backbone in (source.half().float().backbone, target.backbone):
@@ -393,10 +393,10 @@ def test_another_architecture_is_refused(tmp_path):
     narrow = VisibilityField(size=128, widths=(8, 8, 8, 8, 8))
     checkpoints.save(tmp_path / "narrow.safetensors", narrow, "field", {"size": 128}, {})
     with pytest.raises(ValueError, match="another architecture"):
-        warm_start(VisibilityField(), tmp_path / "narrow.safetensors")
+        load_start(VisibilityField(), tmp_path / "narrow.safetensors", "another")
     checkpoints.save(tmp_path / "deep.safetensors", VisibilityField(size=128), "field", {"size": 128}, {})
     with pytest.raises(ValueError, match="another architecture"):
-        warm_start(VisibilityField(size=128, **SHALLOW), tmp_path / "deep.safetensors")
+        load_start(VisibilityField(size=128, **SHALLOW), tmp_path / "deep.safetensors", "another")
 
 
 def test_a_loss_that_is_not_finite_stops_the_run(folder, tmp_path):
@@ -524,11 +524,11 @@ def test_presets_take_changes_and_name_what_is_missing(folder):
 def test_a_network_without_that_backbone_is_refused(tmp_path):
     checkpoints.save(tmp_path / "field.safetensors", VisibilityField(size=128), "field", {"size": 128}, {})
     with pytest.raises(ValueError, match=r"init: .* is a 'field' network"):
-        warm_start(PerLight(widths=(8, 8, 8, 8, 8)), tmp_path / "field.safetensors")
+        load_start(PerLight(widths=(8, 8, 8, 8, 8)), tmp_path / "field.safetensors", "another")
     config = {"latent": "resb3", "normals": False, "widths": [8, 8, 16, 16, 32]}
     checkpoints.save(tmp_path / "resb3.safetensors", PerLight(**config), "resb3", config, {})
     with pytest.raises(ValueError, match=r"init: .* is a 'resb3' network"):
-        warm_start(VisibilityField(size=128), tmp_path / "resb3.safetensors")
+        load_start(VisibilityField(size=128), tmp_path / "resb3.safetensors", "another")
 
 
 def test_weights_for_another_input_are_refused(folder, tmp_path):
