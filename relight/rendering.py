@@ -8,7 +8,7 @@ import numpy as np
 import torch
 
 from relight.analysis.gloss import checked_gloss
-from relight.analysis.infer import check_inputs, infer
+from relight.analysis.infer import AnalysisInputs, check_inputs, infer
 from relight.compositing.composite import ENVIRONMENT, Background, behind, over, parse_background
 from relight.compositing.floor import Floor
 from relight.lights.environment import FIELD_OF_VIEW, EnvironmentLight, environments
@@ -93,7 +93,11 @@ def apply(
     """
     lights, gloss = as_lights(lights), checked_gloss(gloss)
     background = _background(background, lights)
-    subject = _analysed(image, mask, matte, albedo, normals, depth, height, field_of_view, floor, device)
+    given = check_inputs(
+        image, mask, albedo, normals, depth, height=height, field_of_view=field_of_view, device=device,
+        matte=matte,
+    )  # fmt: skip
+    subject = _analysed(given, floor)
     seen = None if background is None else _seen_by(subject, background, lights)
     return relit_over(subject, lights, seen, floor, gloss)
 
@@ -176,31 +180,21 @@ def render(
     """
     lights = list(by_name(lights).values())  # refuse what is wrong with them before the networks run
     passes = check_names(passes)
-    check_exr_type(exr_type)
+    if exr_type not in EXR_TYPES:
+        raise ValueError(f"exr_type: expected {' or '.join(EXR_TYPES)}, got {exr_type!r}")
     gloss, background = checked_gloss(gloss), _background(background, lights)
-    subject = _analysed(image, mask, matte, albedo, normals, depth, height, field_of_view, floor, device)
+    given = check_inputs(
+        image, mask, albedo, normals, depth, height=height, field_of_view=field_of_view, device=device,
+        matte=matte,
+    )  # fmt: skip
+    subject = _analysed(given, floor)
     return render_subject(
         subject, lights, background=background, passes=passes, exr_type=exr_type, floor=floor, gloss=gloss
     )
 
 
-def _analysed(
-    image: np.ndarray,
-    mask: np.ndarray | None,
-    matte: AnyPath | None,
-    albedo: np.ndarray | None,
-    normals: np.ndarray | Callable | str | os.PathLike | None,
-    depth: np.ndarray | str | os.PathLike | None,
-    height: float | None,
-    field_of_view: float,
-    floor: Floor | None,
-    device: str | torch.device | None,
-) -> Subject:
+def _analysed(given: AnalysisInputs, floor: Floor | None) -> Subject:
     """Return the subject of an image; refuse a floor on which it cannot stand before the networks run."""
-    given = check_inputs(
-        image, mask, albedo, normals, depth, height=height, field_of_view=field_of_view, device=device,
-        matte=matte,
-    )  # fmt: skip
     if floor is not None:
         floor.check(given.matte)
     return Subject.from_record(infer(given))
@@ -280,12 +274,6 @@ def light_groups(
 def _rounded(values: np.ndarray, name: str, exr_type: str) -> np.ndarray:
     """Return a layer (..., C) as a file of this type holds it."""
     return half(values, name) if exr_type == "half" else values
-
-
-def check_exr_type(exr_type: str) -> None:
-    """Raise ValueError for a type that layered files do not have."""
-    if exr_type not in EXR_TYPES:
-        raise ValueError(f"exr_type: expected {' or '.join(EXR_TYPES)}, got {exr_type!r}")
 
 
 def passes_of(subject: Person, lights: Lights, names: Iterable[str]) -> Layers:

@@ -105,7 +105,7 @@ class Server:
                 "models": _models(),
                 "presets": presets.document(),
                 "suffixes": PICTURES,
-                "outputs": _outputs(),
+                "outputs": [suffix for suffix in OUTPUTS if suffix != ".glb" or find_spec("trimesh")],
                 **_finder(),
             }
         )
@@ -340,9 +340,3 @@ def _models() -> list[dict[str, str]]:
     from relight.matting.networks import DOWNLOADS
 
     return [{"name": name, "about": about} for name, about in DOWNLOADS.items()]
-
-
-def _outputs() -> list[str]:
-    """Return the suffixes of the files that can be saved."""
-    meshes = find_spec("trimesh") is not None
-    return [suffix for suffix in OUTPUTS if meshes or suffix != ".glb"]

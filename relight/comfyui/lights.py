@@ -221,10 +221,7 @@ class Preset(LightsNode):
         lights: Chained = (),
     ) -> tuple[Lights, float]:
         """Add the lights of a preset of `relight.presets`."""
-        known = presets.presets(height)
-        if preset not in known:
-            raise ValueError(f"preset: expected one of {', '.join(known)}, got {preset!r}")
-        return (*lights, *known[preset]), presets.gloss(preset)
+        return (*lights, *presets.named(preset, height=height)), presets.gloss(preset)
 
 
 def _file(path: str) -> Path:

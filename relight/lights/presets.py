@@ -38,13 +38,16 @@ def presets(height: float = HEIGHT) -> dict[str, list[Light]]:
     >>> [light.name for light in relight.presets()["rembrandt"]]
     ['key', 'fill']
     """
+    return {name: named(name, height=height) for name in document()}
+
+
+def named(name: str, argument: str = "preset", height: float = HEIGHT) -> list[Any]:
+    """Return the lights of a preset, which is given as an `argument`, for a person of a height in metres.
+
+    Raises ValueError for another name, and as `presets` does.
+    """
     scale = checked_number("height", height, 0.01, 100) / HEIGHT
-    return {name: _lights(preset, scale) for name, preset in document().items()}
-
-
-def named(name: str, argument: str = "preset") -> list[Light]:
-    """Return the lights of a preset, which is given as an `argument`. Raises ValueError for another name."""
-    return _lights(_known(name, argument))
+    return from_entries([_scaled(entry, scale) for entry in _known(name, argument)["lights"]])
 
 
 def gloss(name: str) -> float:
@@ -63,11 +66,6 @@ def _known(name: str, argument: str) -> dict[str, Any]:
 def document() -> dict[str, Any]:
     """Return the file: {name: {"title": as it is shown, "lights": entries of a lights file, "gloss"}}."""
     return yaml.safe_load(files("relight").joinpath("presets.yaml").read_text(encoding="utf-8"))
-
-
-def _lights(preset: dict[str, Any], scale: float = 1.0) -> list[Any]:
-    """Return the lights of a preset, for a person `scale` times as high as the file's."""
-    return from_entries([_scaled(entry, scale) for entry in preset["lights"]])
 
 
 def _scaled(entry: dict[str, Any], scale: float) -> dict[str, Any]:

@@ -128,12 +128,8 @@ class FrameSequence:
 
     def __str__(self) -> str:
         layer = "" if self.layer is None else f":{self.layer}"
-        return str(self.folder / f"{self.before}{self.printf}{self.after}{layer}")
-
-    @property
-    def printf(self) -> str:
-        """The frame number as C and Nuke write it."""
-        return f"%0{self.digits}d"
+        number = f"%0{self.digits}d"  # as C and Nuke write it
+        return str(self.folder / f"{self.before}{number}{self.after}{layer}")
 
     def path(self, number: int) -> Path:
         """Return the file of a frame.

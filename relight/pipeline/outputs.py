@@ -125,7 +125,9 @@ def _same(first: Path, second: Path) -> bool:
     first, second = (path.parent.resolve() / path.name for path in (first, second))
     if first.parent != second.parent:
         return False
-    return any(_pattern(one).fullmatch(_example(other)) for one, other in ((first, second), (second, first)))
+    # The name of the file, or of a sequence's first one.
+    examples = ((first, TOKEN.sub("1", second.name)), (second, TOKEN.sub("1", first.name)))
+    return any(_pattern(one).fullmatch(name) for one, name in examples)
 
 
 def _files(path: Path) -> set[Path]:
@@ -140,8 +142,3 @@ def _pattern(path: Path) -> re.Pattern:
     """Return a pattern that matches the file names of a path; any digits match a frame number."""
     parts = [re.escape(part) for part in TOKEN.sub("\0", path.name).split("\0")]
     return re.compile(r"-?\d+".join(parts))
-
-
-def _example(path: Path) -> str:
-    """Return the name of a path's file, or of the first file of a sequence."""
-    return TOKEN.sub("1", path.name)

@@ -62,18 +62,6 @@ def file_of(path: Path) -> FrameSequence | SingleFile:
     return FrameSequence.of(path) or SingleFile(path)
 
 
-def display_of(output: Output, moving: bool) -> dict[str, Any]:
-    """Return the arguments of `relight.media.colour.encode` for an output.
-
-    All frames of a sequence share one white, so that they do not pump. Raises ValueError for values out of
-    range.
-    """
-    white = movies.WHITE if output.white is None and moving else output.white
-    display: dict[str, Any] = {"view": output.view, "exposure": output.exposure, "white": white}
-    encode(np.zeros((1, 1, 3), np.float32), **display)
-    return display
-
-
 def open_sinks(
     output: Output,
     *,
@@ -89,9 +77,12 @@ def open_sinks(
     `moving`: whether it has frames, see `relight.pipeline.outputs.has_frames`. `transparent`: whether the
     pictures have alpha. `resume`: whether frames that are right are kept. `delivery`: what the outputs keep
     of the source. `groups`: the light groups that a script mixes. Raises ValueError for a movie that cannot
-    hold the alpha, or layers that a script cannot tell apart.
+    hold the alpha, layers that a script cannot tell apart, or values out of range.
     """
-    display = display_of(output, moving)
+    # All frames of a sequence share one white, so that they do not pump.
+    white = movies.WHITE if output.white is None and moving else output.white
+    display: dict[str, Any] = {"view": output.view, "exposure": output.exposure, "white": white}
+    encode(np.zeros((1, 1, 3), np.float32), **display)  # refuses values out of range
     if output.output_colour_space is not None:
         linear_space(output.output_colour_space)
         if not any(is_exr(path) for path in output.paths):

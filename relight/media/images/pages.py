@@ -74,7 +74,7 @@ def whole_page(file: oiio.ImageInput, path: Path) -> int:
     if not whole:
         raise ValueError("holds nothing but a reduced copy of its picture; export the picture itself")
     if len(whole) > 1:
-        _warn(path, f"holds {len(whole)} pages; the first is read")
+        warn(path, f"holds {len(whole)} pages; the first is read")
     return whole[0]
 
 
@@ -92,16 +92,11 @@ def warn_of_animation(path: Path, kind: str) -> None:
 
 def warn_of_frames(path: Path) -> None:
     """Warn that the first frame of an animation is read."""
-    _warn(path, "is animated; its first frame is read, convert it to a movie for all of them")
+    warn(path, "is animated; its first frame is read, convert it to a movie for all of them")
 
 
-def warn_of_others(path: Path, count: int) -> None:
-    """Warn that the main one of several pictures is read, such as those of a burst."""
-    if count > 1:
-        _warn(path, f"holds {count} pictures; the main one is read")
-
-
-def _warn(path: Path, problem: str) -> None:
+def warn(path: Path, problem: str) -> None:
+    """Warn of what is not read of a file."""
     warnings.warn(f"{path}: {problem}", stacklevel=2)
 
 

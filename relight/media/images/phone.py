@@ -63,7 +63,8 @@ def _read_heif(path: Path) -> StoredPicture:
 
     try:
         file = pillow_heif.open_heif(str(path), convert_hdr_to_8bit=False)
-        pages.warn_of_others(path, len(file))
+        if len(file) > 1:  # such as those of a burst
+            pages.warn(path, f"holds {len(file)} pictures; the main one is read")
         width, height = file.size
         pages.check_size(width, height, path.stat().st_size)
         pixels = np.asarray(file)
