@@ -18,8 +18,8 @@ from torch import nn
 from shadow.directions import olat
 from shadow.networks import checkpoints
 from shadow.networks.backbone import ENCODING, Backbone, encode_image, take_blocks
-from shadow.networks.field import Visibility, anchor_weights, average_mirrored, interpolate_anchors
-from shadow.networks.mirror import MIRROR, Pixels, Silhouette, with_mirror
+from shadow.networks.field import Visibility, anchor_weights, interpolate_anchors
+from shadow.networks.mirror import Pixels, Silhouette
 from shadow.networks.precision import autocast, with_cast_weights
 from shadow.networks.unet import LIGHTS_AT_ONCE, UNet, per_light
 
@@ -123,34 +123,28 @@ class ShadingField(nn.Module):
         """Infer shading and albedo of framed rgb (3, h, w), with its mask (h, w) and normals (3, h, w).
 
         `visibility` is a function of light directions. The returned shading calls it, and runs no network of
-        its own.
+        its own. Unlike the field, this network sees the photograph alone: the mean with its mirror image is
+        no better (docs/history.md).
         """
-        silhouette, mirror = Silhouette(mask), MIRROR.to(rgb.device)
-        image = with_mirror(encode_image(rgb[None], mask[None, None]))
-        surface = torch.stack([normals, mirror.view(3, 1, 1) * normals.flip(-1)])
-        guides = self._guides(visibility, mirror)
+        silhouette = Silhouette(mask)
+        image, guides = encode_image(rgb[None], mask[None, None]), self._guides(visibility)
         with autocast(rgb.device):
-            both = with_cast_weights(self)(image, surface, guides, silhouette.blocks)
-        own, mirrored = (ShadingMaps(*side) for side in zip(*map(silhouette.sides, both), strict=True))
+            maps = with_cast_weights(self)(image, normals[None], guides, silhouette.blocks[:1])
+        residual, albedo = (silhouette.sides(part)[0] for part in maps)
         shading = Shading(
-            average_mirrored(own.residual, mirrored.residual, self.anchors),
+            residual,
             silhouette.take(normals),
             visibility,
             silhouette,
             self.anchors,
         )
-        albedo = ((own.albedo + mirrored.albedo) / 2) ** ENCODING
-        return Diffuse(shading, silhouette.scatter(albedo.clamp(0, 1)))
+        return Diffuse(shading, silhouette.scatter((albedo**ENCODING).clamp(0, 1)))
 
-    def _guides(self, visibility: Visible, mirror: torch.Tensor) -> torch.Tensor:
-        """Return the visibility of the anchors (2, K, h/2, w/2), of the photograph and its mirror image.
-
-        It is that of every second pixel. The mirror image's even columns are the photograph's odd ones.
-        """
-        own, other = self.anchors, self.anchors * mirror
+    def _guides(self, visibility: Visible) -> torch.Tensor:
+        """Return the visibility of the anchors at every second pixel, (1, K, h/2, w/2)."""
         if isinstance(visibility, Visibility):
-            return visibility.at_half_resolution(own, other)
-        return torch.stack([visibility(own)[:, ::2, ::2], visibility(other)[:, ::2, 1::2].flip(-1)])
+            return visibility.at_half_resolution(self.anchors)
+        return visibility(self.anchors)[None, :, ::2, ::2]
 
 
 class Shading(NamedTuple):

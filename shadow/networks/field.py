@@ -222,19 +222,16 @@ class Visibility(NamedTuple):
             return None
         return self.silhouette.scatter(self.maps.depth - self.maps.depth.mean())[0]
 
-    def at_half_resolution(self, own: torch.Tensor, mirrored: torch.Tensor) -> torch.Tensor:
-        """Return the visibility (2, D, h/2, w/2) at every second row and column.
+    def at_half_resolution(self, directions: torch.Tensor) -> torch.Tensor:
+        """Return the visibility (1, D, h/2, w/2) of every second row and column, for directions (D, 3).
 
-        The first is that of the photograph, for unit directions `own` (D, 3); the second that of its mirror
-        image, for the directions `mirrored` (D, 3) in the photograph's own frame. The channels of a pixel are
-        adjacent in memory, as convolutions read them.
+        The channels of a pixel are adjacent in memory, as convolutions read them.
         """
         height, width = (length // 2 for length in self.silhouette.shape)
-        maps = own.new_zeros(2, height * width, len(own))
-        for side, directions in enumerate((own, mirrored)):
-            chosen, index = self.silhouette.at_half_resolution(bool(side))
-            maps[side].index_copy_(0, index, self.at_pixels(directions, chosen).T)
-        return maps.unflatten(1, (height, width)).permute(0, 3, 1, 2)
+        maps = directions.new_zeros(height * width, len(directions))
+        chosen, index = self.silhouette.at_half_resolution()
+        maps.index_copy_(0, index, self.at_pixels(directions, chosen).T)
+        return maps.unflatten(0, (height, width)).permute(2, 0, 1)[None]
 
     @torch.no_grad()
     def at_pixels(self, directions: torch.Tensor, chosen: slice = slice(None)) -> torch.Tensor:

@@ -63,7 +63,7 @@ class Silhouette(Pixels):
         # (N,) each, among the pixels of the blocks of the photograph, and of its mirror image
         self._taken = [block * 4 + place for place in (corner, flipped)]
         self.pixels = corners[corner, block]
-        self._halves = [0, *within[:2].sum(dim=1).cumsum(0).tolist()]
+        self._in_first_corner = int(within[0].sum())
 
     def sides(self, maps: torch.Tensor) -> list[torch.Tensor]:
         """Return values (C, N) of the photograph and of its mirror image, from block maps (2, C, 4, P).
@@ -74,13 +74,10 @@ class Silhouette(Pixels):
         pixels = maps.permute(0, 3, 2, 1).flatten(1, 2)
         return [side.index_select(0, taken).T for side, taken in zip(pixels, self._taken, strict=False)]
 
-    def at_half_resolution(self, mirrored: bool) -> tuple[slice, torch.Tensor]:
+    def at_half_resolution(self) -> tuple[slice, torch.Tensor]:
         """Return which of the N pixels lie in every second row and column, and their flat indices (n,) in a
         map (h/2, w/2) of these.
-
-        The even columns of the mirror image are the photograph's odd ones, from right to left.
         """
-        chosen = slice(self._halves[mirrored], self._halves[mirrored + 1])
-        width = self.shape[1]
+        width, chosen = self.shape[1], slice(0, self._in_first_corner)
         row, column = self.pixels[chosen] // width // 2, self.pixels[chosen] % width // 2
-        return chosen, row * (width // 2) + (width // 2 - 1 - column if mirrored else column)
+        return chosen, row * (width // 2) + column
