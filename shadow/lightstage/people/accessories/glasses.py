@@ -25,8 +25,7 @@ def tube(path: np.ndarray, radius: float, closed: bool) -> tuple[np.ndarray, np.
     up = np.cross(side, along)
     angle = np.linspace(0, 2 * np.pi, TUBE_SIDES, endpoint=False)
     spoke = np.cos(angle)[None, :, None] * side[:, None] + np.sin(angle)[None, :, None] * up[:, None]
-    thick = np.full(len(path), radius)
-    rings = path[:, None] + spoke * thick[:, None, None]
+    rings = path[:, None] + spoke * radius
     if closed:
         rings = np.concatenate([rings, rings[:1]])
     else:

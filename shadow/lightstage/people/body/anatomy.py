@@ -55,13 +55,6 @@ class BaseMesh:
     regions: np.ndarray  # (J,) region of each bone, an index into REGIONS
     tights_under_body: np.ndarray  # (V of body,) the nearest vertex of the tights at rest
 
-    def shape(self, phenotype: dict[str, float], face: Face) -> tuple[np.ndarray, np.ndarray]:
-        """Return the rest vertices (19158, 3) and bone heads (J, 3), in metres, of a person.
-
-        Phenotype values are in [0, 1].
-        """
-        return _rest(self.model, phenotype, face)
-
 
 def _y_up(points: np.ndarray) -> np.ndarray:
     return np.stack([points[:, 0], points[:, 2], -points[:, 1]], axis=1)
@@ -95,7 +88,7 @@ def base_mesh() -> BaseMesh:
         return BaseSurface(faces, rows, (rows @ weights).tocsr(), uv)
 
     body, tights = surface("body", levels=1), surface("helper-tights", levels=1)
-    template, _ = _rest(model, {}, Face())
+    template, _ = rest_shape(model, {}, Face())
     nearest = cKDTree(tights.rows @ template).query(body.rows @ template)[1]
     return BaseMesh(
         model=model,
@@ -111,11 +104,11 @@ def base_mesh() -> BaseMesh:
     )
 
 
-def _rest(model: Any, phenotype: dict[str, float], face: Face) -> tuple[np.ndarray, np.ndarray]:
-    """Return vertices (V, 3) and bone heads (J, 3) of a body at rest, in metres, y up.
+def rest_shape(model: Any, phenotype: dict[str, float], face: Face) -> tuple[np.ndarray, np.ndarray]:
+    """Return vertices (19158, 3) and bone heads (J, 3) of a body at rest, in metres, y up.
 
-    It uses one thread, because the number of threads changes the last digit of sums, and a seed must give the
-    same body everywhere.
+    model: that of `BaseMesh`. Phenotype values are in [0, 1]. It uses one thread, because the number of
+    threads changes the last digit of sums, and a seed must give the same body everywhere.
     """
     import torch
 

@@ -121,7 +121,10 @@ class Simulator:
         """
         self.digest = _digest(cut, self.digest, self.person)
         draped = GarmentSimulation(self, cut, list(self.layers), self.digest)
-        self.layers.append(Layer(cut.faces, draped.spanned, cut.member, between, solid))
+        last = MOVING + SETTLING
+        self.layers.append(
+            Layer(cut.faces, lambda k: draped.spanned[min(k, last)], cut.member, between, solid)
+        )
         return draped.final
 
 
@@ -131,13 +134,10 @@ class GarmentSimulation:
     def __init__(self, simulator: Simulator, cut: Cut, layers: list[Layer], digest: str) -> None:
         self.simulator, self.cut, self.layers, self.digest = simulator, cut, layers, digest
 
-    def spanned(self, frame: int) -> np.ndarray:
-        """Return the surface (V, 3) with which the next layer collides: folds are filled, so that the next
-        layer is not wedged in them."""
-        return self._spanned[min(frame, len(self.frames) - 1)]
-
     @cached_property
-    def _spanned(self) -> np.ndarray:
+    def spanned(self) -> np.ndarray:
+        """The surface (frames + 1, V, 3) with which the next layer collides: folds are filled, so that the
+        next layer is not wedged in them."""
         creases = CreaseFilling(self.cut.faces, len(self.cut.rest))
         return np.stack([creases.filled(points.astype(float), GARMENT_ROUNDS) for points in self.frames])
 

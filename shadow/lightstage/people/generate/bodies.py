@@ -26,7 +26,7 @@ from shadow.lightstage.figure import (
 )
 from shadow.lightstage.mesh import remove_unused
 from shadow.lightstage.normalmaps import tangents
-from shadow.lightstage.people.body.anatomy import REGIONS, TEETH, BaseMesh, Person, base_mesh
+from shadow.lightstage.people.body.anatomy import REGIONS, TEETH, BaseMesh, Person, base_mesh, rest_shape
 from shadow.lightstage.people.body.faces import Face
 from shadow.lightstage.people.body.skeleton import Pose, Skeleton
 from shadow.lightstage.people.cloth import pockets
@@ -85,7 +85,8 @@ class Shape:
         """Draw a random adult."""
         base = base_mesh()
         gender = rng.choice([rng.uniform(0, 0.2), rng.uniform(0.8, 1)])
-        rest, heads = base.shape(
+        rest, heads = rest_shape(
+            base.model,
             dict(
                 gender=gender,
                 age=rng.uniform(0.55, 0.95),
