@@ -30,7 +30,9 @@ from shadow.directions import from_spherical
 
 SUN, LOW_SUN, SKY, EVENING_SKY = (1, 0.95, 0.85), (1, 0.72, 0.45), (0.85, 0.95, 1.1), (0.7, 0.9, 1.35)
 ORANGE, BLUE = (1, 0.62, 0.35), (0.4, 0.65, 1)
+RED_WALL = (2.46, 0.29, 0.25)  # light that a saturated wall throws back, mean 1
 SHARE = 1 / 6  # of the light that is the sky's
+KEY_BY_WALL, ROOM_BY_WALL, WALL = 0.75, 0.5, 0.4  # power of a white key, of a white room, of the wall
 ANGLES = (
     (-50, 35),
     (55, 45),
@@ -59,6 +61,9 @@ def lightings(directions, index):
     key, rim = lamp(directions, azimuth, elevation), lamp(directions, -1.6 * azimuth, 15)
     up = (0.55 + 0.45 * directions[:, 1]).clip(0)[:, None] ** 1.2
     sky = 4 * up / up.sum() / 3
+    side = -90 if azimuth > 0 else 90  # away from the key, where its light falls
+    wall = 0.7 * broad(directions, side, -5) + 0.3 * broad(directions, side / 2, -60)
+    beside_wall = KEY_BY_WALL * key * np.ones(3), ROOM_BY_WALL * up / up.sum() + WALL * wall * RED_WALL
 
     def lit(sun, ambient, share=SHARE):
         return (1 - share) * key * sun, 3 * share * sky * ambient
@@ -71,6 +76,8 @@ def lightings(directions, index):
         "sun and sky, curve, JPEG": (*lit(SUN, SKY), 3, 75),
         "evening": (*lit(LOW_SUN, EVENING_SKY), 0, None),
         "two gels": (key * ORANGE, rim * BLUE + 0.1 * sky, 0, None),
+        "red wall": (*beside_wall, 0, None),
+        "red wall, curve": (*beside_wall, 3, None),
     }
 
 
@@ -79,6 +86,12 @@ def lamp(directions, azimuth, elevation):
     weights = np.zeros((len(directions), 1))
     weights[np.argmax(directions @ from_spherical(azimuth, elevation))] = 1
     return weights
+
+
+def broad(directions, azimuth, elevation):
+    """(D, 1), sum 1, light of a large surface on one side."""
+    weights = (directions @ from_spherical(azimuth, elevation)).clip(0)[:, None] ** 1.5
+    return weights / weights.sum()
 
 
 def photograph(record: Record, key, rest, contrast, quality) -> Photograph:

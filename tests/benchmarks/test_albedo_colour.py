@@ -1,5 +1,6 @@
 """What benchmarks/albedo_colour.py measures, on the records of tests/data."""
 
+import numpy as np
 import pytest
 from helpers import ROOT
 
@@ -47,3 +48,13 @@ def test_neutral_lights_leave_the_colour_of_a_body(benchmark, name):
     left_in, found = (scored(benchmark, record, name, light) for light in (OldLight(), None))
     assert found[1] < left_in[1] + 0.01
     assert found[0] < left_in[0] + 0.01
+
+
+def test_a_red_wall_lights_the_side_away_from_the_key(benchmark):
+    record = Records([ROOT / "tests" / "data"])[0]
+    key, rest, *_ = benchmark.lightings(record.directions, 0)["red wall"]
+    side = -np.sign(key.sum(axis=1) @ record.directions[:, 0])
+    there, opposite = (rest[side * sign * record.directions[:, 0] > 0.5].sum(axis=0) for sign in (1, -1))
+    assert there[0] > 2 * there[2]
+    assert there[0] > 2 * opposite[0]
+    assert opposite[0] < 1.3 * opposite[2]
