@@ -21,7 +21,7 @@ from scipy import ndimage
 from scipy.spatial import cKDTree
 from scipy.special import expit, logit
 
-from relight.matting.gaps import gaps
+from relight.matting.gaps import gaps, suspects
 from relight.matting.parts import lost_parts
 from relight.matting.refine import (
     BACKGROUND,
@@ -33,6 +33,7 @@ from relight.matting.refine import (
     smooth_where_alike,
     solve_edge,
 )
+from relight.matting.wall import Wall
 from relight.media.images import coverage, scene_linear
 from relight.media.resampling import resize
 
@@ -50,7 +51,7 @@ MOVES, LEAST_SHIFT = 2, 0.2  # of a sharp mask's edge as a whole, and of its tol
 MASK_NEARNESS, MASK_PRIOR = 8.0, 0.05  # as `NEARNESS` and `PRIOR`, for sharp masks
 UNSURE = 0.05  # a rough matte is sure within this of 0 and 1; between, colours decide, however far the edge
 DOUBT = 0.6  # of the logarithm of its odds there: its weight, as a distance
-REACH = 6  # pixels around a gap that are solved with it
+REACH, SUSPECT_REACH = 6, 4  # pixels around a gap, and around what may be one, that are solved with it
 MARGIN = 0.12  # of the outline's size, of the photograph around it that is looked at
 FILTER = "triangle"  # of OpenImageIO, for copies
 
@@ -95,7 +96,7 @@ def outlined(image: ArrayLike, outline: Outline) -> np.ndarray:
     seen = encoded_srgb(resize(pixels[top:bottom, left:right], size, FILTER))
     if mask is not None and not sharp:
         known, distance = _completed(seen, known, distance, mask)
-        known, distance = _opened(seen, known, distance, mask < 1 - UNSURE)
+        known, distance = _opened(seen, known, distance, mask)
     alpha = _solved(seen, known, distance, sharp)
     if alpha.max() <= 0.5:
         raise ValueError("outline: nothing of the person is inside it; draw around the whole person")
@@ -257,16 +258,22 @@ def _completed(
 
 
 def _opened(
-    seen: np.ndarray, known: np.ndarray, distance: np.ndarray, unsure: np.ndarray
+    seen: np.ndarray, known: np.ndarray, distance: np.ndarray, mask: np.ndarray
 ) -> tuple[np.ndarray, np.ndarray]:
     """Return a trimap and its distances with the gaps opened in which the background shows.
 
-    A stroke that says "person" keeps a gap closed.
+    Where it may show, colours alone decide. A stroke that says "person" keeps a gap closed.
     """
     painted = np.isposinf(distance) & (known == PERSON)
-    gap = gaps(seen, known, np.isfinite(distance) & (distance > 0), unsure)
-    gap &= ~ndimage.binary_propagation(gap & ndimage.binary_dilation(painted), mask=gap)
-    near = np.isfinite(distance) & ndimage.binary_dilation(gap, iterations=REACH)
+    wall = Wall.behind(seen, known == BACKGROUND, local=True)
+    inside = np.isfinite(distance) & (distance > 0)
+    gap, suspected = (
+        region & ~ndimage.binary_propagation(region & ndimage.binary_dilation(painted), mask=region)
+        for region in (gaps(wall, inside, mask < 1 - UNSURE), suspects(wall, inside, mask))
+    )
+    near = ndimage.binary_dilation(gap, iterations=REACH)
+    near |= ndimage.binary_dilation(suspected, iterations=SUSPECT_REACH)
+    near &= np.isfinite(distance)
     distance = np.where(gap, -1.0, np.where(near, np.minimum(distance, 0), distance))
     known = np.where(near, UNKNOWN, known)
     known[ndimage.binary_erosion(gap)] = BACKGROUND

@@ -8,9 +8,8 @@ import numpy as np
 from scipy import ndimage
 from scipy.spatial import ConvexHull
 
-from relight.matting.gaps import deviations
+from relight.matting.wall import Wall
 
-REACH = 0.1  # of the copy's longer side: standard deviation of the Gaussian that gathers the wall's colours
 OTHER = 6.0  # standard deviations from the wall's colour from which a colour is clearly another one
 LEAST_AREA = 0.0005  # of the copy, of a part
 FAR = 0.015  # of the longer side: a part goes farther from the mask than its soft edge, at least as far
@@ -31,11 +30,11 @@ def lost_parts(seen: np.ndarray, mask: np.ndarray, least: float) -> np.ndarray:
     if not shown.any() or 4 * (beyond & (few > least)).sum() < LEAST_AREA * mask.size / 4:
         return np.zeros(mask.shape, bool)
     around = _hull(shown)
-    off, plain = deviations(seen, ~around, REACH)
+    wall = Wall.behind(seen, ~around)
     # What the mask surrounds is rather a gap that shows a shaded wall.
     outside = ~ndimage.binary_fill_holes(mask >= 0.5)
     labels, count = ndimage.label(
-        ndimage.binary_opening(around & outside & plain & (off > OTHER), np.ones((3, 3)))
+        ndimage.binary_opening(around & outside & wall.plain & (wall.off > OTHER), np.ones((3, 3)))
     )
     areas = np.bincount(labels.ravel(), minlength=count + 1)
     doubted = np.bincount(labels.ravel(), (mask > least).ravel(), count + 1)
