@@ -18,9 +18,9 @@ import numpy as np
 from numpy.typing import ArrayLike
 from PIL import Image, ImageDraw
 from scipy import ndimage
-from scipy.spatial import cKDTree
 from scipy.special import expit, logit
 
+from relight.matting.colour_votes import colour_votes
 from relight.matting.gaps import gaps, suspects
 from relight.matting.parts import lost_parts
 from relight.matting.refine import (
@@ -40,15 +40,13 @@ from relight.media.resampling import resize
 SLACK = 0.03  # of the outline's height: how far the true edge may be from the line that was drawn
 SOLVED_SIDE = 720  # pixels, the longer side of the copy on which an outline is solved
 REFINED_SIDE = 1200  # pixels, the longer side of the copy on which the edge is solved again
-BAND = 6  # pixels on either side of the edge that are solved again there
-SAMPLES = 6000  # of known colour, at most, inside and outside each
-NEIGHBOURS = 6  # of these samples vote on a pixel
-FARTHER = 0.5  # than the nearest samples, as a share, those found may be, which takes two thirds of the time
-PLACE = 0.08  # how far the picture's longer side is, as a distance of colours: near samples count more
+BAND = 5  # pixels on either side of the edge that are solved again there
 NEARNESS = 3.0  # logarithm of the odds at the band's rim, of being inside
 PRIOR = 0.02  # weight of the priors beside the matting Laplacian
 MOVES, LEAST_SHIFT = 2, 0.2  # of a sharp mask's edge as a whole, and of its tolerance, from where it counts
 MASK_NEARNESS, MASK_PRIOR = 8.0, 0.05  # as `NEARNESS` and `PRIOR`, for sharp masks
+CONTRADICTION = 3.0  # of a vote against a sharp mask, deep in the band, from where the band goes on
+WIDENINGS, WIDENED = 2, 0.25  # times that it goes on by the tolerance; the distance inside the edge there
 UNSURE = 0.05  # a rough matte is sure within this of 0 and 1; between, colours decide, however far the edge
 DOUBT = 0.6  # of the logarithm of its odds there: its weight, as a distance
 REACH, SUSPECT_REACH = 6, 4  # pixels around a gap, and around what may be one, that are solved with it
@@ -209,7 +207,7 @@ def _drawn(
     if outline.matte is not None:
         given = np.asarray(outline.matte[top:bottom, left:right, None], np.float32)
         rough = resize(given, size, FILTER)[..., 0].clip(0, 1)
-        slack = max(2.0, SLACK / 3 * max(size))
+        slack = _mask_slack(size)
     elif outline.lasso is None:
         inside = np.zeros(size, bool)
     if outline.lasso is not None:
@@ -289,7 +287,7 @@ def _solved(seen: np.ndarray, known: np.ndarray, distance: np.ndarray, sharp: bo
     """Solve the matte (h, w) of a copy (h, w, 3), encoded, with the trimap `known`."""
     if not (known == PERSON).any() and not ((known == UNKNOWN) & (distance > 0)).any():
         return np.zeros(known.shape, np.float32)
-    votes, nearness, weight = _votes(seen, known, distance), NEARNESS, PRIOR
+    votes, nearness, weight = colour_votes(seen, known, distance), NEARNESS, PRIOR
     if sharp:
         for _ in range(MOVES):
             shift = _shift(votes, distance, known == UNKNOWN)
@@ -297,7 +295,12 @@ def _solved(seen: np.ndarray, known: np.ndarray, distance: np.ndarray, sharp: bo
                 break
             distance = distance - shift
             known = _trimap(distance)
-            votes = _votes(seen, known, distance)
+            votes = colour_votes(seen, known, distance)
+        for _ in range(WIDENINGS):
+            wider, distance = _widened(known, distance, votes)
+            if (new := wider != known).any():
+                votes = np.where(new, colour_votes(seen, wider, distance, new), votes)
+            known = wider
         nearness, weight = MASK_NEARNESS, MASK_PRIOR
     prior = expit(nearness * distance + votes)
     return closed_form(seen, known, prior, weight * np.abs(2 * prior - 1))
@@ -310,31 +313,22 @@ def _shift(votes: np.ndarray, distance: np.ndarray, unknown: np.ndarray) -> floa
     return float(max(shifts, key=lambda shift: (np.where(places > shift, cast, -cast).sum(), -abs(shift))))
 
 
-def _votes(seen: np.ndarray, known: np.ndarray, distance: np.ndarray) -> np.ndarray:
-    """Return for each unknown pixel the logarithm of the odds that its colour is that of the inside."""
-    height, width = known.shape
-    rows, columns = np.mgrid[:height, :width]
-    place = np.stack([rows, columns], axis=-1) / max(height, width)
-    features = np.concatenate([ndimage.gaussian_filter(seen, (0.7, 0.7, 0)), PLACE * place], axis=-1)
-    unknown = known == UNKNOWN
-    around = ndimage.binary_dilation(unknown, iterations=max(8, max(height, width) // 12))
-    logarithms = []
-    # Where the band leaves nothing surely inside, as in an arm, what is deepest in it stands for that.
-    for inside in (True, False):
-        surely = (known == (PERSON if inside else BACKGROUND)) & around
-        deep = unknown & ((distance > 0.5) if inside else (distance < -0.5))
-        samples = features[surely | deep]
-        if len(samples) < NEIGHBOURS:
-            return np.zeros(known.shape)
-        samples = np.ascontiguousarray(samples[:: -(-len(samples) // SAMPLES)])
-        # A tree of median splits takes several times as long where many colours are alike, as on a wall.
-        tree = cKDTree(samples, balanced_tree=False, compact_nodes=False)
-        found, _ = tree.query(features[unknown], NEIGHBOURS, eps=FARTHER, workers=1)
-        logarithms.append(np.mean(found, axis=1))
-    vote = np.zeros(known.shape)
-    inner, outer = logarithms
-    vote[unknown] = np.clip(6 * np.log((outer + 0.01) / (inner + 0.01)), -6, 6)
-    return vote
+def _widened(known: np.ndarray, distance: np.ndarray, votes: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Return a sharp mask's trimap and its distances, the band wider where colours contradict its rims.
+
+    A dilated mask closes narrow gaps, and an eroded one loses fingers, to more than the tolerance.
+    """
+    square = np.ones((3, 3))
+    for side, sign in ((PERSON, 1), (BACKGROUND, -1)):
+        against = (known == UNKNOWN) & (sign * distance > 0.5) & (sign * votes < -CONTRADICTION)
+        against = ndimage.binary_opening(against, square)
+        if not against.any():
+            continue
+        near = ndimage.binary_dilation(against, square, round(_mask_slack(known.shape)))
+        near &= np.isfinite(distance) & (sign * distance > 0)
+        known = np.where(near & (known == side), UNKNOWN, known)
+        distance = np.where(near, sign * np.minimum(sign * distance, WIDENED), distance)
+    return known, distance
 
 
 def _guided(seen: np.ndarray, alpha: np.ndarray, fine: np.ndarray) -> np.ndarray:
@@ -376,6 +370,11 @@ def _painted(points: np.ndarray, radius: float, size: tuple[int, int]) -> np.nda
     for x, y in drawn:
         draw.ellipse([x - radius, y - radius, x + radius, y + radius], fill=1)
     return np.array(picture)
+
+
+def _mask_slack(size: tuple[int, ...]) -> float:
+    """Return how far the true edge may be from that of a mask (h, w), in pixels."""
+    return max(2.0, SLACK / 3 * max(size))
 
 
 def _extent(drawn: np.ndarray) -> int:

@@ -21,8 +21,8 @@ EDGE = 2.0  # pixels on either side of the edge that are solved a second time
 SURE = 0.2  # farther from that edge, coverage up to this is none, and above 1 - SURE it is full
 ALIKE = 0.03  # contrast, encoded, relative to the darker side; below, colours hardly find an edge
 SMOOTH = 4.0  # standard deviation in pixels of the Gaussian that smooths the contour there
-REGULARISATION = 1e-6  # of the matting Laplacian; linear light has small variances
-EDGE_PRIOR = 0.002  # weight of the rough matte, which is blurred: more of it makes edges soft
+REGULARISATION = 1e-7  # of the matting Laplacian; linear light has small variances
+EDGE_PRIOR = 0.005  # weight of the rough matte, which is blurred: more of it makes edges soft
 MIN_PERSON_SHARE = 0.1  # of the largest connected region's area: a smaller one is no person of its own
 
 

@@ -6,8 +6,8 @@ from helpers import ROOT
 from helpers.drawn import overlap, photographed, polygon
 from scipy import ndimage
 
-from relight.matting.outline import Outline, Stroke, outlined, refine, shift_edge
-from relight.matting.refine import smooth_where_alike
+from relight.matting.outline import Outline, Stroke, _widened, outlined, refine, shift_edge
+from relight.matting.refine import BACKGROUND, PERSON, UNKNOWN, smooth_where_alike
 from shadow.data.records import Records
 
 SQUARE = [[30, 20], [90, 20], [90, 100], [30, 100]]
@@ -60,6 +60,19 @@ def test_the_edge_of_a_sharp_mask_is_moved_to_that_of_the_photograph():
     mask = np.float32(ndimage.binary_dilation(truth > 0.5, iterations=5))
     assert overlap(mask, truth) < 0.85
     assert overlap(outlined(image, Outline(matte=mask)), truth) > 0.98
+
+
+def test_the_band_of_a_sharp_mask_goes_on_where_colours_contradict_its_rim():
+    distance = np.broadcast_to(np.linspace(2.95, -2.95, 60)[:, None], (60, 40))
+    distance = np.where(np.arange(40) >= 35, np.inf * np.sign(distance), distance)  # a stroke
+    known = np.where(distance >= 1, PERSON, np.where(distance <= -1, BACKGROUND, UNKNOWN))
+    votes = np.where((known == UNKNOWN) & (np.arange(40) < 20), -6, 6 * np.sign(distance))
+    wider, near = _widened(known, distance, votes)
+    assert (wider[18:21, 5:15] == UNKNOWN).all()  # beyond the rim, into the person
+    assert (near[18:21, 5:15] < 0.3).all()
+    np.testing.assert_array_equal(wider[:15], known[:15])  # no farther than the tolerance
+    np.testing.assert_array_equal(wider[:, 30:], known[:, 30:])
+    np.testing.assert_array_equal(wider[40:], known[40:])
 
 
 def test_a_ragged_contour_is_smoothed_where_person_and_wall_have_one_colour_and_only_there():
