@@ -50,7 +50,7 @@ def test_relit_by_its_own_lights_a_photograph_comes_back(photograph, subject):
     again = subject.relit(relight.fit_lights(photograph, subject))
     inside = photograph[..., 3] > 0.98
     wrong = encode(again[inside, :3]) - encode(photograph[inside, :3])
-    assert np.sqrt((wrong**2).mean()) < 0.032
+    assert np.sqrt((wrong**2).mean()) < 0.036
 
 
 def test_another_size_is_refused(photograph, subject):

@@ -77,7 +77,7 @@ def test_apply_takes_normals_of_any_axes(tmp_path, photo):
         assert result.exit_code == 0, result.output
         layers = relight.read_layers(tmp_path / "o.exr")
         assert layers["C_light1"][48, 40, :3].max() > 0.05
-        assert layers["C_light2"][48, 40, :3].max() < 1e-3
+        assert layers["C_light2"][48, 40, :3].max() < 2e-3
 
 
 def test_background_is_an_image_or_a_colour(tmp_path, photo):
