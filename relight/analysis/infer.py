@@ -119,7 +119,7 @@ def infer(given: AnalysisInputs) -> AnalysisRecord:
     colour = person.own_colour(given.plate)
     framed = Framed.of(colour, person.matte, field.size)
     normals = on_canvas(None if normals is None else person.crop(normals), framed.framing)
-    found = Analysis(framed.to(given.device), field, shader, normals)
+    inferred = Analysis(framed.to(given.device), field, shader, normals)
 
     exposure = GUIDE_MEAN / float(framed.rgb[:, framed.mask > 0.5].mean().clamp_min(1e-6))
     pixel_albedo = canvas_albedo = None
@@ -134,9 +134,9 @@ def infer(given: AnalysisInputs) -> AnalysisRecord:
     elif depth is not None:
         relative = not depth.is_floating_point()  # a picture of depth
     geometry = WorldGeometry.of(
-        found, given.camera, on_plate, given.matte, depth, relative, own_normals=normals is None
+        inferred, given.camera, on_plate, given.matte, depth, relative, own_normals=normals is None
     )
-    maps = AnalysisMaps.of(found, encode_guide(framed.rgb * exposure), canvas_albedo, geometry)
+    maps = AnalysisMaps.of(inferred, encode_guide(framed.rgb * exposure), canvas_albedo, geometry)
     old_light = given.old_light or OldLight()
     if maps.light is not None and given.old_light is None:
         old_light = OldLight.fit(maps.image, maps.light, maps.albedo, maps.normals, maps.known)

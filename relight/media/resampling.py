@@ -31,8 +31,8 @@ def sample(image: np.ndarray, across: np.ndarray, down: np.ndarray) -> np.ndarra
     """
     grid = np.float32(np.stack(np.broadcast_arrays(across, down), axis=-1))
     source = torch.from_numpy(np.array(image, np.float32)).permute(2, 0, 1)[None]
-    found = F.grid_sample(source, torch.from_numpy(grid)[None], padding_mode="border", align_corners=False)
-    return found[0].permute(1, 2, 0).numpy()
+    sampled = F.grid_sample(source, torch.from_numpy(grid)[None], padding_mode="border", align_corners=False)
+    return sampled[0].permute(1, 2, 0).numpy()
 
 
 def fill_unknown(image: np.ndarray, known: np.ndarray) -> np.ndarray:

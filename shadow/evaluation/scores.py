@@ -220,8 +220,8 @@ def report(scores: dict[str, Score], angle: float) -> str:
     for name, score in scores.items():
         rmse, dice = ("{:.3f} ({:.3f})".format(*pair) for pair in (score.rmse, score.dice))
         rows.append([name, rmse, f"{score.psnr:.2f}", dice])
-    found = table(["visibility", "RMSE ↓", "PSNR ↑", "Dice ↑"], rows)
-    return f"{found}\n\nEstimated normals: mean angular error {angle:.1f} degrees."
+    scored = table(["visibility", "RMSE ↓", "PSNR ↑", "Dice ↑"], rows)
+    return f"{scored}\n\nEstimated normals: mean angular error {angle:.1f} degrees."
 
 
 def table(header: Iterable[str], rows: Iterable[Iterable[str]]) -> str:

@@ -37,20 +37,20 @@ def _header(path: Path, version: tuple[int, ...]) -> Jpeg2000Header:
     """Read a header; `version` tells the cache when the file has been written again."""
     with path.open("rb") as file:
         content = dict(boxes(file.read(HEADER))).get("jp2h", b"")
-    found = Jpeg2000Header()
+    header = Jpeg2000Header()
     try:
         for kind, body in boxes(content):
-            if kind == "colr" and found.colour is None:  # the first one counts (I.5.3.3)
-                found = found._replace(colour=body)
+            if kind == "colr" and header.colour is None:  # the first one counts (I.5.3.3)
+                header = header._replace(colour=body)
             elif kind == "cdef":
                 (count,) = struct.unpack_from(">H", body)
                 kinds = struct.unpack_from(f">{3 * count}H", body, 2)[1::3]
-                found = found._replace(is_premultiplied=PREMULTIPLIED in kinds)
+                header = header._replace(is_premultiplied=PREMULTIPLIED in kinds)
             elif kind == "res ":
-                found = found._replace(aspect=_aspect(next(boxes(body))[1]))
+                header = header._replace(aspect=_aspect(next(boxes(body))[1]))
     except (StopIteration, struct.error) as error:
         raise ValueError("is damaged: a box of its header is too short") from error
-    return found
+    return header
 
 
 def jpeg2000_space(path: Path) -> Encoding | bytes | str | None:

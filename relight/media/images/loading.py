@@ -151,7 +151,7 @@ def _parts(file: oiio.ImageInput, first: int = 0) -> list[Part]:
     many, parts = file.format_name() == "openexr", []
     for index in range(LARGEST_PART) if many else (first,):
         if not file.seek_subimage(index, 0):
-            problem(file)  # is taken note of, or it would be reported later
+            problem(file)  # clears the error, which the next file would report
             break
         spec = file.spec(index, 0)
         if not spec.deep:

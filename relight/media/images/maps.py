@@ -145,7 +145,7 @@ def read_depth(path: AnyPath, *, layer: str | None = None) -> np.ndarray:
 
 
 def _depth_layer(names: list[str]) -> str | None:
-    """Return the name of the layer that is the depth; None where there is none, or no telling which."""
+    """Return the name of the layer that is the depth; None if there is none, or if several may be it."""
     whole = [name for name in names if name.lower() in ("z", "depth")]
     last_words = [name for name in names if name.lower().endswith(".depth")]
     if whole:

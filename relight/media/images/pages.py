@@ -62,7 +62,7 @@ def whole_page(file: oiio.ImageInput, path: Path) -> int:
     specs: list[oiio.ImageSpec] = []
     while len(specs) < MOST_DIRECTORIES and file.seek_subimage(len(specs), 0):
         specs.append(file.spec(len(specs), 0))
-    problem(file)  # is taken note of, or it would be reported later
+    problem(file)  # clears the error, which the next file would report
     if file.format_name() == "ico":
         return max(range(len(specs)), key=lambda page: specs[page].width)
     reduced = _reduced_in_old_files(path) if len(specs) > 1 else set()

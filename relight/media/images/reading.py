@@ -169,12 +169,14 @@ def read_camera(path: AnyPath) -> tuple[tuple[float, float, float], float] | Non
 
 
 def read_content_hash(path: AnyPath) -> str | None:
-    """Read the content hash that a picture's file carries; None where it has none,
-    or there is no picture, or not all of it: its last row cannot be read, or its size and channels are not
-    those that it was written with."""
+    """Read the content hash that a picture's file carries.
+
+    None if it carries none, if there is no picture, or if a part of it is missing: its last row cannot be
+    read, or its size and channels are not those that it was written with.
+    """
     file = oiio.ImageInput.open(str(path))
     if file is None:
-        problem(oiio)  # is taken note of, or it would be reported later
+        problem(oiio)  # clears the error, which the next file would report
         return None
     spec = file.spec()
     digest = spec.get_string_attribute(content_hash.HASH_ATTRIBUTE)
