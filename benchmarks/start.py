@@ -5,8 +5,8 @@ run.
 
     OMP_NUM_THREADS=1 python benchmarks/start.py
 
-`relight apply` takes 2.4 times as long as `import torch`; the aim is 2.0. In user time alone it is 2.1, or
-2.2 in float32 (ATEN_CPU_CAPABILITY=avx2 ONEDNN_MAX_CPU_ISA=AVX2), measured beside other work.
+`relight apply` takes 2.1 times as long as `import torch`, or 2.4 in float32 (ATEN_CPU_CAPABILITY=avx2
+ONEDNN_MAX_CPU_ISA=AVX2); the aim is 2.0.
 """
 
 import os
