@@ -131,13 +131,7 @@ class ShadingField(nn.Module):
         with autocast(rgb.device):
             maps = with_cast_weights(self)(image, normals[None], guides, silhouette.blocks[:1])
         residual, albedo = (silhouette.sides(part)[0] for part in maps)
-        shading = Shading(
-            residual,
-            silhouette.take(normals),
-            visibility,
-            silhouette,
-            self.anchors,
-        )
+        shading = Shading(residual, silhouette.take(normals), visibility, silhouette, self.anchors)
         return Diffuse(shading, silhouette.scatter((albedo**ENCODING).clamp(0, 1)))
 
     def _guides(self, visibility: Visible) -> torch.Tensor:

@@ -59,7 +59,10 @@ class Foreground:
         photographed: bool,
         edge: torch.Tensor | None = None,
     ) -> Self:
-        """Cut the box out of a whole plate's `alpha`, `matte` and `edge`, (H, W) each."""
+        """Cut the box out of a whole plate's `alpha`, `matte` and `edge`, (H, W) each.
+
+        Without `edge` it is `alpha`.
+        """
         height, width = alpha.shape
         top, left, bottom, right = bounding_box(alpha, threshold=0)
         # One empty pixel around the person, unless the plate ends there: it tells the framing which sides

@@ -110,12 +110,13 @@ def infer(given: AnalysisInputs) -> AnalysisRecord:
     seen = None if given.normals is None else without_alpha(given.plate).to(given.device)
     normals = resolve(given.normals, seen, given.alpha.to(given.device), field, shader)
 
-    alpha = given.alpha
+    alpha, edge = given.alpha, None
     if given.feather:
         # The networks, and the colour at the edge, have the matte as it is: a feathered one would say that
         # opaque pixels of the person show the background.
-        alpha = torch.from_numpy(gaussian_filter(alpha.numpy(), given.feather, mode="nearest"))
-    person = Foreground.of(alpha, given.matte, given.has_mask, given.alpha)
+        edge = given.alpha
+        alpha = torch.from_numpy(gaussian_filter(edge.numpy(), given.feather, mode="nearest"))
+    person = Foreground.of(alpha, given.matte, given.has_mask, edge)
     colour = person.own_colour(given.plate)
     framed = Framed.of(colour, person.matte, field.size)
     normals = on_canvas(None if normals is None else person.crop(normals), framed.framing)

@@ -285,11 +285,12 @@ def _restored(header: dict[str, Any], arrays: dict[str, np.ndarray]) -> Analysis
 
     def in_the_box(name: str) -> torch.Tensor:
         values = torch.zeros(rows * columns)
-        values[inside] = tensors[name if name in tensors else "coverage"].float()
+        values[inside] = tensors[name].float()
         return values.view(box)
 
     size, (top, left) = tuple(header["size"]), header["corner"]
-    alpha, matte, edge = (in_the_box(name) for name in ("coverage", "matte", "edge"))
+    alpha = in_the_box("coverage")
+    matte, edge = (in_the_box(name) if name in tensors else alpha for name in ("matte", "edge"))
     person = Foreground(size, (top, left), alpha, matte, bool(header["photographed"]), edge)
     framing = Framing(tuple(header["centre"]), header["scale"], tuple(arrays["within"].shape), box)
     on_plate = framing.shifted(left, top, size)
