@@ -7,8 +7,10 @@ more the larger the gain is:
 
 - a guided filter (He et al. 2013) whose guide is the lightness: colour is linear in lightness within small
   windows. Its lines come from the networks' canvas (as in the fast guided filter, He and Sun 2015);
-- a channel near black does not make the albedo darker than dyes are. Tone curves cut the small channels of
-  dark cloth to black, which would make jeans and suits in shadow as blue as a lamp. Channels with clear codes
+- the smallest channel of the albedo is not darker than dyes are, if it is near black. Tone curves cut the
+  small channels of dark cloth to black, which would make jeans and suits in shadow as blue as a lamp. What
+  the channel lacks is added to all channels, as a surface reflects white light beside what its dye reflects
+  (the dichromatic model, Shafer 1985): the colour becomes paler, and keeps its hue. Colours with clear codes
   keep what the photograph shows.
 
 The lightness is left alone, for the canvas does not see how much of it is fine texture.
@@ -24,9 +26,9 @@ from shadow.framing import Framing, bounding_box
 ENCODING = 2.2  # of `encode_guide`
 RADIUS = 3  # of the filter's windows, canvas pixels
 NOISE = 0.03  # standard deviation of the noise in colour, display-encoded
-DARKEST_DYE = 0.04  # albedo of a channel: below it, the cloth's surface reflects more than its dye
+DARKEST_DYE = 0.045  # albedo of the smallest channel: below it, cloth's surface reflects more than its dye
 DARK_CODE = 0.15  # display-encoded: from here down to black, DARKEST_DYE comes in
-KNEE = 3  # exponent of the smooth maximum of albedo and DARKEST_DYE: larger is sharper
+KNEE = 3  # exponent of the smooth maximum of that channel and DARKEST_DYE: larger is sharper
 BRIGHTEST = 1.0  # display-encoded: brighter pixels show no noise
 MIN_STRENGTH = 0.02  # pixels with less are left as they are
 
@@ -61,8 +63,9 @@ def denoised(
     smooth = torch.lerp(seen, smooth, strength).clamp_min(0)
     linear = smooth**ENCODING / exposure
     albedo = linear / light.clamp_min(1e-12)
-    least = strength * DARKEST_DYE * (1 - smooth / DARK_CODE).clamp_min(0)
-    raised = (albedo**KNEE + least**KNEE) ** (1 / KNEE) * light
+    code, lowest = (values.amin(dim=1, keepdim=True) for values in (smooth, albedo))
+    least = strength * DARKEST_DYE * (1 - code / DARK_CODE).clamp_min(0)
+    raised = (albedo + (lowest**KNEE + least**KNEE) ** (1 / KNEE) - lowest) * light
     linear = raised * linear.mean(dim=1, keepdim=True) / raised.mean(dim=1, keepdim=True).clamp_min(1e-12)
     return colour.index_copy(0, chosen, linear)
 

@@ -94,6 +94,17 @@ def test_channels_that_a_camera_cut_to_black_become_those_of_a_dye():
     np.testing.assert_allclose(after.mean(axis=-1), before.mean(axis=-1), rtol=1e-4)
 
 
+@pytest.mark.parametrize("cut", [(60, 9, 1), (2, 12, 15), (1, 14, 9)])
+def test_channels_near_black_do_not_turn_the_hue(cut):
+    """Rust, teal and green cloth in shadow: a channel raised alone would be larger than the middle one."""
+    codes = np.full((*SIZE, 3), cut, np.uint8)
+    after = mended(codes, torch.full((3, *SIZE), 0.1))[0, 0]
+    before = scene_linear("codes", codes)[0, 0]
+    assert after.min() / after.mean() > 2 * before.min() / before.mean()
+    turned, hue = ((colour - colour.min()) / np.ptp(colour) for colour in (after, before))
+    np.testing.assert_allclose(turned, hue, atol=0.01)
+
+
 def test_dark_cloth_with_clear_codes_keeps_its_colour_in_shadow():
     """Its codes, 24 and more, tell a channel that is darker than most dyes."""
     codes = np.full((*SIZE, 3), (24, 40, 70), np.uint8)
