@@ -13,7 +13,8 @@ more the larger the gain is:
   (the dichromatic model, Shafer 1985): the colour becomes paler, and keeps its hue. Colours with clear codes
   keep what the photograph shows.
 
-The lightness is left alone, for the canvas does not see how much of it is fine texture.
+The lightness is filtered near black only, where codes are too coarse to show texture. Elsewhere it is left
+alone, for the canvas does not see how much of it is fine texture.
 Nothing changes where the person is lit as on average or more.
 """
 
@@ -26,9 +27,10 @@ from shadow.framing import Framing, bounding_box
 ENCODING = 2.2  # of `encode_guide`
 RADIUS = 3  # of the filter's windows, canvas pixels
 NOISE = 0.03  # standard deviation of the noise in colour, display-encoded
-DARKEST_DYE = 0.045  # albedo of the smallest channel: below it, cloth's surface reflects more than its dye
+DARKEST_DYE = 0.05  # albedo of the smallest channel: below it, cloth's surface reflects more than its dye
 DARK_CODE = 0.15  # display-encoded: from here down to black, DARKEST_DYE comes in
 KNEE = 3  # exponent of the smooth maximum of that channel and DARKEST_DYE: larger is sharper
+DARK_LIGHTNESS = 0.2  # display-encoded: from here down to black, lightness comes to be filtered as well
 BRIGHTEST = 1.0  # display-encoded: brighter pixels show no noise
 MIN_STRENGTH = 0.02  # pixels with less are left as they are
 
@@ -71,7 +73,11 @@ def denoised(
 
 
 def _line(image: torch.Tensor, known: torch.Tensor) -> tuple[torch.Tensor, torch.Tensor]:
-    """Fit colour = slope · lightness + offset, each (3, h, w), in windows of the person's pixels."""
+    """Fit colour = slope · lightness + offset, each (3, h, w), in windows of the person's pixels.
+
+    Near black, lightness itself is taken from such a line, whose guide it is: what varies less than the noise
+    becomes its mean.
+    """
     top, left, bottom, right = bounding_box(known.float())
     height, width = known.shape
     reach = 2 * RADIUS  # of two windows
@@ -86,9 +92,12 @@ def _line(image: torch.Tensor, known: torch.Tensor) -> tuple[torch.Tensor, torch
     centre, squared, middle, product = (means[1:] / covered).split([1, 1, 3, 3])
     variance = (squared - centre**2).clamp_min(0)
     slope = (product - centre * middle) / (variance + NOISE**2)
-    line = _window_mean(torch.cat([slope, middle - slope * centre]) * inside) / covered
-    slope, offset = F.pad(line, (left, width - right, top, height - bottom)).split(3)
-    return 1 + slope, offset
+    lost = NOISE**2 / (variance + NOISE**2) * (1 - centre / DARK_LIGHTNESS).clamp_min(0)
+    line = torch.cat([slope, middle - slope * centre, 1 - lost, lost * centre])
+    slope, offset, kept, base = (_window_mean(line * inside) / covered).split([3, 3, 1, 1])
+    composed = torch.cat([(1 + slope) * kept, (1 + slope) * base + offset])
+    slope, offset = F.pad(composed, (left, width - right, top, height - bottom)).split(3)
+    return slope, offset
 
 
 def _window_mean(maps: torch.Tensor) -> torch.Tensor:

@@ -114,6 +114,18 @@ def test_dark_cloth_with_clear_codes_keeps_its_colour_in_shadow():
     np.testing.assert_allclose(after, before, rtol=0.02)
 
 
+def test_lightness_is_uniform_near_black_and_keeps_texture_elsewhere():
+    rng = np.random.default_rng(0)
+    light = torch.full((3, *SIZE), 0.1)
+    for low, high, least, most in ((2, 9, 0.0, 0.5), (60, 90, 0.99, 1.01)):
+        codes = np.uint8(np.repeat(rng.integers(low, high, (*SIZE, 1)), 3, axis=2))
+        variation = [
+            np.float32(encode(colour)).mean(axis=-1).std()
+            for colour in (scene_linear("codes", codes), mended(codes, light))
+        ]
+        assert least < variation[1] / variation[0] < most
+
+
 def test_nothing_changes_where_the_light_is_bright():
     codes, light, _ = cloth(BLACK, 0.08)
     lit = np.s_[: SIZE[0] // 2 - 1]
