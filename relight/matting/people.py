@@ -4,6 +4,8 @@ The landmark network shows whoever is near the middle of its square, and takes c
 them. So the detector looks once more, at both sides of the person. Where it sees several faces, the picture
 is divided among them: each pixel belongs to the nearest body's axis. The network then looks at everybody
 with the other bodies painted over, and a pixel is given to whoever's mask is strongest there.
+This second look counts beside the others; farther away the first one does, unless it took somebody else for
+a part of the person.
 """
 
 from collections.abc import Callable, Sequence
@@ -17,6 +19,7 @@ from torch.nn import functional as F
 from relight.matting.person_choice import CERTAIN
 from relight.matting.person_detector import Detector
 from relight.matting.person_region import ROOM, Circle, DetectedPerson
+from relight.matting.refine import distance_inside
 from shadow.framing import affine_sample
 
 WIDTH = 2  # side of the scene that is divided, of the square around the person
@@ -30,6 +33,8 @@ AXIS = (1.7, -0.3)  # ends of a body's axis below the head, of the radius
 MARGIN = 0.1  # of the radius: how far beyond the middle between two axes each body is still shown
 BLUR = 3.0  # pixels of the scene, of the edge of what is painted over
 RIM = 5  # pixels of the scene, the width of the filter that widens the other people's masks
+CONFUSED = 0.1  # of a mask, that lies on other people: from there it is one of several people
+BESIDE = (0.1, 0.3)  # of the radius: how far beside others the second look counts fully, and at all
 
 
 def alone(
@@ -105,8 +110,14 @@ def _without(mask: np.ndarray, own: np.ndarray, share: np.ndarray, rival: np.nda
     """Return a mask that has pieces of neighbours without them: all (h, w), float32 in [0, 1].
 
     `own` is the mask that the person has with the neighbours painted over, `share` where they are not, and
-    `rival` the neighbours' masks.
+    `rival` the neighbours' masks. What is painted over can mislead the network anywhere. So a mask that has
+    little of the neighbours is replaced by the person's own one beside them only.
     """
+    theirs = (rival > 0.5) & (rival > share * own)
+    if mask[theirs].sum() < CONFUSED * mask.sum():
+        near, far = (reach * len(mask) / ROOM / 2 for reach in BESIDE)
+        away = -distance_inside(rival > 0.5)
+        share = share * ((far - away) / (far - near)).clip(0, 1)
     cleaned = share * own + (1 - share) * mask
     theirs = maximum_filter(np.where(rival > cleaned, rival, 0), RIM)
     cleaned = np.minimum(cleaned, 1 - theirs)

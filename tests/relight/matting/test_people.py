@@ -3,6 +3,7 @@
 import numpy as np
 import pytest
 
+from relight.matting.people import _without
 from relight.matting.person import PersonFinder
 from relight.matting.person_region import Circle, DetectedPerson, sampled
 
@@ -68,3 +69,18 @@ def test_everybody_is_everybody(picture):
 @pytest.mark.parametrize(("faces", "presence"), [(["left"], 1.0), (["left", "right"], 0.7)])
 def test_nothing_is_taken_from_somebody_alone_or_by_who_is_doubtful(picture, faces, presence):
     assert min(shown(finder(faces, presence).mask(picture))) > 0.95
+
+
+@pytest.mark.parametrize(("first_look_takes_both", "legs"), [(False, 1.0), (True, 0.0)])
+def test_a_second_look_counts_far_from_others_only_where_the_first_one_took_them(first_look_takes_both, legs):
+    person, other = np.zeros((2, 256, 256), np.float32)
+    person[40:220, 90:130] = other[40:80, 132:170] = 1.0
+    share = np.ones((256, 256), np.float32)
+    share[:, 134:] = 0.0
+    second_look = person.copy()
+    second_look[160:] = 0.0  # it has lost the legs
+    first_look = np.maximum(person, other) if first_look_takes_both else person
+    mask = _without(first_look, second_look, share, other)
+    assert mask[50:150, 90:125].min() > 0.9
+    assert mask[40:80, 134:170].max() < 0.1
+    assert mask[170:215, 90:130].mean() == pytest.approx(legs, abs=0.01)
