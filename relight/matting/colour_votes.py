@@ -1,5 +1,7 @@
 """Votes of colours: whether a pixel's colour is found inside or outside an edge nearby."""
 
+from typing import NamedTuple
+
 import numpy as np
 from scipy import ndimage
 from scipy.spatial import cKDTree
@@ -7,13 +9,27 @@ from scipy.spatial import cKDTree
 from relight.matting.refine import BACKGROUND, PERSON, UNKNOWN
 
 SAMPLES = 6000  # of known colour, at most, inside and outside each
-NEIGHBOURS = 6  # of these samples vote on a pixel
 FARTHER = 0.5  # than the nearest samples, as a share, those found may be, which takes two thirds of the time
-PLACE = 0.08  # how far the picture's longer side is, as a distance of colours: near samples count more
+
+
+class Neighbours(NamedTuple):
+    """Which samples vote on a pixel: those of the nearest colours."""
+
+    count: int
+    # How far the picture's longer side is, as a distance of colours: near samples count more.
+    place: float
+
+
+OF_MASKS = Neighbours(6, 0.08)
+OF_LINES = Neighbours(12, 0.04)  # farther from the true edge than masks: place says less
 
 
 def colour_votes(
-    seen: np.ndarray, known: np.ndarray, distance: np.ndarray, asked: np.ndarray | None = None
+    seen: np.ndarray,
+    known: np.ndarray,
+    distance: np.ndarray,
+    asked: np.ndarray | None = None,
+    neighbours: Neighbours = OF_MASKS,
 ) -> np.ndarray:
     """Return for each unknown pixel the logarithm of the odds that its colour is that of the inside.
 
@@ -21,8 +37,8 @@ def colour_votes(
     """
     height, width = known.shape
     rows, columns = np.mgrid[:height, :width]
-    place = np.stack([rows, columns], axis=-1) / max(height, width)
-    features = np.concatenate([ndimage.gaussian_filter(seen, (0.7, 0.7, 0)), PLACE * place], axis=-1)
+    place = neighbours.place * np.stack([rows, columns], axis=-1) / max(height, width)
+    features = np.concatenate([ndimage.gaussian_filter(seen, (0.7, 0.7, 0)), place], axis=-1)
     unknown = known == UNKNOWN
     asked = unknown if asked is None else asked
     around = ndimage.binary_dilation(unknown, iterations=max(8, max(height, width) // 12))
@@ -32,12 +48,12 @@ def colour_votes(
         surely = (known == (PERSON if inside else BACKGROUND)) & around
         deep = unknown & ((distance > 0.5) if inside else (distance < -0.5))
         samples = features[surely | deep]
-        if len(samples) < NEIGHBOURS:
+        if len(samples) < neighbours.count:
             return np.zeros(known.shape)
         samples = np.ascontiguousarray(samples[:: -(-len(samples) // SAMPLES)])
         # A tree of median splits takes several times as long where many colours are alike, as on a wall.
         tree = cKDTree(samples, balanced_tree=False, compact_nodes=False)
-        found, _ = tree.query(features[asked], NEIGHBOURS, eps=FARTHER, workers=1)
+        found, _ = tree.query(features[asked], neighbours.count, eps=FARTHER, workers=1)
         logarithms.append(np.mean(found, axis=1))
     vote = np.zeros(known.shape)
     inner, outer = logarithms

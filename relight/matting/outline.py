@@ -20,7 +20,7 @@ from PIL import Image, ImageDraw
 from scipy import ndimage
 from scipy.special import expit, logit
 
-from relight.matting.colour_votes import colour_votes
+from relight.matting.colour_votes import OF_LINES, OF_MASKS, colour_votes
 from relight.matting.gaps import gaps, suspects
 from relight.matting.parts import lost_parts
 from relight.matting.refine import (
@@ -42,6 +42,7 @@ SOLVED_SIDE = 720  # pixels, the longer side of the copy on which an outline is 
 REFINED_SIDE = 1200  # pixels, the longer side of the copy on which the edge is solved again
 BAND = 5  # pixels on either side of the edge that are solved again there
 NEARNESS = 3.0  # logarithm of the odds at the band's rim, of being inside
+LINE_NEARNESS = 2.0  # the same for lines without a mask
 PRIOR = 0.02  # weight of the priors beside the matting Laplacian
 MOVES, LEAST_SHIFT = 2, 0.2  # of a sharp mask's edge as a whole, and of its tolerance, from where it counts
 MASK_NEARNESS, MASK_PRIOR = 8.0, 0.05  # as `NEARNESS` and `PRIOR`, for sharp masks
@@ -95,7 +96,7 @@ def outlined(image: ArrayLike, outline: Outline) -> np.ndarray:
     if mask is not None and not sharp:
         known, distance = _completed(seen, known, distance, mask)
         known, distance = _opened(seen, known, distance, mask)
-    alpha = _solved(seen, known, distance, sharp)
+    alpha = _solved(seen, known, distance, sharp, mask is None)
     if alpha.max() <= 0.5:
         raise ValueError("outline: nothing of the person is inside it; draw around the whole person")
     if (alpha > 0.5).all() and size == (height, width):
@@ -283,11 +284,17 @@ def _trimap(distance: np.ndarray) -> np.ndarray:
     return np.where(distance >= 1, PERSON, np.where(distance <= -1, BACKGROUND, UNKNOWN))
 
 
-def _solved(seen: np.ndarray, known: np.ndarray, distance: np.ndarray, sharp: bool) -> np.ndarray:
-    """Solve the matte (h, w) of a copy (h, w, 3), encoded, with the trimap `known`."""
+def _solved(
+    seen: np.ndarray, known: np.ndarray, distance: np.ndarray, sharp: bool, drawn: bool
+) -> np.ndarray:
+    """Solve the matte (h, w) of a copy (h, w, 3), encoded, with the trimap `known`.
+
+    `sharp`: its edge is that of a sharp mask; `drawn`: that of a line or strokes without a mask.
+    """
     if not (known == PERSON).any() and not ((known == UNKNOWN) & (distance > 0)).any():
         return np.zeros(known.shape, np.float32)
-    votes, nearness, weight = colour_votes(seen, known, distance), NEARNESS, PRIOR
+    neighbours, nearness = (OF_LINES, LINE_NEARNESS) if drawn else (OF_MASKS, NEARNESS)
+    votes, weight = colour_votes(seen, known, distance, neighbours=neighbours), PRIOR
     if sharp:
         for _ in range(MOVES):
             shift = _shift(votes, distance, known == UNKNOWN)

@@ -39,6 +39,14 @@ def test_a_polygon_of_24_points_becomes_the_matte_of_a_body(number):
     assert overlap(refine(image, coarse), truth) >= 0.97
 
 
+def test_a_part_that_a_line_cuts_off_is_found_by_its_colour():
+    pytest.importorskip("kornia")
+    from skimage import data
+
+    image, truth = photographed(Records([ROOT / "tests" / "data"])[0], data.coffee(), 0)
+    assert overlap(refine(image, outlined(image, Outline(polygon(truth, 0)))), truth) > 0.985
+
+
 def test_fingers_and_gaps_of_two_pixels_are_found():
     random = np.random.default_rng(0)
     truth = np.zeros((700, 420), np.float32)
