@@ -15,7 +15,7 @@ FARTHER = 0.5  # than the nearest samples, as a share, those found may be, which
 class Neighbours(NamedTuple):
     """Which samples vote on a pixel: those of the nearest colours."""
 
-    count: int
+    samples: int  # this many
     # How far the picture's longer side is, as a distance of colours: near samples count more.
     place: float
 
@@ -48,12 +48,12 @@ def colour_votes(
         surely = (known == (PERSON if inside else BACKGROUND)) & around
         deep = unknown & ((distance > 0.5) if inside else (distance < -0.5))
         samples = features[surely | deep]
-        if len(samples) < neighbours.count:
+        if len(samples) < neighbours.samples:
             return np.zeros(known.shape)
         samples = np.ascontiguousarray(samples[:: -(-len(samples) // SAMPLES)])
         # A tree of median splits takes several times as long where many colours are alike, as on a wall.
         tree = cKDTree(samples, balanced_tree=False, compact_nodes=False)
-        found, _ = tree.query(features[asked], neighbours.count, eps=FARTHER, workers=1)
+        found, _ = tree.query(features[asked], neighbours.samples, eps=FARTHER, workers=1)
         logarithms.append(np.mean(found, axis=1))
     vote = np.zeros(known.shape)
     inner, outer = logarithms
