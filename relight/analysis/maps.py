@@ -66,7 +66,7 @@ class AnalysisMaps(NamedTuple):
         """Return the maps with an inferred albedo that lacks the colour of the photograph's light."""
         if self.light is None:
             return self
-        tint = old_light.tint(self.light, self.albedo, self.normals)
+        tint = old_light.tint(self.light, self.albedo, self.normals, self.known)
         return self._replace(albedo=(self.albedo / tint).clamp(0, 1), light=self.light * tint)
 
     def lit(self, lights: Iterable[Light]) -> torch.Tensor:

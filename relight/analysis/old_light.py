@@ -5,7 +5,8 @@ between the lights. Where the sun is warm and the sky blue, old shadows would st
 patches. The model of the light's log-chromaticity (log R/G, log B/G) at a pixel has three parts:
 
 - two lights: a key, and an ambient light that reaches all pixels alike. The key's share of a pixel's light
-  follows from how much brighter the pixel is lit than the darkest ones;
+  follows from how much brighter the pixel is lit than the darkest ones, and, once the colours of both are
+  fitted, from the pixel's colour (`relight.analysis.key_share`);
 - a change with the normal, for lamps of different colours on different sides;
 - a slope of saturation with the light's level, for the tone curve of a camera.
 
@@ -25,6 +26,7 @@ from typing import NamedTuple
 import numpy as np
 import torch
 
+from relight.analysis.key_share import by_colour
 from relight.media.colour import LUMINANCE
 
 PAIRS = 12_000
@@ -60,20 +62,38 @@ class OldLight(NamedTuple):
     bright_level: float = 1.0  # from here up, colours keep their saturation
     middle: tuple[float, float] = (0.0, 0.0)  # median log-chromaticity of the light, which the albedo keeps
 
-    def tint(self, light: torch.Tensor, albedo: torch.Tensor, normals: torch.Tensor) -> torch.Tensor:
+    def tint(
+        self, light: torch.Tensor, albedo: torch.Tensor, normals: torch.Tensor, known: torch.Tensor
+    ) -> torch.Tensor:
         """Return the colour of the light (3, h, w), by which the albedo is to be divided.
 
         `light`: (3, h, w) the photograph over its albedo, linear. `albedo`: (3, h, w) linear, photograph
         times grey gain; divided by the tint it keeps its luminance. `normals`: (3, h, w) unit vectors, camera
-        frame.
+        frame. `known`: (h, w) where they show the person.
         """
         if self == OldLight():
             return torch.ones_like(albedo)
+        share = self._share(light)
+        if any(self.ambient):
+            colours = _chromaticity(albedo) - self._turned(normals)
+            share = by_colour(share, self.ambient, colours, _trust(albedo), _luminance(albedo)[0], known)
+        return self._tint(share, light, albedo, normals)
+
+    def _share(self, light: torch.Tensor) -> torch.Tensor:
+        """Return the key's share (h, w) of the light by its brightness."""
+        return (1 - self.ambient_level / light.mean(dim=0).clamp_min(1e-12)).clamp_min(0)
+
+    def _turned(self, normals: torch.Tensor) -> torch.Tensor:
+        """Return how the light's log-chromaticity (2, h, w) changes with the normal."""
+        return torch.einsum("cn,nhw->chw", torch.tensor(self.slopes).view(2, 3), normals)
+
+    def _tint(
+        self, share: torch.Tensor, light: torch.Tensor, albedo: torch.Tensor, normals: torch.Tensor
+    ) -> torch.Tensor:
+        """Return the colour of the light as `tint` does, for a key's share (h, w)."""
         level = light.mean(dim=0).clamp_min(1e-12)
-        share = (1 - self.ambient_level / level).clamp_min(0)
         ambient = torch.tensor(self.ambient).view(2, 1, 1)
-        slopes = torch.tensor(self.slopes).view(2, 3)
-        colour = (share + (1 - share) * ambient.exp()).log() + torch.einsum("cn,nhw->chw", slopes, normals)
+        colour = (share + (1 - share) * ambient.exp()).log() + self._turned(normals)
         colour = (colour - torch.tensor(self.middle).view(2, 1, 1)) * _trust(albedo)
         cloth = (_luminance(albedo)[0] / MIDDLE_ALBEDO).clamp_max(1) ** DARK_CLOTH
         kept = ((level / self.bright_level * cloth) ** self.saturation).clamp(LEAST_SATURATION, 1)
@@ -115,7 +135,7 @@ class OldLight(NamedTuple):
             return cls()
         values = [float(value) for value in solution]
         found = cls((values[0], values[1]), tuple(values[2:8]), values[8], ambient_level, bright_level)
-        tint = found._replace(saturation=0.0).tint(light, albedo, normals)
+        tint = found._replace(saturation=0.0)._tint(found._share(light), light, albedo, normals)
         red, blue = (float(channel[known].median()) for channel in _chromaticity(tint))
         return found._replace(middle=(red, blue))
 

@@ -2,6 +2,7 @@ import numpy as np
 import pytest
 import torch
 
+from relight.analysis import old_light
 from relight.analysis.old_light import OldLight
 
 SUN, SKY = (1.0, 0.9, 0.75), (0.8, 0.95, 1.15)
@@ -39,16 +40,16 @@ def spread(albedo, truth):
 
 def test_the_colours_of_sun_and_sky_leave_the_albedo():
     seen, truth = canvas()
-    _, light, albedo, normals, _ = seen
-    tint = OldLight.fit(*seen).tint(light, albedo, normals)
+    _, light, albedo, normals, known = seen
+    tint = OldLight.fit(*seen).tint(light, albedo, normals, known)
     assert spread(albedo, truth) > 0.1
     assert spread(albedo / tint, truth) < 0.03
 
 
 def test_lightness_stays_and_white_and_black_are_grey():
     seen, truth = canvas()
-    _, light, albedo, normals, _ = seen
-    found = albedo / OldLight.fit(*seen).tint(light, albedo, normals)
+    _, light, albedo, normals, known = seen
+    found = albedo / OldLight.fit(*seen).tint(light, albedo, normals, known)
     weights = torch.tensor([0.2126, 0.7152, 0.0722])
     lightness = [torch.einsum("c,chw->hw", weights, colours) for colours in (found, albedo)]
     torch.testing.assert_close(*lightness, rtol=1e-3, atol=1e-5)
@@ -65,13 +66,13 @@ def test_lamps_on_two_sides_are_told_by_the_normals():
     level = light.mean(dim=0, keepdim=True).expand(3, -1, -1)
     albedo = truth * light / level
     old = OldLight.fit((2 * truth * light) ** (1 / 2.2), level, albedo, normals, known)
-    assert spread(albedo / old.tint(level, albedo, normals), truth) < 0.6 * spread(albedo, truth)
+    assert spread(albedo / old.tint(level, albedo, normals, known), truth) < 0.6 * spread(albedo, truth)
 
 
 def test_a_light_of_one_colour_changes_nothing():
     seen, _ = canvas(SUN, SUN)
     assert OldLight.fit(*seen) == OldLight()
-    assert (OldLight().tint(*seen[1:4]) == 1).all()
+    assert (OldLight().tint(*seen[1:5]) == 1).all()
 
 
 def test_a_flat_photograph_changes_nothing():
@@ -100,7 +101,9 @@ def test_saturation_that_a_tone_curve_adds_in_shadow_goes():
     shadow, skin = light[0] < 0.3, truth[0] > truth[2]
     before, after = (
         abs(float(ratio[skin & shadow].log().mean() - ratio[skin & ~shadow].log().mean()))
-        for ratio in (colour[0] / colour[2] for colour in (albedo, albedo / old.tint(light, albedo, normals)))
+        for ratio in (
+            colour[0] / colour[2] for colour in (albedo, albedo / old.tint(light, albedo, normals, known))
+        )
     )
     assert before > 0.2
     assert after < 0.85 * before
@@ -120,9 +123,9 @@ def test_a_tone_curve_is_seen_where_lamps_explain_little():
 
 def test_what_is_dark_loses_the_saturation_of_a_tone_curve_and_nothing_gains_any():
     """A gain of dark cloth as the photograph shows it would be as blue as a lamp, even in full light."""
-    (_, light, _, normals, _), truth = canvas()
+    (_, light, _, normals, known), truth = canvas()
     albedo = torch.where(truth[0] > truth[2], truth, 0.5 * torch.tensor(DENIM).view(3, 1, 1))
-    tint = OldLight(saturation=0.3, bright_level=0.8 * float(light.max())).tint(light, albedo, normals)
+    tint = OldLight(saturation=0.3, bright_level=0.8 * float(light.max())).tint(light, albedo, normals, known)
     before, after = ((c.amax(dim=0) / c.amin(dim=0)).log() for c in (albedo, albedo / tint))
     kept = after / before
     assert kept.max() < 1 + 1e-4
@@ -145,4 +148,21 @@ def test_saturated_cloth_neither_tells_the_light_nor_is_changed_by_it():
     encoded = torch.where(cloth, encoded.clamp_min(0.1), encoded)
     found = OldLight.fit(encoded, light, albedo, normals, known)
     assert found.ambient == pytest.approx(before.ambient, abs=0.03)
-    assert (found.tint(light, albedo, normals)[:, :, cloth] - 1).abs().max() < 0.01
+    assert (found.tint(light, albedo, normals, known)[:, :, cloth] - 1).abs().max() < 0.01
+
+
+def test_colours_sharpen_the_shadow_of_a_network_that_blurs_it(monkeypatch):
+    """The share by brightness is soft at a shadow's edge; the colours of sun and sky are not."""
+    from scipy.ndimage import gaussian_filter
+
+    sun, sky = (1.0, 0.75, 0.5), (0.7, 0.95, 1.35)
+    (_, level, albedo, normals, known), truth = canvas(sun, sky, size=192)
+    soft = torch.from_numpy(gaussian_filter(level[0].numpy(), 4)).expand(3, -1, -1)
+    albedo = albedo * level / soft
+    red, green, blue = np.log(np.divide(sky, sun))
+    old = OldLight(ambient=(red - green, blue - green), ambient_level=0.2)
+    after = spread(albedo / old.tint(soft, albedo, normals, known), truth)
+    monkeypatch.setattr(old_light, "by_colour", lambda share, *_: share)
+    before = spread(albedo / old.tint(soft, albedo, normals, known), truth)
+    assert before > 0.08
+    assert after < 0.9 * before
