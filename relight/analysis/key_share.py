@@ -49,7 +49,9 @@ def by_colour(
         before, np.array(ambient), pairs, colour[:, first] - colour[:, second], sure[pairs].min(axis=0)
     )
     change = torch.zeros(2, *inside.shape)
-    change[:, torch.from_numpy(inside)] = torch.from_numpy(np.stack([after - before, after * 0 + 1])).float()
+    change[:, torch.from_numpy(inside)] = torch.from_numpy(
+        np.stack([after - before, np.ones_like(after)])
+    ).float()
     # Pixels outside the person do not count in the interpolation.
     change, covered = F.interpolate(change[None], share.shape, mode="bilinear")[0]
     return (share + change / covered.clamp_min(1e-3)).clamp(0, 1)
@@ -91,16 +93,16 @@ def _solved(
     prior = PRIOR * PAIRS / max(float(ambient @ ambient), 1e-6)
     places = np.r_[np.arange(count), pairs[0], pairs[1]], np.r_[np.arange(count), pairs[1], pairs[0]]
     share = start.copy()
+
+    def gathered(own: np.ndarray, others: np.ndarray) -> np.ndarray:
+        return np.bincount(pairs[0], own, count) + np.bincount(pairs[1], others, count)
+
     for _ in range(STEPS):
         light = share + (1 - share) * other
         logs, slopes = np.log(light), (1 - other) / light
         near, far = slopes[:, pairs[0]], slopes[:, pairs[1]]
         residual = differences - (logs[:, pairs[0]] - logs[:, pairs[1]])
         weight = trust / (1 + (residual**2).sum(axis=0) / RESIDUAL**2)
-
-        def gathered(own: np.ndarray, others: np.ndarray) -> np.ndarray:
-            return np.bincount(pairs[0], own, count) + np.bincount(pairs[1], others, count)
-
         diagonal = prior + gathered(*(weight * (each**2).sum(axis=0) for each in (near, far)))
         crossed = -weight * (near * far).sum(axis=0)
         hessian = coo_array((np.r_[diagonal, crossed, crossed], places), (count, count)).tocsr()
