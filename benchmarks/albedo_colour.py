@@ -19,6 +19,7 @@ import io
 from dataclasses import dataclass
 
 import numpy as np
+import torch
 from PIL import Image
 from scipy.ndimage import binary_erosion
 
@@ -27,6 +28,7 @@ from relight.analysis.old_light import OldLight
 from shadow.data import photographs
 from shadow.data.records import Record, Records
 from shadow.directions import from_spherical
+from shadow.srgb import encode_srgb
 
 SUN, LOW_SUN, SKY, EVENING_SKY = (1, 0.95, 0.85), (1, 0.72, 0.45), (0.85, 0.95, 1.1), (0.7, 0.9, 1.35)
 ORANGE, BLUE = (1, 0.62, 0.35), (0.4, 0.65, 1)
@@ -98,7 +100,8 @@ def photograph(record: Record, key, rest, contrast, quality) -> Photograph:
     """Photograph a record."""
     parts = [photographs.light(record, np.float32(weights)) for weights in (key, rest)]
     exposure = MEAN / sum(parts).mean()
-    encoded = (record.image(sum(parts) * exposure)).clamp(0, 1) ** (1 / photographs.ENCODING)
+    linear = (record.image(sum(parts) * exposure)).clamp(0, 1)
+    encoded = torch.from_numpy(encode_srgb(linear.numpy())).float()  # as pictures of 8 bits are read
     encoded = photographs.PictureStyle(contrast=contrast)(encoded).permute(1, 2, 0).numpy()
     pixels = np.uint8(np.round(255 * encoded))
     if quality is not None:
@@ -128,7 +131,7 @@ def errors(subject: relight.Subject, seen: Photograph) -> tuple[float, ...] | No
     wrong = chromaticity(subject.albedo) - chromaticity(seen.albedo)
     wrong = wrong - np.median(wrong[lit], axis=0)
     again = subject.relit(relight.fit_lights(seen.pixels, subject))[..., :3]
-    difference = again.clip(0, 1) ** (1 / photographs.ENCODING) - encoded
+    difference = encode_srgb(again.clip(0, 1)) - encoded
     inside = binary_erosion(seen.mask, iterations=RIM)
     each = (wrong[lit], wrong[shadow], difference[seen.mask], difference[inside])
     return tuple(float(np.sqrt(np.mean(values**2))) for values in each)

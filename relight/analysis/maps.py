@@ -175,15 +175,11 @@ def near_sum(maps: LightMaps, rays: Iterable[Rays]) -> tuple[torch.Tensor, torch
 def _photographed_light(framed: torch.Tensor, albedo: torch.Tensor, known: torch.Tensor) -> torch.Tensor:
     """Return the light in which the person was photographed, on the canvas (3, h, w): image over albedo.
 
-    Least squares of image = light · albedo over 3 x 3 pixels, in two steps. First one light for all three
-    colours, drawn toward the mean where the albedo is too dark to tell. Then each colour by itself, drawn
-    toward the first: a colour that a material hardly reflects gets the light of the others. The result is
-    positive everywhere on the person.
+    It is grey, as the network's gain is: least squares of image = light · albedo over the colours of 3 x 3
+    pixels, drawn toward the mean where the albedo is too dark to tell. It is positive everywhere.
     """
     mean = (framed[:, known].mean() / albedo[:, known].mean().clamp_min(1e-6)).clamp_min(1e-6)
-    explained, squared = (
-        F.avg_pool2d(product * known, 3, stride=1, padding=1) for product in (framed * albedo, albedo**2)
-    )
-    grey = (explained.mean(dim=0) + DARK_ALBEDO * mean) / (squared.mean(dim=0) + DARK_ALBEDO)
-    light = (explained + DARK_ALBEDO * grey) / (squared + DARK_ALBEDO)
-    return torch.maximum(light, MIN_LIGHT_SHARE * mean)
+    products = torch.stack([framed * albedo, albedo**2]).mean(dim=1) * known
+    explained, squared = F.avg_pool2d(products, 3, stride=1, padding=1)
+    light = (explained + DARK_ALBEDO * mean) / (squared + DARK_ALBEDO)
+    return torch.maximum(light, MIN_LIGHT_SHARE * mean).expand_as(framed)
