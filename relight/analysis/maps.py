@@ -9,6 +9,7 @@ import torch
 import torch.nn.functional as F
 from scipy.ndimage import distance_transform_edt
 
+from relight.analysis.backlight import without_inner_rims
 from relight.analysis.depth import WorldGeometry
 from relight.analysis.gloss import Gloss
 from relight.analysis.light_field import LightField, LightMaps
@@ -49,7 +50,7 @@ class AnalysisMaps(NamedTuple):
         if albedo is None:
             albedo = analysis.canvas_albedo.cpu()
             light = _photographed_light(analysis.framed.rgb.cpu(), albedo, known)
-        normals, field = analysis.canvas_normals.cpu(), LightField.of(analysis)
+        normals, field = analysis.canvas_normals.cpu(), without_inner_rims(LightField.of(analysis))
         return cls(geometry.framing, known, image, normals, field, albedo, light, geometry)
 
     @property

@@ -19,6 +19,7 @@ LIGHTS = [
     relight.PointLight((1.8, 0.6, -0.8), intensity=4, radius=0.1, name="lamp"),
     relight.EnvironmentLight(SKY, name="sky"),
 ]
+INNER_AND_OUTER = np.s_[45:60], np.s_[100:110]  # columns of the limb's outlines
 BLACK = np.zeros((200, 160, 3), np.float32)
 
 pytestmark = pytest.mark.usefixtures("small_canvas")
@@ -92,6 +93,20 @@ def test_light_straight_behind_outlines_the_whole_person(black):
     angles = np.arctan2(rows - 99.5, columns - 79.5)
     assert set(np.floor(angles / (math.pi / 6))) == set(range(-6, 6))  # no hour of the dial lacks it
     assert picture[80:120, 60:100].max() == 0
+
+
+def test_light_from_behind_gives_no_rim_before_the_body():
+    """A round limb, upright, whose left half hides a flat body that goes on to the picture's edge."""
+    coverage, across = np.zeros((200, 160), np.float32), np.zeros((200, 160), np.float32)
+    coverage[20:180, 20:110] = 1
+    across[:, 50:110] = np.linspace(-0.95, 0.95, 60)
+    normals = np.stack([across, np.zeros_like(across), np.sqrt(1 - across**2)], axis=-1)
+    with small_canvas():
+        subject = relight.Subject(image_of(coverage), normals=normals, albedo=BLACK)
+    picture = subject.relit(relight.DirectionalLight(azimuth=180), gloss=1)[40:160, :, 0]
+    before_the_body, before_the_background = (picture[:, part].max(axis=1).mean() for part in INNER_AND_OUTER)
+    assert before_the_background > 0.005
+    assert before_the_body < 0.1 * before_the_background
 
 
 def test_the_top_of_a_shoe_shines_less_than_the_outline():
