@@ -2,8 +2,9 @@
 
 Rendered people (examples/person.png and the records of tests/data, or of a folder) stand before a wall, a sky
 and photographs of scikit-image, in 8 bits. Their mattes are found from a line of 24 corners, from soft masks
-of 256 x 256 pixels, and from dilated and eroded masks. Prints the RMS difference, sRGB-encoded, to the
-composite with the true matte and colour, a mean over black, white and green; and that with the true colour.
+of 256 x 256 pixels, from hard ones of that size, which have steps, and from dilated and eroded masks. Prints
+the RMS difference, sRGB-encoded, to the composite with the true matte and colour, a mean over black, white
+and green; and that with the true colour.
 The last rows are of a true matte that `Subject(feather=)` feathers, against the true colour, continued beyond
 the edge, with the feathered matte.
 
@@ -21,8 +22,8 @@ from skimage import data
 
 import relight
 from relight.analysis.foreground import Foreground
-from relight.matting.outline import Outline, outlined, refine
-from relight.matting.refine import encoded_srgb, refine_matte
+from relight.matting.outline import Outline, outlined, refine, refine_matte
+from relight.matting.refine import encoded_srgb
 from relight.media.images import scene_linear
 from relight.media.resampling import resize
 from shadow.data import photographs
@@ -73,6 +74,7 @@ def mattes(codes, true, seed):
     small = ndimage.gaussian_filter(resize(true[..., None], (256, 256), "triangle"), (1.2, 1.2, 0))
     rough = {
         "soft mask of 256 x 256": resize(small, true.shape, "triangle")[..., 0].clip(0, 1),
+        "hard mask of 256 x 256": np.float32(enlarged(small[..., 0] > 0.5, true.shape)),
         "dilated mask": np.float32(ndimage.binary_dilation(true > 0.5, iterations=steps)),
         "eroded mask": np.float32(ndimage.binary_erosion(true > 0.5, iterations=steps)),
     }
@@ -82,6 +84,14 @@ def mattes(codes, true, seed):
     for name, mask in rough.items():
         yield f"{name}, `refine`", refine(codes, outlined(codes, Outline(matte=mask)))
         yield f"{name}, `refine_matte`", refine_matte(linear, mask, 24)
+
+
+def enlarged(mask, size):
+    """Enlarge a mask (h, w) by nearest neighbours."""
+    rows, columns = (
+        np.arange(length) * side // length for length, side in zip(size, mask.shape, strict=True)
+    )
+    return mask[rows[:, None], columns]
 
 
 def feathered(plate, true, own):

@@ -76,6 +76,8 @@ class Outline:
     matte: np.ndarray | None = None
     # Closed lines, each as `lasso`, around what is not the person, such as the gap between arm and body.
     holes: Sequence[ArrayLike] = field(default_factory=tuple)
+    # Pixels: how far the true edge may be from that of the matte; about 1 % of its size unless given.
+    tolerance: float | None = None
 
 
 def outlined(image: ArrayLike, outline: Outline) -> np.ndarray:
@@ -163,6 +165,23 @@ def refine(image: ArrayLike, matte: np.ndarray) -> np.ndarray:
     return refined
 
 
+def refine_matte(pixels: np.ndarray, rough: np.ndarray, band: int) -> np.ndarray:
+    """Find the edge of a rough mask (H, W) in [0, 1] again, in the photograph (H, W, 3), linear Rec.709.
+
+    `band`: width in pixels, at least 2, of the band along the mask's edge in which the true edge is. Where
+    colours contradict the mask, it is looked for beyond. Raises ValueError for a band out of range, or so
+    wide that it leaves nothing of the person or of the background; ImportError without PyMatting (the extra
+    `matte`).
+    """
+    if band < 2:
+        raise ValueError(f"refine_matte: expected a band of 2 pixels or more, got {band}")
+    distance = distance_inside(rough > 0.5)
+    if distance.max() <= band / 2 or distance.min() >= -band / 2:
+        raise ValueError(f"refine_matte: a band of {band} pixels leaves nothing of the person or behind them")
+    sharp = Outline(matte=(rough > 0.5).astype(np.float32), tolerance=band / 2)
+    return refine(pixels, outlined(pixels, sharp))
+
+
 def _looked_at(outline: Outline, size: tuple[int, int]) -> tuple[int, int, int, int]:
     """Return the part of a photograph (H, W) that an outline concerns: top, left, bottom, right."""
     height, width = size
@@ -208,7 +227,7 @@ def _drawn(
     if outline.matte is not None:
         given = np.asarray(outline.matte[top:bottom, left:right, None], np.float32)
         rough = resize(given, size, FILTER)[..., 0].clip(0, 1)
-        slack = _mask_slack(size)
+        slack = _mask_slack(size) if outline.tolerance is None else max(2.0, outline.tolerance * scale.mean())
     elif outline.lasso is None:
         inside = np.zeros(size, bool)
     if outline.lasso is not None:

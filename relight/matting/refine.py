@@ -1,4 +1,4 @@
-"""Work on mattes: select one of several people, refine the edge, cut the person out of the photograph."""
+"""Work on mattes: select one of several people, solve the edge, cut the person out of the photograph."""
 
 import warnings
 from collections.abc import Callable
@@ -85,28 +85,6 @@ def select_person(found: np.ndarray, person: Any = None) -> np.ndarray:
     if not isinstance(number, int) or not 1 <= number <= len(people):
         raise ValueError(f"person: expected 1 to {len(people)}, as many as there are people, got {person!r}")
     return np.where(owner == people[number - 1], found, 0)
-
-
-def refine_matte(pixels: np.ndarray, rough: np.ndarray, band: int) -> np.ndarray:
-    """Solve the edge of a rough mask (H, W) in [0, 1] by closed-form matting (Levin et al. 2008).
-
-    The photograph is (H, W, 3), linear Rec.709. `band`: width in pixels, at least 2, of the band along the
-    mask's edge that is solved. Raises ValueError for a band out of range, or so wide that it leaves nothing
-    of the person or of the background; ImportError without PyMatting (the extra `matte`).
-    """
-    if band < 2:
-        raise ValueError(f"refine_matte: expected a band of 2 pixels or more, got {band}")
-    inside = rough > 0.5
-    depth = np.where(inside, distance_transform_edt(inside), -distance_transform_edt(~inside))
-    if not (depth > band / 2).any() or not (depth < -band / 2).any():
-        raise ValueError(f"refine_matte: a band of {band} pixels leaves nothing of the person or behind them")
-    known = np.where(depth > band / 2, 1.0, np.where(depth < -band / 2, 0.0, 0.5))
-    rows, columns = np.nonzero(known > 0)
-    box = np.s_[max(rows.min() - 2, 0) : rows.max() + 3, max(columns.min() - 2, 0) : columns.max() + 3]
-    solve = pymatting("alpha.estimate_alpha_cf")
-    alpha = np.zeros(rough.shape, np.float32)
-    alpha[box] = solve(encoded_srgb(pixels[box]).astype(float), known[box]).clip(0, 1)
-    return alpha
 
 
 def solve_edge(seen: np.ndarray, rough: np.ndarray, band: float) -> np.ndarray:

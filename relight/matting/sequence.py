@@ -107,7 +107,9 @@ class SequenceMatting:
         if found.max() > 0.5 and self._model is not None and not self._model.selects:
             found = refine.select_person(found, self._options.person)
         if found.max() > 0.5 and self._options.refine is not None:
-            found = refine.refine_matte(pixels, found, self._options.refine)
+            from relight.matting import outline  # whose parts of SciPy take long to load
+
+            found = outline.refine_matte(pixels, found, self._options.refine)
         return refine.cut_out(pixels, found)
 
     def _filtered(self, number: int) -> np.ndarray:

@@ -8,7 +8,7 @@ pytest.importorskip("onnxruntime")
 helper = pytest.importorskip("onnx").helper
 
 import relight
-from relight.matting import networks, refine
+from relight.matting import networks, outline, refine
 from relight.media import colour
 
 
@@ -202,17 +202,31 @@ def soft_disc():
 def test_a_rough_mask_becomes_a_matte():
     pixels, alpha = soft_disc()
     hard = np.float32(alpha > 0.4)
-    soft = refine.refine_matte(pixels, hard, 14)
+    soft = outline.refine_matte(pixels, hard, 14)
     edge = (alpha > 0.05) & (alpha < 0.95)
     assert np.abs(soft - alpha)[edge].mean() < 0.4 * np.abs(hard - alpha)[edge].mean()
     assert (soft[alpha == 1].min(), soft[:5].max()) == (pytest.approx(1, abs=0.02), 0)
+
+
+def test_a_mask_in_steps_becomes_a_smooth_outline():
+    """Of a disc before a wall, both of coarse cloth; the mask has an eighth of its resolution."""
+    y, x = np.mgrid[:160, :160] - 79.5
+    radius = np.hypot(x, y)
+    alpha = np.float32((60.5 - radius).clip(0, 1))
+    own, behind = np.float32((0.5, 0.1, 0.1)), np.float32((0.1, 0.3, 0.1))
+    cloth = 1 + 0.2 * np.random.default_rng(0).normal(size=(2, 160, 160, 1))
+    pixels = alpha[..., None] * own * cloth[0] + (1 - alpha[..., None]) * behind * cloth[1]
+    steps = np.float32(alpha[4::8, 4::8] > 0.5).repeat(8, 0).repeat(8, 1)
+    smooth = outline.refine_matte(np.float32(pixels.clip(0, 1)), steps, 20)
+    edge = np.abs(radius - 60) < 12
+    assert np.abs(smooth - alpha)[edge].mean() < 0.08 * np.abs(steps - alpha)[edge].mean()
 
 
 @pytest.mark.parametrize(("band", "message"), [(1, "2 pixels or more"), (200, "leaves nothing")])
 def test_a_band_that_solves_nothing_is_an_error(band, message):
     pixels, alpha = soft_disc()
     with pytest.raises(ValueError, match=message):
-        refine.refine_matte(pixels, alpha, band)
+        outline.refine_matte(pixels, alpha, band)
 
 
 def test_a_cut_out_person_keeps_their_own_colour():
