@@ -3,9 +3,9 @@
 The landmark network shows whoever is near the middle of its square, and takes close neighbours for a part of
 them. So the detector looks once more, at both sides of the person. Where it sees several faces, the picture
 is divided among them: each pixel belongs to the nearest body's axis. The network then looks at everybody
-with the other bodies painted over, and a pixel is given to whoever's mask is strongest there.
-This second look counts beside the others; farther away the first one does, unless it took somebody else for
-a part of the person.
+with the other bodies painted over. This second look counts beside the others; farther away the first one
+does, unless it took somebody else for a part of the person. Where the masks overlap, the border follows the
+picture's edges, see `person_border`.
 """
 
 from collections.abc import Callable, Sequence
@@ -13,9 +13,10 @@ from dataclasses import replace
 
 import numpy as np
 import torch
-from scipy.ndimage import distance_transform_edt, gaussian_filter, label, maximum_filter
+from scipy.ndimage import distance_transform_edt, gaussian_filter, label
 from torch.nn import functional as F
 
+from relight.matting import person_border
 from relight.matting.person_choice import CERTAIN
 from relight.matting.person_detector import Detector
 from relight.matting.person_region import ROOM, Circle, DetectedPerson
@@ -32,7 +33,6 @@ HEAD = 0.6  # of the radius: how far the head is from the hips
 AXIS = (1.7, -0.3)  # ends of a body's axis below the head, of the radius
 MARGIN = 0.1  # of the radius: how far beyond the middle between two axes each body is still shown
 BLUR = 3.0  # pixels of the scene, of the edge of what is painted over
-RIM = 5  # pixels of the scene, the width of the filter that widens the other people's masks
 CONFUSED = 0.1  # of a mask, that lies on other people: from there it is one of several people
 BESIDE = (0.1, 0.3)  # of the radius: how far beside others the second look counts fully, and at all
 
@@ -78,12 +78,19 @@ def alone(
         x, y = np.linalg.solve(matrix[:, :2], at - matrix[:, 2]) - (size[0] - side) / 2
         own = int(np.argmin([_distance(mask, x, y) for mask in masks]))
     certain = [found is not None and found.certainty >= CERTAIN for found in everybody]
-    rivals = [mask for index, mask in enumerate(masks) if index != own and certain[index]]
-    if not rivals or not certain[own]:
+    others = [index for index in np.flatnonzero(certain) if index != own]
+    if not others or not certain[own]:
         return person
-    return replace(
-        person, mask=_without(person.mask, masks[own], shares[own][middle], np.max(rivals, axis=0))
-    )
+    rival = np.max([masks[index] for index in others], axis=0)
+    mask = _second_look_beside(rival, person.mask, masks[own], shares[own][middle])
+    bones = [
+        np.zeros(size, bool) if found is None else person_border.bones(found, size) for found in everybody
+    ]
+    theirs = np.any([bones[index] for index in others], axis=0)
+    seen_here = scene.permute(1, 2, 0).numpy()[middle]
+    border = person_border.within(seen_here, mask, rival, bones[own][middle], theirs[middle])
+    mask = np.minimum(mask, border)
+    return replace(person, mask=_in_one_piece(mask, masks[own]))
 
 
 def _shares(bodies: Sequence[Circle], size: tuple[int, int]) -> list[np.ndarray]:
@@ -106,27 +113,31 @@ def _shares(bodies: Sequence[Circle], size: tuple[int, int]) -> list[np.ndarray]
     ]
 
 
-def _without(mask: np.ndarray, own: np.ndarray, share: np.ndarray, rival: np.ndarray) -> np.ndarray:
-    """Return a mask that has pieces of neighbours without them: all (h, w), float32 in [0, 1].
+def _second_look_beside(
+    rival: np.ndarray, first: np.ndarray, second: np.ndarray, share: np.ndarray
+) -> np.ndarray:
+    """Return a person's mask of two looks, the second one with the neighbours painted over: (h, w) in [0, 1].
 
-    `own` is the mask that the person has with the neighbours painted over, `share` where they are not, and
-    `rival` the neighbours' masks. What is painted over can mislead the network anywhere. So a mask that has
-    little of the neighbours is replaced by the person's own one beside them only.
+    `rival` are the neighbours' masks, and `share` where they are not painted over. What is painted over can
+    mislead the network anywhere. So a first mask that has little of the neighbours is replaced beside them
+    only.
     """
-    theirs = (rival > 0.5) & (rival > share * own)
-    if mask[theirs].sum() < CONFUSED * mask.sum():
-        near, far = (reach * len(mask) / ROOM / 2 for reach in BESIDE)
+    theirs = (rival > 0.5) & (rival > share * second)
+    if first[theirs].sum() < CONFUSED * first.sum():
+        near, far = (reach * len(first) / ROOM / 2 for reach in BESIDE)
         away = -distance_inside(rival > 0.5)
         share = share * ((far - away) / (far - near)).clip(0, 1)
-    cleaned = share * own + (1 - share) * mask
-    theirs = maximum_filter(np.where(rival > cleaned, rival, 0), RIM)
-    cleaned = np.minimum(cleaned, 1 - theirs)
-    pieces, count = label(cleaned > 0.5)
+    return share * second + (1 - share) * first
+
+
+def _in_one_piece(mask: np.ndarray, own: np.ndarray) -> np.ndarray:
+    """Return the piece of a mask (h, w) that has most of the person's `own` one, with its soft edge."""
+    pieces, count = label(mask > 0.5)
     if count > 1:
         largest = 1 + int(np.argmax(np.bincount(pieces.ravel(), own.ravel())[1:]))
         nearest = distance_transform_edt(pieces == 0, return_distances=False, return_indices=True)
-        cleaned = np.where(pieces[tuple(nearest)] == largest, cleaned, 0)
-    return cleaned.astype(np.float32)
+        mask = np.where(pieces[tuple(nearest)] == largest, mask, 0)
+    return mask.astype(np.float32)
 
 
 def _distance(mask: np.ndarray, x: float, y: float) -> float:

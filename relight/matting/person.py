@@ -199,14 +199,15 @@ class PersonFinder:
             square = circle.square(LANDMARK_SIDE)
             presence, _, points = self._look(sampled(picture, square, LANDMARK_SIDE, "border"))
             opinions.append(presence)
-            circle = Circle.of(*(points @ square[:, :2].T + square[:, 2]))
+            circle = Circle.of(*(points[[HIPS, RIM]] @ square[:, :2].T + square[:, 2]))
         if max(opinions) < HOPELESS:
             return []
         del opinions[:-1]  # the first ones are of circles that may be far off
         looks = [self._look_twice(picture, circle.of_size(share)) for share in SQUARES]
         opinions += [presence for look in looks for presence in look.presences]
         place = Circle(circle.centre * scale, circle.radius * float(scale.mean()), circle.up)
-        person = DetectedPerson(place, joined(looks, circle, LANDMARK_SIDE), float(np.mean(opinions)))
+        mask = joined(looks, circle, LANDMARK_SIDE)
+        person = DetectedPerson(place, mask, float(np.mean(opinions)), looks[0].landmarks * scale)
         return [person] if person.certainty >= PRESENT else []
 
     def _surer(self, copies: Copies, person: DetectedPerson) -> DetectedPerson:
@@ -237,16 +238,16 @@ class PersonFinder:
         square = circle.square(LANDMARK_SIDE)
         canvas = sampled(picture, square, LANDMARK_SIDE, "border")
         (first, mask, points), (second, mirrored, others) = self._look(canvas), self._look(canvas[:, :, ::-1])
-        others = others * [-1, 1] + [LANDMARK_SIDE, 0]
-        hips, rim = ((points + others) / 2) @ square[:, :2].T + square[:, 2]
-        return Look(
-            circle, (mask, mirrored[:, ::-1]), (first, second), Circle.of(hips, rim), picture.shape[1:]
+        points, others = (
+            each @ square[:, :2].T + square[:, 2] for each in (points, others * [-1, 1] + [LANDMARK_SIDE, 0])
         )
+        around = Circle.of(*((points + others) / 2)[[HIPS, RIM]])
+        return Look(circle, (mask, mirrored[:, ::-1]), (first, second), points, around, picture.shape[1:])
 
     def _look(self, canvas: np.ndarray) -> tuple[float, np.ndarray, np.ndarray]:
-        """Return the presence, the mask and the two points (x, y) of the next circle on a canvas."""
+        """Return the presence, the mask and the landmarks (x, y) on a canvas."""
         landmarks, presence, logits, *_ = self._landmarks(np.ascontiguousarray(canvas)).values()
-        points = landmarks.reshape(-1, LANDMARK_VALUES)[[HIPS, RIM], :2]
+        points = landmarks.reshape(-1, LANDMARK_VALUES)[:, :2]
         return float(presence.ravel()[0]), expit(logits[0, :, :, 0].astype(np.float32)), points
 
 

@@ -58,12 +58,14 @@ class Circle:
 class DetectedPerson:
     """Somebody in a picture: their circle, and their mask (256, 256) in [0, 1] in the square around it.
 
-    presence: the landmark network's opinion, in [0, 1], that somebody is there, a mean of its last looks.
+    presence: the landmark network's opinion, in [0, 1], that somebody is there, a mean of its last looks;
+    landmarks: where it sees the joints, (N, 2) as (x, y) in the picture.
     """
 
     circle: Circle
     mask: np.ndarray
     presence: float = 1.0
+    landmarks: np.ndarray | None = None
 
     @property
     def certainty(self) -> float:
@@ -104,13 +106,15 @@ class DetectedPerson:
 class Look:
     """What the landmark network sees in the square around a circle, and in its mirror image turned back.
 
-    masks: two of (256, 256) in [0, 1]; presences: its two opinions that somebody is there; next: the circle
-    around them as both see it; size: (h, w) of the picture on which the circles are.
+    masks: two of (256, 256) in [0, 1]; presences: its two opinions that somebody is there; landmarks: (N, 2)
+    in the picture, as the first one shows them; next: the circle around them as both see it; size: (h, w) of
+    the picture on which the circles are.
     """
 
     circle: Circle
     masks: tuple[np.ndarray, np.ndarray]
     presences: tuple[float, float]
+    landmarks: np.ndarray
     next: Circle
     size: Sequence[int]
 

@@ -3,7 +3,8 @@
 import numpy as np
 import pytest
 
-from relight.matting.people import _without
+from relight.matting import person_border
+from relight.matting.people import _second_look_beside
 from relight.matting.person import PersonFinder
 from relight.matting.person_region import Circle, DetectedPerson, sampled
 
@@ -80,7 +81,33 @@ def test_a_second_look_counts_far_from_others_only_where_the_first_one_took_them
     second_look = person.copy()
     second_look[160:] = 0.0  # it has lost the legs
     first_look = np.maximum(person, other) if first_look_takes_both else person
-    mask = _without(first_look, second_look, share, other)
+    mask = _second_look_beside(other, first_look, second_look, share)
     assert mask[50:150, 90:125].min() > 0.9
-    assert mask[40:80, 134:170].max() < 0.1
     assert mask[170:215, 90:130].mean() == pytest.approx(legs, abs=0.01)
+
+
+def test_the_border_between_two_people_follows_the_edge_of_their_clothes():
+    red, blue = np.zeros((2, 256, 256), bool)
+    red[60:200, 80:120] = red[100:120, 80:150] = True  # an arm before the other one
+    blue[60:200, 120:160] = True
+    blue &= ~red
+    seen = np.where(red[..., None], (0.8, 0.2, 0.2), np.where(blue[..., None], (0.2, 0.2, 0.8), 0.5))
+    straight = np.arange(256) < 120
+    both = np.float32(red | blue)
+    bones = [np.zeros_like(red), np.zeros_like(red)]
+    bones[0][70:190, 98:102] = bones[1][140:190, 138:142] = True
+    person = person_border.within(seen, both, both * ~straight, *bones)
+    assert person[104:116, 84:146].min() > 0.9
+    assert person[64:96, 124:156].max() < 0.1
+    assert person[124:196, 124:156].max() < 0.1
+
+
+def test_bones_are_drawn_within_the_mask_only():
+    circle, landmarks = Circle(np.array([50.0, 50.0]), 40, np.array([0.0, -1.0])), np.full((39, 2), 50.0)
+    landmarks[[11, 12, 23, 24]] = [[60, 20], [40, 20], [55, 50], [45, 50]]
+    mask = np.zeros((256, 256), np.float32)
+    mask[:, 128:] = 1
+    drawn = person_border.bones(DetectedPerson(circle, mask, 1.0, landmarks), (100, 100))
+    assert drawn[25:45, 52:55].all()
+    assert not drawn[:, :49].any()
+    assert not drawn[60:].any()

@@ -110,7 +110,7 @@ def test_a_turned_square_and_its_mask_agree():
 
 def looked(masks, circle=None, size=(400, 400)):
     circle = circle or Circle(np.array([200.0, 200.0]), 100, np.array([0.0, -1.0]))
-    return Look(circle, masks, (1.0, 1.0), circle, size)
+    return Look(circle, masks, (1.0, 1.0), np.zeros((39, 2)), circle, size)
 
 
 def test_a_look_is_doubted_where_it_is_grey_and_where_its_mirror_image_differs():
