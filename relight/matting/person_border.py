@@ -5,12 +5,12 @@ masks a random walk, which seldom crosses edges, reaches the person's bones or t
 "Random Walks for Image Segmentation", 2006).
 """
 
+from typing import Any
+
 import numpy as np
 import torch
 from PIL import Image, ImageDraw
 from scipy.ndimage import distance_transform_edt
-from scipy.sparse import coo_matrix, csgraph, diags
-from scipy.sparse.linalg import spsolve
 from scipy.special import expit
 from torch.nn import functional as F
 
@@ -56,6 +56,9 @@ def within(
     mask, rival, own, others = *np.moveaxis(small[..., 3:5], -1, 0), *np.moveaxis(small[..., 5:] > 0.5, -1, 0)
     person = (mask + 0.05) / (mask + rival + 0.1)
     if own.any() and others.any():
+        from scipy.sparse import diags  # the import takes time, and somebody alone needs none
+        from scipy.sparse.linalg import spsolve
+
         known = own | others
         region = (np.maximum(mask, rival) > COVERED) | known
         weight = np.where(known, SURE, LIKELY)[region]
@@ -66,8 +69,10 @@ def within(
     return expit(SHARPNESS * (resize(person, seen.shape[:2], "triangle") - 0.5))
 
 
-def _laplacian(colours: np.ndarray, region: np.ndarray) -> coo_matrix:
-    """Return the Laplacian of walks from pixel to pixel of a region (h, w) of a picture (h, w, 3)."""
+def _laplacian(colours: np.ndarray, region: np.ndarray) -> Any:
+    """Return the sparse Laplacian of walks from pixel to pixel of a region (h, w) of a picture (h, w, 3)."""
+    from scipy.sparse import coo_matrix, csgraph
+
     number = np.cumsum(region).reshape(region.shape) - 1
     ends, weights = [], []
     for this, that in ((np.s_[:, :-1], np.s_[:, 1:]), (np.s_[:-1], np.s_[1:])):

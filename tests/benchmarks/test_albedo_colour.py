@@ -24,19 +24,19 @@ def scored(benchmark, record, name, old_light=None):
 
 
 @pytest.mark.parametrize(
-    ("name", "most", "colour"),
+    ("name", "most", "colour", "worse"),
     [
-        ("sun and sky, curve", 0.65, 0.14),
-        pytest.param("sun and sky", 0.65, 0.12, marks=pytest.mark.slow),
-        pytest.param("evening", 0.4, 0.16, marks=pytest.mark.slow),
+        ("sun and sky, curve", 0.68, 0.145, 0.01),
+        pytest.param("sun and sky", 0.65, 0.12, 0.01, marks=pytest.mark.slow),
+        pytest.param("evening", 0.32, 0.14, 0.02, marks=pytest.mark.slow),
     ],
 )
-def test_the_colour_of_sun_and_sky_leaves_the_albedo_of_a_body(benchmark, name, most, colour):
+def test_the_colour_of_sun_and_sky_leaves_the_albedo_of_a_body(benchmark, name, most, colour, worse):
     record = Records([ROOT / "tests" / "data"])[0]
     left_in, found = (scored(benchmark, record, name, light) for light in (OldLight(), None))
     assert found[1] < most * left_in[1]
     assert found[1] < colour
-    assert found[0] < left_in[0] + 0.01
+    assert found[0] < left_in[0] + worse
     assert found[2] < 0.055  # relit by its own lights, it stays itself
     assert found[3] < found[2]
 
