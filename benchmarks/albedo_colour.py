@@ -100,7 +100,7 @@ def photograph(record: Record, key, rest, contrast, quality) -> Photograph:
     """Photograph a record."""
     parts = [photographs.light(record, np.float32(weights)) for weights in (key, rest)]
     exposure = MEAN / sum(parts).mean()
-    linear = (record.image(sum(parts) * exposure)).clamp(0, 1)
+    linear = record.image(sum(parts) * exposure).clamp(0, 1)
     encoded = torch.from_numpy(encode_srgb(linear.numpy())).float()  # as pictures of 8 bits are read
     encoded = photographs.PictureStyle(contrast=contrast)(encoded).permute(1, 2, 0).numpy()
     pixels = np.uint8(np.round(255 * encoded))

@@ -26,15 +26,12 @@ from typing import NamedTuple
 import numpy as np
 import torch
 
-from relight.analysis.key_share import by_colour
+from relight.analysis.key_share import REACH, RESIDUAL, SIMILAR_ALBEDO, by_colour
 from relight.media.colour import LUMINANCE
 
 PAIRS = 12_000
-REACH = 0.05  # largest distance of a pair along each axis, relative to the person's height
-SIMILAR_ALBEDO = 0.35  # largest difference of a pair in log luminance of the albedo
 AMBIENT_QUANTILE = 0.15  # of the light's level: at or below it, the ambient light is alone
-RESIDUAL = 0.1  # log-chromaticity, at which a pair's weight falls to a half
-FIRST_RESIDUAL = 0.4  # the same at the first step, so that a strong colour is not taken for another material
+FIRST_RESIDUAL = 0.4  # at the first step, so that a strong colour is not taken for another material
 STEPS = 12
 MAX_STEP = 0.5
 AMBIENT_RIDGE, NORMAL_RIDGE, SATURATION_RIDGE = 1e-3, 2e-3, 5e-3  # a pair; draw what is not seen to zero

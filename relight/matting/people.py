@@ -77,20 +77,16 @@ def alone(
     else:
         x, y = np.linalg.solve(matrix[:, :2], at - matrix[:, 2]) - (size[0] - side) / 2
         own = int(np.argmin([_distance(mask, x, y) for mask in masks]))
-    certain = [found is not None and found.certainty >= CERTAIN for found in everybody]
-    others = [index for index in np.flatnonzero(certain) if index != own]
-    if not others or not certain[own]:
+    certain = {index: found for index, found in enumerate(everybody) if found and found.certainty >= CERTAIN}
+    others = [index for index in certain if index != own]
+    if not others or own not in certain:
         return person
     rival = np.max([masks[index] for index in others], axis=0)
     mask = _second_look_beside(rival, person.mask, masks[own], shares[own][middle])
-    bones = [
-        np.zeros(size, bool) if found is None else person_border.bones(found, size) for found in everybody
-    ]
-    theirs = np.any([bones[index] for index in others], axis=0)
+    ours, *theirs = (person_border.bones(certain[index], size)[middle] for index in (own, *others))
     seen_here = scene.permute(1, 2, 0).numpy()[middle]
-    border = person_border.within(seen_here, mask, rival, bones[own][middle], theirs[middle])
-    mask = np.minimum(mask, border)
-    return replace(person, mask=_in_one_piece(mask, masks[own]))
+    border = person_border.within(seen_here, mask, rival, ours, np.any(theirs, axis=0))
+    return replace(person, mask=_in_one_piece(np.minimum(mask, border), masks[own]))
 
 
 def _shares(bodies: Sequence[Circle], size: tuple[int, int]) -> list[np.ndarray]:

@@ -84,6 +84,10 @@ def test_a_second_look_counts_far_from_others_only_where_the_first_one_took_them
     mask = _second_look_beside(other, first_look, second_look, share)
     assert mask[50:150, 90:125].min() > 0.9
     assert mask[170:215, 90:130].mean() == pytest.approx(legs, abs=0.01)
+    bones = np.zeros((2, 256, 256), bool)
+    bones[0, 50:150, 108:112] = bones[1, 50:70, 148:152] = True
+    border = person_border.within(np.zeros((256, 256, 3)), mask, other, *bones)
+    assert np.minimum(mask, border)[40:80, 134:170].max() < 0.1
 
 
 def test_the_border_between_two_people_follows_the_edge_of_their_clothes():
