@@ -10,6 +10,7 @@ from numpy.typing import ArrayLike
 
 Array = ArrayLike | torch.Tensor
 PACKAGES = ("relight", "shading", "shadow", "torch")  # a warning shows the line that called these
+MOST_LABELS = 128  # codes of a mask up to this one may be labels
 LARGEST_VALUE = 1e15  # its square, summed over a picture, still fits in float32
 
 
@@ -72,8 +73,17 @@ def mask(name: str, value: Array, size: Sequence[int]) -> torch.Tensor:
     if low < 0 or high > 1:
         raise ValueError(f"{name}: expected values in [0, 1], got [{low:g}, {high:g}]")
     if high <= 0.5:
-        raise EmptyMaskError(f"{name}: is empty (no value above 0.5), so there is no subject")
+        raise EmptyMaskError(f"{name}: is empty (no value above 0.5), so there is no subject{faint(high)}")
     return tensor
+
+
+def faint(highest: torch.Tensor | float) -> str:
+    """Return what to do about the highest value of an empty mask, if it may be a label of 8 or 16 bits."""
+    for full in (255, 65535):
+        code = float(highest) * full
+        if 1 <= round(code) <= MOST_LABELS and abs(code - round(code)) < 1e-3:
+            return f": the highest is {round(code)} of {full}; multiply labels such as 0 and 1 by {full}"
+    return ""
 
 
 def directions(name: str, value: Array) -> torch.Tensor:

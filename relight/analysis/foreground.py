@@ -8,7 +8,7 @@ import torch
 import torch.nn.functional as F
 
 from relight.media.buffers import lazy_zeros
-from relight.media.images import person_mask, scene_linear
+from relight.media.images import person_mask, scene_linear, without_empty_alpha
 from relight.media.resampling import fill_unknown
 from shadow import inputs
 from shadow.framing import bounding_box
@@ -104,7 +104,7 @@ def linear_plate(image: np.ndarray) -> np.ndarray:
 
     Raises TypeError, ValueError: what `scene_linear` refuses, and values whose sums exceed float32.
     """
-    pixels = scene_linear("image", image)
+    pixels = without_empty_alpha("image", scene_linear("image", image))
     inputs.bounded("image", torch.from_numpy(pixels[..., :3]))
     return pixels
 

@@ -194,7 +194,7 @@ def _stored(path: Path | None) -> dict[str, Any]:
     if path is None:
         return {}
     try:
-        document = json.loads(path.read_text(encoding="utf-8"))
+        document = json.loads(path.read_text(encoding="utf-8-sig"))  # with or without its mark
     except FileNotFoundError as error:
         raise FileNotFoundError(f"{path}: no such file") from error
     except (UnicodeDecodeError, ValueError) as error:

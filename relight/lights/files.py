@@ -114,11 +114,13 @@ def _entries(path: AnyPath) -> list[Any]:
     """Read the lights of a file as mappings, whose keys and values are still unchecked."""
     path = check_regular_file(_lights_path(path))
     try:
-        text = path.read_text(encoding="utf-8")
+        text = path.read_text(encoding="utf-8-sig")  # with or without a byte order mark
         if path.suffix.lower() == ".json":
             document = json.loads(text, object_pairs_hook=_unique)
         else:
             document = yaml.load(text, _Loader)  # a SafeLoader
+    except UnicodeDecodeError as error:
+        raise ValueError(f"{path}: is not a lights file: it is no UTF-8; save it as UTF-8") from error
     except (ValueError, RecursionError, yaml.YAMLError, AttributeError, LookupError, TypeError) as error:
         # PyYAML raises the last three for tags that do not fit: `!!bool perhaps`, `!!float ""`.
         problem = " ".join(str(error).split())

@@ -20,7 +20,7 @@ from numpy.typing import ArrayLike
 from relight.media import encodings
 from relight.media.buffers import to_array, to_buffer
 from relight.media.encodings import D50, D65, REC709, Encoding, colour_science, decode_srgb, rgb_to_xyz
-from relight.media.icc import Profile
+from relight.media.icc import WIDE, Profile
 from shadow.srgb import encode_srgb
 
 # A name; the chromaticities of linear light; what a file says; or an ICC profile.
@@ -116,6 +116,12 @@ def decode(pixels: np.ndarray, space: Space) -> np.ndarray:
         return _by_rows(lambda rows: decode_srgb(rows.astype(np.float64)), pixels)
     if path == BUILT_IN:
         return _convert(pixels, space, LINEAR, path)
+    if _config(path).getColorSpaceNameByRole(INTERCHANGE) is None:
+        raise ValueError(
+            f"colour_space: {space!r} is of the configuration {path}, which has no role {INTERCHANGE}, by "
+            f"which it would convert to another; add `{INTERCHANGE}: NAME` to its roles, NAME its space of "
+            "ACES2065-1"
+        )
     return _convert(_convert(pixels, space, INTERCHANGE, path), "ACES2065-1", LINEAR, BUILT_IN)
 
 
@@ -153,6 +159,8 @@ def from_rec709(rgb: np.ndarray, space: str) -> np.ndarray:
 
 def _through_profile(pixels: np.ndarray, profile: Profile) -> np.ndarray:
     """Convert pixels of an ICC profile's space to linear Rec.709. A profile of sRGB is exactly sRGB."""
+    if profile.table is not None:
+        return _through_encoding(profile.to_wide(pixels), WIDE)
     codes = np.linspace(0, 1, 18, dtype=np.float32)[:, None].repeat(3, axis=1)
     probe = np.concatenate([np.eye(3, dtype=np.float32), codes])[None]
     if np.allclose(_from_profile(probe, profile), decode(probe, SRGB), atol=1e-3):  # a quarter of a code

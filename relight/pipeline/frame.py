@@ -36,7 +36,7 @@ from relight.pipeline.readers import (
     depth_reader,
     matte_reader,
     normals_reader,
-    plate_reader,
+    person_reader,
 )
 from shadow.files import is_path
 
@@ -117,7 +117,7 @@ class FrameReader:
         self._degrees = None if degrees is None else checked_number("field_of_view", degrees, 1e-3, 170)
         self.height = None if source.height is None else checked_number("height", source.height, 0.01, 100)
         self._normals, self._depths = normals_reader(source.normals, source.axes), depth_reader(source.depth)
-        self.plates: Any = self.cache or plate_reader(source.plate, source.colour_space, source.alpha)
+        self.plates: Any = self.cache or person_reader(source.plate, source.colour_space, source.alpha)
         self._mattes = matte_reader(source.mask)
         self._backgrounds, self._log = backgrounds, log
         self._opaque: dict[int, bool] = {}  # {frame number: whether its plate is}

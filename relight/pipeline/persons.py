@@ -15,6 +15,7 @@ from relight.empty_subject import EmptySubject
 from relight.errors import EmptyMatteError
 from relight.pipeline.frame import FrameInputs, FrameReader
 from relight.subject import Person, Subject
+from shadow import inputs
 
 
 class Persons:
@@ -127,6 +128,8 @@ class FrameAnalyser:
         plate, matte, normals, depth = self._frame(number)
         coverage = plate[..., 3:] if matte is None else matte
         if not self._frames.is_still and coverage.size and coverage.max() <= 0.5:
+            if hint := inputs.faint(coverage.max()):
+                warnings.warn(f"mask: a frame is empty (no value above 0.5){hint}", stacklevel=2)
             return EmptySubject(plate.shape[:2])
         if camera is not None and camera.size != plate.shape[:2]:
             camera = None  # a frame of another size has a world of its own

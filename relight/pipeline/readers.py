@@ -5,6 +5,8 @@ from collections.abc import Callable
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
+import numpy as np
+
 from relight.media import images, movies
 from relight.media.content_hash import FileRecord
 from relight.media.sequences import FrameSequence, SequenceReader, Still
@@ -63,11 +65,30 @@ def reader_of(value: object, read: Callable, read_movie: Callable) -> Reader:
     return read_still(Path(value), read) if sequence is None else SequenceReader(sequence, read)
 
 
-def plate_reader(picture: object, colour_space: str | None, alpha: str | None = None) -> Reader:
-    """Return the reader of a plate or background. `colour_space` and `alpha` override those of the file."""
+def plate_reader(picture: object, colour_space: str | None) -> Reader:
+    """Return the reader of a background. `colour_space` overrides that of the file."""
+    return _picture_reader(picture, colour_space, None, lambda image: image)
+
+
+def person_reader(picture: object, colour_space: str | None, alpha: str | None) -> Reader:
+    """Return the reader of a plate that shows a person, whose alpha is none if it is 0 everywhere.
+
+    `colour_space` and `alpha` override those of the file.
+    """
+    return _picture_reader(
+        picture, colour_space, alpha, lambda image: images.without_empty_alpha("plate", image)
+    )
+
+
+def _picture_reader(
+    picture: object,
+    colour_space: str | None,
+    alpha: str | None,
+    prepare: Callable[[np.ndarray], np.ndarray],
+) -> Reader:
     reader = reader_of(
         picture,
-        lambda path: images.read(path, colour_space=colour_space, alpha=alpha),
+        lambda path: prepare(images.read(path, colour_space=colour_space, alpha=alpha)),
         lambda path: movies.Movie(path, colour_space=colour_space, alpha=alpha),
     )
     if isinstance(reader, SequenceReader):

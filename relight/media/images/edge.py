@@ -1,5 +1,6 @@
 """Arrays at the public edge: what a caller hands over becomes linear Rec.709, premultiplied, or an error."""
 
+import warnings
 from collections.abc import Sequence
 from typing import TYPE_CHECKING, Any
 
@@ -38,6 +39,19 @@ def scene_linear(name: str, image: ArrayLike) -> np.ndarray:
         if low < 0 or high > 1:
             linear = np.concatenate([linear[..., :3], alpha[..., None].clip(0, 1)], axis=-1)
     return linear
+
+
+def without_empty_alpha(name: str, plate: np.ndarray) -> np.ndarray:
+    """Return a plate (H, W, 3|4), without its alpha if that is zero everywhere beside light; warn of it.
+
+    Cameras' converters and compositors leave such a channel. Alpha of zero without light cuts all out.
+    """
+    if plate.shape[-1] == 3 or plate[..., 3].any() or not plate[..., :3].any():
+        return plate
+    warnings.warn(
+        f"{name}: its alpha is 0 everywhere, which is no matte; its colours count alone", stacklevel=3
+    )
+    return np.ascontiguousarray(plate[..., :3])
 
 
 def as_array(name: str, value: ArrayLike) -> np.ndarray:

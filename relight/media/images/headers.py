@@ -23,6 +23,7 @@ from relight.media.encodings import (
     power,
 )
 
+VERSION_INFO = 1057  # resource of a Photoshop file
 PNG_SIGNATURE = b"\x89PNG\r\n\x1a\n"
 LARGEST_CHUNK = 1 << 20  # bytes: what states a PNG's colour is small, but for its profile
 EXPONENTS = 0.1, 10.0  # of transfer functions that are believed
@@ -86,6 +87,38 @@ def png_chunks(path: Path) -> dict[str, bytes]:
             else:
                 file.seek(length + 4, 1)
     return chunks
+
+
+def check_png(path: Path) -> None:
+    """Raise ValueError for a PNG that Xcode has converted, before libpng prints a line of its own."""
+    with path.open("rb") as file:
+        if file.read(16) == PNG_SIGNATURE + b"\0\0\0\4CgBI":
+            raise ValueError(
+                "was converted for iOS by Xcode (chunk CgBI) and is no PNG any more; use the original, or "
+                "convert it by Xcode's `pngcrush -revert-iphone-optimizations`"
+            )
+
+
+def check_merged_picture(path: Path) -> None:
+    """Raise ValueError for a Photoshop file without a merged picture, which is white there.
+
+    The resource 1057 (Adobe Photoshop File Formats Specification, "Version Info") says whether there is one.
+    """
+    with path.open("rb") as file:
+        head = file.read(30)
+        file.seek(int.from_bytes(head[26:30]), 1)  # the colour table
+        resources = file.read(int.from_bytes(file.read(4)))
+    at = 0
+    while resources[at : at + 4] == b"8BIM":
+        kind, name = int.from_bytes(resources[at + 4 : at + 6]), resources[at + 6 : at + 7]
+        at += 6 + (2 + name[0] & ~1 if name else 2)  # the name, with its length, fills whole words
+        size, content = int.from_bytes(resources[at : at + 4]), at + 4
+        if kind == VERSION_INFO and resources[content + 4 : content + 5] == b"\0":
+            raise ValueError(
+                "holds layers and no merged picture; save it with Photoshop's preference `Maximize PSD and "
+                "PSB File Compatibility`"
+            )
+        at = content + size + size % 2
 
 
 def exif_encoding(path: Path, kind: str) -> Encoding | str | None:

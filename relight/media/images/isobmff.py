@@ -1,7 +1,12 @@
-"""Boxes of files, and the code points of HEIF and AVIF (ISO/IEC 23008-12): `colr` of the primary item."""
+"""Boxes of files, and what those of HEIF and AVIF (ISO/IEC 23008-12) say of the primary item.
 
+`colr` are its code points, `clap` is its clean aperture.
+"""
+
+import math
 import struct
 from collections.abc import Iterator
+from fractions import Fraction
 
 HEADER = 1 << 20  # bytes at a file's start in which the properties are looked for
 
@@ -11,24 +16,50 @@ def read_code_points(data: bytes) -> tuple[int, int] | None:
 
     `data` is the file, or its start. Damaged boxes have none.
     """
+    for kind, body in _properties(data):
+        if kind == "colr" and body[:4] == b"nclx" and len(body) >= 8:
+            return struct.unpack(">HH", body[4:8])
+    return None
+
+
+def read_clean_aperture(data: bytes, height: int, width: int) -> tuple[slice, slice]:
+    """Return the rows and columns of the primary item that its `clap` shows; all of them where it has none.
+
+    `data` is the file, or its start; the picture's size is that before it is turned. Raises ValueError for an
+    aperture that does not lie in the picture.
+    """
+    for kind, body in _properties(data):
+        if kind != "clap":
+            continue
+        try:
+            numbers = struct.unpack(">IIIIiIiI", body[:32])
+            across, down, right, below = (
+                Fraction(*numbers[index : index + 2]) for index in range(0, 8, 2)
+            )  # width, height, and how far its middle lies from the picture's
+        except (struct.error, ZeroDivisionError) as error:
+            raise ValueError("is damaged: its clean aperture (clap) is none") from error
+        left, top = math.ceil((width - across) / 2 + right), math.ceil((height - down) / 2 + below)
+        rows, columns = slice(top, top + math.floor(down)), slice(left, left + math.floor(across))
+        if not (0 <= top < rows.stop <= height and 0 <= left < columns.stop <= width):
+            raise ValueError("is damaged: its clean aperture (clap) does not lie in the picture")
+        return rows, columns
+    return slice(0, height), slice(0, width)
+
+
+def _properties(data: bytes) -> list[tuple[str, bytes]]:
+    """Return the properties of the primary item: type and content. Damaged boxes have none."""
     try:
         meta = next(body for kind, body in boxes(data) if kind == "meta")[4:]
         parts = dict(boxes(meta))
         properties = list(boxes(parts["iprp"]))
-        colours = [
-            (index, body)
-            for index, (kind, body) in enumerate(boxes(dict(properties)["ipco"]), 1)
-            if kind == "colr" and body[:4] == b"nclx"
-        ]
         item = parts["pitm"]
         primary = struct.unpack_from(">I" if item[0] else ">H", item, 4)[0]
         wanted = {
             index for kind, body in properties if kind == "ipma" for index in _associated(body, primary)
         }
-        body = next(body for index, body in colours if index in wanted)
-        return struct.unpack(">HH", body[4:8])
+        return [each for index, each in enumerate(boxes(dict(properties)["ipco"]), 1) if index in wanted]
     except (KeyError, StopIteration, struct.error, IndexError):
-        return None
+        return []
 
 
 def boxes(data: bytes) -> Iterator[tuple[str, bytes]]:

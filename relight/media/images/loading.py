@@ -15,6 +15,7 @@ from relight.media.buffers import problem
 from relight.media.encodings import AP0, REC709, Encoding, decode_bt709, decode_linear
 from relight.media.icc import Profile
 from relight.media.images import headers, pages, phone
+from relight.media.images.cryptomatte import check_no_cryptomatte
 from relight.media.images.jpeg2000 import jpeg2000_header, jpeg2000_space
 from relight.media.images.layers import (
     Layer,
@@ -25,6 +26,7 @@ from relight.media.images.layers import (
     index_layers,
     split_layer,
 )
+from relight.media.images.photometric import GREY, check_photometric, white_is_one
 from relight.media.pixel_aspect import SIDEWAYS, growth, upright
 from relight.media.regular_file import naming
 from shadow.files import AnyPath
@@ -34,9 +36,7 @@ oiio.attribute("limits:channels", 1 << 14)
 JPEG_XL = b"\xff\x0a", b"\0\0\0\x0cJXL "  # a codestream, a container
 LEAST_JPEG_XL = 256  # bytes, below which OpenImageIO does not know one
 LARGEST_PART = 1024  # number of parts of an OpenEXR file, beyond which it is damaged
-GREY_TIFF = (0, 1)  # photometric interpretations of TIFF
 PREMULTIPLIED_TARGA = 4  # attributes type of a Targa file's extension
-PHOTOMETRIC = {8: "CIE Lab", 9: "ICC Lab", 10: "ITU Lab", 32844: "LogL", 32845: "LogLuv"}  # of TIFF
 
 
 def load(
@@ -45,6 +45,7 @@ def load(
     layer: str | None = None,
     wanted: Collection[str] | None = None,
     space: colour.Space | None = None,
+    unconverted: bool = False,
 ) -> StoredPicture:
     """Load a picture as its file stores it.
 
@@ -52,7 +53,7 @@ def load(
     A, X, Y, Z. Unless given, all channels of the file's only part, or of the part that holds the picture
     itself. `wanted`: names of the channels that are needed: the picture itself, and no more than lies from
     the first to the last of them. `space`: the colour space, where the caller knows it: then what the file
-    states is not looked at.
+    states is not looked at. `unconverted`: whether the layer may hold numbers of objects (Cryptomatte).
 
     Raises FileNotFoundError, and ValueError, which names the file: no picture, a damaged one, no such layer,
     or a statement that cannot be honoured.
@@ -71,7 +72,7 @@ def load(
             picture = read_phone(path)
             return picture if space is None else replace(picture, space=space)
         with _openable(path) as file:
-            return _load(path, file, layer, wanted, space)
+            return _load(path, file, layer, wanted, space, unconverted)
 
 
 def layers_of(path: AnyPath) -> dict[str, Layer]:
@@ -127,6 +128,7 @@ def _openable(path: Path) -> Iterator[Path]:
 
 def _opened(file: Path) -> oiio.ImageInput:
     """Open a picture. ValueError where it is none."""
+    headers.check_png(file)
     hints = oiio.ImageSpec()
     hints.attribute("oiio:UnassociatedAlpha", 1)  # or encoded values would come premultiplied
     hints.attribute("pnm:pfmflip", 1)  # a PFM's first row is the lowest
@@ -168,14 +170,19 @@ def _channels(spec: oiio.ImageSpec) -> tuple[str, ...]:
         raise ValueError("is damaged: its channels' names are garbled") from error
     if not names:
         raise ValueError("is damaged: it has no channels")
-    if len(names) > 1 and spec.get_int_attribute("tiff:PhotometricInterpretation", -1) in GREY_TIFF:
+    if len(names) > 1 and spec.get_int_attribute("tiff:PhotometricInterpretation", -1) in GREY:
         # OpenImageIO calls samples that the file does not name R, G, B, by their count.
         return ("Y", *(name if name == "A" else f"channel{index}" for index, name in enumerate(names[1:], 1)))
     return names
 
 
 def _load(
-    path: Path, file: Path, layer: str | None, wanted: Collection[str] | None, space: colour.Space | None
+    path: Path,
+    file: Path,
+    layer: str | None,
+    wanted: Collection[str] | None,
+    space: colour.Space | None,
+    unconverted: bool,
 ) -> StoredPicture:
     opened = _opened(file)
     kind = opened.format_name()
@@ -189,14 +196,19 @@ def _load(
     numbers = sorted(number for number, name in names.items() if wanted is None or name in wanted)
     numbers = numbers or sorted(names)
     spec = opened.spec(chosen.part.index, 0)
+    if kind == "openexr" and not unconverted:
+        whole = (chosen.part.channels[number] for number in numbers)
+        check_no_cryptomatte(spec, {name.rpartition(".")[0] or chosen.part.name for name in whole})
     width = round(max(spec.width, spec.full_width) * growth(_upright_aspect(path, kind, spec)))
     pages.check_size(width, max(spec.height, spec.full_height), path.stat().st_size)
     if kind == "jpeg" and str(spec.format) != "uint8":  # with a gain map, which OpenImageIO has applied
         return _base_of_gain_map(path, space)
+    if kind == "psd":
+        headers.check_merged_picture(path)
     if kind == "bmp":
         with path.open("rb") as start:
             headers.check_bmp_masks(start.read(256))
-    _check_photometric(spec)
+    check_photometric(spec)
     first, last = numbers[0], numbers[-1] + 1
     try:
         pixels, unsigned = _pixels(opened, chosen.part, spec, first, last)
@@ -204,18 +216,12 @@ def _load(
         if "Ultra HDR" not in str(error):  # its gain map cannot be applied, and is not wanted
             raise
         return _base_of_gain_map(path, space)
+    pixels = white_is_one(spec, pixels, [names.get(number, "") for number in range(first, last)])
     if len(numbers) < last - first:
         pixels = pixels[..., [number - first for number in numbers]]
     if space is None:
         space = _stated_space(path, kind, spec, np.issubdtype(pixels.dtype, np.integer))
     return _stated(path, kind, spec, pixels, tuple(names[number] for number in numbers), space, unsigned)
-
-
-def _check_photometric(spec: oiio.ImageSpec) -> None:
-    """Raise ValueError for a TIFF of CIE Lab or LogLuv, which OpenImageIO hands over as if it were RGB."""
-    name = PHOTOMETRIC.get(spec.get_int_attribute("tiff:PhotometricInterpretation", -1))
-    if name is not None:
-        raise ValueError(f"holds {name}, expected red, green and blue; convert it")
 
 
 def _chosen(parts: list[Part], kind: str, layer: str | None, wanted: Collection[str] | None) -> Layer:

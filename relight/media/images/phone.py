@@ -95,11 +95,14 @@ def _read_avif(path: Path) -> StoredPicture:
     except Exception as error:  # the decoder's own errors have classes below Exception alone
         raise ValueError(f"{path}: cannot be read as AVIF: {_line(error)}") from error
     with path.open("rb") as file:
-        points = isobmff.read_code_points(file.read(isobmff.HEADER))
+        start = file.read(isobmff.HEADER)
+    points = isobmff.read_code_points(start)
+    shown = isobmff.read_clean_aperture(start, *pixels.shape[:2])
     deep, coded = _decoded_by_ffmpeg(path)
     opaque = pixels.ndim == 2 or pixels.shape[2] == 3
     if deep is not None and opaque and pixels.shape[:2] == deep.shape[:2]:
         pixels = deep
+    pixels = pixels[shown]
     pixels = upright(
         pixels[..., None] if pixels.ndim == 2 else pixels, exif.get(ExifTags.Base.Orientation, 1)
     )
@@ -160,6 +163,7 @@ def _read_raw(path: Path) -> StoredPicture:
             developed = file.postprocess(
                 gamma=(1, 1), no_auto_bright=True, use_camera_wb=True, output_bps=16,
                 output_color=rawpy.ColorSpace.sRGB,
+                adjust_maximum_thr=0,  # white is the sensor's, not the brightest pixel of this frame
             )  # fmt: skip
     except rawpy.LibRawError as error:
         words = error.args[0] if error.args else error

@@ -138,7 +138,7 @@ def read_layers(path: AnyPath) -> dict[str, np.ndarray]:
     names = [name for name in layers_of(path) if name.lower() not in ("", "rgba")]
     layers = {}
     for name in names:
-        stored = load(path, layer=name, space=colour.LINEAR)
+        stored = load(path, layer=name, space=colour.LINEAR, unconverted=True)
         layers[name] = np.asarray(stored.pixels, np.float32)
     return layers
 

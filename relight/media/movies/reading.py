@@ -15,6 +15,7 @@ from relight.media.matte import matte_of
 from relight.media.movies.decoding import decode, deinterlaced
 from relight.media.movies.streams import (
     check_dolby_vision,
+    clean_aperture,
     decoder_name,
     demuxed,
     opened,
@@ -44,7 +45,8 @@ def is_movie(path: AnyPath) -> bool:
 class Movie:
     """A movie, frame by frame. Frames are numbered from 1, in the order they are shown.
 
-    Reading in order decodes each frame once; going back starts over. Interlaced frames are deinterlaced, one
+    Reading in order decodes each frame once; going back starts over. A frame is what the container's clean
+    aperture shows of it. Interlaced frames are deinterlaced, one
     frame for each, and pixels that are not square are made so. Frames are turned and mirrored as the
     container's display matrix says.
 
@@ -68,6 +70,7 @@ class Movie:
                 check_dolby_vision(container, stream, path)
                 self.rate = stream.average_rate
                 self.pixel_aspect = float(pixel_aspect(stream))
+                self._shown = clean_aperture(container, stream, path)
                 self._codec = decoder_name(self.path, stream)
                 packets = [
                     (packet.pts, starts_again)
@@ -166,7 +169,7 @@ class Movie:
         if self._number > number or self._frame is None or self._frame.is_corrupt:
             raise ValueError(f"{self.path}: frame {number} is damaged")
         with naming(self.path):
-            return read_codes(self._frame, self._codec)
+            return read_codes(self._frame, self._codec)[self._shown]
 
     def _encoding(self) -> Encoding:
         """Return what the frame says of its colour, BT.709 where it says nothing."""

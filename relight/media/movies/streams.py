@@ -20,6 +20,8 @@ from shadow.files import AnyPath
 ALPHA_DECODERS = {"vp8": "libvpx", "vp9": "libvpx-vp9", "libvpx": "libvpx", "libvpx-vp9": "libvpx-vp9"}
 COVER = Disposition.attached_pic | Disposition.timed_thumbnails
 DOLBY_VISION = re.compile(r"DOVI configuration record:.*profile: (\d+).*compatibility id: (\d+)")
+STREAM = re.compile(r"^  Stream #\d+:(\d+)", re.MULTILINE)
+CROPPING = re.compile(r"^      Frame Cropping: (\d+)/(\d+)/(\d+)/(\d+)$", re.MULTILINE)
 DOLBY_VISION_CODECS = ("av1", "hevc", "h264", "libdav1d")
 FIRST_WITH_FALLBACK = 8  # Dolby Vision's profiles from here on say whether other players can show them
 
@@ -70,17 +72,11 @@ def decoder_name(path: Path, stream: Any) -> str:
 def check_dolby_vision(container: Any, stream: Any, path: AnyPath) -> None:
     """Raise ValueError for Dolby Vision whose pictures are in a colour space of its own.
 
-    That is profile 5, and others that say compatibility 0; the rest is PQ, HLG or BT.709 beside it. PyAV
-    tells a stream's side data in FFmpeg's description of the container alone.
+    That is profile 5, and others that say compatibility 0; the rest is PQ, HLG or BT.709 beside it.
     """
     if stream.codec_context.name not in DOLBY_VISION_CODECS:
         return
-    level = av.logging.get_level()
-    av.logging.set_level(av.logging.INFO)
-    try:
-        described = container.dumps_format()
-    finally:
-        av.logging.set_level(level)
+    described = _described(container)
     for match in DOLBY_VISION.finditer(described):
         profile, compatibility = map(int, match.groups())
         if profile == 5 or (profile >= FIRST_WITH_FALLBACK and compatibility == 0):
@@ -88,6 +84,31 @@ def check_dolby_vision(container: Any, stream: Any, path: AnyPath) -> None:
                 f"{path}: is in Dolby Vision profile {profile}, whose colours need its own decoder; convert "
                 "it to HDR10, HLG or BT.709"
             )
+
+
+def _described(container: Any) -> str:
+    """Return FFmpeg's description of a container, in which PyAV tells a stream's side data alone."""
+    level = av.logging.get_level()
+    av.logging.set_level(av.logging.INFO)
+    try:
+        return container.dumps_format()
+    finally:
+        av.logging.set_level(level)
+
+
+def clean_aperture(container: Any, stream: Any, path: AnyPath) -> tuple[slice, slice]:
+    """Return the rows and columns that a container shows: QuickTime's `clap`, Matroska's PixelCrop.
+
+    Raises ValueError where nothing is left.
+    """
+    of_stream = STREAM.split(_described(container))  # text, index of a stream, text, ...
+    texts = dict(zip(of_stream[1::2], of_stream[2::2], strict=True))
+    match = CROPPING.search(texts.get(str(stream.index), ""))
+    left, right, top, bottom = map(int, match.groups()) if match else (0, 0, 0, 0)
+    rows, columns = slice(top, stream.height - bottom), slice(left, stream.width - right)
+    if rows.start >= rows.stop or columns.start >= columns.stop:
+        raise ValueError(f"{path}: is damaged: its clean aperture shows none of its pixels")
+    return rows, columns
 
 
 def demuxed(container: InputContainer, stream: Any) -> Iterator[tuple[av.Packet, bool]]:

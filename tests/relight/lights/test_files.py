@@ -21,6 +21,24 @@ def test_lights_are_read_back_equal_from_yaml_and_json(tmp_path, name):
     assert os.listdir(tmp_path) == [name]
 
 
+@pytest.mark.parametrize("name", ["lights.yaml", "lights.json"])
+@pytest.mark.states("Lights files", "a byte order mark of UTF-8", "honoured")
+def test_a_byte_order_mark_is_passed_over(tmp_path, name):
+    relight.write_lights(tmp_path / name, LIGHTS)
+    (tmp_path / name).write_bytes(b"\xef\xbb\xbf" + (tmp_path / name).read_bytes())
+    assert relight.read_lights(tmp_path / name) == LIGHTS
+
+
+@pytest.mark.parametrize("name", ["lights.yaml", "lights.json"])
+@pytest.mark.parametrize("encoding", ["utf-16", "latin-1"])
+@pytest.mark.states("Lights files", "another encoding than UTF-8", "refused")
+def test_another_encoding_is_refused(tmp_path, name, encoding):
+    text = json.dumps({"lights": [{"name": "clé", "azimuth": 3}]}, ensure_ascii=False)
+    (tmp_path / name).write_text(text, encoding=encoding)
+    with pytest.raises(ValueError, match=rf"{name}: is not a lights file: it is no UTF-8; save it as UTF-8"):
+        relight.read_lights(tmp_path / name)
+
+
 def test_any_direction_comes_back(tmp_path):
     light = relight.DirectionalLight((0.3, -0.2, 0.1))
     relight.write_lights(tmp_path / "l.yaml", [light])

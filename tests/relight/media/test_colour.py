@@ -111,6 +111,41 @@ def test_the_studios_own_configuration(tmp_path, monkeypatch):
         colour.encode(grey([0.25]), view="aces")
 
 
+VERSION_1 = """ocio_profile_version: 1
+roles:
+  scene_linear: linear
+  default: linear
+displays:
+  default:
+    - !<View> {name: Film, colorspace: film}
+colorspaces:
+  - !<ColorSpace>
+    name: linear
+    bitdepth: 32f
+  - !<ColorSpace>
+    name: film
+    bitdepth: 32f
+    to_reference: !<ExponentTransform> {value: [1.5, 1.5, 1.5, 1]}
+"""
+
+
+@pytest.mark.parametrize("version", [1, 2])
+@pytest.mark.parametrize("given", ["film", "Film"])
+def test_a_configuration_without_the_role_of_exchange_is_named_with_what_it_lacks(
+    tmp_path, monkeypatch, version, given
+):
+    path = tmp_path / "config.ocio"
+    path.write_text(VERSION_1.replace("version: 1", f"version: {version}"))
+    monkeypatch.setenv("OCIO", str(path))
+    with pytest.raises(ValueError, match=r"colour_space: 'film' is of the configuration") as error:
+        colour.decode(grey([0.25]), given)
+    assert f"{path}, which has no role aces_interchange" in str(error.value)
+    path = tmp_path / "with.ocio"
+    path.write_text(VERSION_1.replace("roles:", "roles:\n  aces_interchange: linear"))
+    monkeypatch.setenv("OCIO", str(path))
+    np.testing.assert_allclose(colour.decode(grey([0.25]), given), 0.25**1.5, atol=1e-4)
+
+
 @pytest.mark.parametrize(
     ("space", "formula"),  # of the makers' papers, in scene-linear light
     [

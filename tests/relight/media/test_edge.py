@@ -3,6 +3,7 @@ import pytest
 import torch
 from helpers.stored import PREMULTIPLIED, STRAIGHT
 
+from relight.errors import EmptyMatteError
 from relight.media import colour
 from relight.media.images import coverage, person_mask, scene_linear
 from relight.media.images.edge import linearise
@@ -81,3 +82,18 @@ def test_premultiplied_integers_of_linear_light_are_scaled():
     codes = np.full((2, 2, 4), 128, np.uint8)
     found = linearise(codes, straight=False, space=colour.LINEAR)
     np.testing.assert_allclose(found, 128 / 255, rtol=1e-6)
+
+
+@pytest.mark.parametrize("dtype", [np.uint8, np.uint16])
+@pytest.mark.parametrize("label", [1, 2, 127])
+@pytest.mark.states("Stills", "labels of 0 and 1 as a matte", "refused")
+def test_labels_are_no_coverage(dtype, label):
+    labels = np.zeros((8, 8), dtype)
+    labels[2:6, 2:6] = label
+    full = np.iinfo(dtype).max
+    with pytest.raises(EmptyMatteError, match=rf"the highest is {label} of {full}; multiply labels such as"):
+        person_mask("mask", labels, (8, 8))
+    with pytest.raises(EmptyMatteError, match=rf"the highest is {label} of {full}"):  # as a file is read
+        person_mask("mask", labels / np.float32(full), (8, 8))
+    with pytest.raises(EmptyMatteError, match=r"so there is no subject$"):
+        person_mask("mask", np.zeros((8, 8), dtype), (8, 8))

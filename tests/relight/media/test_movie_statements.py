@@ -8,6 +8,7 @@ from fractions import Fraction
 import av
 import numpy as np
 import pytest
+from helpers.apertures import aperture, clip_movie
 from helpers.foreign_files import movie, ramp
 from PIL import Image
 
@@ -289,3 +290,41 @@ def test_mattes_are_mirrored_as_their_pictures_are(tmp_path):
     movie(tmp_path / "a.mov", [matte] * 2, codec="qtrle", layout="rgb24")
     with_display_matrix(tmp_path / "a.mov", -1, 0, 0, 1)
     np.testing.assert_allclose(MatteMovie(tmp_path / "a.mov").read(1), matte[:, ::-1, 0] / 255, atol=1e-4)
+
+
+@pytest.mark.parametrize(
+    ("name", "codec", "layout"),
+    [
+        ("a.mov", "qtrle", "rgb24"),
+        ("a.mov", "prores_ks", "yuv444p10le"),
+        ("a.mp4", "libx264", "yuv444p"),
+        ("a.mov", "png", "rgb24"),
+    ],
+)
+@pytest.mark.parametrize("turned", [False, True])
+@pytest.mark.states("Movies", "the clean aperture (clap), before the display matrix", "honoured")
+def test_a_clean_aperture_is_what_is_shown(tmp_path, name, codec, layout, turned):
+    path = tmp_path / name
+    movie(path, [ramp(64, 96)] * 2, codec=codec, layout=layout)
+    whole = Movie(path).read(1)
+    clip_movie(path, aperture(64, 40, -4, 2))
+    if turned:
+        with_display_matrix(path, 0, 1, -1, 0)
+    shown = whole[14:54, 12:76]
+    found = Movie(path)
+    for number in (1, 2, 1):
+        np.testing.assert_allclose(found.read(number), np.rot90(shown, -1) if turned else shown, atol=0.02)
+    matte = np.full((64, 96, 3), 255, np.uint8)
+    matte[:14], matte[:, :12] = 0, 0
+    movie(path, [matte] * 2, codec=codec, layout=layout)
+    clip_movie(path, aperture(64, 40, -4, 2))
+    np.testing.assert_allclose(MatteMovie(path).read(2), np.ones((40, 64)), atol=0.1)
+
+
+@pytest.mark.parametrize("box", [(0, 0, 0, 0), (1, 1, 60, 0), (200, 40, 0, 0)])
+@pytest.mark.states("Movies", "a clean aperture that does not lie in its pictures", "refused")
+def test_a_clean_aperture_beyond_the_picture_is_refused(tmp_path, box):
+    movie(tmp_path / "a.mov", [ramp(64, 96)], codec="qtrle", layout="rgb24")
+    clip_movie(tmp_path / "a.mov", aperture(*box))
+    with pytest.raises(ValueError, match=r"a\.mov: (frame 1 )?is damaged"):
+        Movie(tmp_path / "a.mov").read(1)

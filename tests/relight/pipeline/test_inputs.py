@@ -3,6 +3,7 @@
 import numpy as np
 import pytest
 from helpers import standins
+from PIL import Image
 
 import relight
 from relight import Lighting, Output, Source
@@ -115,3 +116,39 @@ def test_each_plate_of_a_shot_with_alpha_is_read_once(tmp_path, plate, monkeypat
     source, relit = tmp_path / "p.%d.exr", tmp_path / "r.%d.exr"
     assert standins.FlatShots().render(source, key, relit, temporal_filter=False) == {}
     assert paths == [tmp_path / "p.1.exr", tmp_path / "p.2.exr"]
+
+
+@pytest.mark.parametrize("name", ["p.exr", "p.%02d.exr"])
+@pytest.mark.states("Stills", "alpha of 0 everywhere beside light, in floats: the colours count", "warned of")
+def test_alpha_of_zero_everywhere_is_no_matte(tmp_path, plate, name):
+    lit = np.dstack([np.full((24, 20, 3), 0.3), np.zeros((24, 20))]).astype(np.float32)
+    for number in (1, 2):
+        relight.write(tmp_path / name.replace("%02d", f"{number:02}"), lit)
+    source = Source(tmp_path / name, mask=plate[..., 3])
+    with pytest.warns(UserWarning, match=r"plate: its alpha is 0 everywhere, which is no matte"):
+        frame = Shot(source).frame(1 if "%" in name else 0)
+    np.testing.assert_allclose(frame.plate, lit[..., :3], atol=1e-3)
+    np.testing.assert_array_equal(frame.matte, plate[..., 3])
+
+
+def test_an_invisible_frame_stays_invisible(tmp_path, plate):
+    relight.write(tmp_path / "p.exr", np.zeros((24, 20, 4), np.float32))
+    assert Shot(Source(tmp_path / "p.exr", mask=plate[..., 3])).frame(0).plate.shape == (24, 20, 4)
+
+
+@pytest.mark.parametrize("label", [1, 2, 100])
+@pytest.mark.states(
+    "Stills", "labels of 0 and 1 as the matte of a sequence: its frames are empty", "warned of"
+)
+def test_labels_in_a_sequence_of_mattes_are_warned_of(tmp_path, stub, plate, label):
+    for number in (1, 2):
+        relight.write(tmp_path / f"p.{number}.exr", plate[..., :3] + 0.1)
+        Image.fromarray((plate[..., 3] * label).astype(np.uint8)).save(tmp_path / f"m.{number}.png")
+    hint = f"the highest is {label} of 255; multiply labels"
+    with pytest.warns(UserWarning, match=rf"mask: a frame is empty .*: {hint}"):
+        stub.render(
+            tmp_path / "p.%d.exr",
+            relight.DirectionalLight(),
+            tmp_path / "o.%d.exr",
+            mask=tmp_path / "m.%d.png",
+        )
