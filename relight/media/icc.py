@@ -109,7 +109,7 @@ class Profile:
             )  # fmt: skip
             return np.asarray(ImageCms.applyTransform(picture, transform))
         except (ImageCms.PyCMSError, OSError) as error:
-            raise ValueError("has a colour table that is damaged") from error
+            raise ValueError("has a colour table that is damaged; say which colour_space it is") from error
 
 
 def _as_is(codes: np.ndarray) -> np.ndarray:

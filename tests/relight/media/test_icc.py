@@ -115,7 +115,8 @@ def test_parametric_curves(tmp_path, function, numbers, expected):
         (icc_profile("cut", SRGB)[:400], "is damaged"),
         (icc_profile("odd", b"curx" + IDENTITY[4:]), "has a tone curve of an unknown kind"),
         (icc_profile("odd", struct.pack(">4s4xH10x", b"para", 9)), "has a tone curve of an unknown kind"),
-        (icc_profile("tables", SRGB).replace(b"gTRC", b"A2B0"), "is not made of curves and primaries"),
+        (icc_profile("tables", SRGB).replace(b"gTRC", b"A2B0"), "has a colour table that is damaged"),
+        (icc_profile("no green", SRGB).replace(b"gTRC", b"xTRC"), "is not made of curves and primaries"),
     ],
 )
 def test_profiles_that_cannot_be_used_are_named(tmp_path, profile, message):
