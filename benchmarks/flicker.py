@@ -94,7 +94,7 @@ def shaded_by(shadows, known):
     silhouette = Pixels(known)
     residual = silhouette.take(shadows) + RESIDUAL_BIAS
     unlit, sharpness = torch.zeros(3, residual.shape[1]), torch.ones(1, residual.shape[1])
-    return LightField(silhouette, unlit, sharpness, torch.zeros_like(residual), residual)
+    return LightField(silhouette, unlit, sharpness, torch.zeros_like(residual), residual, sharpness)
 
 
 def with_true_shadows():

@@ -1,6 +1,6 @@
 """Light that fine fibres scatter: the rim that light from behind gives to hair, shoulders and arms.
 
-    gloss(p, L) = π · S · (1 - μV)^5 · μL × cast(p, L)
+    gloss(p, L) = π · S · (1 - μV)^5 · μL × cast(p, L) × rim(p)
     μL = max(N·L - BEND · V·L, 0),  μV = max(N·V - BEND, MIN_COSINE)
 
 S is single scattering in a thin layer (Chandrasekhar 1960; Hanrahan and Krueger 1993), averaged over depths
@@ -13,7 +13,8 @@ unit intensity, in which a white surface that faces the light has the value 1.
 At the outline the true normal is perpendicular to the view, but the inferred ones stay some BEND short of
 that: a pixel shows a part of a limb's turn. So both cosines are of N - BEND · V. A light straight behind then
 reaches the outline, as it does with hair and cloth, whose fibres stand out beyond the surface. `cast` is the
-visibility without the surface's own turn from the light, which μL has.
+visibility without the surface's own turn from the light, which μL has. `rim` is 0 at edges before the body
+(`relight.analysis.backlight`) and 1 elsewhere.
 
 The view is orthographic: V is (0, 0, 1) at each pixel. p then depends on the light alone, and programs that
 know no camera compute the same.
@@ -36,19 +37,22 @@ class Gloss(NamedTuple):
     """The gloss of a person as a function of the light's direction, zero outside the person."""
 
     visibility: Visibility
+    rim: torch.Tensor  # (1, N) share of it that reaches each of the person's pixels
 
     def __call__(self, directions: torch.Tensor) -> torch.Tensor:
         """Return maps (D, h, w), at least 0 and at most 0.7, for unit directions (D, 3)."""
         normals = self.visibility.maps.normals
         values = reflectance(directions @ normals, normals[2], directions[:, 2:])
-        return self.visibility.silhouette.scatter(values.mul_(self.visibility.cast(directions)))
+        values = values.mul_(self.visibility.cast(directions)).mul_(self.rim)
+        return self.visibility.silhouette.scatter(values)
 
     def per_pixel(self, directions: torch.Tensor) -> torch.Tensor:
         """Return the map (h, w) in which each pixel has its own unit direction (3, h, w)."""
         normals = self.visibility.maps.normals
         toward = self.visibility.silhouette.take(directions)
         values = reflectance((toward * normals).sum(dim=0), normals[2], toward[2])
-        return self.visibility.silhouette.scatter(values.mul_(self.visibility.cast_of_each(toward))[None])[0]
+        values = values.mul_(self.visibility.cast_of_each(toward)).mul_(self.rim[0])
+        return self.visibility.silhouette.scatter(values[None])[0]
 
 
 def reflectance(facing: torch.Tensor, viewed: torch.Tensor, frontal: torch.Tensor) -> torch.Tensor:

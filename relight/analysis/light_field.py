@@ -6,6 +6,8 @@ from typing import Any, NamedTuple, Protocol, Self
 import torch
 import torch.nn.functional as F
 
+from relight.analysis.backlight import open_rims
+from relight.analysis.gloss import Gloss
 from shading import Analysis
 from shading.diffuse import Shading
 from shadow.directions import olat
@@ -33,6 +35,7 @@ class LightField(NamedTuple):
     sharpness: torch.Tensor  # (1, N)
     cast: torch.Tensor  # (K, N) cast shadow for each anchor direction
     residual: torch.Tensor  # (K, N) shading residual for each anchor direction
+    rim: torch.Tensor  # (1, N) share of the gloss that reaches the pixel, see `relight.analysis.backlight`
 
     @classmethod
     def of(cls, analysis: Analysis) -> Self:
@@ -40,8 +43,8 @@ class LightField(NamedTuple):
         visibility, shading = analysis.canvas_visibility, analysis.canvas_shading
         silhouette, maps = copy.copy(visibility.silhouette), visibility.maps
         silhouette.pixels = silhouette.pixels.cpu()
-        arrays = (maps.normals, maps.sharpness, maps.cast, shading.residual)
-        return cls(silhouette, *(array.cpu() for array in arrays))
+        arrays = [a.cpu() for a in (maps.normals, maps.sharpness, maps.cast, shading.residual)]
+        return cls(silhouette, *arrays, open_rims(silhouette, arrays[0]))
 
     def in_row_order(self) -> Self:
         """Return the field with its pixels in row-major order on the canvas."""
@@ -62,8 +65,13 @@ class LightField(NamedTuple):
         return Shading(self.residual, self.normals, visibility, self.silhouette, ANCHORS)
 
     @property
+    def gloss(self) -> Gloss:
+        """Gloss as a function of the light's direction."""
+        return Gloss(self.visibility, self.rim)
+
+    @property
     def rows(self) -> torch.Tensor:
-        """The arrays of each pixel side by side (N, 4 + 2 K)."""
+        """The arrays of each pixel side by side (N, 5 + 2 K)."""
         return torch.cat(self[1:]).T.contiguous()
 
     def with_rows(self, rows: torch.Tensor) -> Self:
@@ -73,7 +81,7 @@ class LightField(NamedTuple):
         return type(self)(self.silhouette, F.normalize(normals, dim=0), *others)
 
     def sampled(self, positions: torch.Tensor) -> torch.Tensor:
-        """Return rows (M, 4 + 2 K) at canvas positions (2, M), x and y in pixels: bilinear, zero outside."""
+        """Return rows (M, 5 + 2 K) at canvas positions (2, M), x and y in pixels: bilinear, zero outside."""
         height, width = self.silhouette.shape
         numbers = torch.full((height * width,), -1)
         numbers[self.silhouette.pixels] = torch.arange(len(self.silhouette.pixels))

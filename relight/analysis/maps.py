@@ -9,9 +9,7 @@ import torch
 import torch.nn.functional as F
 from scipy.ndimage import distance_transform_edt
 
-from relight.analysis.backlight import without_inner_rims
 from relight.analysis.depth import WorldGeometry
-from relight.analysis.gloss import Gloss
 from relight.analysis.light_field import LightField, LightMaps
 from relight.analysis.old_light import OldLight
 from relight.lights.light import Light, Rays
@@ -50,7 +48,7 @@ class AnalysisMaps(NamedTuple):
         if albedo is None:
             albedo = analysis.canvas_albedo.cpu()
             light = _photographed_light(analysis.framed.rgb.cpu(), albedo, known)
-        normals, field = analysis.canvas_normals.cpu(), without_inner_rims(LightField.of(analysis))
+        normals, field = analysis.canvas_normals.cpu(), LightField.of(analysis)
         return cls(geometry.framing, known, image, normals, field, albedo, light, geometry)
 
     @property
@@ -79,7 +77,7 @@ class AnalysisMaps(NamedTuple):
 
     def reflected(self, lights: Iterable[Light]) -> torch.Tensor:
         """Return Σ intensity · gloss (3, h, w), see `relight.analysis.gloss`; raises as `lit` does."""
-        return self._summed(Gloss(self.field.visibility), lights)
+        return self._summed(self.field.gloss, lights)
 
     def _summed(self, maps: LightMaps, lights: Iterable[Light]) -> torch.Tensor:
         """Return Σ intensity · maps (3, h, w) over lights of all kinds."""

@@ -40,7 +40,7 @@ from shadow.framing import Framing
 from shadow.networks.mirror import Pixels
 
 SUFFIX = ".safetensors"
-FORMAT = 6
+FORMAT = 7
 SHORTENING_PIXELS = 600_000  # a larger person's colour is shortened, for under 4 MB a frame of HD
 SHORTENED_BITS = 4  # of a half float's mantissa: steps of 1 %, as 8 bits of sRGB have in mid-grey
 RANK = {"cast": 32, "residual": 16}  # principal components of each kind of maps
@@ -187,6 +187,7 @@ def _canvas_arrays(record: AnalysisRecord) -> dict[str, np.ndarray]:
         "image": (maps.image * (255 / GUIDE_MAX)).round().clamp(0, 255).to(torch.uint8).numpy(),
         "normals": _half(field.normals),
         "sharpness": _half(field.sharpness),
+        "rim": (field.rim * 255).round().to(torch.uint8).numpy(),
         "albedo": _half(silhouette.take(maps.albedo)),
         "depth": _half(silhouette.take(maps.geometry.depth[None])),
     }
@@ -254,6 +255,7 @@ def _check_shapes(header: dict[str, Any], file_bytes: int) -> None:
         "image": ("|u1", (3, *canvas)),
         "normals": ("<f2", (3, pixels)),
         "sharpness": ("<f2", (1, pixels)),
+        "rim": ("|u1", (1, pixels)),
         "albedo": ("<f2", (3, pixels)),
         "depth": ("<f2", (1, pixels)),
         "light": ("<f2", (3, pixels)),
@@ -320,6 +322,7 @@ def _restored_maps(
         values("sharpness"),
         from_components("cast"),
         from_components("residual"),
+        values("rim") / 255,
     )
     light = silhouette.scatter(values("light")) / _unit(exposure) if "light" in tensors else None
     depth = silhouette.scatter(values("depth"))[0]

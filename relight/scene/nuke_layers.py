@@ -19,7 +19,8 @@ LAYERS = (
     *(f"cast{number}" for number in range(1, CAST_LAYERS + 1)),
     *(f"residual{number}" for number in range(1, RESIDUAL_LAYERS + 1)),
 )
-# `facing`: normals; `gate`: the slope of the gate in N·L, N·V, and `relight.analysis.gloss.outline`;
+# `facing`: normals; `gate`: the slope of the gate in N·L, N·V, and `relight.analysis.gloss.outline` times the
+# share of the gloss that reaches the pixel;
 # `toward.red`: 1, for a light's L·V.
 NAMES = ("facing", "gate", "toward", *LAYERS)
 
@@ -55,7 +56,7 @@ def layers_of(subject: Any, basis: Basis) -> tuple[np.ndarray, dict[str, np.ndar
     """
     arrays = subject.record.maps.field
     none = torch.zeros_like(arrays.sharpness)
-    gate = torch.cat([arrays.sharpness, arrays.normals[2:], outline(arrays.normals[2:])])
+    gate = torch.cat([arrays.sharpness, arrays.normals[2:], outline(arrays.normals[2:]) * arrays.rim])
     toward = torch.cat([none + 1, none, none])
     maps = torch.cat(
         [

@@ -62,6 +62,7 @@ def pack(record: AnalysisRecord, matte: np.ndarray, albedo: np.ndarray, *, compr
     arrays: dict[str, np.ndarray] = {
         "features": torch.cat([cast, residual]).numpy().astype(np.uint8),
         "surface": surface.numpy().astype(np.float16).view(np.uint16),
+        "rim": (continued(field.rim) * 255).round().clamp(0, 255).numpy().astype(np.uint8),
         "depth": depth.numpy().astype(np.float16).view(np.uint16),
         "guide": torch.cat([guide, canvas.known[None] * 255.0]).numpy().astype(np.uint8),
         "matte": np.round(plate.matte * 255).astype(np.uint8)[None],

@@ -89,6 +89,7 @@ export class Engine {
     const layers = arrays.features.shape[0] / 4;
     this.features = texture(gl, { size: field, layers, data: interleaved(arrays.features) });
     this.surface = texture(gl, { size: field, format: "half", data: interleaved(arrays.surface) });
+    this.rim = texture(gl, { size: field, format: "grey", data: arrays.rim.data });
     this.positions = texture(gl, { size: field, format: "float", data: this.room.positions });
     this.guide = texture(gl, { size: field, data: interleaved(arrays.guide) });
     this.matte = texture(gl, { size: box.slice(2), format: "grey", data: arrays.matte.data });
@@ -214,6 +215,7 @@ export class Engine {
       this.draw("light", destination, {
         features: this.features,
         surface: this.surface,
+        rim: this.rim,
         count: { whole: batch.length },
         residualBias: this.pack.description.residualBias,
         part: { whole: part },
@@ -236,6 +238,7 @@ export class Engine {
     this.draw("near", destination, {
       features: this.features,
       surface: this.surface,
+      rim: this.rim,
       positions: this.positions,
       table: this.table,
       position,

@@ -95,18 +95,33 @@ def test_light_straight_behind_outlines_the_whole_person(black):
     assert picture[80:120, 60:100].max() == 0
 
 
-def test_light_from_behind_gives_no_rim_before_the_body():
-    """A round limb, upright, whose left half hides a flat body that goes on to the picture's edge."""
+@pytest.fixture(scope="module")
+def limb():
+    """A round black limb, upright, whose left half hides a flat body that goes on to the picture's edge."""
     coverage, across = np.zeros((200, 160), np.float32), np.zeros((200, 160), np.float32)
     coverage[20:180, 20:110] = 1
     across[:, 50:110] = np.linspace(-0.95, 0.95, 60)
     normals = np.stack([across, np.zeros_like(across), np.sqrt(1 - across**2)], axis=-1)
     with small_canvas():
-        subject = relight.Subject(image_of(coverage), normals=normals, albedo=BLACK)
-    picture = subject.relit(relight.DirectionalLight(azimuth=180), gloss=1)[40:160, :, 0]
-    before_the_body, before_the_background = (picture[:, part].max(axis=1).mean() for part in INNER_AND_OUTER)
+        return relight.Subject(image_of(coverage), normals=normals, albedo=BLACK)
+
+
+@pytest.mark.parametrize(("azimuth", "elevation"), [(180, 0), (160, 25), (135, 10), (110, 0)])
+def test_light_from_behind_gives_no_rim_before_the_body(limb, azimuth, elevation):
+    sides = [relight.DirectionalLight(azimuth=sign * azimuth, elevation=elevation) for sign in (-1, 1)]
+    left, right = (limb.relit(side, gloss=1)[40:160, :, 0] for side in sides)
+    before_the_body = left[:, INNER_AND_OUTER[0]].max(axis=1).mean()
+    before_the_background = right[:, INNER_AND_OUTER[1]].max(axis=1).mean()
     assert before_the_background > 0.005
     assert before_the_body < 0.1 * before_the_background
+
+
+def test_an_edge_before_the_body_keeps_its_diffuse_light(limb):
+    field = limb.record.maps.field
+    assert field.rim.min() < 0.1
+    open_everywhere = field._replace(rim=torch.ones_like(field.rim))
+    directions = torch.tensor([[-0.7, 0.3, -0.64], [0.0, 0.3, -0.95]])
+    assert torch.equal(field.shading(directions), open_everywhere.shading(directions))
 
 
 def test_the_top_of_a_shoe_shines_less_than_the_outline():

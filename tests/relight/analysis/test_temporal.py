@@ -29,7 +29,12 @@ def canvas(shading, image=TEXTURE, framing=None, known=None):
     count, anchors = len(silhouette.pixels), len(ANCHORS)
     residual = values.expand(anchors, -1)
     field = LightField(
-        silhouette, torch.zeros(3, count), torch.ones(1, count), torch.zeros(anchors, count), residual
+        silhouette,
+        torch.zeros(3, count),
+        torch.ones(1, count),
+        torch.zeros(anchors, count),
+        residual,
+        torch.ones(1, count),
     )
     framing = framing or Framing((48.0, 64.0), 1.0, SIZE, SIZE)
     up = torch.tensor([0.0, 0, 1])[:, None, None].expand(3, *SIZE)

@@ -2,6 +2,7 @@
 const int SHADING = 0, GLOSS = 1;
 
 uniform int part;  // which of them is drawn
+uniform sampler2D rim;  // share of the gloss that reaches a pixel: relight/analysis/backlight.py
 
 float reflectance(vec3 normal, vec3 toward) {
   float lit = max(dot(normal, toward) - BEND * toward.z, 0.0), seen = max(normal.z - BEND, MIN_COSINE);

@@ -25,7 +25,7 @@ void main() {
     float facing = dot(here.xyz, toward.xyz);
     float unblocked = 1.0 / (1.0 + exp(-logit));
     if (part == GLOSS) {
-      result.rgb += power.rgb * reflectance(here.xyz, toward.xyz) * unblocked;
+      result.rgb += power.rgb * reflectance(here.xyz, toward.xyz) * unblocked * texelFetch(rim, pixel, 0).r;
       continue;
     }
     float visibility = unblocked / (1.0 + exp(-here.w * facing));

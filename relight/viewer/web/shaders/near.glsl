@@ -34,7 +34,7 @@ void main() {
   vec3 aside = normalize(cross(straight, axis));
   vec3 other = cross(straight, aside);
   float depth = 1.0 - sqrt(max(0.0, 1.0 - radius * radius / squared));  // of the cap that the sphere covers
-  float facings = 0.0;
+  float facings = 0.0, open = texelFetch(rim, pixel, 0).r;
   for (float ray = 0.0; ray < rays; ray++) {
     float along = 1.0 - depth * (ray + 0.5) / rays;
     float angle = 2.0 * PI * GOLDEN * ray;
@@ -50,7 +50,7 @@ void main() {
     float visibility = unblocked / (1.0 + exp(-here.w * facing));
     residual -= clamp(residual, 0.0, residualBias);
     float shading = clamp(max(facing, 0.0) * visibility + residual, 0.0, 1.0);
-    result += vec4(vec3(part == GLOSS ? reflectance(here.xyz, toward) * unblocked : shading), visibility);
+    result += vec4(vec3(part == GLOSS ? reflectance(here.xyz, toward) * unblocked * open : shading), visibility);
     facings += along;
   }
   result = min(vec4(result.rgb / (squared * facings), result.a / rays), MOST);
