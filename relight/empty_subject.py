@@ -8,6 +8,7 @@ import torch
 
 from relight.analysis import storage
 from relight.analysis.camera import Camera, focal_length
+from relight.compositing.clean_plate import checked_plate
 from relight.lights.environment import FIELD_OF_VIEW
 from relight.lights.rig import Lights, by_name
 from relight.subject import Person, Subject, weights
@@ -67,6 +68,10 @@ class EmptySubject:
         """See `Subject.shadows`: the floor is lit everywhere."""
         lit = np.ones((*self.size, 3), np.float32)
         return dict.fromkeys(by_name(lights), lit), lit
+
+    def clean_plate(self, image: np.ndarray) -> np.ndarray:
+        """See `Subject.clean_plate`: the photograph as it is."""
+        return checked_plate(image, self.size)
 
 
 def load_subject(path: AnyPath) -> Person:

@@ -2,19 +2,29 @@
 
 import os
 from collections.abc import Callable, Iterable
+from dataclasses import dataclass
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import torch
 
 from relight.analysis.gloss import checked_gloss
 from relight.analysis.infer import AnalysisInputs, check_inputs, infer
-from relight.compositing.composite import ENVIRONMENT, Background, behind, over, parse_background
+from relight.compositing.composite import (
+    ENVIRONMENT,
+    NONE,
+    PLATE,
+    Background,
+    backdrop,
+    over,
+    parse_background,
+)
 from relight.compositing.floor import Floor
 from relight.lights.environment import FIELD_OF_VIEW, EnvironmentLight, environments
 from relight.lights.light import Light
 from relight.lights.rig import Lights, as_lights, by_name
-from relight.media.images import Metadata, half, read
+from relight.media.images import Metadata, half, read, scene_linear
 from relight.subject import Person, Subject
 from shadow.files import AnyPath, is_path
 
@@ -51,8 +61,9 @@ def apply(
     background
         An image of any size, scaled to cover the frame; a linear (r, g, b); or a relight.EnvironmentLight,
         which is rendered as the camera sees it (see `relight.over`). Or text, as the command takes it: a
-        file, a colour such as "0.03/0.03/0.04", or "environment", the environments among the lights. None
-        keeps the alpha.
+        file, a colour such as "0.03/0.03/0.04", "environment", the environments among the lights, or "plate",
+        the photograph itself: it is filled under its person, see `Subject.clean_plate`, as it is where it is
+        given as an image. None, or "none", keeps the alpha.
     mask
         (H, W) in [0, 1], the matte of the person, in place of the image's alpha.
     matte
@@ -98,8 +109,7 @@ def apply(
         matte=matte,
     )  # fmt: skip
     subject = _analysed(given, floor)
-    seen = None if background is None else _seen_by(subject, background, lights)
-    return relit_over(subject, lights, seen, floor, gloss)
+    return relit_over(subject, lights, _behind(subject, background, lights, given.plate), floor, gloss)
 
 
 def relit_over(
@@ -118,13 +128,15 @@ def relit_over(
 
 
 def _background(background: Background | AnyPath | None, lights: Iterable[Light]) -> Background | None:
-    """Return what a text means, `ENVIRONMENT` as it is; anything else unchanged."""
+    """Return what a text means, `ENVIRONMENT` and `PLATE` as they are; anything else unchanged."""
     if not is_path(background):
         return background
     meant = parse_background(os.fspath(background))
+    if meant == NONE:
+        return None
     if meant == ENVIRONMENT and not environments(lights):
         raise ValueError("background: 'environment' expected an environment among the lights")
-    return read(meant) if isinstance(meant, str) and meant != ENVIRONMENT else meant
+    return read(meant) if isinstance(meant, str) and meant not in (ENVIRONMENT, PLATE) else meant
 
 
 def render(
@@ -188,8 +200,9 @@ def render(
         matte=matte,
     )  # fmt: skip
     subject = _analysed(given, floor)
+    behind = _behind(subject, background, lights, given.plate)
     return render_subject(
-        subject, lights, background=background, passes=passes, exr_type=exr_type, floor=floor, gloss=gloss
+        subject, lights, background=behind, passes=passes, exr_type=exr_type, floor=floor, gloss=gloss
     )
 
 
@@ -198,6 +211,46 @@ def _analysed(given: AnalysisInputs, floor: Floor | None) -> Subject:
     if floor is not None:
         floor.check(given.matte)
     return Subject.from_record(infer(given))
+
+
+@dataclass(frozen=True)
+class Rendering:
+    """A relit person without a background.
+
+    `cut_out`: (H, W, 4) linear, premultiplied. `layers`: light groups, floor shadows and passes, see
+    `render_subject`; none if they were not asked for. `shadow`: (H, W, 3), the factor by which the shadow of
+    all lights on the floor dims a background; None without a floor.
+    """
+
+    cut_out: np.ndarray
+    layers: Layers
+    shadow: np.ndarray | None
+
+
+def render_layers(
+    subject: Person,
+    lights: Lights,
+    *,
+    passes: Iterable[str] = (),
+    exr_type: str = "half",
+    floor: Floor | None = None,
+    gloss: float = 0.0,
+    layered: bool = True,
+) -> Rendering:
+    """Render an analysed person without a background; see `render_subject`."""
+    lights, passes = as_lights(lights), check_names(passes)
+    picture, layers = light_groups(subject, lights, exr_type, gloss, layered)
+    further, shadow = passes_of(subject, lights, passes), None
+    if floor is not None:
+        per_light, shadow = subject.shadows(lights, floor)
+        further |= {f"shadow_floor_{name}": layer for name, layer in per_light.items()}
+    return Rendering(picture, layers | further if layered else {}, shadow)
+
+
+def over_backdrop(cut_out: np.ndarray, back: np.ndarray, exr_type: str) -> tuple[np.ndarray, np.ndarray]:
+    """Composite a picture (H, W, 4) over a background (H, W, 3): the picture, and "C_background"."""
+    seen = _rounded((1 - cut_out[..., 3:]) * back, "C_background", exr_type)
+    return cut_out[..., :3] + seen, seen
 
 
 def render_subject(
@@ -209,13 +262,11 @@ def render_subject(
     exr_type: str = "half",
     floor: Floor | None = None,
     gloss: float = 0.0,
-    layered: bool = True,
 ) -> tuple[np.ndarray, Layers]:
     """Render the picture of an analysed person that `relight.apply` returns, and layers for `relight.write`.
 
     `background`, `floor`, `gloss`: see `relight.apply`. `passes`: further layers, of PASSES. `exr_type`: see
-    `relight.render`. `layered`: False for the same picture without its layers, which take as much memory for
-    each light. The layers are
+    `relight.render`. The layers are
 
     - "C_<light>" (H, W, 4), light groups whose colours, rounded to `exr_type`, sum to the picture's;
     - over a background "C_background" (H, W, 3), its visible part with the shadow of all lights in it;
@@ -224,19 +275,30 @@ def render_subject(
 
     Raises ValueError for no light, two lights of one name, an unknown pass, or a gloss outside [0, 1].
     """
-    lights, passes = as_lights(lights), check_names(passes)
+    lights = as_lights(lights)
     background = _background(background, lights)
-    picture, layers = light_groups(subject, lights, exr_type, gloss, layered)
-    further, shadow = passes_of(subject, lights, passes), None
-    if floor is not None:
-        per_light, shadow = subject.shadows(lights, floor)
-        further |= {f"shadow_floor_{name}": layer for name, layer in per_light.items()}
-    if background is not None:
-        check_free(by_name(lights))
-        seen = behind(picture, _seen_by(subject, background, lights), shadow)
-        layers["C_background"] = _rounded(seen, "C_background", exr_type)
-        picture = picture[..., :3] + layers["C_background"]
-    return picture, layers | further if layered else {}
+    rendering = render_layers(subject, lights, passes=passes, exr_type=exr_type, floor=floor, gloss=gloss)
+    if background is None:
+        return rendering.cut_out, rendering.layers
+    check_free(by_name(lights))
+    back = backdrop(_seen_by(subject, background, lights), subject.size, rendering.shadow)
+    picture, seen = over_backdrop(rendering.cut_out, back, exr_type)
+    return picture, rendering.layers | {"C_background": seen}
+
+
+def _behind(
+    subject: Subject, background: Background | None, lights: Iterable[Light], plate: np.ndarray
+) -> Background | None:
+    """Return what is behind the person of a linear plate (H, W, 3|4): the plate filled where it is that."""
+    if background is None:
+        return None
+    if isinstance(background, str) and background == PLATE:
+        return subject.clean_plate(plate)
+    image: Any = background
+    if np.shape(image)[:2] == plate.shape[:2]:
+        given = scene_linear("background", image)
+        return subject.clean_plate(given) if np.array_equal(given[..., :3], plate[..., :3]) else given
+    return _seen_by(subject, background, lights)
 
 
 def _seen_by(subject: Person, background: Background, lights: Iterable[Light]) -> Background:

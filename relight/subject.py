@@ -20,6 +20,7 @@ from relight.analysis.maps import AnalysisMaps
 from relight.analysis.old_light import OldLight
 from relight.analysis.record import AnalysisRecord
 from relight.analysis.upsampling import EXTENSION_SHARE, JointBilateral, encode_guide
+from relight.compositing.clean_plate import checked_plate, clean_plate
 from relight.compositing.floor import Floor
 from relight.compositing.floor_shadow import FloorShadow
 from relight.lights.environment import FIELD_OF_VIEW
@@ -62,6 +63,7 @@ class Person(Protocol):
     def lighting(self, lights: Lights) -> np.ndarray: ...
     def unshadowed(self, light: Light) -> np.ndarray: ...
     def shadows(self, lights: Lights, floor: Floor) -> tuple[dict[str, np.ndarray], np.ndarray]: ...
+    def clean_plate(self, image: np.ndarray) -> np.ndarray: ...
     def save(self, path: AnyPath, *, provenance: Mapping[str, Any] | None = None) -> None: ...
     def temporally_filtered(self, neighbours: Iterable[Any]) -> "Person": ...
 
@@ -404,6 +406,39 @@ class Subject:
         geometry, cut = maps.geometry, bool(self.matte[-1].max() > 0.5)
         shadow = FloorShadow.of(floor, geometry.camera, geometry.positions, maps.known, cut)
         return shadow.shadows(by_name(lights))
+
+    def clean_plate(self, image: np.ndarray) -> np.ndarray:
+        """Return the photograph without the person: what a relit picture is laid over to stand in it.
+
+        Under the matte, grown by 0.6 % of the person's height, the surroundings go on, so that nothing of the
+        old picture shows beside the new one. All other pixels are unchanged.
+
+        Parameters
+        ----------
+        image
+            (H, W, 3|4), the photograph: integers sRGB-encoded, floats linear Rec.709.
+
+        Returns
+        -------
+        np.ndarray
+            (H, W, 3) float32, linear Rec.709.
+
+        Raises
+        ------
+        TypeError, ValueError
+            Not an image, with transparency, or of another size than the subject.
+
+        Examples
+        --------
+        >>> photo, mask = np.full((64, 48, 3), 0.2, np.float32), np.zeros((64, 48), np.float32)
+        >>> photo[16:48, 16:32] = 0.5
+        >>> mask[16:48, 16:32] = 1
+        >>> subject = relight.Subject(photo, mask)
+        >>> bool(np.allclose(subject.clean_plate(photo), 0.2))
+        True
+        """
+        own = self.on_plate(self._record.colour)
+        return clean_plate(checked_plate(image, self.size), self.matte, own)
 
     def upsampled(self, maps: torch.Tensor) -> np.ndarray:
         """Upsample maps of the networks' canvas, (C, h, w), to the plate: (H, W, C) float32, zero outside."""

@@ -22,7 +22,6 @@ from relight.app.worker import Refused, Worker
 from relight.lights import presets
 from relight.viewer.page import module, style
 
-ORIGINAL = "original"  # as a background: the photograph itself
 OUTPUTS = (".png", ".jpg", ".tif", ".exr", ".html", ".glb")
 KINDS = {".js": "text/javascript", ".css": "text/css", ".html": "text/html", ".png": "image/png"}
 VIEWER_NAMES = (
@@ -308,9 +307,7 @@ class Server:
         if look["environment"]:
             name = self.session.lend(str(look["environment"]["file"]), photograph)
             look["environment"] = f"{name},{look['environment']['settings']}"
-        if look["background"] == ORIGINAL:
-            look["background"] = {"file": photograph.name}
-        elif isinstance(look["background"], dict):
+        if isinstance(look["background"], dict):
             look["background"] = {"file": self.session.lend(str(look["background"]["file"]), photograph)}
         return look
 

@@ -4,6 +4,7 @@ Each function runs in a photograph's folder and names files relative to it.
 Pictures are made by the code of `relight apply`, pages by that of `relight view`.
 """
 
+import base64
 import json
 import warnings
 from collections import OrderedDict
@@ -18,6 +19,7 @@ import torch
 from relight.app import compiling, drawing
 from relight.app.drawing import MODEL, REDUCED
 from relight.app.pictures import png, reduced_size, resized
+from relight.compositing.composite import NONE, backdrop
 from relight.compositing.floor import Floor
 from relight.errors import EmptyMatteError
 from relight.lights.environment import EnvironmentLight
@@ -39,6 +41,7 @@ PREVIEWS = "page"  # folder of what the page shows: no upload has this name, whi
 BACKGROUND_SIDE = 2048  # pixels, the longer side of a background on the page, at most
 KEPT = 2  # subjects that are kept in memory, for stills
 KEPT_PIXELS = 4_000_000  # of a photograph that was saved, whose subject is kept for the next file, at most
+ORIGINAL = "original"  # as a background: the photograph itself
 MATTE, PACK = "matte.npy", "pack.bin"
 LOADED, EDGE = "loaded.npy", "edge.json"  # a matte from a file, in full; what is done to the accepted matte
 SIDE = "side.txt"  # the photograph's longer side, in pixels
@@ -201,6 +204,9 @@ def analyse(name: str, mask: str | None, drawn: Mapping[str, Any] | None, report
         Path(EDGE).write_text(json.dumps({"shift": shift, "feather": feather, "file": as_it_is}))
         Path(mask).unlink(missing_ok=True)
     scene = scene_of(subject.size, title=name, command=_command(name, mask))
+    if reduced.shape[-1] == 3:
+        plate = compressed(encoded(subject.clean_plate(reduced)), "JPEG", quality=95, subsampling=0)
+        scene |= {"opaque": True, "original": {"name": name, "data": base64.b64encode(plate).decode()}}
     _keep(name, subject)
     return {"scene": scene}
 
@@ -237,15 +243,21 @@ def background(name: str, report: Report) -> dict[str, Any]:
 
 def still(name: str, mask: str | None, look: Mapping[str, Any], report: Report) -> dict[str, Any]:
     """Relight the reduced copy and return a PNG, for browsers that cannot render it themselves."""
-    from relight.rendering import relit_over
-
     subject, lighting = _subject(name, mask, report), _lighting(look)
-    behind: Any = lighting.background
-    if isinstance(behind, str):
-        behind = drawing.reduced() if behind == name else images.read(behind)
     lights = as_lights(lighting.rig().lights)
-    picture = relit_over(subject, lights, behind, lighting.floor, lighting.effective_gloss)
-    return {"png": png(encoded(picture, exposure=_exposure(look)))}
+    behind: Any = lighting.background
+    picture = subject.relit(lights, lighting.effective_gloss)
+    if behind is None:
+        behind = subject.clean_plate(drawing.reduced())
+    elif isinstance(behind, str) and behind != NONE:
+        behind = images.read(behind)
+    back = None
+    if not isinstance(behind, str):
+        shadow = None if lighting.floor is None else subject.shadows(lights, lighting.floor)[1]
+        back = backdrop(behind, subject.size, shadow)
+        if back.max() > 1:  # light of a scene has one curve with the person
+            picture, back = images.composited(picture, back), None
+    return {"png": png(encoded(picture, back, exposure=_exposure(look)))}
 
 
 def floor_shadow(name: str, mask: str | None, look: Mapping[str, Any], report: Report) -> dict[str, Any]:
@@ -331,8 +343,10 @@ def _analysing(source: Source) -> Callable[..., Subject]:
 def _lighting(look: Mapping[str, Any]) -> Lighting:
     """Return the options of `relight apply` that the settings of the page stand for."""
     light, environment = tuple(map(str, look.get("lights") or ())), look.get("environment")
-    behind: Any = look.get("background") or None
-    if behind is not None:
+    behind: Any = look.get("background") or NONE
+    if behind == ORIGINAL:
+        behind = None
+    elif behind != NONE:
         behind = behind["file"] if isinstance(behind, Mapping) else tuple(map(float, behind))
     if not light and not environment:
         raise ValueError("There is no light: add one, or an environment.")

@@ -11,7 +11,9 @@ from relight.lights.environment import EnvironmentLight
 from relight.media.images import scene_linear
 
 Background = ArrayLike | EnvironmentLight  # an image, a linear (r, g, b), or a map as a camera sees it
-ENVIRONMENT = "environment"  # as a background: what the camera sees of the environments among the lights
+# Words that are backgrounds: what the camera sees of the environments among the lights; the photograph
+# itself, with the person taken out; and nothing, even if the photograph has no alpha.
+ENVIRONMENT, PLATE, NONE = "environment", "plate", "none"
 
 
 def over(foreground: ArrayLike, background: Background, shadow: np.ndarray | None = None) -> np.ndarray:
@@ -57,8 +59,13 @@ def over(foreground: ArrayLike, background: Background, shadow: np.ndarray | Non
 
 def behind(front: np.ndarray, background: Background, shadow: np.ndarray | None = None) -> np.ndarray:
     """Return what a premultiplied picture (H, W, 4) leaves of a background, (H, W, 3); see `over`."""
+    return (1 - front[..., 3:]) * backdrop(background, front.shape[:2], shadow)
+
+
+def backdrop(background: Background, size: tuple[int, ...], shadow: np.ndarray | None = None) -> np.ndarray:
+    """Return a background as a frame of `size` (H, W) shows it, (H, W, 3) linear light; see `over`."""
     if isinstance(background, EnvironmentLight):
-        back = background.view(front.shape[:2])
+        back = background.view((size[0], size[1]))
     elif np.ndim(background) == 1:
         colour = np.asarray(background)
         if colour.shape != (3,) or colour.dtype.kind not in "iuf":
@@ -67,14 +74,14 @@ def behind(front: np.ndarray, background: Background, shadow: np.ndarray | None 
             back = colour.astype(np.float32)
         if not np.isfinite(back).all():
             raise ValueError(f"background: expected an image or three finite numbers, got {background!r}")
+        back = np.broadcast_to(back, (size[0], size[1], 3))
     else:
-        back = cover(scene_linear("background", background)[..., :3], front.shape[:2])
-    seen = (1 - front[..., 3:]) * back
-    return seen if shadow is None else seen * shadow
+        back = cover(scene_linear("background", background)[..., :3], size)
+    return back if shadow is None else back * shadow
 
 
 def parse_background(text: str) -> tuple[float, ...] | str:
-    """Parse a colour such as `0.2/0.2/0.2`; return other text, a path or `environment`, unchanged.
+    """Parse a colour such as `0.2/0.2/0.2`; return other text, a path or a word, unchanged.
 
     Raises ValueError for a colour that is written otherwise.
     """

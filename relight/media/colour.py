@@ -19,7 +19,16 @@ from numpy.typing import ArrayLike
 
 from relight.media import encodings
 from relight.media.buffers import to_array, to_buffer
-from relight.media.encodings import D50, D65, REC709, Encoding, colour_science, decode_srgb, rgb_to_xyz
+from relight.media.encodings import (
+    D50,
+    D65,
+    REC709,
+    Encoding,
+    Transfer,
+    colour_science,
+    decode_srgb,
+    rgb_to_xyz,
+)
 from relight.media.icc import WIDE, Profile
 from shadow.srgb import encode_srgb
 
@@ -41,6 +50,7 @@ LINEAR_SPACES = {  # names of the Color Interop Forum
 }
 LOCI = {"planckian": (1000.0, 40000.0), "daylight": (4000.0, 25000.0)}  # kelvin; CIE 015 for daylight
 ROWS = 64  # at a time: transfer functions work in float64
+DISPLAY_WHITE = 1.01  # light, with the rounding of profiles
 KNEE = 0.6  # light that a display shows as it is, however bright the rest
 
 
@@ -125,6 +135,14 @@ def decode(pixels: np.ndarray, space: Space) -> np.ndarray:
     return _convert(_convert(pixels, space, INTERCHANGE, path), "ACES2065-1", LINEAR, BUILT_IN)
 
 
+def is_display_light(space: Space) -> bool:
+    """Return whether the white code of a space is the light of a display's white, 1, and none of a scene's.
+
+    It is brighter in PQ, HLG and cameras' logarithmic spaces. Raises as `decode`.
+    """
+    return float(decode(np.full((1, 1, 3), 255, np.uint8), space).max()) <= DISPLAY_WHITE
+
+
 @functools.cache
 def linear_space(space: str) -> tuple[str, Encoding]:
     """Return the name by which files state a linear colour space, and its encoding.
@@ -197,16 +215,25 @@ def _table(transfer: encodings.Transfer, dtype: np.dtype) -> np.ndarray:
     return np.asarray(transfer(codes), np.float32)
 
 
-def _by_rows(function: Callable[[np.ndarray], np.ndarray], pixels: np.ndarray) -> np.ndarray:
-    """Apply a function to (H, W, 3), a few rows at a time: its float64 takes much memory. Float32."""
-    result = np.empty(pixels.shape, np.float32)
-    for row in range(0, len(pixels), ROWS):
-        result[row : row + ROWS] = function(pixels[row : row + ROWS])
+def _by_rows(function: Callable[[np.ndarray], np.ndarray], *images: np.ndarray) -> np.ndarray:
+    """Apply a function to images (H, W, C), side by side, a few rows at a time: (H, W, 3) float32.
+
+    Its float64 takes much memory.
+    """
+    result = np.empty((*images[0].shape[:-1], 3), np.float32)
+    for row in range(0, len(result), ROWS):
+        part = [image[row : row + ROWS] for image in images]
+        result[row : row + ROWS] = function(part[0] if len(part) == 1 else np.concatenate(part, axis=-1))
     return result
 
 
 def encode(
-    rgb: np.ndarray, *, view: str | None = None, exposure: float = 0.0, white: float | None = None
+    rgb: np.ndarray,
+    *,
+    view: str | None = None,
+    exposure: float = 0.0,
+    white: float | None = None,
+    transfer: Transfer = encode_srgb,
 ) -> np.ndarray:
     """Encode linear Rec.709 for a display: (H, W, 3), unbounded, to (H, W, 3) float32 in [0, 1].
 
@@ -218,20 +245,67 @@ def encode(
     Light up to 1 comes out exact if there is none above `white` = 1. Else what is above 0.6 is compressed, by
     channel and as little as brings `white` to the display's white (Reinhard et al. 2002, equation 4, above a
     knee), so that highlights roll off and keep their shapes. A sequence of pictures wants one `white`.
+    `transfer`: from light in [0, 1] to code values, of a display without a view.
 
     Raises ValueError for no such view, exposure or white out of range, or $OCIO that cannot be used.
     """
-    if not -64 <= exposure <= 64:
-        raise ValueError(f"exposure: expected -64 to 64 stops, got {exposure:g}")
-    gain = np.float32(2.0**exposure)
+    gain = _gain(exposure)
     if view is not None:
         return _through_view(rgb * gain, view)
+    white = _white(rgb, gain, white)
+    return _by_rows(lambda rows: transfer(_shown(rows, gain, white).astype(np.float64)), rgb)
+
+
+def encode_over(
+    picture: np.ndarray,
+    background: np.ndarray,
+    *,
+    exposure: float = 0.0,
+    white: float | None = None,
+    transfer: Transfer = encode_srgb,
+) -> np.ndarray:
+    """Encode a picture over a background that keeps its own code values: (H, W, 3) float32 in [0, 1].
+
+    `picture`: (H, W, 4), linear Rec.709, premultiplied, unbounded. `background`: (H, W, 3), linear Rec.709,
+    light of a display: of [0, 1], beyond which it is clipped. `exposure`, `white`, `transfer`: see `encode`.
+
+    Only the picture's highlights are compressed. What its colour shows on the display, without the alpha, is
+    laid over the background's light: D(F / alpha) alpha + (1 - alpha) B. So where alpha is 0, code values
+    of the background's file come back bit for bit, where it is 1, the picture is that of `encode`, and in
+    between a soft edge is a mixture of both lights, as in the photograph. An `exposure` holds for both; the
+    background then has a white of its own, so that its brightest code stays white.
+
+    Raises ValueError for exposure or white out of range.
+    """
+    gain = _gain(exposure)
+    white = _white(picture[..., :3], gain, white)
+
+    def rows(both: np.ndarray) -> np.ndarray:
+        colour, alpha = both[..., :3], both[..., 3:4]
+        straight = np.divide(colour, alpha, out=np.zeros_like(colour), where=alpha > 0)
+        behind = _shown(both[..., 4:].clip(0, 1), gain, max(1.0, float(gain)))
+        return transfer((_shown(straight, gain, white) * alpha + behind * (1 - alpha)).astype(np.float64))
+
+    return _by_rows(rows, picture, background)
+
+
+def _gain(exposure: float) -> np.float32:
+    if not -64 <= exposure <= 64:
+        raise ValueError(f"exposure: expected -64 to 64 stops, got {exposure:g}")
+    return np.float32(2.0**exposure)
+
+
+def _white(rgb: np.ndarray, gain: np.float32, white: float | None) -> float:
+    """Return the exposed light that becomes the display's white: by default the brightest there is."""
     white = max(1.0, float(rgb.max(initial=0)) * float(gain)) if white is None else white
     if not 1 <= white < math.inf:
         raise ValueError(f"white: expected a finite number >= 1, got {white:g}")
-    return _by_rows(
-        lambda rows: encode_srgb(np.clip(_roll_off(rows * gain, white), 0, 1).astype(np.float64)), rgb
-    )
+    return white
+
+
+def _shown(rgb: np.ndarray, gain: np.float32, white: float) -> np.ndarray:
+    """Return the light in [0, 1] by which a display shows linear light."""
+    return np.clip(_roll_off(rgb * gain, white), 0, 1)
 
 
 def _roll_off(rgb: np.ndarray, white: float) -> np.ndarray:

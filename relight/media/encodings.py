@@ -33,6 +33,9 @@ AP1 = (0.713, 0.293, 0.165, 0.830, 0.128, 0.044, 0.32168, 0.33767)  # ACEScg
 XYZ = (1.0, 0.0, 0.0, 1.0, 0.0, 0.0, 1 / 3, 1 / 3)  # CIE XYZ itself
 ADOBE_GAMMA = 563 / 256  # Adobe RGB (1998), section 4.3.4.2
 REFERENCE_WHITE = 203.0  # candela per square metre of a white surface in PQ (ITU-R BT.2408): linear 1
+# Of BT.709's transfer function, to all digits (ITU-T H.273, table 3): with 1.099 and 0.018 its two parts do
+# not meet, and a code of the one would come back as a code of the other.
+BT709_ALPHA, BT709_BETA = 1.099296826809442, 0.018053968510807
 HLG_WHITE = 0.75  # code value of the same white in HLG (ITU-R BT.2408)
 BRADFORD = np.array([[0.8951, 0.2664, -0.1614], [-0.7502, 1.7135, 0.0367], [0.0389, -0.0685, 1.0296]])
 
@@ -67,14 +70,15 @@ def colour_science() -> Any:
 
 def decode_bt709(codes: np.ndarray) -> np.ndarray:
     """Turn BT.709 code values into the light in front of the camera (ITU-R BT.709-6, item 1.2)."""
-    low = 4.5 * 0.018
-    return np.where(codes < low, codes / 4.5, ((np.maximum(codes, low) + 0.099) / 1.099) ** (1 / 0.45))
+    low = 4.5 * BT709_BETA
+    high = (np.maximum(codes, low) + (BT709_ALPHA - 1)) / BT709_ALPHA
+    return np.where(codes < low, codes / 4.5, high ** (1 / 0.45))
 
 
 def encode_bt709(light: np.ndarray) -> np.ndarray:
     """Turn light into BT.709 code values (ITU-R BT.709-6, item 1.2)."""
-    high = np.maximum(light, 0.018)
-    return np.where(light < 0.018, light * 4.5, 1.099 * high**0.45 - 0.099)
+    high = np.maximum(light, BT709_BETA)
+    return np.where(light < BT709_BETA, light * 4.5, BT709_ALPHA * high**0.45 - (BT709_ALPHA - 1))
 
 
 def decode_linear(codes: np.ndarray) -> np.ndarray:

@@ -30,8 +30,8 @@ def write(
     rate
         Frames a second of a movie, 24 by default.
     options
-        view, exposure and white, and for images layers, depth, autocrop, metadata and colour_space: see
-        `relight.media.images.write` and `relight.media.movies.write_movie`.
+        view, exposure and white, and for images background, layers, depth, autocrop, metadata and
+        colour_space: see `relight.media.images.write` and `relight.media.movies.write_movie`.
 
     Raises
     ------

@@ -156,6 +156,11 @@ class AnalysisCache:
         """Return the file of a frame."""
         return frame_file(self.folder, None if self.numbers is None else number)
 
+    def source_files(self, number: int) -> set[Path]:
+        """Return the files, with links resolved, from which a frame was analysed."""
+        sources = storage.read_header(self.file(number))["provenance"]["sources"]
+        return {(self.folder / source["path"]).resolve() for source in sources}
+
     def content_hash(self, number: int) -> str:
         """Return a hash of the analysis of a frame; "" if the frame cannot be used."""
         try:

@@ -176,14 +176,24 @@ class FrameReader:
     @functools.cached_property
     def _finds_mattes(self) -> bool:
         """Whether mattes are found or refined: not if the first plate has alpha. It is read unless it was."""
-        if self._must_matte:
-            return True
+        return self._must_matte or self.is_opaque
+
+    @functools.cached_property
+    def is_opaque(self) -> bool:
+        """Whether the first plate that can be read has no alpha, or none that is a matte."""
         for number in self.numbers:
             with suppress(OSError, ValueError):  # that frame is reported when it is its turn
                 if number not in self._opaque:
                     self._opaque[number] = refine.is_opaque(self._log.read(self.plates, number))
                 return self._opaque[number]
         return True
+
+    def plate_files(self, number: int) -> set[Path]:
+        """Return the files, with links resolved, from which the plate of a frame was read or analysed."""
+        if self.cache is not None:
+            return self.cache.source_files(number)
+        path = self.plates.file(number)
+        return set() if path is None else {path.resolve()}
 
     @property
     def _must_matte(self) -> bool:

@@ -2,6 +2,7 @@
 
 import warnings
 
+from relight.compositing.composite import backdrop
 from relight.media import images
 from relight.media.content_hash import HASH_ATTRIBUTE, content_hash
 from relight.media.pixel_aspect import squeeze_pixels
@@ -10,9 +11,10 @@ from relight.pipeline.delivery import Delivery
 from relight.pipeline.option_fields import Phase, Report
 from relight.pipeline.options import Output
 from relight.pipeline.outputs import is_exr
+from relight.pipeline.rendered_frame import RenderedFrame
 from relight.pipeline.shot import Shot
 from relight.pipeline.sinks import FileSink, MovieSink, Sinks, file_of
-from relight.rendering import metadata_of, render_subject
+from relight.rendering import metadata_of, render_layers
 from relight.subject import Person
 
 
@@ -21,14 +23,21 @@ class FrameWriter:
 
     `sinks`: what `open_sinks` made of the output. `delivery`: what the outputs keep of the source. `phase`:
     "finalize" only checks that the frames exist. `resume`: whether to keep existing frames that were made
-    from the same inputs.
+    from the same inputs. `keeps_plate`: whether outputs other than .exr show the plate behind the person.
     """
 
     def __init__(
-        self, shot: Shot, output: Output, sinks: Sinks, delivery: Delivery, phase: Phase, resume: bool
+        self,
+        shot: Shot,
+        output: Output,
+        sinks: Sinks,
+        delivery: Delivery,
+        phase: Phase,
+        resume: bool,
+        keeps_plate: bool,
     ) -> None:
         self._shot, self._output, self._sinks, self._delivery = shot, output, sinks, delivery
-        self._phase, self._resume = phase, resume
+        self._phase, self._resume, self._keeps_plate = phase, resume, keeps_plate
         self._mattes = None if output.save_matte is None else file_of(output.save_matte)
         self.hashes: dict[int, str] = {}  # {frame number: content hash of what it is made from}
 
@@ -65,8 +74,9 @@ class FrameWriter:
         """Return a hash of all from which a frame is made. `as_read`: see `Shot.content_hash`."""
         shot, lighting = self._shot, self._shot.lighting
         return content_hash(
-            shot.content_hash(number, as_read), self._output.passes, lighting.floor, lighting.effective_gloss
-        )
+            shot.content_hash(number, as_read), self._output.passes, lighting.floor, lighting.effective_gloss,
+            self._keeps_plate,
+        )  # fmt: skip
 
     def _check_exists(self, number: int, made: str) -> None:
         """Raise ValueError if an output lacks the frame."""
@@ -96,15 +106,17 @@ class FrameWriter:
     ) -> None:
         """Render the frame, and write it to some of the sinks."""
         shot, output, size = self._shot, self._output, person.size
-        picture, layers = render_subject(
+        rendering = render_layers(
             person, [*shot.lights(number), *shot.background_lights(number, size)],
-            background=shot.background(number, size), passes=output.passes,
-            exr_type=output.exr_type, floor=shot.lighting.floor, gloss=shot.lighting.effective_gloss,
-            layered=any(map(is_exr, output.paths)),
+            passes=output.passes, exr_type=output.exr_type, floor=shot.lighting.floor,
+            gloss=shot.lighting.effective_gloss, layered=any(map(is_exr, output.paths)),
         )  # fmt: skip
+        behind = shot.behind(number, person, self._keeps_plate)
+        back = None if behind is None else backdrop(behind, size, rendering.shadow)
+        frame = RenderedFrame(rendering, back, self._keeps_plate, shot.keeps_codes(self._keeps_plate))
         metadata = {**self._delivery.metadata(number), **metadata_of(person, output.passes)}
         for sink in sinks:
-            sink.write(number, picture, layers, made, metadata)
+            sink.write(number, frame, made, metadata)
 
     def _write_matte(self, number: int, person: Person, made: str) -> None:
         """Write the person's matte; an .exr has pixels of the plate's shape."""

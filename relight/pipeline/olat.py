@@ -15,6 +15,7 @@ from relight.pipeline.delivery import Delivery
 from relight.pipeline.option_fields import Report
 from relight.pipeline.options import Compute, Output, Source
 from relight.pipeline.outputs import is_exr
+from relight.pipeline.rendered_frame import cut_out
 from relight.pipeline.shot import Shot
 from relight.pipeline.sinks import FileSink, ScriptSink, SingleFile, file_of
 from relight.rendering import Layers
@@ -105,14 +106,15 @@ def write_olat(
             relit = subject.relit(light)
             if len(numbers) > 1:
                 header = {**plate, "relight:direction": light.direction}
-                writer.write(done, relit, {}, content_hash(made, light), header)
+                writer.write(done, cut_out(relit, {}), content_hash(made, light), header)
             else:
                 layers[f"C_{light.name}"] = relit[..., :3].astype(np.float16)
             report(done, len(lights), "Lights")
         if layers:
             header = {**plate, **{f"relight:{light.name}": light.direction for light in lights}}
             total = sum(layer.astype(np.float32) for layer in layers.values())
-            writer.write(0, np.dstack([total, relit[..., 3]]), layers, content_hash(made, lights), header)
+            summed = cut_out(np.dstack([total, relit[..., 3]]), layers)
+            writer.write(0, summed, content_hash(made, lights), header)
         for path in scripts:
             ScriptSink(path, groups, False, delivery).write(numbers)
     write_lights(description, lights)

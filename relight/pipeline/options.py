@@ -177,8 +177,9 @@ class Lighting(Options):
         text=list[str],
     )
     background: BackgroundSource | None = option(
-        "An image, a sequence or a movie, of any size; a linear colour such as 0.2/0.2/0.2; or environment, "
-        "the camera's view of the environments among the lights.",
+        "An image, a sequence or a movie, of any size; a linear colour such as 0.2/0.2/0.2; environment, the "
+        "camera's view of the environments among the lights; plate, the photograph itself; or none. Default: "
+        "plate for a source without alpha in .png, .jpg, .tif and movies, otherwise none.",
         parse=parse_background,
         path=True,
     )

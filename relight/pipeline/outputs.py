@@ -2,15 +2,17 @@
 
 import re
 from collections.abc import Iterable
-from dataclasses import replace
 from pathlib import Path
 from typing import Any
+
+import numpy as np
 
 from relight.lights.environment import Panorama
 from relight.lights.moving import MovingLight
 from relight.media import images, movies, nuke
+from relight.media.colour import encode, linear_space
 from relight.media.sequences import TOKEN, FrameSequence
-from relight.pipeline.options import Lighting, Output, Source
+from relight.pipeline.options import Output
 from relight.rendering import check_names
 from relight.scene.lights import SUFFIXES
 from shadow import files
@@ -50,21 +52,33 @@ def check_outputs(output: Output, sources: Iterable[object], sidecar: Path | Non
         written += _places(path)
 
 
-def with_background(source: Source, lighting: Lighting, output: Output) -> Lighting:
-    """Return lighting whose background is the photograph itself if a file without alpha is made of one.
+def shows_backgrounds(output: Output) -> bool:
+    """Return whether any output shows the photograph behind a person cut out of it: all but .exr and .nk."""
+    return any(not nuke.is_script(path) and not is_exr(path) for path in output.paths)
 
-    A person who is placed elsewhere needs another background, and so does a source with alpha. Raises
-    ValueError for a lighting without lights.
-    """
-    lighting.check_any()
-    plate: Any = source.plate
-    placed = {"size", "placement", "scale", "offset"} & set(source.given())
-    opaque = [path for path in output.paths if path.suffix.lower() in images.OPAQUE_SUFFIXES]
-    if lighting.background is not None or not opaque or placed or not isinstance(plate, str | Path):
-        return lighting
-    if Path(plate).suffix.lower() not in images.OPAQUE_SUFFIXES:
-        return lighting
-    return replace(lighting, background=plate, background_colour_space=source.colour_space)
+
+def check_alpha(output: Output, *, transparent: bool) -> None:
+    """Raise ValueError for an output that cannot hold alpha, if the pictures are transparent."""
+    for path in output.paths:
+        suffix = path.suffix.lower()
+        if transparent and suffix in (".mp4", *images.OPAQUE_SUFFIXES):
+            instead = ", or write a .mov" if suffix == ".mp4" else ""
+            raise ValueError(
+                f"{path}: {path.suffix} holds no alpha; give a background (--background){instead}"
+            )
+
+
+def check_display(output: Output, *, moving: bool) -> dict[str, Any]:
+    """Return how light becomes what displays show, as `images.write` takes it; ValueError out of range."""
+    # All frames of a sequence share one white, so that they do not pump.
+    white = movies.WHITE if output.white is None and moving else output.white
+    display: dict[str, Any] = {"view": output.view, "exposure": output.exposure, "white": white}
+    encode(np.zeros((1, 1, 3), np.float32), **display)
+    if output.output_colour_space is not None:
+        linear_space(output.output_colour_space)
+        if not any(is_exr(path) for path in output.paths):
+            raise ValueError("--output-colour-space: is that of .exr files; expected one among the outputs")
+    return display
 
 
 def check_not_read(paths: Iterable[Path], sources: Iterable[object]) -> None:
@@ -102,8 +116,8 @@ def is_exr(path: Path) -> bool:
 
 
 def held_frames(movie: Path) -> FrameSequence:
-    """Return the half-float files of a movie's frames, which exist until the movie is complete."""
-    return FrameSequence(movie.with_name(f"{movie.name}.frames"), "", 6, ".exr")
+    """Return the files of a movie's frames, code values, which exist until the movie is complete."""
+    return FrameSequence(movie.with_name(f"{movie.name}.frames"), "", 6, images.CODES_SUFFIX)
 
 
 def _path(source: object) -> Path | None:

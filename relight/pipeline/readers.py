@@ -96,6 +96,22 @@ def _picture_reader(
     return reader
 
 
+def holds_display_light(reader: Reader, colour_space: str | None) -> bool:
+    """Return whether pictures are code values of a display, whose white is 1, and not light of a scene.
+
+    `colour_space`: as stated in place of what the files say.
+    """
+    if isinstance(reader, movies.Movie):
+        return reader.holds_display_light()
+    path = reader.file(reader.numbers[0] if reader.numbers else 0)
+    if path is not None:
+        return images.holds_display_light(path, colour_space)
+    picture = reader.read(0)
+    if not isinstance(picture, np.ndarray):
+        return False
+    return picture.dtype.kind == "u" or float(picture[..., :3].max()) <= 1
+
+
 def matte_reader(mask: "Picture | None") -> Reader:
     """Return the reader of a matte."""
     return reader_of(mask, images.read_mask, movies.MatteMovie)

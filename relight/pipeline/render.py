@@ -35,8 +35,8 @@ def render_shot(
         Lighting, or lights. A relight.MovingLight changes with the frame number.
     output
         Output, or paths. Single files are a still. Sequences and movies have frames; for a still source, the
-        lights, the mask or the background determine their number. A .jpg or .hdr made of one has the
-        photograph itself behind the person, unless there is another background.
+        lights, the mask or the background determine their number. All but .exr show a source without alpha
+        behind the person, unless there is another background, which may be "none".
     compute
         Compute: device, precision and threads.
     frames
@@ -83,7 +83,8 @@ def render_shot(
     source, output = Source.of(source), Output.of(output)
     if phase not in get_args(Phase):
         raise ValueError(f"phase: expected one of {', '.join(get_args(Phase))}, got {phase!r}")
-    lighting = outputs.with_background(source, Lighting.of(lighting), output)
+    lighting = Lighting.of(lighting)
+    lighting.check_any()
     with Shot.open(source, lighting, compute) as shot:
         return render_frames(shot, output, frames, resume=resume, phase=phase, progress=progress)
 
@@ -101,16 +102,20 @@ def render_frames(
     report = progress or (lambda done, total, what: None)
     shot.check_outputs(output)
     moving, numbers = outputs.has_frames(output), shot.frames_for(output, frames)
+    display = outputs.check_display(output, moving=moving)
     start = shot.start(numbers)
     shot.check_lights(start)
+    shot.check_background()
+    keeps_plate = outputs.shows_backgrounds(output) and shot.keeps_plate
+    outputs.check_alpha(output, transparent=not (shot.has_background or keeps_plate))
     shot.prepare(report)
     delivery = Delivery(shot, output.rate)
     sinks = open_sinks(
-        output, moving=moving, transparent=not shot.has_background, resume=resume, phase=phase,
-        delivery=delivery, groups=shot.light_groups(start),
+        output, display, moving=moving, resume=resume, phase=phase, delivery=delivery,
+        groups=shot.light_groups(start),
     )  # fmt: skip
     shot.check_floor(start)
-    writer = FrameWriter(shot, output, sinks, delivery, phase, resume)
+    writer = FrameWriter(shot, output, sinks, delivery, phase, resume, keeps_plate)
     writer.begin(numbers, report)
     problems = each_frame(numbers, writer.write, report, "Relighting", raises=not moving)
     if phase != "frames":

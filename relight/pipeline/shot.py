@@ -14,8 +14,9 @@ import torch
 
 from relight import __version__
 from relight.analysis.temporal import RADIUS
-from relight.compositing.composite import ENVIRONMENT, Background
-from relight.light_estimation import PLATE, Matching, PlateLight, lights_in
+from relight.compositing.composite import ENVIRONMENT, NONE, PLATE, Background
+from relight.light_estimation import PLATE as PLATE_LIGHT
+from relight.light_estimation import Matching, PlateLight, lights_in
 from relight.lights.environment import EnvironmentLight, environments
 from relight.lights.light import Light
 from relight.lights.moving import MovingLight, lights_at
@@ -28,7 +29,7 @@ from relight.pipeline.frame import FrameInputs, FrameReader
 from relight.pipeline.option_fields import BACKGROUND, Report
 from relight.pipeline.options import Compute, Lighting, Output, Source
 from relight.pipeline.persons import FrameAnalyser, Persons
-from relight.pipeline.readers import ReadLog, plate_reader
+from relight.pipeline.readers import ReadLog, holds_display_light, person_reader, plate_reader
 from relight.rendering import check_free
 from relight.scene.camera_view import CameraView
 from relight.scene.lights import write_lights
@@ -104,7 +105,7 @@ class Shot:
     @cached_property
     def frames(self) -> FrameReader:
         """What reads the persons."""
-        return FrameReader(self.source, self._backgrounds, self._log, self._camera_view)
+        return FrameReader(self.source, self._other_backgrounds, self._log, self._camera_view)
 
     @cached_property
     def analyser(self) -> FrameAnalyser:
@@ -119,9 +120,27 @@ class Shot:
         return Persons(self.numbers, self.analyser, RADIUS if self.source.temporal_filter else 0)
 
     @cached_property
+    def _other_backgrounds(self) -> Any:
+        """What reads the backgrounds that are other pictures than the plate."""
+        background: Any = self.lighting.background
+        words = ENVIRONMENT, PLATE, NONE
+        given = None if isinstance(background, str) and background in words else background
+        return plate_reader(given, self.lighting.background_colour_space)
+
+    @cached_property
+    def _own_plates(self) -> Any:
+        """What reads the plates as backgrounds: another reader, as a movie is read in order."""
+        plates, source = self.frames.plates, self.source
+        if plates.numbers is None:
+            return plates
+        return person_reader(source.plate, source.colour_space, source.alpha)
+
+    @property
     def _backgrounds(self) -> Any:
-        background = None if self._sees_lights else self.lighting.background
-        return plate_reader(background, self.lighting.background_colour_space)
+        return self._own_plates if self._background_is(PLATE) else self._other_backgrounds
+
+    def _background_is(self, word: str) -> bool:
+        return isinstance(self.lighting.background, str) and self.lighting.background == word
 
     @cached_property
     def _plate_light(self) -> PlateLight:
@@ -129,7 +148,7 @@ class Shot:
 
     @property
     def _sees_lights(self) -> bool:
-        return isinstance(self.lighting.background, str) and self.lighting.background == ENVIRONMENT
+        return self._background_is(ENVIRONMENT)
 
     # What is so of all frames
 
@@ -167,8 +186,39 @@ class Shot:
 
     @property
     def has_background(self) -> bool:
-        """Whether there is anything behind the person."""
-        return self.lighting.background is not None
+        """Whether anything behind the person was asked for."""
+        return self.lighting.background is not None and not self._background_is(NONE)
+
+    @cached_property
+    def keeps_plate(self) -> bool:
+        """Whether outputs for a display show the plate behind the person, though no background was given.
+
+        A source without alpha keeps its background. One that is placed elsewhere needs another, a screen is
+        keyed so that it goes, and an analysis cache holds no plates. Reads the first plate.
+        """
+        return self.lighting.background is None and self._why_without_plate() is None
+
+    def _why_without_plate(self) -> str | None:
+        """Return why the plate cannot be the background; None if it can."""
+        if self.is_analysed:
+            return f"{self.source.plate} holds no photograph; name its file"
+        if {"size", "placement", "scale", "offset"} & set(self.source.given()):
+            return "the photograph is placed in another frame"
+        if self.source.key is not None and not self._background_is(PLATE):
+            return "the screen is keyed"
+        return None if self.frames.is_opaque else "the source has alpha, so nothing is behind the person"
+
+    def keeps_codes(self, keeps_plate: bool) -> bool:
+        """Return whether the background's code values are those of a display, and are passed on as they are.
+
+        `keeps_plate`: whether it is the plate because there is no other.
+        """
+        if keeps_plate or self._background_is(PLATE):
+            return holds_display_light(self._own_plates, self.source.colour_space)
+        background: Any = self.lighting.background
+        if isinstance(background, tuple):
+            return max(background) <= 1
+        return holds_display_light(self._other_backgrounds, self.lighting.background_colour_space)
 
     @property
     def files(self) -> tuple[Any, ...]:
@@ -187,7 +237,7 @@ class Shot:
 
     def light_groups(self, number: int) -> list[str]:
         """Return the names of a frame's light groups, including that of the background."""
-        matched = [PLATE] if self.matching.plate else []
+        matched = [PLATE_LIGHT] if self.matching.plate else []
         return [*by_name(self.lights(number)), *matched, *(["background"] if self.has_background else [])]
 
     # One frame
@@ -230,6 +280,31 @@ class Shot:
         return (
             background.view(size, field_of_view) if isinstance(background, EnvironmentLight) else background
         )
+
+    def behind(self, number: int, person: Person, keeps_plate: bool = False) -> Background | None:
+        """Return what is behind the person of a frame: the plate without them, if that is their background.
+
+        `keeps_plate`: it is the plate because there is no other, see the property.
+        """
+        size = person.size
+        if keeps_plate:
+            return person.clean_plate(self._log.read(self._own_plates, number))
+        background: Any = self.background(number, size)
+        if isinstance(background, np.ndarray) and self._is_plate(background, number, size):
+            return person.clean_plate(background)
+        return background
+
+    def _is_plate(self, background: np.ndarray, number: int, size: tuple[int, int]) -> bool:
+        """Return whether a background is the plate on which the person of a frame was found."""
+        if self._background_is(PLATE):
+            return True
+        if background.shape[:2] != size:
+            return False
+        file, number = self._backgrounds.file(number), self._source_frame(number)
+        if file is not None:
+            return file.resolve() in self.frames.plate_files(number)
+        plate = None if self.frames.cache else self._log.read(self.frames.plates, number)
+        return isinstance(plate, np.ndarray) and np.array_equal(plate, background)
 
     def background_lights(self, number: int, size: tuple[int, ...]) -> list[EnvironmentLight]:
         """Return the light of a frame's background, for a `size` (H, W), if the plate is matched."""
@@ -367,6 +442,12 @@ class Shot:
         self.matching.check_names(named)
         if self.matching.plate:
             self._plate_light.check()
+
+    def check_background(self) -> None:
+        """Raise ValueError if the plate is to be the background, and there is none."""
+        why = self._why_without_plate() if self._background_is(PLATE) else None
+        if why is not None:
+            raise ValueError(f"background: expected another than 'plate', as {why}")
 
     def check_floor(self, number: int) -> None:
         """Raise ValueError if the person cannot stand on the floor; those of a cache are checked later."""

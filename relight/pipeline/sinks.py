@@ -9,7 +9,6 @@ from typing import Any
 import numpy as np
 
 from relight.media import images, movies, nuke
-from relight.media.colour import encode, linear_space
 from relight.media.content_hash import HASH_ATTRIBUTE, content_hash
 from relight.media.nuke_relight import LiveLight
 from relight.media.pixel_aspect import squeeze_pixels
@@ -18,7 +17,7 @@ from relight.pipeline.delivery import Delivery
 from relight.pipeline.option_fields import Phase, Report
 from relight.pipeline.options import Output
 from relight.pipeline.outputs import held_frames, is_exr
-from relight.rendering import Layers
+from relight.pipeline.rendered_frame import RenderedFrame
 
 Made = Mapping[int, str]  # {frame number: content hash of what the frame is made from}
 
@@ -64,9 +63,9 @@ def file_of(path: Path) -> FrameSequence | SingleFile:
 
 def open_sinks(
     output: Output,
+    display: dict[str, Any],
     *,
     moving: bool,
-    transparent: bool,
     resume: bool,
     phase: Phase,
     delivery: Delivery,
@@ -74,19 +73,11 @@ def open_sinks(
 ) -> Sinks:
     """Open the outputs of a shot.
 
-    `moving`: whether it has frames, see `relight.pipeline.outputs.has_frames`. `transparent`: whether the
-    pictures have alpha. `resume`: whether frames that are right are kept. `delivery`: what the outputs keep
-    of the source. `groups`: the light groups that a script mixes. Raises ValueError for a movie that cannot
-    hold the alpha, layers that a script cannot tell apart, or values out of range.
+    `display`: how light becomes what displays show. `moving`: whether the shot has frames, see
+    `relight.pipeline.outputs`. `resume`: whether frames that are right are kept. `delivery`: what the outputs
+    keep of the source. `groups`: the light groups that a script mixes. Raises ValueError for layers that a
+    script cannot tell apart.
     """
-    # All frames of a sequence share one white, so that they do not pump.
-    white = movies.WHITE if output.white is None and moving else output.white
-    display: dict[str, Any] = {"view": output.view, "exposure": output.exposure, "white": white}
-    encode(np.zeros((1, 1, 3), np.float32), **display)  # refuses values out of range
-    if output.output_colour_space is not None:
-        linear_space(output.output_colour_space)
-        if not any(is_exr(path) for path in output.paths):
-            raise ValueError("--output-colour-space: is that of .exr files; expected one among the outputs")
     exr = {
         "depth": output.exr_type,
         "autocrop": output.autocrop,
@@ -98,13 +89,9 @@ def open_sinks(
         if nuke.is_script(path):
             continue
         if movies.is_movie(path):
-            if transparent and path.suffix.lower() == ".mp4":
-                raise ValueError(f"{path}: .mp4 holds no alpha; give a background, or write a .mov")
             movie_sinks.append(MovieSink(path, resume or phase != "all", display, delivery))
             frames.append(movie_sinks[-1])
         else:
-            if transparent and path.suffix.lower() in images.OPAQUE_SUFFIXES:
-                raise ValueError(f"{path}: {path.suffix} holds no alpha; give a background")
             frames.append(FileSink(file_of(path), resume or phase == "finalize", display, exr, delivery))
     exrs = [path for path in output.paths if is_exr(path)]
     scripts = []
@@ -134,19 +121,18 @@ class FileSink:
         """Return whether the frame exists, from whatever inputs."""
         return self.path.path(number).exists()
 
-    def write(
-        self, number: int, picture: np.ndarray, layers: Layers, made: str, metadata: images.Metadata
-    ) -> None:
+    def write(self, number: int, frame: RenderedFrame, made: str, metadata: images.Metadata) -> None:
         path = self.path.path(number)
         metadata = {HASH_ATTRIBUTE: self._hash(path, made), **metadata}
         if is_exr(path):
             self.delivery.warn_of_timecode(path, metadata)
             picture, layers, metadata = self.delivery.squeeze_layers(
-                picture, layers, metadata, self.exr["depth"]
+                *frame.layered(self.exr["depth"]), metadata, self.exr["depth"]
             )
             images.write(path, picture, layers=layers, metadata=metadata, **self.exr)
         else:
-            images.write(path, picture, metadata=metadata, **self.display)
+            picture, background = frame.shown()
+            images.write(path, picture, background=background, metadata=metadata, **self.display)
 
     def _hash(self, path: Path, made: str) -> str:
         if is_exr(path):
@@ -187,7 +173,7 @@ class ScriptSink:
 class MovieSink:
     """A movie, which takes frames as `FileSink` does.
 
-    Until it is complete, its frames are half-float files in a folder beside it.
+    Until it is complete, the code values of its frames are files in a folder beside it.
     """
 
     def __init__(self, path: Path, resume: bool, display: dict[str, Any], delivery: Delivery) -> None:
@@ -202,20 +188,21 @@ class MovieSink:
             self._clear()
 
     def has(self, number: int, made: str) -> bool:
-        return self.complete or images.read_content_hash(self.frames.path(number)) == content_hash(made)
+        held = self.frames.path(number)
+        return self.complete or images.read_content_hash(held) == self._frame_hash(made)
 
     def exists(self, number: int) -> bool:
         has_frame = self.frames.path(number).exists()
         return has_frame or (self.path.exists() and not self.frames.folder.exists())
 
-    def write(
-        self, number: int, picture: np.ndarray, layers: Layers, made: str, metadata: images.Metadata
-    ) -> None:
+    def write(self, number: int, frame: RenderedFrame, made: str, metadata: images.Metadata) -> None:
         self.frames.folder.mkdir(exist_ok=True)
-        shown = picture.clip(-images.HALF_MAX, images.HALF_MAX)
-        images.write(
-            self.frames.path(number), shown, autocrop=True, metadata={HASH_ATTRIBUTE: content_hash(made)}
-        )
+        picture, background = frame.shown()
+        picture = squeeze_pixels(picture, self.delivery.pixel_aspect)
+        if background is not None:
+            background = squeeze_pixels(background, self.delivery.pixel_aspect)
+        codes = movies.frame_codes(self.path, picture, background, **self.display)
+        images.write_codes(self.frames.path(number), codes, {HASH_ATTRIBUTE: self._frame_hash(made)})
 
     def finish(self, numbers: FrameRange, made: Made, problems: dict, report: Report) -> None:
         if self.complete:
@@ -227,12 +214,15 @@ class MovieSink:
                 "does another run write the same movie?"
             )
         pictures, comment = self._held(numbers, report), None if problems else self._hash(made)
-        movies.write_movie(
-            self.path, pictures, rate=self.delivery.rate, comment=comment, **self.display,
+        movies.write_codes(
+            self.path, pictures, rate=self.delivery.rate, comment=comment,
             pixel_aspect=self.delivery.pixel_aspect, tracks=self.delivery.tracks(numbers, self.path),
         )  # fmt: skip
         if not problems:
             self._clear()
+
+    def _frame_hash(self, made: str) -> str:
+        return content_hash(made, self.display, self.path.suffix.lower())
 
     def _hash(self, made: Made) -> str:
         return content_hash(sorted(made.items()), self.display, self.delivery.rate)
@@ -242,14 +232,14 @@ class MovieSink:
         shown, size = next(number for number in numbers if self.frames.path(number).exists()), None
         for done, number in enumerate(numbers, 1):
             shown = number if self.frames.path(number).exists() else shown
-            picture = images.read(self.frames.path(shown))
+            picture = images.read_codes(self.frames.path(shown))
             size = size or picture.shape[:2]
             if picture.shape[:2] != size:
                 raise ValueError(
                     f"{self.path}: frame {shown} has another size than the first, "
                     f"{picture.shape[:2]} instead of {size}"
                 )
-            yield squeeze_pixels(picture, self.delivery.pixel_aspect)
+            yield picture
             report(done, len(numbers), f"Encoding {self.path.name}")
 
     def _clear(self) -> None:

@@ -5,6 +5,7 @@ from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
 
+from relight.compositing.composite import PLATE
 from relight.pipeline.option_fields import Report
 from relight.pipeline.options import Compute, Lighting, Source
 from relight.pipeline.shot import Shot
@@ -35,8 +36,9 @@ def write_view(
     source
         Source, or a plate or analysis cache, see `relight.render_shot`.
     lighting
-        Lighting, or lights: the initial lights, and the background. Up to eight `DirectionalLight` and
-        `PointLight`, and one `EnvironmentLight`; a soft key light by default.
+        Lighting, or lights: the initial lights, and the background, which is the photograph itself if it has
+        no alpha and there is no other. Up to eight `DirectionalLight` and `PointLight`, and one
+        `EnvironmentLight`; a soft key light by default.
     frame
         The frame of a sequence, a movie or an analysis cache; the first by default.
     command
@@ -72,15 +74,17 @@ def write_view(
         shown = list(checked_lights(lights).values())
         number = shot.shown_frame(frame)
         shot.check_lights(number)
+        shot.check_background()
         shot.prepare(report)
         report(0, 1, "Analysing")
         subject = shot.subject(number, filtered=False)
         report(1, 1, "Analysing")
-        background = shot.background(number, subject.size)
+        background = shot.behind(number, subject, shot.keeps_plate)
+        keeps_plate = shot.keeps_plate
     plate = shot.source.plate
     title = Path(plate).name if files.is_path(plate) else "relight"
     behind = lighting.background
-    name = Path(behind).name if files.is_path(behind) else None
+    name = PLATE if keeps_plate else Path(behind).name if files.is_path(behind) else None
     subject.view(
         path,
         shown,

@@ -7,7 +7,6 @@ from dataclasses import fields
 import relight
 from relight.pipeline.analyse import store_frames
 from relight.pipeline.options import GROUPS
-from relight.pipeline.outputs import with_background
 from relight.pipeline.render import render_frames
 from relight.pipeline.shot import Shot
 
@@ -33,7 +32,6 @@ def render(source, lights, outputs, *, analyse=None, **settings):
     if analyse is None:
         return relight.render_shot(**options)
     source, lighting, output, compute = (options.pop(name) for name in GROUPS)
-    lighting = with_background(source, lighting, output)
     with Shot.open(source, lighting, compute, analyse) as shot:
         return render_frames(shot, output, **options)
 

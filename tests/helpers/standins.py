@@ -7,6 +7,7 @@ import relight
 from helpers import shots
 from relight.analysis.old_light import OldLight
 from relight.lights.rig import by_name
+from relight.media.images import scene_linear
 from shading import diffuse
 
 HEIGHT, WIDTH = 12, 16  # of a frame with somebody
@@ -77,6 +78,9 @@ class FlatSubject:
 
     def unshadowed(self, light):
         return self.image[..., 3]
+
+    def clean_plate(self, image):
+        return np.where(self.matte[..., None] > 0, 0, scene_linear("image", image)[..., :3])
 
     def temporally_filtered(self, around):
         self.filtered_by.append(len(around))

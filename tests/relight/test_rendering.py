@@ -7,7 +7,7 @@ from helpers.damage import small_canvas
 
 import relight
 from relight.empty_subject import EmptySubject
-from relight.rendering import metadata_of, render, render_subject
+from relight.rendering import metadata_of, render, render_layers, render_subject
 
 HEIGHT, WIDTH = 120, 90
 LIGHTS = [
@@ -131,12 +131,10 @@ def test_a_light_so_dim_that_half_floats_lose_it_is_warned_of(subject):
         render_subject(subject, [dim, *LIGHTS])
 
 
-@pytest.mark.parametrize("background", [None, (0.2, 0.3, 0.4)])
-def test_a_picture_is_the_same_without_its_layers(subject, background):
-    whole, _ = render_subject(subject, LIGHTS, background=background)
-    alone, layers = render_subject(subject, LIGHTS, background=background, layered=False)
-    assert layers == {}
-    np.testing.assert_array_equal(alone, whole)
+def test_a_picture_is_the_same_without_its_layers(subject):
+    whole, alone = (render_layers(subject, LIGHTS, layered=layered) for layered in (True, False))
+    assert alone.layers == {}
+    np.testing.assert_array_equal(alone.cut_out, whole.cut_out)
 
 
 def test_a_frame_without_a_person_has_every_pass():

@@ -12,7 +12,6 @@ import {
   lampsOfRows,
   lightTexts,
   mapOf,
-  readImage,
   short,
 } from "../viewer.js";
 import { FloorShadow } from "./floor.js";
@@ -70,7 +69,7 @@ export class Light {
     const host = {
       environment: (file) => askJson(`environments?name=${encodeURIComponent(file.name)}`, { body: file }),
       background: (file) => askJson(`backgrounds?name=${encodeURIComponent(file.name)}`, { body: file }),
-      original: photograph.cut_out ? null : await this.original(photograph),
+      original: scene.original && (await backdropOf(scene.original)), // without its person
       save: () => this.app.parts.save.save(".png"),
       finish: () => this.app.go("save"),
       engine: (viewer) =>
@@ -95,12 +94,6 @@ export class Light {
     if (this.still)
       this.app.tell("This browser has no WebGL 2: the server makes each picture, which takes a moment.", true);
     this.showPresets();
-  }
-
-  /** The photograph as what is behind the person. */
-  async original(photograph) {
-    const preview = await ask(`photographs/${photograph.id}/preview`);
-    return { ...(await readImage(new File([await preview.blob()], "preview.jpg"))), name: photograph.name };
   }
 
   /** Whether the server makes the pictures. */

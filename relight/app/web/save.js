@@ -190,9 +190,10 @@ function toPython(look, photograph, viewer, output, behind) {
     "    relight.Lighting(",
     ...(lights.length ? ["        light=[", ...lights.map((line) => `    ${line}`), "        ],"] : []),
     ...(environment ? [`        environment=[${environment}],`] : []),
-    ...(background
+    ...(background && background !== "original"
       ? [`        background=${Array.isArray(background) ? `(${background.join(", ")})` : text(behind)},`]
       : []),
+    ...(!background && viewer.original ? ['        background="none",'] : []),
     ...(look.floor ? [`        floor=relight.Floor(${look.floor}),`] : []),
     ...(Number(look.gloss) ? [`        gloss=${look.gloss},`] : []),
     "    ),",

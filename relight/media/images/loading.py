@@ -12,9 +12,9 @@ from PIL import JpegImagePlugin
 
 from relight.media import colour
 from relight.media.buffers import problem
-from relight.media.encodings import AP0, REC709, Encoding, decode_bt709, decode_linear
+from relight.media.encodings import AP0, REC709, Encoding, decode_bt709, decode_linear, decode_srgb
 from relight.media.icc import Profile
-from relight.media.images import headers, pages, phone
+from relight.media.images import headers, isobmff, pages, phone
 from relight.media.images.cryptomatte import check_no_cryptomatte
 from relight.media.images.jpeg2000 import jpeg2000_header, jpeg2000_space
 from relight.media.images.layers import (
@@ -90,6 +90,26 @@ def read_pixel_aspect(path: AnyPath) -> float:
     with naming(path), _openable(path) as file:
         opened = _opened(file)
         return _upright_aspect(path, opened.format_name(), opened.spec())
+
+
+def holds_display_light(path: AnyPath, space: colour.Space | None = None) -> bool:
+    """Return whether a file holds code values of a display, integers whose white is 1; raises as `load`.
+
+    `space`: the colour space, where the caller knows it.
+    """
+    path, _ = split_layer(path)
+    with naming(path):
+        if phone.reader(path) is not None:
+            with path.open("rb") as start:
+                points = isobmff.read_code_points(start.read(isobmff.HEADER))
+            stated = space or (points and Encoding.from_code_points(*points, unspecified=decode_srgb))
+            return colour.is_display_light(stated or colour.SRGB)
+        with _openable(path) as file:
+            opened = _opened(file)
+            kind, spec = opened.format_name(), opened.spec()
+            if str(spec.format) not in ("uint8", "uint16"):
+                return kind == "jpeg"  # with a gain map, of which the base is read
+            return colour.is_display_light(space or _stated_space(path, kind, spec, True))
 
 
 def _upright_aspect(path: Path, kind: str, spec: oiio.ImageSpec) -> float:

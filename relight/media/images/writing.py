@@ -12,12 +12,14 @@ from numpy.typing import ArrayLike
 
 from relight import __version__
 from relight.media import colour, content_hash
+from relight.media.encodings import Transfer
 from relight.media.images.edge import as_array, scene_linear
 from relight.media.images.exr import save_exr
 from relight.media.images.metadata import TypedValue
 from relight.media.images.saving import JPEG_LARGEST, save
 from shadow import files
 from shadow.files import AnyPath
+from shadow.srgb import encode_srgb
 
 # {name: value} of a file's header
 Metadata = Mapping[str, str | int | float | tuple[float, ...] | TypedValue]
@@ -57,6 +59,7 @@ def write(
     depth: str | None = None,
     autocrop: bool = False,
     metadata: Metadata | None = None,
+    background: ArrayLike | None = None,
     view: str | None = None,
     exposure: float = 0.0,
     white: float | None = None,
@@ -79,6 +82,10 @@ def write(
     - `autocrop`: whether an .exr stores only the box of its pixels that are not zero, its data window.
       `read`, and programs that honour the display window, show the whole picture; others show the box only.
     - `metadata`: {name: text, number or tuple of numbers} for the file's header.
+    - `background`: (H, W, 3), of the image's size, what stands behind an image with alpha. Formats of
+      integers show it as it is: only the image's own highlights are compressed, so that where the image's
+      alpha is 0, codes that were read are written bit for bit, see `relight.media.colour.encode_over`. With a
+      `view`, and in formats of floats, it is composited in linear light.
     - `colour_space`: a linear colour space for an .exr or a .tif of floats, such as "ACEScg", "ACES2065-1" or
       "Rec.2020". The image and its layers are converted to it, except normals, positions and single values.
       The file states its chromaticities. The default is linear Rec.709.
@@ -100,15 +107,18 @@ def write(
             raise ValueError(f"{path}: colour_space needs an .exr, or a .tif of floats")
         colour.linear_space(colour_space)
     pixels = scene_linear("image", image)
-    if pixels.shape[-1] == 4 and suffix in OPAQUE_SUFFIXES:
+    back = None if background is None else _background(background, pixels)
+    if back is not None and not depth.startswith("uint"):
+        pixels, back = composited(pixels, back), None
+    if back is None and pixels.shape[-1] == 4 and suffix in OPAQUE_SUFFIXES:
         if pixels[..., 3].min() < 1:
             raise ValueError(f"{path}: {path.suffix} holds no alpha; put the image over a background first")
         pixels = pixels[..., :3]
     if suffix in (".jpeg", ".jpg") and max(pixels.shape[:2]) > JPEG_LARGEST:
         raise ValueError(f"{path}: {path.suffix} holds at most {JPEG_LARGEST} pixels a side")
-    names = list("RGBA"[: pixels.shape[-1]])
     if depth.startswith("uint"):
-        pixels = encoded(pixels, view=view, exposure=exposure, white=white)
+        pixels = encoded(pixels, back, view=view, exposure=exposure, white=white)
+    names = list("RGBA"[: pixels.shape[-1]])
     stacks = {name: _layer(name, layer, pixels.shape[:2]) for name, layer in (layers or {}).items()}
     if colour_space is not None:
         pixels = _in_space(pixels, colour_space)
@@ -198,22 +208,49 @@ def new_spec(
     return spec
 
 
+def _background(background: ArrayLike, pixels: np.ndarray) -> np.ndarray:
+    """Check the background of linear pixels (H, W, 4), and return it as (H, W, 3), linear."""
+    if pixels.shape[-1] == 3:
+        raise ValueError("background: is behind an image with alpha, (H, W, 4); this one has none")
+    behind = scene_linear("background", background)
+    if behind.shape[:2] != pixels.shape[:2] or behind.shape[-1] != 3:
+        expected = (*pixels.shape[:2], 3)
+        raise ValueError(f"background: expected shape {expected}, of the image's size, got {behind.shape}")
+    return behind
+
+
+def composited(pixels: np.ndarray, background: np.ndarray) -> np.ndarray:
+    """Composite premultiplied pixels (H, W, 4) over a background (H, W, 3) in linear light: (H, W, 3)."""
+    return pixels[..., :3] + (1 - pixels[..., 3:]) * background
+
+
 def encoded(
-    pixels: np.ndarray, *, view: str | None = None, exposure: float = 0.0, white: float | None = None
+    pixels: np.ndarray,
+    background: np.ndarray | None = None,
+    *,
+    view: str | None = None,
+    exposure: float = 0.0,
+    white: float | None = None,
+    transfer: Transfer = encode_srgb,
 ) -> np.ndarray:
     """Encode linear, premultiplied (H, W, 3|4) for a display, with straight alpha: float32 in [0, 1].
 
-    `view`, `exposure`, `white`: see `relight.media.colour.encode`.
+    Over a `background` (H, W, 3), linear, it is (H, W, 3), see `relight.media.colour.encode_over`; with a
+    view it is composited in linear light. `view`, `exposure`, `white`, `transfer`: see
+    `relight.media.colour.encode`.
     """
+    if background is not None and view is None:
+        return colour.encode_over(pixels, background, exposure=exposure, white=white, transfer=transfer)
+    if background is not None:
+        pixels = composited(pixels, background)
     if pixels.shape[-1] == 3:
-        return colour.encode(pixels, view=view, exposure=exposure, white=white)
+        return colour.encode(pixels, view=view, exposure=exposure, white=white, transfer=transfer)
     rgb, alpha = pixels[..., :3], pixels[..., 3:]
     straight = np.divide(rgb, alpha, out=np.zeros_like(rgb), where=alpha > 0)
     if white is None:  # the brightest that shows: dividing by a faint alpha can make anything of it
         white = max(1.0, float(rgb.max()) * 2.0**exposure)
-    return np.concatenate(
-        [colour.encode(straight, view=view, exposure=exposure, white=white), alpha], axis=-1
-    )
+    shown = colour.encode(straight, view=view, exposure=exposure, white=white, transfer=transfer)
+    return np.concatenate([shown, alpha], axis=-1)
 
 
 def _is_depth(name: str, stack: np.ndarray) -> bool:

@@ -7,6 +7,8 @@ from relight.media.movies.writing import (
     SLOWEST,
     WHITE,
     WRITTEN,
+    frame_codes,
     frame_rate,
+    write_codes,
     write_movie,
 )

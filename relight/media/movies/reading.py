@@ -8,6 +8,7 @@ from pathlib import Path
 import av
 import numpy as np
 
+from relight.media import colour
 from relight.media.content_hash import FileRecord, content_hash, file_state
 from relight.media.encodings import Encoding, decode_bt709
 from relight.media.images.edge import linearise
@@ -138,6 +139,12 @@ class Movie:
         `sha256`: of the file as it was read; unless given, as it is now.
         """
         return content_hash(file_state(self.path) if sha256 is None else sha256, number)
+
+    def holds_display_light(self) -> bool:
+        """Return whether frames are code values of a display, whose white is 1; raises as `read`."""
+        self._codes(self.numbers[0])
+        with naming(self.path):
+            return colour.is_display_light(self.colour_space or self._encoding())
 
     def upright_aspect(self) -> float:
         """Return how many times as wide as high the pixels are once a frame stands upright.

@@ -65,6 +65,22 @@ def write_movie(
     Raises ValueError for another suffix, no frames, several sizes, alpha in an .mp4 or a rate out of range;
     OSError if the folder does not exist or the file cannot be written.
     """
+    convert = functools.partial(frame_codes, path, view=view, exposure=exposure, white=white)
+    write_codes(
+        path, _ahead(convert, frames), rate=rate, comment=comment, pixel_aspect=pixel_aspect, tracks=tracks
+    )
+
+
+def write_codes(
+    path: AnyPath,
+    frames: Iterable[np.ndarray],
+    *,
+    rate: float | Fraction = RATE,
+    comment: str | None = None,
+    pixel_aspect: float = 1.0,
+    tracks: Tracks | None = None,
+) -> None:
+    """Write a movie of frames that `frame_codes` has encoded; see `write_movie`, whose errors it raises."""
     path = files.check_writable(path, WRITTEN)
     rate, tracks = frame_rate(rate), tracks or Tracks()
     with files.replacing(path) as beside:
@@ -79,8 +95,7 @@ def write_movie(
                 if comment is not None:
                     file.metadata["comment"] = comment
                 stream: VideoStream | None = None
-                convert = functools.partial(_codes, path, view=view, exposure=exposure, white=white)
-                for number, codes in enumerate(_ahead(convert, frames)):
+                for number, codes in enumerate(frames):
                     if stream is None:
                         stream = _stream(file, path, codes.shape, rate, pixel_aspect)
                         if tracks.timecode is not None:
@@ -149,17 +164,37 @@ def _stream(
     return stream
 
 
-def _codes(path: Path, frame: ArrayLike, view: str | None, exposure: float, white: float) -> np.ndarray:
-    """Linear premultiplied light to BT.709's code values, straight, over the full range of uint16."""
-    pixels = scene_linear("frames", frame)
-    if path.suffix.lower() == ".mp4":
-        if pixels.shape[-1] == 4 and pixels[..., 3].min() < 1:
+def frame_codes(
+    path: AnyPath,
+    frame: ArrayLike,
+    background: np.ndarray | None = None,
+    *,
+    view: str | None = None,
+    exposure: float = 0.0,
+    white: float = WHITE,
+) -> np.ndarray:
+    """Encode a frame as the movie `path` holds it: (H, W, 3|4) uint16, BT.709's code values, alpha straight.
+
+    `frame`: (H, W, 3|4), linear Rec.709, premultiplied. `background`: (H, W, 3), linear, what stands behind
+    it; where the frame's alpha is 0, code values that were read from a movie in BT.709 come back bit for bit,
+    see `relight.media.colour.encode_over`. An .mp4 has even sizes: an odd row or column is repeated. `view`,
+    `exposure`, `white`: see `write_movie`. Raises ValueError for alpha in an .mp4.
+    """
+    pixels, path = scene_linear("frames", frame), Path(path)
+    opaque = pixels.shape[-1] == 3 or background is not None
+    if path.suffix.lower() == ".mp4" and not opaque:
+        if pixels[..., 3].min() < 1:
             raise ValueError(f"{path}: .mp4 holds no alpha; give a background, or write a .mov")
-        height, width = pixels.shape[:2]
-        pixels = np.pad(pixels[..., :3], ((0, height % 2), (0, width % 2), (0, 0)), mode="edge")
-    codes = encoded(pixels, view=view, exposure=exposure, white=white)
-    if view is None or "srgb" in colour.find_view(view)[1].lower():
-        codes[..., :3] = _srgb_to_bt709()[np.rint(codes[..., :3] * 65535).astype(np.uint16)]
+        pixels = pixels[..., :3]
+    display: dict[str, Any] = {"view": view, "exposure": exposure, "white": white}
+    if view is None:
+        codes = encoded(pixels, background, transfer=encodings.encode_bt709, **display)
+    else:
+        codes = encoded(pixels, background, **display)
+        if "srgb" in colour.find_view(view)[1].lower():
+            codes[..., :3] = _srgb_to_bt709()[np.rint(codes[..., :3] * 65535).astype(np.uint16)]
+    if path.suffix.lower() == ".mp4":
+        codes = np.pad(codes, ((0, codes.shape[0] % 2), (0, codes.shape[1] % 2), (0, 0)), mode="edge")
     return np.rint(codes * 65535).astype(np.uint16)
 
 

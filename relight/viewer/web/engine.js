@@ -5,9 +5,9 @@
 //            both also draw its gloss, once there is any
 //   sum      Σ colour · layer                                                        (on the canvas)
 //   enlarge  joint bilateral upsampling to the person's pixels                       (on the plate)
-//   compose  (× albedo + gloss) × coverage, over the background; or another look               (the picture)
+//   compose  (× albedo + gloss) × coverage; or another look                                    (the picture)
 //   reduce   the brightest value of the picture, which becomes the display's white
-//   show     highlights rolled off, encoded for the display
+//   show     highlights rolled off, over the background, encoded for the display
 //
 // Off-screen images have their top row first: row 0 of a texture is the picture's top row.
 
@@ -20,7 +20,7 @@ const ROWS = 14; // vec4 a sample: see shaders/light.glsl
 const RAYS = 16; // to a lamp that has a size: SAMPLES of relight/lights/near.py
 const TABLE = 128; // sides of the table of the components' weights by direction
 const BATCH = 60; // samples a draw: 60 · 14 vec4 fit the 16 KiB that every uniform block may have
-const LIT = ["light", "near"]; // programs that draw the shading of a light, or its gloss
+const PARTS = { light: "gloss", near: "gloss", compose: "backdrop", show: "backdrop" }; // that programs share
 const [SHADING, GLOSS] = [0, 1];
 export const LOOKS = ["picture", "light", "visibility", "normals", "albedo", "photograph"];
 
@@ -56,7 +56,7 @@ export class Engine {
         program(
           gl,
           this.shaders.quad,
-          this.shaders.common + (LIT.includes(name) ? this.shaders.gloss : "") + this.shaders[name],
+          this.shaders.common + (this.shaders[PARTS[name]] ?? "") + this.shaders[name],
         ),
       ]),
     );
@@ -318,18 +318,25 @@ export class Engine {
       plateGuide: this.plateGuide,
       albedo: this.albedo,
       photograph: this.photograph,
+      box: this.box,
+      look: { whole: LOOKS.indexOf(look) },
+      lightScale: this.scale,
+      gain: this.pack.description.gain,
+      ...this.behind(background),
+    });
+  }
+
+  /** What shaders/backdrop.glsl shows behind the person. */
+  behind(background) {
+    return {
       background: this.background,
       shadow: this.shadow,
       shadowed: { whole: Number(Boolean(this.floorShadow)) },
       backgroundSize: this.backdrop ? [this.backdrop.width, this.backdrop.height] : [1, 1],
-      box: this.box,
       size: this.size,
-      look: { whole: LOOKS.indexOf(look) },
-      lightScale: this.scale,
-      gain: this.pack.description.gain,
       behind: { whole: background === null ? 0 : background === "picture" ? 2 : 1 },
       backgroundColour: Array.isArray(background) ? background : [0, 0, 0],
-    });
+    };
   }
 
   /** Shows a look on the page's canvas; `part`: from and to, shares of the width. */
@@ -345,7 +352,7 @@ export class Engine {
   encode(look, exposure, background, destination, scissor = null) {
     const data = look === "visibility" || look === "normals";
     this.gl.disable(this.gl.SCISSOR_TEST);
-    this.compose(look, data || look === "albedo" ? null : background);
+    this.compose(look, null);
     let source = this.picture;
     for (const next of this.reductions) {
       this.draw("reduce", next, { source });
@@ -361,6 +368,7 @@ export class Engine {
       gain: data || look === "albedo" ? 1 : 2 ** exposure,
       data: { whole: Number(data) },
       rows: destination ? 0 : this.size[1],
+      ...this.behind(data || look === "albedo" ? null : background),
     });
   }
 

@@ -287,8 +287,10 @@ export function toCommand(state, environment, scene, backgroundName, output = "r
   for (const text of lightTexts(state)) words.push("--light", text);
   const settings = environment && environmentText(state);
   if (settings) words.push("--environment", `${environment.path},${settings}`);
-  if (typeof state.background === "string") words.push(...(backgroundName ? ["--background", backgroundName] : []));
-  else if (state.background) words.push("--background", state.background.map(short).join("/"));
+  if (state.background === "picture") words.push(...(backgroundName ? ["--background", backgroundName] : []));
+  else if (!state.background && (scene.opaque || scene.backdrop?.name === "plate"))
+    words.push("--background", "none"); // or the photograph would keep its own
+  else if (Array.isArray(state.background)) words.push("--background", state.background.map(short).join("/"));
   const floor = floorText(state);
   if (floor) words.push("--floor", floor);
   if (state.gloss) words.push("--gloss", short(state.gloss));

@@ -30,7 +30,7 @@ def folder(tmp_path, monkeypatch):
     relight.write_lights("lights.yaml", [relight.DirectionalLight(azimuth=10, name="sun")])
     Path("notes.txt").write_text("notes")
     Path("a.mov.frames").mkdir()
-    relight.write("a.mov.frames/000001.exr", person)
+    relight.write("a.mov.frames/000001.tif", person)
     Path("q.2.png").symlink_to("p.0002.png")
 
 
@@ -78,7 +78,7 @@ def run(*arguments):
             "m.png: expected a frame number in the name",
         ),
         ([*SHOT, *LAMP, "-o", "a.mov", "--save-lights", "gone/l.yaml"], "the folder gone does not exist"),
-        (["video", "a.mov.frames/%06d.exr", *LAMP, "-o", "a.mov"], "a.mov: is read as well"),
+        (["video", "a.mov.frames/%06d.tif", *LAMP, "-o", "a.mov"], "a.mov: is read as well"),
         (["video", "p.%04d.png", *LAMP, "-o", "q.%d.png"], "q.%d.png: is read as well"),
     ],
 )

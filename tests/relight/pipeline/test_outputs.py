@@ -8,7 +8,7 @@ import pytest
 
 import relight
 from relight import Output
-from relight.pipeline.outputs import check_outputs, has_frames, held_frames
+from relight.pipeline.outputs import check_alpha, check_outputs, has_frames, held_frames
 from relight.pipeline.sinks import open_sinks
 
 DELIVERY = SimpleNamespace(rate=24)  # what a movie asks of it before its frames are made
@@ -36,8 +36,8 @@ def folder(tmp_path, monkeypatch):
         ("p.%04d.png", "p.0001.png"),
         ("p.0002.png", "p.%04d.png"),
         ("q.%d.png", "p.%04d.png"),
-        ("a.mov", "a.mov.frames/%06d.exr"),
-        ("a.mov", "a.mov.frames/000001.exr"),
+        ("a.mov", "a.mov.frames/%06d.tif"),
+        ("a.mov", "a.mov.frames/000001.tif"),
     ],
 )
 def test_an_output_that_is_read_is_refused(output, source):
@@ -56,7 +56,7 @@ def test_the_map_of_an_environment_is_read(moving):
 
 @pytest.mark.parametrize("output", ["photo2.png", "sub/photo.png", "p.%04d.exr", "pp.%04d.png", "b.mov"])
 def test_outputs_that_are_no_inputs_are_accepted(output):
-    check_outputs(Output(output), ("photo.png", "p.%04d.png", "a.mov.frames/%06d.exr", np.zeros(3), None))
+    check_outputs(Output(output), ("photo.png", "p.%04d.png", "a.mov.frames/%06d.tif", np.zeros(3), None))
 
 
 def test_the_matte_and_the_lights_file_are_written_too():
@@ -72,10 +72,9 @@ def test_the_matte_and_the_lights_file_are_written_too():
 
 @pytest.mark.parametrize("name", ["a.jpg", "a.JPEG", "a.hdr", "a.mp4"])
 def test_a_picture_with_alpha_is_refused_before_it_is_made(name):
-    run = {"moving": False, "phase": "all", "groups": [], "delivery": DELIVERY, "resume": False}
     with pytest.raises(ValueError, match="holds no alpha; give a background"):
-        open_sinks(Output(name), transparent=True, **run)
-    open_sinks(Output(name), transparent=False, **run)
+        check_alpha(Output(name), transparent=True)
+    check_alpha(Output(name), transparent=False)
     if not name.endswith("mp4"):
         with pytest.raises(ValueError, match=r"expected \.png, \.tif or \.exr for a matte"):
             check_outputs(Output("o.png", save_matte=name), ())
@@ -85,8 +84,7 @@ def test_a_refused_run_keeps_the_frames_of_the_one_before():
     kept = held_frames(Path("a.mov"))
     kept.folder.mkdir()
     relight.write(kept.path(1), np.zeros((4, 4, 4), np.float32))
-    run = {"moving": True, "transparent": True, "phase": "all", "groups": ["a b", "a_b"]}
-    run |= {"delivery": DELIVERY}
+    run = {"display": {}, "moving": True, "phase": "all", "groups": ["a b", "a_b"], "delivery": DELIVERY}
     with pytest.raises(ValueError, match=r"layers: 'C_a b' and 'C_a_b' are one to Nuke"):
         open_sinks(Output(["a.mov", "a.%d.exr", "a.nk"]), resume=False, **run)
     assert kept.numbers() == [1]

@@ -7,17 +7,10 @@ uniform float gloss;
 uniform sampler2D plateGuide;
 uniform sampler2D albedo;
 uniform sampler2D photograph;
-uniform sampler2D background;
-uniform vec2 backgroundSize;
-uniform sampler2D shadow;  // of the person on the floor: factors of the background
-uniform bool shadowed;
 uniform vec4 box;  // left, top, width and height of the person's part
-uniform vec2 size;
 uniform int look;
 uniform float lightScale;
 uniform float gain;
-uniform int behind;  // 0 nothing, 1 a colour, 2 a picture
-uniform vec3 backgroundColour;
 
 vec3 person(ivec2 pixel) {
   vec4 lit = texelFetch(light, pixel, 0);
@@ -32,22 +25,11 @@ vec3 person(ivec2 pixel) {
   return texelFetch(photograph, pixel, 0).rgb / gain;
 }
 
-// Scaled to cover the picture and cropped about its centre, as relight.over does.
-vec3 backdrop() {
-  if (behind == 1) return backgroundColour;
-  float cover = max(size.x / backgroundSize.x, size.y / backgroundSize.y);
-  vec2 place = (gl_FragCoord.xy - size * 0.5) / (backgroundSize * cover) + 0.5;
-  return texture(background, place).rgb;
-}
-
 void main() {
   ivec2 pixel = ivec2(gl_FragCoord.xy - box.xy);
   bool inside = all(greaterThanEqual(gl_FragCoord.xy, box.xy)) && all(lessThan(gl_FragCoord.xy, box.xy + box.zw));
   float coverage = inside ? texelFetch(plateGuide, pixel, 0).a : 0.0;
   result = coverage > 0.0 ? vec4(person(pixel) * coverage, coverage) : vec4(0.0);
-  if (behind != 0) {
-    vec3 left = shadowed ? texture(shadow, gl_FragCoord.xy / size).rgb : vec3(1.0);
-    result = vec4(result.rgb + (1.0 - coverage) * left * backdrop(), 1.0);
-  }
+  if (behind != 0) result = vec4(result.rgb + (1.0 - coverage) * backdrop(gl_FragCoord.xy), 1.0);
   result = min(result, MOST);
 }

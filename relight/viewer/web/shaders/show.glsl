@@ -1,4 +1,5 @@
-// Linear light as a display shows it: relight.media.colour.encode, its white the brightest there is.
+// Linear light as a display shows it: relight.media.colour.encode, its white the brightest there is; over a
+// background, which keeps its code values: encode_over.
 
 uniform sampler2D picture;
 uniform sampler2D brightest;
@@ -18,6 +19,10 @@ vec3 sRGB(vec3 light) {
   return mix(curve, light * 12.92, vec3(lessThanEqual(light, vec3(0.0031308))));
 }
 
+vec3 shown(vec3 light, float white) {
+  return clamp(rollOff(light * gain, white), 0.0, 1.0);
+}
+
 void main() {
   ivec2 pixel = ivec2(gl_FragCoord.xy);
   if (rows > 0.0) pixel.y = int(rows) - 1 - pixel.y;
@@ -25,7 +30,13 @@ void main() {
   vec3 straight = value.a > 0.0 ? value.rgb / value.a : vec3(0.0);
   if (data == 0) {
     float white = max(1.0, texelFetch(brightest, ivec2(0), 0).r * gain);
-    straight = sRGB(clamp(rollOff(straight * gain, white), 0.0, 1.0));
+    straight = shown(straight, white);
+    if (behind != 0) {
+      vec3 back = shown(clamp(backdrop(vec2(pixel) + 0.5), 0.0, 1.0), max(1.0, gain));
+      straight = mix(back, straight, value.a);
+      value.a = 1.0;
+    }
+    straight = sRGB(straight);
   }
   result = rows > 0.0 ? vec4(straight * value.a, value.a) : vec4(straight, value.a);
 }
