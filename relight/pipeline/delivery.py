@@ -22,11 +22,13 @@ class Delivery:
     """What is kept of a shot's plates in .exr, .mov and .mp4.
 
     pixel_aspect: how many times as wide as high the pixels of the plates are, and of what is written; 1 where
-    the picture has a size of its own.
+    the picture has a size of its own. keeps_plate: whether outputs other than .exr show the plates behind the
+    person.
     """
 
-    def __init__(self, shot: Shot, rate: float | Fraction | None = None) -> None:
+    def __init__(self, shot: Shot, rate: float | Fraction | None = None, keeps_plate: bool = False) -> None:
         """`rate`: of the outputs, in frames a second; the source's unless given."""
+        self.keeps_plate = keeps_plate
         self.pixel_aspect, self._stated = shot.pixel_aspect, shot.rate
         self.rate: float | Fraction = rate or self._stated or RATE
         self._warned = False

@@ -23,7 +23,7 @@ class FrameWriter:
 
     `sinks`: what `open_sinks` made of the output. `delivery`: what the outputs keep of the source. `phase`:
     "finalize" only checks that the frames exist. `resume`: whether to keep existing frames that were made
-    from the same inputs. `keeps_plate`: whether outputs other than .exr show the plate behind the person.
+    from the same inputs.
     """
 
     def __init__(
@@ -34,10 +34,9 @@ class FrameWriter:
         delivery: Delivery,
         phase: Phase,
         resume: bool,
-        keeps_plate: bool,
     ) -> None:
         self._shot, self._output, self._sinks, self._delivery = shot, output, sinks, delivery
-        self._phase, self._resume, self._keeps_plate = phase, resume, keeps_plate
+        self._phase, self._resume = phase, resume
         self._mattes = None if output.save_matte is None else file_of(output.save_matte)
         self.hashes: dict[int, str] = {}  # {frame number: content hash of what it is made from}
 
@@ -75,7 +74,7 @@ class FrameWriter:
         shot, lighting = self._shot, self._shot.lighting
         return content_hash(
             shot.content_hash(number, as_read), self._output.passes, lighting.floor, lighting.effective_gloss,
-            self._keeps_plate,
+            self._delivery.keeps_plate,
         )  # fmt: skip
 
     def _check_exists(self, number: int, made: str) -> None:
@@ -111,9 +110,11 @@ class FrameWriter:
             passes=output.passes, exr_type=output.exr_type, floor=shot.lighting.floor,
             gloss=shot.lighting.effective_gloss, layered=any(map(is_exr, output.paths)),
         )  # fmt: skip
-        behind = shot.behind(number, person, self._keeps_plate)
+        behind = shot.behind(number, person, self._delivery.keeps_plate)
         back = None if behind is None else backdrop(behind, size, rendering.shadow)
-        frame = RenderedFrame(rendering, back, self._keeps_plate, shot.keeps_codes(self._keeps_plate))
+        frame = RenderedFrame(
+            rendering, back, self._delivery.keeps_plate, shot.keeps_codes(self._delivery.keeps_plate)
+        )
         metadata = {**self._delivery.metadata(number), **metadata_of(person, output.passes)}
         for sink in sinks:
             sink.write(number, frame, made, metadata)

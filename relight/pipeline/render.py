@@ -109,13 +109,13 @@ def render_frames(
     keeps_plate = outputs.shows_backgrounds(output) and shot.keeps_plate
     outputs.check_alpha(output, transparent=not (shot.has_background or keeps_plate))
     shot.prepare(report)
-    delivery = Delivery(shot, output.rate)
+    delivery = Delivery(shot, output.rate, keeps_plate)
     sinks = open_sinks(
         output, display, moving=moving, resume=resume, phase=phase, delivery=delivery,
         groups=shot.light_groups(start),
     )  # fmt: skip
     shot.check_floor(start)
-    writer = FrameWriter(shot, output, sinks, delivery, phase, resume, keeps_plate)
+    writer = FrameWriter(shot, output, sinks, delivery, phase, resume)
     writer.begin(numbers, report)
     problems = each_frame(numbers, writer.write, report, "Relighting", raises=not moving)
     if phase != "frames":
