@@ -110,11 +110,10 @@ class FrameWriter:
             passes=output.passes, exr_type=output.exr_type, floor=shot.lighting.floor,
             gloss=shot.lighting.effective_gloss, layered=any(map(is_exr, output.paths)),
         )  # fmt: skip
-        behind = shot.behind(number, person, self._delivery.keeps_plate)
+        kept = self._delivery.keeps_plate
+        behind = shot.behind(number, person, kept)
         back = None if behind is None else backdrop(behind, size, rendering.shadow)
-        frame = RenderedFrame(
-            rendering, back, self._delivery.keeps_plate, shot.keeps_codes(self._delivery.keeps_plate)
-        )
+        frame = RenderedFrame(rendering, back, kept, shot.keeps_codes(kept))
         metadata = {**self._delivery.metadata(number), **metadata_of(person, output.passes)}
         for sink in sinks:
             sink.write(number, frame, made, metadata)

@@ -50,7 +50,7 @@ def test_apply_writes_every_output(tmp_path, photo):
     assert beauty.shape == (96, 80, 4)
     assert set(layers) == {"C_key", "C_fill"}
     np.testing.assert_allclose(sum(layer[..., :3] for layer in layers.values()), beauty[..., :3], atol=5e-3)
-    assert relight.read(preview).shape == (96, 80, 4)
+    assert relight.read(preview).shape == (96, 80, 3)  # the photograph has no alpha
 
 
 def test_apply_equals_the_library(tmp_path, photo):
