@@ -31,6 +31,7 @@ CHEAP = (
 PAGES = 41  # one input in so many is a link, which a browser follows
 NETWORKS = 13  # one input in so many goes to the networks
 REQUESTS = 20  # one input in so many is a few requests to the app
+CRATES = 17  # one input in so many is a USD stage of binary layers
 MOVIES = 11  # one input in so many is a movie
 HANG = 60  # seconds without a word
 MEMORY = 8 << 30  # bytes of address space, libraries included
@@ -43,6 +44,8 @@ def kind_of(seed, cheap=False):
         return "page fragment"
     if seed % REQUESTS == 2:
         return "app request"
+    if seed % CRATES == 4:
+        return "USD crate"
     if seed % MOVIES == 3:
         return "damaged movie"
     return "apply" if seed % NETWORKS == 0 and not cheap else CHEAP[seed % len(CHEAP)]

@@ -1,16 +1,27 @@
 """USD stages, opened with care: what they draw in is inside their own folder, and composes without errors."""
 
+import functools
 import os
 import re
+import subprocess
+import sys
+import tempfile
 from pathlib import Path
 from typing import Any
 
 from relight.media.regular_file import check_regular_file
-from shadow.files import AnyPath
+from relight.scene import usd_probe
+from shadow.files import AnyPath, file_version
 from shadow.installing import install_command
 
 SUFFIXES = (".usda", ".usdc", ".usdz", ".usd")
 MOST_LAYERS = 10_000
+TEXT = b"#usda"
+# What a binary layer may take while it is read for the first time: bytes of memory, USD's own included, and
+# seconds of a processor; more for large ones. The time on the clock is bounded too, on a busy machine.
+MEMORY, MEMORY_PER_BYTE = 3 << 30, 16
+BEYOND = "is damaged: USD ends, or takes too much memory or time, while it reads it"
+SECONDS, BYTES_PER_SECOND, WALL = 20, 10 << 20, 6
 
 
 def usd() -> Any:
@@ -33,6 +44,7 @@ def open_stage(path: AnyPath, *, allow_external: bool = False) -> Any:
     from pxr import Sdf, Tf, Usd
 
     path = check_regular_file(path)
+    _check_binary(path)
     try:
         layer = Sdf.Layer.FindOrOpen(str(path.resolve()))
         if layer is not None:
@@ -51,6 +63,50 @@ def open_stage(path: AnyPath, *, allow_external: bool = False) -> Any:
     if errors:
         raise ValueError(f"{path}: cannot be composed: {first_line(errors[0])}")
     return stage
+
+
+def _check_binary(path: Path, asset: str | None = None) -> None:
+    """Raise ValueError if a binary layer cannot be read within bounds; text is let pass.
+
+    `asset`: what USD calls a file that the stage at `path` draws in.
+    """
+    file = path if asset is None else Path(asset.partition("[")[0])
+    try:
+        with file.open("rb") as opened:
+            is_text = opened.read(len(TEXT)) == TEXT
+    except OSError:
+        return  # which is reported where the stage draws it in
+    problem = "" if is_text else _problem(file.resolve(), file_version(file))
+    if problem:
+        raise ValueError(f"{path}: {problem}" if asset is None else f"{path}: draws in {asset}: {problem}")
+
+
+@functools.lru_cache(maxsize=64)
+def _problem(path: Path, version: tuple[int, ...]) -> str:
+    """Return what is wrong with a USD file, by a process of its own that reads it; "" for nothing.
+
+    `version` tells the cache when the file has been written again. Where no such process starts, as in some
+    hosts of Python, nothing is known to be wrong.
+    """
+    size = path.stat().st_size
+    seconds = SECONDS + size // BYTES_PER_SECOND
+    limits = (str(MEMORY + MEMORY_PER_BYTE * size), str(seconds))
+    program = [sys.executable, "-P", str(Path(__file__).with_name("usd_probe.py")), str(path), *limits]
+    with tempfile.TemporaryDirectory(prefix="relight-", ignore_cleanup_errors=True) as folder:
+        surroundings = {**os.environ, "PYTHONPATH": os.pathsep.join(filter(None, sys.path))}
+        surroundings |= {"TMPDIR": folder}  # USD reports its crashes there
+        try:
+            ran = subprocess.run(
+                program, capture_output=True, env=surroundings, timeout=WALL * seconds, check=False
+            )
+        except subprocess.TimeoutExpired:
+            return BEYOND
+        except OSError:
+            return ""
+    started, _, problem = ran.stdout.decode(errors="replace").partition("\n")
+    if started != usd_probe.STARTED or ran.returncode == 0:
+        return ""
+    return problem.strip() if ran.returncode == usd_probe.REFUSED else BEYOND
 
 
 def check_inside(path: AnyPath, found: str, what: str) -> None:
@@ -79,7 +135,7 @@ def _check_layers(path: Path, layer: Any, folder: Path, allow_external: bool) ->
         _check_specs(path, layer)
         if len(done) > MOST_LAYERS:
             raise ValueError(f"{path}: draws in more than {MOST_LAYERS} files")
-        for asset in layer.GetCompositionAssetDependencies():
+        for asset in filter(None, layer.GetCompositionAssetDependencies()):  # "" refers within the layer
             if not allow_external and os.path.isabs(asset):
                 raise ValueError(
                     f"{path}: has the absolute path {asset}; expected one relative to the stage, or allow "
@@ -88,6 +144,7 @@ def _check_layers(path: Path, layer: Any, folder: Path, allow_external: bool) ->
             resolved = layer.ComputeAbsolutePath(asset)
             if not allow_external:
                 check_inside(path, resolved, asset)
+            _check_binary(path, resolved)
             below = Sdf.Layer.FindOrOpen(resolved)
             if below is None:
                 raise FileNotFoundError(f"{path}: draws in {asset}, which is missing or no USD file")

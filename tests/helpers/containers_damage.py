@@ -122,6 +122,54 @@ def scene(random: Random, folder: Path) -> None:
             require(np.isfinite(still.direction).all(), "no direction")
 
 
+def usd_crate(random: Random, folder: Path) -> None:
+    """The lights of a USD stage whose binary layer has a few other bytes, or which draws in such a layer."""
+    whole = folder / "crate.usdc"
+    if not whole.exists():
+        _write_stage(whole)
+    data = bytearray(whole.read_bytes())
+    for _ in range(random.choice([1, 1, 2, 3, 8])):
+        at = random.randrange(len(data))
+        data[at] = random.choice([0, 1, 127, 255, data[at] ^ 1 << random.randrange(8), random.randrange(256)])
+    damaged = folder / "spoilt.usdc"
+    damaged.write_bytes(data if random.random() < 0.95 else data[: random.randrange(len(data))])
+    path = folder / random.choice(["spoilt.usdc", "spoilt.usdc", "drawn.usda"])
+    if path.suffix == ".usda":
+        path.write_text("#usda 1.0\n(\n    subLayers = [@./spoilt.usdc@]\n)\n")
+    try:
+        lights = relight.read_lights(path, subject_at=(0, 0, 0))
+    except ALLOWED as error:
+        require_named(path, error)
+        raise
+    for light in lights:
+        require(isinstance(light.name, str), "no name")
+
+
+def _write_stage(path: Path) -> None:
+    """A stage of lights that move, a camera, a variant, a reference and arrays."""
+    from pxr import Gf, Sdf, Usd, UsdGeom, UsdLux, Vt
+
+    stage: Any = Usd.Stage.CreateNew(str(path))
+    world = UsdGeom.Xform.Define(stage, "/World")
+    camera = UsdGeom.Camera.Define(stage, "/World/Camera")
+    camera.AddTranslateOp().Set(Gf.Vec3d(0, 0, 4))
+    for number, kind in enumerate((UsdLux.SphereLight, UsdLux.RectLight, UsdLux.DistantLight)):
+        light = kind.Define(stage, f"/World/light{number}")
+        light.CreateIntensityAttr(3.0)
+        for time in (1, 2, 5):
+            light.GetIntensityAttr().Set(float(time), time)
+        UsdGeom.Xformable(light).AddTranslateOp().Set(Gf.Vec3d(number, 1, 2))
+    copy = stage.DefinePrim("/World/copy")
+    copy.GetReferences().AddInternalReference(Sdf.Path("/World/light0"))
+    mesh = UsdGeom.Mesh.Define(stage, "/World/mesh")
+    mesh.CreatePointsAttr(Vt.Vec3fArray.FromNumpy(np.random.default_rng(2).normal(size=(99, 3)).astype("f4")))
+    mesh.CreateFaceVertexIndicesAttr(Vt.IntArray.FromNumpy(np.arange(99, dtype=np.int32)))
+    variants = world.GetPrim().GetVariantSets().AddVariantSet("look")
+    variants.AddVariant("night")
+    variants.SetVariantSelection("night")
+    stage.GetRootLayer().Save()
+
+
 def _edited_text(random: Random, text: str) -> str:
     """Exchange a number of a scene for another one, or edit its text."""
     numbers = list(re.finditer(r"(?<![\w.])-?\d[\d.e+-]*", text))

@@ -20,7 +20,7 @@ import relight
 from helpers import hostile
 from helpers.app_requests import app_request
 from helpers.commandlines import command_line
-from helpers.containers_damage import analysed_shot, foreign_image, scene
+from helpers.containers_damage import analysed_shot, foreign_image, scene, usd_crate
 from helpers.damage import (
     containers,
     damaged_analysis,
@@ -223,6 +223,7 @@ KINDS: dict[str, Callable[[Random, Path], None]] = {
     "damaged mask": damaged_mask,
     "foreign image": foreign_image,
     "scene": scene,
+    "USD crate": usd_crate,
     "analysed shot": analysed_shot,
     "app request": app_request,
     "damaged movie": damaged_movie,

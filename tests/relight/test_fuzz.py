@@ -16,6 +16,7 @@ EXAMPLES = {
     "damaged mask": 100,
     "foreign image": 100,
     "scene": 60,
+    "USD crate": 20,
     "analysed shot": 60,
     "app request": 40,
     "containers": 10,
