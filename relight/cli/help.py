@@ -20,14 +20,14 @@ SHOT: Panels = {  # of all commands that read a photograph or a shot
     "Machine": "device precision threads workers dask chunk_size analysis options_file",
 }
 STAGE: Panels = {
-    "Figures": "bodies pairs split scan scan_list variants",
+    "Figures": "bodies heads facekit pairs split scan scan_list variants",
     "Clothes and surfaces": "simulate fabrics makehuman folds relief no_normal_maps",
     "Views": "views size portrait head jitter",
     "Light": "behind directions shading",
-    "Files and machine": "pack sheet processes dask",
+    "Files and machine": "pack cutouts lightings sheet processes dask",
 }
 TRAIN: Panels = {
-    "Run": "records out preset steps duration validation minutes workers seed",
+    "Run": "records backdrops out preset steps duration validation minutes workers seed",
     "Network": "model init normals visibility blocks no_normals no_depth",
     "Recipe": "size batch lights learning_rate warm_up average borders faces angles distil",
 }

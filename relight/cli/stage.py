@@ -21,11 +21,21 @@ def stage(
     bodies: Annotated[
         str | None, typer.Option(help="Render clothed bodies of these seeds: FIRST:LAST, last exclusive.")
     ] = None,
+    heads: Annotated[
+        str | None,
+        typer.Option(
+            help="Render people of these seeds with heads of --facekit, half of them as busts: FIRST:LAST."
+        ),
+    ] = None,
+    facekit: Annotated[
+        Path | None, typer.Option(help="Folder of ICT-FaceKit's light model, ict.npz, for --heads.")
+    ] = None,
     pairs: Annotated[
         str | None, typer.Option(help="Render two people who touch, of these seeds: FIRST:LAST.")
     ] = None,
     split: Annotated[
-        str, typer.Option(help="Split of the bodies and pairs: training, validation or generalisation.")
+        str,
+        typer.Option(help="Split of the bodies, heads and pairs: training, validation or generalisation."),
     ] = "training",
     scan: Annotated[
         list[Path] | None, typer.Option(help="Render this mesh or scan (OBJ, PLY, GLB). Repeatable.")
@@ -78,7 +88,7 @@ def stage(
         Path | None,
         typer.Option(
             help="Folder of MakeHuman's assets (clothes, hair, eyebrows, eyelashes, textures), from which "
-            "--bodies get skins and brows, and often hair or a suit."
+            "--bodies get skins and brows, and often hair or a suit, and --heads hair."
         ),
     ] = None,
     fabrics: Annotated[
@@ -97,6 +107,11 @@ def stage(
     pack: Annotated[
         Path | None, typer.Option(help="Then pack the records into shards of at most 60 MiB in this folder.")
     ] = None,
+    cutouts: Annotated[
+        Path | None,
+        typer.Option(help="Then light the people of the records, and write them as PNG files with alpha."),
+    ] = None,
+    lightings: Annotated[int, typer.Option(min=1, help="Lightings of each record for --cutouts.")] = 2,
     sheet: Annotated[
         Path | None, typer.Option(help="Then draw a contact sheet of the records (PNG).")
     ] = None,
@@ -106,9 +121,10 @@ def stage(
     from shadow.evaluation import pictures
     from shadow.lightstage.stage import Settings, render_all
 
-    if relief and (bodies is not None or pairs is not None):
-        raise ValueError("--relief: expected scans only, since --bodies and --pairs have no painted folds")
+    if relief and not bodies is heads is pairs is None:
+        raise ValueError("--relief: expected scans only, since generated people have no painted folds")
     people = _people(bodies, pairs, split, records / "cloth" if simulate else None, makehuman)
+    people += _heads(heads, split, facekit, makehuman)
     sources = people + _scans([*(scan or []), *_listed(scan_list)], variants, folds, not no_normal_maps)
     if sources:
         with _executor(dask) if dask is not None else nullcontext() as pool:
@@ -122,11 +138,18 @@ def stage(
             console.print(f"{source}: {error}")
         if errors:
             raise typer.Exit(1)
-    elif pack is None and sheet is None:
-        raise ValueError("nothing to do: expected --bodies, --pairs, --scan, --scan-list, --pack or --sheet")
+    elif pack is None and sheet is None and cutouts is None:
+        raise ValueError(
+            "nothing to do: expected --bodies, --heads, --pairs, --scan, --scan-list, --pack, --cutouts or "
+            "--sheet"
+        )
     if pack is not None:
         for path in record_files.pack(records, pack):
             console.print(f"{path}: {path.stat().st_size} bytes")
+    if cutouts is not None:
+        from shadow.data import cutouts as cutout_files
+
+        console.print(f"{cutouts}: {cutout_files.write_all([records], cutouts, lightings)} cutouts")
     if sheet is not None:
         pictures.contact_sheet([records], sheet)
         console.print(f"{sheet}")
@@ -153,6 +176,17 @@ def _people(
         for seed in _seeds("--bodies", bodies)
     ]
     return people + [FigureSource.pair(seed, split) for seed in _seeds("--pairs", pairs)]
+
+
+def _heads(seeds: str | None, split: str, folder: Path | None, assets: Path | None) -> list["FigureSource"]:
+    """Return the sources of people with heads of the model in a folder."""
+    from shadow.lightstage.stage import FigureSource
+
+    if (seeds is None) != (folder is None):
+        raise ValueError("--heads: expected --facekit as well, the folder of ict.npz, and the reverse")
+    if folder is None:
+        return []
+    return [FigureSource.head(seed, split, folder, assets) for seed in _seeds("--heads", seeds)]
 
 
 def _scans(meshes: list[Path], variants: str | None, folds: bool, normal_maps: bool) -> list["FigureSource"]:

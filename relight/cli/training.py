@@ -1,4 +1,4 @@
-"""`relight train` and `relight shrink`: networks from records."""
+"""`relight train` and `relight shrink`: networks from records and cutouts."""
 
 from dataclasses import replace
 from pathlib import Path
@@ -17,14 +17,17 @@ LEVELS = 5  # of the backbone that the one-pass networks share
 ABLATIONS = {"baseline": "baseline", "none": None}  # --visibility, of Table 6
 
 
-Network = Literal["shadow", "shading"]
+Network = Literal["shadow", "shading", "matting"]
 Model = Literal["field", "resb3", "resb7", "resb11", "attention"]
 
 
 @with_options(TRAIN)
 def train(
     network: Network,
-    records: Annotated[list[Path], typer.Option(help="Records or shards to train on. Repeatable.")],
+    records: Annotated[
+        list[Path],
+        typer.Option(help="Records or shards to train on; for matting, folders of cutouts. Repeatable."),
+    ],
     out: Annotated[Path, typer.Option(help="Folder of the run; an existing run is resumed.")],
     model: Annotated[
         Model,
@@ -106,6 +109,9 @@ def train(
             "mirror image by the field of --visibility (0).",
         ),
     ] = None,
+    backdrops: Annotated[
+        Path | None, typer.Option(help="Folder of photographs (JPEG) that are behind the cutouts of matting.")
+    ] = None,
     seed: Annotated[int, typer.Option(help="Seed of photographs and weights.")] = 0,
     init: Annotated[
         Path | None,
@@ -128,7 +134,7 @@ def train(
         ),
     ] = "field",
     validation: Annotated[
-        list[Path] | None, typer.Option(help="Records to score at each checkpoint. Repeatable.")
+        list[Path] | None, typer.Option(help="Records or cutouts to score at each checkpoint. Repeatable.")
     ] = None,
     workers: Annotated[
         int | None, typer.Option(min=0, help="Number of processes that make photographs.")
@@ -139,6 +145,8 @@ def train(
     from shadow.training.loop import fit
     from shadow.training.recipes import preset as recipe_of
 
+    if (network == "matting") != (backdrops is not None):
+        raise ValueError("--backdrops: expected with `train matting`, and only there")
     task = _task(network, model, not no_normals, visibility, not no_depth)
     for name, times, without in (("borders", borders, 1), ("faces", faces, 1), ("distil", distil, 0)):
         if times not in (None, without) and model != "field":
@@ -152,6 +160,17 @@ def train(
         learning_rate=learning_rate, warm_up=warm_up, borders=borders, faces=faces, angles=angles,
         distil=distil, average=average, seed=seed,
     )  # fmt: skip
+    if backdrops is not None:
+        from shadow.training import matting
+
+        scored = None if validation is None else matting.Sources(validation, backdrops)
+        sources = matting.Sources(records, backdrops)
+        path = matting.fit(
+            recipe, sources, out, validation=scored, init=init, workers=1 if workers is None else workers,
+            checkpoint_minutes=minutes,
+        )  # fmt: skip
+        console.print(f"{path}")
+        return
     path = fit(
         task, recipe, records, out, validation=validation, init=init, estimator=normals,
         visibility="field" if visibility in ABLATIONS else visibility, workers=workers,
@@ -166,6 +185,12 @@ def _task(network: Network, model: Model, with_normals: bool, visibility: str, w
     from shadow.training.tasks import SHADOW, per_light
 
     one_pass = model == "field"
+    if network == "matting":
+        from shadow.training.matting import TASK
+
+        if one_pass and with_normals and with_depth:
+            return TASK
+        raise ValueError("--model, --no-normals, --no-depth: expected none with `train matting`")
     if not with_depth:
         if network == "shadow" and one_pass and with_normals:
             return replace(SHADOW, config={"depth": False})

@@ -25,7 +25,7 @@ from shadow import directions
 from shadow.data import records
 from shadow.lightstage import bounce, relief, scans, variants
 from shadow.lightstage.figure import Figure
-from shadow.lightstage.people.generate import bodies, pairs
+from shadow.lightstage.people.generate import bodies, heads, pairs
 from shadow.lightstage.scene import Scene, Surface
 
 FRONTAL = 1.5  # exponent that moves the azimuths of portraits toward the face; 1 is a uniform distribution
@@ -231,6 +231,12 @@ class FigureSource:
         """Return the source of a clothed body; see `bodies.body`."""
         name = f"body-{split}-{seed:06d}" + "-simulated" * simulate + "-makehuman" * (assets is not None)
         return cls(name, partial(bodies.body, seed, split, simulate=simulate, cache=cache, assets=assets))
+
+    @classmethod
+    def head(cls, seed: int, split: str, folder: Path, assets: Path | None = None) -> "FigureSource":
+        """Return the source of a person with a head of ICT-FaceKit; see `heads.head`."""
+        name = f"head-{split}-{seed:06d}" + "-makehuman" * (assets is not None)
+        return cls(name, partial(heads.head, seed, split, folder, assets))
 
     @classmethod
     def pair(cls, seed: int, split: str) -> "FigureSource":

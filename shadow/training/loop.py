@@ -44,7 +44,7 @@ CPU_BATCH = 4  # photographs that a CPU processes together
 LOG_STEPS = 50  # between two lines of the log
 
 
-class _State:
+class State:
     """The state of a run: the network, its exponential moving average, the optimiser and the clock."""
 
     def __init__(
@@ -242,12 +242,12 @@ def fit(
     """
     if task.needs_normals and estimator is None:
         estimator = visibility
-    device, rank, world = _place()
+    device, rank, world = place()
     out, size, paths = Path(out), canvas_size(recipe.size), list(records)
     source = Records(paths)
     scored = Records(validation) if validation else None
     out.mkdir(parents=True, exist_ok=True)
-    state = _State(task, recipe, out, device, init)
+    state = State(task, recipe, out, device, init)
     model = nn.parallel.DistributedDataParallel(state.network) if world > 1 else state.network
     auxiliary = _auxiliary(task, recipe, estimator, visibility, device)
     facts = _facts(task, recipe, init, estimator, visibility, device)
@@ -272,7 +272,7 @@ def fit(
             losses.append(_gradient(task, model, batch, recipe, device, auxiliary))
             state.update()
             now = time.monotonic()
-            state.seconds, tick = _agreed(state.seconds + now - tick, device, world), now
+            state.seconds, tick = agreed(state.seconds + now - tick, device, world), now
             # A step may take seconds, so a checkpoint does not wait for the next line of the log.
             due = state.finished or now - saved_at > 60 * checkpoint_minutes
             if state.step % LOG_STEPS and not due:
@@ -320,7 +320,7 @@ def _facts(
     return facts
 
 
-def _place() -> tuple[torch.device, int, int]:
+def place() -> tuple[torch.device, int, int]:
     """Return (device, rank, number of processes), with one process unless torchrun started several."""
     gpu = f"cuda:{os.environ.get('LOCAL_RANK', 0)}"
     device = torch.device(gpu if torch.cuda.is_available() else "cpu")
@@ -330,7 +330,7 @@ def _place() -> tuple[torch.device, int, int]:
     return device, dist.get_rank(), dist.get_world_size()
 
 
-def _agreed(seconds: float, device: torch.device, world: int) -> float:
+def agreed(seconds: float, device: torch.device, world: int) -> float:
     """Return the first process's clock, so that all processes have the same rate and stop together."""
     if world == 1:
         return seconds
@@ -341,7 +341,7 @@ def _agreed(seconds: float, device: torch.device, world: int) -> float:
 
 @torch.no_grad()
 def _validate(
-    state: _State, records: Records, size: tuple[int, int], auxiliary: _Auxiliary
+    state: State, records: Records, size: tuple[int, int], auxiliary: _Auxiliary
 ) -> dict[str, float]:
     """Return mean scores on fixed photographs, and draw the first four into the run's folder."""
     task, network, device = state.task, state.averaged(), state.device

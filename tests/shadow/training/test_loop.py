@@ -234,9 +234,9 @@ def test_checkpoints_follow_the_clock_and_not_the_log(folder, tmp_path, monkeypa
     clock = itertools.count(step=120.0)
     monkeypatch.setattr(loop.time, "monotonic", lambda: next(clock))
     saved = []
-    monkeypatch.setattr(loop._State, "save", lambda state, facts: saved.append(state.step))
+    monkeypatch.setattr(loop.State, "save", lambda state, facts: saved.append(state.step))
     monkeypatch.setattr(loop, "_gradient", lambda *given: torch.zeros(()))
-    monkeypatch.setattr(loop._State, "update", lambda state: setattr(state, "step", state.step + 1))
+    monkeypatch.setattr(loop.State, "update", lambda state: setattr(state, "step", state.step + 1))
     run(SHADOW, folder, tmp_path, 5, checkpoint_minutes=5)
     assert saved == [3, 5]
     rows = [json.loads(line)["step"] for line in (tmp_path / "log.jsonl").read_text().splitlines()]

@@ -118,8 +118,8 @@ class Shape:
         wardrobe = Wardrobe(person, rng, Simulator(person, name, cache) if simulate else None)
         outfits.dress(wardrobe, rng, split, self.woman, look)
         face = [] if look is None else look.face(person)
-        parts = [_skin(person, wardrobe, rng, look), _eyes(person, rng), *face, *wardrobe.parts]
-        return _assemble(parts, person, name, split)
+        parts = [skin_part(person, wardrobe, rng, look), _eyes(person, rng), *face, *wardrobe.parts]
+        return assemble(parts, person, name, split)
 
     def posed(self, pose: Pose) -> Person:
         """Return the undressed person in a pose, with arms moved out of the trunk, and hands into pockets."""
@@ -143,7 +143,9 @@ class Shape:
 # Skin ------------------------------------------------------------------------------------------------------
 
 
-def _skin(person: Person, wardrobe: Wardrobe, rng: np.random.Generator, look: Look | None = None) -> MeshPart:
+def skin_part(
+    person: Person, wardrobe: Wardrobe, rng: np.random.Generator, look: Look | None = None
+) -> MeshPart:
     """Return the skin that no garment hides, of a look or painted."""
     surface = person.base.body
     rest = surface.rows @ person.rest
@@ -226,7 +228,7 @@ def _eyes(person: Person, rng: np.random.Generator) -> MeshPart:
 # Assembly --------------------------------------------------------------------------------------------------
 
 
-def _assemble(parts: list[MeshPart], person: Person, name: str, split: str) -> Figure:
+def assemble(parts: list[MeshPart], person: Person, name: str, split: str) -> Figure:
     """Join the parts of a dressed person into a figure on the floor."""
     for part in parts:
         part.faces, rows = remove_unused(part.faces, identity(len(part.vertices), format="csr"))

@@ -136,8 +136,8 @@ def test_clothes_hide_the_body_and_keep_their_normal_map(assets, person):
     chosen.wear(wardrobe, chosen.suit)
     assert wardrobe.hidden[:13002].all()
     assert not wardrobe.hidden[13002:].any()
-    skin = bodies._skin(person, wardrobe, np.random.default_rng(0), chosen)
-    whole = bodies._skin(
+    skin = bodies.skin_part(person, wardrobe, np.random.default_rng(0), chosen)
+    whole = bodies.skin_part(
         person, bodies.Wardrobe(person, np.random.default_rng(0)), np.random.default_rng(0), chosen
     )
     assert len(skin.faces) < 0.2 * len(whole.faces)

@@ -32,7 +32,7 @@ def wardrobe(gesture, seated=False, seed=0):
     gesture(pose)
     person = shape.posed(pose)
     made = Wardrobe(person, rng)
-    made.parts.append(bodies._skin(person, made, rng))
+    made.parts.append(bodies.skin_part(person, made, rng))
     return made, rng
 
 

@@ -59,7 +59,7 @@ def test_trousers_cover_the_hand_in_their_pocket(pocketed):
 
 
 def test_nothing_is_made_of_the_fingers_that_nobody_sees(pocketed):
-    skin = bodies._skin(pocketed, Wardrobe(pocketed, np.random.default_rng(0)), np.random.default_rng(0))
+    skin = bodies.skin_part(pocketed, Wardrobe(pocketed, np.random.default_rng(0)), np.random.default_rng(0))
     points = cKDTree(skin.vertices)
     left, right = (points.query(fingers(pocketed, side))[0] for side in "LR")
     assert np.median(left) > 0.01
