@@ -3,6 +3,7 @@
 import asyncio
 import contextlib
 import json
+import math
 from collections.abc import AsyncIterator, Awaitable, Callable, Coroutine
 from typing import Any
 from urllib.parse import quote
@@ -13,6 +14,7 @@ from starlette.responses import JSONResponse, Response, StreamingResponse
 from relight.app.worker import EXPECTED, Refused
 
 BODY_BYTES = 4 << 20  # of a request that is no file
+DEPTH = 32  # levels of a request's JSON
 CONNECTION_CHECK = 0.25  # seconds between two looks whether the page is still there
 
 Report = Callable[[dict[str, Any]], None]  # what is done of a task, and how much of it
@@ -27,11 +29,29 @@ async def json_of(request: Request) -> dict[str, Any]:
             raise Refused("The request is too large.", 413)
     try:
         parsed = json.loads(body or b"{}")
+        _check_plain(parsed, DEPTH)
     except (ValueError, RecursionError) as error:
-        raise Refused("expected JSON", 400) from error
+        raise Refused("expected JSON of numbers and text that are finite, in few levels", 400) from error
     if not isinstance(parsed, dict):
         raise Refused("expected a JSON object", 400)
     return parsed
+
+
+def _check_plain(value: Any, depth: int) -> None:
+    """Raise ValueError for what Python's JSON takes and a browser's does not, and for too many levels.
+
+    That is NaN, infinity, and halves of characters; what is kept of a request is sent back as JSON.
+    """
+    if depth == 0:
+        raise ValueError("too many levels")
+    if isinstance(value, float) and not math.isfinite(value):
+        raise ValueError("not a finite number")
+    if isinstance(value, str):
+        value.encode()  # UnicodeEncodeError is a ValueError
+    for each in (
+        [*value, *value.values()] if isinstance(value, dict) else value if isinstance(value, list) else ()
+    ):
+        _check_plain(each, depth - 1)
 
 
 def refusing(endpoint: Callable[[Request], Awaitable[Response]]) -> Callable[[Request], Awaitable[Response]]:

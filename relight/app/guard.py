@@ -40,7 +40,8 @@ class Guard:
             return
         headers = {key.lower(): value.decode("latin1") for key, value in scope["headers"]}
         host, origin = headers.get(b"host", ""), headers.get(b"origin")
-        given = scope["path"].split("/")[1].encode()
+        path = scope["path"]  # "*" of OPTIONS, and a host of CONNECT, are none
+        given = path.removeprefix("/").partition("/")[0].encode(errors="replace")
         if host not in self._hosts or (origin is not None and origin != f"http://{host}"):
             refusal = "This address belongs to relight app, which answers its own pages alone.\n"
         elif not hmac.compare_digest(given, self._token):

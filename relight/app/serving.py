@@ -1,11 +1,15 @@
 """The server of `relight app`, on this machine's loopback address alone."""
 
 import contextlib
+import os
 import secrets
 import signal
 import socket
+import sys
+import threading
 from collections.abc import AsyncIterator, Callable
 from pathlib import Path
+from types import FrameType
 
 import uvicorn
 from starlette.applications import Starlette
@@ -34,6 +38,30 @@ def application(session: Session, worker: Worker, token: str, port: int) -> Guar
     return Guard(app, token, port)
 
 
+class _Server(uvicorn.Server):
+    """The server, which a second signal ends at once: uvicorn would print the traces of all requests."""
+
+    def __init__(self, config: uvicorn.Config, session: Session, worker: Worker) -> None:
+        super().__init__(config)
+        self._session, self._worker = session, worker
+
+    def handle_exit(self, sig: int, frame: FrameType | None) -> None:
+        if self.should_exit:
+            self._worker.stop()
+            self._session.close()
+            os._exit(128 + sig)
+        super().handle_exit(sig, frame)
+
+
+def _end_by_exceptions() -> None:
+    """Let SIGTERM, which uvicorn handles once it runs, end the program as an exception, so that files go."""
+    if (
+        threading.current_thread() is threading.main_thread()
+        and signal.getsignal(signal.SIGTERM) is signal.SIG_DFL
+    ):
+        signal.signal(signal.SIGTERM, lambda number, frame: sys.exit(128 + number))
+
+
 def serve(root: str | Path | None, port: int, opened: Callable[[str], None]) -> None:
     """Serve the application until it is interrupted.
 
@@ -41,6 +69,7 @@ def serve(root: str | Path | None, port: int, opened: Callable[[str], None]) -> 
     any that is free. `opened`: called with the address, token included, once requests can come. Raises
     NotADirectoryError if `root` is no folder, OSError if the port is in use.
     """
+    _end_by_exceptions()
     folder = None if root is None else Path(root)
     if folder is not None and not folder.is_dir():
         raise NotADirectoryError(f"{folder}: expected a folder to choose pictures from")
@@ -52,12 +81,12 @@ def serve(root: str | Path | None, port: int, opened: Callable[[str], None]) -> 
         listening.close()
         raise OSError(f"port {port}: cannot be used ({error.strerror}); choose another by --port") from error
     port = listening.getsockname()[1]
-    token, session = secrets.token_urlsafe(24), Session(folder)
+    token, session, worker = secrets.token_urlsafe(24), Session(folder), Worker()
     config = uvicorn.Config(
-        application(session, Worker(), token, port), log_level="warning", access_log=False,
+        application(session, worker, token, port), log_level="warning", access_log=False,
         server_header=False, limit_concurrency=200, timeout_graceful_shutdown=2,
     )  # fmt: skip
-    server = uvicorn.Server(config)
+    server = _Server(config, session, worker)
     hangup = getattr(signal, "SIGHUP", None)  # when its terminal is closed
     if hangup is not None and signal.getsignal(hangup) is signal.SIG_DFL:
         signal.signal(hangup, lambda number, frame: setattr(server, "should_exit", True))

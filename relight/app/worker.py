@@ -21,8 +21,13 @@ class Refused(Exception):
     """A request that cannot be met: a sentence for the page, and the status of HTTP."""
 
     def __init__(self, sentence: str, status: int = 422) -> None:
-        super().__init__(sentence)
+        super().__init__(as_text(sentence))
         self.status = status
+
+
+def as_text(sentence: str) -> str:
+    """Return a sentence with question marks for bytes that are no UTF-8, as names of files may have."""
+    return sentence.encode(errors="replace").decode()
 
 
 class Worker:
@@ -166,4 +171,4 @@ def _sentence(text: str, folder: str) -> str:
         home = str(Path.home())
         if len(Path(home).parts) > 1:  # that of a system's own user may be /
             text = re.sub(rf"(?<![\w./-]){re.escape(home)}(?![\w-]|\.\w)", "~", text)
-    return " ".join(text.split())
+    return as_text(" ".join(text.split()))

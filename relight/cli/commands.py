@@ -7,7 +7,7 @@ import typer
 from typer.core import TyperGroup
 
 from relight import __version__
-from relight.cli import end_interrupted
+from relight.cli import end_interrupted, printable
 from relight.cli.analyse import analyse
 from relight.cli.app import app as app_command
 from relight.cli.apply import apply
@@ -42,7 +42,7 @@ class _OneLineErrors(TyperGroup):
                 from shadow.installing import install_command  # with torch, which --help does without
 
                 message = f"needs {error.name}; install it with: {install_command(extra)}"
-            typer.echo(f"relight: {message}", err=True)
+            typer.echo(printable(f"relight: {message}"), err=True)
             raise typer.Exit(2) from error
         except MemoryError as error:
             typer.echo(f"relight: not enough memory: {error}", err=True)
@@ -55,7 +55,7 @@ class _OneLineErrors(TyperGroup):
 
 def _one_line(message: Warning | str, *place: Any, **line: Any) -> str:
     """Return a warning without the place in the source, which tells a user nothing."""
-    return f"relight: warning: {' '.join(str(message).split())}\n"
+    return printable(f"relight: warning: {' '.join(str(message).split())}\n")
 
 
 app = typer.Typer(cls=_OneLineErrors, no_args_is_help=True, pretty_exceptions_enable=False)

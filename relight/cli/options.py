@@ -3,6 +3,7 @@
 import inspect
 import json
 import os
+import sys
 from collections.abc import Callable, Iterable, Iterator, Mapping
 from contextlib import contextmanager
 from dataclasses import MISSING, Field, fields
@@ -14,12 +15,20 @@ import typer
 from rich.console import Console
 from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeRemainingColumn
 
-from relight.cli import INTERRUPTED
+from relight.cli import INTERRUPTED, printable
 from relight.cli.help import SHOT, Panels, grouped
 from relight.pipeline.option_fields import Options, from_json
 from relight.pipeline.options import GROUPS
 
-console = Console(stderr=True, markup=False, highlight=False)
+
+class _Console(Console):
+    """A terminal that obeys nothing that stands in a name."""
+
+    def print(self, *objects: Any, **options: Any) -> None:
+        super().print(*(printable(each) if isinstance(each, str) else each for each in objects), **options)
+
+
+console = _Console(stderr=True, markup=False, highlight=False)
 
 Frames = Annotated[
     str | None,
@@ -118,7 +127,7 @@ def progress_bars(interrupted: str = "") -> Iterator[Callable[[int, int | None, 
     def report(done: int, total: int | None, what: str) -> None:
         progress.start()
         if what not in tasks:
-            tasks[what] = progress.add_task(what, total=total)
+            tasks[what] = progress.add_task(printable(what), total=total)
         progress.update(tasks[what], completed=done, total=total)
 
     try:
@@ -135,7 +144,10 @@ def progress_bars(interrupted: str = "") -> Iterator[Callable[[int, int | None, 
 
 def print_written(path: Path) -> None:
     """Print the name of a written file to standard output, as bytes where the system has it so."""
-    typer.echo(os.fsencode(path) if os.name == "posix" else str(path))
+    if sys.stdout.isatty():
+        typer.echo(printable(str(path)))
+    else:
+        typer.echo(os.fsencode(path) if os.name == "posix" else str(path))
 
 
 def report_failures(problems: Mapping[int, str], outputs: Iterable[Path]) -> None:

@@ -7,6 +7,7 @@ https://github.com/OpenJobDescription/openjd-specifications, "Template Schemas",
 
 import json
 import os
+import re
 import warnings
 from collections.abc import Iterator
 from dataclasses import fields, replace
@@ -210,7 +211,7 @@ class _Job:
         embedded: dict[str, Any] = {}
         document = {group: stored for group, each in options.items() if (stored := _without_files(each))}
         if document:
-            data = json.dumps(document, indent=1)
+            data = _without_expressions(json.dumps(document, indent=1))
             file = {"name": "Options", "type": "TEXT", "filename": "options.json", "data": data}
             embedded = {"embeddedFiles": [file]}
             words = [*words, "--options", "{{Task.File.Options}}"]
@@ -222,7 +223,7 @@ class _Job:
         template = {
             "specificationVersion": "jobtemplate-2023-09",
             "extensions": ["TASK_CHUNKING"],
-            "name": f"relight {self._path.stem}"[:128],
+            "name": f"relight {_plain(self._path.stem)}"[:128],
             "parameterDefinitions": self.parameters,
             "steps": self.steps,
         }
@@ -232,6 +233,16 @@ class _Job:
             text = yaml.safe_dump(template, sort_keys=False)
         with files.replacing(self._path) as beside:
             beside.write_text(text + "\n", encoding="utf-8")
+
+
+def _without_expressions(text: str) -> str:
+    """Return JSON, indented, without the double braces that a template would take for its own expressions."""
+    return text.replace("{{", "\\u007b\\u007b").replace("}}", "\\u007d\\u007d")
+
+
+def _plain(name: str) -> str:
+    """Return a name as a job may have it: without control characters and double braces."""
+    return re.sub(r"([{}])\1+", r"\1", re.sub(r"[\x00-\x1f\x7f-\x9f]+", " ", name))
 
 
 def _analysis_beside(path: Path, plate: object) -> Path:

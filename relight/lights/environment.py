@@ -21,6 +21,7 @@ from relight.lights.light import DistantLight, parse_settings
 from relight.lights.parameters import Number, Parameter, checked_number
 from relight.media import cubemap, images, photo_sphere
 from relight.media.content_hash import content_hash
+from relight.media.option_texts import split_file_and_settings
 from relight.media.regular_file import check_regular_file
 from relight.media.resampling import resize, sample
 from shadow.directions import from_spherical
@@ -86,11 +87,12 @@ class EnvironmentLight(DistantLight):
 
     @classmethod
     def parse(cls, text: str) -> Self:
-        """Parse a light from text: `studio.exr,rotation=90,intensity=2`; named "environment" by default."""
-        path, *settings = text.split(",")
-        while settings and "=" not in settings[0]:  # a comma in the file's name
-            path += f",{settings.pop(0)}"
+        """Parse a light from text: `studio.exr,rotation=90,intensity=2`; named "environment" by default.
+
+        A name with commas and equals signs may stand in double quotes.
+        """
         try:
+            path, settings = split_file_and_settings(text)
             return cls(path, **{"name": "environment"} | parse_settings(cls, settings))
         except (TypeError, ValueError) as error:
             raise ValueError(f"environment {text!r}: {error}") from error

@@ -35,6 +35,7 @@ FILES = {  # file: its place in the package, its SHA-256
 }
 LICENCE = f"{PACKAGE}-{VERSION}.dist-info/LICENSE"
 RAW_PROGRESS = (24, 1)  # the first version of pip that prints bytes
+MAX_LICENCE_BYTES = 1 << 20
 MAX_BYTES = 64 << 20  # of a file in the package; the largest has 6.4 MB
 
 Progress = Callable[[int, int, str], None]
@@ -130,6 +131,8 @@ def _unpacked(wheel: Path, kept: Path) -> Path:
                 contents[name] = archive.read(place)
                 if hashlib.sha256(contents[name]).hexdigest() != sha256:
                     raise DamagedFileError(f"{wheel}: {place} is not the file that was published")
+            if archive.getinfo(LICENCE).file_size > MAX_LICENCE_BYTES:
+                raise DamagedFileError(f"{wheel}: {LICENCE} is larger than expected")
             licence = archive.read(LICENCE)
     except KeyError as error:
         raise DamagedFileError(

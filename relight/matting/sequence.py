@@ -10,6 +10,7 @@ import numpy as np
 
 from relight.matting import networks, refine
 from relight.matting.person import FoundPerson
+from relight.media.option_texts import split_file_and_settings
 from shadow.files import AnyPath
 
 WARM_UP_FRAMES = 5  # that a recurrent network sees before the first one that is asked for
@@ -37,7 +38,7 @@ class MattingOptions:
                     "person: expected a matting model as well (--matte), whose people it is among"
                 )
             return None
-        path, *words = str(model or "").split(",")
+        path, words = split_file_and_settings(str(model or ""))
         return cls(path or None, dict(map(_option, words)), person, refine)
 
 

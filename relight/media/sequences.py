@@ -25,6 +25,7 @@ TOKEN = re.compile(r"%0?(?P<printf>\d*)d|(?P<hashes>#+)")
 SPAN = re.compile(
     r"(-?[0-9]{1,20})(?:-(-?[0-9]{1,20})(?:[x:]([0-9]{1,20}))?)?"
 )  # 7, -3-100, 1-100x2, 1-100:2
+MOST_DIGITS = 20  # of a frame number in a file's name
 MAX_FRAME_NUMBER = 10**9
 MAX_FRAMES = 10**6  # of a shot: 11 hours at 24 a second
 
@@ -123,7 +124,9 @@ class FrameSequence:
             )
             if not path.parent.is_dir() or not any(map(number.fullmatch, os.listdir(path.parent))):
                 return None
-        digits = len(token["hashes"]) if token["hashes"] else int(token["printf"] or 1)
+        digits = len(token["hashes"]) if token["hashes"] else int(token["printf"][:9] or 1)
+        if digits > MOST_DIGITS:
+            raise ValueError(f"{path}: expected a frame number of up to {MOST_DIGITS} digits")
         return cls(path.parent, path.name[: token.start()], max(digits, 1), path.name[token.end() :], layer)
 
     def __str__(self) -> str:

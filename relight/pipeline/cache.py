@@ -7,6 +7,7 @@ import math
 import os
 import warnings
 from collections.abc import Callable
+from dataclasses import replace
 from fractions import Fraction
 from pathlib import Path
 from typing import Any, TypeGuard, TypeVar
@@ -15,7 +16,7 @@ from relight.analysis import storage
 from relight.empty_subject import load_subject
 from relight.errors import DamagedFileError, MissingFramesError, StaleAnalysisError
 from relight.lights.environment import FIELD_OF_VIEW
-from relight.media.content_hash import FileRecord
+from relight.media.content_hash import FileRecord, hash_file
 from relight.media.sequences import FrameSequence
 from relight.pipeline.options import Compute, Source
 from relight.pipeline.plate_metadata import PlateMetadata
@@ -126,9 +127,27 @@ class AnalysisCache:
             )
             return PlateMetadata()
         try:
-            return PlateMetadata.from_json(provenance["plate_metadata"], self.folder)
+            found = PlateMetadata.from_json(provenance["plate_metadata"], self.folder)
         except ValueError as error:
             raise DamagedFileError(f"{path}: {error}") from error
+        if found.sound is None or not found.sound.is_file() or self._is_source(found.sound, provenance):
+            return found
+        self._warn("sound", f"{found.sound} is not the movie that was analysed; its sound is left out")
+        return replace(found, sound=None)
+
+    def _is_source(self, path: Path, provenance: dict[str, Any]) -> bool:
+        """Return whether a file is one from which a frame was analysed, by all of its bytes.
+
+        Whoever made a cache may name any file of this machine, with its size and time, but not its content.
+        """
+        try:
+            return any(
+                (self.folder / source["path"]).resolve() == path.resolve()
+                and source["sha256"] == hash_file(path)
+                for source in provenance["sources"]
+            )
+        except (LookupError, OSError, TypeError) as error:
+            raise DamagedFileError(f"{self.folder}: is damaged: its sources are none: {error}") from error
 
     def _positive(self, name: str, kind: Callable[[Any], Number]) -> Number | None:
         """Return a number of the provenance of the first readable frame; None where it states none.

@@ -174,5 +174,5 @@ def first_line(error: Any) -> str:
         said = " ".join(str(error).split())
     except UnicodeDecodeError:  # USD quotes a damaged file
         return "it is damaged"
-    match = re.search(r" : '(.*)'", said)
+    match = re.search(r" : '(.*?)'(?= Error in |$)", said)  # the first of several
     return re.sub(r"pxrInternal\S*", "the grammar", match[1] if match else said)[:300]

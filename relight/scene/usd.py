@@ -13,7 +13,7 @@ from relight.lights.light import Light
 from relight.lights.moving import MovingLight
 from relight.scene.asset import ROUGHNESS, Asset, companion
 from relight.scene.mesh import CUTOFF
-from relight.scene.stage import SUFFIXES, usd
+from relight.scene.stage import SUFFIXES, first_line, usd
 from relight.scene.usd_writing import Place, add_lights
 from shadow.files import AnyPath, check_writable, replacing
 
@@ -104,7 +104,10 @@ def _stage(target: Path) -> Iterator[_Writing]:
     from pxr import Kind, Sdf, Usd, UsdGeom, UsdUtils
 
     packed = target.suffix.lower() == ".usdz"
-    with tempfile.TemporaryDirectory(prefix="relight-", ignore_cleanup_errors=True) as temporary:
+    with (
+        tempfile.TemporaryDirectory(prefix="relight-", ignore_cleanup_errors=True) as temporary,
+        _named_errors(target, temporary),
+    ):
         folder = Path(temporary)
         path = folder / f"{target.stem}{'.usdc' if packed else target.suffix}"
         stage: Any = Usd.Stage.CreateNew(str(path))
@@ -125,6 +128,20 @@ def _stage(target: Path) -> Iterator[_Writing]:
                 if file != path:
                     _replace(target.with_name(file.name), file)
         _replace(target, whole)
+
+
+@contextmanager
+def _named_errors(target: Path, folder: str) -> Iterator[None]:
+    """Raise USD's own errors, as a full disk's, as an OSError of the file that is written."""
+    from pxr import Tf
+
+    try:
+        yield
+    except Tf.ErrorException as error:
+        raise OSError(
+            f"{target}: cannot be written: {first_line(error)}; there may be too little room in "
+            f"{Path(folder).parent}: the environment variable TMPDIR names another folder"
+        ) from error
 
 
 def _replace(target: Path, file: Path) -> None:

@@ -8,6 +8,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+import yaml
 from helpers import shots
 from helpers.killing import differences
 from helpers.stored import store
@@ -218,3 +219,23 @@ def test_a_job_lights_by_a_preset_or_a_scene_as_the_commands_do(shot, lights, le
         assert result.exit_code == 0, result.output
     run_openjd("-p", "Analysis=farm.relight")
     assert differences(Path("farm"), Path("one")) == []
+
+
+@pytest.mark.parametrize(
+    "name", ["shot{{v2}}.json", "a\nb.json", "x{{{y}}}.yaml", "z\x1b\x9c.json", "}}.json"]
+)
+def test_any_name_makes_a_job_that_is_valid(tmp_path, monkeypatch, name):
+    folder = tmp_path / "a{{x}}"
+    folder.mkdir()
+    monkeypatch.chdir(folder)
+    pixels = np.zeros((48, 40, 4), np.float32)
+    pixels[6:46, 10:30] = 0.4, 0.3, 0.2, 1
+    relight.write("p.exr", pixels)
+    relight.write("b.exr", pixels[..., :3], layers={"wall": pixels[..., :3] + 0.1})
+    lighting = relight.Lighting(relight.DirectionalLight(azimuth=3, name="key"), background="b.exr:wall")
+    relight.write_job(name, "p.exr", lighting, "o.exr")
+    template = yaml.safe_load(Path(name).read_text())
+    decode_job_template(template=template, supported_extensions=["TASK_CHUNKING"])
+    data = template["steps"][-1]["script"]["embeddedFiles"][0]["data"]
+    assert "{{" not in data
+    assert json.loads(data)["lighting"]["background"].endswith("a{{x}}/b.exr:wall")

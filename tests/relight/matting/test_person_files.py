@@ -47,6 +47,18 @@ def test_the_files_are_kept_with_their_licence(tmp_path, cache):
     assert (cache / "LICENSE").read_text() == "the licence"
 
 
+@pytest.mark.parametrize("size", [(1 << 20) + 1, 64 << 20])
+def test_a_licence_without_bounds_is_refused_and_nothing_is_kept(tmp_path, cache, size):
+    path = tmp_path / "m.whl"
+    with zipfile.ZipFile(path, "w", zipfile.ZIP_DEFLATED) as archive:
+        for name, (place, _) in person_files.FILES.items():
+            archive.writestr(place, CONTENTS[name])
+        archive.writestr(person_files.LICENCE, bytes(size))
+    with pytest.raises(DamagedFileError, match=r"LICENSE is larger than expected"):
+        person_files.fetch(path)
+    assert not list(cache.iterdir())
+
+
 def test_other_files_are_refused_and_nothing_is_kept(tmp_path, cache):
     for name, others, message in (
         ("other", {"pose_landmark_full": b"something else"}, "is not the file that was published"),

@@ -134,3 +134,10 @@ def test_signs_within_a_word_are_no_frame_number(tmp_path, name):
 def test_signs_within_a_word_are_a_frame_number_of_files_that_there_are(tmp_path):
     (tmp_path / "take12b.png").touch()
     assert FrameSequence.of(tmp_path / "take#b.png").numbers() == [12]
+
+
+@pytest.mark.parametrize("name", ["p.%0900000000d.exr", "p.%021d.exr", f"p.{'#' * 60}.exr"])
+def test_frame_numbers_of_too_many_digits_are_refused(name):
+    with pytest.raises(ValueError, match=r"expected a frame number of up to 20 digits"):
+        FrameSequence.of(name)
+    assert FrameSequence.of("p.%020d.exr").path(3).name == f"p.{3:020}.exr"

@@ -1,5 +1,8 @@
 """Binary layers of USD (.usdc): each byte of one may be wrong, and USD itself trusts all of them."""
 
+import subprocess
+import sys
+
 import pytest
 
 from relight.scene import stage as scene_stage
@@ -61,3 +64,21 @@ def test_a_stage_that_takes_too_much_memory_is_refused_within_bounds(tmp_path, m
     monkeypatch.setattr(scene_stage, "MEMORY", 100 << 20)  # less than USD alone takes
     with pytest.raises(ValueError, match=r"set\.usdc: is damaged: USD (ends|cannot)"):
         read_lights(tmp_path / "set.usdc", subject_at=(0, 0, 0))
+
+
+@pytest.mark.parametrize("suffix", ["usda", "usdc", "usdz"])
+def test_a_full_disk_is_an_error_of_the_file(tmp_path, suffix):
+    """By a limit of the size of files, in a process of its own."""
+    path = tmp_path / f"rig.{suffix}"
+    program = f"""
+import resource, signal, relight, pxr
+signal.signal(signal.SIGXFSZ, signal.SIG_IGN)
+resource.setrlimit(resource.RLIMIT_FSIZE, (300, 300))
+try: relight.write_lights({str(path)!r}, [relight.DirectionalLight(name=f"l{{i}}") for i in range(50)])
+except OSError as error: print(error)
+"""
+    ran = subprocess.run([sys.executable, "-c", program], capture_output=True, text=True, check=True)
+    assert ran.stdout.startswith(f"{path}: cannot be written: ")
+    assert "TMPDIR" in ran.stdout
+    assert len(ran.stdout.splitlines()) == 1
+    assert not path.exists()
