@@ -10,8 +10,9 @@ from relight.analysis import storage
 from relight.analysis.camera import Camera, focal_length
 from relight.compositing.clean_plate import checked_plate
 from relight.lights.environment import FIELD_OF_VIEW
-from relight.lights.rig import Lights, by_name
-from relight.subject import Person, Subject, weights
+from relight.lights.light import Light
+from relight.lights.rig import Lights, as_lights, by_name
+from relight.subject import PHOTOGRAPH, Person, Subject, weights
 from shadow.files import AnyPath
 
 
@@ -40,13 +41,24 @@ class EmptySubject:
         """See `Subject.temporally_filtered`; neighbours bring nobody into the frame."""
         return self
 
-    def relit(self, lights: Lights, gloss: float = 0.0) -> np.ndarray:
+    def preset_gain(self, name: str) -> float:
+        """See `Subject.preset_gain`: 1."""
+        return 1.0
+
+    def preset(self, name: str) -> list[Light]:
+        """See `Subject.preset`."""
+        return as_lights(name)
+
+    def relit(self, lights: Lights, gloss: float = 0.0, amount: float = 1.0) -> np.ndarray:
         """See `Subject.relit`: zero."""
         return np.zeros((*self.size, 4), np.float32)
 
-    def pixels_per_light(self, lights: Lights, gloss: float = 0.0) -> Iterator[tuple[str, torch.Tensor]]:
+    def pixels_per_light(
+        self, lights: Lights, gloss: float = 0.0, amount: float = 1.0
+    ) -> Iterator[tuple[str, torch.Tensor]]:
         """See `Subject.pixels_per_light`; all pixels of the plate are the person's, and zero."""
-        return ((name, torch.zeros(self.size[0] * self.size[1], 4)) for name in by_name(lights))
+        names = [*([PHOTOGRAPH] if amount < 1 else []), *by_name(lights)]
+        return ((name, torch.zeros(self.size[0] * self.size[1], 4)) for name in names)
 
     def on_plate(self, pixels: torch.Tensor) -> np.ndarray:
         """See `Subject.on_plate`."""

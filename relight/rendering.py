@@ -23,11 +23,12 @@ from relight.compositing.composite import (
 from relight.compositing.floor import Floor
 from relight.lights.environment import FIELD_OF_VIEW, EnvironmentLight, environments
 from relight.lights.light import Light
-from relight.lights.rig import Lights, as_lights, by_name
+from relight.lights.rig import Lights, as_lights, by_name, check_free, checked_amount, scaled
 from relight.media.images import Metadata, half, read, scene_linear
 from relight.subject import Person, Subject
 from shadow.files import AnyPath, is_path
 
+BACKGROUND_LAYER = "background"
 PASSES = ("albedo", "N", "Z", "P", "visibility", "shading", "gloss")
 EXR_TYPES = ("half", "float")
 
@@ -48,6 +49,7 @@ def apply(
     field_of_view: float = FIELD_OF_VIEW,
     floor: Floor | None = None,
     gloss: float = 0.0,
+    amount: float = 1.0,
     device: str | torch.device | None = None,
 ) -> np.ndarray:
     """Relight the person in an image.
@@ -57,7 +59,8 @@ def apply(
     image
         (H, W, 3|4). Integers are sRGB-encoded with straight alpha; floats linear Rec.709, premultiplied.
     lights
-        A light, any number of them, or the name of a preset (see `relight.presets`).
+        A light, any number of them, or the name of a preset, whose lights leave the face as bright as it is
+        in the photograph (see `Subject.preset`).
     background
         An image of any size, scaled to cover the frame; a linear (r, g, b); or a relight.EnvironmentLight,
         which is rendered as the camera sees it (see `relight.over`). Or text, as the command takes it: a
@@ -79,6 +82,8 @@ def apply(
         relight.Floor on which the person stands. The person's shadow on it is cast on the background.
     gloss
         Strength, in [0, 1], of a reflection at grazing angles, see `Subject.relit`; none by default.
+    amount
+        Share of these lights, in [0, 1]: the rest is the photograph, see `Subject.relit`.
     device
         Device of the networks, such as "cuda"; the CPU by default.
 
@@ -102,14 +107,16 @@ def apply(
     >>> relight.apply(photo, key, background=(0.1, 0.1, 0.1)).shape
     (64, 48, 3)
     """
-    lights, gloss = as_lights(lights), checked_gloss(gloss)
+    named = lights if isinstance(lights, str) else None
+    lights, gloss, amount = as_lights(lights), checked_gloss(gloss), checked_amount(amount)
     background = _background(background, lights)
     given = check_inputs(
         image, mask, albedo, normals, depth, height=height, field_of_view=field_of_view, device=device,
         matte=matte,
     )  # fmt: skip
     subject = _analysed(given, floor)
-    return relit_over(subject, lights, _behind(subject, background, lights, given.plate), floor, gloss)
+    behind = _behind(subject, background, lights, given.plate)
+    return relit_over(subject, named or lights, behind, floor, gloss, amount)
 
 
 def relit_over(
@@ -118,13 +125,19 @@ def relit_over(
     background: Background | None = None,
     floor: Floor | None = None,
     gloss: float = 0.0,
+    amount: float = 1.0,
 ) -> np.ndarray:
     """Relight an analysed person over a background; see `apply`."""
-    picture = subject.relit(lights, gloss)
+    picture = subject.relit(lights, gloss, amount)
     if background is None:
         return picture
-    shadow = None if floor is None else subject.shadows(lights, floor)[1]
+    shadow = None if floor is None else partial_shadow(subject.shadows(lights, floor)[1], amount)
     return over(picture, background, shadow)
+
+
+def partial_shadow(shadow: np.ndarray, amount: float) -> np.ndarray:
+    """Return the shadow on a floor, factors of the background, of a share of the lights that cast it."""
+    return 1 - np.float32(amount) * (1 - shadow)
 
 
 def _background(background: Background | AnyPath | None, lights: Iterable[Light]) -> Background | None:
@@ -155,6 +168,7 @@ def render(
     exr_type: str = "half",
     floor: Floor | None = None,
     gloss: float = 0.0,
+    amount: float = 1.0,
     device: str | torch.device | None = None,
 ) -> tuple[np.ndarray, Layers]:
     """Relight the person in an image, and return the layers of the picture too, for an OpenEXR file.
@@ -163,7 +177,7 @@ def render(
     ----------
     image, lights, background, mask, matte, albedo, normals, depth, height, field_of_view
         See `relight.apply`.
-    floor, gloss, device
+    floor, gloss, amount, device
         See `relight.apply`.
     passes
         Any of "albedo", "N", "Z", "P", "visibility", "shading", "gloss", see `passes_of`.
@@ -190,11 +204,13 @@ def render(
     >>> sorted(layers)
     ['C_key', 'N', 'P']
     """
+    preset = lights if isinstance(lights, str) else None
     lights = list(by_name(lights).values())  # refuse what is wrong with them before the networks run
     passes = check_names(passes)
     if exr_type not in EXR_TYPES:
         raise ValueError(f"exr_type: expected {' or '.join(EXR_TYPES)}, got {exr_type!r}")
-    gloss, background = checked_gloss(gloss), _background(background, lights)
+    gloss, amount = checked_gloss(gloss), checked_amount(amount)
+    background = _background(background, lights)
     given = check_inputs(
         image, mask, albedo, normals, depth, height=height, field_of_view=field_of_view, device=device,
         matte=matte,
@@ -202,8 +218,9 @@ def render(
     subject = _analysed(given, floor)
     behind = _behind(subject, background, lights, given.plate)
     return render_subject(
-        subject, lights, background=behind, passes=passes, exr_type=exr_type, floor=floor, gloss=gloss
-    )
+        subject, subject.preset(preset) if preset else lights, background=behind, passes=passes,
+        exr_type=exr_type, floor=floor, gloss=gloss, amount=amount,
+    )  # fmt: skip
 
 
 def _analysed(given: AnalysisInputs, floor: Floor | None) -> Subject:
@@ -235,14 +252,17 @@ def render_layers(
     exr_type: str = "half",
     floor: Floor | None = None,
     gloss: float = 0.0,
+    amount: float = 1.0,
     layered: bool = True,
 ) -> Rendering:
     """Render an analysed person without a background; see `render_subject`."""
-    lights, passes = as_lights(lights), check_names(passes)
-    picture, layers = light_groups(subject, lights, exr_type, gloss, layered)
-    further, shadow = passes_of(subject, lights, passes), None
+    amount, passes = checked_amount(amount), check_names(passes)
+    lights = subject.preset(lights) if isinstance(lights, str) else as_lights(lights)
+    picture, layers = light_groups(subject, lights, exr_type, gloss, layered, amount)
+    further, shadow = passes_of(subject, scaled(lights, amount), passes), None
     if floor is not None:
         per_light, shadow = subject.shadows(lights, floor)
+        shadow = partial_shadow(shadow, amount)
         further |= {f"shadow_floor_{name}": layer for name, layer in per_light.items()}
     return Rendering(picture, layers | further if layered else {}, shadow)
 
@@ -262,25 +282,30 @@ def render_subject(
     exr_type: str = "half",
     floor: Floor | None = None,
     gloss: float = 0.0,
+    amount: float = 1.0,
 ) -> tuple[np.ndarray, Layers]:
     """Render the picture of an analysed person that `relight.apply` returns, and layers for `relight.write`.
 
-    `background`, `floor`, `gloss`: see `relight.apply`. `passes`: further layers, of PASSES. `exr_type`: see
-    `relight.render`. The layers are
+    `background`, `floor`, `gloss`, `amount`: see `relight.apply`. `passes`: further layers, of PASSES.
+    `exr_type`: see `relight.render`. The layers are
 
     - "C_<light>" (H, W, 4), light groups whose colours, rounded to `exr_type`, sum to the picture's;
+    - with an amount below 1 "C_photograph" (H, W, 4), the share of the photograph's own light, one of them;
     - over a background "C_background" (H, W, 3), its visible part with the shadow of all lights in it;
     - on a floor "shadow_floor_<light>" (H, W, 3), the factor of the background if there were no other light;
     - the passes, see `passes_of`.
 
-    Raises ValueError for no light, two lights of one name, an unknown pass, or a gloss outside [0, 1].
+    Raises ValueError for no light, two lights of one name, an unknown pass, or a gloss or an amount outside
+    [0, 1].
     """
-    lights = as_lights(lights)
+    lights = subject.preset(lights) if isinstance(lights, str) else as_lights(lights)
     background = _background(background, lights)
-    rendering = render_layers(subject, lights, passes=passes, exr_type=exr_type, floor=floor, gloss=gloss)
+    rendering = render_layers(
+        subject, lights, passes=passes, exr_type=exr_type, floor=floor, gloss=gloss, amount=amount
+    )
     if background is None:
         return rendering.cut_out, rendering.layers
-    check_free(by_name(lights))
+    check_free(by_name(lights), BACKGROUND_LAYER)
     back = backdrop(_seen_by(subject, background, lights), subject.size, rendering.shadow)
     picture, seen = over_backdrop(rendering.cut_out, back, exr_type)
     return picture, rendering.layers | {"C_background": seen}
@@ -313,7 +338,12 @@ def _seen_by(subject: Person, background: Background, lights: Iterable[Light]) -
 
 
 def light_groups(
-    subject: Person, lights: Lights, exr_type: str = "half", gloss: float = 0.0, layered: bool = True
+    subject: Person,
+    lights: Lights,
+    exr_type: str = "half",
+    gloss: float = 0.0,
+    layered: bool = True,
+    amount: float = 1.0,
 ) -> tuple[np.ndarray, Layers]:
     """Render the person's picture, and the part of each light in it; see `render_subject`.
 
@@ -323,12 +353,12 @@ def light_groups(
     """
     groups: Layers = {}
     colour = coverage = torch.zeros(())
-    for name, layer in subject.pixels_per_light(lights, gloss):
+    for name, layer in subject.pixels_per_light(lights, gloss, amount):
         group = torch.from_numpy(_rounded(layer.numpy(), f"C_{name}", exr_type))
         colour, coverage = colour + group[:, :3], layer[:, 3:]  # coverage does not add up
         if layered:
             groups[f"C_{name}"] = subject.on_plate(group)
-    if not colour.ndim:
+    if not len(as_lights(lights)):
         raise ValueError("lights: expected at least one")
     return subject.on_plate(torch.cat([colour, coverage], dim=1)), groups
 
@@ -398,9 +428,3 @@ def check_names(names: Iterable[str], outputs: Iterable[Path] | None = None) -> 
     if names and outputs is not None and not any(path.suffix.lower() == ".exr" for path in outputs):
         raise ValueError("passes: are layers of an .exr; expected one among the outputs")
     return names
-
-
-def check_free(names: Iterable[str]) -> None:
-    """Raise ValueError where a light over a background has the name of the background's layer."""
-    if "background" in names:
-        raise ValueError("lights: 'background' names the background's layer; give the light another name")

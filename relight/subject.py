@@ -14,6 +14,7 @@ import torch.nn.functional as F
 
 from relight.analysis import storage, temporal
 from relight.analysis.camera import Camera
+from relight.analysis.exposure import gain_to_keep
 from relight.analysis.gloss import checked_gloss
 from relight.analysis.infer import check_inputs, infer
 from relight.analysis.maps import AnalysisMaps
@@ -23,15 +24,17 @@ from relight.analysis.upsampling import EXTENSION_SHARE, JointBilateral, encode_
 from relight.compositing.clean_plate import checked_plate, clean_plate
 from relight.compositing.floor import Floor
 from relight.compositing.floor_shadow import FloorShadow
+from relight.lights import presets
 from relight.lights.environment import FIELD_OF_VIEW
 from relight.lights.light import Light
 from relight.lights.moving import MovingLight
-from relight.lights.rig import Lights, as_lights, by_name
+from relight.lights.rig import Lights, as_lights, by_name, check_free, checked_amount, scaled
 from shadow import inputs
 from shadow.files import AnyPath
 from shadow.framing import Extension
 from shadow.networks.checkpoints import checksum
 
+PHOTOGRAPH = "photograph"  # name of the layer of the photograph's own light
 LIGHTS_PER_BATCH = 2  # whose maps are upsampled together: more are no faster and take more memory
 
 
@@ -56,9 +59,13 @@ class Person(Protocol):
     def distance(self) -> float: ...
     @property
     def camera(self) -> Camera: ...
-    def relit(self, lights: Lights, gloss: float = 0.0) -> np.ndarray: ...
+    def relit(self, lights: Lights, gloss: float = 0.0, amount: float = 1.0) -> np.ndarray: ...
     def reflection(self, lights: Lights) -> np.ndarray: ...
-    def pixels_per_light(self, lights: Lights, gloss: float = 0.0) -> Iterator[tuple[str, torch.Tensor]]: ...
+    def pixels_per_light(
+        self, lights: Lights, gloss: float = 0.0, amount: float = 1.0
+    ) -> Iterator[tuple[str, torch.Tensor]]: ...
+    def preset_gain(self, name: str) -> float: ...
+    def preset(self, name: str) -> list[Light]: ...
     def on_plate(self, pixels: torch.Tensor) -> np.ndarray: ...
     def lighting(self, lights: Lights) -> np.ndarray: ...
     def unshadowed(self, light: Light) -> np.ndarray: ...
@@ -275,17 +282,20 @@ class Subject:
         filtered._set_maps(temporal.temporally_filtered(self._record.maps, maps))
         return filtered
 
-    def relit(self, lights: Lights, gloss: float = 0.0) -> np.ndarray:
+    def relit(self, lights: Lights, gloss: float = 0.0, amount: float = 1.0) -> np.ndarray:
         """Relight the person.
 
         Parameters
         ----------
         lights
-            A light, or any number of them; none gives black.
+            A light, or any number of them; none gives black. Or the name of a preset, see `preset`.
         gloss
             Strength, in [0, 1], of a reflection at grazing angles. It gives hair, shoulders and arms a rim in
             light from behind, and leaves light from the front as it is. 0 is diffuse shading alone, as in the
             paper.
+        amount
+            Share of these lights, in [0, 1]: the rest is the light in which the person was photographed. 0 is
+            the photograph, 1 is these lights alone.
 
         Returns
         -------
@@ -299,8 +309,8 @@ class Subject:
         TypeError
             Not lights, or lights that move.
         ValueError
-            A near light that touches the person, a gloss outside [0, 1], or lights so bright that the picture
-            exceeds float32.
+            A near light that touches the person, a gloss or an amount outside [0, 1], or lights so bright
+            that the picture exceeds float32.
 
         Examples
         --------
@@ -312,37 +322,79 @@ class Subject:
         >>> np.allclose(2 * once, twice)
         True
         """
-        lights, gloss = as_lights(lights), checked_gloss(gloss)
+        lights, gloss, amount = self._rig(lights), checked_gloss(gloss), checked_amount(amount)
+        lights = scaled(lights, amount)
         reflection = self._reflection(lights) if gloss else None
-        return self.on_plate(self._picture(self._lighting(lights), reflection, gloss))
+        picture = self._picture(self._lighting(lights), reflection, gloss)
+        if amount < 1:
+            picture[:, :3] += self._photograph(1 - amount)[:, :3]
+        return self.on_plate(picture)
 
-    def layers(self, lights: Lights, gloss: float = 0.0) -> dict[str, np.ndarray]:
+    def preset(self, name: str) -> list[Light]:
+        """Return the lights of a preset, as bright as the photograph.
+
+        They leave the mean luminance of the face, or of the person where no face is known, what it is in the
+        photograph. Their brightness beside each other is that of `relight.presets`. The name alone, given as
+        lights, stands for them.
+
+        Raises ValueError for another name.
+
+        >>> import numpy as np, relight
+        >>> subject = relight.Subject(np.full((64, 48, 3), 0.3, np.float32), np.eye(64, 48, k=-8) < 0.5)
+        >>> inside = subject.matte > 0.5
+        >>> round(float(subject.relit("window")[inside, 1].mean()), 1)
+        0.3
+        """
+        return scaled(presets.named(name, "lights"), self.preset_gain(name))
+
+    def preset_gain(self, name: str) -> float:
+        """Return the factor between the lights of `preset` and those of `relight.presets`."""
+        record, lights = self._record, as_lights(presets.named(name))
+        return gain_to_keep(record.maps, record.exposure, record.face, lights)
+
+    def _rig(self, lights: Lights | Iterable[Light | MovingLight]) -> list[Light]:
+        """Return lights as a list, those of a preset's name as bright as the photograph."""
+        return self.preset(lights) if isinstance(lights, str) else as_lights(lights)
+
+    def _photograph(self, share: float) -> torch.Tensor:
+        """Return a share of the person as photographed, as pixels (P, 4)."""
+        coverage = self._record.foreground.coverage[:, None]
+        return torch.cat([share * self._record.colour * coverage, coverage], dim=1)
+
+    def layers(self, lights: Lights, gloss: float = 0.0, amount: float = 1.0) -> dict[str, np.ndarray]:
         """Relight the person by each light alone.
 
         Parameters
         ----------
         lights
             A light, or any number of them; those without a name are `light1`, `light2`...
-        gloss
-            See `relit`.
+        gloss, amount
+            See `relit`. With an amount below 1 the layer "photograph" is the rest.
 
         Returns
         -------
         dict[str, np.ndarray]
             {name: (H, W, 4)} float32, linear Rec.709. Each is a complete premultiplied picture with the matte
-            as its alpha. The colours of all layers sum to the colour of `relit(lights, gloss)`; the alpha
-            does not add up.
+            as its alpha. The colours of all layers sum to the colour of `relit(lights, gloss, amount)`; the
+            alpha does not add up.
 
         Raises
         ------
         ValueError
-            Two lights have one name, or a gloss outside [0, 1].
+            Two lights have one name, or that of the photograph's layer; a gloss or an amount outside [0, 1].
         """
-        return {name: self.on_plate(pixels) for name, pixels in self.pixels_per_light(lights, gloss)}
+        layers = self.pixels_per_light(lights, gloss, amount)
+        return {name: self.on_plate(pixels) for name, pixels in layers}
 
-    def pixels_per_light(self, lights: Lights, gloss: float = 0.0) -> Iterator[tuple[str, torch.Tensor]]:
+    def pixels_per_light(
+        self, lights: Lights, gloss: float = 0.0, amount: float = 1.0
+    ) -> Iterator[tuple[str, torch.Tensor]]:
         """Yield the layers one after the other, as the person's pixels alone: (P, 4), for `on_plate`."""
-        named, gloss = list(by_name(lights).items()), checked_gloss(gloss)
+        gloss, amount = checked_gloss(gloss), checked_amount(amount)
+        named = list(by_name(scaled(self._rig(lights), amount)).items())
+        if amount < 1:
+            check_free(dict(named), PHOTOGRAPH)
+            yield PHOTOGRAPH, self._photograph(1 - amount)
         for start in range(0, len(named), LIGHTS_PER_BATCH):
             batch = named[start : start + LIGHTS_PER_BATCH]
             upsampled = self._to_plate(torch.cat([self._record.maps.lit([light]) for _, light in batch]))
@@ -359,7 +411,7 @@ class Subject:
         The colour of `relit(lights)` is `albedo × lighting(lights) × alpha`. With the albedo, a compositor
         can grade light and colour separately. Raises as `relit` does.
         """
-        return self.on_plate(_representable(self._lighting(lights)))
+        return self.on_plate(_representable(self._lighting(self._rig(lights))))
 
     def reflection(self, lights: Lights) -> np.ndarray:
         """Return what a gloss of 1 adds to the picture: (H, W, 3) float32, linear, zero outside the matte.
@@ -368,7 +420,7 @@ class Subject:
         alpha`. The surface's own colour has no part in it. `relight.analysis.gloss` states its source.
         Raises as `relit` does.
         """
-        return self.on_plate(_representable(self._reflection(as_lights(lights))))
+        return self.on_plate(_representable(self._reflection(self._rig(lights))))
 
     def unshadowed(self, light: Light) -> np.ndarray:
         """Return the fraction of a light that the person does not block: (H, W) float32 in [0, 1].
@@ -405,7 +457,7 @@ class Subject:
         maps = self._record.maps
         geometry, cut = maps.geometry, bool(self.matte[-1].max() > 0.5)
         shadow = FloorShadow.of(floor, geometry.camera, geometry.positions, maps.known, cut)
-        return shadow.shadows(by_name(lights))
+        return shadow.shadows(by_name(self._rig(lights)))
 
     def clean_plate(self, image: np.ndarray) -> np.ndarray:
         """Return the photograph without the person: what a relit picture is laid over to stand in it.
@@ -461,6 +513,7 @@ class Subject:
         command: Sequence[str] | None = None,
         background_name: str | None = None,
         gloss: float = 0.0,
+        amount: float = 1.0,
     ) -> Any:
         """Show the person on a page with lights that can be dragged: an HTML file, or a notebook widget.
 
@@ -479,7 +532,7 @@ class Subject:
             The words of the command that relights the photograph, without lights, which the page adds.
         background_name
             The background's file, or `environment`, for this command; None omits it from the command.
-        gloss
+        gloss, amount
             What the page begins with, see `relit`.
 
         Returns
@@ -498,10 +551,10 @@ class Subject:
         """
         from relight.viewer import packing, page, scene
 
-        first = None if lights is None else as_lights(lights)
+        first = None if lights is None else self._rig(lights)
         about = scene.scene_of(
             self.size, first, background, title=title, command=command or scene.COMMAND,
-            background_name=background_name, gloss=gloss,
+            background_name=background_name, gloss=gloss, amount=amount,
         )  # fmt: skip
         for light in first or []:
             self._record.maps.check_outside(light)
@@ -706,9 +759,9 @@ class Subject:
         picture[:, 3] = coverage
         return _representable(picture)
 
-    def _lighting(self, lights: Lights) -> torch.Tensor:
+    def _lighting(self, lights: Iterable[Light]) -> torch.Tensor:
         """Return Σ intensity · shading of the person's pixels (P, 3)."""
-        return self._to_plate(self._record.maps.lit(as_lights(lights)))
+        return self._to_plate(self._record.maps.lit(lights))
 
     def _reflection(self, lights: Iterable[Light]) -> torch.Tensor:
         """Return Σ intensity · gloss of the person's pixels (P, 3)."""

@@ -21,10 +21,9 @@ Nothing changes where the person is lit as on average or more.
 import torch
 import torch.nn.functional as F
 
-from relight.analysis.upsampling import encode_guide
+from relight.analysis.upsampling import GUIDE_ENCODING, encode_guide
 from shadow.framing import Framing, bounding_box
 
-ENCODING = 2.2  # of `encode_guide`
 RADIUS = 3  # of the filter's windows, canvas pixels
 NOISE = 0.03  # standard deviation of the noise in colour, display-encoded
 DARKEST_DYE = 0.05  # albedo of the smallest channel: below it, cloth's surface reflects more than its dye
@@ -52,8 +51,8 @@ def denoised(
     linear, about 1 on average.
     """
     level = light.mean(dim=0, keepdim=True).clamp_min(1e-12)
-    # Noise in the encoded albedo is larger by a factor of level ** (-1 / ENCODING) than in the photograph.
-    strength = (1 - level.clamp(0, 1) ** (2 / ENCODING)) * known
+    # Noise in the encoded albedo is larger by level ** (-1 / GUIDE_ENCODING) than in the photograph.
+    strength = (1 - level.clamp(0, 1) ** (2 / GUIDE_ENCODING)) * known
     maps = torch.cat([strength, light, *_line(image, known)])
     share = _at(strength, framing, pixels)[0]
     chosen = torch.nonzero(share > MIN_STRENGTH)[:, 0]
@@ -63,7 +62,7 @@ def denoised(
     strength, light, slope, offset = _at(maps, framing, pixels[chosen]).T.split([1, 3, 3, 3], dim=1)
     smooth = slope * seen.mean(dim=1, keepdim=True) + offset
     smooth = torch.lerp(seen, smooth, strength).clamp_min(0)
-    linear = smooth**ENCODING / exposure
+    linear = smooth**GUIDE_ENCODING / exposure
     albedo = linear / light.clamp_min(1e-12)
     code, lowest = (values.amin(dim=1, keepdim=True) for values in (smooth, albedo))
     least = strength * DARKEST_DYE * (1 - code / DARK_CODE).clamp_min(0)

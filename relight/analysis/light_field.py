@@ -43,8 +43,9 @@ class LightField(NamedTuple):
         visibility, shading = analysis.canvas_visibility, analysis.canvas_shading
         silhouette, maps = copy.copy(visibility.silhouette), visibility.maps
         silhouette.pixels = silhouette.pixels.cpu()
-        arrays = [a.cpu() for a in (maps.normals, maps.sharpness, maps.cast, shading.residual)]
-        return cls(silhouette, *arrays, open_rims(silhouette, arrays[0]))
+        normals = maps.normals.cpu()
+        rim = open_rims(silhouette, normals)
+        return cls(silhouette, normals, maps.sharpness.cpu(), maps.cast.cpu(), shading.residual.cpu(), rim)
 
     def in_row_order(self) -> Self:
         """Return the field with its pixels in row-major order on the canvas."""

@@ -23,6 +23,7 @@ class AnalysisRecord(NamedTuple):
     framing: Framing  # of the canvas in the foreground's box
     maps: AnalysisMaps
     old_light: OldLight = OldLight()  # whose colour the albedo lacks
+    face: torch.Tensor | None = None  # (h, w) bool, where it is on the canvas, if that is known
 
     def fit_lighting(self, image: np.ndarray, albedo: torch.Tensor) -> tuple[np.ndarray, np.ndarray]:
         """Fit the lighting in which the person looks most like `image`, see `relight.fit_lights`.

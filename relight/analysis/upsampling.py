@@ -10,8 +10,9 @@ RANGE_SIGMA = 0.1  # guide difference (display-encoded) at which a weight falls 
 MIN_RANGE_WEIGHT = 1e-3  # where no neighbour's guide is similar, the nearest decide
 UNKNOWN_WEIGHT = 1e-4  # of canvas pixels off the person: they count where nothing else is near
 TAPS = 4  # canvas pixels along each axis
+GUIDE_ENCODING = 2.2  # exponent
 GUIDE_MAX_LINEAR = 4.0  # exposed linear value at which a guide is clipped
-GUIDE_MAX = GUIDE_MAX_LINEAR ** (1 / 2.2)  # largest value of a guide
+GUIDE_MAX = GUIDE_MAX_LINEAR ** (1 / GUIDE_ENCODING)  # largest value of a guide
 PIXELS_PER_STRIP = 1 << 14  # plate pixels at a time, to bound the memory
 
 
@@ -76,7 +77,7 @@ class JointBilateral:
 
 def encode_guide(colour: torch.Tensor) -> torch.Tensor:
     """Encode exposed linear colour for a guide, perceptually about even: in [0, GUIDE_MAX]."""
-    return colour.clamp(0, GUIDE_MAX_LINEAR) ** (1 / 2.2)
+    return colour.clamp(0, GUIDE_MAX_LINEAR) ** (1 / GUIDE_ENCODING)
 
 
 def _taps(length: int, centre: float, scale: float, size: int) -> tuple[torch.Tensor, torch.Tensor]:

@@ -302,7 +302,7 @@ class Server:
         """Return the lights and background that a page asks for; put their files beside the photograph."""
         if not isinstance(given, dict):
             raise Refused("look: expected an object", 400)
-        names = ("lights", "environment", "background", "floor", "exposure", "gloss")
+        names = ("lights", "environment", "background", "floor", "exposure", "gloss", "amount")
         look = {key: given.get(key) for key in names}
         if look["environment"]:
             name = self.session.lend(str(look["environment"]["file"]), photograph)

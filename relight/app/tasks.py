@@ -22,6 +22,7 @@ from relight.app.pictures import png, reduced_size, resized
 from relight.compositing.composite import NONE, backdrop
 from relight.compositing.floor import Floor
 from relight.errors import EmptyMatteError
+from relight.lights import presets
 from relight.lights.environment import EnvironmentLight
 from relight.lights.rig import as_lights
 from relight.matting import networks, outline, person, person_files
@@ -31,6 +32,7 @@ from relight.media.colour import encode
 from relight.media.images.saving import compressed
 from relight.media.images.writing import encoded
 from relight.pipeline.options import Lighting, Output, Source
+from relight.rendering import partial_shadow
 from relight.subject import Subject
 from relight.viewer.packing import pack
 from relight.viewer.scene import scene_of
@@ -207,6 +209,7 @@ def analyse(name: str, mask: str | None, drawn: Mapping[str, Any] | None, report
     if reduced.shape[-1] == 3:
         plate = compressed(encoded(subject.clean_plate(reduced)), "JPEG", quality=95, subsampling=0)
         scene |= {"opaque": True, "original": {"name": name, "data": base64.b64encode(plate).decode()}}
+    scene["presetGains"] = {preset: round(subject.preset_gain(preset), 4) for preset in presets.document()}
     _keep(name, subject)
     return {"scene": scene}
 
@@ -246,14 +249,16 @@ def still(name: str, mask: str | None, look: Mapping[str, Any], report: Report) 
     subject, lighting = _subject(name, mask, report), _lighting(look)
     lights = as_lights(lighting.rig().lights)
     behind: Any = lighting.background
-    picture = subject.relit(lights, lighting.effective_gloss)
+    picture = subject.relit(lights, lighting.effective_gloss, lighting.amount)
     if behind is None:
         behind = subject.clean_plate(drawing.reduced())
     elif isinstance(behind, str) and behind != NONE:
         behind = images.read(behind)
     back = None
     if not isinstance(behind, str):
-        shadow = None if lighting.floor is None else subject.shadows(lights, lighting.floor)[1]
+        shadow = None
+        if lighting.floor is not None:
+            shadow = partial_shadow(subject.shadows(lights, lighting.floor)[1], lighting.amount)
         back = backdrop(behind, subject.size, shadow)
         if back.max() > 1:  # light of a scene has one curve with the person
             picture, back = images.composited(picture, back), None
@@ -358,6 +363,7 @@ def _lighting(look: Mapping[str, Any]) -> Lighting:
         background=behind,
         gloss=gloss,
         floor=floor,
+        amount=float(1 if look.get("amount") is None else look["amount"]),
     )
 
 

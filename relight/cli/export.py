@@ -10,7 +10,17 @@ from relight.pipeline.options import Compute, Lighting, Source
 
 
 @with_options(
-    lighting=("preset", "light", "environment", "lights", "camera", "subject_at", "allow_external", "gloss")
+    lighting=(
+        "preset",
+        "light",
+        "environment",
+        "lights",
+        "camera",
+        "subject_at",
+        "allow_external",
+        "gloss",
+        "intensity",
+    )
 )
 def export(
     source: Source,

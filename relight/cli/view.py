@@ -10,7 +10,18 @@ from relight.pipeline.options import Compute, Lighting, Source
 
 
 @with_options(
-    lighting=("preset", "lights", "camera", "subject_at", "light", "environment", "background", "gloss")
+    lighting=(
+        "preset",
+        "lights",
+        "camera",
+        "subject_at",
+        "light",
+        "environment",
+        "background",
+        "gloss",
+        "amount",
+        "intensity",
+    )
 )
 def view(
     context: typer.Context,

@@ -7,6 +7,7 @@ import numpy as np
 import torch
 
 from relight.comfyui import host, widgets
+from relight.comfyui.subjects import SubjectBatch
 from relight.comfyui.tensors import light, pictures
 from relight.lights import presets
 from relight.lights.directional import DirectionalLight
@@ -14,6 +15,7 @@ from relight.lights.environment import EnvironmentLight
 from relight.lights.light import Light
 from relight.lights.near import PointLight
 from relight.lights.parameters import Number, parameters
+from relight.lights.rig import scaled
 from relight.media.colour import LOCI
 from relight.media.images import scene_linear
 
@@ -219,9 +221,19 @@ class Preset(LightsNode):
         ] = presets.HEIGHT,
         *,
         lights: Chained = (),
+        subject: Annotated[
+            SubjectBatch | None,
+            widgets.socket(
+                "RELIGHT_SUBJECT",
+                "The analysed person: the lights leave the face as bright as it is in the photograph.",
+            ),
+        ] = None,
     ) -> tuple[Lights, float]:
-        """Add the lights of a preset of `relight.presets`."""
-        return (*lights, *presets.named(preset, height=height)), presets.gloss(preset)
+        """Add the lights of a preset, with a subject those of `Subject.preset` of the first frame."""
+        added = presets.named(preset, height=height)
+        if subject is not None and subject.shown is not None:
+            added = scaled(added, subject.shown.preset_gain(preset))
+        return (*lights, *added), presets.gloss(preset)
 
 
 def _file(path: str) -> Path:

@@ -34,6 +34,8 @@ Given = Annotated[Lights, widgets.LIGHTS]
 Behind = Annotated[torch.Tensor | None, widgets.socket("IMAGE", BEHIND)]
 Ground = Annotated[str, widgets.text(FLOOR)]
 Exposure = Annotated[float, widgets.number(-16.0, 16.0, 0.1, EXPOSURE)]
+AMOUNT = "Share of the new light: the rest is the photograph's own. 0 is the photograph."
+Amount = Annotated[float, widgets.number(0.0, 1.0, 0.05, AMOUNT)]
 Gloss = Annotated[float, widgets.number(0.0, 1.0, 0.05, GLOSS)]
 
 
@@ -77,6 +79,7 @@ class Render(CheckedNode):
         floor: Ground = "",
         exposure: Exposure = 0.0,
         gloss: Gloss = 0.0,
+        amount: Amount = 1.0,
     ) -> tuple[torch.Tensor, torch.Tensor, torch.Tensor]:
         """Relight each frame; see `relight.apply`."""
         by_name(lights)  # two lights of one name are refused before the work
@@ -85,7 +88,7 @@ class Render(CheckedNode):
         frames, masks, lighting = [], [], []
         for number in host.progress(range(count), count):
             person = subject[number]
-            frames.append(backdrop.behind(person, lights, number, gloss))
+            frames.append(backdrop.behind(person, lights, number, gloss, amount))
             masks.append(person.matte)
             lighting.append(person.lighting(lights))
         return (
@@ -208,10 +211,15 @@ class Backdrop:
         return tensors.light("background", self._images[number if len(self) > 1 else 0])
 
     def behind(
-        self, person: Person, lights: Lights | list[Light], number: int, gloss: float = 0.0
+        self,
+        person: Person,
+        lights: Lights | list[Light],
+        number: int,
+        gloss: float = 0.0,
+        amount: float = 1.0,
     ) -> np.ndarray:
         """Return the person in the lights over it, (H, W, 3) linear; without one (H, W, 4), premultiplied."""
-        return relit_over(person, lights, self.picture(number), self.floor, gloss)
+        return relit_over(person, lights, self.picture(number), self.floor, gloss, amount)
 
 
 def orbiting(light: Light, frames: float) -> Callable[[float], Light]:

@@ -4,7 +4,7 @@ from pathlib import Path
 from typing import Annotated, Any
 
 from relight.comfyui import host, tensors, widgets
-from relight.comfyui.render import Analysed, Backdrop, Behind, CheckedNode, Given, Gloss, Ground
+from relight.comfyui.render import Amount, Analysed, Backdrop, Behind, CheckedNode, Given, Gloss, Ground
 from relight.media.images import write
 from relight.media.sequences import FrameSequence
 from relight.rendering import PASSES, check_names, metadata_of, render_subject
@@ -39,6 +39,7 @@ class SaveEXR(CheckedNode):
         background: Behind = None,
         floor: Ground = "",
         gloss: Gloss = 0.0,
+        amount: Amount = 1.0,
     ) -> dict[str, Any]:
         """Write a file for each frame, as `relight apply` does."""
         names = check_names(filter(None, (name.strip() for name in passes.split(","))))
@@ -54,6 +55,7 @@ class SaveEXR(CheckedNode):
                 passes=names,
                 floor=backdrop.floor,
                 gloss=gloss,
+                amount=amount,
             )
             write(file, picture, layers=layers, metadata=metadata_of(person, names))
         return {"ui": {"text": [str(file) for file in files]}, "result": (str(files[0]),)}

@@ -97,6 +97,17 @@ class MovingLight:
                 settings[key] = _turned(settings[key], turn)
         return self.kind(**settings)
 
+    def scaled(self, factor: float) -> "MovingLight":
+        """Return the light of `factor` times its intensity."""
+        before: Any = self.moves.get("intensity", self.rests.get("intensity", 1.0))
+        if isinstance(before, dict):
+            intensity: Any = {frame: value * factor for frame, value in before.items()}
+        else:
+            intensity = before * factor
+        return MovingLight(
+            self.kind, orbit=self.orbit, **(self.rests | self.moves | {"intensity": intensity})
+        )
+
     def settings(self) -> dict[str, Any]:
         """Return {parameter: value or keyframes} of the constructor, without defaults."""
         rests = self.at(1).settings()

@@ -1,11 +1,13 @@
 """What functions take for lights: one, several, or the name of a preset."""
 
 from collections.abc import Iterable
+from dataclasses import replace
 from typing import Any
 
 from relight.lights import presets
 from relight.lights.light import Light
 from relight.lights.moving import MovingLight
+from relight.lights.parameters import checked_number
 
 Lights = Light | Iterable[Light] | str  # what functions accept
 
@@ -29,6 +31,30 @@ def as_rig(lights: Any, expected: str = "lights") -> list[Any]:
     return several
 
 
+def scaled(lights: Iterable[Any], factor: float) -> list[Any]:
+    """Return lights of `factor` times their intensity; they may move.
+
+    >>> import relight
+    >>> [light.intensity for light in scaled([relight.DirectionalLight(intensity=3)], 0.5)]
+    [1.5]
+    """
+    if factor == 1:
+        return list(lights)
+    return [
+        light.scaled(factor) if hasattr(light, "at") else replace(light, intensity=light.intensity * factor)
+        for light in lights
+    ]
+
+
+def checked_amount(amount: Any, name: str = "amount") -> float:
+    """Return a share of new light; raises TypeError or ValueError unless it is a number in [0, 1].
+
+    >>> checked_amount(0.5)
+    0.5
+    """
+    return checked_number(name, amount, 0, 1)
+
+
 def as_lights(lights: Lights | Iterable[Light | MovingLight]) -> list[Light]:
     """Return lights as a list, see `as_rig`; raises TypeError for moving ones."""
     several = as_rig(lights)
@@ -38,6 +64,12 @@ def as_lights(lights: Lights | Iterable[Light | MovingLight]) -> list[Light]:
                 f"lights: {light.name or 'a light'} moves; give the light of one frame, light.at(frame)"
             )
     return several
+
+
+def check_free(names: Iterable[str], layer: str) -> None:
+    """Raise ValueError where a light has the name of another layer of the picture."""
+    if layer in names:
+        raise ValueError(f"lights: {layer!r} names the {layer}'s layer; give the light another name")
 
 
 def by_name(lights: Lights) -> dict[str, Light]:

@@ -75,12 +75,14 @@ def export_person(
     report = progress or (lambda done, total, what: None)
     path = checked(output, texture, triangles)
     with Shot.open(source, lighting, compute) as shot:
-        lights, gloss, rate = shot.every_light, shot.lighting.effective_gloss, float(shot.rate or RATE)
+        lights, gloss, rate = shot.all_lights(), shot.lighting.effective_gloss, float(shot.rate or RATE)
         knobs = nuke_script.checked_lights(lights) if is_script(path) else []
         shot.check_not_read([path, *writing.companions(path, texture)])
         numbers = _numbers(path, shot, frames)
         shot.check_lights(numbers[0])
         shot.prepare(report)
+        lights = shot.all_lights(shot.preset_gain)
+        knobs = nuke_script.checked_lights(lights) if is_script(path) else []
         asset: Any = partial(Subject.asset, lights=lights, triangles=triangles, texture=texture, gloss=gloss)
         if len(numbers) == 1:
             report(0, 1, "Analysing")

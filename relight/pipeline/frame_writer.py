@@ -106,9 +106,10 @@ class FrameWriter:
         """Render the frame, and write it to some of the sinks."""
         shot, output, size = self._shot, self._output, person.size
         rendering = render_layers(
-            person, [*shot.lights(number), *shot.background_lights(number, size)],
+            person, [*shot.exposed_lights(number), *shot.background_lights(number, size)],
             passes=output.passes, exr_type=output.exr_type, floor=shot.lighting.floor,
-            gloss=shot.lighting.effective_gloss, layered=any(map(is_exr, output.paths)),
+            gloss=shot.lighting.effective_gloss, amount=shot.lighting.amount,
+            layered=any(map(is_exr, output.paths)),
         )  # fmt: skip
         kept = self._delivery.keeps_plate
         behind = shot.behind(number, person, kept)

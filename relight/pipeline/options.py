@@ -132,8 +132,8 @@ class Lighting(Options):
     """The lights of a shot, and what is behind the person.
 
     `lights` are a light, several, the name of a preset, or the path of a lights file; `light` and
-    `environment` add lights, objects or texts as the command line spells them. A preset brings its gloss,
-    unless `gloss` is given.
+    `environment` add lights, objects or texts as the command line spells them. A preset leaves the face as
+    bright as in the photograph, and brings its gloss, unless `gloss` is given.
 
     Examples
     --------
@@ -205,6 +205,22 @@ class Lighting(Options):
         max=1,
         metavar="<float>",
     )
+    amount: float = option(
+        "Share of the new light, 0 to 1: the rest is the photograph's own. 0 is the photograph. Default: 1.",
+        1.0,
+        text=float,
+        min=0,
+        max=1,
+        metavar="<float>",
+    )
+    intensity: float = option(
+        "Intensity of all lights together: 2 is twice the light. Default: 1; a preset leaves the face as "
+        "bright as in the photograph.",
+        1.0,
+        text=float,
+        min=0,
+        metavar="<float>",
+    )
     floor: Floor | None = option(
         "Cast the person's shadow on the ground: height=1.5,horizon=0.45, where height is that of the camera "
         "in metres and horizon is a fraction of the picture from top (0) to bottom (1); or feet=X/Y/X/Y in "
@@ -236,13 +252,16 @@ class Lighting(Options):
             from relight.analysis.gloss import checked_gloss
 
             self._set("gloss", checked_gloss(self.gloss))
+        from relight.lights.parameters import checked_number
+
+        self._set("amount", checked_number("amount", self.amount, 0, 1))
+        self._set("intensity", checked_number("intensity", self.intensity, 0))
 
     def rig(self) -> Rig:
         """Read the lights of the objects, the lights file and the texts, and the camera of a scene.
 
-        Raises as `relight.read_lights` does.
+        Those of the preset are not among them, see `preset_lights`. Raises as `relight.read_lights` does.
         """
-        from relight.lights import presets
         from relight.lights.environment import EnvironmentLight
         from relight.lights.moving import parse
         from relight.scene.lights import read_rig
@@ -259,17 +278,23 @@ class Lighting(Options):
                 if value:
                     raise ValueError(f"{name}: expected a USD stage or a glTF scene (--lights), which has it")
         rig = Rig([*given]) if isinstance(given, tuple) else read_rig(given, **scene)
-        preset = [] if self.preset is None else presets.named(self.preset)
         added = [parse(each) if isinstance(each, str) else each for each in self.light]
-        lights = [*rig.lights, *preset, *added]
+        lights = [*rig.lights, *added]
         lights += [parse(text, EnvironmentLight) for text in self.environment]
         return rig._replace(lights=lights)
 
+    @property
+    def preset_lights(self) -> list[Light]:
+        """The lights of the preset, as bright as it states them."""
+        from relight.lights import presets
+
+        return [] if self.preset is None else presets.named(self.preset)
+
     def with_lights(self, lights: Iterable[Light | MovingLight] | Path) -> Lighting:
-        """Return the same options with these lights alone: all that `rig` reads, or their file."""
+        """Return the same options with these lights in place of all that `rig` reads, or their file."""
         return dataclasses.replace(
-            self, lights=lights, preset=None, light=(), environment=(), camera=None, subject_at=None,
-            allow_external=False, gloss=self.effective_gloss or None,
+            self, lights=lights, light=(), environment=(), camera=None, subject_at=None,
+            allow_external=False,
         )  # fmt: skip
 
     @property

@@ -20,7 +20,7 @@ from relight.light_estimation import Matching, PlateLight, lights_in
 from relight.lights.environment import EnvironmentLight, environments
 from relight.lights.light import Light
 from relight.lights.moving import MovingLight, lights_at
-from relight.lights.rig import by_name
+from relight.lights.rig import by_name, check_free, scaled
 from relight.media.content_hash import FileRecord, content_hash
 from relight.media.sequences import FrameRange
 from relight.pipeline import outputs
@@ -30,10 +30,10 @@ from relight.pipeline.option_fields import BACKGROUND, Report
 from relight.pipeline.options import Compute, Lighting, Output, Source
 from relight.pipeline.persons import FrameAnalyser, Persons
 from relight.pipeline.readers import ReadLog, holds_display_light, person_reader, plate_reader
-from relight.rendering import check_free
+from relight.rendering import BACKGROUND_LAYER
 from relight.scene.camera_view import CameraView
 from relight.scene.lights import write_lights
-from relight.subject import Person, Subject, weights
+from relight.subject import PHOTOGRAPH, Person, Subject, weights
 from shadow import inputs as checks
 from shadow.networks.precision import in_use, using
 
@@ -69,9 +69,10 @@ class Shot:
         self._camera_view: CameraView | None = None
         checks.device("device", self.compute.device)
         check_not_analysed(self.source, self.compute)
+        self.preset_lights: list[Light] = []
         if self.lighting.has_lights:
             rig = self.lighting.rig()
-            self.every_light = rig.lights
+            self.every_light, self.preset_lights = rig.lights, self.lighting.preset_lights
             self._camera_view = rig.view
         self.matching = Matching(self.lighting.match_plate, self.lighting.match, self.lighting.match_mask)
         self._log = ReadLog()
@@ -238,7 +239,9 @@ class Shot:
     def light_groups(self, number: int) -> list[str]:
         """Return the names of a frame's light groups, including that of the background."""
         matched = [PLATE_LIGHT] if self.matching.plate else []
-        return [*by_name(self.lights(number)), *matched, *(["background"] if self.has_background else [])]
+        own = [PHOTOGRAPH] if self.lighting.amount < 1 else []
+        behind = [BACKGROUND_LAYER] if self.has_background else []
+        return [*own, *by_name(self.lights(number)), *matched, *behind]
 
     # One frame
 
@@ -266,8 +269,36 @@ class Shot:
         return (person or self.person(number)).size
 
     def lights(self, number: int) -> list[Light]:
-        """Return the lights of a frame, without that of the background."""
-        return lights_at(self.every_light, number)
+        """Return the lights of a frame, without that of the background; a preset's as it states them."""
+        return lights_at(self.all_lights(), number)
+
+    def exposed_lights(self, number: int) -> list[Light]:
+        """Return the lights of a frame, those of a preset as bright as the person was photographed."""
+        return lights_at(self.all_lights(self.preset_gain), number)
+
+    def all_lights(self, preset_gain: float = 1.0) -> list[Light | MovingLight]:
+        """Return the lights of all frames, without that of the background.
+
+        `preset_gain`: factor of those of the preset.
+        """
+        lights = [*scaled(self.preset_lights, preset_gain), *self.every_light]
+        return scaled(lights, self.lighting.intensity)
+
+    @cached_property
+    def preset_gain(self) -> float:
+        """The factor of a preset's lights, see `Subject.preset`: that of the first frame with a person.
+
+        It depends on the source alone, so that runs over parts of a shot agree.
+        """
+        name = self.lighting.preset
+        if name is None:
+            return 1.0
+        first = None if self.frames.cache is not None else self._world[0]
+        for number in self.numbers if first is None else (first,):
+            person = self.persons.analysed(number)
+            if not person.is_empty:
+                return person.preset_gain(name)
+        return 1.0
 
     def background(self, number: int, size: tuple[int, int]) -> Background | None:
         """Return the background of a frame whose picture has a `size` (H, W)."""
@@ -308,7 +339,10 @@ class Shot:
 
     def background_lights(self, number: int, size: tuple[int, ...]) -> list[EnvironmentLight]:
         """Return the light of a frame's background, for a `size` (H, W), if the plate is matched."""
-        return [self._plate_light.at(number, size)] if self.matching.plate else []
+        if not self.matching.plate:
+            return []
+        light = self._plate_light.at(number, size)
+        return [replace(light, intensity=light.intensity * self.lighting.intensity)]
 
     def content_hash(self, number: int, as_read: bool = False) -> str:
         """Return a hash of all from which a frame is made, options of the output apart.
@@ -325,7 +359,8 @@ class Shot:
             self.frames.person_hash(around, as_read),
             [self._log.content_hash(self._backgrounds, n, as_read) for n in places],
             self.lighting.background_colour_space, self.has_background, self._sees_lights,
-            self.matching.plate, [*by_name(self.lights(number)).items()], __version__, *weights(),
+            self.matching.plate, [*by_name(self.lights(number)).items()], self.lighting.preset,
+            self.lighting.amount, self.lighting.intensity, __version__, *weights(),
             self.computed_in,
         )  # fmt: skip
 
@@ -435,10 +470,12 @@ class Shot:
     def check_lights(self, number: int) -> None:
         """Raise ValueError if a frame's lights do not go with the background, or have names of layers."""
         named = by_name(self.lights(number))
+        if self.lighting.amount < 1:
+            check_free(named, PHOTOGRAPH)
         if self._sees_lights and not environments(named.values()):
             raise ValueError("background: 'environment' expected an environment among the lights")
         if self.has_background:
-            check_free(named)
+            check_free(named, BACKGROUND_LAYER)
         self.matching.check_names(named)
         if self.matching.plate:
             self._plate_light.check()
@@ -472,5 +509,5 @@ class Shot:
     def write_lights(self, path: Path, start: int) -> None:
         """Write the lights file; with a matched plate it has the light of the background's frame `start`."""
         size = self.size(start) if self.matching.plate else (1, 1)
-        lights = [*self.every_light, *self.background_lights(start, size)]
+        lights = [*self.all_lights(self.preset_gain), *self.background_lights(start, size)]
         write_lights(path, self.matching.with_sidecar(path, lights))

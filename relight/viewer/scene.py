@@ -15,7 +15,7 @@ from relight.lights.environment import EnvironmentLight, environments
 from relight.lights.light import Light
 from relight.lights.near import PointLight
 from relight.lights.parameters import parameters
-from relight.lights.rig import Lights, by_name
+from relight.lights.rig import Lights, by_name, checked_amount
 from relight.media.colour import LOCI, encode, temperature
 from relight.media.images import scene_linear
 from relight.media.images.saving import compressed
@@ -36,16 +36,17 @@ def scene_of(
     command: Sequence[str] = COMMAND,
     background_name: str | None = None,
     gloss: float = 0.0,
+    amount: float = 1.0,
 ) -> dict[str, Any]:
     """Describe a scene as the page's program reads it, ready for JSON.
 
     `size`: (H, W) of the picture. `lights`: up to eight directional lights and lamps, and one environment; a
     soft key light unless given. `background`: see `relight.over`; `background_name`: its file, or
     `environment`, as `--background` takes it. `command`: the words that relight the photograph on the command
-    line, without its lights. `gloss`: see `relight.Subject.relit`.
+    line, without its lights. `gloss`, `amount`: see `relight.Subject.relit`.
 
-    Raises ValueError for too many lights, two of one name, or a gloss outside [0, 1]; TypeError for lights of
-    another kind, or that move.
+    Raises ValueError for too many lights, two of one name, or a gloss or an amount outside [0, 1];
+    TypeError for lights of another kind, or that move.
     """
     named = checked_lights(DEFAULT_LIGHT if lights is None else lights)
     skies = {name: light for name, light in named.items() if isinstance(light, EnvironmentLight)}
@@ -56,6 +57,7 @@ def scene_of(
         "lights": [parameters_of(light, name) for name, light in lamps.items()],
         "environment": next((_environment(light, name) for name, light in skies.items()), None),
         "gloss": checked_gloss(gloss),
+        "amount": checked_amount(amount),
         "tints": {locus: _tints(locus) for locus in LOCI},
         **_backdrop(background, size, background_name),
     }

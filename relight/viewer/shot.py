@@ -70,7 +70,7 @@ def write_view(
     lighting, report = Lighting.of(lighting), progress or (lambda done, total, what: None)
     path = files.check_writable(output, SUFFIXES)
     with Shot.open(source, lighting, compute) as shot:
-        lights: Any = shot.every_light if lighting.has_lights else DEFAULT_LIGHT
+        lights: Any = shot.all_lights() if lighting.has_lights else DEFAULT_LIGHT
         shown = list(checked_lights(lights).values())
         number = shot.shown_frame(frame)
         shot.check_lights(number)
@@ -81,6 +81,9 @@ def write_view(
         report(1, 1, "Analysing")
         background = shot.behind(number, subject, shot.keeps_plate)
         keeps_plate = shot.keeps_plate
+        if lighting.has_lights:
+            lights = shot.all_lights(shot.preset_gain)
+            shown = list(checked_lights(lights).values())
     plate = shot.source.plate
     title = Path(plate).name if files.is_path(plate) else "relight"
     behind = lighting.background
@@ -93,5 +96,6 @@ def write_view(
         command=[ABSOLUTE.sub(r"\1", word) for word in command],
         background_name=name,
         gloss=lighting.effective_gloss,
+        amount=lighting.amount,
     )
     return path

@@ -40,8 +40,8 @@ class Viewer(anywidget.AnyWidget):
 
     `lights`: up to eight `DirectionalLight` and `PointLight`, those that shine. Dragging in the notebook
     changes the list; setting the list moves the lights. Observe it as any trait: `widget.observe(changed,
-    "lights")`. `gloss`: strength of the reflection at grazing angles, in [0, 1], see `Subject.relit`; the
-    slider's, both ways.
+    "lights")`. `gloss`: strength of the reflection at grazing angles, and `amount`, share of the lights, in
+    [0, 1], see `Subject.relit`; the sliders', both ways.
     """
 
     _esm = module() + "\nexport default { render };\n"
@@ -53,15 +53,21 @@ class Viewer(anywidget.AnyWidget):
         maxlen=MAX_LIGHTS,
     ).tag(sync=True, to_json=_to_browser, from_json=_from_browser)
     gloss = traitlets.Float(min=0, max=1).tag(sync=True)
+    amount = traitlets.Float(1.0, min=0, max=1).tag(sync=True)
 
     def __init__(
-        self, packed: bytes, scene: Mapping[str, Any], relit: Callable[[list[Light], float], np.ndarray]
+        self,
+        packed: bytes,
+        scene: Mapping[str, Any],
+        relit: Callable[[list[Light], float, float], np.ndarray],
     ) -> None:
         """`packed`, `scene`: see `packing` and `scene` in this package. `relit`: relights the person."""
         self._relit = relit
         first = _from_browser(scene["lights"], self)
-        super().__init__(pack=packed, scene=dict(scene), lights=first, gloss=scene["gloss"])
+        super().__init__(
+            pack=packed, scene=dict(scene), lights=first, gloss=scene["gloss"], amount=scene["amount"]
+        )
 
     def snapshot(self, further: Light | Iterable[Light] = ()) -> np.ndarray:
         """Relight the person by the widget's lights and gloss and by `further` lights, see `Subject`."""
-        return self._relit([*self.lights, *as_rig(further)], self.gloss)
+        return self._relit([*self.lights, *as_rig(further)], self.gloss, self.amount)

@@ -66,7 +66,7 @@ class FlatSubject:
     def relit(self, light):
         return self.image * np.float32([light.intensity] * 3 + [1])
 
-    def pixels_per_light(self, lights, gloss=0.0):
+    def pixels_per_light(self, lights, gloss=0.0, amount=1.0):
         for name, light in by_name(lights).items():
             yield name, torch.from_numpy(self.relit(light)).flatten(0, 1)
 

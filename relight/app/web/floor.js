@@ -25,7 +25,7 @@ export class FloorShadow {
 
   follow() {
     // The shadow is the same before any background, and for any gloss and exposure.
-    const look = { ...this.look(), background: null, exposure: 0, gloss: 0 };
+    const look = { ...this.look(), background: null, exposure: 0, gloss: 0, amount: 1 };
     const wanted = look.floor && (look.lights.length || look.environment) ? JSON.stringify(look) : null;
     if (wanted === null && this.latest.wanted !== null) this.show(null);
     this.latest.want(wanted);

@@ -80,6 +80,7 @@ export class Light {
           (error) => this.app.fail(error),
         ),
     };
+    this.gains = scene.presetGains ?? {}; // of the presets' lights, for this person
     this.viewer = await Viewer.open(root, scene, bytes, false, host);
     if (!this.still)
       new FloorShadow(
@@ -157,7 +158,7 @@ export class Light {
     } else {
       const [first] = presetsOf(this.app.about.presets);
       viewer.change((state) =>
-        Object.assign(state, withPreset(state, first), { background: viewer.original && "original" }),
+        Object.assign(state, this.withPreset(state, first), { background: viewer.original && "original" }),
       );
     }
     const same = rig?.photograph === photograph;
@@ -181,15 +182,21 @@ export class Light {
       floor: floorText(state),
       exposure: short(state.exposure),
       gloss: short(state.gloss),
+      amount: short(state.amount),
     };
   }
 
   // --- presets
 
+  /** A state in the light of a preset, which leaves the face as bright as in the photograph. */
+  withPreset(state, preset) {
+    return withPreset(state, preset, this.gains[preset.id] ?? 1);
+  }
+
   /** Lights the person by a preset. */
   apply(preset) {
     this.viewer.stop();
-    this.viewer.change((state) => Object.assign(state, withPreset(state, preset)));
+    this.viewer.change((state) => Object.assign(state, this.withPreset(state, preset)));
   }
 
   showPresets() {
@@ -215,7 +222,7 @@ export class Light {
     const thumbs = await Thumbs.of(viewer);
     for (const { canvas, preset } of entries) {
       if (this.viewer !== viewer) break;
-      thumbs.draw(canvas, preset);
+      thumbs.draw(canvas, preset, this.gains[preset.id] ?? 1);
       await thumbs.drawn();
     }
     thumbs.close();

@@ -6,12 +6,18 @@ import { checkedLight } from "../viewer.js";
 export const presetsOf = (file) =>
   Object.entries(file).map(([id, { title, lights, gloss }]) => ({ id, name: title, lights, gloss: gloss ?? 0 }));
 
-/** A state with the light of a preset in place of its own; an environment is muted. */
-export function withPreset(state, { lights, gloss }) {
+/** The lights of a preset of `gain` times the intensity, written in few digits. */
+export const lightsOf = ({ lights }, gain) =>
+  lights
+    .map((given) => checkedLight(given))
+    .map((light) => ({ ...light, intensity: Number((light.intensity * gain).toPrecision(3)) }));
+
+/** A state with the light of a preset in place of its own, all of it; an environment is muted. */
+export function withPreset(state, preset, gain) {
   return {
     ...state,
-    lights: lights.map((given) => checkedLight(given)),
-    gloss,
+    lights: lightsOf(preset, gain),
+    gloss: preset.gloss,
     selected: 0,
     environment: state.environment && { ...state.environment, muted: true },
   };

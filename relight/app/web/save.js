@@ -196,6 +196,7 @@ function toPython(look, photograph, viewer, output, behind) {
     ...(!background && viewer.original ? ['        background="none",'] : []),
     ...(look.floor ? [`        floor=relight.Floor(${look.floor}),`] : []),
     ...(Number(look.gloss) ? [`        gloss=${look.gloss},`] : []),
+    ...(Number(look.amount) < 1 ? [`        amount=${look.amount},`] : []),
     "    ),",
     `    ${Number(look.exposure) ? `relight.Output(${text(output)}, exposure=${look.exposure})` : text(output)},`,
     ")",

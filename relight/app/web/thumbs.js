@@ -1,6 +1,7 @@
 // Small pictures of the person in other lights, drawn by an engine of its own on a reduced copy of the pack.
 
-import { Engine, SHADERS, checkedLight, power, samples } from "../viewer.js";
+import { Engine, SHADERS, power, samples } from "../viewer.js";
+import { lightsOf } from "./presets.js";
 
 export const THUMB = [128, 128]; // pixels
 const TALLEST = 1.15; // of the person's part that is shown, over its width: head and trunk of a whole person
@@ -46,15 +47,15 @@ export class Thumbs {
     this.tall = tall;
   }
 
-  /** Draws the person in the light of a preset on a canvas. */
-  draw(canvas, { lights, gloss }) {
+  /** Draws the person in the light of a preset on a canvas; `gain`: of its lights. */
+  draw(canvas, preset, gain) {
     const { engine } = this;
-    const given = lights.map((light) => checkedLight(light));
+    const given = lightsOf(preset, gain);
     engine.setLights(
       Array.from({ length: LAYERS }, (_, slot) =>
         given[slot] ? { samples: fewer(samples(given[slot])), colour: power(given[slot], this.tints) } : null,
       ),
-      gloss,
+      preset.gloss,
     );
     engine.show("picture", { exposure: 0, background: null });
     const [width] = engine.size;

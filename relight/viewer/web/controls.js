@@ -233,6 +233,7 @@ export class Controls {
     );
     this.exposure = bound(this.viewer, "Exposure", "exposure", (state) => state, STOPS);
     this.gloss = bound(this.viewer, "Gloss", "gloss", (state) => state, { min: 0, max: 1, step: 0.01 });
+    this.amount = bound(this.viewer, "Amount", "amount", (state) => state, { min: 0, max: 1, step: 0.01 });
     this.surround = choice(`surround${this.id}`, "Surround", SURROUNDS, (name) => this.viewer.setSurround(name));
     return h(
       "section",
@@ -241,6 +242,7 @@ export class Controls {
       this.look,
       this.exposure,
       this.gloss,
+      this.amount,
       h("div", { class: "row" }, h("span", { class: "label" }, "Surround"), this.surround),
     );
   }
@@ -319,6 +321,7 @@ export class Controls {
     this.wipe.value = state.wipe?.look ?? "";
     this.exposure.refresh(state);
     this.gloss.refresh(state);
+    this.amount.refresh(state);
     this.surround.set(viewer.root.dataset.surround);
     this.undo.disabled = !viewer.past.length;
     this.redo.disabled = !viewer.future.length;

@@ -5,7 +5,7 @@
 //            both also draw its gloss, once there is any
 //   sum      Σ colour · layer                                                        (on the canvas)
 //   enlarge  joint bilateral upsampling to the person's pixels                       (on the plate)
-//   compose  (× albedo + gloss) × coverage; or another look                                    (the picture)
+//   compose  (× albedo + gloss, mixed with the photograph) × coverage; or another look         (the picture)
 //   reduce   the brightest value of the picture, which becomes the display's white
 //   show     highlights rolled off, over the background, encoded for the display
 //
@@ -64,6 +64,8 @@ export class Engine {
     this.layers = Array(LAYERS).fill(null); // what each layer shows: the samples it was drawn from
     this.glossy = null; // the same for the gloss, once there is any: { lit, light, layers }
     this.gloss = 0;
+    this.amount = 1;
+    this.photographed = 0;
     this.enlarged = null; // the normals, once they are asked for
     this.table = null; // of the components' weights, once there is a lamp
     this.background = null;
@@ -152,10 +154,13 @@ export class Engine {
   /**
    * Draws the light of these layers: [{ samples, colour: [r, g, b] }], by slot; null where there is none.
    * Samples are those of `lights.js`, or a lamp { position, radius }; a layer whose samples are the same object
-   * as before is not drawn again. `gloss`: strength of the reflection at grazing angles, from 0 to 1.
+   * as before is not drawn again. `gloss`: strength of the reflection at grazing angles, from 0 to 1. `amount`: share
+   * of these lights, `photographed` that of the photograph.
    */
-  setLights(layers, gloss = 0) {
+  setLights(layers, gloss = 0, amount = 1, photographed = 1 - amount) {
     this.gloss = gloss;
+    this.amount = amount;
+    this.photographed = photographed;
     const colours = new Float32Array(LAYERS * 3);
     layers.forEach((layer, slot) => layer && colours.set(layer.colour, slot * 3));
     // Half floats hold 65504: the sum is kept within about one, and its scale apart.
@@ -315,6 +320,8 @@ export class Engine {
       light: look === "normals" ? this.enlarged : this.light,
       reflection: this.glossy?.light ?? this.light,
       gloss: this.gloss,
+      amount: this.amount,
+      photographed: this.photographed,
       plateGuide: this.plateGuide,
       albedo: this.albedo,
       photograph: this.photograph,
@@ -332,6 +339,7 @@ export class Engine {
       background: this.background,
       shadow: this.shadow,
       shadowed: { whole: Number(Boolean(this.floorShadow)) },
+      shadowAmount: this.amount,
       backgroundSize: this.backdrop ? [this.backdrop.width, this.backdrop.height] : [1, 1],
       size: this.size,
       behind: { whole: background === null ? 0 : background === "picture" ? 2 : 1 },

@@ -32,7 +32,7 @@ export async function openPage(page) {
 
 /** What programs may do with a page. */
 const api = (viewer) => ({
-  render: (lights, gloss) => viewer.render(lights, gloss),
+  render: (lights, gloss, amount) => viewer.render(lights, gloss, amount),
   lights: () => toYaml(viewer.state, viewer.environment),
   link: () => toFragment(viewer.state),
   command: () => toCommand(viewer.state, viewer.environment, viewer.scene, viewer.backdrop?.name),
@@ -59,7 +59,7 @@ function merged(lights, active, given) {
   return [...lights.flatMap((light) => (active.includes(light) ? next.splice(0, 1) : [light])), ...next];
 }
 
-/** The widget of a notebook (anywidget): its lights are those that shine, in Python and here; so is its gloss. */
+/** The widget of a notebook (anywidget): its lights are those that shine, in Python and here; so are gloss and amount. */
 export async function render({ model, el }) {
   const root = h("div", { class: "relight embedded" });
   el.append(root);
@@ -76,15 +76,17 @@ export async function render({ model, el }) {
     viewer.listeners.add((state) => {
       const lights = plain(state);
       const same = JSON.stringify(lights) === told;
-      if (same && state.gloss === model.get("gloss")) return;
+      if (same && state.gloss === model.get("gloss") && state.amount === model.get("amount")) return;
       if (!same) {
         told = JSON.stringify(lights);
         model.set("lights", lights);
       }
       model.set("gloss", state.gloss);
+      model.set("amount", state.amount);
       model.save_changes();
     });
-    model.on("change:gloss", () => viewer.change((state) => (state.gloss = model.get("gloss"))));
+    for (const name of ["gloss", "amount"])
+      model.on(`change:${name}`, () => viewer.change((state) => (state[name] = model.get(name))));
     model.on("change:lights", () => {
       const lights = model.get("lights").map((light) => checkedLight(light));
       if (JSON.stringify(lights.map(asInPython)) === told) return;

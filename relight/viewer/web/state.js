@@ -75,6 +75,7 @@ export function initial(scene) {
     wipe: null, // or { look, at }: what is right of `at`, a share of the width
     exposure: 0,
     gloss: scene.gloss ?? 0, // strength of the reflection at grazing angles, from 0 to 1
+    amount: scene.amount ?? 1, // of the lights, from 0 to 1: the rest is the photograph's own
   };
 }
 
@@ -117,6 +118,7 @@ export function toFragment(state, files = {}) {
   set("wipe", state.wipe && `${state.wipe.look}@${short(state.wipe.at)}`);
   set("exposure", state.exposure ? short(state.exposure) : "");
   set("gloss", state.gloss ? short(state.gloss) : "");
+  set("amount", state.amount === 1 ? "" : short(state.amount));
   return query.toString();
 }
 
@@ -138,7 +140,7 @@ export function fromFragment(fragment, base, { maps = [], pictures = [] } = {}, 
         if (light) light[key] = true;
       }
     }
-    Object.assign(state, { background: null, gloss: 0 });
+    Object.assign(state, { background: null, gloss: 0, amount: 1 });
   }
   state.selected = Math.min(
     Math.max(numberOf("selected", query.get("selected") ?? "1") - 1, 0),
@@ -174,7 +176,9 @@ export function fromFragment(fragment, base, { maps = [], pictures = [] } = {}, 
     state.wipe = { look: checkedLook(look), at: Math.min(Math.max(numberOf("wipe", at), 0), 1) };
   }
   state.exposure = checkedExposure(numberOf("exposure", query.get("exposure") ?? 0));
-  if (query.has("gloss")) state.gloss = checkedGloss(numberOf("gloss", query.get("gloss")));
+  for (const key of ["gloss", "amount"]) {
+    if (query.has(key)) state[key] = checkedShare(key, numberOf(key, query.get(key)));
+  }
   return state;
 }
 
@@ -195,9 +199,9 @@ function checkedExposure(exposure) {
   return exposure;
 }
 
-function checkedGloss(gloss) {
-  if (!(gloss >= 0 && gloss <= 1)) throw new Invalid(`gloss: expected 0 to 1, got ${gloss}.`);
-  return gloss;
+function checkedShare(name, value) {
+  if (!(value >= 0 && value <= 1)) throw new Invalid(`${name}: expected 0 to 1, got ${value}.`);
+  return value;
 }
 
 function numberOf(name, text) {
@@ -294,6 +298,7 @@ export function toCommand(state, environment, scene, backgroundName, output = "r
   const floor = floorText(state);
   if (floor) words.push("--floor", floor);
   if (state.gloss) words.push("--gloss", short(state.gloss));
+  if (state.amount !== 1) words.push("--amount", short(state.amount));
   if (state.exposure) words.push("--exposure", short(state.exposure));
   words.push("-o", output);
   return words.map(quoted).join(" ");

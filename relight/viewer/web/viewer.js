@@ -301,7 +301,7 @@ export class Viewer {
     const { engine, state } = this;
     if (engine.lost) return;
     if (engine.backdrop !== this.backdrop) engine.setBackground(this.backdrop);
-    engine.setLights(this.layersOf(state), state.gloss);
+    engine.setLights(this.layersOf(state), state.gloss, state.amount);
     const settings = { exposure: state.exposure, background: this.shownBackground() };
     if (this.held) engine.show("photograph", settings);
     else if (state.wipe) {
@@ -347,9 +347,9 @@ export class Viewer {
 
   /**
    * Lights, as Python's DirectionalLight and PointLight have them, to {width, height, data}: linear premultiplied
-   * RGBA.
+   * RGBA. `amount`: the rest is the photograph.
    */
-  async render(lights, gloss = 0) {
+  async render(lights, gloss = 0, amount = 1) {
     const given = lights.map((light) => checkedLight(light));
     const blocked = given
       .filter(isNear)
@@ -362,7 +362,7 @@ export class Viewer {
         const light = slot < LIGHTS ? given[first + slot] : undefined;
         return light ? { samples: samples(light), colour: power(light, this.tints) } : null;
       });
-      this.engine.setLights(layers, gloss);
+      this.engine.setLights(layers, gloss, amount, first ? 0 : 1 - amount);
       const part = this.engine.read();
       if (picture) part.data.forEach((value, index) => index % 4 < 3 && (picture.data[index] += value));
       else picture = part;

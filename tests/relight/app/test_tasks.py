@@ -109,6 +109,12 @@ class Analysed:
     def __init__(self, image, mask, *, feather):
         Analysed.mask, Analysed.feather = mask, feather
 
+    def clean_plate(self, image):
+        return image
+
+    def preset_gain(self, name):
+        return 1.0
+
 
 @pytest.fixture
 def unanalysed(monkeypatch):

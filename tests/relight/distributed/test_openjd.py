@@ -129,11 +129,13 @@ def test_a_lights_file_is_read_and_never_written(shot):
     assert Path("key.yaml").read_text() == text
 
 
-def test_the_lights_of_a_preset_are_there_once_and_its_gloss_stays(shot):
-    template = written(*shot, "--preset", "rim")
-    assert options(template, 1) == {"lighting": {"gloss": relight.Lighting(preset="rim").effective_gloss}}
-    expected = [light.name for light in relight.presets()["rim"]]
-    assert [light.name for light in relight.read_lights("job.lights.yaml")] == expected
+def test_a_preset_stays_a_preset_whose_light_follows_from_the_person(shot):
+    template = written(*shot, "--preset", "rim", "--amount", "0.5")
+    assert options(template, 1) == {"lighting": {"preset": "rim", "amount": 0.5}}
+    assert not Path("job.lights.yaml").exists()
+    template = written(*shot, "--preset", "rim", "--light", "extra:azimuth=20")
+    assert options(template, 1)["lighting"]["preset"] == "rim"
+    assert [light.name for light in relight.read_lights("job.lights.yaml")] == ["extra"]
 
 
 def test_the_analysis_has_the_field_of_view_of_the_scene_s_camera(shot):

@@ -11,7 +11,7 @@ from relight.pipeline.options import Lighting
 
 
 def lights_of(lighting):
-    return lighting.rig().lights
+    return [*lighting.preset_lights, *lighting.rig().lights]
 
 
 def test_every_preset_has_lights_of_different_names_and_a_title():

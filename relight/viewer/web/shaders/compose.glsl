@@ -4,6 +4,8 @@ const int PICTURE = 0, LIGHT = 1, VISIBILITY = 2, NORMALS = 3, ALBEDO = 4, PHOTO
 uniform sampler2D light;  // enlarged: the light and its visibility, or the normals
 uniform sampler2D reflection;  // enlarged: what a gloss of 1 adds
 uniform float gloss;
+uniform float amount;  // of the lights
+uniform float photographed;  // the share of the photograph's own light: 1 - amount
 uniform sampler2D plateGuide;
 uniform sampler2D albedo;
 uniform sampler2D photograph;
@@ -16,7 +18,8 @@ vec3 person(ivec2 pixel) {
   vec4 lit = texelFetch(light, pixel, 0);
   if (look == PICTURE) {
     vec3 added = gloss > 0.0 ? gloss * texelFetch(reflection, pixel, 0).rgb : vec3(0.0);
-    return (texelFetch(albedo, pixel, 0).rgb * lit.rgb + added) * lightScale;
+    vec3 relit = (texelFetch(albedo, pixel, 0).rgb * lit.rgb + added) * lightScale;
+    return amount * relit + photographed * texelFetch(photograph, pixel, 0).rgb / gain;
   }
   if (look == LIGHT) return lit.rgb * lightScale;
   if (look == VISIBILITY) return lit.aaa;
