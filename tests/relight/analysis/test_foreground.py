@@ -196,3 +196,22 @@ def test_pixels_are_put_where_the_person_is(side):
     assert image.shape == (side, side, 3)
     assert not image[alpha.numpy() == 0].any()
     image[0, 0] = 1  # and it can be written
+
+
+def test_hairs_before_a_bright_wall_have_their_own_colour():
+    """The composite over black shows neither the wall nor a dark contour."""
+    size, random = (80, 80), np.random.default_rng(0)
+    alpha = np.zeros(size, np.float32)
+    alpha[:, :30] = 1
+    for row in range(2, 78, 4):  # hairs 1.6 pixels thick, that grow from the person and fade
+        fade = np.linspace(1, 0.3, 40)
+        alpha[row, 30:70], alpha[row + 1, 30:70] = 0.9 * fade, 0.5 * fade
+    tones = np.repeat(random.uniform(0.02, 0.3, 20), 4)[:, None, None]  # each hair has its own
+    own = np.broadcast_to(np.float32(tones * [1, 0.7, 0.5]), (*size, 3))
+    wall = 0.7 + 0.2 * np.sin(np.arange(80) / 9)[:, None, None] * np.ones((80, 80, 3))
+    plate = np.float32(alpha[..., None] * own + (1 - alpha[..., None]) * wall)
+    person, coverage = Foreground.of(*[torch.from_numpy(alpha)] * 2, True), alpha[:, 31:69, None]
+    found = person.own_colour(plate).permute(1, 2, 0).numpy()[:, 31:69]
+    error = (found - own[:, 31:69]) * coverage
+    assert np.sqrt((error**2).mean()) < 0.012
+    assert abs(error.mean()) < 0.003
