@@ -53,11 +53,7 @@ export class Engine {
     this.programs = Object.fromEntries(
       ["light", "near", "sum", "prepare", "enlarge", "compose", "reduce", "show"].map((name) => [
         name,
-        program(
-          gl,
-          this.shaders.quad,
-          this.shaders.common + (this.shaders[PARTS[name]] ?? "") + this.shaders[name],
-        ),
+        program(gl, this.shaders.quad, this.shaders.common + (this.shaders[PARTS[name]] ?? "") + this.shaders[name]),
       ]),
     );
     gl.bindVertexArray(gl.createVertexArray());
