@@ -8,6 +8,7 @@ from importlib import import_module
 from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:  # for editors and type checkers, which don't follow `__getattr__`
+    from relight import errors
     from relight.compositing.composite import over
     from relight.compositing.floor import Floor
     from relight.compositing.placement import place
@@ -16,6 +17,7 @@ if TYPE_CHECKING:  # for editors and type checkers, which don't follow `__getatt
     from relight.light_estimation import fit_lights, match
     from relight.lights.directional import DirectionalLight
     from relight.lights.environment import EnvironmentLight
+    from relight.lights.light import Light
     from relight.lights.moving import MovingLight
     from relight.lights.near import PointLight, RectLight
     from relight.lights.presets import presets
@@ -40,6 +42,7 @@ _EXPORTS = {
     "DirectionalLight": "relight.lights.directional",
     "EnvironmentLight": "relight.lights.environment",
     "Floor": "relight.compositing.floor",
+    "Light": "relight.lights.light",
     "Lighting": "relight.pipeline.options",
     "MovingLight": "relight.lights.moving",
     "Output": "relight.pipeline.options",
@@ -73,15 +76,55 @@ _EXPORTS = {
     "write_view": "relight.viewer.shot",
 }
 
-__all__ = list(_EXPORTS)
+__all__ = [  # literal, for type checkers
+    "Compute",
+    "DirectionalLight",
+    "EnvironmentLight",
+    "Floor",
+    "Light",
+    "Lighting",
+    "MovingLight",
+    "Output",
+    "PointLight",
+    "RectLight",
+    "Source",
+    "Subject",
+    "analyse_shot",
+    "apply",
+    "errors",
+    "export_person",
+    "fit_lights",
+    "key",
+    "match",
+    "matte",
+    "over",
+    "place",
+    "presets",
+    "read",
+    "read_layers",
+    "read_lights",
+    "read_mask",
+    "read_normals",
+    "render",
+    "render_distributed",
+    "render_shot",
+    "write",
+    "write_job",
+    "write_lights",
+    "write_mask",
+    "write_olat",
+    "write_view",
+]
 
 
 def __getattr__(name: str) -> Any:
     """Import what is asked for when it is asked for (PEP 562), so that `relight --help` answers at once."""
+    if name == "errors":
+        return import_module("relight.errors")
     if name not in _EXPORTS:
         raise AttributeError(f"module {__name__!r} has no attribute {name!r}")
     return getattr(import_module(_EXPORTS[name]), name)
 
 
 def __dir__() -> list[str]:
-    return __all__
+    return [*__all__, "__version__"]

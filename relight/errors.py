@@ -9,13 +9,17 @@
 DamagedFileError
 """
 
+from shadow.errors import EmptyMatteError, RelightError
 
-class RelightError(Exception):
-    """The base of the errors of this module: `except RelightError` catches them all."""
-
-
-class EmptyMatteError(RelightError, ValueError):
-    """A matte, a mask or a photograph shows no person: no coverage is above one half."""
+__all__ = [
+    "DamagedFileError",
+    "EmptyMatteError",
+    "MissingFramesError",
+    "MissingNetworksError",
+    "RelightError",
+    "StaleAnalysisError",
+    "UnsupportedFileError",
+]
 
 
 class DamagedFileError(RelightError, ValueError):

@@ -18,7 +18,9 @@ from relight.matting.sequence import MattingOptions, SequenceMatting
 from relight.media import images, movies
 from relight.media.sequences import FrameSequence, SequenceReader, Still
 from relight.subject import Subject
+from shadow import inputs
 from shadow.files import is_path
+from shadow.torch_settings import isolated
 
 PLATE = "plate"  # the name of the background's light
 MATCH_PREFIX = "match"  # of the names of a reference's lights
@@ -27,7 +29,8 @@ WINDOW_RADIUS = 12  # frames before and after one whose backgrounds light it as 
 MOVING_PLATE_ROWS = 96  # of a moving background's frames, from which its light is estimated
 
 
-def fit_lights(image: np.ndarray, subject: Subject | None = None) -> list[DirectionalLight]:
+@isolated
+def fit_lights(image: inputs.Array, subject: Subject | None = None) -> list[DirectionalLight]:
     """Estimate the lights of a photograph: those in which the subject looks most like the image.
 
     Image = albedo × Σ weight × shading is solved for the weights of the 96 OLAT directions by non-negative
@@ -69,8 +72,9 @@ def fit_lights(image: np.ndarray, subject: Subject | None = None) -> list[Direct
     ]
 
 
+@isolated
 def match(
-    subject: Subject, reference: np.ndarray, *, mask: np.ndarray | None = None
+    subject: Subject, reference: inputs.Array, *, mask: inputs.Array | None = None
 ) -> list[DirectionalLight]:
     """Estimate the lights of a photograph of another person, to relight a subject with them.
 
@@ -110,7 +114,7 @@ def match(
 
 
 def lights_in(
-    reference: np.ndarray, mask: np.ndarray | None = None, device: str | None = None
+    reference: inputs.Array, mask: inputs.Array | None = None, device: str | None = None
 ) -> list[DirectionalLight]:
     """Estimate the lights of a photograph, as `match` does. `device`: where the networks run."""
     lights = fit_lights(reference, Subject(reference, mask, device=device))

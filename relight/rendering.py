@@ -26,7 +26,9 @@ from relight.lights.light import Light
 from relight.lights.rig import Lights, as_lights, by_name, check_free, checked_amount, scaled
 from relight.media.images import Metadata, half, read, scene_linear
 from relight.subject import Person, Subject
+from shadow import inputs
 from shadow.files import AnyPath, is_path
+from shadow.torch_settings import isolated
 
 BACKGROUND_LAYER = "background"
 PASSES = ("albedo", "N", "Z", "P", "visibility", "shading", "gloss")
@@ -35,14 +37,15 @@ EXR_TYPES = ("half", "float")
 Layers = dict[str, np.ndarray]
 
 
+@isolated
 def apply(
-    image: np.ndarray,
+    image: inputs.Array,
     lights: Lights,
     *,
     background: Background | AnyPath | None = None,
-    mask: np.ndarray | None = None,
+    mask: inputs.Array | None = None,
     matte: AnyPath | None = "auto",
-    albedo: np.ndarray | None = None,
+    albedo: inputs.Array | None = None,
     normals: np.ndarray | Callable | str | os.PathLike | None = None,
     depth: np.ndarray | str | os.PathLike | None = None,
     height: float | None = None,
@@ -152,14 +155,15 @@ def _background(background: Background | AnyPath | None, lights: Iterable[Light]
     return read(meant) if isinstance(meant, str) and meant not in (ENVIRONMENT, PLATE) else meant
 
 
+@isolated
 def render(
-    image: np.ndarray,
+    image: inputs.Array,
     lights: Lights,
     *,
     background: Background | AnyPath | None = None,
-    mask: np.ndarray | None = None,
+    mask: inputs.Array | None = None,
     matte: AnyPath | None = "auto",
-    albedo: np.ndarray | None = None,
+    albedo: inputs.Array | None = None,
     normals: np.ndarray | Callable | str | os.PathLike | None = None,
     depth: np.ndarray | str | os.PathLike | None = None,
     height: float | None = None,

@@ -33,6 +33,7 @@ from shadow import inputs
 from shadow.files import AnyPath
 from shadow.framing import Extension
 from shadow.networks.checkpoints import checksum
+from shadow.torch_settings import isolated_class
 
 PHOTOGRAPH = "photograph"  # name of the layer of the photograph's own light
 LIGHTS_PER_BATCH = 2  # whose maps are upsampled together: more are no faster and take more memory
@@ -75,6 +76,7 @@ class Person(Protocol):
     def temporally_filtered(self, neighbours: Iterable[Any]) -> "Person": ...
 
 
+@isolated_class
 class Subject:
     """A person in an image, analysed once. Each light then costs a weighted sum and no network.
 
@@ -156,9 +158,9 @@ class Subject:
 
     def __init__(
         self,
-        image: np.ndarray,
-        mask: np.ndarray | None = None,
-        albedo: np.ndarray | None = None,
+        image: inputs.Array,
+        mask: inputs.Array | None = None,
+        albedo: inputs.Array | None = None,
         normals: np.ndarray | Callable | str | os.PathLike | None = None,
         *,
         depth: np.ndarray | str | os.PathLike | None = None,
@@ -496,7 +498,7 @@ class Subject:
         """Upsample maps of the networks' canvas, (C, h, w), to the plate: (H, W, C) float32, zero outside."""
         return self.on_plate(self._to_plate(maps))
 
-    def fit_lighting(self, image: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    def fit_lighting(self, image: inputs.Array) -> tuple[np.ndarray, np.ndarray]:
         """Fit the lighting in which the person looks most like `image`, see `relight.fit_lights`.
 
         Returns directions (96, 3), `shadow.directions.olat(behind=True)`, and their intensities (96, 3) >= 0.
@@ -696,7 +698,7 @@ class Subject:
         positions = self.camera.positions(columns + 0.5, rows + 0.5, torch.tensor(self.depth))
         return _read_only(positions.permute(1, 2, 0).numpy() * (self.matte > 0)[..., None])
 
-    def visibility(self, directions: np.ndarray) -> np.ndarray:
+    def visibility(self, directions: inputs.Array) -> np.ndarray:
         """Compute self-shadow maps for light directions.
 
         Parameters
@@ -716,7 +718,7 @@ class Subject:
         """
         return self._maps_on_plate(self._record.maps.visibility, directions)
 
-    def shading(self, directions: np.ndarray) -> np.ndarray:
+    def shading(self, directions: inputs.Array) -> np.ndarray:
         """Compute the diffuse shading by one light of unit intensity at a time.
 
         Parameters

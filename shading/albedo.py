@@ -10,15 +10,17 @@ from shading.analysis import analyse
 from shadow import inputs
 from shadow.analysis import Array, Normals
 from shadow.directions import olat
+from shadow.torch_settings import isolated
 
 FIT_HEIGHT = 128  # rows of the picture from which the lighting is solved: twice as many are no better
 DARK = 0.1  # of the mean, added to a pixel's value before the square root that its error is relative to
 RIDGE = 0.02  # ridge penalty, relative to the mean squared light, which spreads light over similar directions
 
 
+@isolated
 def infer_albedo(
-    rgb: Array,
-    mask: Array,
+    rgb: inputs.Array,
+    mask: inputs.Array,
     *,
     normals: Normals | None = None,
     model: str | os.PathLike = "shading",
@@ -52,9 +54,10 @@ def infer_albedo(
     return analyse(rgb, mask, normals=normals, model=model).albedo
 
 
+@isolated
 def infer_lighting(
-    rgb: Array,
-    mask: Array,
+    rgb: inputs.Array,
+    mask: inputs.Array,
     *,
     normals: Normals | None = None,
     model: str | os.PathLike = "shading",

@@ -12,8 +12,10 @@ from shadow.analysis import Array, Normals
 from shadow.framing import Framed
 from shadow.matte_cleanup import clean_matte
 from shadow.normals import on_canvas, resolve
+from shadow.torch_settings import isolated, isolated_class
 
 
+@isolated_class
 class Analysis(analysis.Analysis):
     """What both networks inferred from one photograph. Made by `shading.analyse`.
 
@@ -42,13 +44,13 @@ class Analysis(analysis.Analysis):
         field: Any,
         network: Any,
         normals: torch.Tensor | None = None,
-        like: Array | None = None,
+        like: inputs.Array | None = None,
     ) -> None:
         super().__init__(framed, field, normals, like)
         inferred = network.analyse(framed.rgb, framed.mask, self.canvas_normals, self.canvas_visibility)
         self.canvas_shading, self.canvas_albedo = inferred
 
-    def shading(self, directions: Array, visibility: Array | None = None) -> Array:
+    def shading(self, directions: inputs.Array, visibility: inputs.Array | None = None) -> Array:
         """Return the diffuse shading (D, H, W), float32 in [0, 1], by each light of unit intensity alone.
 
         It is linear and includes light that the body reflects onto itself. 1 is a surface that faces an
@@ -77,9 +79,10 @@ class Analysis(analysis.Analysis):
         return inputs.like(maps.permute(1, 2, 0), self._like)
 
 
+@isolated
 def analyse(
-    rgb: Array,
-    mask: Array,
+    rgb: inputs.Array,
+    mask: inputs.Array,
     *,
     normals: Normals | None = None,
     model: str | os.PathLike = "shading",
@@ -128,13 +131,14 @@ def analyse(
     return Analysis(framed, field, network, surface, rgb)
 
 
+@isolated
 def infer(
-    rgb: Array,
-    mask: Array,
-    directions: Array,
+    rgb: inputs.Array,
+    mask: inputs.Array,
+    directions: inputs.Array,
     *,
     normals: Normals | None = None,
-    visibility: Array | None = None,
+    visibility: inputs.Array | None = None,
     model: str | os.PathLike = "shading",
 ) -> Array:
     """Infer the diffuse shading of the person in an image by each light of unit intensity alone.

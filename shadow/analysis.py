@@ -16,6 +16,7 @@ from shadow.networks import checkpoints
 from shadow.networks.field import VisibilityField
 from shadow.networks.unet import LATENTS, PerLight
 from shadow.normals import on_canvas, resolve
+from shadow.torch_settings import isolated, isolated_class
 
 NETWORKS = {"field": VisibilityField} | dict.fromkeys(LATENTS, PerLight)
 
@@ -31,6 +32,7 @@ def load(name: str | os.PathLike = "field", device: torch.device | str = "cpu") 
     return checkpoints.load(name, NETWORKS, package="shadow", device=device)
 
 
+@isolated_class
 class Analysis:
     """What the visibility network inferred from one photograph. Made by `shadow.analyse`.
 
@@ -59,7 +61,7 @@ class Analysis:
         framed: Framed,
         network: Any,
         normals: torch.Tensor | None,
-        like: Array | None = None,
+        like: inputs.Array | None = None,
         passes: int | None = None,
     ) -> None:
         """Run the network on a framed photograph; `normals` (3, h, w) replace the network's own.
@@ -95,7 +97,7 @@ class Analysis:
             return None
         return inputs.like(self.framed.restored(self.canvas_depth[None])[0], self._like)
 
-    def visibility(self, directions: Array) -> Array:
+    def visibility(self, directions: inputs.Array) -> Array:
         """Return self-shadow maps (D, H, W), float32 in [0, 1]: 1 is lit, zero outside the matte.
 
         `directions` (D, 3) point toward the lights, in the camera frame, and may have any length but zero.
@@ -104,7 +106,7 @@ class Analysis:
         """
         return self._restored(self.canvas_visibility(self._lights(directions)))
 
-    def _lights(self, directions: Array) -> torch.Tensor:
+    def _lights(self, directions: inputs.Array) -> torch.Tensor:
         return inputs.directions("directions", directions).to(self.framed.rgb.device)
 
     def _restored(self, maps: torch.Tensor) -> Array:
@@ -112,9 +114,10 @@ class Analysis:
         return inputs.like(self.framed.restored(maps).clamp(0, 1), self._like)
 
 
+@isolated
 def analyse(
-    rgb: Array,
-    mask: Array,
+    rgb: inputs.Array,
+    mask: inputs.Array,
     *,
     normals: Normals | None = None,
     model: str | os.PathLike = "field",

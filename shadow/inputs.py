@@ -8,14 +8,12 @@ import numpy as np
 import torch
 from numpy.typing import ArrayLike
 
+from shadow.errors import EmptyMatteError
+
 Array = ArrayLike | torch.Tensor
 PACKAGES = ("relight", "shading", "shadow", "torch")  # a warning shows the line that called these
 MOST_LABELS = 128  # codes of a mask up to this one may be labels
 LARGEST_VALUE = 1e15  # its square, summed over a picture, still fits in float32
-
-
-class EmptyMaskError(ValueError):
-    """A mask shows no subject: no value is above one half."""
 
 
 def _tensor(name: str, value: Array, expected: str) -> torch.Tensor:
@@ -24,6 +22,7 @@ def _tensor(name: str, value: Array, expected: str) -> torch.Tensor:
     else:
         try:
             array = np.ascontiguousarray(value)
+            array = array if array.flags.writeable else array.copy()  # torch has no read-only tensors
             tensor = torch.from_numpy(array.astype(array.dtype.newbyteorder("="), copy=False))
         except (TypeError, ValueError) as error:
             raise TypeError(f"{name}: expected {expected}, got {type(value).__name__}") from error
@@ -60,7 +59,7 @@ def bounded(name: str, pixels: torch.Tensor) -> torch.Tensor:
 def mask(name: str, value: Array, size: Sequence[int]) -> torch.Tensor:
     """Return a mask (H, W) in [0, 1], float or bool, of the image's size, as a float32 tensor (H, W).
 
-    Raises EmptyMaskError if no value is above 0.5, and TypeError or ValueError for another mask.
+    Raises EmptyMatteError if no value is above 0.5, and TypeError or ValueError for another mask.
     """
     expected = f"an array of shape {tuple(size)} in [0, 1], the size of the image"
     tensor = _tensor(name, value, expected)
@@ -73,7 +72,7 @@ def mask(name: str, value: Array, size: Sequence[int]) -> torch.Tensor:
     if low < 0 or high > 1:
         raise ValueError(f"{name}: expected values in [0, 1], got [{low:g}, {high:g}]")
     if high <= 0.5:
-        raise EmptyMaskError(f"{name}: is empty (no value above 0.5), so there is no subject{faint(high)}")
+        raise EmptyMatteError(f"{name}: is empty (no value above 0.5), so there is no subject{faint(high)}")
     return tensor
 
 
@@ -124,11 +123,24 @@ def device(name: str, value: str | torch.device | None) -> torch.device | None:
         return None
     try:
         place = torch.device(value)
+    except (RuntimeError, TypeError) as error:
+        raise ValueError(f"{name}: expected a device of this machine, {_devices()}; got {value!r}") from error
+    if place.type == "meta":
+        raise ValueError(f"{name}: 'meta' holds no values; expected a device of this machine, {_devices()}")
+    try:
         torch.empty(0, device=place)
-    except (AssertionError, RuntimeError, TypeError, NotImplementedError) as error:
-        expected = "a device of this machine, such as cpu or cuda"
-        raise ValueError(f"{name}: expected {expected}, got {value!r}") from error
+    except (AssertionError, AttributeError, ImportError, RuntimeError, NotImplementedError) as error:
+        raise ValueError(
+            f"{name}: {str(value)!r} is not available: this machine, or this build of torch "
+            f"({torch.__version__}), has no such device; use {_devices()}"
+        ) from error
     return place
+
+
+def _devices() -> str:
+    """Return the devices that torch can use here, for an error."""
+    found = ["cpu"] + ["cuda"] * torch.cuda.is_available() + ["mps"] * torch.backends.mps.is_available()
+    return " or ".join(found)
 
 
 def photograph(

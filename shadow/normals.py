@@ -16,6 +16,7 @@ from shadow.matte_cleanup import clean_matte
 from shadow.networks import checkpoints, pifuhd
 from shadow.networks.field import VisibilityField
 from shadow.networks.foreign import OnnxNormals
+from shadow.torch_settings import isolated
 
 
 class ProvidedNormals:
@@ -156,6 +157,7 @@ def on_canvas(given: torch.Tensor | None, framing: Framing) -> torch.Tensor | No
     return None if given is None else F.normalize(framing.crop(given), dim=0)
 
 
+@isolated
 def infer_normals(
     rgb: np.ndarray | torch.Tensor, mask: np.ndarray | torch.Tensor, *, model: Any = "field"
 ) -> np.ndarray | torch.Tensor:

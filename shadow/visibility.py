@@ -6,11 +6,13 @@ import torch
 
 from shadow import inputs
 from shadow.analysis import Array, Normals, analyse, load
+from shadow.torch_settings import isolated
 
 __all__ = ["baseline", "infer", "load"]
 
 
-def baseline(normals: Array, directions: Array) -> Array:
+@isolated
+def baseline(normals: inputs.Array, directions: inputs.Array) -> Array:
     """Return the sign(N·L) baseline of Section 4.1: lit where the surface faces the light.
 
     Parameters
@@ -42,10 +44,11 @@ def baseline(normals: Array, directions: Array) -> Array:
     return inputs.like((torch.einsum("dc,chw->dhw", lights, surface) > 0).float(), normals)
 
 
+@isolated
 def infer(
-    rgb: Array,
-    mask: Array,
-    directions: Array,
+    rgb: inputs.Array,
+    mask: inputs.Array,
+    directions: inputs.Array,
     *,
     normals: Normals | None = None,
     model: str | os.PathLike = "field",

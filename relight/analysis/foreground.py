@@ -104,7 +104,7 @@ class Foreground:
         return image.reshape(*self.size, -1)
 
 
-def linear_plate(image: np.ndarray) -> np.ndarray:
+def linear_plate(image: inputs.Array) -> np.ndarray:
     """Return a plate as (H, W, 3|4) float32, linear Rec.709, premultiplied; see `relight.Subject`.
 
     Raises TypeError, ValueError: what `scene_linear` refuses, and values whose sums exceed float32.
@@ -132,7 +132,7 @@ def plate_coverage(plate: np.ndarray, mask: Any = None) -> torch.Tensor:
     return person_mask("image's alpha", plate[..., 3], plate.shape[:2])
 
 
-def person_matte(image: np.ndarray, mask: Any = None) -> torch.Tensor:
+def person_matte(image: inputs.Array, mask: Any = None) -> torch.Tensor:
     """Return the matte (H, W) that the analysis works with: without noise and specks."""
     return clean_matte(plate_coverage(linear_plate(image), mask))
 
@@ -143,7 +143,7 @@ def without_alpha(plate: np.ndarray) -> torch.Tensor:
     return rgb[:3] / rgb[3:].clamp_min(MIN_COVERAGE) if len(rgb) == 4 else rgb
 
 
-def provided_albedo(albedo: np.ndarray, size: tuple[int, ...]) -> torch.Tensor:
+def provided_albedo(albedo: inputs.Array, size: tuple[int, ...]) -> torch.Tensor:
     """Check the caller's albedo and return it as (3, H, W), linear in [0, 1]; `size` is (H, W)."""
     pixels = scene_linear("albedo", albedo)
     if pixels.shape != (*size, 3):

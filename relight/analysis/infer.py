@@ -57,9 +57,9 @@ class AnalysisInputs:
 
 
 def check_inputs(
-    image: np.ndarray,
-    mask: np.ndarray | None = None,
-    albedo: np.ndarray | None = None,
+    image: inputs.Array,
+    mask: inputs.Array | None = None,
+    albedo: inputs.Array | None = None,
     normals: np.ndarray | Callable | str | os.PathLike | None = None,
     depth: np.ndarray | str | os.PathLike | None = None,
     height: float | None = None,

@@ -9,6 +9,7 @@ from relight.analysis.foreground import Foreground, linear_plate
 from relight.analysis.maps import AnalysisMaps
 from relight.analysis.old_light import OldLight
 from shading.albedo import solve_lighting
+from shadow import inputs
 from shadow.directions import olat
 from shadow.framing import Framed, Framing
 
@@ -25,7 +26,7 @@ class AnalysisRecord(NamedTuple):
     old_light: OldLight = OldLight()  # whose colour the albedo lacks
     face: torch.Tensor | None = None  # (h, w) bool, where it is on the canvas, if that is known
 
-    def fit_lighting(self, image: np.ndarray, albedo: torch.Tensor) -> tuple[np.ndarray, np.ndarray]:
+    def fit_lighting(self, image: inputs.Array, albedo: torch.Tensor) -> tuple[np.ndarray, np.ndarray]:
         """Fit the lighting in which the person looks most like `image`, see `relight.fit_lights`.
 
         `albedo` (P, 3): that of relit pictures, without noise. Returns directions (96, 3) and their

@@ -9,6 +9,7 @@ from numpy.typing import ArrayLike
 from relight.compositing.placement import cover
 from relight.lights.environment import EnvironmentLight
 from relight.media.images import scene_linear
+from shadow.torch_settings import isolated
 
 Background = ArrayLike | EnvironmentLight  # an image, a linear (r, g, b), or a map as a camera sees it
 # Words that are backgrounds: what the camera sees of the environments among the lights; the photograph
@@ -16,6 +17,7 @@ Background = ArrayLike | EnvironmentLight  # an image, a linear (r, g, b), or a 
 ENVIRONMENT, PLATE, NONE = "environment", "plate", "none"
 
 
+@isolated
 def over(foreground: ArrayLike, background: Background, shadow: np.ndarray | None = None) -> np.ndarray:
     """Composite a foreground over a background: F + (1 - alpha) B (Porter and Duff 1984), in linear light.
 

@@ -9,10 +9,12 @@ from numpy.typing import ArrayLike
 
 from relight.media.images import coverage, scene_linear
 from relight.media.resampling import resize
+from shadow.torch_settings import isolated
 
 MAX_PIXELS = 65536  # along a side: beyond any plate, within what an image file can hold
 
 
+@isolated
 def place(
     image: ArrayLike,
     size: tuple[int, int],

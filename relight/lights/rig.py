@@ -1,5 +1,6 @@
 """What functions take for lights: one, several, or the name of a preset."""
 
+import itertools
 from collections.abc import Iterable
 from dataclasses import replace
 from typing import Any
@@ -73,9 +74,17 @@ def check_free(names: Iterable[str], layer: str) -> None:
 
 
 def by_name(lights: Lights) -> dict[str, Light]:
-    """Return {name: light}, unnamed ones as `light1`, `light2`...; raises ValueError if two have one name."""
+    """Return {name: light}; raises ValueError if two were given one name.
+
+    Lights without a name are `light1`, `light2`... by their place, or the next number that no name has.
+    """
     several = as_lights(lights)
-    names = [light.name or f"light{number}" for number, light in enumerate(several, 1)]
-    if len(set(names)) < len(names):
-        raise ValueError(f"lights: expected different names, got {', '.join(names)}")
-    return dict(zip(names, several, strict=True))
+    given = [light.name for light in several if light.name]
+    if len(set(given)) < len(given):
+        raise ValueError(f"lights: expected different names, got {', '.join(given)}")
+    named: dict[str, Light] = {}
+    for number, light in enumerate(several, 1):
+        numbers = itertools.count(number)
+        free = (name for each in numbers if (name := f"light{each}") not in {*given, *named})
+        named[light.name or next(free)] = light
+    return named

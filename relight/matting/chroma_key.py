@@ -12,6 +12,7 @@ from relight.errors import EmptyMatteError
 from relight.matting.refine import pymatting
 from relight.media.images import person_mask, scene_linear
 from relight.media.resampling import fill_unknown
+from shadow.torch_settings import isolated
 
 SCREENS = {"green": 1, "blue": 2}  # index of the screen's channel
 MIN_SATURATION = 0.3  # least difference of a screen's channel to the others, as a share of it
@@ -22,6 +23,7 @@ MAX_EDGE_SHARE = 1 / 40  # widest soft edge, as a share of the side of a square 
 COMPILING = "Compiling PyMatting, once on this machine: one to two minutes"
 
 
+@isolated
 def key(image: ArrayLike, screen: str = "green", *, mask: ArrayLike | None = None) -> np.ndarray:
     """Cut a person out of a green or blue screen.
 

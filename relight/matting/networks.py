@@ -21,6 +21,7 @@ from relight.matting.refine import encoded_srgb, opaque_photograph, select_perso
 from shadow.files import AnyPath, is_path
 from shadow.installing import install_command
 from shadow.networks.onnx import MAX_SIDE, OnnxFile, Preprocessing, checked_maps
+from shadow.torch_settings import isolated
 
 AUTO = "auto"  # the model that finds the person
 IMAGENET: dict[str, Any] = {"mean": (0.485, 0.456, 0.406), "std": (0.229, 0.224, 0.225)}
@@ -82,6 +83,7 @@ class MattingModel(Protocol):
     def reset(self) -> None: ...
 
 
+@isolated
 def matte(image: ArrayLike, model: AnyPath, *, person: Any = None, **options: Any) -> np.ndarray:
     """Infer the matte of the person in a photograph.
 

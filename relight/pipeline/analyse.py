@@ -13,8 +13,10 @@ from relight.pipeline.option_fields import Report
 from relight.pipeline.options import Compute, Source
 from relight.pipeline.plate_metadata import VERSION, PlateMetadataReader, relative_path
 from relight.pipeline.shot import Shot
+from shadow.torch_settings import isolated
 
 
+@isolated
 def analyse_shot(
     source: Source | Any,
     output: str | Path,

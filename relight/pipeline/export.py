@@ -14,8 +14,10 @@ from relight.pipeline.shot import Shot
 from relight.scene import mesh, nuke_script, writing
 from relight.scene.asset import Asset, checked
 from relight.subject import Subject
+from shadow.torch_settings import isolated
 
 
+@isolated
 def export_person(
     output: str | Path,
     source: Source | Any,

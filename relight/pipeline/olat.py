@@ -20,6 +20,7 @@ from relight.pipeline.shot import Shot
 from relight.pipeline.sinks import FileSink, ScriptSink, SingleFile, file_of
 from relight.rendering import Layers
 from shadow import directions
+from shadow.torch_settings import isolated
 
 
 def olat_lights(behind: bool = False) -> list[DirectionalLight]:
@@ -30,6 +31,7 @@ def olat_lights(behind: bool = False) -> list[DirectionalLight]:
     ]
 
 
+@isolated
 def write_olat(
     source: Source | Any,
     output: str | Path | Iterable[str | Path],

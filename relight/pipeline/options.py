@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import dataclasses
 import os
-from collections.abc import Callable, Iterable
+from collections.abc import Callable, Iterable, Sequence
 from dataclasses import MISSING, dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Literal
@@ -162,7 +162,7 @@ class Lighting(Options):
         "Light by name: three-point, rembrandt, butterfly, split, rim, window, overcast, golden-hour, stage "
         "or firelight."
     )
-    light: tuple[str | Light | MovingLight, ...] = option(
+    light: Sequence[str | Light | MovingLight] = option(
         "A light, as in the example below. Also direction=x/y/z, exposure (stops), temperature (kelvin), "
         "locus (planckian, daylight), angle (degrees; soft shadows), orbit (frames of one turn). Near "
         "lights: position=x/y/z (metres), radius; or toward=x/y/z, width, height; cone (degrees), softness. "
@@ -170,7 +170,7 @@ class Lighting(Options):
         (),
         text=list[str],
     )
-    environment: tuple[str, ...] = option(
+    environment: Sequence[str] = option(
         "Light from a latitude-longitude map, as in the example below. Its centre is at the camera. "
         "Repeatable.",
         (),
@@ -330,7 +330,7 @@ class Output(Options):
     >>> output = relight.Output(["relit.exr", "relit.nk"], passes=["albedo", "N"])
     """
 
-    paths: tuple[Path, ...] = option(
+    paths: Sequence[Path] = option(
         "A file to write, a sequence such as relit.%04d.exr, or a movie, .mp4 or .mov. An .exr keeps each "
         "light as a layer; a .nk mixes the .exr in Nuke. Repeatable.",
         MISSING,
@@ -339,7 +339,7 @@ class Output(Options):
         path=True,
         metavar="<file>",
     )
-    passes: tuple[str, ...] = option(
+    passes: Sequence[str] = option(
         "Further layers of the .exr: albedo, N, Z, P, visibility, shading, gloss; as albedo,N.",
         (),
         parse=parse_passes,

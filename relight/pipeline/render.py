@@ -11,8 +11,10 @@ from relight.pipeline.option_fields import Phase, Report
 from relight.pipeline.options import Compute, Lighting, Output, Source
 from relight.pipeline.shot import Shot
 from relight.pipeline.sinks import open_sinks
+from shadow.torch_settings import isolated
 
 
+@isolated
 def render_shot(
     source: Source | Any,
     lighting: Lighting | Any,

@@ -12,11 +12,13 @@ from relight.pipeline.shot import Shot
 from relight.viewer.page import SUFFIXES
 from relight.viewer.scene import COMMAND, DEFAULT_LIGHT, checked_lights
 from shadow import files
+from shadow.torch_settings import isolated
 
 # The folders of an absolute path, which a page that is sent away should not tell
 ABSOLUTE = re.compile(r"(^|[=:])(?:/|[A-Za-z]:[\\/])(?:[^/\\]*[/\\])*")
 
 
+@isolated
 def write_view(
     output: str | Path,
     source: Source | Any,

@@ -5,17 +5,17 @@ from collections.abc import Sequence
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
-from numpy.typing import ArrayLike
 
-from relight.errors import EmptyMatteError
 from relight.media import colour
 from relight.media.encodings import Encoding
 
 if TYPE_CHECKING:
     import torch
 
+    from shadow import inputs
 
-def scene_linear(name: str, image: ArrayLike) -> np.ndarray:
+
+def scene_linear(name: str, image: "inputs.Array") -> np.ndarray:
     """Convert a public image to linear Rec.709, premultiplied; `name` is what an error calls it.
 
     (H, W, 3|4): uint8 and uint16 are sRGB-encoded with straight alpha; floating dtypes are scene-linear
@@ -54,7 +54,7 @@ def without_empty_alpha(name: str, plate: np.ndarray) -> np.ndarray:
     return np.ascontiguousarray(plate[..., :3])
 
 
-def as_array(name: str, value: ArrayLike) -> np.ndarray:
+def as_array(name: str, value: "inputs.Array") -> np.ndarray:
     """Whatever a caller hands over as a NumPy array in this machine's byte order; tensors without gradient.
 
     Raises TypeError if it is no array, such as a ragged list; `name` is what the error calls it.
@@ -94,7 +94,7 @@ def _is_light(space: colour.Space) -> bool:
     return isinstance(space, tuple) or (isinstance(space, Encoding) and space.is_linear)
 
 
-def coverage(name: str, mask: ArrayLike) -> np.ndarray:
+def coverage(name: str, mask: "inputs.Array") -> np.ndarray:
     """Convert a public matte to (H, W) float32 in [0, 1].
 
     `mask` is bool, floating in [0, 1], or uint8 or uint16 over the full range. Raises TypeError for another
@@ -113,7 +113,7 @@ def coverage(name: str, mask: ArrayLike) -> np.ndarray:
     return matte.astype(np.float32)
 
 
-def person_mask(name: str, mask: ArrayLike, size: Sequence[int]) -> "torch.Tensor":
+def person_mask(name: str, mask: "inputs.Array", size: Sequence[int]) -> "torch.Tensor":
     """Convert a public matte of a person, which an error calls `name`, to a float32 tensor (H, W) in [0, 1].
 
     (H, W), which `size` must be: floats or bools in [0, 1], or uint8 or uint16 over the full range. Raises
@@ -124,7 +124,4 @@ def person_mask(name: str, mask: ArrayLike, size: Sequence[int]) -> "torch.Tenso
 
     values = as_array(name, mask)
     values = coverage(name, values) if values.dtype.kind == "u" else values
-    try:
-        return inputs.mask(name, values, size)
-    except inputs.EmptyMaskError as error:
-        raise EmptyMatteError(str(error)) from None
+    return inputs.mask(name, values, size)
