@@ -8,7 +8,6 @@ from importlib import import_module
 from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:  # for editors and type checkers, which don't follow `__getattr__`
-    from relight import errors
     from relight.compositing.composite import over
     from relight.compositing.floor import Floor
     from relight.compositing.placement import place
@@ -91,7 +90,6 @@ __all__ = [  # literal, for type checkers
     "Subject",
     "analyse_shot",
     "apply",
-    "errors",
     "export_person",
     "fit_lights",
     "key",
@@ -127,4 +125,4 @@ def __getattr__(name: str) -> Any:
 
 
 def __dir__() -> list[str]:
-    return [*__all__, "__version__"]
+    return [*__all__, "__version__", "errors"]

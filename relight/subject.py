@@ -84,7 +84,8 @@ class Subject:
     time. They see a canvas around the person. Their maps are upsampled to the plate, guided by its colours;
     texture comes from the plate itself.
 
-    A Subject can be pickled and sent to another process. Spawn such processes: a process that is forked after
+    A Subject can be pickled, with the size and the precision of what `save` writes, and sent to another
+    process. Spawn such processes: a process that is forked after
     torch has run on two threads or more hangs at its first network (Python's `multiprocessing` forks by
     default before Python 3.14 on Linux).
 
@@ -241,6 +242,29 @@ class Subject:
             No such folder, or the file cannot be written.
         """
         storage.write_record(path, self._record, {"weights": list(weights()), **(provenance or {})})
+
+    def __reduce__(self) -> tuple[Any, ...]:
+        """Pickle what `save` writes: a few megabytes, with the precision of that file."""
+        packed = storage.pack_record(self._record, {"weights": list(weights())})
+        return _unpickled, (type(self), packed)
+
+    def __copy__(self) -> Self:
+        """Return a subject of the same arrays, which are never changed."""
+        other = type(self).__new__(type(self))
+        other.__dict__.update(self.__dict__)
+        return other
+
+    def __deepcopy__(self, memo: dict[int, Any]) -> Self:
+        return copy.copy(self)
+
+    def __repr__(self) -> str:
+        """Say the size, the coverage and the networks."""
+        height, width = self.size
+        names = ", ".join(name[:8] for name in weights())
+        return (
+            f"<Subject of {width} x {height} pixels, {100 * float(self.matte.mean()):.3g} % covered, "
+            f"weights {names}>"
+        )
 
     def _set_record(self, record: AnalysisRecord) -> None:
         """Take an analysis, and prepare the upsampling from the canvas to the plate."""
@@ -772,6 +796,11 @@ class Subject:
     def _to_plate(self, maps: torch.Tensor) -> torch.Tensor:
         """Upsample canvas maps (C, h, w) to the person's pixels on the plate (P, C)."""
         return self._upsample(self._extend(maps))
+
+
+def _unpickled(kind: type[Subject], packed: bytes) -> Subject:
+    """Return a subject that was pickled; raises as `Subject.load`."""
+    return kind.from_record(storage.unpack_record(packed))
 
 
 def weights() -> tuple[str, str]:

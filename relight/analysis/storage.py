@@ -21,6 +21,7 @@ from typing import Any
 import numpy as np
 import torch
 from safetensors import SafetensorError, safe_open
+from safetensors.numpy import load as from_bytes
 from safetensors.numpy import save as to_bytes
 
 from relight.analysis.array_codec import compress, decompress
@@ -59,6 +60,13 @@ def write_record(path: AnyPath, record: AnalysisRecord, provenance: Mapping[str,
     Raises ValueError for another suffix than `.safetensors`, OSError if the file cannot be written.
     """
     path = check_writable(path, (SUFFIX,))
+    data = pack_record(record, provenance)
+    with replacing(path) as beside:
+        beside.write_bytes(data)
+
+
+def pack_record(record: AnalysisRecord, provenance: Mapping[str, Any]) -> bytes:
+    """Return the content of the file that `write_record` writes."""
     arrays = _plate_arrays(record) | _canvas_arrays(record)
     person, framing = record.foreground, record.framing
     tensors = {name: compress(array) for name, array in arrays.items()}
@@ -79,18 +87,14 @@ def write_record(path: AnyPath, record: AnalysisRecord, provenance: Mapping[str,
         },
         "provenance": {**provenance},
     }
-    _save(path, tensors, header)
+    return to_bytes(tensors, {"relight": json.dumps(header)})
 
 
 def write_empty(path: AnyPath, size: tuple[int, ...], provenance: Mapping[str, Any]) -> None:
     """Write that a picture of `size` (H, W) shows no person; raises as `write_record` does."""
     header = {"format": FORMAT, "empty": size, "arrays": {}, "provenance": {**provenance}}
-    _save(check_writable(path, (SUFFIX,)), {}, header)
-
-
-def _save(path: Path, tensors: dict[str, np.ndarray], header: dict[str, Any]) -> None:
-    data = to_bytes(tensors, {"relight": json.dumps(header)})
-    with replacing(path) as beside:
+    data = to_bytes({}, {"relight": json.dumps(header)})
+    with replacing(check_writable(path, (SUFFIX,))) as beside:
         beside.write_bytes(data)
 
 
@@ -108,17 +112,39 @@ def read_record(path: AnyPath) -> tuple[AnalysisRecord, dict[str, Any]]:
     header, tensors = _open(path)
     if "empty" in header:
         raise EmptyMatteError(f"{path}: the frame shows no person")
+    return _checked_record(str(path), header, tensors, Path(path).stat().st_size), header["provenance"]
+
+
+def unpack_record(data: bytes) -> AnalysisRecord:
+    """Return the record of what `pack_record` returned; raises as `read_record`."""
+    try:
+        start = 8 + int.from_bytes(data[:8], "little")
+        header = json.loads(json.loads(data[8:start])["__metadata__"]["relight"])
+        tensors = from_bytes(data)
+    except (SafetensorError, RecursionError, LookupError, TypeError, ValueError) as error:
+        raise DamagedFileError(f"a pickled Subject is damaged: {error}") from error
+    if header.get("format") != FORMAT:
+        raise StaleAnalysisError(
+            "a pickled Subject is of another version of relight; analyse the plate again"
+        )
+    return _checked_record("a pickled Subject", header, tensors, len(data))
+
+
+def _checked_record(
+    where: str, header: dict[str, Any], tensors: dict[str, np.ndarray], size: int
+) -> AnalysisRecord:
+    """Return the record of a header and tensors, which an error calls `where`; `size` is that of all bytes."""
     try:
         _check_measures(header)
-        _check_shapes(header, Path(path).stat().st_size)
+        _check_shapes(header, size)
         arrays = {}
         for name, (dtype, shape, checksum) in header["arrays"].items():
             if zlib.crc32(tensors[name].data) != checksum:
                 raise ValueError(f"the checksum of {name} does not match")
             arrays[name] = decompress(tensors[name], dtype, tuple(shape))
-        return _restored(header, arrays), header["provenance"]
+        return _restored(header, arrays)
     except (ArithmeticError, AttributeError, LookupError, TypeError, ValueError, RuntimeError) as error:
-        raise DamagedFileError(f"{path}: is damaged: {error}") from error
+        raise DamagedFileError(f"{where}: is damaged: {error}") from error
 
 
 def _open(path: AnyPath, whole: bool = True) -> tuple[dict[str, Any], dict[str, np.ndarray]]:
