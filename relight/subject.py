@@ -508,6 +508,7 @@ class Subject:
 
         Examples
         --------
+        >>> import numpy as np, relight
         >>> photo, mask = np.full((64, 48, 3), 0.2, np.float32), np.zeros((64, 48), np.float32)
         >>> photo[16:48, 16:32] = 0.5
         >>> mask[16:48, 16:32] = 1
