@@ -788,7 +788,7 @@ class Subject:
 
     def _lighting(self, lights: Iterable[Light]) -> torch.Tensor:
         """Return Σ intensity · shading of the person's pixels (P, 3)."""
-        return self._to_plate(self._record.maps.lit(lights))
+        return self._to_plate(self._record.maps.lit(as_lights(lights)))
 
     def _reflection(self, lights: Iterable[Light]) -> torch.Tensor:
         """Return Σ intensity · gloss of the person's pixels (P, 3)."""

@@ -8,6 +8,7 @@ import numpy as np
 import torch
 from scipy.ndimage import gaussian_filter
 
+from relight.analysis import lightness, skin
 from relight.analysis.camera import Camera
 from relight.analysis.denoising import denoised
 from relight.analysis.depth import WorldGeometry, checked_depth
@@ -141,8 +142,18 @@ def infer(given: AnalysisInputs) -> AnalysisRecord:
     old_light = given.old_light or OldLight()
     if maps.light is not None and given.old_light is None:
         old_light = OldLight.fit(maps.image, maps.light, maps.albedo, maps.normals, maps.known)
-    maps = maps.without_tint(old_light)
+    maps, found = maps.without_tint(old_light), skin.find(maps.image, maps.known)
+    face = None
+    if found is not None:
+        face, maps = found.face, maps.without_highlights(found)
+    if maps.light is not None and given.old_light is None:
+        old_light = old_light._replace(
+            lightness=lightness.factor(
+                maps.light, maps.albedo, maps.known, *lightness.exposure_of(given.plate), face
+            )
+        )
+    maps = maps.lightened(old_light.lightness)
     own = person.take(colour)
     if maps.light is not None:
         own = denoised(own, exposure, person.pixels, framed.framing, maps.image, maps.known, maps.light)
-    return AnalysisRecord(person, own, pixel_albedo, exposure, framed.framing, maps, old_light)
+    return AnalysisRecord(person, own, pixel_albedo, exposure, framed.framing, maps, old_light, face)

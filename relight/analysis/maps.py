@@ -9,9 +9,11 @@ import torch
 import torch.nn.functional as F
 from scipy.ndimage import distance_transform_edt
 
+from relight.analysis import highlights
 from relight.analysis.depth import WorldGeometry
 from relight.analysis.light_field import LightField, LightMaps
 from relight.analysis.old_light import OldLight
+from relight.analysis.skin import Skin
 from relight.lights.light import Light, Rays
 from relight.media.colour import luminance
 from shading import Analysis
@@ -67,6 +69,19 @@ class AnalysisMaps(NamedTuple):
             return self
         tint = old_light.tint(self.light, self.albedo, self.normals, self.known)
         return self._replace(albedo=(self.albedo / tint).clamp(0, 1), light=self.light * tint)
+
+    def without_highlights(self, seen: Skin) -> Self:
+        """Return the maps with an inferred albedo without the highlights on skin."""
+        if self.light is None:
+            return self
+        colour = highlights.tint(self.albedo, self.image, seen.places, seen.sure)
+        return self._replace(albedo=(self.albedo / colour).clamp(0, 1), light=self.light * colour)
+
+    def lightened(self, factor: float) -> Self:
+        """Return the maps with an inferred albedo of `factor` times the lightness, in as much less light."""
+        if self.light is None or factor == 1:
+            return self
+        return self._replace(albedo=(self.albedo * factor).clamp(0, 1), light=self.light / factor)
 
     def lit(self, lights: Iterable[Light]) -> torch.Tensor:
         """Return Σ intensity · shading (3, h, w).

@@ -58,6 +58,7 @@ class OldLight(NamedTuple):
     ambient_level: float = 1.0  # grey light at which the ambient light is alone, relative to the photograph's
     bright_level: float = 1.0  # from here up, colours keep their saturation
     middle: tuple[float, float] = (0.0, 0.0)  # median log-chromaticity of the light, which the albedo keeps
+    lightness: float = 1.0  # factor of the albedo, see `relight.analysis.lightness`
 
     def tint(
         self, light: torch.Tensor, albedo: torch.Tensor, normals: torch.Tensor, known: torch.Tensor
@@ -68,7 +69,7 @@ class OldLight(NamedTuple):
         times grey gain; divided by the tint it keeps its luminance. `normals`: (3, h, w) unit vectors, camera
         frame. `known`: (h, w) where they show the person.
         """
-        if self == OldLight():
+        if self._replace(lightness=1.0) == OldLight():
             return torch.ones_like(albedo)
         share = self._share(light)
         if any(self.ambient):

@@ -217,6 +217,8 @@ def _canvas_arrays(record: AnalysisRecord) -> dict[str, np.ndarray]:
         "albedo": _half(silhouette.take(maps.albedo)),
         "depth": _half(silhouette.take(maps.geometry.depth[None])),
     }
+    if record.face is not None:
+        arrays["face"] = silhouette.take(record.face[None].to(torch.uint8)).numpy()
     if maps.light is not None:
         arrays["light"] = _half(silhouette.take(maps.light) * unit)
     for name, values in (("cast", field.cast), ("residual", field.residual)):
@@ -253,6 +255,7 @@ def _check_measures(header: dict[str, Any]) -> None:
     old_light = OldLight(**header["old_light"])
     lengths = (len(old_light.ambient), len(old_light.slopes), len(old_light.middle))
     numbers = [*old_light.ambient, *old_light.slopes, *old_light.middle, *old_light[2:5]]
+    numbers.append(old_light.lightness)
     if lengths != (2, 6, 2) or not np.isfinite(numbers).all():
         raise ValueError(f"expected the colour of a light, got {header['old_light']}")
     positive = [header["exposure"], header["scale"], camera["focal"], camera["distance"]]
@@ -282,6 +285,7 @@ def _check_shapes(header: dict[str, Any], file_bytes: int) -> None:
         "normals": ("<f2", (3, pixels)),
         "sharpness": ("<f2", (1, pixels)),
         "rim": ("|u1", (1, pixels)),
+        "face": ("|u1", (1, pixels)),
         "albedo": ("<f2", (3, pixels)),
         "depth": ("<f2", (1, pixels)),
         "light": ("<f2", (3, pixels)),
@@ -327,7 +331,8 @@ def _restored(header: dict[str, Any], arrays: dict[str, np.ndarray]) -> Analysis
     colour = _lengthened(arrays["colour"]).T / _unit(exposure)
     maps = _restored_maps(tensors, on_plate, camera, exposure)
     old_light = OldLight(**{name: _tuple(value) for name, value in header["old_light"].items()})
-    return AnalysisRecord(person, colour, albedo, exposure, framing, maps, old_light)
+    face = maps.field.silhouette.scatter(tensors["face"])[0] > 0 if "face" in tensors else None
+    return AnalysisRecord(person, colour, albedo, exposure, framing, maps, old_light, face)
 
 
 def _restored_maps(

@@ -13,6 +13,7 @@ import numpy as np
 import torch
 
 from relight import __version__
+from relight.analysis import skin
 from relight.analysis.temporal import RADIUS
 from relight.compositing.composite import ENVIRONMENT, NONE, PLATE, Background
 from relight.light_estimation import PLATE as PLATE_LIGHT
@@ -231,6 +232,11 @@ class Shot:
         )  # fmt: skip
 
     @property
+    def skin_is_known(self) -> bool:
+        """Whether the network that sees skin takes part in an analysis, see `relight.analysis.skin`."""
+        return self.frames.cache is None and skin.is_available()
+
+    @property
     def computed_in(self) -> tuple[str | None, int | None]:
         """The precision and the threads on which the pixels depend; no network runs for an analysis cache."""
         cached = self.frames.cache is not None
@@ -362,6 +368,7 @@ class Shot:
             self.matching.plate, [*by_name(self.lights(number)).items()], self.lighting.preset,
             self.lighting.amount, self.lighting.intensity, __version__, *weights(),
             self.computed_in,
+            self.skin_is_known,
         )  # fmt: skip
 
     def person_hash(self, number: int, as_read: bool = False) -> str:
@@ -372,6 +379,7 @@ class Shot:
             __version__,
             *weights(),
             self.computed_in,
+            self.skin_is_known,
         )
 
     def records(self, number: int) -> list[FileRecord]:
