@@ -124,16 +124,14 @@ def unpack_record(data: bytes) -> AnalysisRecord:
     except (SafetensorError, RecursionError, LookupError, TypeError, ValueError) as error:
         raise DamagedFileError(f"a pickled Subject is damaged: {error}") from error
     if header.get("format") != FORMAT:
-        raise StaleAnalysisError(
-            "a pickled Subject is of another version of relight; analyse the plate again"
-        )
+        raise StaleAnalysisError("a pickled Subject is of another version; analyse the plate again")
     return _checked_record("a pickled Subject", header, tensors, len(data))
 
 
 def _checked_record(
     where: str, header: dict[str, Any], tensors: dict[str, np.ndarray], size: int
 ) -> AnalysisRecord:
-    """Return the record of a header and tensors, which an error calls `where`; `size` is that of all bytes."""
+    """Return the record of a header and tensors, which an error calls `where`; `size` is of all bytes."""
     try:
         _check_measures(header)
         _check_shapes(header, size)

@@ -237,6 +237,15 @@ class Panorama:
         """A hash of the pixels."""
         return content_hash(self.pixels)
 
+    def __eq__(self, other: object) -> bool:
+        if not isinstance(other, Panorama):
+            return NotImplemented
+        same = (self.path, self.cube) == (other.path, other.cube)
+        return self is other or (same and np.array_equal(self.pixels, other.pixels))
+
+    def __hash__(self) -> int:
+        return hash((self.path, self.cube, self.pixels.shape))
+
     def __repr__(self) -> str:
         return f"Panorama({str(self.path) if self.path else self.pixels.shape})"
 

@@ -48,6 +48,11 @@ class Light:
 
     is_near: ClassVar[bool] = False  # whether its rays differ from point to point
 
+    def __new__(cls, *_: Any, **named: Any) -> Self:
+        if "color" in named:
+            raise TypeError(f"color: is spelled colour here, {cls.__name__}(colour=...)")
+        return super().__new__(cls)
+
     def __post_init__(self) -> None:
         """Check what depends on several parameters."""
         if self.temperature is not None:
@@ -167,6 +172,7 @@ def parse_settings(light: type[Light], settings: Iterable[str]) -> dict[str, Any
         key, equals, value = (part.strip() for part in setting.partition("="))
         if key not in known or not equals or key in arguments:
             problem = "twice" if key in arguments else "not understood"
+            problem = "not understood, colour is" if key == "color" else problem
             raise ValueError(
                 f"{setting!r} is {problem}; expected parameter=value,... with {', '.join(known)}"
             )

@@ -10,6 +10,7 @@ import torch
 from numpy.typing import ArrayLike
 from scipy.ndimage import distance_transform_edt, gaussian_filter, label, uniform_filter
 
+from relight.matting.numba_cache import ensure_numba_cache
 from relight.media import colour
 from relight.media.images import scene_linear
 from shadow.installing import install_command
@@ -181,6 +182,7 @@ def cut_out(pixels: np.ndarray, alpha: np.ndarray) -> np.ndarray:
 
 def pymatting(name: str, extra: str = "matte") -> Callable[..., Any]:
     """Return the function of a module of PyMatting that has its name; an extra of this name installs it."""
+    ensure_numba_cache()
     try:
         function = getattr(import_module(f"pymatting.{name}"), name.split(".")[-1])
     except ImportError as error:

@@ -2,18 +2,20 @@
 
 from collections.abc import Iterable
 from fractions import Fraction
-from typing import Any
+from typing import Any, BinaryIO
 
 from numpy.typing import ArrayLike
 
 from relight.media import images, movies
+from relight.media.streams import is_stream, to_stream
 from shadow.files import AnyPath
 
 
 def write(
-    path: AnyPath,
+    path: AnyPath | BinaryIO,
     image: ArrayLike | Iterable[ArrayLike],
     *,
+    format: str | None = None,
     rate: float | Fraction | None = None,
     **options: Any,
 ) -> None:
@@ -23,10 +25,12 @@ def write(
     ----------
     path
         Its suffix is the format: .exr, .hdr, .jpg, .png, .tif; .mp4 or .mov for a movie. Its folder must
-        exist.
+        exist. Or a stream to which the bytes of the whole file are written; then `format` says which.
     image
         (H, W, 3|4), integers sRGB with straight alpha, floats linear Rec.709 premultiplied. For a movie an
         iterable of frames of one size, such as a generator, float and linear; an .mp4 holds no alpha.
+    format
+        Of a stream: "png", "exr", "jpg", "tif", "hdr", "mp4" or "mov".
     rate
         Frames a second of a movie, 24 by default.
     options
@@ -47,6 +51,14 @@ def write(
     >>> frames = (np.full((16, 16, 3), light, np.float32) for light in (0.1, 0.2, 0.4))
     >>> relight.write("brighter.mp4", frames, rate=25)
     """
+    if is_stream(path):
+        if format is None:
+            raise TypeError("format: expected that of a stream, such as 'png' or 'exr'")
+        with to_stream(path, f".{format.lower().removeprefix('.')}") as file:
+            write(file, image, rate=rate, **options)
+        return
+    if format is not None:
+        raise TypeError("format: is for streams; a file's suffix is its format")
     if movies.is_movie(path):
         unknown = options.keys() - {"view", "exposure", "white"}
         if unknown:

@@ -22,6 +22,7 @@ from relight.lights.environment import FIELD_OF_VIEW
 from relight.lights.parameters import checked_number
 from relight.matting import chroma_key, refine
 from relight.matting.networks import AUTO
+from relight.matting.numba_cache import ensure_numba_cache
 from relight.matting.sequence import MattingOptions, SequenceMatting
 from relight.media import images, movies
 from relight.media.content_hash import FileRecord, content_hash
@@ -251,6 +252,7 @@ class FrameReader:
             return
         if self.source.key is not None or (self._matting is not None and self._finds_mattes):
             report(0, 1, chroma_key.COMPILING)
+            ensure_numba_cache()
             importlib.import_module("pymatting")
             report(1, 1, chroma_key.COMPILING)
 

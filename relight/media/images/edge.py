@@ -1,5 +1,6 @@
 """Arrays at the public edge: what a caller hands over becomes linear Rec.709, premultiplied, or an error."""
 
+import os
 import warnings
 from collections.abc import Sequence
 from typing import TYPE_CHECKING, Any
@@ -8,6 +9,7 @@ import numpy as np
 
 from relight.media import colour
 from relight.media.encodings import Encoding
+from shadow.files import is_path
 
 if TYPE_CHECKING:
     import torch
@@ -29,6 +31,8 @@ def scene_linear(name: str, image: "inputs.Array") -> np.ndarray:
         raise ValueError(f"{name}: expected shape (H, W, 3) or (H, W, 4), got {pixels.shape}")
     integer = np.issubdtype(pixels.dtype, np.integer)
     linear = linearise(pixels, straight=integer, space=colour.SRGB if integer else colour.LINEAR)
+    if not linear.flags.writeable:  # torch has no read-only tensors
+        linear = linear.copy()
     if not np.isfinite(linear).all():
         raise ValueError(f"{name}: contains NaN or infinite values")
     if linear.shape[-1] == 4:
@@ -59,6 +63,10 @@ def as_array(name: str, value: "inputs.Array") -> np.ndarray:
 
     Raises TypeError if it is no array, such as a ragged list; `name` is what the error calls it.
     """
+    if is_path(value):
+        raise TypeError(
+            f"{name}: expected an array, got the path {os.fspath(value)!r}; read it with relight.read"
+        )
     if hasattr(value, "detach"):  # a tensor, without importing torch to ask
         tensor: Any = value.detach().cpu()
         value = tensor.float() if str(tensor.dtype) == "torch.bfloat16" else tensor  # NumPy has no such type

@@ -2,6 +2,7 @@
 
 import re
 from pathlib import Path
+from typing import BinaryIO
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -15,6 +16,7 @@ from relight.media.images.reading import squared
 from relight.media.images.saving import save
 from relight.media.images.writing import Metadata, check_writable, checked_depth, new_spec
 from relight.media.matte import matte_of
+from relight.media.streams import as_file, is_stream
 from shadow.directions import CAMERA, from_axes
 from shadow.files import AnyPath
 
@@ -22,12 +24,13 @@ UNNAMED = re.compile(r"channel\d+")
 GREY = 0.01  # most that red, green and blue of a grey picture differ
 
 
-def read_mask(path: AnyPath, *, layer: str | None = None) -> np.ndarray:
+def read_mask(path: AnyPath | BinaryIO, *, layer: str | None = None) -> np.ndarray:
     """Read a matte (H, W), float32 in [0, 1], from the alpha channel, or from grey if there is no alpha.
 
     A matte is coverage, not colour, so no colour space is applied. An opaque alpha channel is ignored.
-    `layer` is a layer of an OpenEXR file, as in `relight.read`. Raises as `read` does, and ValueError for a
-    picture that is neither transparent nor grey, or for object numbers (OpenEXR's UINT) other than 0 and 1.
+    `path` may be a stream, and `layer` is a layer of an OpenEXR file, as in `relight.read`. Raises as `read`
+    does, and ValueError for a picture that is neither transparent nor grey, or for object numbers (OpenEXR's
+    UINT) other than 0 and 1.
 
     Examples
     --------
@@ -35,6 +38,9 @@ def read_mask(path: AnyPath, *, layer: str | None = None) -> np.ndarray:
     >>> float(matte.max())
     1.0
     """
+    if is_stream(path):
+        with as_file(path) as file:
+            return read_mask(file, layer=layer)
     if layer is None and Path(path).suffix.lower() == ".exr" and Path(path).is_file():
         layer = _picture_layer(layers_of(path))
     stored = load(path, layer=layer, space=colour.LINEAR)

@@ -2,6 +2,7 @@
 
 import warnings
 from pathlib import Path
+from typing import BinaryIO
 
 import numpy as np
 import OpenImageIO as oiio
@@ -14,6 +15,7 @@ from relight.media.images.edge import linearise
 from relight.media.images.layers import StoredPicture
 from relight.media.images.loading import layers_of, load
 from relight.media.pixel_aspect import SQUARED, is_square, square_pixels
+from relight.media.streams import as_file, is_stream
 from shadow.files import AnyPath
 
 LUMINANCE_CHROMA = ("Y", "RY", "BY")
@@ -23,7 +25,11 @@ _warned: set[tuple[Path, float]] = set()  # folders whose pictures have pixels t
 
 
 def read(
-    path: AnyPath, *, colour_space: str | None = None, layer: str | None = None, alpha: str | None = None
+    path: AnyPath | BinaryIO,
+    *,
+    colour_space: str | None = None,
+    layer: str | None = None,
+    alpha: str | None = None,
 ) -> np.ndarray:
     """Read an image.
 
@@ -32,7 +38,8 @@ def read(
     path
         A file that OpenImageIO reads: PNG, JPEG, WebP, TIFF, OpenEXR, Radiance, PPM and others; AVIF; with
         the extra `phone` also HEIC and camera raw, which is developed with the camera's white balance.
-        `plate.exr:albedo` is the layer "albedo" of an OpenEXR file.
+        `plate.exr:albedo` is the layer "albedo" of an OpenEXR file. Or a stream of such a file's bytes, from
+        where it stands; errors call it "stream".
     colour_space
         The file's colour space ("sRGB", "lin_rec709", "ACEScg", "Rec.2020", "ARRI LogC4"..., see
         `relight.media.colour`), if the file does not state it or states it wrongly. `docs/files.md` lists the
@@ -64,6 +71,9 @@ def read(
     >>> str(image.dtype)
     'float32'
     """
+    if is_stream(path):
+        with as_file(path) as file:
+            return read(file, colour_space=colour_space, layer=layer, alpha=alpha)
     if alpha is not None and alpha not in ALPHA:
         raise ValueError(f"alpha: expected {' or '.join(ALPHA)}, got {alpha!r}")
     stored = load(path, layer=layer, wanted=("R", "G", "B", "A", *LUMINANCE_CHROMA), space=colour_space)

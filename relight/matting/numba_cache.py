@@ -1,0 +1,45 @@
+"""A folder for what Numba compiles of PyMatting, where the installation and the user's home are read-only.
+
+Numba keeps compiled code beside the source, or below the user's home. In a container that runs as another
+user, a farm's image or a Nix store it finds neither, and raises an error. It then compiles into a temporary
+folder of this process, which takes a minute or two in each.
+"""
+
+import atexit
+import os
+import shutil
+import sys
+import tempfile
+from importlib.util import find_spec
+from pathlib import Path
+
+VARIABLE = "NUMBA_CACHE_DIR"
+
+
+def ensure_numba_cache() -> None:
+    """Give Numba a folder for PyMatting's compiled code, unless it has one. Changes the environment then."""
+    if os.environ.get(VARIABLE) or any(map(_can_be_written, _usual())):
+        return
+    folder = tempfile.mkdtemp(prefix="relight-numba-")  # nobody else may put code there
+    atexit.register(shutil.rmtree, folder, ignore_errors=True)
+    os.environ[VARIABLE] = folder
+    if "numba" in sys.modules:  # which has read its environment
+        sys.modules["numba"].config.CACHE_DIR = folder
+
+
+def _usual() -> list[Path]:
+    """Return the folders that Numba tries: beside the source, and below the home of the user."""
+    found = find_spec("pymatting")
+    beside = [] if found is None else [Path(each) for each in found.submodule_search_locations or ()]
+    home = os.environ.get("XDG_CACHE_HOME") or os.path.join(os.path.expanduser("~"), ".cache")
+    return [*beside, Path(home) / "numba"]
+
+
+def _can_be_written(folder: Path) -> bool:
+    """Return whether a file can be made below a folder, as Numba tries it."""
+    try:
+        folder.mkdir(parents=True, exist_ok=True)
+        with tempfile.TemporaryFile(dir=folder):
+            return True
+    except OSError:
+        return False

@@ -1,0 +1,50 @@
+"""Pictures from and to file objects, such as the uploads of a service: by way of a temporary file."""
+
+import tempfile
+from collections.abc import Iterator
+from contextlib import contextmanager
+from pathlib import Path
+from typing import TYPE_CHECKING, Any, BinaryIO
+
+if TYPE_CHECKING:
+    from typing_extensions import TypeIs
+
+NAME = "stream"  # what errors call it
+STARTS = {b"\x76\x2f\x31\x01": ".exr", b"#?": ".hdr"}  # formats of which the name counts too
+
+
+def is_stream(value: Any) -> "TypeIs[BinaryIO]":
+    """Return whether a value is a file object that is read or written."""
+    return hasattr(value, "read") or hasattr(value, "write")
+
+
+@contextmanager
+def as_file(stream: BinaryIO) -> Iterator[Path]:
+    """Give a file with the rest of a stream; ValueErrors of the block call it by `NAME`.
+
+    Raises TypeError for a stream of text.
+    """
+    content = stream.read()
+    if not isinstance(content, bytes | bytearray | memoryview):
+        raise TypeError(f"path: expected a stream of bytes, got one of {type(content).__name__}")
+    content = bytes(content)
+    suffix = next((suffix for start, suffix in STARTS.items() if content.startswith(start)), "")
+    with tempfile.TemporaryDirectory(prefix="relight-") as folder:
+        path = Path(folder) / f"{NAME}{suffix}"
+        path.write_bytes(content)
+        try:
+            yield path
+        except ValueError as error:
+            raise type(error)(str(error).replace(str(path), NAME)) from error
+
+
+@contextmanager
+def to_stream(stream: BinaryIO, suffix: str) -> Iterator[Path]:
+    """Give a file of a suffix to write, whose content goes to a stream when the block ends."""
+    with tempfile.TemporaryDirectory(prefix="relight-") as folder:
+        path = Path(folder) / f"{NAME}{suffix}"
+        try:
+            yield path
+        except ValueError as error:
+            raise type(error)(str(error).replace(str(path), NAME)) from error
+        stream.write(path.read_bytes())
