@@ -106,6 +106,21 @@ def test_gloss_is_python_s(page, viewed):
     assert "gloss=0.5" in page.evaluate("relight.link()")
 
 
+def test_the_background_keeps_its_codes_in_bright_light(page, viewed):
+    wall = [0.78, 0.79, 0.75]
+    change = "(state) => { state.background = wall; state.lights[0].intensity = 20; }"
+    page.evaluate(f"(wall) => relight.viewer.change({change})", wall)
+    browsing.settled(page)
+    data = page.evaluate(
+        "() => Array.from(relight.viewer.engine.readShown('picture', { exposure: 0,"
+        " background: relight.viewer.shownBackground() }).data)"
+    )
+    found = np.reshape(data, (*viewed.size, 4))
+    expected = np.rint(encode(np.float32([[wall]]), white=1)[0, 0] * 255)
+    np.testing.assert_allclose(found[0, 0], [*expected, 255], atol=1)
+    assert found[viewed.matte == 1][:, :3].max() >= 254
+
+
 def test_near_lights_are_python_s(page, viewed):
     lights = [
         relight.PointLight((-0.6, 0.4, 0.8)),
