@@ -199,7 +199,7 @@ class Matching:
             alone = mask is None and (pixels.shape[-1] == 3 or pixels[..., 3].min() == 1)
             if alone and matting is not None and matting.model is not None:
                 there = replace(matting, person=None)  # which is the person of the plate
-                return SequenceMatting(there, lambda number: reference, None).cut(0, None), None
+                return SequenceMatting(there, lambda number: reference, None).matte(0)
             if alone:
                 raise ValueError(
                     "the reference has no matte; expected one with alpha, or its matte (--match-mask FILE)"

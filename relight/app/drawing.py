@@ -8,10 +8,12 @@ from typing import Any
 
 import numpy as np
 
-from relight.matting import outline
+from relight.matting import outline, silhouette
+from relight.matting.refine import encoded_srgb
 
 REDUCED, MODEL = "reduced.npy", "model.npy"  # the copy, and the matte that a network found on it
 FILE = "file"  # in place of a model: the matte is that of a file
+FOUND, SOLVED = "found", "solved"  # other kinds of edges than that of a file, see `edge_kind`
 EDGE_SIDE = 0.05  # of the picture's longer side, that an edge may be shifted or blurred by, at most
 
 
@@ -23,6 +25,7 @@ def reduced() -> np.ndarray:
 def forget() -> None:
     """Solve the next drawing anew, since what the network found is another matte."""
     _solve.cache_clear()
+    _found_within.cache_clear()
 
 
 def solved(drawn: Mapping[str, Any]) -> np.ndarray:
@@ -51,9 +54,16 @@ def shifted(matte: np.ndarray, shift: float, feather: float = 0.0) -> np.ndarray
     return outline.shift_edge(matte, shift * side, feather * side)
 
 
-def is_file(drawn: Mapping[str, Any]) -> bool:
-    """Return whether a drawing is a matte from a file, as it is, whose edge is right by itself."""
-    return drawn.get("model") == FILE and not any(drawn.get(key) for key in ("lasso", "strokes", "holes"))
+def is_drawn(drawn: Mapping[str, Any]) -> bool:
+    """Return whether a drawing has lines or strokes, and is not a matte as it was found or loaded."""
+    return any(drawn.get(key) for key in ("lasso", "strokes", "holes"))
+
+
+def edge_kind(drawn: Mapping[str, Any]) -> str:
+    """Return where the edge of a drawing's matte comes from: a file, a network, or lines that are solved."""
+    if drawn.get("model") == FILE and not is_drawn(drawn):
+        return FILE
+    return FOUND if drawn.get("model") or silhouette.load() else SOLVED
 
 
 @functools.lru_cache(maxsize=1)
@@ -89,7 +99,29 @@ def _meant(drawn: Mapping[str, Any], picture: np.ndarray) -> np.ndarray:
         rough = np.load(MODEL).astype(np.float32)
     elif picture.shape[-1] == 4:
         rough = picture[..., 3]
-    if rough is not None and not (strokes or holes) and lasso is None:
+    if rough is not None and not is_drawn(drawn):
         return rough
-    meant = outline.Outline(None if lasso is None else places(lasso), strokes, rough, holes)
+    found = None if rough is not None or lasso is None else _found_within(os.getcwd(), json.dumps(lasso))
+    meant = outline.Outline(
+        None if lasso is None else places(lasso),
+        strokes,
+        rough if found is None else found,
+        holes,
+        tolerance=None if rough is None and found is None else 0,
+    )
     return outline.outlined(picture[..., :3], meant)
+
+
+@functools.lru_cache(maxsize=1)
+def _found_within(folder: str, lasso: str) -> np.ndarray | None:
+    """Return the matte of what a network finds within a line, as JSON; None without a network.
+
+    `folder` is named because the result is kept while strokes are drawn.
+    """
+    network = silhouette.load()
+    if network is None:
+        return None
+    picture = reduced()[..., :3]
+    points = np.reshape(np.asarray(json.loads(lasso), float), (-1, 2)).clip(-4, 5) * picture.shape[1::-1]
+    inside = outline.inside_of(points, picture.shape[:2])
+    return silhouette.matte_within(encoded_srgb(picture), inside, np.zeros_like(inside), network)

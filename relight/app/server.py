@@ -67,7 +67,8 @@ class Server:
             Route("/backgrounds", refusing(partial(self.surroundings, "background")), methods=["POST"]),
             Route("/environments/{id}", refusing(partial(self.surroundings_again, "environment"))),
             Route("/backgrounds/{id}", refusing(partial(self.surroundings_again, "background"))),
-            Route("/person", refusing(self.fetch_person), methods=["POST"]),
+            Route("/person", refusing(partial(self.fetch, "fetch_person")), methods=["POST"]),
+            Route("/silhouette", refusing(partial(self.fetch, "fetch_silhouette")), methods=["POST"]),
             Route("/models", refusing(self.add_model), methods=["POST"]),
         ]
 
@@ -190,9 +191,9 @@ class Server:
         folder = self._of(request).folder
         return streamed(lambda report: self.worker.run("find_person", folder, {}, report))
 
-    async def fetch_person(self, request: Request) -> Response:
+    async def fetch(self, task: str, request: Request) -> Response:
         async def work(report: Report) -> dict[str, Any]:
-            return {**await self.worker.run("fetch_person", self.session.folder, {}, report), **_finder()}
+            return {**await self.worker.run(task, self.session.folder, {}, report), **_finder()}
 
         return streamed(work)
 
@@ -320,14 +321,19 @@ def _file_answer(path: Path, headers: dict[str, str] | None = None) -> Response:
 
 
 def _finder() -> dict[str, str | None]:
-    """Return whether people can be found ("ready"; "fetch" for what is to be fetched; None), and by what."""
-    from relight.matting import person_files
+    """Return whether people can be found and cut out, and by what.
 
-    state = None
+    Each is "ready", "fetch" for what is to be fetched, or None for what is not to be had.
+    """
+    from relight.matting import person_files, silhouette_files
+
+    states: dict[str, str | None] = {"finder": None, "silhouette": None}
     if find_spec("openvino") is not None:
         with contextlib.suppress(OSError):  # there is no folder for them
-            state = "ready" if person_files.are_fetched() else "fetch"
-    return {"finder": state, "finder_about": person_files.ABOUT}
+            for name, files_of in (("finder", person_files), ("silhouette", silhouette_files)):
+                states[name] = "ready" if files_of.are_fetched() else "fetch"
+    about = f"{silhouette_files.ABOUT}: {silhouette_files.LICENCE}"
+    return {**states, "finder_about": person_files.ABOUT, "silhouette_about": about}
 
 
 def _models() -> list[dict[str, str]]:

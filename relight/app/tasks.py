@@ -25,7 +25,8 @@ from relight.errors import EmptyMatteError
 from relight.lights import presets
 from relight.lights.environment import EnvironmentLight
 from relight.lights.rig import as_lights
-from relight.matting import networks, outline, person, person_files
+from relight.matting import networks, outline, person, person_files, refine, silhouette, silhouette_files
+from relight.matting.refine import encoded_srgb
 from relight.matting.sequence import MattingOptions
 from relight.media import images
 from relight.media.colour import encode
@@ -72,9 +73,9 @@ def load_matting() -> None:
 
 
 def load_finder() -> None:
-    """Read the networks that find people, where they have been fetched."""
+    """Read the networks that find people and cut them out, where they have been fetched."""
     if person_files.are_fetched():
-        person.load()
+        person.FoundPerson()
 
 
 PREPARATIONS: tuple[Callable[[], object], ...] = (  # the worker runs them while nobody waits for it
@@ -106,13 +107,25 @@ def read(name: str, report: Report) -> dict[str, Any]:
 
 def outline_of(drawn: Mapping[str, Any], report: Report) -> dict[str, Any]:
     """Return the matte of a drawn outline, as a grey PNG of the preview's size."""
-    if not drawing.is_file(drawn):
+    if drawing.is_drawn(drawn):
         compiling.wait(report)
     return {"png": png(drawing.shifted(drawing.solved(drawn), *drawing.edge_of(drawn)))}
 
 
 def fetch_person(report: Report) -> dict[str, Any]:
     """Bring the networks that find people."""
+    person_files.fetch(progress=_megabytes(report))
+    return {}
+
+
+def fetch_silhouette(report: Report) -> dict[str, Any]:
+    """Bring the network that cuts people out."""
+    silhouette_files.fetch(progress=_megabytes(report))
+    return {}
+
+
+def _megabytes(report: Report) -> Callable[[int, int, str], None]:
+    """Return what reports a download that is told in bytes."""
 
     def told(done: int, total: int, what: str) -> None:
         if total:
@@ -120,20 +133,18 @@ def fetch_person(report: Report) -> dict[str, Any]:
         else:
             report(what)
 
-    person_files.fetch(progress=told)
-    return {}
+    return told
 
 
 def find_person(report: Report) -> dict[str, Any]:
     """Find the person, and keep their matte as that of a model, which the outline may correct."""
     report("Finding the person")
-    reduced = drawing.reduced()[..., :3]
-    try:
-        rough = person.find(reduced)
-    except EmptyMatteError as error:
-        raise EmptyMatteError("No person was found: draw a line around them.") from error
-    compiling.wait(report)
-    _keep_matte(outline.outlined(reduced, outline.Outline(matte=rough)))
+    if silhouette.load() is None:
+        compiling.wait(report)
+    found = person.FoundPerson()(encoded_srgb(drawing.reduced()[..., :3]))
+    if found.max() <= 0.5:
+        raise EmptyMatteError("No person was found: draw a line around them.")
+    _keep_matte(found)
     return {}
 
 
@@ -147,7 +158,8 @@ def matte_by_model(model: str, report: Report) -> dict[str, Any]:
     matting = MattingOptions.parse(model)
     if matting is None or matting.model is None:
         raise ValueError("model: expected an ONNX file, or the name of a model")
-    matte = networks.matte(reduced, matting.model, **matting.options)
+    compiling.wait(report)
+    matte = outline.refine(reduced, networks.matte(reduced, matting.model, **matting.options))
     _keep_matte(matte)
     return {"png": png(matte)}
 
@@ -186,12 +198,12 @@ def analyse(name: str, mask: str | None, drawn: Mapping[str, Any] | None, report
     reduced = drawing.reduced()
     matte, feather = None, 0.0
     if mask is not None and drawn is not None:
-        as_it_is = drawing.is_file(drawn)
-        if not as_it_is:
+        edge = drawing.edge_kind(drawn)
+        if edge == drawing.SOLVED:
             compiling.wait(report)
         report("Refining the edge")
         unshifted = drawing.solved(drawn)
-        if not as_it_is:
+        if edge == drawing.SOLVED:
             unshifted = outline.refine(reduced[..., :3], unshifted)
         shift, feather = drawing.edge_of(drawn)
         matte = drawing.shifted(unshifted, shift)
@@ -203,7 +215,7 @@ def analyse(name: str, mask: str | None, drawn: Mapping[str, Any] | None, report
         beside.write_bytes(packed)
     if mask is not None and matte is not None:  # until here, what was accepted before is kept
         _save_array(MATTE, unshifted)
-        Path(EDGE).write_text(json.dumps({"shift": shift, "feather": feather, "file": as_it_is}))
+        Path(EDGE).write_text(json.dumps({"shift": shift, "feather": feather, "kind": edge}))
         Path(mask).unlink(missing_ok=True)
     scene = scene_of(subject.size, title=name, command=_command(name, mask))
     if reduced.shape[-1] == 3:
@@ -218,13 +230,15 @@ def full_matte(name: str, mask: str, report: Report) -> dict[str, Any]:
     """Write the accepted matte at the photograph's own size and detail, unless that has been done."""
     if not Path(mask).exists():
         edge, pixels = json.loads(Path(EDGE).read_text()), images.read(name)
-        if not edge["file"]:
+        if edge["kind"] == drawing.SOLVED:
             compiling.wait(report)
         report("Refining the edge", 0.0)
-        matte = np.load(LOADED if edge["file"] else MATTE).astype(np.float32)
-        if matte.shape != pixels.shape[:2]:
+        matte = np.load(LOADED if edge["kind"] == drawing.FILE else MATTE).astype(np.float32)
+        if matte.shape != pixels.shape[:2] and edge["kind"] == drawing.FOUND:
+            matte = refine.upsampled(drawing.reduced()[..., :3].clip(0, 1), matte, pixels[..., :3].clip(0, 1))
+        elif matte.shape != pixels.shape[:2]:
             matte = resized(matte[..., None], pixels.shape[:2])[..., 0].clip(0, 1)
-            matte = matte if edge["file"] else outline.refine(pixels, matte)
+            matte = outline.refine(pixels, matte) if edge["kind"] == drawing.SOLVED else matte
         images.write_mask(mask, drawing.shifted(matte, edge["shift"]))
     return {"file": mask}
 

@@ -111,7 +111,7 @@ class Analyse(widgets.Node):
                 name: maps[number if len(maps) > 1 else 0] for name, maps in given.items()
             }
             if "mask" not in maps and is_opaque(plate):
-                plate = matting.cut(number, None)
+                plate, maps["mask"] = matting.matte(number)
             coverage = maps.get("mask", plate[..., -1])
             if len(plates) > 1 and coverage.max() <= 0.5:
                 return EmptySubject(plate.shape[:2])

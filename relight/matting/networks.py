@@ -16,6 +16,7 @@ from numpy.typing import ArrayLike
 from scipy.special import expit
 
 from relight.errors import EmptyMatteError
+from relight.matting import silhouette_files
 from relight.matting.person import NOBODY, FoundPerson
 from relight.matting.refine import encoded_srgb, opaque_photograph, select_person
 from shadow.files import AnyPath, is_path
@@ -147,14 +148,17 @@ def load(
     fit: str | None = None,
     output: int | None = None,
     sigmoid: bool | None = None,
+    silhouette: str | None = None,
 ) -> MattingModel:
     """Load a matting network from an ONNX file, or by a name that rembg knows.
 
-    `model` and `person` as in `matte`; "auto" finds each person by itself. `family`: one of `FAMILIES`,
-    unless the file's inputs and outputs identify it. `size`, `mean`, `std`, `order`, `fit`: see
-    `shadow.networks.onnx.Preprocessing`; without a known family `mean` and `std` are needed, and `size`
-    unless the file has one. `output`: index of the matte among the file's outputs. `sigmoid`: whether the
-    file lacks the sigmoid that makes a matte of its output. Raises as `matte` does.
+    `model` and `person` as in `matte`; "auto" finds each person by itself, and cuts them out by the network
+    that `relight fetch silhouette` brings, or by that of the file `silhouette`, which sees single pictures
+    and which the other options describe then. `family`: one of `FAMILIES`, unless the file's inputs and
+    outputs identify it. `size`, `mean`, `std`, `order`, `fit`: see `shadow.networks.onnx.Preprocessing`;
+    without a known family `mean` and `std` are needed, and `size` unless the file has one. `output`: index of
+    the matte among the file's outputs. `sigmoid`: whether the file lacks the sigmoid that makes a matte of
+    its output. Raises as `matte` does.
     """
     if not is_path(model):
         raise TypeError(
@@ -167,9 +171,22 @@ def load(
     told: dict[str, Any] = {"output": output, "sigmoid": sigmoid}
     reading: dict[str, Any] = {name: value for name, value in told.items() if value is not None}
     if model == AUTO:
+        if silhouette is not None:
+            network = load(silhouette, family=family, **preparation, **reading)
+            if network.selects or network.recurrent:
+                raise ValueError(f"silhouette: expected a network of single pictures, got {silhouette}")
+            return FoundPerson(person, lambda crop, mask: network(crop))
         if preparation or reading or family:
-            raise ValueError("matte: 'auto' takes no options")
+            raise ValueError("matte: 'auto' takes no options without silhouette=FILE, which they are of")
+        if not silhouette_files.are_fetched():
+            warnings.warn(
+                f"matte: the edge is that of a mask of 256 pixels; {silhouette_files.COMMAND} brings "
+                f"{silhouette_files.ABOUT}, which keeps hair, hands and what people hold",
+                stacklevel=3,
+            )
         return FoundPerson(person)
+    if silhouette is not None:
+        raise ValueError("silhouette: expected the model 'auto', which finds the person for it")
     if Path(model).suffix.lower() != ".onnx":
         if preparation or reading or family:
             raise ValueError(f"matte: rembg prepares the input of {model} itself; expected no options")

@@ -20,6 +20,7 @@ from PIL import Image, ImageDraw
 from scipy import ndimage
 from scipy.special import expit, logit
 
+from relight.matting import silhouette
 from relight.matting.colour_votes import OF_LINES, OF_MASKS, colour_votes
 from relight.matting.gaps import gaps, suspects
 from relight.matting.parts import lost_parts
@@ -32,6 +33,7 @@ from relight.matting.refine import (
     encoded_srgb,
     smooth_where_alike,
     solve_edge,
+    upsampled,
 )
 from relight.matting.wall import Wall
 from relight.media.images import coverage, scene_linear
@@ -76,7 +78,8 @@ class Outline:
     matte: np.ndarray | None = None
     # Closed lines, each as `lasso`, around what is not the person, such as the gap between arm and body.
     holes: Sequence[ArrayLike] = field(default_factory=tuple)
-    # Pixels: how far the true edge may be from that of the matte; about 1 % of its size unless given.
+    # Pixels: how far the true edge may be from that of the matte; about 1 % of its size unless given. With 0
+    # the matte is right but for where something was drawn.
     tolerance: float | None = None
 
 
@@ -93,9 +96,10 @@ def outlined(image: ArrayLike, outline: Outline) -> np.ndarray:
     size = (max(3, round((bottom - top) * shrink)), max(3, round((right - left) * shrink)))
     scale = np.array([size[1] / (right - left), size[0] / (bottom - top)])
 
-    known, distance, mask, sharp = _drawn(outline, (top, left, bottom, right), size, scale)
+    known, distance, mask, sharp, touched = _drawn(outline, (top, left, bottom, right), size, scale)
     seen = encoded_srgb(resize(pixels[top:bottom, left:right], size, FILTER))
-    if mask is not None and not sharp:
+    right_already = outline.matte is not None and outline.tolerance == 0
+    if mask is not None and not sharp and not right_already:
         known, distance = _completed(seen, known, distance, mask)
         known, distance = _opened(seen, known, distance, mask)
     alpha = _solved(seen, known, distance, sharp, mask is None)
@@ -104,10 +108,19 @@ def outlined(image: ArrayLike, outline: Outline) -> np.ndarray:
     if (alpha > 0.5).all() and size == (height, width):
         raise ValueError("outline: the whole picture is inside it; expected something behind the person")
     matte = np.zeros((height, width), np.float32)
-    matte[top:bottom, left:right] = resize(alpha[..., None], (bottom - top, right - left), FILTER)[
-        ..., 0
-    ].clip(0, 1)
-    return matte
+    if right_already:  # with all its detail, which the copy lacks
+        assert outline.matte is not None
+        assert mask is not None
+        matte[:] = coverage("matte", outline.matte)
+        alpha = np.where(touched, alpha - mask, 0)
+    matte[top:bottom, left:right] += resize(alpha[..., None], (bottom - top, right - left), FILTER)[..., 0]
+    return matte.clip(0, 1)
+
+
+def inside_of(points: np.ndarray, size: tuple[int, ...]) -> np.ndarray:
+    """Return where a person may be who was drawn around: (H, W) bool, from a closed line (N, 2) in pixels."""
+    inside = _filled(points, (size[0], size[1]))
+    return distance_inside(inside) > -SLACK * _extent(inside)
 
 
 def shift_edge(matte: np.ndarray, shift: float = 0.0, feather: float = 0.0) -> np.ndarray:
@@ -161,15 +174,16 @@ def refine(image: ArrayLike, matte: np.ndarray) -> np.ndarray:
     rough = resize(coarse[..., None], size, FILTER)[..., 0].clip(0, 1)
     alpha = smooth_where_alike(seen, solve_edge(seen, rough, BAND))
     refined = np.zeros((height, width), np.float32)
-    refined[box] = alpha if shrink == 1 else _guided(seen, alpha, fine)
+    refined[box] = alpha if shrink == 1 else upsampled(seen, alpha, fine)
     return refined
 
 
 def refine_matte(pixels: np.ndarray, rough: np.ndarray, band: int) -> np.ndarray:
     """Find the edge of a rough mask (H, W) in [0, 1] again, in the photograph (H, W, 3), linear Rec.709.
 
-    `band`: width in pixels, at least 2, of the band along the mask's edge in which the true edge is. Where
-    colours contradict the mask, it is looked for beyond. Raises ValueError for a band out of range, or so
+    `band`: width in pixels, at least 2, of the band along the mask's edge in which the true edge is. The
+    network that `relight fetch silhouette` brings finds it there. Without it, votes of colours do, and where
+    they contradict the mask, it is looked for beyond. Raises ValueError for a band out of range, or so
     wide that it leaves nothing of the person or of the background; ImportError without PyMatting (the extra
     `matte`).
     """
@@ -178,6 +192,11 @@ def refine_matte(pixels: np.ndarray, rough: np.ndarray, band: int) -> np.ndarray
     distance = distance_inside(rough > 0.5)
     if distance.max() <= band / 2 or distance.min() >= -band / 2:
         raise ValueError(f"refine_matte: a band of {band} pixels leaves nothing of the person or behind them")
+    if network := silhouette.load():
+        outer, inner = distance > -band / 2, distance > band / 2
+        found = silhouette.matte_within(encoded_srgb(pixels), outer, inner, network)
+        if found is not None:
+            return found
     sharp = Outline(matte=(rough > 0.5).astype(np.float32), tolerance=band / 2)
     return refine(pixels, outlined(pixels, sharp))
 
@@ -214,12 +233,12 @@ def _looked_at(outline: Outline, size: tuple[int, int]) -> tuple[int, int, int, 
 
 def _drawn(
     outline: Outline, part: tuple[int, int, int, int], size: tuple[int, int], scale: np.ndarray
-) -> tuple[np.ndarray, np.ndarray, np.ndarray | None, bool]:
+) -> tuple[np.ndarray, np.ndarray, np.ndarray | None, bool, np.ndarray]:
     """Draw an outline on a copy (h, w): return its trimap, the distance inside the edge, and what it is.
 
     The distance is in units of the tolerance of the drawn line, infinite under strokes. The third value is
-    the mask on the copy, None without one. The last one is whether the outline is a sharp
-    mask without lines, whose edge may be shifted as a whole.
+    the mask on the copy, None without one. The fourth one is whether the outline is a
+    sharp mask without lines, whose edge may be shifted as a whole; the last one where something was drawn.
     """
     top, left, bottom, right = part
     corner = np.array([left, top])
@@ -243,6 +262,7 @@ def _drawn(
         distance = np.where(unsure, (DOUBT * logit(rough.clip(UNSURE, 1 - UNSURE))).clip(-1, 1), distance)
     known = _trimap(distance)
     known[unsure] = UNKNOWN
+    touched = ~inside if rough is not None else np.ones(size, bool)
     for stroke in outline.strokes:
         painted = _painted(
             (np.reshape(np.asarray(stroke.points, float), (-1, 2)) - corner) * scale,
@@ -252,10 +272,11 @@ def _drawn(
         known[painted] = PERSON if stroke.person else BACKGROUND
         near = ndimage.binary_dilation(painted, iterations=max(2, round(slack))) & ~painted
         known[near & (known == (BACKGROUND if stroke.person else PERSON))] = UNKNOWN
+        touched |= near | painted
         distance = np.where(near, 0.0, np.where(painted, np.inf if stroke.person else -np.inf, distance))
     lines = outline.lasso is not None or len(outline.holes) > 0
     sharp = rough is not None and not lines and not unsure.any()
-    return known, distance, rough, sharp
+    return known, distance, rough, sharp, touched
 
 
 def _completed(
@@ -355,25 +376,6 @@ def _widened(known: np.ndarray, distance: np.ndarray, votes: np.ndarray) -> tupl
         known = np.where(near & (known == side), UNKNOWN, known)
         distance = np.where(near, sign * np.minimum(sign * distance, WIDENED), distance)
     return known, distance
-
-
-def _guided(seen: np.ndarray, alpha: np.ndarray, fine: np.ndarray) -> np.ndarray:
-    """Upsample the matte `alpha` of a copy `seen` to the photograph `fine` by a guided filter.
-
-    Within small windows, the matte is linear in the colour.
-    """
-    window, epsilon = 5, 1e-4
-
-    def mean(values: np.ndarray) -> np.ndarray:
-        return ndimage.uniform_filter(values, (window, window, *[0] * (values.ndim - 2)))
-
-    centre, level = mean(seen), mean(alpha)
-    spread = mean(seen[..., :, None] * seen[..., None, :]) - centre[..., :, None] * centre[..., None, :]
-    along = mean(seen * alpha[..., None]) - centre * level[..., None]
-    slope = np.linalg.solve(spread + epsilon * np.eye(3, dtype=np.float32), along[..., None])[..., 0]
-    model = np.concatenate([mean(slope), mean(level - (slope * centre).sum(-1))[..., None]], axis=-1)
-    model = resize(model.astype(np.float32), fine.shape[:2], FILTER)
-    return ((model[..., :3] * fine).sum(-1) + model[..., 3]).clip(0, 1)
 
 
 def _filled(points: np.ndarray, size: tuple[int, int]) -> np.ndarray:

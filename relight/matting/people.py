@@ -44,7 +44,9 @@ def alone(
     look: Callable[[torch.Tensor, Circle], Sequence[DetectedPerson]],
     at: np.ndarray | None = None,
 ) -> DetectedPerson:
-    """Return a person without the people beside them; the same person if nobody is there.
+    """Return a person without the people beside them, whose masks are `rivals` then.
+
+    The same person if nobody is there.
 
     The picture is (3, H, W), encoded in [0, 1], and `person`, in its pixels, is the one who is meant. `look`
     returns whom the landmark network sees in a circle of a picture. `at`: a point (x, y) on the person, if it
@@ -86,7 +88,7 @@ def alone(
     ours, *theirs = (person_border.bones(certain[index], size)[middle] for index in (own, *others))
     seen_here = scene.permute(1, 2, 0).numpy()[middle]
     border = person_border.within(seen_here, mask, rival, ours, np.any(theirs, axis=0))
-    return replace(person, mask=_in_one_piece(np.minimum(mask, border), masks[own]))
+    return replace(person, mask=_in_one_piece(np.minimum(mask, border), masks[own]), rivals=rival)
 
 
 def _shares(bodies: Sequence[Circle], size: tuple[int, int]) -> list[np.ndarray]:

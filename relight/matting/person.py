@@ -13,10 +13,7 @@ machines of one kind agree to the bit. The files are those of `relight.matting.p
 import functools
 import itertools
 import logging
-import sys
-from collections.abc import Iterator
-from contextlib import contextmanager
-from types import ModuleType
+from dataclasses import replace
 from typing import Any
 
 import numpy as np
@@ -25,13 +22,13 @@ from numpy.typing import ArrayLike
 from scipy.special import expit
 
 from relight.errors import EmptyMatteError
-from relight.matting import people, person_files
-from relight.matting.person_choice import CERTAIN, as_circle, distinct, index_of, mask_of
+from relight.matting import people, person_files, silhouette
+from relight.matting.openvino_runtime import compiled, openvino
+from relight.matting.person_choice import CERTAIN, Choice, as_circle, distinct, index_of
 from relight.matting.person_detector import SHARES, Detector
 from relight.matting.person_region import LANDMARK_SIDE, Circle, Copies, DetectedPerson, Look, joined, sampled
 from relight.matting.refine import encoded_srgb, is_everybody, opaque_photograph
 from shadow.files import AnyPath
-from shadow.installing import install_command
 
 HIPS, RIM = 33, 34  # rows of the landmarks: the middle of the hips, and the circle's upper end
 LANDMARK_VALUES = 5  # x, y, z, visibility, presence
@@ -78,34 +75,38 @@ def find(image: ArrayLike, person: Any = None) -> np.ndarray:
 @functools.lru_cache(maxsize=1)
 def load() -> "PersonFinder":
     """Return the two networks, which are read once in a process. Raises as `find` does."""
-    _openvino()  # before the files, which are of no use without it
+    openvino()  # before the files, which are of no use without it
     finder = PersonFinder(*person_files.fetched())
     LOG.info("The person is found by %s.", person_files.NETWORKS)
     return finder
 
 
 class FoundPerson:
-    """The person found in each photograph, refined at its own detail: a model of `relight.matte`.
+    """The person found in each photograph, at its own detail: a model of `relight.matte`.
 
-    `person`: see `find`.
+    `person`: see `find`. `network`: what cuts the person out where they were found; IS-Net if it has been
+    fetched. Without one, the coarse mask's edge is solved, see `relight.matting.outline`.
     """
 
     recurrent = False
     selects = True
 
-    def __init__(self, person: Any = None) -> None:
+    def __init__(self, person: Any = None, network: silhouette.Silhouette | None = None) -> None:
         self._finder, self._person = load(), as_circle(person)
+        self._network = network or silhouette.load()
 
     def __call__(self, encoded: np.ndarray) -> np.ndarray:
         """Return the matte (H, W) of a photograph (H, W, 3), encoded in [0, 1]; zero if nobody is there."""
-        from relight.matting import outline  # whose parts of SciPy take long to load
-
         try:
-            mask = self._finder.mask(encoded, self._person)
+            choice = self._finder.choose(encoded, self._person, surer=self._network is None)
         except EmptyMatteError:
             return np.zeros(encoded.shape[:2], np.float32)
+        if self._network is not None:
+            return silhouette.person_matte(encoded, choice, self._network)
+        from relight.matting import outline  # whose parts of SciPy take long to load
+
         codes = np.rint(encoded * 255).astype(np.uint8)
-        return outline.refine(codes, outline.outlined(codes, outline.Outline(matte=mask)))
+        return outline.refine(codes, outline.outlined(codes, outline.Outline(matte=choice.mask())))
 
     @property
     def followed(self) -> tuple[int, int, int] | None:
@@ -133,29 +134,33 @@ class PersonFinder:
     """Both networks: `detector` and `landmarks` are the paths of their files, in a format of OpenVINO's."""
 
     def __init__(self, detector: AnyPath, landmarks: AnyPath) -> None:
-        core = _openvino().Core()
-        settings = {"INFERENCE_NUM_THREADS": 1, "NUM_STREAMS": 1, "INFERENCE_PRECISION_HINT": "f32"}
-        seen, self._landmarks = (
-            core.compile_model(str(path), "CPU", settings) for path in (detector, landmarks)
-        )
-        self._detector = Detector(seen)
+        self._detector, self._landmarks = Detector(compiled(str(detector))), compiled(str(landmarks))
 
     def mask(self, encoded: np.ndarray, person: Any = None) -> np.ndarray:
         """Return the mask (H, W) of a person in a photograph (H, W, 3), sRGB-encoded; see `find`."""
+        return self.choose(encoded, person, surer=True).mask()
+
+    def choose(self, encoded: np.ndarray, person: Any = None, surer: bool = False) -> Choice:
+        """Return who is meant in a photograph (H, W, 3), sRGB-encoded; see `find`.
+
+        `surer`: whether more looks make the mask of somebody alone surer, which takes longer.
+        """
         size, person = (encoded.shape[0], encoded.shape[1]), as_circle(person)
         near = person if isinstance(person, Circle) else None
         copies = Copies.of(encoded)
         found = self._people(copies, thorough=person is not None and near is None, near=near)
         if not found:
             raise EmptyMatteError(NOBODY)
-        if not is_everybody(person):
-            number = index_of(found, person, size)
-            at = None if isinstance(person, Circle) or np.ndim(person) != 1 else np.array(person, float)
-            chosen = people.alone(copies.full, found[number], self._detector, self._person, at)
-            if chosen is found[number] and sum(each.certainty >= LIKELY for each in found) < 2:
-                chosen = self._surer(copies, chosen)
-            found[number], person = chosen, number + 1
-        return mask_of(found, person, size)
+        choice = Choice.of(found, person, size)
+        if choice.index is None:
+            return choice
+        at = None if isinstance(person, Circle) or np.ndim(person) != 1 else np.array(person, float)
+        first = found[choice.index]
+        chosen = people.alone(copies.full, first, self._detector, self._person, at)
+        if surer and chosen is first and sum(each.certainty >= LIKELY for each in found) < 2:
+            chosen = self._surer(copies, first)
+        found[choice.index] = chosen
+        return replace(choice, people=tuple(found))
 
     def people(
         self, encoded: np.ndarray, thorough: bool = False, near: Circle | None = None
@@ -181,7 +186,8 @@ class PersonFinder:
                 each.certainty >= CERTAIN and (near is None or each.circle.distance(near) < ALIKE)
                 for each in found
             )
-            if found and (share == SHARES[-1] or (enough and not thorough)):
+            # The largest person may be one whom the frame cuts, and whom only the second share shows.
+            if found and (share == SHARES[-1] or (enough and not thorough and share != SHARES[0])):
                 break
         return sorted(
             found, key=lambda each: (each.certainty < CERTAIN, -min(each.certainty, CERTAIN), -each.area)
@@ -249,30 +255,3 @@ class PersonFinder:
         landmarks, presence, logits, *_ = self._landmarks(np.ascontiguousarray(canvas)).values()
         points = landmarks.reshape(-1, LANDMARK_VALUES)[:, :2]
         return float(presence.ravel()[0]), expit(logits[0, :, :, 0].astype(np.float32)), points
-
-
-def _openvino() -> ModuleType:
-    """Import OpenVINO without its telemetry, which would report the import to its makers.
-
-    Raises ImportError if OpenVINO is missing.
-    """
-    with _hidden("openvino_telemetry"):
-        try:
-            import openvino
-        except ImportError as error:
-            raise ImportError(
-                f"matte: to find the person OpenVINO is needed; install it with: {install_command('auto')}"
-            ) from error
-    return openvino
-
-
-@contextmanager
-def _hidden(name: str) -> Iterator[None]:
-    """Let a module look as if it were not installed."""
-    before = {each: sys.modules.pop(each) for each in [*sys.modules] if each.split(".")[0] == name}
-    sys.modules[name] = None  # type: ignore[assignment]  # Python's sign that it cannot be imported
-    try:
-        yield
-    finally:
-        del sys.modules[name]
-        sys.modules.update(before)

@@ -1,6 +1,7 @@
 """Which of the people found in a picture is meant, and their mask without the others."""
 
 from collections.abc import Sequence
+from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
@@ -14,17 +15,54 @@ COMPARED_SIDE = 256  # pixels, the longer side of the copy on which masks are co
 CERTAIN = 0.8  # certainty from which somebody is there without doubt
 
 
-def mask_of(found: Sequence[DetectedPerson], person: Any, size: tuple[int, int]) -> np.ndarray:
-    """Return the mask (H, W) of one of several people without the others, or of all; see `find`."""
-    if is_everybody(person):
-        return np.max([each.on(size) for each in found], axis=0)
-    chosen = found[index_of(found, person, size)]
-    mask = chosen.on(size)
-    for other in found:
-        if other is not chosen and other.certainty >= CERTAIN:
-            theirs = other.on(size)
-            mask = np.where(theirs > mask, np.minimum(mask, 1 - theirs), mask)
-    return mask
+@dataclass(frozen=True)
+class Choice:
+    """Who is meant among the people of a picture of `size` (H, W); `index` is None for all of them."""
+
+    people: tuple[DetectedPerson, ...]
+    index: int | None
+    size: tuple[int, int]
+
+    @classmethod
+    def of(cls, people: Sequence[DetectedPerson], person: Any, size: tuple[int, int]) -> "Choice":
+        """Return the choice that `person` means; see `find` of `relight.matting.person`, also for errors."""
+        return cls(tuple(people), None if is_everybody(person) else index_of(people, person, size), size)
+
+    def mask(self) -> np.ndarray:
+        """Return the mask (H, W) of who is meant, without the others."""
+        return self.masks((0, 0), 1.0, self.size)[0]
+
+    def masks(
+        self, corner: Sequence[float], scale: float, size: tuple[int, int]
+    ) -> tuple[np.ndarray, np.ndarray]:
+        """Return the masks (h, w) of who is meant and of the others, in a crop of the picture.
+
+        The crop begins at `corner` (top, left), and is scaled to `size`.
+        """
+        people = [each.within(corner, scale) for each in self.people]
+        if self.index is None:
+            return np.max([each.on(size) for each in people], axis=0), np.zeros(size, np.float32)
+        chosen = people[self.index]
+        mask, rivals = chosen.on(size), chosen.rivals_on(size)
+        for other in people:
+            if other is not chosen and other.certainty >= CERTAIN:
+                theirs = other.on(size)
+                mask = np.where(theirs > mask, np.minimum(mask, 1 - theirs), mask)
+                rivals = np.maximum(rivals, theirs)
+        return mask, rivals
+
+    def box(self) -> tuple[int, int, int, int]:
+        """Return top, left, bottom and right of who is meant, in pixels of the picture."""
+        shrink = min(1.0, COMPARED_SIDE / max(self.size))
+        mask = self.masks((0, 0), shrink, reduced_size(self.size, shrink))[0]
+        rows, columns = np.nonzero(mask > 0.5)
+        ends = (
+            (rows.min(), columns.min(), rows.max() + 1, columns.max() + 1)
+            if len(rows)
+            else (0, 0, *mask.shape)
+        )
+        top, left, bottom, right = (round(end / shrink) for end in ends)
+        return top, left, min(bottom, self.size[0]), min(right, self.size[1])
 
 
 def as_circle(person: Any) -> Any:
@@ -60,7 +98,7 @@ def index_of(found: Sequence[DetectedPerson], person: Any, size: tuple[int, int]
 def distinct(people: Sequence[DetectedPerson], size: tuple[int, ...]) -> list[DetectedPerson]:
     """Return each person once, as the most certain look shows them, or the larger one of two equal looks."""
     shrink = COMPARED_SIDE / max(size)
-    small = (max(1, round(size[0] * shrink)), max(1, round(size[1] * shrink)))
+    small = reduced_size(size, shrink)
     kept: list[DetectedPerson] = []
     masks: list[np.ndarray] = []
     for person in sorted(people, key=lambda each: (-round(each.certainty, 2), -each.area)):
@@ -73,3 +111,8 @@ def distinct(people: Sequence[DetectedPerson], size: tuple[int, ...]) -> list[De
             kept.append(person)
             masks.append(mask)
     return kept
+
+
+def reduced_size(size: tuple[int, ...], shrink: float) -> tuple[int, int]:
+    """Return the size (h, w) of a copy of a picture of `size` (H, W)."""
+    return max(1, round(size[0] * shrink)), max(1, round(size[1] * shrink))

@@ -9,6 +9,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 import torch
+import torch.nn.functional as F
 
 from relight.media.resampling import resize
 from shadow.framing import affine_sample
@@ -59,13 +60,15 @@ class DetectedPerson:
     """Somebody in a picture: their circle, and their mask (256, 256) in [0, 1] in the square around it.
 
     presence: the landmark network's opinion, in [0, 1], that somebody is there, a mean of its last looks;
-    landmarks: where it sees the joints, (N, 2) as (x, y) in the picture.
+    landmarks: where it sees the joints, (N, 2) as (x, y) in the picture; rivals: the mask of the people
+    beside them, in the same square, or None.
     """
 
     circle: Circle
     mask: np.ndarray
     presence: float = 1.0
     landmarks: np.ndarray | None = None
+    rivals: np.ndarray | None = None
 
     @property
     def certainty(self) -> float:
@@ -84,22 +87,38 @@ class DetectedPerson:
         inside = 0 <= row < len(self.mask) and 0 <= column < len(self.mask)
         return inside and circle.radius < PART * self.circle.radius and bool(self.mask[row, column] > 0.5)
 
+    def within(self, corner: Sequence[float], scale: float) -> "DetectedPerson":
+        """Return the person in a crop of the picture that begins at `corner` (top, left) and is scaled."""
+        centre = (self.circle.centre - [corner[1], corner[0]]) * scale
+        return replace(
+            self, circle=Circle(centre, self.circle.radius * scale, self.circle.up), landmarks=None
+        )
+
     def on(self, size: tuple[int, int]) -> np.ndarray:
         """Return the mask on the picture: (H, W) float32 in [0, 1]."""
-        side = len(self.mask)
-        square = self.circle.square(side)
-        corners = square @ np.array([[0, side, 0, side], [0, 0, side, side], [1, 1, 1, 1]])
-        limits = np.array([size[1], size[0]])
-        left, top = np.floor(corners.min(axis=1)).clip(0, limits).astype(int)
-        right, bottom = np.ceil(corners.max(axis=1)).clip(0, limits).astype(int)
-        found = np.zeros(size, np.float32)
-        if right > left and bottom > top:
-            turn = np.linalg.inv(square[:, :2])
-            offset = turn @ (np.array([left, top]) - square[:, 2])
-            matrix = torch.tensor(np.concatenate([turn, offset[:, None]], axis=1), dtype=torch.float32)
-            part = affine_sample(torch.from_numpy(self.mask)[None], matrix, (bottom - top, right - left))
-            found[top:bottom, left:right] = part[0].numpy()
-        return found
+        return _placed(self.mask, self.circle, size)
+
+    def rivals_on(self, size: tuple[int, int]) -> np.ndarray:
+        """Return the mask of the people beside them on the picture: (H, W) float32 in [0, 1]."""
+        return np.zeros(size, np.float32) if self.rivals is None else _placed(self.rivals, self.circle, size)
+
+
+def _placed(mask: np.ndarray, circle: Circle, size: tuple[int, int]) -> np.ndarray:
+    """Return a mask in the square around a circle on the picture: (H, W) float32 in [0, 1]."""
+    side = len(mask)
+    square = circle.square(side)
+    corners = square @ np.array([[0, side, 0, side], [0, 0, side, side], [1, 1, 1, 1]])
+    limits = np.array([size[1], size[0]])
+    left, top = np.floor(corners.min(axis=1)).clip(0, limits).astype(int)
+    right, bottom = np.ceil(corners.max(axis=1)).clip(0, limits).astype(int)
+    found = np.zeros(size, np.float32)
+    if right > left and bottom > top:
+        turn = np.linalg.inv(square[:, :2])
+        offset = turn @ (np.array([left, top]) - square[:, 2])
+        matrix = torch.tensor(np.concatenate([turn, offset[:, None]], axis=1), dtype=torch.float32)
+        part = affine_sample(torch.from_numpy(mask)[None], matrix, (bottom - top, right - left))
+        found[top:bottom, left:right] = part[0].numpy()
+    return found
 
 
 @dataclass(frozen=True)
@@ -187,6 +206,13 @@ def planes(picture: np.ndarray) -> torch.Tensor:
 
 
 def sampled(picture: torch.Tensor, matrix: np.ndarray, side: int, beyond: str = "zeros") -> np.ndarray:
-    """Sample a picture (3, H, W) on a canvas, (1, side, side, 3). The detector expects black beyond it."""
+    """Sample a picture (3, H, W) on a canvas, (1, side, side, 3). The detector expects black beyond it.
+
+    Where the canvas is much coarser than the picture, a mean of blocks comes first: `affine_sample` takes
+    the mean of as many samples as there are pixels, which is slow beyond a few.
+    """
+    block = min(int(np.hypot(*matrix[:, 0]) / 2), *picture.shape[1:])
+    if block > 1:
+        picture, matrix = F.avg_pool2d(picture[None], block, ceil_mode=True)[0], matrix / block
     canvas = affine_sample(picture, torch.tensor(matrix, dtype=torch.float32), (side, side), beyond)
     return np.ascontiguousarray(canvas.permute(1, 2, 0)[None].numpy())

@@ -1,4 +1,4 @@
-"""Work on mattes: select one of several people, solve the edge, cut the person out of the photograph."""
+"""Work on mattes: select one of several people, solve the edge, bring it to the photograph's size."""
 
 import warnings
 from collections.abc import Callable
@@ -13,6 +13,7 @@ from scipy.ndimage import distance_transform_edt, gaussian_filter, label, unifor
 from relight.matting.numba_cache import ensure_numba_cache
 from relight.media import colour
 from relight.media.images import scene_linear
+from relight.media.resampling import resize
 from shadow.installing import install_command
 
 ALL = "all"  # people, in place of one of them
@@ -159,6 +160,26 @@ def closed_form(
     return alpha.reshape(known.shape).clip(0, 1).astype(np.float32)
 
 
+def upsampled(seen: np.ndarray, alpha: np.ndarray, fine: np.ndarray) -> np.ndarray:
+    """Upsample the matte `alpha` of a copy `seen` to the photograph `fine` by a guided filter.
+
+    Within small windows, the matte is linear in the colour (He and Sun, "Fast Guided Filter", 2015). The
+    pictures are (h, w, 3) and (H, W, 3) in [0, 1].
+    """
+    window, epsilon = 5, 1e-4
+
+    def mean(values: np.ndarray) -> np.ndarray:
+        return uniform_filter(values, (window, window, *[0] * (values.ndim - 2)))
+
+    centre, level = mean(seen), mean(alpha)
+    spread = mean(seen[..., :, None] * seen[..., None, :]) - centre[..., :, None] * centre[..., None, :]
+    along = mean(seen * alpha[..., None]) - centre * level[..., None]
+    slope = np.linalg.solve(spread + epsilon * np.eye(3, dtype=np.float32), along[..., None])[..., 0]
+    model = np.concatenate([mean(slope), mean(level - (slope * centre).sum(-1))[..., None]], axis=-1)
+    model = resize(model.astype(np.float32), fine.shape[:2], "triangle")
+    return ((model[..., :3] * fine).sum(-1) + model[..., 3]).clip(0, 1)
+
+
 def distance_inside(region: np.ndarray) -> np.ndarray:
     """Return the distance (h, w) to the edge of a region, in pixels, positive inside.
 
@@ -168,16 +189,6 @@ def distance_inside(region: np.ndarray) -> np.ndarray:
         return np.full(region.shape, np.inf if region.any() else -np.inf)
     inner, outer = distance_transform_edt(region), distance_transform_edt(~region)
     return np.where(region, inner - 0.5, 0.5 - outer)
-
-
-def cut_out(pixels: np.ndarray, alpha: np.ndarray) -> np.ndarray:
-    """Cut a person out of a photograph (H, W, 3), linear, by their matte (H, W): (H, W, 4), premultiplied.
-
-    Their own colours at soft edges come from multi-level foreground estimation (Germer et al. 2020).
-    """
-    own = pymatting("foreground.estimate_foreground_ml")(pixels, alpha).clip(0)
-    own = np.where(alpha[..., None] >= 1, pixels, own)
-    return np.concatenate([own * alpha[..., None], alpha[..., None]], axis=-1, dtype=np.float32)
 
 
 def pymatting(name: str, extra: str = "matte") -> Callable[..., Any]:

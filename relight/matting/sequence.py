@@ -4,11 +4,12 @@ import contextlib
 import functools
 from collections.abc import Callable
 from dataclasses import dataclass, field
+from pathlib import Path
 from typing import Any, Self
 
 import numpy as np
 
-from relight.matting import networks, refine
+from relight.matting import networks, refine, silhouette_files
 from relight.matting.person import FoundPerson
 from relight.media.option_texts import split_file_and_settings
 from shadow.files import AnyPath
@@ -71,6 +72,21 @@ class SequenceMatting:
         return model
 
     @property
+    def network(self) -> str | Path | None:
+        """What cuts people out: the name of the fetched network, or the path of another one; None without."""
+        if self._options.model != networks.AUTO:
+            return None
+        if given := self._options.options.get("silhouette"):
+            return Path(given)
+        return silhouette_files.NETWORK if silhouette_files.are_fetched() else None
+
+    @property
+    def solves_edges(self) -> bool:
+        """Whether PyMatting is needed: for a rough matte, or for the coarse mask of a person who is found."""
+        found = self._options.model == networks.AUTO and self.network is None
+        return found or (self._options.refine is not None and not silhouette_files.are_fetched())
+
+    @property
     def followed(self) -> tuple[int, int, int] | None:
         """The circle (x, y, radius) of whoever is followed, in pixels of the plate; see `FoundPerson`."""
         return self._model.followed if isinstance(self._model, FoundPerson) else None
@@ -89,12 +105,10 @@ class SequenceMatting:
             return [n for n in range(number - WARM_UP_FRAMES, number) if n in self._numbers]
         return [n for n in (number - 1, number + 1) if n in self._numbers]
 
-    def cut(self, number: int, mask: np.ndarray | None) -> np.ndarray:
-        """Return the person of a frame (H, W, 4), linear and premultiplied.
+    def matte(self, number: int, mask: np.ndarray | None = None) -> tuple[np.ndarray, np.ndarray]:
+        """Return a frame's photograph (H, W, 3), linear, and its matte (H, W).
 
-        A frame of a shot may have no person.
-
-        Raises as `relight.matte` does.
+        A frame of a shot may have no person. Raises as `relight.matte` does.
         """
         pixels = refine.opaque_photograph(self._read(number))
         if self._model is None:
@@ -111,7 +125,7 @@ class SequenceMatting:
             from relight.matting import outline  # whose parts of SciPy take long to load
 
             found = outline.refine_matte(pixels, found, self._options.refine)
-        return refine.cut_out(pixels, found)
+        return pixels, found
 
     def _filtered(self, number: int) -> np.ndarray:
         """Return the matte of a frame, averaged with its neighbours unless the network is recurrent."""
@@ -160,11 +174,12 @@ def _option(text: str) -> tuple[str, Any]:
         "mean": lambda text: tuple(map(float, text.split("/"))),
         "std": lambda text: tuple(map(float, text.split("/"))),
         "sigmoid": lambda text: {"yes": True, "no": False}[text],
+        "silhouette": str,
     }
     try:
         return name, read[name](value)
     except (KeyError, ValueError) as error:
         raise ValueError(
             "--matte: expected MODEL,family=...,size=320,mean=0/0/0,std=1/1/1,order=rgb,fit=stretch,output=0,"
-            f"sigmoid=yes or no, or fewer of these; got {text!r}"
+            f"sigmoid=yes or no, or fewer of these, or auto,silhouette=FILE; got {text!r}"
         ) from error

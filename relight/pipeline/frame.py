@@ -213,12 +213,13 @@ class FrameReader:
         """Differs where the source's options do, its pictures apart."""
         options = self.matting_options
         model = None if options is None or options.model is None else Path(options.model)
+        network = [] if self._matting is None or not self._matting.network else [self._matting.network]
         axes = self.source.axes if self.source.normals is not None else None
         alpha = [] if self.source.alpha is None else [self.source.alpha]
         feather = [self.source.feather] if self.source.feather else []
         return content_hash(
             self.source.key, options, model, self.source.colour_space, axes, self.field_of_view, self.height,
-            self.placement, self.source.temporal_filter, *alpha, *feather,
+            self.placement, self.source.temporal_filter, *alpha, *feather, *network,
         )  # fmt: skip
 
     @functools.cached_property
@@ -250,7 +251,8 @@ class FrameReader:
             chroma_key.is_compiled() or find_spec("pymatting") is None
         ):  # what needs it says that it is missing
             return
-        if self.source.key is not None or (self._matting is not None and self._finds_mattes):
+        matting = self._matting
+        if self.source.key is not None or (matting and matting.solves_edges and self._finds_mattes):
             report(0, 1, chroma_key.COMPILING)
             ensure_numba_cache()
             importlib.import_module("pymatting")
@@ -268,8 +270,9 @@ class FrameReader:
     def records(self, around: Iterable[int]) -> list[FileRecord]:
         """Return the records, made when they were read, of the files of persons, including networks."""
         paths = [reader.file(n) for reader, n in self._pairs(around)]
-        model = None if self.matting_options is None else self.matting_options.model
-        for network in (model, self.source.normals, self.source.depth):
+        options = self.matting_options
+        mattes = (options.model, options.options.get("silhouette")) if options is not None else ()
+        for network in (*mattes, self.source.normals, self.source.depth):
             if is_path(network) and Path(network).suffix.lower() in NETWORK_SUFFIXES:
                 paths += [Path(network)] if Path(network).is_file() else []
         return [self._log.record(path) for path in sorted({p for p in paths if p})]
@@ -294,7 +297,7 @@ class FrameReader:
         if self._matting is not None and not self._must_matte:
             self._opaque[number] = refine.is_opaque(plate)
         if self._matting is not None and (self._must_matte or self._opaque[number]):
-            plate, matte = self._matting.cut(number, matte), None
+            plate, matte = self._matting.matte(number, matte)
         elif self.source.key is not None:
             plate, matte = chroma_key.key(plate, self.source.key, mask=matte), None
         elif matte is None and np.shape(plate)[2:] == (3,):

@@ -2,7 +2,7 @@
 
 import numpy as np
 
-from relight.matting import person, person_region
+from relight.matting import openvino_runtime, person, person_region
 
 CELLS = 28  # of the detector's finest layer
 REACH = 20 / 224  # from the hips to the circle's rim, straight up, as a share of what the detector sees
@@ -10,7 +10,7 @@ REACH = 20 / 224  # from the hips to the circle's rim, straight up, as a share o
 
 def small_finder(folder, presence=None):
     """A `PersonFinder` for whom a person is a red disc; `presence` in place of the redness of the middle."""
-    openvino = person._openvino()
+    openvino = openvino_runtime.openvino()
     ops = openvino.opset13
 
     def redness(side):

@@ -101,8 +101,7 @@ def test_one_of_several_is_taken_from_a_file(fetched, tmp_path, stub):
     codes, (large, small) = photograph((50, 60, 14), (120, 110, 10))
     relight.write(tmp_path / "p.png", linear(codes))
     for chosen, where in ((None, large), (2, small), ((118, 112), small), ("all", large | small)):
-        plate = Shot(Source(tmp_path / "p.png", person=chosen)).frame(0).plate
-        assert overlap(plate[..., 3], where) > 0.9
+        assert overlap(Shot(Source(tmp_path / "p.png", person=chosen)).frame(0).matte, where) > 0.9
     matte = tmp_path / "matte.png"
     options = ["--person", "all", "--light", "azimuth=10", "-o", tmp_path / "o.exr", "--save-matte", matte]
     done = CliRunner().invoke(app, ["apply", *map(str, [tmp_path / "p.png", *options])])
@@ -116,19 +115,19 @@ def test_a_shot_follows_the_person_of_its_first_frame_wherever_it_is_entered(fet
         codes, (where, _) = photograph((40 + number, 60, ours), (115, 110, other))
         relight.write(tmp_path / f"p.{number}.exr", linear(codes))
     shot = Shot(Source(tmp_path / "p.%d.exr"))
-    last = shot.frame(3).plate[..., 3]
+    last = shot.frame(3).matte
     assert overlap(last, where) > 0.85
     for number in (1, 2):
         shot.frame(number)
-    np.testing.assert_array_equal(shot.frame(3).plate[..., 3], last)
+    np.testing.assert_array_equal(shot.frame(3).matte, last)
 
 
 def test_a_frame_without_anybody_is_empty(fetched, tmp_path):
     for number, people in enumerate(([], [(60, 60, 14)]), start=1):
         relight.write(tmp_path / f"p.{number}.exr", linear(photograph(*people)[0]))
     shot = Shot(Source(tmp_path / "p.%d.exr", temporal_filter=False))
-    assert shot.frame(1).plate[..., 3].max() <= 0.5
-    assert shot.frame(2).plate[..., 3].max() > 0.5
+    assert shot.frame(1).matte.max() <= 0.5
+    assert shot.frame(2).matte.max() > 0.5
 
 
 def test_a_job_states_who_is_followed_and_every_machine_takes_them(fetched, tmp_path):
@@ -142,7 +141,7 @@ def test_a_job_states_who_is_followed_and_every_machine_takes_them(fetched, tmp_
     stated = json.loads(template["steps"][0]["script"]["embeddedFiles"][0]["data"])["source"]["person"]
     assert np.hypot(stated[0] - 41, stated[1] - 60) < 14
     (tmp_path / "p.1.exr").unlink()
-    assert overlap(Shot(Source(plates, person=tuple(stated))).frame(2).plate[..., 3], where) > 0.85
+    assert overlap(Shot(Source(plates, person=tuple(stated))).frame(2).matte, where) > 0.85
     assert parse_person("/".join(map(str, stated))) == tuple(stated)
 
 

@@ -229,15 +229,6 @@ def test_a_band_that_solves_nothing_is_an_error(band, message):
         outline.refine_matte(pixels, alpha, band)
 
 
-def test_a_cut_out_person_keeps_their_own_colour():
-    pixels, alpha = soft_disc()
-    cut = refine.cut_out(pixels, alpha)
-    edge = (alpha > 0.2) & (alpha < 0.95)
-    own = cut[..., :3][edge] / alpha[edge][:, None]
-    assert np.abs(own - (0.6, 0.1, 0.1)).mean() < 0.03
-    np.testing.assert_array_equal(cut[..., 3], alpha)
-
-
 # What is wrong is said
 
 

@@ -52,18 +52,18 @@ def test_one_of_several_people_is_chosen(three):
     assert len(found) == 3
     large, middle, small = people
     size = (300, 300)
-    assert overlap(person_choice.mask_of(found, None, size), large) > 0.9
+    assert overlap(person_choice.Choice.of(found, None, size).mask(), large) > 0.9
     for number, where in enumerate(people, start=1):
-        assert overlap(person_choice.mask_of(found, number, size), where) > 0.9
-    assert overlap(person_choice.mask_of(found, (70, 90), size), small) > 0.9
-    assert overlap(person_choice.mask_of(found, found[1].circle, size), middle) > 0.9
-    assert overlap(person_choice.mask_of(found, "all", size), large | middle | small) > 0.9
+        assert overlap(person_choice.Choice.of(found, number, size).mask(), where) > 0.9
+    assert overlap(person_choice.Choice.of(found, (70, 90), size).mask(), small) > 0.9
+    assert overlap(person_choice.Choice.of(found, found[1].circle, size).mask(), middle) > 0.9
+    assert overlap(person_choice.Choice.of(found, "all", size).mask(), large | middle | small) > 0.9
 
 
 @pytest.mark.parametrize("chosen", [0, 4, True, 1.5, "both", (500, 10), (1, 2, 3)])
 def test_a_person_who_is_not_there_is_refused(three, chosen):
     with pytest.raises(ValueError, match="person: expected"):
-        person_choice.mask_of(three[0], chosen, (300, 300))
+        person_choice.Choice.of(three[0], chosen, (300, 300))
 
 
 def test_nobody_is_refused(finder, tmp_path):
@@ -92,7 +92,7 @@ def test_a_doubtful_person_takes_nothing_from_a_certain_one():
     mask, other = np.full((256, 256), 0.8, np.float32), np.ones((256, 256), np.float32)
     for presence, least in ((0.5, 0.7), (0.9, 0.1)):
         found = [DetectedPerson(circle, mask), DetectedPerson(circle, other, presence)]
-        assert (person_choice.mask_of(found, 1, (300, 200))[150, 100] > 0.5) == (least > 0.5)
+        assert (person_choice.Choice.of(found, 1, (300, 200)).mask()[150, 100] > 0.5) == (least > 0.5)
 
 
 def test_a_turned_square_and_its_mask_agree():
@@ -177,8 +177,8 @@ def test_openvino_reports_nothing(tmp_path):
         "import socket, sys\n"
         "def refused(*_, **__): raise SystemExit('a connection')\n"
         "socket.socket.connect = socket.getaddrinfo = refused\n"
-        "from relight.matting import person\n"
-        "person._openvino().Core()\n"
+        "from relight.matting import openvino_runtime\n"
+        "openvino_runtime.openvino().Core()\n"
         "assert 'openvino_telemetry' not in sys.modules\n"
         "import openvino.tools.ovc.telemetry_utils as used\n"
         "assert used.tm.__name__ == 'openvino.tools.ovc.telemetry_stub', used.tm\n"

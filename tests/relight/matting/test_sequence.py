@@ -2,13 +2,16 @@
 
 import numpy as np
 import pytest
+import torch
 from helpers.onnx_models import channel, recurrent
 from typer.testing import CliRunner
 
 import relight
 from relight import Source
+from relight.analysis.foreground import Foreground
 from relight.cli.commands import app
 from relight.pipeline.shot import Shot
+from shadow.matte_cleanup import clean_matte
 
 OPTIONS = "mean=0/0/0,std=1/1/1"
 
@@ -52,10 +55,12 @@ def test_a_photograph_without_alpha_gets_a_matte(tmp_path, photo, model, command
 def test_no_old_background_is_left_at_soft_edges(model):
     image = frame(20)
     soft = 0.5 * image + 0.5 * np.roll(image, 1, axis=1)
-    cut = inputs_of(soft, f"{model},{OPTIONS}").frame(0)
-    assert cut.matte is None
-    edge = (cut.plate[..., 3] > 0.2) & (cut.plate[..., 3] < 0.9)
-    own = cut.plate[edge] / cut.plate[edge][:, 3:]
+    given = inputs_of(soft, f"{model},{OPTIONS}").frame(0)
+    alpha = torch.from_numpy(given.matte)
+    foreground = Foreground.of(alpha, clean_matte(alpha), photographed=True)
+    colour = foreground.own_colour(given.plate).permute(1, 2, 0).numpy()
+    edge = (foreground.alpha.numpy() > 0.2) & (foreground.alpha.numpy() < 0.9)
+    own = colour[edge]
     assert edge.sum() > 40
     assert own[:, 2].mean() < 0.02  # 0.05 in the photograph
 
@@ -64,9 +69,9 @@ def test_the_matte_of_a_shot_is_steady_where_nothing_changes(tmp_path, model):
     for number in range(1, 6):  # the light flickers by a little
         relight.write(tmp_path / f"p.{number}.exr", frame(red=0.8 + 0.05 * (number % 2)))
     shot = inputs_of(tmp_path / "p.%d.exr", f"{model},{OPTIONS}")
-    filtered = [shot.frame(number).plate[30, 25, 3] for number in range(1, 6)]
+    filtered = [shot.frame(number).matte[30, 25] for number in range(1, 6)]
     alone = [
-        inputs_of(tmp_path / f"p.{number}.exr", f"{model},{OPTIONS}").frame(0).plate[30, 25, 3]
+        inputs_of(tmp_path / f"p.{number}.exr", f"{model},{OPTIONS}").frame(0).matte[30, 25]
         for number in range(1, 6)
     ]
     assert np.ptp(filtered[1:4]) < 0.6 * np.ptp(alone[1:4])
@@ -75,7 +80,7 @@ def test_the_matte_of_a_shot_is_steady_where_nothing_changes(tmp_path, model):
 def test_somebody_who_moves_leaves_no_ghost(tmp_path, model):
     for number, column in enumerate((4, 20, 36), 1):
         relight.write(tmp_path / f"p.{number}.exr", frame(column))
-    alpha = inputs_of(tmp_path / "p.%d.exr", f"{model},{OPTIONS}").frame(2).plate[30, :, 3]
+    alpha = inputs_of(tmp_path / "p.%d.exr", f"{model},{OPTIONS}").frame(2).matte[30]
     assert alpha[8] < 0.01
     assert alpha[56] < 0.01
     assert alpha[32] > 0.9
@@ -89,7 +94,7 @@ def test_a_frame_that_cannot_be_read_leaves_its_neighbours(tmp_path, model, kind
     network = f"{model},{OPTIONS}" if kind == "still" else recurrent(tmp_path / "rvm.onnx")
     shot = inputs_of(tmp_path / "p.%d.exr", network)
     for number in (2, 4, 5):
-        assert shot.frame(number).plate[30, 25, 3] > 0.05
+        assert shot.frame(number).matte[30, 25] > 0.05
     with pytest.raises((OSError, ValueError), match=r"p\.3\.exr"):
         shot.frame(3)
 
@@ -99,10 +104,10 @@ def test_a_recurrent_network_answers_alike_wherever_a_shot_is_entered(tmp_path):
         relight.write(tmp_path / f"p.{number}.exr", frame(red=0.4))
     network = recurrent(tmp_path / "rvm.onnx")
     through = inputs_of(tmp_path / "p.%d.exr", network)
-    tops = [through.frame(number).plate[30, 25, 3] for number in (1, 2, 3)]
+    tops = [through.frame(number).matte[30, 25] for number in (1, 2, 3)]
     assert tops == sorted(tops)
     entered = inputs_of(tmp_path / "p.%d.exr", network)
-    assert entered.frame(3).plate[30, 25, 3] == pytest.approx(tops[2], abs=1e-3)
+    assert entered.frame(3).matte[30, 25] == pytest.approx(tops[2], abs=1e-3)
 
 
 def test_a_rough_mask_is_refined(tmp_path, photo):

@@ -1,0 +1,178 @@
+"""What belongs to a person: their hair, their hands and what they hold, by a network of 1024 pixels a side.
+
+The pose networks (`relight.matting.person`) say who is meant and where, with a mask of 256 pixels. IS-Net
+cuts whatever stands out from a picture with all its detail, but knows no persons (Qin et al., "Highly
+Accurate Dichotomous Image Segmentation", ECCV 2022). It sees a crop around the mask, so that a small person
+in a large picture has its full resolution too. Then
+
+- far inside the mask, the person is opaque, even where they wear the background's colour;
+- what lies nearer to other people than to the person belongs to them;
+- parts that do not touch the inside of the mask go, such as a logo on the wall.
+"""
+
+import functools
+from typing import Protocol
+
+import numpy as np
+from scipy.ndimage import binary_dilation, distance_transform_edt, gaussian_filter, label
+
+from relight.matting import silhouette_files
+from relight.matting.openvino_runtime import compiled
+from relight.matting.person_choice import Choice, reduced_size
+from relight.matting.refine import distance_inside, upsampled
+from relight.media import colour
+from relight.media.resampling import resize
+from shadow.networks import precision
+
+SIDE = 1024  # pixels of the network's square input
+MARGIN = (
+    0.25  # of the longer side of the mask's box: how far the crop reaches beyond it, and how far it grows
+)
+LOOKS = 3  # of the network, at most, until nothing that is kept reaches the crop's border
+SURE, RAMP = 0.035, 0.01  # of that side: how far inside the mask it is sure, and how softly that begins
+CONNECTED = 0.15  # coverage from which pixels that touch are one part
+HAZE = 0.05  # of that side: what is half transparent so far from what is opaque is not the person's
+CLEAR = 0.02  # coverage up to which a pixel is empty, and opaque from 1 - CLEAR
+LEAST = 0.3  # of what was drawn: the network sees no person there if it sees less
+BORDER = 1.0  # standard deviation in pixels of the blur of the border between people
+FILTER = "triangle"  # of OpenImageIO, for copies
+
+
+class Silhouette(Protocol):
+    """A network that cuts out what stands before the background.
+
+    It takes a crop (h, w, 3), sRGB-encoded in [0, 1], and the person's coarse mask in it, (h, w) in [0, 1],
+    and returns coverage (h, w) in [0, 1].
+    """
+
+    def __call__(self, crop: np.ndarray, mask: np.ndarray) -> np.ndarray: ...
+
+
+class IsNet:
+    """IS-Net as `relight fetch silhouette` brings it; it has no use for the mask."""
+
+    def __init__(self) -> None:
+        self._path = silhouette_files.fetched()
+
+    def __call__(self, crop: np.ndarray, mask: np.ndarray) -> np.ndarray:
+        """Return the coverage (h, w) of a crop; see `Silhouette`."""
+        codes = 255 * resize(crop, (SIDE, SIDE), FILTER)
+        seen = ((codes - 128) / 256).transpose(2, 0, 1)[None]
+        network = compiled(str(self._path), precision.in_use("cpu"))
+        found = network(np.ascontiguousarray(seen, np.float32))[0][0, 0]
+        return resize(found[..., None], crop.shape[:2], FILTER)[..., 0].clip(0, 1)
+
+
+def load() -> IsNet | None:
+    """Return IsNet; None if it has not been fetched.
+
+    Raises DamagedFileError for another file than the published one.
+    """
+    return _isnet() if silhouette_files.are_fetched() else None
+
+
+@functools.lru_cache(maxsize=1)
+def _isnet() -> IsNet:
+    return IsNet()
+
+
+def person_matte(encoded: np.ndarray, choice: Choice, network: Silhouette) -> np.ndarray:
+    """Return the matte (H, W) of whoever is chosen in a photograph (H, W, 3), sRGB-encoded in [0, 1].
+
+    Zero if nothing of them is in the picture.
+    """
+    matte = np.zeros(encoded.shape[:2], np.float32)
+    top, left, bottom, right = choice.box()
+    step = round(MARGIN * max(bottom - top, right - left))
+    grow = np.array([-step, -step, step, step])
+    limits = np.array([0, 0, 0, 0]), np.array(encoded.shape[:2] * 2)
+    box = np.clip((top, left, bottom, right) + grow, *limits)
+    for _ in range(LOOKS):
+        crop = encoded[box[0] : box[2], box[1] : box[3]]
+        shrink = min(1.0, SIDE / max(crop.shape[:2]))
+        seen = resize(crop, reduced_size(crop.shape, shrink), FILTER)
+        mask, rivals = choice.masks((box[0], box[1]), shrink, seen.shape[:2])
+        alpha = _theirs(network(seen, mask), mask, rivals)
+        wider = np.clip(box + grow * _touched(alpha), *limits)
+        if (wider == box).all():
+            break
+        box = wider
+    else:
+        crop = encoded[box[0] : box[2], box[1] : box[3]]
+    matte[box[0] : box[2], box[1] : box[3]] = _at_full_size(alpha, seen, crop)
+    return matte
+
+
+def matte_within(
+    encoded: np.ndarray, outer: np.ndarray, inner: np.ndarray, network: Silhouette
+) -> np.ndarray | None:
+    """Return the matte (H, W) of what somebody drew around a person in a photograph (H, W, 3), sRGB-encoded.
+
+    Nothing is beyond `outer`, and all of `inner` is the person, (H, W) in [0, 1] both. None where the network
+    sees nothing of that size: then the drawing is to be solved by its colours.
+    """
+    rows, columns = np.nonzero(outer > 0.5)
+    margin = round(MARGIN * (max(np.ptp(rows), np.ptp(columns)) + 1))
+    box = np.s_[
+        max(rows.min() - margin, 0) : rows.max() + margin + 1,
+        max(columns.min() - margin, 0) : columns.max() + margin + 1,
+    ]
+    crop = encoded[box]
+    shrink = min(1.0, SIDE / max(crop.shape[:2]))
+    seen = resize(crop, reduced_size(crop.shape, shrink), FILTER)
+    drawn = resize(np.stack([outer[box], inner[box]], axis=-1).astype(np.float32), seen.shape[:2], FILTER)
+    alpha = _without_noise(network(seen, drawn[..., 0]))
+    alpha = np.minimum(np.maximum(alpha, drawn[..., 1]), drawn[..., 0])
+    if (alpha > 0.5).sum() < LEAST * (drawn[..., 0] > 0.5).sum():
+        return None
+    matte = np.zeros(encoded.shape[:2], np.float32)
+    matte[box] = _at_full_size(alpha, seen, crop)
+    return matte
+
+
+def _at_full_size(alpha: np.ndarray, seen: np.ndarray, crop: np.ndarray) -> np.ndarray:
+    """Return a matte (h, w) of a copy `seen` of a crop at the crop's size; it follows the crop's edges."""
+    if seen.shape == crop.shape:
+        return alpha
+    return upsampled(colour.decode(seen, "sRGB"), alpha, colour.decode(crop, "sRGB"))
+
+
+def _without_noise(found: np.ndarray) -> np.ndarray:
+    """Return coverage with what is nearly none or nearly full made so."""
+    return ((found - CLEAR) / (1 - 2 * CLEAR)).clip(0, 1)
+
+
+def _theirs(found: np.ndarray, mask: np.ndarray, rivals: np.ndarray) -> np.ndarray:
+    """Return what of the coverage that a network found belongs to a person; all are (h, w) in [0, 1].
+
+    `mask` and `rivals` are the coarse masks of the person and of the others.
+    """
+    alpha = _without_noise(found)
+    rows, columns = np.nonzero(mask > 0.5)
+    if not len(rows):
+        return np.zeros_like(alpha)
+    side = max(np.ptp(rows), np.ptp(columns)) + 1
+    depth = distance_inside(mask > 0.5) / side
+    alpha = np.maximum(alpha, ((depth - SURE) / RAMP + 0.5).clip(0, 1))
+    if (rivals > 0.5).any():
+        alpha = alpha * _nearer(mask, rivals)
+    parts, count = label(alpha > CONNECTED, np.ones((3, 3)))
+    kept = np.zeros(count + 1, bool)
+    kept[parts[depth > min(SURE, depth.max())]] = True
+    kept[0] = False
+    alpha = np.where(binary_dilation(kept[parts], np.ones((3, 3))), alpha, 0)
+    haze = distance_transform_edt(alpha <= 0.5) > HAZE * side
+    return np.where(haze, 0, alpha).astype(np.float32)
+
+
+def _nearer(mask: np.ndarray, rivals: np.ndarray) -> np.ndarray:
+    """Return where pixels are nearer to a person's mask than to the others': (h, w) in [0, 1]."""
+    theirs = (rivals > 0.5) & (rivals > mask)
+    known = theirs | (mask > 0.5)
+    nearest = distance_transform_edt(~known, return_distances=False, return_indices=True)
+    return gaussian_filter(np.float32(~theirs[tuple(nearest)]), BORDER)
+
+
+def _touched(alpha: np.ndarray) -> list[bool]:
+    """Return whether a matte (h, w) reaches the top, the left, the bottom and the right of its crop."""
+    return [bool((edge > 0.5).any()) for edge in (alpha[0], alpha[:, 0], alpha[-1], alpha[:, -1])]
