@@ -178,13 +178,14 @@ def load(
             return FoundPerson(person, lambda crop, mask: network(crop))
         if preparation or reading or family:
             raise ValueError("matte: 'auto' takes no options without silhouette=FILE, which they are of")
+        finder = FoundPerson(person)
         if not silhouette_files.are_fetched():
             warnings.warn(
                 f"matte: the edge is that of a mask of 256 pixels; {silhouette_files.COMMAND} brings "
                 f"{silhouette_files.ABOUT}, which keeps hair, hands and what people hold",
                 stacklevel=3,
             )
-        return FoundPerson(person)
+        return finder
     if silhouette is not None:
         raise ValueError("silhouette: expected the model 'auto', which finds the person for it")
     if Path(model).suffix.lower() != ".onnx":

@@ -19,7 +19,7 @@ from scipy.ndimage import binary_dilation, distance_transform_edt, gaussian_filt
 from relight.matting import silhouette_files
 from relight.matting.openvino_runtime import compiled
 from relight.matting.person_choice import Choice, reduced_size
-from relight.matting.refine import distance_inside, upsampled
+from relight.matting.refine import upsampled
 from relight.media import colour
 from relight.media.resampling import resize
 from shadow.networks import precision
@@ -29,7 +29,8 @@ MARGIN = (
     0.25  # of the longer side of the mask's box: how far the crop reaches beyond it, and how far it grows
 )
 LOOKS = 3  # of the network, at most, until nothing that is kept reaches the crop's border
-SURE, RAMP = 0.035, 0.01  # of that side: how far inside the mask it is sure, and how softly that begins
+CERTAIN = 0.9  # of the mask: gaps that it closes have less
+SURE, RAMP = 0.025, 0.01  # of that side: how far inside that nothing is transparent; the ramp to it
 CONNECTED = 0.15  # coverage from which pixels that touch are one part
 HAZE = 0.05  # of that side: what is half transparent so far from what is opaque is not the person's
 CLEAR = 0.02  # coverage up to which a pixel is empty, and opaque from 1 - CLEAR
@@ -152,13 +153,14 @@ def _theirs(found: np.ndarray, mask: np.ndarray, rivals: np.ndarray) -> np.ndarr
     if not len(rows):
         return np.zeros_like(alpha)
     side = max(np.ptp(rows), np.ptp(columns)) + 1
-    depth = distance_inside(mask > 0.5) / side
+    core = mask > CERTAIN * min(1.0, float(mask.max()))
+    depth = distance_transform_edt(core) / side
     alpha = np.maximum(alpha, ((depth - SURE) / RAMP + 0.5).clip(0, 1))
     if (rivals > 0.5).any():
         alpha = alpha * _nearer(mask, rivals)
     parts, count = label(alpha > CONNECTED, np.ones((3, 3)))
     kept = np.zeros(count + 1, bool)
-    kept[parts[depth > min(SURE, depth.max())]] = True
+    kept[parts[core]] = True
     kept[0] = False
     alpha = np.where(binary_dilation(kept[parts], np.ones((3, 3))), alpha, 0)
     haze = distance_transform_edt(alpha <= 0.5) > HAZE * side

@@ -22,7 +22,8 @@ from relight.app import tasks, worker
 from relight.app.server import Server
 from relight.app.session import Session
 
-UNASKED = ("fetch_person", "find_person", "matte_by_model", "analyse")  # need a network, or seconds
+# They need a network, or seconds.
+UNASKED = ("fetch_person", "fetch_silhouette", "find_person", "matte_by_model", "analyse")
 VALUES: list[Any] = [
     None, True, 0, -1, 1e300, float("nan"), "", "x", "a" * 3000, "\ud800", "../../etc/passwd", [], {}, [[]],
     [1, 2], [[0.1, 0.2], [0.9, 0.1], [0.5, 0.9]], {"file": 3}, {"file": "x", "settings": "rotation=3"},

@@ -214,6 +214,16 @@ class Application {
     return this.about.finder === "ready";
   }
 
+  /** Brings the network that cuts people out, when it has been asked for. */
+  async fetchSilhouette() {
+    await this.busy(async (say, signal) => {
+      say("Fetching the network that cuts people out");
+      Object.assign(this.about, await follow("silhouette", {}, say, signal));
+      this.parts.drop.refresh();
+      this.tell("Hair, hands and what people hold are kept from now on.");
+    });
+  }
+
   /**
    * Accepts an outline, `drawn`, or the photograph's own: the light opens when the person is analysed. `said`: what
    * was warned of before.

@@ -17,13 +17,8 @@ export class Drop {
       "Choose photographs…",
     );
     this.about = h("p");
-    this.finderAbout = h("span");
-    this.finder = h(
-      "p",
-      { class: "finder small" },
-      this.finderAbout,
-      h("button", { type: "button", class: "secondary", onclick: () => app.fetchFinder() }, "Fetch them once"),
-    );
+    [this.finder, this.finderAbout] = offer("Fetch them once", () => app.fetchFinder());
+    [this.silhouette, this.silhouetteAbout] = offer("Fetch it once", () => app.fetchSilhouette());
     this.files = h("ul", { class: "files" });
     this.folder = h(
       "section",
@@ -52,6 +47,7 @@ export class Drop {
         h("p", { class: "small" }, "JPEG, PNG, HEIC, raw, EXR or TIFF, up to 100 megapixels. Pasting works too."),
         this.input,
         this.finder,
+        this.silhouette,
       ),
       this.folder,
     );
@@ -62,10 +58,12 @@ export class Drop {
   }
 
   refresh() {
-    const { root, finder, finder_about } = this.app.about;
+    const { root, finder, finder_about, silhouette, silhouette_about } = this.app.about;
     this.about.textContent = `${finder === "ready" ? "The person is found, and you drag the lights." : "Then outline the person and drag the lights."} Nothing leaves this computer.`;
     this.finder.hidden = finder !== "fetch";
     this.finderAbout.textContent = `People can be found for you, by ${finder_about}.`;
+    this.silhouette.hidden = finder !== "ready" || silhouette !== "fetch";
+    this.silhouetteAbout.textContent = `Hair, hands and what people hold are kept by ${silhouette_about}.`;
     this.folder.hidden = !root.length;
     this.files.replaceChildren(
       ...root.map(({ path, name }) =>
@@ -77,4 +75,11 @@ export class Drop {
       ),
     );
   }
+}
+
+/** A line that says what can be fetched, with the button that does it: the line, and the place of its words. */
+function offer(label, fetches) {
+  const about = h("span");
+  const button = h("button", { type: "button", class: "secondary", onclick: fetches }, label);
+  return [h("p", { class: "finder small" }, about, button), about];
 }

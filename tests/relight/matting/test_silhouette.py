@@ -1,0 +1,166 @@
+"""A coarse mask says who and where, a network what belongs to them: hair, hands and what they hold."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from helpers.finders import discs, small_finder
+from helpers.onnx_models import channel
+
+from relight import Source
+from relight.matting import networks, outline, person, silhouette
+from relight.matting.outline import Outline, Stroke
+from relight.matting.person_choice import Choice
+from relight.matting.person_region import ROOM, Circle, DetectedPerson
+from relight.pipeline.shot import Shot
+
+SIZE = (400, 300)
+UP = np.array([0.0, -1.0])
+
+
+def ellipse(centre, half, size=SIZE):
+    """Where an ellipse of half-axes (x, y) around a place (x, y) is: (H, W) bool."""
+    y, x = np.mgrid[: size[0], : size[1]] + 0.5
+    return ((x - centre[0]) / half[0]) ** 2 + ((y - centre[1]) / half[1]) ** 2 < 1
+
+
+def somebody(x, y, half, rivals=None):
+    """A person whose mask is an ellipse, in the square of 256 pixels around them."""
+    radius = half[1] / 0.9
+    step = 2 * ROOM * radius / 256
+
+    def seen(centre):
+        place = 128 + (np.array(centre) - (x, y)) / step
+        return ellipse(place, np.array(half) / step, (256, 256)).astype(np.float32)
+
+    beside = None if rivals is None else seen(rivals)
+    return DetectedPerson(Circle(np.array([x, y], float), radius, UP), seen((x, y)), rivals=beside)
+
+
+def chosen(*people, index=0):
+    return Choice(people, index, SIZE)
+
+
+def network_of(shown):
+    """A network that shows what is red in a picture of `shown` (H, W), and counts its looks."""
+    looks = []
+
+    def network(crop, mask):
+        looks.append(crop.shape)
+        assert mask.shape == crop.shape[:2]
+        return crop[..., 0]
+
+    return np.repeat(shown[..., None], 3, axis=-1).astype(np.float32), network, looks
+
+
+BODY = ellipse((150, 200), (40, 110))
+
+
+def test_what_is_held_stays_and_what_does_not_touch_goes():
+    cup, logo = ellipse((195, 200), (12, 12)), ellipse((230, 150), (8, 8))
+    picture, network, looks = network_of(BODY | cup | logo)
+    found = silhouette.person_matte(picture, chosen(somebody(150, 200, (36, 106))), network)
+    np.testing.assert_array_equal(found > 0.5, BODY | cup)
+    assert len(looks) == 1
+
+
+def test_the_person_is_opaque_where_they_wear_the_colour_of_the_wall():
+    shown = np.where(BODY, 0.4, 0.0)
+    picture, network, _ = network_of(shown)
+    found = silhouette.person_matte(picture, chosen(somebody(150, 200, (36, 106))), network)
+    assert found[BODY & ellipse((150, 200), (24, 94))].min() > 0.99
+    assert found[~BODY].max() == 0
+
+
+def test_a_gap_that_the_mask_closes_shows_the_background():
+    gap = ellipse((128, 180), (5, 30))  # between arm and body, of which the mask is not certain
+    picture, network, _ = network_of(BODY & ~gap)
+    body = somebody(150, 200, (36, 106))
+    mask = np.where(np.arange(256) < 120, np.minimum(body.mask, 0.8), body.mask).astype(np.float32)
+    found = silhouette.person_matte(picture, chosen(replace(body, mask=mask)), network)
+    assert found[gap].max() < 0.05
+
+
+@pytest.mark.parametrize("way", ["found besides", "found with them"])
+def test_a_neighbour_who_touches_is_divided_off(way):
+    other = ellipse((220, 200), (35, 105))
+    picture, network, _ = network_of(BODY | other)
+    if way == "found besides":
+        choice = chosen(somebody(150, 200, (36, 106)), somebody(222, 200, (33, 103)))
+    else:
+        choice = chosen(somebody(150, 200, (36, 106), rivals=(222, 200)))
+    found = silhouette.person_matte(picture, choice, network)
+    assert found[BODY & (np.arange(300) < 180)].mean() > 0.98
+    assert found[other & (np.arange(300) > 192)].mean() < 0.02
+    both = silhouette.person_matte(picture, chosen(*choice.people, index=None), network)
+    assert both[BODY].mean() > 0.98
+
+
+def test_the_crop_grows_until_nothing_reaches_its_border():
+    pole = np.zeros(SIZE, bool)
+    pole[198:203, 150:290] = True
+    picture, network, looks = network_of(BODY | pole)
+    found = silhouette.person_matte(picture, chosen(somebody(150, 200, (36, 106))), network)
+    np.testing.assert_array_equal(found > 0.5, BODY | pole)
+    assert len(looks) > 1
+
+
+def test_haze_far_from_the_person_goes():
+    haze = ellipse((220, 200), (40, 20))
+    picture, network, _ = network_of(np.maximum(BODY, 0.3 * haze))
+    found = silhouette.person_matte(picture, chosen(somebody(150, 200, (36, 106))), network)
+    assert found[:, 215:].max() == 0
+
+
+def test_a_large_picture_keeps_its_own_edges():
+    """The network sees 1024 pixels, and the photograph has four times as many across each edge."""
+    size = (3600, 2400)
+    body = ellipse((1200, 1800), (400, 1100), size)
+    picture = np.repeat(np.where(body, 0.9, 0.1)[..., None], 3, axis=-1).astype(np.float32)
+    centre = np.array([1200.0, 1800.0])
+    mask = somebody(150, 200, (36, 106)).mask
+    choice = Choice((DetectedPerson(Circle(centre, 1180.0, UP), mask),), 0, size)
+    found = silhouette.person_matte(picture, choice, lambda crop, _: (crop[..., 0] - 0.1) / 0.8)
+    assert np.abs(found - body).mean() < 0.0005
+    row = found[1800, 1560:1640]  # the edge at 1600
+    assert (row[:38] > 0.9).all()
+    assert (row[42:] < 0.1).all()
+
+
+def test_nothing_is_beyond_what_was_drawn():
+    picture, network, _ = network_of(BODY | ellipse((240, 200), (20, 60)))
+    outer = ellipse((150, 200), (48, 120))
+    found = silhouette.matte_within(picture, outer, np.zeros(SIZE), network)
+    np.testing.assert_array_equal(found > 0.5, BODY)
+    inner = ellipse((100, 200), (5, 5)) & outer
+    assert silhouette.matte_within(picture, outer, inner, network)[inner].min() == 1
+    empty, network, _ = network_of(np.zeros(SIZE))
+    assert silhouette.matte_within(empty, outer, np.zeros(SIZE), network) is None
+
+
+def test_strokes_change_a_right_matte_only_where_they_are():
+    rng = np.random.default_rng(0)
+    soft = np.where(BODY, 1, 0.3 * ellipse((150, 200), (60, 130)) * rng.random(SIZE)).astype(np.float32)
+    codes = np.round(255 * np.where(BODY, 0.8, 0.2)[..., None] * np.ones(3)).astype(np.uint8)
+    stroke = Stroke(False, [[150, 300]], 10)
+    found = outline.outlined(codes, Outline(None, [stroke], soft, tolerance=0))
+    assert found[296:304, 146:154].max() < 0.01
+    np.testing.assert_array_equal(found[:250], soft[:250])
+
+
+def test_another_network_cuts_out_who_is_found(tmp_path, monkeypatch):
+    finder = small_finder(tmp_path)
+    monkeypatch.setattr(person, "load", lambda: finder)
+    picture, (where,) = discs((160, 160), (90, 70, 14))
+    file = channel(tmp_path / "red.onnx", 0)
+    how = {"mean": (0, 0, 0), "std": (1, 1, 1), "size": 64}
+    found = networks.load("auto", silhouette=str(file), **how)(picture)
+    assert ((found > 0.5) & where).sum() > 0.9 * where.sum()
+    assert found[~where].mean() > 0  # the grey wall beside the disc, which no rule of ours would keep
+    with pytest.raises(ValueError, match="'auto' takes no options without silhouette"):
+        networks.load("auto", **how)
+    with pytest.raises(ValueError, match="silhouette: expected the model 'auto'"):
+        networks.load(str(file), silhouette=str(file))
+    options = f"auto,silhouette={file},mean=0/0/0,std=1/1/1,size=64"
+    hashes = {Shot(Source(picture, matte=matte)).frames.options_hash for matte in ("auto", options)}
+    assert len(hashes) == 2
