@@ -59,7 +59,8 @@ def test_the_person_in_a_photograph_is_relit(fetched):
 def test_the_command_writes_the_person_of_a_photograph_without_a_matte(fetched, tmp_path):
     codes, (where,) = photograph((90, 70, 14))
     relight.write(tmp_path / "photo.png", codes)
-    words = [str(tmp_path / "photo.png"), "--preset", "rembrandt", "-o", str(tmp_path / "out.png")]
+    words = [str(tmp_path / "photo.png"), "--preset", "rembrandt", "--background", "none"]
+    words += ["-o", str(tmp_path / "out.png")]
     done = CliRunner().invoke(app, ["apply", *words])
     assert done.exit_code == 0, done.output
     written = relight.read(tmp_path / "out.png")
