@@ -23,6 +23,7 @@ from shadow.files import is_path
 from shadow.torch_settings import isolated
 
 PLATE = "plate"  # the name of the background's light
+FILL = "background_fill"  # that of the background's light that fills the shadows of others
 MATCH_PREFIX = "match"  # of the names of a reference's lights
 DROPPED_SHARE = 0.01  # share of all light that the weakest lights of a reference have together
 WINDOW_RADIUS = 12  # frames before and after one whose backgrounds light it as well: a second in all
@@ -225,11 +226,11 @@ class PlateLight:
         self._maps: dict[int, np.ndarray] = {}
         self._unreadable: set[int] = set()  # frames that were warned of
 
-    def check(self) -> None:
-        """Raise ValueError unless the background, or its first frame, is an opaque image."""
+    def check(self, option: str = "match_plate") -> None:
+        """Raise ValueError, by the option's name, unless the background, or its first frame, is opaque."""
         first = self._backgrounds.read((self._backgrounds.numbers or [0])[0])
         if np.ndim(first) != 3:
-            raise ValueError("match_plate: expected a background that is an image (--background FILE)")
+            raise ValueError(f"{option}: expected a background that is an image (--background FILE)")
         opaque(first)
 
     def frames_for(self, number: int) -> list[int]:

@@ -70,7 +70,8 @@ def as_lights(lights: Lights | Iterable[Light | MovingLight]) -> list[Light]:
 def check_free(names: Iterable[str], layer: str) -> None:
     """Raise ValueError where a light has the name of another layer of the picture."""
     if layer in names:
-        raise ValueError(f"lights: {layer!r} names the {layer}'s layer; give the light another name")
+        owner = layer.replace("_", " ")
+        raise ValueError(f"lights: {layer!r} names the {owner}'s layer; give the light another name")
 
 
 def by_name(lights: Lights) -> dict[str, Light]:

@@ -23,6 +23,7 @@ Report = Callable[[int, int, str], None]  # frames done, frames in all, what is 
 Screen = Literal["green", "blue"]  # the colour of a screen that a person is keyed from
 Fitting = Literal["fit", "fill", "centre"]  # how a photograph lies in a picture of another size
 Alpha = Literal["straight", "premultiplied"]  # whether colours are multiplied by alpha
+Filling = Literal["background"]  # what gives the light that fills the shadows of others
 ExrType = Literal["half", "float"]  # the type of an OpenEXR file's channels
 # What a run does of a shot whose frames are made in chunks: all of it; the frames of a chunk, no movie and no
 # script; or movies and scripts, from the frames that the chunks have made.

@@ -16,6 +16,7 @@ from typing import TYPE_CHECKING, Any, Literal
 from relight.pipeline.option_fields import (
     Alpha,
     ExrType,
+    Filling,
     Fitting,
     Options,
     Screen,
@@ -192,6 +193,18 @@ class Lighting(Options):
         text=bool,
         flags=("--match-plate",),
     )
+    fill: Filling | None = option(
+        "background: the background image, or the photograph's own, fills the shadows of the other lights.",
+        text=Filling,
+    )
+    fill_amount: float = option(
+        "Share of the background's light that fills, 0 to 1. Default: 0.3.",
+        0.3,
+        text=float,
+        min=0,
+        max=1,
+        metavar="<float>",
+    )
     match: Picture | None = option(
         "Light the person as the person in this photograph is lit. It needs alpha, --match-mask or --matte.",
         path=True,
@@ -255,6 +268,9 @@ class Lighting(Options):
         from relight.lights.parameters import checked_number
 
         self._set("amount", checked_number("amount", self.amount, 0, 1))
+        self._set("fill_amount", checked_number("fill_amount", self.fill_amount, 0, 1))
+        if self.fill and self.match_plate:
+            raise ValueError("fill: expected none beside match_plate, which is the background's whole light")
         self._set("intensity", checked_number("intensity", self.intensity, 0))
 
     def rig(self) -> Rig:

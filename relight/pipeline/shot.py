@@ -16,8 +16,8 @@ from relight import __version__
 from relight.analysis import skin
 from relight.analysis.temporal import RADIUS
 from relight.compositing.composite import ENVIRONMENT, NONE, PLATE, Background
+from relight.light_estimation import FILL, Matching, PlateLight, lights_in
 from relight.light_estimation import PLATE as PLATE_LIGHT
-from relight.light_estimation import Matching, PlateLight, lights_in
 from relight.lights.environment import EnvironmentLight, environments
 from relight.lights.light import Light
 from relight.lights.moving import MovingLight, lights_at
@@ -146,7 +146,23 @@ class Shot:
 
     @cached_property
     def _plate_light(self) -> PlateLight:
-        return PlateLight(self._backgrounds, self.frames.field_of_view)
+        """The light of the background; of the plate itself where that stays behind the person."""
+        return PlateLight(self._lighting_plates, self.frames.field_of_view)
+
+    @property
+    def _lighting_plates(self) -> Any:
+        """What reads the backgrounds whose light reaches the person."""
+        return self._own_plates if self.lighting.background is None else self._backgrounds
+
+    @property
+    def _balance(self) -> tuple[Any, ...]:
+        """How strong the lights are beside each other and the photograph."""
+        lighting = self.lighting
+        return lighting.preset, lighting.fill, lighting.fill_amount, lighting.amount, lighting.intensity
+
+    @property
+    def _uses_plate_light(self) -> bool:
+        return self.matching.plate or self.lighting.fill is not None
 
     @property
     def _sees_lights(self) -> bool:
@@ -244,7 +260,7 @@ class Shot:
 
     def light_groups(self, number: int) -> list[str]:
         """Return the names of a frame's light groups, including that of the background."""
-        matched = [PLATE_LIGHT] if self.matching.plate else []
+        matched = [PLATE_LIGHT] if self.matching.plate else [FILL] if self.lighting.fill else []
         own = [PHOTOGRAPH] if self.lighting.amount < 1 else []
         behind = [BACKGROUND_LAYER] if self.has_background else []
         return [*own, *by_name(self.lights(number)), *matched, *behind]
@@ -345,10 +361,12 @@ class Shot:
 
     def background_lights(self, number: int, size: tuple[int, ...]) -> list[EnvironmentLight]:
         """Return the light of a frame's background, for a `size` (H, W), if the plate is matched."""
-        if not self.matching.plate:
+        if not self._uses_plate_light:
             return []
-        light = self._plate_light.at(number, size)
-        return [replace(light, intensity=light.intensity * self.lighting.intensity)]
+        light, lighting = self._plate_light.at(number, size), self.lighting
+        if lighting.fill:
+            light = replace(light, name=FILL, intensity=light.intensity * lighting.fill_amount)
+        return scaled([light], lighting.intensity)
 
     def content_hash(self, number: int, as_read: bool = False) -> str:
         """Return a hash of all from which a frame is made, options of the output apart.
@@ -359,15 +377,14 @@ class Shot:
         places = [number]
         if self.frames.placement.size == BACKGROUND and self._backgrounds.numbers:
             places.append(self._backgrounds.numbers[0])
-        if self.matching.plate:
-            places += self._plate_light.frames_for(number)
+        lighting = self._plate_light.frames_for(number) if self._uses_plate_light else []
         return content_hash(
             self.frames.person_hash(around, as_read),
             [self._log.content_hash(self._backgrounds, n, as_read) for n in places],
+            [self._log.content_hash(self._lighting_plates, n, as_read) for n in lighting],
             self.lighting.background_colour_space, self.has_background, self._sees_lights,
-            self.matching.plate, [*by_name(self.lights(number)).items()], self.lighting.preset,
-            self.lighting.amount, self.lighting.intensity, __version__, *weights(),
-            self.computed_in,
+            self.matching.plate, [*by_name(self.lights(number)).items()], *self._balance,
+            __version__, *weights(), self.computed_in,
             self.skin_is_known,
         )  # fmt: skip
 
@@ -485,7 +502,12 @@ class Shot:
         if self.has_background:
             check_free(named, BACKGROUND_LAYER)
         self.matching.check_names(named)
-        if self.matching.plate:
+        if self.lighting.fill:
+            check_free(named, FILL)
+            if self.lighting.background is None and (why := self._why_without_plate()):
+                raise ValueError(f"fill: expected a background (--background FILE): {why}")
+            self._plate_light.check("fill")
+        elif self.matching.plate:
             self._plate_light.check()
 
     def check_background(self) -> None:
@@ -517,5 +539,6 @@ class Shot:
     def write_lights(self, path: Path, start: int) -> None:
         """Write the lights file; with a matched plate it has the light of the background's frame `start`."""
         size = self.size(start) if self.matching.plate else (1, 1)
-        lights = [*self.all_lights(self.preset_gain), *self.background_lights(start, size)]
+        matched = self.background_lights(start, size) if self.matching.plate else []
+        lights = [*self.all_lights(self.preset_gain), *matched]
         write_lights(path, self.matching.with_sidecar(path, lights))
