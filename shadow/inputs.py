@@ -88,6 +88,11 @@ def faint(highest: torch.Tensor | float) -> str:
 def directions(name: str, value: Array) -> torch.Tensor:
     """Return light directions (D, 3) of any length but zero as unit float32 vectors."""
     expected = "light directions of shape (D, 3)"
+    if getattr(value, "requires_grad", False):
+        raise ValueError(
+            f"{name}: require a gradient, which is not computed here; give {name}.detach(), or differences of "
+            "results"
+        )
     tensor = _tensor(name, value, expected)
     if tensor.ndim != 2 or tensor.shape[-1] != 3 or len(tensor) == 0:
         raise ValueError(f"{name}: expected {expected}, got shape {tuple(tensor.shape)}")

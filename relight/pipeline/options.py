@@ -346,7 +346,7 @@ class Output(Options):
     >>> output = relight.Output(["relit.exr", "relit.nk"], passes=["albedo", "N"])
     """
 
-    # A path or several, str or Path, become a tuple of Path; dataclasses have no type for what they are given.
+    # A path or several, str or Path, become a tuple of Path.
     paths: Any = option(
         "A file to write, a sequence such as relit.%04d.exr, or a movie, .mp4 or .mov. An .exr keeps each "
         "light as a layer; a .nk mixes the .exr in Nuke. Repeatable.",

@@ -156,7 +156,10 @@ def encoding_of_exif(exif: Image.Exif) -> Encoding | str | None:
     """Return what Exif data says of colour: DCF 2.0's Adobe RGB, sRGB, or chromaticities and gamma."""
     details = exif.get_ifd(ExifTags.IFD.Exif)
     space = details.get(ExifTags.Base.ColorSpace)
-    index = str(exif.get_ifd(ExifTags.IFD.Interop).get(1, "")).strip("\0 ")
+    try:
+        index = str(exif.get_ifd(ExifTags.IFD.Interop).get(1, "")).strip("\0 ")
+    except KeyError:  # Pillow before 13, where there is no such directory
+        index = ""
     if space == 1:
         return SRGB
     if index == "R03" or space == ADOBE:
