@@ -2,6 +2,8 @@
 
 import warnings
 
+import numpy as np
+
 from relight.compositing.composite import backdrop
 from relight.media import images
 from relight.media.content_hash import HASH_ATTRIBUTE, content_hash
@@ -16,6 +18,8 @@ from relight.pipeline.shot import Shot
 from relight.pipeline.sinks import FileSink, MovieSink, Sinks, file_of
 from relight.rendering import metadata_of, render_layers
 from relight.subject import Person
+
+MAX_BACKGROUND_FACTOR = 8.0  # of a background that is lit as the person is
 
 
 class FrameWriter:
@@ -74,6 +78,7 @@ class FrameWriter:
         shot, lighting = self._shot, self._shot.lighting
         return content_hash(
             shot.content_hash(number, as_read), self._output.passes, lighting.floor, lighting.effective_gloss,
+            lighting.background_light,
             self._delivery.keeps_plate,
         )  # fmt: skip
 
@@ -114,10 +119,23 @@ class FrameWriter:
         kept = self._delivery.keeps_plate
         behind = shot.behind(number, person, kept)
         back = None if behind is None else backdrop(behind, size, rendering.shadow)
-        frame = RenderedFrame(rendering, back, kept, shot.keeps_codes(kept))
+        keeps_codes = shot.keeps_codes(kept)
+        if back is not None and shot.lighting.background_light:
+            back, keeps_codes = back * self._background_factor(person, rendering.cut_out), False
+        frame = RenderedFrame(rendering, back, kept, keeps_codes)
         metadata = {**self._delivery.metadata(number), **metadata_of(person, output.passes)}
         for sink in sinks:
             sink.write(number, frame, made, metadata)
+
+    def _background_factor(self, person: Person, relit: np.ndarray) -> np.ndarray:
+        """Return the factor (3,) of a background that a share of the person's light reaches, on average.
+
+        `relit`: (H, W, 4), the picture. The light is that of the picture over the photograph.
+        """
+        share = np.float32(self._shot.lighting.background_light)
+        after, before = (each[..., :3].sum(axis=(0, 1)) for each in (relit, person.relit([], amount=0)))
+        whole = np.divide(after, before, out=np.ones(3, np.float32), where=before > 0)
+        return 1 + share * (whole.clip(0, MAX_BACKGROUND_FACTOR) - 1)
 
     def _write_matte(self, number: int, person: Person, made: str) -> None:
         """Write the person's matte; an .exr has pixels of the plate's shape."""

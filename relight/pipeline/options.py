@@ -205,6 +205,15 @@ class Lighting(Options):
         max=1,
         metavar="<float>",
     )
+    background_light: float = option(
+        "Share of the person's new light that reaches the background too, 0 to 1: it darkens and tints with "
+        "it. Default: 0.",
+        0.0,
+        text=float,
+        min=0,
+        max=1,
+        metavar="<float>",
+    )
     match: Picture | None = option(
         "Light the person as the person in this photograph is lit. It needs alpha, --match-mask or --matte.",
         path=True,
@@ -268,6 +277,7 @@ class Lighting(Options):
         from relight.lights.parameters import checked_number
 
         self._set("amount", checked_number("amount", self.amount, 0, 1))
+        self._set("background_light", checked_number("background_light", self.background_light, 0, 1))
         self._set("fill_amount", checked_number("fill_amount", self.fill_amount, 0, 1))
         if self.fill and self.match_plate:
             raise ValueError("fill: expected none beside match_plate, which is the background's whole light")

@@ -31,7 +31,7 @@ def test_a_name_stands_for_its_lights():
         assert lights_of(lighting) == relight.presets()["split"]
         assert lights_of(from_json(Lighting, to_json(lighting))) == relight.presets()["split"]
     added = lights_of(Lighting("split", light=("fill:azimuth=40",)))
-    assert [light.name for light in added] == ["key", "fill"]
+    assert [light.name for light in added] == ["key", "bounce", "fill"]
     for refused in (lambda: as_rig("remmbrant"), lambda: lights_of(Lighting(preset="remmbrant"))):
         with pytest.raises(
             ValueError, match=r"no preset is called 'remmbrant'; there are three-point, rembrandt"
