@@ -125,3 +125,15 @@ def test_the_command_refuses_in_one_line(words, said, tmp_path, monkeypatch):
     assert done.exit_code == 2
     assert said in " ".join(done.output.split())
     assert not list(tmp_path.iterdir())
+
+
+@pytest.mark.parametrize(("background", "name"), [(None, "plate"), ("plate", "plate"), ("none", None)])
+def test_a_page_keeps_the_photograph_behind_the_person(tmp_path, background, name):
+    photograph, matte = np.full((64, 48, 3), 0.2, np.float32), np.zeros((64, 48), np.float32)
+    photograph[8:60, 12:36], matte[8:60, 12:36] = 0.5, 1
+    relight.write(tmp_path / "p.png", photograph)
+    relight.write_mask(tmp_path / "m.png", matte)
+    source = relight.Source(tmp_path / "p.png", mask=tmp_path / "m.png")
+    relight.write_view(tmp_path / "p.html", source, relight.Lighting(background=background))
+    scene = json.loads((tmp_path / "p.html").read_text().split('id="scene">')[-1].split("</script>")[0])
+    assert (scene["backdrop"] or {}).get("name") == name
