@@ -102,6 +102,7 @@ def write_job(
     )
     output = replace(output, save_lights=None)
     shot.check_outputs(output, lights_path)
+    lighting = shot.lighting_of_analysed(output)
     shot.check_not_read([path] if given else [path, lights_path])
     numbers = shot.frames_for(output, frames)
     missing = [] if shot.is_still else sorted(set(numbers).difference(shot.numbers))

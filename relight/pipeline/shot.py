@@ -36,6 +36,7 @@ from relight.scene.camera_view import CameraView
 from relight.scene.lights import write_lights
 from relight.subject import PHOTOGRAPH, Person, Subject, weights
 from shadow import inputs as checks
+from shadow.files import is_path
 from shadow.networks.precision import in_use, using
 
 MAX_THREADS = 1024
@@ -515,6 +516,21 @@ class Shot:
         why = self._why_without_plate() if self._background_is(PLATE) else None
         if why is not None:
             raise ValueError(f"background: expected another than 'plate', as {why}")
+
+    def lighting_of_analysed(self, output: Output) -> Lighting:
+        """Return the lighting for frames relit from their analysis: it names a plate that is the background.
+
+        Beside an .exr, which holds the cut-out, pictures are cut out too. Raises ValueError for an output that
+        then cannot hold the alpha, or a plate that cannot be the background.
+        """
+        self.check_background()
+        shown = outputs.shows_backgrounds(output) and not any(map(outputs.is_exr, output.paths))
+        is_plate = self._background_is(PLATE) or (shown and self.keeps_plate)
+        if is_plate and is_path(self.source.plate):
+            plate, space = Path(self.source.plate), self.source.colour_space
+            return replace(self.lighting, background=plate, background_colour_space=space)
+        outputs.check_alpha(output, transparent=not self.has_background)
+        return self.lighting
 
     def check_floor(self, number: int) -> None:
         """Raise ValueError if the person cannot stand on the floor; those of a cache are checked later."""

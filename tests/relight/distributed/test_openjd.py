@@ -144,6 +144,33 @@ def test_the_analysis_has_the_field_of_view_of_the_scene_s_camera(shot):
     assert options(template, 0)["source"]["field_of_view"] == pytest.approx(28)
 
 
+@pytest.mark.parametrize(
+    ("outputs", "further", "background"),
+    [
+        (["r.mp4"], [], "p.%04d.exr"),
+        (["r.%04d.png"], [], "p.%04d.exr"),
+        (["r.%04d.png"], ["--background", "none"], "none"),
+        (["r.%04d.exr", "r.%04d.png"], [], None),
+        (["r.%04d.exr"], ["--background", "plate"], "p.%04d.exr"),
+    ],
+)
+def test_the_plate_is_named_where_pictures_keep_it(shot, outputs, further, background):
+    result = run("job", *shot, *LIGHTS, *further, *(w for o in outputs for w in ("-o", o)), "-o", "job.json")
+    assert result.exit_code == 0, result.output
+    template = json.loads(Path("job.json").read_text())
+    defaults = {each["name"]: each.get("default") for each in template["parameterDefinitions"]}
+    if background == "none":
+        assert options(template, 1)["lighting"]["background"] == "none"
+    else:
+        assert defaults.get("Background") == background
+
+
+def test_an_output_without_alpha_beside_an_exr_is_refused_at_once(shot):
+    result = run("job", *shot, *LIGHTS, "-o", "r.%04d.exr", "-o", "r.mp4", "-o", "job.json")
+    assert result.exit_code == 2
+    assert "r.mp4: .mp4 holds no alpha; give a background (--background)" in " ".join(result.output.split())
+
+
 def test_frames_are_those_of_a_moving_background(shot):
     for number in (1, 2, 3):
         relight.write(f"bg.{number:04d}.png", np.full((60, 50, 3), 0.2, np.float32))

@@ -165,7 +165,8 @@ def test_paths_become_absolute_and_nothing_else_does(tmp_path, monkeypatch):
     assert source.matte == f"{tmp_path}/m.onnx,size=320"
     assert source.normals == "field"
     assert Lighting(background=(0.1, 0.2, 0.3)).absolute().background == (0.1, 0.2, 0.3)
-    assert Lighting(background="environment").absolute().background == "environment"
+    for word in ("environment", "plate", "none"):
+        assert Lighting(background=word).absolute().background == word
     assert Output(["b.exr"]).absolute().paths == (tmp_path / "b.exr",)
 
 
