@@ -56,3 +56,5 @@ for package in (relight, shading, shadow):
         for name in package.__all__:
             found = getattr(package, name)
             file.write(f"::: {found.__module__}.{name}\n\n")
+        if package is relight:
+            file.write("::: relight.errors\n\n")

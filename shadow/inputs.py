@@ -90,8 +90,7 @@ def directions(name: str, value: Array) -> torch.Tensor:
     expected = "light directions of shape (D, 3)"
     if getattr(value, "requires_grad", False):
         raise ValueError(
-            f"{name}: require a gradient, which is not computed here; give {name}.detach(), or differences of "
-            "results"
+            f"{name}: require a gradient, which is not computed here; give {name}.detach() or use differences"
         )
     tensor = _tensor(name, value, expected)
     if tensor.ndim != 2 or tensor.shape[-1] != 3 or len(tensor) == 0:

@@ -61,7 +61,8 @@ def _feed(sha: Any, part: Any) -> None:
         return _feed(sha, [type(part).__qualname__, *fields])
     else:
         own, kind = getattr(part, "content_hash", None), part if hasattr(part, "__name__") else type(part)
-        text = own if isinstance(own, str) else f"{kind.__module__}.{kind.__name__}"
+        module = getattr(kind, "__module__", "numpy")  # NumPy 2.0's functions have none
+        text = own if isinstance(own, str) else f"{module}.{kind.__name__}"
     sha.update(f"{type(part).__name__} {len(text)} {text}".encode())
 
 

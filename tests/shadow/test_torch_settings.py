@@ -178,3 +178,13 @@ def test_a_device_without_values_is_named(figure, value):
 def test_a_device_that_is_not_there_is_said_to_be_unavailable(figure, value):
     with pytest.raises(ValueError, match=r"device: '.*' is not available: .* has no such device; use cpu"):
         relight.Subject(*figure, device=value)
+
+
+@pytest.mark.parametrize("ask", ["visibility", "shading"])
+def test_directions_that_require_a_gradient_are_refused_in_words(figure, ask):
+    directions = torch.tensor([[0.0, 0.6, 0.8]], requires_grad=True)
+    analysis, subject = shading.analyse(*figure), relight.Subject(*figure)
+    for asked in (analysis, subject):
+        with pytest.raises(ValueError, match=r"directions: require a gradient, which is not computed here"):
+            getattr(asked, ask)(directions)
+        assert getattr(asked, ask)(directions.detach()).max() > 0

@@ -67,7 +67,7 @@ def test_floats_are_linear_and_premultiplied(dtype):
         (np.zeros((4, 4, 3), np.int32), TypeError, "expected uint8, uint16 or a floating dtype, got int32"),
         (np.zeros((4, 4, 3), bool), TypeError, "got bool"),
         (np.zeros((4, 4, 3), complex), TypeError, "got complex128"),
-        ("image.png", TypeError, "expected uint8, uint16 or a floating"),
+        ("image.png", TypeError, "expected an array, got the path"),
         (np.full((4, 4, 3), np.nan), ValueError, "picture: contains NaN or infinite"),
         (np.full((4, 4, 3), np.inf), ValueError, "picture: contains NaN or infinite"),
         (np.full((4, 4, 4), 1.5), ValueError, r"picture: expected alpha in \[0, 1\], got \[1.5, 1.5\]"),
