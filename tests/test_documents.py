@@ -23,6 +23,8 @@ RUN = {"sh", "python", "yaml"}
 NEEDS = {
     "a ComfyUI folder": 1,
     "MakeHuman's assets": 1,
+    "ICT-FaceKit's ict.npz and MakeHuman's assets": 1,
+    "photographs without people": 1,
     "a model of your own": 1,
     "a CUDA GPU": 3,
     "a Dask cluster": 2,
@@ -152,7 +154,7 @@ def test_ci_runs_the_readme_test_command_and_then_what_is_slow():
 def test_the_readme_is_short_and_its_links_lead_somewhere():
     assert len(README.splitlines()) <= 150
     card = ROOT / "shadow" / "weights" / "MODEL_CARD.md"
-    assert len(card.read_text().splitlines()) <= 170
+    assert len(card.read_text().splitlines()) <= 185
     for document in [*DOCUMENTS, card]:
         for target in re.findall(r"\]\(([^)\s]+)\)", document.read_text()):
             path, _, heading = target.partition("#")

@@ -16,7 +16,7 @@ from numpy.typing import ArrayLike
 from scipy.special import expit
 
 from relight.errors import EmptyMatteError
-from relight.matting import silhouette_files
+from relight.matting import cutout_network, silhouette_files
 from relight.matting.person import NOBODY, FoundPerson
 from relight.matting.refine import encoded_srgb, opaque_photograph, select_person
 from shadow.files import AnyPath, is_path
@@ -154,7 +154,8 @@ def load(
 
     `model` and `person` as in `matte`; "auto" finds each person by itself, and cuts them out by the network
     that `relight fetch silhouette` brings, or by that of the file `silhouette`, which sees single pictures
-    and which the other options describe then. `family`: one of `FAMILIES`, unless the file's inputs and
+    and which the other options describe then; "matting" is the package's own network, and a .safetensors file
+    one that `relight train matting` wrote. `family`: one of `FAMILIES`, unless the file's inputs and
     outputs identify it. `size`, `mean`, `std`, `order`, `fit`: see `shadow.networks.onnx.Preprocessing`;
     without a known family `mean` and `std` are needed, and `size` unless the file has one. `output`: index of
     the matte among the file's outputs. `sigmoid`: whether the file lacks the sigmoid that makes a matte of
@@ -171,6 +172,10 @@ def load(
     told: dict[str, Any] = {"output": output, "sigmoid": sigmoid}
     reading: dict[str, Any] = {name: value for name, value in told.items() if value is not None}
     if model == AUTO:
+        if silhouette is not None and cutout_network.is_one(silhouette):
+            if preparation or reading or family:
+                raise ValueError(f"silhouette: {silhouette} takes no options")
+            return FoundPerson(person, cutout_network.CutoutNetwork(silhouette))
         if silhouette is not None:
             network = load(silhouette, family=family, **preparation, **reading)
             if network.selects or network.recurrent:

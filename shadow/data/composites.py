@@ -23,7 +23,7 @@ from shadow.framing import affine_sample
 from shadow.srgb import encode_srgb
 
 GROUP, HOLDING, SHADOW, CLUTTER = 0.35, 0.35, 0.4, 0.4  # shares of the pictures with each
-EXTENT = 0.5, 0.9  # of the person, of the picture's side
+EXTENT = 0.5, 1.4  # of the person, of the picture's side; a picture is a part of a larger one from 1 on
 
 
 class Composite(NamedTuple):
@@ -129,11 +129,13 @@ class Frame(NamedTuple):
         if not len(rows):
             return torch.zeros(4, self.side, self.side), []
         low, high = np.array([columns.min(), rows.min()]), np.array([columns.max() + 1, rows.max() + 1])
-        scale = self.side * rng.uniform(*EXTENT) / max(high - low)
+        extent = np.exp(rng.uniform(*np.log(EXTENT)))
+        scale = self.side * extent / max(high - low)
         cut_top, cut_bottom, cut_left, cut_right = who.frame
         size = (high - low) * scale
-        x = rng.normal((self.left + self.right - size[0]) / 2, 0.04 * self.side)
-        y = rng.normal((self.top + self.bottom - size[1]) / 2, 0.04 * self.side)
+        spread = (0.04 + max(0.0, extent - 0.9) / 2) * self.side
+        x = rng.normal((self.left + self.right - size[0]) / 2, spread)
+        y = rng.normal((self.top + self.bottom - size[1]) / 2, spread)
         if aside:
             x += rng.choice([-1, 1]) * rng.uniform(0.3, 0.8) * self.side
         # Where the frame cut somebody it does so again, or cuts more of them.

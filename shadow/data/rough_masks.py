@@ -9,11 +9,11 @@ import numpy as np
 import torch
 import torch.nn.functional as F
 
-CELLS = 40, 170  # pixels, a side, of the mask that is enlarged to the picture
+CELLS = 40, 200  # pixels, a side, of the mask that is enlarged to the picture
 SOFTNESS = 0.6, 1.6  # of the edge, in pixels of that mask
 WANDERING = 0.02, 0.35  # of the edge: standard deviation of the noise that is added before thresholding
 SPOTS = 0.02, 0.12  # radius of a missing part and of an added piece, of the picture's side
-DRAWS = 4  # tries to find a spot on the edge
+GOOD = 0.5  # share of masks that are as good as a pose network's usually are; these errors are of the others
 
 
 def rough_mask(
@@ -24,15 +24,17 @@ def rough_mask(
     neighbours: (H, W), the matte of other people, of whom pieces may be added.
     """
     side = alpha.shape[0]
-    cells = int(np.exp(rng.uniform(*np.log(CELLS))))
+    good = rng.random() < GOOD
+    cells = int(np.exp(rng.uniform(*np.log(CELLS if not good else (100, CELLS[1])))))
+    often, wander = (0.4, 0.3) if good else (1.0, 1.0)
     small = _resized(alpha, cells)
     if rng.random() < 0.5:  # gaps are filled
         reach = int(rng.integers(1, max(2, cells // 24)))
         small = -_grown(-_grown(small, reach), reach)
     seen = _blurred(small, rng.uniform(0.5, 2.0))
-    for _ in range(rng.poisson(1.2)):
+    for _ in range(rng.poisson(1.2 * often)):
         seen = seen * (1 - _spot(seen, rng))
-    for _ in range(rng.poisson(0.8)):
+    for _ in range(rng.poisson(0.8 * often)):
         seen = torch.maximum(seen, _spot(seen, rng))
     if neighbours is not None and rng.random() < 0.5:
         piece = _spot(seen, rng, 2.0) if rng.random() < 0.8 else rng.uniform(0.1, 0.5)
@@ -43,9 +45,9 @@ def rough_mask(
     )
     # The edge as a whole is further in or out, and wanders about that.
     near = _blurred(seen, cells / 40)
-    level = 0.5 + (rng.normal(0, 0.12) + rng.uniform(*WANDERING) * noise) * (4 * near * (1 - near)).clamp(
-        0, 1
-    )
+    level = 0.5 + wander * (rng.normal(0, 0.12) + rng.uniform(*WANDERING) * noise) * (
+        4 * near * (1 - near)
+    ).clamp(0, 1)
     steepness = 8 / rng.uniform(*SOFTNESS)
     mask = torch.sigmoid(steepness * (_blurred(seen, 0.7) - level))
     low, high = 1 / (1 + np.exp(steepness / 2)), 1 / (1 + np.exp(-steepness / 2))
