@@ -518,9 +518,9 @@ class Shot:
             raise ValueError(f"background: expected another than 'plate', as {why}")
 
     def lighting_of_analysed(self, output: Output) -> Lighting:
-        """Return the lighting for frames relit from their analysis: it names a plate that is the background.
+        """Return the lighting for frames relit from their analysis: it names a plate that is behind them.
 
-        Beside an .exr, which holds the cut-out, pictures are cut out too. Raises ValueError for an output that
+        Beside an .exr, which holds the cut-out, pictures are cut out too. ValueError for an output that
         then cannot hold the alpha, or a plate that cannot be the background.
         """
         self.check_background()
