@@ -4,8 +4,9 @@ Forty pictures: 27 whole people of the light stage who stand on the ground, and 
 portraits, as JPEG of quality 90. Seven of nine places are panoramas, whose light is on the person as well and
 which are out of focus, since they have three pixels a degree; a garage and a wall of scikit-image are sharp,
 with an everyday light. The camera stands 1.5 m high, and exposes for the person. Prints the intersection over
-union of the mask that the networks give and of the refined matte, both above one half, and the seconds of a
-core that both take.
+union of the mask that the pose networks give and of the matte, both above one half, and the seconds of a core
+that both take. The matte is cut out by the network of `relight fetch silhouette` if that is in the cache; name
+another folder (RELIGHT_CACHE) for the way without.
 
 OMP_NUM_THREADS=1 python benchmarks/person.py draped.zip draped-close.zip WORLDS [--pictures FOLDER]
 
@@ -27,7 +28,8 @@ from scipy.ndimage import gaussian_filter
 from skimage import data
 
 from relight.lights.environment import EnvironmentLight
-from relight.matting import outline, person
+from relight.matting import person
+from relight.matting.refine import encoded_srgb, opaque_photograph
 from relight.media.colour import decode, encode
 from relight.media.resampling import resize
 from shadow.data import lightings, photographs, records
@@ -133,7 +135,7 @@ def main():
     parser.add_argument("--pictures", type=Path, help="Keep the pictures and mattes in this folder.")
     options = parser.parse_args()
     people = [*whole(options.whole), *cut(options.cut)]
-    rows = []
+    rows, model = [], person.FoundPerson()
     for number, (name, stored) in enumerate(people):
         record = records.from_bytes(stored, name)
         rng = np.random.default_rng(number)
@@ -142,7 +144,7 @@ def main():
         begun = time.process_time()
         mask = person.find(codes)
         found = time.process_time()
-        matte = outline.refine(codes, outline.outlined(codes, outline.Outline(matte=mask)))
+        matte = model(encoded_srgb(opaque_photograph(codes)))
         done = time.process_time()
         rows.append((overlap(mask, where), overlap(matte, where), found - begun, done - found))
         print(
