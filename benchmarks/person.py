@@ -5,7 +5,7 @@ portraits, as JPEG of quality 90. Seven of nine places are panoramas, whose ligh
 which are out of focus, since they have three pixels a degree; a garage and a wall of scikit-image are sharp,
 with an everyday light. The camera stands 1.5 m high, and exposes for the person. Prints the intersection over
 union of the mask that the pose networks give and of the matte, both above one half, and the seconds of a core
-that both take. The matte is cut out by the network of `relight fetch silhouette` if that is in the cache; name
+that both take. The network of `relight fetch silhouette` cuts the matte out if it is in the cache; name
 another folder (RELIGHT_CACHE) for the way without.
 
 OMP_NUM_THREADS=1 python benchmarks/person.py draped.zip draped-close.zip WORLDS [--pictures FOLDER]

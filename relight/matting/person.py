@@ -13,6 +13,7 @@ machines of one kind agree to the bit. The files are those of `relight.matting.p
 import functools
 import itertools
 import logging
+import warnings
 from dataclasses import replace
 from typing import Any
 
@@ -49,6 +50,10 @@ UNSCALED = np.ones(2)
 NOBODY = (
     "matte: found no person in the photograph: give a mask (--mask), draw an outline (relight app), or name "
     "a matting model (--matte)"
+)
+UNCERTAIN = (
+    "matte: it is uncertain whether what was found is a person: look at the matte (--save-matte), turn a picture "
+    "that is not upright, or say who is meant (--person X/Y)"
 )
 LOG = logging.getLogger("relight")
 
@@ -101,6 +106,8 @@ class FoundPerson:
             choice = self._finder.choose(encoded, self._person, surer=self._network is None)
         except EmptyMatteError:
             return np.zeros(encoded.shape[:2], np.float32)
+        if choice.index is not None and choice.people[choice.index].certainty < CERTAIN:
+            warnings.warn(UNCERTAIN, stacklevel=2)
         if self._network is not None:
             return silhouette.person_matte(encoded, choice, self._network)
         from relight.matting import outline  # whose parts of SciPy take long to load

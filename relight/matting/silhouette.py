@@ -7,7 +7,8 @@ in a large picture has its full resolution too. Then
 
 - far inside the mask, the person is opaque, even where they wear the background's colour;
 - what lies nearer to other people than to the person belongs to them;
-- parts that do not touch the inside of the mask go, such as a logo on the wall.
+- parts that do not touch the inside of the mask go, such as a logo on the wall;
+- so does what touches it and is too large to be held, such as a motorcycle.
 """
 
 import functools
@@ -30,10 +31,13 @@ MARGIN = (
 )
 LOOKS = 3  # of the network, at most, until nothing that is kept reaches the crop's border
 CERTAIN = 0.9  # of the mask: gaps that it closes have less
-SURE, RAMP = 0.025, 0.01  # of that side: how far inside that nothing is transparent; the ramp to it
+SURE, RAMP = 0.012, 0.01  # of that side: how far inside that nothing is transparent; the ramp to it
 CONNECTED = 0.15  # coverage from which pixels that touch are one part
-HAZE = 0.05  # of that side: what is half transparent so far from what is opaque is not the person's
+OPAQUE = 0.8  # coverage from which the network does not doubt
+HAZE = 0.05  # of that side: what it doubts so far from what it does not doubt is not the person's
 CLEAR = 0.02  # coverage up to which a pixel is empty, and opaque from 1 - CLEAR
+NEAR = 0.02  # of that side: how far from the mask the edge of a person may be
+LARGEST = 0.5  # of the mask: more than that beside it is a thing, or somebody, and nothing that is held
 LEAST = 0.3  # of what was drawn: the network sees no person there if it sees less
 BORDER = 1.0  # standard deviation in pixels of the blur of the border between people
 FILTER = "triangle"  # of OpenImageIO, for copies
@@ -163,8 +167,11 @@ def _theirs(found: np.ndarray, mask: np.ndarray, rivals: np.ndarray) -> np.ndarr
     kept[parts[core]] = True
     kept[0] = False
     alpha = np.where(binary_dilation(kept[parts], np.ones((3, 3))), alpha, 0)
-    haze = distance_transform_edt(alpha <= 0.5) > HAZE * side
-    return np.where(haze, 0, alpha).astype(np.float32)
+    alpha = np.where(distance_transform_edt(alpha < OPAQUE) > HAZE * side, 0, alpha)
+    beside = ((distance_transform_edt(mask <= 0.5) / side - NEAR) / RAMP).clip(0, 1)
+    if (alpha * beside > 0.5).sum() > LARGEST * (mask > 0.5).sum():
+        alpha = alpha * (1 - beside)
+    return alpha.astype(np.float32)
 
 
 def _nearer(mask: np.ndarray, rivals: np.ndarray) -> np.ndarray:

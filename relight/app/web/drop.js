@@ -17,8 +17,8 @@ export class Drop {
       "Choose photographs…",
     );
     this.about = h("p");
-    [this.finder, this.finderAbout] = offer("Fetch them once", () => app.fetchFinder());
-    [this.silhouette, this.silhouetteAbout] = offer("Fetch it once", () => app.fetchSilhouette());
+    this.finder = offer("Fetch them once", () => app.fetchFinder());
+    this.silhouette = offer("Fetch it once", () => app.fetchSilhouette());
     this.files = h("ul", { class: "files" });
     this.folder = h(
       "section",
@@ -46,8 +46,8 @@ export class Drop {
         ),
         h("p", { class: "small" }, "JPEG, PNG, HEIC, raw, EXR or TIFF, up to 100 megapixels. Pasting works too."),
         this.input,
-        this.finder,
-        this.silhouette,
+        this.finder.element,
+        this.silhouette.element,
       ),
       this.folder,
     );
@@ -60,10 +60,10 @@ export class Drop {
   refresh() {
     const { root, finder, finder_about, silhouette, silhouette_about } = this.app.about;
     this.about.textContent = `${finder === "ready" ? "The person is found, and you drag the lights." : "Then outline the person and drag the lights."} Nothing leaves this computer.`;
-    this.finder.hidden = finder !== "fetch";
-    this.finderAbout.textContent = `People can be found for you, by ${finder_about}.`;
-    this.silhouette.hidden = finder !== "ready" || silhouette !== "fetch";
-    this.silhouetteAbout.textContent = `Hair, hands and what people hold are kept by ${silhouette_about}.`;
+    this.finder.element.hidden = finder !== "fetch";
+    this.finder.about.textContent = `People can be found for you, by ${finder_about}.`;
+    this.silhouette.element.hidden = finder !== "ready" || silhouette !== "fetch";
+    this.silhouette.about.textContent = `Hair, hands and what people hold are kept by ${silhouette_about}.`;
     this.folder.hidden = !root.length;
     this.files.replaceChildren(
       ...root.map(({ path, name }) =>
@@ -77,9 +77,9 @@ export class Drop {
   }
 }
 
-/** A line that says what can be fetched, with the button that does it: the line, and the place of its words. */
+/** A line that says what can be fetched, with the button that does it; its words go to `about`. */
 function offer(label, fetches) {
   const about = h("span");
   const button = h("button", { type: "button", class: "secondary", onclick: fetches }, label);
-  return [h("p", { class: "finder small" }, about, button), about];
+  return { element: h("p", { class: "finder small" }, about, button), about };
 }

@@ -1,6 +1,7 @@
 """`matte="auto"`, the default: whoever is in a photograph without a matte is found; here, what is red."""
 
 import json
+import warnings
 
 import numpy as np
 import pytest
@@ -96,6 +97,21 @@ def test_nobody_and_no_networks_are_said(fetched, monkeypatch):
     person.load.cache_clear()
     with pytest.raises(MissingNetworksError, match="relight fetch person brings them"):
         check_inputs(photograph((90, 70, 14))[0])
+
+
+def test_somebody_uncertain_is_said(tmp_path, monkeypatch):
+    """As a hand in an upside-down photograph is."""
+    for presence, said in ((0.7, True), (0.95, False)):
+        (tmp_path / f"{presence}").mkdir()
+        finder = small_finder(tmp_path / f"{presence}", presence)
+        monkeypatch.setattr(person, "load", lambda finder=finder: finder)
+        with warnings.catch_warnings(record=True) as caught:
+            warnings.simplefilter("always")
+            check_inputs(photograph((90, 70, 14))[0])
+        assert (
+            any("uncertain whether what was found is a person" in str(each.message) for each in caught)
+            == said
+        )
 
 
 def test_one_of_several_is_taken_from_a_file(fetched, tmp_path, stub):

@@ -27,6 +27,23 @@ def fetched(tmp_path_factory):
         person.load.cache_clear()
 
 
+def test_the_silhouette_is_fetched_and_keeps_more_of_the_person():
+    """The helmet that the astronaut holds belongs to them, and the shuttle on the table does not."""
+    from relight.matting import silhouette_files
+
+    coarse = relight.matte(data.astronaut(), "auto")
+    done = CliRunner().invoke(app, ["fetch", "silhouette"])
+    assert done.exit_code == 0, done.output
+    assert "commercially is not settled" in " ".join(done.output.split())
+    try:
+        fine = relight.matte(data.astronaut(), "auto")
+    finally:
+        silhouette_files.fetched().unlink()
+    assert fine[40:120, 180:270].mean() > 0.98  # the face
+    assert fine[:200, 400:].mean() < 0.01  # the shuttle behind
+    assert fine[380:500, 320:470].mean() > 0.95 > 0.2 > coarse[380:500, 320:470].mean()  # the helmet, held
+
+
 def test_the_bundled_person_is_found_in_front_of_a_photograph():
     cut = relight.read(ROOT / "examples" / "person.png")
     height, width = cut.shape[:2]
