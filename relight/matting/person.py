@@ -52,8 +52,8 @@ NOBODY = (
     "a matting model (--matte)"
 )
 UNCERTAIN = (
-    "matte: it is uncertain whether what was found is a person: look at the matte (--save-matte), turn a picture "
-    "that is not upright, or say who is meant (--person X/Y)"
+    "matte: it is uncertain whether what was found is a person: look at the matte (--save-matte), turn a "
+    "picture that is not upright, or say who is meant (--person X/Y)"
 )
 LOG = logging.getLogger("relight")
 
