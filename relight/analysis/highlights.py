@@ -29,7 +29,7 @@ def tint(albedo: torch.Tensor, image: torch.Tensor, places: torch.Tensor, sure: 
 
     `albedo`: (3, h, w) linear. `image`: (3, h, w), the photograph, display-encoded. `places`: (h, w) in
     [0, 1], where skin may be, `sure` (h, w) where it is, whose colour is taken. The luminance of the albedo
-    stays what it is.
+    stays what it is, in means of STEP x STEP pixels.
     """
     paint, seen, where = (
         F.avg_pool2d(values[None], STEP)[0]
@@ -56,13 +56,14 @@ def tint(albedo: torch.Tensor, image: torch.Tensor, places: torch.Tensor, sure: 
     for value, ends in ((along, PALE), (along, WHITE), (bright / level.clamp_min(1e-3), BRIGHT)):
         weight = weight * ((value - ends[0]) / (ends[1] - ends[0])).clamp(0, 1)
     moved = SHARE * weight * (1 - along) * skin
-    moved = F.interpolate(moved[None], places.shape, mode="bilinear")[0]
     colour = torch.stack([-moved[0], torch.zeros_like(moved[0]), -moved[1]]).exp()
     luminance = torch.from_numpy(LUMINANCE).float()
-    before, after = (torch.einsum("c,chw->hw", luminance, each) for each in (albedo, albedo / colour))
-    return colour * (after / before.clamp_min(1e-9)).where(before > 0, torch.ones(()))
+    before, after = (torch.einsum("c,chw->hw", luminance, each) for each in (paint, paint / colour))
+    colour = colour * (after / before.clamp_min(1e-9)).where(before > 0, torch.ones(()))
+    return F.interpolate(colour[None], places.shape, mode="bilinear")[0]
 
 
 def _mean(maps: torch.Tensor, side: int) -> torch.Tensor:
     """Return the means (C, h, w) of windows, beyond the canvas zero."""
-    return F.avg_pool2d(maps[None], side, stride=1, padding=side // 2)[0]
+    rows = F.avg_pool2d(maps, (1, side), stride=1, padding=(0, side // 2))  # much faster than both at once
+    return F.avg_pool2d(rows, (side, 1), stride=1, padding=(side // 2, 0))

@@ -20,6 +20,7 @@ LIMITS = (0.5, 2.0)  # of the factor
 WHITE = 0.7  # linear: a photograph that shows this is not too dark
 CLIPPED = 1.02  # linear: a picture with brighter values has an exposure of its own
 LIGHTEST = 0.9  # of the albedo of any surface
+STEP = 4  # of a canvas, one pixel in so many is looked at, each way
 ROWS = 200  # of a plate that are looked at
 SKIN = (0.04, 0.45)  # of the green albedo of faces
 
@@ -50,6 +51,9 @@ def factor(
     show the person, `face` (h, w) their face. `brightest`, `white`: the largest value of the photograph, and
     one that few of its pixels exceed.
     """
+    few = np.s_[..., ::STEP, ::STEP]
+    if known[few].any():
+        light, albedo, known, face = light[few], albedo[few], known[few], None if face is None else face[few]
     wanted = 1.0
     if brightest <= CLIPPED:
         key = float(light.mean(dim=0)[known].quantile(BRIGHT_QUANTILE))

@@ -22,7 +22,7 @@ LIMBS = ((13, 15), (14, 16), (15, 19), (16, 20), (25, 27), (26, 28))  # forearms
 VALUES = 5  # x, y, z, visibility, presence
 PRESENT = 0.5  # the network's opinion from which somebody is there
 CLOSE = (1.6, 2.6)  # height of a person whom the frame cuts, in widths of what it shows: two tries
-STEP = 2  # canvas pixels of one of these maps
+STEP = 4  # canvas pixels of one of these maps
 # In distances from the eyes to the mouth: half the height and the width of a face, the radius of the neck.
 FACE, HEAD, NECK = (1.25, 0.95), (1.75, 1.35), 0.5
 LIMB, SLEEVE = 0.16, 0.3  # radius of a limb, of its length; the share of it that a sleeve may cover
@@ -127,7 +127,7 @@ def _skin(points: np.ndarray, known: torch.Tensor) -> Skin | None:
         likely *= ~ellipse(points[eye].mean(axis=0), 0.6 * EYE * size, EYE * size)
     wide = max(float(np.hypot(*np.diff(points[MOUTH], axis=0)[0])), 0.5 * size)
     likely *= ~ellipse(mouth, LIPS[1] * wide, LIPS[0] * wide)
-    soft = F.avg_pool2d(torch.from_numpy(likely).float(), 5, stride=1, padding=2)
+    soft = F.avg_pool2d(torch.from_numpy(likely).float(), 3, stride=1, padding=1)
     soft = F.interpolate(soft[None], known.shape, mode="bilinear")[0] * known
     whole = F.interpolate(torch.from_numpy(np.float32(face))[None, None], known.shape)[0, 0]
     return Skin((whole > 0) & known, *soft)

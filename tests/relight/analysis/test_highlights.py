@@ -35,7 +35,7 @@ def test_a_pale_patch_becomes_skin_of_its_lightness():
     true = float(SKIN_COLOUR[0] / SKIN_COLOUR[1])
     assert paleness(albedo) < 1.3 < 1.45 < paleness(after) <= true + 0.01
     before, now = (luminance(each.permute(1, 2, 0).numpy()) for each in (albedo, after))
-    np.testing.assert_allclose(now, before, rtol=1e-4)
+    np.testing.assert_allclose(now, before, rtol=0.01)
 
 
 def test_white_cloth_and_what_is_not_at_skin_stay():
