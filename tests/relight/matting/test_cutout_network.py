@@ -46,6 +46,7 @@ def test_a_mirrored_picture_has_the_mirrored_matte(weights):
     first = network(crop, mask)
     mirrored = network(crop[:, ::-1], mask[:, ::-1])[:, ::-1]
     np.testing.assert_allclose(first, mirrored, atol=2e-2)
+    assert ((first > 0.5) == (mask > 0.5)).mean() > 0.97  # what is mirrored is turned back
 
 
 def overlap(matte, person):
