@@ -59,7 +59,7 @@ function merged(lights, active, given) {
   return [...lights.flatMap((light) => (active.includes(light) ? next.splice(0, 1) : [light])), ...next];
 }
 
-/** The widget of a notebook (anywidget): its lights are those that shine, in Python and here; so are gloss and amount. */
+/** The widget of a notebook (anywidget): its lights, gloss and amount are those of Python and of the page. */
 export async function render({ model, el }) {
   const root = h("div", { class: "relight embedded" });
   el.append(root);
