@@ -226,7 +226,7 @@ class PlateLight:
         self._maps: dict[int, np.ndarray] = {}
         self._unreadable: set[int] = set()  # frames that were warned of
 
-    def check(self, option: str = "match_plate") -> None:
+    def check(self, option: str) -> None:
         """Raise ValueError, by the option's name, unless the background, or its first frame, is opaque."""
         first = self._backgrounds.read((self._backgrounds.numbers or [0])[0])
         if np.ndim(first) != 3:

@@ -505,11 +505,13 @@ class Shot:
         self.matching.check_names(named)
         if self.lighting.fill:
             check_free(named, FILL)
+        option = "fill" if self.lighting.fill else "match_plate" if self.matching.plate else None
+        if option is not None:
             if self.lighting.background is None and (why := self._why_without_plate()):
-                raise ValueError(f"fill: expected a background (--background FILE): {why}")
-            self._plate_light.check("fill")
-        elif self.matching.plate:
-            self._plate_light.check()
+                raise ValueError(
+                    f"{option}: expected a background that is an image (--background FILE): {why}"
+                )
+            self._plate_light.check(option)
 
     def check_background(self) -> None:
         """Raise ValueError if the plate is to be the background, and there is none."""
