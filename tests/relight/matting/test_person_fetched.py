@@ -58,7 +58,7 @@ def test_the_bundled_person_is_found_in_front_of_a_photograph():
 def test_the_astronaut_is_found_and_relit(tmp_path):
     """Without a matte, by the shortest command."""
     Image.fromarray(data.astronaut()).save(tmp_path / "photo.jpg", quality=92)
-    options = ["--preset", "golden-hour", "-o", str(tmp_path / "out.png")]
+    options = ["--preset", "golden-hour", "--background", "none", "-o", str(tmp_path / "out.png")]
     done = CliRunner().invoke(app, ["apply", str(tmp_path / "photo.jpg"), *options])
     assert done.exit_code == 0, done.output
     alpha = relight.read(tmp_path / "out.png")[..., 3] > 0.5
