@@ -37,7 +37,12 @@ class Parts(NamedTuple):
 
 @dataclass(frozen=True, kw_only=True)
 class Light:
-    """What all lights have in common; see `relight.DirectionalLight` for the parameters."""
+    """What all lights have in common; see `relight.DirectionalLight` for the parameters.
+
+    >>> import relight
+    >>> isinstance(relight.PointLight(position=(0, 1, 1)), relight.Light)
+    True
+    """
 
     intensity: Number = Number(1.0, low=0)
     colour: Colour = Colour((1.0, 1.0, 1.0))

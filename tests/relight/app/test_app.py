@@ -223,7 +223,7 @@ def test_an_example_and_a_file_of_the_folder_are_a_click_away_and_share_one_rig(
     at_step(page, "outline")
     page.locator(".strip .thumb").first.click()
     at_step(page, "light")
-    assert page.evaluate("relightApp.parts.light.viewer.state.lights.map((light) => light.azimuth)") == [-92]
+    assert page.evaluate("relightApp.parts.light.viewer.state.lights.map((light) => light.azimuth)") == [-92, 50]
 
 
 def test_a_models_matte_is_found_and_corrected(page, tmp_path):
@@ -337,7 +337,7 @@ def test_another_tab_shows_the_outline_and_a_new_analysis_keeps_undo(browser, ad
     page.get_by_role("button", name="Use this outline").click()
     at_step(page, "light")
     names = "relightApp.parts.light.viewer.state.lights.map((light) => light.name)"
-    assert page.evaluate(names) == ["key"]
+    assert page.evaluate(names) == ["key", "bounce"]
     page.get_by_role("button", name="Undo", exact=True).last.click()
     assert page.evaluate(names) == ["key", "fill", "rim"]
 
