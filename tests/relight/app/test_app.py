@@ -223,7 +223,8 @@ def test_an_example_and_a_file_of_the_folder_are_a_click_away_and_share_one_rig(
     at_step(page, "outline")
     page.locator(".strip .thumb").first.click()
     at_step(page, "light")
-    assert page.evaluate("relightApp.parts.light.viewer.state.lights.map((light) => light.azimuth)") == [-92, 50]
+    azimuths = "relightApp.parts.light.viewer.state.lights.map((light) => light.azimuth)"
+    assert page.evaluate(azimuths) == [-92, 50]
 
 
 def test_a_models_matte_is_found_and_corrected(page, tmp_path):
