@@ -18,7 +18,7 @@ from scipy.ndimage import gaussian_filter
 
 import relight
 from relight.analysis.foreground import Foreground
-from relight.matting.refine import cut_out
+from relight.matting.refine import pymatting
 
 PERSON = Path(__file__).parent.parent / "examples" / "person.png"
 BLUR = 2.0  # standard deviation, pixels
@@ -40,12 +40,13 @@ def backgrounds(size):
 
 def estimates(plate, alpha):
     """{means: (H, W, 3)} of the person's own colour."""
-    cut = cut_out(plate, alpha)
+    estimated = pymatting("foreground.estimate_foreground_ml")(plate, alpha).clip(0)
+    estimated = np.where(alpha[..., None] >= 1, plate, estimated)
     person = Foreground.of(torch.from_numpy(alpha), torch.from_numpy(alpha), True)
     continued = np.zeros_like(plate)
     continued[person.box] = person.own_colour(plate).permute(1, 2, 0).numpy()
     scale = 1 / np.maximum(alpha, 1e-6)[..., None]
-    return {"plain division": plate * scale, "continued": continued, "estimated": cut[..., :3] * scale}
+    return {"plain division": plate * scale, "continued": continued, "estimated": estimated}
 
 
 def main(picture=None):

@@ -118,10 +118,10 @@ def _found_within(folder: str, lasso: str) -> np.ndarray | None:
 
     `folder` is named because the result is kept while strokes are drawn.
     """
-    network = silhouette.load()
-    if network is None:
+    network, points = silhouette.load(), np.reshape(np.asarray(json.loads(lasso), float), (-1, 2))
+    if network is None or len(points) < 3 or not np.isfinite(points).all():  # which `outlined` refuses
         return None
     picture = reduced()[..., :3]
-    points = np.reshape(np.asarray(json.loads(lasso), float), (-1, 2)).clip(-4, 5) * picture.shape[1::-1]
+    points = points.clip(-4, 5) * picture.shape[1::-1]
     inside = outline.inside_of(points, picture.shape[:2])
     return silhouette.matte_within(encoded_srgb(picture), inside, np.zeros_like(inside), network)

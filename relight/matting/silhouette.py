@@ -26,9 +26,7 @@ from relight.media.resampling import resize
 from shadow.networks import precision
 
 SIDE = 1024  # pixels of the network's square input
-MARGIN = (
-    0.25  # of the longer side of the mask's box: how far the crop reaches beyond it, and how far it grows
-)
+MARGIN = 0.25  # of the longer side of the mask's box: how far the crop reaches beyond it, and grows
 LOOKS = 3  # of the network, at most, until nothing that is kept reaches the crop's border
 CERTAIN = 0.9  # of the mask: gaps that it closes have less
 SURE, RAMP = 0.012, 0.01  # of that side: how far inside that nothing is transparent; the ramp to it
@@ -92,18 +90,15 @@ def person_matte(encoded: np.ndarray, choice: Choice, network: Silhouette) -> np
     grow = np.array([-step, -step, step, step])
     limits = np.array([0, 0, 0, 0]), np.array(encoded.shape[:2] * 2)
     box = np.clip((top, left, bottom, right) + grow, *limits)
-    for _ in range(LOOKS):
+    for look in range(LOOKS):
         crop = encoded[box[0] : box[2], box[1] : box[3]]
-        shrink = min(1.0, SIDE / max(crop.shape[:2]))
-        seen = resize(crop, reduced_size(crop.shape, shrink), FILTER)
+        seen, shrink = _copy(crop)
         mask, rivals = choice.masks((box[0], box[1]), shrink, seen.shape[:2])
         alpha = _theirs(network(seen, mask), mask, rivals)
         wider = np.clip(box + grow * _touched(alpha), *limits)
-        if (wider == box).all():
+        if look == LOOKS - 1 or (wider == box).all():
             break
         box = wider
-    else:
-        crop = encoded[box[0] : box[2], box[1] : box[3]]
     matte[box[0] : box[2], box[1] : box[3]] = _at_full_size(alpha, seen, crop)
     return matte
 
@@ -117,14 +112,15 @@ def matte_within(
     sees nothing of that size: then the drawing is to be solved by its colours.
     """
     rows, columns = np.nonzero(outer > 0.5)
+    if not len(rows):
+        return None
     margin = round(MARGIN * (max(np.ptp(rows), np.ptp(columns)) + 1))
     box = np.s_[
         max(rows.min() - margin, 0) : rows.max() + margin + 1,
         max(columns.min() - margin, 0) : columns.max() + margin + 1,
     ]
     crop = encoded[box]
-    shrink = min(1.0, SIDE / max(crop.shape[:2]))
-    seen = resize(crop, reduced_size(crop.shape, shrink), FILTER)
+    seen, _ = _copy(crop)
     drawn = resize(np.stack([outer[box], inner[box]], axis=-1).astype(np.float32), seen.shape[:2], FILTER)
     alpha = _without_noise(network(seen, drawn[..., 0]))
     alpha = np.minimum(np.maximum(alpha, drawn[..., 1]), drawn[..., 0])
@@ -133,6 +129,12 @@ def matte_within(
     matte = np.zeros(encoded.shape[:2], np.float32)
     matte[box] = _at_full_size(alpha, seen, crop)
     return matte
+
+
+def _copy(crop: np.ndarray) -> tuple[np.ndarray, float]:
+    """Return a copy (h, w, 3) of a crop, of the network's size at most, and its scale."""
+    shrink = min(1.0, SIDE / max(crop.shape[:2]))
+    return resize(crop, reduced_size(crop.shape, shrink), FILTER), shrink
 
 
 def _at_full_size(alpha: np.ndarray, seen: np.ndarray, crop: np.ndarray) -> np.ndarray:

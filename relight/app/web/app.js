@@ -205,22 +205,22 @@ class Application {
 
   /** Brings the networks that find people, when it has been asked for; whether they are there now. */
   async fetchFinder() {
-    await this.busy(async (say, signal) => {
-      say("Fetching the networks that find people");
-      Object.assign(this.about, await follow("person", {}, say, signal));
-      this.parts.drop.refresh();
-      this.tell("People are found from now on.");
-    });
+    await this.fetchNetworks("person", "Fetching the networks that find people", "People are found from now on.");
     return this.about.finder === "ready";
   }
 
   /** Brings the network that cuts people out, when it has been asked for. */
   async fetchSilhouette() {
+    const after = "Hair, hands and what people hold are kept from now on.";
+    await this.fetchNetworks("silhouette", "Fetching the network that cuts people out", after);
+  }
+
+  async fetchNetworks(route, before, after) {
     await this.busy(async (say, signal) => {
-      say("Fetching the network that cuts people out");
-      Object.assign(this.about, await follow("silhouette", {}, say, signal));
+      say(before);
+      Object.assign(this.about, await follow(route, {}, say, signal));
       this.parts.drop.refresh();
-      this.tell("Hair, hands and what people hold are kept from now on.");
+      this.tell(after);
     });
   }
 

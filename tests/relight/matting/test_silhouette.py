@@ -105,6 +105,20 @@ def test_the_crop_grows_until_nothing_reaches_its_border():
     assert len(looks) > 1
 
 
+def test_a_crop_that_would_have_to_grow_further_is_still_in_its_place():
+    size = (60, 1200)
+    body = ellipse((10, 30), (10, 22), size)
+    pole = np.zeros(size, bool)
+    pole[29:32, 10:1150] = True
+    picture, network, looks = network_of(body | pole)
+    person = somebody(10, 30, (9, 21))
+    found = silhouette.person_matte(picture, Choice((person,), 0, size), network)
+    assert len(looks) == silhouette.LOOKS
+    reached = looks[-1][1]  # the crop begins at the left edge of the picture
+    np.testing.assert_array_equal(found[:, :reached] > 0.5, (body | pole)[:, :reached])
+    assert found[:, reached:].max() == 0
+
+
 def test_haze_far_from_the_person_goes():
     haze = ellipse((220, 200), (40, 20))
     picture, network, _ = network_of(np.maximum(BODY, 0.3 * haze))
@@ -134,6 +148,7 @@ def test_nothing_is_beyond_what_was_drawn():
     np.testing.assert_array_equal(found > 0.5, BODY)
     inner = ellipse((100, 200), (5, 5)) & outer
     assert silhouette.matte_within(picture, outer, inner, network)[inner].min() == 1
+    assert silhouette.matte_within(picture, np.zeros(SIZE), np.zeros(SIZE), network) is None
     empty, network, _ = network_of(np.zeros(SIZE))
     assert silhouette.matte_within(empty, outer, np.zeros(SIZE), network) is None
 
