@@ -94,6 +94,8 @@ def serve(root: str | Path | None, port: int, opened: Callable[[str], None]) -> 
         listening.listen()  # so that requests wait until the server has started
         opened(f"http://{HOST}:{port}/{token}/")
         server.run(sockets=[listening])
+    except KeyboardInterrupt:
+        raise KeyboardInterrupt from None  # without the traces of what asyncio was cancelling meanwhile
     finally:
         session.close()
         listening.close()
