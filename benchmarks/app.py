@@ -23,7 +23,7 @@ from checkout import ROOT
 from helpers.serving import served
 from PIL import Image
 
-from relight.matting import person_files  # before tests/relight is on the path
+from relight.matting.people import files as person_files  # before tests/relight is on the path
 
 LOOK = {"lights": ["key:azimuth=-40,elevation=30,angle=20", "rim:azimuth=140,elevation=20"]}
 

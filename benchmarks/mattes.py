@@ -22,7 +22,7 @@ from skimage import data
 
 import relight
 from relight.analysis.foreground import Foreground
-from relight.matting.outline import Outline, outlined, refine, refine_matte
+from relight.matting.outline.drawing import Outline, outlined, refine, refine_matte
 from relight.matting.refine import encoded_srgb
 from relight.media.images import scene_linear
 from relight.media.resampling import resize

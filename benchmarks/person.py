@@ -28,7 +28,7 @@ from scipy.ndimage import gaussian_filter
 from skimage import data
 
 from relight.lights.environment import EnvironmentLight
-from relight.matting import person
+from relight.matting.people import finder
 from relight.matting.refine import encoded_srgb, opaque_photograph
 from relight.media.colour import decode, encode
 from relight.media.resampling import resize
@@ -135,14 +135,14 @@ def main():
     parser.add_argument("--pictures", type=Path, help="Keep the pictures and mattes in this folder.")
     options = parser.parse_args()
     people = [*whole(options.whole), *cut(options.cut)]
-    rows, model = [], person.FoundPerson()
+    rows, model = [], finder.FoundPerson()
     for number, (name, stored) in enumerate(people):
         record = records.from_bytes(stored, name)
         rng = np.random.default_rng(number)
         behind = PLACES[number % len(PLACES)]
         codes, where = picture(rng, record, behind, options.worlds)
         begun = time.process_time()
-        mask = person.find(codes)
+        mask = finder.find(codes)
         found = time.process_time()
         matte = model(encoded_srgb(opaque_photograph(codes)))
         done = time.process_time()

@@ -9,8 +9,8 @@ from pathlib import Path
 import numpy as np
 
 import relight
-from relight.media import nuke
 from relight.rendering import render
+from relight.scene import nuke
 
 photo = sys.argv[1] if len(sys.argv) > 1 else Path(__file__).with_name("person.png")
 folder = Path(sys.argv[2] if len(sys.argv) > 2 else "light_groups")

@@ -7,6 +7,8 @@ dtypes are scene-linear Rec.709 with premultiplied alpha.
 from importlib import import_module
 from typing import TYPE_CHECKING, Any
 
+from relight.version import __version__
+
 if TYPE_CHECKING:  # for editors and type checkers, which don't follow `__getattr__`
     from relight.compositing.composite import over
     from relight.compositing.floor import Floor
@@ -23,7 +25,7 @@ if TYPE_CHECKING:  # for editors and type checkers, which don't follow `__getatt
     from relight.matting.chroma_key import key
     from relight.matting.networks import matte
     from relight.media.images import read, read_layers, read_mask, read_normals, write_mask
-    from relight.media.writing import write
+    from relight.media.write import write
     from relight.pipeline.analyse import analyse_shot
     from relight.pipeline.export import export_person
     from relight.pipeline.olat import write_olat
@@ -32,9 +34,7 @@ if TYPE_CHECKING:  # for editors and type checkers, which don't follow `__getatt
     from relight.rendering import apply, render
     from relight.scene.lights import read_lights, write_lights
     from relight.subject import Subject
-    from relight.viewer.shot import write_view
-
-__version__ = "0.2.0"
+    from relight.viewer.write_view import write_view
 
 _EXPORTS = {
     "Compute": "relight.pipeline.options",
@@ -67,12 +67,12 @@ _EXPORTS = {
     "render": "relight.rendering",
     "render_distributed": "relight.distributed.dask_cluster",
     "render_shot": "relight.pipeline.render",
-    "write": "relight.media.writing",
+    "write": "relight.media.write",
     "write_job": "relight.distributed.openjd",
     "write_lights": "relight.scene.lights",
     "write_mask": "relight.media.images",
     "write_olat": "relight.pipeline.olat",
-    "write_view": "relight.viewer.shot",
+    "write_view": "relight.viewer.write_view",
 }
 
 __all__ = [  # literal, for type checkers

@@ -576,7 +576,8 @@ class Subject:
         ModuleNotFoundError
             Anywidget is missing.
         """
-        from relight.viewer import packing, page, scene
+        from relight.viewer import initial_state as scene
+        from relight.viewer import packing, page
 
         first = None if lights is None else self._rig(lights)
         about = scene.scene_of(
@@ -647,12 +648,14 @@ class Subject:
         UserWarning
             Lights that glTF cannot hold.
         """
-        from relight.media.nuke import is_script
-        from relight.scene import asset, nuke_script, writing
+        from relight.scene import asset
+        from relight.scene import write as writing
+        from relight.scene.nuke import person_group
+        from relight.scene.nuke.light_groups import is_script
 
         path = asset.checked(path, texture, triangles)
         if is_script(path):
-            return writing.write_script(path, self, nuke_script.checked_lights(lights), checked_gloss(gloss))
+            return writing.write_script(path, self, person_group.checked_lights(lights), checked_gloss(gloss))
         return writing.write(path, self.asset(lights, triangles=triangles, texture=texture, gloss=gloss))
 
     def asset(

@@ -17,7 +17,7 @@ import torch
 
 from relight.analysis.camera import DEFAULT_HEIGHT, Camera, canvas_grid
 from relight.analysis.normal_integration import integrate
-from relight.media.images.edge import as_array
+from relight.media.images.arrays import as_array
 from shadow.analysis import Analysis
 from shadow.framing import Framing, bounding_box
 

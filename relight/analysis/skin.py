@@ -13,8 +13,8 @@ import torch
 import torch.nn.functional as F
 
 from relight.errors import DamagedFileError, MissingNetworksError
-from relight.matting import person_files
-from relight.matting.person_region import LANDMARK_SIDE, Circle, sampled
+from relight.matting.people import files as person_files
+from relight.matting.people.region import LANDMARK_SIDE, Circle, sampled
 
 # Rows of the landmarks.
 LEFT_EYE, RIGHT_EYE, EYES, MOUTH, SHOULDERS = map(slice, (1, 4, 1, 9, 11), (4, 7, 7, 11, 13))

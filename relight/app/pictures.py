@@ -3,7 +3,7 @@
 import numpy as np
 import torch
 
-from relight.media.images.saving import compressed
+from relight.media.images.encode import compressed
 
 PIXELS = 100_000_000  # of a photograph, at most
 

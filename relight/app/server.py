@@ -325,7 +325,8 @@ def _finder() -> dict[str, str | None]:
 
     Each is "ready", "fetch" for what is to be fetched, or None for what is not to be had.
     """
-    from relight.matting import person_files, silhouette_files
+    from relight.matting import silhouette_files
+    from relight.matting.people import files as person_files
 
     states: dict[str, str | None] = {"finder": None, "silhouette": None}
     if find_spec("openvino") is not None:

@@ -25,18 +25,20 @@ from relight.errors import EmptyMatteError
 from relight.lights import presets
 from relight.lights.environment import EnvironmentLight
 from relight.lights.rig import as_lights
-from relight.matting import networks, outline, person, person_files, refine, silhouette, silhouette_files
+from relight.matting import networks, outline, refine, silhouette, silhouette_files
+from relight.matting.people import files as person_files
+from relight.matting.people import finder
 from relight.matting.refine import encoded_srgb
 from relight.matting.sequence import MattingOptions
 from relight.media import images
 from relight.media.colour import encode
-from relight.media.images.saving import compressed
-from relight.media.images.writing import encoded
+from relight.media.images.encode import compressed
+from relight.media.images.write_image import encoded
 from relight.pipeline.options import Lighting, Output, Source
 from relight.rendering import partial_shadow
 from relight.subject import Subject
+from relight.viewer.initial_state import scene_of
 from relight.viewer.packing import pack
-from relight.viewer.scene import scene_of
 from shadow.files import replacing
 
 PREVIEW_SIDE = 1600  # pixels, the longer side of what the page shows and the outline is solved on
@@ -75,7 +77,7 @@ def load_matting() -> None:
 def load_finder() -> None:
     """Read the networks that find people and cut them out, where they have been fetched."""
     if person_files.are_fetched():
-        person.FoundPerson()
+        finder.FoundPerson()
 
 
 PREPARATIONS: tuple[Callable[[], object], ...] = (  # the worker runs them while nobody waits for it
@@ -141,7 +143,7 @@ def find_person(report: Report) -> dict[str, Any]:
     report("Finding the person")
     if silhouette.load() is None:
         compiling.wait(report)
-    found = person.FoundPerson()(encoded_srgb(drawing.reduced()[..., :3]))
+    found = finder.FoundPerson()(encoded_srgb(drawing.reduced()[..., :3]))
     if found.max() <= 0.5:
         raise EmptyMatteError("No person was found: draw a line around them.")
     _keep_matte(found)
@@ -308,7 +310,7 @@ def save(
 ) -> dict[str, Any]:
     """Write a picture at full resolution, the page, or the mesh."""
     from relight.pipeline.export import export_person
-    from relight.viewer.shot import write_view
+    from relight.viewer.write_view import write_view
 
     def then(what: str, share: float) -> Callable[[int, int, str], None]:
         """Return what reports a step once the one before it is done."""

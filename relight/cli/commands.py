@@ -6,7 +6,6 @@ from typing import Annotated, Any
 import typer
 from typer.core import TyperGroup
 
-from relight import __version__
 from relight.cli import end_interrupted, printable
 from relight.cli.analyse import analyse
 from relight.cli.app import app as app_command
@@ -21,6 +20,7 @@ from relight.cli.olat import olat
 from relight.cli.stage import stage
 from relight.cli.training import shrink, train
 from relight.cli.view import view
+from relight.version import __version__
 
 EXTRAS = {  # of modules that only some commands need
     "anny": "stage", "embreex": "stage", "numba": "stage", "trimesh": "stage",

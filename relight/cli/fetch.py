@@ -26,7 +26,7 @@ def person(
     They are MediaPipe's pose networks (Apache-2.0), 9.4 MB. Pip downloads the package that holds them, of 36
     MB, to a temporary folder. Nothing of it is installed.
     """
-    from relight.matting import person_files
+    from relight.matting.people import files as person_files
 
     console.print(person_files.ABOUT, soft_wrap=True)
     with _megabytes() as told:

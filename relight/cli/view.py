@@ -33,7 +33,7 @@ def view(
     open_: Annotated[bool, typer.Option("--open", help="Open the page in the browser.")] = False,
 ) -> None:
     """Write an interactive page for relighting: one HTML file that needs no server and no network."""
-    from relight.viewer.shot import write_view
+    from relight.viewer.write_view import write_view
 
     command = ("relight", "apply", str(source.plate), *given_words(context, Source))
     with progress_bars() as report:

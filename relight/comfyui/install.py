@@ -3,7 +3,7 @@
 import shutil
 from pathlib import Path
 
-from relight import __version__
+from relight.version import __version__
 from shadow.files import AnyPath, replacing
 
 # With a hyphen, so that it cannot be imported: a folder `relight` would hide the package where a loader names

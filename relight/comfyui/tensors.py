@@ -11,8 +11,8 @@ import numpy as np
 import torch
 
 from relight.media import colour
-from relight.media.images.edge import linearise
-from relight.media.images.writing import encoded
+from relight.media.images.arrays import linearise
+from relight.media.images.write_image import encoded
 
 PERSON, BACKGROUND = "person", "background"  # what a mask shows
 # Added to what is shown, 0.005 codes of 8 bits: Save Image cuts off the fraction of a code, and a rounding

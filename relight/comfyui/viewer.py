@@ -15,7 +15,7 @@ from relight.lights.directional import DirectionalLight
 from relight.lights.environment import EnvironmentLight, environments
 from relight.lights.light import Light, parse_settings
 from relight.lights.near import PointLight
-from relight.viewer.scene import DEFAULT_LIGHT
+from relight.viewer.initial_state import DEFAULT_LIGHT
 
 
 class Viewer(widgets.Node):

@@ -9,14 +9,15 @@ from contextlib import contextmanager
 from dataclasses import replace
 from typing import Any, cast
 
-from relight import __version__
-from relight.media import movies, nuke
+from relight.media import movies
 from relight.media.sequences import FrameRange
 from relight.pipeline.option_fields import Options, Report
 from relight.pipeline.options import Compute, Lighting, Output, Source
 from relight.pipeline.render import render_shot
 from relight.pipeline.shot import Shot
+from relight.scene import nuke
 from relight.subject import weights
+from relight.version import __version__
 from shadow.installing import install_command
 
 MAX_CHUNK_FRAMES = 10  # each chunk also analyses the two frames before it and the two after it

@@ -18,11 +18,12 @@ import torch
 import yaml
 
 from relight.errors import MissingNetworksError
-from relight.media import movies, nuke
+from relight.media import movies
 from relight.media.sequences import FrameRange, FrameSequence
 from relight.pipeline.option_fields import BACKGROUND, Options, to_json
 from relight.pipeline.options import Compute, Lighting, Output, Source
 from relight.pipeline.shot import Shot
+from relight.scene import nuke
 from relight.scene.lights import SUFFIXES as LIGHTS_SUFFIXES
 from relight.scene.lights import write_lights
 from shadow import files

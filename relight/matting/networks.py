@@ -17,7 +17,7 @@ from scipy.special import expit
 
 from relight.errors import EmptyMatteError
 from relight.matting import cutout_network, silhouette_files
-from relight.matting.person import NOBODY, FoundPerson
+from relight.matting.people.finder import NOBODY, FoundPerson
 from relight.matting.refine import encoded_srgb, opaque_photograph, select_person
 from shadow.files import AnyPath, is_path
 from shadow.installing import install_command
@@ -93,9 +93,9 @@ def matte(image: ArrayLike, model: AnyPath, *, person: Any = None, **options: An
     image
         (H, W, 3|4), opaque. Integers are sRGB-encoded; floats linear Rec.709.
     model
-        "auto", which finds people (see `relight.matting.person`); the path of an ONNX file; or a name that
-        rembg knows, such as "u2net_human_seg", whose file rembg downloads once (a warning says which, how
-        large and under which licence, before it does).
+        "auto", which finds people (see `relight.matting.people.finder`); the path of an ONNX file; or a name
+        that rembg knows, such as "u2net_human_seg", whose file rembg downloads once (a warning says which,
+        how large and under which licence, before it does).
     person
         Which of several people: 1 is the largest, the default, 2 the next; (x, y), in pixels from the top
         left, selects the one nearest to that point; "all" takes everybody together. An ONNX file and rembg

@@ -10,7 +10,7 @@ from typing import Any, Self
 import numpy as np
 
 from relight.matting import networks, refine, silhouette_files
-from relight.matting.person import FoundPerson
+from relight.matting.people.finder import FoundPerson
 from relight.media.option_texts import split_file_and_settings
 from shadow.files import AnyPath
 

@@ -1,7 +1,7 @@
 """What belongs to a person: their hair, their hands and what they hold, by a network of 1024 pixels a side.
 
-The pose networks (`relight.matting.person`) say who is meant and where, with a mask of 256 pixels. IS-Net
-cuts whatever stands out from a picture with all its detail, but knows no persons (Qin et al., "Highly
+The pose networks (`relight.matting.people.finder`) say who is meant and where, with a mask of 256 pixels.
+IS-Net cuts whatever stands out from a picture with all its detail, but knows no persons (Qin et al., "Highly
 Accurate Dichotomous Image Segmentation", ECCV 2022). It sees a crop around the mask, so that a small person
 in a large picture has its full resolution too. Then
 
@@ -19,7 +19,7 @@ from scipy.ndimage import binary_dilation, distance_transform_edt, gaussian_filt
 
 from relight.matting import silhouette_files
 from relight.matting.openvino_runtime import compiled
-from relight.matting.person_choice import Choice, reduced_size
+from relight.matting.people.choice import Choice, reduced_size
 from relight.matting.refine import upsampled
 from relight.media import colour
 from relight.media.resampling import resize

@@ -20,7 +20,7 @@ from typing import BinaryIO
 from urllib.parse import urlsplit
 
 from relight.errors import DamagedFileError, MissingNetworksError
-from relight.matting.person_files import Progress, folder
+from relight.matting.people.files import Progress, folder
 from shadow.files import AnyPath, replacing
 
 PACKAGE, VERSION = "@imgly/background-removal-data", "1.4.5"

@@ -11,7 +11,7 @@ from pathlib import Path
 
 import numpy as np
 
-from relight.media.images.pages import check_size
+from relight.media.images.containers.pages import check_size
 
 FIELDS = (
     "FullPanoWidthPixels", "FullPanoHeightPixels", "CroppedAreaImageWidthPixels",

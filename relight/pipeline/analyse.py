@@ -4,7 +4,6 @@ import warnings
 from pathlib import Path
 from typing import Any
 
-from relight import __version__
 from relight.media.content_hash import content_hash
 from relight.media.sequences import FrameRange
 from relight.pipeline.cache import SUFFIX, check_kind, frame_file, is_cache, is_made_from
@@ -13,6 +12,7 @@ from relight.pipeline.option_fields import Report
 from relight.pipeline.options import Compute, Source
 from relight.pipeline.plate_metadata import VERSION, PlateMetadataReader, relative_path
 from relight.pipeline.shot import Shot
+from relight.version import __version__
 from shadow.torch_settings import isolated
 
 

@@ -6,13 +6,15 @@ from pathlib import Path
 from typing import Any
 
 from relight.media.movies import RATE
-from relight.media.nuke import is_script
 from relight.media.sequences import FrameRange
 from relight.pipeline.option_fields import Report
 from relight.pipeline.options import Compute, Lighting, Source
 from relight.pipeline.shot import Shot
-from relight.scene import mesh, nuke_script, writing
+from relight.scene import mesh
+from relight.scene import write as writing
 from relight.scene.asset import Asset, checked
+from relight.scene.nuke import person_group
+from relight.scene.nuke.light_groups import is_script
 from relight.subject import Subject
 from shadow.torch_settings import isolated
 
@@ -78,13 +80,13 @@ def export_person(
     path = checked(output, texture, triangles)
     with Shot.open(source, lighting, compute) as shot:
         lights, gloss, rate = shot.all_lights(), shot.lighting.effective_gloss, float(shot.rate or RATE)
-        knobs = nuke_script.checked_lights(lights) if is_script(path) else []
+        knobs = person_group.checked_lights(lights) if is_script(path) else []
         shot.check_not_read([path, *writing.companions(path, texture)])
         numbers = _numbers(path, shot, frames)
         shot.check_lights(numbers[0])
         shot.prepare(report)
         lights = shot.all_lights(shot.preset_gain)
-        knobs = nuke_script.checked_lights(lights) if is_script(path) else []
+        knobs = person_group.checked_lights(lights) if is_script(path) else []
         asset: Any = partial(Subject.asset, lights=lights, triangles=triangles, texture=texture, gloss=gloss)
         if len(numbers) == 1:
             report(0, 1, "Analysing")

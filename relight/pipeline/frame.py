@@ -26,7 +26,7 @@ from relight.matting.numba_cache import ensure_numba_cache
 from relight.matting.sequence import MattingOptions, SequenceMatting
 from relight.media import images, movies
 from relight.media.content_hash import FileRecord, content_hash
-from relight.media.images.edge import as_array
+from relight.media.images.arrays import as_array
 from relight.media.pixel_aspect import is_square, square_pixels
 from relight.pipeline.cache import AnalysisCache, is_cache
 from relight.pipeline.option_fields import BACKGROUND, Report
@@ -167,7 +167,7 @@ class FrameReader:
     def followed(self) -> tuple[int, int, int] | None:
         """The circle (x, y, radius) of the person who is found and followed through the frames, in pixels.
 
-        None where nobody is to be found, or everybody. Raises as `relight.matting.person.find` does.
+        None where nobody is to be found, or everybody. Raises as `relight.matting.people.finder.find` does.
         """
         matting = self._matting
         if matting is None or self.plates.numbers is None or not self._finds_mattes:

@@ -8,7 +8,6 @@ import numpy as np
 
 from relight.lights.directional import DirectionalLight
 from relight.lights.files import write_lights
-from relight.media import nuke
 from relight.media.content_hash import content_hash
 from relight.media.sequences import FrameRange, FrameSequence
 from relight.pipeline.delivery import Delivery
@@ -19,6 +18,7 @@ from relight.pipeline.rendered_frame import cut_out
 from relight.pipeline.shot import Shot
 from relight.pipeline.sinks import FileSink, ScriptSink, SingleFile, file_of
 from relight.rendering import Layers
+from relight.scene import nuke
 from shadow import directions
 from shadow.torch_settings import isolated
 

@@ -37,7 +37,7 @@ if TYPE_CHECKING:
     from relight.lights.environment import EnvironmentLight
     from relight.lights.light import Light
     from relight.lights.moving import MovingLight
-    from relight.scene.usd_lights import Rig
+    from relight.scene.usd.read import Rig
 
     Picture = np.ndarray | str | Path  # an image in memory, a file, a sequence or a movie
     Normals = np.ndarray | Callable | str | os.PathLike
@@ -291,7 +291,7 @@ class Lighting(Options):
         from relight.lights.environment import EnvironmentLight
         from relight.lights.moving import parse
         from relight.scene.lights import read_rig
-        from relight.scene.usd_lights import Rig
+        from relight.scene.usd.read import Rig
 
         given: Any = self.lights
         scene: dict[str, Any] = {

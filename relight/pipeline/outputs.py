@@ -9,11 +9,12 @@ import numpy as np
 
 from relight.lights.environment import Panorama
 from relight.lights.moving import MovingLight
-from relight.media import images, movies, nuke
+from relight.media import images, movies
 from relight.media.colour import encode, linear_space
 from relight.media.sequences import TOKEN, FrameSequence
 from relight.pipeline.options import Output
 from relight.rendering import check_names
+from relight.scene import nuke
 from relight.scene.lights import SUFFIXES
 from shadow import files
 

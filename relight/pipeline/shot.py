@@ -12,7 +12,6 @@ from typing import Any, Self
 import numpy as np
 import torch
 
-from relight import __version__
 from relight.analysis import skin
 from relight.analysis.temporal import RADIUS
 from relight.compositing.composite import ENVIRONMENT, NONE, PLATE, Background
@@ -35,6 +34,7 @@ from relight.rendering import BACKGROUND_LAYER
 from relight.scene.camera_view import CameraView
 from relight.scene.lights import write_lights
 from relight.subject import PHOTOGRAPH, Person, Subject, weights
+from relight.version import __version__
 from shadow import inputs as checks
 from shadow.files import is_path
 from shadow.networks.precision import in_use, using

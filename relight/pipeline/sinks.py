@@ -8,9 +8,8 @@ from typing import Any
 
 import numpy as np
 
-from relight.media import images, movies, nuke
+from relight.media import images, movies
 from relight.media.content_hash import HASH_ATTRIBUTE, content_hash
-from relight.media.nuke_relight import LiveLight
 from relight.media.pixel_aspect import squeeze_pixels
 from relight.media.sequences import FrameRange, FrameSequence
 from relight.pipeline.delivery import Delivery
@@ -18,6 +17,8 @@ from relight.pipeline.option_fields import Phase, Report
 from relight.pipeline.options import Output
 from relight.pipeline.outputs import held_frames, is_exr
 from relight.pipeline.rendered_frame import RenderedFrame
+from relight.scene import nuke
+from relight.scene.nuke.relight_node import LiveLight
 
 Made = Mapping[int, str]  # {frame number: content hash of what the frame is made from}
 

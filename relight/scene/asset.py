@@ -12,11 +12,11 @@ from relight.lights.light import Light
 from relight.lights.moving import MovingLight
 from relight.lights.rig import as_rig
 from relight.media.colour import encode
-from relight.media.images.saving import compressed
-from relight.media.nuke import is_script
+from relight.media.images.encode import compressed
 from relight.media.resampling import fill_unknown
 from relight.scene import mesh
 from relight.scene.mesh import Mesh, PersonSurface
+from relight.scene.nuke.light_groups import is_script
 from shadow import files
 from shadow.files import AnyPath
 

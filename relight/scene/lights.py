@@ -6,8 +6,10 @@ from pathlib import Path
 from relight.lights import files
 from relight.lights.light import Light
 from relight.lights.moving import MovingLight
-from relight.scene import gltf_lights, gltf_writing, stage, usd_lights
-from relight.scene.usd_lights import Rig
+from relight.scene.gltf import lights as gltf_writing
+from relight.scene.gltf import read as gltf_lights
+from relight.scene.usd import read, stage
+from relight.scene.usd.read import Rig
 from shadow.files import AnyPath
 
 SUFFIXES = (*files.SUFFIXES, *stage.SUFFIXES, *gltf_lights.SUFFIXES)
@@ -76,7 +78,7 @@ def read_rig(
     """Read the lights as `read_lights` does, and what the scene says of its camera."""
     suffix = Path(path).suffix.lower()
     if suffix in stage.SUFFIXES:
-        return usd_lights.read_rig(path, camera, subject_at, allow_external=allow_external)
+        return read.read_rig(path, camera, subject_at, allow_external=allow_external)
     if suffix in gltf_lights.SUFFIXES:
         return gltf_lights.read_rig(path, camera, subject_at)
     if suffix in files.SUFFIXES and (camera is not None or subject_at is not None):
@@ -114,7 +116,7 @@ def write_lights(path: AnyPath, lights: Iterable[Light | MovingLight]) -> None:
     """
     suffix = Path(path).suffix.lower()
     if suffix in stage.SUFFIXES:
-        from relight.scene import usd
+        from relight.scene.usd import write as usd
 
         usd.write_lights(path, lights)
     elif suffix in gltf_lights.SUFFIXES:

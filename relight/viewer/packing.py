@@ -26,7 +26,7 @@ from relight.analysis.light_field import ANCHORS
 from relight.analysis.record import AnalysisRecord
 from relight.analysis.upsampling import EXTENSION_SHARE, GUIDE_MAX
 from relight.media.colour import encode
-from relight.media.images.saving import compressed
+from relight.media.images.encode import compressed
 from relight.media.resampling import fill_unknown, resize
 from shading.diffuse import RESIDUAL_BIAS
 from shadow.framing import Extension, Framing

@@ -32,7 +32,7 @@ def write_page(
 ) -> Path:
     """Write a person's page, .html or .htm, whole or not at all.
 
-    `scene`: what the page begins with, see `relight.viewer.scene`; the rest: see
+    `scene`: what the page begins with, see `relight.viewer.initial_state`; the rest: see
     `relight.viewer.packing.pack`. Raises ValueError for another suffix, OSError if the file cannot be
     written.
     """
@@ -44,7 +44,7 @@ def write_page(
 
 
 def page(scene: Mapping[str, Any], packed: bytes) -> str:
-    """Return the page as text, from what `relight.viewer.scene` and `relight.viewer.packing` make."""
+    """Return the page as text, from what `relight.viewer.initial_state` and `relight.viewer.packing` make."""
     return _text("page.html").format(
         title=html.escape(scene["title"]),
         style=style(),

@@ -20,8 +20,8 @@ from relight.lights.light import Light
 from relight.lights.near import PointLight
 from relight.lights.rig import as_rig
 from relight.viewer.constants import MAX_LIGHTS
+from relight.viewer.initial_state import HandleLight, parameters_of
 from relight.viewer.page import module, style
-from relight.viewer.scene import HandleLight, parameters_of
 
 
 def _to_browser(lights: list[HandleLight], widget: Any) -> list[dict[str, Any]]:

@@ -17,4 +17,5 @@ FOLDERS = (  # from the top to the bottom: each imports only from those below it
     "matting",
     "lights",
     "media",
+    "version",
 )

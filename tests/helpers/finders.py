@@ -2,7 +2,9 @@
 
 import numpy as np
 
-from relight.matting import openvino_runtime, person, person_region
+from relight.matting import openvino_runtime
+from relight.matting.people import finder
+from relight.matting.people import region as person_region
 
 CELLS = 28  # of the detector's finest layer
 REACH = 20 / 224  # from the hips to the circle's rim, straight up, as a share of what the detector sees
@@ -36,8 +38,8 @@ def small_finder(folder, presence=None):
 
     picture, red = redness(256)
     landmarks = np.zeros((39, 5), np.float32)
-    landmarks[person.HIPS, :2] = 128
-    landmarks[person.RIM, :2] = 128, 128 - 128 / person_region.ROOM
+    landmarks[finder.HIPS, :2] = 128
+    landmarks[finder.RIM, :2] = 128, 128 - 128 / person_region.ROOM
     middle = ops.reshape(
         ops.gather(ops.reshape(red, np.int64([-1]), False), np.int64([128 * 257]), np.int64(0)),
         np.int64([1, 1]),
@@ -52,7 +54,7 @@ def small_finder(folder, presence=None):
     paths = [folder / "detector.xml", folder / "landmarks.xml"]
     for model, path in zip((detector, network), paths, strict=True):
         openvino.save_model(model, path, compress_to_fp16=False)
-    return person.PersonFinder(*paths)
+    return finder.PersonFinder(*paths)
 
 
 def discs(size, *people):

@@ -117,7 +117,8 @@ FILL = """
 import json, resource, sys
 from pathlib import Path
 import numpy as np, relight
-from relight.media import movies, nuke
+from relight.media import movies
+from relight.scene import nuke
 folder, limit, names = Path(sys.argv[1]), int(sys.argv[2]), sys.argv[3:]
 noise = np.random.default_rng(0).random((320, 320, 3), np.float32)
 

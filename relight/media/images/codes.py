@@ -4,9 +4,9 @@ from pathlib import Path
 
 import numpy as np
 
-from relight.media.images.loading import load
-from relight.media.images.saving import save
-from relight.media.images.writing import Metadata, new_spec
+from relight.media.images.decode import load
+from relight.media.images.encode import save
+from relight.media.images.write_image import Metadata, new_spec
 
 CODES_SUFFIX = ".tif"
 

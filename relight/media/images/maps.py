@@ -8,13 +8,13 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from relight.media import colour
-from relight.media.images.edge import coverage
-from relight.media.images.exr import save_exr
+from relight.media.images.arrays import coverage
+from relight.media.images.containers.exr import save_exr
+from relight.media.images.decode import layers_of, load
+from relight.media.images.encode import save
 from relight.media.images.layers import Layer, StoredPicture, find_beauty
-from relight.media.images.loading import layers_of, load
-from relight.media.images.reading import squared
-from relight.media.images.saving import save
-from relight.media.images.writing import Metadata, check_writable, checked_depth, new_spec
+from relight.media.images.read_image import squared
+from relight.media.images.write_image import Metadata, check_writable, checked_depth, new_spec
 from relight.media.matte import matte_of
 from relight.media.streams import as_file, is_stream
 from shadow.directions import CAMERA, from_axes

@@ -8,7 +8,7 @@ from typing import Any
 import OpenImageIO as oiio
 
 from relight.media.buffers import problem
-from relight.media.images import phone
+from relight.media.images.containers import phone
 from relight.media.images.layers import split_layer
 from relight.media.privacy import is_private
 from shadow.files import AnyPath

@@ -11,7 +11,7 @@ from av.container import InputContainer
 from av.format import Flags
 from av.stream import Disposition
 
-from relight.media.images.pages import check_size
+from relight.media.images.containers.pages import check_size
 from relight.media.pixel_aspect import growth
 from relight.media.regular_file import check_regular_file, naming
 from shadow.files import AnyPath

@@ -141,7 +141,7 @@ def test_from_a_photograph_to_the_files_that_the_copied_command_makes(page, phot
 
 
 FOUND_BY = """
-from relight.matting import person_files
+from relight.matting.people import files as person_files
 person_files.are_fetched = lambda: True
 person_files.fetched = lambda: ({detector!r}, {landmarks!r})
 """

@@ -27,7 +27,7 @@ from relight.app.answers import refusing
 from relight.app.server import Server
 from relight.app.session import Session
 from relight.app.worker import Refused, Worker
-from relight.media.images import loading
+from relight.media.images import decode as loading
 
 
 class Refusing:

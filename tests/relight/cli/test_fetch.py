@@ -6,7 +6,7 @@ import zipfile
 from typer.testing import CliRunner
 
 from relight.cli.commands import app
-from relight.matting import person_files
+from relight.matting.people import files as person_files
 
 
 def test_it_says_what_it_brings_and_where_it_is(tmp_path, monkeypatch):

@@ -124,7 +124,7 @@ def test_over_a_background_a_soft_edge_is_a_mixture_of_what_is_shown():
     alpha = np.linspace(0, 1, 101, dtype=np.float32)
     picture = np.stack([5 * alpha, 0.5 * alpha, 0 * alpha, alpha], axis=-1)[None]
     wall = np.full((1, 101, 3), 0.79, np.float32)
-    from relight.media.images.writing import encoded
+    from relight.media.images.write_image import encoded
 
     shown = encoded(picture, wall)[0]
     alone, behind = encoded(picture[..., :3] / np.maximum(alpha, 1e-6)[None, :, None])[0], encoded(wall)[0]

@@ -15,7 +15,7 @@ import relight
 from relight.analysis.infer import check_inputs
 from relight.cli.commands import app
 from relight.errors import EmptyMatteError, MissingNetworksError
-from relight.matting import person
+from relight.matting.people import finder as person
 from relight.media import colour
 from relight.pipeline.option_fields import parse_person
 from relight.pipeline.options import Source

@@ -8,10 +8,11 @@ from helpers.finders import discs, small_finder
 from helpers.onnx_models import channel
 
 from relight import Source
-from relight.matting import networks, outline, person, silhouette
+from relight.matting import networks, outline, silhouette
 from relight.matting.outline import Outline, Stroke
-from relight.matting.person_choice import Choice
-from relight.matting.person_region import ROOM, Circle, DetectedPerson
+from relight.matting.people import finder as person
+from relight.matting.people.choice import Choice
+from relight.matting.people.region import ROOM, Circle, DetectedPerson
 from relight.pipeline.shot import Shot
 
 SIZE = (400, 300)

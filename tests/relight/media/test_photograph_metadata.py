@@ -12,8 +12,8 @@ from PIL.TiffImagePlugin import IFDRational
 
 import relight
 from relight.media import images
-from relight.media.images import tiff_fields
-from relight.media.images.tiff_fields import Field
+from relight.media.images.containers import tiff_fields
+from relight.media.images.containers.tiff_fields import Field
 
 XMP = b"""<?xpacket begin="" id="W5M0MpCehiHzreSzNTczkc9d"?><x:xmpmeta xmlns:x="adobe:ns:meta/">
 <rdf:RDF xmlns:rdf="http://www.w3.org/1999/02/22-rdf-syntax-ns#"><rdf:Description rdf:about=""

@@ -240,8 +240,8 @@ def test_a_small_jpeg_xl_is_read(tmp_path, size):
 @pytest.mark.parametrize("name", ["a.png", "a.gif", "a.webp", "a.avif"])
 @pytest.mark.states("Stills", "more pixels than the file can mean", "refused")
 def test_a_small_file_of_a_huge_picture_is_refused(tmp_path, name, monkeypatch):
-    monkeypatch.setattr("relight.media.images.pages.FREE_PIXELS", 1000)
-    monkeypatch.setattr("relight.media.images.pages.PIXELS_PER_BYTE", 1)
+    monkeypatch.setattr("relight.media.images.containers.pages.FREE_PIXELS", 1000)
+    monkeypatch.setattr("relight.media.images.containers.pages.PIXELS_PER_BYTE", 1)
     file = io.BytesIO()
     Image.new("L", (512, 512)).save(file, name[2:])
     (tmp_path / name).write_bytes(file.getvalue())

@@ -54,7 +54,7 @@ with small_canvas():
     shots.analyse(plate, sys.argv[1], mask=matte)
 """
 EXPORT = """
-import relight.scene.gltf as gltf
+import relight.scene.gltf.write as gltf
 gltf.replacing = slowly
 import relight
 from helpers.clothed import clothed

@@ -7,8 +7,8 @@ from helpers.standins import HEIGHT, WIDTH, FlatShots, somebody
 
 import relight
 from relight.media import images, movies
-from relight.media.images.loading import load
-from relight.media.images.writing import encoded
+from relight.media.images.decode import load
+from relight.media.images.write_image import encoded
 from relight.media.video_frames import read_codes
 
 BRIGHT = relight.DirectionalLight(intensity=6, name="key")  # highlights that the display's curve compresses

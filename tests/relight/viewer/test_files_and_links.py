@@ -8,7 +8,7 @@ from helpers import browsing
 from helpers.clothed import clothed
 
 import relight
-from relight.viewer.scene import scene_of
+from relight.viewer.initial_state import scene_of
 
 pytest.importorskip("playwright")
 pytestmark = browsing.NEEDS_CHROMIUM

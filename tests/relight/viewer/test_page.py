@@ -11,9 +11,9 @@ from typer.testing import CliRunner
 import relight
 from relight.cli.commands import app
 from relight.media.colour import temperature
+from relight.viewer.initial_state import scene_of
 from relight.viewer.packing import pack
 from relight.viewer.page import module, page
-from relight.viewer.scene import scene_of
 
 
 @pytest.fixture(scope="module")

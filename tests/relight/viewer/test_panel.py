@@ -5,7 +5,7 @@ import pytest
 from helpers import browsing
 
 import relight
-from relight.viewer.scene import parameters_of
+from relight.viewer.initial_state import parameters_of
 
 pytest.importorskip("playwright")
 pytestmark = browsing.NEEDS_CHROMIUM

@@ -13,9 +13,9 @@ from scipy.ndimage import binary_erosion
 import relight
 from relight.media.colour import encode
 from relight.pipeline.options import Lighting
+from relight.viewer.initial_state import parameters_of, scene_of
 from relight.viewer.packing import pack
 from relight.viewer.page import module, style
-from relight.viewer.scene import parameters_of, scene_of
 
 pytest.importorskip("playwright")
 pytestmark = browsing.NEEDS_CHROMIUM

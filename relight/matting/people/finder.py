@@ -1,0 +1,266 @@
+"""Find the people in a photograph, and a mask of each, with MediaPipe's two pose networks.
+
+The detector sees the picture, and overlapping parts of it for small people, and answers with the middle of a
+person's hips and a point on the circle around the whole person. The landmark network sees the square around
+that circle, turned so that the person is upright. It answers with a better circle, and with a mask of 256
+pixels a side (Bazarevsky et al., "BlazePose", 2020). After two looks the circle is right, and the masks of
+three squares and of their mirror images are averaged. The mask of who is meant is then taken from further
+squares. Each counts by how sure it is, and by how well its mirror image agrees. Whoever is cut by the frame
+is often detected only where the picture has room below. OpenVINO runs both in float32 on one thread, so that
+machines of one kind agree to the bit. The files are those of `relight.matting.people.files`.
+"""
+
+import functools
+import itertools
+import logging
+import warnings
+from dataclasses import replace
+from typing import Any
+
+import numpy as np
+import torch
+from numpy.typing import ArrayLike
+from scipy.special import expit
+
+from relight.errors import EmptyMatteError
+from relight.matting import silhouette
+from relight.matting.openvino_runtime import compiled, openvino
+from relight.matting.people import files as person_files
+from relight.matting.people import neighbours
+from relight.matting.people.choice import CERTAIN, Choice, as_circle, distinct, index_of
+from relight.matting.people.detector import SHARES, Detector
+from relight.matting.people.region import LANDMARK_SIDE, Circle, Copies, DetectedPerson, Look, joined, sampled
+from relight.matting.refine import encoded_srgb, is_everybody, opaque_photograph
+from shadow.files import AnyPath
+
+HIPS, RIM = 33, 34  # rows of the landmarks: the middle of the hips, and the circle's upper end
+LANDMARK_VALUES = 5  # x, y, z, visibility, presence
+LOOKS = 2  # of the landmark network until the circle is right: that of a detection may be far off
+HOPELESS = 0.005  # presence in all of them from which nobody is there
+SQUARES = (1.0, 0.9, 0.8)  # sides of the squares whose masks are averaged, of that around the circle
+NEAR_AND_FAR = (1.3, 1.0, 0.8)  # sides of the squares of a surer mask, and of those around what they show
+FRAME = 1.6  # side of the square in which these masks are joined; the others lie in it, almost
+DOUBT = 0.05  # doubt by which a mask counts 1/e of another; see `Look.doubt`
+UNSURE = 0.75  # doubt of the surest look from which none tells more than the first ones
+LIKELY = 0.5  # certainty from which somebody counts as a neighbour; what only looks like somebody has less
+PRESENT = 0.3  # certainty from which somebody is there
+SCORES = (0.5, 0.1)  # of detections, at least; lower ones count where the higher ones lead to nobody
+MOST = 8  # detections of one score and share that are looked at, the best ones
+ALIKE = 1.0  # distance of circles up to which they may be of one person in two frames
+UNSCALED = np.ones(2)
+
+NOBODY = (
+    "matte: found no person in the photograph: give a mask (--mask), draw an outline (relight app), or name "
+    "a matting model (--matte)"
+)
+UNCERTAIN = (
+    "matte: it is uncertain whether what was found is a person: look at the matte (--save-matte), turn a "
+    "picture that is not upright, or say who is meant (--person X/Y)"
+)
+LOG = logging.getLogger("relight")
+
+
+def find(image: ArrayLike, person: Any = None) -> np.ndarray:
+    """Find the person in a photograph: their mask (H, W) in [0, 1], soft and coarse.
+
+    `relight.matting.outline.refine` refines its edge. The image is (H, W, 3|4), opaque: integers are
+    sRGB-encoded, floats linear Rec.709. `person`: which of several people. 1 is the largest, the default, 2
+    the next; (x, y), in pixels from the top left, selects the one nearest to that point; (x, y, radius) the
+    one most like that circle in place and size, around the hips; "all" takes everybody together.
+
+    Raises ImportError without OpenVINO (the extra `auto`); MissingNetworksError if the networks have not been
+    fetched, see `person_files.fetch`; EmptyMatteError if nobody was found; ValueError for a person that is
+    not there or an image that `relight.Subject` refuses.
+
+    >>> from skimage import data  # doctest: +SKIP
+    >>> relight.matting.people.finder.find(data.astronaut()).shape  # doctest: +SKIP
+    (512, 512)
+    """
+    return load().mask(encoded_srgb(opaque_photograph(image)), person)
+
+
+@functools.lru_cache(maxsize=1)
+def load() -> "PersonFinder":
+    """Return the two networks, which are read once in a process. Raises as `find` does."""
+    openvino()  # before the files, which are of no use without it
+    finder = PersonFinder(*person_files.fetched())
+    LOG.info("The person is found by %s.", person_files.NETWORKS)
+    return finder
+
+
+class FoundPerson:
+    """The person found in each photograph, at its own detail: a model of `relight.matte`.
+
+    `person`: see `find`. `network`: what cuts the person out where they were found; IS-Net if it has been
+    fetched. Without one, the coarse mask's edge is solved, see `relight.matting.outline.drawing`.
+    """
+
+    recurrent = False
+    selects = True
+
+    def __init__(self, person: Any = None, network: silhouette.Silhouette | None = None) -> None:
+        self._finder, self._person = load(), as_circle(person)
+        self._network = network or silhouette.load()
+
+    def __call__(self, encoded: np.ndarray) -> np.ndarray:
+        """Return the matte (H, W) of a photograph (H, W, 3), encoded in [0, 1]; zero if nobody is there."""
+        try:
+            choice = self._finder.choose(encoded, self._person, surer=self._network is None)
+        except EmptyMatteError:
+            return np.zeros(encoded.shape[:2], np.float32)
+        if choice.index is not None and choice.people[choice.index].certainty < CERTAIN:
+            warnings.warn(UNCERTAIN, stacklevel=2)
+        if self._network is not None:
+            return silhouette.person_matte(encoded, choice, self._network)
+        from relight.matting import outline  # whose parts of SciPy take long to load
+
+        codes = np.rint(encoded * 255).astype(np.uint8)
+        return outline.refine(codes, outline.outlined(codes, outline.Outline(matte=choice.mask())))
+
+    @property
+    def followed(self) -> tuple[int, int, int] | None:
+        """The circle (x, y, radius) of whoever is followed, in pixels; None before `follow`, and for all."""
+        if not isinstance(self._person, Circle):
+            return None
+        x, y = np.rint(self._person.centre).astype(int).tolist()
+        return x, y, max(1, round(self._person.radius))
+
+    def follow(self, encoded: np.ndarray) -> bool:
+        """From now on take whoever is most like the person of this photograph, in place and in size.
+
+        Return whether somebody is there.
+        """
+        found = self._finder.people(encoded, thorough=self._person is not None)
+        if found and not is_everybody(self._person):
+            self._person = found[index_of(found, self._person, encoded.shape[:2])].circle
+        return bool(found)
+
+    def reset(self) -> None:
+        """Do nothing: each photograph is looked at by itself."""
+
+
+class PersonFinder:
+    """Both networks: `detector` and `landmarks` are the paths of their files, in a format of OpenVINO's."""
+
+    def __init__(self, detector: AnyPath, landmarks: AnyPath) -> None:
+        self._detector, self._landmarks = Detector(compiled(str(detector))), compiled(str(landmarks))
+
+    def mask(self, encoded: np.ndarray, person: Any = None) -> np.ndarray:
+        """Return the mask (H, W) of a person in a photograph (H, W, 3), sRGB-encoded; see `find`."""
+        return self.choose(encoded, person, surer=True).mask()
+
+    def choose(self, encoded: np.ndarray, person: Any = None, surer: bool = False) -> Choice:
+        """Return who is meant in a photograph (H, W, 3), sRGB-encoded; see `find`.
+
+        `surer`: whether more looks make the mask of somebody alone surer, which takes longer.
+        """
+        size, person = (encoded.shape[0], encoded.shape[1]), as_circle(person)
+        near = person if isinstance(person, Circle) else None
+        copies = Copies.of(encoded)
+        found = self._people(copies, thorough=person is not None and near is None, near=near)
+        if not found:
+            raise EmptyMatteError(NOBODY)
+        choice = Choice.of(found, person, size)
+        if choice.index is None:
+            return choice
+        at = None if isinstance(person, Circle) or np.ndim(person) != 1 else np.array(person, float)
+        first = found[choice.index]
+        chosen = neighbours.alone(copies.full, first, self._detector, self._person, at)
+        if surer and chosen is first and sum(each.certainty >= LIKELY for each in found) < 2:
+            chosen = self._surer(copies, first)
+        found[choice.index] = chosen
+        return replace(choice, people=tuple(found))
+
+    def people(
+        self, encoded: np.ndarray, thorough: bool = False, near: Circle | None = None
+    ) -> list[DetectedPerson]:
+        """Return everybody in a photograph (H, W, 3), encoded in [0, 1]: who is certain, the largest first.
+
+        Smaller parts of the picture are looked at until somebody is found who is like `near`, if that is
+        given; all of them if `thorough`.
+        """
+        return self._people(Copies.of(encoded), thorough, near)
+
+    def _people(self, copies: Copies, thorough: bool, near: Circle | None) -> list[DetectedPerson]:
+        found: list[DetectedPerson] = []
+        for score, share in itertools.product(SCORES, SHARES):
+            seen = list(found)
+            for hips, rim in self._detector(copies.reduced, share, score)[:MOST]:
+                start = Circle.of(hips * copies.scale, rim * copies.scale)
+                if not any(each.certainty >= CERTAIN and each.has_part(start) for each in seen):
+                    picture, scale = copies.for_circle(start)
+                    seen += self._person(picture, start, scale)
+            found = distinct(seen, copies.size)
+            enough = any(
+                each.certainty >= CERTAIN and (near is None or each.circle.distance(near) < ALIKE)
+                for each in found
+            )
+            # The largest person may be one whom the frame cuts, and whom only the second share shows.
+            if found and (share == SHARES[-1] or (enough and not thorough and share != SHARES[0])):
+                break
+        return sorted(
+            found, key=lambda each: (each.certainty < CERTAIN, -min(each.certainty, CERTAIN), -each.area)
+        )
+
+    def _person(
+        self, picture: torch.Tensor, around: Circle, scale: np.ndarray = UNSCALED
+    ) -> list[DetectedPerson]:
+        """Return who is in a circle of the full picture, seen in a copy (3, h, w); nobody or one.
+
+        `scale` (x, y) leads from the copy to the picture.
+        """
+        circle, opinions = around.reduced(scale), []
+        for _ in range(LOOKS):
+            square = circle.square(LANDMARK_SIDE)
+            presence, _, points = self._look(sampled(picture, square, LANDMARK_SIDE, "border"))
+            opinions.append(presence)
+            circle = Circle.of(*(points[[HIPS, RIM]] @ square[:, :2].T + square[:, 2]))
+        if max(opinions) < HOPELESS:
+            return []
+        del opinions[:-1]  # the first ones are of circles that may be far off
+        looks = [self._look_twice(picture, circle.of_size(share)) for share in SQUARES]
+        opinions += [presence for look in looks for presence in look.presences]
+        place = Circle(circle.centre * scale, circle.radius * float(scale.mean()), circle.up)
+        mask = joined(looks, circle, LANDMARK_SIDE)
+        person = DetectedPerson(place, mask, float(np.mean(opinions)), looks[0].landmarks * scale)
+        return [person] if person.certainty >= PRESENT else []
+
+    def _surer(self, copies: Copies, person: DetectedPerson) -> DetectedPerson:
+        """Return a person with a mask from more looks, near and far, and around what these show.
+
+        Before clutter a single look may take parts of it for the person. It then seldom agrees with its
+        mirror image. Beside other people all looks may agree on a part of a neighbour, so this is for one
+        person alone.
+        """
+        picture, scale = copies.for_circle(person.circle)
+        circle = person.circle.reduced(scale)
+        looks = [self._look_twice(picture, circle.of_size(share)) for share in NEAR_AND_FAR]
+        looks += [
+            self._look_twice(picture, look.next.of_size(share))
+            for look in list(looks)
+            for share in NEAR_AND_FAR
+        ]
+        doubts = np.array([look.doubt for look in looks])
+        if doubts.min() > UNSURE:
+            return person
+        mask = joined(
+            looks, circle.of_size(FRAME), 2 * LANDMARK_SIDE, np.exp(-(doubts - doubts.min()) / DOUBT)
+        )
+        return DetectedPerson(person.circle.of_size(FRAME), mask, person.presence)
+
+    def _look_twice(self, picture: torch.Tensor, circle: Circle) -> Look:
+        """Look at the square around a circle of a picture (3, h, w), and at its mirror image."""
+        square = circle.square(LANDMARK_SIDE)
+        canvas = sampled(picture, square, LANDMARK_SIDE, "border")
+        (first, mask, points), (second, mirrored, others) = self._look(canvas), self._look(canvas[:, :, ::-1])
+        points, others = (
+            each @ square[:, :2].T + square[:, 2] for each in (points, others * [-1, 1] + [LANDMARK_SIDE, 0])
+        )
+        around = Circle.of(*((points + others) / 2)[[HIPS, RIM]])
+        return Look(circle, (mask, mirrored[:, ::-1]), (first, second), points, around, picture.shape[1:])
+
+    def _look(self, canvas: np.ndarray) -> tuple[float, np.ndarray, np.ndarray]:
+        """Return the presence, the mask and the landmarks (x, y) on a canvas."""
+        landmarks, presence, logits, *_ = self._landmarks(np.ascontiguousarray(canvas)).values()
+        points = landmarks.reshape(-1, LANDMARK_VALUES)[:, :2]
+        return float(presence.ravel()[0]), expit(logits[0, :, :, 0].astype(np.float32)), points
