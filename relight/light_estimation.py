@@ -262,11 +262,11 @@ class PlateLight:
         return EnvironmentLight(np.average([self._maps[n] for n in seen], 0, weights), name=PLATE)
 
     def _warn(self, number: int, error: Exception) -> None:
-        """Warn, once, that a frame of the background is missing in the light of those around it."""
+        """Warn, once for each frame, that a frame of the background cannot be read."""
         if number not in self._unreadable:
             self._unreadable.add(number)
             warnings.warn(
-                f"background: frame {number}: {error}; the light of those around it is that of the others",
+                f"background: frame {number}: {error}; its light is that of the frames before and after it",
                 stacklevel=3,
             )
 

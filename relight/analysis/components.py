@@ -1,4 +1,4 @@
-"""Principal components of maps, of which caches, the page and Nuke's layers keep the strongest."""
+"""Principal components of maps. Caches, the page and Nuke's layers keep the strongest ones."""
 
 import torch
 

@@ -15,7 +15,7 @@ from relight.app.worker import EXPECTED, Refused
 
 BODY_BYTES = 4 << 20  # of a request that is no file
 DEPTH = 32  # levels of a request's JSON
-CONNECTION_CHECK = 0.25  # seconds between two looks whether the page is still there
+CONNECTION_CHECK = 0.25  # seconds between two checks whether the page is still connected
 
 Report = Callable[[dict[str, Any]], None]  # what is done of a task, and how much of it
 

@@ -23,7 +23,7 @@ def reduced() -> np.ndarray:
 
 
 def forget() -> None:
-    """Solve the next drawing anew, since what the network found is another matte."""
+    """Forget the solved drawing, since the network found another matte."""
     _solve.cache_clear()
     _found_within.cache_clear()
 

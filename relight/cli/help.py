@@ -104,5 +104,5 @@ def grouped(parameters: Iterable[inspect.Parameter], panels: Panels) -> list[ins
 
 
 def _described(parameter: inspect.Parameter) -> Any:
-    """Return typer's description of a parameter; None without one, as of an argument's plain type."""
+    """Return typer's description of a parameter; None for a parameter without one."""
     return next(iter(getattr(parameter.annotation, "__metadata__", ())), None)

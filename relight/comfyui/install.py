@@ -9,7 +9,7 @@ from shadow.files import AnyPath, replacing
 # With a hyphen, so that it cannot be imported: a folder `relight` would hide the package where a loader names
 # a module after its folder, and where Python runs in custom_nodes.
 FOLDER = "relight-nodes"
-WORKFLOWS = "example_workflows"  # where ComfyUI looks for what it offers as templates
+WORKFLOWS = "example_workflows"  # ComfyUI offers the workflows in this folder as templates
 MINE = {"__init__.py", "pyproject.toml", WORKFLOWS}
 LINES = '''"""The nodes of relight, which is installed as a package; written by `relight comfyui`."""
 from relight.comfyui import NODE_CLASS_MAPPINGS, NODE_DISPLAY_NAME_MAPPINGS, WEB_DIRECTORY  # noqa: F401

@@ -23,7 +23,7 @@ COHERENT = (
     0.3,
     0.7,
 )  # share of what there is that the mean along the edge explains: none, and all, of a line
-MOSTLY = (0.3, 0.8)  # coverage of which hardly anything behind shows, and of which nothing should
+MOSTLY = (0.3, 0.8)  # from the first coverage on the background hardly shows, from the second on not at all
 SOLID = 0.9995  # coverage that is whole
 BACKGROUND_VARIANCE = 3.0  # of the continued surroundings, relative to that of the person's own colour
 

@@ -153,7 +153,7 @@ class Floor:
         """Return the factor of the person's distance with which their soles touch the plane.
 
         Points (3, N) scaled about the camera look the same in the picture. They are the middles of pixels,
-        `pixel` metres wide, the lowest of which reach down to the ground.
+        `pixel` metres wide. The lowest ones reach down to the ground.
         """
         if self.feet is None:
             lowest = pixel / 2 - float((plane.normal @ points).quantile(BELOW_GROUND_SHARE))

@@ -9,7 +9,7 @@ import torch.nn.functional as F
 from scipy.ndimage import distance_transform_edt
 
 MAX_THICKNESS = 0.2  # metres of body behind what the camera sees; measured by benchmarks/floor.py
-COVERAGE_GAIN = 1.5  # a cell is covered from one over this points on: a sheet of points has no holes
+COVERAGE_GAIN = 1.5  # a cell that holds at least 1 / this points is covered, so a surface has no holes
 CUBES_PER_ROW = 2**20  # more than any row has
 GAUSSIAN_SIGMAS = 2.5  # standard deviations at which a Gaussian is cut off
 MAX_BLUR_CELLS = 8.0  # standard deviation: beyond it a shadow is too faint for more to matter

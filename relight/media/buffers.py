@@ -1,4 +1,4 @@
-"""Arrays to OpenImageIO's image buffers and back, and arrays of which most stays zero."""
+"""Convert arrays to OpenImageIO's image buffers and back; make arrays that stay zero for the most part."""
 
 import math
 import mmap

@@ -101,7 +101,7 @@ def _convert(pixels: np.ndarray, source: str, target: str, path: str) -> np.ndar
 
 
 def decode(pixels: np.ndarray, space: Space) -> np.ndarray:
-    """Convert pixels of a colour space to linear Rec.709: (H, W, 3) float32, of which nothing is clipped.
+    """Convert pixels of a colour space to linear Rec.709: (H, W, 3) float32, unclipped.
 
     `pixels`: (H, W, 3), uint8 or uint16 over their full range, or floating with 1 as the encoding's white.
     `space`: its name; the chromaticities of linear light, x and y of red, green, blue and white; an Encoding;

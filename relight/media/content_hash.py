@@ -21,11 +21,11 @@ HASH_ATTRIBUTE = "Exif:ImageUniqueID"  # EXIF 2.32, section 4.6.6 G: 128 bits as
 
 
 def content_hash(*parts: Any) -> str:
-    """32 hexadecimal digits, which differ where the parts do (SHA-256).
+    """Return the first 32 hexadecimal digits of the SHA-256 of `parts`.
 
-    Parts are None, numbers, texts and arrays; members of enumerations, which count as their value; paths,
-    which count by what is in the file; sequences, mappings and dataclasses of these. Whatever else there is
-    counts by its attribute `content_hash`, if it has one, else by the name of its class or function.
+    A part is None, a number, a text, an array, or a sequence, mapping or dataclass of these. A path is hashed
+    by the content of its file, a member of an enumeration by its value. Any other object is hashed by its
+    attribute `content_hash` if it has one, otherwise by the name of its class or function.
     """
     sha = hashlib.sha256()
     _feed(sha, parts)

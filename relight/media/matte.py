@@ -1,8 +1,8 @@
-"""Mattes out of pictures and frames: alpha if it cuts something out, else grey."""
+"""The matte of a picture that is read as one: its alpha, or its grey values."""
 
 import numpy as np
 
-CUT = 0.5  # coverage below which a pixel is not the person's
+TRANSPARENT_ALPHA = 0.5  # an alpha that is nowhere lower cuts nothing out
 
 
 def matte_of(
@@ -10,14 +10,14 @@ def matte_of(
 ) -> np.ndarray | None:
     """Return the matte (H, W) of a picture, as it is stored; None for an opaque picture that is not grey.
 
-    `colours`: (H, W, C) of one channel or more, without the alpha (H, W), which is None where there is none.
-    `opaque`: the least alpha that counts as opaque everywhere. A grey picture whose alpha is at least one
-    half everywhere, which cuts nothing out, counts as opaque too, unless `opaque` is infinite. `grey`: most
-    that the channels of a grey picture differ.
+    `colours`: (H, W, C), at least one channel, without alpha. `alpha`: (H, W), or None for a picture without
+    alpha. `opaque`: a picture whose alpha is at least this everywhere is opaque. A grey picture whose alpha
+    is at least 0.5 everywhere counts as opaque too, unless `opaque` is infinite: such an alpha cuts nothing
+    out. `grey`: the largest difference between the channels of a grey picture.
     """
     if not colours.size:
         return alpha
-    if alpha is not None and (alpha.min() < min(CUT, opaque) or opaque == np.inf):
+    if alpha is not None and (alpha.min() < min(TRANSPARENT_ALPHA, opaque) or opaque == np.inf):
         return alpha
     if alpha is not None and alpha.min() >= opaque:
         alpha = None

@@ -10,7 +10,7 @@ if TYPE_CHECKING:
     from typing_extensions import TypeIs
 
 NAME = "stream"  # what errors call it
-STARTS = {b"\x76\x2f\x31\x01": ".exr", b"#?": ".hdr"}  # formats of which the name counts too
+STARTS = {b"\x76\x2f\x31\x01": ".exr", b"#?": ".hdr"}  # formats that OpenImageIO tells by the suffix too
 
 
 def is_stream(value: Any) -> "TypeIs[BinaryIO]":

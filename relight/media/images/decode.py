@@ -108,7 +108,7 @@ def holds_display_light(path: AnyPath, space: colour.Space | None = None) -> boo
             opened = _opened(file)
             kind, spec = opened.format_name(), opened.spec()
             if str(spec.format) not in ("uint8", "uint16"):
-                return kind == "jpeg"  # with a gain map, of which the base is read
+                return kind == "jpeg"  # with a gain map: the base picture is read
             return colour.is_display_light(space or _stated_space(path, kind, spec, True))
 
 

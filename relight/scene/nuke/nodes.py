@@ -32,7 +32,7 @@ def root(
 def read_from(script: Path) -> dict[str, str]:
     """Return the knob of a Read node that says what its file is relative to.
 
-    Nuke looks elsewhere after the script was inserted into another one.
+    Nuke searches another folder after the script was inserted into another one.
     """
     return {"label": literal(f"relative to {script.name}")}
 

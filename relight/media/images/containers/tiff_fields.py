@@ -36,7 +36,7 @@ def byte_order(path: Path) -> str:
 def add_fields(path: Path, fields: Mapping[int, Field], exif: Mapping[int, Field]) -> None:
     """Add fields to a TIFF's first directory, and to its directory of Exif; fields that it has are replaced.
 
-    Both directories are written anew at the end of the file. What they point to stays where it is.
+    Both directories are written again, at the end of the file. The data that they point to are not moved.
     """
     with path.open("r+b") as file:
         layout, fields = _layout(file), dict(fields)
