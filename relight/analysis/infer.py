@@ -3,6 +3,7 @@
 import os
 from collections.abc import Callable
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 import torch
@@ -105,9 +106,15 @@ def check_inputs(
     )
 
 
-def infer(given: AnalysisInputs) -> AnalysisRecord:
-    """Analyse a person: run each network once. Raises ValueError for normals or depth of another picture."""
-    field, shader = analysis.load(device=given.device), diffuse.load(device=given.device)
+def infer(given: AnalysisInputs, field: Any = None, shader: Any = None) -> AnalysisRecord:
+    """Analyse a person: run each network once.
+
+    `field` and `shader`: the networks of visibility and of shading, on the device of the inputs; those of
+    `shadow.analysis.load` and `shading.diffuse.load` by default. Raises ValueError for normals or depth of
+    another picture.
+    """
+    field = analysis.load(device=given.device) if field is None else field
+    shader = diffuse.load(device=given.device) if shader is None else shader
     seen = None if given.normals is None else without_alpha(given.plate).to(given.device)
     normals = resolve(given.normals, seen, given.alpha.to(given.device), field, shader)
 

@@ -5,6 +5,7 @@ import torch
 
 import relight
 from helpers import shots
+from relight.analysis.infer import check_inputs, infer
 from relight.analysis.old_light import OldLight
 from relight.lights.rig import by_name
 from relight.media.images import scene_linear
@@ -41,6 +42,11 @@ class Delighter:
             nothing, silhouette.take(normals), visibility, silhouette, visibility.anchors
         )
         return diffuse.Diffuse(direct, self.answer(rgb, mask))
+
+
+def analysed(image, mask=None, shader=None, field=None, **options):
+    """The `relight.Subject` of an image, analysed by these networks; by the shipped ones in place of None."""
+    return relight.Subject.from_record(infer(check_inputs(image, mask, **options), field, shader))
 
 
 def somebody(column=4, value=1.0):

@@ -5,10 +5,9 @@ import numpy as np
 import pytest
 import torch
 from helpers.damage import small_canvas
-from helpers.standins import Delighter, ball, image_of
+from helpers.standins import Delighter, analysed, ball, image_of
 
 import relight
-from relight.analysis import infer
 from shadow.networks.backbone import Backbone
 
 LEFT = relight.DirectionalLight(azimuth=-60, name="left")
@@ -170,7 +169,7 @@ def test_any_plate_size(size):
 # Quality at the plate's resolution
 
 
-def test_albedo_keeps_texture_and_loses_the_light(monkeypatch):
+def test_albedo_keeps_texture_and_loses_the_light():
     height, width = 1280, 960  # four plate pixels and more to a canvas pixel
     coverage, normals = ball(height, width)
     y, x = np.mgrid[:height, :width]
@@ -178,8 +177,8 @@ def test_albedo_keeps_texture_and_loses_the_light(monkeypatch):
     light = 0.15 + 0.85 * np.clip(normals @ (0.6, 0.3, 0.74), 0, None)[..., None]
     photo = np.concatenate([albedo * light, np.ones((height, width, 1))], -1) * coverage[..., None]
     truth = torch.tensor([0.4, 0.32, 0.24])[:, None, None]  # the network sees the cloth but no threads
-    monkeypatch.setattr(infer.diffuse, "load", lambda **_: Delighter(lambda rgb, mask: truth * (mask > 0)))
-    subject = relight.Subject(photo.astype(np.float32), normals=normals)
+    delighter = Delighter(lambda rgb, mask: truth * (mask > 0))
+    subject = analysed(photo.astype(np.float32), shader=delighter, normals=normals)
     inside = ball(height, width, radius=0.33)[0] == 1
     error = subject.albedo[inside] - albedo[inside]
     assert np.sqrt((error**2).mean()) < 0.03
@@ -214,14 +213,13 @@ def test_black_and_extreme_plates_stay_finite():
         assert np.isfinite(subject.relit(LEFT)).all()
 
 
-def test_noise_in_the_black_is_not_lifted_to_white(monkeypatch):
+def test_noise_in_the_black_is_not_lifted_to_white():
     coverage, normals = ball(240, 180)
     photo = image_of(coverage, (0.5, 0.5, 0.5))
     photo[:120, :, :3] = 0
     photo[80, 90, :3] = 2e-4  # a hot pixel in the deepest shadow
     grey = Delighter(lambda rgb, mask: torch.full_like(rgb, 0.5) * (mask > 0))
-    monkeypatch.setattr(infer.diffuse, "load", lambda **_: grey)
-    albedo = relight.Subject(photo, normals=normals).albedo
+    albedo = analysed(photo, shader=grey, normals=normals).albedo
     assert 0 < albedo[80, 90].max() < 0.03  # the mean light is 0.5: lifted 100 times at most
     assert albedo[200, 90].min() > 0.4
 

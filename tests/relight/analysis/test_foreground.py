@@ -3,11 +3,10 @@
 import numpy as np
 import pytest
 import torch
-from helpers.standins import Delighter, ball, image_of
+from helpers.standins import Delighter, analysed, ball, image_of
 from scipy.ndimage import gaussian_filter
 
 import relight
-from relight.analysis import infer
 from relight.analysis.foreground import Foreground
 
 LEFT = relight.DirectionalLight(azimuth=-60, name="left")
@@ -15,14 +14,12 @@ LEFT = relight.DirectionalLight(azimuth=-60, name="left")
 pytestmark = pytest.mark.usefixtures("small_canvas")
 
 
-def test_a_portrait_crop_is_not_darkened_at_the_frame(monkeypatch):
+def test_a_portrait_crop_is_not_darkened_at_the_frame():
     coverage, _ = ball(250, 170, centre=(0.5, 1.0), radius=0.9)  # cut by three sides of the frame
     assert coverage[-1].min() == 1
     grey = Delighter(lambda rgb, mask: torch.full_like(rgb, 0.5))
-    monkeypatch.setattr(infer.diffuse, "load", lambda **_: grey)
-    subject = relight.Subject(
-        image_of(coverage, (0.4, 0.4, 0.4)), normals=np.full((250, 170, 3), (0.0, 0.0, 1.0))
-    )
+    image, normals = image_of(coverage, (0.4, 0.4, 0.4)), np.full((250, 170, 3), (0.0, 0.0, 1.0))
+    subject = analysed(image, shader=grey, normals=normals)
     # One colour in one light, so one albedo. Black from beyond the frame would pass for shadow.
     np.testing.assert_allclose(subject.albedo[coverage > 0.5], 0.5, atol=0.01)
     np.testing.assert_allclose(subject.normals[-1], np.full((170, 3), (0, 0, 1)), atol=1e-4)
@@ -58,13 +55,12 @@ def test_strands_at_a_soft_edge_keep_their_own_colour(behind):
 
 
 @pytest.mark.parametrize("behind", [(0.9, 0.9, 0.9), (0.01, 0.01, 0.01)])
-def test_a_feathered_edge_shows_no_line_of_the_old_background(behind, monkeypatch):
+def test_a_feathered_edge_shows_no_line_of_the_old_background(behind):
     coverage, normals = ball(240, 180, soft=2)
     front = np.array([0.4, 0.2, 0.1])
     photo = (coverage[..., None] * front + (1 - coverage[..., None]) * behind).astype(np.float32)
     grey = Delighter(lambda rgb, mask: torch.full_like(rgb, 0.5) * (mask > 0))
-    monkeypatch.setattr(infer.diffuse, "load", lambda **_: grey)
-    subject = relight.Subject(photo, mask=coverage, normals=normals, feather=4)
+    subject = analysed(photo, coverage, grey, normals=normals, feather=4)
     feathered = gaussian_filter(coverage, 4, mode="nearest")
     np.testing.assert_allclose(subject.matte, feathered, atol=1e-5)
     # Over grey, against the exact composite: the person's one colour, in one light, by the feathered matte.
@@ -87,13 +83,12 @@ def test_lights_are_fitted_to_the_edge_before_it_was_feathered(tmp_path):
         np.testing.assert_allclose(subject.fit_lighting(photo)[1].sum(0), expected, rtol=0.01)
 
 
-def test_soft_edges_hold_neither_background_nor_black(monkeypatch):
+def test_soft_edges_hold_neither_background_nor_black():
     coverage, normals = ball(480, 360, soft=16)
     front, back = np.array([0.4, 0.4, 0.4]), np.array([0.02, 0.9, 0.05])
     photo = (coverage[..., None] * front + (1 - coverage[..., None]) * back).astype(np.float32)
     grey = Delighter(lambda rgb, mask: torch.full_like(rgb, 0.5) * (mask > 0))
-    monkeypatch.setattr(infer.diffuse, "load", lambda **_: grey)
-    subject = relight.Subject(photo, mask=coverage, normals=normals)
+    subject = analysed(photo, coverage, grey, normals=normals)
     covered = coverage > 0
     # One colour in one light: the albedo is 0.5 to the last pixel of the edge, no green, no dark rim.
     np.testing.assert_allclose(subject.albedo[covered], 0.5, atol=0.02)
@@ -106,16 +101,15 @@ def test_soft_edges_hold_neither_background_nor_black(monkeypatch):
     np.testing.assert_allclose(filled, expected, atol=1e-5)
 
 
-def test_a_hard_masks_rim_holds_no_background(monkeypatch):
+def test_a_hard_masks_rim_holds_no_background():
     coverage, normals = ball(480, 360)
     coverage[40:60, 100:102] = 1  # a feather in the hat, all rim
     blue = np.zeros((480, 360, 1)) + (np.arange(480) < 62)[:, None, None]
     front = np.where(blue > 0, (0.1, 0.1, 0.6), (0.4, 0.4, 0.4))
     photo = coverage[..., None] * front + (1 - coverage[..., None]) * (0.02, 0.9, 0.05)
     paint = Delighter(lambda rgb, mask: rgb * (mask > 0))
-    monkeypatch.setattr(infer.diffuse, "load", lambda **_: paint)
     mask = coverage > 0.3  # as segmentation networks and a magic wand cut: half-covered pixels count as whole
-    albedo = relight.Subject(photo.astype(np.float32), mask=mask, normals=normals).albedo
+    albedo = analysed(photo.astype(np.float32), mask, paint, normals=normals).albedo
     ball_only = mask & (blue[..., 0] == 0)
     assert np.ptp(albedo[ball_only], axis=-1).max() < 0.01  # grey to the last pixel
     feather = albedo[40:60, 100:102]
@@ -123,16 +117,15 @@ def test_a_hard_masks_rim_holds_no_background(monkeypatch):
 
 
 @pytest.mark.parametrize("fade", [(0.92, 0.97), (0.85, 0.85), (0.8, 0.88), (0.65, 0.75)])
-def test_a_translucent_matte_keeps_the_persons_colours(monkeypatch, fade):
+def test_a_translucent_matte_keeps_the_persons_colours(fade):
     coverage, normals = ball(240, 180, soft=4)
     rows = np.linspace(0, 1, 240, dtype=np.float32)[:, None]
     stripes = 0.3 + 0.2 * (np.sin(rows * 60) > 0) + np.zeros((240, 180))
     photo = coverage[..., None] * stripes[..., None] + (1 - coverage[..., None]) * (0.02, 0.9, 0.05)
     paint = Delighter(lambda rgb, mask: rgb * (mask > 0))
-    monkeypatch.setattr(infer.diffuse, "load", lambda **_: paint)
     photo = photo.astype(np.float32)
     mattes = coverage, coverage * (fade[0] + (fade[1] - fade[0]) * rows)
-    solid, faded = (relight.Subject(photo, mask=matte, normals=normals).albedo for matte in mattes)
+    solid, faded = (analysed(photo, matte, paint, normals=normals).albedo for matte in mattes)
     inside = coverage == 1
     np.testing.assert_allclose(faded[inside], solid[inside], atol=0.02)
 
