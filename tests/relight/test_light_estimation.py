@@ -198,7 +198,7 @@ def test_a_background_that_cannot_be_read_leaves_its_neighbours(tmp_path):
     (tmp_path / "place.0003.exr").write_bytes(b"no picture")
     light = PlateLight(SequenceReader(FrameSequence.of(tmp_path / "place.%04d.exr"), relight.read), 40)
     with pytest.warns(
-        UserWarning, match=r"background: frame 3: .*place\.0003\.exr.*that of the others"
+        UserWarning, match=r"background: frame 3: .*place\.0003\.exr.*before and after it"
     ) as said:
         found = [light.at(number, (60, 100)).samples()[1].sum() for number in (1, 2, 4, 5)]
     assert len(said) == 1
