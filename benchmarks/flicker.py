@@ -122,18 +122,16 @@ def with_true_shadows():
         space = WorldGeometry(camera, framing, partial(torch.zeros, framing.canvas))
         canvases.append(AnalysisMaps(framing, known, photograph, photograph, field, photograph, None, space))
         truth.append(framing.restore(shadows))
-    for name, range_sigma in (
+    for name, sigma in (
         ("as found", None),
-        ("temporally_filtered", temporal.RANGE_SIGMA),
+        ("temporally_filtered", temporal.SHADING_SIGMA),
         ("plain mean of 5 frames", math.inf),
     ):
         maps = []
         for t, frame in enumerate(canvases):
             around = canvases[max(t - temporal.RADIUS, 0) : t] + canvases[t + 1 : t + 1 + temporal.RADIUS]
             found = (
-                frame
-                if range_sigma is None
-                else temporal.temporally_filtered(frame, around, range_sigma=range_sigma)
+                frame if sigma is None else temporal.temporally_filtered(frame, around, shading_sigma=sigma)
             )
             maps.append(frame.framing.restore(found.shading(lights[:64])))
         change = torch.stack(maps).diff(dim=0)

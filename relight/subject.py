@@ -288,8 +288,9 @@ class Subject:
     def temporally_filtered(self, neighbours: Iterable[Any]) -> "Subject":
         """Return the same person without the flicker of the networks' errors, for sequences.
 
-        Where neighbouring frames agree, the maps become their mean. Where something moves, such as a shadow,
-        each frame keeps its own. See `relight.analysis.temporal`.
+        The maps of neighbouring frames are moved along the optical flow. Where they agree, the maps become
+        their mean. Where the light changes, as under a moving shadow, each frame keeps its own. See
+        `relight.analysis.temporal`.
 
         Parameters
         ----------
@@ -298,6 +299,8 @@ class Subject:
 
         Raises
         ------
+        ImportError
+            OpenCV is missing (extra `video`).
         ValueError
             The albedo was provided for some of the subjects and inferred for others.
         """

@@ -1,16 +1,16 @@
-"""A bilateral filter in time: a frame's maps, averaged with those of the frames around it where they agree.
+"""A bilateral filter in time: a frame's maps, averaged along the motion with those of the frames around it.
 
-The networks see each frame by itself, and their errors flicker a little as the person moves across the
-canvas. The frames before and after are moved to where the person is now, and each pixel of them is weighted
-by how similar its shading is, under lights from all around. Flicker is small and averages out. A moving
-shadow or limb is a large change and keeps its own frame's maps. (Tomasi and Manduchi 1998, for the filter;
-Kuglin and Hines 1975, phase correlation, and Lucas and Kanade 1981, for the motion.)
+The networks see each frame by itself, and their errors flicker a little as the person moves. The maps of the
+frames before and after are moved along the optical flow of the photographs. A pixel of them counts less where
+the flow does not lead back, where the photographs differ, and where their shading differs much, under lights
+from all around. Flicker averages out. A shadow that moves over the person, and what a limb uncovers, keep
+their own frame's maps. (Tomasi and Manduchi 1998, for the filter.)
 
 The weights do not depend on the lights of the relit picture, which stays linear in them.
 """
 
 from collections.abc import Iterable, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any
 
 import torch
@@ -19,23 +19,25 @@ import torch.nn.functional as F
 from relight.analysis.depth import WorldGeometry
 from relight.analysis.light_field import LightField
 from relight.analysis.maps import AnalysisMaps
+from relight.media.optical_flow import Motion, motion
 from shadow.directions import olat
 from shadow.framing import affine_sample
 
 RADIUS = 2  # frames before and after that take part
-RANGE_SIGMA = 0.07  # difference in shading at which a frame's weight falls to 60 %
+SHADING_SIGMA = 0.3  # difference in shading at which a frame's weight falls to 60 %
+COLOUR_SIGMA = 0.1  # difference of encoded colour at which it does
 PROBE_LIGHTS = torch.from_numpy(olat())[::4]  # under which frames are compared
-SUBPIXEL_STEPS = 3  # corrections of the motion by less than a pixel
 WINDOW = 5  # canvas pixels, the side of the square over which differences are averaged
 
 
 def temporally_filtered(
-    maps: AnalysisMaps, neighbours: Iterable[AnalysisMaps], range_sigma: float = RANGE_SIGMA
+    maps: AnalysisMaps, neighbours: Iterable[AnalysisMaps], shading_sigma: float = SHADING_SIGMA
 ) -> AnalysisMaps:
-    """Average a frame's maps with those of frames before and after it where they agree.
+    """Average a frame's maps with those of frames before and after it, along the motion.
 
-    `range_sigma`: difference in shading, in [0, 1], at which a neighbour's weight falls to 60 %. Raises
-    ValueError if the albedo was provided for some of the frames and inferred for others.
+    `shading_sigma`: difference in shading, in [0, 1], at which a neighbour's weight falls to 60 %. Raises
+    ValueError if the albedo was provided for some of the frames and inferred for others, and ImportError
+    without OpenCV.
     """
     neighbours = list(neighbours)
     if not neighbours:
@@ -43,15 +45,12 @@ def temporally_filtered(
     if any((other.light is None) is not (maps.light is None) for other in neighbours):
         raise ValueError("around: expected an albedo given for all of the frames, or for none")
     probed = maps.shading(PROBE_LIGHTS)
-    aligned: list[tuple[AnalysisMaps, torch.Tensor | None, torch.Tensor]] = [
-        (maps, None, torch.ones(1, *maps.known.shape))
-    ]
-    for other in neighbours:
-        matrix = _motion(maps, other)
-        aligned.append((other, matrix, _weight(maps, probed, other, matrix, range_sigma)))
-    frames, matrices, weights = zip(*aligned, strict=True)
+    motions = [_motion(maps, other) for other in neighbours]
+    weights = [torch.ones(1, *maps.known.shape)]
+    weights += [_weight(maps, probed, *pair, shading_sigma) for pair in zip(neighbours, motions, strict=True)]
     total = torch.stack(weights).sum(dim=0)
-    mean = _AlignedMean(matrices, tuple(weight / total for weight in weights))
+    frames = [maps, *neighbours]
+    mean = _AlignedMean((None, *motions), tuple(weight / total for weight in weights))
     return maps._replace(
         normals=F.normalize(mean(frame.normals for frame in frames), dim=0),
         field=mean.field([frame.field for frame in frames]),
@@ -63,16 +62,15 @@ def temporally_filtered(
 
 @dataclass(frozen=True)
 class _AlignedMean:
-    """The weighted mean of the frames' maps (C, h, w), each aligned with the person on this frame's
-    canvas."""
+    """The weighted mean of the frames' maps (C, h, w), each moved onto this frame's canvas."""
 
-    matrices: tuple[torch.Tensor | None, ...]  # (2, 3) from this canvas to each frame's; None for itself
+    motions: tuple[Motion | None, ...]  # from this canvas to each frame's; None for its own
     weights: tuple[torch.Tensor, ...]  # (1, h, w), which sum to one
 
     def __call__(self, maps: Iterable[Any]) -> torch.Tensor:
-        aligned = map(_aligned, maps, self.matrices)
-        weighted = [weight * each for weight, each in zip(self.weights, aligned, strict=True)]
-        return torch.stack(weighted).sum(dim=0)
+        frames = zip(maps, self.motions, self.weights, strict=True)
+        moved = [weight * (own if way is None else way.moved(own)) for own, way, weight in frames]
+        return torch.stack(moved).sum(dim=0)
 
     def field(self, fields: Sequence[LightField]) -> LightField:
         """Return the weighted mean of the arrays of the frames' fields, at the pixels of this frame's.
@@ -80,15 +78,14 @@ class _AlignedMean:
         Frames are averaged where they agree. There the function of the means is near the mean of functions.
         """
         own, *others = fields
-        silhouette, width = own.silhouette, own.silhouette.shape[1]
-        place = torch.stack([silhouette.pixels % width, silhouette.pixels // width]) + 0.5
+        silhouette = own.silhouette
         total = own.rows * silhouette.take(self.weights[0]).T
-        for other, matrix, weights in zip(others, self.matrices[1:], self.weights[1:], strict=True):
-            assert matrix is not None
+        for other, way, weights in zip(others, self.motions[1:], self.weights[1:], strict=True):
+            assert way is not None
             weight = silhouette.take(weights)[0]
             taking = weight.nonzero()[:, 0]
-            moved = matrix[:, :2] @ place[:, taking] + matrix[:, 2:]
-            total.index_add_(0, taking, weight[taking, None] * other.sampled(moved))
+            positions = silhouette.take(way.positions)[:, taking]
+            total.index_add_(0, taking, weight[taking, None] * other.sampled(positions))
         return own.with_rows(total)
 
 
@@ -97,68 +94,31 @@ class _MeanDepth:
     """The mean of the frames' depths (h, w), computed when it is asked for."""
 
     mean: _AlignedMean
-    frames: tuple[AnalysisMaps, ...]
+    frames: Sequence[AnalysisMaps]
 
     def __call__(self) -> torch.Tensor:
         depth = self.mean(frame.geometry.depth[None] for frame in self.frames)[0]
         return depth * self.frames[0].known
 
 
-def _aligned(maps: torch.Tensor, matrix: torch.Tensor | None) -> torch.Tensor:
-    """Resample maps (C, h, w) of another frame onto this frame's canvas."""
-    return maps if matrix is None else affine_sample(maps, matrix, maps.shape[1:])
-
-
-def _motion(maps: AnalysisMaps, other: AnalysisMaps) -> torch.Tensor:
-    """Return the matrix (2, 3) from a position on this canvas to the same part of the person on the other."""
-    here, there = maps.image * maps.known, other.image * other.known
-
-    def error(matrix: torch.Tensor) -> float:
-        return float((_aligned(there, matrix) - here).abs().mean())
-
-    unmoved = maps.framing.onto(other.framing)
-    jump = _translated(unmoved, _whole_pixel_shift(here, _aligned(there, unmoved)))
-    best = min((unmoved, jump), key=error)
-    for _ in range(SUBPIXEL_STEPS):
-        shift = _subpixel_shift(here, _aligned(there, best))
-        best = min((best, _translated(best, shift)), key=error)
-    return best
-
-
-def _translated(matrix: torch.Tensor, shift: torch.Tensor) -> torch.Tensor:
-    """Return the matrix preceded by a shift (2,) on this canvas."""
-    return torch.cat([matrix[:, :2], matrix[:, 2:] + matrix[:, :2] @ shift[:, None]], dim=1)
-
-
-def _whole_pixel_shift(first: torch.Tensor, second: torch.Tensor) -> torch.Tensor:
-    """Return (x, y), whole pixels, by which content moved between images (C, h, w): phase correlation."""
-    cross = (torch.fft.rfft2(first).conj() * torch.fft.rfft2(second)).sum(dim=0)
-    peaks = torch.fft.irfft2(cross / cross.abs().clamp_min(1e-9), s=first.shape[-2:])
-    height, width = peaks.shape
-    row, column = divmod(int(peaks.argmax()), width)
-    return torch.tensor(
-        [
-            (column + width // 2) % width - width // 2,
-            (row + height // 2) % height - height // 2,
-        ]
-    ).float()
-
-
-def _subpixel_shift(first: torch.Tensor, second: torch.Tensor) -> torch.Tensor:
-    """Return (x, y) by which the content moved, if by less than a pixel (Lucas and Kanade 1981)."""
-    gradients = torch.stack(torch.gradient(second, dim=(2, 1))).flatten(1)
-    normal = gradients @ gradients.T + 1e-6 * torch.eye(2)
-    return torch.linalg.solve(normal, gradients @ (first - second).flatten()).clamp(-1, 1)
+def _motion(maps: AnalysisMaps, other: AnalysisMaps) -> Motion:
+    """Return the motion from this frame's canvas to the other's, which may be elsewhere on the plate."""
+    matrix = maps.framing.onto(other.framing)
+    there = motion(maps.image, affine_sample(other.image, matrix, maps.known.shape))
+    positions = torch.einsum("ij,jhw->ihw", matrix[:, :2], there.positions) + matrix[:, 2:, None]
+    return replace(there, positions=positions)
 
 
 def _weight(
-    maps: AnalysisMaps, probed: torch.Tensor, other: AnalysisMaps, matrix: torch.Tensor, range_sigma: float
+    maps: AnalysisMaps, probed: torch.Tensor, other: AnalysisMaps, way: Motion, shading_sigma: float
 ) -> torch.Tensor:
-    """Return the weight (1, h, w) of another frame: 1 where its shading is equal, 0 where it is unknown."""
-    known = (_aligned(other.known[None].float(), matrix) > 0.99) & maps.known
-    difference = (_aligned(other.shading(PROBE_LIGHTS), matrix) - probed).abs().amax(dim=0, keepdim=True)
-    squared = _box_mean(difference**2 * known) / _box_mean(known.float()).clamp_min(1e-3)
-    return known * torch.exp(-squared / (2 * range_sigma**2))
+    """Return the weight (1, h, w) of another frame: 1 where it shows the same, 0 where it is unknown."""
+    known = (way.moved(other.known[None]) > 0.99) & maps.known
+    shading = (way.moved(other.shading(PROBE_LIGHTS)) - probed).abs().amax(dim=0, keepdim=True)
+    colour = (way.moved(other.image) - maps.image).abs().mean(dim=0, keepdim=True)
+    differences = (shading / shading_sigma) ** 2 + (colour / COLOUR_SIGMA) ** 2
+    inside = _box_mean(known.float()).clamp_min(1e-3)
+    return known * way.certainty * torch.exp(-_box_mean(differences * known) / inside / 2)
 
 
 def _box_mean(image: torch.Tensor) -> torch.Tensor:

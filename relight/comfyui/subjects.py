@@ -6,6 +6,7 @@ from pathlib import Path
 
 from relight import empty_subject
 from relight.analysis.temporal import RADIUS
+from relight.media import optical_flow
 from relight.pipeline.persons import Persons
 from relight.subject import Person, Subject
 
@@ -65,7 +66,7 @@ def each_person(count: int, analyse: Analyse, is_shot: bool) -> Iterator[tuple[P
             first = person
         return person
 
-    persons = Persons(range(count), in_room, RADIUS if is_shot else 0)
+    persons = Persons(range(count), in_room, RADIUS if is_shot and optical_flow.is_installed() else 0)
     for number in range(count):
         filtered = persons.at(number)
         yield persons.analysed(number), filtered

@@ -8,14 +8,18 @@ from pathlib import Path
 from typing import Any, Self
 
 import numpy as np
+import torch
+import torch.nn.functional as F
 
 from relight.matting import networks, refine, silhouette_files
 from relight.matting.people.finder import FoundPerson
+from relight.media import optical_flow
 from relight.media.option_texts import split_file_and_settings
 from shadow.files import AnyPath
 
 WARM_UP_FRAMES = 5  # that a recurrent network sees before the first one that is asked for
-COLOUR_SIGMA = 0.03  # difference of encoded colour, RMS over the channels, at which a neighbour counts 60 %
+COLOUR_SIGMA = 0.06  # difference of encoded colour, RMS over the channels, at which a neighbour counts 60 %
+MOTION_SIDE = 1024  # pixels, the longer side of the copies in which the motion between frames is found
 
 
 @dataclass(frozen=True)
@@ -47,7 +51,7 @@ class SequenceMatting:
     """Infers or refines the mattes of a shot.
 
     They are temporally stable: by the state of a recurrent network, otherwise by averaging each matte with
-    those before and after it where the frames' colours agree.
+    those before and after it, moved along the optical flow, where the frames' colours agree.
     """
 
     def __init__(self, options: MattingOptions, read: Callable[[int], Any], numbers: Any) -> None:
@@ -103,6 +107,8 @@ class SequenceMatting:
             return []
         if self._options.model != networks.AUTO and self._model is not None and self._model.recurrent:
             return [n for n in range(number - WARM_UP_FRAMES, number) if n in self._numbers]
+        if not optical_flow.is_installed():
+            return []
         return [n for n in (number - 1, number + 1) if n in self._numbers]
 
     def matte(self, number: int, mask: np.ndarray | None = None) -> tuple[np.ndarray, np.ndarray]:
@@ -144,9 +150,8 @@ class SequenceMatting:
         for n in near[1:]:
             if n not in self._found:
                 continue
-            other, theirs = self._found[n]
-            if other.shape == seen.shape:
-                weight = np.exp(-((other - seen) ** 2).mean(axis=-1) / (2 * COLOUR_SIGMA**2))
+            if self._found[n][0].shape == seen.shape:
+                weight, theirs = _moved(seen, *self._found[n])
                 total, weights = total + weight * theirs, weights + weight
         return total / weights
 
@@ -160,6 +165,24 @@ class SequenceMatting:
                     self._model(refine.encoded_srgb(refine.opaque_photograph(self._read(before))))
         seen = refine.encoded_srgb(refine.opaque_photograph(self._read(number)))
         return seen, networks.reject_full_matte(self._model(seen), self._options.model or "")
+
+
+def _moved(seen: np.ndarray, other: np.ndarray, matte: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Return the weight (H, W) of another frame in this one, and its matte (H, W), moved along the motion.
+
+    Both frames are (H, W, 3), encoded in [0, 1].
+    """
+    here, there = (torch.from_numpy(np.moveaxis(image, 2, 0)) for image in (seen, other))
+    size = seen.shape[:2]
+    shrink = max(1.0, max(size) / MOTION_SIDE)
+    small = [max(1, round(length / shrink)) for length in size]
+    way = optical_flow.motion(
+        *(F.interpolate(image[None], small, mode="area")[0] for image in (here, there))
+    ).resized(size)
+    *moved, theirs = way.moved(torch.cat([there, torch.from_numpy(matte)[None]]))
+    squared = ((torch.stack(moved) - here) ** 2).mean(dim=0)
+    weight = way.certainty[0] * torch.exp(-squared / (2 * COLOUR_SIGMA**2))
+    return weight.numpy(), theirs.numpy()
 
 
 def _option(text: str) -> tuple[str, Any]:

@@ -6,6 +6,7 @@ A source is an image in memory, a file, a sequence, a movie or an analysis cache
 import functools
 import importlib
 import os
+import warnings
 from collections.abc import Iterable, Sequence
 from contextlib import suppress
 from dataclasses import dataclass
@@ -17,6 +18,7 @@ import numpy as np
 from scipy.ndimage import distance_transform_edt
 
 from relight.analysis.depth import MAX_DEPTH, MIN_COVERAGE
+from relight.analysis.temporal import RADIUS
 from relight.compositing.placement import place
 from relight.lights.environment import FIELD_OF_VIEW
 from relight.lights.parameters import checked_number
@@ -24,7 +26,7 @@ from relight.matting import chroma_key, refine
 from relight.matting.networks import AUTO
 from relight.matting.numba_cache import ensure_numba_cache
 from relight.matting.sequence import MattingOptions, SequenceMatting
-from relight.media import images, movies
+from relight.media import images, movies, optical_flow
 from relight.media.content_hash import FileRecord, content_hash
 from relight.media.images.arrays import as_array
 from relight.media.pixel_aspect import is_square, square_pixels
@@ -40,6 +42,7 @@ from relight.pipeline.readers import (
     person_reader,
 )
 from shadow.files import is_path
+from shadow.installing import install_command
 
 if TYPE_CHECKING:
     from relight.pipeline.options import Normals
@@ -219,8 +222,22 @@ class FrameReader:
         feather = [self.source.feather] if self.source.feather else []
         return content_hash(
             self.source.key, options, model, self.source.colour_space, axes, self.field_of_view, self.height,
-            self.placement, self.source.temporal_filter, *alpha, *feather, *network,
+            self.placement, self.temporal_radius, *alpha, *feather, *network,
         )  # fmt: skip
+
+    @functools.cached_property
+    def temporal_radius(self) -> int:
+        """The number of frames before and after with which a frame is filtered; 0 for a still.
+
+        Without OpenCV it is 0, with a warning.
+        """
+        if not self.source.temporal_filter or self.is_still:
+            return 0
+        if not optical_flow.is_installed():
+            hint = install_command("video")
+            warnings.warn(f"without OpenCV the light on a moving person flickers: {hint}", stacklevel=2)
+            return 0
+        return RADIUS
 
     @functools.cached_property
     def is_still(self) -> bool:

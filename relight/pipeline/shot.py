@@ -13,7 +13,6 @@ import numpy as np
 import torch
 
 from relight.analysis import skin
-from relight.analysis.temporal import RADIUS
 from relight.compositing.composite import ENVIRONMENT, NONE, PLATE, Background
 from relight.light_estimation import FILL, Matching, PlateLight, lights_in
 from relight.light_estimation import PLATE as PLATE_LIGHT
@@ -120,7 +119,7 @@ class Shot:
         """The persons, analysed or read from an analysis cache."""
         if self.frames.cache is not None:
             return Persons(self.numbers, self.frames.cache.read, radius=0)
-        return Persons(self.numbers, self.analyser, RADIUS if self.source.temporal_filter else 0)
+        return Persons(self.numbers, self.analyser, self.frames.temporal_radius)
 
     @cached_property
     def _other_backgrounds(self) -> Any:

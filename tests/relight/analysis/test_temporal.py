@@ -77,20 +77,43 @@ def test_the_person_is_followed(shift):
     matrix = torch.tensor([[1, 0, -shift[0]], [0, 1, -shift[1]]])
     moved = affine_sample(person, matrix, SIZE)
     there = canvas(moved[4], moved[:3], known=moved[3] > 0.5)
-    matrix = temporal._motion(here, there)
-    np.testing.assert_allclose(matrix[:, 2], shift, atol=0.2)
-    np.testing.assert_allclose(matrix[:, :2], np.eye(2), atol=1e-6)
     inside = np.s_[25:-25, 25:-25]
     np.testing.assert_allclose(shown(temporally_filtered(here, [there]))[inside], bowl[inside], atol=0.02)
 
 
 def test_a_new_framing_is_no_motion():
-    plate = torch.nn.functional.interpolate(TEXTURE[None], (256, 192), mode="bicubic")[0]
-    first = Framing((96.0, 128.0), 0.5, SIZE, (256, 192))
-    second = Framing((99.0, 125.0), 0.55, SIZE, (256, 192))
-    frames = [canvas(torch.full(SIZE, 0.5), framing.crop(plate), framing) for framing in (first, second)]
-    matrix = temporal._motion(*frames)
-    np.testing.assert_allclose(matrix, first.onto(second), atol=0.5)
+    person = torch.cat([TEXTURE, torch.linspace(0, 1, SIZE[1]).expand(1, *SIZE)])
+    plate = torch.nn.functional.interpolate(person[None], (256, 192), mode="bicubic")[0].clamp(0, 1)
+    framings = [Framing((96.0, 128.0), 0.5, SIZE, (256, 192)), Framing((110.0, 115.0), 0.6, SIZE, (256, 192))]
+    here, there = (canvas(crop[3], crop[:3], f) for f in framings for crop in [f.crop(plate)])
+    inside = np.s_[25:-25, 25:-25]
+    assert np.abs(shown(there) - shown(here))[inside].max() > 0.1
+    np.testing.assert_allclose(
+        shown(temporally_filtered(here, [there]))[inside], shown(here)[inside], atol=0.01
+    )
+
+
+def test_each_limb_is_followed():
+    """Two halves of the person that move apart: both find themselves in the other frame."""
+    ramp = torch.linspace(0.1, 0.9, SIZE[0])[:, None].expand(SIZE)
+    there_image, there_shading = torch.empty_like(TEXTURE), torch.empty(SIZE)
+    for columns, shift in ((slice(0, 48), 6), (slice(48, 96), -5)):
+        there_image[..., columns] = TEXTURE[..., columns].roll(shift, dims=-2)
+        there_shading[:, columns] = ramp[:, columns].roll(shift, dims=0)
+    here, there = canvas(ramp), canvas(there_shading, there_image)
+    steady = shown(temporally_filtered(here, [there]))
+    for columns in (slice(16, 40), slice(56, 80)):
+        middle = np.s_[30:-30, columns]
+        np.testing.assert_allclose(steady[middle], ramp[middle], atol=0.01)
+
+
+def test_what_a_limb_hides_in_the_other_frame_is_kept():
+    """A limb that covers a part of the chest in the other frame adds nothing to the chest."""
+    here = canvas(torch.full(SIZE, 0.6))
+    image, shading = TEXTURE.clone(), torch.full(SIZE, 0.6)
+    image[:, 40:80, 30:60], shading[40:80, 30:60] = TEXTURE[:, 80:120, 60:90].flip(1), 0.35
+    steady = shown(temporally_filtered(here, [canvas(shading, image)]))
+    assert (steady[45:75, 35:55] - 0.6).abs().mean() < 0.03
 
 
 def test_where_the_others_know_nothing_the_frame_is_kept():

@@ -4,6 +4,7 @@ import numpy as np
 import pytest
 import torch
 from helpers.onnx_models import channel, recurrent
+from scipy import ndimage
 from typer.testing import CliRunner
 
 import relight
@@ -50,6 +51,26 @@ def test_a_photograph_without_alpha_gets_a_matte(tmp_path, photo, model, command
     assert result.exit_code == 0, result.output
     alpha = relight.read(output)[..., 3]
     assert (alpha[60, 30], alpha[60, 110]) == (pytest.approx(0.955, abs=0.02), 0)
+
+
+def test_the_matte_of_somebody_who_moves_is_steady_too(tmp_path, model):
+    """A texture that moves by six pixels a frame, and whose brightness, which is the matte here, flickers."""
+    random = np.random.default_rng(0)
+    person = ndimage.gaussian_filter(random.uniform(size=(44, 24)), 1.5)
+    person = 0.55 + 0.45 * (person - person.min()) / np.ptp(person)
+    for number in range(1, 6):
+        image = np.full((64, 96, 3), (0, 0, 0.1), np.float32)
+        image[12:56, 6 * number : 6 * number + 24, 0] = person * (0.9 + 0.1 * (number % 2))
+        relight.write(tmp_path / f"p.{number}.exr", image)
+    shot = inputs_of(tmp_path / "p.%d.exr", f"{model},{OPTIONS}")
+    alone = [inputs_of(tmp_path / f"p.{number}.exr", f"{model},{OPTIONS}") for number in range(1, 6)]
+    inside = [np.s_[18:50, 6 * number + 6 : 6 * number + 18] for number in range(1, 6)]
+    filtered = np.array([shot.frame(n).matte[inside[n - 1]] for n in range(1, 6)])
+    found = np.array([each.frame(0).matte[place] for each, place in zip(alone, inside, strict=True)])
+    change = [np.abs(np.diff(mattes[1:4], axis=0)).mean() for mattes in (filtered, found)]
+    assert change[0] < 0.6 * change[1]
+    flicker = found[2].mean() / filtered[2].mean()  # of the brightness, which is no error of the texture
+    assert np.abs(flicker * filtered[2] - found[2]).mean() < 0.02
 
 
 def test_no_old_background_is_left_at_soft_edges(model):
