@@ -25,7 +25,7 @@ from relight.lights.environment import FIELD_OF_VIEW, EnvironmentLight, environm
 from relight.lights.light import Light
 from relight.lights.rig import Lights, as_lights, by_name, check_free, checked_amount, scaled
 from relight.media.images import Metadata, half, read, scene_linear
-from relight.subject import Person, Subject
+from relight.subject import Subject
 from shadow import inputs
 from shadow.files import AnyPath, is_path
 from shadow.torch_settings import isolated
@@ -123,7 +123,7 @@ def apply(
 
 
 def relit_over(
-    subject: Person,
+    subject: Subject,
     lights: Lights,
     background: Background | None = None,
     floor: Floor | None = None,
@@ -249,7 +249,7 @@ class Rendering:
 
 
 def render_layers(
-    subject: Person,
+    subject: Subject,
     lights: Lights,
     *,
     passes: Iterable[str] = (),
@@ -278,7 +278,7 @@ def over_backdrop(cut_out: np.ndarray, back: np.ndarray, exr_type: str) -> tuple
 
 
 def render_subject(
-    subject: Person,
+    subject: Subject,
     lights: Lights,
     *,
     background: Background | AnyPath | None = None,
@@ -330,7 +330,7 @@ def _behind(
     return _seen_by(subject, background, lights)
 
 
-def _seen_by(subject: Person, background: Background, lights: Iterable[Light]) -> Background:
+def _seen_by(subject: Subject, background: Background, lights: Iterable[Light]) -> Background:
     """Return background maps as the subject's camera sees them, (H, W, 3); another background as it is."""
     if isinstance(background, EnvironmentLight):
         skies = [background]
@@ -342,7 +342,7 @@ def _seen_by(subject: Person, background: Background, lights: Iterable[Light]) -
 
 
 def light_groups(
-    subject: Person,
+    subject: Subject,
     lights: Lights,
     exr_type: str = "half",
     gloss: float = 0.0,
@@ -369,10 +369,10 @@ def light_groups(
 
 def _rounded(values: np.ndarray, name: str, exr_type: str) -> np.ndarray:
     """Return a layer (..., C) as a file of this type holds it."""
-    return half(values, name) if exr_type == "half" else values
+    return half(values, name) if exr_type == "half" and values.size else values
 
 
-def passes_of(subject: Person, lights: Lights, names: Iterable[str]) -> Layers:
+def passes_of(subject: Subject, lights: Lights, names: Iterable[str]) -> Layers:
     """Return passes {layer name: float32 array} of the plate's size, zero off the matte, not premultiplied.
 
     - "albedo": (H, W, 3), linear Rec.709.
@@ -403,7 +403,7 @@ def passes_of(subject: Person, lights: Lights, names: Iterable[str]) -> Layers:
     return layers
 
 
-def metadata_of(subject: Person, passes: Iterable[str]) -> Metadata:
+def metadata_of(subject: Subject, passes: Iterable[str]) -> Metadata:
     """Return the header entries that the passes Z and P need.
 
     `relight:distance` is in metres from the camera to the origin of positions, the subject's middle;

@@ -6,7 +6,7 @@ import warnings
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from functools import cached_property
 from pathlib import Path
-from typing import Any, ClassVar, Protocol, Self
+from typing import Any, Self
 
 import numpy as np
 import torch
@@ -24,6 +24,7 @@ from relight.analysis.upsampling import EXTENSION_SHARE, JointBilateral, encode_
 from relight.compositing.clean_plate import checked_plate, clean_plate
 from relight.compositing.floor import Floor
 from relight.compositing.floor_shadow import FloorShadow
+from relight.errors import EmptyMatteError
 from relight.lights import presets
 from relight.lights.environment import FIELD_OF_VIEW
 from relight.lights.light import Light
@@ -37,43 +38,6 @@ from shadow.torch_settings import isolated_class
 
 PHOTOGRAPH = "photograph"  # name of the layer of the photograph's own light
 LIGHTS_PER_BATCH = 2  # whose maps are upsampled together: more are no faster and take more memory
-
-
-class Person(Protocol):
-    """What a frame of a shot shows: a `Subject`, or a `relight.empty_subject.EmptySubject`."""
-
-    is_empty: ClassVar[bool]
-
-    @property
-    def size(self) -> tuple[int, int]: ...
-    @property
-    def matte(self) -> np.ndarray: ...
-    @property
-    def albedo(self) -> np.ndarray: ...
-    @property
-    def normals(self) -> np.ndarray: ...
-    @property
-    def depth(self) -> np.ndarray: ...
-    @property
-    def position(self) -> np.ndarray: ...
-    @property
-    def distance(self) -> float: ...
-    @property
-    def camera(self) -> Camera: ...
-    def relit(self, lights: Lights, gloss: float = 0.0, amount: float = 1.0) -> np.ndarray: ...
-    def reflection(self, lights: Lights) -> np.ndarray: ...
-    def pixels_per_light(
-        self, lights: Lights, gloss: float = 0.0, amount: float = 1.0
-    ) -> Iterator[tuple[str, torch.Tensor]]: ...
-    def preset_gain(self, name: str) -> float: ...
-    def preset(self, name: str) -> list[Light]: ...
-    def on_plate(self, pixels: torch.Tensor) -> np.ndarray: ...
-    def lighting(self, lights: Lights) -> np.ndarray: ...
-    def unshadowed(self, light: Light) -> np.ndarray: ...
-    def shadows(self, lights: Lights, floor: Floor) -> tuple[dict[str, np.ndarray], np.ndarray]: ...
-    def clean_plate(self, image: np.ndarray) -> np.ndarray: ...
-    def save(self, path: AnyPath, *, provenance: Mapping[str, Any] | None = None) -> None: ...
-    def temporally_filtered(self, neighbours: Iterable[Any]) -> "Person": ...
 
 
 @isolated_class
@@ -155,8 +119,6 @@ class Subject:
     ((64, 48, 4), 'float32')
     """
 
-    is_empty: ClassVar[bool] = False
-
     def __init__(
         self,
         image: inputs.Array,
@@ -197,8 +159,28 @@ class Subject:
         return subject
 
     @classmethod
-    def load(cls, path: AnyPath) -> Self:
+    def nobody(cls, size: tuple[int, int]) -> Self:
+        """Make the subject of a picture of `size` (H, W) that shows no person, such as a frame of a shot.
+
+        Its maps and pictures are zero, and it casts no shadow. `is_empty` tells it from others.
+
+        >>> import relight
+        >>> subject = relight.Subject.nobody((64, 48))
+        >>> float(subject.relit(relight.DirectionalLight(azimuth=-40)).max())
+        0.0
+        """
+        return cls.from_record(AnalysisRecord.of_nobody(size))
+
+    @classmethod
+    def load(cls, path: AnyPath, *, may_be_empty: bool = False) -> Self:
         """Load a person that `save`, or `relight analyse`, wrote. No network runs or is read.
+
+        Parameters
+        ----------
+        path
+            The file.
+        may_be_empty
+            Whether a frame that shows no person is loaded too, see `nobody`; refused otherwise.
 
         Raises
         ------
@@ -217,6 +199,8 @@ class Subject:
             Other weights than this version's made the analysis.
         """
         record, provenance = storage.read_record(path)
+        if record.is_empty and not may_be_empty:
+            raise EmptyMatteError(f"{path}: the frame shows no person")
         if provenance.get("weights") != list(weights()):
             warnings.warn(f"{path}: was analysed with other weights than this version's", stacklevel=2)
         return cls.from_record(record)
@@ -304,6 +288,8 @@ class Subject:
         ValueError
             The albedo was provided for some of the subjects and inferred for others.
         """
+        if self.is_empty:  # neighbours bring nobody into the frame
+            return self
         filtered = copy.copy(self)
         for name in ("albedo", "normals", "depth", "position", "_texture"):  # computed from other maps
             filtered.__dict__.pop(name, None)
@@ -379,6 +365,8 @@ class Subject:
     def preset_gain(self, name: str) -> float:
         """Return the factor between the lights of `preset` and those of `relight.presets`."""
         record, lights = self._record, as_lights(presets.named(name))
+        if self.is_empty:
+            return 1.0
         return gain_to_keep(record.maps, record.exposure, record.face, lights)
 
     def _rig(self, lights: Lights | Iterable[Light | MovingLight]) -> list[Light]:
@@ -483,6 +471,9 @@ class Subject:
         ValueError
             The person cannot stand on this floor.
         """
+        if self.is_empty:
+            lit = np.ones((*self.size, 3), np.float32)
+            return dict.fromkeys(by_name(self._rig(lights)), lit), lit
         maps = self._record.maps
         geometry, cut = maps.geometry, bool(self.matte[-1].max() > 0.5)
         shadow = FloorShadow.of(floor, geometry.camera, geometry.positions, maps.known, cut)
@@ -531,6 +522,7 @@ class Subject:
 
         Returns directions (96, 3), `shadow.directions.olat(behind=True)`, and their intensities (96, 3) >= 0.
         """
+        self._check_shown()
         return self._record.fit_lighting(image, self._albedo)
 
     def view(
@@ -580,6 +572,8 @@ class Subject:
             Anywidget is missing.
         """
         from relight.viewer import initial_state as scene
+
+        self._check_shown()
         from relight.viewer import packing, page
 
         first = None if lights is None else self._rig(lights)
@@ -657,6 +651,7 @@ class Subject:
         from relight.scene.nuke.light_groups import is_script
 
         path = asset.checked(path, texture, triangles)
+        self._check_shown()
         if is_script(path):
             return writing.write_script(path, self, person_group.checked_lights(lights), checked_gloss(gloss))
         return writing.write(path, self.asset(lights, triangles=triangles, texture=texture, gloss=gloss))
@@ -670,6 +665,7 @@ class Subject:
         gloss: float = 0.0,
     ) -> Any:
         """Return the mesh, camera and lights that `export` writes; the arguments are the same."""
+        self._check_shown()
         from relight.scene.asset import of_subject
 
         return of_subject(self, lights, triangles, texture, gloss)
@@ -678,6 +674,11 @@ class Subject:
     def record(self) -> AnalysisRecord:
         """The analysis that the subject is made of."""
         return self._record
+
+    @property
+    def is_empty(self) -> bool:
+        """Whether the picture shows no person, see `nobody`."""
+        return self._record.is_empty
 
     @property
     def old_light(self) -> OldLight:
@@ -770,6 +771,11 @@ class Subject:
         """
         return self._maps_on_plate(self._record.maps.shading, directions)
 
+    def _check_shown(self) -> None:
+        """Raise EmptyMatteError if the picture shows no person."""
+        if self.is_empty:
+            raise EmptyMatteError("the picture shows no person; choose another")
+
     def _maps_on_plate(self, maps: Callable[[torch.Tensor], torch.Tensor], directions: Any) -> np.ndarray:
         """Return the maps (D, H, W) of light directions (D, 3)."""
         upsampled = self._to_plate(maps(inputs.directions("directions", directions)))
@@ -823,6 +829,6 @@ def _read_only(array: np.ndarray) -> np.ndarray:
 
 def _representable(colour: torch.Tensor) -> torch.Tensor:
     """Return the colour; raises ValueError if any of it exceeds float32."""
-    if not torch.isfinite(torch.stack(colour.aminmax())).all():  # which pass NaN on
+    if colour.numel() and not torch.isfinite(torch.stack(colour.aminmax())).all():  # which pass NaN on
         raise ValueError("lights: are too bright, the picture would be infinite; expected less intensity")
     return colour

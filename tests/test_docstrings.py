@@ -18,7 +18,6 @@ FINDER = doctest.DocTestFinder(recurse=False)
 MODULES = (
     "relight.analysis.camera",
     "relight.analysis.components",
-    "relight.empty_subject",
     "relight.errors",
     "relight.lights.light",
     "relight.media.regular_file",

@@ -131,7 +131,7 @@ class AnalysisMaps(NamedTuple):
 
         The far side of the person is not seen. A limb is taken to be about as thick as it is wide.
         """
-        if not light.is_near:
+        if not light.is_near or not self.known.any():
             return
         geometry, known = self.geometry, self.known
         name, surface = light.name or "light", geometry.positions[:, known]

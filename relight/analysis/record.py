@@ -1,17 +1,23 @@
 """Everything that a `relight.Subject` is made of."""
 
-from typing import NamedTuple
+from typing import NamedTuple, Self
 
 import numpy as np
 import torch
 
+from relight.analysis.camera import Camera, focal_length
+from relight.analysis.depth import ProvidedDepth, WorldGeometry
 from relight.analysis.foreground import Foreground, linear_plate
+from relight.analysis.light_field import ANCHORS, LightField
 from relight.analysis.maps import AnalysisMaps
 from relight.analysis.old_light import OldLight
+from relight.analysis.upsampling import TAPS
+from relight.lights.environment import FIELD_OF_VIEW
 from shading.albedo import solve_lighting
 from shadow import inputs
 from shadow.directions import olat
 from shadow.framing import Framed, Framing
+from shadow.networks.mirror import Pixels
 
 
 class AnalysisRecord(NamedTuple):
@@ -25,6 +31,26 @@ class AnalysisRecord(NamedTuple):
     maps: AnalysisMaps
     old_light: OldLight = OldLight()  # whose colour the albedo lacks
     face: torch.Tensor | None = None  # (h, w) bool, where it is on the canvas, if that is known
+
+    @classmethod
+    def of_nobody(cls, size: tuple[int, int]) -> Self:
+        """Return the record of a picture of `size` (H, W) that shows no person: no pixel of it is theirs."""
+        known = torch.zeros(TAPS, TAPS, dtype=torch.bool)  # the smallest canvas that can be upsampled
+        black = torch.zeros(3, *known.shape)
+        framing = Framing((0.0, 0.0), 1.0, (TAPS, TAPS), size)
+        lengths = (3, 1, len(ANCHORS), len(ANCHORS), 1)
+        field = LightField(Pixels(known), *(torch.zeros(length, 0) for length in lengths))
+        camera = Camera(size, focal_length(size[0], FIELD_OF_VIEW), (0.0, 0.0), 0.0, 0)
+        geometry = WorldGeometry(camera, framing, ProvidedDepth(black[0], known))
+        maps = AnalysisMaps(framing, known, black, black, field, black, None, geometry)
+        nothing = torch.zeros(1, 1)
+        person, colour = Foreground(size, (0, 0), nothing, nothing, False), torch.zeros(0, 3)
+        return cls(person, colour, colour, 1.0, framing, maps)
+
+    @property
+    def is_empty(self) -> bool:
+        """Whether the picture shows no person."""
+        return not len(self.foreground.pixels)
 
     def fit_lighting(self, image: inputs.Array, albedo: torch.Tensor) -> tuple[np.ndarray, np.ndarray]:
         """Fit the lighting in which the person looks most like `image`, see `relight.fit_lights`.

@@ -34,7 +34,7 @@ from relight.analysis.maps import AnalysisMaps
 from relight.analysis.old_light import OldLight
 from relight.analysis.record import AnalysisRecord
 from relight.analysis.upsampling import GUIDE_MAX
-from relight.errors import DamagedFileError, EmptyMatteError, StaleAnalysisError
+from relight.errors import DamagedFileError, StaleAnalysisError
 from relight.media.regular_file import check_regular_file
 from shadow.files import AnyPath, check_writable, replacing
 from shadow.framing import Framing
@@ -67,6 +67,9 @@ def write_record(path: AnyPath, record: AnalysisRecord, provenance: Mapping[str,
 
 def pack_record(record: AnalysisRecord, provenance: Mapping[str, Any]) -> bytes:
     """Return the content of the file that `write_record` writes."""
+    if record.is_empty:
+        about: dict[str, Any] = {"format": FORMAT, "empty": record.foreground.size, "arrays": {}}
+        return to_bytes({}, {"relight": json.dumps({**about, "provenance": {**provenance}})})
     arrays = _plate_arrays(record) | _canvas_arrays(record)
     person, framing = record.foreground, record.framing
     tensors = {name: compress(array) for name, array in arrays.items()}
@@ -90,14 +93,6 @@ def pack_record(record: AnalysisRecord, provenance: Mapping[str, Any]) -> bytes:
     return to_bytes(tensors, {"relight": json.dumps(header)})
 
 
-def write_empty(path: AnyPath, size: tuple[int, ...], provenance: Mapping[str, Any]) -> None:
-    """Write that a picture of `size` (H, W) shows no person; raises as `write_record` does."""
-    header = {"format": FORMAT, "empty": size, "arrays": {}, "provenance": {**provenance}}
-    data = to_bytes({}, {"relight": json.dumps(header)})
-    with replacing(check_writable(path, (SUFFIX,))) as beside:
-        beside.write_bytes(data)
-
-
 def read_header(path: AnyPath) -> dict[str, Any]:
     """Read the header of a file, without its arrays.
 
@@ -108,10 +103,8 @@ def read_header(path: AnyPath) -> dict[str, Any]:
 
 
 def read_record(path: AnyPath) -> tuple[AnalysisRecord, dict[str, Any]]:
-    """Read a record and its provenance; raises as `read_header`, and EmptyMatteError without a person."""
+    """Read a record and its provenance; raises as `read_header`."""
     header, tensors = _open(path)
-    if "empty" in header:
-        raise EmptyMatteError(f"{path}: the frame shows no person")
     return _checked_record(str(path), header, tensors, Path(path).stat().st_size), header["provenance"]
 
 
@@ -132,6 +125,9 @@ def _checked_record(
     where: str, header: dict[str, Any], tensors: dict[str, np.ndarray], size: int
 ) -> AnalysisRecord:
     """Return the record of a header and tensors, which an error calls `where`; `size` is of all bytes."""
+    if "empty" in header:
+        _check_size(where, header["empty"])
+        return AnalysisRecord.of_nobody((header["empty"][0], header["empty"][1]))
     try:
         _check_measures(header)
         _check_shapes(header, size)
@@ -160,7 +156,7 @@ def _open(path: AnyPath, whole: bool = True) -> tuple[dict[str, Any], dict[str, 
     if "format" not in header:
         raise DamagedFileError(f"{path}: is no analysis by relight")
     if "empty" in header:
-        _check_size(path, header["empty"])
+        _check_size(str(path), header["empty"])
     if header["format"] != FORMAT:
         raise StaleAnalysisError(
             f"{path}: has format {header['format']}, expected {FORMAT}; analyse the plate again"
@@ -170,13 +166,13 @@ def _open(path: AnyPath, whole: bool = True) -> tuple[dict[str, Any], dict[str, 
     return header, tensors
 
 
-def _check_size(path: Path, size: Any) -> None:
+def _check_size(where: str, size: Any) -> None:
     """Raise DamagedFileError for what is no size of a frame, which is written alike in all formats."""
     sides = list(size) if isinstance(size, list) else []
     if len(sides) != 2 or not all(type(side) is int and side > 0 for side in sides):
-        raise DamagedFileError(f"{path}: is damaged: expected the size of a frame, got {str(size)[:40]}")
+        raise DamagedFileError(f"{where}: is damaged: expected the size of a frame, got {str(size)[:40]}")
     if math.prod(sides) > PLATE_PIXELS:
-        raise DamagedFileError(f"{path}: is damaged: a frame of {sides[0]} x {sides[1]} pixels is too large")
+        raise DamagedFileError(f"{where}: is damaged: a frame of {sides[0]} x {sides[1]} pixels is too large")
 
 
 def _plate_arrays(record: AnalysisRecord) -> dict[str, np.ndarray]:

@@ -8,12 +8,11 @@ import torch
 
 from relight.comfyui import host, tensors, widgets
 from relight.comfyui.subjects import SubjectBatch, each_person
-from relight.empty_subject import EmptySubject
 from relight.lights.environment import FIELD_OF_VIEW
 from relight.matting.networks import AUTO
 from relight.matting.refine import is_opaque
 from relight.matting.sequence import MattingOptions, SequenceMatting
-from relight.subject import Person, Subject
+from relight.subject import Subject
 from shadow.directions import from_axes
 
 SHOT, SEPARATE = "one shot", "separate pictures"  # what a batch is
@@ -105,7 +104,7 @@ class Analyse(widgets.Node):
             MattingOptions(AUTO), lambda number: tensors.light("image", plates[number]), frames
         )
 
-        def analyse(number: int, first: Subject | None) -> Person:
+        def analyse(number: int, first: Subject | None) -> Subject:
             plate = tensors.light("image", plates[number])
             maps: dict[str, Any] = {
                 name: maps[number if len(maps) > 1 else 0] for name, maps in given.items()
@@ -114,7 +113,7 @@ class Analyse(widgets.Node):
                 plate, maps["mask"] = matting.matte(number)
             coverage = maps.get("mask", plate[..., -1])
             if len(plates) > 1 and coverage.max() <= 0.5:
-                return EmptySubject(plate.shape[:2])
+                return Subject.nobody((plate.shape[0], plate.shape[1]))
             return Subject(
                 plate,
                 height=height,
@@ -136,7 +135,7 @@ class _Pictures:
     def __init__(self) -> None:
         self._taken: list[tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]] = []
 
-    def taken(self, people: Iterator[tuple[Person, Person]]) -> Iterator[tuple[Person, Person]]:
+    def taken(self, people: Iterator[tuple[Subject, Subject]]) -> Iterator[tuple[Subject, Subject]]:
         """Yield the people, and take the pictures of each."""
         for analysed, person in people:
             matte = person.matte

@@ -9,13 +9,14 @@ import torch
 
 from relight.comfyui import host, tensors, widgets
 from relight.comfyui.lights import Lights
-from relight.comfyui.subjects import Person, SubjectBatch
+from relight.comfyui.subjects import SubjectBatch
 from relight.compositing.floor import Floor
 from relight.lights.environment import EnvironmentLight
 from relight.lights.light import Light
 from relight.lights.moving import MovingLight
 from relight.lights.rig import by_name
 from relight.rendering import relit_over
+from relight.subject import Subject
 
 FLOOR = (
     "The floor on which the person's shadow falls in the background: the camera's height above it in metres "
@@ -212,7 +213,7 @@ class Backdrop:
 
     def behind(
         self,
-        person: Person,
+        person: Subject,
         lights: Lights | list[Light],
         number: int,
         gloss: float = 0.0,

@@ -4,15 +4,14 @@ import tempfile
 from collections.abc import Callable, Iterator
 from pathlib import Path
 
-from relight import empty_subject
 from relight.analysis.temporal import RADIUS
 from relight.media import optical_flow
 from relight.pipeline.persons import Persons
-from relight.subject import Person, Subject
+from relight.subject import Subject
 
 IN_MEMORY = 8  # frames, of about 0.2 GB each; a longer batch is kept in files
 
-Analyse = Callable[[int, Subject | None], Person]
+Analyse = Callable[[int, Subject | None], Subject]
 
 
 class SubjectBatch:
@@ -23,18 +22,18 @@ class SubjectBatch:
     analysed: what the viewer's page shows.
     """
 
-    def __init__(self, count: int, people: Iterator[tuple[Person, Person]]) -> None:
+    def __init__(self, count: int, people: Iterator[tuple[Subject, Subject]]) -> None:
         """Take an iterator over the persons of `count` images, each as analysed and as filtered in time."""
         self._folder = tempfile.TemporaryDirectory(prefix="relight-") if count > IN_MEMORY else None
-        self._people: list[Person | Path] = []
+        self._people: list[Subject | Path] = []
         self.shown: Subject | None = None
         for number, (analysed, filtered) in enumerate(people):
-            if self.shown is None and isinstance(analysed, Subject):
+            if self.shown is None and not analysed.is_empty:
                 self.shown = analysed
             self.size = filtered.size
             self._people.append(filtered if self._folder is None else self._keep(number, filtered))
 
-    def _keep(self, number: int, person: Person) -> Path:
+    def _keep(self, number: int, person: Subject) -> Path:
         assert self._folder is not None
         path = Path(self._folder.name) / f"{number}.safetensors"
         person.save(path, provenance={})
@@ -43,26 +42,26 @@ class SubjectBatch:
     def __len__(self) -> int:
         return len(self._people)
 
-    def __iter__(self) -> Iterator[Person]:
+    def __iter__(self) -> Iterator[Subject]:
         return map(self.__getitem__, range(len(self)))
 
-    def __getitem__(self, number: int) -> Person:
+    def __getitem__(self, number: int) -> Subject:
         """Return the person of an image; a single one stands for all numbers."""
         person = self._people[number if len(self) > 1 else 0]
-        return empty_subject.load_subject(person) if isinstance(person, Path) else person
+        return Subject.load(person, may_be_empty=True) if isinstance(person, Path) else person
 
 
-def each_person(count: int, analyse: Analyse, is_shot: bool) -> Iterator[tuple[Person, Person]]:
+def each_person(count: int, analyse: Analyse, is_shot: bool) -> Iterator[tuple[Subject, Subject]]:
     """Yield the person of each of `count` images: as analysed, and as filtered in time if they are a shot.
 
     `analyse(number, first)` analyses an image: in a shot, in the room of the first subject that was found.
     """
     first: Subject | None = None
 
-    def in_room(number: int) -> Person:
+    def in_room(number: int) -> Subject:
         nonlocal first
         person = analyse(number, first)
-        if is_shot and first is None and isinstance(person, Subject):
+        if is_shot and first is None and not person.is_empty:
             first = person
         return person
 

@@ -13,14 +13,13 @@ from pathlib import Path
 from typing import Any, TypeGuard, TypeVar
 
 from relight.analysis import storage
-from relight.empty_subject import load_subject
 from relight.errors import DamagedFileError, MissingFramesError, StaleAnalysisError
 from relight.lights.environment import FIELD_OF_VIEW
 from relight.media.content_hash import FileRecord, hash_file
 from relight.media.sequences import FrameSequence
 from relight.pipeline.options import Compute, Source
 from relight.pipeline.plate_metadata import PlateMetadata
-from relight.subject import Person, weights
+from relight.subject import Subject, weights
 from shadow.files import AnyPath, is_path
 
 Number = TypeVar("Number", float, Fraction)
@@ -65,10 +64,8 @@ def check_kind(folder: Path, is_still: bool) -> None:
 def is_made_from(path: Path, content_hash: str) -> bool:
     """Return whether a frame's file is complete, and states this hash of what it was made from."""
     try:
-        about = storage.read_header(path)
-        if "empty" not in about:
-            storage.read_record(path)
-        return about["provenance"].get("content_hash") == content_hash
+        _, provenance = storage.read_record(path)
+        return provenance.get("content_hash") == content_hash
     except (OSError, ValueError):
         return False
 
@@ -187,7 +184,7 @@ class AnalysisCache:
         except (OSError, ValueError):
             return ""
 
-    def read(self, number: int) -> Person:
+    def read(self, number: int) -> Subject:
         """Return the person of a frame.
 
         Raises
@@ -200,7 +197,7 @@ class AnalysisCache:
             Its plate, the weights or the options have changed.
         """
         self._checked(number)
-        return load_subject(self.file(number))
+        return Subject.load(self.file(number), may_be_empty=True)
 
     def _checked(self, number: int) -> dict[str, Any]:
         """Return the provenance of a frame if the frame can be used."""

@@ -17,7 +17,7 @@ from relight.pipeline.rendered_frame import RenderedFrame
 from relight.pipeline.shot import Shot
 from relight.pipeline.sinks import FileSink, MovieSink, Sinks, file_of
 from relight.rendering import metadata_of, render_layers
-from relight.subject import Person
+from relight.subject import Subject
 
 MAX_BACKGROUND_FACTOR = 8.0  # of a background that is lit as the person is
 
@@ -106,7 +106,7 @@ class FrameWriter:
         return made
 
     def _write_picture(
-        self, number: int, person: Person, sinks: list[FileSink | MovieSink], made: str
+        self, number: int, person: Subject, sinks: list[FileSink | MovieSink], made: str
     ) -> None:
         """Render the frame, and write it to some of the sinks."""
         shot, output, size = self._shot, self._output, person.size
@@ -127,7 +127,7 @@ class FrameWriter:
         for sink in sinks:
             sink.write(number, frame, made, metadata)
 
-    def _background_factor(self, person: Person, relit: np.ndarray) -> np.ndarray:
+    def _background_factor(self, person: Subject, relit: np.ndarray) -> np.ndarray:
         """Return the factor (3,) of a background that a share of the person's light reaches, on average.
 
         `relit`: (H, W, 4), the picture. The light is that of the picture over the photograph.
@@ -137,7 +137,7 @@ class FrameWriter:
         whole = np.divide(after, before, out=np.ones(3, np.float32), where=before > 0)
         return 1 + share * (whole.clip(0, MAX_BACKGROUND_FACTOR) - 1)
 
-    def _write_matte(self, number: int, person: Person, made: str) -> None:
+    def _write_matte(self, number: int, person: Subject, made: str) -> None:
         """Write the person's matte; an .exr has pixels of the plate's shape."""
         assert self._mattes is not None
         path, matte = self._mattes.path(number), person.matte

@@ -11,10 +11,9 @@ from relight.analysis.foreground import person_matte
 from relight.analysis.old_light import OldLight
 from relight.analysis.temporal import RADIUS
 from relight.compositing.floor import Floor
-from relight.empty_subject import EmptySubject
 from relight.errors import EmptyMatteError
 from relight.pipeline.frame import FrameInputs, FrameReader
-from relight.subject import Person, Subject
+from relight.subject import Subject
 from shadow import inputs
 
 
@@ -27,17 +26,17 @@ class Persons:
     """
 
     def __init__(
-        self, numbers: Sequence[int], analyse: Callable[[int], Person], radius: int = RADIUS
+        self, numbers: Sequence[int], analyse: Callable[[int], Subject], radius: int = RADIUS
     ) -> None:
         self._numbers, self._analyse, self._radius = numbers, analyse, radius
-        self._analysed: dict[int, Person | Exception] = {}
+        self._analysed: dict[int, Subject | Exception] = {}
 
     def around(self, number: int) -> list[int]:
         """Return the frames that contribute to a frame: itself, and its neighbours in the temporal filter."""
         near = range(number - self._radius, number + self._radius + 1)
         return [n for n in near if n == number or n in self._numbers]
 
-    def at(self, number: int) -> Person:
+    def at(self, number: int) -> Subject:
         """Return the person of a frame, filtered. Raises as `analyse` does."""
         around = self.around(number)
         self._analysed = {n: result for n, result in self._analysed.items() if n in around}
@@ -50,19 +49,19 @@ class Persons:
         ]
         return person.temporally_filtered(neighbours) if neighbours else person
 
-    def analysed(self, number: int) -> Person:
+    def analysed(self, number: int) -> Subject:
         """Return the person of a frame, not filtered. Raises as `analyse` does."""
         result = self._result(number)
         if isinstance(result, Exception):
             raise result
         return result
 
-    def if_analysed(self, number: int) -> Person | None:
+    def if_analysed(self, number: int) -> Subject | None:
         """Return the person of a frame, not filtered, if it is analysed already."""
         result = self._analysed.get(number)
         return None if isinstance(result, Exception) else result
 
-    def _result(self, number: int) -> Person | Exception:
+    def _result(self, number: int) -> Subject | Exception:
         if number not in self._analysed:
             try:
                 self._analysed[number] = self._analyse(number)
@@ -121,7 +120,7 @@ class FrameAnalyser:
         height, width = self._frame_to_analyse(number).plate.shape[:2]
         return height, width
 
-    def __call__(self, number: int) -> Person:
+    def __call__(self, number: int) -> Subject:
         """Return the person of a frame. Raises the errors of reading and of `relight.Subject`."""
         first, camera = self.world  # both before the frame is read, for it may be the first one
         old_light = None if number == first or first is None else self._old_light(first)
@@ -130,7 +129,7 @@ class FrameAnalyser:
         if not self._frames.is_still and coverage.size and coverage.max() <= 0.5:
             if hint := inputs.faint(coverage.max()):
                 warnings.warn(f"mask: a frame is empty (no value above 0.5){hint}", stacklevel=2)
-            return EmptySubject(plate.shape[:2])
+            return Subject.nobody((plate.shape[0], plate.shape[1]))
         if camera is not None and camera.size != plate.shape[:2]:
             camera = None  # a frame of another size has a world of its own
         subject = self._analyse(

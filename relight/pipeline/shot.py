@@ -32,7 +32,7 @@ from relight.pipeline.readers import ReadLog, holds_display_light, person_reader
 from relight.rendering import BACKGROUND_LAYER
 from relight.scene.camera_view import CameraView
 from relight.scene.lights import write_lights
-from relight.subject import PHOTOGRAPH, Person, Subject, weights
+from relight.subject import PHOTOGRAPH, Subject, weights
 from relight.version import __version__
 from shadow import inputs as checks
 from shadow.files import is_path
@@ -271,7 +271,7 @@ class Shot:
         """Return a frame as `relight.Subject` takes it. Raises as reading and `relight.key` do."""
         return self.frames.frame(number)
 
-    def person(self, number: int) -> Person:
+    def person(self, number: int) -> Subject:
         """Return the person of a frame, filtered in time. Raises the errors of reading and of Subject."""
         return self.persons.at(self._source_frame(number))
 
@@ -334,7 +334,7 @@ class Shot:
             background.view(size, field_of_view) if isinstance(background, EnvironmentLight) else background
         )
 
-    def behind(self, number: int, person: Person, keeps_plate: bool = False) -> Background | None:
+    def behind(self, number: int, person: Subject, keeps_plate: bool = False) -> Background | None:
         """Return what is behind the person of a frame: the plate without them, if that is their background.
 
         `keeps_plate`: it is the plate because there is no other, see the property.

@@ -63,7 +63,7 @@ def write_script_sequence(
 ) -> Path:
     """Write a Nuke script that lights a person who moves, and its layers: `<name>_layers.%04d.exr`.
 
-    `person`: the `relight.Subject` of a frame, or an `EmptySubject`. `numbers`: the frames, `rate` a second.
+    `person`: the `relight.Subject` of a frame, which may be empty. `numbers`: the frames, `rate` a second.
     `lights`, `gloss`: what the knobs begin with. `progress` is called with (frames done, frames in all, what
     is done). Raises ValueError if none of the frames shows a person, or they differ in size.
     """

@@ -10,7 +10,6 @@ FOLDERS = (  # from the top to the bottom: each imports only from those below it
     "scene",
     "light_estimation",
     "rendering",
-    "empty_subject",
     "subject",
     "analysis",
     "compositing",

@@ -9,7 +9,6 @@ from safetensors.numpy import save_file
 import relight
 from relight import errors
 from relight.analysis.storage import FORMAT
-from relight.empty_subject import load_subject
 from relight.pipeline.cache import AnalysisCache
 from relight.subject import weights
 
@@ -50,7 +49,7 @@ def test_an_empty_frame_of_no_size_is_damaged_whatever_its_format(tmp_path, size
     header = {"format": version, "provenance": {"weights": []}, "arrays": {}, "empty": size}
     save_file({}, tmp_path / "000001.safetensors", {"relight": json.dumps(header)})
     with pytest.raises(errors.DamagedFileError, match=r"000001\.safetensors: "):
-        load_subject(tmp_path / "000001.safetensors")
+        relight.Subject.load(tmp_path / "000001.safetensors", may_be_empty=True)
 
 
 @pytest.mark.parametrize(

@@ -1,4 +1,5 @@
 import dataclasses
+import pickle
 
 import numpy as np
 import OpenImageIO as oiio
@@ -6,7 +7,7 @@ import pytest
 from helpers.damage import small_canvas
 
 import relight
-from relight.empty_subject import EmptySubject
+from relight.errors import EmptyMatteError
 from relight.rendering import metadata_of, render, render_layers, render_subject
 
 HEIGHT, WIDTH = 120, 90
@@ -138,11 +139,36 @@ def test_a_picture_is_the_same_without_its_layers(subject):
 
 
 def test_a_frame_without_a_person_has_every_pass():
-    nobody = EmptySubject((4, 6))
+    nobody = relight.Subject.nobody((4, 6))
     assert metadata_of(nobody, ["Z", "P"]) == {}
     layers = render_subject(nobody, LIGHTS, passes=["Z", "P", "visibility", "gloss"], gloss=1)[1]
     assert {"Z", "P", "visibility_key", "gloss_key"} <= set(layers)
     assert all((layer == 0).all() for layer in layers.values())
+
+
+def test_nobody_is_kept_pickled_and_shown_nowhere(tmp_path):
+    nobody, lamp = relight.Subject.nobody((4, 6)), relight.PointLight((0, 0.5, 1), name="lamp")
+    nobody.save(tmp_path / "kept.safetensors")
+    with pytest.raises(EmptyMatteError, match=r"kept\.safetensors: the frame shows no person"):
+        relight.Subject.load(tmp_path / "kept.safetensors")
+    kept = relight.Subject.load(tmp_path / "kept.safetensors", may_be_empty=True)
+    for subject in (nobody, kept, pickle.loads(pickle.dumps(nobody)), nobody.temporally_filtered([nobody])):
+        assert subject.is_empty
+        assert subject.size == (4, 6)
+        assert not subject.relit([lamp, *LIGHTS], gloss=1, amount=0.5).any()
+        per_light, shadow = subject.shadows([lamp, *LIGHTS], relight.Floor(height=1.5, horizon=0.4))
+        assert {"lamp", "key"} < set(per_light)
+        assert (shadow == 1).all()
+    for picture in (nobody.albedo, nobody.normals, nobody.depth, nobody.position, nobody.matte):
+        assert not picture.any()
+    assert nobody.preset_gain("rim") == 1
+    for show, given in (
+        (nobody.view, tmp_path / "person.html"),
+        (nobody.export, tmp_path / "person.nk"),
+        (nobody.fit_lighting, np.zeros((4, 6, 4))),
+    ):
+        with pytest.raises(EmptyMatteError, match="shows no person"):
+            show(given)
 
 
 def test_a_background_is_a_text_as_the_command_takes_it(tmp_path):

@@ -10,13 +10,12 @@ from helpers import ROOT
 import relight
 from relight.comfyui import subjects
 from relight.comfyui.subjects import SubjectBatch, each_person
-from relight.empty_subject import EmptySubject
 
 
 class Frame(relight.Subject):
     """Stands in for the subject of a frame: knows its number and what it was filtered with."""
 
-    camera = None
+    camera, is_empty = None, False
 
     def __init__(self, number, first=None):
         self.number, self.first, self.others = number, first, None
@@ -32,13 +31,13 @@ def test_frames_of_a_shot_are_filtered_with_two_on_either_side():
 
     def analyse(number, first):
         made.append(number)
-        return EmptySubject((4, 4)) if number == 3 else Frame(number, first)
+        return relight.Subject.nobody((4, 4)) if number == 3 else Frame(number, first)
 
     people = list(each_person(6, analyse, is_shot=True))
     assert made == [0, 1, 2, 3, 4, 5]
     filtered = [person.others for _, person in people if isinstance(person, Frame)]
     assert filtered == [[1, 2], [0, 2], [0, 1, 4], [2, 5], [4]]
-    assert isinstance(people[3][1], EmptySubject)
+    assert people[3][1].is_empty
     assert people[5][0].first is people[0][0]  # whose room it shares
 
 
@@ -57,13 +56,13 @@ def subject():
 
 def test_a_long_batch_is_kept_in_files_that_go_with_it(subject, monkeypatch):
     monkeypatch.setattr(subjects, "IN_MEMORY", 1)
-    empty = EmptySubject(subject.size)
+    empty = relight.Subject.nobody(subject.size)
     batch = SubjectBatch(2, iter([(empty, empty), (subject, subject)]))
     folder = Path(batch._folder.name)
     assert len(list(folder.iterdir())) == len(batch) == 2
     assert batch.shown is subject
     assert batch.size == subject.size
-    assert isinstance(batch[0], EmptySubject)
+    assert batch[0].is_empty
     light = relight.DirectionalLight(azimuth=40)
     error = np.sqrt(np.mean((batch[1].relit(light) - subject.relit(light)) ** 2))
     assert 0 < error < 0.003

@@ -7,10 +7,9 @@ import av
 import numpy as np
 import pytest
 
-from relight.analysis import storage
+import relight
 from relight.media.content_hash import FileRecord
 from relight.pipeline.cache import AnalysisCache
-from relight.subject import weights
 
 
 @pytest.fixture
@@ -40,8 +39,8 @@ def cache(folder, sound, sources):
         "sound": str(sound),
         "shown": ["0", "1/24"],
     }
-    storage.write_empty(folder / "000001.safetensors", (64, 64), {
-        "weights": list(weights()), "content_hash": "x", "options": "x", "precision": "float32", "threads": 1,
+    relight.Subject.nobody((64, 64)).save(folder / "000001.safetensors", provenance={
+        "content_hash": "x", "options": "x", "precision": "float32", "threads": 1,
         "rate": "24", "sources": sources, "plate_metadata": about,
     })  # fmt: skip
     return AnalysisCache(folder).plate_metadata(1)
