@@ -17,7 +17,7 @@ from relight.analysis.camera import Camera
 from relight.analysis.exposure import gain_to_keep
 from relight.analysis.gloss import checked_gloss
 from relight.analysis.infer import check_inputs, infer
-from relight.analysis.maps import AnalysisMaps
+from relight.analysis.maps import AnalysisMaps, bounded
 from relight.analysis.old_light import OldLight
 from relight.analysis.record import AnalysisRecord
 from relight.analysis.upsampling import EXTENSION_SHARE, JointBilateral, encode_guide
@@ -267,7 +267,7 @@ class Subject:
             self._albedo = self._record.provided_albedo
         else:
             light = self._to_plate(maps.light).clamp_min(1e-30)  # zero beyond the reach of the extension
-            self._albedo = (self._record.colour / light).clamp(0, 1)
+            self._albedo = bounded(self._record.colour / light, dim=1)
 
     def temporally_filtered(self, neighbours: Iterable[Any]) -> "Subject":
         """Return the same person without the flicker of the networks' errors, for sequences.

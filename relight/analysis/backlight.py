@@ -19,8 +19,9 @@ from shadow.networks.mirror import Pixels
 
 RIM = 0.02  # of `gloss.outline`: with less, a pixel has no rim
 RISE = (0.1, 0.3)  # of N·V along the line: up to the first it is one surface, from the second there are two
-REACH, STRIDE = 64, 1.3  # of the line, pixels of the canvas, and the ratio of its steps
-SMOOTH = 5  # pixels, side of the box that smooths the result, twice
+REACH, STRIDE = 64, 1.5  # of the line, pixels of the canvas, and the ratio of its steps
+HALF = 2  # pixels of the canvas, side of the blocks that are smoothed
+SMOOTH = 3  # blocks, side of the box that smooths them, twice
 
 
 def open_rims(silhouette: Pixels, normals: torch.Tensor) -> torch.Tensor:
@@ -57,7 +58,8 @@ def _before_the_body(silhouette: Pixels, normals: torch.Tensor, rim: torch.Tenso
     maps = torch.zeros(2, height * width)
     maps[:, places] = torch.stack([weight, weight * before])
     maps = maps.unflatten(1, (height, width))
+    blocks = F.avg_pool2d(maps[None], HALF)
     for _ in range(2):
-        maps = F.avg_pool2d(maps, SMOOTH, stride=1, padding=SMOOTH // 2)
-    weight, before = maps.flatten(1)[:, places]
+        blocks = F.avg_pool2d(blocks, SMOOTH, stride=1, padding=SMOOTH // 2)
+    weight, before = F.interpolate(blocks, (height, width), mode="bilinear")[0].flatten(1)[:, places]
     return before / weight

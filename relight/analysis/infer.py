@@ -159,8 +159,8 @@ def infer(given: AnalysisInputs, field: Any = None, shader: Any = None) -> Analy
                 maps.light, maps.albedo, maps.known, *lightness.exposure_of(given.plate), face
             )
         )
-    maps = maps.lightened(old_light.lightness)
     own = person.take(colour)
     if maps.light is not None:
         own = denoised(own, exposure, person.pixels, framed.framing, maps.image, maps.known, maps.light)
+    maps = maps.lightened(old_light.lightness)
     return AnalysisRecord(person, own, pixel_albedo, exposure, framed.framing, maps, old_light, face)

@@ -60,9 +60,9 @@ def factor(
         wanted = max(key, 1e-3) ** TRUST
         if white < WHITE:
             wanted = max(wanted, 1.0)
-    lightest = float(albedo.amax(dim=0)[known].quantile(0.99))
-    wanted = min(wanted, max(1.0, LIGHTEST / max(lightest, 1e-3)))
     if face is not None and face.any():
         skin = max(float(albedo[1][face].median()), 1e-3)
         wanted = min(max(wanted, SKIN[0] / skin), SKIN[1] / skin)
+    lightest = float(albedo.amax(dim=0)[known].quantile(0.99))
+    wanted = min(wanted, max(1.0, LIGHTEST / max(lightest, 1e-3)))
     return min(max(wanted, LIMITS[0]), LIMITS[1])

@@ -68,20 +68,20 @@ class AnalysisMaps(NamedTuple):
         if self.light is None:
             return self
         tint = old_light.tint(self.light, self.albedo, self.normals, self.known)
-        return self._replace(albedo=(self.albedo / tint).clamp(0, 1), light=self.light * tint)
+        return self._replace(albedo=bounded(self.albedo / tint), light=self.light * tint)
 
     def without_highlights(self, seen: Skin) -> Self:
         """Return the maps with an inferred albedo without the highlights on skin."""
         if self.light is None:
             return self
-        colour = highlights.tint(self.albedo, self.image, seen.places, seen.sure)
-        return self._replace(albedo=(self.albedo / colour).clamp(0, 1), light=self.light * colour)
+        colour = highlights.tint(self.albedo, self.image, seen)
+        return self._replace(albedo=bounded(self.albedo / colour), light=self.light * colour)
 
     def lightened(self, factor: float) -> Self:
         """Return the maps with an inferred albedo of `factor` times the lightness, in as much less light."""
         if self.light is None or factor == 1:
             return self
-        return self._replace(albedo=(self.albedo * factor).clamp(0, 1), light=self.light / factor)
+        return self._replace(albedo=bounded(self.albedo * factor), light=self.light / factor)
 
     def lit(self, lights: Iterable[Light]) -> torch.Tensor:
         """Return Σ intensity · shading (3, h, w).
@@ -151,6 +151,12 @@ class AnalysisMaps(NamedTuple):
                     f"{name}: position: is inside the person, {behind:.2f} m behind what is seen of them "
                     "there; expected a light outside"
                 )
+
+
+def bounded(albedo: torch.Tensor, dim: int = 0) -> torch.Tensor:
+    """Return an albedo in [0, 1] whose colour is kept where a channel, of the axis `dim`, exceeded 1."""
+    albedo = albedo.clamp_min(0)
+    return albedo / albedo.amax(dim=dim, keepdim=True).clamp_min(1)
 
 
 def add_light(total: torch.Tensor, maps: LightMaps, light: Light, positions: torch.Tensor) -> None:

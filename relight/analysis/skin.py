@@ -13,6 +13,7 @@ import torch
 import torch.nn.functional as F
 
 from relight.errors import DamagedFileError, MissingNetworksError
+from relight.matting.openvino_runtime import compiled
 from relight.matting.people import files as person_files
 from relight.matting.people.region import LANDMARK_SIDE, Circle, sampled
 
@@ -22,11 +23,12 @@ LIMBS = ((13, 15), (14, 16), (15, 19), (16, 20), (25, 27), (26, 28))  # forearms
 VALUES = 5  # x, y, z, visibility, presence
 PRESENT = 0.5  # the network's opinion from which somebody is there
 CLOSE = (1.6, 2.6)  # height of a person whom the frame cuts, in widths of what it shows: two tries
-STEP = 4  # canvas pixels of one of these maps
+STEP, HALF = 4, 2  # canvas pixels of one of these maps, and of what the network is shown
 # In distances from the eyes to the mouth: half the height and the width of a face, the radius of the neck.
 FACE, HEAD, NECK = (1.25, 0.95), (1.75, 1.35), 0.5
 LIMB, SLEEVE = 0.16, 0.3  # radius of a limb, of its length; the share of it that a sleeve may cover
 BODY = 0.7  # certainty of skin outside the head
+TURNED = 0.1  # distance of the left eye to the right of the right one, below which the face is turned away
 EYE, LIPS = 0.38, (0.7, 0.3)  # half an eye's width; of the mouth's width, half its own width and its height
 
 
@@ -47,8 +49,10 @@ def find(image: torch.Tensor, known: torch.Tensor) -> Skin | None:
     network = _network()
     if network is None or not known.any():
         return None
-    points = _landmarks(network, torch.where(known, image.clamp(0, 1), torch.tensor(0.5)), known)
-    return None if points is None else _skin(points / STEP, known)
+    # Half the rows of a canvas are about those that the network sees.
+    small = F.avg_pool2d(torch.where(known, image.clamp(0, 1), torch.tensor(0.5)), HALF)
+    points = _landmarks(network, small, known[::HALF, ::HALF])
+    return None if points is None else _skin(points * (HALF / STEP), known)
 
 
 def is_available() -> bool:
@@ -65,16 +69,13 @@ def _network() -> Any:
     if not is_available():
         return None
     try:
-        import openvino
-
-        settings = {"INFERENCE_NUM_THREADS": 1, "NUM_STREAMS": 1, "INFERENCE_PRECISION_HINT": "f32"}
-        return openvino.Core().compile_model(str(person_files.fetched()[1]), "CPU", settings)
+        return compiled(str(person_files.fetched()[1]))
     except (ImportError, OSError, MissingNetworksError, DamagedFileError):
         return None
 
 
 def _landmarks(network: Any, image: torch.Tensor, known: torch.Tensor) -> np.ndarray | None:
-    """Return the joints (33, 2) as (x, y) on the canvas; those that are not seen are not finite."""
+    """Return the joints (33, 2) as (x, y) on an image (3, h, w); those that are not seen are not finite."""
     ys, xs = (values.numpy() for values in known.nonzero(as_tuple=True))
     top, height, width = ys.min(), np.ptp(ys), np.ptp(xs)
     is_cut = ys.max() >= len(known) - 2 or width > height / 1.3
@@ -93,7 +94,10 @@ def _landmarks(network: Any, image: torch.Tensor, known: torch.Tensor) -> np.nda
 
 
 def _skin(points: np.ndarray, known: torch.Tensor) -> Skin | None:
-    """Return where skin is, of joints on a canvas of `STEP` times fewer pixels."""
+    """Return where skin is, of joints on a canvas of `STEP` times fewer pixels.
+
+    Of somebody who turns their face away, head and neck are hair and collar to the camera.
+    """
     eyes, mouth = points[EYES].mean(axis=0), points[MOUTH].mean(axis=0)
     size = float(np.hypot(*(eyes - mouth)))
     if not size >= 1:
@@ -112,10 +116,13 @@ def _skin(points: np.ndarray, known: torch.Tensor) -> Skin | None:
         along = ((x * way[0] + y * way[1]) / max(float(way @ way), 1e-6)).clip(0, 1)
         return (x - along * way[0]) ** 2 + (y - along * way[1]) ** 2 < radius**2
 
-    face = ellipse(middle + 0.05 * size * up, FACE[0] * size, FACE[1] * size)
-    head, places = ellipse(middle + 0.25 * size * up, HEAD[0] * size, HEAD[1] * size), np.zeros_like(face)
+    right, left = (points[eye].mean(axis=0) for eye in (RIGHT_EYE, LEFT_EYE))
+    is_seen = (left - right) @ np.array([-up[1], up[0]]) > TURNED * size
+    face = is_seen & ellipse(middle + 0.05 * size * up, FACE[0] * size, FACE[1] * size)
+    head = is_seen & ellipse(middle + 0.25 * size * up, HEAD[0] * size, HEAD[1] * size)
+    places = np.zeros_like(face)
     shoulders = points[SHOULDERS].mean(axis=0)
-    if np.isfinite(shoulders).all():
+    if is_seen and np.isfinite(shoulders).all():
         places |= capsule(mouth, mouth + 0.75 * (shoulders - mouth), NECK * size)
     for start, end in LIMBS:
         length = float(np.hypot(*(points[end] - points[start])))
@@ -123,8 +130,8 @@ def _skin(points: np.ndarray, known: torch.Tensor) -> Skin | None:
             begin = points[start] + SLEEVE * (points[end] - points[start])
             places |= capsule(begin, points[end], max(LIMB * length, 1.0))
     likely = np.stack([np.maximum(BODY * places, head), np.maximum(BODY * places, face)])
-    for eye in (LEFT_EYE, RIGHT_EYE):
-        likely *= ~ellipse(points[eye].mean(axis=0), 0.6 * EYE * size, EYE * size)
+    for eye in (left, right):
+        likely *= ~ellipse(eye, 0.6 * EYE * size, EYE * size)
     wide = max(float(np.hypot(*np.diff(points[MOUTH], axis=0)[0])), 0.5 * size)
     likely *= ~ellipse(mouth, LIPS[1] * wide, LIPS[0] * wide)
     soft = F.avg_pool2d(torch.from_numpy(likely).float(), 3, stride=1, padding=1)

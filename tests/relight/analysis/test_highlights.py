@@ -28,10 +28,15 @@ def paleness(albedo):
     return float(red / green)
 
 
+def tint(albedo, image, places=None):
+    """That of a face which covers the canvas, or of skin at `places` (h, w)."""
+    places = torch.ones(SIZE) if places is None else places
+    return highlights.tint(albedo, image, skin.Skin(places > 0.9, places, places))
+
+
 def test_a_pale_patch_becomes_skin_of_its_lightness():
     albedo, image = face(0.4)
-    everywhere = torch.ones(SIZE)
-    after = albedo / highlights.tint(albedo, image, everywhere, everywhere)
+    after = albedo / tint(albedo, image)
     true = float(SKIN_COLOUR[0] / SKIN_COLOUR[1])
     assert paleness(albedo) < 1.3 < 1.45 < paleness(after) <= true + 0.01
     before, now = (luminance(each.permute(1, 2, 0).numpy()) for each in (albedo, after))
@@ -40,18 +45,35 @@ def test_a_pale_patch_becomes_skin_of_its_lightness():
 
 def test_white_cloth_and_what_is_not_at_skin_stay():
     albedo, image = face(0.4)
-    nowhere, everywhere = torch.zeros(SIZE), torch.ones(SIZE)
-    assert highlights.tint(albedo, image, nowhere, everywhere).allclose(torch.ones(()), atol=1e-4)
+    assert tint(albedo, image, torch.zeros(SIZE)).allclose(torch.ones(()), atol=1e-4)
     albedo, image = face(0.0)  # neutral, as collars and teeth
-    colour = highlights.tint(albedo, image, everywhere, everywhere)
-    assert colour[PATCH].allclose(torch.ones(()), atol=1e-3)
+    assert tint(albedo, image)[PATCH].allclose(torch.ones(()), atol=1e-3)
 
 
 def test_a_blue_patch_on_skin_is_no_highlight():
     albedo, image = face(0.4)
     albedo[PATCH] = torch.tensor([0.2, 0.3, 0.6])[:, None, None]
-    everywhere = torch.ones(SIZE)
-    assert highlights.tint(albedo, image, everywhere, everywhere)[PATCH].allclose(torch.ones(()), atol=1e-2)
+    assert tint(albedo, image)[PATCH].allclose(torch.ones(()), atol=1e-2)
+
+
+@pytest.mark.parametrize("cloth", [(0.3, 0.3, 0.3), (0.42, 0.36, 0.3)])
+def test_a_sleeve_where_an_arm_is_stays(cloth):
+    """Beige and grey cloth is paler than the face, and folds make it brighter."""
+    albedo, image = face(1.0)
+    places = torch.ones(SIZE)
+    places[64:] = 0.7  # an arm
+    sleeve = np.s_[..., 64:, :]
+    albedo[sleeve] = torch.tensor(cloth)[:, None, None]
+    image[sleeve] = (albedo[sleeve] * 0.6) ** (1 / 2.2)
+    fold = np.s_[..., 96:104, 40:48]
+    image[fold] = (albedo[fold] * 1.4) ** (1 / 2.2)
+    assert tint(albedo, image, places)[fold].allclose(torch.ones(()), atol=0.02)
+
+
+def test_what_has_not_the_colour_of_skin_at_a_face_is_hair_or_a_mask():
+    albedo, image = face(0.4)
+    blue = albedo.flip(0)
+    assert tint(blue, image).equal(torch.ones_like(blue))
 
 
 def test_without_its_network_no_skin_is_known(person):
@@ -63,16 +85,16 @@ def test_without_its_network_no_skin_is_known(person):
 class Standing:
     """In place of the landmark network: somebody upright, seen or not."""
 
-    def __init__(self, presence):
-        self.presence = presence
+    def __init__(self, presence, turned=False):
+        self.presence, self.turned = presence, turned
 
     def __call__(self, canvas):
         points = np.full((39, 5), 5, np.float32)
         points[:, :2] = 128
         places = {0: (128, 60), 9: (122, 72), 10: (134, 72), 11: (150, 100), 12: (106, 100)}
         places |= {1: (132, 52), 2: (136, 52), 3: (140, 52), 4: (124, 52), 5: (120, 52), 6: (116, 52)}
-        for row, place in places.items():
-            points[row, :2] = place
+        for row, (x, y) in places.items():
+            points[row, :2] = 256 - x if self.turned else x, y
         points[13:33, 3] = -5  # limbs are not seen
         return {"points": points[None], "presence": np.array([[self.presence]])}
 
@@ -91,3 +113,12 @@ def test_a_face_is_where_the_landmarks_are(monkeypatch, presence):
     assert abs(float(columns.float().mean()) - 48) < 6
     assert (found.sure <= found.places + 1e-6).all()
     assert found.places[~known].max() == 0
+
+
+def test_a_face_that_is_turned_away_is_not_where_its_landmarks_are(monkeypatch):
+    monkeypatch.setattr(skin, "_network", lambda: Standing(0.9, turned=True))
+    known = torch.zeros(SIZE, dtype=torch.bool)
+    known[8:120, 20:76] = True
+    found = skin.find(torch.full((3, *SIZE), 0.5), known)
+    assert not found.face.any()
+    assert found.places.max() == 0

@@ -36,6 +36,13 @@ def test_a_face_stays_in_the_range_of_human_skin(skin, light, expected):
     assert factor(lights, albedo, KNOWN, 1.0, 0.9, FACE) == pytest.approx(expected, rel=1e-3)
 
 
+def test_somebody_in_white_is_no_lighter_than_surfaces_are_whatever_their_face():
+    """A face in deep shadow, or one that is hair, would make white cloth brighter than any."""
+    lights, albedo = maps(0.6, 0.9)
+    albedo[:, FACE] = 0.01
+    assert factor(lights, albedo, KNOWN, 1.0, 0.9, FACE) == pytest.approx(1.5)
+
+
 def test_dark_skin_stays_dark_and_fair_skin_fair():
     """Two people in the light that a camera exposes for keep what is between them."""
     found = [factor(*maps(skin, 1.0), KNOWN, 1.0, 0.9, FACE) * skin for skin in (0.05, 0.4)]

@@ -1,6 +1,6 @@
 import torch
 
-from relight.analysis.maps import _photographed_light
+from relight.analysis.maps import _photographed_light, bounded
 
 SIZE = (48, 36)
 
@@ -27,3 +27,9 @@ def test_black_cloth_is_in_light_of_mean_strength():
     found = _photographed_light(albedo * light, albedo, torch.ones(SIZE, dtype=torch.bool))
     torch.testing.assert_close(found[:, :9], torch.full((3, 9, SIZE[1]), 0.8), rtol=0.05, atol=0)
     assert (found > 0).all()
+
+
+def test_an_albedo_that_is_too_light_keeps_its_colour():
+    albedo = torch.tensor([[1.6, 0.8], [0.8, 0.4], [0.4, -0.1]])
+    torch.testing.assert_close(bounded(albedo), torch.tensor([[1.0, 0.8], [0.5, 0.4], [0.25, 0.0]]))
+    torch.testing.assert_close(bounded(albedo.T, dim=1), bounded(albedo).T)
