@@ -31,6 +31,7 @@ if TYPE_CHECKING:  # for editors and type checkers, which don't follow `__getatt
     from relight.pipeline.olat import write_olat
     from relight.pipeline.options import Compute, Lighting, Output, Source
     from relight.pipeline.render import render_shot
+    from relight.pipeline.track import write_track
     from relight.rendering import apply, render
     from relight.scene.lights import read_lights, write_lights
     from relight.subject import Subject
@@ -72,6 +73,7 @@ _EXPORTS = {
     "write_lights": "relight.scene.lights",
     "write_mask": "relight.media.images",
     "write_olat": "relight.pipeline.olat",
+    "write_track": "relight.pipeline.track",
     "write_view": "relight.viewer.write_view",
 }
 
@@ -111,6 +113,7 @@ __all__ = [  # literal, for type checkers
     "write_lights",
     "write_mask",
     "write_olat",
+    "write_track",
     "write_view",
 ]
 

@@ -18,6 +18,7 @@ from relight.cli.help import EXAMPLES
 from relight.cli.job import job
 from relight.cli.olat import olat
 from relight.cli.stage import stage
+from relight.cli.track import track
 from relight.cli.training import shrink, train
 from relight.cli.view import view
 from relight.version import __version__
@@ -77,7 +78,7 @@ def main(
 
 
 app.command("video", epilog=EXAMPLES["apply"], help="The same as `relight apply`.")(apply)
-for command in (apply, job, view, analyse, export, olat, comfyui, stage, train, shrink):
+for command in (apply, job, view, analyse, track, export, olat, comfyui, stage, train, shrink):
     app.command(epilog=EXAMPLES.get(command.__name__))(command)
 app.command("app")(app_command)
 app.add_typer(fetch, name="fetch")

@@ -9,7 +9,7 @@ import typer
 Panels = Mapping[str, str]  # {title: names of parameters}, in the order of the help; rare ones stand last
 
 SHOT: Panels = {  # of all commands that read a photograph or a shot
-    "Person": "mask matte person key refine_matte feather normals axes depth height field_of_view",
+    "Person": "mask matte person track key refine_matte feather normals axes depth height field_of_view",
     "Placement": "size placement scale offset",
     "Lights": "preset light environment lights match_plate fill fill_amount match match_mask gloss "
     "amount intensity camera subject_at allow_external",
@@ -55,6 +55,11 @@ A frame of a movie: relight view walk.mp4 --frame 12 -o page.html""",
 Some frames of a movie: relight analyse walk.mp4 --frames 1-100 -o walk.relight
 
 What follows it: relight apply shot.relight --preset rim -o relit.%04d.exr""",
+    "track": """A movie: relight track walk.mp4 -o walk.track.json
+
+Somebody else: relight track walk.mp4 --person 640/300 -o walk.track.json
+
+Corrected where it goes wrong: relight track walk.mp4 --correct 640/300@43 -o walk.track.json""",
     "export": """A mesh: relight export photo.jpg -o person.glb
 
 With lights, for USD: relight export photo.jpg --lights lights.yaml -o person.usdz

@@ -49,8 +49,9 @@ def write_job(
     Its steps are Analyse, in chunks of frames; Light, in chunks of frames, after all of Analyse; and Finish,
     after all of Light, if there is a movie or a script. Tasks keep existing frames, so the farm can run each
     one again. Frames, chunk size, precision, threads, plates, lights and outputs are parameters of the job:
-    for other lights, run the same job with another parameter. A job whose person is found states who
-    that is in the first frame: for other plates, write another job.
+    for other lights, run the same job with another parameter. Where the person is found, they are
+    followed through the shot now, half a second a frame, and `job.track.json` beside the template says where
+    they are, see `relight.write_track`: for other plates, write another job.
 
     Parameters
     ----------
@@ -114,21 +115,27 @@ def write_job(
         lighting = lighting.with_lights(lights_path)
     job, plate = _Job(path, numbers, chunk, compute), shot.source.plate
     cache = Path(str(plate) if shot.is_analysed else analysis or _analysis_beside(path, plate))
-    _add_steps(job, shot, _stated(shot), lighting, output, cache)
+    _add_steps(job, shot, _stated(shot, path), lighting, output, cache)
     job.write()
 
 
-def _stated(shot: Shot) -> Source:
-    """Return the source with the camera's field of view and the person who is followed.
+def _stated(shot: Shot, path: Path) -> Source:
+    """Return the source with the camera's field of view and a file of the person who is followed.
 
-    All machines then take the same ones.
+    All machines then take the same ones. The file is written beside the job.
     """
+    source = shot.stated_source
+    if source.track is not None:
+        return source
     try:
-        followed = shot.frames.followed
+        track = shot.frames.track()
     except (ImportError, MissingNetworksError) as error:
-        warnings.warn(f"{error}. Each machine chooses the person by itself.", stacklevel=3)
-        return shot.stated_source
-    return shot.stated_source if followed is None else replace(shot.stated_source, person=followed)
+        warnings.warn(f"{error}. Each machine follows the person by itself.", stacklevel=3)
+        return source
+    if track is None:
+        return source
+    track.write(kept := path.with_name(f"{path.stem}.track.json"))
+    return replace(source, track=kept)
 
 
 def _add_steps(

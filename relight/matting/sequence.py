@@ -2,7 +2,7 @@
 
 import contextlib
 import functools
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any, Self
@@ -12,7 +12,9 @@ import torch
 import torch.nn.functional as F
 
 from relight.matting import networks, refine, silhouette_files
+from relight.matting.people.choice import as_circle
 from relight.matting.people.finder import FoundPerson
+from relight.matting.people.track import REACH, KeptTrack, Track
 from relight.media import optical_flow
 from relight.media.option_texts import split_file_and_settings
 from shadow.files import AnyPath
@@ -29,10 +31,17 @@ class MattingOptions:
     model: AnyPath | None = None  # see `relight.matte`; None where a rough mask is refined
     options: dict[str, Any] = field(default_factory=dict)  # of `relight.matting.networks.load`
     person: Any = None  # which of several people, see `relight.matte`
+    track: Path | None = None  # a file that says where the person is in each frame, see `KeptTrack`
     refine: int | None = None  # pixels of the band along the edge that closed-form matting solves again
 
     @classmethod
-    def parse(cls, model: AnyPath | None, person: Any = None, refine: int | None = None) -> Self | None:
+    def parse(
+        cls,
+        model: AnyPath | None,
+        person: Any = None,
+        refine: int | None = None,
+        track: AnyPath | None = None,
+    ) -> Self | None:
         """Read the model and its format from text, `model.onnx,mean=0.5/0.5/0.5,std=1/1/1`.
 
         None where there is nothing to infer or refine. Raises ValueError for other texts.
@@ -44,7 +53,8 @@ class MattingOptions:
                 )
             return None
         path, words = split_file_and_settings(str(model or ""))
-        return cls(path or None, dict(map(_option, words)), person, refine)
+        kept = None if track is None else Path(track)
+        return cls(path or None, dict(map(_option, words)), person, kept, refine)
 
 
 class SequenceMatting:
@@ -63,17 +73,35 @@ class SequenceMatting:
 
     @functools.cached_property
     def _model(self) -> networks.MattingModel | None:
-        """The model, which knows whom to follow through the shot; raises as `networks.load` does."""
+        """The model; raises as `networks.load` does."""
         options = self._options
         if options.model is None:
             return None
-        model = networks.load(options.model, person=options.person, **options.options)
-        if isinstance(model, FoundPerson) and model.followed is None:
-            for number in self._numbers or ():
-                with contextlib.suppress(OSError, ValueError):  # that frame is reported when it is its turn
-                    if model.follow(refine.encoded_srgb(refine.opaque_photograph(self._read(number)))):
-                        break
-        return model
+        return networks.load(options.model, person=options.person, **options.options)
+
+    def track(self, corrections: Mapping[int, tuple[int, int]] | None = None) -> Track | None:
+        """Return who is followed through the shot; None for a still, for everybody, and for another model.
+
+        `corrections`: see `Track`.
+        """
+        model, person = self._model, self._options.person
+        if not isinstance(model, FoundPerson) or self._numbers is None or refine.is_everybody(person):
+            return None
+        return Track(
+            lambda number, near: model.seen(self._encoded(number), near),
+            list(self._numbers),
+            as_circle(person),
+            corrections,
+        )
+
+    @functools.cached_property
+    def _track(self) -> Track | KeptTrack | None:
+        """The track of the file, or one of its own."""
+        return self.track() if self._options.track is None else KeptTrack(self._options.track)
+
+    def _encoded(self, number: int) -> np.ndarray:
+        """Return a frame (H, W, 3), sRGB-encoded in [0, 1]."""
+        return refine.encoded_srgb(refine.opaque_photograph(self._read(number)))
 
     @property
     def network(self) -> str | Path | None:
@@ -90,15 +118,10 @@ class SequenceMatting:
         found = self._options.model == networks.AUTO and self.network is None
         return found or (self._options.refine is not None and not silhouette_files.are_fetched())
 
-    @property
-    def followed(self) -> tuple[int, int, int] | None:
-        """The circle (x, y, radius) of whoever is followed, in pixels of the plate; see `FoundPerson`."""
-        return self._model.followed if isinstance(self._model, FoundPerson) else None
-
     def frames_read(self, number: int) -> list[int]:
         """Return the other frames on which a frame's matte depends, the one that says whom to follow too."""
         looks = self._numbers is not None and self._options.model == networks.AUTO
-        stated = isinstance(self._options.person, tuple) and len(self._options.person) == 3
+        stated = self._options.track is not None
         return [*self.frames_for(number), *(self._numbers[:1] if looks and not stated else ())]
 
     def frames_for(self, number: int) -> list[int]:
@@ -148,12 +171,19 @@ class SequenceMatting:
         seen, found = self._found[number]
         total, weights = found.copy(), np.ones_like(found)
         for n in near[1:]:
-            if n not in self._found:
-                continue
-            if self._found[n][0].shape == seen.shape:
+            if n in self._found and self._found[n][0].shape == seen.shape and self._shows_the_same(n, number):
                 weight, theirs = _moved(seen, *self._found[n])
                 total, weights = total + weight * theirs, weights + weight
         return total / weights
+
+    def _shows_the_same(self, number: int, other: int) -> bool:
+        """Return whether two neighbouring frames show the same person at about the same place, or nobody."""
+        if self._track is None:
+            return True
+        here, there = self._track.at(number), self._track.at(other)
+        if here is None or there is None:
+            return here is there
+        return here.distance(there) <= REACH
 
     def _inferred(self, number: int) -> tuple[np.ndarray, np.ndarray]:
         """Return a frame, sRGB-encoded, and the matte that the network infers from it alone."""
@@ -162,9 +192,15 @@ class SequenceMatting:
             self._model.reset()
             for before in self.frames_for(number):
                 with contextlib.suppress(OSError, ValueError):  # that frame was reported in its turn
-                    self._model(refine.encoded_srgb(refine.opaque_photograph(self._read(before))))
-        seen = refine.encoded_srgb(refine.opaque_photograph(self._read(number)))
-        return seen, networks.reject_full_matte(self._model(seen), self._options.model or "")
+                    self._model(self._encoded(before))
+        seen = self._encoded(number)
+        if self._track is None or not isinstance(self._model, FoundPerson):
+            matte = self._model(seen)
+        elif (circle := self._track.at(number)) is None:
+            return seen, np.zeros(seen.shape[:2], np.float32)
+        else:
+            matte = self._model.matte(seen, circle)
+        return seen, networks.reject_full_matte(matte, self._options.model or "")
 
 
 def _moved(seen: np.ndarray, other: np.ndarray, matte: np.ndarray) -> tuple[np.ndarray, np.ndarray]:

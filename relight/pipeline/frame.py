@@ -7,7 +7,7 @@ import functools
 import importlib
 import os
 import warnings
-from collections.abc import Iterable, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from contextlib import suppress
 from dataclasses import dataclass
 from importlib.util import find_spec
@@ -25,6 +25,7 @@ from relight.lights.parameters import checked_number
 from relight.matting import chroma_key, refine
 from relight.matting.networks import AUTO
 from relight.matting.numba_cache import ensure_numba_cache
+from relight.matting.people.track import Track
 from relight.matting.sequence import MattingOptions, SequenceMatting
 from relight.media import images, movies, optical_flow
 from relight.media.content_hash import FileRecord, content_hash
@@ -113,7 +114,9 @@ class FrameReader:
         self, source: Source, backgrounds: Reader, log: ReadLog, camera: "CameraView | None" = None
     ) -> None:
         self.source = source
-        self.matting_options = MattingOptions.parse(source.matte, source.person, source.refine_matte)
+        self.matting_options = MattingOptions.parse(
+            source.matte, source.person, source.refine_matte, source.track
+        )
         self.placement = Placement(source.size, source.placement, source.scale, source.offset)
         self.cache = AnalysisCache(source.plate) if is_cache(source.plate) else None
         self._camera = camera
@@ -166,16 +169,15 @@ class FrameReader:
             raise ValueError("matte: expected one of mask, key and matte (--mask, --key, --matte)")
         return SequenceMatting(options, lambda n: self._log.read(self.plates, n), self.plates.numbers)
 
-    @property
-    def followed(self) -> tuple[int, int, int] | None:
-        """The circle (x, y, radius) of the person who is found and followed through the frames, in pixels.
+    def track(self, corrections: Mapping[int, tuple[int, int]] | None = None) -> Track | None:
+        """Return who is found and followed through the frames; `corrections`: see `Track`.
 
         None where nobody is to be found, or everybody. Raises as `relight.matting.people.finder.find` does.
         """
         matting = self._matting
         if matting is None or self.plates.numbers is None or not self._finds_mattes:
             return None
-        return matting.followed
+        return matting.track(corrections)
 
     @functools.cached_property
     def _finds_mattes(self) -> bool:

@@ -91,6 +91,10 @@ class Source(Options):
         "one who is found most like that circle, all everybody together.",
         parse=parse_person,
     )
+    track: str | Path | None = option(
+        "A file that `relight track` wrote: where the person of a shot who is found is in each frame.",
+        path=True,
+    )
     size: tuple[int, int] | str | None = option(
         "Size of the picture: 1920x1080, or background for that of the background. Default: the source's.",
         parse=parse_size,

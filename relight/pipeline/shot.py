@@ -243,8 +243,8 @@ class Shot:
         """What is read: paths, and lights whose images are files. Those in memory are among them."""
         source, lighting = self.source, self.lighting
         return (
-            source.plate, source.mask, source.normals, source.depth, lighting.background, lighting.match,
-            lighting.match_mask, lighting.lights, *self.every_light,
+            source.plate, source.mask, source.track, source.normals, source.depth, lighting.background,
+            lighting.match, lighting.match_mask, lighting.lights, *self.every_light,
         )  # fmt: skip
 
     @property

@@ -27,10 +27,11 @@ from relight.matting import silhouette
 from relight.matting.openvino_runtime import compiled, openvino
 from relight.matting.people import files as person_files
 from relight.matting.people import neighbours
-from relight.matting.people.choice import CERTAIN, Choice, as_circle, distinct, index_of
+from relight.matting.people.choice import CERTAIN, Choice, as_circle, distinct
 from relight.matting.people.detector import SHARES, Detector
 from relight.matting.people.region import LANDMARK_SIDE, Circle, Copies, DetectedPerson, Look, joined, sampled
-from relight.matting.refine import encoded_srgb, is_everybody, opaque_photograph
+from relight.matting.people.track import Seen
+from relight.matting.refine import encoded_srgb, opaque_photograph
 from shadow.files import AnyPath
 
 HIPS, RIM = 33, 34  # rows of the landmarks: the middle of the hips, and the circle's upper end
@@ -104,8 +105,12 @@ class FoundPerson:
 
     def __call__(self, encoded: np.ndarray) -> np.ndarray:
         """Return the matte (H, W) of a photograph (H, W, 3), encoded in [0, 1]; zero if nobody is there."""
+        return self.matte(encoded, self._person)
+
+    def matte(self, encoded: np.ndarray, person: Any) -> np.ndarray:
+        """Return the matte of a photograph as a call does, of another person."""
         try:
-            choice = self._finder.choose(encoded, self._person, surer=self._network is None)
+            choice = self._finder.choose(encoded, person, surer=self._network is None)
         except EmptyMatteError:
             return np.zeros(encoded.shape[:2], np.float32)
         if choice.index is not None and choice.people[choice.index].certainty < CERTAIN:
@@ -117,23 +122,10 @@ class FoundPerson:
         codes = np.rint(encoded * 255).astype(np.uint8)
         return outline.refine(codes, outline.outlined(codes, outline.Outline(matte=choice.mask())))
 
-    @property
-    def followed(self) -> tuple[int, int, int] | None:
-        """The circle (x, y, radius) of whoever is followed, in pixels; None before `follow`, and for all."""
-        if not isinstance(self._person, Circle):
-            return None
-        x, y = np.rint(self._person.centre).astype(int).tolist()
-        return x, y, max(1, round(self._person.radius))
-
-    def follow(self, encoded: np.ndarray) -> bool:
-        """From now on take whoever is most like the person of this photograph, in place and in size.
-
-        Return whether somebody is there.
-        """
-        found = self._finder.people(encoded, thorough=self._person is not None)
-        if found and not is_everybody(self._person):
-            self._person = found[index_of(found, self._person, encoded.shape[:2])].circle
-        return bool(found)
+    def seen(self, encoded: np.ndarray, near: Circle | None) -> Seen:
+        """Return who is in a photograph, among them whoever is `near` if they are there."""
+        thorough = self._person is not None and near is None
+        return Seen.of(encoded, self._finder.people(encoded, thorough, near))
 
     def reset(self) -> None:
         """Do nothing: each photograph is looked at by itself."""

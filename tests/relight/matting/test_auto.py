@@ -17,7 +17,6 @@ from relight.cli.commands import app
 from relight.errors import EmptyMatteError, MissingNetworksError
 from relight.matting.people import finder as person
 from relight.media import colour
-from relight.pipeline.option_fields import parse_person
 from relight.pipeline.options import Source
 from relight.pipeline.shot import Shot
 
@@ -155,11 +154,33 @@ def test_a_job_states_who_is_followed_and_every_machine_takes_them(fetched, tmp_
     plates = tmp_path / "p.%d.exr"
     relight.write_job(tmp_path / "job.json", plates, KEY, tmp_path / "o.%d.exr")
     template = json.loads((tmp_path / "job.json").read_text())
-    stated = json.loads(template["steps"][0]["script"]["embeddedFiles"][0]["data"])["source"]["person"]
-    assert np.hypot(stated[0] - 41, stated[1] - 60) < 14
+    assert "--track" in template["steps"][0]["script"]["actions"]["onRun"]["args"]
+    defaults = {each["name"]: each["default"] for each in template["parameterDefinitions"]}
+    assert defaults["Track"] == "job.track.json"
     (tmp_path / "p.1.exr").unlink()
-    assert overlap(Shot(Source(plates, person=tuple(stated))).frame(2).matte, where) > 0.85
-    assert parse_person("/".join(map(str, stated))) == tuple(stated)
+    kept = Source(plates, track=tmp_path / "job.track.json")
+    assert overlap(Shot(kept).frame(2).matte, where) > 0.85
+
+
+def test_the_command_follows_somebody_else_and_is_corrected(fetched, tmp_path):
+    for number in (1, 2, 3):
+        codes, (first, second) = photograph((40 + number, 60, 14), (115, 110, 10))
+        relight.write(tmp_path / f"p.{number}.exr", linear(codes))
+    plates, kept = str(tmp_path / "p.%d.exr"), tmp_path / "kept.json"
+    words = ["track", plates, "-o", str(kept), "--person", "115/110", "--correct", "43/60@3"]
+    result = CliRunner().invoke(app, words)
+    assert result.exit_code == 0, result.output
+    shot = Shot(Source(plates, track=kept))
+    assert overlap(shot.frame(2).matte, second) > 0.6
+    assert overlap(shot.frame(3).matte, first) > 0.85
+    for further, message in (
+        (["--correct", "43/60"], "--correct: expected X/Y@FRAME, such as 640/300@43, got '43/60'"),
+        (["--correct", "43/60@9"], "corrections: the shot has no frame 9"),
+        (["--person", "all"], "source: expected a sequence or a movie whose person is found"),
+    ):
+        result = CliRunner().invoke(app, ["track", plates, "-o", str(kept), *further])
+        assert result.exit_code == 2
+        assert message in " ".join(result.output.split())
 
 
 def test_a_job_without_the_networks_says_so(tmp_path, monkeypatch):
@@ -167,5 +188,5 @@ def test_a_job_without_the_networks_says_so(tmp_path, monkeypatch):
     person.load.cache_clear()
     for number in (1, 2):
         relight.write(tmp_path / f"p.{number}.exr", linear(photograph((90, 70, 14))[0]))
-    with pytest.warns(UserWarning, match="relight fetch person brings them.*Each machine chooses the person"):
+    with pytest.warns(UserWarning, match="relight fetch person brings them.*Each machine follows the person"):
         relight.write_job(tmp_path / "job.json", tmp_path / "p.%d.exr", KEY, tmp_path / "o.%d.exr")
