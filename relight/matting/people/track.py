@@ -13,6 +13,7 @@ import math
 from collections.abc import Callable, Mapping, Sequence
 from contextlib import suppress
 from dataclasses import dataclass
+from itertools import pairwise
 from pathlib import Path
 from typing import Any, NamedTuple
 
@@ -251,7 +252,7 @@ def _colours(canvas: np.ndarray, mask: np.ndarray) -> np.ndarray:
         return np.zeros((3, 3))
     ends = np.linspace(rows[0], rows[-1] + 1, 4).round().astype(int)
     means = []
-    for top, bottom in zip(ends[:-1], ends[1:], strict=True):
+    for top, bottom in pairwise(ends):
         part = canvas[top:bottom][inside[top:bottom]]
         means.append(part.mean(axis=0) if len(part) else np.zeros(3))
     return np.array(means)
