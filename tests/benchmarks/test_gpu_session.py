@@ -73,6 +73,7 @@ def test_a_stopped_command_goes_on_and_its_state_comes_back(tmp_path, pool, begu
         assert (restored_value - value).abs().max() <= 0.01 * value.abs().max()
 
 
+@pytest.mark.slow
 def test_an_error_reaches_the_folder_that_comes_back(tmp_path, pool, begun):
     missing = tmp_path / "missing.safetensors"
     failed = session(tmp_path / "out", begun, "--records", pool, "--init", missing, limit=300)

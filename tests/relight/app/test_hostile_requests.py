@@ -100,7 +100,15 @@ def test_names_without_utf_8_are_told_with_question_marks(server):
 
 
 @pytest.mark.skipif(os.name != "posix", reason="signals of POSIX")
-@pytest.mark.parametrize("signals", [["SIGTERM"], ["SIGTERM", "SIGTERM"], ["SIGINT", "SIGINT"], ["SIGHUP"]])
+@pytest.mark.parametrize(
+    "signals",
+    [
+        pytest.param(["SIGTERM"], marks=pytest.mark.slow),
+        ["SIGTERM", "SIGTERM"],
+        ["SIGINT", "SIGINT"],
+        pytest.param(["SIGHUP"], marks=pytest.mark.slow),
+    ],
+)
 def test_signals_right_after_the_start_leave_nothing(tmp_path, signals):
     program = (
         "import os, signal, sys\n"

@@ -31,8 +31,9 @@ def person(tmp_path):
     ("light", "loaded"),
     [
         ("azimuth=-40,elevation=30", set()),
-        ("azimuth=-40,elevation=30,temperature=3200", {"colour"}),
-        ("position=1/1/2", {"scipy.sparse"}),  # the depth is integrated from the normals
+        pytest.param("azimuth=-40,elevation=30,temperature=3200", {"colour"}, marks=pytest.mark.slow),
+        # The depth is integrated from the normals.
+        pytest.param("position=1/1/2", {"scipy.sparse"}, marks=pytest.mark.slow),
     ],
 )
 def test_apply_loads_only_what_its_light_needs(person, light, loaded):

@@ -29,8 +29,8 @@ def test_progress_and_failures_are_escaped(name, capsys):
     assert printable(name) in capsys.readouterr().err
 
 
-@pytest.mark.parametrize("command", ["apply", "analyse"])
-@pytest.mark.parametrize("name", HOSTILE[:2])
+@pytest.mark.parametrize("command", ["apply", pytest.param("analyse", marks=pytest.mark.slow)])
+@pytest.mark.parametrize("name", [HOSTILE[0], pytest.param(HOSTILE[1], marks=pytest.mark.slow)])
 def test_errors_and_warnings_of_a_command_are_escaped(tmp_path, command, name):
     (tmp_path / name).write_bytes(b"no picture")
     out = {"apply": ["-o", "o.exr", "--light", "azimuth=3"], "analyse": ["-o", "o.relight"]}[command]

@@ -87,6 +87,7 @@ def served(browser, temp):
     return page
 
 
+@pytest.mark.slow
 def test_the_light_that_is_dragged_in_the_node_feeds_the_workflow(browser, batch, tmp_path, monkeypatch):
     monkeypatch.setattr(host, "folder", lambda kind: tmp_path)
     lights = LightNode().add(-50.0, 20.0, intensity=2.0, softness=10.0, name="key")[0]

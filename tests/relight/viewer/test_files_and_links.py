@@ -37,6 +37,7 @@ def said(page):
     return page.locator(".message").inner_text()
 
 
+@pytest.mark.slow
 def test_the_command_names_the_background_that_is_there(page):
     words = command(page)
     assert words[words.index("--background") + 1] == "environment"
@@ -51,6 +52,7 @@ def test_a_background_from_memory_is_left_out_of_the_command():
     assert scene_of((4, 4), background=background, background_name="a.exr")["backdrop"]["name"] == "a.exr"
 
 
+@pytest.mark.slow
 def test_an_environment_that_was_removed_stays_away(page, browser, page_file):
     page.get_by_label("Remove the environment").dispatch_event("click")
     browsing.settled(page)
@@ -66,6 +68,7 @@ def test_an_environment_that_was_removed_stays_away(page, browser, page_file):
     assert not page.complaints
 
 
+@pytest.mark.slow
 def test_what_a_link_cannot_hold_is_said_where_it_is_opened(page, browser, page_file):
     browsing.dropped(page, ".panel", "sky 1.png")
     browsing.dropped(page, ".picture", "wall.png", 24)
@@ -79,6 +82,7 @@ def test_what_a_link_cannot_hold_is_said_where_it_is_opened(page, browser, page_
     again.context.close()
 
 
+@pytest.mark.slow
 def test_undo_brings_dropped_files_back(page):
     browsing.dropped(page, ".panel", "sky 1.png")
     browsing.dropped(page, ".panel", "sky 2.png")
@@ -95,6 +99,7 @@ def test_undo_brings_dropped_files_back(page):
     assert page.evaluate("relight.viewer.engine.backdrop.rgb[0]") == 1
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     "fragment", ["light=locus=constructor", "light=constructor=1", "light=__proto__=1,toString=2"]
 )
@@ -105,6 +110,7 @@ def test_a_link_with_names_of_the_language_is_refused_in_a_sentence(browser, pag
     page.context.close()
 
 
+@pytest.mark.slow
 def test_no_exception_ends_in_the_console_alone(page):
     page.evaluate("setTimeout(() => { throw new Error('a defect'); })")
     browsing.wait(page, "document.querySelector('.message').textContent.includes('a defect')")
@@ -113,6 +119,7 @@ def test_no_exception_ends_in_the_console_alone(page):
     page.complaints.clear()  # both, as the browser's console has them
 
 
+@pytest.mark.slow
 def test_small_values_travel(page, tmp_path):
     small = "{ intensity: 2e-5, colour: [1, 3e-7, 0] }"
     page.evaluate(f"relight.viewer.change((state) => Object.assign(state.lights[0], {small}))")

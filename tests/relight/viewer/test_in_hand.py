@@ -19,6 +19,7 @@ def leave_one_light(page):
     browsing.settled(page)  # the row of the light that goes moves all that is below it
 
 
+@pytest.mark.slow
 def test_a_near_light_is_where_the_hand_holds_it(page, viewed, tmp_path):
     leave_one_light(page)
     page.get_by_label("Near").check(force=True)
@@ -58,6 +59,7 @@ def test_a_near_light_is_where_the_hand_holds_it(page, viewed, tmp_path):
     assert "position" in browsing.state(page)["lights"][0]
 
 
+@pytest.mark.slow
 def test_near_is_near_where_the_key_came_first(page):
     page.evaluate("""() => {
         relight.viewer.actions.switch(); // which the panel does not show yet
@@ -76,6 +78,7 @@ def lopsided(bright):
 VIEW = "(({ view }) => [view.scale / view.fitted, view.left, view.top])(relight.viewer.stage)"
 
 
+@pytest.mark.slow
 def test_wheel_and_fingers_zoom_and_another_button_moves_the_picture_and_no_light(page):
     before = browsing.state(page)
     touch = page.context.new_cdp_session(page)
@@ -101,6 +104,7 @@ def test_wheel_and_fingers_zoom_and_another_button_moves_the_picture_and_no_ligh
     assert not page.evaluate("relight.viewer.past")
 
 
+@pytest.mark.slow
 def test_before_is_a_button_and_a_key_also_after_the_help(page):
     held = "relight.viewer.held"
     x, y = (page.locator(".before").bounding_box()[side] + 5 for side in "xy")
@@ -120,6 +124,7 @@ def test_before_is_a_button_and_a_key_also_after_the_help(page):
     assert not page.evaluate("relight.viewer.help.open")
 
 
+@pytest.mark.slow
 def test_the_focus_is_where_it_was_after_the_help(page):
     page.get_by_role("button", name="Solo key").focus()
     browsing.press(page, "?", "Escape")
@@ -128,6 +133,7 @@ def test_the_focus_is_where_it_was_after_the_help(page):
     assert page.evaluate("document.activeElement.getAttribute('aria-label')") == "Solo key"
 
 
+@pytest.mark.slow
 def test_the_picture_can_be_copied(page):
     page.evaluate("""() => { window.copied = []; navigator.clipboard.write = async ([item]) => {
         const png = await item.getType("image/png");
@@ -139,6 +145,7 @@ def test_the_picture_can_be_copied(page):
     assert page.evaluate("window.copied[0] === relight.viewer.pack.description.size[0]")
 
 
+@pytest.mark.slow
 def test_an_orbit_ends_where_another_light_is_chosen(page):
     browsing.press(page, "d", "t")
     browsing.wait(page, "relight.viewer.playing !== null")
@@ -155,12 +162,14 @@ def test_an_orbit_ends_where_another_light_is_chosen(page):
     assert browsing.state(page)["lights"] == []
 
 
+@pytest.mark.slow
 def test_the_focus_stays_on_the_page_when_its_button_goes(page):
     page.locator(".lights li").nth(1).locator("button").last.click()
     browsing.settled(page)
     assert page.evaluate("document.activeElement === relight.viewer.stage.element")
 
 
+@pytest.mark.slow
 def test_what_is_dropped_on_the_person_is_behind_them_and_on_the_panel_around_them(page):
     browsing.dropped(page, ".picture", "wall.png", 24)
     assert browsing.state(page)["background"] == "picture"
@@ -189,6 +198,7 @@ def test_the_light_follows_the_hand_on_all_four_sides(page):
     assert browsing.state(page)["lights"][0]["elevation"] < -30
 
 
+@pytest.mark.slow
 def test_beyond_the_ring_the_light_is_behind_and_leaves_a_rim(page):
     leave_one_light(page)
     browsing.drag(page, 1.25, 0)
@@ -222,6 +232,7 @@ def test_a_link_is_a_lighting(page, browser, page_file):
     assert fragment
 
 
+@pytest.mark.slow
 def test_a_link_that_is_wrong_is_a_sentence(page):
     for fragment, words in {
         "light=key:azimuth=NaN,elevation=3": "azimuth: expected a number, got NaN",
@@ -236,6 +247,7 @@ def test_a_link_that_is_wrong_is_a_sentence(page):
         assert len(browsing.state(page)["lights"]) == 2
 
 
+@pytest.mark.slow
 def test_the_picture_comes_back_after_the_context_was_lost(page):
     before = browsing.shown(page, "picture")
     page.evaluate(
@@ -250,6 +262,7 @@ def test_the_picture_comes_back_after_the_context_was_lost(page):
     np.testing.assert_array_equal(browsing.shown(page, "picture"), before)
 
 
+@pytest.mark.slow
 def test_a_name_is_text_whatever_it_says(page):
     assert page.evaluate("window.hostile") is None
     assert page.title() == browsing.HOSTILE
@@ -258,6 +271,7 @@ def test_a_name_is_text_whatever_it_says(page):
     assert page.locator("img").count() == 0
 
 
+@pytest.mark.slow
 def test_a_browser_without_webgl_says_so(browser, page_file):
     for before, words in (
         ("HTMLCanvasElement.prototype.getContext = () => null", "has no WebGL 2"),
@@ -269,6 +283,7 @@ def test_a_browser_without_webgl_says_so(browser, page_file):
         page.context.close()
 
 
+@pytest.mark.slow
 def test_a_file_that_is_no_map_is_a_sentence(page, tmp_path):
     for name, words in {
         "sky.exr": "OpenEXR files cannot be opened",
@@ -280,6 +295,7 @@ def test_a_file_that_is_no_map_is_a_sentence(page, tmp_path):
         browsing.wait(page, f"document.querySelector('.message').textContent.includes({words!r})", 20)
 
 
+@pytest.mark.slow
 def test_all_of_it_by_keyboard(page):
     begun = browsing.state(page)
     browsing.press(page, "ArrowRight", "Shift+ArrowUp", "+", ".", "j")

@@ -24,6 +24,7 @@ def lamp_at(page, position, **settings):
     browsing.settled(page)
 
 
+@pytest.mark.slow
 def test_buttons_of_a_light_carry_its_name(page):
     for does in ("Solo", "Mute", "Delete"):
         assert page.get_by_role("button", name=f"{does} key", exact=True).count() == 1
@@ -34,6 +35,7 @@ def test_buttons_of_a_light_carry_its_name(page):
     assert browsing.state(page)["lights"][0]["solo"]
 
 
+@pytest.mark.slow
 def test_kelvin_is_off_where_a_light_has_no_temperature(page):
     browsing.press(page, "2")
     field, slider = page.get_by_label("Kelvin, exactly"), page.get_by_label("Kelvin", exact=True)
@@ -50,6 +52,7 @@ def test_kelvin_is_off_where_a_light_has_no_temperature(page):
     assert browsing.state(page)["lights"][1]["temperature"] is None
 
 
+@pytest.mark.slow
 def test_kelvin_of_daylight_ends_where_daylight_does(page):
     page.evaluate("relight.viewer.change((state) => (state.lights[0].locus = 'daylight'))")
     browsing.settled(page)
@@ -59,6 +62,7 @@ def test_kelvin_of_daylight_ends_where_daylight_does(page):
     assert browsing.state(page)["lights"][0]["temperature"] == 4000
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("key", ["Backspace", "Delete", "PageUp"])
 def test_keys_of_a_slider_do_nothing_to_the_lights(page, key):
     lamp_at(page, (-0.6, 0.4, 0.8))
@@ -68,6 +72,7 @@ def test_keys_of_a_slider_do_nothing_to_the_lights(page, key):
     assert light["position"] == [-0.6, 0.4, 0.8]
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("position", "exposure", "said"),
     [
@@ -83,6 +88,7 @@ def test_a_lamp_says_what_arrives_at_the_person(page, position, exposure, said):
     assert not page.locator(".meter").is_visible()
 
 
+@pytest.mark.slow
 def test_a_lamp_is_moved_in_depth_from_above_and_from_the_side(page):
     lamp_at(page, (-0.6, 0.4, 0.8))
     before = browsing.state(page)["lights"][0]["position"]
@@ -117,6 +123,7 @@ def test_a_lamp_is_moved_in_depth_from_above_and_from_the_side(page):
     )
 
 
+@pytest.mark.slow
 def test_the_surround_is_chosen_and_kept_and_every_text_can_be_read_beside_it(page):
     page.get_by_label("Lights", exact=True).scroll_into_view_if_needed()
     browsing.press(page, "a")
@@ -138,6 +145,7 @@ def test_the_surround_is_chosen_and_kept_and_every_text_can_be_read_beside_it(pa
     assert page.get_by_label("Grey", exact=True).is_checked()
 
 
+@pytest.mark.slow
 def test_nothing_moves_for_those_who_ask_for_no_motion(page):
     page.emulate_media(reduced_motion="reduce")
     moving = browsing.moving(page)
@@ -163,6 +171,7 @@ def room_for_the_picture(page):
     return box["width"] * box["height"]
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("name", PHONES)
 def test_the_panel_of_a_phone_is_pulled_up_and_let_down(phone, name):
     width, height = PHONES[name]
@@ -190,6 +199,7 @@ def test_the_panel_of_a_phone_is_pulled_up_and_let_down(phone, name):
     assert sheet(phone) == "middle"
 
 
+@pytest.mark.slow
 def test_keys_on_the_grip_move_no_light(phone):
     before = phone.evaluate("relight.viewer.state.lights")
     phone.locator(".grip").focus()
@@ -198,6 +208,7 @@ def test_keys_on_the_grip_move_no_light(phone):
     assert phone.evaluate("relight.viewer.state.lights") == before
 
 
+@pytest.mark.slow
 def test_what_goes_out_is_one_menu_on_a_phone(phone):
     phone.set_viewport_size(dict(zip(("width", "height"), PHONES["390"], strict=True)))
     names = ["Copy lights", "Copy command", "Copy link", "Save PNG"]
@@ -213,6 +224,7 @@ def test_what_goes_out_is_one_menu_on_a_phone(phone):
     assert phone.evaluate("document.activeElement.getAttribute('aria-label')") == "Copy and save"
 
 
+@pytest.mark.slow
 def test_help_begins_with_gestures_where_there_is_no_mouse(phone, page):
     phone.evaluate("relight.viewer.actions.help()")
     assert phone.locator(".help h3").first.inner_text() == "Fingers"

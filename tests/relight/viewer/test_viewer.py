@@ -84,6 +84,7 @@ def test_the_page_relights_as_python_does(name, count, browser, tmp_path):
     page.context.close()
 
 
+@pytest.mark.slow
 def test_gloss_is_python_s(page, viewed):
     lights = [
         relight.DirectionalLight(azimuth=150, elevation=20, intensity=3),
@@ -106,6 +107,7 @@ def test_gloss_is_python_s(page, viewed):
     assert "gloss=0.5" in page.evaluate("relight.link()")
 
 
+@pytest.mark.slow
 def test_the_background_keeps_its_codes_in_bright_light(page, viewed):
     wall = [0.78, 0.79, 0.75]
     change = "(state) => { state.background = wall; state.lights[0].intensity = 20; }"
@@ -121,6 +123,7 @@ def test_the_background_keeps_its_codes_in_bright_light(page, viewed):
     assert found[viewed.matte == 1][:, :3].max() >= 254
 
 
+@pytest.mark.slow
 def test_near_lights_are_python_s(page, viewed):
     lights = [
         relight.PointLight((-0.6, 0.4, 0.8)),
@@ -144,6 +147,7 @@ def test_near_lights_are_python_s(page, viewed):
     assert page.locator(".message").inner_text() == ""
 
 
+@pytest.mark.slow
 def test_the_visibility_of_near_and_distant_lights_is_weighed_by_what_arrives(page, viewed):
     lights = [relight.PointLight((-0.6, 0.4, 0.8), radius=0.1), relight.DirectionalLight(azimuth=60)]
     page.evaluate(
@@ -187,6 +191,7 @@ def test_its_lights_file_gives_the_same_picture_and_its_png_is_apply_s(page, vie
     assert Lighting(light=tuple(given)).rig().lights == lights
 
 
+@pytest.mark.slow
 def test_an_environment_lights_as_python_s(page, viewed, tmp_path):
     sky = np.full((32, 64, 3), (0.2, 0.3, 0.5), np.float32)
     sky[8:10, 20:23] = (60, 50, 30)
@@ -207,6 +212,7 @@ def test_an_environment_lights_as_python_s(page, viewed, tmp_path):
     assert largest <= LARGEST
 
 
+@pytest.mark.slow
 def test_the_widget_s_module_draws_with_a_model_of_a_notebook(browser, viewed, tmp_path):
     scene = scene_of(viewed.size, relight.DirectionalLight(azimuth=-40, name="key"))
     packed = pack(viewed.record, viewed.matte, viewed.albedo)

@@ -35,6 +35,7 @@ def subject():
     return relight.Subject(np.ascontiguousarray(image[::4, ::4]))
 
 
+@pytest.mark.slow
 def test_a_notebook_shows_the_widget_and_its_lights_go_both_ways():
     notebook = nbformat.v4.new_notebook(cells=[nbformat.v4.new_code_cell(CELL)])
     nbclient.NotebookClient(notebook, timeout=300, kernel_name="python3").execute()

@@ -6,6 +6,7 @@ from PIL import Image
 
 pytest.importorskip("embreex")
 pytest.importorskip("numba")
+pytestmark = pytest.mark.slow  # bodies are made, dressed and draped
 
 from shadow.data import records
 from shadow.lightstage.people import makehuman

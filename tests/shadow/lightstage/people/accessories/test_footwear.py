@@ -6,6 +6,7 @@ import pytest
 pytest.importorskip("embreex")
 pytest.importorskip("numba")
 trimesh = pytest.importorskip("trimesh")
+pytestmark = pytest.mark.slow  # bodies are made, dressed and draped
 
 from shadow.lightstage.people.accessories import footwear
 from shadow.lightstage.people.accessories.footwear import Shoe

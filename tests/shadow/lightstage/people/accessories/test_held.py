@@ -7,6 +7,7 @@ pytest.importorskip("embreex")
 pytest.importorskip("numba")
 trimesh = pytest.importorskip("trimesh")
 pytest.importorskip("kornia")
+pytestmark = pytest.mark.slow  # bodies are made, dressed and draped
 
 from shadow import directions
 from shadow.data.records import REGIONS

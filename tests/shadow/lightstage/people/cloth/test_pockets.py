@@ -7,6 +7,7 @@ from scipy.spatial import cKDTree
 pytest.importorskip("embreex")
 pytest.importorskip("numba")
 trimesh = pytest.importorskip("trimesh")
+pytestmark = pytest.mark.slow  # bodies are made, dressed and draped
 
 from shadow.lightstage.figure import normalize
 from shadow.lightstage.people.cloth import pockets

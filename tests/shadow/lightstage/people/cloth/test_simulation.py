@@ -9,6 +9,7 @@ import pytest
 pytest.importorskip("embreex")
 pytest.importorskip("numba")
 pytest.importorskip("trimesh")
+pytestmark = pytest.mark.slow  # bodies are made, dressed and draped
 
 from shadow.lightstage.people.cloth import simulation
 from shadow.lightstage.people.cloth.garments import Wardrobe
@@ -97,9 +98,7 @@ def test_what_was_simulated_is_read_back(undressed, worn, monkeypatch):
 
 
 # The slow one differs in the damage alone: the simulation and what is compared are the same.
-@pytest.mark.parametrize(
-    "damage", [lambda data: data[: len(data) // 2], pytest.param(lambda data: b"", marks=pytest.mark.slow)]
-)
+@pytest.mark.parametrize("damage", [lambda data: data[: len(data) // 2], lambda data: b""])
 def test_a_truncated_file_is_simulated_again_to_the_same_folds(undressed, worn, tmp_path, damage):
     hung, _, _, folder = worn
     (kept,) = folder.iterdir()
@@ -153,7 +152,6 @@ def test_beyond_a_border_nothing_is_inside():
 # A whole body ----------------------------------------------------------------------------------------------
 
 
-@pytest.mark.slow
 def test_a_body_dressed_by_physics(tmp_path):
     draped, simulated = (bodies.body(4, "training", simulate=on, cache=tmp_path) for on in (False, True))
     assert len(list(tmp_path.iterdir())) == 3  # a top, tucked into trousers, and a jacket

@@ -12,6 +12,7 @@ from PIL import Image
 pytest.importorskip("embreex")
 pytest.importorskip("numba")
 trimesh = pytest.importorskip("trimesh")
+pytestmark = pytest.mark.slow  # bodies are made, dressed and draped
 
 from shadow.lightstage import scans
 from shadow.lightstage.mesh import add_lining, boundary_chains, clip, subdivide
@@ -81,7 +82,6 @@ def test_body_faces_outwards(people):
     assert 0.02 < volume < 0.5  # cubic metres; inside out it would be negative
 
 
-@pytest.mark.slow
 def test_same_seed_gives_the_same_body_in_another_process(people, tmp_path):
     """Whatever number of threads the two have."""
     script = (

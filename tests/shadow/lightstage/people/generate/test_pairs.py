@@ -8,6 +8,7 @@ pytest.importorskip("embreex")
 pytest.importorskip("numba")
 pytest.importorskip("trimesh")
 pytest.importorskip("kornia")
+pytestmark = pytest.mark.slow  # bodies are made, dressed and draped
 
 from shadow.lightstage import stage
 from shadow.lightstage.figure import Figure
