@@ -11,8 +11,8 @@ from typing import Any
 
 import torch
 
+from relight.arguments import checked_number
 from relight.lights.environment import FIELD_OF_VIEW
-from relight.lights.parameters import checked_number
 from shadow.framing import Framing, bounding_box
 
 DEFAULT_HEIGHT = 1.75  # metres of person that the matte shows, unless the caller gives a height

@@ -24,7 +24,7 @@ from typing import Any, NamedTuple
 
 import torch
 
-from relight.lights.parameters import checked_number
+from relight.arguments import checked_number
 from shadow.networks.field import Visibility
 
 FORWARD = 0.5  # mean cosine of the angle by which a fibre turns light: g of Henyey and Greenstein

@@ -24,8 +24,8 @@ from relight.analysis.maps import AnalysisMaps
 from relight.analysis.old_light import OldLight
 from relight.analysis.record import AnalysisRecord
 from relight.analysis.upsampling import encode_guide
+from relight.arguments import checked_number
 from relight.lights.environment import FIELD_OF_VIEW
-from relight.lights.parameters import checked_number
 from relight.matting import networks
 from relight.matting.networks import AUTO
 from relight.matting.refine import is_opaque

@@ -6,6 +6,7 @@ from typing import Annotated, Any
 import numpy as np
 import torch
 
+from relight.arguments import limits
 from relight.comfyui import host, widgets
 from relight.comfyui.subjects import SubjectBatch
 from relight.comfyui.tensors import light, pictures
@@ -14,7 +15,6 @@ from relight.lights.directional import DirectionalLight
 from relight.lights.environment import EnvironmentLight
 from relight.lights.light import Light
 from relight.lights.near import PointLight
-from relight.lights.parameters import Number, parameters
 from relight.lights.rig import scaled
 from relight.media.colour import LOCI
 from relight.media.images import scene_linear
@@ -25,10 +25,8 @@ PRESETS = [*presets.document()]
 
 def _number(kind: type[Light], name: str, step: float, tooltip: str, **shown: float) -> widgets.Input:
     """Describe a parameter of a light. `shown`: a range that suits a slider."""
-    declared = parameters(kind)[name]
-    assert isinstance(declared, Number)
-    limits = {"low": declared.low, "high": declared.high, **shown}
-    return widgets.number(**limits, step=step, tooltip=tooltip)
+    low, high = limits(kind.parameters()[name].kind)
+    return widgets.number(**{"low": low, "high": high, **shown}, step=step, tooltip=tooltip)
 
 
 Intensity = Annotated[

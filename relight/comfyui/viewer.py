@@ -7,13 +7,14 @@ from urllib.parse import parse_qs
 
 import torch
 
+from relight.arguments import read_settings
 from relight.comfyui import host, widgets
 from relight.comfyui.lights import Lights
 from relight.comfyui.render import Backdrop
 from relight.comfyui.subjects import SubjectBatch
 from relight.lights.directional import DirectionalLight
 from relight.lights.environment import EnvironmentLight, environments
-from relight.lights.light import Light, parse_settings
+from relight.lights.light import Light
 from relight.lights.near import PointLight
 from relight.viewer.initial_state import DEFAULT_LIGHT
 
@@ -108,7 +109,7 @@ def held_lights(held: str, begun: Lights) -> Lights:
         )
     if shown != "none" and "dark" not in query:
         (environment,) = skies
-        settings = parse_settings(EnvironmentLight, shown.split(","))
+        settings = read_settings(shown.split(","), EnvironmentLight.parameters())
         shining.append(EnvironmentLight(environment.image, **{"name": environment.name} | settings))
     return tuple(shining)
 

@@ -2,12 +2,13 @@
 
 import math
 import warnings
-from dataclasses import dataclass, fields
-from typing import NamedTuple, Protocol, Self
+from dataclasses import dataclass
+from typing import Annotated, NamedTuple, Protocol, Self
 
 import torch
+from annotated_types import Gt, Interval, Le
 
-from relight.lights.parameters import checked_number, checked_numbers
+from relight.arguments import About, Checked, Converts, parameters, read_settings
 from shadow.framing import bounding_box
 
 BELOW_GROUND_SHARE = 1e-4  # of the person's pixels, that may seem to be below the ground
@@ -34,7 +35,7 @@ class PlateCamera(Protocol):
 
 
 @dataclass(frozen=True)
-class Floor:
+class Floor(Checked):
     """The plane on which the person stands and casts a shadow. Give at least one parameter.
 
     The horizon determines the tilt of the camera. Without a horizon, the tilt follows from the camera's
@@ -67,22 +68,27 @@ class Floor:
     Floor(height=None, horizon=0.4, feet=None)
     """
 
-    height: float | None = None
-    horizon: float | None = None
-    feet: tuple[float, ...] | None = None
+    height: Annotated[
+        float | None, Gt(0), Le(1000), About("Height of the camera above the floor.", unit="metres")
+    ] = None
+    horizon: Annotated[
+        float | None,
+        Interval(ge=-4, le=1),
+        About("The horizon as a fraction of the picture from top (0) to bottom (1)."),
+    ] = None
+    feet: Annotated[
+        tuple[float, float, float, float] | None,
+        Converts(),
+        About("x/y/x/y of the points where the soles meet the ground.", unit="pixels"),
+    ] = None
 
     def __post_init__(self) -> None:
-        if self.height is None and self.horizon is None and self.feet is None:
-            raise ValueError("floor: expected height, horizon or feet")
         try:
-            if self.height is not None and checked_number("height", self.height, 0, 1000) == 0:
-                raise ValueError("height: expected metres > 0, got 0")
-            if self.horizon is not None:
-                checked_number("horizon", self.horizon, -4, 1)
-            if self.feet is not None:
-                object.__setattr__(self, "feet", checked_numbers("feet", self.feet, 4))
+            super().__post_init__()
         except (TypeError, ValueError) as error:
             raise type(error)(f"floor: {error}") from error
+        if self.height is None and self.horizon is None and self.feet is None:
+            raise ValueError("floor: expected height, horizon or feet")
 
     @classmethod
     def parse(cls, text: str) -> Self:
@@ -93,21 +99,10 @@ class Floor:
         ValueError
             The text does not have this form.
         """
-        names = [field.name for field in fields(cls)]
-        values: dict[str, float | tuple[float, ...]] = {}
-        for setting in text.split(","):
-            name, equals, value = (part.strip() for part in setting.partition("="))
-            if name not in names or not equals or name in values:
-                expected = f"parameter=value,... with {', '.join(names)}"
-                raise ValueError(f"floor {text!r}: {setting!r} is not understood; expected {expected}")
-            try:
-                numbers = tuple(map(float, value.split("/")))
-            except ValueError as error:
-                raise ValueError(f"floor {text!r}: {name} expects numbers, got {value!r}") from error
-            if name != "feet" and len(numbers) > 1:
-                raise ValueError(f"floor {text!r}: {name} expects one number, got {value!r}")
-            values[name] = numbers if name == "feet" else numbers[0]
-        return cls(**values)  # type: ignore[arg-type]
+        try:
+            return cls(**read_settings(text.split(","), parameters(cls)))
+        except ValueError as error:
+            raise ValueError(f"floor {text!r}: {error}") from error
 
     def check(self, matte: torch.Tensor) -> None:
         """Raise ValueError where a person cannot stand on the floor; `matte` (H, W) shows them."""

@@ -1,41 +1,17 @@
 """A light so far away that its rays are parallel."""
 
 import math
-from collections.abc import Iterable
 from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
 
+from relight import quantities
+from relight.arguments import checked, required
 from relight.lights.light import DistantLight
-from relight.lights.parameters import Number, Vector, checked_number
 from shadow.directions import from_spherical, to_spherical
 
 SOFT_SAMPLE_COUNT = 32  # directions over the disc of a soft light
-
-
-class Direction(Vector):
-    """A unit vector, given by one of any length but zero."""
-
-    def checked(self, value: Any) -> tuple[float, ...]:
-        vector = super().checked(value)
-        largest = max(map(abs, vector))
-        if largest < 1e-6:
-            raise ValueError(f"{self.name}: has zero length")
-        vector = tuple(component / largest for component in vector)  # its square may be beyond any float
-        length = math.hypot(*vector)
-        return tuple(component / length for component in vector)
-
-
-class Angle(Number):
-    """Azimuth (0) or elevation (1), which a light computes from its direction."""
-
-    def __init__(self, index: int, low: float = -math.inf, high: float = math.inf) -> None:
-        super().__init__(None, low, high)
-        self.index = index
-
-    def __get__(self, light: Any, kind: type) -> Any:
-        return self.default if light is None else float(to_spherical(light.direction)[self.index])
 
 
 @dataclass(frozen=True, init=False)
@@ -81,30 +57,26 @@ class DirectionalLight(DistantLight):
     (-40, 30)
     """
 
-    direction: Direction = Direction(None)
-    azimuth = Angle(0)
-    """Degrees in [-180, 180], from the camera toward image right."""
-    elevation = Angle(1, -90, 90)
-    """Degrees in [-90, 90], up from the horizon."""
-    angle: Number = Number(0.0, 0, 180)
+    direction: quantities.Direction = required()
+    angle: quantities.Diameter = 0.0
 
     def __init__(
         self,
-        direction: Iterable[float] | None = None,
+        direction: quantities.GivenDirection | None = None,
         *,
-        azimuth: float | None = None,
-        elevation: float | None = None,
-        intensity: float = 1.0,
-        colour: Iterable[float] = (1.0, 1.0, 1.0),
-        exposure: float = 0.0,
-        temperature: float | None = None,
-        locus: str = "planckian",
-        angle: float = 0.0,
-        name: str | None = None,
+        azimuth: quantities.Azimuth | None = None,
+        elevation: quantities.Elevation | None = None,
+        angle: quantities.Diameter = 0.0,
+        intensity: quantities.Intensity = 1.0,
+        colour: quantities.GivenColour = quantities.WHITE,
+        exposure: quantities.Exposure = 0.0,
+        temperature: quantities.Temperature = None,
+        locus: quantities.Locus = "planckian",
+        name: quantities.Name = None,
     ) -> None:
         if direction is None:
-            azimuth = checked_number("azimuth", 0.0 if azimuth is None else azimuth)
-            elevation = checked_number("elevation", 0.0 if elevation is None else elevation, -90, 90)
+            azimuth = checked("azimuth", 0.0 if azimuth is None else azimuth, quantities.Azimuth)
+            elevation = checked("elevation", 0.0 if elevation is None else elevation, quantities.Elevation)
             direction = from_spherical(azimuth, elevation)
         elif azimuth is not None or elevation is not None:
             raise ValueError("direction: give either a direction or an azimuth and elevation, not both")
@@ -118,6 +90,16 @@ class DirectionalLight(DistantLight):
             locus=locus,
             name=name,
         )
+
+    @property
+    def azimuth(self) -> float:
+        """Degrees in [-180, 180], from the camera toward image right."""
+        return float(to_spherical(self.direction)[0])
+
+    @property
+    def elevation(self) -> float:
+        """Degrees in [-90, 90], up from the horizon."""
+        return float(to_spherical(self.direction)[1])
 
     def settings(self) -> dict[str, Any]:
         """Return {parameter: value} of the constructor, without those that have their defaults.

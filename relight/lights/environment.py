@@ -11,14 +11,15 @@ import itertools
 from collections.abc import Iterable
 from dataclasses import KW_ONLY, dataclass
 from pathlib import Path
-from typing import Any, Self
+from typing import TYPE_CHECKING, Any, Self
 
 import numpy as np
 from numpy.typing import ArrayLike
 
+from relight import quantities
+from relight.arguments import Converted, checked, checked_number, read_settings, required
 from relight.lights import plate
-from relight.lights.light import DistantLight, parse_settings
-from relight.lights.parameters import Number, Parameter, checked_number
+from relight.lights.light import DistantLight
 from relight.media import cubemap, images, photo_sphere
 from relight.media.content_hash import content_hash
 from relight.media.option_texts import split_file_and_settings
@@ -75,10 +76,10 @@ class EnvironmentLight(DistantLight):
     [4.0, 4.0, 4.0]
     """
 
-    image: Parameter["AnyPath | ArrayLike | Panorama", "Panorama"] = Parameter()
+    image: "MapSource" = required()
     _: KW_ONLY
-    rotation: Number = Number(0.0)
-    colour_space: Parameter[str | None, str | None] = Parameter(None)
+    rotation: quantities.Rotation = 0.0
+    colour_space: quantities.ColourSpace = None
 
     def __post_init__(self) -> None:
         super().__post_init__()
@@ -93,7 +94,7 @@ class EnvironmentLight(DistantLight):
         """
         try:
             path, settings = split_file_and_settings(text)
-            return cls(path, **{"name": "environment"} | parse_settings(cls, settings))
+            return cls(path, **{"name": "environment"} | read_settings(settings, cls.parameters()))
         except (TypeError, ValueError) as error:
             raise ValueError(f"environment {text!r}: {error}") from error
 
@@ -132,7 +133,7 @@ class EnvironmentLight(DistantLight):
         TypeError, ValueError
             Not an image, transparent pixels, NaN, infinite or negative light, parameters out of range.
         """
-        field_of_view = checked_number("field_of_view", field_of_view, 1e-3, 170)
+        field_of_view = checked("field_of_view", field_of_view, quantities.FieldOfView)
         highlights = checked_number("highlights", highlights, 1)
         if is_path(background):
             background = images.read(background)
@@ -189,7 +190,7 @@ class EnvironmentLight(DistantLight):
             An empty size, or a field of view out of range.
         """
         height, width = size
-        field_of_view = checked_number("field_of_view", field_of_view, 1e-3, 170)
+        field_of_view = checked("field_of_view", field_of_view, quantities.FieldOfView)
         if min(height, width) < 1:
             raise ValueError(f"size: expected (height, width) of at least 1, got {size}")
         half = np.tan(np.radians(field_of_view / 2))
@@ -289,6 +290,12 @@ class Panorama:
         front = np.tile([0.0, 0.0, 1.0], (len(lamps), 1))  # for regions without light
         directions = np.divide(lamps[:, 4:], length, out=front, where=length > 0)
         return directions.astype(np.float32), (lamps[:, :3] / np.pi).astype(np.float32)
+
+
+if TYPE_CHECKING:
+    MapSource = Converted["AnyPath | ArrayLike | Panorama", "Panorama"]
+else:
+    MapSource = object
 
 
 @functools.lru_cache(maxsize=2)

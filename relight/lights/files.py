@@ -39,12 +39,13 @@ from typing import Any
 
 import yaml
 
+from relight import quantities
+from relight.arguments import unknown
 from relight.lights.directional import DirectionalLight
 from relight.lights.environment import EnvironmentLight
 from relight.lights.light import Light
 from relight.lights.moving import MovingLight, kind_of
 from relight.lights.near import PointLight, RectLight
-from relight.lights.parameters import MAX_NAME_BYTES, REQUIRED, parameters
 from relight.media.regular_file import check_regular_file
 from shadow.files import AnyPath, replacing
 
@@ -129,7 +130,7 @@ def _entries(path: AnyPath) -> list[Any]:
         raise ValueError(f"{path}: expected 'lights:' and a list of lights, got {reprlib.repr(document)}")
     for key in document:
         if key != "lights":
-            raise ValueError(f"{path}: {_shown(key)}: not known here; expected lights")
+            raise ValueError(f"{path}: {unknown(key, ['lights'])}")
     if not isinstance(document["lights"], list):
         raise ValueError(f"{path}: lights: expected a list, got {reprlib.repr(document['lights'])}")
     if len(document["lights"]) > MOST_LIGHTS:
@@ -149,12 +150,12 @@ def _light(path: AnyPath, number: int, entry: Any) -> Light | MovingLight:
     if not isinstance(kind, str) or kind not in TYPES:
         raise ValueError(f"{where}: type: expected {' or '.join(TYPES)}, got {reprlib.repr(kind)}")
     arguments = {key: value for key, value in entry.items() if key != "type"}
-    known = parameters(TYPES[kind])
+    known = TYPES[kind].parameters()
     for key in arguments:
         if key not in known and key != "orbit":
-            raise ValueError(f"{where}: {_shown(key)}: not known; expected {', '.join(known)}, orbit")
+            raise ValueError(f"{where}: {unknown(key, (*known, 'orbit'))}")
     for key, parameter in known.items():
-        if parameter.default is REQUIRED and key not in arguments:
+        if parameter.is_required and key not in arguments:
             raise ValueError(f"{where}: {key}: is missing")
     if "image" in arguments:
         if not isinstance(arguments["image"], str):
@@ -171,7 +172,7 @@ def _light(path: AnyPath, number: int, entry: Any) -> Light | MovingLight:
 
 def _shown(word: Any) -> str:
     """Return a name or key of a file for an error; shortened and quoted where it would break the line."""
-    fits = isinstance(word, str) and word.isprintable() and len(word) <= MAX_NAME_BYTES
+    fits = isinstance(word, str) and word.isprintable() and len(word) <= quantities.MAX_NAME_BYTES
     return word if fits else reprlib.repr(word)
 
 

@@ -1,22 +1,15 @@
 """The base classes of lights: strength and colour, rays, parsing from text."""
 
-from collections.abc import Iterable, Iterator
+from collections.abc import Iterator
 from dataclasses import dataclass
-from typing import Any, ClassVar, NamedTuple, Self
+from typing import Annotated, Any, ClassVar, NamedTuple, Self
 
 import numpy as np
 import torch
+from annotated_types import Interval
 
-from relight.lights.parameters import (
-    REQUIRED,
-    Colour,
-    Kelvin,
-    Locus,
-    Name,
-    Number,
-    checked_number,
-    parameters,
-)
+from relight import quantities
+from relight.arguments import Checked, Parameter, checked, parameters, read_settings
 from relight.media import colour as colours
 
 
@@ -36,7 +29,7 @@ class Parts(NamedTuple):
 
 
 @dataclass(frozen=True, kw_only=True)
-class Light:
+class Light(Checked):
     """What all lights have in common; see `relight.DirectionalLight` for the parameters.
 
     >>> import relight
@@ -44,24 +37,29 @@ class Light:
     True
     """
 
-    intensity: Number = Number(1.0, low=0)
-    colour: Colour = Colour((1.0, 1.0, 1.0))
-    exposure: Number = Number(0.0, -64, 64)
-    temperature: Kelvin = Kelvin(None)
-    locus: Locus = Locus("planckian")
-    name: Name = Name(None)
+    intensity: quantities.Intensity = 1.0
+    colour: quantities.Colour = quantities.WHITE
+    exposure: quantities.Exposure = 0.0
+    temperature: quantities.Temperature = None
+    locus: quantities.Locus = "planckian"
+    name: quantities.Name = None
 
     is_near: ClassVar[bool] = False  # whether its rays differ from point to point
 
-    def __new__(cls, *_: Any, **named: Any) -> Self:
-        if "color" in named:
-            raise TypeError(f"color: is spelled colour here, {cls.__name__}(colour=...)")
-        return super().__new__(cls)
-
     def __post_init__(self) -> None:
-        """Check what depends on several parameters."""
+        """Check each parameter, and what depends on several."""
+        super().__post_init__()
         if self.temperature is not None:
-            checked_number("temperature", self.temperature, *colours.LOCI[self.locus])
+            low, high = colours.LOCI[self.locus]
+            allowed = Annotated[quantities.Temperature, Interval(ge=low, le=high)]
+            checked("temperature", self.temperature, allowed)
+
+    @classmethod
+    def parameters(cls) -> dict[str, Parameter]:
+        """Return the parameters of the constructor by name, those that all lights have last."""
+        all_, common = parameters(cls), parameters(Light)
+        own = {name: each for name, each in all_.items() if name not in common}
+        return own | {name: all_[name] for name in common}
 
     @property
     def power(self) -> np.ndarray:
@@ -105,8 +103,8 @@ class Light:
 
     def settings(self) -> dict[str, Any]:
         """Return {parameter: value} of the constructor, without those that have their defaults."""
-        values = {key: getattr(self, key) for key in parameters(type(self))}
-        return {key: value for key, value in values.items() if value != parameters(type(self))[key].default}
+        values = {key: (getattr(self, key), each.default) for key, each in self.parameters().items()}
+        return {key: value for key, (value, default) in values.items() if value != default}
 
     @classmethod
     def parse(cls, text: str) -> Self:
@@ -128,13 +126,13 @@ class Light:
         """
         name, colon, settings = text.rpartition(":")
         try:
-            arguments = parse_settings(cls, filter(None, settings.split(",")))
-            if any(word.partition("=")[0] in parameters(cls) for word in name.split(",") if "=" in word):
+            arguments = read_settings(filter(None, settings.split(",")), cls.parameters())
+            if any(word.partition("=")[0] in cls.parameters() for word in name.split(",") if "=" in word):
                 raise ValueError(f"{name!r} is no name; settings are separated by commas")
             if colon and "name" in arguments:
                 raise ValueError(f"name={arguments['name']!r} is twice")
-            for key, parameter in parameters(cls).items():
-                if parameter.default is REQUIRED and key not in arguments:
+            for key, parameter in cls.parameters().items():
+                if parameter.is_required and key not in arguments:
                     raise ValueError(f"{key} is missing")
             return cls(**arguments | ({"name": name} if colon else {}))
         except (TypeError, ValueError) as error:
@@ -167,19 +165,3 @@ class DistantLight(Light):
         directions, powers = self.samples()
         places = np.concatenate([directions, np.zeros((len(directions), 1), np.float32)], axis=1)
         return Parts(places, powers, self.sample_radii(len(directions)))
-
-
-def parse_settings(light: type[Light], settings: Iterable[str]) -> dict[str, Any]:
-    """Return the arguments of a light's constructor from texts `parameter=value`; vectors as `1/0.9/0.8`."""
-    known = parameters(light)
-    arguments: dict[str, Any] = {}
-    for setting in settings:
-        key, equals, value = (part.strip() for part in setting.partition("="))
-        if key not in known or not equals or key in arguments:
-            problem = "twice" if key in arguments else "not understood"
-            problem = "not understood, colour is" if key == "color" else problem
-            raise ValueError(
-                f"{setting!r} is {problem}; expected parameter=value,... with {', '.join(known)}"
-            )
-        arguments[key] = known[key].read(value)
-    return arguments

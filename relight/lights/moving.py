@@ -14,7 +14,6 @@ import numpy as np
 from relight.lights.directional import DirectionalLight
 from relight.lights.light import Light
 from relight.lights.near import PointLight, RectLight
-from relight.lights.parameters import parameters
 
 Keyframes = dict[float, float | tuple[float, ...]]  # {frame: value}, in the order of frames
 ORBIT_ANGLES = ("azimuth", "rotation")  # parameters to which an orbit adds its angle
@@ -90,7 +89,7 @@ class MovingLight:
         settings = self.rests | {key: _between(key, frames, frame) for key, frames in self.moves.items()}
         turn = 0.0 if self.orbit is None else 360 * (frame - 1) / self.orbit
         for key in ORBIT_ANGLES if self.orbit is not None else ():
-            if key in parameters(self.kind):
+            if key in self.kind.parameters():
                 settings[key] = settings.get(key, 0.0) + turn
         for key in ORBIT_POSITIONS if self.orbit is not None else ():
             if key in settings:

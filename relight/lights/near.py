@@ -8,38 +8,42 @@ faces them from one metre, and it falls off with the square of the distance.
 import math
 from collections.abc import Iterator
 from dataclasses import KW_ONLY, dataclass
-from typing import Any, ClassVar
+from typing import Annotated, Any, ClassVar
 
 import numpy as np
 import torch
 import torch.nn.functional as F
+from annotated_types import Interval
 
+from relight import quantities
+from relight.arguments import About, required
 from relight.lights.light import Light, Parts, Rays
-from relight.lights.parameters import Number, OptionalVector, Vector
 from relight.lights.spherical_rectangle import SphericalRectangle
 
 SAMPLE_COUNT = 16  # over a light that has a size
-MAX_METRES = 1e6  # of a position or a size
-MIN_METRES = 1e-4  # of a side, and of the distance to a light
 FULL_CONE, HALF_CONE = 180.0, 90.0  # degrees from the axis to which a lamp, and a rectangle, shines
 MIN_CONE = 1e-4  # degrees
 GOLDEN = (math.sqrt(5) - 1) / 2
 DISC_SAMPLES = 32  # over a sphere that shines, for the shadows that it casts
+
+_CONE = About("Degrees from the axis beyond which there is no light.", unit="degrees")
+Cone = Annotated[float, Interval(ge=MIN_CONE, le=FULL_CONE), _CONE]
+FlatCone = Annotated[float, Interval(ge=MIN_CONE, le=HALF_CONE), _CONE]
 
 
 @dataclass(frozen=True)
 class NearLight(Light):
     """What near lights have in common."""
 
-    position: Vector = Vector(largest=MAX_METRES, unit="metres")
+    position: quantities.Position = required()
     _: KW_ONLY
-    cone: Number = Number(FULL_CONE, MIN_CONE, FULL_CONE)
-    softness: Number = Number(0.0, 0, 1)
+    cone: Cone = FULL_CONE
+    softness: quantities.Softness = 0.0
 
     is_near: ClassVar[bool] = True
 
     def _check_faces(self, toward: tuple[float, ...]) -> None:
-        if math.dist(self.position, toward) < MIN_METRES:
+        if math.dist(self.position, toward) < quantities.MIN_METRES:
             raise ValueError("toward: is where the light stands; expected a point that it faces")
 
     @property
@@ -124,8 +128,8 @@ class PointLight(NearLight):
     """
 
     _: KW_ONLY
-    radius: Number = Number(0.0, 0, MAX_METRES)
-    toward: OptionalVector = OptionalVector(None, MAX_METRES, "metres")
+    radius: quantities.Radius = 0.0
+    toward: quantities.OptionalPosition = quantities.NOWHERE
 
     def __post_init__(self) -> None:
         super().__post_init__()
@@ -209,11 +213,11 @@ class RectLight(NearLight):
     [0.59, -0.2, -0.78]
     """
 
-    toward: Vector = Vector(largest=MAX_METRES, unit="metres")
-    width: Number = Number(low=MIN_METRES, high=MAX_METRES)
-    height: Number = Number(low=MIN_METRES, high=MAX_METRES)
+    toward: quantities.Position = required()
+    width: quantities.Side = required()
+    height: quantities.Side = required()
     _: KW_ONLY
-    cone: Number = Number(HALF_CONE, MIN_CONE, HALF_CONE)
+    cone: FlatCone = HALF_CONE
 
     def __post_init__(self) -> None:
         super().__post_init__()
@@ -259,7 +263,9 @@ class RectLight(NearLight):
         axes = torch.from_numpy(np.stack([*self.sides, self.axis]))
         centre = torch.tensor(self.position, dtype=torch.float64).view(3, *[1] * (positions.ndim - 1))
         x, y, z = torch.einsum("lc,c...->l...", axes, centre - positions.double())
-        rectangle = SphericalRectangle(x, y, self.width, self.height, -z.abs().clamp_min(MIN_METRES))
+        rectangle = SphericalRectangle(
+            x, y, self.width, self.height, -z.abs().clamp_min(quantities.MIN_METRES)
+        )
         share = rectangle.solid_angle / (self.width * self.height * SAMPLE_COUNT)
         irradiance = share.masked_fill(z >= 0, 0).to(positions)  # nothing shines behind the light's plane
         for u, v in _lattice().tolist():
@@ -301,7 +307,7 @@ def _dot(axis: np.ndarray, directions: torch.Tensor) -> torch.Tensor:
 def _toward(point: Any, positions: torch.Tensor) -> tuple[torch.Tensor, torch.Tensor]:
     """Return unit directions (3, ...) from positions (3, ...) to a point (3,), and the squared distances."""
     vectors = torch.tensor(np.asarray(point, np.float32)).view(3, *[1] * (positions.ndim - 1)) - positions
-    squared = (vectors**2).sum(dim=0).clamp_min(MIN_METRES**2)
+    squared = (vectors**2).sum(dim=0).clamp_min(quantities.MIN_METRES**2)
     return vectors / squared.sqrt(), squared
 
 

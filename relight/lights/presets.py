@@ -7,9 +7,9 @@ from typing import Any
 
 import yaml
 
+from relight.arguments import checked_number
 from relight.lights.files import from_entries
 from relight.lights.light import Light
-from relight.lights.parameters import checked_number
 
 HEIGHT = 1.75  # metres of the person for whom the file is written
 

@@ -5,10 +5,10 @@ from collections.abc import Iterable
 from dataclasses import replace
 from typing import Any
 
+from relight.arguments import checked_number
 from relight.lights import presets
 from relight.lights.light import Light
 from relight.lights.moving import MovingLight
-from relight.lights.parameters import checked_number
 
 Lights = Light | Iterable[Light] | str  # what functions accept
 

@@ -19,9 +19,9 @@ from scipy.ndimage import distance_transform_edt
 
 from relight.analysis.depth import MAX_DEPTH, MIN_COVERAGE
 from relight.analysis.temporal import RADIUS
+from relight.arguments import checked_number
 from relight.compositing.placement import place
 from relight.lights.environment import FIELD_OF_VIEW
-from relight.lights.parameters import checked_number
 from relight.matting import chroma_key, refine
 from relight.matting.networks import AUTO
 from relight.matting.numba_cache import ensure_numba_cache

@@ -278,7 +278,7 @@ class Lighting(Options):
             from relight.analysis.gloss import checked_gloss
 
             self._set("gloss", checked_gloss(self.gloss))
-        from relight.lights.parameters import checked_number
+        from relight.arguments import checked_number
 
         self._set("amount", checked_number("amount", self.amount, 0, 1))
         self._set("background_light", checked_number("background_light", self.background_light, 0, 1))

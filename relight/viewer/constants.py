@@ -3,14 +3,15 @@
 from collections.abc import Mapping
 from typing import Any
 
+from relight import quantities
 from relight.analysis import gloss, upsampling
 from relight.analysis.storage import HALF_MAX
+from relight.arguments import limits, members
 from relight.lights import near
 from relight.lights.directional import SOFT_SAMPLE_COUNT, DirectionalLight
 from relight.lights.environment import EnvironmentLight
 from relight.lights.light import Light
 from relight.lights.near import PointLight
-from relight.lights.parameters import Number, parameters
 from relight.media.colour import KNEE, LOCI, LUMINANCE
 from relight.viewer.packing import CAST_RANK, RESIDUAL_RANK
 
@@ -23,11 +24,11 @@ def of_the_program() -> dict[str, Any]:
     kinds = (DirectionalLight, PointLight, EnvironmentLight)
     ranges = {}
     for kind in kinds:
-        for name, parameter in parameters(kind).items():
-            if isinstance(parameter, Number):
-                ranges[name] = [_finite(parameter.low), _finite(parameter.high)]
+        for name, parameter in kind.parameters().items():
+            if next(each for each, _ in members(parameter.kind)) is float and name != "temperature":
+                ranges[name] = [_finite(limit) for limit in limits(parameter.kind)]
     ranges["intensity"][1] = MAX_INTENSITY
-    shared = {name: each.default for name, each in parameters(Light).items() if name != "name"}
+    shared = {name: each.default for name, each in Light.parameters().items() if name != "name"}
     return {
         "SHARED": shared,
         "RANGES": ranges,  # null where there is no limit
@@ -43,7 +44,7 @@ def of_the_shaders() -> str:
     red, green, blue = LUMINANCE.tolist()
     floats: Mapping[str, float] = {
         "GOLDEN": near.GOLDEN,
-        "MIN_SQUARED": near.MIN_METRES**2,  # of the distance to a lamp
+        "MIN_SQUARED": quantities.MIN_METRES**2,  # of the distance to a lamp
         "FORWARD": gloss.FORWARD,
         "DEPTH": gloss.DEPTH,
         "BEND": gloss.BEND,

@@ -14,7 +14,6 @@ from relight.lights.directional import DirectionalLight
 from relight.lights.environment import EnvironmentLight, environments
 from relight.lights.light import Light
 from relight.lights.near import PointLight
-from relight.lights.parameters import parameters
 from relight.lights.rig import Lights, by_name, checked_amount
 from relight.media.colour import LOCI, encode, temperature
 from relight.media.images import scene_linear
@@ -93,7 +92,7 @@ def parameters_of(light: HandleLight, name: str | None = None) -> dict[str, Any]
 
 
 def _shared(light: Light) -> dict[str, Any]:
-    return {key: getattr(light, key) for key in parameters(Light) if key != "name"}
+    return {key: getattr(light, key) for key in Light.parameters() if key != "name"}
 
 
 def _environment(light: EnvironmentLight, name: str) -> dict[str, Any]:

@@ -17,4 +17,6 @@ FOLDERS = (  # from the top to the bottom: each imports only from those below it
     "lights",
     "media",
     "version",
+    "quantities",
+    "arguments",
 )

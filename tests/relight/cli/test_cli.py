@@ -148,7 +148,7 @@ def test_lights_come_from_a_file_and_go_to_one(tmp_path, photo):
     [
         ({"--mask": None}, "relight fetch person brings them (MediaPipe's pose networks (Apache-2.0)"),
         ({"--mask": "gone.png"}, "gone.png: no such file"),
-        ({"--light": "key:azimut=3"}, "'azimut=3' is not understood"),
+        ({"--light": "key:azimut=3"}, "azimut: not known; did you mean azimuth"),
         (
             {"--light": None},
             "lights: expected at least one (--preset, --light, --environment, --lights, --match or ",

@@ -8,9 +8,9 @@ from typer.main import get_command
 from typer.testing import CliRunner
 
 import relight
+from relight.arguments import parameters
 from relight.cli.commands import app
 from relight.cli.help import EXAMPLES, SHOT, STAGE, TRAIN
-from relight.lights.parameters import parameters
 
 LEAST = {100: 40, 80: 20}  # characters of the narrowest column, by those of the terminal
 COMMANDS = ("apply", "view", "analyse", "export", "olat", "job", "app", "stage", "train", "evaluate tables")

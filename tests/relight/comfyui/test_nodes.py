@@ -320,7 +320,7 @@ def test_what_is_held_reads_as_the_page_writes_it():
         (lambda image, mask, batch: LightNode().add(0.0, 0.0, colour="red"), "colour: expected #rrggbb or"),
         (
             lambda image, mask, batch: LightNode().add(0.0, 0.0, temperature=300.0),
-            "temperature: expected 1000 to",
+            "temperature: expected a number of kelvin from 1000 to",
         ),
         (lambda image, mask, batch: Environment().add(), "environment: expected a path or an image"),
         (lambda image, mask, batch: Environment().add("none.exr"), "no such file"),

@@ -151,12 +151,12 @@ def test_height_says_how_the_floor_is_tilted(post):
 @pytest.mark.parametrize(
     ("text", "problem"),
     [
-        ("height=0", "height: expected metres > 0"),
+        ("height=0", "height: expected a number of metres above 0"),
         ("height=-1,horizon=0.4", "height"),
         ("horizon=1.5", "horizon"),
         ("horizon=nan", "horizon"),
-        ("tilt=3", "'tilt=3' is not understood"),
-        ("height=1/2", "one number"),
+        ("tilt=3", "tilt: not known; expected height, horizon, feet"),
+        ("height=1/2", "height: expected a number of metres"),
         ("feet=1/2/3", "feet"),
         ("", "not understood"),
     ],

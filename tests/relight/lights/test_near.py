@@ -169,12 +169,15 @@ def test_a_light_in_or_at_the_person_is_refused(sphere):
 @pytest.mark.parametrize(
     ("light", "words"),
     [
-        ("lamp:position=nan/0/1", "position: expected 3 finite numbers"),
-        ("lamp:position=0/1", "position: expected 3 finite numbers"),
+        ("lamp:position=nan/0/1", "position: expected 3 finite numbers of metres"),
+        ("lamp:position=0/1", "position: expected 3 numbers of metres"),
         ("lamp:radius=0.1", "position is missing"),
-        ("lamp:position=0/0/1,radius=-1", "radius: expected 0 to"),
+        ("lamp:position=0/0/1,radius=-1", "radius: expected a number of metres from 0 to"),
         ("box:position=0/0/2,width=1,height=1", "toward is missing"),
-        ("box:position=0/0/2,toward=0/0/0,width=0,height=1", "width: expected 0.0001 to"),
+        (
+            "box:position=0/0/2,toward=0/0/0,width=0,height=1",
+            "width: expected a number of metres from 0.0001 to",
+        ),
         ("box:position=0/0/2,toward=0/0/2,width=1,height=1", "toward: is where the light stands"),
         ("lamp:position=0/0/-0.2", "is inside the person"),
     ],

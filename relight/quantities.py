@@ -1,0 +1,168 @@
+"""The quantities that lights, options, functions and nodes share: the type, range, unit and help of each."""
+
+import math
+import unicodedata
+import warnings
+from collections.abc import Iterable
+from typing import TYPE_CHECKING, Annotated, Any, Literal
+
+from annotated_types import Interval
+
+from relight.arguments import About, Converted, Converts, meant
+
+MAX_METRES = 1e6  # of a position or a size
+MIN_METRES = 1e-4  # of a side, and of the distance to a light
+MAX_NAME_BYTES = 240  # with "visibility_" before and ".R" behind, within the 255 of OpenEXR
+MIN_LENGTH = 1e-6  # of a direction
+Triple = tuple[float, float, float]
+WHITE: Any = (1.0, 1.0, 1.0)  # the default of a colour
+NOWHERE: Any = None  # that of an `OptionalPosition`
+
+
+def _parsed_colour(text: str) -> Triple:
+    """Read a colour: `1/0.9/0.8`, linear; or as pictures have it, `#ff8800`, or by its name in CSS."""
+    import numpy as np
+    from PIL import ImageColor
+
+    from shadow.srgb import decode_srgb
+
+    word = text.strip().lower()
+    try:
+        red, green, blue = map(float, word.split("/"))
+    except ValueError:
+        name = word.replace(" ", "").replace("_", "")
+        try:
+            codes = ImageColor.getrgb(name)[:3]
+        except ValueError:
+            near = meant(name, ImageColor.colormap)
+            raise ValueError(
+                f"expected linear red/green/blue such as 1/0.9/0.8, #rrggbb, or a colour's name, got {text!r}"
+                + (f"; did you mean {near}?" if near else "")
+            ) from None
+        red, green, blue = decode_srgb(np.array(codes) / 255).round(6).tolist()
+    else:
+        if max(red, green, blue) > 1 and max(red, green, blue) <= 255:
+            code = "".join(f"{round(min(max(each, 0), 255)):02x}" for each in (red, green, blue))
+            warnings.warn(
+                f"colour: {text} is linear and brighter than white; intensity=2 is twice the light, and the "
+                f"colour of 8 bits is #{code}",
+                stacklevel=2,
+            )
+    return red, green, blue
+
+
+def _unit_vector(vector: Triple) -> Triple:
+    largest = max(map(abs, vector))
+    if largest < MIN_LENGTH:
+        raise ValueError("has zero length")
+    x, y, z = (component / largest for component in vector)  # its square may be beyond any float
+    length = math.hypot(x, y, z)
+    return x / length, y / length, z / length
+
+
+def _layer_name(name: str) -> str:
+    if not name:
+        raise ValueError("expected a non-empty text, got ''")
+    if any(unicodedata.category(character) in ("Cc", "Cs") for character in name):
+        raise ValueError(f"expected no control characters, got {name!r}")
+    if (size := len(name.encode())) > MAX_NAME_BYTES:
+        raise ValueError(f"expected at most {MAX_NAME_BYTES} bytes of UTF-8, got {size}")
+    return name
+
+
+if TYPE_CHECKING:
+    # What a constructor takes is Iterable[float], which mypy would take for what an inherited field has.
+    Colour = Converted[Any, Triple]
+    Direction = Converted[Any, Triple]
+    Position = Converted[Any, Triple]
+    OptionalPosition = Converted[Any, Triple | None]
+    GivenColour = Iterable[float] | str
+    GivenDirection = Iterable[float]
+else:
+    _Metres = Annotated[float, Interval(ge=-MAX_METRES, le=MAX_METRES)]
+    Colour = Annotated[
+        tuple[(Annotated[float, Interval(ge=0)],) * 3],
+        Converts(),
+        About(
+            "Linear red/green/blue such as 1/0.9/0.8; or as pictures have it, #rrggbb or a name in CSS.",
+            parse=_parsed_colour,
+        ),
+    ]
+    Direction = Annotated[
+        Triple,
+        Converts(),
+        About("x/y/z from the subject to the light, in the camera's axes.", check=_unit_vector),
+    ]
+    Position = Annotated[
+        tuple[_Metres, _Metres, _Metres],
+        Converts(),
+        About("x/y/z from the subject's middle, in the camera's axes.", unit="metres"),
+    ]
+    OptionalPosition = Annotated[Position | None, About()]
+    GivenColour, GivenDirection = Colour, Direction
+
+Intensity = Annotated[
+    float,
+    Interval(ge=0),
+    About("At 1, a white surface that faces the light (a lamp: from one metre) is white."),
+]
+Exposure = Annotated[float, Interval(ge=-64, le=64), About("Each stop doubles the light.", unit="stops")]
+Azimuth = Annotated[
+    float, About("Degrees from the camera (0) toward image right (90); 180: behind.", unit="degrees")
+]
+Elevation = Annotated[
+    float,
+    Interval(ge=-90, le=90),
+    About("Degrees up from the horizon (0) to overhead (90).", unit="degrees"),
+]
+Rotation = Annotated[
+    float, About("Degrees about the vertical, from the camera toward image right.", unit="degrees")
+]
+Diameter = Annotated[
+    float,
+    Interval(ge=0, le=180),
+    About("Angular diameter in degrees: 0 a hard light, tens a softbox.", unit="degrees"),
+]
+Temperature = Annotated[
+    float | None, About("Colour temperature in kelvin: 3200 is tungsten, 5600 a flash.", unit="kelvin")
+]
+Locus = Annotated[
+    Literal["planckian", "daylight"],
+    About("The colours of temperatures: a black body's, or those of daylight."),
+]
+Name = Annotated[
+    Annotated[str, About(check=_layer_name)] | None,
+    About("The name of the light's layer and of its handle in the viewer."),
+]
+Radius = Annotated[
+    float,
+    Interval(ge=0, le=MAX_METRES),
+    About("Metres, of a sphere that shines: larger is softer, and no brighter.", unit="metres"),
+]
+Side = Annotated[float, Interval(ge=MIN_METRES, le=MAX_METRES), About("Metres.", unit="metres")]
+Softness = Annotated[
+    float, Interval(ge=0, le=1), About("Share of the cone over which the light fades to its edge.")
+]
+Gloss = Annotated[
+    float,
+    Interval(ge=0, le=1),
+    About("Reflection at grazing angles: a rim on hair, shoulders and arms in light from behind."),
+]
+Amount = Annotated[
+    float,
+    Interval(ge=0, le=1),
+    About("Share of the new light: the rest is the photograph's own. 0 is the photograph."),
+]
+Height = Annotated[
+    float,
+    Interval(ge=0.01, le=100),
+    About("Height in metres of the part of the person that the matte shows.", unit="metres"),
+]
+FieldOfView = Annotated[
+    float,
+    Interval(ge=1e-3, le=170),
+    About("Vertical field of view of the camera, in degrees.", unit="degrees"),
+]
+ColourSpace = Annotated[
+    str | None, About("Colour space of a file, in place of what it states: sRGB, ACEScg, 'ARRI LogC4'...")
+]
