@@ -202,6 +202,8 @@ def _solved(plate: np.ndarray, colour: np.ndarray, alpha: np.ndarray, known: np.
             _mean_of_neighbours(behind, (1 - alpha) ** 2, pixels, continued[1], sigma),
         )
         own[soft], behind[soft] = _most_likely(seen, coverage, *expected, 1.0)
+    hint = (alpha > 0) & (alpha <= MIN_COVERAGE)  # too little to solve, and enough to shine before black
+    own[hint] = np.minimum(own[hint], plate[hint] / alpha[hint][:, None])
     return own
 
 
@@ -211,11 +213,12 @@ def _most_likely(
     """Return the colours (n, 3) of person and background of pixels, which together are what is seen there.
 
     `coverage`: (n, 1). `own`, `behind`: (n, 3), what is expected of both. `variance`: of the second, relative
-    to that of the first.
+    to that of the first. Light is not negative, so neither gives more than what is seen.
     """
     left = seen - coverage * own - (1 - coverage) * behind
     left /= coverage**2 + variance * (1 - coverage) ** 2
-    return (own + coverage * left).clip(0), (behind + variance * (1 - coverage) * left).clip(0)
+    own, behind = own + coverage * left, behind + variance * (1 - coverage) * left
+    return own.clip(0, seen / coverage), behind.clip(0, seen / (1 - coverage))
 
 
 def _mean_of_neighbours(

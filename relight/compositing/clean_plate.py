@@ -24,6 +24,10 @@ COHERENT = (
     0.7,
 )  # share of what there is that the mean along the edge explains: none, and all, of a line
 MOSTLY = (0.3, 0.8)  # from the first coverage on the background hardly shows, from the second on not at all
+LACKING = (
+    0.3,
+    0.8,
+)  # share of the person in what the matte leaves free: of a right matte, and of one too low
 SOLID = 0.9995  # coverage that is whole
 BACKGROUND_VARIANCE = 3.0  # of the continued surroundings, relative to that of the person's own colour
 
@@ -77,12 +81,23 @@ def _without(
     rest *= 1 - _lines_along_edge(rest, coverage, hidden, radius)[..., None]
     share = BACKGROUND_VARIANCE * (1 - alpha)
     behind = (around + share / (alpha**2 + share * (1 - alpha)) * rest).clip(0)
-    # Where there is more of the person, either may be wrong: the surroundings, by a matte that is too low, or
-    # the photograph, by the old light. The darker one does not show.
-    mostly = _smoothstep(alpha, *MOSTLY)
-    behind += mostly * (np.minimum(plate, behind) - behind)
+    # Where the photograph shows more of the person than the matte says, the matte is too low there, and the
+    # surroundings would show through a person who is lit from elsewhere. The darker of both does not show.
+    tight = _smoothstep(alpha, *MOSTLY) * _smoothstep(_lacking(plate, alpha, colour, around), *LACKING)
+    behind += tight * (np.minimum(plate, behind) - behind)
     behind = np.where(alpha < SOLID, behind, around)
     return np.where(hidden[..., None], behind, plate)
+
+
+def _lacking(plate: np.ndarray, alpha: np.ndarray, colour: np.ndarray, around: np.ndarray) -> np.ndarray:
+    """Return which share of what the matte leaves free is the person's (h, w, 1): 0 where it is right.
+
+    It follows from where the photograph's colour lies between those of the surroundings and of the person.
+    """
+    toward = colour - around
+    explained = ((plate - around) * toward).sum(axis=-1, keepdims=True)
+    coverage = explained / np.maximum((toward**2).sum(axis=-1, keepdims=True), 1e-6)
+    return ((coverage - alpha) / np.maximum(1 - alpha, 1e-3)).clip(0, 1)
 
 
 def _lines_along_edge(rest: np.ndarray, coverage: np.ndarray, hidden: np.ndarray, radius: int) -> np.ndarray:

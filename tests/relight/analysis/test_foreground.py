@@ -191,6 +191,19 @@ def test_pixels_are_put_where_the_person_is(side):
     image[0, 0] = 1  # and it can be written
 
 
+def test_a_loose_matte_of_somebody_bright_does_not_shine_before_black():
+    """The photograph bounds what a soft edge gives: the white of a sleeve is not put where black is seen."""
+    plate = np.zeros((60, 80, 3), np.float32)
+    plate[:, :40] = 0.9
+    alpha = np.zeros((60, 80), np.float32)
+    alpha[:, :40], alpha[:, 40:46] = 1, (0.8, 0.6, 0.4, 0.2, 0.04, 0.02)  # the edge is six pixels too far out
+    person = Foreground.of(*[torch.from_numpy(alpha)] * 2, True)
+    found = person.own_colour(plate).permute(1, 2, 0).numpy() * alpha[:, : person.alpha.shape[1], None]
+    seen = plate[:, : found.shape[1]]
+    assert (found - seen).max() < 1e-6
+    np.testing.assert_allclose(found[:, 2:38], seen[:, 2:38], atol=1e-3)
+
+
 def test_hairs_before_a_bright_wall_have_their_own_colour():
     """The composite over black shows neither the wall nor a dark contour."""
     size, random = (80, 80), np.random.default_rng(0)

@@ -51,6 +51,27 @@ def test_texture_beside_the_matte_stays_sharp():
     assert np.std(found[beside] - wall[beside]) < 0.01  # a smooth filling is off by 0.05
 
 
+def test_a_soft_edge_that_is_right_gets_no_dark_contour():
+    """Dark hair before a bright wall: the wall goes on behind the edge, up to where nothing of it shows."""
+    wall, hair = np.float32([0.8, 0.75, 0.7]), np.float32([0.03, 0.02, 0.02])
+    coverage = matte()
+    coverage[25:375, 156:164] = np.linspace(0.95, 0.05, 8)
+    plate = coverage[..., None] * hair + (1 - coverage[..., None]) * wall
+    found = clean_plate(plate, coverage, np.broadcast_to(hair, plate.shape))
+    composite = coverage[..., None] * hair + (1 - coverage[..., None]) * found
+    np.testing.assert_allclose(composite[40:360, 150:170], plate[40:360, 150:170], atol=0.02)
+
+
+def test_a_matte_that_is_too_low_does_not_let_the_wall_through():
+    """The edge is opaque in the photograph and not in the matte: what is behind is as dark as the person."""
+    wall, coat = np.float32([0.8, 0.75, 0.7]), np.float32([0.03, 0.02, 0.02])
+    true, low = matte(), matte()
+    low[25:375, 152:160] = 0.7
+    plate = true[..., None] * coat + (1 - true[..., None]) * wall
+    found = clean_plate(plate, low, np.broadcast_to(coat, plate.shape))
+    assert found[40:360, 152:160].max() < 0.2
+
+
 def test_a_single_hair_across_the_edge_stays():
     coverage = matte()
     plate = photograph(coverage)
