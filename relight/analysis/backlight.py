@@ -1,4 +1,6 @@
-"""Edges before the body, which get no rim from behind: a jaw before the neck, a lapel before the shirt.
+"""Where the light from behind gives a rim: along the outline before the background.
+
+Edges before the body get none: a jaw before the neck, a lapel before the shirt.
 
 `relight.analysis.gloss` gives the outline of a limb the light that grazes it. Light from behind reaches an
 outline before the background, but none before the body, where another surface is in its way.
@@ -6,6 +8,10 @@ outline before the background, but none before the body, where another surface i
 From each pixel of a rim, a line goes outward along the normal. A limb turns away from the camera there, up to
 its outline. If the line comes to a pixel that faces the camera more before it leaves the person, this is
 another surface, behind the limb.
+
+A rim is as narrow as hair, skin and cloth let light graze past them, however large the picture shows a head.
+Normals alone would make a broad veil of it in close pictures, and on hair, whose inferred surface is smooth.
+So it falls off with the distance from the outline.
 
 Only the gloss lacks this light. Diffuse light on the same pixels is as often blocked as it is not, so their
 visibility is better left to the network (docs/history.md).
@@ -20,21 +26,33 @@ from shadow.networks.mirror import Pixels
 RIM = 0.02  # of `gloss.outline`: with less, a pixel has no rim
 RISE = (0.1, 0.3)  # of N·V along the line: up to the first it is one surface, from the second there are two
 REACH, STRIDE = 64, 1.5  # of the line, pixels of the canvas, and the ratio of its steps
+WIDTH = 0.025  # of the canvas's height: distance from the outline at which no rim is left
 HALF = 2  # pixels of the canvas, side of the blocks that are smoothed
 SMOOTH = 3  # blocks, side of the box that smooths them, twice
 
 
 def open_rims(silhouette: Pixels, normals: torch.Tensor) -> torch.Tensor:
-    """Return how much of each pixel's rim is before the background: (1, N) in [0, 1], smooth.
+    """Return how much of each pixel's rim is at the outline before the background: (1, N) in [0, 1], smooth.
 
-    `normals` (3, N): those at the pixels of the silhouette. It is 0 at an edge before the body, and 1 where a
-    pixel has no rim.
+    `normals` (3, N): those at the pixels of the silhouette. It is 0 at an edge before the body.
     """
     rim = (outline(normals[2]) > RIM).nonzero()[:, 0]
     share = torch.ones_like(normals[:1])
     if len(rim):
         share[0, rim] -= _before_the_body(silhouette, normals, rim)
-    return share.clamp_(0, 1)
+    return share.clamp_(0, 1).mul_(_at_the_outline(silhouette))
+
+
+def _at_the_outline(silhouette: Pixels) -> torch.Tensor:
+    """Return a share (N,): 1 up to WIDTH / 4 from the outline, 0 from WIDTH on; 1 on what is narrower."""
+    inside = torch.zeros(1, silhouette.shape.numel())
+    inside[:, silhouette.pixels] = 1
+    blocks = F.avg_pool2d(inside.unflatten(1, silhouette.shape)[None], HALF)
+    reach = max(1, round(WIDTH * silhouette.shape[0] / HALF))
+    rows = F.avg_pool2d(blocks, (1, 2 * reach + 1), stride=1, padding=(0, reach))
+    covered = F.avg_pool2d(rows, (2 * reach + 1, 1), stride=1, padding=(reach, 0))
+    share = ((1 - covered) / 0.375).clamp_(0, 1)  # of windows on a straight outline, half is outside
+    return F.interpolate(share, silhouette.shape, mode="bilinear").flatten()[silhouette.pixels]
 
 
 def _before_the_body(silhouette: Pixels, normals: torch.Tensor, rim: torch.Tensor) -> torch.Tensor:

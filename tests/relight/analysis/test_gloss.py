@@ -5,6 +5,7 @@ import pytest
 import torch
 from helpers.damage import small_canvas
 from helpers.standins import ball, image_of
+from scipy.ndimage import distance_transform_edt
 from typer.testing import CliRunner
 
 import relight
@@ -85,6 +86,14 @@ def test_light_from_behind_gives_a_rim_and_light_from_the_front_hardly_any(black
     bright = from_behind[black.matte == 1][:, 0] > 0.05
     assert seen[bright].max() < 0.6
     assert from_behind[:, 80:].mean() > 10 * from_behind[:, :80].mean()  # on the light's side
+
+
+def test_a_rim_is_narrow_however_large_the_picture_shows_a_head(black):
+    """A quarter of the radius inside a ball, its normal still turns far enough for a rim."""
+    reflection = black.reflection(relight.DirectionalLight(azimuth=150, elevation=10))[..., 0]
+    inside = distance_transform_edt(black.matte > 0.5)
+    assert reflection[(inside > 1) & (inside < 3)].max() > 0.1
+    assert reflection[inside > 12].max() < 0.004
 
 
 def test_light_straight_behind_outlines_the_whole_person(black):
