@@ -25,6 +25,8 @@ ALIKE = 0.03  # contrast, encoded, relative to the darker side; below, colours h
 SMOOTH = 4.0  # standard deviation in pixels of the Gaussian that smooths the contour there
 REGULARISATION = 1e-7  # of the matting Laplacian; linear light has small variances
 EDGE_PRIOR = 0.005  # weight of the rough matte, which is blurred: more of it makes edges soft
+EDGE_WINDOW = 9  # pixels, side of the box in which the colours on both sides of an edge are gathered
+LEAST_CONTRAST = 1e-3  # sum of squared differences of linear colours from which these tell the coverage
 MIN_PERSON_SHARE = 0.1  # of the largest connected region's area: a smaller one is no person of its own
 
 
@@ -127,6 +129,28 @@ def smooth_where_alike(seen: np.ndarray, alpha: np.ndarray) -> np.ndarray:
     slope = 1 / (SMOOTH * np.sqrt(2 * np.pi))
     smooth = (0.5 + (gaussian_filter(alpha, SMOOTH) - 0.5) / (2 * slope)).clip(0, 1)
     return np.asarray(alpha + alike * (smooth - alpha), np.float32)
+
+
+def linear_coverage(alpha: np.ndarray, encoded: np.ndarray) -> np.ndarray:
+    """Return the coverage (h, w) for mixing in linear light, of a matte that suits encoded colours.
+
+    Light mixes in the lens, before it is encoded: what covers half of a pixel before a dark wall is brighter
+    than the mean of both codes, and a network takes it for more. `encoded`: the photograph (h, w, 3), sRGB in
+    [0, 1]. The colours of both sides are means near by; where they are alike, the matte stays.
+    """
+    share, every, person = (
+        uniform_filter(values, (EDGE_WINDOW, EDGE_WINDOW, 0))
+        for values in (alpha[..., None], encoded, encoded * alpha[..., None])
+    )
+    inner = (person / np.maximum(share, 1e-3)).clip(0, 1)
+    outer = ((every - person) / np.maximum(1 - share, 1e-3)).clip(0, 1)
+    person, wall, mixed = (
+        colour.decode(codes, "sRGB") for codes in (inner, outer, outer + (inner - outer) * alpha[..., None])
+    )
+    contrast = np.square(person - wall).sum(axis=-1)
+    linear = ((mixed - wall) * (person - wall)).sum(axis=-1) / np.maximum(contrast, 1e-6)
+    weight = contrast / (contrast + LEAST_CONTRAST)
+    return np.asarray(alpha + weight * (linear.clip(0, 1) - alpha), np.float32)
 
 
 def trimap(matte: np.ndarray, band: float) -> np.ndarray:

@@ -5,13 +5,14 @@ IS-Net cuts whatever stands out from a picture with all its detail, but knows no
 Accurate Dichotomous Image Segmentation", ECCV 2022). It sees a crop around the mask, so that a small person
 in a large picture has its full resolution too. Then
 
-- far inside the mask, the person is opaque, even where they wear the background's colour;
 - what lies nearer to other people than to the person belongs to them;
-- parts that do not touch the inside of the mask go, such as a logo on the wall;
-- so does what touches it and is too large to be held, such as a motorcycle.
+- where both networks disagree, each region is decided as a whole, see `silhouette_regions`: a white shirt
+  before a white wall is opaque, and a motorcycle behind the person goes;
+- so does what does not touch the inside of the mask, such as a logo on the wall.
 """
 
 import functools
+from collections.abc import Callable
 from typing import Protocol
 
 import numpy as np
@@ -20,7 +21,8 @@ from scipy.ndimage import binary_dilation, distance_transform_edt, gaussian_filt
 from relight.matting import silhouette_files
 from relight.matting.openvino_runtime import compiled
 from relight.matting.people.choice import Choice, reduced_size
-from relight.matting.refine import upsampled
+from relight.matting.refine import linear_coverage, upsampled
+from relight.matting.silhouette_regions import CERTAIN, reconciled
 from relight.media import colour
 from relight.media.resampling import resize
 from shadow.networks import precision
@@ -28,15 +30,13 @@ from shadow.networks import precision
 SIDE = 1024  # pixels of the network's square input
 MARGIN = 0.25  # of the longer side of the mask's box: how far the crop reaches beyond it, and grows
 LOOKS = 3  # of the network, at most, until nothing that is kept reaches the crop's border
-CERTAIN = 0.9  # of the mask: gaps that it closes have less
-SURE, RAMP = 0.012, 0.01  # of that side: how far inside that nothing is transparent; the ramp to it
 CONNECTED = 0.15  # coverage from which pixels that touch are one part
+DISPUTED = 0.05  # of the person, that one network shows and the other one does not: from there more views
 OPAQUE = 0.8  # coverage from which the network does not doubt
 HAZE = 0.05  # of that side: what it doubts so far from what it does not doubt is not the person's
 CLEAR = 0.02  # coverage up to which a pixel is empty, and opaque from 1 - CLEAR
-NEAR = 0.02  # of that side: how far from the mask the edge of a person may be
-LARGEST = 0.5  # of the mask: more than that beside it is a thing, or somebody, and nothing that is held
 LEAST = 0.3  # of what was drawn: the network sees no person there if it sees less
+MASK_SIDE, SLOPE = 256, 2.0  # pixels of a coarse mask; how much steeper its edge is in the picture
 BORDER = 1.0  # standard deviation in pixels of the blur of the border between people
 FILTER = "triangle"  # of OpenImageIO, for copies
 
@@ -63,7 +63,8 @@ class IsNet:
         seen = ((codes - 128) / 256).transpose(2, 0, 1)[None]
         network = compiled(str(self._path), precision.in_use("cpu"))
         found = network(np.ascontiguousarray(seen, np.float32))[0][0, 0]
-        return resize(found[..., None], crop.shape[:2], FILTER)[..., 0].clip(0, 1)
+        found = resize(found[..., None], crop.shape[:2], FILTER)[..., 0].clip(0, 1)
+        return linear_coverage(found, crop)
 
 
 def load() -> IsNet | None:
@@ -79,10 +80,16 @@ def _isnet() -> IsNet:
     return IsNet()
 
 
-def person_matte(encoded: np.ndarray, choice: Choice, network: Silhouette) -> np.ndarray:
+def person_matte(
+    encoded: np.ndarray,
+    choice: Choice,
+    network: Silhouette,
+    with_more_views: Callable[[Choice], Choice] | None = None,
+) -> np.ndarray:
     """Return the matte (H, W) of whoever is chosen in a photograph (H, W, 3), sRGB-encoded in [0, 1].
 
-    Zero if nothing of them is in the picture.
+    `with_more_views` returns the choice with a better mask; it is asked where the networks disagree. Zero if
+    nothing of the person is in the picture.
     """
     matte = np.zeros(encoded.shape[:2], np.float32)
     top, left, bottom, right = choice.box()
@@ -93,8 +100,14 @@ def person_matte(encoded: np.ndarray, choice: Choice, network: Silhouette) -> np
     for look in range(LOOKS):
         crop = encoded[box[0] : box[2], box[1] : box[3]]
         seen, shrink = _copy(crop)
-        mask, rivals = choice.masks((box[0], box[1]), shrink, seen.shape[:2])
-        alpha = _theirs(network(seen, mask), mask, rivals)
+        place = (box[0], box[1]), shrink
+        found = network(seen, choice.masks(*place, seen.shape[:2])[0])
+        alpha, disputed = _theirs(
+            found, seen, *choice.masks(*place, seen.shape[:2]), choice.landmarks(*place)
+        )
+        if look == 0 and disputed > DISPUTED and with_more_views is not None:
+            choice = with_more_views(choice)
+            alpha, _ = _theirs(found, seen, *choice.masks(*place, seen.shape[:2]), choice.landmarks(*place))
         wider = np.clip(box + grow * _touched(alpha), *limits)
         if look == LOOKS - 1 or (wider == box).all():
             break
@@ -149,31 +162,36 @@ def _without_noise(found: np.ndarray) -> np.ndarray:
     return ((found - CLEAR) / (1 - 2 * CLEAR)).clip(0, 1)
 
 
-def _theirs(found: np.ndarray, mask: np.ndarray, rivals: np.ndarray) -> np.ndarray:
-    """Return what of the coverage that a network found belongs to a person; all are (h, w) in [0, 1].
+def _theirs(
+    found: np.ndarray, seen: np.ndarray, mask: np.ndarray, rivals: np.ndarray, landmarks: np.ndarray
+) -> tuple[np.ndarray, float]:
+    """Return what of the coverage that a network found in a picture (h, w, 3) belongs to a person.
 
-    `mask` and `rivals` are the coarse masks of the person and of the others.
+    `mask` and `rivals` are the coarse masks of the person and of the others; all are (h, w) in [0, 1].
+    `landmarks` and the share that is disputed are as in `reconciled`.
     """
     alpha = _without_noise(found)
     rows, columns = np.nonzero(mask > 0.5)
     if not len(rows):
-        return np.zeros_like(alpha)
-    side = max(np.ptp(rows), np.ptp(columns)) + 1
-    core = mask > CERTAIN * min(1.0, float(mask.max()))
-    depth = distance_transform_edt(core) / side
-    alpha = np.maximum(alpha, ((depth - SURE) / RAMP + 0.5).clip(0, 1))
+        return np.zeros_like(alpha), 0.0
     if (rivals > 0.5).any():
         alpha = alpha * _nearer(mask, rivals)
+    alpha, disputed = reconciled(alpha, mask, _with_edges_of(seen, mask), landmarks)
     parts, count = label(alpha > CONNECTED, np.ones((3, 3)))
     kept = np.zeros(count + 1, bool)
-    kept[parts[core]] = True
+    kept[parts[mask > CERTAIN * min(1.0, float(mask.max()))]] = True
     kept[0] = False
     alpha = np.where(binary_dilation(kept[parts], np.ones((3, 3))), alpha, 0)
+    side = max(np.ptp(rows), np.ptp(columns)) + 1
     alpha = np.where(distance_transform_edt(alpha < OPAQUE) > HAZE * side, 0, alpha)
-    beside = ((distance_transform_edt(mask <= 0.5) / side - NEAR) / RAMP).clip(0, 1)
-    if (alpha * beside > 0.5).sum() > LARGEST * (mask > 0.5).sum():
-        alpha = alpha * (1 - beside)
-    return alpha.astype(np.float32)
+    return alpha.astype(np.float32), disputed
+
+
+def _with_edges_of(seen: np.ndarray, mask: np.ndarray) -> np.ndarray:
+    """Return a coarse mask (h, w) whose edge follows that of a picture (h, w, 3)."""
+    size = reduced_size(mask.shape, min(1.0, MASK_SIDE / max(mask.shape)))
+    small = resize(np.dstack([seen, mask]).astype(np.float32), size, FILTER)
+    return (0.5 + SLOPE * (upsampled(small[..., :3], small[..., 3], seen) - 0.5)).clip(0, 1)
 
 
 def _nearer(mask: np.ndarray, rivals: np.ndarray) -> np.ndarray:

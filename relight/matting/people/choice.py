@@ -51,6 +51,12 @@ class Choice:
                 rivals = np.maximum(rivals, theirs)
         return mask, rivals
 
+    def landmarks(self, corner: Sequence[float], scale: float) -> np.ndarray:
+        """Return the joints (P, N, 2), x and y, of who is meant in such a crop; of nobody if not known."""
+        people = self.people if self.index is None else (self.people[self.index],)
+        known = [each.landmarks for each in people if each.landmarks is not None]
+        return (np.array(known) - [corner[1], corner[0]]) * scale if known else np.zeros((0, 33, 2))
+
     def box(self) -> tuple[int, int, int, int]:
         """Return top, left, bottom and right of who is meant, in pixels of the picture."""
         shrink = min(1.0, COMPARED_SIDE / max(self.size))

@@ -110,13 +110,15 @@ class FoundPerson:
     def matte(self, encoded: np.ndarray, person: Any) -> np.ndarray:
         """Return the matte of a photograph as a call does, of another person."""
         try:
-            choice = self._finder.choose(encoded, person, surer=self._network is None)
+            choice = self._finder.choose(encoded, person)
         except EmptyMatteError:
             return np.zeros(encoded.shape[:2], np.float32)
         if choice.index is not None and choice.people[choice.index].certainty < CERTAIN:
             warnings.warn(UNCERTAIN, stacklevel=2)
         if self._network is not None:
-            return silhouette.person_matte(encoded, choice, self._network)
+            more = functools.partial(self._finder.with_more_views, encoded)
+            return silhouette.person_matte(encoded, choice, self._network, more)
+        choice = self._finder.with_more_views(encoded, choice)
         from relight.matting import outline  # whose parts of SciPy take long to load
 
         codes = np.rint(encoded * 255).astype(np.uint8)
@@ -139,13 +141,10 @@ class PersonFinder:
 
     def mask(self, encoded: np.ndarray, person: Any = None) -> np.ndarray:
         """Return the mask (H, W) of a person in a photograph (H, W, 3), sRGB-encoded; see `find`."""
-        return self.choose(encoded, person, surer=True).mask()
+        return self.with_more_views(encoded, self.choose(encoded, person)).mask()
 
-    def choose(self, encoded: np.ndarray, person: Any = None, surer: bool = False) -> Choice:
-        """Return who is meant in a photograph (H, W, 3), sRGB-encoded; see `find`.
-
-        `surer`: whether more looks make the mask of somebody alone surer, which takes longer.
-        """
+    def choose(self, encoded: np.ndarray, person: Any = None) -> Choice:
+        """Return who is meant in a photograph (H, W, 3), sRGB-encoded; see `find`."""
         size, person = (encoded.shape[0], encoded.shape[1]), as_circle(person)
         near = person if isinstance(person, Circle) else None
         copies = Copies.of(encoded)
@@ -156,11 +155,9 @@ class PersonFinder:
         if choice.index is None:
             return choice
         at = None if isinstance(person, Circle) or np.ndim(person) != 1 else np.array(person, float)
-        first = found[choice.index]
-        chosen = neighbours.alone(copies.full, first, self._detector, self._person, at)
-        if surer and chosen is first and sum(each.certainty >= LIKELY for each in found) < 2:
-            chosen = self._surer(copies, first)
-        found[choice.index] = chosen
+        found[choice.index] = neighbours.alone(
+            copies.full, found[choice.index], self._detector, self._person, at
+        )
         return replace(choice, people=tuple(found))
 
     def people(
@@ -217,14 +214,19 @@ class PersonFinder:
         person = DetectedPerson(place, mask, float(np.mean(opinions)), looks[0].landmarks * scale)
         return [person] if person.certainty >= PRESENT else []
 
-    def _surer(self, copies: Copies, person: DetectedPerson) -> DetectedPerson:
-        """Return a person with a mask from more looks, near and far, and around what these show.
+    def with_more_views(self, encoded: np.ndarray, choice: Choice) -> Choice:
+        """Return a choice with a mask from more views, near and far, and around what these show.
 
-        Before clutter a single look may take parts of it for the person. It then seldom agrees with its
-        mirror image. Beside other people all looks may agree on a part of a neighbour, so this is for one
-        person alone.
+        Before clutter a single view may take parts of it for the person. It then seldom agrees with its
+        mirror image. Beside other people all views may agree on a part of a neighbour, so the choice is
+        unchanged unless it is of one person alone.
         """
-        picture, scale = copies.for_circle(person.circle)
+        if choice.index is None or sum(each.certainty >= LIKELY for each in choice.people) > 1:
+            return choice
+        person = choice.people[choice.index]
+        if person.rivals is not None:
+            return choice
+        picture, scale = Copies.of(encoded).for_circle(person.circle)
         circle = person.circle.reduced(scale)
         looks = [self._look_twice(picture, circle.of_size(share)) for share in NEAR_AND_FAR]
         looks += [
@@ -234,11 +236,12 @@ class PersonFinder:
         ]
         doubts = np.array([look.doubt for look in looks])
         if doubts.min() > UNSURE:
-            return person
+            return choice
         mask = joined(
             looks, circle.of_size(FRAME), 2 * LANDMARK_SIDE, np.exp(-(doubts - doubts.min()) / DOUBT)
         )
-        return DetectedPerson(person.circle.of_size(FRAME), mask, person.presence)
+        surer = replace(person, circle=person.circle.of_size(FRAME), mask=mask)
+        return replace(choice, people=tuple(surer if each is person else each for each in choice.people))
 
     def _look_twice(self, picture: torch.Tensor, circle: Circle) -> Look:
         """Look at the square around a circle of a picture (3, h, w), and at its mirror image."""

@@ -12,7 +12,8 @@ from relight.matting.people import choice as person_choice
 from relight.matting.people import detector as person_detector
 from relight.matting.people import finder as person
 from relight.matting.people import region as person_region
-from relight.matting.people.region import Circle, Copies, DetectedPerson, Look, joined
+from relight.matting.people.choice import Choice
+from relight.matting.people.region import Circle, DetectedPerson, Look, joined
 
 
 @pytest.fixture(scope="module")
@@ -128,27 +129,24 @@ def test_a_look_is_doubted_where_it_is_grey_and_where_its_mirror_image_differs()
     assert looked((below, below), high).doubt == 0
 
 
-def test_one_person_alone_is_looked_at_more_often(finder, monkeypatch):
-    """Beside others, all looks may agree on a part of a neighbour."""
-    looked_at = []
-    surer = person.PersonFinder._surer
-    monkeypatch.setattr(
-        person.PersonFinder, "_surer", lambda *given: looked_at.append(given[-1]) or surer(*given)
-    )
+def test_one_person_alone_is_seen_in_more_views(finder):
+    """Beside others, all views may agree on a part of a neighbour."""
     alone, (where,) = discs((300, 300), (220, 220, 26))
+    choice = finder.choose(alone)
+    assert finder.with_more_views(alone, choice) != choice
     assert overlap(finder.mask(alone), where) > 0.95
-    assert len(looked_at) == 1
     beside, (where, _) = discs((300, 300), (220, 220, 26), (60, 230, 20))
+    choice = finder.choose(beside)
+    assert finder.with_more_views(beside, choice) is choice
     assert overlap(finder.mask(beside), where) > 0.95
-    assert len(looked_at) == 1
 
 
-def test_where_no_look_is_sure_the_first_mask_stands(finder, monkeypatch):
+def test_where_no_view_is_sure_the_first_mask_stands(finder, monkeypatch):
     grey = np.full((256, 256), 0.5, np.float32)
     monkeypatch.setattr(finder, "_look_twice", lambda picture, circle: looked((grey, grey), circle))
     circle = Circle(np.array([200.0, 200.0]), 100, np.array([0.0, -1.0]))
-    first = DetectedPerson(circle, np.ones((256, 256), np.float32))
-    assert finder._surer(Copies.of(np.zeros((400, 400, 3), np.float32)), first) is first
+    first = Choice((DetectedPerson(circle, np.ones((256, 256), np.float32)),), 0, (400, 400))
+    assert finder.with_more_views(np.zeros((400, 400, 3), np.float32), first) is first
 
 
 def test_looks_are_joined_in_place_and_by_weight():
