@@ -49,14 +49,14 @@ SUFFIXES = {  # of numbers in texts, by unit
 }  # fmt: skip
 
 
-@dataclasses.dataclass(frozen=True)
+@dataclasses.dataclass(frozen=True, repr=False)
 class About:
     """What an annotation says of an argument beside its type and its range.
 
     `help`: one or two sentences. `unit`: of a number. `expected`: words for an error, where the type's own do
     not do. `parse`: makes the value of a text, and `check` returns the value or another for it; both raise
     ValueError, whose text follows the argument's name. `path`: a text may name a file or a sequence of files.
-    `flags` and `metavar`: of the command's option.
+    `flags`, `metavar` and `repeatable`: of the command's option.
     """
 
     help: str = ""
@@ -68,6 +68,10 @@ class About:
     path: bool = False
     flags: tuple[str, ...] = ()
     metavar: str | None = None
+    repeatable: bool = False
+
+    def __repr__(self) -> str:
+        return f"About({self.help!r})"
 
     def __get_pydantic_core_schema__(self, source: Any, handler: Callable[[Any], Any]) -> Any:
         from pydantic_core import core_schema
@@ -196,6 +200,8 @@ def checked(name: str, value: Any, kind: Any) -> Any:
         return _adapter(kind).validate_python(value)
     except ValidationError as error:
         raise _refused(name, value, kind, error.errors(include_url=False)) from None
+    except TypeError as error:  # of a check
+        raise TypeError(f"{name}: {error}") from None
 
 
 def checked_number(name: str, value: Any, low: float = -math.inf, high: float = math.inf) -> float:
@@ -216,11 +222,11 @@ def _refused(name: str, value: Any, kind: Any, problems: list[Any]) -> TypeError
     raised = [each["ctx"]["error"] for each in problems if each["type"] == "value_error"]
     if raised:
         return ValueError(f"{name}: {raised[0]}")
-    words = [word for each, _ in members(kind) if get_origin(each) is Literal for word in get_args(each)]
-    near = meant(value, words)
+    near = next((word for each in problems if (word := meant(each["input"], _choices(kind)))), None)
     finite = any(each["type"] == "finite_number" for each in problems)
     expected = described(kind, finite)
-    message = f"{name}: expected {expected}, got {shown(value)}"
+    inner = problems[0]["input"] if len(problems) == 1 and problems[0]["loc"] else value  # of a tuple
+    message = f"{name}: expected {expected}, got {shown(value if isinstance(inner, float | int) else inner)}"
     is_type = all(
         each["type"].endswith("_type")
         or each["type"] in ("none_required", "predicate_failed", "is_instance_of")
@@ -228,6 +234,14 @@ def _refused(name: str, value: Any, kind: Any, problems: list[Any]) -> TypeError
         for each in problems
     )
     return (TypeError if is_type else ValueError)(message + (f"; did you mean {near}?" if near else ""))
+
+
+def _choices(kind: Any) -> list[Any]:
+    """Return the words among which an annotation lets one choose, also for each value of a tuple."""
+    if get_origin(kind) is Literal:
+        return list(get_args(kind))
+    parts = [kind.__origin__] if get_origin(kind) is Annotated else get_args(kind)
+    return [word for each in parts for word in _choices(each)]
 
 
 def members(kind: Any, said: tuple[Any, ...] = ()) -> Iterator[tuple[Any, tuple[Any, ...]]]:
@@ -278,7 +292,7 @@ def described(kind: Any, finite: bool = False, unit: str = "", within: str = "")
     if get_origin(kind) is Literal:
         return f"one of {', '.join(map(str, get_args(kind)))}"
     if get_origin(kind) is tuple and Ellipsis in get_args(kind):
-        return f"any number of: {described(get_args(kind)[0], finite)}"
+        return f"several values, each {described(get_args(kind)[0], finite)}"
     if get_origin(kind) is tuple:
         each = get_args(kind)[0]
         number = "whole numbers" if each is int else "finite numbers" if finite else "numbers"
@@ -347,7 +361,10 @@ def read(name: str, text: str, kind: Any) -> Any:
         return text
     if any(get_origin(each) is tuple for each in kinds):
         return tuple(_number(name, word, kind) for word in text.split("/"))
-    return _number(name, text, kind) if int in kinds or float in kinds else text
+    if int in kinds:
+        number = _number(name, text, kind)
+        return int(number) if number.is_integer() else number
+    return _number(name, text, kind) if float in kinds else text
 
 
 def read_settings(settings: Iterable[str], known: Mapping[str, Parameter]) -> dict[str, Any]:

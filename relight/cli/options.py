@@ -6,19 +6,21 @@ import os
 import sys
 from collections.abc import Callable, Iterable, Iterator, Mapping
 from contextlib import contextmanager
-from dataclasses import MISSING, Field, fields
 from functools import wraps
 from pathlib import Path
-from typing import Annotated, Any, get_type_hints
+from typing import Annotated, Any, Literal, NamedTuple, get_args, get_origin, get_type_hints
 
 import typer
 from rich.console import Console
 from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeRemainingColumn
 
+from relight.arguments import About, about, members, parameters, read, shown
 from relight.cli import INTERRUPTED, printable
 from relight.cli.help import SHOT, Panels, grouped
 from relight.pipeline.option_fields import Options, from_json
 from relight.pipeline.options import GROUPS
+
+WIDEST = 17  # characters of the words to choose from, or their column would be wider than the help
 
 
 class _Console(Console):
@@ -61,21 +63,21 @@ def with_options(panels: Panels = SHOT, **subsets: tuple[str, ...]) -> Callable[
     def decorate(command: Callable) -> Callable:
         hints, own = get_type_hints(command, include_extras=True), inspect.signature(command)
         groups = {
-            name: [each for each in fields(kind) if each.name in subsets.get(name, (each.name,))]
+            name: [each for each in options_of(kind) if each.name in subsets.get(name, (each.name,))]
             for name, kind in GROUPS.items()
             if hints.get(name) is kind
         }
-        parameters = []
+        taken = []
         for parameter in own.parameters.values():
             if parameter.name in groups:
-                parameters += [_parameter(each) for each in groups[parameter.name]]
+                taken += [each.parameter() for each in groups[parameter.name]]
             else:
-                parameters.append(
+                taken.append(
                     parameter.replace(kind=inspect.Parameter.KEYWORD_ONLY, annotation=hints[parameter.name])
                 )
         if "context" not in own.parameters:
             keyword = inspect.Parameter.KEYWORD_ONLY
-            parameters.append(inspect.Parameter("context", keyword, annotation=typer.Context))
+            taken.append(inspect.Parameter("context", keyword, annotation=typer.Context))
 
         @wraps(command)
         def run(**arguments: Any) -> Any:
@@ -86,9 +88,9 @@ def with_options(panels: Panels = SHOT, **subsets: tuple[str, ...]) -> Callable[
                 arguments[name] = _build(GROUPS[name], chosen, values, context, stored.get(name, {}))
             return command(**{name: value for name, value in arguments.items() if name in own.parameters})
 
-        parameters = grouped(parameters, panels)
-        run.__signature__ = own.replace(parameters=parameters)  # type: ignore[attr-defined]  # for typer
-        run.__annotations__ = {parameter.name: parameter.annotation for parameter in parameters}
+        taken = grouped(taken, panels)
+        run.__signature__ = own.replace(parameters=taken)  # type: ignore[attr-defined]  # for typer
+        run.__annotations__ = {parameter.name: parameter.annotation for parameter in taken}
         return run
 
     return decorate
@@ -97,10 +99,10 @@ def with_options(panels: Panels = SHOT, **subsets: tuple[str, ...]) -> Callable[
 def given_words(context: typer.Context, options: type[Options]) -> list[str]:
     """Return the words of a command line that set the fields of an option class, apart from its argument."""
     words = []
-    for each in fields(options):  # type: ignore[arg-type]
-        if each.default is not MISSING and is_given(context, each.name):
+    for each in options_of(options):
+        if not each.is_argument and is_given(context, each.name):
             value = context.params[each.name]
-            name = _flags(each)[0]
+            name = each.flags[0]
             if isinstance(value, bool):
                 words.append(name if value else f"--no-{name[2:]}")
             else:
@@ -160,33 +162,77 @@ def report_failures(problems: Mapping[int, str], outputs: Iterable[Path]) -> Non
         raise typer.Exit(1)
 
 
-def _flags(each: Field) -> tuple[str, ...]:
-    """Return the option names of a field."""
-    name = each.name.replace("_", "-")
-    if each.metadata["flags"]:
-        return each.metadata["flags"]
-    return (f"--{name}", f"--no-{name}") if each.metadata["text"] is bool else (f"--{name}",)
+class Option(NamedTuple):
+    """A field of an option class as the command line has it, where what is no flag is a text."""
+
+    name: str
+    kind: Any
+    default: Any
+    about: About
+
+    @property
+    def is_flag(self) -> bool:
+        return self.kind_without_range is bool
+
+    @property
+    def kind_without_range(self) -> Any:
+        return next(kind for kind, _ in members(self.kind))
+
+    @property
+    def is_argument(self) -> bool:
+        return self.default is inspect.Parameter.empty and not self.about.repeatable
+
+    @property
+    def flags(self) -> tuple[str, ...]:
+        """The names of the option."""
+        name = self.name.replace("_", "-")
+        return self.about.flags or ((f"--{name}", f"--no-{name}") if self.is_flag else (f"--{name}",))
+
+    @property
+    def metavar(self) -> str | None:
+        """What stands for the value in the help."""
+        kind = self.kind_without_range
+        if get_origin(kind) is Literal:
+            words = f"[{'|'.join(get_args(kind))}]"
+            return words if len(words) <= WIDEST else "<word>"
+        number = {int: "<integer>", float: "<float>"}.get(kind)
+        return self.about.metavar or (None if self.about.parse else number)
+
+    def parameter(self) -> inspect.Parameter:
+        """Return the parameter of a command."""
+        about, keyword = self.about, inspect.Parameter.KEYWORD_ONLY
+        if self.is_argument:
+            argument = typer.Argument(help=about.help, metavar=about.metavar)
+            return inspect.Parameter(self.name, keyword, annotation=Annotated[str, argument])
+        text: Any = bool if self.is_flag else list[str] if about.repeatable else str
+        flags = ("/".join(self.flags),) if self.is_flag and not about.flags else self.flags
+        option = typer.Option(*flags, help=about.help, metavar=self.metavar)
+        if self.default is inspect.Parameter.empty:
+            needed: Any = Annotated[text, option]
+            return inspect.Parameter(self.name, keyword, annotation=needed)
+        default: Any = None
+        if isinstance(self.default, bool | int | float | str):
+            default = self.default if self.is_flag else f"{self.default}"
+        taken: Any = text if default is not None else text | None
+        annotation = Annotated[taken, option]
+        return inspect.Parameter(self.name, keyword, default=default, annotation=annotation)
+
+    def value(self, given: Any) -> Any:
+        """Return what the option class takes of what the command line gives."""
+        return read(self.name, given, self.kind) if isinstance(given, str) else given
 
 
-def _parameter(each: Field) -> inspect.Parameter:
-    """Return the parameter of a command for a field."""
-    kind, about = each.metadata["text"], each.metadata
-    keyword = inspect.Parameter.KEYWORD_ONLY
-    if each.default is MISSING and kind is str:
-        annotation: Any = Annotated[str, typer.Argument(help=about["help"], **about["limits"])]
-        return inspect.Parameter(each.name, keyword, annotation=annotation)
-    flags = ("/".join(_flags(each)),) if kind is bool and not about["flags"] else _flags(each)
-    option = typer.Option(*flags, help=about["help"], **about["limits"])
-    if each.default is MISSING:
-        return inspect.Parameter(each.name, keyword, annotation=Annotated[kind, option])
-    shown = each.default if isinstance(each.default, bool | int | float | str) else None
-    annotation = Annotated[kind if shown is not None else kind | None, option]
-    return inspect.Parameter(each.name, keyword, default=shown, annotation=annotation)
+def options_of(kind: type[Options]) -> list[Option]:
+    """Return the options of a class."""
+    return [
+        Option(name, each.kind, each.default, about(each.kind) or About())
+        for name, each in parameters(kind).items()
+    ]
 
 
 def _build(
     kind: type[Options],
-    chosen: Iterable[Field],
+    chosen: Iterable[Option],
     values: Mapping[str, Any],
     context: typer.Context,
     stored: Mapping[str, Any],
@@ -194,10 +240,8 @@ def _build(
     """Build an object of an option class from the command line, then stored options, then defaults."""
     known: dict[str, Any] = dict(stored)
     for each in chosen:
-        value, parse = values[each.name], each.metadata["parse"]
-        if each.default is not MISSING and not is_given(context, each.name):
-            continue
-        known[each.name] = value if parse is None or value is None else parse(value)
+        if each.default is inspect.Parameter.empty or is_given(context, each.name):
+            known[each.name] = each.value(values[each.name])
     return from_json(kind, known)
 
 
@@ -209,8 +253,11 @@ def _stored(path: Path | None) -> dict[str, Any]:
         document = json.loads(path.read_text(encoding="utf-8-sig"))  # with or without its mark
     except FileNotFoundError as error:
         raise FileNotFoundError(f"{path}: no such file") from error
-    except (UnicodeDecodeError, ValueError) as error:
+    except (RecursionError, ValueError) as error:
         raise ValueError(f"{path}: expected JSON, as `relight job` writes it: {error}") from error
     if not isinstance(document, dict) or not set(document) <= set(GROUPS):
         raise ValueError(f"{path}: expected an object of {', '.join(GROUPS)}")
+    for name, stored in document.items():
+        if not isinstance(stored, dict):
+            raise ValueError(f"{path}: {name}: expected an object of options, got {shown(stored)}")
     return document

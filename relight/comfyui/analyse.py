@@ -5,7 +5,9 @@ from typing import Annotated, Any
 
 import numpy as np
 import torch
+from annotated_types import Interval
 
+from relight.arguments import About
 from relight.comfyui import host, tensors, widgets
 from relight.comfyui.subjects import SubjectBatch, each_person
 from relight.lights.environment import FIELD_OF_VIEW
@@ -39,45 +41,47 @@ class Analyse(widgets.Node):
 
     def analyse(
         self,
-        image: Annotated[torch.Tensor, widgets.socket("IMAGE", "The photograph, or the frames of a shot.")],
+        image: Annotated[torch.Tensor, widgets.Socket("IMAGE", "The photograph, or the frames of a shot.")],
         mask_shows: widgets.MaskShows = tensors.PERSON,
         batch: Annotated[
             str,
-            widgets.choice(
-                (SHOT, SEPARATE), "Whether the images are one shot, filtered in time, or have no order."
-            ),
+            widgets.Choice((SHOT, SEPARATE)),
+            About("Whether the images are one shot, filtered in time, or have no order."),
         ] = SHOT,
         height: Annotated[
             float,
-            widgets.number(
-                0.05, 20.0, 0.01, "Metres of the person that the first image shows; less in a portrait."
-            ),
+            Interval(ge=0.05, le=20.0),
+            widgets.Step(0.01),
+            About("Metres of the person that the first image shows; less in a portrait."),
         ] = 1.75,
         field_of_view: Annotated[
-            float, widgets.number(1.0, 170.0, 1.0, "Of the photograph's camera, vertical, in degrees.")
+            float,
+            Interval(ge=1.0, le=170.0),
+            widgets.Step(1.0),
+            About("Of the photograph's camera, vertical, in degrees."),
         ] = FIELD_OF_VIEW,
         *,
         mask: Annotated[
             torch.Tensor | None,
-            widgets.socket(
+            widgets.Socket(
                 "MASK", "The person's matte, one or one a frame. Without it and alpha the person is found."
             ),
         ] = None,
         normals: Annotated[
             torch.Tensor | None,
-            widgets.socket("IMAGE", "A picture of normals to use instead of inferring them."),
+            widgets.Socket("IMAGE", "A picture of normals to use instead of inferring them."),
         ] = None,
         normal_axes: Annotated[
             str,
-            widgets.choice(
-                NORMAL_AXES,
+            widgets.Choice(NORMAL_AXES),
+            About(
                 "What red, green and blue of the normals run along: +x+y+z is right, up, to the camera "
-                "(OpenGL); +x-y+z has its green turned over (DirectX).",
+                "(OpenGL); +x-y+z has its green turned over (DirectX)."
             ),
         ] = NORMAL_AXES[0],
         depth: Annotated[
             torch.Tensor | None,
-            widgets.socket(
+            widgets.Socket(
                 "IMAGE",
                 "A picture of depth, such as Depth Anything's, instead of what the normals say. Its scale is "
                 "fitted to theirs, either way up.",

@@ -3,10 +3,11 @@
 from pathlib import Path
 from typing import Annotated, Any
 
-import numpy as np
 import torch
+from annotated_types import Interval, Le
 
-from relight.arguments import limits
+from relight import quantities
+from relight.arguments import About, about
 from relight.comfyui import host, widgets
 from relight.comfyui.subjects import SubjectBatch
 from relight.comfyui.tensors import light, pictures
@@ -17,39 +18,21 @@ from relight.lights.light import Light
 from relight.lights.near import PointLight
 from relight.lights.rig import scaled
 from relight.media.colour import LOCI
-from relight.media.images import scene_linear
 
 Lights = tuple[Light, ...]  # what a RELIGHT_LIGHTS socket carries
 PRESETS = [*presets.document()]
 
 
-def _number(kind: type[Light], name: str, step: float, tooltip: str, **shown: float) -> widgets.Input:
-    """Describe a parameter of a light. `shown`: a range that suits a slider."""
-    low, high = limits(kind.parameters()[name].kind)
-    return widgets.number(**{"low": low, "high": high, **shown}, step=step, tooltip=tooltip)
-
-
-Intensity = Annotated[
-    float,
-    _number(
-        Light, "intensity", 0.05,
-        "At 1, a white surface that faces the light (a lamp: from one metre) is white.", high=1000.0,
-    ),
-]  # fmt: skip
-Colour = Annotated[
-    str, widgets.text("#rrggbb as a colour picker says it, or linear red/green/blue such as 1/0.9/0.8.")
-]
+Intensity = Annotated[quantities.Intensity, Le(1000), widgets.Step(0.05)]
+Colour = Annotated[str, About((about(quantities.GivenColour) or About()).help)]
 Kelvin = Annotated[
     float,
-    widgets.number(
-        0.0, LOCI["planckian"][1], 50.0,
-        "Kelvin of a black body, from 1000: 3200 is tungsten, 5600 a flash. 0: none.",
-    ),
-]  # fmt: skip
-Chained = Annotated[Lights, widgets.CHAINED]
-Name = Annotated[
-    str, widgets.text("The name of the light's layer in Save EXR and of its handle in the viewer.")
+    Interval(ge=0, le=LOCI["planckian"][1]),
+    widgets.Step(50.0),
+    About("Kelvin of a black body, from 1000: 3200 is tungsten, 5600 a flash. 0: none."),
 ]
+Chained = Annotated[Lights, widgets.CHAINED]
+Name = Annotated[str, About("The name of the light's layer in Save EXR and of its handle in the viewer.")]
 
 
 class LightsNode(widgets.Node):
@@ -69,28 +52,20 @@ class LightNode(LightsNode):
     def add(
         self,
         azimuth: Annotated[
-            float,
-            _number(
-                DirectionalLight,
-                "azimuth",
-                1.0,
-                "Degrees from the camera (0) toward image right (90); 180: behind.",
-                low=-180.0,
-                high=180.0,
-            ),
+            quantities.Azimuth,
+            Interval(ge=-180.0, le=180.0),
+            widgets.Step(1.0),
         ] = -40.0,
         elevation: Annotated[
-            float,
-            _number(DirectionalLight, "elevation", 1.0, "Degrees up from the horizon (0) to overhead (90)."),
+            quantities.Elevation,
+            widgets.Step(1.0),
         ] = 30.0,
         intensity: Intensity = 1.0,
         colour: Colour = "#ffffff",
         temperature: Kelvin = 0.0,
         softness: Annotated[
-            float,
-            _number(
-                DirectionalLight, "angle", 1.0, "Angular diameter in degrees: 0 a hard light, tens a softbox."
-            ),
+            quantities.Diameter,
+            widgets.Step(1.0),
         ] = 0.0,
         *,
         lights: Chained = (),
@@ -115,24 +90,27 @@ class Lamp(LightsNode):
     def add(
         self,
         x: Annotated[
-            float, widgets.number(-100, 100, 0.05, "Metres to image right of the subject's middle.")
+            float,
+            Interval(ge=-100, le=100),
+            widgets.Step(0.05),
+            About("Metres to image right of the subject's middle."),
         ] = -0.8,
-        y: Annotated[float, widgets.number(-100, 100, 0.05, "Metres above the subject's middle.")] = 0.6,
+        y: Annotated[
+            float, Interval(ge=-100, le=100), widgets.Step(0.05), About("Metres above the subject's middle.")
+        ] = 0.6,
         z: Annotated[
-            float, widgets.number(-100, 100, 0.05, "Metres from the subject's middle to the camera.")
+            float,
+            Interval(ge=-100, le=100),
+            widgets.Step(0.05),
+            About("Metres from the subject's middle to the camera."),
         ] = 0.6,
         intensity: Intensity = 1.0,
         colour: Colour = "#ffffff",
         temperature: Kelvin = 0.0,
         radius: Annotated[
-            float,
-            _number(
-                PointLight,
-                "radius",
-                0.01,
-                "Metres, of a sphere that shines: larger is softer, and no brighter.",
-                high=10.0,
-            ),
+            quantities.Radius,
+            Interval(le=10.0),
+            widgets.Step(0.01),
         ] = 0.0,
         *,
         lights: Chained = (),
@@ -158,18 +136,12 @@ class Environment(LightsNode):
     def add(
         self,
         path: Annotated[
-            str, widgets.text("The map's file, .exr or .hdr, in ComfyUI's input folder or by its whole path.")
+            str, About("The map's file, .exr or .hdr, in ComfyUI's input folder or by its whole path.")
         ] = "",
         rotation: Annotated[
-            float,
-            _number(
-                EnvironmentLight,
-                "rotation",
-                1.0,
-                "Degrees about the vertical, from the camera toward image right.",
-                low=-360.0,
-                high=360.0,
-            ),
+            quantities.Rotation,
+            Interval(ge=-360.0, le=360.0),
+            widgets.Step(1.0),
         ] = 0.0,
         intensity: Intensity = 1.0,
         colour: Colour = "#ffffff",
@@ -177,7 +149,7 @@ class Environment(LightsNode):
         *,
         image: Annotated[
             torch.Tensor | None,
-            widgets.socket(
+            widgets.Socket(
                 "IMAGE", "The map, twice as wide as high, its centre at the camera. Values above 1 are kept."
             ),
         ] = None,
@@ -207,21 +179,18 @@ class Preset(LightsNode):
 
     def add(
         self,
-        preset: Annotated[str, widgets.choice(PRESETS, "The lighting's name.")] = PRESETS[0],
+        preset: Annotated[str, widgets.Choice(PRESETS), About("The lighting's name.")] = PRESETS[0],
         height: Annotated[
             float,
-            widgets.number(
-                0.01,
-                100.0,
-                0.05,
-                "Metres of the person, as in Relight Analyse: lamps near them stand in proportion.",
-            ),
+            Interval(ge=0.01, le=100.0),
+            widgets.Step(0.05),
+            About("Metres of the person, as in Relight Analyse: lamps near them stand in proportion."),
         ] = presets.HEIGHT,
         *,
         lights: Chained = (),
         subject: Annotated[
             SubjectBatch | None,
-            widgets.socket(
+            widgets.Socket(
                 "RELIGHT_SUBJECT",
                 "The analysed person: the lights leave the face as bright as it is in the photograph.",
             ),
@@ -243,20 +212,7 @@ def _shared(intensity: float, colour: str, temperature: float, name: str) -> dic
     """Return the settings that all lights have."""
     return {
         "intensity": intensity,
-        "colour": _colour(colour),
+        "colour": colour,
         "temperature": temperature or None,
         "name": name.strip() or None,
     }
-
-
-def _colour(text: str) -> list[float]:
-    """Linear Rec.709 from #rrggbb, sRGB-encoded, or from linear red/green/blue."""
-    text = text.strip()
-    try:
-        if text.startswith("#") and len(text) == 7:
-            codes = np.frombuffer(bytes.fromhex(text[1:]), np.uint8)
-            return scene_linear("colour", codes.reshape(1, 1, 3))[0, 0].tolist()
-        red, green, blue = map(float, text.split("/"))
-        return [red, green, blue]
-    except ValueError as error:
-        raise ValueError(f"colour: expected #rrggbb or red/green/blue, got {text!r}") from error

@@ -4,7 +4,9 @@ from typing import Annotated
 
 import numpy as np
 import torch
+from annotated_types import Interval
 
+from relight.arguments import About
 from relight.comfyui import tensors, widgets
 from relight.comfyui.lights import Chained, Lights
 from relight.comfyui.subjects import SubjectBatch
@@ -29,19 +31,21 @@ class Match(widgets.Node):
         mask_shows: widgets.MaskShows = tensors.PERSON,
         field_of_view: Annotated[
             float,
-            widgets.number(1.0, 170.0, 1.0, "Vertical field of view of the picture's camera, in degrees."),
+            Interval(ge=1.0, le=170.0),
+            widgets.Step(1.0),
+            About("Vertical field of view of the picture's camera, in degrees."),
         ] = FIELD_OF_VIEW,
         *,
         reference: Annotated[
             torch.Tensor | None,
-            widgets.socket("IMAGE", "A photograph of another person, whose light is used."),
+            widgets.Socket("IMAGE", "A photograph of another person, whose light is used."),
         ] = None,
         reference_mask: Annotated[
-            torch.Tensor | None, widgets.socket("MASK", "The matte of that person.")
+            torch.Tensor | None, widgets.Socket("MASK", "The matte of that person.")
         ] = None,
         background: Annotated[
             torch.Tensor | None,
-            widgets.socket(
+            widgets.Socket(
                 "IMAGE",
                 "The place behind the person. For a batch, the light is that of the mean of its frames.",
             ),

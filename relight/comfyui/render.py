@@ -6,7 +6,10 @@ from typing import Annotated, Any
 
 import numpy as np
 import torch
+from annotated_types import Interval
 
+from relight import quantities
+from relight.arguments import About
 from relight.comfyui import host, tensors, widgets
 from relight.comfyui.lights import Lights
 from relight.comfyui.subjects import SubjectBatch
@@ -24,7 +27,6 @@ FLOOR = (
     "height=1.5,horizon=0.45. Empty for no floor."
 )
 EXPOSURE = "Stops: each doubles the light. Light up to 1 is shown exactly, brighter highlights roll off."
-GLOSS = "Reflection at grazing angles: a rim on hair, shoulders and arms in light from behind. 0 is none."
 BEHIND = (
     "What is behind the person: one image, or one a frame; scaled to cover the frame and cropped. Without it "
     "the image is straight colour, for the mask."
@@ -32,12 +34,11 @@ BEHIND = (
 
 Analysed = Annotated[SubjectBatch, widgets.SUBJECT_LAST]
 Given = Annotated[Lights, widgets.LIGHTS]
-Behind = Annotated[torch.Tensor | None, widgets.socket("IMAGE", BEHIND)]
-Ground = Annotated[str, widgets.text(FLOOR)]
-Exposure = Annotated[float, widgets.number(-16.0, 16.0, 0.1, EXPOSURE)]
-AMOUNT = "Share of the new light: the rest is the photograph's own. 0 is the photograph."
-Amount = Annotated[float, widgets.number(0.0, 1.0, 0.05, AMOUNT)]
-Gloss = Annotated[float, widgets.number(0.0, 1.0, 0.05, GLOSS)]
+Behind = Annotated[torch.Tensor | None, widgets.Socket("IMAGE", BEHIND)]
+Ground = Annotated[str, About(FLOOR)]
+Exposure = Annotated[quantities.Exposure, Interval(ge=-16.0, le=16.0), widgets.Step(0.1), About(EXPOSURE)]
+Amount = Annotated[quantities.Amount, widgets.Step(0.05)]
+Gloss = Annotated[quantities.Gloss, widgets.Step(0.05)]
 
 
 class CheckedNode(widgets.Node):
@@ -114,26 +115,23 @@ class Orbit(CheckedNode):
         lights: Given,
         frames: Annotated[
             int,
-            widgets.whole(
-                1,
-                100000,
-                "Frames of the video. A shot has its own number: its lights turn within as many as this "
-                "says.",
+            Interval(ge=1, le=100000),
+            About(
+                "Frames of the video. A shot has its own number: its lights turn within as many as this says."
             ),
         ] = 48,
         turns: Annotated[
             float,
-            widgets.number(
-                -1000.0,
-                1000.0,
-                0.25,
+            Interval(ge=-1000.0, le=1000.0),
+            widgets.Step(0.25),
+            About(
                 "Turns within the frames: 1 is once around, from the camera toward image right; -1 the other "
-                "way.",
+                "way."
             ),
         ] = 1.0,
         *,
         still_lights: Annotated[
-            Lights, widgets.socket("RELIGHT_LIGHTS", "Lights that stay where they are.")
+            Lights, widgets.Socket("RELIGHT_LIGHTS", "Lights that stay where they are.")
         ] = (),
         background: Behind = None,
         floor: Ground = "",

@@ -3,7 +3,10 @@
 from pathlib import Path
 from typing import Annotated, Any
 
-from relight.comfyui import host, tensors, widgets
+from annotated_types import Interval
+
+from relight.arguments import About
+from relight.comfyui import host, tensors
 from relight.comfyui.render import Amount, Analysed, Backdrop, Behind, CheckedNode, Given, Gloss, Ground
 from relight.media.images import write
 from relight.media.sequences import FrameSequence
@@ -26,14 +29,14 @@ class SaveEXR(CheckedNode):
         lights: Given,
         path: Annotated[
             str,
-            widgets.text(
+            About(
                 "The file, .exr, in ComfyUI's output folder, or a whole path. #### or %04d is the number of "
                 "the frame; a batch needs it. Files of that name are replaced."
             ),
         ] = "relight/relit.####.exr",
-        first_frame: Annotated[int, widgets.whole(0, 1000000, "The number of the first frame.")] = 1,
+        first_frame: Annotated[int, Interval(ge=0, le=1000000), About("The number of the first frame.")] = 1,
         passes: Annotated[
-            str, widgets.text(f"Further layers, any of {', '.join(PASSES)}, with commas between.")
+            str, About(f"Further layers, any of {', '.join(PASSES)}, with commas between.")
         ] = "",
         *,
         background: Behind = None,

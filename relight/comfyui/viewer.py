@@ -7,7 +7,7 @@ from urllib.parse import parse_qs
 
 import torch
 
-from relight.arguments import read_settings
+from relight.arguments import About, read_settings
 from relight.comfyui import host, widgets
 from relight.comfyui.lights import Lights
 from relight.comfyui.render import Backdrop
@@ -42,18 +42,18 @@ class Viewer(widgets.Node):
         *,
         lights: Annotated[
             Lights | None,
-            widgets.socket(
+            widgets.Socket(
                 "RELIGHT_LIGHTS",
                 "What the viewer begins with, up to 8 lights and an environment; a key light unless "
                 "connected.",
             ),
         ] = None,
         background: Annotated[
-            torch.Tensor | None, widgets.socket("IMAGE", "What is behind the person in the viewer.")
+            torch.Tensor | None, widgets.Socket("IMAGE", "What is behind the person in the viewer.")
         ] = None,
         held: Annotated[
             str,
-            widgets.text(
+            About(
                 "The lights as they were dragged, which the viewer writes: the part of the page's link "
                 "behind #. Empty: the lights that come in."
             ),

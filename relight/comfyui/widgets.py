@@ -1,9 +1,10 @@
 """How the nodes describe their inputs to ComfyUI; every input has a tooltip."""
 
-import inspect
 from collections.abc import Sequence
-from typing import Annotated, Any, get_type_hints
+from inspect import Parameter, signature
+from typing import Annotated, Any, NamedTuple
 
+from relight.arguments import About, about, limits, members, parameters
 from relight.comfyui.tensors import BACKGROUND, PERSON
 
 Input = tuple[Any, dict[str, Any]]
@@ -17,8 +18,8 @@ MASK_SHOWS = (
 class Node:
     """A node of ComfyUI, whose inputs are the parameters of its method `FUNCTION`.
 
-    A parameter is annotated with its type and its `Input`, and has the default that ComfyUI shows. Inputs
-    that ComfyUI may leave out are keyword-only.
+    Their annotations say what they are, see `relight.arguments`: type, range, tooltip, and what only a widget
+    has. They have the defaults that ComfyUI shows. Inputs that ComfyUI may leave out are keyword-only.
     """
 
     CATEGORY = "relight"
@@ -28,47 +29,59 @@ class Node:
     def INPUT_TYPES(cls) -> dict[str, dict[str, Input]]:
         """Return ComfyUI's description of the inputs."""
         function = getattr(cls, cls.FUNCTION)
-        hints = get_type_hints(function, include_extras=True)
         inputs: dict[str, dict[str, Input]] = {"required": {}, "optional": {}}
-        for name, parameter in list(inspect.signature(function).parameters.items())[1:]:
-            (kind, shown), default = hints[name].__metadata__[0], parameter.default
-            if kind in ("FLOAT", "INT", "STRING") or isinstance(kind, list):
-                shown = {"default": default} | shown
-            group = "optional" if parameter.kind is parameter.KEYWORD_ONLY else "required"
-            inputs[group][name] = kind, shown
+        own = signature(function).parameters
+        for name, each in list(parameters(function).items())[1:]:
+            group = "optional" if own[name].kind is Parameter.KEYWORD_ONLY else "required"
+            inputs[group][name] = _input(each.kind, each.default)
         return inputs
 
 
-def socket(kind: str, tooltip: str) -> Input:
-    """Describe an input that comes from another node."""
-    return kind, {"tooltip": tooltip}
+class Socket(NamedTuple):
+    """In an annotation: the input comes from another node. `lazy`: it is asked for after the others."""
+
+    kind: str
+    tooltip: str
+    lazy: bool = False
 
 
-def number(low: float, high: float, step: float, tooltip: str) -> Input:
-    """Describe a number in [low, high]."""
-    return "FLOAT", {"min": low, "max": high, "step": step, "round": False, "tooltip": tooltip}
+class Choice(NamedTuple):
+    """In an annotation: the words among which one chooses."""
+
+    options: Sequence[str]
 
 
-def whole(low: int, high: int, tooltip: str) -> Input:
-    """Describe a whole number in [low, high]."""
-    return "INT", {"min": low, "max": high, "tooltip": tooltip}
+class Step(NamedTuple):
+    """In an annotation: the step of a slider."""
+
+    size: float
 
 
-def text(tooltip: str) -> Input:
-    """Describe a line of text."""
-    return "STRING", {"multiline": False, "tooltip": tooltip}
+def _input(kind: Any, default: Any) -> Input:
+    """Describe an input to ComfyUI."""
+    type_, said = next(members(kind))
+    for each in said:
+        if isinstance(each, Socket):
+            return each.kind, {"tooltip": each.tooltip} | ({"lazy": True} if each.lazy else {})
+    shown: dict[str, Any] = {"default": default, "tooltip": (about(kind) or About()).help}
+    for each in said:
+        if isinstance(each, Choice):
+            return list(each.options), shown
+    if type_ is str:
+        return "STRING", shown | {"multiline": False}
+    low, high = limits(kind)
+    shown |= {"min": low, "max": high}
+    if type_ is int:
+        return "INT", shown
+    step = next(each.size for each in said if isinstance(each, Step))
+    return "FLOAT", shown | {"step": step, "round": False}
 
 
-def choice(options: Sequence[str], tooltip: str) -> Input:
-    """Describe a choice."""
-    return list(options), {"tooltip": tooltip}
-
-
-MaskShows = Annotated[str, choice((PERSON, BACKGROUND), MASK_SHOWS)]
-SUBJECT = socket("RELIGHT_SUBJECT", "The analysed person, from Relight Analyse.")
+MaskShows = Annotated[str, Choice((PERSON, BACKGROUND)), About(MASK_SHOWS)]
+SUBJECT = Socket("RELIGHT_SUBJECT", "The analysed person, from Relight Analyse.")
 # Asked for after the other inputs, so that `check_lazy_status` refuses these before the person is analysed.
-SUBJECT_LAST = (SUBJECT[0], SUBJECT[1] | {"lazy": True})
-LIGHTS = socket(
+SUBJECT_LAST = SUBJECT._replace(lazy=True)
+LIGHTS = Socket(
     "RELIGHT_LIGHTS", "The lights, from Relight Light, Lamp, Environment, Preset, Match or Viewer."
 )
-CHAINED = socket("RELIGHT_LIGHTS", "Further lights, to which this one is added.")
+CHAINED = Socket("RELIGHT_LIGHTS", "Further lights, to which this one is added.")

@@ -10,7 +10,7 @@ import os
 import re
 import warnings
 from collections.abc import Iterator
-from dataclasses import fields, replace
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -20,7 +20,7 @@ import yaml
 from relight.errors import MissingNetworksError
 from relight.media import movies
 from relight.media.sequences import FrameRange, FrameSequence
-from relight.pipeline.option_fields import BACKGROUND, Options, to_json
+from relight.pipeline.option_fields import BACKGROUND, Options, file_options, to_json
 from relight.pipeline.options import Compute, Lighting, Output, Source
 from relight.pipeline.shot import Shot
 from relight.scene import nuke
@@ -275,5 +275,5 @@ def _files_in(options: Options) -> dict[str, Any]:
             return isinstance(value, Path)
         return files.is_path(value) and (os.path.isfile(value) or FrameSequence.of(value) is not None)
 
-    names = [each.name for each in fields(options) if each.metadata["path"]]  # type: ignore[arg-type]
+    names = file_options(type(options))
     return {name: value for name in names if is_file(value := getattr(options, name))}

@@ -1,15 +1,13 @@
 """Lighting that photographers know by name: `relight/presets.yaml`, the same everywhere."""
 
-import functools
 import math
-from importlib.resources import files
 from typing import Any
 
-import yaml
-
-from relight.arguments import checked_number
+from relight import quantities
+from relight.arguments import checked, shown
 from relight.lights.files import from_entries
 from relight.lights.light import Light
+from relight.lights.preset_table import document, known
 
 HEIGHT = 1.75  # metres of the person for whom the file is written
 
@@ -46,7 +44,7 @@ def named(name: str, argument: str = "preset", height: float = HEIGHT) -> list[A
 
     Raises ValueError for another name, and as `presets` does.
     """
-    scale = checked_number("height", height, 0.01, 100) / HEIGHT
+    scale = checked("height", height, quantities.Height) / HEIGHT
     return from_entries([_scaled(entry, scale) for entry in _known(name, argument)["lights"]])
 
 
@@ -57,15 +55,12 @@ def gloss(name: str) -> float:
 
 def _known(name: str, argument: str) -> dict[str, Any]:
     """Return what the file says of a preset. Raises as `named` does."""
-    if name not in document():
-        raise ValueError(f"{argument}: no preset is called {name!r}; there are {', '.join(document())}")
-    return document()[name]
-
-
-@functools.cache
-def document() -> dict[str, Any]:
-    """Return the file: {name: {"title": as it is shown, "lights": entries of a lights file, "gloss"}}."""
-    return yaml.safe_load(files("relight").joinpath("presets.yaml").read_text(encoding="utf-8"))
+    if not isinstance(name, str):
+        raise TypeError(f"{argument}: expected the name of a preset, got {shown(name)}")
+    try:
+        return document()[known(name)]
+    except ValueError as error:
+        raise ValueError(f"{argument}: {error}") from None
 
 
 def _scaled(entry: dict[str, Any], scale: float) -> dict[str, Any]:

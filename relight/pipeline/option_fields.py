@@ -1,6 +1,6 @@
-"""What options are made of: the declaration of a field, the texts and the JSON that it is read from.
+"""What options are made of: the kinds of their values, the texts and the JSON that they are read from.
 
-See `relight.pipeline.options`. Nothing heavy is imported.
+See `relight.pipeline.options`, and `relight.arguments` for how a kind is stated. Nothing heavy is imported.
 """
 
 from __future__ import annotations
@@ -8,66 +8,241 @@ from __future__ import annotations
 import dataclasses
 import os
 import re
-from collections.abc import Callable, Mapping
-from dataclasses import MISSING, field, fields
+from collections.abc import Callable, Iterable, Mapping
+from dataclasses import fields
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, Literal, Self, TypeVar, cast, get_args, get_origin
+from typing import TYPE_CHECKING, Annotated, Any, Literal, Self, TypeAlias, TypeVar, cast
+
+from annotated_types import Ge
+
+from relight.arguments import About, Checked, Converted, Converts, about, parameters, shown, unknown
 
 if TYPE_CHECKING:
+    import numpy as np
+    import torch
+
     from relight.compositing.floor import Floor
+    from relight.lights.environment import EnvironmentLight
+    from relight.lights.light import Light
+    from relight.lights.moving import MovingLight
 
 BACKGROUND = "background"  # as a size: the background's own
+NO_PATH: Any = None  # the default of an `OptionalPath`
+NO_PASSES: Any = ()  # that of `Passes`
 
 Report = Callable[[int, int, str], None]  # frames done, frames in all, what is done
 
-Screen = Literal["green", "blue"]  # the colour of a screen that a person is keyed from
-Fitting = Literal["fit", "fill", "centre"]  # how a photograph lies in a picture of another size
-Alpha = Literal["straight", "premultiplied"]  # whether colours are multiplied by alpha
-Filling = Literal["background"]  # what gives the light that fills the shadows of others
-ExrType = Literal["half", "float"]  # the type of an OpenEXR file's channels
 # What a run does of a shot whose frames are made in chunks: all of it; the frames of a chunk, no movie and no
 # script; or movies and scripts, from the frames that the chunks have made.
 Phase = Literal["all", "frames", "finalize"]
+Pass = Literal["albedo", "N", "Z", "P", "visibility", "shading", "gloss"]
 
 
-def option(
-    help: str,  # as in typer.Option
-    default: Any = None,
-    *,
-    text: Any = str,
-    parse: Callable[[str], Any] | None = None,
-    flags: tuple[str, ...] = (),
-    path: bool = False,
-    **limits: Any,
-) -> Any:
-    """Declare a field that is an option of the command line as well.
-
-    `help`: one or two sentences. `default`: of the field and of the option; MISSING for what must be given.
-    `text`: the type in which the command line takes it: str, int, float, bool, list[str], or a Literal;
-    `parse`: from there to the field's value. `flags`: names of the option, where `--field-name` is not the
-    one. `path`: whether a text may name a file or a sequence of files. `limits`: further arguments of
-    `typer.Option`, such as min.
-    """
-    metadata = {"help": help, "text": text, "parse": parse, "flags": flags, "path": path, "limits": limits}
-    return field(metadata=metadata) if default is MISSING else field(default=default, metadata=metadata)
+def _is_array(value: object) -> bool:
+    return hasattr(value, "shape") and hasattr(value, "dtype")
 
 
-class Options:
+def _is_light(value: object) -> bool:
+    return hasattr(value, "rays") or hasattr(value, "at")  # of whatever class; it may move
+
+
+def _wrong(expected: str, value: object) -> TypeError:
+    return TypeError(f"expected {expected}, got {shown(value)}")
+
+
+def _file(value: Any) -> Any:
+    if not isinstance(value, str | os.PathLike):
+        raise _wrong("the name of a file", value)
+    if not os.fspath(value) or "\0" in str(value):
+        raise ValueError(f"expected the name of a file, got {shown(str(value))}")
+    return value
+
+
+def _path(value: Any) -> Path:
+    return Path(_file(value))
+
+
+def _paths(value: Any) -> tuple[Path, ...]:
+    """Return a path or several as a tuple."""
+    several = [value] if isinstance(value, str | os.PathLike) or not isinstance(value, Iterable) else value
+    return tuple(map(_path, several))
+
+
+def _plate(value: Any) -> Any:
+    if _is_array(value):
+        return value
+    if not isinstance(value, str | os.PathLike):
+        raise _wrong("a picture, which is an array, or the name of a file", value)
+    return _file(value)
+
+
+def _normals(value: Any) -> Any:
+    return value if callable(value) else _plate(value)
+
+
+def _lights(value: Any) -> Any:
+    """Return lights as a tuple, also of entries as JSON has them; the path of a lights file unchanged."""
+    if isinstance(value, str | os.PathLike):
+        return _file(value)
+    if isinstance(value, list | tuple) and value and all(isinstance(each, Mapping) for each in value):
+        from relight.lights.files import from_entries
+
+        return tuple(from_entries(value))
+    if _is_light(value):
+        return (value,)
+    if isinstance(value, Mapping) or not isinstance(value, Iterable):
+        raise _wrong("lights or the path of a lights file", value)
+    several = tuple(value)
+    for each in several:
+        if not _is_light(each):
+            raise _wrong("lights, e.g. DirectionalLight", each)
+    return several
+
+
+def _added_lights(value: Any) -> Any:
+    """Return lights, and texts of lights, as a tuple."""
+    alone = isinstance(value, str) or _is_light(value) or not isinstance(value, Iterable)
+    several = (value,) if alone else tuple(value)
+    for each in several:
+        if not isinstance(each, str) and not _is_light(each):
+            raise _wrong("lights or their texts", each)
+    return several
+
+
+def _background(value: Any) -> Any:
+    if isinstance(value, list | tuple):
+        numbers = [each for each in value if isinstance(each, int | float) and not isinstance(each, bool)]
+        if len(numbers) != 3 or len(value) != 3:
+            raise ValueError(f"expected an image or three finite numbers, got {shown(value)}")
+        return tuple(value)
+    if isinstance(value, str):
+        from relight.compositing.composite import parse_background
+
+        return parse_background(_file(value))
+    return value if _is_light(value) else _plate(value)
+
+
+def _floor(value: Any) -> Floor:
+    """Return a floor, also of {parameter: value} or of a text such as `height=1.5`."""
+    from relight.compositing.floor import Floor
+
+    if isinstance(value, Mapping):
+        return Floor(**value)
+    if isinstance(value, Floor):
+        return value
+    if not isinstance(value, str):
+        raise _wrong("a relight.Floor or height=METRES,horizon=SHARE", value)
+    return Floor.parse(value)
+
+
+def _preset(text: str) -> str:
+    from relight.lights.preset_table import known
+
+    return known(text)
+
+
+def _size(text: str) -> tuple[int, int] | str:
+    """Parse `1920x1080` as (height, width); `background` is returned unchanged."""
+    if text == BACKGROUND:
+        return text
+    try:
+        width, height = map(int, text.lower().split("x"))
+    except ValueError:
+        raise ValueError(f"expected WIDTHxHEIGHT or background, got {text!r}") from None
+    return height, width
+
+
+def _offset(text: str) -> tuple[int, int]:
+    """Parse `120/-40` as (right, up)."""
+    try:
+        right, up = map(int, text.split("/"))
+    except ValueError:
+        raise ValueError(f"expected RIGHT/UP in pixels, such as 120/-40, got {text!r}") from None
+    return right, up
+
+
+def parse_person(text: str) -> int | tuple[int, ...] | str:
+    """Parse `2` as a number, `640/300` as a point, `640/300/90` as a circle; `all` is returned unchanged."""
+    if text == "all":
+        return text
+    try:
+        values = tuple(map(int, text.split("/")))
+    except ValueError:
+        values = ()
+    if not 1 <= len(values) <= 3:
+        raise ValueError(f"expected a number, X/Y, X/Y/RADIUS or all, got {text!r}")
+    return values[0] if len(values) == 1 else values
+
+
+def _place(text: str) -> tuple[float, ...] | str:
+    """Parse `1/0.9/2` as three numbers; return the path of a prim or the name of a node unchanged."""
+    try:
+        numbers = tuple(map(float, text.split("/")))
+    except ValueError:
+        return text
+    return numbers if len(numbers) == 3 else text
+
+
+def _words(text: str) -> tuple[str, ...]:
+    """Parse `albedo,N` as ("albedo", "N")."""
+    return tuple(word.strip() for word in text.split(",") if word.strip())
+
+
+if TYPE_CHECKING:
+    AnyFile: TypeAlias = str | os.PathLike[str]
+    Picture: TypeAlias = np.ndarray | torch.Tensor | AnyFile  # in memory, a file, a sequence or a movie
+    Normals: TypeAlias = np.ndarray | Callable[..., Any] | AnyFile
+    AnyLights: TypeAlias = Light | MovingLight | Iterable[Light | MovingLight] | AnyFile
+    AddedLights: TypeAlias = str | Light | MovingLight | Iterable[str | Light | MovingLight]
+    Texts: TypeAlias = str | Iterable[str]
+    BackgroundSource: TypeAlias = np.ndarray | tuple[float, ...] | EnvironmentLight | MovingLight | AnyFile
+    AnyFloor: TypeAlias = Floor
+    Paths: TypeAlias = Converted[Any, tuple[Path, ...]]
+    OptionalPath: TypeAlias = Converted[Any, Path | None]
+    Passes: TypeAlias = Converted[Any, tuple[Pass, ...]]
+    Size: TypeAlias = tuple[int, int] | str
+    Person: TypeAlias = int | tuple[int, ...] | str
+    Offset: TypeAlias = tuple[int, int]
+    Place: TypeAlias = tuple[float, ...] | str
+    Preset: TypeAlias = str
+else:
+    AnyFile = Annotated[object, About(expected="the name of a file", check=_file)]
+    Picture = Annotated[object, About(expected="a picture or the name of a file", check=_plate)]
+    Normals = Annotated[object, About(expected="normals, a network or the name of a file", check=_normals)]
+    AnyLights = Annotated[object, About(expected="lights or the path of a lights file", check=_lights)]
+    AddedLights = Annotated[object, About(expected="lights or their texts", check=_added_lights)]
+    Texts = Annotated[tuple[str, ...], Converts(), About(expected="texts", parse=lambda text: (text,))]
+    BackgroundSource = Annotated[object, About(expected="a picture, a colour or a file", check=_background)]
+    AnyFloor = Annotated[object, About(expected="a relight.Floor", check=_floor)]
+    Paths = Annotated[object, About(expected="a path or several", check=_paths)]
+    OptionalPath = Annotated[object, About(expected="the name of a file", check=_path)] | None
+    Passes = Annotated[tuple[Pass, ...], Converts(), About(parse=_words)]
+    Size = Annotated[
+        Annotated[tuple[Annotated[int, Ge(1)], Annotated[int, Ge(1)]], Converts()] | Literal["background"],
+        About(expected="(height, width) of at least 1, or background", parse=_size),
+    ]
+    Person = Annotated[
+        int
+        | Annotated[tuple[int, int], Converts()]
+        | Annotated[tuple[int, int, int], Converts()]
+        | Literal["all"],
+        About(expected="a number, (x, y), (x, y, radius) or all", parse=parse_person),
+    ]
+    Offset = Annotated[tuple[int, int], Converts(), About(unit="pixels", parse=_offset)]
+    Place = Annotated[
+        Annotated[tuple[float, float, float], Converts()] | str,
+        About(expected="a path, a name or (x, y, z)", parse=_place),
+    ]
+    Preset = Annotated[str, About(check=_preset)]
+
+
+class Options(Checked):
     """What the four kinds of options have in common."""
-
-    def __post_init__(self) -> None:
-        """Make lists tuples, and refuse words that are none of those to choose from."""
-        for each in fields(cast(Any, self)):
-            value, kind = getattr(self, each.name), each.metadata["text"]
-            if isinstance(value, list):
-                self._set(each.name, tuple(value))
-            elif get_origin(kind) is Literal and value is not None and value not in get_args(kind):
-                raise ValueError(f"{each.name}: expected one of {', '.join(get_args(kind))}, got {value!r}")
 
     @classmethod
     def of(cls, given: Any) -> Self:
         """Return options unchanged, or make them of the plate, the lights or the paths alone."""
-        return given if isinstance(given, cls) else cls(given)  # type: ignore[call-arg]
+        return given if isinstance(given, cls) else cls(given)
 
     def _set(self, name: str, value: Any) -> None:
         object.__setattr__(self, name, value)  # as frozen dataclasses initialise themselves
@@ -85,73 +260,10 @@ class Options:
         changed = {
             each.name: _absolute(getattr(self, each.name))
             for each in fields(cast(Any, self))
-            if each.metadata["path"] and not _is_default(getattr(self, each.name), each.default)
+            if each.name in file_options(type(self))
+            and not _is_default(getattr(self, each.name), each.default)
         }
         return dataclasses.replace(cast(Any, self), **changed)
-
-
-def parse_size(text: str) -> tuple[int, int] | str:
-    """Parse `1920x1080` as (height, width); `background` is returned unchanged."""
-    if text == BACKGROUND:
-        return text
-    try:
-        width, height = map(int, text.lower().split("x"))
-    except ValueError as error:
-        raise ValueError(f"--size: expected WIDTHxHEIGHT or background, got {text!r}") from error
-    return height, width
-
-
-def parse_offset(text: str) -> tuple[int, int]:
-    """Parse `120/-40` as (right, up)."""
-    try:
-        right, up = map(int, text.split("/"))
-    except ValueError as error:
-        raise ValueError(f"--offset: expected RIGHT/UP in pixels, such as 120/-40, got {text!r}") from error
-    return right, up
-
-
-def parse_person(text: str) -> int | tuple[int, ...] | str:
-    """Parse `2` as a number, `640/300` as a point, `640/300/90` as a circle; `all` is returned unchanged."""
-    if text == "all":
-        return text
-    try:
-        values = tuple(map(int, text.split("/")))
-    except ValueError:
-        values = ()
-    if not 1 <= len(values) <= 3:
-        raise ValueError(f"--person: expected a number, X/Y, X/Y/RADIUS or all, got {text!r}")
-    return values[0] if len(values) == 1 else values
-
-
-def parse_background(text: str) -> tuple[float, ...] | str:
-    """Parse a colour such as `0.2/0.2/0.2`; return other text, a path or `environment`, unchanged."""
-    from relight.compositing.composite import parse_background
-
-    return parse_background(text)
-
-
-def parse_place(text: str) -> tuple[float, ...] | str:
-    """Parse `1/0.9/2` as three numbers.
-
-    Return other text, the path of a prim or the name of a node, unchanged.
-    """
-    try:
-        numbers = tuple(map(float, text.split("/")))
-    except ValueError:
-        return text
-    return numbers if len(numbers) == 3 else text
-
-
-def parse_floor(text: str) -> Floor:
-    """Parse `height=1.5,horizon=0.45` or `feet=X/Y/X/Y` as a Floor."""
-    from relight.compositing.floor import Floor
-
-    return Floor.parse(text)
-
-
-def parse_passes(text: str) -> tuple[str, ...]:
-    """Parse `albedo,N` as ("albedo", "N")."""
-    return tuple(word.strip() for word in text.split(",") if word.strip())
 
 
 def _is_default(value: Any, default: Any) -> bool:
@@ -196,20 +308,16 @@ def to_json(options: Options) -> dict[str, Any]:
 
 def from_json(kind: type[AnyOptions], document: Mapping[str, Any]) -> AnyOptions:
     """Convert the result of `to_json` to options. Raises ValueError for unknown fields."""
-    known = {each.name for each in fields(cast(Any, kind))}
+    known = [each.name for each in fields(cast(Any, kind))]
     for name in document:
         if name not in known:
-            raise ValueError(f"{name}: unknown option; expected any of {', '.join(sorted(known))}")
-    values = dict(document)
-    if isinstance(values.get("lights"), list):
-        from relight.lights.files import from_entries
+            raise ValueError(unknown(name, known))
+    return kind(**document)
 
-        values["lights"] = from_entries(values["lights"])
-    if isinstance(values.get("floor"), Mapping):
-        from relight.compositing.floor import Floor
 
-        values["floor"] = Floor(**{name: _tuples(value) for name, value in values["floor"].items()})
-    return kind(**{name: _tuples(value) for name, value in values.items()})
+def file_options(kind: type[Options]) -> list[str]:
+    """Return the names of options whose texts may name files or sequences of files."""
+    return [name for name, each in parameters(kind).items() if (said := about(each.kind)) and said.path]
 
 
 def _plain(name: str, value: Any) -> Any:
@@ -227,7 +335,3 @@ def _plain(name: str, value: Any) -> Any:
     if value is None or isinstance(value, str | bool | int | float):
         return value
     raise TypeError(f"{name}: expected a path or a number, which JSON can hold, got {type(value).__name__}")
-
-
-def _tuples(value: Any) -> Any:
-    return tuple(map(_tuples, value)) if isinstance(value, list) else value

@@ -8,40 +8,44 @@ from __future__ import annotations
 
 import dataclasses
 import os
-from collections.abc import Callable, Iterable, Sequence
-from dataclasses import MISSING, dataclass
+from collections.abc import Iterable
+from dataclasses import dataclass
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, Literal
+from typing import TYPE_CHECKING, Annotated, Any, Literal, cast
 
+from annotated_types import Ge, Gt, Interval
+
+from relight import quantities
+from relight.arguments import About, required
 from relight.pipeline.option_fields import (
-    Alpha,
-    ExrType,
-    Filling,
-    Fitting,
+    NO_PASSES,
+    NO_PATH,
+    AddedLights,
+    AnyFile,
+    AnyFloor,
+    AnyLights,
+    BackgroundSource,
+    Normals,
+    Offset,
+    OptionalPath,
     Options,
-    Screen,
-    option,
-    parse_background,
-    parse_floor,
-    parse_offset,
-    parse_passes,
-    parse_person,
-    parse_place,
-    parse_size,
+    Passes,
+    Paths,
+    Person,
+    Picture,
+    Place,
+    Preset,
+    Size,
+    Texts,
 )
 
 if TYPE_CHECKING:
-    import numpy as np
-
-    from relight.compositing.floor import Floor
-    from relight.lights.environment import EnvironmentLight
     from relight.lights.light import Light
     from relight.lights.moving import MovingLight
     from relight.scene.usd.read import Rig
 
-    Picture = np.ndarray | str | Path  # an image in memory, a file, a sequence or a movie
-    Normals = np.ndarray | Callable | str | os.PathLike
-    BackgroundSource = np.ndarray | tuple[float, ...] | EnvironmentLight | MovingLight | str | Path
+MAX_THREADS = 1024
+MAX_BAND = 4096  # pixels, of the band in which a matte is refined
 
 
 @dataclass(frozen=True)
@@ -56,80 +60,116 @@ class Source(Options):
     >>> source = relight.Source("plate.%04d.exr", mask="matte.%04d.png", height=1.8)
     """
 
-    plate: Picture = option(
-        "A photograph (PNG, JPEG, TIFF, OpenEXR...); a sequence such as plate.%04d.exr or plate.####.exr; a "
-        "movie; or an analysis cache, shot.relight, see `relight analyse`.",
-        MISSING,
-        path=True,
-        metavar="SOURCE",
-    )
-    mask: Picture | None = option(
-        "The matte of the person: a file, a sequence or a movie. Without it, and without alpha, --matte.",
-        path=True,
-    )
-    key: Screen | None = option(
-        "Key the person from a screen of this colour. A mask then marks where the person is.", text=Screen
-    )
-    matte: str | Path | None = option(
-        "How the person is found in a source without a matte: auto, by networks that `relight fetch person` "
-        "brings; MODEL.onnx; or a model name of rembg. For a model that is not recognised add its input "
-        "format: MODEL.onnx,mean=0/0/0,size=320 (also std, order, fit, output, sigmoid, family).",
-        "auto",
-        path=True,
-    )
-    refine_matte: int | None = option(
-        "Refine the inferred matte, or a rough --mask, in a band this many pixels wide along its edge.",
-        text=int,
-    )
-    feather: float = option(
-        "Soften the edge of the person in the picture by a Gaussian of this standard deviation, in pixels.",
-        0.0,
-        text=float,
-    )
-    person: int | tuple[int, ...] | str | None = option(
-        "Which of several people: 2 is the second largest, X/Y the one nearest to that pixel, X/Y/RADIUS the "
-        "one who is found most like that circle, all everybody together.",
-        parse=parse_person,
-    )
-    track: str | Path | None = option(
-        "A file that `relight track` wrote: where the person of a shot who is found is in each frame.",
-        path=True,
-    )
-    size: tuple[int, int] | str | None = option(
-        "Size of the picture: 1920x1080, or background for that of the background. Default: the source's.",
-        parse=parse_size,
-    )
-    placement: Fitting = option("How the source is placed in a picture of another size.", "fit", text=Fitting)
-    scale: float = option("Scale of the source, after --placement.", 1.0, text=float)
-    offset: tuple[int, int] = option(
-        "Shift of the source in pixels: RIGHT/UP. Default: 0/0.", (0, 0), parse=parse_offset
-    )
-    colour_space: str | None = option(
-        "Colour space of the source, in place of what its files state: sRGB, ACEScg, 'ARRI LogC4'..."
-    )
-    alpha: Alpha | None = option(
-        "Alpha of the source if its files state it wrongly: straight or premultiplied.",
-        text=Alpha,
-        metavar="<word>",
-    )
-    normals: Normals | None = option(
-        "Use these camera-space normals: an image, a sequence, or a network (PIFuHD's .pt).", path=True
-    )
-    axes: str | None = option("Axes of the channels of those normals. Default: +x+y+z; OpenCV's are +x-y-z.")
-    depth: Picture | None = option(
-        "Use this depth: an .exr (channel Z, metres), a sequence, or a network (DAViD's .onnx).", path=True
-    )
-    height: float | None = option(
-        "Height in metres of the part of the person that the matte shows. Default: 1.75.", text=float
-    )
-    field_of_view: float | None = option(
-        "Vertical field of view of the camera, in degrees. Default: 40.", text=float
-    )
-    temporal_filter: bool = option(
-        "Average the analysis of a moving person over 5 frames where they agree, to reduce flicker.",
-        True,
-        text=bool,
-    )
+    plate: Annotated[
+        Picture,
+        About(
+            "A photograph (PNG, JPEG, TIFF, OpenEXR...); a sequence such as plate.%04d.exr or "
+            "plate.####.exr; a movie; or an analysis cache, shot.relight, see `relight analyse`.",
+            path=True,
+            metavar="SOURCE",
+        ),
+    ]
+    mask: Annotated[
+        Picture | None,
+        About(
+            "The matte of the person: a file, a sequence or a movie. Without it, and without alpha, --matte.",
+            path=True,
+        ),
+    ] = None
+    key: Annotated[
+        Literal["green", "blue"] | None,
+        About("Key the person from a screen of this colour. A mask then marks where the person is."),
+    ] = None
+    matte: Annotated[
+        AnyFile | None,
+        About(
+            "How the person is found in a source without a matte: auto, by networks that `relight fetch "
+            "person` brings; MODEL.onnx; or a model name of rembg. For a model that is not recognised "
+            "add its input format: MODEL.onnx,mean=0/0/0,size=320 (also std, order, fit, output, "
+            "sigmoid, family).",
+            path=True,
+        ),
+    ] = "auto"
+    refine_matte: Annotated[
+        int | None,
+        Interval(ge=1, le=MAX_BAND),
+        About(
+            "Refine the inferred matte, or a rough --mask, in a band this many pixels wide along its edge.",
+        ),
+    ] = None
+    feather: Annotated[
+        float,
+        Ge(0),
+        About(
+            "Soften the edge of the person in the picture by a Gaussian of this standard deviation, in "
+            "pixels.",
+        ),
+    ] = 0.0
+    person: Annotated[
+        Person | None,
+        About(
+            "Which of several people: 2 is the second largest, X/Y the one nearest to that pixel, "
+            "X/Y/RADIUS the one who is found most like that circle, all everybody together.",
+        ),
+    ] = None
+    track: Annotated[
+        AnyFile | None,
+        About(
+            "A file that `relight track` wrote: where the person of a shot who is found is in each frame.",
+            path=True,
+        ),
+    ] = None
+    size: Annotated[
+        Size | None,
+        About(
+            "Size of the picture: 1920x1080, or background for that of the background. Default: the "
+            "source's.",
+        ),
+    ] = None
+    placement: Annotated[
+        Literal["fit", "fill", "centre"],
+        About("How the source is placed in a picture of another size."),
+    ] = "fit"
+    scale: Annotated[float, Gt(0), About("Scale of the source, after --placement.")] = 1.0
+    offset: Annotated[Offset, About("Shift of the source in pixels: RIGHT/UP. Default: 0/0.")] = (0, 0)
+    colour_space: Annotated[
+        str | None,
+        About("Colour space of the source, in place of what its files state: sRGB, ACEScg, 'ARRI LogC4'..."),
+    ] = None
+    alpha: Annotated[
+        Literal["straight", "premultiplied"] | None,
+        About("Alpha of the source if its files state it wrongly: straight or premultiplied."),
+    ] = None
+    normals: Annotated[
+        Normals | None,
+        About(
+            "Use these camera-space normals: an image, a sequence, or a network (PIFuHD's .pt).",
+            path=True,
+        ),
+    ] = None
+    axes: Annotated[
+        str | None,
+        About("Axes of the channels of those normals. Default: +x+y+z; OpenCV's are +x-y-z."),
+    ] = None
+    depth: Annotated[
+        Picture | None,
+        About(
+            "Use this depth: an .exr (channel Z, metres), a sequence, or a network (DAViD's .onnx).",
+            path=True,
+        ),
+    ] = None
+    height: Annotated[
+        quantities.Height | None,
+        About("Height in metres of the part of the person that the matte shows. Default: 1.75."),
+    ] = None
+    field_of_view: Annotated[
+        quantities.FieldOfView | None,
+        About("Vertical field of view of the camera, in degrees. Default: 40."),
+    ] = None
+    temporal_filter: Annotated[
+        bool,
+        About("Average the analysis of a moving person over 5 frames where they agree, to reduce flicker."),
+    ] = True
 
 
 @dataclass(frozen=True)
@@ -145,147 +185,139 @@ class Lighting(Options):
     >>> lighting = relight.Lighting("lights.yaml", background="street.jpg", match_plate=True)
     """
 
-    lights: Light | MovingLight | Iterable[Light | MovingLight] | str | Path = option(
-        "A lights file (YAML or JSON), a USD stage, or a glTF scene.", (), path=True
-    )
-    camera: str | None = option(
-        "The camera in that stage or scene: the path of its prim, or the name of its node. Default: the only "
-        "one. The plate has its field of view unless --field-of-view is given."
-    )
-    subject_at: str | tuple[float, ...] | None = option(
-        "Where the middle of the person is in that stage or scene: the path of a prim or the name of a node, "
-        "or x/y/z in its units. Default: on the camera's axis at its focus distance.",
-        parse=parse_place,
-    )
-    allow_external: bool = option(
-        "Let that stage read files from outside its own folder.",
-        False,
-        text=bool,
-        flags=("--allow-external",),
-    )
-    preset: str | None = option(
-        "Light by name: three-point, rembrandt, butterfly, split, rim, window, overcast, golden-hour, stage "
-        "or firelight."
-    )
-    light: Sequence[str | Light | MovingLight] = option(
-        "A light, as in the example below. Also direction=x/y/z, exposure (stops), temperature (kelvin), "
-        "locus (planckian, daylight), angle (degrees; soft shadows), orbit (frames of one turn). Near "
-        "lights: position=x/y/z (metres), radius; or toward=x/y/z, width, height; cone (degrees), softness. "
-        "Repeatable.",
-        (),
-        text=list[str],
-    )
-    environment: Sequence[str] = option(
-        "Light from a latitude-longitude map, as in the example below. Its centre is at the camera. "
-        "Repeatable.",
-        (),
-        text=list[str],
-    )
-    background: BackgroundSource | None = option(
-        "An image, a sequence or a movie, of any size; a linear colour such as 0.2/0.2/0.2; environment, the "
-        "camera's view of the environments among the lights; plate, the photograph itself; or none. Default: "
-        "plate for a source without alpha in .png, .jpg, .tif and movies, otherwise none.",
-        parse=parse_background,
-        path=True,
-    )
-    background_colour_space: str | None = option(
-        "Colour space of the background, in place of what its files state."
-    )
-    match_plate: bool = option(
-        "Light the person from the background image, as if they stood in it.",
-        False,
-        text=bool,
-        flags=("--match-plate",),
-    )
-    fill: Filling | None = option(
-        "background: the background image, or the photograph's own, fills the shadows of the other lights.",
-        text=Filling,
-    )
-    fill_amount: float = option(
-        "Share of the background's light that fills, 0 to 1. Default: 0.3.",
-        0.3,
-        text=float,
-        min=0,
-        max=1,
-        metavar="<float>",
-    )
-    background_light: float = option(
-        "Share of the person's new light that reaches the background too, 0 to 1: it darkens and tints with "
-        "it. Default: 0.",
-        0.0,
-        text=float,
-        min=0,
-        max=1,
-        metavar="<float>",
-    )
-    match: Picture | None = option(
-        "Light the person as the person in this photograph is lit. It needs alpha, --match-mask or --matte.",
-        path=True,
-    )
-    match_mask: Picture | None = option("The matte of the --match photograph.", path=True)
-    gloss: float | None = option(
-        "Reflection at grazing angles, 0 to 1: a rim on hair, shoulders and arms in light from behind. "
-        "Default: that of the preset; otherwise none.",
-        text=float,
-        min=0,
-        max=1,
-        metavar="<float>",
-    )
-    amount: float = option(
-        "Share of the new light, 0 to 1: the rest is the photograph's own. 0 is the photograph. Default: 1.",
-        1.0,
-        text=float,
-        min=0,
-        max=1,
-        metavar="<float>",
-    )
-    intensity: float = option(
-        "Intensity of all lights together: 2 is twice the light. Default: 1; a preset leaves the face as "
-        "bright as in the photograph.",
-        1.0,
-        text=float,
-        min=0,
-        metavar="<float>",
-    )
-    floor: Floor | None = option(
-        "Cast the person's shadow on the ground: height=1.5,horizon=0.45, where height is that of the camera "
-        "in metres and horizon is a fraction of the picture from top (0) to bottom (1); or feet=X/Y/X/Y in "
-        "pixels.",
-        parse=parse_floor,
-    )
+    lights: Annotated[
+        AnyLights,
+        About("A lights file (YAML or JSON), a USD stage, or a glTF scene.", path=True),
+    ] = ()
+    camera: Annotated[
+        str | None,
+        About(
+            "The camera in that stage or scene: the path of its prim, or the name of its node. Default: "
+            "the only one. The plate has its field of view unless --field-of-view is given.",
+        ),
+    ] = None
+    subject_at: Annotated[
+        Place | None,
+        About(
+            "Where the middle of the person is in that stage or scene: the path of a prim or the name of "
+            "a node, or x/y/z in its units. Default: on the camera's axis at its focus distance.",
+        ),
+    ] = None
+    allow_external: Annotated[
+        bool,
+        About("Let that stage read files from outside its own folder.", flags=("--allow-external",)),
+    ] = False
+    preset: Annotated[
+        Preset | None,
+        About(
+            "Light by name: three-point, rembrandt, butterfly, split, rim, window, overcast, "
+            "golden-hour, stage or firelight.",
+        ),
+    ] = None
+    light: Annotated[
+        AddedLights,
+        About(
+            "A light, as in the example below. Also direction=x/y/z, exposure (stops), temperature "
+            "(kelvin), locus (planckian, daylight), angle (degrees; soft shadows), orbit (frames of one "
+            "turn). Near lights: position=x/y/z (metres), radius; or toward=x/y/z, width, height; cone "
+            "(degrees), softness. Repeatable.",
+            repeatable=True,
+        ),
+    ] = ()
+    environment: Annotated[
+        Texts,
+        About(
+            "Light from a latitude-longitude map, as in the example below. Its centre is at the camera. "
+            "Repeatable.",
+            repeatable=True,
+        ),
+    ] = ()
+    background: Annotated[
+        BackgroundSource | None,
+        About(
+            "An image, a sequence or a movie, of any size; a linear colour such as 0.2/0.2/0.2; "
+            "environment, the camera's view of the environments among the lights; plate, the photograph "
+            "itself; or none. Default: plate for a source without alpha in .png, .jpg, .tif and movies, "
+            "otherwise none.",
+            path=True,
+        ),
+    ] = None
+    background_colour_space: Annotated[
+        str | None,
+        About("Colour space of the background, in place of what its files state."),
+    ] = None
+    match_plate: Annotated[
+        bool,
+        About(
+            "Light the person from the background image, as if they stood in it.",
+            flags=("--match-plate",),
+        ),
+    ] = False
+    fill: Annotated[
+        Literal["background"] | None,
+        About(
+            "background: the background image, or the photograph's own, fills the shadows of the other "
+            "lights.",
+        ),
+    ] = None
+    fill_amount: Annotated[
+        quantities.Amount,
+        About("Share of the background's light that fills, 0 to 1. Default: 0.3."),
+    ] = 0.3
+    background_light: Annotated[
+        quantities.Amount,
+        About(
+            "Share of the person's new light that reaches the background too, 0 to 1: it darkens and "
+            "tints with it. Default: 0.",
+        ),
+    ] = 0.0
+    match: Annotated[
+        Picture | None,
+        About(
+            "Light the person as the person in this photograph is lit. It needs alpha, --match-mask or "
+            "--matte.",
+            path=True,
+        ),
+    ] = None
+    match_mask: Annotated[Picture | None, About("The matte of the --match photograph.", path=True)] = None
+    gloss: Annotated[
+        quantities.Gloss | None,
+        About(
+            "Reflection at grazing angles, 0 to 1: a rim on hair, shoulders and arms in light from "
+            "behind. Default: that of the preset; otherwise none.",
+        ),
+    ] = None
+    amount: Annotated[
+        quantities.Amount,
+        About(
+            "Share of the new light, 0 to 1: the rest is the photograph's own. 0 is the photograph. "
+            "Default: 1.",
+        ),
+    ] = 1.0
+    intensity: Annotated[
+        quantities.Intensity,
+        About(
+            "Intensity of all lights together: 2 is twice the light. Default: 1; a preset leaves the "
+            "face as bright as in the photograph.",
+        ),
+    ] = 1.0
+    floor: Annotated[
+        AnyFloor | None,
+        About(
+            "Cast the person's shadow on the ground: height=1.5,horizon=0.45, where height is that of "
+            "the camera in metres and horizon is a fraction of the picture from top (0) to bottom (1); "
+            "or feet=X/Y/X/Y in pixels.",
+        ),
+    ] = None
 
     def __post_init__(self) -> None:
-        super().__post_init__()
-        lights: Any = self.lights
+        lights: object = self.lights
         if isinstance(lights, str) and not os.path.exists(lights) and not os.path.splitext(lights)[1]:
             self._set("preset", lights)
             self._set("lights", ())
-        elif not isinstance(lights, str | os.PathLike):
-            from relight.lights.rig import as_rig
-
-            self._set("lights", tuple(as_rig(lights, "lights or the path of a lights file")))
-        texts: Any = (
-            [self.light] if isinstance(self.light, str) or hasattr(self.light, "name") else self.light
-        )
-        if any(not isinstance(each, str) for each in texts):
-            from relight.lights.rig import as_rig
-
-            as_rig([each for each in texts if not isinstance(each, str)], "texts or lights in `light`")
-        self._set("light", tuple(texts))
-        if isinstance(self.background, str):
-            self._set("background", parse_background(self.background))
-        if self.gloss is not None:
-            from relight.analysis.gloss import checked_gloss
-
-            self._set("gloss", checked_gloss(self.gloss))
-        from relight.arguments import checked_number
-
-        self._set("amount", checked_number("amount", self.amount, 0, 1))
-        self._set("background_light", checked_number("background_light", self.background_light, 0, 1))
-        self._set("fill_amount", checked_number("fill_amount", self.fill_amount, 0, 1))
+        super().__post_init__()
         if self.fill and self.match_plate:
             raise ValueError("fill: expected none beside match_plate, which is the background's whole light")
-        self._set("intensity", checked_number("intensity", self.intensity, 0))
 
     def rig(self) -> Rig:
         """Read the lights of the objects, the lights file and the texts, and the camera of a scene.
@@ -308,7 +340,8 @@ class Lighting(Options):
                 if value:
                     raise ValueError(f"{name}: expected a USD stage or a glTF scene (--lights), which has it")
         rig = Rig([*given]) if isinstance(given, tuple) else read_rig(given, **scene)
-        added = [parse(each) if isinstance(each, str) else each for each in self.light]
+        texts = cast("Iterable[str | Light | MovingLight]", self.light)
+        added = [parse(each) if isinstance(each, str) else each for each in texts]
         lights = [*rig.lights, *added]
         lights += [parse(text, EnvironmentLight) for text in self.environment]
         return rig._replace(lights=lights)
@@ -360,63 +393,68 @@ class Output(Options):
     >>> output = relight.Output(["relit.exr", "relit.nk"], passes=["albedo", "N"])
     """
 
-    # A path or several, str or Path, become a tuple of Path.
-    paths: Any = option(
-        "A file to write, a sequence such as relit.%04d.exr, or a movie, .mp4 or .mov. An .exr keeps each "
-        "light as a layer; a .nk mixes the .exr in Nuke. Repeatable.",
-        MISSING,
-        text=list[Path],
-        flags=("-o", "--output"),
-        path=True,
-        metavar="<file>",
-    )
-    passes: Sequence[str] = option(
-        "Further layers of the .exr: albedo, N, Z, P, visibility, shading, gloss; as albedo,N.",
-        (),
-        parse=parse_passes,
-    )
-    exr_type: ExrType = option(
-        "Type of the .exr channels; float for lights that are too dim for half.", "half", text=ExrType
-    )
-    output_colour_space: str | None = option(
-        "Colour space of .exr outputs: ACEScg, ACES2065-1, Rec.2020, P3... Default: linear Rec.709."
-    )
-    autocrop: bool = option(
-        "Store only the bounding box of the person in an .exr (its data window). Four times as fast.",
-        False,
-        text=bool,
-        flags=("--autocrop",),
-    )
-    view: str | None = option(
-        "View transform of display formats (PNG, JPEG, movies), such as aces, from OpenColorIO's built-in "
-        "configuration or $OCIO. Default: sRGB with compressed highlights."
-    )
-    exposure: float = option("Exposure of display formats, in stops.", 0.0, text=float)
-    white: float | None = option(
-        "Linear value that display formats show as white; highlights below it are compressed. Default: 4 for "
-        "sequences and movies, the brightest pixel for a still.",
-        text=float,
-        min=1,
-        metavar="<float>",
-    )
-    save_matte: Path | None = option(
-        "Also write the matte, as a grey PNG, TIFF or OpenEXR file or sequence.", path=True
-    )
-    save_lights: Path | None = option("Also write all lights: YAML or JSON, USD, or glTF.", path=True)
-    rate: float | None = option(
-        "Frame rate of movies, in frames per second. Default: the source's, or 24.", text=float
-    )
-
-    def __post_init__(self) -> None:
-        super().__post_init__()
-        paths: Any = self.paths
-        self._set("paths", tuple(map(Path, [paths] if isinstance(paths, str | os.PathLike) else paths)))
-        for name in ("save_matte", "save_lights"):
-            if getattr(self, name) is not None:
-                self._set(name, Path(getattr(self, name)))
-        if isinstance(self.passes, str):
-            raise TypeError(f"passes: expected a sequence of names, got {self.passes!r}")
-        self._set("passes", tuple(self.passes))
+    paths: Annotated[
+        Paths,
+        About(
+            "A file to write, a sequence such as relit.%04d.exr, or a movie, .mp4 or .mov. An .exr keeps "
+            "each light as a layer; a .nk mixes the .exr in Nuke. Repeatable.",
+            path=True,
+            flags=("-o", "--output"),
+            repeatable=True,
+            metavar="<file>",
+        ),
+    ] = required()
+    passes: Annotated[
+        Passes,
+        About("Further layers of the .exr: albedo, N, Z, P, visibility, shading, gloss; as albedo,N."),
+    ] = NO_PASSES
+    exr_type: Annotated[
+        Literal["half", "float"],
+        About("Type of the .exr channels; float for lights that are too dim for half."),
+    ] = "half"
+    output_colour_space: Annotated[
+        str | None,
+        About("Colour space of .exr outputs: ACEScg, ACES2065-1, Rec.2020, P3... Default: linear Rec.709."),
+    ] = None
+    autocrop: Annotated[
+        bool,
+        About(
+            "Store only the bounding box of the person in an .exr (its data window). Four times as fast.",
+            flags=("--autocrop",),
+        ),
+    ] = False
+    view: Annotated[
+        str | None,
+        About(
+            "View transform of display formats (PNG, JPEG, movies), such as aces, from OpenColorIO's "
+            "built-in configuration or $OCIO. Default: sRGB with compressed highlights.",
+        ),
+    ] = None
+    exposure: Annotated[quantities.Exposure, About("Exposure of display formats, in stops.")] = 0.0
+    white: Annotated[
+        float | None,
+        Ge(1),
+        About(
+            "Linear value that display formats show as white; highlights below it are compressed. "
+            "Default: 4 for sequences and movies, the brightest pixel for a still.",
+        ),
+    ] = None
+    save_matte: Annotated[
+        OptionalPath,
+        About("Also write the matte, as a grey PNG, TIFF or OpenEXR file or sequence.", path=True),
+    ] = NO_PATH
+    save_lights: Annotated[
+        OptionalPath,
+        About("Also write all lights: YAML or JSON, USD, or glTF.", path=True),
+    ] = NO_PATH
+    rate: Annotated[
+        float | None,
+        Interval(ge=0.01, le=1000),
+        About(
+            "Frame rate of movies, in frames per second. Default: the source's, or 24.",
+            unit="frames a second",
+        ),
+    ] = None
 
 
 @dataclass(frozen=True)
@@ -428,15 +466,19 @@ class Compute(Options):
     >>> compute = relight.Compute(device="cpu", precision="float32", threads=1)
     """
 
-    device: str | None = option("Device of the networks: cpu, cuda, cuda:1... Default: cpu.")
-    precision: Literal["bfloat16", "float32"] | None = option(
-        "Precision of the networks: bfloat16 or float32. Default: the faster one on this processor."
-    )
-    threads: int | None = option(
-        "Number of CPU threads. With equal precision and threads, machines of one kind make bit-identical "
-        "frames.",
-        text=int,
-    )
+    device: Annotated[str | None, About("Device of the networks: cpu, cuda, cuda:1... Default: cpu.")] = None
+    precision: Annotated[
+        Literal["bfloat16", "float32"] | None,
+        About("Precision of the networks: bfloat16 or float32. Default: the faster one on this processor."),
+    ] = None
+    threads: Annotated[
+        int | None,
+        Interval(ge=1, le=MAX_THREADS),
+        About(
+            "Number of CPU threads. With equal precision and threads, machines of one kind make "
+            "bit-identical frames.",
+        ),
+    ] = None
 
 
 GROUPS: dict[str, type[Options]] = {

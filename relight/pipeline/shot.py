@@ -38,8 +38,6 @@ from shadow import inputs as checks
 from shadow.files import is_path
 from shadow.networks.precision import in_use, using
 
-MAX_THREADS = 1024
-
 
 class Shot:
     """The frames of a shot: persons, the lights on them, and what is behind them.
@@ -93,8 +91,6 @@ class Shot:
         """
         shot = cls(source, lighting, compute, analyse)
         threads, before = shot.compute.threads, torch.get_num_threads()
-        if threads is not None and not 1 <= threads <= MAX_THREADS:
-            raise ValueError(f"threads: expected 1 to {MAX_THREADS}, got {threads}")
         with using(shot.compute.precision):
             try:
                 torch.set_num_threads(threads or before)

@@ -56,7 +56,7 @@ def run(*arguments):
             ["apply", "notes.txt", "-o", "a.png", *LAMP],
             "notes.txt: cannot be read as an image: its format is not known",
         ),
-        ([*STILL, "--preset", "rembrant"], "preset: no preset is called 'rembrant'; there are three-point"),
+        ([*STILL, "--preset", "rembrant"], "preset: no preset is called 'rembrant'; did you mean rembrandt"),
         (["app", "--root", "gone"], "gone: expected a folder to choose pictures from"),
         ([*STILL, *LAMP, "--background", "p.####.png"], f"a.exr: {FRAMES}"),
         (
@@ -71,8 +71,14 @@ def run(*arguments):
             "names the background's layer",
         ),
         ([*SHOT, "--light", "background:azimuth=1", "--background", "0/0/0"], "names the background's layer"),
-        ([*SHOT, *LAMP, "-o", "b.mov", "--rate", "0"], "rate: expected 0.01 to 1000 frames a second, got 0"),
-        ([*SHOT, *LAMP, "-o", "b.mov", "--rate", "nan"], "rate: expected 0.01 to 1000 frames a second"),
+        (
+            [*SHOT, *LAMP, "-o", "b.mov", "--rate", "0"],
+            "rate: expected a number of frames a second from 0.01 to 1000, got 0",
+        ),
+        (
+            [*SHOT, *LAMP, "-o", "b.mov", "--rate", "nan"],
+            "rate: expected a finite number of frames a second from 0.01 to 1000",
+        ),
         (
             [*SHOT, *LAMP, "-o", "a.mov", "--save-matte", "m.png"],
             "m.png: expected a frame number in the name",

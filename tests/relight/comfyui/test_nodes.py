@@ -317,7 +317,10 @@ def test_what_is_held_reads_as_the_page_writes_it():
             "floor: expected a back",
         ),
         (lambda image, mask, batch: Passes().passes(batch, ()), "lights: expected at least one"),
-        (lambda image, mask, batch: LightNode().add(0.0, 0.0, colour="red"), "colour: expected #rrggbb or"),
+        (
+            lambda image, mask, batch: LightNode().add(0.0, 0.0, colour="rde"),
+            "colour: expected linear red/green/blue",
+        ),
         (
             lambda image, mask, batch: LightNode().add(0.0, 0.0, temperature=300.0),
             "temperature: expected a number of kelvin from 1000 to",

@@ -1,0 +1,25 @@
+"""What `relight/presets.yaml` says, without the classes of lights, which import torch."""
+
+import functools
+from importlib.resources import files
+from typing import Any
+
+import yaml
+
+from relight.arguments import meant
+
+
+@functools.cache
+def document() -> dict[str, Any]:
+    """Return the file: {name: {"title": as it is shown, "lights": entries of a lights file, "gloss"}}."""
+    return yaml.safe_load(files("relight").joinpath("presets.yaml").read_text(encoding="utf-8"))
+
+
+def known(text: str) -> str:
+    """Return a preset's name as the file has it: `Golden Hour` is golden-hour. ValueError for no preset."""
+    names = list(document())
+    if (name := text.strip().lower().replace(" ", "-").replace("_", "-")) in names:
+        return name
+    near = meant(name, names)
+    hint = f"did you mean {near}?" if near else f"there are {', '.join(names)}"
+    raise ValueError(f"no preset is called {text!r}; {hint}")
