@@ -2,8 +2,8 @@
 
 python docs/figures.py [folder]
 
-Needs matplotlib, which the extra `train` installs. Writes axes.png (docs/conventions.md) and way.png
-(docs/architecture.md).
+Needs matplotlib, which the extra `train` installs. Writes axes.png (docs/conventions.md), way.png
+(docs/architecture.md) and presets.png (docs/presets.md).
 """
 
 import sys
@@ -11,13 +11,15 @@ from pathlib import Path
 
 import matplotlib
 import numpy as np
+import yaml
 from matplotlib.figure import Figure
 
 import relight
 from relight.media import colour
 
 PERSON = Path(__file__).parent.parent / "examples" / "person.png"
-GREY = (0.18, 0.18, 0.18)
+PRESETS = Path(relight.__file__).parent / "presets.yaml"
+GREY, DARK = (0.18, 0.18, 0.18), (0.02, 0.022, 0.026)
 INK = "#1d1d1f"
 RIM = relight.DirectionalLight(azimuth=130, elevation=20).direction
 AXES = {"x": "#c62828", "y": "#2e7d32", "z": "#1565c0"}  # the colours of every 3D application
@@ -144,6 +146,21 @@ def way(subject, image, path):
     save(figure, path)
 
 
+def presets(subject, image, path):
+    """The photograph, and the upper half of the person in each preset."""
+    pictures = {"photograph": image} | {
+        name: subject.relit(name, gloss=entry.get("gloss", 0))
+        for name, entry in yaml.safe_load(PRESETS.read_text()).items()
+    }
+    figure = Figure(figsize=(11, 4.2), layout="constrained", dpi=100)
+    axes = figure.subplots(2, 6).ravel()
+    for axis, (title, picture) in zip(axes, pictures.items(), strict=False):
+        panel(axis, shown(relight.over(picture, DARK))[: int(0.52 * image.shape[0])], title)
+    for axis in axes[len(pictures) :]:
+        axis.set_axis_off()
+    save(figure, path)
+
+
 def save(figure, path):
     figure.savefig(path, facecolor="white", metadata={"Software": None})
     print(f"wrote {path}")
@@ -155,3 +172,4 @@ if __name__ == "__main__":
     person = relight.Subject(photograph)
     axes(person, folder / "axes.png")
     way(person, photograph, folder / "way.png")
+    presets(person, photograph, folder / "presets.png")

@@ -1,4 +1,4 @@
-"""The README's picture: one photograph, four new lightings.
+"""One photograph and four new lightings, side by side.
 
 python examples/gallery.py [person.png] [file]
 """
@@ -11,7 +11,7 @@ import numpy as np
 import relight
 
 person = Path(sys.argv[1]) if len(sys.argv) > 1 else Path(__file__).with_name("person.png")
-path = Path(sys.argv[2]) if len(sys.argv) > 2 else Path(__file__).with_name("relit.png")
+path = Path(sys.argv[2]) if len(sys.argv) > 2 else Path("relit.png")
 
 room = relight.DirectionalLight(azimuth=0, elevation=60, angle=180, intensity=0.25, name="room")
 lightings = [

@@ -14,12 +14,17 @@ import numpy as np
 import relight
 from shadow import directions
 from shadow.data import lightings, photographs
-from shadow.lightstage import stage
-from shadow.lightstage.people.generate import bodies
+from shadow.installing import install_command
+
+try:
+    from shadow.lightstage import stage
+    from shadow.lightstage.people.generate import bodies
+except ModuleNotFoundError as error:
+    sys.exit(f"needs {error.name}; install it with: {install_command('stage')}")
 
 SIZE = 1024
 seed = int(sys.argv[1]) if len(sys.argv) > 1 else 13
-path = Path(sys.argv[2]) if len(sys.argv) > 2 else Path(__file__).with_name("person.png")
+path = Path(sys.argv[2]) if len(sys.argv) > 2 else Path("person.png")
 
 lights = directions.olat(behind=True)
 view = stage.View(azimuth=8, distance=3.5, height=1.2, pitch=-5, fov=34)

@@ -8,6 +8,7 @@ neighbouring frames differ, which is what shows as flicker, beside how much the 
 """
 
 import argparse
+import sys
 from pathlib import Path
 
 import numpy as np
@@ -16,8 +17,13 @@ import relight
 from relight.media.movies import write_movie
 from shadow import directions
 from shadow.data import lightings, photographs
-from shadow.lightstage import stage
-from shadow.lightstage.people.generate import bodies
+from shadow.installing import install_command
+
+try:
+    from shadow.lightstage import stage
+    from shadow.lightstage.people.generate import bodies
+except ModuleNotFoundError as error:
+    sys.exit(f"needs {error.name}; install it with: {install_command('stage')}")
 
 ELEVATIONS = (0, 25, 50)
 

@@ -28,7 +28,7 @@ NEEDS = {
     "a model of your own": 1,
     "a CUDA GPU": 3,
     "a Dask cluster": 2,
-    "a network connection": 5,
+    "a network connection": 9,
     "Windows": 1,
     "the program openjd, of openjd-cli": 1,
     "your own copy of PIFuHD's checkpoint": 1,
