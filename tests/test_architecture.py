@@ -215,3 +215,11 @@ def test_constructors_of_the_pipeline_have_at_most_six_parameters():
     assert constructors
     for path, node in constructors:
         assert len([*node.args.args, *node.args.kwonlyargs]) - 1 <= 6, f"{path}:{node.lineno}"
+
+
+def test_fetching_networks_and_files_of_options_load_no_torch():
+    """Torch takes 200 MB and most of a second."""
+    program = "import sys, shadow, shadow.files\n"
+    program += "from relight.matting import silhouette_files\nfrom relight.matting.people import files\n"
+    program += "assert 'analyse' in dir(shadow); assert 'torch' not in sys.modules; shadow.analyse\n"
+    subprocess.run([sys.executable, "-c", program], cwd=ROOT, check=True)

@@ -7,8 +7,10 @@ import torch
 import torch.nn.functional as F
 
 from shadow.networks.backbone import take_blocks
+from shadow.torch_settings import own_settings
 
-MIRROR = torch.tensor([-1.0, 1.0, 1.0])  # factors that convert a vector to the frame of the mirror image
+with own_settings():
+    MIRROR = torch.tensor([-1.0, 1.0, 1.0])  # factors that convert a vector to the mirror image's frame
 FLIPPED = [1, 0, 3, 2]  # for each pixel of a 2 x 2 block, in the order of `take_blocks`, its mirrored pixel
 
 

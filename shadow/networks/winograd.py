@@ -9,27 +9,30 @@ import torch
 import torch.nn.functional as F
 from torch import nn
 
+from shadow.torch_settings import own_settings
+
 TILE = 4  # pixels a side that are computed together
 FEWEST_CHANNELS = 64  # with fewer, transforming the tiles takes as long as what it saves
 FEWEST_PIXELS = 512  # with fewer, transforming the filters does
 CHUNK = 1 << 19  # floats of transformed tiles that are computed together: 2 MiB stay in the processor's cache
 
 # The matrices of Section 4.3, for both axes: of the input's tiles, of the filters, of the result's tiles.
-_INPUT = torch.tensor(
-    [
-        [4, 0, -5, 0, 1, 0],
-        [0, -4, -4, 1, 1, 0],
-        [0, 4, -4, -1, 1, 0],
-        [0, -2, -1, 2, 1, 0],
-        [0, 2, -1, -2, 1, 0],
-        [0, 4, 0, -5, 0, 1],
-    ]
-).float()
-_FILTER = torch.tensor([[6, 0, 0], [-4, -4, -4], [-4, 4, -4], [1, 2, 4], [1, -2, 4], [0, 0, 24]]) / 24
-_RESULT = torch.tensor(
-    [[1, 1, 1, 1, 1, 0], [0, 1, -1, 2, -2, 0], [0, 1, 1, 4, 4, 0], [0, 1, -1, 8, -8, 1]]
-).float()
-_INPUTS, _FILTERS, _RESULTS = (torch.kron(matrix, matrix) for matrix in (_INPUT, _FILTER, _RESULT))
+with own_settings():
+    _INPUT = torch.tensor(
+        [
+            [4, 0, -5, 0, 1, 0],
+            [0, -4, -4, 1, 1, 0],
+            [0, 4, -4, -1, 1, 0],
+            [0, -2, -1, 2, 1, 0],
+            [0, 2, -1, -2, 1, 0],
+            [0, 4, 0, -5, 0, 1],
+        ]
+    ).float()
+    _FILTER = torch.tensor([[6, 0, 0], [-4, -4, -4], [-4, 4, -4], [1, 2, 4], [1, -2, 4], [0, 0, 24]]) / 24
+    _RESULT = torch.tensor(
+        [[1, 1, 1, 1, 1, 0], [0, 1, -1, 2, -2, 0], [0, 1, 1, 4, 4, 0], [0, 1, -1, 8, -8, 1]]
+    ).float()
+    _INPUTS, _FILTERS, _RESULTS = (torch.kron(matrix, matrix) for matrix in (_INPUT, _FILTER, _RESULT))
 
 
 class Conv3x3(nn.Conv2d):

@@ -1,8 +1,4 @@
-"""A model of the background behind a person: how far each colour is from the background's colours near by.
-
-`relight.matting.outline.holes` asks it where a mask takes the background for the person, and
-`relight.matting.outline.lost_regions` where a mask takes the person for the background.
-"""
+"""A model of the background behind a person: how far each colour is from the background's colours near by."""
 
 from dataclasses import dataclass
 
@@ -11,69 +7,56 @@ from scipy import ndimage
 
 from relight.media.resampling import resize
 
-STEP = 4  # pixels from one whose colour is gathered to the next
-NEAR, FAR = 0.03, 0.1  # of the longer side: standard deviations of the Gaussians that gather them
+STEP = 4  # pixels between samples of the background's colour
+NEAR, FAR = 0.03, 0.1  # of the longer side: standard deviations of the Gaussians that weight them
 FAR_SHARE = 1e-4  # weight of the far ones beside the near ones: they count where the near ones find nothing
-LEAST_SHARE = 0.0002  # of what a Gaussian reaches: the background, at least
+LEAST_SHARE = 2e-8  # of what the Gaussians reach, by their weights: the background, at least
 NOISE = 0.01  # standard deviation of a plain background's colours, encoded, at least
-PLAIN = 0.07  # standard deviation of the background's colours near by up to which they are nearly one
-THING = 4.0  # standard deviations from the colours far around: what is so unlike them stands before the wall
-SHADES = (0.5, 1.1)  # of encoded values: how dark and how bright a wall's shade may be
-COLOURED = 8.0  # standard deviations from grey: a grey wall's shades look like much of what people wear
+UNIFORM = 0.07  # standard deviation of the background's colours near by up to which they are nearly one
+OUTLIER = 4.0  # standard deviations from the colours far around: what is so unlike them is an object
 
 
 @dataclass(frozen=True)
-class Wall:
-    """How far colours are from the wall's near by; all (h, w).
+class BackgroundModel:
+    """How far a photograph's colours are from the background's colours near by; all are (h, w).
 
-    off: standard deviations (Mahalanobis' distance) from the wall's colour; shaded: from that colour in the
-    best of its shades, the same as `off` where the wall is grey; plain: bool, where the wall has nearly one
-    colour.
+    distance: Mahalanobis' distance, in standard deviations; uniform: bool, where the background has nearly
+    one colour.
     """
 
-    off: np.ndarray
-    shaded: np.ndarray
-    plain: np.ndarray
+    distance: np.ndarray
+    uniform: np.ndarray
 
     @classmethod
-    def behind(cls, seen: np.ndarray, background: np.ndarray, local: bool = False) -> "Wall":
-        """Return the wall that a picture (h, w, 3), encoded, shows where `background` (h, w), bool, says so.
+    def of(cls, seen: np.ndarray, background: np.ndarray) -> "BackgroundModel":
+        """Return the model of a picture (h, w, 3), encoded, whose background is where `background` says so.
 
-        `local`: the colours near a pixel count most, as far as there are any, and what stands before the
-        wall, such as an umbrella, does not count.
+        `background` is (h, w), bool. The colours near a pixel count most, as far as there are any, and
+        objects before the background, such as an umbrella, do not count.
         """
         colour = ndimage.gaussian_filter(seen, (0.7, 0.7, 0))
         few, weight = colour[::STEP, ::STEP], background[::STEP, ::STEP].astype(float)
-        share, mean, spread = _gathered(few, weight, {FAR: 1.0})
-        least = LEAST_SHARE
-        if local:
-            squares = ((_whitening(spread) @ (few - mean)[..., None]) ** 2).sum((-1, -2))
-            weight = weight * (squares < THING**2)
-            share, mean, spread = _gathered(few, weight, {NEAR: 1.0, FAR: FAR_SHARE})
-            least *= FAR_SHARE
-        plain = (share > least) & (np.trace(spread, axis1=2, axis2=3) < 3 * PLAIN**2)
-        whiten = _whitening(spread)
-        offset = (whiten @ mean[..., None])[..., 0]
-        hue = (whiten @ (mean - mean.mean(axis=-1, keepdims=True))[..., None])[..., 0]
-        coloured = np.linalg.norm(hue, axis=-1) > COLOURED
+        _, mean, covariance = _moments(few, weight, {FAR: 1.0})
+        squares = ((_whitening(covariance) @ (few - mean)[..., None]) ** 2).sum((-1, -2))
+        weight = weight * (squares < OUTLIER**2)
+        share, mean, covariance = _moments(few, weight, {NEAR: 1.0, FAR: FAR_SHARE})
+        uniform = (share > LEAST_SHARE) & (np.trace(covariance, axis1=2, axis2=3) < 3 * UNIFORM**2)
+        whiten = _whitening(covariance)
         rows, columns = np.tril_indices(3)
-        planes = [plain[..., None], coloured[..., None], offset, whiten[..., rows, columns]]
+        planes = [uniform[..., None], (whiten @ mean[..., None])[..., 0], whiten[..., rows, columns]]
         values = resize(np.concatenate(planes, axis=-1).astype(np.float32), seen.shape[:2], "triangle")
-        own, wall = np.zeros_like(colour), values[..., 2:5]
+        whitened = np.zeros_like(colour)
         for index, (row, column) in enumerate(zip(rows, columns, strict=True)):
-            own[..., row] += values[..., 5 + index] * colour[..., column]
-        off = np.linalg.norm(own - wall, axis=-1)
-        shade = (own * wall).sum(axis=-1) / np.maximum((wall * wall).sum(axis=-1), 1e-9)
-        shaded = np.linalg.norm(own - shade.clip(*SHADES)[..., None] * wall, axis=-1)
-        return cls(off, np.where(values[..., 1] > 0.5, shaded, off), values[..., 0] > 0.5)
+            whitened[..., row] += values[..., 4 + index] * colour[..., column]
+        return cls(np.linalg.norm(whitened - values[..., 1:4], axis=-1), values[..., 0] > 0.5)
 
 
-def _gathered(
+def _moments(
     few: np.ndarray, weight: np.ndarray, reaches: dict[float, float]
 ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """Return the share, the mean and the covariance of colours (h, w, 3) that Gaussians gather.
+    """Return the total weight, the mean and the covariance of colours (h, w, 3) under sums of Gaussians.
 
-    `reaches`: their standard deviations, of the longer side, and their weights.
+    `reaches`: the Gaussians' standard deviations, of the longer side, and their weights.
     """
     size = weight.shape
     products = (few[..., :, None] * few[..., None, :]).reshape(*size, 9)

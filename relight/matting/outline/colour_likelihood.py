@@ -1,4 +1,4 @@
-"""Votes of colours: whether a pixel's colour is found inside or outside an edge nearby."""
+"""How likely a pixel's colour is inside an edge, and how likely outside, from the nearest known colours."""
 
 from typing import NamedTuple
 
@@ -9,13 +9,13 @@ from scipy.spatial import cKDTree
 from relight.matting.refine import BACKGROUND, PERSON, UNKNOWN
 
 SAMPLES = 6000  # of known colour, at most, inside and outside each
-FARTHER = 0.5  # than the nearest samples, as a share, those found may be, which takes two thirds of the time
+TOLERANCE = 0.5  # relative excess of the distances to the samples found; saves a third of the time
 
 
 class Neighbours(NamedTuple):
-    """Which samples vote on a pixel: those of the nearest colours."""
+    """The samples of the nearest colours that a pixel is compared with."""
 
-    samples: int  # this many
+    samples: int
     # How far the picture's longer side is, as a distance of colours: near samples count more.
     place: float
 
@@ -24,7 +24,7 @@ OF_MASKS = Neighbours(6, 0.08)
 OF_LINES = Neighbours(12, 0.04)  # farther from the true edge than masks: place says less
 
 
-def colour_votes(
+def colour_log_odds(
     seen: np.ndarray,
     known: np.ndarray,
     distance: np.ndarray,
@@ -53,9 +53,9 @@ def colour_votes(
         samples = np.ascontiguousarray(samples[:: -(-len(samples) // SAMPLES)])
         # A tree of median splits takes several times as long where many colours are alike, as on a wall.
         tree = cKDTree(samples, balanced_tree=False, compact_nodes=False)
-        found, _ = tree.query(features[asked], neighbours.samples, eps=FARTHER, workers=1)
+        found, _ = tree.query(features[asked], neighbours.samples, eps=TOLERANCE, workers=1)
         logarithms.append(np.mean(found, axis=1))
-    vote = np.zeros(known.shape)
+    odds = np.zeros(known.shape)
     inner, outer = logarithms
-    vote[asked] = np.clip(6 * np.log((outer + 0.01) / (inner + 0.01)), -6, 6)
-    return vote
+    odds[asked] = np.clip(6 * np.log((outer + 0.01) / (inner + 0.01)), -6, 6)
+    return odds

@@ -21,10 +21,9 @@ from scipy import ndimage
 from scipy.special import expit, logit
 
 from relight.matting import silhouette
-from relight.matting.outline.background_model import Wall
-from relight.matting.outline.colour_likelihood import OF_LINES, OF_MASKS, colour_votes
-from relight.matting.outline.holes import gaps, suspects
-from relight.matting.outline.lost_regions import lost_parts
+from relight.matting.outline.background_model import BackgroundModel
+from relight.matting.outline.colour_likelihood import OF_LINES, OF_MASKS, colour_log_odds
+from relight.matting.outline.holes import holes
 from relight.matting.refine import (
     BACKGROUND,
     PERSON,
@@ -48,11 +47,11 @@ LINE_NEARNESS = 2.0  # the same for lines without a mask
 PRIOR = 0.02  # weight of the priors beside the matting Laplacian
 MOVES, LEAST_SHIFT = 2, 0.2  # of a sharp mask's edge as a whole, and of its tolerance, from where it counts
 MASK_NEARNESS, MASK_PRIOR = 8.0, 0.05  # as `NEARNESS` and `PRIOR`, for sharp masks
-CONTRADICTION = 3.0  # of a vote against a sharp mask, deep in the band, from where the band goes on
+CONTRADICTION = 3.0  # of log odds against a sharp mask, deep in the band, from where the band goes on
 WIDENINGS, WIDENED = 2, 0.25  # times that it goes on by the tolerance; the distance inside the edge there
 UNSURE = 0.05  # a rough matte is sure within this of 0 and 1; between, colours decide, however far the edge
 DOUBT = 0.6  # of the logarithm of its odds there: its weight, as a distance
-REACH, SUSPECT_REACH = 6, 4  # pixels around a gap, and around what may be one, that are solved with it
+REACH = 6  # pixels around a hole that are solved with it
 MARGIN = 0.12  # of the outline's size, of the photograph around it that is looked at
 FILTER = "triangle"  # of OpenImageIO, for copies
 
@@ -100,7 +99,6 @@ def outlined(image: ArrayLike, outline: Outline) -> np.ndarray:
     seen = encoded_srgb(resize(pixels[top:bottom, left:right], size, FILTER))
     right_already = outline.matte is not None and outline.tolerance == 0
     if mask is not None and not sharp and not right_already:
-        known, distance = _completed(seen, known, distance, mask)
         known, distance = _opened(seen, known, distance, mask)
     alpha = _solved(seen, known, distance, sharp, mask is None)
     if alpha.max() <= 0.5:
@@ -182,8 +180,8 @@ def refine_matte(pixels: np.ndarray, rough: np.ndarray, band: int) -> np.ndarray
     """Find the edge of a rough mask (H, W) in [0, 1] again, in the photograph (H, W, 3), linear Rec.709.
 
     `band`: width in pixels, at least 2, of the band along the mask's edge in which the true edge is. The
-    network that `relight fetch silhouette` brings finds it there. Without it, votes of colours do, and where
-    they contradict the mask, it is looked for beyond. Raises ValueError for a band out of range, or so
+    network that `relight fetch silhouette` brings finds it there. Without it, colours tell the edge, beyond
+    the band too where they contradict the mask. Raises ValueError for a band out of range, or so
     wide that it leaves nothing of the person or of the background; ImportError without PyMatting (the extra
     `matte`).
     """
@@ -279,43 +277,21 @@ def _drawn(
     return known, distance, rough, sharp, touched
 
 
-def _completed(
-    seen: np.ndarray, known: np.ndarray, distance: np.ndarray, mask: np.ndarray
-) -> tuple[np.ndarray, np.ndarray]:
-    """Return a trimap and its distances with the parts of the person that a soft mask loses.
-
-    A stroke or a line that says "not the person" keeps a part out.
-    """
-    kept_out = (mask > 0.5) & (distance < 0) | np.isneginf(distance)
-    part = lost_parts(seen, mask, UNSURE)
-    part &= ~ndimage.binary_propagation(part & ndimage.binary_dilation(kept_out), mask=part)
-    near = np.isfinite(distance) & ndimage.binary_dilation(part, iterations=REACH)
-    distance = np.where(part, 1.0, np.where(near, np.maximum(distance, 0), distance))
-    known = np.where(near & (known == BACKGROUND), UNKNOWN, known)
-    known[ndimage.binary_erosion(part, iterations=2)] = PERSON
-    return known, distance
-
-
 def _opened(
     seen: np.ndarray, known: np.ndarray, distance: np.ndarray, mask: np.ndarray
 ) -> tuple[np.ndarray, np.ndarray]:
-    """Return a trimap and its distances with the gaps opened in which the background shows.
+    """Return a trimap and its distances with the holes opened through which the background shows.
 
-    Where it may show, colours alone decide. A stroke that says "person" keeps a gap closed.
+    A stroke that says "person" keeps a hole closed.
     """
     painted = np.isposinf(distance) & (known == PERSON)
-    wall = Wall.behind(seen, known == BACKGROUND, local=True)
-    inside = np.isfinite(distance) & (distance > 0)
-    gap, suspected = (
-        region & ~ndimage.binary_propagation(region & ndimage.binary_dilation(painted), mask=region)
-        for region in (gaps(wall, inside, mask < 1 - UNSURE), suspects(wall, inside, mask))
-    )
-    near = ndimage.binary_dilation(gap, iterations=REACH)
-    near |= ndimage.binary_dilation(suspected, iterations=SUSPECT_REACH)
-    near &= np.isfinite(distance)
-    distance = np.where(gap, -1.0, np.where(near, np.minimum(distance, 0), distance))
+    model = BackgroundModel.of(seen, known == BACKGROUND)
+    hole = holes(model, np.isfinite(distance) & (distance > 0), mask < 1 - UNSURE)
+    hole &= ~ndimage.binary_propagation(hole & ndimage.binary_dilation(painted), mask=hole)
+    near = ndimage.binary_dilation(hole, iterations=REACH) & np.isfinite(distance)
+    distance = np.where(hole, -1.0, np.where(near, np.minimum(distance, 0), distance))
     known = np.where(near, UNKNOWN, known)
-    known[ndimage.binary_erosion(gap)] = BACKGROUND
+    known[ndimage.binary_erosion(hole)] = BACKGROUND
     return known, distance
 
 
@@ -334,40 +310,40 @@ def _solved(
     if not (known == PERSON).any() and not ((known == UNKNOWN) & (distance > 0)).any():
         return np.zeros(known.shape, np.float32)
     neighbours, nearness = (OF_LINES, LINE_NEARNESS) if drawn else (OF_MASKS, NEARNESS)
-    votes, weight = colour_votes(seen, known, distance, neighbours=neighbours), PRIOR
+    odds, weight = colour_log_odds(seen, known, distance, neighbours=neighbours), PRIOR
     if sharp:
         for _ in range(MOVES):
-            shift = _shift(votes, distance, known == UNKNOWN)
+            shift = _shift(odds, distance, known == UNKNOWN)
             if abs(shift) < LEAST_SHIFT:
                 break
             distance = distance - shift
             known = _trimap(distance)
-            votes = colour_votes(seen, known, distance)
+            odds = colour_log_odds(seen, known, distance)
         for _ in range(WIDENINGS):
-            wider, distance = _widened(known, distance, votes)
+            wider, distance = _widened(known, distance, odds)
             if (new := wider != known).any():
-                votes = np.where(new, colour_votes(seen, wider, distance, new), votes)
+                odds = np.where(new, colour_log_odds(seen, wider, distance, new), odds)
             known = wider
         nearness, weight = MASK_NEARNESS, MASK_PRIOR
-    prior = expit(nearness * distance + votes)
+    prior = expit(nearness * distance + odds)
     return closed_form(seen, known, prior, weight * np.abs(2 * prior - 1))
 
 
-def _shift(votes: np.ndarray, distance: np.ndarray, unknown: np.ndarray) -> float:
-    """Return at which distance inside its edge a mask agrees best with the votes of colours."""
-    places, cast = distance[unknown], votes[unknown]
+def _shift(odds: np.ndarray, distance: np.ndarray, unknown: np.ndarray) -> float:
+    """Return at which distance inside its edge a mask agrees best with the odds."""
+    places, cast = distance[unknown], odds[unknown]
     shifts = np.linspace(-0.9, 0.9, 37)
     return float(max(shifts, key=lambda shift: (np.where(places > shift, cast, -cast).sum(), -abs(shift))))
 
 
-def _widened(known: np.ndarray, distance: np.ndarray, votes: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+def _widened(known: np.ndarray, distance: np.ndarray, odds: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     """Return a sharp mask's trimap and its distances, the band wider where colours contradict its rims.
 
     A dilated mask closes narrow gaps, and an eroded one loses fingers, to more than the tolerance.
     """
     square = np.ones((3, 3))
     for side, sign in ((PERSON, 1), (BACKGROUND, -1)):
-        against = (known == UNKNOWN) & (sign * distance > 0.5) & (sign * votes < -CONTRADICTION)
+        against = (known == UNKNOWN) & (sign * distance > 0.5) & (sign * odds < -CONTRADICTION)
         against = ndimage.binary_opening(against, square)
         if not against.any():
             continue

@@ -1,4 +1,4 @@
-"""Gaps that show the background are opened, and nothing of the person is."""
+"""Holes that show the background are opened, and nothing of the person is."""
 
 import numpy as np
 import pytest
@@ -8,7 +8,7 @@ from scipy import ndimage
 
 from relight.matting.outline import Outline, Stroke, outlined
 from relight.matting.outline import drawing as outline
-from relight.matting.outline.background_model import Wall
+from relight.matting.outline.background_model import BackgroundModel
 from shadow.data.records import Records
 
 WALL, CLOTH = (150, 170, 190), (170, 40, 40)
@@ -27,8 +27,7 @@ def scene(gap=WALL, grey=0.8, noise=2):
 
 
 def without_search(monkeypatch):
-    for name in ("gaps", "suspects"):
-        monkeypatch.setattr(outline, name, lambda wall, inside, mask: np.zeros(inside.shape, bool))
+    monkeypatch.setattr(outline, "holes", lambda model, inside, mask: np.zeros(inside.shape, bool))
 
 
 def test_a_gap_of_the_walls_colour_that_a_mask_closes_in_part_is_opened():
@@ -61,52 +60,13 @@ def test_nothing_is_opened_where_the_person_wears_nearly_the_walls_colour(monkey
     np.testing.assert_array_equal(found, outlined(codes, Outline(matte=mask)))
 
 
-RED_WALL, SHADED = (180, 40, 45), (112, 25, 28)
-JEANS, SOCK = (120, 135, 150), (176, 38, 44)
-
-
-def limbs(gap, sock=SOCK, doubt=0.6, wall=RED_WALL):
-    """Jeans with a gap before a red wall, and with a sock of nearly its colour."""
-    mask = np.zeros((160, 160), np.float32)
-    mask[20:140, 30:130] = 1
-    codes = np.where(mask[..., None] > 0, JEANS, wall)
-    codes[60:100, 60:100], codes[110:136, 36:66] = gap, sock
-    mask[60:100, 60:100] = doubt
-    codes = codes + np.random.default_rng(0).integers(-2, 3, (160, 160, 1))
-    return codes.clip(0, 255).astype(np.uint8), ndimage.gaussian_filter(mask, 2)
-
-
-@pytest.mark.parametrize(("gap", "sock"), [(RED_WALL, SOCK), (SHADED, JEANS)])
-def test_a_region_in_doubt_that_shows_the_wall_or_its_shade_is_no_witness(gap, sock, monkeypatch):
-    codes, mask = limbs(gap, sock)
-    found = outlined(codes, Outline(matte=mask))
-    assert found[68:92, 68:92].mean() < 0.2
-    assert found[112:134, 38:64].mean() > 0.95  # the sock, of which the mask is sure
-    without_search(monkeypatch)
-    assert outlined(codes, Outline(matte=mask))[68:92, 68:92].mean() > 0.6
-
-
-@pytest.mark.parametrize(
-    ("wall", "gap", "doubt"),
-    [
-        (RED_WALL, SHADED, 1.0),  # the mask is sure
-        ((170, 170, 170), (105, 105, 105), 0.6),  # a grey wall's shade is as well a grey cloth
-    ],
-)
-def test_a_shade_of_the_wall_may_be_cloth(wall, gap, doubt, monkeypatch):
-    codes, mask = limbs(gap, SOCK, doubt, wall)
-    found = outlined(codes, Outline(matte=mask))
-    without_search(monkeypatch)
-    np.testing.assert_array_equal(found, outlined(codes, Outline(matte=mask)))
-
-
 def test_what_stands_before_the_wall_is_none_of_its_colours():
-    codes = np.full((480, 480, 3), RED_WALL) + np.random.default_rng(0).integers(-2, 3, (480, 480, 1))
+    codes = np.full((480, 480, 3), (180, 40, 45)) + np.random.default_rng(0).integers(-2, 3, (480, 480, 1))
     codes[:, 303:307] = 10  # an umbrella
-    wall = Wall.behind(codes / np.float32(255), np.ones((480, 480), bool), local=True)
-    assert wall.plain.all()
-    assert (wall.off[:, 290] < 4).all()
-    assert (wall.off[:, 304] > 20).all()
+    model = BackgroundModel.of(codes / np.float32(255), np.ones((480, 480), bool))
+    assert model.uniform.all()
+    assert (model.distance[:, 290] < 4).all()
+    assert (model.distance[:, 304] > 20).all()
 
 
 def test_a_stroke_keeps_a_gap_closed():
