@@ -10,10 +10,9 @@ from typing import Any
 import numpy as np
 
 from relight.analysis.foreground import linear_plate, plate_coverage
-from relight.compositing.placement import cover
 from relight.lights.directional import DirectionalLight
 from relight.lights.environment import EnvironmentLight
-from relight.lights.plate import opaque
+from relight.lights.plate import few_rows, opaque, whole_field_of_view
 from relight.matting.sequence import MattingOptions, SequenceMatting
 from relight.media import images, movies
 from relight.media.sequences import FrameSequence, SequenceReader, Still
@@ -27,7 +26,6 @@ FILL = "background_fill"  # that of the background's light that fills the shadow
 MATCH_PREFIX = "match"  # of the names of a reference's lights
 DROPPED_SHARE = 0.01  # share of all light that the weakest lights of a reference have together
 WINDOW_RADIUS = 12  # frames before and after one whose backgrounds light it as well: a second in all
-MOVING_PLATE_ROWS = 96  # of a moving background's frames, from which its light is estimated
 
 
 @isolated
@@ -273,10 +271,7 @@ class PlateLight:
     def _map(self, number: int, size: tuple[int, ...]) -> np.ndarray:
         """Return the environment map of a frame of the background."""
         pixels = opaque(self._backgrounds.read(number))
-        height, width = pixels.shape[:2]
-        # The cropped parts of a background, beside the picture or above and below, light the person too.
-        cut = max(1.0, size[1] / size[0] * height / width)
-        whole = np.degrees(2 * np.arctan(cut * np.tan(np.radians(self._field_of_view / 2))))
-        if self._backgrounds.numbers is not None and height > MOVING_PLATE_ROWS:
-            pixels = cover(pixels, (MOVING_PLATE_ROWS, max(1, round(width * MOVING_PLATE_ROWS / height))))
-        return EnvironmentLight.from_plate(pixels, min(float(whole), 170.0)).image.pixels
+        whole = whole_field_of_view(pixels.shape, size, self._field_of_view)
+        if self._backgrounds.numbers is not None:
+            pixels = few_rows(pixels)
+        return EnvironmentLight.from_plate(pixels, whole).image.pixels

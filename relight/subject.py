@@ -536,6 +536,7 @@ class Subject:
         background_name: str | None = None,
         gloss: float = 0.0,
         amount: float = 1.0,
+        fill: float = 0.0,
     ) -> Any:
         """Show the person on a page with lights that can be dragged: an HTML file, or a notebook widget.
 
@@ -556,6 +557,9 @@ class Subject:
             The background's file, or `environment`, for this command; None omits it from the command.
         gloss, amount
             What the page begins with, see `relit`.
+        fill
+            Share of the background's light, in [0, 1], that fills the shadows of the others, as
+            `relight.Lighting(fill="background", fill_amount=fill)` does; none by default.
 
         Returns
         -------
@@ -565,7 +569,8 @@ class Subject:
         Raises
         ------
         TypeError, ValueError
-            Lights or a background that the page cannot show, or another suffix.
+            Lights or a background that the page cannot show, a fill without a background that is an image, or
+            another suffix.
         OSError
             The file cannot be written.
         ModuleNotFoundError
@@ -579,7 +584,8 @@ class Subject:
         first = None if lights is None else self._rig(lights)
         about = scene.scene_of(
             self.size, first, background, title=title, command=command or scene.COMMAND,
-            background_name=background_name, gloss=gloss, amount=amount,
+            background_name=background_name, gloss=gloss, amount=amount, fill=fill,
+            field_of_view=self.camera.field_of_view,
         )  # fmt: skip
         for light in first or []:
             self._record.maps.check_outside(light)

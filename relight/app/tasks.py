@@ -22,9 +22,10 @@ from relight.app.pictures import png, reduced_size, resized
 from relight.compositing.composite import NONE, backdrop
 from relight.compositing.floor import Floor
 from relight.errors import EmptyMatteError
+from relight.light_estimation import PlateLight
 from relight.lights import presets
-from relight.lights.environment import EnvironmentLight
-from relight.lights.rig import as_lights
+from relight.lights.environment import FIELD_OF_VIEW, EnvironmentLight
+from relight.lights.rig import as_lights, scaled
 from relight.matting import networks, outline, refine, silhouette, silhouette_files
 from relight.matting.people import files as person_files
 from relight.matting.people import finder
@@ -34,10 +35,11 @@ from relight.media import images
 from relight.media.colour import encode
 from relight.media.images.encode import compressed
 from relight.media.images.write_image import encoded
+from relight.media.sequences import Still
 from relight.pipeline.options import Lighting, Output, Source
 from relight.rendering import partial_shadow
 from relight.subject import Subject
-from relight.viewer.initial_state import scene_of
+from relight.viewer.initial_state import fill_lamps, scene_of
 from relight.viewer.packing import pack
 from shadow.files import replacing
 
@@ -222,7 +224,9 @@ def analyse(name: str, mask: str | None, drawn: Mapping[str, Any] | None, report
     scene = scene_of(subject.size, title=name, command=_command(name, mask))
     if reduced.shape[-1] == 3:
         plate = compressed(encoded(subject.clean_plate(reduced)), "JPEG", quality=95, subsampling=0)
-        scene |= {"opaque": True, "original": {"name": name, "data": base64.b64encode(plate).decode()}}
+        lamps = fill_lamps(reduced, reduced.shape[:2], FIELD_OF_VIEW)
+        original = {"name": name, "data": base64.b64encode(plate).decode(), "lamps": lamps}
+        scene |= {"opaque": True, "original": original}
     scene["presetGains"] = {preset: round(subject.preset_gain(preset), 4) for preset in presets.document()}
     _keep(name, subject)
     return {"scene": scene}
@@ -265,11 +269,16 @@ def still(name: str, mask: str | None, look: Mapping[str, Any], report: Report) 
     subject, lighting = _subject(name, mask, report), _lighting(look)
     lights = as_lights(lighting.rig().lights)
     behind: Any = lighting.background
+    if isinstance(behind, str) and behind != NONE:
+        behind = images.read(behind)
+    if lighting.fill:
+        pixels = drawing.reduced() if behind is None else behind
+        around = PlateLight(Still(pixels), FIELD_OF_VIEW)
+        around.check("fill")
+        lights = [*lights, *scaled([around.at(0, subject.size)], lighting.fill_amount)]
     picture = subject.relit(lights, lighting.effective_gloss, lighting.amount)
     if behind is None:
         behind = subject.clean_plate(drawing.reduced())
-    elif isinstance(behind, str) and behind != NONE:
-        behind = images.read(behind)
     back = None
     if not isinstance(behind, str):
         shadow = None
@@ -371,7 +380,7 @@ def _lighting(look: Mapping[str, Any]) -> Lighting:
         behind = behind["file"] if isinstance(behind, Mapping) else tuple(map(float, behind))
     if not light and not environment:
         raise ValueError("There is no light: add one, or an environment.")
-    gloss = float(look.get("gloss") or 0)
+    gloss, fill = float(look.get("gloss") or 0), float(look.get("fill") or 0)
     floor = Floor.parse(str(look["floor"])) if look.get("floor") else None
     return Lighting(
         light=light,
@@ -380,6 +389,8 @@ def _lighting(look: Mapping[str, Any]) -> Lighting:
         gloss=gloss,
         floor=floor,
         amount=float(1 if look.get("amount") is None else look["amount"]),
+        fill="background" if fill else None,
+        fill_amount=fill,
     )
 
 

@@ -18,6 +18,8 @@ from relight.pipeline.options import Compute, Lighting, Source
         "light",
         "environment",
         "background",
+        "fill",
+        "fill_amount",
         "gloss",
         "amount",
         "intensity",

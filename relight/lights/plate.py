@@ -6,6 +6,8 @@ picture). Highlights were brighter than the camera could record (Landis 2002). W
 from above, as much as makes the ground as bright as it is.
 """
 
+from collections.abc import Sequence
+
 import numpy as np
 from numpy.typing import ArrayLike
 from scipy.ndimage import gaussian_filter
@@ -16,6 +18,7 @@ from relight.media.resampling import resize, sample
 
 MIN_ALPHA = 0.999  # that filters may leave of 1
 MAX_ROWS = 1024  # of a map
+FEW_ROWS = 96  # of a background whose light is estimated quickly
 GREY_REFLECTANCE = 0.18  # of a grey card, and of what a photograph shows on average
 HIGHLIGHTS = 8.0  # brightness of clipped pixels, in units of white: three stops
 CLIPPING_START = 0.8  # of white, above which pixels are expanded toward the highlights
@@ -30,6 +33,21 @@ def opaque(background: ArrayLike) -> np.ndarray:
     if pixels[..., 3:].min(initial=1) < MIN_ALPHA:
         raise ValueError("background: expected an opaque picture, got one with transparent pixels")
     return pixels[..., :3]
+
+
+def whole_field_of_view(background: Sequence[int], size: Sequence[int], field_of_view: float) -> float:
+    """Return the vertical field of view, in degrees, of a background that covers a picture.
+
+    `background`, `size`: (H, W, ...) of both; `field_of_view`: the picture's. The cropped parts of a
+    background, beside the picture or above and below, light the person too.
+    """
+    cut = max(1.0, size[1] / size[0] * background[0] / background[1])
+    return min(float(np.degrees(2 * np.arctan(cut * np.tan(np.radians(field_of_view / 2))))), 170.0)
+
+
+def few_rows(background: np.ndarray) -> np.ndarray:
+    """Return a background (H, W, 3) with rows enough to estimate its light, where that must be quick."""
+    return background if len(background) <= FEW_ROWS else _resized(background, FEW_ROWS)
 
 
 def surroundings(plate: np.ndarray, field_of_view: float, highlights: float) -> np.ndarray:

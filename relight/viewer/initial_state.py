@@ -8,12 +8,14 @@ from typing import Any
 import numpy as np
 
 from relight.analysis.gloss import checked_gloss
+from relight.arguments import checked_number
 from relight.compositing.composite import Background
 from relight.compositing.placement import cover
 from relight.lights.directional import DirectionalLight
-from relight.lights.environment import EnvironmentLight, environments
+from relight.lights.environment import FIELD_OF_VIEW, EnvironmentLight, environments
 from relight.lights.light import Light
 from relight.lights.near import PointLight
+from relight.lights.plate import few_rows, whole_field_of_view
 from relight.lights.rig import Lights, by_name, checked_amount
 from relight.media.colour import LOCI, encode, temperature
 from relight.media.images import scene_linear
@@ -36,20 +38,27 @@ def scene_of(
     background_name: str | None = None,
     gloss: float = 0.0,
     amount: float = 1.0,
+    fill: float = 0.0,
+    field_of_view: float = FIELD_OF_VIEW,
 ) -> dict[str, Any]:
     """Describe a scene as the page's program reads it, ready for JSON.
 
     `size`: (H, W) of the picture. `lights`: up to eight directional lights and lamps, and one environment; a
     soft key light unless given. `background`: see `relight.over`; `background_name`: its file, or
     `environment`, as `--background` takes it. `command`: the words that relight the photograph on the command
-    line, without its lights. `gloss`, `amount`: see `relight.Subject.relit`.
+    line, without its lights. `gloss`, `amount`: see `relight.Subject.relit`. `fill`: share of the light of
+    the background, which fills shadows, see `relight.Lighting`; `field_of_view`: the picture's, vertical.
 
-    Raises ValueError for too many lights, two of one name, or a gloss or an amount outside [0, 1];
-    TypeError for lights of another kind, or that move.
+    Raises ValueError for too many lights, two of one name, a gloss, an amount or a fill outside [0, 1], or a
+    fill without a background that is an image; TypeError for lights of another kind, or that move.
     """
     named = checked_lights(DEFAULT_LIGHT if lights is None else lights)
     skies = {name: light for name, light in named.items() if isinstance(light, EnvironmentLight)}
     lamps = {name: light for name, light in named.items() if isinstance(light, HandleLight)}
+    behind = _backdrop(background, size, background_name, field_of_view)
+    fill = checked_number("fill", fill, 0, 1)
+    if fill and not (behind["backdrop"] or {}).get("lamps"):
+        raise ValueError("fill: expected a background that is an image, whose light it is")
     return {
         "title": title,
         "command": list(command),
@@ -57,8 +66,9 @@ def scene_of(
         "environment": next((_environment(light, name) for name, light in skies.items()), None),
         "gloss": checked_gloss(gloss),
         "amount": checked_amount(amount),
+        "fill": fill,
         "tints": {locus: _tints(locus) for locus in LOCI},
-        **_backdrop(background, size, background_name),
+        **behind,
     }
 
 
@@ -96,12 +106,26 @@ def _shared(light: Light) -> dict[str, Any]:
 
 
 def _environment(light: EnvironmentLight, name: str) -> dict[str, Any]:
-    directions, powers = light.image.lamps
     return {
         "path": "environment.exr" if light.image.path is None else light.image.path.name,
         "settings": {"name": name, "rotation": light.rotation, **_shared(light)},
-        "lamps": np.concatenate([directions, powers], axis=1).astype(float).round(7).tolist(),
+        "lamps": _rows(light),
     }
+
+
+def fill_lamps(background: np.ndarray, size: tuple[int, int], field_of_view: float) -> list[list[float]]:
+    """Return the light of a background (H, W, 3), linear, around a person: rows of direction and power.
+
+    `size`: (H, W) of the picture, `field_of_view` its own. `relight.Lighting(fill="background")` has this
+    light, of the whole background; here it is reduced to a few rows, as is that of movies.
+    """
+    whole = whole_field_of_view(background.shape, size, field_of_view)
+    return _rows(EnvironmentLight.from_plate(few_rows(background), whole))
+
+
+def _rows(light: EnvironmentLight) -> list[list[float]]:
+    """Return the lamps of an environment as the page's program has them: direction and power in a row."""
+    return np.concatenate(light.image.lamps, axis=1).astype(float).round(7).tolist()
 
 
 @functools.cache
@@ -113,8 +137,11 @@ def _tints(locus: str) -> dict[str, Any]:
     return {"mired": [mireds[0], mireds[1] - mireds[0]], "colours": np.round(colours, 6).tolist()}
 
 
-def _backdrop(background: Background | None, size: tuple[int, int], name: str | None) -> dict[str, Any]:
+def _backdrop(
+    background: Background | None, size: tuple[int, int], name: str | None, field_of_view: float
+) -> dict[str, Any]:
     """Describe the background: a colour, or a picture of the plate's size, encoded for a display."""
+    lamps = None
     if background is None:
         return {"background": None, "backdrop": None}
     if isinstance(background, EnvironmentLight):
@@ -125,7 +152,8 @@ def _backdrop(background: Background | None, size: tuple[int, int], name: str | 
             raise ValueError(f"background: expected an image or three numbers >= 0, got {background!r}")
         return {"background": colour.tolist(), "backdrop": None}
     else:
-        pixels = cover(scene_linear("background", background)[..., :3], size)
+        image = scene_linear("background", background)[..., :3]
+        pixels, lamps = cover(image, size), fill_lamps(image, size, field_of_view)
     data = compressed(encode(pixels.clip(0, 1), white=1), "JPEG", quality=92, optimize=True)
-    picture = {"name": name, "data": base64.b64encode(data).decode()}
+    picture = {"name": name, "data": base64.b64encode(data).decode(), "lamps": lamps}
     return {"background": "picture", "backdrop": picture}

@@ -99,5 +99,6 @@ def write_view(
         background_name=name,
         gloss=lighting.effective_gloss,
         amount=lighting.amount,
+        fill=lighting.fill_amount * lighting.intensity if lighting.fill else 0.0,
     )
     return path

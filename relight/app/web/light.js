@@ -5,6 +5,7 @@ import {
   backdropOf,
   checkedLight,
   environmentText,
+  fillOf,
   floorText,
   h,
   keyDown,
@@ -183,6 +184,7 @@ export class Light {
       exposure: short(state.exposure),
       gloss: short(state.gloss),
       amount: short(state.amount),
+      fill: short(fillOf(state, backdrop)),
     };
   }
 

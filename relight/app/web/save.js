@@ -122,7 +122,8 @@ export class Save {
     const behind = backgroundName(viewer, chosen);
     this.renamed.hidden = !behind || behind === viewer.backdrop.name;
     this.renamed.textContent = `They name the background ${behind}: ${viewer.backdrop?.name} is the name of another file.`;
-    const command = toCommand(viewer.state, viewer.environment, viewer.scene, behind, output);
+    const backdrop = viewer.backdrop && { ...viewer.backdrop, name: behind };
+    const command = toCommand(viewer.state, viewer.environment, viewer.scene, backdrop, output);
     // A browser would break lines within "--light".
     const words = command.split(/(?<= )/).map((word) => (word.startsWith("-") ? h("span", {}, word) : word));
     this.command.text.replaceChildren(...words);
@@ -195,6 +196,7 @@ function toPython(look, photograph, viewer, output, behind) {
       : []),
     ...(!background && viewer.original ? ['        background="none",'] : []),
     ...(look.floor ? [`        floor=relight.Floor(${look.floor}),`] : []),
+    ...(Number(look.fill) ? ['        fill="background",', `        fill_amount=${look.fill},`] : []),
     ...(Number(look.gloss) ? [`        gloss=${look.gloss},`] : []),
     ...(Number(look.amount) < 1 ? [`        amount=${look.amount},`] : []),
     "    ),",

@@ -133,7 +133,7 @@ export function actionsOf(viewer) {
       const unnamed = typeof viewer.state.background === "string" && !viewer.backdrop?.name;
       return copy(
         unnamed ? "The command, without the background (it has no file)" : "The command",
-        toCommand(viewer.state, viewer.environment, viewer.scene, viewer.backdrop?.name),
+        toCommand(viewer.state, viewer.environment, viewer.scene, viewer.backdrop),
       );
     },
     copyLink: () => {

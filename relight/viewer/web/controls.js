@@ -187,6 +187,7 @@ export class Controls {
       { "aria-label": "Background" },
       h("h2", {}, "Background", open),
       h("div", { class: "row" }, this.backgroundKind, this.backgroundColour),
+      (this.fill = bound(this.viewer, "Fill", "fill", (state) => state, { min: 0, max: 1, step: 0.01 })),
       ...(this.viewer.host ? this.floor() : []),
     );
   }
@@ -311,6 +312,8 @@ export class Controls {
     this.backgroundKind.set(kind);
     this.backgroundColour.hidden = kind !== "colour";
     if (kind === "colour") this.backgroundColour.value = toHex(state.background);
+    this.fill.hidden = typeof state.background !== "string" || !viewer.backdrop?.light;
+    this.fill.refresh(state);
     if (this.floorSwitch) {
       this.floorSwitch.checked = Boolean(state.floor);
       this.floorSwitch.disabled = kind === "none";

@@ -35,7 +35,7 @@ const api = (viewer) => ({
   render: (lights, gloss, amount) => viewer.render(lights, gloss, amount),
   lights: () => toYaml(viewer.state, viewer.environment),
   link: () => toFragment(viewer.state),
-  command: () => toCommand(viewer.state, viewer.environment, viewer.scene, viewer.backdrop?.name),
+  command: () => toCommand(viewer.state, viewer.environment, viewer.scene, viewer.backdrop),
   viewer,
 });
 

@@ -21,7 +21,11 @@ export function mapOf(path, lamps, id = null) {
   };
 }
 
-/** A background as Python writes it: { name, data: base64 }, and the id that an application knows its file by. */
-export async function backdropOf({ name, data, file = null }) {
-  return { ...(await readImage(new File([fromBase64(data)], "background.jpg"))), name, id: file };
+/**
+ * A background as Python writes it: { name, data: base64, lamps: its light around the person, or null }, and the id
+ * that an application knows its file by.
+ */
+export async function backdropOf({ name, data, lamps = null, file = null }) {
+  const light = lamps && mapOf(name, lampsOfRows(lamps));
+  return { ...(await readImage(new File([fromBase64(data)], "background.jpg"))), name, light, id: file };
 }

@@ -76,6 +76,7 @@ export function initial(scene) {
     exposure: 0,
     gloss: scene.gloss ?? 0, // strength of the reflection at grazing angles, from 0 to 1
     amount: scene.amount ?? 1, // of the lights, from 0 to 1: the rest is the photograph's own
+    fill: scene.fill ?? 0, // share of the background's light that fills shadows, where the page knows it
   };
 }
 
@@ -119,6 +120,7 @@ export function toFragment(state, files = {}) {
   set("exposure", state.exposure ? short(state.exposure) : "");
   set("gloss", state.gloss ? short(state.gloss) : "");
   set("amount", state.amount === 1 ? "" : short(state.amount));
+  set("fill", state.fill ? short(state.fill) : "");
   return query.toString();
 }
 
@@ -140,7 +142,7 @@ export function fromFragment(fragment, base, { maps = [], pictures = [] } = {}, 
         if (light) light[key] = true;
       }
     }
-    Object.assign(state, { background: null, gloss: 0, amount: 1 });
+    Object.assign(state, { background: null, gloss: 0, amount: 1, fill: 0 });
   }
   state.selected = Math.min(
     Math.max(numberOf("selected", query.get("selected") ?? "1") - 1, 0),
@@ -176,7 +178,7 @@ export function fromFragment(fragment, base, { maps = [], pictures = [] } = {}, 
     state.wipe = { look: checkedLook(look), at: Math.min(Math.max(numberOf("wipe", at), 0), 1) };
   }
   state.exposure = checkedExposure(numberOf("exposure", query.get("exposure") ?? 0));
-  for (const key of ["gloss", "amount"]) {
+  for (const key of ["gloss", "amount", "fill"]) {
     if (query.has(key)) state[key] = checkedShare(key, numberOf(key, query.get(key)));
   }
   return state;
@@ -286,23 +288,28 @@ export const environmentText = (state) =>
   state.environment && !state.environment.muted ? asText({ ...state.environment, name: "" }, ["rotation"]) : null;
 
 /** The `relight apply` command that makes the same picture. */
-export function toCommand(state, environment, scene, backgroundName, output = "relit.png") {
+export function toCommand(state, environment, scene, backdrop, output = "relit.png") {
   const words = [...scene.command];
   for (const text of lightTexts(state)) words.push("--light", text);
   const settings = environment && environmentText(state);
   if (settings) words.push("--environment", `${environment.path},${settings}`);
-  if (state.background === "picture") words.push(...(backgroundName ? ["--background", backgroundName] : []));
+  if (state.background === "picture") words.push(...(backdrop?.name ? ["--background", backdrop.name] : []));
   else if (!state.background && (scene.opaque || scene.backdrop?.name === "plate"))
     words.push("--background", "none"); // or the photograph would keep its own
   else if (Array.isArray(state.background)) words.push("--background", state.background.map(short).join("/"));
   const floor = floorText(state);
   if (floor) words.push("--floor", floor);
+  if (fillOf(state, backdrop)) words.push("--fill", "background", "--fill-amount", short(state.fill));
   if (state.gloss) words.push("--gloss", short(state.gloss));
   if (state.amount !== 1) words.push("--amount", short(state.amount));
   if (state.exposure) words.push("--exposure", short(state.exposure));
   words.push("-o", output);
   return words.map(quoted).join(" ");
 }
+
+/** The share of the background's light that fills; 0 where none is behind the person whose light is known. */
+export const fillOf = ({ background, fill }, backdrop) =>
+  typeof background === "string" && backdrop?.light ? fill : 0;
 
 /** The floor as the command takes it; null where no background shows its shadow. */
 export const floorText = ({ floor, background }) => (floor && background ? `horizon=${short(floor.horizon)}` : null);

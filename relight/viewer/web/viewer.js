@@ -7,12 +7,21 @@ import { Engine, LIGHTS } from "./engine.js";
 import { Refused, lampsOf, readImage, turned } from "./environment.js";
 import { Unsupported } from "./gl.js";
 import { helpSheet, keyDown, keyTable, keyUp } from "./keys.js";
-import { isNear, power, samples } from "./lights.js";
+import { LUMINANCE, dot, isNear, power, samples } from "./lights.js";
 import { backdropOf, lampsOfRows, mapOf } from "./opened.js";
 import { unpack } from "./pack.js";
 import { Room } from "./room.js";
 import { Stage } from "./stage.js";
-import { Invalid, checkedEnvironment, checkedLight, fromFragment, initial, shining, toFragment } from "./state.js";
+import {
+  Invalid,
+  checkedEnvironment,
+  checkedLight,
+  fillOf,
+  fromFragment,
+  initial,
+  shining,
+  toFragment,
+} from "./state.js";
 import { preferredSurround, surround } from "./surround.js";
 
 const ORBIT = 8000; // milliseconds a turn
@@ -52,7 +61,7 @@ export class Viewer {
     this.playing = null;
     this.bare = false;
     this.held = false;
-    this.drawn = Array(LIGHTS + 1).fill({}); // of each slot: the settings that its samples are of
+    this.drawn = Array(LIGHTS + 2).fill({}); // of each slot: the settings that its samples are of
     // What was opened, which states name by number: 0 is the scene's, and stays empty where it has none.
     this.maps = [null]; // { path, lamps, strength }
     this.pictures = [null]; // { name, width, height, rgb }
@@ -326,17 +335,43 @@ export class Viewer {
         : [light.azimuth, light.elevation, light.angle];
       return { samples: this.samplesOf(slot, settings, () => samples(light)), colour: power(light, this.tints) };
     });
+    layers.push(this.surroundings(state));
+    return layers;
+  }
+
+  /** The environment, the background's light that fills, both as one, or null. */
+  surroundings(state) {
     const { environment } = state;
     const shines = environment && this.environment && !environment.muted;
-    layers.push(
-      shines && {
-        samples: this.samplesOf(LIGHTS, [`map ${state.map}`, environment.rotation], () =>
-          turned(this.environment.lamps, environment.rotation),
-        ),
-        colour: power(environment, this.tints).map((value) => value * this.environment.strength),
-      },
-    );
-    return layers;
+    const fill = fillOf(state, this.backdrop);
+    const colour = shines && power(environment, this.tints).map((value) => value * this.environment.strength);
+    const around = shines && {
+      samples: this.samplesOf(LIGHTS, [`map ${state.map}`, environment.rotation], () =>
+        turned(this.environment.lamps, environment.rotation),
+      ),
+      colour,
+    };
+    if (!fill) return around || null;
+    const { light } = this.backdrop;
+    const strength = fill * light.strength;
+    if (!around) return { samples: light.lamps, colour: [strength, strength, strength] };
+    const whole = dot(LUMINANCE, colour) + strength;
+    const times = (lamps, factors) =>
+      lamps.map((lamp) => ({ ...lamp, power: lamp.power.map((value, channel) => value * factors[channel]) }));
+    return {
+      samples: this.samplesOf(
+        LIGHTS + 1,
+        [`map ${state.map}`, environment.rotation, ...colour, state.background, state.picture, fill],
+        () => [
+          ...times(
+            around.samples,
+            colour.map((value) => value / whole),
+          ),
+          ...times(light.lamps, Array(3).fill(strength / whole)),
+        ],
+      ),
+      colour: [whole, whole, whole],
+    };
   }
 
   samplesOf(slot, settings, make) {

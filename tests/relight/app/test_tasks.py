@@ -204,6 +204,25 @@ def test_a_save_says_what_is_being_done_and_never_goes_back(folder, suffix, last
 
 
 @pytest.mark.slow
+def test_the_light_of_the_background_fills_shadows_in_stills_and_files(folder):
+    path, _, drawn = folder
+    scene = tasks.analyse("me.png", "me-matte.png", drawn, silent)["scene"]
+    assert np.shape(scene["original"]["lamps"])[1] == 6
+    shown = []
+    for fill in (0, 0.5):
+        look = LOOK | {"background": "original", "fill": fill}
+        still = Image.open(io.BytesIO(tasks.still("me.png", "me-matte.png", look, silent)["png"]))
+        tasks.save("me.png", "me-matte.png", look, f"filled-{fill}.png", [], silent)
+        saved = Image.open(path / f"filled-{fill}.png").resize(still.size, Image.Resampling.BOX)
+        shown.append([np.asarray(each.convert("L"), float).mean() for each in (still, saved)])
+    (dark, dark_file), (filled, filled_file) = shown
+    assert filled > dark + 2
+    assert filled_file - dark_file == pytest.approx(filled - dark, rel=0.25)
+    with pytest.raises(ValueError, match="fill: expected a background that is an image"):
+        tasks.still("me.png", "me-matte.png", LOOK | {"fill": 0.5}, silent)
+
+
+@pytest.mark.slow
 def test_files_of_one_photograph_are_analysed_once_and_again_when_the_matte_changes(folder, monkeypatch):
     path, matte, _ = folder
     analysed, subject = [], tasks.Subject

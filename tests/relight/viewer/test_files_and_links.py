@@ -52,6 +52,19 @@ def test_a_background_from_memory_is_left_out_of_the_command():
     assert scene_of((4, 4), background=background, background_name="a.exr")["backdrop"]["name"] == "a.exr"
 
 
+def test_a_fill_needs_a_background_that_is_an_image():
+    image = np.full((4, 4, 3), 0.5, np.float32)
+    about = scene_of((4, 4), background=image, fill=0.4)
+    assert about["fill"] == 0.4
+    assert np.shape(about["backdrop"]["lamps"])[1] == 6
+    for background in (None, (0.1, 0.1, 0.1), relight.EnvironmentLight(image[:, :2].repeat(4, axis=1))):
+        with pytest.raises(ValueError, match="fill: expected a background that is an image"):
+            scene_of((4, 4), background=background, fill=0.4)
+    for amount in (-0.1, 1.1, float("nan")):
+        with pytest.raises(ValueError, match="fill: expected"):
+            scene_of((4, 4), background=image, fill=amount)
+
+
 @pytest.mark.slow
 def test_an_environment_that_was_removed_stays_away(page, browser, page_file):
     page.get_by_label("Remove the environment").dispatch_event("click")

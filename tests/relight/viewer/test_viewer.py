@@ -11,6 +11,7 @@ from helpers import ROOT, browsing, shipped
 from scipy.ndimage import binary_erosion
 
 import relight
+from relight.lights.plate import whole_field_of_view
 from relight.media.colour import encode
 from relight.pipeline.options import Lighting
 from relight.viewer.initial_state import parameters_of, scene_of
@@ -189,6 +190,41 @@ def test_its_lights_file_gives_the_same_picture_and_its_png_is_apply_s(page, vie
     assert words[:3] == ["relight", "apply", "it's.png"]
     given = [words[at + 1] for at, word in enumerate(words) if word == "--light"]
     assert Lighting(light=tuple(given)).rig().lights == lights
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("with_sky", [False, True])
+def test_the_background_fills_shadows_as_python_s(browser, viewed, tmp_path, with_sky):
+    wall = np.full((60, 40, 3), (0.1, 0.3, 0.4), np.float32)
+    wall[:, 25:] = 0.8, 0.3, 0.1
+    sky = np.full((8, 16, 3), (0.1, 0.1, 0.3), np.float32)
+    lights = [relight.DirectionalLight(azimuth=-70, elevation=15, name="key")]
+    lights += [relight.EnvironmentLight(sky, rotation=30)] if with_sky else []
+    file = viewed.view(tmp_path / "page.html", lights, background=wall, background_name="wall.png", fill=0.5)
+    page = browsing.opened(browser, browsing.policed(file))
+    whole = whole_field_of_view(wall.shape, viewed.size, viewed.camera.field_of_view)
+    dark = viewed.relit(lights)
+    for share in (0.5, 0, 1):
+        page.get_by_label("Fill, exactly").fill(str(share))
+        page.get_by_label("Fill, exactly").press("Enter")
+        browsing.settled(page)
+        data = page.evaluate("() => Array.from(relight.viewer.engine.read().data)")
+        fill = relight.EnvironmentLight.from_plate(wall, whole, intensity=share)
+        truth = viewed.relit([*lights, fill])
+        rmse, largest = compare(np.reshape(data, truth.shape), truth)
+        assert rmse <= RMSE
+        assert largest <= LARGEST
+        assert (np.abs(truth - dark).max() > 0.05) == (share > 0)
+        words = shlex.split(page.evaluate("relight.command()"))
+        given = words[words.index("--fill") :][:4] if share else []
+        assert given == (["--fill", "background", "--fill-amount", str(share)] if share else [])
+        assert (f"fill={share}" in page.evaluate("relight.link()")) == (share > 0)
+    page.evaluate("relight.viewer.setBackgroundKind('colour')")
+    browsing.settled(page)
+    assert page.get_by_label("Fill, exactly").is_hidden()
+    assert "--fill" not in page.evaluate("relight.command()")
+    assert not page.complaints
+    page.context.close()
 
 
 @pytest.mark.slow
