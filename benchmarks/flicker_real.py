@@ -95,9 +95,9 @@ def scores(clip, frames, start):
     numbers = list(shot.numbers)[start : start + frames]
     alone, filtered, plates = [], [], []
     for number in numbers:
-        plate = shot.frames.plates.read(number)[..., :3]
+        plate = shot.frame(number).plate[..., :3]
         alone.append(maps_of(relight.Subject(plate, relight.matte(plate, "auto"))))
-        filtered.append(maps_of(shot.persons.at(number)))
+        filtered.append(maps_of(shot.person(number)))
         plates.append(torch.from_numpy(plate).permute(2, 0, 1))
     ways: dict[tuple[int, int], Motion] = {}
     codes = [

@@ -61,7 +61,11 @@ def fit_lights(image: inputs.Array, subject: Subject | None = None) -> list[Dire
     >>> image = relight.read("reference.png")
     >>> lights = relight.fit_lights(image, relight.Subject(image, relight.read_mask("matte.png")))
     """
-    subject = Subject(image) if subject is None else subject
+    return _fitted(Subject(image) if subject is None else subject, image)
+
+
+def _fitted(subject: Subject, image: inputs.Array) -> list[DirectionalLight]:
+    """See `fit_lights`."""
     directions, powers = subject.fit_lighting(image)
     order = np.argsort(-powers.sum(axis=1), kind="stable")
     shining = [index for index in order if powers[index].any()]
@@ -116,7 +120,12 @@ def lights_in(
     reference: inputs.Array, mask: inputs.Array | None = None, device: str | None = None
 ) -> list[DirectionalLight]:
     """Estimate the lights of a photograph, as `match` does. `device`: where the networks run."""
-    lights = fit_lights(reference, Subject(reference, mask, device=device))
+    return lights_on(Subject(reference, mask, device=device), reference)
+
+
+def lights_on(person: Subject, photograph: inputs.Array) -> list[DirectionalLight]:
+    """Estimate the lights of the photograph of an analysed person, as `match` does."""
+    lights = _fitted(person, photograph)
     if not lights:
         return []
     powers = np.array([light.power for light in lights])

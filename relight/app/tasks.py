@@ -346,13 +346,14 @@ def save(
 
 def _save_picture(source: Source, lighting: Lighting, output: Output, report: Report) -> None:
     """Do what `relight.render_shot` does, and tell how far it is."""
-    from relight.pipeline.render import render_frames
+    from relight.pipeline.render import Relighting
+    from relight.pipeline.run import run
     from relight.pipeline.shot import Shot
 
     with Shot.open(source, lighting, analyse=_analysing(source)) as shot:
         shot.person(0)
         report("Relighting", ANALYSED)
-        render_frames(shot, output, progress=lambda done, total, what: report(what, RELIT))
+        run(Relighting(output), shot, progress=lambda done, total, what: report(what, RELIT))
 
 
 def _analysing(source: Source) -> Callable[..., Subject]:

@@ -128,7 +128,7 @@ def _stated(shot: Shot, path: Path) -> Source:
     if source.track is not None:
         return source
     try:
-        track = shot.frames.track()
+        track = shot.track()
     except (ImportError, MissingNetworksError) as error:
         warnings.warn(f"{error}. Each machine follows the person by itself.", stacklevel=3)
         return source

@@ -37,9 +37,9 @@ class FrameRange(tuple[int, ...]):
     """
 
     @classmethod
-    def of(cls, frames: "str | tuple[int, int] | FrameRange") -> Self:
-        """From text, or (first, last). Text is `1-100`; `1-100x2` (as in Nuke) or `1-100:2` (as in Open Job
-        Description) for every second; or several of these: `1-10,20,30-40`.
+    def of(cls, frames: "int | str | tuple[int, int] | FrameRange") -> Self:
+        """From a number, text, or (first, last). Text is `1-100`; `1-100x2` (as in Nuke) or `1-100:2` (as in
+        Open Job Description) for every second; or several of these: `1-10,20,30-40`.
 
         Raises ValueError for other text, numbers beyond ±10⁹, and more than a million frames.
         """
@@ -48,7 +48,7 @@ class FrameRange(tuple[int, ...]):
         if isinstance(frames, str):
             spans = [_span(text) for text in frames.split(",")]
         else:
-            first, last = frames
+            first, last = (frames, frames) if isinstance(frames, int) else frames
             spans = [(first, last, 1)]
         most = MAX_FRAME_NUMBER
         if not all(-most <= first <= last <= most and step > 0 for first, last, step in spans):

@@ -7,10 +7,10 @@ from typing import Any
 from relight.media.content_hash import content_hash
 from relight.media.sequences import FrameRange
 from relight.pipeline.cache import SUFFIX, check_kind, frame_file, is_cache, is_made_from
-from relight.pipeline.frame_loop import check_any_made, each_frame
 from relight.pipeline.option_fields import Report
 from relight.pipeline.options import Compute, Source
-from relight.pipeline.plate_metadata import VERSION, PlateMetadataReader, relative_path
+from relight.pipeline.plate_metadata import VERSION, relative_path
+from relight.pipeline.run import Frames, Job, Problems, check_any_made, run
 from relight.pipeline.shot import Shot
 from relight.version import __version__
 from shadow.torch_settings import isolated
@@ -65,80 +65,70 @@ def analyse_shot(
     >>> relight.analyse_shot("examples/person.png", "person.relight")
     {}
     """
-    folder = Path(output)
-    if folder.suffix.lower() != SUFFIX:
-        raise ValueError(f"{folder}: expected the name of a folder that ends in {SUFFIX}")
-    source = Source.of(source)
+    job, source = Analysing(Path(output)), Source.of(source)
     if is_cache(source.plate):
         raise ValueError(f"{source.plate}: is analysed already")
     with Shot.open(source, compute=compute) as shot:
-        return store_frames(shot, folder, frames, progress)
+        return run(job, shot, frames, progress)
 
 
-def store_frames(
-    shot: Shot,
-    folder: Path,
-    frames: tuple[int, int] | str | FrameRange | None = None,
-    progress: Report | None = None,
-) -> dict[int, str]:
-    """Analyse and store the frames of an open shot; `analyse_shot` describes arguments, result and errors."""
-    report = progress or (lambda done, total, what: None)
-    if frames is not None and shot.is_still:
-        raise ValueError("frames: a still has none")
-    numbers = FrameRange.of(frames or (shot.numbers[0], shot.numbers[-1]))
-    check_kind(folder, shot.is_still)
-    folder.mkdir(parents=True, exist_ok=True)
-    shot.prepare(report)
-    writer = CacheWriter(shot, folder)
-    problems = each_frame(numbers, writer.write, report, "Analysing")
-    check_any_made(numbers, problems, "analysed")
-    writer.warn_of_replaced(len(numbers))
-    return problems
+class Analysing(Job[Problems]):
+    """Writes the frames of a shot to its analysis cache, but for those that are up to date."""
 
+    step, collects_errors = "Analysing", True
 
-class CacheWriter:
-    """Writes the frames of an open shot to its analysis cache, but for those that are up to date."""
-
-    def __init__(self, shot: Shot, folder: Path) -> None:
-        self._shot, self._folder = shot, folder
+    def __init__(self, folder: Path) -> None:
+        super().__init__()
+        if folder.suffix.lower() != SUFFIX:
+            raise ValueError(f"{folder}: expected the name of a folder that ends in {SUFFIX}")
+        self._folder = folder
         self._replaced = 0  # frames
-        self._plates = PlateMetadataReader(shot.frames.plates)
+
+    def check(self, shot: Shot, frames: Frames) -> FrameRange:
+        """Refuse frames of a still, and folders of another kind or that cannot be made."""
+        if frames is not None and shot.is_still:
+            raise ValueError("frames: a still has none")
+        numbers = FrameRange.of(frames or (shot.numbers[0], shot.numbers[-1]))
+        check_kind(self._folder, shot.is_still)
+        self._folder.mkdir(parents=True, exist_ok=True)
+        return numbers
+
+    def prepare(self, shot: Shot, numbers: FrameRange, report: Report) -> None:
+        """Collect what the files of all frames state."""
         precision, threads = shot.computed_in
         self._provenance: dict[str, Any] = {
-            "options": content_hash(shot.frames.options_hash, __version__),
+            "options": content_hash(shot.options_hash, __version__),
             "version": __version__,
             "rate": None if shot.rate is None else str(shot.rate),
-            "field_of_view": shot.frames.field_of_view,
+            "field_of_view": shot.field_of_view,
             "pixel_aspect": shot.pixel_aspect,
             "precision": precision,
             "threads": threads,
         }
 
-    def write(self, number: int) -> None:
+    def frame(self, shot: Shot, number: int) -> None:
         """Analyse and store a frame, unless it is up to date. Raises OSError or ValueError."""
-        path = frame_file(self._folder, None if self._shot.is_still else number)
+        path = frame_file(self._folder, None if shot.is_still else number)
         there = path.exists()
-        if there and is_made_from(path, self._content_hash(number)):
+        if there and is_made_from(path, content_hash(shot.person_hash(number), VERSION)):
             return
-        person = self._shot.person(number)
-        files = self._shot.records(number)
+        person = shot.person(number)
+        files = shot.records(number)
         made = {
-            "content_hash": self._content_hash(number, as_read=True),
+            "content_hash": content_hash(shot.person_hash(number, as_read=True), VERSION),
             "sources": [file._asdict() | {"path": relative_path(file.path, self._folder)} for file in files],
-            "plate_metadata": self._plates.at(number).to_json(self._folder),
+            "plate_metadata": shot.plate_metadata(number).to_json(self._folder),
         }
         person.save(path, provenance=self._provenance | made)
         self._replaced += there
 
-    def warn_of_replaced(self, count: int) -> None:
-        """Warn if frames were there, of `count` in all, and were analysed again."""
+    def finish(self, shot: Shot, numbers: FrameRange, problems: Problems, report: Report) -> Problems:
+        """Warn if frames were there, and were analysed again."""
+        check_any_made(numbers, problems, "analysed")
         if self._replaced:
             warnings.warn(
-                f"{self._folder}: {self._replaced} of {count} frames were damaged, or made from other "
+                f"{self._folder}: {self._replaced} of {len(numbers)} frames were damaged, or made from other "
                 "plates, with other options or weights or by another version, and were analysed again",
                 stacklevel=4,
             )
-
-    def _content_hash(self, number: int, as_read: bool = False) -> str:
-        """Return a hash of all that determines the file of a frame."""
-        return content_hash(self._shot.person_hash(number, as_read), VERSION)
+        return problems

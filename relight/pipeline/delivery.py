@@ -11,7 +11,6 @@ from relight.media.movies.tracks import Tracks
 from relight.media.pixel_aspect import squeeze_pixels
 from relight.media.sequences import FrameRange
 from relight.media.timecode import suits_rate
-from relight.pipeline.plate_metadata import PlateMetadataReader
 from relight.pipeline.shot import Shot
 from relight.rendering import Layers
 
@@ -33,8 +32,7 @@ class Delivery:
         self.rate: float | Fraction = rate or self._stated or RATE
         self._warned = False
         self._timecode: str | None = None  # of the plate whose metadata was asked for last
-        cache, plates = shot.frames.cache, shot.frames.plates
-        self._plate_metadata = PlateMetadataReader(plates).at if cache is None else cache.plate_metadata
+        self._plate_metadata = shot.plate_metadata
 
     def metadata(self, number: int) -> images.Metadata:
         """Return what the header of an .exr states of a plate's scene and camera."""

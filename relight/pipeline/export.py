@@ -1,14 +1,17 @@
 """Write a person for 3D programs and for Nuke, from files to a file; `relight export` calls it."""
 
-from collections.abc import Iterator
-from functools import partial
+from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
+from relight.lights.directional import DirectionalLight
+from relight.lights.light import Light
+from relight.lights.moving import MovingLight
 from relight.media.movies import RATE
 from relight.media.sequences import FrameRange
 from relight.pipeline.option_fields import Report
 from relight.pipeline.options import Compute, Lighting, Source
+from relight.pipeline.run import Frames, Job, Problems, run
 from relight.pipeline.shot import Shot
 from relight.scene import mesh
 from relight.scene import write as writing
@@ -76,49 +79,79 @@ def export_person(
     >>> relight.export_person("person.glb", "examples/person.png", key).name
     'person.glb'
     """
-    report = progress or (lambda done, total, what: None)
-    path = checked(output, texture, triangles)
+    job = Exporting(checked(output, texture, triangles), triangles, texture)
     with Shot.open(source, lighting, compute) as shot:
-        lights, gloss, rate = shot.all_lights(), shot.lighting.effective_gloss, float(shot.rate or RATE)
-        knobs = person_group.checked_lights(lights) if is_script(path) else []
-        shot.check_not_read([path, *writing.companions(path, texture)])
-        numbers = _numbers(path, shot, frames)
+        return run(job, shot, frames, progress)
+
+
+class Exporting(Job[Path]):
+    """Writes the person of one frame or of several for 3D programs or for Nuke."""
+
+    def __init__(self, path: Path, triangles: int, texture: str) -> None:
+        super().__init__()
+        self._path, self._triangles, self._texture = path, triangles, texture
+        self._add: Callable[[int, Subject], None] | None = None  # writes one frame of several
+
+    def check(self, shot: Shot, frames: Frames) -> FrameRange:
+        """Refuse lights and frames that the file cannot hold, and files that are read."""
+        self._knobs(shot.all_lights())
+        shot.check_not_read([self._path, *writing.companions(self._path, self._texture)])
+        numbers = self._numbers(shot, frames)
         shot.check_lights(numbers[0])
-        shot.prepare(report)
-        lights = shot.all_lights(shot.preset_gain)
-        knobs = person_group.checked_lights(lights) if is_script(path) else []
-        asset: Any = partial(Subject.asset, lights=lights, triangles=triangles, texture=texture, gloss=gloss)
+        return numbers
+
+    def prepare(self, shot: Shot, numbers: FrameRange, report: Report) -> None:
+        """Open the file of several frames."""
+        path, rate = self._path, float(shot.rate or RATE)
+        self.step = "Analysing" if len(numbers) == 1 else "Frames"
+        report(0, len(numbers), self.step)
+        self._lights, self._gloss = shot.all_lights(shot.preset_gain), shot.lighting.effective_gloss
         if len(numbers) == 1:
-            report(0, 1, "Analysing")
-            subject = shot.subject(numbers[0])
-            report(1, 1, "Analysing")
-            if is_script(path):
-                return writing.write_script(path, subject, knobs, gloss)
-            return writing.write(path, asset(subject))
+            return
         if is_script(path):
-            return writing.write_script_sequence(path, shot.person, numbers, knobs, rate, report, gloss)
+            knobs, chosen = self._knobs(self._lights), writing.spread(numbers)
+            several = writing.script_sequence(
+                path, {number: shot.person(number) for number in chosen}, numbers, knobs, rate, self._gloss
+            )
+        else:
+            several = writing.stage_sequence(path, self._asset, rate)
+        self._add = self.opened.enter_context(several)
 
-        def assets() -> Iterator[tuple[int, Asset]]:
-            for done, number in enumerate(numbers):
-                report(done, len(numbers), "Frames")
-                person = shot.person(number)
-                if not person.is_empty:
-                    yield number, asset(person)
-            report(len(numbers), len(numbers), "Frames")
+    def frame(self, shot: Shot, number: int) -> None:
+        """Write one frame of several; the only one is written at the end."""
+        if self._add is None:
+            self._subject = shot.subject(number)
+        else:
+            self._add(number, shot.person(number))
 
-        return writing.write_sequence(path, assets(), rate)
+    def finish(self, shot: Shot, numbers: FrameRange, problems: Problems, report: Report) -> Path:
+        """Write the only frame; the file of several is complete once it is closed."""
+        if self._add is None and is_script(self._path):
+            writing.write_script(self._path, self._subject, self._knobs(self._lights), self._gloss)
+        elif self._add is None:
+            writing.write(self._path, self._asset(self._subject))
+        return self._path
 
+    def _knobs(self, lights: list[Light | MovingLight]) -> list[DirectionalLight]:
+        """Return the lights with which the knobs of a script begin; raises for those that it cannot have."""
+        return person_group.checked_lights(lights) if is_script(self._path) else []
 
-def _numbers(path: Path, shot: Shot, frames: int | tuple[int, int] | str | FrameRange | None) -> list[int]:
-    """Return the frames to write, 0 for a still; raises ValueError for those that are not or do not fit."""
-    if shot.is_still:
-        return [0]
-    holds_one = path.suffix.lower() == ".glb"
-    if frames is None:
-        return list(shot.numbers[:1] if holds_one else shot.numbers)
-    numbers = [frames] if isinstance(frames, int) else list(FrameRange.of(frames))
-    if missing := sorted(set(numbers) - set(shot.numbers)):
-        raise ValueError(f"frames: {FrameRange(missing)} are not there")
-    if len(numbers) > 1 and holds_one:
-        raise ValueError(f"{path}: holds one frame; choose it (--frames 7), or write USD")
-    return numbers
+    def _asset(self, subject: Subject) -> Asset:
+        """Return the mesh, camera and lights of a frame."""
+        return subject.asset(
+            self._lights, triangles=self._triangles, texture=self._texture, gloss=self._gloss
+        )
+
+    def _numbers(self, shot: Shot, frames: Frames) -> FrameRange:
+        """Return the frames to write, 0 for a still; ValueError for those that are not there or too many."""
+        if shot.is_still:
+            return FrameRange((0,))
+        holds_one = self._path.suffix.lower() == ".glb"
+        if frames is None:
+            return FrameRange(shot.numbers[:1] if holds_one else shot.numbers)
+        numbers = FrameRange.of(frames)
+        if missing := sorted(set(numbers) - set(shot.numbers)):
+            raise ValueError(f"frames: {FrameRange(missing)} are not there")
+        if len(numbers) > 1 and holds_one:
+            raise ValueError(f"{self._path}: holds one frame; choose it (--frames 7), or write USD")
+        return numbers

@@ -1,6 +1,6 @@
 """One light at a time (OLAT): the person lit from each direction of the set, to mix in another program."""
 
-from collections.abc import Iterable
+from collections.abc import Iterable, Sequence
 from pathlib import Path
 from typing import Any
 
@@ -15,6 +15,7 @@ from relight.pipeline.option_fields import Report
 from relight.pipeline.options import Compute, Output, Source
 from relight.pipeline.outputs import is_exr
 from relight.pipeline.rendered_frame import cut_out
+from relight.pipeline.run import Frames, Job, Problems, run
 from relight.pipeline.shot import Shot
 from relight.pipeline.sinks import FileSink, ScriptSink, SingleFile, file_of
 from relight.rendering import Layers
@@ -82,42 +83,70 @@ def write_olat(
     --------
     >>> paths = relight.write_olat("examples/person.png", "olat.exr")
     """
-    report = progress or (lambda done, total, what: None)
-    paths = Output.of(output).paths
-    scripts = [path for path in paths if nuke.is_script(path)]
-    pictures = [path for path in paths if path not in scripts]
-    if others := [path for path in pictures if not is_exr(path)]:
-        raise ValueError(f"{others[0]}: expected a file name that ends in .exr")
-    if len(pictures) != 1 or len(scripts) > 1:
-        raise ValueError("output: expected one .exr and at most one .nk")
-    files, lights = file_of(pictures[0]), olat_lights(behind)
-    groups: dict[str, Any] = {f"{light.name}": (files, f"C_{light.name}") for light in lights}
-    description, numbers = pictures[0].with_suffix(".json"), FrameRange((0,))
-    if isinstance(files, FrameSequence):  # each light has a file
-        description, numbers = files.beside(".json"), FrameRange.of((1, len(lights)))
-        groups = {name: (SingleFile(files.path(n)), None) for n, name in enumerate(groups, 1)}
+    job = SeparateLights(Output.of(output).paths, behind)
     with Shot.open(source, compute=compute) as shot:
-        shot.check_outputs(Output(paths, save_lights=description))
-        number = shot.shown_frame(frame)
-        shot.prepare(report)
-        delivery, exr = Delivery(shot), {"depth": "half", "autocrop": False}
-        writer = FileSink(files, resume=False, display={}, exr=exr, delivery=delivery)
-        subject, plate = shot.subject(number), delivery.metadata(number)
-        made, layers = shot.content_hash(number, as_read=True), Layers()
-        for done, light in enumerate(lights, 1):
-            relit = subject.relit(light)
-            if len(numbers) > 1:
-                header = {**plate, "relight:direction": light.direction}
-                writer.write(done, cut_out(relit, {}), content_hash(made, light), header)
-            else:
-                layers[f"C_{light.name}"] = relit[..., :3].astype(np.float16)
-            report(done, len(lights), "Lights")
-        if layers:
-            header = {**plate, **{f"relight:{light.name}": light.direction for light in lights}}
-            total = sum(layer.astype(np.float32) for layer in layers.values())
-            summed = cut_out(np.dstack([total, relit[..., 3]]), layers)
-            writer.write(0, summed, content_hash(made, lights), header)
-        for path in scripts:
-            ScriptSink(path, groups, False, delivery).write(numbers)
-    write_lights(description, lights)
-    return [*map(files.path, numbers), description, *scripts]
+        return run(job, shot, frame, progress)
+
+
+class SeparateLights(Job[list[Path]]):
+    """Writes the person of one frame in each OLAT light alone: the frames of this job are its lights."""
+
+    step = "Lights"
+
+    def __init__(self, paths: Sequence[Path], behind: bool) -> None:
+        super().__init__()
+        self._scripts = [path for path in paths if nuke.is_script(path)]
+        pictures = [path for path in paths if path not in self._scripts]
+        if others := [path for path in pictures if not is_exr(path)]:
+            raise ValueError(f"{others[0]}: expected a file name that ends in .exr")
+        if len(pictures) != 1 or len(self._scripts) > 1:
+            raise ValueError("output: expected one .exr and at most one .nk")
+        self._paths, self._lights, self._files = paths, olat_lights(behind), file_of(pictures[0])
+        self._lights_file = pictures[0].with_suffix(".json")
+        if isinstance(self._files, FrameSequence):  # each light has a file
+            self._lights_file = self._files.beside(".json")
+        self._layers = Layers()  # of a single file
+
+    def check(self, shot: Shot, frames: Frames) -> FrameRange:
+        """Refuse outputs that are read, and a frame that is not there; return the numbers of the lights."""
+        shot.check_outputs(Output(self._paths, save_lights=self._lights_file))
+        self._frame = shot.shown_frame(frames)
+        return FrameRange.of((1, len(self._lights)))
+
+    def prepare(self, shot: Shot, numbers: FrameRange, report: Report) -> None:
+        """Analyse the person."""
+        self._delivery, exr = Delivery(shot), {"depth": "half", "autocrop": False}
+        self._sink = FileSink(self._files, resume=False, display={}, exr=exr, delivery=self._delivery)
+        self._subject, self._plate = shot.subject(self._frame), self._delivery.metadata(self._frame)
+        self._made = shot.content_hash(self._frame, as_read=True)
+
+    def frame(self, shot: Shot, number: int) -> None:
+        """Write the person in one light, or keep the layer for the single file."""
+        light = self._lights[number - 1]
+        relit = self._subject.relit(light)
+        if isinstance(self._files, FrameSequence):
+            header = {**self._plate, "relight:direction": light.direction}
+            self._sink.write(number, cut_out(relit, {}), content_hash(self._made, light), header)
+        else:
+            self._layers[f"C_{light.name}"] = relit[..., :3].astype(np.float16)
+
+    def finish(self, shot: Shot, numbers: FrameRange, problems: Problems, report: Report) -> list[Path]:
+        """Write the single file, the script and the lights file; return the paths of all."""
+        written = FrameRange((0,)) if self._layers else numbers
+        if self._layers:
+            header = {**self._plate, **{f"relight:{light.name}": light.direction for light in self._lights}}
+            total = sum(layer.astype(np.float32) for layer in self._layers.values())
+            alpha = self._subject.matte
+            summed = cut_out(np.dstack([total, alpha]), self._layers)
+            self._sink.write(0, summed, content_hash(self._made, self._lights), header)
+        for path in self._scripts:
+            ScriptSink(path, self._groups(), False, self._delivery).write(written)
+        write_lights(self._lights_file, self._lights)
+        return [*map(self._files.path, written), self._lights_file, *self._scripts]
+
+    def _groups(self) -> dict[str, Any]:
+        """Return the file and the layer of each light, for a script."""
+        names = [f"{light.name}" for light in self._lights]
+        if isinstance(self._files, FrameSequence):
+            return {name: (SingleFile(self._files.path(n)), None) for n, name in enumerate(names, 1)}
+        return {name: (self._files, f"C_{name}") for name in names}

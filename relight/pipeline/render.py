@@ -1,17 +1,28 @@
 """Renders a shot from files to files: a still, a sequence or a movie. A still is a shot of one frame."""
 
+import warnings
 from typing import Any, get_args
 
+import numpy as np
+
+from relight.compositing.composite import backdrop
+from relight.media import images
+from relight.media.content_hash import HASH_ATTRIBUTE, content_hash
+from relight.media.pixel_aspect import squeeze_pixels
 from relight.media.sequences import FrameRange
 from relight.pipeline import outputs
 from relight.pipeline.delivery import Delivery
-from relight.pipeline.frame_loop import check_any_made, each_frame
-from relight.pipeline.frame_writer import FrameWriter
 from relight.pipeline.option_fields import Phase, Report
 from relight.pipeline.options import Compute, Lighting, Output, Source
+from relight.pipeline.rendered_frame import RenderedFrame
+from relight.pipeline.run import Frames, Job, Problems, check_any_made, run
 from relight.pipeline.shot import Shot
-from relight.pipeline.sinks import open_sinks
+from relight.pipeline.sinks import FileSink, MovieSink, file_of, open_sinks
+from relight.rendering import metadata_of, render_layers
+from relight.subject import Subject
 from shadow.torch_settings import isolated
+
+MAX_BACKGROUND_FACTOR = 8.0  # of a background that is lit as the person is
 
 
 @isolated
@@ -82,47 +93,158 @@ def render_shot(
     >>> relight.render_shot("examples/person.png", key, "relit.exr")
     {}
     """
-    source, output = Source.of(source), Output.of(output)
-    if phase not in get_args(Phase):
-        raise ValueError(f"phase: expected one of {', '.join(get_args(Phase))}, got {phase!r}")
-    lighting = Lighting.of(lighting)
-    lighting.check_any()
+    job = Relighting(Output.of(output), resume=resume, phase=phase)
     with Shot.open(source, lighting, compute) as shot:
-        return render_frames(shot, output, frames, resume=resume, phase=phase, progress=progress)
+        return run(job, shot, frames, progress)
 
 
-def render_frames(
-    shot: Shot,
-    output: Output,
-    frames: tuple[int, int] | str | FrameRange | None = None,
-    *,
-    resume: bool = False,
-    phase: Phase = "all",
-    progress: Report | None = None,
-) -> dict[int, str]:
-    """Relight the frames of an open shot; `render_shot` describes arguments, result and errors."""
-    report = progress or (lambda done, total, what: None)
-    shot.check_outputs(output)
-    moving, numbers = outputs.has_frames(output), shot.frames_for(output, frames)
-    display = outputs.check_display(output, moving=moving)
-    start = shot.start(numbers)
-    shot.check_lights(start)
-    shot.check_background()
-    keeps_plate = outputs.shows_backgrounds(output) and shot.keeps_plate
-    outputs.check_alpha(output, transparent=not (shot.has_background or keeps_plate))
-    shot.prepare(report)
-    delivery = Delivery(shot, output.rate, keeps_plate)
-    sinks = open_sinks(
-        output, display, moving=moving, resume=resume, phase=phase, delivery=delivery,
-        groups=shot.light_groups(start),
-    )  # fmt: skip
-    shot.check_floor(start)
-    writer = FrameWriter(shot, output, sinks, delivery, phase, resume)
-    writer.begin(numbers, report)
-    problems = each_frame(numbers, writer.write, report, "Relighting", raises=not moving)
-    if phase != "frames":
-        check_any_made(numbers, problems)
-        sinks.finish(numbers, writer.hashes, problems, report)
-    if output.save_lights is not None:
-        shot.write_lights(output.save_lights, start)
-    return problems
+class Relighting(Job[Problems]):
+    """Writes the relit frames of a shot to files; a frame that exists is recognised by its hash.
+
+    `resume`: whether to keep existing frames that were made from the same inputs. `phase`: "finalize" only
+    checks that the frames exist; see `render_shot`.
+    """
+
+    step = "Relighting"
+
+    def __init__(self, output: Output, *, resume: bool = False, phase: Phase = "all") -> None:
+        super().__init__()
+        if phase not in get_args(Phase):
+            raise ValueError(f"phase: expected one of {', '.join(get_args(Phase))}, got {phase!r}")
+        self._output, self._resume, self._phase = output, resume, phase
+        self._mattes = None if output.save_matte is None else file_of(output.save_matte)
+        self._hashes: dict[int, str] = {}  # {frame number: content hash of what it is made from}
+
+    def check(self, shot: Shot, frames: Frames) -> FrameRange:
+        """Refuse outputs, frames, lights and backgrounds that do not go together."""
+        output = self._output
+        shot.lighting.check_any()
+        shot.check_outputs(output)
+        self.collects_errors = outputs.has_frames(output)
+        numbers = shot.frames_for(output, frames)
+        self._display = outputs.check_display(output, moving=self.collects_errors)
+        self._start = shot.start(numbers)
+        shot.check_lights(self._start)
+        shot.check_background()
+        self._keeps_plate = outputs.shows_backgrounds(output) and shot.keeps_plate
+        outputs.check_alpha(output, transparent=not (shot.has_background or self._keeps_plate))
+        return numbers
+
+    def prepare(self, shot: Shot, numbers: FrameRange, report: Report) -> None:
+        """Open the outputs, and find out which frames exist already."""
+        self._delivery = Delivery(shot, self._output.rate, self._keeps_plate)
+        self._sinks = open_sinks(
+            self._output, self._display, moving=self.collects_errors, resume=self._resume, phase=self._phase,
+            delivery=self._delivery, groups=shot.light_groups(self._start),
+        )  # fmt: skip
+        shot.check_floor(self._start)
+        if self._resume or self._phase == "finalize":
+            for done, number in enumerate(numbers, 1):
+                self._hashes[number] = self._content_hash(shot, number)
+                report(done, len(numbers), "Checking")
+        self._sinks.begin(self._hashes)
+        if self._resume:
+            self._warn_of_replaced()
+
+    def frame(self, shot: Shot, number: int) -> None:
+        """Write the frame to all outputs that lack it, and its matte. Raises OSError or ValueError."""
+        made = self._hashes.get(number) or self._content_hash(shot, number)
+        if self._phase == "finalize":
+            self._check_exists(number, made)
+        else:
+            made = self._write(shot, number, made)
+        self._hashes[number] = made
+
+    def finish(self, shot: Shot, numbers: FrameRange, problems: Problems, report: Report) -> Problems:
+        """Write movies and scripts, which need all frames, and the lights file."""
+        if self._phase != "frames":
+            check_any_made(numbers, problems)
+            self._sinks.finish(numbers, self._hashes, problems, report)
+        if self._output.save_lights is not None:
+            shot.write_lights(self._output.save_lights, self._start)
+        return problems
+
+    def _warn_of_replaced(self) -> None:
+        sinks, hashes = self._sinks.frames, self._hashes
+        others = sum(any(s.exists(n) and not s.has(n, made) for s in sinks) for n, made in hashes.items())
+        if others:
+            warnings.warn(
+                f"resume: {others} of {len(hashes)} frames were made with other lights, sources, options, "
+                "weights or by another version, and are made again",
+                stacklevel=5,
+            )
+
+    def _content_hash(self, shot: Shot, number: int, as_read: bool = False) -> str:
+        """Return a hash of all from which a frame is made. `as_read`: see `Shot.content_hash`."""
+        lighting = shot.lighting
+        return content_hash(
+            shot.content_hash(number, as_read), self._output.passes, lighting.floor, lighting.effective_gloss,
+            lighting.background_light,
+            self._delivery.keeps_plate,
+        )  # fmt: skip
+
+    def _check_exists(self, number: int, made: str) -> None:
+        """Raise ValueError if an output lacks the frame."""
+        for sink in self._sinks.frames:
+            if not sink.has(number, made):
+                state = "made with other lights, sources or options" if sink.exists(number) else "not there"
+                raise ValueError(f"{sink.path}: the frame is {state}")
+
+    def _write(self, shot: Shot, number: int, made: str) -> str:
+        """See `frame`; return the hash of what the frame is made from."""
+        missing = [sink for sink in self._sinks.frames if not sink.has(number, made)]
+        matte = self._mattes is not None and not (
+            self._resume and images.read_content_hash(self._mattes.path(number)) == made
+        )
+        if not missing and not matte:
+            return made
+        person = shot.person(number)
+        made = self._content_hash(shot, number, as_read=True)
+        if missing:
+            self._write_picture(shot, number, person, missing, made)
+        if matte:
+            self._write_matte(number, person, made)
+        return made
+
+    def _write_picture(
+        self, shot: Shot, number: int, person: Subject, sinks: list[FileSink | MovieSink], made: str
+    ) -> None:
+        """Render the frame, and write it to some of the sinks."""
+        output, size, lighting = self._output, person.size, shot.lighting
+        rendering = render_layers(
+            person, [*shot.exposed_lights(number), *shot.background_lights(number, size)],
+            passes=output.passes, exr_type=output.exr_type, floor=lighting.floor,
+            gloss=lighting.effective_gloss, amount=lighting.amount,
+            layered=any(map(outputs.is_exr, output.paths)),
+        )  # fmt: skip
+        kept = self._delivery.keeps_plate
+        behind = shot.behind(number, person, kept)
+        back = None if behind is None else backdrop(behind, size, rendering.shadow)
+        keeps_codes = shot.keeps_codes(kept)
+        if back is not None and lighting.background_light:
+            factor = background_factor(person, rendering.cut_out, lighting.background_light)
+            back, keeps_codes = back * factor, False
+        frame = RenderedFrame(rendering, back, kept, keeps_codes)
+        metadata = {**self._delivery.metadata(number), **metadata_of(person, output.passes)}
+        for sink in sinks:
+            sink.write(number, frame, made, metadata)
+
+    def _write_matte(self, number: int, person: Subject, made: str) -> None:
+        """Write the person's matte; an .exr has pixels of the plate's shape."""
+        assert self._mattes is not None
+        path, matte = self._mattes.path(number), person.matte
+        metadata: images.Metadata = {HASH_ATTRIBUTE: made}
+        if outputs.is_exr(path) and self._delivery.pixel_aspect != 1:
+            matte = squeeze_pixels(matte, self._delivery.pixel_aspect).clip(0, 1)
+            metadata = {**metadata, "PixelAspectRatio": self._delivery.pixel_aspect}
+        images.write_mask(path, matte, metadata=metadata)
+
+
+def background_factor(person: Subject, relit: np.ndarray, share: float) -> np.ndarray:
+    """Return the factor (3,) of a background that a share of the person's light reaches, on average.
+
+    `relit`: (H, W, 4), the picture. The light is that of the picture over the photograph.
+    """
+    after, before = (each[..., :3].sum(axis=(0, 1)) for each in (relit, person.relit([], amount=0)))
+    whole = np.divide(after, before, out=np.ones(3, np.float32), where=before > 0)
+    return 1 + np.float32(share) * (whole.clip(0, MAX_BACKGROUND_FACTOR) - 1)

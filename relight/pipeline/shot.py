@@ -1,7 +1,7 @@
 """A shot on disk with its lights: a still, a sequence, a movie or an analysis cache, opened once."""
 
 import math
-from collections.abc import Callable, Iterable, Iterator, Sequence
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from dataclasses import replace
 from fractions import Fraction
@@ -14,12 +14,13 @@ import torch
 
 from relight.analysis import skin
 from relight.compositing.composite import ENVIRONMENT, NONE, PLATE, Background
-from relight.light_estimation import FILL, Matching, PlateLight, lights_in
+from relight.light_estimation import FILL, Matching, PlateLight, lights_on
 from relight.light_estimation import PLATE as PLATE_LIGHT
 from relight.lights.environment import EnvironmentLight, environments
 from relight.lights.light import Light
 from relight.lights.moving import MovingLight, lights_at
 from relight.lights.rig import by_name, check_free, scaled
+from relight.matting.people.track import Track
 from relight.media.content_hash import FileRecord, content_hash
 from relight.media.sequences import FrameRange
 from relight.pipeline import outputs
@@ -28,6 +29,7 @@ from relight.pipeline.frame import FrameInputs, FrameReader
 from relight.pipeline.option_fields import BACKGROUND, Report
 from relight.pipeline.options import Compute, Lighting, Output, Source
 from relight.pipeline.persons import FrameAnalyser, Persons
+from relight.pipeline.plate_metadata import PlateMetadata, PlateMetadataReader
 from relight.pipeline.readers import ReadLog, holds_display_light, person_reader, plate_reader
 from relight.rendering import BACKGROUND_LAYER
 from relight.scene.camera_view import CameraView
@@ -101,21 +103,21 @@ class Shot:
     # What the shot consists of
 
     @cached_property
-    def frames(self) -> FrameReader:
+    def _frames(self) -> FrameReader:
         """What reads the persons."""
         return FrameReader(self.source, self._other_backgrounds, self._log, self._camera_view)
 
     @cached_property
-    def analyser(self) -> FrameAnalyser:
+    def _analyser(self) -> FrameAnalyser:
         """What analyses the persons; it does nothing in an analysis cache."""
-        return FrameAnalyser(self.frames, self.compute.device, self._analyse)
+        return FrameAnalyser(self._frames, self.compute.device, self._analyse)
 
     @cached_property
-    def persons(self) -> Persons:
+    def _persons(self) -> Persons:
         """The persons, analysed or read from an analysis cache."""
-        if self.frames.cache is not None:
-            return Persons(self.numbers, self.frames.cache.read, radius=0)
-        return Persons(self.numbers, self.analyser, self.frames.temporal_radius)
+        if self._frames.cache is not None:
+            return Persons(self.numbers, self._frames.cache.read, radius=0)
+        return Persons(self.numbers, self._analyser, self._frames.temporal_radius)
 
     @cached_property
     def _other_backgrounds(self) -> Any:
@@ -128,7 +130,7 @@ class Shot:
     @cached_property
     def _own_plates(self) -> Any:
         """What reads the plates as backgrounds: another reader, as a movie is read in order."""
-        plates, source = self.frames.plates, self.source
+        plates, source = self._frames.plates, self.source
         if plates.numbers is None:
             return plates
         return person_reader(source.plate, source.colour_space, source.alpha)
@@ -143,7 +145,7 @@ class Shot:
     @cached_property
     def _plate_light(self) -> PlateLight:
         """The light of the background; of the plate itself where that stays behind the person."""
-        return PlateLight(self._lighting_plates, self.frames.field_of_view)
+        return PlateLight(self._lighting_plates, self._frames.field_of_view)
 
     @property
     def _lighting_plates(self) -> Any:
@@ -169,7 +171,7 @@ class Shot:
     @property
     def is_still(self) -> bool:
         """Whether the person does not move."""
-        return self.frames.is_still
+        return self._frames.is_still
 
     @property
     def is_analysed(self) -> bool:
@@ -181,22 +183,22 @@ class Shot:
         """The source with the field of view of the scene's camera, for runs that do not read the scene."""
         if self._camera_view is None or self.is_analysed:
             return self.source
-        return replace(self.source, field_of_view=self.frames.field_of_view)
+        return replace(self.source, field_of_view=self._frames.field_of_view)
 
     @property
     def numbers(self) -> Sequence[int]:
         """The numbers of the person's frames, in order; (0,) for a still."""
-        return self.frames.numbers
+        return self._frames.numbers
 
     @property
     def rate(self) -> Fraction | float | None:
         """Frames a second, if the source states it."""
-        return self.frames.plates.rate
+        return self._frames.plates.rate
 
     @property
     def pixel_aspect(self) -> float:
         """How many times as wide as high the plates' pixels are; 1 in a picture of another size."""
-        return self.frames.pixel_aspect
+        return self._frames.pixel_aspect
 
     @property
     def has_background(self) -> bool:
@@ -220,7 +222,7 @@ class Shot:
             return "the photograph is placed in another frame"
         if self.source.key is not None and not self._background_is(PLATE):
             return "the screen is keyed"
-        return None if self.frames.is_opaque else "the source has alpha, so nothing is behind the person"
+        return None if self._frames.is_opaque else "the source has alpha, so nothing is behind the person"
 
     def keeps_codes(self, keeps_plate: bool) -> bool:
         """Return whether the background's code values are those of a display, and are passed on as they are.
@@ -246,12 +248,12 @@ class Shot:
     @property
     def skin_is_known(self) -> bool:
         """Whether the network that sees skin takes part in an analysis, see `relight.analysis.skin`."""
-        return self.frames.cache is None and skin.is_available()
+        return self._frames.cache is None and skin.is_available()
 
     @property
     def computed_in(self) -> tuple[str | None, int | None]:
         """The precision and the threads on which the pixels depend; no network runs for an analysis cache."""
-        cached = self.frames.cache is not None
+        cached = self._frames.cache is not None
         return None if cached else in_use(self.compute.device or "cpu"), self.compute.threads
 
     def light_groups(self, number: int) -> list[str]:
@@ -261,29 +263,52 @@ class Shot:
         behind = [BACKGROUND_LAYER] if self.has_background else []
         return [*own, *by_name(self.lights(number)), *matched, *behind]
 
+    @property
+    def options_hash(self) -> str:
+        """Differs where the source's options do, its pictures apart."""
+        return self._frames.options_hash
+
+    @property
+    def field_of_view(self) -> float:
+        """Of the camera, vertical, in degrees."""
+        return self._frames.field_of_view
+
+    def track(self, corrections: Mapping[int, tuple[int, int]] | None = None) -> Track | None:
+        """Return who is found and followed through the frames, see `FrameReader.track`."""
+        return self._frames.track(corrections)
+
     # One frame
 
     def frame(self, number: int) -> FrameInputs:
         """Return a frame as `relight.Subject` takes it. Raises as reading and `relight.key` do."""
-        return self.frames.frame(number)
+        return self._frames.frame(number)
 
     def person(self, number: int) -> Subject:
         """Return the person of a frame, filtered in time. Raises the errors of reading and of Subject."""
-        return self.persons.at(self._source_frame(number))
+        return self._persons.at(self._source_frame(number))
 
     def subject(self, number: int, *, filtered: bool = True) -> Subject:
         """Return the person of a frame; raises ValueError if the frame shows no person."""
         number = self._source_frame(number)
-        person: Any = self.persons.at(number) if filtered else self.persons.analysed(number)
+        person = self._persons.at(number) if filtered else self._persons.analysed(number)
         if person.is_empty:
             raise ValueError(f"frame {number}: shows no person; choose another (--frame)")
         return person
 
+    def plate_metadata(self, number: int) -> PlateMetadata:
+        """Return what a frame's plate states of its scene and camera, as it is or as a cache keeps it."""
+        return self._plate_metadata(number)
+
+    @cached_property
+    def _plate_metadata(self) -> Callable[[int], PlateMetadata]:
+        cache = self._frames.cache
+        return PlateMetadataReader(self._frames.plates).at if cache is None else cache.plate_metadata
+
     def size(self, number: int) -> tuple[int, int]:
         """Return the size (H, W) of a frame's picture, in pixels, without analysing it."""
-        person = self.persons.if_analysed(self._source_frame(number))
-        if person is None and self.frames.cache is None:
-            return self.analyser.size(self._source_frame(number))
+        person = self._persons.if_analysed(self._source_frame(number))
+        if person is None and self._frames.cache is None:
+            return self._analyser.size(self._source_frame(number))
         return (person or self.person(number)).size
 
     def lights(self, number: int) -> list[Light]:
@@ -311,16 +336,16 @@ class Shot:
         name = self.lighting.preset
         if name is None:
             return 1.0
-        first = None if self.frames.cache is not None else self._world[0]
+        first = None if self._frames.cache is not None else self._world[0]
         for number in self.numbers if first is None else (first,):
-            person = self.persons.analysed(number)
+            person = self._persons.analysed(number)
             if not person.is_empty:
                 return person.preset_gain(name)
         return 1.0
 
     def background(self, number: int, size: tuple[int, int]) -> Background | None:
         """Return the background of a frame whose picture has a `size` (H, W)."""
-        field_of_view = self.frames.field_of_view
+        field_of_view = self._frames.field_of_view
         if self._sees_lights:
             skies = environments(self.lights(number))
             return np.sum([sky.view(size, field_of_view) for sky in skies], axis=0)
@@ -351,8 +376,8 @@ class Shot:
             return False
         file, number = self._backgrounds.file(number), self._source_frame(number)
         if file is not None:
-            return file.resolve() in self.frames.plate_files(number)
-        plate = None if self.frames.cache else self._log.read(self.frames.plates, number)
+            return file.resolve() in self._frames.plate_files(number)
+        plate = None if self._frames.cache else self._log.read(self._frames.plates, number)
         return isinstance(plate, np.ndarray) and np.array_equal(plate, background)
 
     def background_lights(self, number: int, size: tuple[int, ...]) -> list[EnvironmentLight]:
@@ -371,11 +396,11 @@ class Shot:
         """
         around = self._analysed_frames(self._source_frame(number))
         places = [number]
-        if self.frames.placement.size == BACKGROUND and self._backgrounds.numbers:
+        if self._frames.placement.size == BACKGROUND and self._backgrounds.numbers:
             places.append(self._backgrounds.numbers[0])
         lighting = self._plate_light.frames_for(number) if self._uses_plate_light else []
         return content_hash(
-            self.frames.person_hash(around, as_read),
+            self._frames.person_hash(around, as_read),
             [self._log.content_hash(self._backgrounds, n, as_read) for n in places],
             [self._log.content_hash(self._lighting_plates, n, as_read) for n in lighting],
             self.lighting.background_colour_space, self.has_background, self._sees_lights,
@@ -387,7 +412,7 @@ class Shot:
     def person_hash(self, number: int, as_read: bool = False) -> str:
         """Return a hash of all that determines the analysis of a frame."""
         return content_hash(
-            self.frames.person_hash(self._analysed_frames(number), as_read),
+            self._frames.person_hash(self._analysed_frames(number), as_read),
             self._world[1],
             __version__,
             *weights(),
@@ -397,25 +422,27 @@ class Shot:
 
     def records(self, number: int) -> list[FileRecord]:
         """Return the records, made when they were read, of the files from which a person is analysed."""
-        return self.frames.records(self._analysed_frames(number))
+        return self._frames.records(self._analysed_frames(number))
 
     def _analysed_frames(self, number: int) -> list[int]:
         """Return the frames on which a person depends: those around, and the first with a person."""
         first, _ = self._world
-        around = self.persons.around(number)
+        around = self._persons.around(number)
         return around if first is None or first in around else [*around, first]
 
     @property
     def _world(self) -> tuple[int | None, Any]:
         """See `FrameAnalyser.world`; the frames of an analysis cache have their places already."""
-        return (None, None) if self.frames.cache is not None else self.analyser.world
+        return (None, None) if self._frames.cache is not None else self._analyser.world
 
     def _source_frame(self, number: int) -> int:
         return 0 if self.is_still else number
 
     # Checks and preparation, before the first frame
 
-    def frames_for(self, output: Output, frames: tuple[int, int] | str | FrameRange | None) -> FrameRange:
+    def frames_for(
+        self, output: Output, frames: int | tuple[int, int] | str | FrameRange | None
+    ) -> FrameRange:
         """Return the numbers of the frames to make, in order; 0 for a single file.
 
         Raises ValueError if neither `frames` nor source nor lights say which, or the output cannot hold them.
@@ -438,13 +465,13 @@ class Shot:
         """Return the first of these frames; if there are none, the first of the sources."""
         return numbers[0] if numbers else (self._span or (0,))[0]
 
-    def shown_frame(self, frame: int | None) -> int:
+    def shown_frame(self, frame: object) -> int:
         """Return the frame to show: the given or the first one. Raises ValueError if it does not exist."""
         if frame is None:
             return self.numbers[0]
         if self.is_still:
             raise ValueError("frame: a still has none")
-        if frame not in self.numbers:
+        if not isinstance(frame, int) or frame not in self.numbers:
             first, last = self.numbers[0], self.numbers[-1]
             raise ValueError(f"frame: expected a frame of the source, {first} to {last}, got {frame}")
         return frame
@@ -452,7 +479,7 @@ class Shot:
     @cached_property
     def _span(self) -> tuple[int, int] | None:
         """The first and the last frame of the sources; the person's take precedence over the background's."""
-        for reader in (*self.frames.readers, self._backgrounds):
+        for reader in (*self._frames.readers, self._backgrounds):
             if reader.numbers:
                 return reader.numbers[0], reader.numbers[-1]
         return None
@@ -538,16 +565,17 @@ class Shot:
             raise ValueError(
                 "floor: feet are those of a still; for a moving person expected height or horizon"
             )
-        if self.frames.cache is None:
-            self.analyser.check(floor, number)
+        if self._frames.cache is None:
+            self._analyser.check(floor, number)
 
     def prepare(self, report: Report) -> None:
         """Do the long work that comes before the first frame: fit matched lights, compile the matting."""
-        reference = self.matching.reference_person(self.frames.matting_options)
+        reference = self.matching.reference_person(self._frames.matting_options)
         if reference is not None:
             report(0, 1, "Matching")
-            self.every_light += lights_in(*reference, device=self.compute.device)
-        self.frames.compile_matting(report)
+            image, mask = reference
+            self.every_light += lights_on(self._analyse(image, mask, device=self.compute.device), image)
+        self._frames.compile_matting(report)
 
     def write_lights(self, path: Path, start: int) -> None:
         """Write the lights file; with a matched plate it has the light of the background's frame `start`."""

@@ -1,6 +1,7 @@
 """Write a person as an asset of a 3D program, by the suffix of the file."""
 
-from collections.abc import Callable, Iterable, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from contextlib import contextmanager
 from pathlib import Path
 from typing import Any
 
@@ -35,11 +36,17 @@ def write(path: AnyPath, asset: Asset) -> Path:
     return path
 
 
-def write_sequence(path: AnyPath, frames: Iterable[tuple[int, Asset]], rate: float) -> Path:
-    """Write a person who moves, from (frame number, asset): .usda, .usdc or .usdz."""
-    path = Path(path)
-    usd.write_sequence(path, frames, rate)
-    return path
+Add = Callable[[int, Any], None]  # writes a frame: its number, and the `relight.Subject`, which may be empty
+
+
+@contextmanager
+def stage_sequence(path: Path, asset: Callable[[Any], Asset], rate: float) -> Iterator[Add]:
+    """Write a person who moves, frame by frame: .usda, .usdc or .usdz, complete once it is closed.
+
+    `asset`: makes what is written of a subject. Frames that show nobody are left out.
+    """
+    with usd.sequence(path, rate) as add:
+        yield lambda number, subject: None if subject.is_empty else add(number, asset(subject))
 
 
 def write_script(path: AnyPath, subject: Any, lights: Sequence[DirectionalLight], gloss: float = 0.0) -> Path:
@@ -52,41 +59,42 @@ def write_script(path: AnyPath, subject: Any, lights: Sequence[DirectionalLight]
     return path
 
 
-def write_script_sequence(
-    path: AnyPath,
-    person: Callable[[int], Any],
+def spread(numbers: Sequence[int]) -> Sequence[int]:
+    """Return the frames of a shot, evenly spread, whose components all frames of a script share."""
+    return numbers[:: -(-len(numbers) // BASIS_FRAMES)]
+
+
+@contextmanager
+def script_sequence(
+    path: Path,
+    chosen: Mapping[int, Any],
     numbers: Sequence[int],
     lights: Sequence[DirectionalLight],
     rate: float,
-    progress: Callable[[int, int, str], None],
     gloss: float = 0.0,
-) -> Path:
+) -> Iterator[Add]:
     """Write a Nuke script that lights a person who moves, and its layers: `<name>_layers.%04d.exr`.
 
-    `person`: the `relight.Subject` of a frame, which may be empty. `numbers`: the frames, `rate` a second.
-    `lights`, `gloss`: what the knobs begin with. `progress` is called with (frames done, frames in all, what
-    is done). Raises ValueError if none of the frames shows a person, or they differ in size.
+    `chosen`: {frame: its subject}, the frames of `spread`, whose components all frames share. `numbers`: all
+    frames, `rate` a second. `lights`, `gloss`: what the knobs begin with. The script is written when it is
+    closed. Raises ValueError if none of the chosen frames shows a person, or frames differ in size.
     """
-    path = Path(path)
-    step = -(-len(numbers) // BASIS_FRAMES)
-    chosen = [subject for number in numbers[::step] if not (subject := person(number)).is_empty]
-    if not chosen:
-        looked = ", ".join(str(number) for number in numbers[::step])
+    shown = [subject for subject in chosen.values() if not subject.is_empty]
+    if not shown:
+        looked = ", ".join(map(str, chosen))
         raise ValueError(f"frames: expected some that show the person; frames {looked} do not")
-    basis, size = Basis.of(chosen), chosen[0].size
-    del chosen
-    for done, number in enumerate(numbers):
-        progress(done, len(numbers), "Frames")
-        subject = person(number)
+    basis, size = Basis.of(shown), shown[0].size
+
+    def add(number: int, subject: Any) -> None:
         if not subject.is_empty and subject.size != size:
             raise ValueError(f"frame {number}: has size {subject.size}, the first has {size}")
         _write_layers(companion(path, LAYERS, FRAME % number), subject, basis, size)
-    progress(len(numbers), len(numbers), "Frames")
-    picture = companion(path, LAYERS, FRAME)
+
+    yield add
     person_group.write(
-        path, picture, basis, lights, size, frames=(numbers[0], numbers[-1]), rate=rate, gloss=gloss
-    )
-    return path
+        path, companion(path, LAYERS, FRAME), basis, lights, size, frames=(numbers[0], numbers[-1]),
+        rate=rate, gloss=gloss,
+    )  # fmt: skip
 
 
 def _write_layers(path: Path, subject: Any, basis: Basis, size: tuple[int, int] = (0, 0)) -> None:

@@ -6,8 +6,11 @@ from pathlib import Path
 from typing import Any
 
 from relight.compositing.composite import PLATE
+from relight.lights.light import Light
+from relight.media.sequences import FrameRange
 from relight.pipeline.option_fields import Report
 from relight.pipeline.options import Compute, Lighting, Source
+from relight.pipeline.run import Frames, Job, Problems, run
 from relight.pipeline.shot import Shot
 from relight.viewer.initial_state import COMMAND, DEFAULT_LIGHT, checked_lights
 from relight.viewer.page import SUFFIXES
@@ -69,36 +72,55 @@ def write_view(
     >>> relight.write_view("person.html", "examples/person.png", key).name
     'person.html'
     """
-    lighting, report = Lighting.of(lighting), progress or (lambda done, total, what: None)
-    path = files.check_writable(output, SUFFIXES)
+    job = Viewing(files.check_writable(output, SUFFIXES), command)
     with Shot.open(source, lighting, compute) as shot:
-        lights: Any = shot.all_lights() if lighting.has_lights else DEFAULT_LIGHT
-        shown = list(checked_lights(lights).values())
-        number = shot.shown_frame(frame)
+        return run(job, shot, frame, progress)
+
+
+class Viewing(Job[Path]):
+    """Writes the page of one frame."""
+
+    step = "Analysing"
+
+    def __init__(self, path: Path, command: Sequence[str]) -> None:
+        super().__init__()
+        self._path, self._command = path, [ABSOLUTE.sub(r"\1", word) for word in command]
+
+    def check(self, shot: Shot, frames: Frames) -> FrameRange:
+        """Refuse lights that the page cannot show, and a frame or a background that is not there."""
+        self._lights(shot)
+        number = shot.shown_frame(frames)
         shot.check_lights(number)
         shot.check_background()
-        shot.prepare(report)
-        report(0, 1, "Analysing")
-        subject = shot.subject(number, filtered=False)
-        report(1, 1, "Analysing")
-        background = shot.behind(number, subject, shot.keeps_plate)
-        keeps_plate = shot.keeps_plate
-        if lighting.has_lights:
-            lights = shot.all_lights(shot.preset_gain)
-            shown = list(checked_lights(lights).values())
-    plate = shot.source.plate
-    title = Path(plate).name if files.is_path(plate) else "relight"
-    behind = lighting.background
-    name = PLATE if keeps_plate else Path(behind).name if files.is_path(behind) else None
-    subject.view(
-        path,
-        shown,
-        background=background,
-        title=title,
-        command=[ABSOLUTE.sub(r"\1", word) for word in command],
-        background_name=name,
-        gloss=lighting.effective_gloss,
-        amount=lighting.amount,
-        fill=lighting.fill_amount * lighting.intensity if lighting.fill else 0.0,
-    )
-    return path
+        return FrameRange((number,))
+
+    def prepare(self, shot: Shot, numbers: FrameRange, report: Report) -> None:
+        """Say that the analysis begins."""
+        report(0, 1, self.step)
+
+    def frame(self, shot: Shot, number: int) -> None:
+        """Analyse the person."""
+        self._subject = shot.subject(number, filtered=False)
+
+    def finish(self, shot: Shot, numbers: FrameRange, problems: Problems, report: Report) -> Path:
+        """Write the page."""
+        plate, lighting = shot.source.plate, shot.lighting
+        behind = lighting.background
+        name = PLATE if shot.keeps_plate else Path(behind).name if files.is_path(behind) else None
+        self._subject.view(
+            self._path,
+            self._lights(shot, shot.preset_gain),
+            background=shot.behind(numbers[0], self._subject, shot.keeps_plate),
+            title=Path(plate).name if files.is_path(plate) else "relight",
+            command=self._command,
+            background_name=name,
+            gloss=lighting.effective_gloss,
+            amount=lighting.amount,
+            fill=lighting.fill_amount * lighting.intensity if lighting.fill else 0.0,
+        )
+        return self._path
+
+    def _lights(self, shot: Shot, preset_gain: float = 1.0) -> list[Light]:
+        """Return the initial lights; raises for those that the page cannot show."""
+        lights: Any = shot.all_lights(preset_gain) if shot.lighting.has_lights else DEFAULT_LIGHT
+        return list(checked_lights(lights).values())

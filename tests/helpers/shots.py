@@ -3,11 +3,13 @@
 import json
 import math
 from dataclasses import fields
+from pathlib import Path
 
 import relight
-from relight.pipeline.analyse import store_frames
+from relight.pipeline.analyse import Analysing
 from relight.pipeline.options import GROUPS
-from relight.pipeline.render import render_frames
+from relight.pipeline.render import Relighting
+from relight.pipeline.run import run
 from relight.pipeline.shot import Shot
 
 
@@ -33,7 +35,8 @@ def render(source, lights, outputs, *, analyse=None, **settings):
         return relight.render_shot(**options)
     source, lighting, output, compute = (options.pop(name) for name in GROUPS)
     with Shot.open(source, lighting, compute, analyse) as shot:
-        return render_frames(shot, output, **options)
+        how = {name: options.pop(name) for name in ("resume", "phase") if name in options}
+        return run(Relighting(output, **how), shot, **options)
 
 
 def analyse(source, output, *, analyse=None, **settings):
@@ -43,7 +46,7 @@ def analyse(source, output, *, analyse=None, **settings):
     if analyse is None:
         return relight.analyse_shot(source, output, compute=compute, **options)
     with Shot.open(source, compute=compute, analyse=analyse) as shot:
-        return store_frames(shot, output, **options)
+        return run(Analysing(Path(output)), shot, **options)
 
 
 def distribute(source, lights, outputs, **settings):

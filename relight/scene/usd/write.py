@@ -2,7 +2,7 @@
 
 import shutil
 import tempfile
-from collections.abc import Iterable, Iterator
+from collections.abc import Callable, Iterable, Iterator
 from contextlib import contextmanager
 from pathlib import Path
 from typing import Any, NamedTuple
@@ -32,25 +32,32 @@ def write(path: Path, asset: Asset) -> None:
         _span(stage)
 
 
-def write_sequence(path: Path, frames: Iterable[tuple[int, Asset]], rate: float) -> None:
+@contextmanager
+def sequence(path: Path, rate: float) -> Iterator[Callable[[int, Asset], None]]:
     """Write a person who moves: a mesh with a texture of its own for each frame, shown at that frame alone.
 
-    The frames have one camera, and the ground is that of the first.
+    Yields what adds a frame, from its number and its asset. The frames have one camera, and the ground is
+    that of the first.
     """
     with _stage(path) as writing:
-        stage, first, prims = writing.stage, None, {}
-        for number, asset in frames:
-            if first is None:
-                first = asset
+        stage = writing.stage
+        prims: dict[int, Any] = {}
+        first: list[Asset] = []
+
+        def add(number: int, asset: Asset) -> None:
+            if not first:
+                first.append(asset)
                 _lift(writing.root, -asset.ground)
                 _camera(stage, asset)
             word = f"frame_{number:04d}" if number >= 0 else f"frame_minus_{-number:04d}"
             name = companion(path, _word(asset), f"{number:04d}").name
             texture = writing.beside(name, asset.texture)
             prims[number] = _person(stage, asset, texture, f"/World/Person/{word}")
+
+        yield add
         _show_in_turn(prims)
-        if first is not None:
-            _lights(writing, first, (min(prims), max(prims)))
+        if first:
+            _lights(writing, first[0], (min(prims), max(prims)))
         _span(stage)
         stage.SetTimeCodesPerSecond(rate)
         stage.SetFramesPerSecond(rate)

@@ -11,6 +11,9 @@ import relight
 from relight import Source
 from relight.analysis.foreground import Foreground
 from relight.cli.commands import app
+from relight.media.sequences import Still
+from relight.pipeline.frame import FrameReader
+from relight.pipeline.readers import ReadLog
 from relight.pipeline.shot import Shot
 from shadow.matte_cleanup import clean_matte
 
@@ -179,7 +182,8 @@ def test_what_the_matte_was_made_with_counts_when_a_shot_is_resumed(tmp_path, mo
     other = channel(tmp_path / "other.onnx", 0)
 
     def made(number=2, model=f"{model},{OPTIONS}", **options):
-        return inputs_of(tmp_path / "p.%d.png", model, **options).frames.person_hash([number])
+        source = Source(tmp_path / "p.%d.png", matte=model, **options)
+        return FrameReader(source, Still(None), ReadLog()).person_hash([number])
 
     assert made() == made()
     assert made() != made(person=2)

@@ -306,9 +306,9 @@ def test_a_frame_of_another_size_has_a_world_of_its_own(tmp_path):
         plate[..., 3] = 0
         plate[10:50, 10:30, 3] = 1
         relight.write(tmp_path / f"p.{number:04d}.exr", plate)
-    analyser = Shot(relight.Source(tmp_path / "p.%04d.exr"), analyse=analyse).analyser
+    shot = Shot(relight.Source(tmp_path / "p.%04d.exr", temporal_filter=False), analyse=analyse)
     for number in (1, 2, 3):
-        analyser(number)
+        shot.person(number)
     assert [camera and camera.size for camera in given] == [(60, 40), (60, 40), None]
 
 
