@@ -1,5 +1,6 @@
 """What several tests begin with; and no test is skipped in silence."""
 
+import contextlib
 import os
 
 import numpy as np
@@ -31,6 +32,13 @@ def person():
     mask[20:180, 60:100] = 1
     mask[60:80, 30:130] = 1
     return rgb, mask
+
+
+@pytest.fixture
+def here(tmp_path):
+    """A folder of the test's own, in which it works."""
+    with contextlib.chdir(tmp_path):
+        yield tmp_path
 
 
 @pytest.fixture

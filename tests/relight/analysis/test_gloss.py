@@ -204,8 +204,7 @@ def test_other_strengths_are_refused(person, gloss):
         person.relit(LIGHTS, "much")
 
 
-def test_a_shot_has_the_gloss_of_its_lighting(tmp_path, monkeypatch):
-    monkeypatch.chdir(tmp_path)
+def test_a_shot_has_the_gloss_of_its_lighting(tmp_path, here):
     relight.write("plate.exr", image_of(ball(200, 160)[0]))
     words = ["plate.exr", "--light", "rim:azimuth=150,intensity=3", "--gloss", "0.8", "-o", "lit.exr"]
     run = CliRunner().invoke(app, ["apply", *words])

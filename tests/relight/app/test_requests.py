@@ -209,11 +209,8 @@ def sphere(path):
         ("sphere.jpg", sphere, "environment", 10_000),
     ],
 )
-def test_pixels_that_a_header_does_not_tell_are_limited_as_well(
-    tmp_path, monkeypatch, name, write, task, most
-):
+def test_pixels_that_a_header_does_not_tell_are_limited_as_well(tmp_path, here, name, write, task, most):
     """The worker's process refuses what becomes large after its first header: see `worker._serve`."""
-    monkeypatch.chdir(tmp_path)
     write(tmp_path / name)
     relight.media.images.limit_pixels(most)
     try:

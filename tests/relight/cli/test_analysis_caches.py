@@ -33,9 +33,8 @@ def kept(tmp_path_factory):
 
 
 @pytest.fixture(autouse=True)
-def folder(kept, small_canvas, tmp_path, monkeypatch):
+def folder(kept, small_canvas, tmp_path, here):
     shutil.copytree(kept, tmp_path, dirs_exist_ok=True)
-    monkeypatch.chdir(tmp_path)
 
 
 def run(*words):

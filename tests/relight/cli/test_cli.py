@@ -183,8 +183,7 @@ def test_lights_come_from_a_file_and_go_to_one(tmp_path, photo):
         ),
     ],
 )
-def test_bad_input_is_one_line(tmp_path, monkeypatch, photo, change, message):
-    monkeypatch.chdir(tmp_path)
+def test_bad_input_is_one_line(tmp_path, here, photo, change, message):
     options = {"--mask": photo[2], "--light": "azimuth=10", "-o": "out.exr"} | change
     arguments = [part for option, value in options.items() if value is not None for part in (option, value)]
     result = run("apply", photo[0], *arguments)
@@ -405,10 +404,9 @@ def test_from_a_mesh_to_weights_and_their_score(tmp_path):
         (["train", "shadow", "--records", ".", "--out", "run", "--steps", "1", "--size", "99"], "multiple"),
     ],
 )
-def test_the_workshop_names_bad_input(arguments, message, tmp_path, monkeypatch):
+def test_the_workshop_names_bad_input(arguments, message, tmp_path, here):
     pytest.importorskip("embreex")
     pytest.importorskip("kornia")
-    monkeypatch.chdir(tmp_path)
     result = run(*arguments)
     assert result.exit_code == 2
     assert message in result.output

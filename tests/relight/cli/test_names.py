@@ -28,9 +28,8 @@ COMMANDS = {
 
 
 @pytest.fixture
-def folder(tmp_path, monkeypatch):
+def folder(tmp_path, here):
     """A small person, in a folder with brackets in its name."""
-    monkeypatch.chdir(tmp_path)
     (tmp_path / FOLDER).mkdir()
     y, x = np.mgrid[:60, :50]
     alpha = (np.hypot((x - 25) / 12, (y - 30) / 26) < 1).astype(np.float32)[..., None]

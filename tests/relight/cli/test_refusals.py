@@ -17,9 +17,8 @@ FRAMES = "expected a movie, or a frame number in the name, such as relit.%04d.ex
 
 
 @pytest.fixture(autouse=True)
-def folder(tmp_path, monkeypatch):
+def folder(tmp_path, here):
     """A photograph, its matte, a sequence with alpha, a sky, lights and the frames kept of a movie."""
-    monkeypatch.chdir(tmp_path)
     person = np.zeros((24, 20, 4), np.float32)
     person[4:20, 4:16] = 0.5, 0.4, 0.3, 1
     relight.write("photo.png", person[..., :3])

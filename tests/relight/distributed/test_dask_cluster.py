@@ -86,8 +86,7 @@ def test_workers_that_are_killed_lose_nothing(plates, tmp_path):
     [{"lights": (), "preset": "rim"}, {"lights": "scene.gltf", "subject_at": (0, 0, -3)}],
     ids=["preset", "scene"],
 )
-def test_workers_light_by_a_preset_or_a_scene_as_one_process_does(lighting, tmp_path, monkeypatch):
-    monkeypatch.chdir(tmp_path)
+def test_workers_light_by_a_preset_or_a_scene_as_one_process_does(lighting, tmp_path, here):
     for number in (1, 2):
         relight.write(f"p.{number:02d}.exr", image_of(ball(60, 50, centre=(0.3 + 0.1 * number, 0.5))[0]))
     shots.write_scene(Path("scene.gltf"))

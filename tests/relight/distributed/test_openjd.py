@@ -24,9 +24,8 @@ OUTPUTS = ["relit.%04d.exr", "relit.nk", "relit.mov"]
 
 
 @pytest.fixture
-def shot(tmp_path, monkeypatch):
+def shot(tmp_path, here):
     """Five plates and mattes of somebody who walks, and the desk they lie on."""
-    monkeypatch.chdir(tmp_path)
     Path("plates").mkdir()
     y, x = np.mgrid[:60, :50]
     for number in range(1, 6):

@@ -177,7 +177,7 @@ def test_what_is_no_lights_file_is_refused(tmp_path):
         relight.read_lights(tmp_path / "l.yaml")
 
 
-def test_an_environment_is_looked_for_beside_the_lights_file(tmp_path, monkeypatch):
+def test_an_environment_is_looked_for_beside_the_lights_file(tmp_path, here):
     (tmp_path / "show").mkdir()
     relight.write(tmp_path / "show" / "sky.exr", np.ones((4, 8, 3), np.float32))
     (tmp_path / "show" / "l.yaml").write_text(
@@ -185,7 +185,6 @@ def test_an_environment_is_looked_for_beside_the_lights_file(tmp_path, monkeypat
     )
     (light,) = relight.read_lights(tmp_path / "show" / "l.yaml")
     assert light == relight.EnvironmentLight(tmp_path / "show" / "sky.exr", rotation=90, name="sky")
-    monkeypatch.chdir(tmp_path)
     relight.write_lights("rig.json", [relight.EnvironmentLight("show/sky.exr", rotation=90)])
     assert json.loads((tmp_path / "rig.json").read_text()) == {
         "lights": [{"type": "environment", "image": "show/sky.exr", "rotation": 90}]

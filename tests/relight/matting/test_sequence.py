@@ -165,8 +165,7 @@ def test_a_rough_mask_is_refined(tmp_path, photo):
         (["--refine-matte", "9"], "relight fetch person brings them"),
     ],
 )
-def test_bad_input_is_one_line_and_writes_nothing(tmp_path, monkeypatch, photo, model, options, message):
-    monkeypatch.chdir(tmp_path)
+def test_bad_input_is_one_line_and_writes_nothing(tmp_path, here, photo, model, options, message):
     if "family=u2net" in str(options):
         model = channel(tmp_path / "m.onnx", 0, (1, 3, 320, 320))
     options = [option.replace("{m}", str(model)) for option in options]

@@ -13,8 +13,7 @@ ODD = ("studio, f=2.8.exr", "a,b=1.exr", "x=1,y=2.hdr", "a,b.exr")
 
 @pytest.mark.parametrize("name", [*ODD, "a.exr", 'a"b,c=1.exr'])
 @pytest.mark.parametrize("settings", ["", ",rotation=0", ",rotation=90,intensity=2"])
-def test_a_name_with_commas_and_equals_signs_is_the_file_that_is_there(tmp_path, monkeypatch, name, settings):
-    monkeypatch.chdir(tmp_path)
+def test_a_name_with_commas_and_equals_signs_is_the_file_that_is_there(tmp_path, here, name, settings):
     relight.write(name, np.ones((16, 32, 3), np.float32))
     relight.write("a.exr", np.full((16, 32, 3), 7, np.float32))
     words = settings.split(",")[1:]

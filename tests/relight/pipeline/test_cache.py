@@ -333,9 +333,8 @@ def test_what_the_analysis_decided_is_not_decided_again(desk, name, value):
     ],
 )
 def test_an_analysis_with_invalid_arguments_is_refused_and_saves_none(
-    tmp_path, monkeypatch, arguments, error, message
+    tmp_path, here, arguments, error, message
 ):
-    monkeypatch.chdir(tmp_path)
     plate, matte = clothed()
     settings = {"source": plate, "output": "shot.relight", "mask": matte} | arguments
     with pytest.raises(error, match=message):

@@ -18,9 +18,8 @@ pytestmark = pytest.mark.usefixtures("small_canvas")
 
 
 @pytest.fixture
-def person(tmp_path, monkeypatch):
+def person(tmp_path, here):
     """A small photograph with alpha, in the working folder."""
-    monkeypatch.chdir(tmp_path)
     picture = np.ascontiguousarray(relight.read(ROOT / "examples" / "person.png")[::6, ::6])
     relight.write("person.png", picture)
     return picture

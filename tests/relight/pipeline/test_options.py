@@ -142,8 +142,7 @@ def test_an_option_is_declared_in_one_place():
                     assert len(arguments & names) <= 2, f"{path.name}: {node.name} spells {arguments & names}"
 
 
-def test_options_of_a_file_give_way_to_the_command_line(tmp_path, monkeypatch):
-    monkeypatch.chdir(tmp_path)
+def test_options_of_a_file_give_way_to_the_command_line(tmp_path, here):
     plate = np.zeros((40, 30, 4), np.float32)
     plate[5:35, 5:25] = 0.4, 0.3, 0.2, 1
     relight.write("p.exr", plate)
@@ -167,8 +166,7 @@ def test_the_help_names_all_passes():
     assert ", ".join(PASSES) in about(parameters(Output)["passes"].kind).help
 
 
-def test_paths_become_absolute_and_nothing_else_does(tmp_path, monkeypatch):
-    monkeypatch.chdir(tmp_path)
+def test_paths_become_absolute_and_nothing_else_does(tmp_path, here):
     for name in ("a.exr", "m.onnx"):
         (tmp_path / name).touch()
     source = Source("a.exr:albedo", mask="m.%04d.png", matte="m.onnx,size=320", normals="field").absolute()

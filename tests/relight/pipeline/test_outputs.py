@@ -15,8 +15,7 @@ DELIVERY = SimpleNamespace(rate=24)  # what a movie asks of it before its frames
 
 
 @pytest.fixture(autouse=True)
-def folder(tmp_path, monkeypatch):
-    monkeypatch.chdir(tmp_path)
+def folder(tmp_path, here):
     (tmp_path / "sub").mkdir()
     for name in ("photo.png", "p.0001.png", "p.0002.png"):
         relight.write(name, np.full((4, 4, 3), 0.5, np.float32))

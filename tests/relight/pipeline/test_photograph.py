@@ -67,12 +67,11 @@ def places():
 
 
 @pytest.mark.slow
-def test_a_photograph_becomes_a_picture_in_a_street(tmp_path, monkeypatch):
+def test_a_photograph_becomes_a_picture_in_a_street(tmp_path, here):
     matte = write_photograph(tmp_path / "photo.jpg")
     write_model(tmp_path / "bluer.onnx")
     street = places().Place("street", 7).plate((300, 450))
     Image.fromarray(street).save(tmp_path / "street.jpg", quality=95)
-    monkeypatch.chdir(tmp_path)
     command = (
         "apply photo.jpg --matte bluer.onnx,mean=0/0/0,std=1/1/1 --refine-matte 6 "
         "--light lamp:position=-0.9/0.6/0.9,radius=0.1,intensity=0.6,colour=1/0.7/0.4 "

@@ -253,9 +253,8 @@ def test_memory_is_flat_over_a_thousand_frames(stub, tmp_path):
     ],
 )
 def test_a_shot_with_invalid_arguments_is_refused_and_writes_nothing(
-    tmp_path, monkeypatch, arguments, error, message
+    tmp_path, here, arguments, error, message
 ):
-    monkeypatch.chdir(tmp_path)
     if arguments.get("outputs") == "r.%04d.png":
         relight.write("r.0001.png", somebody())
     before = list(tmp_path.iterdir())

@@ -123,8 +123,7 @@ def test_a_temporally_filtered_subject_has_a_page(subject, tmp_path):
         (["none.png", "--light", "azimuth=north", "-o", "page.html"], "azimuth expects a number"),
     ],
 )
-def test_the_command_refuses_in_one_line(words, said, tmp_path, monkeypatch):
-    monkeypatch.chdir(tmp_path)
+def test_the_command_refuses_in_one_line(words, said, tmp_path, here):
     done = CliRunner().invoke(app, ["view", *words])
     assert done.exit_code == 2
     assert said in " ".join(done.output.split())

@@ -122,8 +122,7 @@ class Code:
 
 
 @pytest.mark.parametrize("legacy", [False, True])
-def test_pickled_code_is_not_run(tmp_path, monkeypatch, legacy):
-    monkeypatch.chdir(tmp_path)
+def test_pickled_code_is_not_run(tmp_path, here, legacy):
     save("code.pt", narrow(), legacy, callback=Code())
     with pytest.raises(ValueError, match=r"code.pt contains pickled code, \w+.mkdir, which is not run"):
         pifuhd.load("code.pt")

@@ -149,9 +149,8 @@ def test_lights_that_the_knobs_cannot_hold(subjects, tmp_path, lights, said):
     assert list(tmp_path.iterdir()) == []
 
 
-def test_a_relit_still_has_nukes_light_beside_its_groups(tmp_path, monkeypatch):
+def test_a_relit_still_has_nukes_light_beside_its_groups(tmp_path, here):
     """The camera in the script sees the positions of the pass P where the plate shows them."""
-    monkeypatch.chdir(tmp_path)
     plate = relight.read(ROOT / "examples" / "person.png")[::6, ::6]
     plate = np.pad(plate, ((0, 20), (0, 40), (0, 0)))  # the person is not in the middle
     output = relight.Output(["relit.exr", "relit.nk"], passes=["albedo", "N", "P"])
