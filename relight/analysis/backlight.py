@@ -17,10 +17,12 @@ Only the gloss lacks this light. Diffuse light on the same pixels is as often bl
 visibility is better left to the network (docs/history.md).
 """
 
+import numpy as np
 import torch
 import torch.nn.functional as F
 
 from relight.analysis.gloss import outline
+from shadow.framing import Framing
 from shadow.networks.mirror import Pixels
 
 RIM = 0.02  # of `gloss.outline`: with less, a pixel has no rim
@@ -31,26 +33,35 @@ HALF = 2  # pixels of the canvas, side of the blocks that are smoothed
 SMOOTH = 3  # blocks, side of the box that smooths them, twice
 
 
-def open_rims(silhouette: Pixels, normals: torch.Tensor) -> torch.Tensor:
+def open_rims(silhouette: Pixels, normals: torch.Tensor, framing: Framing) -> torch.Tensor:
     """Return how much of each pixel's rim is at the outline before the background: (1, N) in [0, 1], smooth.
 
-    `normals` (3, N): those at the pixels of the silhouette. It is 0 at an edge before the body.
+    `normals` (3, N): those at the pixels of the silhouette. `framing`: of the canvas on the plate. It is 0 at
+    an edge before the body, and where the plate's frame cuts the person.
     """
     rim = (outline(normals[2]) > RIM).nonzero()[:, 0]
     share = torch.ones_like(normals[:1])
     if len(rim):
         share[0, rim] -= _before_the_body(silhouette, normals, rim)
-    return share.clamp_(0, 1).mul_(_at_the_outline(silhouette))
+    return share.clamp_(0, 1).mul_(_at_the_outline(silhouette, framing))
 
 
-def _at_the_outline(silhouette: Pixels) -> torch.Tensor:
+def _at_the_outline(silhouette: Pixels, framing: Framing) -> torch.Tensor:
     """Return a share (N,): 1 up to WIDTH / 4 from the outline, 0 from WIDTH on; 1 on what is narrower."""
-    inside = torch.zeros(1, silhouette.shape.numel())
-    inside[:, silhouette.pixels] = 1
-    blocks = F.avg_pool2d(inside.unflatten(1, silhouette.shape)[None], HALF)
-    reach = max(1, round(WIDTH * silhouette.shape[0] / HALF))
-    rows = F.avg_pool2d(blocks, (1, 2 * reach + 1), stride=1, padding=(0, reach))
-    covered = F.avg_pool2d(rows, (2 * reach + 1, 1), stride=1, padding=(reach, 0))
+    height, width = silhouette.shape
+    covered = torch.zeros(1, height * width)
+    covered[:, silhouette.pixels] = 1
+    covered = covered.unflatten(1, silhouette.shape)
+    (x, y), scale = framing.centre, framing.scale  # beyond the plate, the person goes on
+    left, right = (round(width / 2 + scale * (edge - x)) for edge in (0, framing.plate[1]))
+    top, bottom = (round(height / 2 + scale * (edge - y)) for edge in (0, framing.plate[0]))
+    for outside in (np.s_[: max(top, 0)], np.s_[max(bottom, 0) :]):
+        covered[:, outside] = 1
+    for outside in (np.s_[: max(left, 0)], np.s_[max(right, 0) :]):
+        covered[:, :, outside] = 1
+    reach = max(1, round(WIDTH * height / HALF))
+    blocks = F.pad(F.avg_pool2d(covered[None], HALF), (reach,) * 4, value=1)
+    covered = F.avg_pool2d(F.avg_pool2d(blocks, (1, 2 * reach + 1), 1), (2 * reach + 1, 1), 1)
     share = ((1 - covered) / 0.375).clamp_(0, 1)  # of windows on a straight outline, half is outside
     return F.interpolate(share, silhouette.shape, mode="bilinear").flatten()[silhouette.pixels]
 

@@ -11,6 +11,7 @@ from relight.analysis.gloss import Gloss
 from shading import Analysis
 from shading.diffuse import Shading
 from shadow.directions import olat
+from shadow.framing import Framing
 from shadow.networks.field import FieldMaps, Visibility
 from shadow.networks.mirror import Pixels
 
@@ -38,13 +39,13 @@ class LightField(NamedTuple):
     rim: torch.Tensor  # (1, N) share of the gloss that reaches the pixel, see `relight.analysis.backlight`
 
     @classmethod
-    def of(cls, analysis: Analysis) -> Self:
-        """Take the arrays of an analysis on any device."""
+    def of(cls, analysis: Analysis, framing: Framing) -> Self:
+        """Take the arrays of an analysis on any device, whose canvas has a framing on the whole plate."""
         visibility, shading = analysis.canvas_visibility, analysis.canvas_shading
         silhouette, maps = copy.copy(visibility.silhouette), visibility.maps
         silhouette.pixels = silhouette.pixels.cpu()
         normals = maps.normals.cpu()
-        rim = open_rims(silhouette, normals)
+        rim = open_rims(silhouette, normals, framing)
         return cls(silhouette, normals, maps.sharpness.cpu(), maps.cast.cpu(), shading.residual.cpu(), rim)
 
     def in_row_order(self) -> Self:

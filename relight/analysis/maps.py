@@ -50,7 +50,7 @@ class AnalysisMaps(NamedTuple):
         if albedo is None:
             albedo = analysis.canvas_albedo.cpu()
             light = _photographed_light(analysis.framed.rgb.cpu(), albedo, known)
-        normals, field = analysis.canvas_normals.cpu(), LightField.of(analysis)
+        normals, field = analysis.canvas_normals.cpu(), LightField.of(analysis, geometry.framing)
         return cls(geometry.framing, known, image, normals, field, albedo, light, geometry)
 
     @property

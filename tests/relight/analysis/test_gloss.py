@@ -96,6 +96,14 @@ def test_a_rim_is_narrow_however_large_the_picture_shows_a_head(black):
     assert reflection[inside > 12].max() < 0.004
 
 
+def test_the_frame_that_cuts_a_person_is_no_outline():
+    coverage, normals = ball(200, 160, centre=(0.5, 0.3))
+    cut = relight.Subject(image_of(coverage), normals=normals)
+    reflection = cut.reflection(relight.DirectionalLight(azimuth=180, elevation=20))[..., 0]
+    assert reflection[:3, 70:90].max() < 0.005
+    assert reflection[cut.matte > 0.5].max() > 0.1
+
+
 def test_light_straight_behind_outlines_the_whole_person(black):
     picture = black.relit(relight.DirectionalLight(azimuth=180), gloss=1)[..., 0]
     rows, columns = np.nonzero(picture > 0.02)
