@@ -1,5 +1,8 @@
 """What stands in for a person, a photograph, a network: known exactly, and quick."""
 
+from contextlib import contextmanager
+from unittest import mock
+
 import numpy as np
 import torch
 
@@ -10,6 +13,7 @@ from relight.analysis.old_light import OldLight
 from relight.lights.rig import by_name
 from relight.media.images import scene_linear
 from shading import diffuse
+from shadow.networks import checkpoints
 
 HEIGHT, WIDTH = 12, 16  # of a frame with somebody
 
@@ -47,6 +51,16 @@ class Delighter:
 def analysed(image, mask=None, shader=None, field=None, **options):
     """The `relight.Subject` of an image, analysed by these networks; by the shipped ones in place of None."""
     return relight.Subject.from_record(infer(check_inputs(image, mask, **options), field, shader))
+
+
+@contextmanager
+def no_network():
+    """Whoever loads a network, or reads its file, fails."""
+    refusal = AssertionError("a network was loaded")
+    with mock.patch.multiple(
+        checkpoints, load=mock.Mock(side_effect=refusal), read=mock.Mock(side_effect=refusal)
+    ):
+        yield
 
 
 def somebody(column=4, value=1.0):

@@ -6,6 +6,7 @@ import os
 import numpy as np
 import pytest
 import torch
+from helpers import standins
 from helpers.clothed import clothed
 from helpers.damage import small_canvas
 from safetensors import safe_open
@@ -28,14 +29,9 @@ def subject():
 
 
 @pytest.fixture
-def no_network(monkeypatch):
-    """Whoever loads a network, fails."""
-
-    def refuse(*arguments, **settings):
-        raise AssertionError("a network was loaded")
-
-    monkeypatch.setattr("shadow.networks.checkpoints.load", refuse)
-    monkeypatch.setattr("shadow.networks.checkpoints.read", refuse)
+def no_network():
+    with standins.no_network():
+        yield
 
 
 def rms(first, second, inside):
@@ -254,8 +250,7 @@ def test_odd_measures_are_refused(subject, tmp_path, name, value, message):
         relight.Subject.load(path)
 
 
-def test_other_weights_are_said(subject, tmp_path, monkeypatch):
-    subject.save(tmp_path / "kept.safetensors")
-    monkeypatch.setattr("relight.subject.weights", lambda: ("other", "weights"))
+def test_other_weights_are_said(subject, tmp_path):
+    subject.save(tmp_path / "kept.safetensors", provenance={"weights": ["other", "weights"]})
     with pytest.warns(UserWarning, match=r"kept\.safetensors: was analysed with other weights"):
         relight.Subject.load(tmp_path / "kept.safetensors")

@@ -1,5 +1,6 @@
 """A shot's analysis on the disk: kept, read, resumed, and noticed where it is stale."""
 
+import contextlib
 import errno
 import json
 import os
@@ -11,7 +12,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from helpers import damage, shots
+from helpers import damage, shots, standins
 from helpers.clothed import clothed
 from helpers.killing import kill
 from helpers.standins import somebody
@@ -52,16 +53,6 @@ def desk(analysed, tmp_path):
     return tmp_path / "desk"
 
 
-@pytest.fixture
-def no_network(monkeypatch):
-    """Whoever loads a network, fails."""
-
-    def refuse(*arguments, **settings):
-        raise AssertionError("a network was loaded")
-
-    monkeypatch.setattr("shadow.networks.checkpoints.load", refuse)
-
-
 def mattes(folder):
     return {"mask": folder / "matte.%04d.png", "threads": 1}
 
@@ -76,10 +67,10 @@ def files(desk):
     return {path.name: path.stat().st_ino for path in sorted((desk / "shot.relight").iterdir())}
 
 
-def test_frames_are_those_of_the_plates_and_no_network_runs(desk, no_network, monkeypatch):
+def test_frames_are_those_of_the_plates_and_no_network_runs(desk):
     assert list(files(desk)) == [f"{number:06d}.safetensors" for number in FRAMES]
-    assert relit(desk) == {}
-    monkeypatch.undo()
+    with standins.no_network():
+        assert relit(desk) == {}
     direct = desk / "direct.%04d.exr"
     assert shots.render(desk / "plate.%04d.exr", KEY, direct, **mattes(desk)) == {}
     for number in FRAMES:
@@ -221,8 +212,11 @@ def test_plates_that_are_not_there_are_said_once(desk):
     assert len(caught) == 1
 
 
-def test_other_weights_are_named(desk, monkeypatch):
-    monkeypatch.setattr(cache, "weights", lambda: ("other", "weights"))
+def test_other_weights_are_named(desk):
+    for number in FRAMES:
+        path = desk / "shot.relight" / f"{number:06d}.safetensors"
+        subject = relight.Subject.load(path, may_be_empty=True)
+        subject.save(path, provenance={"weights": ["other", "weights"]})
     with pytest.raises(
         ValueError, match=r"none of 4 frames .*000101\.safetensors: was analysed with other weights"
     ):
@@ -270,14 +264,14 @@ def test_lit_again_after_another_analysis(desk):
         relit(desk, frames=(101, 102), resume=True)
 
 
-def test_a_still_is_kept_too(tmp_path, no_network, monkeypatch):
-    monkeypatch.undo()
+def test_a_still_is_kept_too(tmp_path):
     plate, matte = clothed()
     relight.write(tmp_path / "photo.exr", plate)
     assert shots.analyse(tmp_path / "photo.exr", tmp_path / "p.relight", mask=matte) == {}
     assert [path.name for path in (tmp_path / "p.relight").iterdir()] == ["still.safetensors"]
     light = relight.MovingLight(azimuth={1: -40, 2: 40}, name="key")
-    assert shots.render(tmp_path / "p.relight", light, tmp_path / "r.%d.exr") == {}
+    with standins.no_network():
+        assert shots.render(tmp_path / "p.relight", light, tmp_path / "r.%d.exr") == {}
     assert np.abs(relight.read(tmp_path / "r.1.exr") - relight.read(tmp_path / "r.2.exr")).max() > 0.1
 
 
@@ -380,16 +374,15 @@ def test_a_range_is_analysed_with_the_frames_that_steady_its_ends(desk):
         assert first == second
 
 
-def test_video_relights_a_cache_and_refuses_another_mask(desk, monkeypatch):
+def test_video_relights_a_cache_and_refuses_another_mask(desk):
     from typer.testing import CliRunner
 
-    monkeypatch.chdir(desk)
-    run = CliRunner().invoke(app, ["video", "shot.relight", "--light", "azimuth=-40", "-o", "r.%04d.exr"])
+    words = ["--light", "azimuth=-40", "-o", "r.%04d.exr"]
+    with contextlib.chdir(desk):
+        run = CliRunner().invoke(app, ["video", "shot.relight", *words])
+        refused = CliRunner().invoke(app, ["video", "shot.relight", "--mask", "m.png", *words])
     assert run.exit_code == 0, run.output
     assert len(list(desk.glob("r.*.exr"))) == 4
-    refused = CliRunner().invoke(
-        app, ["video", "shot.relight", "--mask", "m.png", "--light", "azimuth=-40", "-o", "r.%04d.exr"]
-    )
     assert refused.exit_code == 2
     assert "mask: shot.relight is analysed already" in refused.output
 
@@ -424,11 +417,10 @@ def test_a_plate_replaced_during_the_analysis_is_kept_with_the_hash_of_what_was_
 @pytest.mark.states("Analysis caches", "a rate, an angle or an aspect that is no positive number", "refused")
 @pytest.mark.parametrize("value", [-90, "x", [], "1/0", float("nan"), {"a": 1}])
 @pytest.mark.parametrize("name", ["rate", "field_of_view", "pixel_aspect"])
-def test_numbers_of_a_hostile_header_are_named(tmp_path, monkeypatch, name, value):
+def test_numbers_of_a_hostile_header_are_named(tmp_path, name, value):
     (tmp_path / "shot.relight").mkdir()
     frame = cache.frame_file(tmp_path / "shot.relight", 1)
-    frame.touch()
-    monkeypatch.setattr(cache.storage, "read_header", lambda path: {"provenance": {name: value}})
+    relight.Subject.nobody((4, 4)).save(frame, provenance={name: value})
     with pytest.raises(ValueError, match=f"{frame.name}: is damaged: its {name} is") as caught:
         getattr(AnalysisCache(tmp_path / "shot.relight"), name)
     assert "\n" not in str(caught.value)

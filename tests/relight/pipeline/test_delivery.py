@@ -334,7 +334,7 @@ def test_a_movie_relit_from_a_cache_has_timecode_tags_and_sound(tmp_path):
     assert (read_tags(tmp_path / "c.mov")[0], heard(tmp_path / "c.mov").size) == ("01:00:00:22", 0)
 
 
-def test_a_cache_of_an_earlier_version_is_lit_and_says_what_it_lacks(tmp_path, monkeypatch):
+def test_a_cache_of_an_earlier_version_is_lit_and_says_what_it_lacks(tmp_path):
     shot_on_set(tmp_path / "a.exr")
     cache = analysed(tmp_path / "a.exr", tmp_path / "a.relight")
     edit_provenance(tmp_path / "a.relight" / "still.safetensors", lambda kept: kept.pop("plate_metadata"))
