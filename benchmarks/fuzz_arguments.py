@@ -1,8 +1,9 @@
-"""Call all public functions with one wrong argument. Prints the calls whose refusal is none that users can act on.
+"""Call all public functions with one wrong argument. Prints the refusals that no user can act on.
 
 python benchmarks/fuzz_arguments.py [N] [--first SEED]
 
-A call is right if it is answered, or refused by TypeError, ValueError or OSError in one line with the argument's name.
+A call is right if it is answered, or refused by TypeError, ValueError or OSError in one line that names the
+argument.
 """
 
 import argparse

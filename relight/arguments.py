@@ -83,7 +83,7 @@ class About:
             schema = core_schema.no_info_before_validator_function(self._parsed, schema)
         return schema
 
-    def _parsed(self, value: Any) -> Any:
+    def _parsed(self, value: object) -> Any:
         return self.parse(value) if self.parse is not None and isinstance(value, str) else value
 
 
@@ -115,8 +115,8 @@ def required() -> Any:
 class Parameter(NamedTuple):
     """A parameter of a function or a class: its annotation, and its default or `inspect.Parameter.empty`."""
 
-    kind: Any
-    default: Any
+    kind: object
+    default: object
 
     @property
     def is_required(self) -> bool:
@@ -164,13 +164,16 @@ def _fields(kind: Callable[..., Any]) -> dict[str, Any]:
 
 
 def checks_arguments(function: Callable[Parameters, Result]) -> Callable[Parameters, Result]:
-    """Check those arguments of a function whose annotations are `Annotated`; the others it checks itself."""
+    """Check the arguments of a function whose annotations say what they are; it checks the others itself.
+
+    These are `Annotated` ones, and numbers, texts, words to choose from, and truth.
+    """
     signature = inspect.signature(function)
 
     @functools.cache
     def kinds() -> dict[str, Any]:  # at the first call: annotations may name what is imported later
         declared = parameters(function).items()
-        return {name: each.kind for name, each in declared if about(each.kind) is not None}
+        return {name: each.kind for name, each in declared if _is_plain(each.kind)}
 
     @functools.wraps(function)
     def run(*args: Parameters.args, **kwargs: Parameters.kwargs) -> Result:
@@ -186,7 +189,14 @@ def checks_arguments(function: Callable[Parameters, Result]) -> Callable[Paramet
     return run
 
 
-def checked(name: str, value: Any, kind: Any) -> Any:
+def _is_plain(kind: object) -> bool:
+    plain = (bool, int, float, str, NoneType)
+    return about(kind) is not None or all(
+        each in plain or get_origin(each) is Literal for each, _ in members(kind)
+    )
+
+
+def checked(name: str, value: Any, kind: object) -> Any:
     """Return `value` as an annotation has it; TypeError or ValueError with the argument's name otherwise.
 
     >>> checked("gloss", 1, Annotated[float, Interval(ge=0, le=1)])
@@ -194,7 +204,7 @@ def checked(name: str, value: Any, kind: Any) -> Any:
     """
     from pydantic import ValidationError
 
-    if getattr(value, "ndim", None) == 0 and hasattr(value, "item"):  # a scalar of NumPy or torch
+    if getattr(value, "ndim", None) == 0 and isinstance(value.item(), int | float):  # of NumPy or torch
         value = value.item()
     try:
         return _adapter(kind).validate_python(value)
@@ -204,7 +214,7 @@ def checked(name: str, value: Any, kind: Any) -> Any:
         raise TypeError(f"{name}: {error}") from None
 
 
-def checked_number(name: str, value: Any, low: float = -math.inf, high: float = math.inf) -> float:
+def checked_number(name: str, value: object, low: float = -math.inf, high: float = math.inf) -> float:
     """Return `value` as one finite float in [low, high]; TypeError or ValueError otherwise."""
     return checked(name, value, Annotated[float, Interval(ge=low, le=high)])
 
@@ -217,7 +227,7 @@ def _adapter(kind: Any) -> "TypeAdapter[Any]":
     return TypeAdapter(kind, config=rules)
 
 
-def _refused(name: str, value: Any, kind: Any, problems: list[Any]) -> TypeError | ValueError:
+def _refused(name: str, value: object, kind: object, problems: list[Any]) -> TypeError | ValueError:
     """Return the error of a value that pydantic refuses, in our words."""
     raised = [each["ctx"]["error"] for each in problems if each["type"] == "value_error"]
     if raised:
@@ -230,7 +240,7 @@ def _refused(name: str, value: Any, kind: Any, problems: list[Any]) -> TypeError
     is_type = all(
         each["type"].endswith("_type")
         or each["type"] in ("none_required", "predicate_failed", "is_instance_of")
-        or (each["type"] == "literal_error" and not isinstance(value, str))
+        or (each["type"] == "literal_error" and not isinstance(each["input"], str))
         for each in problems
     )
     return (TypeError if is_type else ValueError)(message + (f"; did you mean {near}?" if near else ""))
@@ -244,7 +254,7 @@ def _choices(kind: Any) -> list[Any]:
     return [word for each in parts for word in _choices(each)]
 
 
-def members(kind: Any, said: tuple[Any, ...] = ()) -> Iterator[tuple[Any, tuple[Any, ...]]]:
+def members(kind: Any, said: tuple[object, ...] = ()) -> Iterator[tuple[object, tuple[object, ...]]]:
     """Yield the types of a union, or the only one, each with what annotations say of it, outermost first."""
     if get_origin(kind) is Annotated:
         yield from members(kind.__origin__, (*said, *reversed(kind.__metadata__)))
@@ -255,7 +265,7 @@ def members(kind: Any, said: tuple[Any, ...] = ()) -> Iterator[tuple[Any, tuple[
         yield kind, said
 
 
-def about(kind: Any) -> About | None:
+def about(kind: object) -> About | None:
     """Return what an annotation says of its argument, the outermost first; None without any."""
     said = [each for _, all_said in members(kind) for each in all_said if isinstance(each, About)]
     if not said:
@@ -267,7 +277,7 @@ def about(kind: Any) -> About | None:
     return merged
 
 
-def limits(kind: Any) -> tuple[float, float]:
+def limits(kind: object) -> tuple[float, float]:
     """Return the least and the greatest number that an annotation allows; infinities without limits."""
     said = [each for _, all_said in members(kind) for each in all_said]
     lows = [getattr(each, name, None) for each in said for name in ("ge", "gt")]
@@ -303,7 +313,7 @@ def described(kind: Any, finite: bool = False, unit: str = "", within: str = "")
     return {bool: "True or False", str: "a text"}.get(kind) or kind.__name__
 
 
-def _range(kind: Any) -> str:
+def _range(kind: object) -> str:
     low, high = limits(kind)
     above = any(getattr(each, "gt", None) == low for _, said in members(kind) for each in said)
     if math.isinf(high):
@@ -313,7 +323,7 @@ def _range(kind: Any) -> str:
     return f" above {low:g}, up to {high:g}" if above else f" from {low:g} to {high:g}"
 
 
-def shown(value: Any) -> str:
+def shown(value: object) -> str:
     """Return a value as an error shows it: short, on one line."""
     if hasattr(value, "shape") and hasattr(value, "dtype"):
         return f"{type(value).__name__} of shape {tuple(value.shape)}"
@@ -326,7 +336,7 @@ def shown(value: Any) -> str:
     return text if len(text) <= MOST_SHOWN else f"{text[:MOST_SHOWN]}..."
 
 
-def unknown(name: Any, known: Iterable[str]) -> str:
+def unknown(name: object, known: Iterable[str]) -> str:
     """Return the error of a name that is not known: the one that is meant, or all that there are."""
     known = list(known)
     near = meant(name, known)
@@ -334,7 +344,7 @@ def unknown(name: Any, known: Iterable[str]) -> str:
     return f"{text}: not known; " + (f"did you mean {near}?" if near else f"expected {', '.join(known)}")
 
 
-def meant(word: Any, known: Iterable[Any]) -> str | None:
+def meant(word: object, known: Iterable[object]) -> str | None:
     """Return the word that is probably meant; None for none.
 
     >>> meant("color", ["colour", "cone"]), meant("az", ["azimuth", "angle"]), meant("speed", ["colour"])
@@ -349,7 +359,7 @@ def meant(word: Any, known: Iterable[Any]) -> str | None:
     return plain[near[0]] if near else None
 
 
-def read(name: str, text: str, kind: Any) -> Any:
+def read(name: str, text: str, kind: object) -> Any:
     """Return what `checked` takes of a text: `2`, `5600K`, `1/0.9/0.8`, `key`; ValueError if it is no number.
 
     >>> read("position", "-1/0.5/2", tuple[float, float, float])
@@ -383,7 +393,7 @@ def read_settings(settings: Iterable[str], known: Mapping[str, Parameter]) -> di
     return arguments
 
 
-def _number(name: str, text: str, kind: Any) -> float:
+def _number(name: str, text: str, kind: object) -> float:
     said = about(kind)
     bare = text.strip()
     for suffix in SUFFIXES.get(said.unit if said else "", ()):

@@ -10,6 +10,7 @@ from typing import Any
 import numpy as np
 
 from relight.analysis.foreground import linear_plate, plate_coverage
+from relight.arguments import checks_arguments
 from relight.lights.directional import DirectionalLight
 from relight.lights.environment import EnvironmentLight
 from relight.lights.plate import few_rows, opaque, whole_field_of_view
@@ -29,6 +30,7 @@ WINDOW_RADIUS = 12  # frames before and after one whose backgrounds light it as 
 
 
 @isolated
+@checks_arguments
 def fit_lights(image: inputs.Array, subject: Subject | None = None) -> list[DirectionalLight]:
     """Estimate the lights of a photograph: those in which the subject looks most like the image.
 
@@ -76,6 +78,7 @@ def _fitted(subject: Subject, image: inputs.Array) -> list[DirectionalLight]:
 
 
 @isolated
+@checks_arguments
 def match(
     subject: Subject, reference: inputs.Array, *, mask: inputs.Array | None = None
 ) -> list[DirectionalLight]:
@@ -113,6 +116,9 @@ def match(
     """
     if not isinstance(subject, Subject):
         raise TypeError(f"subject: expected a relight.Subject, got {type(subject).__name__}")
+    images.scene_linear("reference", reference)  # which is no image of the subject's
+    if mask is not None:
+        images.coverage("mask", mask)
     return lights_in(reference, mask)
 
 

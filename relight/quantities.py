@@ -1,18 +1,20 @@
 """The quantities that lights, options, functions and nodes share: the type, range, unit and help of each."""
 
 import math
+import os
 import unicodedata
 import warnings
-from collections.abc import Iterable
-from typing import TYPE_CHECKING, Annotated, Any, Literal
+from collections.abc import Iterable, Mapping, Sequence
+from typing import TYPE_CHECKING, Annotated, Any, BinaryIO, Literal, TypeAlias
 
 from annotated_types import Interval
 
-from relight.arguments import About, Converted, Converts, meant
+from relight.arguments import About, Converted, Converts, meant, shown
 
 MAX_METRES = 1e6  # of a position or a size
 MIN_METRES = 1e-4  # of a side, and of the distance to a light
 MAX_NAME_BYTES = 240  # with "visibility_" before and ".R" behind, within the 255 of OpenEXR
+MAX_PATH = 4096  # characters, Linux's limit
 MIN_LENGTH = 1e-6  # of a direction
 Triple = tuple[float, float, float]
 WHITE: Any = (1.0, 1.0, 1.0)  # the default of a colour
@@ -60,6 +62,31 @@ def _unit_vector(vector: Triple) -> Triple:
     return x / length, y / length, z / length
 
 
+def file_name(value: object) -> Any:
+    """Return what names a file unchanged; TypeError or ValueError otherwise."""
+    if not isinstance(value, str | os.PathLike):
+        raise TypeError(f"expected the name of a file, got {shown(value)}")
+    if not os.fspath(value) or "\0" in str(value) or len(str(value)) > MAX_PATH:
+        raise ValueError(f"expected the name of a file, got {shown(str(value))}")
+    return value
+
+
+def _model(value: Any) -> Any:
+    if hasattr(value, "shape"):
+        raise TypeError(f"expected the name of a model, got {shown(value)}; give the matte itself as mask")
+    return file_name(value)
+
+
+def _file_or_stream(value: object) -> Any:
+    return value if hasattr(value, "read") or hasattr(value, "write") else file_name(value)
+
+
+def _entries(value: object) -> Any:
+    if not isinstance(value, Mapping) or not all(isinstance(name, str) for name in value):
+        raise TypeError(f"expected {{name: value}}, got {shown(value)}")
+    return value
+
+
 def _layer_name(name: str) -> str:
     if not name:
         raise ValueError("expected a non-empty text, got ''")
@@ -78,6 +105,11 @@ if TYPE_CHECKING:
     OptionalPosition = Converted[Any, Triple | None]
     GivenColour = Iterable[float] | str
     GivenDirection = Iterable[float]
+    File: TypeAlias = str | os.PathLike[str]
+    Model: TypeAlias = File
+    FileOrStream: TypeAlias = str | os.PathLike[str] | BinaryIO
+    Entries: TypeAlias = Mapping[str, Any]
+    Words: TypeAlias = Sequence[str]
 else:
     _Metres = Annotated[float, Interval(ge=-MAX_METRES, le=MAX_METRES)]
     Colour = Annotated[
@@ -100,6 +132,11 @@ else:
     ]
     OptionalPosition = Annotated[Position | None, About()]
     GivenColour, GivenDirection = Colour, Direction
+    Entries = Annotated[object, About(expected="{name: value}", check=_entries)]
+    Words = Annotated[tuple[str, ...], Converts(), About(expected="texts")]
+    File = Annotated[object, About(expected="the name of a file", check=file_name)]
+    Model = Annotated[object, About(expected="the name of a model or of a file", check=_model)]
+    FileOrStream = Annotated[object, About(expected="the name of a file, or a stream", check=_file_or_stream)]
 
 Intensity = Annotated[
     float,

@@ -9,8 +9,10 @@ from typing import Any
 import numpy as np
 import torch
 
+from relight import quantities
 from relight.analysis.gloss import checked_gloss
 from relight.analysis.infer import AnalysisInputs, check_inputs, infer
+from relight.arguments import checks_arguments, shown
 from relight.compositing.composite import (
     ENVIRONMENT,
     NONE,
@@ -20,11 +22,12 @@ from relight.compositing.composite import (
     over,
     parse_background,
 )
-from relight.compositing.floor import Floor
+from relight.compositing.floor import Floor, GivenFloor
 from relight.lights.environment import FIELD_OF_VIEW, EnvironmentLight, environments
 from relight.lights.light import Light
 from relight.lights.rig import Lights, as_lights, by_name, check_free, checked_amount, scaled
 from relight.media.images import Metadata, half, read, scene_linear
+from relight.media.images.arrays import as_array
 from relight.subject import Subject
 from shadow import inputs
 from shadow.files import AnyPath, is_path
@@ -38,21 +41,22 @@ Layers = dict[str, np.ndarray]
 
 
 @isolated
+@checks_arguments
 def apply(
     image: inputs.Array,
     lights: Lights,
     *,
     background: Background | AnyPath | None = None,
     mask: inputs.Array | None = None,
-    matte: AnyPath | None = "auto",
+    matte: quantities.Model | None = "auto",
     albedo: inputs.Array | None = None,
     normals: np.ndarray | Callable | str | os.PathLike | None = None,
     depth: np.ndarray | str | os.PathLike | None = None,
-    height: float | None = None,
-    field_of_view: float = FIELD_OF_VIEW,
-    floor: Floor | None = None,
-    gloss: float = 0.0,
-    amount: float = 1.0,
+    height: quantities.Height | None = None,
+    field_of_view: quantities.FieldOfView = FIELD_OF_VIEW,
+    floor: GivenFloor | None = None,
+    gloss: quantities.Gloss = 0.0,
+    amount: quantities.Amount = 1.0,
     device: str | torch.device | None = None,
 ) -> np.ndarray:
     """Relight the person in an image.
@@ -156,23 +160,24 @@ def _background(background: Background | AnyPath | None, lights: Iterable[Light]
 
 
 @isolated
+@checks_arguments
 def render(
     image: inputs.Array,
     lights: Lights,
     *,
     background: Background | AnyPath | None = None,
     mask: inputs.Array | None = None,
-    matte: AnyPath | None = "auto",
+    matte: quantities.Model | None = "auto",
     albedo: inputs.Array | None = None,
     normals: np.ndarray | Callable | str | os.PathLike | None = None,
     depth: np.ndarray | str | os.PathLike | None = None,
-    height: float | None = None,
-    field_of_view: float = FIELD_OF_VIEW,
+    height: quantities.Height | None = None,
+    field_of_view: quantities.FieldOfView = FIELD_OF_VIEW,
     passes: Iterable[str] = (),
     exr_type: str = "half",
-    floor: Floor | None = None,
-    gloss: float = 0.0,
-    amount: float = 1.0,
+    floor: GivenFloor | None = None,
+    gloss: quantities.Gloss = 0.0,
+    amount: quantities.Amount = 1.0,
     device: str | torch.device | None = None,
 ) -> tuple[np.ndarray, Layers]:
     """Relight the person in an image, and return the layers of the picture too, for an OpenEXR file.
@@ -277,6 +282,7 @@ def over_backdrop(cut_out: np.ndarray, back: np.ndarray, exr_type: str) -> tuple
     return cut_out[..., :3] + seen, seen
 
 
+@checks_arguments
 def render_subject(
     subject: Subject,
     lights: Lights,
@@ -284,9 +290,9 @@ def render_subject(
     background: Background | AnyPath | None = None,
     passes: Iterable[str] = (),
     exr_type: str = "half",
-    floor: Floor | None = None,
-    gloss: float = 0.0,
-    amount: float = 1.0,
+    floor: GivenFloor | None = None,
+    gloss: quantities.Gloss = 0.0,
+    amount: quantities.Amount = 1.0,
 ) -> tuple[np.ndarray, Layers]:
     """Render the picture of an analysed person that `relight.apply` returns, and layers for `relight.write`.
 
@@ -324,7 +330,10 @@ def _behind(
     if isinstance(background, str) and background == PLATE:
         return subject.clean_plate(plate)
     image: Any = background
-    if np.shape(image)[:2] == plate.shape[:2]:
+    if (
+        not isinstance(image, EnvironmentLight | str)
+        and as_array("background", image).shape[:2] == plate.shape[:2]
+    ):
         given = scene_linear("background", image)
         return subject.clean_plate(given) if np.array_equal(given[..., :3], plate[..., :3]) else given
     return _seen_by(subject, background, lights)
@@ -425,6 +434,8 @@ def check_names(names: Iterable[str], outputs: Iterable[Path] | None = None) -> 
     Raises ValueError: a name is not of PASSES; or no .exr among `outputs`, if these are given, could hold the
     passes.
     """
+    if isinstance(names, str) or not isinstance(names, Iterable):
+        raise TypeError(f"passes: expected names among {', '.join(PASSES)}, got {shown(names)}")
     names = tuple(names)
     for name in names:
         if name not in PASSES:

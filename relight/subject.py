@@ -3,7 +3,7 @@
 import copy
 import os
 import warnings
-from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterable, Iterator
 from functools import cached_property
 from pathlib import Path
 from typing import Any, Self
@@ -12,6 +12,7 @@ import numpy as np
 import torch
 import torch.nn.functional as F
 
+from relight import quantities
 from relight.analysis import storage, temporal
 from relight.analysis.camera import Camera
 from relight.analysis.exposure import gain_to_keep
@@ -21,8 +22,9 @@ from relight.analysis.maps import AnalysisMaps, bounded
 from relight.analysis.old_light import OldLight
 from relight.analysis.record import AnalysisRecord
 from relight.analysis.upsampling import EXTENSION_SHARE, JointBilateral, encode_guide
+from relight.arguments import checks_arguments
 from relight.compositing.clean_plate import checked_plate, clean_plate
-from relight.compositing.floor import Floor
+from relight.compositing.floor import GivenFloor
 from relight.compositing.floor_shadow import FloorShadow
 from relight.errors import EmptyMatteError
 from relight.lights import presets
@@ -31,7 +33,6 @@ from relight.lights.light import Light
 from relight.lights.moving import MovingLight
 from relight.lights.rig import Lights, as_lights, by_name, check_free, checked_amount, scaled
 from shadow import inputs
-from shadow.files import AnyPath
 from shadow.framing import Extension
 from shadow.networks.checkpoints import checksum
 from shadow.torch_settings import isolated_class
@@ -119,6 +120,7 @@ class Subject:
     ((64, 48, 4), 'float32')
     """
 
+    @checks_arguments
     def __init__(
         self,
         image: inputs.Array,
@@ -127,13 +129,13 @@ class Subject:
         normals: np.ndarray | Callable | str | os.PathLike | None = None,
         *,
         depth: np.ndarray | str | os.PathLike | None = None,
-        height: float | None = None,
-        field_of_view: float = FIELD_OF_VIEW,
+        height: quantities.Height | None = None,
+        field_of_view: quantities.FieldOfView = FIELD_OF_VIEW,
         camera: Camera | None = None,
         old_light: OldLight | None = None,
         feather: float = 0.0,
         device: str | torch.device | None = None,
-        matte: AnyPath | None = "auto",
+        matte: quantities.Model | None = "auto",
     ) -> None:
         given = check_inputs(
             image,
@@ -172,7 +174,8 @@ class Subject:
         return cls.from_record(AnalysisRecord.of_nobody(size))
 
     @classmethod
-    def load(cls, path: AnyPath, *, may_be_empty: bool = False) -> Self:
+    @checks_arguments
+    def load(cls, path: quantities.File, *, may_be_empty: bool = False) -> Self:
         """Load a person that `save`, or `relight analyse`, wrote. No network runs or is read.
 
         Parameters
@@ -205,7 +208,8 @@ class Subject:
             warnings.warn(f"{path}: was analysed with other weights than this version's", stacklevel=2)
         return cls.from_record(record)
 
-    def save(self, path: AnyPath, *, provenance: Mapping[str, Any] | None = None) -> None:
+    @checks_arguments
+    def save(self, path: quantities.File, *, provenance: quantities.Entries | None = None) -> None:
         """Save the analysis to a file, which `Subject.load` relights without a network.
 
         The person's pixels are stored as half floats, the networks' maps in 8 bits. A relit picture differs
@@ -297,7 +301,10 @@ class Subject:
         filtered._set_maps(temporal.temporally_filtered(self._record.maps, maps))
         return filtered
 
-    def relit(self, lights: Lights, gloss: float = 0.0, amount: float = 1.0) -> np.ndarray:
+    @checks_arguments
+    def relit(
+        self, lights: Lights, gloss: quantities.Gloss = 0.0, amount: quantities.Amount = 1.0
+    ) -> np.ndarray:
         """Relight the person.
 
         Parameters
@@ -345,6 +352,7 @@ class Subject:
             picture[:, :3] += self._photograph(1 - amount)[:, :3]
         return self.on_plate(picture)
 
+    @checks_arguments
     def preset(self, name: str) -> list[Light]:
         """Return the lights of a preset, as bright as the photograph.
 
@@ -360,8 +368,9 @@ class Subject:
         >>> round(float(subject.relit("window")[inside, 1].mean()), 1)
         0.3
         """
-        return scaled(presets.named(name, "lights"), self.preset_gain(name))
+        return scaled(presets.named(name, "name"), self.preset_gain(name))
 
+    @checks_arguments
     def preset_gain(self, name: str) -> float:
         """Return the factor between the lights of `preset` and those of `relight.presets`."""
         record, lights = self._record, as_lights(presets.named(name))
@@ -371,14 +380,19 @@ class Subject:
 
     def _rig(self, lights: Lights | Iterable[Light | MovingLight]) -> list[Light]:
         """Return lights as a list, those of a preset's name as bright as the photograph."""
-        return self.preset(lights) if isinstance(lights, str) else as_lights(lights)
+        if not isinstance(lights, str):
+            return as_lights(lights)
+        return scaled(presets.named(lights, "lights"), self.preset_gain(lights))
 
     def _photograph(self, share: float) -> torch.Tensor:
         """Return a share of the person as photographed, as pixels (P, 4)."""
         coverage = self._record.foreground.coverage[:, None]
         return torch.cat([share * self._record.colour * coverage, coverage], dim=1)
 
-    def layers(self, lights: Lights, gloss: float = 0.0, amount: float = 1.0) -> dict[str, np.ndarray]:
+    @checks_arguments
+    def layers(
+        self, lights: Lights, gloss: quantities.Gloss = 0.0, amount: quantities.Amount = 1.0
+    ) -> dict[str, np.ndarray]:
         """Relight the person by each light alone.
 
         Parameters
@@ -448,7 +462,8 @@ class Subject:
         """
         return self.on_plate(self._to_plate(self._record.maps.unshadowed(light)))[..., 0]
 
-    def shadows(self, lights: Lights, floor: Floor) -> tuple[dict[str, np.ndarray], np.ndarray]:
+    @checks_arguments
+    def shadows(self, lights: Lights, floor: GivenFloor) -> tuple[dict[str, np.ndarray], np.ndarray]:
         """Compute the shadow that the person casts on a floor.
 
         Parameters
@@ -525,18 +540,19 @@ class Subject:
         self._check_shown()
         return self._record.fit_lighting(image, self._albedo)
 
+    @checks_arguments
     def view(
         self,
-        path: str | os.PathLike | None = None,
+        path: quantities.File | None = None,
         lights: Lights | None = None,
         *,
         background: Any = None,
         title: str = "relight",
-        command: Sequence[str] | None = None,
+        command: quantities.Words | None = None,
         background_name: str | None = None,
-        gloss: float = 0.0,
-        amount: float = 1.0,
-        fill: float = 0.0,
+        gloss: quantities.Gloss = 0.0,
+        amount: quantities.Amount = 1.0,
+        fill: quantities.Amount = 0.0,
     ) -> Any:
         """Show the person on a page with lights that can be dragged: an HTML file, or a notebook widget.
 
@@ -596,14 +612,15 @@ class Subject:
 
         return Viewer(packing.pack(*person), about, self.relit)
 
+    @checks_arguments
     def export(
         self,
-        path: AnyPath,
+        path: quantities.File,
         lights: Light | MovingLight | Iterable[Light | MovingLight] | None = None,
         *,
         triangles: int = 120_000,
         texture: str = "albedo",
-        gloss: float = 0.0,
+        gloss: quantities.Gloss = 0.0,
     ) -> Path:
         """Write the person for other programs: a textured mesh with camera and lights, or a Nuke script.
 
@@ -736,6 +753,7 @@ class Subject:
         positions = self.camera.positions(columns + 0.5, rows + 0.5, torch.tensor(self.depth))
         return _read_only(positions.permute(1, 2, 0).numpy() * (self.matte > 0)[..., None])
 
+    @checks_arguments
     def visibility(self, directions: inputs.Array) -> np.ndarray:
         """Compute self-shadow maps for light directions.
 
@@ -756,6 +774,7 @@ class Subject:
         """
         return self._maps_on_plate(self._record.maps.visibility, directions)
 
+    @checks_arguments
     def shading(self, directions: inputs.Array) -> np.ndarray:
         """Compute the diffuse shading by one light of unit intensity at a time.
 

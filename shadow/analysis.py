@@ -164,8 +164,10 @@ def analyse(
     """
     image, matte = inputs.photograph(rgb, mask, inputs.device("device", device))
     network = load(model, image.device)
-    if passes is not None and (passes not in (1, 2) or not isinstance(network, VisibilityField)):
-        raise ValueError(f"passes: expected 1 or 2 with a field, None with another network, got {passes!r}")
+    counted = isinstance(passes, int) and passes in (1, 2)
+    if passes is not None and not (counted and isinstance(network, VisibilityField)):
+        got = passes if isinstance(passes, int) else type(passes).__name__
+        raise ValueError(f"passes: expected 1 or 2 with a field, None with another network, got {got}")
     matte = clean_matte(matte)
     framed = Framed.of(image, matte, network.size)
     surface = on_canvas(resolve(normals, image, matte, network), framed.framing)

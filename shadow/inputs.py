@@ -125,6 +125,10 @@ def device(name: str, value: str | torch.device | None) -> torch.device | None:
     """Return a torch.device that this machine has; None stays None."""
     if value is None:
         return None
+    if not isinstance(value, str | torch.device):
+        raise TypeError(
+            f"{name}: expected a device of this machine, {_devices()}; got {type(value).__name__}"
+        )
     try:
         place = torch.device(value)
     except (RuntimeError, TypeError) as error:

@@ -191,5 +191,9 @@ def infer_normals(
     (64, 48, 3)
     """
     image, matte = inputs.photograph(rgb, mask)
+    if not (is_path(model) or callable(model) or _infers_normals(model) or getattr(model, "ndim", False)):
+        raise TypeError(
+            f"model: expected the name of weights, a file or a network, got {type(model).__name__}"
+        )
     source = load(model, device=image.device)
     return inputs.like(on_plate(source, image, clean_matte(matte)).permute(1, 2, 0), rgb)

@@ -24,7 +24,7 @@ from relight.analysis.maps import AnalysisMaps
 from relight.analysis.old_light import OldLight
 from relight.analysis.record import AnalysisRecord
 from relight.analysis.upsampling import encode_guide
-from relight.arguments import checked_number
+from relight.arguments import checked_number, shown
 from relight.lights.environment import FIELD_OF_VIEW
 from relight.matting import networks
 from relight.matting.networks import AUTO
@@ -73,6 +73,9 @@ def check_inputs(
     feather: float = 0.0,
 ) -> AnalysisInputs:
     """Check the arguments of `relight.Subject`, which documents them and the errors raised."""
+    for name, value, kind in (("camera", camera, Camera), ("old_light", old_light, OldLight)):
+        if value is not None and not isinstance(value, kind):
+            raise TypeError(f"{name}: expected a {kind.__name__} of another frame, got {shown(value)}")
     place = inputs.device("device", device) or torch.device("cpu")
     plate = linear_plate(image)
     automatic = isinstance(matte, str) and matte == AUTO

@@ -6,9 +6,9 @@ import os
 import sys
 from collections.abc import Callable, Iterable, Iterator, Mapping
 from contextlib import contextmanager
-from functools import wraps
+from functools import cache, wraps
 from pathlib import Path
-from typing import Annotated, Any, Literal, NamedTuple, get_args, get_origin, get_type_hints
+from typing import Annotated, Any, Literal, NamedTuple, cast, get_args, get_origin, get_type_hints
 
 import typer
 from rich.console import Console
@@ -63,7 +63,11 @@ def with_options(panels: Panels = SHOT, **subsets: tuple[str, ...]) -> Callable[
     def decorate(command: Callable) -> Callable:
         hints, own = get_type_hints(command, include_extras=True), inspect.signature(command)
         groups = {
-            name: [each for each in options_of(kind) if each.name in subsets.get(name, (each.name,))]
+            name: [
+                each
+                for each in options_of(cast(Callable[..., Any], kind))
+                if each.name in subsets.get(name, (each.name,))
+            ]
             for name, kind in GROUPS.items()
             if hints.get(name) is kind
         }
@@ -99,7 +103,7 @@ def with_options(panels: Panels = SHOT, **subsets: tuple[str, ...]) -> Callable[
 def given_words(context: typer.Context, options: type[Options]) -> list[str]:
     """Return the words of a command line that set the fields of an option class, apart from its argument."""
     words = []
-    for each in options_of(options):
+    for each in options_of(cast(Callable[..., Any], options)):
         if not each.is_argument and is_given(context, each.name):
             value = context.params[each.name]
             name = each.flags[0]
@@ -166,8 +170,8 @@ class Option(NamedTuple):
     """A field of an option class as the command line has it, where what is no flag is a text."""
 
     name: str
-    kind: Any
-    default: Any
+    kind: object
+    default: object
     about: About
 
     @property
@@ -210,24 +214,25 @@ class Option(NamedTuple):
         if self.default is inspect.Parameter.empty:
             needed: Any = Annotated[text, option]
             return inspect.Parameter(self.name, keyword, annotation=needed)
-        default: Any = None
+        default: object = None
         if isinstance(self.default, bool | int | float | str):
             default = self.default if self.is_flag else f"{self.default}"
         taken: Any = text if default is not None else text | None
         annotation = Annotated[taken, option]
         return inspect.Parameter(self.name, keyword, default=default, annotation=annotation)
 
-    def value(self, given: Any) -> Any:
+    def value(self, given: object) -> Any:
         """Return what the option class takes of what the command line gives."""
         return read(self.name, given, self.kind) if isinstance(given, str) else given
 
 
-def options_of(kind: type[Options]) -> list[Option]:
+@cache
+def options_of(kind: Callable[..., Any]) -> tuple[Option, ...]:
     """Return the options of a class."""
-    return [
+    return tuple(
         Option(name, each.kind, each.default, about(each.kind) or About())
         for name, each in parameters(kind).items()
-    ]
+    )
 
 
 def _build(

@@ -6,9 +6,11 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import ArrayLike
 
+from relight.arguments import checks_arguments
 from relight.compositing.placement import cover
 from relight.lights.environment import EnvironmentLight
 from relight.media.images import scene_linear
+from relight.media.images.arrays import as_array
 from shadow.torch_settings import isolated
 
 Background = ArrayLike | EnvironmentLight  # an image, a linear (r, g, b), or a map as a camera sees it
@@ -18,6 +20,7 @@ ENVIRONMENT, PLATE, NONE = "environment", "plate", "none"
 
 
 @isolated
+@checks_arguments
 def over(foreground: ArrayLike, background: Background, shadow: np.ndarray | None = None) -> np.ndarray:
     """Composite a foreground over a background: F + (1 - alpha) B (Porter and Duff 1984), in linear light.
 
@@ -50,6 +53,10 @@ def over(foreground: ArrayLike, background: Background, shadow: np.ndarray | Non
     [0.6, 0.1, 0.1]
     """
     front = scene_linear("foreground", foreground)
+    if shadow is not None:
+        shadow = scene_linear("shadow", shadow)
+        if shadow.shape != (*front.shape[:2], 3):
+            raise ValueError(f"shadow: expected shape {(*front.shape[:2], 3)}, got {shadow.shape}")
     if front.shape[-1] != 4:
         raise ValueError(f"foreground: expected shape (H, W, 4), got {front.shape}")
     with np.errstate(over="ignore"):
@@ -68,8 +75,7 @@ def backdrop(background: Background, size: tuple[int, ...], shadow: np.ndarray |
     """Return a background as a frame of `size` (H, W) shows it, (H, W, 3) linear light; see `over`."""
     if isinstance(background, EnvironmentLight):
         back = background.view((size[0], size[1]))
-    elif np.ndim(background) == 1:
-        colour = np.asarray(background)
+    elif (colour := as_array("background", background)).ndim == 1:
         if colour.shape != (3,) or colour.dtype.kind not in "iuf":
             raise ValueError(f"background: expected an image or three finite numbers, got {background!r}")
         with np.errstate(over="ignore"):

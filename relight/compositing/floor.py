@@ -3,12 +3,12 @@
 import math
 import warnings
 from dataclasses import dataclass
-from typing import Annotated, NamedTuple, Protocol, Self
+from typing import TYPE_CHECKING, Annotated, Any, NamedTuple, Protocol, Self, TypeAlias
 
 import torch
 from annotated_types import Gt, Interval, Le
 
-from relight.arguments import About, Checked, Converts, parameters, read_settings
+from relight.arguments import About, Checked, Converts, parameters, read_settings, shown
 from shadow.framing import bounding_box
 
 BELOW_GROUND_SHARE = 1e-4  # of the person's pixels, that may seem to be below the ground
@@ -182,6 +182,18 @@ class Floor(Checked):
             _, y, z = (soles[:, 0] - soles[:, 1]).tolist()
             tilt = math.atan(-y * z / (z * z + FEET_DEPTH_METRES**2))
         return torch.tensor([0.0, math.cos(tilt), math.sin(tilt)])
+
+
+def _given(value: Any) -> Any:
+    if not isinstance(value, Floor):
+        raise TypeError(f"expected a relight.Floor, got {shown(value)}")
+    return value
+
+
+if TYPE_CHECKING:
+    GivenFloor: TypeAlias = Floor
+else:
+    GivenFloor = Annotated[object, About(expected="a relight.Floor", check=_given)]
 
 
 class Plane(NamedTuple):

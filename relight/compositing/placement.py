@@ -2,12 +2,15 @@
 
 import operator
 from collections.abc import Iterable
-from typing import SupportsIndex
+from typing import Annotated, SupportsIndex
 
 import numpy as np
+from annotated_types import Gt
 from numpy.typing import ArrayLike
 
+from relight.arguments import checks_arguments, shown
 from relight.media.images import coverage, scene_linear
+from relight.media.images.arrays import as_array
 from relight.media.resampling import resize
 from shadow.torch_settings import isolated
 
@@ -15,12 +18,13 @@ MAX_PIXELS = 65536  # along a side: beyond any plate, within what an image file 
 
 
 @isolated
+@checks_arguments
 def place(
     image: ArrayLike,
     size: tuple[int, int],
     *,
     mode: str = "fit",
-    scale: float = 1.0,
+    scale: Annotated[float, Gt(0)] = 1.0,
     offset: tuple[int, int] = (0, 0),
 ) -> np.ndarray:
     """Place an image in a frame of another size, such as a background's: before analysis, or after
@@ -58,7 +62,7 @@ def place(
     >>> relight.place(np.ones((4, 2), np.float32), (4, 6)).sum(axis=0).tolist()
     [0.0, 0.0, 4.0, 4.0, 0.0, 0.0]
     """
-    flat = np.ndim(image) == 2
+    flat = as_array("image", image).ndim == 2
     pixels = coverage("image", image)[..., None] if flat else scene_linear("image", image)
     (rows, columns), (height, width) = pixels.shape[:2], _whole_numbers("size", size, 1)
     right, up = _whole_numbers("offset", offset, -MAX_PIXELS)
@@ -88,8 +92,8 @@ def _whole_numbers(name: str, values: Iterable[SupportsIndex], low: int) -> tupl
     """Return two whole numbers in [low, MAX_PIXELS]."""
     try:
         first, second = (operator.index(value) for value in values)
-    except (TypeError, ValueError) as error:
-        raise TypeError(f"{name}: expected two whole numbers, got {values!r}") from error
+    except (RuntimeError, TypeError, ValueError) as error:
+        raise TypeError(f"{name}: expected two whole numbers, got {shown(values)}") from error
     if min(first, second) < low or max(first, second) > MAX_PIXELS:
         raise ValueError(f"{name}: expected {low} to {MAX_PIXELS} pixels, got {values!r}")
     return first, second

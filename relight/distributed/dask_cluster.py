@@ -9,8 +9,9 @@ from contextlib import contextmanager
 from dataclasses import replace
 from typing import Any, cast
 
+from relight.arguments import checks_arguments
 from relight.media import movies
-from relight.media.sequences import FrameRange
+from relight.media.sequences import FrameRange, GivenFrames
 from relight.pipeline.option_fields import Options, Report
 from relight.pipeline.options import Compute, Lighting, Output, Source
 from relight.pipeline.render import render_shot
@@ -25,6 +26,7 @@ MAX_FAILURES = 3  # of a frame, alone or with a reason, before it is given up
 CONNECT_TIMEOUT = 30  # seconds for a scheduler to answer
 
 
+@checks_arguments
 def render_distributed(
     source: Source | Any,
     lighting: Lighting | Any,
@@ -33,7 +35,7 @@ def render_distributed(
     scheduler: str | None = None,
     workers: int | None = None,
     compute: Compute | None = None,
-    frames: tuple[int, int] | str | FrameRange | None = None,
+    frames: GivenFrames | None = None,
     chunk: int | None = None,
     resume: bool = False,
     progress: Report | None = None,

@@ -17,9 +17,11 @@ from typing import Any
 import torch
 import yaml
 
+from relight import quantities
+from relight.arguments import checks_arguments
 from relight.errors import MissingNetworksError
 from relight.media import movies
-from relight.media.sequences import FrameRange, FrameSequence
+from relight.media.sequences import FrameRange, FrameSequence, GivenFrames
 from relight.pipeline.option_fields import BACKGROUND, Options, file_options, to_json
 from relight.pipeline.options import Compute, Lighting, Output, Source
 from relight.pipeline.shot import Shot
@@ -33,15 +35,16 @@ SUFFIXES = (".json", ".yaml", ".yml")
 CHUNK_FRAMES = 10  # of a task, unless asked otherwise
 
 
+@checks_arguments
 def write_job(
-    path: str | Path,
+    path: quantities.File,
     source: Source | str | Path,
     lighting: Lighting | Any,
     output: Output | Any,
     *,
     compute: Compute | None = None,
-    frames: tuple[int, int] | str | FrameRange | None = None,
-    analysis: str | Path | None = None,
+    frames: GivenFrames | None = None,
+    analysis: quantities.File | None = None,
     chunk: int = CHUNK_FRAMES,
 ) -> None:
     """Write a job that does what `relight.render_shot` does, on many machines.

@@ -11,6 +11,7 @@ from typing import Any
 
 import numpy as np
 
+from relight.arguments import shown
 from relight.lights.directional import DirectionalLight
 from relight.lights.light import Light
 from relight.lights.near import PointLight, RectLight
@@ -59,6 +60,8 @@ class MovingLight:
     def __init__(
         self, kind: type[Light] = DirectionalLight, *, orbit: float | None = None, **settings: Any
     ) -> None:
+        if not (isinstance(kind, type) and issubclass(kind, Light)):
+            raise TypeError(f"kind: expected a class such as relight.DirectionalLight, got {shown(kind)}")
         if orbit is not None and not (_is_number(orbit) and orbit != 0):
             raise ValueError(f"orbit: expected the frames of a turn, not 0, got {reprlib.repr(orbit)}")
         if orbit is not None and "direction" in settings:

@@ -44,7 +44,7 @@ class NearLight(Light):
 
     def _check_faces(self, toward: tuple[float, ...]) -> None:
         if math.dist(self.position, toward) < quantities.MIN_METRES:
-            raise ValueError("toward: is where the light stands; expected a point that it faces")
+            raise ValueError("toward: is at position, where the light stands; expected a point that it faces")
 
     @property
     def points(self) -> np.ndarray:

@@ -6,7 +6,7 @@ from typing import Any
 
 import yaml
 
-from relight.arguments import meant
+from relight.arguments import meant, shown
 
 
 @functools.cache
@@ -22,4 +22,4 @@ def known(text: str) -> str:
         return name
     near = meant(name, names)
     hint = f"did you mean {near}?" if near else f"there are {', '.join(names)}"
-    raise ValueError(f"no preset is called {text!r}; {hint}")
+    raise ValueError(f"no preset is called {shown(text)}; {hint}")

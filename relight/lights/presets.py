@@ -4,7 +4,7 @@ import math
 from typing import Any
 
 from relight import quantities
-from relight.arguments import checked, shown
+from relight.arguments import checked, checks_arguments, shown
 from relight.lights.files import from_entries
 from relight.lights.light import Light
 from relight.lights.preset_table import document, known
@@ -12,7 +12,8 @@ from relight.lights.preset_table import document, known
 HEIGHT = 1.75  # metres of the person for whom the file is written
 
 
-def presets(height: float = HEIGHT) -> dict[str, list[Light]]:
+@checks_arguments
+def presets(height: quantities.Height = HEIGHT) -> dict[str, list[Light]]:
     """Return all lighting presets, by name.
 
     Parameters

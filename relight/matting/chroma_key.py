@@ -8,6 +8,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 from scipy.ndimage import minimum_filter, uniform_filter
 
+from relight.arguments import checks_arguments
 from relight.errors import EmptyMatteError
 from relight.matting.refine import pymatting
 from relight.media.images import person_mask, scene_linear
@@ -24,6 +25,7 @@ COMPILING = "Compiling PyMatting, once on this machine: one to two minutes"
 
 
 @isolated
+@checks_arguments
 def key(image: ArrayLike, screen: str = "green", *, mask: ArrayLike | None = None) -> np.ndarray:
     """Cut a person out of a green or blue screen.
 

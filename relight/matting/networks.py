@@ -15,6 +15,8 @@ import numpy as np
 from numpy.typing import ArrayLike
 from scipy.special import expit
 
+from relight import quantities
+from relight.arguments import checks_arguments
 from relight.errors import EmptyMatteError
 from relight.matting import cutout_network, silhouette_files
 from relight.matting.people.finder import NOBODY, FoundPerson
@@ -85,7 +87,8 @@ class MattingModel(Protocol):
 
 
 @isolated
-def matte(image: ArrayLike, model: AnyPath, *, person: Any = None, **options: Any) -> np.ndarray:
+@checks_arguments
+def matte(image: ArrayLike, model: quantities.File, *, person: Any = None, **options: Any) -> np.ndarray:
     """Infer the matte of the person in a photograph.
 
     Parameters

@@ -46,11 +46,11 @@ def is_opaque(pixels: np.ndarray) -> bool:
     return share >= OPAQUE_SHARE
 
 
-def opaque_photograph(image: ArrayLike) -> np.ndarray:
+def opaque_photograph(image: ArrayLike, name: str = "image") -> np.ndarray:
     """Return a photograph as (H, W, 3), linear Rec.709; raises ValueError if it is transparent."""
-    pixels = scene_linear("image", image)
+    pixels = scene_linear(name, image)
     if not is_opaque(pixels):
-        raise ValueError("image: has transparency, which is a matte already; expected an opaque photograph")
+        raise ValueError(f"{name}: has transparency, which is a matte already; expected an opaque photograph")
     return pixels[..., :3]
 
 

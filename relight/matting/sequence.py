@@ -101,7 +101,7 @@ class SequenceMatting:
 
     def _encoded(self, number: int) -> np.ndarray:
         """Return a frame (H, W, 3), sRGB-encoded in [0, 1]."""
-        return refine.encoded_srgb(refine.opaque_photograph(self._read(number)))
+        return refine.encoded_srgb(refine.opaque_photograph(self._read(number), "plate"))
 
     @property
     def network(self) -> str | Path | None:
@@ -139,7 +139,7 @@ class SequenceMatting:
 
         A frame of a shot may have no person. Raises as `relight.matte` does.
         """
-        pixels = refine.opaque_photograph(self._read(number))
+        pixels = refine.opaque_photograph(self._read(number), "plate")
         if self._model is None:
             if mask is None:
                 raise ValueError("refine_matte: expected a mask or a matte to refine")

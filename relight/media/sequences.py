@@ -12,10 +12,11 @@ from collections.abc import Callable, Iterator
 from dataclasses import dataclass
 from fractions import Fraction
 from pathlib import Path
-from typing import Any, Self
+from typing import TYPE_CHECKING, Annotated, Any, Self, TypeAlias
 
 import numpy as np
 
+from relight.arguments import About, Converts, checked
 from relight.errors import MissingFramesError
 from relight.media.content_hash import FileRecord, content_hash, file_state
 from relight.media.images.layers import split_layer
@@ -28,6 +29,11 @@ SPAN = re.compile(
 MOST_DIGITS = 20  # of a frame number in a file's name
 MAX_FRAME_NUMBER = 10**9
 MAX_FRAMES = 10**6  # of a shot: 11 hours at 24 a second
+
+
+FirstAndLast = Annotated[
+    tuple[int, int], Converts(), About(expected="(first, last), or a text such as 1-100 or 1-10,20")
+]
 
 
 class FrameRange(tuple[int, ...]):
@@ -48,7 +54,9 @@ class FrameRange(tuple[int, ...]):
         if isinstance(frames, str):
             spans = [_span(text) for text in frames.split(",")]
         else:
-            first, last = (frames, frames) if isinstance(frames, int) else frames
+            if isinstance(frames, int) and not isinstance(frames, bool):
+                frames = frames, frames
+            first, last = checked("frames", frames, FirstAndLast)
             spans = [(first, last, 1)]
         most = MAX_FRAME_NUMBER
         if not all(-most <= first <= last <= most and step > 0 for first, last, step in spans):
@@ -71,6 +79,20 @@ class FrameRange(tuple[int, ...]):
     def chunks(self, count: int) -> "list[FrameRange]":
         """Return the frames in chunks of `count`, in order; the last chunk may have fewer."""
         return [FrameRange(self[start : start + count]) for start in range(0, len(self), count)]
+
+
+def _frames(value: Any) -> Any:
+    try:
+        FrameRange.of(value)
+    except (TypeError, ValueError) as error:
+        raise type(error)(str(error).removeprefix("frames: ")) from None
+    return value
+
+
+if TYPE_CHECKING:
+    GivenFrames: TypeAlias = int | tuple[int, int] | str | FrameRange
+else:
+    GivenFrames = Annotated[object, About(check=_frames)]
 
 
 def _span(text: str) -> tuple[int, int, int]:

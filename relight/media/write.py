@@ -2,17 +2,19 @@
 
 from collections.abc import Iterable
 from fractions import Fraction
-from typing import Any, BinaryIO
+from typing import Any
 
 from numpy.typing import ArrayLike
 
+from relight import quantities
+from relight.arguments import checks_arguments
 from relight.media import images, movies
 from relight.media.streams import is_stream, to_stream
-from shadow.files import AnyPath
 
 
+@checks_arguments
 def write(
-    path: AnyPath | BinaryIO,
+    path: quantities.FileOrStream,
     image: ArrayLike | Iterable[ArrayLike],
     *,
     format: str | None = None,

@@ -4,8 +4,10 @@ import warnings
 from pathlib import Path
 from typing import Any
 
+from relight import quantities
+from relight.arguments import checks_arguments
 from relight.media.content_hash import content_hash
-from relight.media.sequences import FrameRange
+from relight.media.sequences import FrameRange, GivenFrames
 from relight.pipeline.cache import SUFFIX, check_kind, frame_file, is_cache, is_made_from
 from relight.pipeline.option_fields import Report
 from relight.pipeline.options import Compute, Source
@@ -17,12 +19,13 @@ from shadow.torch_settings import isolated
 
 
 @isolated
+@checks_arguments
 def analyse_shot(
     source: Source | Any,
-    output: str | Path,
+    output: quantities.File,
     *,
     compute: Compute | None = None,
-    frames: tuple[int, int] | str | FrameRange | None = None,
+    frames: GivenFrames | None = None,
     progress: Report | None = None,
 ) -> dict[int, str]:
     """Analyse the person of a still, or of each frame of a shot, and store the analysis in a folder.

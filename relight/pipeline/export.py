@@ -4,6 +4,8 @@ from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
+from relight import quantities
+from relight.arguments import checks_arguments
 from relight.lights.directional import DirectionalLight
 from relight.lights.light import Light
 from relight.lights.moving import MovingLight
@@ -23,8 +25,9 @@ from shadow.torch_settings import isolated
 
 
 @isolated
+@checks_arguments
 def export_person(
-    output: str | Path,
+    output: quantities.File,
     source: Source | Any,
     lighting: Lighting | Any = (),
     *,

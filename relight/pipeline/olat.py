@@ -6,6 +6,7 @@ from typing import Any
 
 import numpy as np
 
+from relight.arguments import checks_arguments
 from relight.lights.directional import DirectionalLight
 from relight.lights.files import write_lights
 from relight.media.content_hash import content_hash
@@ -33,6 +34,7 @@ def olat_lights(behind: bool = False) -> list[DirectionalLight]:
 
 
 @isolated
+@checks_arguments
 def write_olat(
     source: Source | Any,
     output: str | Path | Iterable[str | Path],

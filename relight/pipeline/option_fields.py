@@ -16,6 +16,7 @@ from typing import TYPE_CHECKING, Annotated, Any, Literal, Self, TypeAlias, Type
 from annotated_types import Ge
 
 from relight.arguments import About, Checked, Converted, Converts, about, parameters, shown, unknown
+from relight.quantities import File, file_name
 
 if TYPE_CHECKING:
     import numpy as np
@@ -50,19 +51,11 @@ def _wrong(expected: str, value: object) -> TypeError:
     return TypeError(f"expected {expected}, got {shown(value)}")
 
 
-def _file(value: Any) -> Any:
-    if not isinstance(value, str | os.PathLike):
-        raise _wrong("the name of a file", value)
-    if not os.fspath(value) or "\0" in str(value):
-        raise ValueError(f"expected the name of a file, got {shown(str(value))}")
-    return value
+def _path(value: object) -> Path:
+    return Path(file_name(value))
 
 
-def _path(value: Any) -> Path:
-    return Path(_file(value))
-
-
-def _paths(value: Any) -> tuple[Path, ...]:
+def _paths(value: object) -> tuple[Path, ...]:
     """Return a path or several as a tuple."""
     several = [value] if isinstance(value, str | os.PathLike) or not isinstance(value, Iterable) else value
     return tuple(map(_path, several))
@@ -70,20 +63,28 @@ def _paths(value: Any) -> tuple[Path, ...]:
 
 def _plate(value: Any) -> Any:
     if _is_array(value):
+        if len(value.shape) not in (2, 3) or 0 in value.shape or "object" in str(value.dtype):
+            raise _wrong("a picture (H, W, 3|4), a matte (H, W), or the name of a file", value)
         return value
     if not isinstance(value, str | os.PathLike):
         raise _wrong("a picture, which is an array, or the name of a file", value)
-    return _file(value)
+    return file_name(value)
 
 
-def _normals(value: Any) -> Any:
+def _photograph(value: Any) -> Any:
+    if _is_array(value) and (len(value.shape) != 3 or value.shape[-1] not in (3, 4)):
+        raise ValueError(f"expected a picture (H, W, 3|4), got {shown(value)}")
+    return _plate(value)
+
+
+def _normals(value: object) -> Any:
     return value if callable(value) else _plate(value)
 
 
-def _lights(value: Any) -> Any:
+def _lights(value: object) -> Any:
     """Return lights as a tuple, also of entries as JSON has them; the path of a lights file unchanged."""
     if isinstance(value, str | os.PathLike):
-        return _file(value)
+        return file_name(value)
     if isinstance(value, list | tuple) and value and all(isinstance(each, Mapping) for each in value):
         from relight.lights.files import from_entries
 
@@ -109,7 +110,7 @@ def _added_lights(value: Any) -> Any:
     return several
 
 
-def _background(value: Any) -> Any:
+def _background(value: object) -> Any:
     if isinstance(value, list | tuple):
         numbers = [each for each in value if isinstance(each, int | float) and not isinstance(each, bool)]
         if len(numbers) != 3 or len(value) != 3:
@@ -118,11 +119,11 @@ def _background(value: Any) -> Any:
     if isinstance(value, str):
         from relight.compositing.composite import parse_background
 
-        return parse_background(_file(value))
+        return parse_background(file_name(value))
     return value if _is_light(value) else _plate(value)
 
 
-def _floor(value: Any) -> Floor:
+def _floor(value: object) -> Floor:
     """Return a floor, also of {parameter: value} or of a text such as `height=1.5`."""
     from relight.compositing.floor import Floor
 
@@ -189,13 +190,13 @@ def _words(text: str) -> tuple[str, ...]:
 
 
 if TYPE_CHECKING:
-    AnyFile: TypeAlias = str | os.PathLike[str]
-    Picture: TypeAlias = np.ndarray | torch.Tensor | AnyFile  # in memory, a file, a sequence or a movie
-    Normals: TypeAlias = np.ndarray | Callable[..., Any] | AnyFile
-    AnyLights: TypeAlias = Light | MovingLight | Iterable[Light | MovingLight] | AnyFile
+    Picture: TypeAlias = np.ndarray | torch.Tensor | File  # in memory, a file, a sequence or a movie
+    Photograph: TypeAlias = Picture
+    Normals: TypeAlias = np.ndarray | Callable[..., Any] | File
+    AnyLights: TypeAlias = Light | MovingLight | Iterable[Light | MovingLight] | File
     AddedLights: TypeAlias = str | Light | MovingLight | Iterable[str | Light | MovingLight]
     Texts: TypeAlias = str | Iterable[str]
-    BackgroundSource: TypeAlias = np.ndarray | tuple[float, ...] | EnvironmentLight | MovingLight | AnyFile
+    BackgroundSource: TypeAlias = np.ndarray | tuple[float, ...] | EnvironmentLight | MovingLight | File
     AnyFloor: TypeAlias = Floor
     Paths: TypeAlias = Converted[Any, tuple[Path, ...]]
     OptionalPath: TypeAlias = Converted[Any, Path | None]
@@ -206,8 +207,8 @@ if TYPE_CHECKING:
     Place: TypeAlias = tuple[float, ...] | str
     Preset: TypeAlias = str
 else:
-    AnyFile = Annotated[object, About(expected="the name of a file", check=_file)]
     Picture = Annotated[object, About(expected="a picture or the name of a file", check=_plate)]
+    Photograph = Annotated[object, About(expected="a picture or the name of a file", check=_photograph)]
     Normals = Annotated[object, About(expected="normals, a network or the name of a file", check=_normals)]
     AnyLights = Annotated[object, About(expected="lights or the path of a lights file", check=_lights)]
     AddedLights = Annotated[object, About(expected="lights or their texts", check=_added_lights)]
@@ -240,11 +241,16 @@ class Options(Checked):
     """What the four kinds of options have in common."""
 
     @classmethod
-    def of(cls, given: Any) -> Self:
+    def of(cls, given: object) -> Self:
         """Return options unchanged, or make them of the plate, the lights or the paths alone."""
-        return given if isinstance(given, cls) else cls(given)
+        try:
+            return given if isinstance(given, cls) else cls(given)
+        except TypeError as error:
+            raise TypeError(f"{cls.__name__.lower()}: {error}") from error
+        except ValueError as error:
+            raise ValueError(f"{cls.__name__.lower()}: {error}") from error
 
-    def _set(self, name: str, value: Any) -> None:
+    def _set(self, name: str, value: object) -> None:
         object.__setattr__(self, name, value)  # as frozen dataclasses initialise themselves
 
     def given(self) -> dict[str, Any]:
@@ -266,14 +272,14 @@ class Options(Checked):
         return dataclasses.replace(cast(Any, self), **changed)
 
 
-def _is_default(value: Any, default: Any) -> bool:
+def _is_default(value: object, default: object) -> bool:
     """Return whether a value is the default; an array never is."""
     if value is default:
         return True
     return type(value) is type(default) and not hasattr(value, "shape") and value == default
 
 
-def _absolute(value: Any) -> Any:
+def _absolute(value: object) -> Any:
     """Return a path made absolute; other values, such as a colour or the name of a model, are unchanged."""
     if isinstance(value, tuple) and value and all(isinstance(each, Path) for each in value):
         return tuple(each.absolute() for each in value)
@@ -320,7 +326,7 @@ def file_options(kind: type[Options]) -> list[str]:
     return [name for name, each in parameters(kind).items() if (said := about(each.kind)) and said.path]
 
 
-def _plain(name: str, value: Any) -> Any:
+def _plain(name: str, value: object) -> Any:
     """Convert a value to JSON types."""
     if name == "lights" and isinstance(value, tuple):
         from relight.lights.files import to_entries

@@ -21,7 +21,6 @@ from relight.pipeline.option_fields import (
     NO_PASSES,
     NO_PATH,
     AddedLights,
-    AnyFile,
     AnyFloor,
     AnyLights,
     BackgroundSource,
@@ -32,12 +31,14 @@ from relight.pipeline.option_fields import (
     Passes,
     Paths,
     Person,
+    Photograph,
     Picture,
     Place,
     Preset,
     Size,
     Texts,
 )
+from relight.quantities import File
 
 if TYPE_CHECKING:
     from relight.lights.light import Light
@@ -61,7 +62,7 @@ class Source(Options):
     """
 
     plate: Annotated[
-        Picture,
+        Photograph,
         About(
             "A photograph (PNG, JPEG, TIFF, OpenEXR...); a sequence such as plate.%04d.exr or "
             "plate.####.exr; a movie; or an analysis cache, shot.relight, see `relight analyse`.",
@@ -81,7 +82,7 @@ class Source(Options):
         About("Key the person from a screen of this colour. A mask then marks where the person is."),
     ] = None
     matte: Annotated[
-        AnyFile | None,
+        File | None,
         About(
             "How the person is found in a source without a matte: auto, by networks that `relight fetch "
             "person` brings; MODEL.onnx; or a model name of rembg. For a model that is not recognised "
@@ -113,7 +114,7 @@ class Source(Options):
         ),
     ] = None
     track: Annotated[
-        AnyFile | None,
+        File | None,
         About(
             "A file that `relight track` wrote: where the person of a shot who is found is in each frame.",
             path=True,
@@ -272,7 +273,7 @@ class Lighting(Options):
         ),
     ] = 0.0
     match: Annotated[
-        Picture | None,
+        Photograph | None,
         About(
             "Light the person as the person in this photograph is lit. It needs alpha, --match-mask or "
             "--matte.",

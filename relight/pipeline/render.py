@@ -5,11 +5,12 @@ from typing import Any, get_args
 
 import numpy as np
 
+from relight.arguments import checks_arguments
 from relight.compositing.composite import backdrop
 from relight.media import images
 from relight.media.content_hash import HASH_ATTRIBUTE, content_hash
 from relight.media.pixel_aspect import squeeze_pixels
-from relight.media.sequences import FrameRange
+from relight.media.sequences import FrameRange, GivenFrames
 from relight.pipeline import outputs
 from relight.pipeline.delivery import Delivery
 from relight.pipeline.option_fields import Phase, Report
@@ -26,13 +27,14 @@ MAX_BACKGROUND_FACTOR = 8.0  # of a background that is lit as the person is
 
 
 @isolated
+@checks_arguments
 def render_shot(
     source: Source | Any,
     lighting: Lighting | Any,
     output: Output | Any,
     *,
     compute: Compute | None = None,
-    frames: tuple[int, int] | str | FrameRange | None = None,
+    frames: GivenFrames | None = None,
     resume: bool = False,
     phase: Phase = "all",
     progress: Report | None = None,

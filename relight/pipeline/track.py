@@ -1,9 +1,10 @@
 """Follows the person who is found in a shot, and keeps where they are in each frame."""
 
 from collections.abc import Mapping
-from pathlib import Path
 from typing import Any
 
+from relight import quantities
+from relight.arguments import checks_arguments
 from relight.pipeline.option_fields import Report
 from relight.pipeline.options import Compute, Source
 from relight.pipeline.shot import Shot
@@ -11,9 +12,10 @@ from shadow.torch_settings import isolated
 
 
 @isolated
+@checks_arguments
 def write_track(
     source: Source | Any,
-    path: str | Path,
+    path: quantities.File,
     *,
     corrections: Mapping[int, tuple[int, int]] | None = None,
     compute: Compute | None = None,

@@ -3,9 +3,12 @@
 from collections.abc import Iterable
 from pathlib import Path
 
+from relight import quantities
+from relight.arguments import checks_arguments
 from relight.lights import files
 from relight.lights.light import Light
 from relight.lights.moving import MovingLight
+from relight.lights.rig import as_rig
 from relight.scene.gltf import lights as gltf_writing
 from relight.scene.gltf import read as gltf_lights
 from relight.scene.usd import read, stage
@@ -15,8 +18,9 @@ from shadow.files import AnyPath
 SUFFIXES = (*files.SUFFIXES, *stage.SUFFIXES, *gltf_lights.SUFFIXES)
 
 
+@checks_arguments
 def read_lights(
-    path: AnyPath,
+    path: quantities.File,
     *,
     camera: str | None = None,
     subject_at: str | Iterable[float] | None = None,
@@ -88,7 +92,8 @@ def read_rig(
     return Rig(files.read_lights(path))
 
 
-def write_lights(path: AnyPath, lights: Iterable[Light | MovingLight]) -> None:
+@checks_arguments
+def write_lights(path: quantities.File, lights: Iterable[Light | MovingLight]) -> None:
     """Write lights to a file, from which `read_lights` reads the same lights. It is complete or absent.
 
     Parameters
@@ -114,6 +119,7 @@ def write_lights(path: AnyPath, lights: Iterable[Light | MovingLight]) -> None:
     --------
     >>> relight.write_lights("mine.yaml", [relight.DirectionalLight(azimuth=-40, name="key")])
     """
+    lights = as_rig(lights)
     suffix = Path(path).suffix.lower()
     if suffix in stage.SUFFIXES:
         from relight.scene.usd import write as usd

@@ -19,6 +19,7 @@ from relight.lights.plate import few_rows, whole_field_of_view
 from relight.lights.rig import Lights, by_name, checked_amount
 from relight.media.colour import LOCI, encode, temperature
 from relight.media.images import scene_linear
+from relight.media.images.arrays import as_array
 from relight.media.images.encode import compressed
 from relight.viewer.constants import MAX_LIGHTS
 
@@ -146,7 +147,7 @@ def _backdrop(
         return {"background": None, "backdrop": None}
     if isinstance(background, EnvironmentLight):
         pixels = background.view(size)
-    elif np.ndim(background) == 1:
+    elif as_array("background", background).ndim == 1:
         colour = np.asarray(background, float)
         if colour.shape != (3,) or not np.isfinite(colour).all() or colour.min() < 0:
             raise ValueError(f"background: expected an image or three numbers >= 0, got {background!r}")

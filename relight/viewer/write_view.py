@@ -1,10 +1,12 @@
 """Write the page of a frame of a shot, from files to a file; `relight view` calls it."""
 
 import re
-from collections.abc import Sequence
+from collections.abc import Iterable
 from pathlib import Path
 from typing import Any
 
+from relight import quantities
+from relight.arguments import checks_arguments
 from relight.compositing.composite import PLATE
 from relight.lights.light import Light
 from relight.media.sequences import FrameRange
@@ -22,13 +24,14 @@ ABSOLUTE = re.compile(r"(^|[=:])(?:/|[A-Za-z]:[\\/])(?:[^/\\]*[/\\])*")
 
 
 @isolated
+@checks_arguments
 def write_view(
-    output: str | Path,
+    output: quantities.File,
     source: Source | Any,
     lighting: Lighting | Any = (),
     *,
     frame: int | None = None,
-    command: Sequence[str] = COMMAND,
+    command: quantities.Words = COMMAND,
     compute: Compute | None = None,
     progress: Report | None = None,
 ) -> Path:
@@ -82,7 +85,7 @@ class Viewing(Job[Path]):
 
     step = "Analysing"
 
-    def __init__(self, path: Path, command: Sequence[str]) -> None:
+    def __init__(self, path: Path, command: Iterable[str]) -> None:
         super().__init__()
         self._path, self._command = path, [ABSOLUTE.sub(r"\1", word) for word in command]
 

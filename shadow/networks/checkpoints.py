@@ -9,6 +9,7 @@ import functools
 import hashlib
 import json
 import os
+import reprlib
 import textwrap
 import threading
 from collections.abc import Mapping
@@ -122,12 +123,15 @@ def load(
     FileNotFoundError if `name` is a path at which there is no file.
     """
     kinds = tuple(networks.items())
+    if not isinstance(name, str | os.PathLike):
+        raise TypeError(f"model: expected the name of weights or of a file, got {type(name).__name__}")
     if str(name).endswith(".safetensors"):
         return _shared(Path(name).resolve(strict=True), None, kinds, device)
     folder = resources.files(package) / "weights"
     index = json.loads((folder / "index.json").read_text())
-    if name not in index:
-        raise ValueError(f"model: unknown weights {name!r}, expected a .safetensors path or {sorted(index)}")
+    if str(name) not in index:
+        shown = reprlib.repr(str(name))
+        raise ValueError(f"model: unknown weights {shown}, expected a .safetensors path or {sorted(index)}")
     return _shared(Path(str(folder / index[name]["file"])), index[name]["sha256"], kinds, device)
 
 

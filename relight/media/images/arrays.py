@@ -7,6 +7,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from relight.arguments import shown
 from relight.media import colour
 from relight.media.encodings import Encoding
 from shadow.files import is_path
@@ -65,14 +66,14 @@ def as_array(name: str, value: "inputs.Array") -> np.ndarray:
     """
     if is_path(value):
         raise TypeError(
-            f"{name}: expected an array, got the path {os.fspath(value)!r}; read it with relight.read"
+            f"{name}: expected an array, got the path {shown(os.fspath(value))}; read it with relight.read"
         )
     if hasattr(value, "detach"):  # a tensor, without importing torch to ask
         tensor: Any = value.detach().cpu()
         value = tensor.float() if str(tensor.dtype) == "torch.bfloat16" else tensor  # NumPy has no such type
     try:
         array = np.asarray(value)
-    except (TypeError, ValueError) as error:
+    except (RecursionError, RuntimeError, TypeError, ValueError) as error:
         raise TypeError(f"{name}: expected an array, got {type(value).__name__}: {error}") from error
     return array.astype(array.dtype.newbyteorder("="), copy=False)
 

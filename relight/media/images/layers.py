@@ -11,6 +11,7 @@ from pathlib import Path
 
 import numpy as np
 
+from relight.arguments import shown
 from relight.media import colour
 from shadow.files import AnyPath
 
@@ -120,4 +121,4 @@ def find_layer(layers: dict[str, Layer], name: str) -> Layer:
             return alike[0]
     names = ", ".join(other for other in layers if other)
     expected = f"expected one of {names}" if names else "the file has no layers"
-    raise ValueError(f"layer: {expected}, got {name!r}")
+    raise ValueError(f"layer: {expected}, got {shown(name)}")

@@ -2,11 +2,12 @@
 
 import re
 from pathlib import Path
-from typing import BinaryIO
 
 import numpy as np
 from numpy.typing import ArrayLike
 
+from relight import quantities
+from relight.arguments import checks_arguments
 from relight.media import colour
 from relight.media.images.arrays import coverage
 from relight.media.images.containers.exr import save_exr
@@ -14,7 +15,7 @@ from relight.media.images.decode import layers_of, load
 from relight.media.images.encode import save
 from relight.media.images.layers import Layer, StoredPicture, find_beauty
 from relight.media.images.read_image import squared
-from relight.media.images.write_image import Metadata, check_writable, checked_depth, new_spec
+from relight.media.images.write_image import check_writable, checked_depth, new_spec
 from relight.media.matte import matte_of
 from relight.media.streams import as_file, is_stream
 from shadow.directions import CAMERA, from_axes
@@ -24,7 +25,8 @@ UNNAMED = re.compile(r"channel\d+")
 GREY = 0.01  # most that red, green and blue of a grey picture differ
 
 
-def read_mask(path: AnyPath | BinaryIO, *, layer: str | None = None) -> np.ndarray:
+@checks_arguments
+def read_mask(path: quantities.FileOrStream, *, layer: str | None = None) -> np.ndarray:
     """Read a matte (H, W), float32 in [0, 1], from the alpha channel, or from grey if there is no alpha.
 
     A matte is coverage, not colour, so no colour space is applied. An opaque alpha channel is ignored.
@@ -82,8 +84,13 @@ def _coverage(path: AnyPath, stored: StoredPicture) -> np.ndarray:
     return matte
 
 
+@checks_arguments
 def write_mask(
-    path: AnyPath, mask: ArrayLike, *, depth: str | None = None, metadata: Metadata | None = None
+    path: quantities.File,
+    mask: ArrayLike,
+    *,
+    depth: str | None = None,
+    metadata: quantities.Entries | None = None,
 ) -> None:
     """Write a matte as a grey image without colour encoding, which `read_mask` reads back.
 
@@ -127,7 +134,8 @@ def check_matte(path: Path) -> None:
         raise ValueError(f"{path}: expected .png, .tif or .exr for a matte")
 
 
-def read_depth(path: AnyPath, *, layer: str | None = None) -> np.ndarray:
+@checks_arguments
+def read_depth(path: quantities.File, *, layer: str | None = None) -> np.ndarray:
     """Read a depth: (H, W) float32, metres away from the camera, as they are stored.
 
     From the layer, else from the channel Z of the file or of its only layer "depth", whose name may have
@@ -159,7 +167,8 @@ def _depth_layer(names: list[str]) -> str | None:
     return last_words[0] if len(last_words) == 1 else None
 
 
-def read_normals(path: AnyPath, *, axes: str = CAMERA, layer: str | None = None) -> np.ndarray:
+@checks_arguments
+def read_normals(path: quantities.File, *, axes: str = CAMERA, layer: str | None = None) -> np.ndarray:
     """Read a normal map as unit vectors, without a colour space.
 
     Parameters

@@ -2,11 +2,12 @@
 
 import warnings
 from pathlib import Path
-from typing import BinaryIO
 
 import numpy as np
 import OpenImageIO as oiio
 
+from relight import quantities
+from relight.arguments import checks_arguments
 from relight.media import colour, content_hash
 from relight.media.buffers import problem
 from relight.media.encodings import REC709, Encoding, rgb_to_xyz
@@ -24,10 +25,11 @@ OVERSHOOT = 0.5  # most by which a filter with negative lobes (Lanczos, Mitchell
 _warned: set[tuple[Path, float]] = set()  # folders whose pictures have pixels that are not square
 
 
+@checks_arguments
 def read(
-    path: AnyPath | BinaryIO,
+    path: quantities.FileOrStream,
     *,
-    colour_space: str | None = None,
+    colour_space: quantities.ColourSpace = None,
     layer: str | None = None,
     alpha: str | None = None,
 ) -> np.ndarray:
@@ -128,7 +130,8 @@ def _colours(stored: StoredPicture) -> np.ndarray:
     return pixels[..., [*(colours * 3)[:3], *alpha]]
 
 
-def read_layers(path: AnyPath) -> dict[str, np.ndarray]:
+@checks_arguments
+def read_layers(path: quantities.File) -> dict[str, np.ndarray]:
     """Read the layers of an OpenEXR file: {name: (H, W, C) float32}, unconverted, in the file's order.
 
     A layer has the channels `name.*`, or those of the part `name`, or is the depth, `Z`. The channels without

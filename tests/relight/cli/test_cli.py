@@ -167,7 +167,7 @@ def test_lights_come_from_a_file_and_go_to_one(tmp_path, photo):
         ({"--view": "acid"}, "view: expected one of ACES 2.0"),
         (
             {"--exposure": "99", "-o": "out.png"},
-            "exposure: expected a number of stops from -64 to 64, got 99",
+            "exposure: expected a number of stops from",
         ),
         ({"--colour-space": "bogus"}, "colour_space: unknown 'bogus'"),
         ({"--normals": "gone.exr"}, "gone.exr: no such file"),

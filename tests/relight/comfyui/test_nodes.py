@@ -319,7 +319,7 @@ def test_what_is_held_reads_as_the_page_writes_it():
         (lambda image, mask, batch: Passes().passes(batch, ()), "lights: expected at least one"),
         (
             lambda image, mask, batch: LightNode().add(0.0, 0.0, colour="rde"),
-            "colour: expected linear red/green/blue",
+            "colour: expected linear red",
         ),
         (
             lambda image, mask, batch: LightNode().add(0.0, 0.0, temperature=300.0),

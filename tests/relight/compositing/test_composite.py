@@ -131,8 +131,8 @@ def test_place_keeps_edges_premultiplied():
     ("arguments", "error", "message"),
     [
         ({"mode": "stretch"}, ValueError, "mode: expected fit, fill or centre, got 'stretch'"),
-        ({"scale": 0}, ValueError, "scale: expected a finite number > 0, got 0"),
-        ({"scale": np.nan}, ValueError, "scale: expected a finite number > 0"),
+        ({"scale": 0}, ValueError, "scale: expected a number above 0, got 0"),
+        ({"scale": np.nan}, ValueError, "scale: expected a finite number above 0"),
         ({"scale": 1e6}, ValueError, r"scale: makes the image \d+ x \d+ pixels"),
         ({"offset": (0.5, 0)}, TypeError, "offset: expected two whole numbers"),
         ({"offset": 3}, TypeError, "offset: expected two whole numbers"),

@@ -158,7 +158,7 @@ def test_a_rough_mask_is_refined(tmp_path, photo):
         (["--matte", "gone.onnx"], "gone.onnx: no such file"),
         (["--matte", "{m},family=u2net"], "expected a matte in [0, 1], got"),
         (["--matte", "{m}," + OPTIONS, "--person", "2"], "person: expected 1 to 1"),
-        (["--matte", "{m}," + OPTIONS, "--person", "x"], "--person: expected a number, X/Y"),
+        (["--matte", "{m}," + OPTIONS, "--person", "x"], "person: expected a number, X/Y"),
         (["--matte", "{m}," + OPTIONS, "--key", "green"], "expected one of mask, key and matte"),
         (["--person", "2"], "relight fetch person brings them"),
         (["--key", "green", "--person", "2"], "person: expected a matting model as well"),

@@ -316,8 +316,8 @@ def test_what_the_analysis_decided_is_not_decided_again(desk, name, value):
         ({"output": "shot"}, ValueError, r"shot: expected the name of a folder that ends in \.relight"),
         ({"source": "s.relight"}, ValueError, r"s\.relight: is analysed already"),
         ({"source": "gone.%04d.exr"}, FileNotFoundError, "no such frames"),
-        ({"precision": "half"}, ValueError, "precision: expected bfloat16 or float32, got 'half'"),
-        ({"threads": 0}, ValueError, "threads: expected 1 to 1024, got 0"),
+        ({"precision": "half"}, ValueError, "precision: expected one of bfloat16, float32, got 'half'"),
+        ({"threads": 0}, ValueError, "threads: expected a whole number from 1 to 1024, got 0"),
         ({"frames": (1, 2)}, ValueError, "frames: a still has none"),
         (
             {"mask": np.zeros((200, 160), np.float32)},

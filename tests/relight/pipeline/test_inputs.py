@@ -69,7 +69,7 @@ def test_plate_matte_and_normals_are_placed_together(plate):
         ({"size": (0, 9)}, "size: expected 1 to 65536 pixels"),
         ({"size": "plate"}, "size: expected"),
         ({"mode": "stretch"}, "mode: expected fit, fill or centre"),
-        ({"scale": float("nan")}, "scale: expected a finite number > 0"),
+        ({"scale": float("nan")}, "scale: expected a finite number above 0"),
     ],
 )
 def test_a_bad_placement_is_refused_at_once(arguments, message):

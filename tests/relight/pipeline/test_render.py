@@ -245,7 +245,7 @@ def test_memory_is_flat_over_a_thousand_frames(stub, tmp_path):
         ({"outputs": "r.nk"}, ValueError, r"r\.nk: a Nuke script needs an \.exr to read"),
         ({"outputs": "none/r.%04d.exr"}, FileNotFoundError, "the folder none does not exist"),
         ({"outputs": "none/r.mov"}, FileNotFoundError, "the folder none does not exist"),
-        ({"passes": ["depth"]}, ValueError, "passes: expected any of"),
+        ({"passes": ["depth"]}, ValueError, "passes: expected several values, each one of"),
         ({"lights": [STILL, STILL]}, ValueError, "lights: expected different names"),
         ({"lights": []}, ValueError, "lights: expected at least one"),
         ({"source": somebody() * 0}, ValueError, "none of 2 frames could be made; frame 1: .* is empty"),

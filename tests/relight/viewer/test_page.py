@@ -120,7 +120,7 @@ def test_a_temporally_filtered_subject_has_a_page(subject, tmp_path):
         (["none.png", "-o", "page.png"], "ends in .html"),
         (["none.png", "-o", "nowhere/page.html"], "nowhere does not exist"),
         (["plate.%04d.png", "-o", "page.html"], "plate.%04d.png: no such frames"),
-        (["none.png", "--light", "azimuth=north", "-o", "page.html"], "azimuth expects a number"),
+        (["none.png", "--light", "azimuth=north", "-o", "page.html"], "azimuth: expected a number"),
     ],
 )
 def test_the_command_refuses_in_one_line(words, said, tmp_path, here):
