@@ -9,14 +9,16 @@ import torch
 from annotated_types import Interval
 
 from relight import quantities
-from relight.arguments import About
+from relight.arguments import About, checked_number
 from relight.comfyui import host, tensors, widgets
 from relight.comfyui.lights import Lights
 from relight.comfyui.subjects import SubjectBatch
 from relight.compositing.floor import Floor
+from relight.light_estimation import FILL
 from relight.lights.environment import EnvironmentLight
 from relight.lights.light import Light
 from relight.lights.moving import MovingLight
+from relight.lights.plate import few_rows, whole_field_of_view
 from relight.lights.rig import by_name
 from relight.rendering import relit_over
 from relight.subject import Subject
@@ -31,6 +33,10 @@ BEHIND = (
     "What is behind the person: one image, or one a frame; scaled to cover the frame and cropped. Without it "
     "the image is straight colour, for the mask."
 )
+FILL_SHARE = (
+    "Share of the background's light that fills the shadows of the lights, as walls and floor do on a set. "
+    "Needs a background."
+)
 
 Analysed = Annotated[SubjectBatch, widgets.SUBJECT_LAST]
 Given = Annotated[Lights, widgets.LIGHTS]
@@ -39,6 +45,7 @@ Ground = Annotated[str, About(FLOOR)]
 Exposure = Annotated[quantities.Exposure, Interval(ge=-16.0, le=16.0), widgets.Step(0.1), About(EXPOSURE)]
 Amount = Annotated[quantities.Amount, widgets.Step(0.05)]
 Gloss = Annotated[quantities.Gloss, widgets.Step(0.05)]
+Fill = Annotated[quantities.Amount, widgets.Step(0.05), About(FILL_SHARE)]
 
 
 class CheckedNode(widgets.Node):
@@ -51,11 +58,12 @@ class CheckedNode(widgets.Node):
         still_lights: Lights = (),
         background: torch.Tensor | None = None,
         floor: str = "",
+        fill: float = 0.0,
         **others: Any,
     ) -> list[str]:
         """Return the inputs that ComfyUI has still to compute; ValueError for those that do not fit."""
         by_name((*lights, *still_lights))  # two lights of one name
-        Backdrop(background, floor)
+        Backdrop(background, floor, fill)
         return ["subject"] if subject is None else []
 
 
@@ -82,17 +90,19 @@ class Render(CheckedNode):
         exposure: Exposure = 0.0,
         gloss: Gloss = 0.0,
         amount: Amount = 1.0,
+        fill: Fill = 0.0,
     ) -> tuple[torch.Tensor, torch.Tensor, torch.Tensor]:
         """Relight each frame; see `relight.apply`."""
         by_name(lights)  # two lights of one name are refused before the work
-        backdrop = Backdrop(background, floor)
+        backdrop = Backdrop(background, floor, fill)
         count = tensors.frames_together(subject=len(subject), background=len(backdrop))
         frames, masks, lighting = [], [], []
         for number in host.progress(range(count), count):
             person = subject[number]
-            frames.append(backdrop.behind(person, lights, number, gloss, amount))
+            shining = [*lights, *backdrop.filling(person, number)]
+            frames.append(backdrop.behind(person, shining, number, gloss, amount))
             masks.append(person.matte)
-            lighting.append(person.lighting(lights))
+            lighting.append(person.lighting(shining))
         return (
             tensors.to_image(frames, exposure),
             tensors.to_mask(masks),
@@ -194,11 +204,14 @@ class Passes(CheckedNode):
 class Backdrop:
     """What is behind the person in each frame, and the floor there."""
 
-    def __init__(self, background: torch.Tensor | None, floor: str) -> None:
+    def __init__(self, background: torch.Tensor | None, floor: str, fill: float = 0.0) -> None:
         self._images = None if background is None else tensors.pictures("background", background)
         self.floor = Floor.parse(floor) if floor.strip() else None
         if self.floor is not None and background is None:
             raise ValueError("floor: expected a background too, on which the shadow falls")
+        self._fill = checked_number("fill", fill, 0, 1)
+        if self._fill and background is None:
+            raise ValueError("fill: expected a background too, whose light it is")
 
     def __len__(self) -> int:
         return 1 if self._images is None else len(self._images)
@@ -208,6 +221,15 @@ class Backdrop:
         if self._images is None:
             return None
         return tensors.light("background", self._images[number if len(self) > 1 else 0])
+
+    def filling(self, person: Subject, number: int) -> list[Light]:
+        """Return the light of the background of a frame that fills shadows, if any."""
+        picture = self.picture(number) if self._fill else None
+        if picture is None:
+            return []
+        whole = whole_field_of_view(picture.shape, person.size, person.camera.field_of_view)
+        picture = picture if len(self) == 1 else few_rows(picture)
+        return [EnvironmentLight.from_plate(picture, whole, intensity=self._fill, name=FILL)]
 
     def behind(
         self,

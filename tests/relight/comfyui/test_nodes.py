@@ -86,6 +86,22 @@ def test_a_preset_is_that_of_the_library_and_chains():
         Preset().add("candle")
 
 
+def test_the_light_of_the_background_fills_the_shadows_of_render(batch, reference):
+    behind = torch.full((1, 20, 30, 3), 0.6)
+    behind[:, :, 15:] = torch.tensor([0.9, 0.4, 0.1])
+    none, some, whole = (
+        Render().render(batch, KEY, background=behind, fill=fill, exposure=-3)[2] for fill in (0.0, 0.5, 1.0)
+    )
+    assert float((some - none).mean()) > 0.01
+    light = [tensors.light("image", each.numpy()) for each in (none, some, whole)]
+    np.testing.assert_allclose(light[2] - light[0], 2 * (light[1] - light[0]), atol=0.01)
+    for wrong, said in (({"fill": 0.5}, "fill: expected a background too"), ({"fill": 1.5}, "fill: expected")):
+        with pytest.raises(ValueError, match=said):
+            Render().render(batch, KEY, **wrong)
+        with pytest.raises(ValueError, match=said):
+            Render().check_lazy_status(lights=KEY, **wrong)
+
+
 def test_the_gloss_of_render_and_of_files_is_relit_s(batch, reference, tmp_path):
     rim = (relight.DirectionalLight(azimuth=150, elevation=20, intensity=2, name="rim"),)
     background = torch.zeros((1, 50, 40, 3))
