@@ -95,7 +95,10 @@ def test_the_light_of_the_background_fills_the_shadows_of_render(batch, referenc
     assert float((some - none).mean()) > 0.01
     light = [tensors.light("image", each.numpy()) for each in (none, some, whole)]
     np.testing.assert_allclose(light[2] - light[0], 2 * (light[1] - light[0]), atol=0.01)
-    for wrong, said in (({"fill": 0.5}, "fill: expected a background too"), ({"fill": 1.5}, "fill: expected")):
+    for wrong, said in (
+        ({"fill": 0.5}, "fill: expected a background too"),
+        ({"fill": 1.5}, "fill: expected"),
+    ):
         with pytest.raises(ValueError, match=said):
             Render().render(batch, KEY, **wrong)
         with pytest.raises(ValueError, match=said):
