@@ -37,6 +37,7 @@ HAZE = 0.05  # of that side: what it doubts so far from what it does not doubt i
 CLEAR = 0.02  # coverage up to which a pixel is empty, and opaque from 1 - CLEAR
 LEAST = 0.3  # of what was drawn: the network sees no person there if it sees less
 MASK_SIDE, SLOPE = 256, 2.0  # pixels of a coarse mask; how much steeper its edge is in the picture
+AROUND = 8  # pixels of the copy around what a matte shows, in which the photograph's edges are looked for
 BORDER = 1.0  # standard deviation in pixels of the blur of the border between people
 FILTER = "triangle"  # of OpenImageIO, for copies
 
@@ -154,7 +155,23 @@ def _at_full_size(alpha: np.ndarray, seen: np.ndarray, crop: np.ndarray) -> np.n
     """Return a matte (h, w) of a copy `seen` of a crop at the crop's size; it follows the crop's edges."""
     if seen.shape == crop.shape:
         return alpha
-    return upsampled(colour.decode(seen, "sRGB"), alpha, colour.decode(crop, "sRGB"))
+    # Only around what the matte shows, since a large photograph takes time.
+    ends = []
+    for axis in (0, 1):
+        shown = np.flatnonzero(alpha.any(axis=1 - axis))
+        if not len(shown):
+            return np.zeros(crop.shape[:2], np.float32)
+        ends.append((max(shown[0] - AROUND, 0), min(shown[-1] + 1 + AROUND, alpha.shape[axis])))
+    scales = (crop.shape[0] / alpha.shape[0], crop.shape[1] / alpha.shape[1])
+    small = tuple(slice(*each) for each in ends)
+    large = tuple(
+        slice(*(round(end * scale) for end in each)) for each, scale in zip(ends, scales, strict=True)
+    )
+    matte = np.zeros(crop.shape[:2], np.float32)
+    matte[large] = upsampled(
+        colour.decode(seen[small], "sRGB"), alpha[small], colour.decode(crop[large], "sRGB")
+    )
+    return matte
 
 
 def _without_noise(found: np.ndarray) -> np.ndarray:

@@ -155,8 +155,9 @@ class PersonFinder:
         if choice.index is None:
             return choice
         at = None if isinstance(person, Circle) or np.ndim(person) != 1 else np.array(person, float)
+        first = found[choice.index]
         found[choice.index] = neighbours.alone(
-            copies.full, found[choice.index], self._detector, self._person, at
+            copies.for_circle(first.circle), first, self._detector, self._person, at
         )
         return replace(choice, people=tuple(found))
 

@@ -38,7 +38,7 @@ BESIDE = (0.1, 0.3)  # of the radius: how far beside others the second look coun
 
 
 def alone(
-    picture: torch.Tensor,
+    copy: tuple[torch.Tensor, np.ndarray],
     person: DetectedPerson,
     detector: Detector,
     look: Callable[[torch.Tensor, Circle], Sequence[DetectedPerson]],
@@ -48,16 +48,19 @@ def alone(
 
     The same person if nobody is there.
 
-    The picture is (3, H, W), encoded in [0, 1], and `person`, in its pixels, is the one who is meant. `look`
+    `copy`: the picture or a reduced one, (3, h, w), encoded in [0, 1], and the scale (x, y) from it to the
+    picture, in whose pixels `person` is the one who is meant. `look`
     returns whom the landmark network sees in a circle of a picture. `at`: a point (x, y) on the person, if it
     was given.
     """
+    picture, scale = copy
     side, size = len(person.mask), (WIDTH * len(person.mask),) * 2
     circle = person.circle
     matrix = Circle(circle.centre, WIDTH * circle.radius, circle.up).square(size[0])
     # After that the scene has about the picture's pixels, and sampling it takes no mean of many.
-    shrink = max(1, min(int(np.hypot(*matrix[:, 0])), *picture.shape[1:]))
-    small, within = F.avg_pool2d(picture, shrink), torch.tensor(matrix / shrink, dtype=torch.float32)
+    onto = matrix / scale[:, None]
+    shrink = max(1, min(int(np.hypot(*onto[:, 0])), *picture.shape[1:]))
+    small, within = F.avg_pool2d(picture, shrink), torch.tensor(onto / shrink, dtype=torch.float32)
     radius = side / ROOM / 2
     corner = (size[0] - VIEW * radius) / 2
     squares = [(corner + aside * radius, corner - RAISED * radius, VIEW * radius) for aside in ASIDE]

@@ -4,6 +4,7 @@ The square is turned so that the person is upright. What is sampled from it, and
 are those of `relight.matting.people.finder`.
 """
 
+import functools
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
@@ -172,9 +173,9 @@ def joined(
 
 @dataclass(frozen=True)
 class Copies:
-    """A picture (3, H, W) in full, and reduced to 1024 pixels; `scale` (x, y) leads back to the full one."""
+    """A picture (H, W, 3), and a copy of 1024 pixels (3, h, w); `scale` (x, y) leads from it to the other."""
 
-    full: torch.Tensor
+    picture: np.ndarray
     reduced: torch.Tensor
     scale: np.ndarray
 
@@ -184,12 +185,17 @@ class Copies:
         shrink = min(1.0, REDUCED_SIDE / max(encoded.shape[:2]))
         reduced = resize(encoded, tuple(max(1, round(n * shrink)) for n in encoded.shape[:2]), "triangle")
         scale = np.array(encoded.shape[1::-1]) / reduced.shape[1::-1]
-        return cls(planes(encoded), planes(reduced), scale)
+        return cls(encoded, planes(reduced), scale)
+
+    @functools.cached_property
+    def full(self) -> torch.Tensor:
+        """The picture as planes (3, H, W): small people alone need them, and large pictures take time."""
+        return planes(self.picture)
 
     @property
     def size(self) -> tuple[int, int]:
         """(H, W) of the full picture."""
-        return (self.full.shape[1], self.full.shape[2])
+        return (self.picture.shape[0], self.picture.shape[1])
 
     def for_circle(self, circle: Circle) -> tuple[torch.Tensor, np.ndarray]:
         """Return the copy to look at, and the scale (x, y) from it to the full one.
