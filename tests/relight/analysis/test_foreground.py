@@ -67,7 +67,7 @@ def test_a_feathered_edge_shows_no_line_of_the_old_background(behind):
     colour = subject.albedo[np.unravel_index(np.argmax(feathered), feathered.shape)]
     line = (subject.albedo - colour) * feathered[..., None]
     assert np.sqrt((line[(feathered > 0.02) & (feathered < 0.98)] ** 2).mean()) < 0.003
-    with pytest.raises(ValueError, match="feather: expected 0 to 12, got 13"):
+    with pytest.raises(ValueError, match="feather: expected a number from 0 to 12, got 13"):
         relight.Subject(photo, mask=coverage, feather=13)
 
 

@@ -178,7 +178,7 @@ def test_a_light_in_or_at_the_person_is_refused(sphere):
             "box:position=0/0/2,toward=0/0/0,width=0,height=1",
             "width: expected a number of metres from 0.0001 to",
         ),
-        ("box:position=0/0/2,toward=0/0/2,width=1,height=1", "toward: is where the light stands"),
+        ("box:position=0/0/2,toward=0/0/2,width=1,height=1", "is at position, where the light stands"),
         ("lamp:position=0/0/-0.2", "is inside the person"),
     ],
 )

@@ -138,7 +138,7 @@ def test_the_surface_reflects_what_pictures_do(subject, tmp_path, gloss):
     assert material["pbrMetallicRoughness"]["roughnessFactor"] == roughness
     stage = subject.export(tmp_path / "p.usda", triangles=5000, gloss=gloss).read_text()
     assert f"inputs:roughness = {roughness}\n" in stage
-    with pytest.raises(ValueError, match="gloss: expected 0 to 1, got 2"):
+    with pytest.raises(ValueError, match="gloss: expected a number from 0 to 1, got 2"):
         subject.export(tmp_path / "q.glb", triangles=5000, gloss=2)
 
 
