@@ -172,8 +172,8 @@ def load(
     given: dict[str, Any] = {"size": size, "order": order, "fit": fit}
     given |= {"mean": None if mean is None else tuple(mean), "std": None if std is None else tuple(std)}
     preparation: dict[str, Any] = {name: value for name, value in given.items() if value is not None}
-    told: dict[str, Any] = {"output": output, "sigmoid": sigmoid}
-    reading: dict[str, Any] = {name: value for name, value in told.items() if value is not None}
+    options: dict[str, Any] = {"output": output, "sigmoid": sigmoid}
+    reading: dict[str, Any] = {name: value for name, value in options.items() if value is not None}
     if model == AUTO:
         if silhouette is not None and cutout_network.is_one(silhouette):
             if preparation or reading or family:
@@ -233,7 +233,7 @@ def load(
 def _family(file: OnnxFile) -> str | None:
     """Return the family of networks that a file's inputs and outputs identify, or None.
 
-    IS-Net and DAViD's foreground model are not told: many files have one square input of their sizes.
+    IS-Net and DAViD's foreground model are not identified: many files have one square input of their sizes.
     """
     name, shape = next(iter(file.inputs.items()))
     if shape[2:] == (320, 320) and len(file.outputs) == 7:

@@ -29,11 +29,11 @@ from shadow.networks import precision
 
 SIDE = 1024  # pixels of the network's square input
 MARGIN = 0.25  # of the longer side of the mask's box: how far the crop reaches beyond it, and grows
-LOOKS = 3  # of the network, at most, until nothing that is kept reaches the crop's border
+CROPS = 3  # that the network sees, at most, until nothing that is kept reaches the crop's border
 CONNECTED = 0.15  # coverage from which pixels that touch are one part
 DISPUTED = 0.05  # of the person, that one network shows and the other one does not: from there more views
-OPAQUE = 0.8  # coverage from which the network does not doubt
-HAZE = 0.05  # of that side: what it doubts so far from what it does not doubt is not the person's
+OPAQUE = 0.8  # coverage from which the network is certain
+HAZE = 0.05  # of that side: what is uncertain so far from what is certain is not the person's
 CLEAR = 0.02  # coverage up to which a pixel is empty, and opaque from 1 - CLEAR
 LEAST = 0.3  # of what was drawn: the network sees no person there if it sees less
 MASK_SIDE, SLOPE = 256, 2.0  # pixels of a coarse mask; how much steeper its edge is in the picture
@@ -98,7 +98,7 @@ def person_matte(
     grow = np.array([-step, -step, step, step])
     limits = np.array([0, 0, 0, 0]), np.array(encoded.shape[:2] * 2)
     box = np.clip((top, left, bottom, right) + grow, *limits)
-    for look in range(LOOKS):
+    for number in range(CROPS):
         crop = encoded[box[0] : box[2], box[1] : box[3]]
         seen, shrink = _copy(crop)
         place = (box[0], box[1]), shrink
@@ -106,11 +106,11 @@ def person_matte(
         alpha, disputed = _theirs(
             found, seen, *choice.masks(*place, seen.shape[:2]), choice.landmarks(*place)
         )
-        if look == 0 and disputed > DISPUTED and with_more_views is not None:
+        if number == 0 and disputed > DISPUTED and with_more_views is not None:
             choice = with_more_views(choice)
             alpha, _ = _theirs(found, seen, *choice.masks(*place, seen.shape[:2]), choice.landmarks(*place))
         wider = np.clip(box + grow * _touched(alpha), *limits)
-        if look == LOOKS - 1 or (wider == box).all():
+        if number == CROPS - 1 or (wider == box).all():
             break
         box = wider
     matte[box[0] : box[2], box[1] : box[3]] = _at_full_size(alpha, seen, crop)

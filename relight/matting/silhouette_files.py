@@ -107,22 +107,22 @@ def fetch(package: AnyPath | None = None, progress: Progress | None = None) -> P
     >>> silhouette_files.fetch()  # doctest: +SKIP
     PosixPath('/home/ada/.cache/relight/person')
     """
-    told = progress or (lambda done, total, what: None)
+    report = progress or (lambda done, total, what: None)
     kept = folder()  # first: a download that cannot be kept is not begun
     kept.mkdir(parents=True, exist_ok=True)
     if package is not None:
-        return _unpacked(Path(package), kept, told)
+        return _unpacked(Path(package), kept, report)
     with suppress(MissingNetworksError, DamagedFileError):
         return fetched().parent
     reasons = []
     if npm := shutil.which("npm"):
         with tempfile.TemporaryDirectory() as scratch:
             try:
-                return _unpacked(_packed(npm, Path(scratch), told), kept, told)
+                return _unpacked(_packed(npm, Path(scratch), report), kept, report)
             except ConnectionError as error:
                 reasons.append(str(error))
     try:
-        return _assembled(kept, _downloaded, told)
+        return _assembled(kept, _downloaded, report)
     except ConnectionError as error:
         reasons.append(str(error))
     raise ConnectionError(
@@ -131,7 +131,7 @@ def fetch(package: AnyPath | None = None, progress: Progress | None = None) -> P
     )
 
 
-def _unpacked(package: Path, kept: Path, told: Progress) -> Path:
+def _unpacked(package: Path, kept: Path, report: Progress) -> Path:
     """Take the network and its licences out of a package."""
     if not package.is_file():
         raise FileNotFoundError(f"{package}: no such file")
@@ -146,7 +146,7 @@ def _unpacked(package: Path, kept: Path, told: Progress) -> Path:
                 yield name, contents
 
     try:
-        _assembled(kept, pieces, told)
+        _assembled(kept, pieces, report)
     except (tarfile.TarError, zlib.error, EOFError) as error:
         raise DamagedFileError(f"{package}: expected the package {PACKAGE} {VERSION}: {error}") from error
     for name, contents in others.items():
@@ -171,7 +171,7 @@ def _members(package: Path, limits: dict[str, int]) -> Iterator[tuple[str, bytes
                 yield name, file.read()
 
 
-def _assembled(kept: Path, source: Source, told: Progress) -> Path:
+def _assembled(kept: Path, source: Source, report: Progress) -> Path:
     """Write the pieces that are not there yet, from a source of them, and name the file when it is whole."""
     beside, target = kept / f".{FILE}.part", kept / FILE
     try:
@@ -187,7 +187,7 @@ def _assembled(kept: Path, source: Source, told: Progress) -> Path:
                     )
                 file.seek(places.pop(name))
                 file.write(contents)
-                told(BYTES - len(places) * PIECE_BYTES, BYTES, f"Writing {NETWORK}")
+                report(BYTES - len(places) * PIECE_BYTES, BYTES, f"Writing {NETWORK}")
             if places:
                 raise DamagedFileError(
                     f"{COMMAND}: {len(places)} pieces of {NETWORK} are missing; expected {PACKAGE} {VERSION}"
@@ -222,7 +222,7 @@ def _downloaded(wanted: set[str]) -> Iterator[tuple[str, bytes]]:
             raise ConnectionError(f"{urlsplit(CONTENT_URL).hostname}: {reason}") from error
 
 
-def _packed(npm: str, scratch: Path, told: Progress) -> Path:
+def _packed(npm: str, scratch: Path, report: Progress) -> Path:
     """Download the package by npm, which knows the user's registry, proxy and certificates."""
     what = f"Downloading {PACKAGE} {VERSION}"
     words = [npm, "pack", f"{PACKAGE}@{VERSION}", "--pack-destination", str(scratch)]
@@ -241,7 +241,7 @@ def _packed(npm: str, scratch: Path, told: Progress) -> Path:
         try:
             while process.poll() is None:  # npm tells nothing: what it has downloaded is in its cache
                 cached = sum(path.stat().st_size for path in (scratch / "cache").rglob("*") if path.is_file())
-                told(min(cached, PACKAGE_BYTES), PACKAGE_BYTES, what)
+                report(min(cached, PACKAGE_BYTES), PACKAGE_BYTES, what)
                 time.sleep(POLL)
         except BaseException:
             process.kill()

@@ -12,7 +12,7 @@ from relight.matting.refine import is_everybody
 
 SAME_PERSON = 0.6  # the same, of two masks
 COMPARED_SIDE = 256  # pixels, the longer side of the copy on which masks are compared
-CERTAIN = 0.8  # certainty from which somebody is there without doubt
+CERTAIN = 0.8  # certainty from which somebody is certainly there
 
 
 @dataclass(frozen=True)
@@ -102,7 +102,7 @@ def index_of(found: Sequence[DetectedPerson], person: Any, size: tuple[int, int]
 
 
 def distinct(people: Sequence[DetectedPerson], size: tuple[int, ...]) -> list[DetectedPerson]:
-    """Return each person once, as the most certain look shows them, or the larger one of two equal looks."""
+    """Return each person once, as the most certain view shows them, or the larger one of two equal views."""
     shrink = COMPARED_SIDE / max(size)
     small = reduced_size(size, shrink)
     kept: list[DetectedPerson] = []

@@ -107,7 +107,7 @@ def fetch(wheel: AnyPath | None = None, progress: Progress | None = None) -> Pat
     >>> person_files.fetch()  # doctest: +SKIP
     PosixPath('/home/ada/.cache/relight/person')
     """
-    told = progress or (lambda done, total, what: None)
+    report = progress or (lambda done, total, what: None)
     kept = folder()  # first: a download that cannot be kept is not begun
     kept.mkdir(parents=True, exist_ok=True)
     if wheel is not None:
@@ -115,7 +115,7 @@ def fetch(wheel: AnyPath | None = None, progress: Progress | None = None) -> Pat
     with suppress(MissingNetworksError, DamagedFileError):
         return fetched()[0].parent
     with tempfile.TemporaryDirectory() as scratch:
-        return _unpacked(_downloaded(Path(scratch), told), kept)
+        return _unpacked(_downloaded(Path(scratch), report), kept)
 
 
 def _unpacked(wheel: Path, kept: Path) -> Path:
@@ -146,7 +146,7 @@ def _unpacked(wheel: Path, kept: Path) -> Path:
     return kept
 
 
-def _downloaded(scratch: Path, told: Progress) -> Path:
+def _downloaded(scratch: Path, report: Progress) -> Path:
     """Download the wheel by pip, which knows the user's index, proxy and certificates."""
     try:
         version = tuple(int(part) for part in re.findall(r"\d+", importlib.metadata.version("pip"))[:2])
@@ -160,7 +160,7 @@ def _downloaded(scratch: Path, told: Progress) -> Path:
     words += ["--no-input", "--disable-pip-version-check"]
     words += ["--progress-bar", "raw" if version >= RAW_PROGRESS else "off"]
     what = f"Downloading {PACKAGE} {VERSION}"
-    told(0, 0, what)
+    report(0, 0, what)
     lines: list[str] = []
     with subprocess.Popen(
         words, cwd=scratch, stdout=subprocess.PIPE, stderr=subprocess.STDOUT, text=True, errors="replace"
@@ -169,7 +169,7 @@ def _downloaded(scratch: Path, told: Progress) -> Path:
             for line in process.stdout or ():
                 bytes_of = re.fullmatch(r"Progress (\d+) of (\d+)\s*", line)
                 if bytes_of:
-                    told(int(bytes_of[1]), int(bytes_of[2]), what)
+                    report(int(bytes_of[1]), int(bytes_of[2]), what)
                 elif line.strip():
                     lines.append(line.strip())
         except BaseException:

@@ -3,7 +3,7 @@
 The detector sees the picture, and overlapping parts of it for small people, and answers with the middle of a
 person's hips and a point on the circle around the whole person. The landmark network sees the square around
 that circle, turned so that the person is upright. It answers with a better circle, and with a mask of 256
-pixels a side (Bazarevsky et al., "BlazePose", 2020). After two looks the circle is right, and the masks of
+pixels a side (Bazarevsky et al., "BlazePose", 2020). After two views the circle is right, and the masks of
 three squares and of their mirror images are averaged. The mask of who is meant is then taken from further
 squares. Each counts by how sure it is, and by how well its mirror image agrees. Whoever is cut by the frame
 is often detected only where the picture has room below. OpenVINO runs both in float32 on one thread, so that
@@ -29,21 +29,25 @@ from relight.matting.people import files as person_files
 from relight.matting.people import neighbours
 from relight.matting.people.choice import CERTAIN, Choice, as_circle, distinct
 from relight.matting.people.detector import SHARES, Detector
-from relight.matting.people.region import LANDMARK_SIDE, Circle, Copies, DetectedPerson, Look, joined, sampled
+from relight.matting.people.region import LANDMARK_SIDE, Circle, Copies, DetectedPerson, View, joined, sampled
 from relight.matting.people.track import Seen
 from relight.matting.refine import encoded_srgb, opaque_photograph
 from shadow.files import AnyPath
 
 HIPS, RIM = 33, 34  # rows of the landmarks: the middle of the hips, and the circle's upper end
 LANDMARK_VALUES = 5  # x, y, z, visibility, presence
-LOOKS = 2  # of the landmark network until the circle is right: that of a detection may be far off
+ROUNDS = 2  # of the landmark network until the circle is right: that of a detection may be far off
 HOPELESS = 0.005  # presence in all of them from which nobody is there
 SQUARES = (1.0, 0.9, 0.8)  # sides of the squares whose masks are averaged, of that around the circle
-NEAR_AND_FAR = (1.3, 1.0, 0.8)  # sides of the squares of a surer mask, and of those around what they show
+NEAR_AND_FAR = (
+    1.3,
+    1.0,
+    0.8,
+)  # sides of the squares of the further views, and of those around what they show
 FRAME = 1.6  # side of the square in which these masks are joined; the others lie in it, almost
-DOUBT = 0.05  # doubt by which a mask counts 1/e of another; see `Look.doubt`
-UNSURE = 0.75  # doubt of the surest look from which none tells more than the first ones
-LIKELY = 0.5  # certainty from which somebody counts as a neighbour; what only looks like somebody has less
+SPREAD = 0.05  # uncertainty by which a view counts 1/e of another; see `View.uncertainty`
+USELESS = 0.75  # uncertainty of the best view from which none adds to the first ones
+LIKELY = 0.5  # certainty from which somebody counts as a neighbour; what only resembles somebody has less
 PRESENT = 0.3  # certainty from which somebody is there
 SCORES = (0.5, 0.1)  # of detections, at least; lower ones count where the higher ones lead to nobody
 MOST = 8  # detections of one score and share that are looked at, the best ones
@@ -200,19 +204,19 @@ class PersonFinder:
         `scale` (x, y) leads from the copy to the picture.
         """
         circle, opinions = around.reduced(scale), []
-        for _ in range(LOOKS):
+        for _ in range(ROUNDS):
             square = circle.square(LANDMARK_SIDE)
-            presence, _, points = self._look(sampled(picture, square, LANDMARK_SIDE, "border"))
+            presence, _, points = self._infer(sampled(picture, square, LANDMARK_SIDE, "border"))
             opinions.append(presence)
             circle = Circle.of(*(points[[HIPS, RIM]] @ square[:, :2].T + square[:, 2]))
         if max(opinions) < HOPELESS:
             return []
         del opinions[:-1]  # the first ones are of circles that may be far off
-        looks = [self._look_twice(picture, circle.of_size(share)) for share in SQUARES]
-        opinions += [presence for look in looks for presence in look.presences]
+        views = [self._view(picture, circle.of_size(share)) for share in SQUARES]
+        opinions += [presence for view in views for presence in view.presences]
         place = Circle(circle.centre * scale, circle.radius * float(scale.mean()), circle.up)
-        mask = joined(looks, circle, LANDMARK_SIDE)
-        person = DetectedPerson(place, mask, float(np.mean(opinions)), looks[0].landmarks * scale)
+        mask = joined(views, circle, LANDMARK_SIDE)
+        person = DetectedPerson(place, mask, float(np.mean(opinions)), views[0].landmarks * scale)
         return [person] if person.certainty >= PRESENT else []
 
     def with_more_views(self, encoded: np.ndarray, choice: Choice) -> Choice:
@@ -229,33 +233,37 @@ class PersonFinder:
             return choice
         picture, scale = Copies.of(encoded).for_circle(person.circle)
         circle = person.circle.reduced(scale)
-        looks = [self._look_twice(picture, circle.of_size(share)) for share in NEAR_AND_FAR]
-        looks += [
-            self._look_twice(picture, look.next.of_size(share))
-            for look in list(looks)
-            for share in NEAR_AND_FAR
+        views = [self._view(picture, circle.of_size(share)) for share in NEAR_AND_FAR]
+        views += [
+            self._view(picture, view.next.of_size(share)) for view in list(views) for share in NEAR_AND_FAR
         ]
-        doubts = np.array([look.doubt for look in looks])
-        if doubts.min() > UNSURE:
+        uncertainties = np.array([view.uncertainty for view in views])
+        if uncertainties.min() > USELESS:
             return choice
         mask = joined(
-            looks, circle.of_size(FRAME), 2 * LANDMARK_SIDE, np.exp(-(doubts - doubts.min()) / DOUBT)
+            views,
+            circle.of_size(FRAME),
+            2 * LANDMARK_SIDE,
+            np.exp(-(uncertainties - uncertainties.min()) / SPREAD),
         )
-        surer = replace(person, circle=person.circle.of_size(FRAME), mask=mask)
-        return replace(choice, people=tuple(surer if each is person else each for each in choice.people))
+        better = replace(person, circle=person.circle.of_size(FRAME), mask=mask)
+        return replace(choice, people=tuple(better if each is person else each for each in choice.people))
 
-    def _look_twice(self, picture: torch.Tensor, circle: Circle) -> Look:
+    def _view(self, picture: torch.Tensor, circle: Circle) -> View:
         """Look at the square around a circle of a picture (3, h, w), and at its mirror image."""
         square = circle.square(LANDMARK_SIDE)
         canvas = sampled(picture, square, LANDMARK_SIDE, "border")
-        (first, mask, points), (second, mirrored, others) = self._look(canvas), self._look(canvas[:, :, ::-1])
+        (first, mask, points), (second, mirrored, others) = (
+            self._infer(canvas),
+            self._infer(canvas[:, :, ::-1]),
+        )
         points, others = (
             each @ square[:, :2].T + square[:, 2] for each in (points, others * [-1, 1] + [LANDMARK_SIDE, 0])
         )
         around = Circle.of(*((points + others) / 2)[[HIPS, RIM]])
-        return Look(circle, (mask, mirrored[:, ::-1]), (first, second), points, around, picture.shape[1:])
+        return View(circle, (mask, mirrored[:, ::-1]), (first, second), points, around, picture.shape[1:])
 
-    def _look(self, canvas: np.ndarray) -> tuple[float, np.ndarray, np.ndarray]:
+    def _infer(self, canvas: np.ndarray) -> tuple[float, np.ndarray, np.ndarray]:
         """Return the presence, the mask and the landmarks (x, y) on a canvas."""
         landmarks, presence, logits, *_ = self._landmarks(np.ascontiguousarray(canvas)).values()
         points = landmarks.reshape(-1, LANDMARK_VALUES)[:, :2]

@@ -16,7 +16,7 @@ from relight.media.resampling import resize
 from shadow.framing import affine_sample
 
 LANDMARK_SIDE = 256  # pixels of the landmark network's square input
-REDUCED_SIDE = 1024  # pixels, the longer side of the copy on which the detector looks
+REDUCED_SIDE = 1024  # pixels, the longer side of the copy on which the detector runs
 ROOM = 1.25  # side of the square that the landmark network sees, in diameters of the circle
 PART = 0.6  # of a person's radius: a smaller circle whose middle is on them is around a part of them
 
@@ -60,7 +60,7 @@ class Circle:
 class DetectedPerson:
     """Somebody in a picture: their circle, and their mask (256, 256) in [0, 1] in the square around it.
 
-    presence: the landmark network's opinion, in [0, 1], that somebody is there, a mean of its last looks;
+    presence: the landmark network's opinion, in [0, 1], that somebody is there, a mean of its last views;
     landmarks: where it sees the joints, (N, 2) as (x, y) in the picture; rivals: the mask of the people
     beside them, in the same square, or None.
     """
@@ -73,7 +73,7 @@ class DetectedPerson:
 
     @property
     def certainty(self) -> float:
-        """The presence, and less for who is not upright, as what only looks like somebody seldom is."""
+        """The presence, and less for who is not upright, as what only resembles somebody seldom is."""
         return self.presence * ((1.5 - float(self.circle.up[1])) / 2.5) ** 2
 
     @property
@@ -123,7 +123,7 @@ def _placed(mask: np.ndarray, circle: Circle, size: tuple[int, int]) -> np.ndarr
 
 
 @dataclass(frozen=True)
-class Look:
+class View:
     """What the landmark network sees in the square around a circle, and in its mirror image turned back.
 
     masks: two of (256, 256) in [0, 1]; presences: its two opinions that somebody is there; landmarks: (N, 2)
@@ -144,7 +144,7 @@ class Look:
         return (self.masks[0] + self.masks[1]) / 2
 
     @property
-    def doubt(self) -> float:
+    def uncertainty(self) -> float:
         """How grey the mask is, and how much both differ, as shares of its area within the picture."""
         rows, columns = np.mgrid[:LANDMARK_SIDE, :LANDMARK_SIDE] + 0.5
         square = self.circle.square(LANDMARK_SIDE)
@@ -156,14 +156,14 @@ class Look:
 
 
 def joined(
-    looks: Sequence[Look], circle: Circle, side: int, weights: Sequence[float] | None = None
+    views: Sequence[View], circle: Circle, side: int, weights: Sequence[float] | None = None
 ) -> np.ndarray:
-    """Return the weighted mean (side, side) of the masks of looks, in the square around a circle."""
+    """Return the weighted mean (side, side) of the masks of views, in the square around a circle."""
     canvas = np.vstack([circle.square(side), [0, 0, 1]])
     sums = torch.zeros(2, side, side)  # of masks, and of the weights of those that show a pixel
-    for look, weight in zip(looks, weights if weights is not None else np.ones(len(looks)), strict=True):
-        onto = np.linalg.inv(np.vstack([look.circle.square(LANDMARK_SIDE), [0, 0, 1]])) @ canvas
-        mask = torch.from_numpy(look.mask.astype(np.float32))
+    for view, weight in zip(views, weights if weights is not None else np.ones(len(views)), strict=True):
+        onto = np.linalg.inv(np.vstack([view.circle.square(LANDMARK_SIDE), [0, 0, 1]])) @ canvas
+        mask = torch.from_numpy(view.mask.astype(np.float32))
         matrix = torch.tensor(onto[:2], dtype=torch.float32)
         sums += float(weight) * affine_sample(
             torch.stack([mask, torch.ones_like(mask)]), matrix, (side, side)

@@ -156,7 +156,7 @@ def test_a_crop_that_would_have_to_grow_further_is_still_in_its_place():
     picture, network, looks = network_of(body | pole)
     person = somebody(10, 30, (10, 22), hand=(18, 30))
     found = silhouette.person_matte(picture, Choice((person,), 0, size), network)
-    assert len(looks) == silhouette.LOOKS
+    assert len(looks) == silhouette.CROPS
     reached = looks[-1][1]  # the crop begins at the left edge of the picture
     np.testing.assert_array_equal(found[:, :reached] > 0.5, (body | pole)[:, :reached])
     assert found[:, reached:].max() == 0

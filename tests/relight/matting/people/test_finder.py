@@ -13,7 +13,7 @@ from relight.matting.people import detector as person_detector
 from relight.matting.people import finder as person
 from relight.matting.people import region as person_region
 from relight.matting.people.choice import Choice
-from relight.matting.people.region import Circle, DetectedPerson, Look, joined
+from relight.matting.people.region import Circle, DetectedPerson, View, joined
 
 
 @pytest.fixture(scope="module")
@@ -114,19 +114,19 @@ def test_a_turned_square_and_its_mask_agree():
 
 def looked(masks, circle=None, size=(400, 400)):
     circle = circle or Circle(np.array([200.0, 200.0]), 100, np.array([0.0, -1.0]))
-    return Look(circle, masks, (1.0, 1.0), np.zeros((39, 2)), circle, size)
+    return View(circle, masks, (1.0, 1.0), np.zeros((39, 2)), circle, size)
 
 
 def test_a_look_is_doubted_where_it_is_grey_and_where_its_mirror_image_differs():
     sure, other, grey = (np.zeros((256, 256), np.float32) for _ in range(3))
     sure[64:192, 64:192], other[64:192, 128:192], grey[64:192, 64:192] = 1, 1, 0.5
-    assert looked((sure, sure)).doubt == 0
-    assert looked((grey, grey)).doubt == pytest.approx(2)
-    assert looked((sure, other)).doubt == pytest.approx(4 / 3)
+    assert looked((sure, sure)).uncertainty == 0
+    assert looked((grey, grey)).uncertainty == pytest.approx(2)
+    assert looked((sure, other)).uncertainty == pytest.approx(4 / 3)
     below = sure.copy()
     below[192:] = 0.5  # beyond the picture's lower end, which is no matter
     high = Circle(np.array([200.0, 340.0]), 100, np.array([0.0, -1.0]))
-    assert looked((below, below), high).doubt == 0
+    assert looked((below, below), high).uncertainty == 0
 
 
 def test_one_person_alone_is_seen_in_more_views(finder):
@@ -143,7 +143,7 @@ def test_one_person_alone_is_seen_in_more_views(finder):
 
 def test_where_no_view_is_sure_the_first_mask_stands(finder, monkeypatch):
     grey = np.full((256, 256), 0.5, np.float32)
-    monkeypatch.setattr(finder, "_look_twice", lambda picture, circle: looked((grey, grey), circle))
+    monkeypatch.setattr(finder, "_view", lambda picture, circle: looked((grey, grey), circle))
     circle = Circle(np.array([200.0, 200.0]), 100, np.array([0.0, -1.0]))
     first = Choice((DetectedPerson(circle, np.ones((256, 256), np.float32)),), 0, (400, 400))
     assert finder.with_more_views(np.zeros((400, 400, 3), np.float32), first) is first
