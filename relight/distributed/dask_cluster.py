@@ -13,7 +13,15 @@ from relight.arguments import checks_arguments
 from relight.media import movies
 from relight.media.sequences import FrameRange, GivenFrames
 from relight.pipeline.option_fields import Options, Report
-from relight.pipeline.options import Compute, Lighting, Output, Source
+from relight.pipeline.options import (
+    Compute,
+    GivenLighting,
+    GivenOutput,
+    GivenSource,
+    Lighting,
+    Output,
+    Source,
+)
 from relight.pipeline.render import render_shot
 from relight.pipeline.shot import Shot
 from relight.scene import nuke
@@ -28,9 +36,9 @@ CONNECT_TIMEOUT = 30  # seconds for a scheduler to answer
 
 @checks_arguments
 def render_distributed(
-    source: Source | Any,
-    lighting: Lighting | Any,
-    output: Output | Any,
+    source: GivenSource,
+    lighting: GivenLighting,
+    output: GivenOutput,
     *,
     scheduler: str | None = None,
     workers: int | None = None,

@@ -23,7 +23,7 @@ from relight.errors import MissingNetworksError
 from relight.media import movies
 from relight.media.sequences import FrameRange, FrameSequence, GivenFrames
 from relight.pipeline.option_fields import BACKGROUND, Options, file_options, to_json
-from relight.pipeline.options import Compute, Lighting, Output, Source
+from relight.pipeline.options import Compute, GivenLighting, GivenOutput, Lighting, Output, Source
 from relight.pipeline.shot import Shot
 from relight.scene import nuke
 from relight.scene.lights import SUFFIXES as LIGHTS_SUFFIXES
@@ -39,8 +39,8 @@ CHUNK_FRAMES = 10  # of a task, unless asked otherwise
 def write_job(
     path: quantities.File,
     source: Source | str | Path,
-    lighting: Lighting | Any,
-    output: Output | Any,
+    lighting: GivenLighting,
+    output: GivenOutput,
     *,
     compute: Compute | None = None,
     frames: GivenFrames | None = None,

@@ -10,7 +10,7 @@ from relight.media.content_hash import content_hash
 from relight.media.sequences import FrameRange, GivenFrames
 from relight.pipeline.cache import SUFFIX, check_kind, frame_file, is_cache, is_made_from
 from relight.pipeline.option_fields import Report
-from relight.pipeline.options import Compute, Source
+from relight.pipeline.options import Compute, GivenSource, Source
 from relight.pipeline.plate_metadata import VERSION, relative_path
 from relight.pipeline.run import Frames, Job, Problems, check_any_made, run
 from relight.pipeline.shot import Shot
@@ -21,7 +21,7 @@ from shadow.torch_settings import isolated
 @isolated
 @checks_arguments
 def analyse_shot(
-    source: Source | Any,
+    source: GivenSource,
     output: quantities.File,
     *,
     compute: Compute | None = None,

@@ -2,7 +2,6 @@
 
 from collections.abc import Callable
 from pathlib import Path
-from typing import Any
 
 from relight import quantities
 from relight.arguments import checks_arguments
@@ -12,7 +11,7 @@ from relight.lights.moving import MovingLight
 from relight.media.movies import RATE
 from relight.media.sequences import FrameRange
 from relight.pipeline.option_fields import Report
-from relight.pipeline.options import Compute, Lighting, Source
+from relight.pipeline.options import Compute, GivenLighting, GivenSource
 from relight.pipeline.run import Frames, Job, Problems, run
 from relight.pipeline.shot import Shot
 from relight.scene import mesh
@@ -28,8 +27,8 @@ from shadow.torch_settings import isolated
 @checks_arguments
 def export_person(
     output: quantities.File,
-    source: Source | Any,
-    lighting: Lighting | Any = (),
+    source: GivenSource,
+    lighting: GivenLighting = (),
     *,
     frames: int | tuple[int, int] | str | FrameRange | None = None,
     triangles: int = mesh.TRIANGLES,

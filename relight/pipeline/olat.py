@@ -13,7 +13,7 @@ from relight.media.content_hash import content_hash
 from relight.media.sequences import FrameRange, FrameSequence
 from relight.pipeline.delivery import Delivery
 from relight.pipeline.option_fields import Report
-from relight.pipeline.options import Compute, Output, Source
+from relight.pipeline.options import Compute, GivenSource, Output
 from relight.pipeline.outputs import is_exr
 from relight.pipeline.rendered_frame import cut_out
 from relight.pipeline.run import Frames, Job, Problems, run
@@ -36,7 +36,7 @@ def olat_lights(behind: bool = False) -> list[DirectionalLight]:
 @isolated
 @checks_arguments
 def write_olat(
-    source: Source | Any,
+    source: GivenSource,
     output: str | Path | Iterable[str | Path],
     *,
     behind: bool = False,

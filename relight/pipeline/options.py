@@ -11,7 +11,7 @@ import os
 from collections.abc import Iterable
 from dataclasses import dataclass
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Any, Literal, cast
+from typing import TYPE_CHECKING, Annotated, Any, Literal, TypeAlias, cast
 
 from annotated_types import Ge, Gt, Interval
 
@@ -488,3 +488,11 @@ GROUPS: dict[str, type[Options]] = {
     "output": Output,
     "compute": Compute,
 }
+
+# What functions take for options: the object, or the value that stands for it alone, see `Options.of`.
+if TYPE_CHECKING:
+    GivenSource: TypeAlias = Source | Picture
+    GivenLighting: TypeAlias = Lighting | AnyLights
+    GivenOutput: TypeAlias = Output | File | Iterable[File]
+else:
+    GivenSource = GivenLighting = GivenOutput = object

@@ -1,7 +1,7 @@
 """Renders a shot from files to files: a still, a sequence or a movie. A still is a shot of one frame."""
 
 import warnings
-from typing import Any, get_args
+from typing import get_args
 
 import numpy as np
 
@@ -14,7 +14,13 @@ from relight.media.sequences import FrameRange, GivenFrames
 from relight.pipeline import outputs
 from relight.pipeline.delivery import Delivery
 from relight.pipeline.option_fields import Phase, Report
-from relight.pipeline.options import Compute, Lighting, Output, Source
+from relight.pipeline.options import (
+    Compute,
+    GivenLighting,
+    GivenOutput,
+    GivenSource,
+    Output,
+)
 from relight.pipeline.rendered_frame import RenderedFrame
 from relight.pipeline.run import Frames, Job, Problems, check_any_made, run
 from relight.pipeline.shot import Shot
@@ -29,9 +35,9 @@ MAX_BACKGROUND_FACTOR = 8.0  # of a background that is lit as the person is
 @isolated
 @checks_arguments
 def render_shot(
-    source: Source | Any,
-    lighting: Lighting | Any,
-    output: Output | Any,
+    source: GivenSource,
+    lighting: GivenLighting,
+    output: GivenOutput,
     *,
     compute: Compute | None = None,
     frames: GivenFrames | None = None,

@@ -27,7 +27,7 @@ from relight.pipeline import outputs
 from relight.pipeline.cache import check_not_analysed, is_cache
 from relight.pipeline.frame import FrameInputs, FrameReader
 from relight.pipeline.option_fields import BACKGROUND, Report
-from relight.pipeline.options import Compute, Lighting, Output, Source
+from relight.pipeline.options import Compute, GivenLighting, GivenSource, Lighting, Output, Source
 from relight.pipeline.persons import FrameAnalyser, Persons
 from relight.pipeline.plate_metadata import PlateMetadata, PlateMetadataReader
 from relight.pipeline.readers import ReadLog, holds_display_light, person_reader, plate_reader
@@ -58,8 +58,8 @@ class Shot:
 
     def __init__(
         self,
-        source: Source | Any,
-        lighting: Lighting | Any = (),
+        source: GivenSource,
+        lighting: GivenLighting = (),
         compute: Compute | None = None,
         analyse: Callable[..., Subject] | None = None,
     ) -> None:
@@ -82,8 +82,8 @@ class Shot:
     @contextmanager
     def open(
         cls,
-        source: Source | Any,
-        lighting: Lighting | Any = (),
+        source: GivenSource,
+        lighting: GivenLighting = (),
         compute: Compute | None = None,
         analyse: Callable[..., Subject] | None = None,
     ) -> Iterator[Self]:

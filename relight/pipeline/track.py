@@ -1,12 +1,11 @@
 """Follows the person who is found in a shot, and keeps where they are in each frame."""
 
 from collections.abc import Mapping
-from typing import Any
 
 from relight import quantities
 from relight.arguments import checks_arguments
 from relight.pipeline.option_fields import Report
-from relight.pipeline.options import Compute, Source
+from relight.pipeline.options import Compute, GivenSource
 from relight.pipeline.shot import Shot
 from shadow.torch_settings import isolated
 
@@ -14,7 +13,7 @@ from shadow.torch_settings import isolated
 @isolated
 @checks_arguments
 def write_track(
-    source: Source | Any,
+    source: GivenSource,
     path: quantities.File,
     *,
     corrections: Mapping[int, tuple[int, int]] | None = None,

@@ -147,11 +147,15 @@ def _backdrop(
         return {"background": None, "backdrop": None}
     if isinstance(background, EnvironmentLight):
         pixels = background.view(size)
-    elif as_array("background", background).ndim == 1:
-        colour = np.asarray(background, float)
-        if colour.shape != (3,) or not np.isfinite(colour).all() or colour.min() < 0:
+    elif (colour := as_array("background", background)).ndim == 1:
+        if (
+            colour.shape != (3,)
+            or colour.dtype.kind not in "iuf"
+            or not np.isfinite(colour).all()
+            or colour.min() < 0
+        ):
             raise ValueError(f"background: expected an image or three numbers >= 0, got {background!r}")
-        return {"background": colour.tolist(), "backdrop": None}
+        return {"background": colour.astype(float).tolist(), "backdrop": None}
     else:
         image = scene_linear("background", background)[..., :3]
         pixels, lamps = cover(image, size), fill_lamps(image, size, field_of_view)

@@ -11,7 +11,7 @@ from relight.compositing.composite import PLATE
 from relight.lights.light import Light
 from relight.media.sequences import FrameRange
 from relight.pipeline.option_fields import Report
-from relight.pipeline.options import Compute, Lighting, Source
+from relight.pipeline.options import Compute, GivenLighting, GivenSource
 from relight.pipeline.run import Frames, Job, Problems, run
 from relight.pipeline.shot import Shot
 from relight.viewer.initial_state import COMMAND, DEFAULT_LIGHT, checked_lights
@@ -27,8 +27,8 @@ ABSOLUTE = re.compile(r"(^|[=:])(?:/|[A-Za-z]:[\\/])(?:[^/\\]*[/\\])*")
 @checks_arguments
 def write_view(
     output: quantities.File,
-    source: Source | Any,
-    lighting: Lighting | Any = (),
+    source: GivenSource,
+    lighting: GivenLighting = (),
     *,
     frame: int | None = None,
     command: quantities.Words = COMMAND,

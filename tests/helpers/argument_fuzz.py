@@ -20,8 +20,10 @@ import shadow
 from helpers.damage import kept_person, small_canvas
 from helpers.invariants import require_usable
 from relight.arguments import parameters
+from relight.errors import EmptyMatteError
 
 ALLOWED = (TypeError, ValueError, OSError)
+FIELDS = {"source": "plate", "lighting": "lights", "model": "normals"}  # what a plain value is taken for
 DIRECTIONS = [[0.0, 0.6, 0.8]]
 
 
@@ -162,9 +164,11 @@ class Calls:
                 except AssertionError as violation:
                     return f"{call}: {violation}"
                 words = [argument, *(right if hasattr(value, "shape") or hasattr(value, "rays") else ())]
-                words += ["plate"] * (argument == "source")  # the field of the options
+                words += [FIELDS.get(argument, argument)]
                 words += [str(value), repr(value)[1:-1]] if isinstance(value, str | Path) else []
-                named = isinstance(error, OSError) or any(word in str(error) for word in words)
+                named = isinstance(error, OSError | EmptyMatteError) or any(
+                    word in str(error) for word in words
+                )
                 return None if named else f"{call}: {type(error).__name__}: {str(error)[:150]}"
             except Exception as error:
                 return f"{call}: {type(error).__name__}: {str(error)[:150]}"
