@@ -203,7 +203,7 @@ def _solved(plate: np.ndarray, colour: np.ndarray, alpha: np.ndarray, known: np.
         )
         own[soft], behind[soft] = _most_likely(seen, coverage, *expected, 1.0)
     hint = (alpha > 0) & (alpha <= MIN_COVERAGE)  # too little to solve, and enough to shine before black
-    own[hint] = np.minimum(own[hint], plate[hint] / alpha[hint][:, None])
+    own[hint] = np.minimum(own[hint], plate[hint] / np.maximum(alpha[hint], 1e-6)[:, None])  # no overflow
     return own
 
 
