@@ -10,7 +10,7 @@ The weights do not depend on the lights of the relit picture, which stays linear
 """
 
 from collections.abc import Iterable, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from typing import Any
 
 import torch
@@ -104,9 +104,17 @@ class _MeanDepth:
 def _motion(maps: AnalysisMaps, other: AnalysisMaps) -> Motion:
     """Return the motion from this frame's canvas to the other's, which may be elsewhere on the plate."""
     matrix = maps.framing.onto(other.framing)
-    there = motion(maps.image, affine_sample(other.image, matrix, maps.known.shape))
-    positions = torch.einsum("ij,jhw->ihw", matrix[:, :2], there.positions) + matrix[:, 2:, None]
-    return replace(there, positions=positions)
+    image = affine_sample(other.image, matrix, maps.known.shape)
+    moving, still = motion(maps.image, image), Motion.none(maps.known.shape)
+    # On a smooth surface, noise moves the flow at random: where standing still explains the photograph as
+    # well, nothing moves.
+    moved, unmoved = (
+        _box_mean(((way.moved(image) - maps.image) ** 2).mean(0, True)) for way in (moving, still)
+    )
+    stands = unmoved <= moved
+    positions = torch.where(stands, still.positions, moving.positions)
+    positions = torch.einsum("ij,jhw->ihw", matrix[:, :2], positions) + matrix[:, 2:, None]
+    return Motion(positions, torch.where(stands, still.certainty, moving.certainty))
 
 
 def _weight(

@@ -43,6 +43,11 @@ class Motion:
     )  # (2, h, w) x and y in pixels of the other picture; pixel centres at half-integers
     certainty: torch.Tensor  # (1, h, w) in [0, 1]: 0 where the other picture does not show the content
 
+    @classmethod
+    def none(cls, size: Sequence[int]) -> "Motion":
+        """Return the motion between two pictures of a size (h, w) that show the same at the same place."""
+        return cls(_centres(size), torch.ones(1, *size))
+
     def moved(self, maps: torch.Tensor) -> torch.Tensor:
         """Return maps (C, H, W) of the other picture, moved onto this: (C, h, w), zero beyond its frame."""
         extent = torch.tensor([maps.shape[-1], maps.shape[-2]])[:, None, None]
