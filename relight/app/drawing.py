@@ -124,4 +124,4 @@ def _found_within(folder: str, lasso: str) -> np.ndarray | None:
     picture = reduced()[..., :3]
     points = points.clip(-4, 5) * picture.shape[1::-1]
     inside = outline.inside_of(points, picture.shape[:2])
-    return silhouette.matte_within(encoded_srgb(picture), inside, np.zeros_like(inside), network)
+    return silhouette.matte_within(encoded_srgb(picture), inside, network)

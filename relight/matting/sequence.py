@@ -116,7 +116,7 @@ class SequenceMatting:
     def solves_edges(self) -> bool:
         """Whether PyMatting is needed: for a rough matte, or for the coarse mask of a person who is found."""
         found = self._options.model == networks.AUTO and self.network is None
-        return found or (self._options.refine is not None and not silhouette_files.are_fetched())
+        return found or self._options.refine is not None
 
     def frames_read(self, number: int) -> list[int]:
         """Return the other frames on which a frame's matte depends, the one that says whom to follow too."""

@@ -117,13 +117,11 @@ def person_matte(
     return matte
 
 
-def matte_within(
-    encoded: np.ndarray, outer: np.ndarray, inner: np.ndarray, network: Silhouette
-) -> np.ndarray | None:
+def matte_within(encoded: np.ndarray, outer: np.ndarray, network: Silhouette) -> np.ndarray | None:
     """Return the matte (H, W) of what somebody drew around a person in a photograph (H, W, 3), sRGB-encoded.
 
-    Nothing is beyond `outer`, and all of `inner` is the person, (H, W) in [0, 1] both. None where the network
-    sees nothing of that size: then the drawing is to be solved by its colours.
+    Nothing is beyond `outer`, (H, W) in [0, 1]. None where the network sees nothing of that size: then the
+    drawing is to be solved by its colours.
     """
     rows, columns = np.nonzero(outer > 0.5)
     if not len(rows):
@@ -135,10 +133,9 @@ def matte_within(
     ]
     crop = encoded[box]
     seen, _ = _copy(crop)
-    drawn = resize(np.stack([outer[box], inner[box]], axis=-1).astype(np.float32), seen.shape[:2], FILTER)
-    alpha = _without_noise(network(seen, drawn[..., 0]))
-    alpha = np.minimum(np.maximum(alpha, drawn[..., 1]), drawn[..., 0])
-    if (alpha > 0.5).sum() < LEAST * (drawn[..., 0] > 0.5).sum():
+    drawn = resize(outer[box].astype(np.float32), seen.shape[:2], FILTER)
+    alpha = np.minimum(_without_noise(network(seen, drawn)), drawn)
+    if (alpha > 0.5).sum() < LEAST * (drawn > 0.5).sum():
         return None
     matte = np.zeros(encoded.shape[:2], np.float32)
     matte[box] = _at_full_size(alpha, seen, crop)

@@ -20,7 +20,6 @@ from PIL import Image, ImageDraw
 from scipy import ndimage
 from scipy.special import expit, logit
 
-from relight.matting import silhouette
 from relight.matting.outline.background_model import BackgroundModel
 from relight.matting.outline.colour_likelihood import OF_LINES, OF_MASKS, colour_log_odds
 from relight.matting.outline.holes import holes
@@ -179,22 +178,16 @@ def refine(image: ArrayLike, matte: np.ndarray) -> np.ndarray:
 def refine_matte(pixels: np.ndarray, rough: np.ndarray, band: int) -> np.ndarray:
     """Find the edge of a rough mask (H, W) in [0, 1] again, in the photograph (H, W, 3), linear Rec.709.
 
-    `band`: width in pixels, at least 2, of the band along the mask's edge in which the true edge is. The
-    network that `relight fetch silhouette` brings finds it there. Without it, colours tell the edge, beyond
-    the band too where they contradict the mask. Raises ValueError for a band out of range, or so
-    wide that it leaves nothing of the person or of the background; ImportError without PyMatting (the extra
-    `matte`).
+    `band`: width in pixels, at least 2, of the band along the mask's edge in which the true edge is. Colours
+    tell the edge, beyond the band too where they contradict the mask. Raises ValueError for a band out of
+    range, or so wide that it leaves nothing of the person or of the background; ImportError without PyMatting
+    (the extra `matte`).
     """
     if band < 2:
         raise ValueError(f"refine_matte: expected a band of 2 pixels or more, got {band}")
     distance = distance_inside(rough > 0.5)
     if distance.max() <= band / 2 or distance.min() >= -band / 2:
         raise ValueError(f"refine_matte: a band of {band} pixels leaves nothing of the person or behind them")
-    if network := silhouette.load():
-        outer, inner = distance > -band / 2, distance > band / 2
-        found = silhouette.matte_within(encoded_srgb(pixels), outer, inner, network)
-        if found is not None:
-            return found
     sharp = Outline(matte=(rough > 0.5).astype(np.float32), tolerance=band / 2)
     return refine(pixels, outlined(pixels, sharp))
 
