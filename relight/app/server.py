@@ -25,7 +25,7 @@ from relight.viewer.page import module, style
 OUTPUTS = (".png", ".jpg", ".tif", ".exr", ".html", ".glb")
 KINDS = {".js": "text/javascript", ".css": "text/css", ".html": "text/html", ".png": "image/png"}
 VIEWER_NAMES = (
-    "Engine", "SHADERS", "Viewer", "checkedLight", "environmentText", "fitting", "floorText", "h",
+    "Engine", "SHADERS", "Viewer", "checkedLight", "environmentText", "fillOf", "fitting", "floorText", "h",
     "iconButton", "keyDown", "keyUp", "lightTexts", "panned", "power", "preferredSurround", "readImage",
     "samples", "short", "surround", "toCommand", "wheeled", "zoomed", "backdropOf", "lampsOfRows", "mapOf",
 )  # fmt: skip

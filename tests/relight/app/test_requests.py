@@ -4,6 +4,7 @@ import asyncio
 import functools
 import itertools
 import os
+import re
 import struct
 import subprocess
 import sys
@@ -13,6 +14,7 @@ import numpy as np
 import OpenImageIO as oiio
 import pytest
 import tifffile
+from helpers import ROOT
 from helpers.clothed import clothed
 from PIL import Image
 
@@ -24,7 +26,7 @@ from starlette.requests import Request
 import relight
 from relight.app import tasks, worker
 from relight.app.answers import refusing
-from relight.app.server import Server
+from relight.app.server import VIEWER_NAMES, Server
 from relight.app.session import Session
 from relight.app.worker import Refused, Worker
 from relight.media.images import decode as loading
@@ -381,3 +383,12 @@ def test_a_full_disk_is_a_sentence_in_every_step(tmp_path, small_canvas, monkeyp
         resource.setrlimit(resource.RLIMIT_FSIZE, limit)
         signal.signal(signal.SIGXFSZ, old)
         os.chdir(before)
+
+
+def test_the_page_is_given_what_it_takes_from_the_viewer():
+    """One name that is missing would leave an empty page."""
+    web, taken = ROOT / "relight" / "app" / "web", set()
+    for file in web.glob("*.js"):
+        for names in re.findall(r'import \{([^}]*)\} from "\.\./viewer\.js"', file.read_text()):
+            taken |= {name.split(" as ")[0].strip() for name in names.split(",") if name.strip()}
+    assert taken == set(VIEWER_NAMES)
