@@ -2,7 +2,6 @@
 
 import sys
 
-import cv2
 import numpy as np
 import pytest
 import torch
@@ -10,6 +9,8 @@ from scipy import ndimage
 
 from relight.media import optical_flow
 from relight.media.optical_flow import motion
+
+cv2 = pytest.importorskip("cv2")
 
 
 def texture(size=(96, 128)):
