@@ -25,8 +25,9 @@ SMALL, THIN = 0.0065, 0.008  # area and half the width up to which anything stay
 LIKELY = 0.15  # mean of the mask from which a region beyond its edge stays
 JOINED, SURE = 0.5, 0.97  # share of its outline along the person and coverage from which clothes go on there
 HANDS, FEET, HEAD = slice(15, 23), slice(27, 33), slice(0, 11)  # landmarks
-# What begins so near to them stays, up to an area: what is held, shoes and skates, hair and hats.
-PLACES = ((HANDS, 0.06, 0.2), (FEET, 0.08, 0.05), (HEAD, 0.06, 0.015))
+# What begins so near to them stays, up to an area: what is held, also large things that a hand is in front
+# of, shoes and skates, hair and hats.
+PLACES = ((HANDS, 0.06, 0.2), (HANDS, 0.005, 0.3), (FEET, 0.08, 0.05), (HEAD, 0.06, 0.015))
 DEEP = (0.97, 0.08)  # mean of the mask and depth from which a missing region is the person
 HALF_SEEN = (0.93, 0.25)  # the same of the mean of the mask and of the coverage
 CUT = (0.9, 0.15)  # mean of the mask or depth from which a region is the person where the frame cuts it
