@@ -24,10 +24,7 @@ COHERENT = (
     0.7,
 )  # share of what there is that the mean along the edge explains: none, and all, of a line
 MOSTLY = (0.3, 0.8)  # from the first coverage on the background hardly shows, from the second on not at all
-LACKING = (
-    0.3,
-    0.8,
-)  # share of the person in what the matte leaves free: of a right matte, and of one too low
+LACKING = (0.3, 0.8)  # share of the person in what a matte leaves free: a right one, and one too low
 SOLID = 0.9995  # coverage that is whole
 BACKGROUND_VARIANCE = 3.0  # of the continued surroundings, relative to that of the person's own colour
 

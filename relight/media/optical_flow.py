@@ -38,9 +38,7 @@ def opencv() -> Any:
 class Motion:
     """Where the content of each pixel of one picture is in another one."""
 
-    positions: (
-        torch.Tensor
-    )  # (2, h, w) x and y in pixels of the other picture; pixel centres at half-integers
+    positions: torch.Tensor  # (2, h, w) x and y in pixels of the other one; centres at half-integers
     certainty: torch.Tensor  # (1, h, w) in [0, 1]: 0 where the other picture does not show the content
 
     @classmethod

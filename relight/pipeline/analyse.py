@@ -12,7 +12,7 @@ from relight.pipeline.cache import SUFFIX, check_kind, frame_file, is_cache, is_
 from relight.pipeline.option_fields import Report
 from relight.pipeline.options import Compute, GivenSource, Source
 from relight.pipeline.plate_metadata import VERSION, relative_path
-from relight.pipeline.run import Frames, Job, Problems, check_any_made, run
+from relight.pipeline.run import Job, Problems, check_any_made, run
 from relight.pipeline.shot import Shot
 from relight.version import __version__
 from shadow.torch_settings import isolated
@@ -87,7 +87,7 @@ class Analysing(Job[Problems]):
         self._folder = folder
         self._replaced = 0  # frames
 
-    def check(self, shot: Shot, frames: Frames) -> FrameRange:
+    def check(self, shot: Shot, frames: GivenFrames | None) -> FrameRange:
         """Refuse frames of a still, and folders of another kind or that cannot be made."""
         if frames is not None and shot.is_still:
             raise ValueError("frames: a still has none")

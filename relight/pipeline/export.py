@@ -9,10 +9,10 @@ from relight.lights.directional import DirectionalLight
 from relight.lights.light import Light
 from relight.lights.moving import MovingLight
 from relight.media.movies import RATE
-from relight.media.sequences import FrameRange
+from relight.media.sequences import FrameRange, GivenFrames
 from relight.pipeline.option_fields import Report
 from relight.pipeline.options import Compute, GivenLighting, GivenSource
-from relight.pipeline.run import Frames, Job, Problems, run
+from relight.pipeline.run import Job, Problems, run
 from relight.pipeline.shot import Shot
 from relight.scene import mesh
 from relight.scene import write as writing
@@ -94,7 +94,7 @@ class Exporting(Job[Path]):
         self._path, self._triangles, self._texture = path, triangles, texture
         self._add: Callable[[int, Subject], None] | None = None  # writes one frame of several
 
-    def check(self, shot: Shot, frames: Frames) -> FrameRange:
+    def check(self, shot: Shot, frames: GivenFrames | None) -> FrameRange:
         """Refuse lights and frames that the file cannot hold, and files that are read."""
         self._knobs(shot.all_lights())
         shot.check_not_read([self._path, *writing.companions(self._path, self._texture)])
@@ -144,7 +144,7 @@ class Exporting(Job[Path]):
             self._lights, triangles=self._triangles, texture=self._texture, gloss=self._gloss
         )
 
-    def _numbers(self, shot: Shot, frames: Frames) -> FrameRange:
+    def _numbers(self, shot: Shot, frames: GivenFrames | None) -> FrameRange:
         """Return the frames to write, 0 for a still; ValueError for those that are not there or too many."""
         if shot.is_still:
             return FrameRange((0,))

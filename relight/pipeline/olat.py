@@ -10,13 +10,13 @@ from relight.arguments import checks_arguments
 from relight.lights.directional import DirectionalLight
 from relight.lights.files import write_lights
 from relight.media.content_hash import content_hash
-from relight.media.sequences import FrameRange, FrameSequence
+from relight.media.sequences import FrameRange, FrameSequence, GivenFrames
 from relight.pipeline.delivery import Delivery
 from relight.pipeline.option_fields import Report
 from relight.pipeline.options import Compute, GivenSource, Output
 from relight.pipeline.outputs import is_exr
 from relight.pipeline.rendered_frame import cut_out
-from relight.pipeline.run import Frames, Job, Problems, run
+from relight.pipeline.run import Job, Problems, run
 from relight.pipeline.shot import Shot
 from relight.pipeline.sinks import FileSink, ScriptSink, SingleFile, file_of
 from relight.rendering import Layers
@@ -109,7 +109,7 @@ class SeparateLights(Job[list[Path]]):
             self._lights_file = self._files.beside(".json")
         self._layers = Layers()  # of a single file
 
-    def check(self, shot: Shot, frames: Frames) -> FrameRange:
+    def check(self, shot: Shot, frames: GivenFrames | None) -> FrameRange:
         """Refuse outputs that are read, and a frame that is not there; return the numbers of the lights."""
         shot.check_outputs(Output(self._paths, save_lights=self._lights_file))
         self._frame = shot.shown_frame(frames)

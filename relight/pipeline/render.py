@@ -22,7 +22,7 @@ from relight.pipeline.options import (
     Output,
 )
 from relight.pipeline.rendered_frame import RenderedFrame
-from relight.pipeline.run import Frames, Job, Problems, check_any_made, run
+from relight.pipeline.run import Job, Problems, check_any_made, run
 from relight.pipeline.shot import Shot
 from relight.pipeline.sinks import FileSink, MovieSink, file_of, open_sinks
 from relight.rendering import metadata_of, render_layers
@@ -123,7 +123,7 @@ class Relighting(Job[Problems]):
         self._mattes = None if output.save_matte is None else file_of(output.save_matte)
         self._hashes: dict[int, str] = {}  # {frame number: content hash of what it is made from}
 
-    def check(self, shot: Shot, frames: Frames) -> FrameRange:
+    def check(self, shot: Shot, frames: GivenFrames | None) -> FrameRange:
         """Refuse outputs, frames, lights and backgrounds that do not go together."""
         output = self._output
         shot.lighting.check_any()

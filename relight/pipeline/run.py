@@ -8,11 +8,10 @@ from abc import ABC, abstractmethod
 from contextlib import ExitStack
 from typing import Generic, TypeVar
 
-from relight.media.sequences import FrameRange
+from relight.media.sequences import FrameRange, GivenFrames
 from relight.pipeline.option_fields import Report
 from relight.pipeline.shot import Shot
 
-Frames = int | tuple[int, int] | str | FrameRange | None  # as callers name them; None: the job's own choice
 Problems = dict[int, str]  # {frame number: error} of the frames that could not be made
 Result = TypeVar("Result")
 
@@ -31,7 +30,7 @@ class Job(ABC, Generic[Result]):
         self.opened = ExitStack()
 
     @abstractmethod
-    def check(self, shot: Shot, frames: Frames) -> FrameRange:
+    def check(self, shot: Shot, frames: GivenFrames | None) -> FrameRange:
         """Raise for what can be refused before any work; return the numbers of the frames to make."""
 
     def prepare(self, shot: Shot, numbers: FrameRange, report: Report) -> None:
@@ -46,7 +45,9 @@ class Job(ABC, Generic[Result]):
         """Do what comes after the last frame; return the result of the run."""
 
 
-def run(job: Job[Result], shot: Shot, frames: Frames = None, progress: Report | None = None) -> Result:
+def run(
+    job: Job[Result], shot: Shot, frames: GivenFrames | None = None, progress: Report | None = None
+) -> Result:
     """Do a job on the frames of an open shot, and return its result.
 
     `frames`: which ones; the job says what None means. `progress` is called with (frames done, number of

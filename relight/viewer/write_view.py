@@ -9,10 +9,10 @@ from relight import quantities
 from relight.arguments import checks_arguments
 from relight.compositing.composite import PLATE
 from relight.lights.light import Light
-from relight.media.sequences import FrameRange
+from relight.media.sequences import FrameRange, GivenFrames
 from relight.pipeline.option_fields import Report
 from relight.pipeline.options import Compute, GivenLighting, GivenSource
-from relight.pipeline.run import Frames, Job, Problems, run
+from relight.pipeline.run import Job, Problems, run
 from relight.pipeline.shot import Shot
 from relight.viewer.initial_state import COMMAND, DEFAULT_LIGHT, checked_lights
 from relight.viewer.page import SUFFIXES
@@ -89,7 +89,7 @@ class Viewing(Job[Path]):
         super().__init__()
         self._path, self._command = path, [ABSOLUTE.sub(r"\1", word) for word in command]
 
-    def check(self, shot: Shot, frames: Frames) -> FrameRange:
+    def check(self, shot: Shot, frames: GivenFrames | None) -> FrameRange:
         """Refuse lights that the page cannot show, and a frame or a background that is not there."""
         self._lights(shot)
         number = shot.shown_frame(frames)

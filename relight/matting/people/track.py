@@ -26,10 +26,8 @@ from shadow import files
 
 SUFFIX = ".json"
 VERSION = 1
-REACH = (
-    0.5  # distance of circles, see `Circle.distance`, that somebody moves from one frame to the next at most
-)
-LONGEST_REACH = 2.0  # that they are from where they were, however long ago that was
+REACH = 0.5  # distance of circles, see `Circle.distance`, that somebody moves in one frame at most
+LONGEST_REACH = 2.0  # distance from where they were at most, however long ago that was
 SAME_CLOTHES = 0.12  # RMS difference of encoded colours up to which somebody far away may be the same
 OTHER_CLOTHES = 0.18  # from which somebody near by is another one
 SCENE_SIDE = 24  # pixels, of the copies on which two frames are compared
@@ -168,15 +166,15 @@ class Track:
 
     def write(self, path: files.AnyPath, report: Callable[[int, int], None] | None = None) -> None:
         """Write the places in all frames to a .json file. `report` takes the frames done and their number."""
-        for done, number in enumerate(self._numbers):
+        path = files.check_writable(path, (SUFFIX,))  # first: following takes half a second a frame
+        for done, number in enumerate(self._numbers, 1):
             self.at(number)
             if report is not None:
-                report(done + 1, len(self._numbers))
+                report(done, len(self._numbers))
         frames = {
             str(number): None if place is None else [*_rounded(place.circle), round(place.certainty, 3)]
             for number, place in self._places.items()
         }
-        path = files.check_writable(path, (SUFFIX,))
         with files.replacing(path) as file:
             file.write_text(json.dumps({"track": VERSION, "frames": frames}, indent=1), encoding="utf-8")
 
@@ -245,8 +243,7 @@ def _is_cut(before: np.ndarray, after: np.ndarray) -> bool:
 
 def _colours(canvas: np.ndarray, mask: np.ndarray) -> np.ndarray:
     """Return the mean colours (3, 3) of the upper, middle and lower third of a mask on a canvas (h, w, 3)."""
-    step = len(mask) // len(canvas)
-    inside = mask[:: max(step, 1), :: max(step, 1)][: len(canvas), : len(canvas)] > 0.5
+    inside = resize(mask, canvas.shape[:2], "triangle") > 0.5
     rows = np.nonzero(inside.any(axis=1))[0]
     if not len(rows):
         return np.zeros((3, 3))

@@ -158,6 +158,16 @@ def test_a_track_is_kept(tmp_path):
         kept.at(4)
 
 
+def test_a_file_that_cannot_be_written_is_refused_before_anybody_is_followed(tmp_path):
+    looked = []
+    followed = Track(lambda number, near: looked.append(number), [1, 2])
+    with pytest.raises(ValueError, match=r"ends in \.json"):
+        followed.write(tmp_path / "t.txt")
+    with pytest.raises(OSError, match="nowhere"):
+        followed.write(tmp_path / "nowhere" / "t.json")
+    assert not looked
+
+
 @pytest.mark.parametrize(
     "text",
     ["", "[]", "{}", '{"track": 1}', '{"track": 1, "frames": {"1": [1, 2]}}', "[" * 100_000,
