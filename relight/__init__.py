@@ -16,6 +16,7 @@ if TYPE_CHECKING:  # for editors and type checkers, which don't follow `__getatt
     from relight.distributed.dask_cluster import render_distributed
     from relight.distributed.openjd import write_job
     from relight.light_estimation import fit_lights, match
+    from relight.light_painting import paint_lights
     from relight.lights.directional import DirectionalLight
     from relight.lights.environment import EnvironmentLight
     from relight.lights.light import Light
@@ -58,6 +59,7 @@ _EXPORTS = {
     "match": "relight.light_estimation",
     "matte": "relight.matting.networks",
     "over": "relight.compositing.composite",
+    "paint_lights": "relight.light_painting",
     "place": "relight.compositing.placement",
     "presets": "relight.lights.presets",
     "read": "relight.media.images",
@@ -98,6 +100,7 @@ __all__ = [  # literal, for type checkers
     "match",
     "matte",
     "over",
+    "paint_lights",
     "place",
     "presets",
     "read",

@@ -10,10 +10,12 @@ from typing import Any
 import numpy as np
 
 from relight.analysis.foreground import linear_plate, plate_coverage
+from relight.analysis.light_solver import LightSolver
 from relight.arguments import checks_arguments
 from relight.lights.directional import DirectionalLight
 from relight.lights.environment import EnvironmentLight
 from relight.lights.plate import few_rows, opaque, whole_field_of_view
+from relight.lights.rig import FewLights
 from relight.matting.sequence import MattingOptions, SequenceMatting
 from relight.media import images, movies
 from relight.media.sequences import FrameSequence, SequenceReader, Still
@@ -31,7 +33,9 @@ WINDOW_RADIUS = 12  # frames before and after one whose backgrounds light it as 
 
 @isolated
 @checks_arguments
-def fit_lights(image: inputs.Array, subject: Subject | None = None) -> list[DirectionalLight]:
+def fit_lights(
+    image: inputs.Array, subject: Subject | None = None, *, count: FewLights | None = None
+) -> list[DirectionalLight]:
     """Estimate the lights of a photograph: those in which the subject looks most like the image.
 
     Image = albedo × Σ weight × shading is solved for the weights of the 96 OLAT directions by non-negative
@@ -45,6 +49,10 @@ def fit_lights(image: inputs.Array, subject: Subject | None = None) -> list[Dire
     subject
         The Subject of that picture, or of another picture of the same person in the same pose and framing. By
         default it is made from the image, which then needs alpha.
+
+    count
+        Number of lights at most, in [1, 32]: neighbours are merged into lights with an angle. None: one for
+        each direction, up to 96, which explain the picture best.
 
     Returns
     -------
@@ -63,7 +71,17 @@ def fit_lights(image: inputs.Array, subject: Subject | None = None) -> list[Dire
     >>> image = relight.read("reference.png")
     >>> lights = relight.fit_lights(image, relight.Subject(image, relight.read_mask("matte.png")))
     """
-    return _fitted(Subject(image) if subject is None else subject, image)
+    person = Subject(image) if subject is None else subject
+    return _fitted(person, image) if count is None else _few(person, image, count)
+
+
+def _few(subject: Subject, image: inputs.Array, count: int) -> list[DirectionalLight]:
+    """Return at most `count` lights, see `fit_lights`."""
+    grid = subject.light_grid()
+    wanted = grid.photographed(image).double().numpy()
+    lights: Any = LightSolver(grid, []).solve(wanted, np.ones(len(grid)), count)
+    lights.sort(key=lambda light: -light.power.sum())
+    return [replace(light, name=f"fit{number}") for number, light in enumerate(lights, 1)]
 
 
 def _fitted(subject: Subject, image: inputs.Array) -> list[DirectionalLight]:

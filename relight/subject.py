@@ -18,6 +18,7 @@ from relight.analysis.camera import Camera
 from relight.analysis.exposure import gain_to_keep
 from relight.analysis.gloss import checked_gloss
 from relight.analysis.infer import check_inputs, infer
+from relight.analysis.light_grid import LightGrid
 from relight.analysis.maps import AnalysisMaps, bounded
 from relight.analysis.old_light import OldLight
 from relight.analysis.record import AnalysisRecord
@@ -539,6 +540,10 @@ class Subject:
         """
         self._check_shown()
         return self._record.fit_lighting(image, self._albedo)
+
+    def light_grid(self, gloss: float = 0.0) -> LightGrid:
+        """Return the person at the points where `relight.paint_lights` solves for lights."""
+        return LightGrid(self._record, self._albedo, gloss)
 
     @checks_arguments
     def view(

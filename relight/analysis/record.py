@@ -58,16 +58,27 @@ class AnalysisRecord(NamedTuple):
         `albedo` (P, 3): that of relit pictures, without noise. Returns directions (96, 3) and their
         intensities (96, 3) >= 0. Raises ValueError for an image of another size.
         """
-        plate, person, maps = linear_plate(image), self.foreground, self.maps
+        directions, maps = torch.from_numpy(olat(behind=True)), self.maps
+        powers = solve_lighting(
+            self.framed(image), self.canvas_albedo(albedo), maps.shading(directions), maps.known.float()
+        )
+        return directions.numpy(), powers.numpy()
+
+    def framed(self, image: inputs.Array) -> torch.Tensor:
+        """Return the person's own colour (3, h, w) in a picture of them, linear, on the networks' canvas.
+
+        Raises ValueError for an image of another size than the person's.
+        """
+        plate, person = linear_plate(image), self.foreground
         if plate.shape[:2] != person.size:
             raise ValueError(f"image: expected the subject's size {person.size}, got {plate.shape[:2]}")
         colour = person.own_colour(plate, photographed=plate.shape[-1] == 3)
-        framed = Framed.of(colour, person.matte, self.framing.canvas[0])
+        return Framed.of(colour, person.matte, self.framing.canvas[0]).rgb
+
+    def canvas_albedo(self, albedo: torch.Tensor) -> torch.Tensor:
+        """Return the albedo (P, 3) of the person's pixels on the networks' canvas (3, h, w)."""
+        person = self.foreground
         covered = torch.cat([torch.ones(len(albedo), 1), albedo], dim=1)
         layers = torch.from_numpy(person.scatter(covered)[person.box]).permute(2, 0, 1)
         share, known_albedo = self.framing.crop(layers).split([1, 3])
-        directions = torch.from_numpy(olat(behind=True))
-        powers = solve_lighting(
-            framed.rgb, known_albedo / share.clamp_min(1e-6), maps.shading(directions), maps.known.float()
-        )
-        return directions.numpy(), powers.numpy()
+        return known_albedo / share.clamp_min(1e-6)

@@ -11,8 +11,8 @@ Panels = Mapping[str, str]  # {title: names of parameters}, in the order of the 
 SHOT: Panels = {  # of all commands that read a photograph or a shot
     "Person": "mask matte person track key refine_matte feather normals axes depth height field_of_view",
     "Placement": "size placement scale offset",
-    "Lights": "preset light environment lights match_plate fill fill_amount match match_mask gloss "
-    "amount intensity camera subject_at allow_external",
+    "Lights": "preset light environment lights match_plate fill fill_amount match match_mask paint "
+    "paint_count gloss amount intensity camera subject_at allow_external",
     "Background and floor": "background floor background_light background_colour_space",
     "Output": "paths output behind triangles texture passes exposure white view save_matte save_lights "
     "exr_type output_colour_space autocrop colour_space alpha open_",

@@ -3,14 +3,20 @@
 import itertools
 from collections.abc import Iterable
 from dataclasses import replace
-from typing import Any
+from typing import Annotated, Any
 
-from relight.arguments import checked_number
+from annotated_types import Interval
+
+from relight.arguments import About, checked_number
 from relight.lights import presets
 from relight.lights.light import Light
 from relight.lights.moving import MovingLight
 
 Lights = Light | Iterable[Light] | str  # what functions accept
+MOST_SOLVED = 32  # lights that are solved for together
+FewLights = Annotated[
+    int, Interval(ge=1, le=MOST_SOLVED), About("Number of lights at most that are solved for.")
+]
 
 
 def as_rig(lights: Any, expected: str = "lights") -> list[Any]:

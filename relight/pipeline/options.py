@@ -281,6 +281,18 @@ class Lighting(Options):
         ),
     ] = None
     match_mask: Annotated[Picture | None, About("The matte of the --match photograph.", path=True)] = None
+    paint: Annotated[
+        Picture | None,
+        About(
+            "Paint the light: a picture of strokes on the photograph, red for brighter, blue for darker and "
+            "green for as it is; or grey, 128 for as it is. Its lights replace the others, or the "
+            "photograph's own.",
+            path=True,
+        ),
+    ] = None
+    paint_count: Annotated[
+        int, Interval(ge=1, le=32), About("Number of lights at most that --paint makes. Default: 4.")
+    ] = 4
     gloss: Annotated[
         quantities.Gloss | None,
         About(
@@ -319,6 +331,8 @@ class Lighting(Options):
         super().__post_init__()
         if self.fill and self.match_plate:
             raise ValueError("fill: expected none beside match_plate, which is the background's whole light")
+        if self.paint is not None and (self.fill or self.match_plate):
+            raise ValueError("paint: expected neither fill nor match_plate, whose light cannot be painted")
 
     def rig(self) -> Rig:
         """Read the lights of the objects, the lights file and the texts, and the camera of a scene.
@@ -374,15 +388,16 @@ class Lighting(Options):
         """Raise ValueError if there are no lights, not even matched ones."""
         if not self.has_lights:
             raise ValueError(
-                "lights: expected at least one (--preset, --light, --environment, --lights, --match or "
-                "--match-plate)"
+                "lights: expected at least one (--preset, --light, --environment, --lights, --match, "
+                "--match-plate or --paint)"
             )
 
     @property
     def has_lights(self) -> bool:
         """Whether there is any light, set or matched."""
         given = self.lights or self.preset or self.light or self.environment
-        return bool(given) or self.match_plate or self.match is not None
+        found = self.match_plate or self.match is not None or self.paint is not None
+        return bool(given) or found
 
 
 @dataclass(frozen=True)

@@ -16,6 +16,7 @@ from relight.analysis import skin
 from relight.compositing.composite import ENVIRONMENT, NONE, PLATE, Background
 from relight.light_estimation import FILL, Matching, PlateLight, lights_on
 from relight.light_estimation import PLATE as PLATE_LIGHT
+from relight.light_painting import paint_lights, read_strokes, strokes_of
 from relight.lights.environment import EnvironmentLight, environments
 from relight.lights.light import Light
 from relight.lights.moving import MovingLight, lights_at
@@ -242,7 +243,7 @@ class Shot:
         source, lighting = self.source, self.lighting
         return (
             source.plate, source.mask, source.track, source.normals, source.depth, lighting.background,
-            lighting.match, lighting.match_mask, lighting.lights, *self.every_light,
+            lighting.match, lighting.match_mask, lighting.paint, lighting.lights, *self.every_light,
         )  # fmt: skip
 
     @property
@@ -575,7 +576,27 @@ class Shot:
             report(0, 1, "Matching")
             image, mask = reference
             self.every_light += lights_on(self._analyse(image, mask, device=self.compute.device), image)
+        if self.lighting.paint is not None:
+            report(0, 1, "Painting")
+            self._paint(self.lighting.paint)
         self._frames.compile_matting(report)
+
+    def _paint(self, picture: Any) -> None:
+        """Let the lights that a picture of strokes asks for take the place of all others.
+
+        The strokes are on the first frame with a person. Raises as `paint_lights` does.
+        """
+        strokes = read_strokes(picture) if is_path(picture) else strokes_of(picture)
+        present: Any = [*scaled(self.preset_lights, self.preset_gain), *self.every_light]
+        number = next((each for each in self.numbers if not self._persons.at(each).is_empty), self.numbers[0])
+        lighting = self.lighting
+        self.every_light = [
+            *paint_lights(
+                self.subject(number), strokes, present or None, count=lighting.paint_count,
+                gloss=lighting.effective_gloss,
+            )
+        ]  # fmt: skip
+        self.preset_lights = []
 
     def write_lights(self, path: Path, start: int) -> None:
         """Write the lights file; with a matched plate it has the light of the background's frame `start`."""

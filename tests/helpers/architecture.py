@@ -9,6 +9,7 @@ FOLDERS = (  # from the top to the bottom: each imports only from those below it
     "pipeline",
     "scene",
     "light_estimation",
+    "light_painting",
     "rendering",
     "subject",
     "analysis",

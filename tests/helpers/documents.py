@@ -110,6 +110,9 @@ def lay_out(folder):
     relight.write_mask(folder / "matte.png", matte)
     relight.write(folder / "reference_cut.png", person)
     relight.write(folder / "studio.png", screen)
+    strokes = np.zeros((rows, columns, 4), np.uint8)
+    strokes[:, : columns // 2] = (255, 0, 0, 255)
+    relight.write(folder / "strokes.png", strokes)
     for path in ("street.jpg", "street.exr"):
         relight.write(folder / path, shades)
     sky = np.full((32, 64, 3), 0.3, np.float32)
