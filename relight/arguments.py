@@ -55,7 +55,8 @@ class About:
 
     `help`: one or two sentences. `unit`: of a number. `expected`: words for an error, where the type's own do
     not do. `parse`: makes the value of a text, and `check` returns the value or another for it; both raise
-    ValueError, whose text follows the argument's name. `path`: a text may name a file or a sequence of files.
+    ValueError, whose text follows the argument's name. `words`: (word, number) pairs, of texts that stand for
+    numbers. `path`: a text may name a file or a sequence of files.
     `flags`, `metavar` and `repeatable`: of the command's option.
     """
 
@@ -65,6 +66,7 @@ class About:
     expected: str = ""
     parse: Callable[[str], Any] | None = None
     check: Callable[[Any], Any] | None = None
+    words: tuple[tuple[str, float], ...] = ()
     path: bool = False
     flags: tuple[str, ...] = ()
     metavar: str | None = None
@@ -386,16 +388,32 @@ def read_settings(settings: Iterable[str], known: Mapping[str, Parameter]) -> di
             raise ValueError(unknown(key, known))
         if not equals or key in arguments:
             problem = "twice" if equals else "not understood"
-            raise ValueError(
-                f"{setting!r} is {problem}; expected parameter=value,... with {', '.join(known)}"
-            )
+            expected = f"expected parameter=value,... with {', '.join(known)}"
+            hint = f"did you mean {near}?" if (near := _named_by(key, known)) else expected
+            raise ValueError(f"{setting!r} is {problem}; {hint}")
+        near = _named_by(value, known)
+        if near and value not in _words(known[key].kind):
+            expected = described(known[key].kind)
+            raise ValueError(f"{key}: expected {expected}, got {value!r}; did you mean {near}?")
         arguments[key] = read(key, value, known[key].kind)
     return arguments
 
 
-def _number(name: str, text: str, kind: object) -> float:
+def _named_by(word: str, known: Mapping[str, Parameter]) -> str | None:
+    """Return the setting, such as azimuth=left, whose word this is; None for no such word."""
+    return next((f"{name}={word}" for name, each in known.items() if word in _words(each.kind)), None)
+
+
+def _words(kind: object) -> dict[str, float]:
+    """Return the words that stand for numbers of an annotation."""
     said = about(kind)
-    bare = text.strip()
+    return dict(said.words) if said else {}
+
+
+def _number(name: str, text: str, kind: object) -> float:
+    said, bare, words = about(kind), text.strip(), _words(kind)
+    if bare.lower() in words:
+        return words[bare.lower()]
     for suffix in SUFFIXES.get(said.unit if said else "", ()):
         if bare.endswith(suffix):
             bare = bare.removesuffix(suffix)
@@ -403,4 +421,6 @@ def _number(name: str, text: str, kind: object) -> float:
     try:
         return float(bare)
     except ValueError as error:
-        raise ValueError(f"{name}: expected {described(kind)}, got {text!r}") from error
+        expected = " or ".join([described(kind), *([", ".join(words)] if words else [])])
+        hint = f"; did you mean {near}?" if (near := meant(bare, words)) else ""
+        raise ValueError(f"{name}: expected {expected}, got {text!r}{hint}") from error

@@ -2,6 +2,7 @@
 
 import math
 import os
+import re
 import unicodedata
 import warnings
 from collections.abc import Iterable, Mapping, Sequence
@@ -16,12 +17,44 @@ MIN_METRES = 1e-4  # of a side, and of the distance to a light
 MAX_NAME_BYTES = 240  # with "visibility_" before and ".R" behind, within the 255 of OpenEXR
 MAX_PATH = 4096  # characters, Linux's limit
 MIN_LENGTH = 1e-6  # of a direction
+AZIMUTHS = (
+    ("front", 0.0), ("front-left", -45.0), ("left", -90.0), ("back-left", -135.0), ("back", 180.0),
+    ("behind", 180.0), ("back-right", 135.0), ("right", 90.0), ("front-right", 45.0),
+)  # fmt: skip
+ELEVATIONS = (
+    ("level", 0.0), ("top", 90.0), ("above", 90.0), ("overhead", 90.0), ("bottom", -90.0), ("below", -90.0),
+)  # fmt: skip
+# Words that are backgrounds: what the camera sees of the environments among the lights; the photograph
+# itself, with the person taken out; the same, blurred; and nothing, even if the photograph has no alpha.
+ENVIRONMENT, PLATE, BLUR, NONE = BACKGROUNDS = "environment", "plate", "blur", "none"
+STRONG_BLUR = 0.02  # share of the picture's height, where only a blur is asked for
 Triple = tuple[float, float, float]
 WHITE: Any = (1.0, 1.0, 1.0)  # the default of a colour
 NOWHERE: Any = None  # that of an `OptionalPosition`
 
 
-def _parsed_colour(text: str) -> Triple:
+def background_of(text: str) -> tuple[float, ...] | str:
+    """Return the colour that a text is, see `Colour`; a word among BACKGROUNDS or a file's name unchanged.
+
+    Raises ValueError for what is none of these.
+    """
+    from PIL import ImageColor
+
+    word = text.strip().lower()
+    if word in BACKGROUNDS or os.path.exists(text):
+        return text if os.path.exists(text) else word
+    if word.startswith("#") or word in ImageColor.colormap or set(word) <= set("0123456789.+-e/"):
+        return _parsed_colour(text, "background")
+    if text.count(",") == 2 or re.fullmatch(r"[\w -]+", text):
+        near = meant(word, [*BACKGROUNDS, *ImageColor.colormap])
+        raise ValueError(
+            f"expected a linear colour as 0.2/0.2/0.2, #808080, a colour's name, a file, or one of "
+            f"{', '.join(BACKGROUNDS)}, got {text!r}" + (f"; did you mean {near}?" if near else "")
+        )
+    return text
+
+
+def _parsed_colour(text: str, argument: str = "colour") -> Triple:
     """Read a colour: `1/0.9/0.8`, linear; or as pictures have it, `#ff8800`, or by its name in CSS."""
     import numpy as np
     from PIL import ImageColor
@@ -34,7 +67,9 @@ def _parsed_colour(text: str) -> Triple:
     except ValueError:
         name = word.replace(" ", "").replace("_", "")
         try:
-            codes = ImageColor.getrgb(name)[:3]
+            codes = ImageColor.getrgb(name)
+            if len(codes) != 3:
+                raise ValueError("a colour with alpha")
         except ValueError:
             near = meant(name, ImageColor.colormap)
             raise ValueError(
@@ -44,10 +79,11 @@ def _parsed_colour(text: str) -> Triple:
         red, green, blue = decode_srgb(np.array(codes) / 255).round(6).tolist()
     else:
         if max(red, green, blue) > 1 and max(red, green, blue) <= 255:
+            brighter = "" if argument == "background" else "; intensity=2 is twice the light"
             code = "".join(f"{round(min(max(each, 0), 255)):02x}" for each in (red, green, blue))
             warnings.warn(
-                f"colour: {text} is linear and brighter than white; intensity=2 is twice the light, and the "
-                f"colour of 8 bits is #{code}",
+                f"{argument}: {text} is linear and brighter than white{brighter}; "
+                f"the colour of 8 bits is #{code}",
                 stacklevel=2,
             )
     return red, green, blue
@@ -145,12 +181,17 @@ Intensity = Annotated[
 ]
 Exposure = Annotated[float, Interval(ge=-64, le=64), About("Each stop doubles the light.", unit="stops")]
 Azimuth = Annotated[
-    float, About("Degrees from the camera (0) toward image right (90); 180: behind.", unit="degrees")
+    float,
+    About(
+        "Degrees from the camera (0) toward image right (90); 180: behind.",
+        unit="degrees",
+        words=AZIMUTHS,
+    ),
 ]
 Elevation = Annotated[
     float,
     Interval(ge=-90, le=90),
-    About("Degrees up from the horizon (0) to overhead (90).", unit="degrees"),
+    About("Degrees up from the horizon (0) to overhead (90).", unit="degrees", words=ELEVATIONS),
 ]
 Rotation = Annotated[
     float, About("Degrees about the vertical, from the camera toward image right.", unit="degrees")
@@ -189,6 +230,11 @@ Amount = Annotated[
     float,
     Interval(ge=0, le=1),
     About("Share of the new light: the rest is the photograph's own. 0 is the photograph."),
+]
+Blur = Annotated[
+    float,
+    Interval(ge=0, le=0.2),
+    About("Blur of the background, as of a lens: the radius as a share of the picture's height."),
 ]
 Height = Annotated[
     float,

@@ -13,21 +13,15 @@ from relight import quantities
 from relight.analysis.gloss import checked_gloss
 from relight.analysis.infer import AnalysisInputs, check_inputs, infer
 from relight.arguments import checks_arguments, shown
-from relight.compositing.composite import (
-    ENVIRONMENT,
-    NONE,
-    PLATE,
-    Background,
-    backdrop,
-    over,
-    parse_background,
-)
+from relight.compositing.composite import Background, backdrop, over
+from relight.compositing.defocus import defocused
 from relight.compositing.floor import Floor, GivenFloor
 from relight.lights.environment import FIELD_OF_VIEW, EnvironmentLight, environments
 from relight.lights.light import Light
 from relight.lights.rig import Lights, as_lights, by_name, check_free, checked_amount, scaled
 from relight.media.images import Metadata, half, read, scene_linear
 from relight.media.images.arrays import as_array
+from relight.quantities import BACKGROUNDS, BLUR, ENVIRONMENT, NONE, PLATE, STRONG_BLUR, background_of
 from relight.subject import Subject
 from shadow import inputs
 from shadow.files import AnyPath, is_path
@@ -73,7 +67,7 @@ def apply(
         which is rendered as the camera sees it (see `relight.over`). Or text, as the command takes it: a
         file, a colour such as "0.03/0.03/0.04", "environment", the environments among the lights, or "plate",
         the photograph itself: it is filled under its person, see `Subject.clean_plate`, as it is where it is
-        given as an image. None, or "none", keeps the alpha.
+        given as an image; or "blur", that out of focus. None, or "none", keeps the alpha.
     mask
         (H, W) in [0, 1], the matte of the person, in place of the image's alpha.
     matte
@@ -148,15 +142,18 @@ def partial_shadow(shadow: np.ndarray, amount: float) -> np.ndarray:
 
 
 def _background(background: Background | AnyPath | None, lights: Iterable[Light]) -> Background | None:
-    """Return what a text means, `ENVIRONMENT` and `PLATE` as they are; anything else unchanged."""
+    """Return what a text means, a word among BACKGROUNDS as it is; anything else unchanged."""
     if not is_path(background):
         return background
-    meant = parse_background(os.fspath(background))
+    try:
+        meant = background_of(os.fspath(background))
+    except ValueError as error:
+        raise ValueError(f"background: {error}") from None
     if meant == NONE:
         return None
     if meant == ENVIRONMENT and not environments(lights):
         raise ValueError("background: 'environment' expected an environment among the lights")
-    return read(meant) if isinstance(meant, str) and meant not in (ENVIRONMENT, PLATE) else meant
+    return read(meant) if isinstance(meant, str) and meant not in BACKGROUNDS else meant
 
 
 @isolated
@@ -327,8 +324,9 @@ def _behind(
     """Return what is behind the person of a linear plate (H, W, 3|4): the plate filled where it is that."""
     if background is None:
         return None
-    if isinstance(background, str) and background == PLATE:
-        return subject.clean_plate(plate)
+    if isinstance(background, str) and background in (PLATE, BLUR):
+        clean = subject.clean_plate(plate)
+        return defocused(clean, STRONG_BLUR) if background == BLUR else clean
     image: Any = background
     if (
         not isinstance(image, EnvironmentLight | str)

@@ -19,7 +19,7 @@ import torch
 from relight.app import compiling, drawing
 from relight.app.drawing import MODEL, REDUCED
 from relight.app.pictures import png, reduced_size, resized
-from relight.compositing.composite import NONE, backdrop
+from relight.compositing.composite import backdrop
 from relight.compositing.floor import Floor
 from relight.errors import EmptyMatteError
 from relight.light_estimation import PlateLight
@@ -37,6 +37,7 @@ from relight.media.images.encode import compressed
 from relight.media.images.write_image import encoded
 from relight.media.sequences import Still
 from relight.pipeline.options import Lighting, Output, Source
+from relight.quantities import NONE
 from relight.rendering import partial_shadow
 from relight.subject import Subject
 from relight.viewer.initial_state import fill_lamps, scene_of

@@ -1,6 +1,8 @@
 """All commands under one name, `relight`."""
 
+import os
 import warnings
+from pathlib import Path
 from typing import Annotated, Any
 
 import typer
@@ -17,6 +19,7 @@ from relight.cli.fetch import fetch
 from relight.cli.help import EXAMPLES
 from relight.cli.job import job
 from relight.cli.olat import olat
+from relight.cli.presets import presets
 from relight.cli.stage import stage
 from relight.cli.track import track
 from relight.cli.training import shrink, train
@@ -27,10 +30,17 @@ EXTRAS = {  # of modules that only some commands need
     "anny": "stage", "embreex": "stage", "numba": "stage", "trimesh": "stage",
     "kornia": "train", "matplotlib": "train",
 }  # fmt: skip
+APP_WORDS = ("browser", "gui", "open", "server", "start", "ui", "web")  # that people try for the application
 
 
 class _OneLineErrors(TyperGroup):
     """Bad input is one line and exit code 2, a warning one line. Anything else is a bug with its trace."""
+
+    def resolve_command(self, ctx: Any, args: list[str]) -> Any:
+        if args and args[0] not in self.commands and (hint := _hint(args[0])):
+            typer.echo(printable(f"relight: {args[0]} is no command; {hint}"), err=True)
+            raise typer.Exit(2)
+        return super().resolve_command(ctx, args)
 
     def invoke(self, ctx: Any) -> Any:
         before = warnings.formatwarning
@@ -52,6 +62,15 @@ class _OneLineErrors(TyperGroup):
             end_interrupted()
         finally:
             warnings.formatwarning = before
+
+
+def _hint(word: str) -> str | None:
+    """Return what to type instead of a word that is no command; None where that is not known."""
+    if word.lower() in APP_WORDS:
+        return "the application opens by: relight app"
+    if Path(word).suffix or os.path.exists(word):
+        return f"to relight a picture: relight apply {word} --preset golden-hour -o out.jpg; or: relight app"
+    return None
 
 
 def _one_line(message: Warning | str, *place: Any, **line: Any) -> str:
@@ -78,7 +97,7 @@ def main(
 
 
 app.command("video", epilog=EXAMPLES["apply"], help="The same as `relight apply`.")(apply)
-for command in (apply, job, view, analyse, track, export, olat, comfyui, stage, train, shrink):
+for command in (apply, presets, job, view, analyse, track, export, olat, comfyui, stage, train, shrink):
     app.command(epilog=EXAMPLES.get(command.__name__))(command)
 app.command("app")(app_command)
 app.add_typer(fetch, name="fetch")

@@ -13,7 +13,7 @@ SHOT: Panels = {  # of all commands that read a photograph or a shot
     "Placement": "size placement scale offset",
     "Lights": "preset light environment lights match_plate fill fill_amount match match_mask paint "
     "paint_count gloss amount intensity camera subject_at allow_external",
-    "Background and floor": "background floor background_light background_colour_space",
+    "Background and floor": "background background_blur background_light floor background_colour_space",
     "Output": "paths output behind triangles texture passes exposure white view save_matte save_lights "
     "exr_type output_colour_space autocrop colour_space alpha open_",
     "Video": "frames frame resume rate temporal_filter phase",

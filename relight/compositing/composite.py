@@ -1,8 +1,5 @@
 """Composite a picture over a background, in linear light."""
 
-import re
-from pathlib import Path
-
 import numpy as np
 from numpy.typing import ArrayLike
 
@@ -14,9 +11,6 @@ from relight.media.images.arrays import as_array
 from shadow.torch_settings import isolated
 
 Background = ArrayLike | EnvironmentLight  # an image, a linear (r, g, b), or a map as a camera sees it
-# Words that are backgrounds: what the camera sees of the environments among the lights; the photograph
-# itself, with the person taken out; and nothing, even if the photograph has no alpha.
-ENVIRONMENT, PLATE, NONE = "environment", "plate", "none"
 
 
 @isolated
@@ -86,16 +80,3 @@ def backdrop(background: Background, size: tuple[int, ...], shadow: np.ndarray |
     else:
         back = cover(scene_linear("background", background)[..., :3], size)
     return back if shadow is None else back * shadow
-
-
-def parse_background(text: str) -> tuple[float, ...] | str:
-    """Parse a colour such as `0.2/0.2/0.2`; return other text, a path or a word, unchanged.
-
-    Raises ValueError for a colour that is written otherwise.
-    """
-    if re.fullmatch("#[0-9a-fA-F]{3,8}", text) or (text.count(",") == 2 and not Path(text).exists()):
-        raise ValueError(f"background: expected a linear colour as 0.2/0.2/0.2, or a file, got {text!r}")
-    try:
-        return tuple(map(float, text.split("/")))
-    except ValueError:
-        return text

@@ -1,16 +1,23 @@
-"""The base classes of lights: strength and colour, rays, parsing from text."""
+"""The base classes of lights: strength and colour, rays, parsing from text.
+
+Torch is imported where rays are computed: texts of lights are checked without it.
+"""
+
+from __future__ import annotations
 
 from collections.abc import Iterator
 from dataclasses import dataclass
-from typing import Annotated, Any, ClassVar, NamedTuple, Self
+from typing import TYPE_CHECKING, Annotated, Any, ClassVar, NamedTuple, Self
 
 import numpy as np
-import torch
 from annotated_types import Interval
 
 from relight import quantities
 from relight.arguments import Checked, Parameter, checked, parameters, read_settings
 from relight.media import colour as colours
+
+if TYPE_CHECKING:
+    import torch
 
 
 class Rays(NamedTuple):
@@ -99,7 +106,7 @@ class Light(Checked):
 
     def cone_transmission(self, cosines: torch.Tensor) -> torch.Tensor:
         """Return the share (...) of the light, in [0, 1], that leaves at an angle from `cone_axis`."""
-        return torch.ones_like(cosines)
+        return cosines.new_ones(cosines.shape)
 
     def settings(self) -> dict[str, Any]:
         """Return {parameter: value} of the constructor, without those that have their defaults."""
@@ -154,6 +161,8 @@ class DistantLight(Light):
 
     def rays(self, positions: torch.Tensor) -> Iterator[Rays]:
         """Yield all rays at once, the same for all `positions`."""
+        import torch
+
         directions, intensities = self.unit_samples()
         yield Rays(torch.from_numpy(directions), torch.from_numpy(intensities))
 

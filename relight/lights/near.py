@@ -2,23 +2,26 @@
 
 Positions are metres in the camera's axes, from the subject's middle (see `relight.analysis.camera`). The
 lights are those of UsdLux, SphereLight and RectLight. Their intensity is the irradiance of a surface that
-faces them from one metre, and it falls off with the square of the distance.
+faces them from one metre, and it falls off with the square of the distance. Torch is imported where rays are
+computed: texts of lights are checked without it.
 """
+
+from __future__ import annotations
 
 import math
 from collections.abc import Iterator
 from dataclasses import KW_ONLY, dataclass
-from typing import Annotated, Any, ClassVar
+from typing import TYPE_CHECKING, Annotated, Any, ClassVar
 
 import numpy as np
-import torch
-import torch.nn.functional as F
 from annotated_types import Interval
 
 from relight import quantities
 from relight.arguments import About, required
 from relight.lights.light import Light, Parts, Rays
-from relight.lights.spherical_rectangle import SphericalRectangle
+
+if TYPE_CHECKING:
+    import torch
 
 SAMPLE_COUNT = 16  # over a light that has a size
 FULL_CONE, HALF_CONE = 180.0, 90.0  # degrees from the axis to which a lamp, and a rectangle, shines
@@ -86,7 +89,7 @@ class NearLight(Light):
         `cosines` (...) are those of the angle. The cone's edge is UsdLux's: a smooth step from
         `cone * (1 - softness)` to `cone`.
         """
-        angles = torch.rad2deg(torch.acos(cosines.clamp(-1, 1)))
+        angles = cosines.clamp(-1, 1).acos().rad2deg()
         if self.softness == 0:
             return (angles <= self.cone).float()
         step = ((self.cone - angles) / (self.cone * self.softness)).clamp(0, 1)
@@ -165,6 +168,9 @@ class PointLight(NearLight):
         A surface point sees a sphere as a cap of directions. The samples are in equal steps along the cap's
         axis, which are equal solid angles (Archimedes).
         """
+        import torch
+        import torch.nn.functional as F
+
         axis, squared = _toward(self.position, positions)
         if self.radius == 0:
             yield Rays(axis, 1 / squared)
@@ -260,6 +266,11 @@ class RectLight(NearLight):
         The irradiance is then correct at any distance. Samples of equal area would be too sparse close to the
         light.
         """
+        import torch
+        import torch.nn.functional as F
+
+        from relight.lights.spherical_rectangle import SphericalRectangle
+
         axes = torch.from_numpy(np.stack([*self.sides, self.axis]))
         centre = torch.tensor(self.position, dtype=torch.float64).view(3, *[1] * (positions.ndim - 1))
         x, y, z = torch.einsum("lc,c...->l...", axes, centre - positions.double())
@@ -301,11 +312,15 @@ def _unit(vector: np.ndarray) -> np.ndarray:
 
 def _dot(axis: np.ndarray, directions: torch.Tensor) -> torch.Tensor:
     """Return the dot products (...) of an axis (3,) with directions (3, ...)."""
+    import torch
+
     return torch.einsum("c,c...->...", torch.from_numpy(axis).to(directions), directions)
 
 
 def _toward(point: Any, positions: torch.Tensor) -> tuple[torch.Tensor, torch.Tensor]:
     """Return unit directions (3, ...) from positions (3, ...) to a point (3,), and the squared distances."""
+    import torch
+
     vectors = torch.tensor(np.asarray(point, np.float32)).view(3, *[1] * (positions.ndim - 1)) - positions
     squared = (vectors**2).sum(dim=0).clamp_min(quantities.MIN_METRES**2)
     return vectors / squared.sqrt(), squared
@@ -313,6 +328,8 @@ def _toward(point: Any, positions: torch.Tensor) -> tuple[torch.Tensor, torch.Te
 
 def _aside(position: tuple[float, ...], like: torch.Tensor) -> torch.Tensor:
     """Return the axis (3, ...) farthest from the direction to a light, the same for all pixels."""
+    import torch
+
     axis = torch.zeros(3, *[1] * (like.ndim - 1))
     axis[int(np.argmin(np.abs(position)))] = 1
     return axis.expand_as(like)

@@ -10,7 +10,6 @@ from collections.abc import Sequence
 
 import numpy as np
 from numpy.typing import ArrayLike
-from scipy.ndimage import gaussian_filter
 
 from relight.media.colour import luminance
 from relight.media.images import scene_linear
@@ -111,6 +110,8 @@ def _blurred(image: np.ndarray) -> np.ndarray:
     """Return the blurred, small image (h, w, 3) that continues an image (H, W, 3) far from it."""
     small = _resized(image, min(len(image), 32))
     width = BLUR_SHARE * len(small)
+    from scipy.ndimage import gaussian_filter
+
     return gaussian_filter(small, (width, width, 0), mode="nearest")
 
 

@@ -1,4 +1,4 @@
-"""What `relight/presets.yaml` says, without the classes of lights, which import torch."""
+"""What `relight/presets.yaml` says, without the classes of lights."""
 
 import functools
 from importlib.resources import files
@@ -11,7 +11,7 @@ from relight.arguments import meant, shown
 
 @functools.cache
 def document() -> dict[str, Any]:
-    """Return the file: {name: {"title": as it is shown, "lights": entries of a lights file, "gloss"}}."""
+    """Return the file: {name: {"title", "about": words, "lights": entries of a lights file, "gloss"}}."""
     return yaml.safe_load(files("relight").joinpath("presets.yaml").read_text(encoding="utf-8"))
 
 

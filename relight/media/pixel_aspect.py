@@ -4,8 +4,6 @@ from typing import Any
 
 import numpy as np
 import OpenImageIO as oiio
-import torch
-import torch.nn.functional as F
 
 from relight.media.buffers import to_array
 
@@ -60,6 +58,9 @@ def _resampled(pixels: np.ndarray, size: tuple[int, int], mode: str) -> np.ndarr
             for count, given in zip(size, pixels.shape[:2], strict=True)
         )
         return pixels[rows][:, columns]
+    import torch
+    import torch.nn.functional as F
+
     tensor = torch.from_numpy(np.array(pixels, np.float32)).reshape(*pixels.shape[:2], -1)
     resampled = F.interpolate(tensor.permute(2, 0, 1)[None], size, mode=mode)[0]
     return resampled.permute(1, 2, 0).reshape(*size, *pixels.shape[2:]).numpy()

@@ -1,13 +1,15 @@
 """Resize images, and fill what is unknown of them."""
 
 import math
+from typing import TYPE_CHECKING
 
 import numpy as np
 import OpenImageIO as oiio
-import torch
-import torch.nn.functional as F
 
 from relight.media.buffers import to_array, to_buffer
+
+if TYPE_CHECKING:
+    import torch
 
 
 def resize(image: np.ndarray, size: tuple[int, ...], filter_name: str = "blackman-harris") -> np.ndarray:
@@ -30,6 +32,9 @@ def sample(image: np.ndarray, across: np.ndarray, down: np.ndarray) -> np.ndarra
     `across` and `down` may have any shapes that are broadcast to (H, W). The image goes on beyond its edges.
     """
     grid = np.float32(np.stack(np.broadcast_arrays(across, down), axis=-1))
+    import torch
+    import torch.nn.functional as F
+
     source = torch.from_numpy(np.array(image, np.float32)).permute(2, 0, 1)[None]
     sampled = F.grid_sample(source, torch.from_numpy(grid)[None], padding_mode="border", align_corners=False)
     return sampled[0].permute(1, 2, 0).numpy()
@@ -62,6 +67,9 @@ def fill_unknown(image: np.ndarray, known: np.ndarray) -> np.ndarray:
 
 def _interpolated(image: np.ndarray, size: tuple[int, ...]) -> np.ndarray:
     """Resample an image (h, w, C) float32 to `size` (H, W) by a triangle filter: linear interpolation."""
+    import torch
+    import torch.nn.functional as F
+
     tensor = torch.from_numpy(np.ascontiguousarray(image))
     for length in size:  # rows, then columns
         taps, weights = _triangle_filter(len(tensor), length)
@@ -70,7 +78,7 @@ def _interpolated(image: np.ndarray, size: tuple[int, ...]) -> np.ndarray:
     return tensor.numpy()
 
 
-def _triangle_filter(source: int, length: int) -> tuple[torch.Tensor, torch.Tensor]:
+def _triangle_filter(source: int, length: int) -> "tuple[torch.Tensor, torch.Tensor]":
     """Return, for each of `length` pixels, which of the `source` pixels it is made of, and their weights.
 
     The edge goes on beyond the image. Positions are rounded to float32 as OpenImageIO rounds them.
@@ -85,4 +93,6 @@ def _triangle_filter(source: int, length: int) -> tuple[torch.Tensor, torch.Tens
     weights = (1 - np.abs(distance)).clip(0)
     weights /= weights.sum(axis=1, keepdims=True)
     taps = (first[:, None] + step).clip(0, source - 1).astype(np.int64)
+    import torch
+
     return torch.from_numpy(taps), torch.from_numpy(weights)

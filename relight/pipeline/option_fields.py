@@ -16,7 +16,7 @@ from typing import TYPE_CHECKING, Annotated, Any, Literal, Self, TypeAlias, Type
 from annotated_types import Ge
 
 from relight.arguments import About, Checked, Converted, Converts, about, parameters, shown, unknown
-from relight.quantities import File, file_name
+from relight.quantities import File, background_of, file_name
 
 if TYPE_CHECKING:
     import numpy as np
@@ -117,9 +117,7 @@ def _background(value: object) -> Any:
             raise ValueError(f"expected an image or three finite numbers, got {shown(value)}")
         return tuple(value)
     if isinstance(value, str):
-        from relight.compositing.composite import parse_background
-
-        return parse_background(file_name(value))
+        return background_of(file_name(value))
     return value if _is_light(value) else _plate(value)
 
 

@@ -236,10 +236,10 @@ class Lighting(Options):
     background: Annotated[
         BackgroundSource | None,
         About(
-            "An image, a sequence or a movie, of any size; a linear colour such as 0.2/0.2/0.2; "
-            "environment, the camera's view of the environments among the lights; plate, the photograph "
-            "itself; or none. Default: plate for a source without alpha in .png, .jpg, .tif and movies, "
-            "otherwise none.",
+            "An image, a sequence or a movie, of any size; black, white, #808080 or a linear colour such "
+            "as 0.2/0.2/0.2; blur, the photograph itself out of focus; plate, the same in focus; "
+            "environment, the camera's view of the environments among the lights; or none. Default: plate "
+            "for a source without alpha, but none in an .exr.",
             path=True,
         ),
     ] = None
@@ -265,6 +265,13 @@ class Lighting(Options):
         quantities.Amount,
         About("Share of the background's light that fills, 0 to 1. Default: 0.3."),
     ] = 0.3
+    background_blur: Annotated[
+        quantities.Blur,
+        About(
+            "Blur of the background, as of a lens: the radius as a share of the picture's height, 0 to "
+            "0.2. Default: 0; 0.02 for --background blur.",
+        ),
+    ] = 0.0
     background_light: Annotated[
         quantities.Amount,
         About(
@@ -329,6 +336,9 @@ class Lighting(Options):
             self._set("preset", lights)
             self._set("lights", ())
         super().__post_init__()
+        if isinstance(self.background, str) and self.background == quantities.BLUR:
+            self._set("background", quantities.PLATE)
+            self._set("background_blur", self.background_blur or quantities.STRONG_BLUR)
         if self.fill and self.match_plate:
             raise ValueError("fill: expected none beside match_plate, which is the background's whole light")
         if self.paint is not None and (self.fill or self.match_plate):

@@ -7,6 +7,7 @@ import numpy as np
 
 from relight.arguments import checks_arguments
 from relight.compositing.composite import backdrop
+from relight.compositing.defocus import defocused
 from relight.media import images
 from relight.media.content_hash import HASH_ATTRIBUTE, content_hash
 from relight.media.pixel_aspect import squeeze_pixels
@@ -187,7 +188,7 @@ class Relighting(Job[Problems]):
         lighting = shot.lighting
         return content_hash(
             shot.content_hash(number, as_read), self._output.passes, lighting.floor, lighting.effective_gloss,
-            lighting.background_light,
+            lighting.background_light, lighting.background_blur,
             self._delivery.keeps_plate,
         )  # fmt: skip
 
@@ -227,8 +228,12 @@ class Relighting(Job[Problems]):
         )  # fmt: skip
         kept = self._delivery.keeps_plate
         behind = shot.behind(number, person, kept)
-        back = None if behind is None else backdrop(behind, size, rendering.shadow)
-        keeps_codes = shot.keeps_codes(kept)
+        back = None if behind is None else backdrop(behind, size)
+        keeps_codes = shot.keeps_codes(kept) and not lighting.background_blur
+        if back is not None and lighting.background_blur:
+            back = defocused(back, lighting.background_blur)
+        if back is not None and rendering.shadow is not None:
+            back = back * rendering.shadow
         if back is not None and lighting.background_light:
             factor = background_factor(person, rendering.cut_out, lighting.background_light)
             back, keeps_codes = back * factor, False

@@ -13,7 +13,7 @@ import numpy as np
 import torch
 
 from relight.analysis import skin
-from relight.compositing.composite import ENVIRONMENT, NONE, PLATE, Background
+from relight.compositing.composite import Background
 from relight.light_estimation import FILL, Matching, PlateLight, lights_on
 from relight.light_estimation import PLATE as PLATE_LIGHT
 from relight.light_painting import paint_lights, read_strokes, strokes_of
@@ -32,6 +32,7 @@ from relight.pipeline.options import Compute, GivenLighting, GivenSource, Lighti
 from relight.pipeline.persons import FrameAnalyser, Persons
 from relight.pipeline.plate_metadata import PlateMetadata, PlateMetadataReader
 from relight.pipeline.readers import ReadLog, holds_display_light, person_reader, plate_reader
+from relight.quantities import ENVIRONMENT, NONE, PLATE
 from relight.rendering import BACKGROUND_LAYER
 from relight.scene.camera_view import CameraView
 from relight.scene.lights import write_lights
@@ -540,7 +541,7 @@ class Shot:
         """Raise ValueError if the plate is to be the background, and there is none."""
         why = self._why_without_plate() if self._background_is(PLATE) else None
         if why is not None:
-            raise ValueError(f"background: expected another than 'plate', as {why}")
+            raise ValueError(f"background: the photograph cannot stay behind the person, as {why}")
 
     def lighting_of_analysed(self, output: Output) -> Lighting:
         """Return the lighting for frames relit from their analysis: it names a plate that is behind them.

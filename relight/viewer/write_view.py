@@ -7,7 +7,6 @@ from typing import Any
 
 from relight import quantities
 from relight.arguments import checks_arguments
-from relight.compositing.composite import PLATE
 from relight.lights.light import Light
 from relight.media.sequences import FrameRange, GivenFrames
 from relight.pipeline.option_fields import Report
@@ -109,7 +108,7 @@ class Viewing(Job[Path]):
         """Write the page."""
         plate, lighting = shot.source.plate, shot.lighting
         behind = lighting.background
-        name = PLATE if shot.keeps_plate else Path(behind).name if files.is_path(behind) else None
+        name = quantities.PLATE if shot.keeps_plate else Path(behind).name if files.is_path(behind) else None
         self._subject.view(
             self._path,
             self._lights(shot, shot.preset_gain),

@@ -71,7 +71,9 @@ def test_texts_have_units_and_slashes():
     assert read("x", "3200K", quantities.Temperature) == 3200
     assert read("x", "-40deg", quantities.Azimuth) == -40
     assert read("x", "1/2/3", quantities.GivenDirection) == (1, 2, 3)
-    with pytest.raises(ValueError, match="x: expected a number of degrees, got '3m'"):
+    assert read("x", "left", quantities.Azimuth) == -90
+    assert read("x", "Overhead", quantities.Elevation) == 90
+    with pytest.raises(ValueError, match=r"or front, .* got '3m'"):
         read("x", "3m", quantities.Azimuth)
 
 

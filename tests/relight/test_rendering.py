@@ -186,7 +186,7 @@ def test_a_background_is_a_text_as_the_command_takes_it(tmp_path):
                 function(photo, [sky], background=text), function(photo, [sky], background=meant)
             )
     key = relight.DirectionalLight(azimuth=-40)
-    for text, says in (("#303030", "linear colour"), ("environment", "environment among the lights")):
+    for text, says in (("#30303", "linear red"), ("environment", "environment among the lights")):
         with pytest.raises(ValueError, match=says):
             relight.apply(photo, key, background=text)
     with pytest.raises(FileNotFoundError):

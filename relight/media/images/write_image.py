@@ -4,10 +4,10 @@ import reprlib
 import warnings
 from collections.abc import Mapping, Sequence
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 import numpy as np
 import OpenImageIO as oiio
-import torch
 from numpy.typing import ArrayLike
 
 from relight.media import colour, content_hash
@@ -20,6 +20,9 @@ from relight.version import __version__
 from shadow import files
 from shadow.files import AnyPath
 from shadow.srgb import encode_srgb
+
+if TYPE_CHECKING:
+    import torch
 
 # {name: value} of a file's header
 Metadata = Mapping[str, str | int | float | tuple[float, ...] | TypedValue]
@@ -293,6 +296,8 @@ def half(values: np.ndarray, name: str) -> np.ndarray:
     Warns if that loses more than 1 % of the light, such as a light of intensity 1e-6: near zero, half floats
     come in steps of 6e-8. `name` is what the warning calls them. A fourth channel is alpha, and no light.
     """
+    import torch
+
     tensor = torch.from_numpy(np.ascontiguousarray(values))  # torch rounds many at a time
     low, high = map(float, tensor.aminmax())
     if not -HALF_OVER < low <= high < HALF_OVER:
@@ -301,7 +306,7 @@ def half(values: np.ndarray, name: str) -> np.ndarray:
     return tensor.half().float().numpy()
 
 
-def _check_lost(values: torch.Tensor, name: str) -> None:
+def _check_lost(values: "torch.Tensor", name: str) -> None:
     """Warn where half floats lose too much of the light of `values` (..., C)."""
     # What half floats lose of a value is at most 2**-12 of it, or 2**-25: then bright layers need no look.
     # A part that is as bright is enough to know.
@@ -310,7 +315,7 @@ def _check_lost(values: torch.Tensor, name: str) -> None:
         light = float(part[:, :3].abs().sum())
         if light >= enough:
             return
-    lost = float((values - values.half())[..., :3].abs().sum(dtype=torch.float64)) / max(light, 1e-300)
+    lost = float((values - values.half())[..., :3].double().abs().sum()) / max(light, 1e-300)
     if lost > LOST:
         warnings.warn(
             f"{name}: is so dim that half floats lose {100 * lost:.0f} % of its light; "
@@ -325,6 +330,8 @@ def _check_stack(path: Path, name: str, stack: np.ndarray, depth: str) -> None:
         raise ValueError(f"{name}: contains NaN or infinite values")
     if depth != "half" or name == f"layers[{DEPTH!r}]":
         return
+    import torch
+
     tensor = torch.from_numpy(np.require(stack, requirements=("C", "W")))  # torch warns of what is read-only
     low, high = map(float, tensor.aminmax())
     if max(high, -low) > HALF_MAX:

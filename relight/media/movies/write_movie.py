@@ -15,7 +15,6 @@ from typing import Any
 
 import av
 import numpy as np
-import torch
 from av.container import OutputContainer
 from av.video.reformatter import ColorPrimaries, ColorRange, Colorspace, ColorTrc
 from av.video.stream import VideoStream
@@ -116,6 +115,8 @@ def write_codes(
 
 def _ahead(function: Callable[[Any], Any], items: Iterable[Any]) -> Iterator[Any]:
     """Yield a function of each item, in order; the next few are computed in threads meanwhile."""
+    import torch
+
     threads = min(AHEAD, torch.get_num_threads())
     if threads == 1:
         yield from map(function, items)

@@ -64,7 +64,7 @@ def run(*arguments):
         ),
         ([*STILL, *LAMP, "--size", "65536x65536"], "size: expected up to 268435456 pixels in all"),
         ([*STILL, *LAMP, "--field-of-view", "0"], "field_of_view: expected"),
-        ([*STILL, *LAMP, "--background", "#202020ff"], "expected a linear colour as 0.2/0.2/0.2"),
+        ([*STILL, *LAMP, "--background", "#202020ff"], "expected linear red/green/blue"),
         (
             [*STILL, "--light", "background:azimuth=1", "--background", "0/0/0"],
             "names the background's layer",

@@ -6,15 +6,17 @@ twice as long. OpenImageIO still makes the header, since it knows the names of a
 
 from collections.abc import Iterator, Sequence
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 import OpenEXR
 import OpenImageIO as oiio
-import torch
 
 from relight.media.buffers import lazy_zeros, problem
 from shadow import files
+
+if TYPE_CHECKING:
+    import torch
 
 
 def save_exr(path: Path, stacks: Sequence[np.ndarray], corner: tuple[int, int], spec: oiio.ImageSpec) -> None:
@@ -24,6 +26,8 @@ def save_exr(path: Path, stacks: Sequence[np.ndarray], corner: tuple[int, int], 
     `corner`: (row, column) of the box in the data window. `spec`: the file's windows, channels with their
     types, and attributes.
     """
+    import torch
+
     height, width = stacks[0].shape[:2]
     box = np.s_[corner[0] : corner[0] + height, corner[1] : corner[1] + width]
     kinds = [str(kind) for kind in spec.channelformats or [spec.format] * spec.nchannels]
@@ -41,8 +45,8 @@ def save_exr(path: Path, stacks: Sequence[np.ndarray], corner: tuple[int, int], 
 
 
 def _arrays(
-    names: Sequence[str], values: torch.Tensor, reserved: Sequence[str]
-) -> Iterator[tuple[str, torch.Tensor]]:
+    names: Sequence[str], values: "torch.Tensor", reserved: Sequence[str]
+) -> Iterator[tuple[str, "torch.Tensor"]]:
     """Yield channels (h, w, C) as OpenEXR takes them: colour under its layer's name, "RGBA" for the picture
     itself; others (h, w) by themselves, and so colour of a layer whose name is `reserved`."""
     layer = names[0].removesuffix("R").removesuffix(".")
