@@ -26,6 +26,7 @@ from relight.analysis.camera import Camera
 from relight.analysis.depth import WorldGeometry
 from relight.analysis.light_field import LightField
 from relight.analysis.maps import AnalysisMaps
+from relight.pipeline.options import TEMPORAL_RADIUS
 from shading.diffuse import RESIDUAL_BIAS
 from shadow import directions, visibility
 from shadow.framing import Framing, affine_sample
@@ -59,7 +60,7 @@ def returned(image, x, y, size):
 
 
 def temporally_filtered(subjects):
-    reach = temporal.RADIUS
+    reach = TEMPORAL_RADIUS
     for t, subject in enumerate(subjects):
         yield subject.temporally_filtered(subjects[max(t - reach, 0) : t] + subjects[t + 1 : t + 1 + reach])
 
@@ -129,7 +130,7 @@ def with_true_shadows():
     ):
         maps = []
         for t, frame in enumerate(canvases):
-            around = canvases[max(t - temporal.RADIUS, 0) : t] + canvases[t + 1 : t + 1 + temporal.RADIUS]
+            around = canvases[max(t - TEMPORAL_RADIUS, 0) : t] + canvases[t + 1 : t + 1 + TEMPORAL_RADIUS]
             found = (
                 frame if sigma is None else temporal.temporally_filtered(frame, around, shading_sigma=sigma)
             )

@@ -23,7 +23,6 @@ from relight.media.optical_flow import Motion, motion
 from shadow.directions import olat
 from shadow.framing import affine_sample
 
-RADIUS = 2  # frames before and after that take part
 SHADING_SIGMA = 0.3  # difference in shading at which a frame's weight falls to 60 %
 COLOUR_SIGMA = 0.1  # difference of encoded colour at which it does
 PROBE_LIGHTS = torch.from_numpy(olat())[::4]  # under which frames are compared

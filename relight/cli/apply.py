@@ -32,6 +32,13 @@ def apply(
             "the frames of all chunks.",
         ),
     ] = "all",
+    preview: Annotated[
+        bool,
+        typer.Option(
+            "--preview",
+            help="An .mp4 in about a tenth of the time: half the size, every fourth frame, a rough matte.",
+        ),
+    ] = False,
     dask: Annotated[
         str | None,
         typer.Option(help="Render on a Dask cluster: the address of its scheduler, tcp://farm:8786."),
@@ -47,7 +54,9 @@ def apply(
     distributed = dask is not None or workers is not None
     if phase != "all" and distributed:
         raise ValueError("--phase: expected no --dask and no --workers, which make all frames")
-    render: Any = partial(render_shot, phase=phase)
+    if preview and (phase != "all" or distributed):
+        raise ValueError("--preview: expected no --phase, --dask and --workers: it is made in one run")
+    render: Any = partial(render_shot, phase=phase, preview=preview)
     if distributed:
         from relight.distributed.dask_cluster import render_distributed
 

@@ -4,8 +4,8 @@ import tempfile
 from collections.abc import Callable, Iterator
 from pathlib import Path
 
-from relight.analysis.temporal import RADIUS
 from relight.media import optical_flow
+from relight.pipeline.options import TEMPORAL_RADIUS
 from relight.pipeline.persons import Persons
 from relight.subject import Subject
 
@@ -65,7 +65,8 @@ def each_person(count: int, analyse: Analyse, is_shot: bool) -> Iterator[tuple[S
             first = person
         return person
 
-    persons = Persons(range(count), in_room, RADIUS if is_shot and optical_flow.is_installed() else 0)
+    radius = TEMPORAL_RADIUS if is_shot and optical_flow.is_installed() else 0
+    persons = Persons(range(count), in_room, radius)
     for number in range(count):
         filtered = persons.at(number)
         yield persons.analysed(number), filtered

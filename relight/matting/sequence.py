@@ -33,6 +33,7 @@ class MattingOptions:
     person: Any = None  # which of several people, see `relight.matte`
     track: Path | None = None  # a file that says where the person is in each frame, see `KeptTrack`
     refine: int | None = None  # pixels of the band along the edge that closed-form matting solves again
+    is_rough: bool = False  # whether the mask of a person who is found does, without what cuts them out
 
     @classmethod
     def parse(
@@ -41,6 +42,7 @@ class MattingOptions:
         person: Any = None,
         refine: int | None = None,
         track: AnyPath | None = None,
+        is_rough: bool = False,
     ) -> Self | None:
         """Read the model and its format from text, `model.onnx,mean=0.5/0.5/0.5,std=1/1/1`.
 
@@ -54,7 +56,7 @@ class MattingOptions:
             return None
         path, words = split_file_and_settings(str(model or ""))
         kept = None if track is None else Path(track)
-        return cls(path or None, dict(map(_option, words)), person, kept, refine)
+        return cls(path or None, dict(map(_option, words)), person, kept, refine, is_rough)
 
 
 class SequenceMatting:
@@ -77,6 +79,8 @@ class SequenceMatting:
         options = self._options
         if options.model is None:
             return None
+        if options.is_rough and options.model == networks.AUTO:
+            return FoundPerson(options.person, is_rough=True)
         return networks.load(options.model, person=options.person, **options.options)
 
     def track(self, corrections: Mapping[int, tuple[int, int]] | None = None) -> Track | None:
@@ -115,7 +119,7 @@ class SequenceMatting:
     @property
     def solves_edges(self) -> bool:
         """Whether PyMatting is needed: for a rough matte, or for the coarse mask of a person who is found."""
-        found = self._options.model == networks.AUTO and self.network is None
+        found = self._options.model == networks.AUTO and self.network is None and not self._options.is_rough
         return found or self._options.refine is not None
 
     def frames_read(self, number: int) -> list[int]:
@@ -199,7 +203,8 @@ class SequenceMatting:
         elif (circle := self._track.at(number)) is None:
             return seen, np.zeros(seen.shape[:2], np.float32)
         else:
-            matte = self._model.matte(seen, circle)
+            people = self._track.seen(number).people if isinstance(self._track, Track) else None
+            matte = self._model.matte(seen, circle, people)
         return seen, networks.reject_full_matte(matte, self._options.model or "")
 
 

@@ -117,6 +117,13 @@ def person_matte(
     return matte
 
 
+def rough_matte(encoded: np.ndarray, choice: Choice) -> np.ndarray:
+    """Return the coarse mask (H, W) of a person, whose edge follows that of the photograph."""
+    seen, shrink = _copy(encoded)
+    mask = _with_edges_of(seen, choice.masks((0, 0), shrink, seen.shape[:2])[0])
+    return resize(mask, encoded.shape[:2], "triangle").clip(0, 1)
+
+
 def matte_within(encoded: np.ndarray, outer: np.ndarray, network: Silhouette) -> np.ndarray | None:
     """Return the matte (H, W) of what somebody drew around a person in a photograph (H, W, 3), sRGB-encoded.
 

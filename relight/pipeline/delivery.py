@@ -11,6 +11,7 @@ from relight.media.movies.tracks import Tracks
 from relight.media.pixel_aspect import squeeze_pixels
 from relight.media.sequences import FrameRange
 from relight.media.timecode import suits_rate
+from relight.pipeline.preview import EVERY
 from relight.pipeline.shot import Shot
 from relight.rendering import Layers
 
@@ -28,8 +29,10 @@ class Delivery:
     def __init__(self, shot: Shot, rate: float | Fraction | None = None, keeps_plate: bool = False) -> None:
         """`rate`: of the outputs, in frames a second; the source's unless given."""
         self.keeps_plate = keeps_plate
-        self.pixel_aspect, self._stated = shot.pixel_aspect, shot.rate
+        self.pixel_aspect, self._stated, self._is_preview = shot.pixel_aspect, shot.rate, shot.is_preview
         self.rate: float | Fraction = rate or self._stated or RATE
+        if shot.is_preview:
+            self.rate = movies.frame_rate(self.rate) / EVERY
         self._warned = False
         self._timecode: str | None = None  # of the plate whose metadata was asked for last
         self._plate_metadata = shot.plate_metadata
@@ -51,6 +54,8 @@ class Delivery:
     def tracks(self, numbers: FrameRange, path: object) -> Tracks:
         """Return what a movie of these frames carries. `path`: of the movie, for warnings."""
         first, last = self._plate_metadata(numbers[0]), self._plate_metadata(numbers[-1])
+        if self._is_preview:
+            return Tracks(tags=first.tags)
         timecode = first.timecode
         if timecode is not None and not suits_rate(timecode, self.rate):
             warnings.warn(

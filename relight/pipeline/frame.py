@@ -18,7 +18,6 @@ import numpy as np
 from scipy.ndimage import distance_transform_edt
 
 from relight.analysis.depth import MAX_DEPTH, MIN_COVERAGE
-from relight.analysis.temporal import RADIUS
 from relight.arguments import checked_number
 from relight.compositing.placement import place
 from relight.lights.environment import FIELD_OF_VIEW
@@ -31,6 +30,7 @@ from relight.media import images, movies, optical_flow
 from relight.media.content_hash import FileRecord, content_hash
 from relight.media.images.arrays import as_array
 from relight.media.pixel_aspect import is_square, square_pixels
+from relight.pipeline import preview
 from relight.pipeline.cache import AnalysisCache, is_cache
 from relight.pipeline.option_fields import BACKGROUND, Report
 from relight.pipeline.options import Source
@@ -106,16 +106,22 @@ class FrameReader:
     """Reads the persons of a shot's frames, all files through a log.
 
     `backgrounds`: their reader, whose size the picture may have. `camera`: what the scene's camera sees,
-    unless the source has a field of view of its own. Raises FileNotFoundError for no such file or frames,
-    TypeError or ValueError for bad arguments.
+    unless the source has a field of view of its own. `is_preview`: whether frames have half the size, and
+    every fourth is there, see `relight.pipeline.preview`. Raises FileNotFoundError for no such file or
+    frames, TypeError or ValueError for bad arguments.
     """
 
     def __init__(
-        self, source: Source, backgrounds: Reader, log: ReadLog, camera: "CameraView | None" = None
+        self,
+        source: Source,
+        backgrounds: Reader,
+        log: ReadLog,
+        camera: "CameraView | None" = None,
+        is_preview: bool = False,
     ) -> None:
-        self.source = source
+        self.source, self._is_preview = source, is_preview
         self.matting_options = MattingOptions.parse(
-            source.matte, source.person, source.refine_matte, source.track
+            source.matte, source.person, source.refine_matte, source.track, is_rough=is_preview
         )
         self.placement = Placement(source.size, source.placement, source.scale, source.offset)
         self.cache = AnalysisCache(source.plate) if is_cache(source.plate) else None
@@ -167,7 +173,7 @@ class FrameReader:
             return None
         if self.source.key is not None or (options.model is not None and self.source.mask is not None):
             raise ValueError("matte: expected one of mask, key and matte (--mask, --key, --matte)")
-        return SequenceMatting(options, lambda n: self._log.read(self.plates, n), self.plates.numbers)
+        return SequenceMatting(options, lambda n: self._log.read(self.plates, n), self._shown(self.plates))
 
     def track(self, corrections: Mapping[int, tuple[int, int]] | None = None) -> Track | None:
         """Return who is found and followed through the frames; `corrections`: see `Track`.
@@ -222,9 +228,10 @@ class FrameReader:
         axes = self.source.axes if self.source.normals is not None else None
         alpha = [] if self.source.alpha is None else [self.source.alpha]
         feather = [self.source.feather] if self.source.feather else []
+        kind = ["preview"] if self._is_preview else []
         return content_hash(
             self.source.key, options, model, self.source.colour_space, axes, self.field_of_view, self.height,
-            self.placement, self.temporal_radius, *alpha, *feather, *network,
+            self.placement, self.temporal_radius, *alpha, *feather, *network, *kind,
         )  # fmt: skip
 
     @functools.cached_property
@@ -233,13 +240,14 @@ class FrameReader:
 
         Without OpenCV it is 0, with a warning.
         """
-        if not self.source.temporal_filter or self.is_still:
+        radius = self.source.temporal_radius if self.source.temporal_filter else 0
+        if radius == 0 or self.is_still:
             return 0
         if not optical_flow.is_installed():
             hint = install_command("video")
             warnings.warn(f"without OpenCV the light on a moving person flickers: {hint}", stacklevel=2)
             return 0
-        return RADIUS
+        return radius
 
     @functools.cached_property
     def is_still(self) -> bool:
@@ -249,7 +257,11 @@ class FrameReader:
     @functools.cached_property
     def numbers(self) -> Sequence[int]:
         """The frames that there are; (0,) for a still."""
-        return next((reader.numbers for reader in self.readers if reader.numbers), (0,))
+        return next((shown for reader in self.readers if (shown := self._shown(reader))), (0,))
+
+    def _shown(self, reader: Reader) -> Sequence[int] | None:
+        """Return the numbers of a reader's frames that the shot has; None for a still."""
+        return reader.numbers and reader.numbers[:: preview.EVERY if self._is_preview else 1]
 
     @functools.cached_property
     def pixel_aspect(self) -> float:
@@ -337,7 +349,8 @@ class FrameReader:
         if size is not None and isinstance(normals, np.ndarray):
             normals = self.placement(normals, size)
         matte = None if matte is None else self.placement(matte, size)
-        return FrameInputs(self.placement(plate, size), matte, normals, depth)
+        placed = FrameInputs(self.placement(plate, size), matte, normals, depth)
+        return _halved(placed) if self._is_preview else placed
 
     def _check_size(self, matte: Any, plate: np.ndarray, number: int) -> None:
         """Raise ValueError for a matte (h, w) of another size than its plate."""
@@ -376,6 +389,15 @@ class FrameReader:
         layers = np.stack([depth[tuple(nearest)], missing, missing], axis=-1).astype(np.float32)
         placed = self.placement(layers, size)
         return np.where(placed[..., 1] > 0.5, np.nan, placed[..., 0])
+
+
+def _halved(frame: FrameInputs) -> FrameInputs:
+    """Return the inputs of a preview's frame."""
+    plate, matte, normals, depth = frame
+    normals, depth = preview.halved(normals, nearest=True), preview.halved(depth, nearest=True)
+    size = np.shape(plate)[0] // 2, np.shape(plate)[1] // 2  # of odd sizes, pixels are left out
+    normals, depth = (e[: size[0], : size[1]] if isinstance(e, np.ndarray) else e for e in (normals, depth))
+    return FrameInputs(preview.halved(plate), preview.halved(matte), normals, depth)
 
 
 def _shows_person(plate: np.ndarray, matte: Any) -> np.ndarray:

@@ -47,6 +47,7 @@ if TYPE_CHECKING:
 
 MAX_THREADS = 1024
 MAX_BAND = 4096  # pixels, of the band in which a matte is refined
+TEMPORAL_RADIUS, MAX_TEMPORAL_RADIUS = 2, 8  # frames to each side in the temporal filter
 
 
 @dataclass(frozen=True)
@@ -169,8 +170,18 @@ class Source(Options):
     ] = None
     temporal_filter: Annotated[
         bool,
-        About("Average the analysis of a moving person over 5 frames where they agree, to reduce flicker."),
+        About("Average the analysis of a moving person over time, where frames agree, to reduce flicker."),
     ] = True
+    temporal_radius: Annotated[
+        int,
+        Interval(ge=0, le=MAX_TEMPORAL_RADIUS),
+        About("Frames before and after each with which its analysis is averaged; 0: none."),
+    ] = TEMPORAL_RADIUS
+
+    def __post_init__(self) -> None:
+        super().__post_init__()
+        if not self.temporal_filter and self.temporal_radius != TEMPORAL_RADIUS:
+            raise ValueError("temporal_radius: expected none without the temporal filter, which it widens")
 
 
 @dataclass(frozen=True)

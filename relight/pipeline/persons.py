@@ -9,7 +9,6 @@ import torch
 from relight.analysis.camera import Camera
 from relight.analysis.foreground import person_matte
 from relight.analysis.old_light import OldLight
-from relight.analysis.temporal import RADIUS
 from relight.compositing.floor import Floor
 from relight.errors import EmptyMatteError
 from relight.pipeline.frame import FrameInputs, FrameReader
@@ -25,9 +24,7 @@ class Persons:
     filtered; 0 leaves all as they are.
     """
 
-    def __init__(
-        self, numbers: Sequence[int], analyse: Callable[[int], Subject], radius: int = RADIUS
-    ) -> None:
+    def __init__(self, numbers: Sequence[int], analyse: Callable[[int], Subject], radius: int) -> None:
         self._numbers, self._analyse, self._radius = numbers, analyse, radius
         self._analysed: dict[int, Subject | Exception] = {}
 

@@ -24,7 +24,7 @@ from relight.lights.rig import by_name, check_free, scaled
 from relight.matting.people.track import Track
 from relight.media.content_hash import FileRecord, content_hash
 from relight.media.sequences import FrameRange
-from relight.pipeline import outputs
+from relight.pipeline import outputs, preview
 from relight.pipeline.cache import check_not_analysed, is_cache
 from relight.pipeline.frame import FrameInputs, FrameReader
 from relight.pipeline.option_fields import BACKGROUND, Report
@@ -48,7 +48,8 @@ class Shot:
 
     Lights and camera are read at once, pictures when they are asked for. A still is a shot whose only number
     is 0, and shows the same person at every number: its lights and its background may move. `analyse`
-    analyses the person of a frame, from the arguments of `relight.Subject`, the default. Raises
+    analyses the person of a frame, from the arguments of `relight.Subject`, the default. `is_preview`: see
+    `relight.pipeline.preview`. Raises
     FileNotFoundError for no such file or frames, TypeError or ValueError for bad arguments.
 
     >>> from relight.pipeline.shot import Shot
@@ -64,9 +65,14 @@ class Shot:
         lighting: GivenLighting = (),
         compute: Compute | None = None,
         analyse: Callable[..., Subject] | None = None,
+        is_preview: bool = False,
     ) -> None:
-        self._analyse = analyse or Subject
+        self._analyse, self.is_preview = analyse or Subject, is_preview
         self.source, self.lighting = Source.of(source), Lighting.of(lighting)
+        if is_preview:
+            if self.is_analysed:
+                raise ValueError(f"preview: {self.source.plate} is analysed, and is relit fast without it")
+            self.source, self.lighting = preview.source_of(self.source), preview.lighting_of(self.lighting)
         self.compute = compute or Compute()
         self.every_light: list[Light | MovingLight] = []
         self._camera_view: CameraView | None = None
@@ -88,12 +94,13 @@ class Shot:
         lighting: GivenLighting = (),
         compute: Compute | None = None,
         analyse: Callable[..., Subject] | None = None,
+        is_preview: bool = False,
     ) -> Iterator[Self]:
         """Open a shot; until it is closed, networks run in its precision and torch on its threads.
 
         Machines of one kind that agree on both make bit-identical frames.
         """
-        shot = cls(source, lighting, compute, analyse)
+        shot = cls(source, lighting, compute, analyse, is_preview)
         threads, before = shot.compute.threads, torch.get_num_threads()
         with using(shot.compute.precision):
             try:
@@ -107,7 +114,9 @@ class Shot:
     @cached_property
     def _frames(self) -> FrameReader:
         """What reads the persons."""
-        return FrameReader(self.source, self._other_backgrounds, self._log, self._camera_view)
+        return FrameReader(
+            self.source, self._other_backgrounds, self._log, self._camera_view, self.is_preview
+        )
 
     @cached_property
     def _analyser(self) -> FrameAnalyser:
@@ -353,6 +362,8 @@ class Shot:
             return np.sum([sky.view(size, field_of_view) for sky in skies], axis=0)
         background: Any = self._log.read(self._backgrounds, number)
         background = background.at(number) if isinstance(background, MovingLight) else background
+        if self.is_preview:
+            background = preview.halved(background)
         return (
             background.view(size, field_of_view) if isinstance(background, EnvironmentLight) else background
         )
@@ -364,7 +375,8 @@ class Shot:
         """
         size = person.size
         if keeps_plate:
-            return person.clean_plate(self._log.read(self._own_plates, number))
+            plate = self._log.read(self._own_plates, number)
+            return person.clean_plate(preview.halved(plate) if self.is_preview else plate)
         background: Any = self.background(number, size)
         if isinstance(background, np.ndarray) and self._is_plate(background, number, size):
             return person.clean_plate(background)
@@ -461,7 +473,8 @@ class Shot:
                 "frames: expected (first, last), as neither source nor lights say how many; "
                 f"{output.paths[0]} is a movie, or has a frame number in its name"
             )
-        return FrameRange.of(frames)
+        numbers = FrameRange.of(frames)
+        return preview.shown(numbers, (self._span or numbers)[0]) if self.is_preview else numbers
 
     def start(self, numbers: FrameRange) -> int:
         """Return the first of these frames; if there are none, the first of the sources."""

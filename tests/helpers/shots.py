@@ -34,7 +34,8 @@ def render(source, lights, outputs, *, analyse=None, **settings):
     if analyse is None:
         return relight.render_shot(**options)
     source, lighting, output, compute = (options.pop(name) for name in GROUPS)
-    with Shot.open(source, lighting, compute, analyse) as shot:
+    is_preview = options.pop("preview", False)
+    with Shot.open(source, lighting, compute, analyse, is_preview) as shot:
         how = {name: options.pop(name) for name in ("resume", "phase") if name in options}
         return run(Relighting(output, **how), shot, **options)
 

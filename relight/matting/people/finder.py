@@ -14,6 +14,7 @@ import functools
 import itertools
 import logging
 import warnings
+from collections.abc import Sequence
 from dataclasses import replace
 from typing import Any
 
@@ -97,28 +98,38 @@ class FoundPerson:
     """The person found in each photograph, at its own detail: a model of `relight.matte`.
 
     `person`: see `find`. `network`: what cuts the person out where they were found; IS-Net if it has been
-    fetched. Without one, the coarse mask's edge is solved, see `relight.matting.outline.drawing`.
+    fetched. Without one, the coarse mask's edge is solved, see `relight.matting.outline.drawing`. `is_rough`:
+    whether its edge follows the photograph's and no more.
     """
 
     recurrent = False
     selects = True
 
-    def __init__(self, person: Any = None, network: silhouette.Silhouette | None = None) -> None:
-        self._finder, self._person = load(), as_circle(person)
-        self._network = network or silhouette.load()
+    def __init__(
+        self, person: Any = None, network: silhouette.Silhouette | None = None, is_rough: bool = False
+    ) -> None:
+        self._finder, self._person, self._is_rough = load(), as_circle(person), is_rough
+        self._network = None if is_rough else network or silhouette.load()
 
     def __call__(self, encoded: np.ndarray) -> np.ndarray:
         """Return the matte (H, W) of a photograph (H, W, 3), encoded in [0, 1]; zero if nobody is there."""
         return self.matte(encoded, self._person)
 
-    def matte(self, encoded: np.ndarray, person: Any) -> np.ndarray:
-        """Return the matte of a photograph as a call does, of another person."""
+    def matte(
+        self, encoded: np.ndarray, person: Any, people: Sequence[DetectedPerson] | None = None
+    ) -> np.ndarray:
+        """Return the matte of a photograph as a call does, of another person.
+
+        `people`: who is in it, unless they are to be looked for.
+        """
         try:
-            choice = self._finder.choose(encoded, person)
+            choice = self._finder.choose(encoded, person, people)
         except EmptyMatteError:
             return np.zeros(encoded.shape[:2], np.float32)
         if choice.index is not None and choice.people[choice.index].certainty < CERTAIN:
             warnings.warn(UNCERTAIN, stacklevel=2)
+        if self._is_rough:
+            return silhouette.rough_matte(encoded, choice)
         if self._network is not None:
             more = functools.partial(self._finder.with_more_views, encoded)
             return silhouette.person_matte(encoded, choice, self._network, more)
@@ -147,12 +158,18 @@ class PersonFinder:
         """Return the mask (H, W) of a person in a photograph (H, W, 3), sRGB-encoded; see `find`."""
         return self.with_more_views(encoded, self.choose(encoded, person)).mask()
 
-    def choose(self, encoded: np.ndarray, person: Any = None) -> Choice:
-        """Return who is meant in a photograph (H, W, 3), sRGB-encoded; see `find`."""
+    def choose(
+        self, encoded: np.ndarray, person: Any = None, people: Sequence[DetectedPerson] | None = None
+    ) -> Choice:
+        """Return who is meant in a photograph (H, W, 3), sRGB-encoded; see `find`.
+
+        `people`: who is in it, unless they are to be looked for.
+        """
         size, person = (encoded.shape[0], encoded.shape[1]), as_circle(person)
         near = person if isinstance(person, Circle) else None
         copies = Copies.of(encoded)
-        found = self._people(copies, thorough=person is not None and near is None, near=near)
+        thorough = person is not None and near is None
+        found = self._people(copies, thorough, near) if people is None else list(people)
         if not found:
             raise EmptyMatteError(NOBODY)
         choice = Choice.of(found, person, size)

@@ -32,6 +32,7 @@ SAME_CLOTHES = 0.12  # RMS difference of encoded colours up to which somebody fa
 OTHER_CLOTHES = 0.18  # from which somebody near by is another one
 SCENE_SIDE = 24  # pixels, of the copies on which two frames are compared
 OTHER_SCENE = 0.2  # mean difference of encoded colours between frames of two scenes
+RECENT = 4  # frames of which is kept who is in them: one is cut out soon after they were followed to it
 COLOURS_SIDE = 64  # pixels, of the copy from which the colours are taken
 
 
@@ -89,6 +90,18 @@ class Track:
         self._corrections = dict(corrections or {})
         self._places: dict[int, Place | None] = {}
         self._scene: np.ndarray | None = None
+        self._near: dict[int, Circle | None] = {}  # where the person was expected in a frame
+        self._recent: dict[int, Seen] = {}  # who is in the last few frames
+
+    def seen(self, number: int) -> Seen:
+        """Return who is seen in a frame, as they were when the person was followed to it.
+
+        Raises what `look` raises.
+        """
+        self.at(number)
+        if number not in self._recent:
+            return self._look(number, self._near.get(number))
+        return self._recent[number]
 
     def at(self, number: int) -> Circle | None:
         """Return the circle of the person in a frame; None where they are not.
@@ -127,17 +140,15 @@ class Track:
     def _begin_at(self, position: int, place: Place, scene: np.ndarray) -> None:
         """Take a place in a frame, and follow the person back through the frames before it."""
         found: dict[int, Place | None] = {self._numbers[position]: place}
-        last, missed, before = place, 1, scene
+        last, there_at, before = place, self._numbers[position], scene
         for number in reversed(self._numbers[:position]):
             seen = self._seen(number, last.circle)
             found[number] = None
             if seen is None or _is_cut(before, seen.scene):
                 break
             before = seen.scene
-            if (there := _followed(seen, last, missed)) is None:
-                missed += 1
-            else:
-                found[number], last, missed = there, there, 1
+            if (there := _followed(seen, last, there_at - number)) is not None:
+                found[number], last, there_at = there, there, number
         self._places = {number: found.get(number) for number in self._numbers[: position + 1]}
         self._scene = scene
 
@@ -157,11 +168,15 @@ class Track:
             place = seen.place(0)  # the largest, as in the first frame
             return place if place.certainty >= CERTAIN else None
         assert last is not None
-        return _followed(seen, before, self._numbers.index(number) - self._numbers.index(last))
+        return _followed(seen, before, number - last)
 
     def _seen(self, number: int, near: Circle | None = None) -> Seen | None:
         with suppress(OSError, ValueError):  # that frame is reported when it is its turn
-            return self._look(number, near)
+            seen = self._look(number, near)
+            self._near[number], self._recent[number] = near, seen
+            if len(self._recent) > RECENT:
+                del self._recent[next(iter(self._recent))]
+            return seen
         return None
 
     def write(self, path: files.AnyPath, report: Callable[[int, int], None] | None = None) -> None:
