@@ -9,7 +9,8 @@ import typer
 Panels = Mapping[str, str]  # {title: names of parameters}, in the order of the help; rare ones stand last
 
 SHOT: Panels = {  # of all commands that read a photograph or a shot
-    "Person": "mask matte person track key refine_matte feather normals axes depth height field_of_view",
+    "Person": "mask matte person track key refine_matte feather normals axes depth height field_of_view "
+    "reference",
     "Placement": "size placement scale offset",
     "Lights": "preset light environment lights match_plate fill fill_amount match match_mask paint "
     "paint_count gloss amount intensity camera subject_at allow_external",

@@ -128,17 +128,17 @@ def _stated(shot: Shot, path: Path) -> Source:
     All machines then take the same ones. The file is written beside the job.
     """
     source = shot.stated_source
-    if source.track is not None:
+    if shot.is_analysed:
         return source
     try:
-        track = shot.track()
+        track = shot.track() if source.track is None else None
     except (ImportError, MissingNetworksError) as error:
         warnings.warn(f"{error}. Each machine follows the person by itself.", stacklevel=3)
         return source
-    if track is None:
-        return source
-    track.write(kept := path.with_name(f"{path.stem}.track.json"))
-    return replace(source, track=kept)
+    if track is not None:
+        track.write(kept := path.with_name(f"{path.stem}.track.json"))
+        source = replace(source, track=kept)
+    return replace(source, reference=shot.likely_reference)
 
 
 def _add_steps(

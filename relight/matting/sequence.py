@@ -14,6 +14,7 @@ import torch.nn.functional as F
 from relight.matting import networks, refine, silhouette_files
 from relight.matting.people.choice import as_circle
 from relight.matting.people.finder import FoundPerson
+from relight.matting.people.region import Circle
 from relight.matting.people.track import REACH, KeptTrack, Track
 from relight.media import optical_flow
 from relight.media.option_texts import split_file_and_settings
@@ -102,6 +103,16 @@ class SequenceMatting:
     def _track(self) -> Track | KeptTrack | None:
         """The track of the file, or one of its own."""
         return self.track() if self._options.track is None else KeptTrack(self._options.track)
+
+    @property
+    def is_followed(self) -> bool:
+        """Whether one person is followed through the shot."""
+        return self._track is not None
+
+    def circle(self, number: int) -> Circle | None:
+        """Return the circle of the person who is followed in a frame; None where they are not."""
+        assert self._track is not None
+        return self._track.at(number)
 
     def _encoded(self, number: int) -> np.ndarray:
         """Return a frame (H, W, 3), sRGB-encoded in [0, 1]."""

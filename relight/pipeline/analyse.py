@@ -107,6 +107,7 @@ class Analysing(Job[Problems]):
             "pixel_aspect": shot.pixel_aspect,
             "precision": precision,
             "threads": threads,
+            "reference": shot.reference,
         }
 
     def frame(self, shot: Shot, number: int) -> None:

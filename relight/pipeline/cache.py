@@ -107,6 +107,23 @@ class AnalysisCache:
         """How many times as wide as high the pixels of the plates are that were analysed."""
         return self._positive("pixel_aspect", float) or 1.0
 
+    @property
+    def reference(self) -> int | None:
+        """The reference frame of the shot, see `relight.pipeline.reference`; None if it is not in the folder.
+
+        Raises DamagedFileError for anything that is no number.
+        """
+        for number in self.numbers or ():
+            path = self.file(number)
+            try:
+                stated = storage.read_header(path)["provenance"].get("reference")
+            except (OSError, ValueError):  # that frame is reported when it is its turn
+                continue
+            if stated is not None and type(stated) is not int:
+                raise DamagedFileError(f"{path}: is damaged: its reference is {stated!r:.40}")
+            return stated if stated in self.numbers else None  # type: ignore[operator]
+        return None
+
     def plate_metadata(self, number: int) -> PlateMetadata:
         """Return what is kept of the statements of a frame's plate; nothing for a frame that is not there.
 

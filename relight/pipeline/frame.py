@@ -30,7 +30,7 @@ from relight.media import images, movies, optical_flow
 from relight.media.content_hash import FileRecord, content_hash
 from relight.media.images.arrays import as_array
 from relight.media.pixel_aspect import is_square, square_pixels
-from relight.pipeline import preview
+from relight.pipeline import preview, reference
 from relight.pipeline.cache import AnalysisCache, is_cache
 from relight.pipeline.option_fields import BACKGROUND, Report
 from relight.pipeline.options import Source
@@ -134,6 +134,15 @@ class FrameReader:
         self._mattes = matte_reader(source.mask)
         self._backgrounds, self._log = backgrounds, log
         self._opaque: dict[int, bool] = {}  # {frame number: whether its plate is}
+        self._check_reference()
+
+    def _check_reference(self) -> None:
+        """Raise ValueError for a reference frame that is not there."""
+        wanted = self.source.reference
+        there = next((reader.numbers for reader in self.readers if reader.numbers), ())
+        if wanted is not None and wanted not in there:
+            span = f"{there[0]} to {there[-1]}" if there else "a still has none"
+            raise ValueError(f"reference: expected a frame of the source, {span}, got {wanted}")
 
     @functools.cached_property
     def field_of_view(self) -> float:
@@ -275,6 +284,34 @@ class FrameReader:
         path = self.plates.file((self.plates.numbers or [0])[0])
         aspect = 1.0 if path is None else images.read_pixel_aspect(path)
         return 1.0 if is_square(aspect) else aspect
+
+    @functools.cached_property
+    def references(self) -> tuple[list[int], dict[int, Exception]]:
+        """The frames that may be the reference, the best one first, and the errors of unreadable ones.
+
+        See `relight.pipeline.reference`.
+        """
+        wanted, numbers = self.source.reference, self.numbers
+        if wanted is not None:  # a preview takes the nearest of its frames
+            return [min(numbers, key=lambda number: abs(number - wanted))], {}
+        if self.is_still or self.cache is not None:
+            return [], {}
+        return reference.best_first(reference.looked_at(numbers), self._look)
+
+    def _look(self, number: int) -> reference.Look | None:
+        """Look at the person of a frame, where that is cheap."""
+        if self._matting is not None and self._finds_mattes and self._matting.is_followed:
+            circle = self._matting.circle(number)
+            if circle is None:
+                return None
+            return reference.Look.at_circle(number, circle, self._log.read(self.plates, number).shape)
+        if self.source.mask is not None and self.source.key is None:
+            matte = np.asarray(self._log.read(self._mattes, number), np.float32)
+        elif self.source.key is None and not self._finds_mattes:
+            matte = np.asarray(self._log.read(self.plates, number))[..., 3]
+        else:
+            return None
+        return reference.Look.at_matte(number, matte)
 
     def compile_matting(self, report: Report) -> None:
         """Let PyMatting compile itself where it will be needed, and report that: it takes a minute or two."""

@@ -168,6 +168,13 @@ class Source(Options):
         quantities.FieldOfView | None,
         About("Vertical field of view of the camera, in degrees. Default: 40."),
     ] = None
+    reference: Annotated[
+        int | None,
+        About(
+            "The frame whose place, size and old light of the person count for all frames. Default: the one "
+            "in which they are largest and whole, among the first 24.",
+        ),
+    ] = None
     temporal_filter: Annotated[
         bool,
         About("Average the analysis of a moving person over time, where frames agree, to reduce flicker."),

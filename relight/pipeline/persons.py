@@ -80,13 +80,19 @@ class FrameAnalyser:
 
     @cached_property
     def world(self) -> tuple[int | None, Camera | None]:
-        """The first frame that shows a moving person, and its camera; None for a still.
+        """The reference frame of a moving person, and its camera; None for a still.
 
-        It depends on the source alone, so that runs over parts of a shot agree. Warns of frames before it
-        that cannot be read.
+        It is the best one of `FrameReader.references`, or else the first with a person. It depends on the
+        source alone, so that runs over parts of a shot agree. Warns of frames that cannot be read. Raises
+        ValueError if the frame that is asked for shows nobody.
         """
-        unreadable: str | None = None  # the first of these frames
-        for number in () if self._frames.is_still else self._frames.numbers:
+        if self._frames.is_still:
+            return None, None
+        best, problems = self._frames.references
+        # The first of the frames that cannot be read.
+        unreadable = next((f"frame {number}: {error}" for number, error in problems.items()), None)
+        wanted = self._frames.source.reference
+        for number in best if wanted is not None else dict.fromkeys([*best, *self._frames.numbers]):
             try:
                 coverage = self._coverage(number)
                 camera = Camera.of(coverage, self._frames.height, self._frames.field_of_view)
@@ -101,6 +107,8 @@ class FrameAnalyser:
                     stacklevel=2,
                 )
             return number, camera
+        if wanted is not None:
+            raise ValueError(unreadable or f"reference: frame {wanted} shows no person; choose another")
         return None, None
 
     def check(self, floor: Floor, number: int) -> None:

@@ -340,19 +340,29 @@ class Shot:
 
     @cached_property
     def preset_gain(self) -> float:
-        """The factor of a preset's lights, see `Subject.preset`: that of the first frame with a person.
+        """The factor of a preset's lights, see `Subject.preset`: that of the reference frame.
 
         It depends on the source alone, so that runs over parts of a shot agree.
         """
         name = self.lighting.preset
         if name is None:
             return 1.0
-        first = None if self._frames.cache is not None else self._world[0]
-        for number in self.numbers if first is None else (first,):
+        first = self.reference
+        for number in self.numbers if first is None else (first, *self.numbers):
             person = self._persons.analysed(number)
             if not person.is_empty:
                 return person.preset_gain(name)
         return 1.0
+
+    @property
+    def reference(self) -> int | None:
+        """The reference frame, see `relight.pipeline.reference`; None for a still, or without a person."""
+        return self._world[0] if self._frames.cache is None else self._frames.cache.reference
+
+    @property
+    def likely_reference(self) -> int | None:
+        """The reference frame as far as it can be told without a matte."""
+        return None if self._frames.cache else next(iter(self._frames.references[0]), None)
 
     def background(self, number: int, size: tuple[int, int]) -> Background | None:
         """Return the background of a frame whose picture has a `size` (H, W)."""
@@ -414,7 +424,7 @@ class Shot:
             places.append(self._backgrounds.numbers[0])
         lighting = self._plate_light.frames_for(number) if self._uses_plate_light else []
         return content_hash(
-            self._frames.person_hash(around, as_read),
+            self._frames.person_hash(around, as_read), self._world[0],
             [self._log.content_hash(self._backgrounds, n, as_read) for n in places],
             [self._log.content_hash(self._lighting_plates, n, as_read) for n in lighting],
             self.lighting.background_colour_space, self.has_background, self._sees_lights,
@@ -439,7 +449,7 @@ class Shot:
         return self._frames.records(self._analysed_frames(number))
 
     def _analysed_frames(self, number: int) -> list[int]:
-        """Return the frames on which a person depends: those around, and the first with a person."""
+        """Return the frames on which a person depends: those around, and the reference."""
         first, _ = self._world
         around = self._persons.around(number)
         return around if first is None or first in around else [*around, first]

@@ -67,7 +67,7 @@ def test_the_template_is_valid_and_says_all_of_the_shot(shot):
         [{"dependsOn": "Light"}],
     ]
     analysing, lighting, finishing = (command(template, step) for step in range(3))
-    assert options(template, 0) == {"source": {"height": 1.6}}
+    assert options(template, 0) == {"source": {"height": 1.6, "reference": 1}}
     assert "--mask {{Param.MaskFolder}}/{{Param.Mask}}" in analysing
     assert "--frames {{Task.Param.Frames}}" in analysing
     assert "--mask" not in lighting
