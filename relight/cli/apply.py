@@ -65,5 +65,5 @@ def apply(
         problems = render(
             source, lighting, output, compute=compute, frames=frames, resume=resume, progress=report
         )
-    matte = [] if output.save_matte is None else [output.save_matte]
-    report_failures(problems, [*output.paths, *matte])
+    further = [path for path in (output.save_matte, output.report) if path is not None]
+    report_failures(problems, [*output.paths, *further])

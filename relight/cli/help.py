@@ -16,7 +16,7 @@ SHOT: Panels = {  # of all commands that read a photograph or a shot
     "paint_count gloss amount intensity camera subject_at allow_external",
     "Background and floor": "background background_blur background_light floor background_colour_space",
     "Output": "paths output behind triangles texture passes exposure white view save_matte save_lights "
-    "exr_type output_colour_space autocrop colour_space alpha open_",
+    "report exr_type output_colour_space autocrop colour_space alpha open_",
     "Video": "frames frame resume rate temporal_filter temporal_radius preview phase",
     "Machine": "device precision threads workers dask chunk_size analysis options_file",
 }

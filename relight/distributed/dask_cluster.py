@@ -98,6 +98,7 @@ def render_distributed(
     lighting.check_any()
     compute = replace(compute, threads=1 if compute.threads is None else compute.threads)
     with Shot.open(source, lighting, compute) as shot:
+        shot.check_outputs(output)
         precision, _ = shot.computed_in
         numbers = shot.frames_for(output, frames)
     source = shot.stated_source
@@ -105,12 +106,14 @@ def render_distributed(
     lighting = lighting.with_lights(shot.every_light)
     report = progress or (lambda done, total, what: None)
     # With no frames to make, this refuses what can be refused.
-    render_shot(source, lighting, output, compute=compute, frames=FrameRange(), phase="frames")
-    output = replace(output, save_lights=None)
+    in_chunks = replace(output, report=None)
+    render_shot(source, lighting, in_chunks, compute=compute, frames=FrameRange(), phase="frames")
+    output, in_chunks = (replace(each, save_lights=None) for each in (output, in_chunks))
     with _client(scheduler, workers) as client:
-        run = _Run(client, (source, lighting, output, compute), resume)
+        run = _Run(client, (source, lighting, in_chunks, compute), resume)
         problems = run.make(numbers.chunks(chunk or _chunk(len(numbers), client)), report)
-    if any(movies.is_movie(path) or nuke.is_script(path) for path in output.paths):
+    finishes = any(movies.is_movie(path) or nuke.is_script(path) for path in output.paths)
+    if finishes or output.report is not None:
         missing = render_shot(
             source, lighting, output, compute=compute, frames=numbers, phase="finalize", progress=report
         )

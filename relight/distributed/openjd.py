@@ -156,10 +156,13 @@ def _add_steps(
     words = ["apply", analysis, *job.files(lighting)]
     for number, path in enumerate(output.paths):
         words += ["-o", job.path(f"Output{number or ''}", path, "OUT")]
+    reported, output = output.report, replace(output, report=None)
     words += [*job.files(output, "paths"), *threads]
     options: dict[str, Options] = {"lighting": lighting, "output": output, "compute": compute}
     job.step("Light", [*words, "--phase", "frames", "--resume"], options)
-    if any(movies.is_movie(path) or nuke.is_script(path) for path in output.paths):
+    finishes = any(movies.is_movie(path) or nuke.is_script(path) for path in output.paths)
+    if finishes or reported is not None:
+        words += [] if reported is None else ["--report", job.path("Report", reported, "OUT")]
         words += ["--phase", "finalize", "--frames", "{{Param.Frames}}"]
         job.step("Finish", words, options, chunked=False)
 

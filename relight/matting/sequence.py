@@ -114,6 +114,10 @@ class SequenceMatting:
         assert self._track is not None
         return self._track.at(number)
 
+    def certainty(self, number: int) -> float | None:
+        """Return how certain it is that the person who is followed is in a frame; None where nobody is."""
+        return None if self._track is None else self._track.certainty(number)
+
     def _encoded(self, number: int) -> np.ndarray:
         """Return a frame (H, W, 3), sRGB-encoded in [0, 1]."""
         return refine.encoded_srgb(refine.opaque_photograph(self._read(number), "plate"))

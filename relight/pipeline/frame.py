@@ -298,6 +298,12 @@ class FrameReader:
             return [], {}
         return reference.best_first(reference.looked_at(numbers), self._look)
 
+    def certainty(self, number: int) -> float | None:
+        """Return how certain it is that the person is in a frame, 0 to 1; None where nobody is followed."""
+        if self._matting is None or self.is_still or not self._finds_mattes:
+            return None
+        return self._matting.certainty(number)
+
     def _look(self, number: int) -> reference.Look | None:
         """Look at the person of a frame, where that is cheap."""
         if self._matting is not None and self._finds_mattes and self._matting.is_followed:

@@ -491,6 +491,14 @@ class Output(Options):
         OptionalPath,
         About("Also write all lights: YAML or JSON, USD, or glTF.", path=True),
     ] = NO_PATH
+    report: Annotated[
+        OptionalPath,
+        About(
+            "Also write what each frame is like, .json: certainty and area of the person, jumps of the area, "
+            "frames that were averaged, a likely change of person.",
+            path=True,
+        ),
+    ] = NO_PATH
     rate: Annotated[
         float | None,
         Interval(ge=0.01, le=1000),

@@ -43,9 +43,13 @@ def check_outputs(output: Output, sources: Iterable[object], sidecar: Path | Non
         images.check_matte(output.save_matte)
     if output.save_lights is not None:
         files.check_writable(output.save_lights, SUFFIXES)
+    if output.report is not None:
+        files.check_writable(output.report, (".json",))
     sources = list(sources)
     written: list[Path] = []
-    further = [path for path in (output.save_matte, output.save_lights, sidecar) if path is not None]
+    further = [
+        path for path in (output.save_matte, output.save_lights, output.report, sidecar) if path is not None
+    ]
     for path in (*output.paths, *further):
         check_not_read([path], sources)
         if any(_same(place, other) for place in _places(path) for other in written):

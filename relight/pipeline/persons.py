@@ -3,6 +3,7 @@
 import warnings
 from collections.abc import Callable, Sequence
 from functools import cached_property
+from typing import TypeGuard
 
 import torch
 
@@ -39,12 +40,13 @@ class Persons:
         self._analysed = {n: result for n, result in self._analysed.items() if n in around}
         results = {n: self._result(n) for n in around}
         person = self.analysed(number)
-        neighbours = [
-            neighbour
-            for n, neighbour in results.items()
-            if n != number and not isinstance(neighbour, Exception) and not neighbour.is_empty
-        ]
+        neighbours = [each for n, each in results.items() if n != number and _shows_somebody(each)]
         return person.temporally_filtered(neighbours) if neighbours else person
+
+    def neighbours(self, number: int) -> list[int]:
+        """Return the frames with which a frame was filtered, just after `at` returned it."""
+        found = {n: self._analysed.get(n) for n in self.around(number) if n != number}
+        return [n for n, person in found.items() if _shows_somebody(person)]
 
     def analysed(self, number: int) -> Subject:
         """Return the person of a frame, not filtered. Raises as `analyse` does."""
@@ -65,6 +67,10 @@ class Persons:
             except (OSError, ValueError) as error:
                 self._analysed[number] = error
         return self._analysed[number]
+
+
+def _shows_somebody(result: Subject | Exception | None) -> TypeGuard[Subject]:
+    return result is not None and not isinstance(result, Exception) and not result.is_empty
 
 
 class FrameAnalyser:

@@ -26,6 +26,7 @@ from relight.pipeline.preview import check_outputs as check_preview
 from relight.pipeline.rendered_frame import RenderedFrame
 from relight.pipeline.run import Job, Problems, check_any_made, run
 from relight.pipeline.shot import Shot
+from relight.pipeline.shot_report import ShotReport
 from relight.pipeline.sinks import FileSink, MovieSink, file_of, open_sinks
 from relight.rendering import metadata_of, render_layers
 from relight.subject import Subject
@@ -126,6 +127,7 @@ class Relighting(Job[Problems]):
         if phase not in get_args(Phase):
             raise ValueError(f"phase: expected one of {', '.join(get_args(Phase))}, got {phase!r}")
         self._output, self._resume, self._phase = output, resume, phase
+        self._report = None if output.report is None else ShotReport(output.report, resume)
         self._mattes = None if output.save_matte is None else file_of(output.save_matte)
         self._hashes: dict[int, str] = {}  # {frame number: content hash of what it is made from}
 
@@ -133,6 +135,8 @@ class Relighting(Job[Problems]):
         """Refuse outputs, frames, lights and backgrounds that do not go together."""
         output = self._output
         shot.lighting.check_any()
+        if output.report is not None and self._phase == "frames":
+            raise ValueError("report: is of all frames; give it to --phase finalize")
         if shot.is_preview:
             check_preview(output.paths)
         shot.check_outputs(output)
@@ -167,6 +171,8 @@ class Relighting(Job[Problems]):
         made = self._hashes.get(number) or self._content_hash(shot, number)
         if self._phase == "finalize":
             self._check_exists(number, made)
+            if self._report is not None and not self._report.has(number, made):
+                self._add_to_report(shot, number, shot.person(number), made)
         else:
             made = self._write(shot, number, made)
         self._hashes[number] = made
@@ -176,6 +182,8 @@ class Relighting(Job[Problems]):
         if self._phase != "frames":
             check_any_made(numbers, problems)
             self._sinks.finish(numbers, self._hashes, problems, report)
+            if self._report is not None:
+                self._report.finish(numbers, problems)
         if self._output.save_lights is not None:
             shot.write_lights(self._output.save_lights, self._start)
         return problems
@@ -212,7 +220,8 @@ class Relighting(Job[Problems]):
         matte = self._mattes is not None and not (
             self._resume and images.read_content_hash(self._mattes.path(number)) == made
         )
-        if not missing and not matte:
+        unreported = self._report is not None and not self._report.has(number, made)
+        if not missing and not matte and not unreported:
             return made
         person = shot.person(number)
         made = self._content_hash(shot, number, as_read=True)
@@ -220,7 +229,13 @@ class Relighting(Job[Problems]):
             self._write_picture(shot, number, person, missing, made)
         if matte:
             self._write_matte(number, person, made)
+        if self._report is not None:
+            self._add_to_report(shot, number, person, made)
         return made
+
+    def _add_to_report(self, shot: Shot, number: int, person: Subject, made: str) -> None:
+        assert self._report is not None
+        self._report.add(number, made, person, shot.certainty(number), shot.neighbours(number))
 
     def _write_picture(
         self, shot: Shot, number: int, person: Subject, sinks: list[FileSink | MovieSink], made: str

@@ -298,6 +298,17 @@ class Shot:
         """Return the person of a frame, filtered in time. Raises the errors of reading and of Subject."""
         return self._persons.at(self._source_frame(number))
 
+    def certainty(self, number: int) -> float | None:
+        """Return how certain it is that the person is in a frame, 0 to 1; None where nobody is followed."""
+        return None if self._frames.cache else self._frames.certainty(self._source_frame(number))
+
+    def neighbours(self, number: int) -> list[int] | None:
+        """Return the frames with which the person of a frame was filtered, just after `person` returned them.
+
+        None for a person of an analysis cache.
+        """
+        return None if self._frames.cache else self._persons.neighbours(self._source_frame(number))
+
     def subject(self, number: int, *, filtered: bool = True) -> Subject:
         """Return the person of a frame; raises ValueError if the frame shows no person."""
         number = self._source_frame(number)

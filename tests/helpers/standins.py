@@ -83,7 +83,9 @@ class FlatSubject:
         self.old_light = room.get("old_light") or OldLight(saturation=float(image.mean()))
         self.filtered_by = []  # numbers of neighbours
 
-    def relit(self, light):
+    def relit(self, light, amount=1):
+        if amount == 0:
+            return self.image
         return self.image * np.float32([light.intensity] * 3 + [1])
 
     def pixels_per_light(self, lights, gloss=0.0, amount=1.0):

@@ -60,7 +60,7 @@ class Seen:
         size = encoded.shape[0], encoded.shape[1]
         scene = resize(encoded, reduced_size(size, SCENE_SIDE / max(size)), "triangle")
         colours = [
-            _colours(sampled(picture, p.circle.square(COLOURS_SIDE), COLOURS_SIDE)[0], p.mask) for p in people
+            clothes(sampled(picture, p.circle.square(COLOURS_SIDE), COLOURS_SIDE)[0], p.mask) for p in people
         ]
         return cls(people, colours, scene, size)
 
@@ -179,6 +179,12 @@ class Track:
             return seen
         return None
 
+    def certainty(self, number: int) -> float:
+        """Return how certain it is that the person is in a frame, 0 to 1; raises as `at` does."""
+        self.at(number)
+        place = self._places[number]
+        return 0.0 if place is None else place.certainty
+
     def write(self, path: files.AnyPath, report: Callable[[int, int], None] | None = None) -> None:
         """Write the places in all frames to a .json file. `report` takes the frames done and their number."""
         path = files.check_writable(path, (SUFFIX,))  # first: following takes half a second a frame
@@ -205,6 +211,9 @@ class KeptTrack:
             content = json.loads(text)
             version, frames = content["track"], content["frames"]
             self._circles = {int(number): _circle(values) for number, values in frames.items()}
+            self._certainties = {
+                int(n): 0.0 if found is None else float(found[3]) for n, found in frames.items()
+            }
         except (KeyError, TypeError, AttributeError, RecursionError, ValueError) as error:
             raise ValueError(f"{path}: expected a track, as `relight track` writes it") from error
         if version != VERSION:
@@ -218,6 +227,11 @@ class KeptTrack:
         if number not in self._circles:
             raise ValueError(f"{self._path}: has no frame {number}; write the track of all frames again")
         return self._circles[number]
+
+    def certainty(self, number: int) -> float:
+        """Return how certain it is that the person is in a frame, 0 to 1; raises as `at` does."""
+        self.at(number)
+        return self._certainties[number]
 
 
 def _circle(values: Any) -> Circle | None:
@@ -256,7 +270,7 @@ def _is_cut(before: np.ndarray, after: np.ndarray) -> bool:
     return before.shape != after.shape or float(np.abs(before - after).mean()) > OTHER_SCENE
 
 
-def _colours(canvas: np.ndarray, mask: np.ndarray) -> np.ndarray:
+def clothes(canvas: np.ndarray, mask: np.ndarray) -> np.ndarray:
     """Return the mean colours (3, 3) of the upper, middle and lower third of a mask on a canvas (h, w, 3)."""
     inside = resize(mask, canvas.shape[:2], "triangle") > 0.5
     rows = np.nonzero(inside.any(axis=1))[0]
