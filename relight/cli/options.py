@@ -35,8 +35,8 @@ console = _Console(stderr=True, markup=False, highlight=False)
 Frames = Annotated[
     str | None,
     typer.Option(
-        help="1-100, 1-100x2 or 1-10,20,30-40. Default: the source's, or from the first to the last keyframe "
-        "of the lights."
+        help="1-100, 1-100x2, 1-10,20,30-40, or timecodes such as 01:00:04:12. Default: the source's, "
+        "or from the first to the last keyframe of the lights."
     ),
 ]
 Frame = Annotated[

@@ -20,6 +20,7 @@ from relight.arguments import About, Converts, checked
 from relight.errors import MissingFramesError
 from relight.media.content_hash import FileRecord, content_hash, file_state
 from relight.media.images.layers import split_layer
+from relight.media.timecode import TEXT as TIMECODE
 from shadow.files import AnyPath
 
 TOKEN = re.compile(r"%0?(?P<printf>\d*)d|(?P<hashes>#+)")
@@ -83,7 +84,8 @@ class FrameRange(tuple[int, ...]):
 
 def _frames(value: Any) -> Any:
     try:
-        FrameRange.of(value)
+        # Which frames timecodes are, only the shot knows.
+        FrameRange.of(TIMECODE.sub("0", value) if isinstance(value, str) else value)
     except (TypeError, ValueError) as error:
         raise type(error)(str(error).removeprefix("frames: ")) from None
     return value

@@ -18,22 +18,38 @@ def offset_timecode(text: str, frames: int, rate: float | Fraction) -> str | Non
     >>> offset_timecode("00:00:59;29", 1, Fraction(30000, 1001))
     '00:01:00;02'
     """
-    match = TEXT.fullmatch(text)
-    count = round(rate)
-    if match is None or count < 1:
+    since_midnight = frames_of(text, rate)
+    if since_midnight is None:
         return None
-    hours, minutes, seconds, number = (int(match[group]) for group in (1, 2, 3, 5))
-    dropped = count // 15 if match[4] != ":" else 0  # numbers left out in a minute, but for each tenth
-    minutes += 60 * hours
-    total = (60 * minutes + seconds) * count + number - dropped * (minutes - minutes // 10) + frames
-    if dropped:
+    mark, count, total = text[-3], round(rate), since_midnight + frames
+    if dropped := _dropped(mark, count):
         tens, rest = divmod(total, 600 * count - 9 * dropped)
         total += 9 * dropped * tens + dropped * (max(rest - dropped, 0) // (60 * count - dropped))
     total %= 24 * 3600 * count
     seconds, number = divmod(total, count)
     minutes, seconds = divmod(seconds, 60)
     hours, minutes = divmod(minutes, 60)
-    return f"{hours:02d}:{minutes:02d}:{seconds:02d}{match[4]}{number:02d}"
+    return f"{hours:02d}:{minutes:02d}:{seconds:02d}{mark}{number:02d}"
+
+
+def frames_of(text: str, rate: float | Fraction) -> int | None:
+    """Return the number of frames from midnight to a timecode; None for a text that is no timecode.
+
+    >>> frames_of("00:01:00;02", Fraction(30000, 1001))
+    1800
+    """
+    match = TEXT.fullmatch(text)
+    count = round(rate)
+    if match is None or count < 1:
+        return None
+    hours, minutes, seconds, number = (int(match[group]) for group in (1, 2, 3, 5))
+    minutes += 60 * hours
+    return (60 * minutes + seconds) * count + number - _dropped(match[4], count) * (minutes - minutes // 10)
+
+
+def _dropped(mark: str, count: int) -> int:
+    """Return how many numbers are left out in each minute but the tenth, by the mark before the frames."""
+    return count // 15 if mark != ":" else 0
 
 
 def suits_rate(text: str, rate: float | Fraction) -> bool:

@@ -91,7 +91,7 @@ class Analysing(Job[Problems]):
         """Refuse frames of a still, and folders of another kind or that cannot be made."""
         if frames is not None and shot.is_still:
             raise ValueError("frames: a still has none")
-        numbers = FrameRange.of(frames or (shot.numbers[0], shot.numbers[-1]))
+        numbers = shot.frame_range(frames or (shot.numbers[0], shot.numbers[-1]))
         check_kind(self._folder, shot.is_still)
         self._folder.mkdir(parents=True, exist_ok=True)
         return numbers

@@ -151,7 +151,7 @@ class Exporting(Job[Path]):
         holds_one = self._path.suffix.lower() == ".glb"
         if frames is None:
             return FrameRange(shot.numbers[:1] if holds_one else shot.numbers)
-        numbers = FrameRange.of(frames)
+        numbers = shot.frame_range(frames)
         if missing := sorted(set(numbers) - set(shot.numbers)):
             raise ValueError(f"frames: {FrameRange(missing)} are not there")
         if len(numbers) > 1 and holds_one:

@@ -23,7 +23,9 @@ from relight.lights.moving import MovingLight, lights_at
 from relight.lights.rig import by_name, check_free, scaled
 from relight.matting.people.track import Track
 from relight.media.content_hash import FileRecord, content_hash
-from relight.media.sequences import FrameRange
+from relight.media.sequences import FrameRange, GivenFrames
+from relight.media.timecode import TEXT as TIMECODE
+from relight.media.timecode import frames_of, suits_rate
 from relight.pipeline import outputs, preview
 from relight.pipeline.cache import check_not_analysed, is_cache
 from relight.pipeline.frame import FrameInputs, FrameReader
@@ -475,9 +477,7 @@ class Shot:
 
     # Checks and preparation, before the first frame
 
-    def frames_for(
-        self, output: Output, frames: int | tuple[int, int] | str | FrameRange | None
-    ) -> FrameRange:
+    def frames_for(self, output: Output, frames: GivenFrames | None) -> FrameRange:
         """Return the numbers of the frames to make, in order; 0 for a single file.
 
         Raises ValueError if neither `frames` nor source nor lights say which, or the output cannot hold them.
@@ -494,8 +494,28 @@ class Shot:
                 "frames: expected (first, last), as neither source nor lights say how many; "
                 f"{output.paths[0]} is a movie, or has a frame number in its name"
             )
-        numbers = FrameRange.of(frames)
+        numbers = self.frame_range(frames)
         return preview.shown(numbers, (self._span or numbers)[0]) if self.is_preview else numbers
+
+    def frame_range(self, frames: GivenFrames) -> FrameRange:
+        """Return the numbers of frames, which a text may give as timecodes of the source.
+
+        Raises ValueError for timecodes that the source does not have, and as `FrameRange.of` does.
+        """
+        if isinstance(frames, str):
+            frames = TIMECODE.sub(lambda match: str(self._number_at(match[0])), frames)
+        return FrameRange.of(frames)
+
+    def _number_at(self, timecode: str) -> int:
+        """Return the number of the frame at a timecode."""
+        first, last = (self.plate_metadata(self.numbers[n]).timecode for n in (0, -1))
+        if first is None or self.rate is None:
+            raise ValueError(f"frames: expected numbers, as {self.source.plate} states no timecode")
+        start, wanted = frames_of(first, self.rate), frames_of(timecode, self.rate)
+        number = self.numbers[0] + (wanted or 0) - (start or 0)
+        if not suits_rate(timecode, self.rate) or number not in self.numbers:
+            raise ValueError(f"frames: expected timecodes of the source, {first} to {last}, got {timecode}")
+        return number
 
     def start(self, numbers: FrameRange) -> int:
         """Return the first of these frames; if there are none, the first of the sources."""
@@ -533,7 +553,7 @@ class Shot:
                 f"lights: {moving[0].name or 'a light'} moves; choose one frame (--frames 7), or write "
                 f"frames: expected {outputs.FRAME_NUMBER}"
             )
-        numbers = FrameRange((0,)) if frames is None else FrameRange.of(frames)
+        numbers = FrameRange((0,)) if frames is None else self.frame_range(frames)
         if len(numbers) > 1:
             raise ValueError(f"{name}: expected {outputs.FRAME_NUMBER}, for {len(numbers)} frames")
         return numbers

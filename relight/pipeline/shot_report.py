@@ -58,7 +58,7 @@ class ShotReport:
             "certainty": None if certainty is None else round(certainty, 3),
             "area": round(area, 5),
             "neighbours": neighbours,
-            "colours": None if colours is None else colours.round(3).tolist(),
+            "colours": None if colours is None else colours.astype(float).round(3).tolist(),
             "made_from": made,
         }
         self.write()

@@ -212,6 +212,20 @@ def test_frames_of_a_movie_have_its_timecode(stub, tmp_path):
     assert read_tags(tmp_path / "c.mov")[0] == "01:00:00:22"
 
 
+def test_frames_are_asked_for_by_timecode(stub, tmp_path):
+    source = film(tmp_path / "a.mov")  # from 01:00:00:22, 24 frames a second
+    stub.render(source, KEY, tmp_path / "r.%d.exr", frames="01:00:00:23-01:00:01:01x2,6")
+    assert sorted(path.name for path in tmp_path.glob("r.*.exr")) == ["r.2.exr", "r.4.exr", "r.6.exr"]
+    expected = r"frames: expected timecodes of the source, 01:00:00:22 to 01:00:01:03, got 01:00:01:04"
+    with pytest.raises(ValueError, match=expected):
+        stub.render(source, KEY, tmp_path / "r.%d.exr", frames="01:00:01:04")
+    with pytest.raises(ValueError, match=r"got 01:00:00;23"):  # which drops no numbers at 24 a second
+        stub.render(source, KEY, tmp_path / "r.%d.exr", frames="01:00:00;23")
+    silent = film(tmp_path / "b.mov", timecode=None)
+    with pytest.raises(ValueError, match=r"frames: expected numbers, as .*b.mov states no timecode"):
+        stub.render(silent, KEY, tmp_path / "r.%d.exr", frames="01:00:00:23")
+
+
 def test_timecode_that_openexr_cannot_hold_is_said_once(stub, tmp_path):
     film(tmp_path / "a.mov", 45, timecode="01:00:00:00", sound=None, rate=60)
     with pytest.warns(UserWarning, match=r"OpenEXR files hold no timecode at 60 frames a second") as said:
