@@ -26,6 +26,9 @@ def analyse(
 
     Existing frames that are complete and were made from the same sources and options are kept, so the same
     command continues after an interruption."""
+    from relight.pipeline.early_checks import check_early
+
+    check_early(source)
     from relight.pipeline.analyse import analyse_shot
 
     with progress_bars("the same command continues") as report:

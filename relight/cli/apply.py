@@ -49,6 +49,9 @@ def apply(
     options_file: OptionsFile = None,
 ) -> None:
     """Relight the person in SOURCE: a still, a sequence, a movie or an analysis cache."""
+    from relight.pipeline.early_checks import check_early
+
+    check_early(source, lighting, output)
     from relight.pipeline.render import render_shot
 
     distributed = dask is not None or workers is not None

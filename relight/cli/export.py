@@ -37,6 +37,9 @@ def export(
     ] = "albedo",
 ) -> None:
     """Write the person for other programs: a textured mesh with camera and lights, or a Nuke script."""
+    from relight.pipeline.early_checks import check_early
+
+    check_early(source, lighting)
     from relight.pipeline.export import export_person
 
     with progress_bars() as report:

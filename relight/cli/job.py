@@ -24,6 +24,9 @@ def job(
     """Write what `relight apply` would do as a job for a farm, in Open Job Description.
 
     One of the outputs is the job, a .json or .yaml file."""
+    from relight.pipeline.early_checks import check_early
+
+    check_early(source, lighting)
     from dataclasses import replace
 
     from relight.distributed.openjd import SUFFIXES, write_job

@@ -26,6 +26,9 @@ def olat(
     frame: Frame = None,
 ) -> None:
     """Write the person in one light at a time, from 64 directions, and a lights file of the directions."""
+    from relight.pipeline.early_checks import check_early
+
+    check_early(source)
     from relight.pipeline.olat import write_olat
 
     with progress_bars() as report:

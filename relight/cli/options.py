@@ -12,7 +12,6 @@ from typing import Annotated, Any, Literal, NamedTuple, cast, get_args, get_orig
 
 import typer
 from rich.console import Console
-from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeRemainingColumn
 
 from relight.arguments import About, about, members, parameters, read, shown
 from relight.cli import INTERRUPTED, printable
@@ -126,6 +125,8 @@ def progress_bars(interrupted: str = "") -> Iterator[Callable[[int, int | None, 
 
     A total of None is not known. `interrupted`: what Ctrl C prints, where the run can be continued.
     """
+    from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeRemainingColumn
+
     columns = (TextColumn("{task.description}"), BarColumn(), MofNCompleteColumn(), TimeRemainingColumn())
     progress = Progress(*columns, console=console)
     tasks: dict[str, Any] = {}

@@ -26,6 +26,9 @@ def track(
     """Follow the person who is found in a shot, and keep where they are, for `--track` of other commands.
 
     Without the file, each command follows them again, from the first frame on."""
+    from relight.pipeline.early_checks import check_early
+
+    check_early(source)
     from relight.pipeline.track import write_track
 
     corrections = dict(map(_correction, correct or ()))

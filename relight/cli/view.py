@@ -35,6 +35,9 @@ def view(
     open_: Annotated[bool, typer.Option("--open", help="Open the page in the browser.")] = False,
 ) -> None:
     """Write an interactive page for relighting: one HTML file that needs no server and no network."""
+    from relight.pipeline.early_checks import check_early
+
+    check_early(source, lighting)
     from relight.viewer.write_view import write_view
 
     command = ("relight", "apply", str(source.plate), *given_words(context, Source))

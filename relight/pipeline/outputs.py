@@ -13,7 +13,6 @@ from relight.media import images, movies
 from relight.media.colour import encode, linear_space
 from relight.media.sequences import TOKEN, FrameSequence
 from relight.pipeline.options import Output
-from relight.rendering import check_names
 from relight.scene import nuke
 from relight.scene.lights import SUFFIXES
 from shadow import files
@@ -36,7 +35,10 @@ def check_outputs(output: Output, sources: Iterable[object], sidecar: Path | Non
             images.check_writable(path)
         elif not any(is_exr(other) for other in output.paths):
             raise ValueError(f"{path}: a Nuke script needs an .exr to read; add one with -o")
-    check_names(output.passes, output.paths)
+    if output.passes:
+        from relight.rendering import check_names  # it imports torch, and a command's first checks do not
+
+        check_names(output.passes, output.paths)
     if output.rate is not None:
         movies.frame_rate(output.rate)
     if output.save_matte is not None:

@@ -151,7 +151,7 @@ def test_lights_come_from_a_file_and_go_to_one(tmp_path, photo):
         ({"--light": "key:azimut=3"}, "azimut: not known; did you mean azimuth"),
         (
             {"--light": None},
-            "lights: expected at least one (--preset, --light, --environment, --lights, --match or ",
+            "lights: expected at least one (--preset, --light, --environment, --lights, --match, ",
         ),
         ({"--environment": "gone.exr,rotation=3"}, "gone.exr: no such file"),
         ({"--lights": "gone.yaml"}, "gone.yaml: no such file"),
