@@ -86,9 +86,9 @@ class LightSolver:
         """Return at most `count` lights in which the person looks most like `wanted` (3, N), linear.
 
         `weights` (N,) say how much the points count. `regions` (R, N), weights of the points in each: the
-        mean of a region counts as much as all points together. Lights that are there keep their places if
-        their intensity alone changes; new ones are DirectionalLights with an angle, and take the names of those
-        that they replace.
+        mean of a region counts as much as all points together. Lights that are there keep their places
+        if their intensity alone changes; new ones are DirectionalLights with an angle, and take the names of
+        those that they replace.
         """
         regions = np.zeros((0, len(weights))) if regions is None else regions
         regions = regions / regions.sum(axis=1, keepdims=True)

@@ -45,8 +45,8 @@ class LightSample(NamedTuple):
         if self.axis is not None:
             irradiance = irradiance * -(vector @ self.axis).clamp_max(0) / squared.sqrt()
         if self.spotlight is not None:
-            axis = torch.from_numpy(np.float32(self.spotlight.cone_axis))
-            irradiance = irradiance * self.spotlight.cone_transmission(-(vector @ axis) / squared.sqrt())
+            leaving = (-vector / squared.sqrt()[..., None]).movedim(-1, 0)
+            irradiance = irradiance * self.spotlight.transmission(leaving)
         return irradiance[..., None] * self.power
 
     def blur(self, rays: torch.Tensor, factors: torch.Tensor) -> torch.Tensor | None:

@@ -44,7 +44,7 @@ from relight.arguments import unknown
 from relight.lights.directional import DirectionalLight
 from relight.lights.environment import EnvironmentLight
 from relight.lights.light import Light
-from relight.lights.moving import MovingLight, kind_of
+from relight.lights.moving import FILES, MovingLight, kind_of
 from relight.lights.near import PointLight, RectLight
 from relight.media.regular_file import check_regular_file
 from shadow.files import AnyPath, replacing
@@ -95,7 +95,7 @@ def to_entries(lights: Iterable[Light | MovingLight]) -> list[dict[str, Any]]:
     folder = Path.cwd()
     entries = [_entry(folder / "lights.json", light) for light in lights]
     return [
-        entry | ({"image": os.path.abspath(entry["image"])} if "image" in entry else {}) for entry in entries
+        entry | {key: os.path.abspath(entry[key]) for key in FILES.intersection(entry)} for entry in entries
     ]
 
 
@@ -157,10 +157,10 @@ def _light(path: AnyPath, number: int, entry: Any) -> Light | MovingLight:
     for key, parameter in known.items():
         if parameter.is_required and key not in arguments:
             raise ValueError(f"{where}: {key}: is missing")
-    if "image" in arguments:
-        if not isinstance(arguments["image"], str):
-            raise ValueError(f"{where}: image: expected a file, got {reprlib.repr(arguments['image'])}")
-        arguments["image"] = Path(path).parent / arguments["image"]
+    for key in FILES.intersection(arguments):
+        if not isinstance(arguments[key], str):
+            raise ValueError(f"{where}: {key}: expected a file, got {reprlib.repr(arguments[key])}")
+        arguments[key] = Path(path).parent / arguments[key]
     try:
         if "orbit" in arguments or any(isinstance(value, dict) for value in arguments.values()):
             return MovingLight(TYPES[kind], **arguments)
@@ -185,8 +185,9 @@ def _entry(path: Path, light: Light | MovingLight) -> dict[str, Any]:
     settings = light.settings()
     entry = {"name": settings.pop("name")} if "name" in settings else {}
     entry |= {"type": kinds.pop()} if kinds != {"directional"} else {}
-    if "image" in settings and not Path(settings["image"]).is_absolute():
-        settings["image"] = Path(os.path.relpath(settings["image"], path.parent)).as_posix()
+    for key in FILES.intersection(settings):
+        if not Path(settings[key]).is_absolute():
+            settings[key] = Path(os.path.relpath(settings[key], path.parent)).as_posix()
     return entry | {key: _plain(value) for key, value in settings.items()}
 
 

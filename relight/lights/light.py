@@ -101,12 +101,12 @@ class Light(Checked):
 
     @property
     def cone_axis(self) -> np.ndarray | None:
-        """The unit vector (3,) along which a light with a cone shines; None without a cone."""
+        """The unit vector (3,) along which a light with a cone or a profile shines; None for others."""
         return None
 
-    def cone_transmission(self, cosines: torch.Tensor) -> torch.Tensor:
-        """Return the share (...) of the light, in [0, 1], that leaves at an angle from `cone_axis`."""
-        return cosines.new_ones(cosines.shape)
+    def transmission(self, directions: torch.Tensor) -> torch.Tensor:
+        """Return the share (...) of the light, in [0, 1], that leaves into unit directions (3, ...)."""
+        return directions.new_ones(directions.shape[1:])
 
     def settings(self) -> dict[str, Any]:
         """Return {parameter: value} of the constructor, without those that have their defaults."""

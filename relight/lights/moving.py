@@ -17,6 +17,7 @@ from relight.lights.light import Light
 from relight.lights.near import PointLight, RectLight
 
 Keyframes = dict[float, float | tuple[float, ...]]  # {frame: value}, in the order of frames
+FILES = frozenset({"image", "profile"})  # parameters that name a file
 ORBIT_ANGLES = ("azimuth", "rotation")  # parameters to which an orbit adds its angle
 ORBIT_POSITIONS = ("position", "toward")  # parameters that an orbit turns about the subject's vertical
 
@@ -74,8 +75,8 @@ class MovingLight:
         frames = sorted({1.0}.union(*moves.values()))
         between = [(first + last) / 2 for first, last in itertools.pairwise(frames)]
         lights = [self.at(frame) for frame in frames + between]  # what cannot be is refused now
-        if "image" in self.rests:
-            self.rests["image"] = vars(lights[0])["image"]  # read once, not at every frame
+        for key in FILES.intersection(self.rests):
+            self.rests[key] = vars(lights[0])[key]  # read once, not at every frame
 
     @property
     def name(self) -> str | None:
@@ -126,7 +127,7 @@ def lights_at(lights: Iterable[Light | MovingLight], frame: float) -> list[Light
 def kind_of(settings: Iterable[str]) -> type[Light]:
     """Return the class of a light with these parameters, other than environments."""
     keys = set(settings)
-    spot = keys & {"cone", "softness", "radius"}
+    spot = keys & {"cone", "softness", "radius", "profile"}
     if keys & {"width", "height"} or ("toward" in keys and not spot):
         return RectLight
     return PointLight if spot or "position" in keys else DirectionalLight

@@ -17,11 +17,14 @@ import numpy as np
 from annotated_types import Interval
 
 from relight import quantities
-from relight.arguments import About, required
+from relight.arguments import About, Converted, required
 from relight.lights.light import Light, Parts, Rays
+from relight.media.photometry import PhotometricProfile, read_profile
 
 if TYPE_CHECKING:
     import torch
+
+    from shadow.files import AnyPath
 
 SAMPLE_COUNT = 16  # over a light that has a size
 FULL_CONE, HALF_CONE = 180.0, 90.0  # degrees from the axis to which a lamp, and a rectangle, shines
@@ -31,6 +34,16 @@ DISC_SAMPLES = 32  # over a sphere that shines, for the shadows that it casts
 
 _CONE = About("Degrees from the axis beyond which there is no light.", unit="degrees")
 Cone = Annotated[float, Interval(ge=MIN_CONE, le=FULL_CONE), _CONE]
+AngleScale = Annotated[
+    float,
+    Interval(gt=-1, le=100),
+    About("UsdLux's scale of a profile's angles: 0 leaves them, 1 doubles them."),
+]
+NO_PROFILE: Any = None  # the default of a profile
+if TYPE_CHECKING:
+    ProfileSource = Converted[AnyPath | PhotometricProfile | None, PhotometricProfile | None]
+else:
+    ProfileSource = Annotated[object, About("A lamp's profile: an .ies or .ldt file.")]
 FlatCone = Annotated[float, Interval(ge=MIN_CONE, le=HALF_CONE), _CONE]
 
 
@@ -83,13 +96,14 @@ class NearLight(Light):
         """The axis (3,) of its cone; None without one."""
         return self.axis if self.has_cone else None
 
-    def cone_transmission(self, cosines: torch.Tensor) -> torch.Tensor:
-        """Return the share of the light that leaves the cone at an angle from its axis, in [0, 1].
+    def transmission(self, directions: torch.Tensor) -> torch.Tensor:
+        """Return the share (...) of the light that leaves the cone into unit directions (3, ...), in [0, 1].
 
-        `cosines` (...) are those of the angle. The cone's edge is UsdLux's: a smooth step from
-        `cone * (1 - softness)` to `cone`.
+        The cone's edge is UsdLux's: a smooth step from `cone * (1 - softness)` to `cone`.
         """
-        angles = cosines.clamp(-1, 1).acos().rad2deg()
+        if not self.has_cone:
+            return directions.new_ones(directions.shape[1:])
+        angles = _dot(self.axis, directions).clamp(-1, 1).acos().rad2deg()
         if self.softness == 0:
             return (angles <= self.cone).float()
         step = ((self.cone - angles) / (self.cone * self.softness)).clamp(0, 1)
@@ -112,6 +126,11 @@ class PointLight(NearLight):
         Angle in degrees from a spotlight's axis, in (0, 180], beyond which there is no light; 180 is no cone.
     softness
         Share of the cone, in [0, 1], over which the light fades to its edge.
+    profile
+        How the lamp shines into each direction: the file of an IES profile (.ies) or of EULUMDAT (.ldt), see
+        `relight.media.photometry`. It needs `toward`. The `intensity` is that of the brightest direction.
+    angle_scale
+        UsdLux's scale of the profile's angles from the axis, above -1: 0 leaves them, 1 doubles them.
     intensity
         At least 0. At 1, a white surface that faces the lamp has the value 1 at one metre, 1/4 at two.
     colour, exposure, temperature, locus, name
@@ -119,8 +138,11 @@ class PointLight(NearLight):
 
     Raises
     ------
+    FileNotFoundError
+        No such profile.
     TypeError, ValueError
-        Not numbers, NaN or infinite, out of range; a cone without a point that it faces.
+        Not numbers, NaN or infinite, out of range; a cone or a profile without a point that it faces; a
+        profile that cannot be read, or a scale of its angles without one.
 
     Examples
     --------
@@ -133,13 +155,49 @@ class PointLight(NearLight):
     _: KW_ONLY
     radius: quantities.Radius = 0.0
     toward: quantities.OptionalPosition = quantities.NOWHERE
+    profile: ProfileSource = NO_PROFILE
+    angle_scale: AngleScale = 0.0
 
     def __post_init__(self) -> None:
         super().__post_init__()
+        if self.profile is not None and not isinstance(self.profile, PhotometricProfile):
+            object.__setattr__(self, "profile", _read_profile(self.profile))
+        if self.angle_scale and self.profile is None:
+            raise ValueError("angle_scale: expected a profile, whose angles it scales")
         if self.toward is not None:
             self._check_faces(self.toward)
-        elif self.has_cone:
-            raise ValueError("toward: is missing; expected a point that the cone faces")
+        elif self.has_cone or self.profile is not None:
+            shape = "cone" if self.has_cone else "profile"
+            raise ValueError(f"toward: is missing; expected a point that the {shape} faces")
+
+    def settings(self) -> dict[str, Any]:
+        """Return {parameter: value} of the constructor, without those that have their defaults."""
+        settings = super().settings()
+        if self.profile is not None:
+            if self.profile.path is None:
+                raise ValueError("profile: is in no file; write it to one and make the light of that")
+            settings["profile"] = str(self.profile.path)
+        return settings
+
+    @property
+    def cone_axis(self) -> np.ndarray | None:
+        return self.axis if self.has_cone or self.profile is not None else None
+
+    def transmission(self, directions: torch.Tensor) -> torch.Tensor:
+        """Return the share (...) of the light that leaves into unit directions (3, ...), in [0, 1]."""
+        import torch
+
+        shared = super().transmission(directions)
+        if self.profile is None:
+            return shared
+        z = -self.axis
+        x = np.cross((0.0, 1.0, 0.0), z)
+        x = _unit(x) if np.linalg.norm(x) > 1e-6 else np.array([1.0, 0.0, 0.0])
+        axes = np.stack([x, np.cross(z, x), -z])
+        own = torch.einsum("lc,c...->l...", torch.from_numpy(np.float32(axes)).to(directions), directions)
+        tilted = math.degrees(math.acos(min(1.0, max(-1.0, float(-self.axis[1])))))  # from straight down
+        factor = self.profile.tilt_factor(tilted) / self.profile.peak
+        return shared * self.profile.at(own, self.angle_scale).to(directions) * factor
 
     @property
     def extent(self) -> float:
@@ -158,8 +216,8 @@ class PointLight(NearLight):
     def rays(self, positions: torch.Tensor) -> Iterator[Rays]:
         """Yield one ray to a point, or SAMPLE_COUNT rays to a sphere, within the cone."""
         for directions, irradiance in self._rays(positions):
-            if self.has_cone:
-                irradiance = irradiance * self.cone_transmission(-_dot(self.axis, directions))
+            if self.cone_axis is not None:
+                irradiance = irradiance * self.transmission(-directions)
             yield Rays(directions, irradiance)
 
     def _rays(self, positions: torch.Tensor) -> Iterator[Rays]:
@@ -283,8 +341,7 @@ class RectLight(NearLight):
             directions = torch.einsum("lc,l...->c...", axes, rectangle.sample(u, v))
             directions = F.normalize(directions, dim=0).to(positions)
             if self.has_cone:
-                transmission = self.cone_transmission(-_dot(self.axis, directions))
-                yield Rays(directions, irradiance * transmission)
+                yield Rays(directions, irradiance * self.transmission(-directions))
             else:
                 yield Rays(directions, irradiance)
 
@@ -304,6 +361,14 @@ def _disc(centre: np.ndarray, radius: float) -> np.ndarray:
     out, angle = radius * np.sqrt((step + 0.5) / DISC_SAMPLES), math.pi * (3 - math.sqrt(5)) * step
     across = np.stack([out * np.cos(angle), out * np.sin(angle)], axis=1)
     return centre + across @ np.stack([aside, np.cross(along, aside)])
+
+
+def _read_profile(source: Any) -> PhotometricProfile:
+    """Return the profile of a file; raises as `read_profile`, and TypeError for what is no name of one."""
+    try:
+        return read_profile(quantities.file_name(source))
+    except (TypeError, ValueError) as error:
+        raise type(error)(f"profile: {error}") from error
 
 
 def _unit(vector: np.ndarray) -> np.ndarray:

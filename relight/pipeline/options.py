@@ -239,7 +239,7 @@ class Lighting(Options):
             "A light, as in the example below. Also direction=x/y/z, exposure (stops), temperature "
             "(kelvin), locus (planckian, daylight), angle (degrees; soft shadows), orbit (frames of one "
             "turn). Near lights: position=x/y/z (metres), radius; or toward=x/y/z, width, height; cone "
-            "(degrees), softness. Repeatable.",
+            "(degrees), softness; profile (.ies, .ldt). Repeatable.",
             repeatable=True,
         ),
     ] = ()

@@ -8,9 +8,10 @@ from typing import Any
 import numpy as np
 
 from relight.lights.environment import Panorama
-from relight.lights.moving import MovingLight
+from relight.lights.moving import FILES, MovingLight
 from relight.media import images, movies
 from relight.media.colour import encode, linear_space
+from relight.media.photometry import PhotometricProfile
 from relight.media.sequences import TOKEN, FrameSequence
 from relight.pipeline.options import Output
 from relight.scene import nuke
@@ -131,8 +132,12 @@ def _path(source: object) -> Path | None:
     """Return the file or sequence of a source; None for a source in memory."""
     if isinstance(source, MovingLight):
         source = source.rests
-    image = source.get("image") if isinstance(source, dict) else getattr(source, "image", source)
-    image = image.path if isinstance(image, Panorama) else image
+    if not isinstance(source, dict):
+        held = [getattr(source, key, None) for key in FILES]
+        image = next((each for each in held if each is not None), source)
+    else:
+        image = next((source[key] for key in FILES if source.get(key) is not None), None)
+    image = image.path if isinstance(image, Panorama | PhotometricProfile) else image
     return images.split_layer(image)[0] if files.is_path(image) else None
 
 

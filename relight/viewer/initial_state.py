@@ -84,7 +84,9 @@ def checked_lights(lights: Lights) -> dict[str, Light]:
                 f"got {type(light).__name__}"
             )
         if light.cone_axis is not None:
-            raise ValueError("lights: the viewer shows lamps that shine all around; a light has a cone")
+            raise ValueError(
+                "lights: the viewer shows lamps that shine all around; a light has a cone or a profile"
+            )
     if len(named) - len(skies) > MAX_LIGHTS or len(skies) > 1:
         raise ValueError(
             f"lights: the viewer shows up to {MAX_LIGHTS} directional lights and lamps, and one environment, "

@@ -18,7 +18,7 @@ import numpy as np
 from typer.testing import CliRunner
 
 import relight
-from helpers import ROOT
+from helpers import ROOT, lamps
 from relight.cli.commands import app
 from relight.media.movies import write_movie
 
@@ -110,6 +110,7 @@ def lay_out(folder):
     relight.write_mask(folder / "matte.png", matte)
     relight.write(folder / "reference_cut.png", person)
     relight.write(folder / "studio.png", screen)
+    (folder / "lamp.ies").write_text(lamps.ies([[900, 700, 100]], [0, 45, 90], [0]))
     strokes = np.zeros((rows, columns, 4), np.uint8)
     strokes[:, : columns // 2] = (255, 0, 0, 255)
     relight.write(folder / "strokes.png", strokes)

@@ -100,6 +100,10 @@ def _point(light: PointLight, name: str) -> dict[str, Any]:
     """Return what is said of a point or a spotlight, whose cone glTF has not wider than a hemisphere."""
     if light.radius:
         warnings.warn(f"{name}: glTF's lights have no size; it is written as a point", stacklevel=4)
+    if light.profile is not None:
+        warnings.warn(
+            f"{name}: glTF's lights have no profile; it shines alike in all directions", stacklevel=4
+        )
     if not light.has_cone:
         return {"type": "point"}
     if light.cone > 90:

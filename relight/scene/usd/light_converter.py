@@ -16,6 +16,7 @@ from relight.lights.light import Light
 from relight.lights.near import FULL_CONE, HALF_CONE, MIN_CONE, PointLight, RectLight
 from relight.media import images
 from relight.media.cubemap import latlong_directions
+from relight.media.photometry import read_profile
 from relight.scene import blender, units
 from relight.scene.usd.stage import check_inside
 from relight.scene.usd.view import StageView, rotation
@@ -69,8 +70,9 @@ class LightConverter:
             if collection.GetIncludeRootAttr().Get() is False or collection.GetExcludesRel().GetTargets():
                 self.cannot(prim, "light linking is not applied: it lights the person")
         shaping = UsdLux.ShapingAPI(prim)
-        if (ies := shaping.GetShapingIesFileAttr().Get()) is not None and ies.path:
-            self.cannot(prim, "an IES profile is not applied")
+        ies = shaping.GetShapingIesFileAttr().Get()
+        if ies is not None and ies.path and not prim.IsA(UsdLux.SphereLight):
+            self.cannot(prim, "an IES profile is applied to sphere lights alone")
         if (shaping.GetShapingFocusAttr().Get() or 0) != 0:
             self.cannot(prim, "the focus of its shaping is not applied")
         if (enable := UsdLux.ShadowAPI(prim).GetShadowEnableAttr().Get()) is not None and not enable:
@@ -143,7 +145,36 @@ class LightConverter:
             "position": self.view.at(time).position(matrix[:3, 3]),
             "radius": 0.0 if point else radius,
         }
-        return PointLight, settings | self._cone(prim, time, matrix)
+        settings |= self._cone(prim, time, matrix)
+        return PointLight, settings | self._profile(prim, time, matrix, settings["intensity"])
+
+    def _profile(self, prim: Any, time: float, matrix: np.ndarray, intensity: float) -> Numbers:
+        """Return the profile of a light's shaping, with its intensity in the brightest direction."""
+        from pxr import Ar, UsdLux
+
+        shaping = UsdLux.ShapingAPI(prim)
+        asset = shaping.GetShapingIesFileAttr().Get(time)
+        if asset is None or not asset.path:
+            return {}
+        if Ar.IsPackageRelativePath(asset.resolvedPath):
+            self.cannot(prim, "an IES profile within a package is not read")
+            return {}
+        profile = read_profile(self._checked_asset(prim, asset, "profile"))
+        strength = profile.peak / (profile.flux if shaping.GetShapingIesNormalizeAttr().Get(time) else 1.0)
+        scale = float(shaping.GetShapingIesAngleScaleAttr().Get(time) or 0.0)
+        if scale <= -1:
+            self.cannot(prim, f"an angle scale of {scale:g} is not applied")
+        return {
+            "intensity": intensity * strength,
+            "profile": profile,
+            "angle_scale": max(scale, 0.0) if scale <= -1 else min(scale, 100.0),
+            "toward": self._a_metre_ahead(matrix, time),
+        }
+
+    def _a_metre_ahead(self, matrix: np.ndarray, time: float) -> Any:
+        """Return the point a metre along the axis of a light with a transform (4, 4)."""
+        point = matrix[:3, 3] - rotation(matrix)[:, 2] / self.view.scale
+        return self.view.at(time).position(point)
 
     def _rect(self, prim: Any, time: float) -> Found:
         from pxr import UsdLux
@@ -212,9 +243,7 @@ class LightConverter:
             "softness": min(max(softness, 0.0), 1.0),
         }
         if round_:
-            axis = rotation(matrix)[:, 2]
-            point = matrix[:3, 3] - axis / self.view.scale  # a metre along the axis
-            settings["toward"] = self.view.at(time).position(point)
+            settings["toward"] = self._a_metre_ahead(matrix, time)
         return settings
 
     def _dome(self, prim: Any, time: float) -> Found:
@@ -252,23 +281,28 @@ class LightConverter:
         """Return the texture of a dome: its file, or the content of a package."""
         from pxr import Ar
 
+        path = self._checked_asset(prim, asset, "texture")
+        if not Ar.IsPackageRelativePath(asset.resolvedPath):
+            return path
+        packed = Ar.GetResolver().OpenAsset(Ar.ResolvedPath(asset.resolvedPath))
+        with tempfile.TemporaryDirectory() as folder:
+            file = Path(folder) / f"texture{Path(asset.path).suffix}"
+            file.write_bytes(bytes(packed.GetBuffer()))
+            return images.read(file)
+
+    def _checked_asset(self, prim: Any, asset: Any, what: str) -> Path:
+        """Return the path of a light's file; refuse one that is missing, or outside the stage's folder."""
         where = f"{self.path}: {prim.GetPath()}: "
         if not asset.resolvedPath:
-            raise FileNotFoundError(f"{where}its texture {asset.path} is missing")
+            raise FileNotFoundError(f"{where}its {what} {asset.path} is missing")
         if not self.external:
             if os.path.isabs(asset.path):
                 raise ValueError(
                     f"{where}has the absolute path {asset.path}; expected one relative to the stage, or "
                     "allow external files (--allow-external)"
                 )
-            check_inside(self.path, asset.resolvedPath, f"{prim.GetPath()}: its texture")
-        if not Ar.IsPackageRelativePath(asset.resolvedPath):
-            return Path(asset.resolvedPath)
-        packed = Ar.GetResolver().OpenAsset(Ar.ResolvedPath(asset.resolvedPath))
-        with tempfile.TemporaryDirectory() as folder:
-            file = Path(folder) / f"texture{Path(asset.path).suffix}"
-            file.write_bytes(bytes(packed.GetBuffer()))
-            return images.read(file)
+            check_inside(self.path, asset.resolvedPath, f"{prim.GetPath()}: its {what}")
+        return Path(asset.resolvedPath)
 
 
 def _turned(image: Panorama, axes: np.ndarray) -> np.ndarray:

@@ -130,10 +130,29 @@ def _write_distant(prim: Any, light: DirectionalLight, time: Any, place: Place) 
 
 
 def _write_sphere(prim: Any, light: PointLight, time: Any, place: Place) -> tuple[float, np.ndarray]:
-    from pxr import UsdLux
+    from pxr import Sdf, UsdLux
 
     UsdLux.SphereLight(prim).CreateRadiusAttr().Set(light.radius, time)
-    return units.SPHERE, _near_frame(prim, light, time)
+    if light.profile is None:
+        return units.SPHERE, _near_frame(prim, light, time)
+    shaping = UsdLux.ShapingAPI.Apply(prim)
+    if not shaping.GetShapingIesFileAttr().Get():
+        shaping.CreateShapingIesFileAttr(Sdf.AssetPath(f"./{_beside(prim, light.profile.path, place)}"))
+    shaping.CreateShapingIesAngleScaleAttr().Set(light.angle_scale, time)
+    # UsdLux multiplies by candela, our light by their share of the brightest direction's.
+    return units.SPHERE / light.profile.peak, _near_frame(prim, light, time)
+
+
+def _beside(prim: Any, path: Path | None, place: Place) -> str:
+    """Return the name, relative to the stage, of a file that is in its folder or copied there."""
+    if path is None:
+        raise ValueError("profile: is in no file; write it to one and make the light of that")
+    home = place.target.resolve().parent
+    if place.target.suffix.lower() != ".usdz" and home in path.resolve().parents:
+        return path.resolve().relative_to(home).as_posix()
+    name = f"{place.target.stem}_{prim.GetName()}{path.suffix}"
+    shutil.copyfile(path, place.folder / name)
+    return name
 
 
 def _write_rect(prim: Any, light: RectLight, time: Any, place: Place) -> tuple[float, np.ndarray]:

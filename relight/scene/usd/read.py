@@ -10,7 +10,7 @@ import numpy as np
 
 from relight.lights.files import MOST_LIGHTS
 from relight.lights.light import Light
-from relight.lights.moving import MovingLight
+from relight.lights.moving import FILES, MovingLight
 from relight.scene.camera_view import CameraView
 from relight.scene.usd import old_names
 from relight.scene.usd.light_converter import Found, LightConverter, Numbers
@@ -233,7 +233,7 @@ def _assembled(found: list[Found], frames: list[float]) -> Light | MovingLight:
         values: Any = [settings[key] for settings in every]
         if key == "rotation":
             values = np.rad2deg(np.unwrap(np.deg2rad(values))).tolist()
-        if key == "image" or all(np.allclose(value, values[0], rtol=1e-7, atol=1e-9) for value in values):
+        if key in FILES or all(np.allclose(value, values[0], rtol=1e-7, atol=1e-9) for value in values):
             rests[key] = values[0]
         else:
             moving[key] = dict(zip(frames, values, strict=True))

@@ -302,7 +302,11 @@ def Mesh "glowing" (prepend apiSchemas = ["MeshLightAPI"]) {}
 """
 
 
-@pytest.mark.states("USD", "light filters, IES profiles, portals, cylinders, mesh lights", "warned of")
+@pytest.mark.states(
+    "USD",
+    "light filters, IES profiles of other lights than spheres, portals, cylinders, mesh lights",
+    "warned of",
+)
 def test_what_cannot_be_represented_is_named_with_its_prim(tmp_path):
     with pytest.warns(UserWarning, match="set.usda") as caught:
         read_lights(stage(tmp_path, MANY))
