@@ -626,6 +626,7 @@ class Subject:
         triangles: int = 120_000,
         texture: str = "albedo",
         gloss: quantities.Gloss = 0.0,
+        amount: quantities.Amount = 1.0,
     ) -> Path:
         """Write the person for other programs: a textured mesh with camera and lights, or a Nuke script.
 
@@ -650,6 +651,8 @@ class Subject:
             "albedo" for a surface in new light, or "photograph" for an unlit surface.
         gloss
             Of the surface, see `relit`. In USD it is 0 or 1.
+        amount
+            With which the knob of a .nk begins, see `relit`; 1 for the other files.
 
         Returns
         -------
@@ -659,8 +662,8 @@ class Subject:
         Raises
         ------
         ValueError
-            Another suffix or texture, too few triangles, a gloss outside [0, 1]; for a .nk other lights, or a
-            mesh's options.
+            Another suffix or texture, too few triangles, a gloss or an amount outside [0, 1]; for a .nk other
+            lights, or a mesh's options; for a mesh an amount below 1.
         TypeError
             Not lights.
         OSError
@@ -680,8 +683,10 @@ class Subject:
 
         path = asset.checked(path, texture, triangles)
         self._check_shown()
+        gloss, amount = checked_gloss(gloss), checked_amount(amount)
+        person_group.check_amount(path, amount)
         if is_script(path):
-            return writing.write_script(path, self, person_group.checked_lights(lights), checked_gloss(gloss))
+            return writing.write_script(path, self, person_group.checked_lights(lights), gloss, amount)
         return writing.write(path, self.asset(lights, triangles=triangles, texture=texture, gloss=gloss))
 
     def asset(

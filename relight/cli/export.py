@@ -19,6 +19,7 @@ from relight.pipeline.options import Compute, Lighting, Source
         "subject_at",
         "allow_external",
         "gloss",
+        "amount",
         "intensity",
     )
 )

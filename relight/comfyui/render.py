@@ -1,6 +1,6 @@
 """The nodes that make pictures of an analysed person: in still and in moving light, and the passes."""
 
-from collections.abc import Callable
+from collections.abc import Callable, Iterable
 from itertools import chain
 from typing import Annotated, Any
 
@@ -99,7 +99,7 @@ class Render(CheckedNode):
         frames, masks, lighting = [], [], []
         for number in host.progress(range(count), count):
             person = subject[number]
-            shining = [*lights, *backdrop.filling(person, number)]
+            shining = backdrop.with_fill(lights, person, number)
             frames.append(backdrop.behind(person, shining, number, gloss, amount))
             masks.append(person.matte)
             lighting.append(person.lighting(shining))
@@ -146,9 +146,10 @@ class Orbit(CheckedNode):
         background: Behind = None,
         floor: Ground = "",
         exposure: Exposure = 0.0,
+        fill: Fill = 0.0,
     ) -> tuple[torch.Tensor, torch.Tensor]:
         """Relight each frame by the lights as `relight.MovingLight` turns them."""
-        backdrop = Backdrop(background, floor)
+        backdrop = Backdrop(background, floor, fill)
         count = tensors.frames_together(subject=len(subject), background=len(backdrop))
         count = frames if count == 1 else count
         by_name((*lights, *still_lights))  # two lights of one name are refused before the work
@@ -157,9 +158,8 @@ class Orbit(CheckedNode):
         pictures, masks = [], []
         for number in host.progress(range(count), count):
             person = subject[number]
-            pictures.append(
-                backdrop.behind(person, [*(light(number + 1) for light in moving), *resting], number)
-            )
+            shining = [*(light(number + 1) for light in moving), *resting]
+            pictures.append(backdrop.behind(person, backdrop.with_fill(shining, person, number), number))
             masks.append(person.matte)
         return tensors.to_image(pictures, exposure), tensors.to_mask(masks)
 
@@ -222,14 +222,14 @@ class Backdrop:
             return None
         return tensors.light("background", self._images[number if len(self) > 1 else 0])
 
-    def filling(self, person: Subject, number: int) -> list[Light]:
-        """Return the light of the background of a frame that fills shadows, if any."""
+    def with_fill(self, lights: Iterable[Light], person: Subject, number: int) -> list[Light]:
+        """Return the lights, and the light of a frame's background that fills their shadows, if any."""
         picture = self.picture(number) if self._fill else None
         if picture is None:
-            return []
+            return [*lights]
         whole = whole_field_of_view(picture.shape, person.size, person.camera.field_of_view)
         picture = picture if len(self) == 1 else few_rows(picture)
-        return [EnvironmentLight.from_plate(picture, whole, intensity=self._fill, name=FILL)]
+        return [*lights, EnvironmentLight.from_plate(picture, whole, intensity=self._fill, name=FILL)]
 
     def behind(
         self,

@@ -7,7 +7,7 @@ from annotated_types import Interval
 
 from relight.arguments import About
 from relight.comfyui import host, tensors
-from relight.comfyui.render import Amount, Analysed, Backdrop, Behind, CheckedNode, Given, Gloss, Ground
+from relight.comfyui.render import Amount, Analysed, Backdrop, Behind, CheckedNode, Fill, Given, Gloss, Ground
 from relight.media.images import write
 from relight.media.sequences import FrameSequence
 from relight.rendering import PASSES, check_names, metadata_of, render_subject
@@ -43,17 +43,18 @@ class SaveEXR(CheckedNode):
         floor: Ground = "",
         gloss: Gloss = 0.0,
         amount: Amount = 1.0,
+        fill: Fill = 0.0,
     ) -> dict[str, Any]:
         """Write a file for each frame, as `relight apply` does."""
         names = check_names(filter(None, (name.strip() for name in passes.split(","))))
-        backdrop = Backdrop(background, floor)
+        backdrop = Backdrop(background, floor, fill)
         count = tensors.frames_together(subject=len(subject), background=len(backdrop))
         files = _files(path, first_frame, count)
         for number, file in host.progress(enumerate(files), count):
             person = subject[number]
             picture, layers = render_subject(
                 person,
-                lights,
+                backdrop.with_fill(lights, person, number),
                 background=backdrop.picture(number),
                 passes=names,
                 floor=backdrop.floor,

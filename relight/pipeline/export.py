@@ -96,6 +96,7 @@ class Exporting(Job[Path]):
 
     def check(self, shot: Shot, frames: GivenFrames | None) -> FrameRange:
         """Refuse lights and frames that the file cannot hold, and files that are read."""
+        person_group.check_amount(self._path, shot.lighting.amount)
         self._knobs(shot.all_lights())
         shot.check_not_read([self._path, *writing.companions(self._path, self._texture)])
         numbers = self._numbers(shot, frames)
@@ -108,13 +109,13 @@ class Exporting(Job[Path]):
         self.step = "Analysing" if len(numbers) == 1 else "Frames"
         report(0, len(numbers), self.step)
         self._lights, self._gloss = shot.all_lights(shot.preset_gain), shot.lighting.effective_gloss
+        self._amount = shot.lighting.amount
         if len(numbers) == 1:
             return
         if is_script(path):
             knobs, chosen = self._knobs(self._lights), writing.spread(numbers)
-            several = writing.script_sequence(
-                path, {number: shot.person(number) for number in chosen}, numbers, knobs, rate, self._gloss
-            )
+            people = {number: shot.person(number) for number in chosen}
+            several = writing.script_sequence(path, people, numbers, knobs, rate, self._gloss, self._amount)
         else:
             several = writing.stage_sequence(path, self._asset, rate)
         self._add = self.opened.enter_context(several)
@@ -129,7 +130,8 @@ class Exporting(Job[Path]):
     def finish(self, shot: Shot, numbers: FrameRange, problems: Problems, report: Report) -> Path:
         """Write the only frame; the file of several is complete once it is closed."""
         if self._add is None and is_script(self._path):
-            writing.write_script(self._path, self._subject, self._knobs(self._lights), self._gloss)
+            knobs = self._knobs(self._lights)
+            writing.write_script(self._path, self._subject, knobs, self._gloss, self._amount)
         elif self._add is None:
             writing.write(self._path, self._asset(self._subject))
         return self._path

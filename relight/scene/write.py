@@ -49,13 +49,19 @@ def stage_sequence(path: Path, asset: Callable[[Any], Asset], rate: float) -> It
         yield lambda number, subject: None if subject.is_empty else add(number, asset(subject))
 
 
-def write_script(path: AnyPath, subject: Any, lights: Sequence[DirectionalLight], gloss: float = 0.0) -> Path:
+def write_script(
+    path: AnyPath,
+    subject: Any,
+    lights: Sequence[DirectionalLight],
+    gloss: float = 0.0,
+    amount: float = 1.0,
+) -> Path:
     """Write a Nuke script that lights a `relight.Subject`, and the layers it reads: `<name>_layers.exr`."""
     path = Path(path)
     basis = Basis.of([subject])
     picture = companion(path, LAYERS)
     _write_layers(picture, subject, basis)
-    person_group.write(path, picture, basis, lights, subject.size, gloss=gloss)
+    person_group.write(path, picture, basis, lights, subject.size, gloss=gloss, amount=amount)
     return path
 
 
@@ -72,12 +78,14 @@ def script_sequence(
     lights: Sequence[DirectionalLight],
     rate: float,
     gloss: float = 0.0,
+    amount: float = 1.0,
 ) -> Iterator[Add]:
     """Write a Nuke script that lights a person who moves, and its layers: `<name>_layers.%04d.exr`.
 
     `chosen`: {frame: its subject}, the frames of `spread`, whose components all frames share. `numbers`: all
-    frames, `rate` a second. `lights`, `gloss`: what the knobs begin with. The script is written when it is
-    closed. Raises ValueError if none of the chosen frames shows a person, or frames differ in size.
+    frames, `rate` a second. `lights`, `gloss`, `amount`: what the knobs begin with. The script is written
+    when it is closed. Raises ValueError if none of the chosen frames shows a person, or frames differ in
+    size.
     """
     shown = [subject for subject in chosen.values() if not subject.is_empty]
     if not shown:
@@ -93,7 +101,7 @@ def script_sequence(
     yield add
     person_group.write(
         path, companion(path, LAYERS, FRAME), basis, lights, size, frames=(numbers[0], numbers[-1]),
-        rate=rate, gloss=gloss,
+        rate=rate, gloss=gloss, amount=amount,
     )  # fmt: skip
 
 

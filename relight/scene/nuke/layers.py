@@ -21,8 +21,9 @@ LAYERS = (
 )
 # `facing`: normals; `gate`: the slope of the gate in N·L, N·V, and `relight.analysis.gloss.outline` times the
 # share of the gloss that reaches the pixel;
-# `toward.red`: 1, for a light's L·V.
-NAMES = ("facing", "gate", "toward", *LAYERS)
+# `toward.red`: 1, for a light's L·V; `photograph`: the person in the light of the photograph, premultiplied.
+PHOTOGRAPH = "photograph"
+NAMES = ("facing", "gate", "toward", *LAYERS, PHOTOGRAPH)
 
 
 class Basis(NamedTuple):
@@ -68,6 +69,7 @@ def layers_of(subject: Any, basis: Basis) -> tuple[np.ndarray, dict[str, np.ndar
         ]
     )
     plate = subject.upsampled(arrays.silhouette.scatter(maps))
-    layers = {name: plate[..., 3 * n : 3 * n + 3] for n, name in enumerate(NAMES)}
+    layers = {name: plate[..., 3 * n : 3 * n + 3] for n, name in enumerate(NAMES[:-1])}
+    layers[PHOTOGRAPH] = subject.relit([], amount=0)[..., :3]
     matte = subject.matte[..., None]
     return np.concatenate([subject.albedo * matte, matte], axis=-1), layers

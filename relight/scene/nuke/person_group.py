@@ -17,7 +17,8 @@ from relight.lights.directional import DirectionalLight
 from relight.lights.rig import as_rig
 from relight.scene.nuke import callback
 from relight.scene.nuke.callback import LIGHTS, direction, matrices, samples
-from relight.scene.nuke.layers import CAST_LAYERS, LAYERS, NAMES, RESIDUAL_LAYERS, Basis
+from relight.scene.nuke.layers import CAST_LAYERS, LAYERS, NAMES, PHOTOGRAPH, RESIDUAL_LAYERS, Basis
+from relight.scene.nuke.light_groups import is_script
 from relight.scene.nuke.nodes import layer, literal, node, quoted, read_from, root, span
 from shading.diffuse import RESIDUAL_BIAS
 from shadow.files import AnyPath, replacing
@@ -38,13 +39,14 @@ def write(
     frames: tuple[int, int] | None = None,
     rate: float | Fraction = 24,
     gloss: float = 0.0,
+    amount: float = 1.0,
 ) -> None:
     """Write the script. It finds the pictures in its own folder.
 
     `picture`: the file with the layers, of `size` (H, W), or the sequence, such as `person.%04d.exr`;
-    `basis`: what the layers are components of. `lights`, at most four, and `gloss`, in [0, 1]: what the knobs
-    begin with. `frames`: (first, last) of a sequence, `rate` a second; None for a still. Raises OSError if
-    the script cannot be written.
+    `basis`: what the layers are components of. `lights`, at most four, `gloss` and `amount`, both in [0, 1]:
+    what the knobs begin with. `frames`: (first, last) of a sequence, `rate` a second; None for a still.
+    Raises OSError if the script cannot be written.
     """
     path, file = Path(path), literal(Path(picture).name)
     knobs = span(frames) | read_from(path)
@@ -52,7 +54,7 @@ def write(
         root(size, frames, rate),
         *(layer(name, CHANNELS) for name in NAMES),
         node("Read", inputs=0, file=file, **knobs, raw="true", name="Layers", xpos=0, ypos=-120),
-        _group(basis, lights, gloss),
+        _group(basis, lights, gloss, amount),
         *_inside(basis, lights),
         "end_group",
     ]
@@ -79,6 +81,12 @@ def checked_lights(lights: Iterable[Any] | Any | None) -> list[DirectionalLight]
     return chosen or [KEY]
 
 
+def check_amount(path: AnyPath, amount: float) -> None:
+    """Raise ValueError for an amount below 1 and a mesh, which has no photograph to be mixed with."""
+    if amount < 1 and not is_script(path):
+        raise ValueError(f"amount: {path} holds lights alone, not the photograph; expected 1, got {amount:g}")
+
+
 def settings_of(light: DirectionalLight) -> dict[str, str]:
     """Return the values of a light's knobs; intensity is in the exposure, the temperature in the colour."""
     power = light.power
@@ -98,7 +106,7 @@ def _started(lights: Sequence[DirectionalLight]) -> list[tuple[DirectionalLight,
     return [(light, True) for light in lights] + [(KEY, False)] * (LIGHTS - len(lights))
 
 
-def _group(basis: Basis, lights: Sequence[DirectionalLight], gloss: float) -> str:
+def _group(basis: Basis, lights: Sequence[DirectionalLight], gloss: float, amount: float) -> str:
     """Return the group's own knobs, up to its closing brace."""
     code = inspect.getsource(callback) + "\nupdate(nuke)\n"
     again = "exec(nuke.thisNode()['knobChanged'].value())"
@@ -126,9 +134,11 @@ def _group(basis: Basis, lights: Sequence[DirectionalLight], gloss: float) -> st
         ]
     numbers = " ".join(f"{value:.7g}" for value in basis.tables)
     lines += [
-        " addUserKnob {20 surface l surface}",
+        " addUserKnob {20 picture l picture}",
         " addUserKnob {7 gloss l gloss R 0 1}",
         f" gloss {gloss:.9g}",
+        " addUserKnob {7 amount l amount R 0 1}",
+        f" amount {amount:.9g}",
         " addUserKnob {20 about l about}",
         " addUserKnob {1 tables l tables +INVISIBLE}",
         f" tables {quoted(numbers)}",
@@ -139,7 +149,7 @@ def _group(basis: Basis, lights: Sequence[DirectionalLight], gloss: float) -> st
 
 
 def _inside(basis: Basis, lights: Sequence[DirectionalLight]) -> list[str]:
-    """Return the nodes of the group: a column for each light, whose sum is the picture.
+    """Return the nodes of the group: a column for each light, whose sum is mixed with the photograph.
 
     The first input of a node is what is on top of the stack, so the last light comes first.
     """
@@ -157,10 +167,17 @@ def _inside(basis: Basis, lights: Sequence[DirectionalLight]) -> list[str]:
         off = f"{{{{!parent.light{number}_on}}}}"
         below += 40
         blocks.append(node("Merge2", inputs=2, **plus, name=f"Plus{number}", disable=off, xpos=0, ypos=below))
+    aside, shuffle = {"xpos": -COLUMN}, {"in": PHOTOGRAPH, "out": "rgb"}
+    rest = {"channels": "rgb", "value": "{{1-parent.amount}}"}
     return [
         *blocks,
-        node("Remove", operation="keep", channels="rgba", name="Picture", xpos=0, ypos=below + 40),
-        node("Output", name="Output1", xpos=0, ypos=below + 80),
+        node("Multiply", channels="rgb", value="{{parent.amount}}", name="Amount", xpos=0, ypos=below + 40),
+        "push $Nlayers",
+        node("Shuffle", **shuffle, name="Photograph", **aside, ypos=below),
+        node("Multiply", **rest, name="Rest", **aside, ypos=below + 40),
+        node("Merge2", inputs=2, **plus, name="Mix", xpos=0, ypos=below + 80),
+        node("Remove", operation="keep", channels="rgba", name="Picture", xpos=0, ypos=below + 120),
+        node("Output", name="Output1", xpos=0, ypos=below + 160),
     ]
 
 

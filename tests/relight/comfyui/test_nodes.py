@@ -105,6 +105,18 @@ def test_the_light_of_the_background_fills_the_shadows_of_render(batch, referenc
             Render().check_lazy_status(lights=KEY, **wrong)
 
 
+def test_an_orbit_and_files_are_filled_as_render_is(batch, tmp_path):
+    behind = torch.full((1, 20, 30, 3), 0.6)
+    rendered = Render().render(batch, KEY, background=behind, fill=0.5)[0]
+    turned, _ = Orbit().orbit(batch, KEY, 2, turns=0.0, background=behind, fill=0.5)
+    np.testing.assert_array_equal(turned[0], rendered[0])
+    SaveEXR().save(batch, KEY, str(tmp_path / "filled.####.exr"), background=behind, fill=0.5)
+    layers = relight.read_layers(tmp_path / "filled.0001.exr")
+    assert {"C_key", "C_background_fill"} <= set(layers)
+    picture = relight.read(tmp_path / "filled.0001.exr")[..., :3]
+    np.testing.assert_allclose(tensors.to_image([picture], 0.0)[0], rendered[0], atol=0.005)
+
+
 def test_the_gloss_of_render_and_of_files_is_relit_s(batch, reference, tmp_path):
     rim = (relight.DirectionalLight(azimuth=150, elevation=20, intensity=2, name="rim"),)
     background = torch.zeros((1, 50, 40, 3))

@@ -22,16 +22,16 @@ def subjects():
     return [relight.Subject(scene.photograph.numpy(), scene.mask.numpy()) for scene in shipped.scenes()]
 
 
-def exported(subject, folder, lights=None, gloss=0.0):
-    path = subject.export(folder / "person.nk", lights, gloss=gloss)
+def exported(subject, folder, lights=None, **settings):
+    path = subject.export(folder / "person.nk", lights, **settings)
     script = Script(path.read_text())
     return script, script["Relight"], Player(folder)
 
 
-def difference(picture, subject, lights, gloss=0.0):
+def difference(picture, subject, lights, gloss=0.0, amount=1.0):
     """RMS over the matte."""
     inside = subject.matte > 0
-    return float(np.sqrt(((picture - subject.relit(lights, gloss))[inside][:, :3] ** 2).mean()))
+    return float(np.sqrt(((picture - subject.relit(lights, gloss, amount))[inside][:, :3] ** 2).mean()))
 
 
 def test_the_group_is_what_relit_gives(subjects, tmp_path):
@@ -91,6 +91,18 @@ def test_the_gloss_is_that_of_relit(subjects, tmp_path):
     assert max(added) > 0.03
 
 
+def test_the_amount_mixes_with_the_photograph(subjects, tmp_path):
+    """The script begins with it; the knob alone changes it, down to the photograph itself."""
+    subject = subjects[0]
+    _, group, player = exported(subject, tmp_path, [KEY, RIM], amount=0.3)
+    assert difference(player.rgba(group), subject, [KEY, RIM], amount=0.3) <= 0.005
+    group.knobs["amount"] = "0"
+    assert difference(player.rgba(group), subject, [], amount=0) <= 0.0005
+    np.testing.assert_allclose(player.rgba(group)[..., 3], subject.matte, atol=1e-3)
+    with pytest.raises(ValueError, match=r"amount: .*person\.glb holds lights alone.*got 0\.3"):
+        subject.export(tmp_path / "person.glb", KEY, amount=0.3)
+
+
 def test_an_axis_on_an_input_moves_its_light(subjects, tmp_path):
     subject = subjects[1]
     _, group, player = exported(subject, tmp_path, [KEY, RIM])
@@ -125,7 +137,7 @@ def test_the_script_uses_what_nuke_brings_along(subjects, tmp_path):
     kinds = {node.kind for node in [*script.nodes, *group.inside.nodes]}
     assert kinds == {
         "Root", "Read", "Group", "Input", "ColorMatrix", "Expression", "Multiply", "Merge2",
-        "Remove", "Output",
+        "Remove", "Output", "Shuffle",
     }  # fmt: skip
     assert script.stack == [group]
     names = [node.name for node in group.inside.nodes]
