@@ -115,6 +115,38 @@ def test_the_person_is_opaque_where_they_wear_the_colour_of_the_wall():
     assert found[~BODY].max() == 0
 
 
+def test_what_both_networks_show_is_opaque_inside():
+    """A dark jacket before a dark wall, of which neither network is certain."""
+    body = somebody(150, 200, (38, 108))
+    unsure = np.where(np.arange(256) < 128, 0.7 * body.mask, body.mask).astype(np.float32)
+    picture, network, _ = network_of(np.where(BODY & (np.arange(300) < 150), 0.75, BODY))
+    found = silhouette.person_matte(picture, chosen(replace(body, mask=unsure)), network)
+    assert found[BODY & ellipse((150, 200), (30, 98))].min() > 0.97
+    assert found[~BODY].max() == 0
+
+
+def test_the_mask_alone_counts_where_the_network_has_not_seen_the_person():
+    """Small, blurred people, of whom a network shows a bright pair of shorts."""
+    picture, network, _ = network_of(BODY & (abs(np.arange(SIZE[0]) - 230) < 25)[:, None])
+    body = somebody(150, 200, (38, 108))
+    found = silhouette.person_matte(picture, chosen(replace(body, mask=0.9 * body.mask)), network)
+    assert (found[BODY] > 0.5).mean() > 0.9
+    assert found[~BODY].mean() < 0.01
+
+
+def test_a_white_shoe_before_a_white_wall_is_the_person():
+    shoe = ellipse((150, 299), (22, 9))
+    body = somebody(150, 200, (38, 108))
+    landmarks = body.landmarks.copy()
+    landmarks[[28, 30, 32]] = (150, 302)
+    picture, network, _ = network_of(BODY & ~shoe)
+    bare = silhouette.person_matte(picture, chosen(body), network)
+    found = silhouette.person_matte(picture, chosen(replace(body, landmarks=landmarks)), network)
+    inside = BODY & ellipse((150, 298), (8, 5))
+    assert bare[inside].mean() < 0.1
+    assert found[inside].mean() > 0.9
+
+
 def test_a_gap_that_the_mask_closes_shows_the_background():
     gap = ellipse((128, 180), (5, 30))  # between arm and body, of which the mask is not certain
     picture, network, _ = network_of(BODY & ~gap)
