@@ -12,16 +12,13 @@ from pathlib import Path
 from typing import Any
 
 from relight.app.worker import Refused
+from relight.media.images.read_image import READ as PICTURES
 
 UPLOAD_BYTES = 1 << 30  # of a file, at most
 SESSION_BYTES = 16 << 30  # of all files of a session
 PHOTOGRAPHS = 100  # at once
 LISTED = 500  # files of the root folder that the page lists
 NAME_BYTES = 120  # of UTF-8: file systems allow 255, and outputs are named after the photograph
-PICTURES = (
-    ".jpg", ".jpeg", ".png", ".tif", ".tiff", ".exr", ".hdr", ".webp", ".avif", ".heic", ".heif", ".bmp",
-    ".dng", ".cr2", ".cr3", ".nef", ".arw", ".raf", ".rw2", ".orf", ".ppm", ".dpx",
-)  # fmt: skip
 MODELS = (".onnx",)
 MASK_SUFFIX = "-matte.png"  # after a photograph's name without its own suffix
 

@@ -1,13 +1,25 @@
 """`relight apply`, also called `relight video`: stills, sequences, movies and analysis caches relit."""
 
+from collections.abc import Callable
 from functools import partial
-from typing import Annotated, Any
+from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
-from relight.cli.options import Frames, OptionsFile, progress_bars, report_failures, with_options
+from relight.cli.options import (
+    Frames,
+    OptionsFile,
+    console,
+    print_written,
+    progress_bars,
+    report_failures,
+    with_options,
+)
 from relight.pipeline.option_fields import Phase
 from relight.pipeline.options import Compute, Lighting, Output, Source
+
+if TYPE_CHECKING:
+    from relight.pipeline.many import OneOfMany
 
 
 @with_options()
@@ -16,6 +28,13 @@ def apply(
     output: Output,
     lighting: Lighting,
     compute: Compute,
+    more: Annotated[
+        list[str] | None,
+        typer.Argument(
+            metavar="[SOURCE]...",
+            help="Further pictures, or folders of pictures; then -o out/{name}.png, or a folder.",
+        ),
+    ] = None,
     frames: Frames = None,
     resume: Annotated[
         bool,
@@ -50,11 +69,19 @@ def apply(
 ) -> None:
     """Relight the person in SOURCE: a still, a sequence, a movie or an analysis cache."""
     from relight.pipeline.early_checks import check_early
-
-    check_early(source, lighting, output)
-    from relight.pipeline.render import render_shot
+    from relight.pipeline.many import make_folders, many
 
     distributed = dask is not None or workers is not None
+    listed = many(source, more or (), output)
+    if listed:
+        if phase != "all" or distributed:
+            raise ValueError("SOURCE: expected one, as --phase, --dask and --workers are given")
+        make_folders(listed)
+        check_early(None, lighting, listed[0].output)
+    else:
+        check_early(source, lighting, output)
+    from relight.pipeline.render import render_shot
+
     if phase != "all" and distributed:
         raise ValueError("--phase: expected no --dask and no --workers, which make all frames")
     if preview and (phase != "all" or distributed):
@@ -64,9 +91,31 @@ def apply(
         from relight.distributed.dask_cluster import render_distributed
 
         render = partial(render_distributed, scheduler=dask, workers=workers)
+    if listed:
+        _apply_to_many(listed, render, lighting=lighting, compute=compute, frames=frames, resume=resume)
+        return
     with progress_bars("the same command with --resume continues") as report:
         problems = render(
             source, lighting, output, compute=compute, frames=frames, resume=resume, progress=report
         )
     further = [path for path in (output.save_matte, output.report) if path is not None]
     report_failures(problems, [*output.paths, *further])
+
+
+def _apply_to_many(listed: "list[OneOfMany]", render: Callable[..., Any], **options: Any) -> None:
+    """Relight pictures one by one, and print what was written and what failed; exit code 1 if any did."""
+    from relight.pipeline.many import render_many
+
+    with progress_bars("the same command with --resume continues") as report:
+        problems = render_many(listed, render, report, **options)
+    for source, output in listed:
+        if str(source.plate) not in problems:
+            for path in output.paths:
+                print_written(path)
+    made = len(listed) - len(problems)
+    console.print(f"{made} of {len(listed)} pictures made" + ("; not made:" if problems else ""))
+    for picture, problem in problems.items():
+        line = problem if problem.startswith(picture) else f"{picture}: {problem}"
+        console.print(line, soft_wrap=True)
+    if problems:
+        raise typer.Exit(1)

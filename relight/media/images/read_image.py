@@ -24,6 +24,11 @@ ALPHA = ("straight", "premultiplied")
 OVERSHOOT = 0.5  # most by which a filter with negative lobes (Lanczos, Mitchell) takes alpha beyond 0 and 1
 _warned: set[tuple[Path, float]] = set()  # folders whose pictures have pixels that are not square
 
+READ = (  # suffixes by which pictures are known among the files of a folder
+    ".jpg", ".jpeg", ".png", ".tif", ".tiff", ".exr", ".hdr", ".webp", ".avif", ".heic", ".heif", ".bmp",
+    ".dng", ".cr2", ".cr3", ".nef", ".arw", ".raf", ".rw2", ".orf", ".ppm", ".dpx",
+)  # fmt: skip
+
 
 @checks_arguments
 def read(
