@@ -31,7 +31,7 @@ def apply(
     more: Annotated[
         list[str] | None,
         typer.Argument(
-            metavar="[SOURCE]...",
+            metavar="SOURCE",
             help="Further pictures, or folders of pictures; then -o out/{name}.png, or a folder.",
         ),
     ] = None,

@@ -6,7 +6,6 @@ from pathlib import Path
 from typing import Annotated, Any
 
 import typer
-from typer.core import TyperGroup
 
 from relight.cli import end_interrupted, printable
 from relight.cli.analyse import analyse
@@ -16,7 +15,7 @@ from relight.cli.comfyui import comfyui
 from relight.cli.evaluation import evaluate
 from relight.cli.export import export
 from relight.cli.fetch import fetch
-from relight.cli.help import EXAMPLES
+from relight.cli.help import PlainCommand, PlainGroup, described
 from relight.cli.job import job
 from relight.cli.olat import olat
 from relight.cli.presets import presets
@@ -33,7 +32,7 @@ EXTRAS = {  # of modules that only some commands need
 APP_WORDS = ("browser", "gui", "open", "server", "start", "ui", "web")  # that people try for the application
 
 
-class _OneLineErrors(TyperGroup):
+class _OneLineErrors(PlainGroup):
     """Bad input is one line and exit code 2, a warning one line. Anything else is a bug with its trace."""
 
     def resolve_command(self, ctx: Any, args: list[str]) -> Any:
@@ -96,9 +95,18 @@ def main(
     """Relight a photographed person, light by light, in scene-linear colour."""
 
 
-app.command("video", epilog=EXAMPLES["apply"], help="The same as `relight apply`.")(apply)
-for command in (apply, presets, job, view, analyse, track, export, olat, comfyui, stage, train, shrink):
-    app.command(epilog=EXAMPLES.get(command.__name__))(command)
-app.command("app")(app_command)
-app.add_typer(fetch, name="fetch")
-app.add_typer(evaluate, name="evaluate")
+# The order of the help: for pictures and movies, for other programs, for networks of one's own.
+PANELS = {
+    "Pictures and movies": (apply, app_command, view, presets, fetch),
+    "Shots and other programs": (analyse, track, export, olat, job, comfyui),
+    "Networks of your own": (stage, train, evaluate, shrink),
+}
+
+for panel, commands in PANELS.items():
+    for command in commands:
+        if isinstance(command, typer.Typer):
+            app.add_typer(command, name=command.info.name, rich_help_panel=panel)
+        else:
+            add = app.command(cls=PlainCommand, help=described(command), rich_help_panel=panel)
+            add(command)
+app.command("video", cls=PlainCommand, help="The same as `relight apply`.", hidden=True)(apply)

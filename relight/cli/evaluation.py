@@ -5,13 +5,14 @@ from typing import Annotated, Literal
 
 import typer
 
-from relight.cli.help import EXAMPLES
+from relight.cli.help import EXAMPLES, PlainCommand, PlainGroup
 from relight.cli.options import console
 
 evaluate = typer.Typer(
+    cls=PlainGroup,
+    name="evaluate",
     no_args_is_help=True,
-    help="Score networks on records that they were not trained on.",
-    epilog=EXAMPLES["evaluate"],
+    help=f"Score networks on records that they were not trained on.\n\n{EXAMPLES['evaluate']}",
 )
 
 
@@ -24,7 +25,7 @@ LightingSeed = Annotated[int, typer.Option(help="Seed of the random lightings of
 Limit = Annotated[int | None, typer.Option(min=1, help="Score this many records, spread evenly.")]
 
 
-@evaluate.command("visibility")
+@evaluate.command("visibility", cls=PlainCommand)
 def evaluate_visibility(
     records: ScoredRecords,
     model: Annotated[str, typer.Option(help="Visibility weights: a name, or a file.")] = "field",
@@ -45,7 +46,7 @@ def evaluate_visibility(
     print(scores.report(found, angle))
 
 
-@evaluate.command("depth")
+@evaluate.command("depth", cls=PlainCommand)
 def evaluate_depth(
     records: ScoredRecords,
     model: Annotated[str, typer.Option(help="Visibility weights: a name, or a file.")] = "field",
@@ -58,7 +59,7 @@ def evaluate_depth(
     print(depth.report(depth.evaluate(records, model=model, seed=seed, limit=limit)))
 
 
-@evaluate.command("regions")
+@evaluate.command("regions", cls=PlainCommand)
 def evaluate_regions(
     records: ScoredRecords,
     model: Annotated[str, typer.Option(help="Visibility weights: a name, or a file.")] = "field",
@@ -74,7 +75,7 @@ def evaluate_regions(
     )
 
 
-@evaluate.command("tables")
+@evaluate.command("tables", cls=PlainCommand)
 def evaluate_tables(
     records: ScoredRecords,
     out: Annotated[Path, typer.Option(help="Folder for report.md, report.json and their pictures.")],
@@ -102,7 +103,7 @@ def evaluate_tables(
     console.print(f"{path}")
 
 
-@evaluate.command("shading")
+@evaluate.command("shading", cls=PlainCommand)
 def evaluate_shading(
     records: ScoredRecords,
     model: Annotated[
@@ -128,7 +129,7 @@ def evaluate_shading(
     print(evaluation.report(tallies, delights))
 
 
-@evaluate.command("albedo")
+@evaluate.command("albedo", cls=PlainCommand)
 def evaluate_albedo(
     records: ScoredRecords,
     model: Annotated[str, typer.Option(help="Shading weights: a name, or a file.")] = "shading",

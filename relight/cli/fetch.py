@@ -7,14 +7,20 @@ from typing import Annotated
 
 import typer
 
+from relight.cli.help import PlainCommand, PlainGroup
 from relight.cli.options import console, progress_bars
 
-fetch = typer.Typer(help="Bring networks that are not part of the package, once.", no_args_is_help=True)
+fetch = typer.Typer(
+    cls=PlainGroup,
+    name="fetch",
+    help="Bring networks that are not part of the package, once.",
+    no_args_is_help=True,
+)
 
 MEGABYTE = 1_000_000
 
 
-@fetch.command("person")
+@fetch.command("person", cls=PlainCommand)
 def person(
     wheel: Annotated[
         Path | None,
@@ -34,7 +40,7 @@ def person(
     console.print(f"{kept}", soft_wrap=True)
 
 
-@fetch.command("silhouette")
+@fetch.command("silhouette", cls=PlainCommand)
 def silhouette(
     package: Annotated[
         Path | None,

@@ -1,23 +1,25 @@
 """The help of the commands: groups of options, the order within them, and examples at the end."""
 
 import inspect
-from collections.abc import Iterable, Mapping
+from collections.abc import Callable, Iterable, Mapping
 from typing import Any
 
 import typer
+from typer.core import TyperCommand, TyperGroup
 
 Panels = Mapping[str, str]  # {title: names of parameters}, in the order of the help; rare ones stand last
 
 SHOT: Panels = {  # of all commands that read a photograph or a shot
-    "Person": "mask matte person track key refine_matte feather normals axes depth height field_of_view "
-    "reference",
+    "What most people need": "paths output preset light amount intensity environment background mask person "
+    "resume",
+    "Person": "matte track key refine_matte feather normals axes depth height field_of_view reference",
     "Placement": "size placement scale offset",
-    "Lights": "preset light environment lights match_plate fill fill_amount match match_mask paint "
-    "paint_count gloss amount intensity camera subject_at allow_external",
-    "Background and floor": "background background_blur background_light floor background_colour_space",
-    "Output": "paths output behind triangles texture passes exposure white view save_matte save_lights "
-    "report exr_type output_colour_space autocrop colour_space alpha open_",
-    "Video": "frames frame resume rate temporal_filter temporal_radius preview phase",
+    "Lights": "lights match_plate fill fill_amount match match_mask paint paint_count gloss camera "
+    "subject_at allow_external",
+    "Background and floor": "background_blur background_light floor background_colour_space",
+    "Output": "behind triangles texture passes exposure white view save_matte save_lights report exr_type "
+    "output_colour_space autocrop colour_space alpha open_",
+    "Video": "frames frame rate temporal_filter temporal_radius preview phase",
     "Machine": "device precision threads workers dask chunk_size analysis options_file",
 }
 STAGE: Panels = {
@@ -33,7 +35,7 @@ TRAIN: Panels = {
     "Recipe": "size batch lights learning_rate warm_up average borders faces angles distil",
 }
 
-EXAMPLES = {  # at the end of a command's help: three that are complete
+EXAMPLES = {  # at the beginning of a command's help: three that are complete
     "apply": """A photograph: relight apply photo.jpg --preset golden-hour -o out.jpg
 
 Lights of your own, as layers: relight apply photo.jpg --light key:azimuth=-40,elevation=30,intensity=2,\
@@ -88,6 +90,36 @@ A network of your own: relight evaluate visibility --records shards --model runs
 
 The paper's tables: relight evaluate tables --records shards --out report""",
 }
+
+
+class PlainCommand(TyperCommand):
+    """A command whose help names no type beside a flag, and does not explain --help."""
+
+    def get_params(self, ctx: Any) -> list[Any]:
+        return plain(super().get_params(ctx))
+
+
+class PlainGroup(TyperGroup):
+    """The same of a group of commands."""
+
+    def get_params(self, ctx: Any) -> list[Any]:
+        return plain(super().get_params(ctx))
+
+
+def plain(parameters: list[Any]) -> list[Any]:
+    """Take what says nothing to a reader out of the help of parameters, and return them."""
+    for parameter in parameters:
+        if getattr(parameter, "is_bool_flag", False):
+            parameter.metavar = ""
+        if parameter.name == "help":
+            parameter.hidden = True
+    return parameters
+
+
+def described(command: Callable[..., Any]) -> str:
+    """Return the help of a command: its docstring, then its examples."""
+    words = [inspect.getdoc(command) or "", EXAMPLES.get(command.__name__, "")]
+    return "\n\n".join(filter(None, words))
 
 
 def grouped(parameters: Iterable[inspect.Parameter], panels: Panels) -> list[inspect.Parameter]:

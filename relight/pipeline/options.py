@@ -236,7 +236,7 @@ class Lighting(Options):
     light: Annotated[
         AddedLights,
         About(
-            "A light, as in the example below. Also direction=x/y/z, exposure (stops), temperature "
+            "A light, as in the examples. Also direction=x/y/z, exposure (stops), temperature "
             "(kelvin), locus (planckian, daylight), angle (degrees; soft shadows), orbit (frames of one "
             "turn). Near lights: position=x/y/z (metres), radius; or toward=x/y/z, width, height; cone "
             "(degrees), softness; profile (.ies, .ldt). Repeatable.",
@@ -246,7 +246,7 @@ class Lighting(Options):
     environment: Annotated[
         Texts,
         About(
-            "Light from a latitude-longitude map, as in the example below. Its centre is at the camera. "
+            "Light from a latitude-longitude map, as in the examples. Its centre is at the camera. "
             "Repeatable.",
             repeatable=True,
         ),

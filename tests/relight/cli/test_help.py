@@ -37,9 +37,26 @@ def test_no_column_is_narrow_and_no_text_is_cut(command, width, monkeypatch):
 def test_options_stand_in_groups(command, monkeypatch):
     text = shown(command, monkeypatch)
     titles = re.findall(r"╭─ ([\w ]+?) ─", text)
-    assert titles == ["Arguments", "Options", *GROUPED[command]]
-    options = text[text.index("╭─ Options") : text.index(f"╭─ {titles[2]}")]
-    assert re.findall(r"--[\w-]+", options) == ["--help"]  # all others are in a group
+    assert titles == ["Arguments", *GROUPED[command]]  # all options are in a group
+
+
+def test_the_overview_is_one_screen_with_the_commands_of_users_first(monkeypatch):
+    text = shown("", monkeypatch)
+    assert len(text.splitlines()) <= 45
+    commands = re.findall(r"^│ (\w+) ", text, re.MULTILINE)
+    assert commands[:4] == ["apply", "app", "view", "presets"]
+    assert set(commands[-4:]) == {"stage", "train", "evaluate", "shrink"}
+
+
+@pytest.mark.parametrize("command", ["", *COMMANDS])
+def test_flags_have_no_type(command, monkeypatch):
+    assert "bool" not in shown(command, monkeypatch)
+
+
+def test_ten_options_stand_first(monkeypatch):
+    text = shown("apply", monkeypatch)
+    first = text[text.index("What most people need") : text.index("╭─ Person")]
+    assert len(re.findall(r"^│ [* ]? *--", first, re.MULTILINE)) == 10
 
 
 def test_what_stands_in_brackets_is_shown(monkeypatch):
@@ -49,9 +66,9 @@ def test_what_stands_in_brackets_is_shown(monkeypatch):
 
 
 @pytest.mark.parametrize("command", EXAMPLES)
-def test_three_examples_at_the_end_are_understood(command, monkeypatch):
+def test_three_examples_at_the_beginning_are_understood(command, monkeypatch):
     text = shown(command, monkeypatch)
-    assert text[text.rindex("╰") :].count(f"relight {command}") >= 2
+    assert text[: text.index("╭")].count(f"relight {command}") >= 2
     examples = EXAMPLES[command].split("\n\n")
     assert len(examples) == 3
     for example in examples:
