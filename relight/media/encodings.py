@@ -105,6 +105,20 @@ def decode_hlg(codes: np.ndarray) -> np.ndarray:
     return inverse(np.clip(codes, 0, 1)) / inverse(HLG_WHITE)
 
 
+def encode_pq(light: np.ndarray) -> np.ndarray:
+    """Turn light, 1 at a white of 203 cd/m², into PQ code values (SMPTE ST 2084), up to 10,000 cd/m²."""
+    nits = np.clip(light * REFERENCE_WHITE, 0, 10_000)
+    return colour_science().models.eotf_inverse_ST2084(nits)
+
+
+def encode_hlg(light: np.ndarray) -> np.ndarray:
+    """Turn light in front of the camera, 1 at a code of 0.75, into HLG code values (ITU-R BT.2100)."""
+    models = colour_science().models
+    scene = np.clip(light * models.oetf_inverse_BT2100_HLG(HLG_WHITE), 0, 1)
+    with np.errstate(invalid="ignore"):  # of the logarithm, which it evaluates for dark light too
+        return models.oetf_BT2100_HLG(scene)
+
+
 def _decode_smpte240m(codes: np.ndarray) -> np.ndarray:
     return colour_science().models.eotf_SMPTE240M(codes)
 

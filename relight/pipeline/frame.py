@@ -149,7 +149,7 @@ class FrameReader:
         """Of the camera, vertical, in degrees: as given, or that of the scene's camera in this picture."""
         degrees = self._degrees
         if degrees is None and self._camera is not None:
-            height, width = self._picture_size()
+            height, width = self.picture_size()
             degrees = checked_number(
                 "field_of_view", self._camera.vertical_degrees(width / height), 1e-3, 170
             )
@@ -157,7 +157,7 @@ class FrameReader:
             return FIELD_OF_VIEW if self.cache is None else self.cache.field_of_view
         return degrees
 
-    def _picture_size(self) -> tuple[int, ...]:
+    def picture_size(self) -> tuple[int, ...]:
         """Return the size (H, W) of the picture of the first frame that can be read."""
         behind = None
         if self.placement.size == BACKGROUND:

@@ -491,6 +491,17 @@ class Output(Options):
         OptionalPath,
         About("Also write all lights: YAML or JSON, USD, or glTF.", path=True),
     ] = NO_PATH
+    codec: Annotated[
+        Literal["h264", "hevc", "prores", "dnxhr"] | None,
+        About(
+            "Codec of movies: h264 (.mp4), hevc (10 bits, .mp4), prores (.mov), dnxhr (HQX, 10 bits, without "
+            "alpha, .mov). Default: h264 and prores; hevc for --hdr in an .mp4.",
+        ),
+    ] = None
+    hdr: Annotated[
+        Literal["hlg", "pq"] | None,
+        About("Write movies in HLG or PQ, BT.2020, without compressing highlights. Default: BT.709."),
+    ] = None
     report: Annotated[
         OptionalPath,
         About(

@@ -1,7 +1,8 @@
 """Checks of a shot's outputs. Everything that can be refused is refused before the networks run."""
 
 import re
-from collections.abc import Iterable
+import warnings
+from collections.abc import Iterable, Sequence
 from pathlib import Path
 from typing import Any
 
@@ -32,6 +33,7 @@ def check_outputs(output: Output, sources: Iterable[object], sidecar: Path | Non
     for path in output.paths:
         if movies.is_movie(path):
             files.check_writable(path, movies.WRITTEN)
+            form_of(output).codec_of(path)
         elif not nuke.is_script(path):
             images.check_writable(path)
         elif not any(is_exr(other) for other in output.paths):
@@ -60,6 +62,36 @@ def check_outputs(output: Output, sources: Iterable[object], sidecar: Path | Non
         written += _places(path)
 
 
+def form_of(output: Output) -> movies.Form:
+    """Return the form of the movies."""
+    return movies.Form(output.codec, output.hdr)
+
+
+def check_form(output: Output, size: Sequence[int], source: object) -> None:
+    """Check the form of the movies, for pictures of a `size` (H, W), and what becomes of HLG and PQ.
+
+    `source`: the reader of the plates. Raises ValueError for a form that cannot be. Warns of light that is
+    converted to BT.709.
+    """
+    shown = [path for path in output.paths if movies.is_movie(path)]
+    for path in shown:
+        form_of(output).check_size(path, size)
+    if (output.codec or output.hdr) and not shown:
+        option = "codec" if output.codec else "hdr"
+        raise ValueError(f"{option}: is that of movies; expected one, .mp4 or .mov, among the outputs")
+    if output.hdr is not None and (output.view is not None or output.white is not None):
+        option = "view" if output.view is not None else "white"
+        raise ValueError(f"{option}: expected none with hdr, whose light is not compressed")
+    if not isinstance(source, movies.Movie) or output.hdr is not None or not shows_backgrounds(output):
+        return
+    if (name := source.hdr_name()) is not None:
+        warnings.warn(
+            f"{source.path}: {name} is converted to BT.709; --hdr {name.lower()} keeps it in movies, and an "
+            ".exr keeps all light",
+            stacklevel=2,
+        )
+
+
 def shows_backgrounds(output: Output) -> bool:
     """Return whether any output shows the photograph behind a person cut out of it: all but .exr and .nk."""
     return any(not nuke.is_script(path) and not is_exr(path) for path in output.paths)
@@ -67,13 +99,14 @@ def shows_backgrounds(output: Output) -> bool:
 
 def check_alpha(output: Output, *, transparent: bool) -> None:
     """Raise ValueError for an output that cannot hold alpha, if the pictures are transparent."""
+    form = form_of(output)
     for path in output.paths:
-        suffix = path.suffix.lower()
-        if transparent and suffix in (".mp4", *images.OPAQUE_SUFFIXES):
-            instead = ", or write a .mov" if suffix == ".mp4" else ""
-            raise ValueError(
-                f"{path}: {path.suffix} holds no alpha; give a background (--background){instead}"
-            )
+        movie = movies.is_movie(path)
+        opaque = not form.holds_alpha(path) if movie else path.suffix.lower() in images.OPAQUE_SUFFIXES
+        if transparent and opaque:
+            instead = ", or write a .mov" if path.suffix.lower() == ".mp4" else ""
+            kind = path.suffix if output.codec is None or not movie else output.codec
+            raise ValueError(f"{path}: {kind} holds no alpha; give a background (--background){instead}")
 
 
 def check_display(output: Output, *, moving: bool) -> dict[str, Any]:

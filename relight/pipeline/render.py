@@ -146,13 +146,14 @@ class Relighting(Job[Problems]):
         self._start = shot.start(numbers)
         shot.check_lights(self._start)
         shot.check_background()
+        shot.check_form(output)
         self._keeps_plate = outputs.shows_backgrounds(output) and shot.keeps_plate
         outputs.check_alpha(output, transparent=not (shot.has_background or self._keeps_plate))
         return numbers
 
     def prepare(self, shot: Shot, numbers: FrameRange, report: Report) -> None:
         """Open the outputs, and find out which frames exist already."""
-        self._delivery = Delivery(shot, self._output.rate, self._keeps_plate)
+        self._delivery = Delivery(shot, self._output.rate, self._keeps_plate, outputs.form_of(self._output))
         self._sinks = open_sinks(
             self._output, self._display, moving=self.collects_errors, resume=self._resume, phase=self._phase,
             delivery=self._delivery, groups=shot.light_groups(self._start),

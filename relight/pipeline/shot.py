@@ -567,6 +567,11 @@ class Shot:
                 "save_lights: the light of a background that moves cannot be stored in a lights file"
             )
 
+    def check_form(self, output: Output) -> None:
+        """Check codec and colours of movies before anything is analysed, see `outputs.check_form`."""
+        size, plates = self._frames.picture_size(), self._frames.plates
+        outputs.check_form(output, [length // 2 for length in size] if self.is_preview else size, plates)
+
     def check_not_read(self, paths: Iterable[Path]) -> None:
         """Raise ValueError if one of these paths, which are to be written, is read."""
         outputs.check_not_read(paths, self.files)

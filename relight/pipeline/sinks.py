@@ -202,7 +202,7 @@ class MovieSink:
         picture = squeeze_pixels(picture, self.delivery.pixel_aspect)
         if background is not None:
             background = squeeze_pixels(background, self.delivery.pixel_aspect)
-        codes = movies.frame_codes(self.path, picture, background, **self.display)
+        codes = movies.frame_codes(self.path, picture, background, **self.display, form=self.delivery.form)
         images.write_codes(self.frames.path(number), codes, {HASH_ATTRIBUTE: self._frame_hash(made)})
 
     def finish(self, numbers: FrameRange, made: Made, problems: dict, report: Report) -> None:
@@ -218,15 +218,19 @@ class MovieSink:
         movies.write_codes(
             self.path, pictures, rate=self.delivery.rate, comment=comment,
             pixel_aspect=self.delivery.pixel_aspect, tracks=self.delivery.tracks(numbers, self.path),
+            form=self.delivery.form,
         )  # fmt: skip
         if not problems:
             self._clear()
 
     def _frame_hash(self, made: str) -> str:
-        return content_hash(made, self.display, self.path.suffix.lower())
+        hdr = [] if self.delivery.form.hdr is None else [self.delivery.form.hdr]
+        return content_hash(made, self.display, self.path.suffix.lower(), *hdr)
 
     def _hash(self, made: Made) -> str:
-        return content_hash(sorted(made.items()), self.display, self.delivery.rate)
+        form = self.delivery.form
+        given = [form] if form != movies.BY_SUFFIX else []
+        return content_hash(sorted(made.items()), self.display, self.delivery.rate, *given)
 
     def _held(self, numbers: FrameRange, report: Report) -> Iterator[np.ndarray]:
         """Yield all frames; a missing one is replaced by the previous one, or by the first that exists."""

@@ -14,6 +14,7 @@ from relight.media.encodings import Encoding, decode_bt709
 from relight.media.images.arrays import linearise
 from relight.media.matte import matte_of
 from relight.media.movies.decode import decode, deinterlaced
+from relight.media.movies.forms import HDR_NAMES
 from relight.media.movies.streams import (
     check_dolby_vision,
     clean_aperture,
@@ -145,6 +146,14 @@ class Movie:
         self._codes(self.numbers[0])
         with naming(self.path):
             return colour.is_display_light(self.colour_space or self._encoding())
+
+    def hdr_name(self) -> str | None:
+        """Return "HLG" or "PQ" for light beyond a display's white; None for others. Raises as `read`."""
+        if self.colour_space is not None:
+            return None
+        self._codes(self.numbers[0])
+        assert self._frame is not None
+        return HDR_NAMES.get(int(self._frame.color_trc))
 
     def upright_aspect(self) -> float:
         """Return how many times as wide as high the pixels are once a frame stands upright.

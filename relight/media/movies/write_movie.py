@@ -1,7 +1,8 @@
 """Writing movies through PyAV.
 
-What we write is BT.709 throughout: primaries, transfer function and matrix, limited range. An .mp4 is H.264,
-yuv420p, for looking at; a .mov is ProRes, 4444 with straight alpha or 422 HQ without, for going on.
+What we write is BT.709 throughout, or HLG or PQ in BT.2020 where that is asked for: primaries, transfer
+function and matrix, limited range. An .mp4 is H.264, yuv420p, for looking at; a .mov is ProRes, 4444 with
+straight alpha or 422 HQ without, for going on. Other codecs are in `relight.media.movies.forms`.
 """
 
 import contextlib
@@ -11,18 +12,19 @@ from collections.abc import Callable, Iterable, Iterator
 from concurrent.futures import ThreadPoolExecutor
 from fractions import Fraction
 from pathlib import Path
-from typing import Any
+from typing import Any, cast
 
 import av
 import numpy as np
 from av.container import OutputContainer
-from av.video.reformatter import ColorPrimaries, ColorRange, Colorspace, ColorTrc
+from av.video.reformatter import ColorRange
 from av.video.stream import VideoStream
 from numpy.typing import ArrayLike
 
 from relight.media import colour, encodings
 from relight.media.images import scene_linear
-from relight.media.images.write_image import encoded
+from relight.media.images.write_image import composited, encoded
+from relight.media.movies.forms import BY_SUFFIX, ENCODERS, Colours, Form
 from relight.media.movies.read_movie import RATE
 from relight.media.movies.tracks import SoundCopier, Tracks
 from relight.media.pixel_aspect import is_square
@@ -32,6 +34,7 @@ from shadow.files import AnyPath
 
 WRITTEN = (".mov", ".mp4")
 SLOWEST, FASTEST = 0.01, 1000  # frames a second
+SCALER_WHITE = 65280 / 65535  # FFmpeg's scaler takes 255 * 256 of 16 bits for the white of limited range
 AHEAD = 4  # frames that are converted, on as many threads at most, while one is encoded
 WHITE = 4.0  # light that a movie shows as white, the same at all frames: two stops above a white surface
 
@@ -47,6 +50,7 @@ def write_movie(
     comment: str | None = None,
     pixel_aspect: float = 1.0,
     tracks: Tracks | None = None,
+    form: Form = BY_SUFFIX,
 ) -> None:
     """Write a movie, .mp4 or .mov. The file appears when it is complete.
 
@@ -57,16 +61,22 @@ def write_movie(
     in BT.709's encoding. White = 1 clips, and light up to 1 comes back exact but for the movie's own
     rounding. `comment`: a text that the file carries; see `read_comment`. `pixel_aspect`: how many times as
     wide as high the frames' pixels are, which the file states. `tracks`: timecode, tags and sound of another
-    movie, see `relight.media.movies.tracks`.
+    movie, see `relight.media.movies.tracks`. `form`: codec and colours.
 
     The same frames give the same file, on any number of torch's threads, which convert them.
 
     Raises ValueError for another suffix, no frames, several sizes, alpha in an .mp4 or a rate out of range;
     OSError if the folder does not exist or the file cannot be written.
     """
-    convert = functools.partial(frame_codes, path, view=view, exposure=exposure, white=white)
+    convert = functools.partial(frame_codes, path, view=view, exposure=exposure, white=white, form=form)
     write_codes(
-        path, _ahead(convert, frames), rate=rate, comment=comment, pixel_aspect=pixel_aspect, tracks=tracks
+        path,
+        _ahead(convert, frames),
+        rate=rate,
+        comment=comment,
+        pixel_aspect=pixel_aspect,
+        tracks=tracks,
+        form=form,
     )
 
 
@@ -78,6 +88,7 @@ def write_codes(
     comment: str | None = None,
     pixel_aspect: float = 1.0,
     tracks: Tracks | None = None,
+    form: Form = BY_SUFFIX,
 ) -> None:
     """Write a movie of frames that `frame_codes` has encoded; see `write_movie`, whose errors it raises."""
     path = files.check_writable(path, WRITTEN)
@@ -96,13 +107,14 @@ def write_codes(
                 stream: VideoStream | None = None
                 for number, codes in enumerate(frames):
                     if stream is None:
-                        stream = _stream(file, path, codes.shape, rate, pixel_aspect)
+                        form.check_size(path, codes.shape)
+                        stream = _stream(file, path, codes.shape, rate, pixel_aspect, form)
                         if tracks.timecode is not None:
                             stream.metadata["timecode"] = tracks.timecode
                         sound = closing.enter_context(SoundCopier(file, path, tracks))
                     if codes.shape[:2] != (stream.height, stream.width):
                         raise ValueError(f"{path}: frame {number + 1} has another size than the first")
-                    picture = _picture(codes, str(stream.pix_fmt))
+                    picture = _picture(codes, str(stream.pix_fmt), form.colours)
                     picture.pts = number
                     file.mux(stream.encode(picture))
                     sound.copy_until((number + 1) / rate)
@@ -142,26 +154,29 @@ def frame_rate(rate: float | Fraction) -> Fraction:
 
 
 def _stream(
-    file: OutputContainer, path: Path, shape: tuple[int, ...], rate: Fraction, pixel_aspect: float
+    file: OutputContainer,
+    path: Path,
+    shape: tuple[int, ...],
+    rate: Fraction,
+    pixel_aspect: float,
+    form: Form,
 ) -> VideoStream:
     """Add the only stream of pictures of the movie, its colours and pixel shape declared."""
-    if path.suffix.lower() == ".mp4":
-        # The same frames give the same file, on any machine: one number of threads, and no macroblock tree,
-        # whose AVX-512 routines read memory that nobody has written.
-        options = {"crf": "16", "preset": "medium", "threads": "4", "mbtree": "0"}
-        stream = file.add_stream("libx264", rate, options=options)
-        stream.pix_fmt = "yuv420p"
-    else:
-        alpha = shape[2] == 4
-        options = {"profile": "4" if alpha else "3", "vendor": "apl0"}
-        stream = file.add_stream("prores_ks", rate, options=options)
-        stream.pix_fmt = "yuva444p10le" if alpha else "yuv422p10le"
+    encoder = ENCODERS[form.codec_of(path)]
+    layout, options = encoder.layout, encoder.options
+    if shape[2] == 4 and encoder.with_alpha is not None:
+        layout, options = encoder.with_alpha
+    stream = cast(VideoStream, file.add_stream(encoder.name, rate, options=dict(options)))
+    stream.pix_fmt = layout
+    if encoder.tag is not None:
+        stream.codec_context.codec_tag = encoder.tag
     stream.height, stream.width = shape[:2]
     context = stream.codec_context
     if not is_square(pixel_aspect):
         context.sample_aspect_ratio = Fraction(pixel_aspect).limit_denominator(1000)
-    context.color_primaries, context.color_trc = ColorPrimaries.BT709, ColorTrc.BT709
-    context.colorspace, context.color_range = Colorspace.ITU709, ColorRange.MPEG
+    colours = form.colours
+    context.color_primaries, context.color_trc = colours.primaries, colours.transfer
+    context.colorspace, context.color_range = colours.matrix, ColorRange.MPEG
     return stream
 
 
@@ -173,22 +188,27 @@ def frame_codes(
     view: str | None = None,
     exposure: float = 0.0,
     white: float = WHITE,
+    form: Form = BY_SUFFIX,
 ) -> np.ndarray:
     """Encode a frame as the movie `path` holds it: (H, W, 3|4) uint16, BT.709's code values, alpha straight.
 
     `frame`: (H, W, 3|4), linear Rec.709, premultiplied. `background`: (H, W, 3), linear, what stands behind
     it; where the frame's alpha is 0, code values that were read from a movie in BT.709 come back bit for bit,
     see `relight.media.colour.encode_over`. An .mp4 has even sizes: an odd row or column is repeated. `view`,
-    `exposure`, `white`: see `write_movie`. Raises ValueError for alpha in an .mp4.
+    `exposure`, `white`, `form`: see `write_movie`; light in HLG or PQ is not compressed. Raises ValueError
+    for alpha where the form holds none, and for a view of HDR.
     """
     pixels, path = scene_linear("frames", frame), Path(path)
     opaque = pixels.shape[-1] == 3 or background is not None
-    if path.suffix.lower() == ".mp4" and not opaque:
+    if not opaque and not form.holds_alpha(path):
         if pixels[..., 3].min() < 1:
-            raise ValueError(f"{path}: .mp4 holds no alpha; give a background, or write a .mov")
+            kind = path.suffix if form.codec is None else form.codec
+            raise ValueError(f"{path}: {kind} holds no alpha; give a background, or write a .mov")
         pixels = pixels[..., :3]
     display: dict[str, Any] = {"view": view, "exposure": exposure, "white": white}
-    if view is None:
+    if form.hdr is not None:
+        codes = _hdr_codes(pixels, background, view, exposure, form)
+    elif view is None:
         codes = encoded(pixels, background, transfer=encodings.encode_bt709, **display)
     else:
         codes = encoded(pixels, background, **display)
@@ -199,6 +219,22 @@ def frame_codes(
     return np.rint(codes * 65535).astype(np.uint16)
 
 
+def _hdr_codes(
+    pixels: np.ndarray, background: np.ndarray | None, view: str | None, exposure: float, form: Form
+) -> np.ndarray:
+    """Return code values (H, W, 3|4) of HLG or PQ in BT.2020, alpha straight."""
+    if view is not None:
+        raise ValueError(f"view: expected none with hdr, whose light no view shapes, got {view!r}")
+    if background is not None:
+        pixels = composited(pixels, background)
+    rgb, alpha = pixels[..., :3], pixels[..., 3:]
+    if alpha.shape[-1]:
+        rgb = np.divide(rgb, alpha, out=np.zeros_like(rgb), where=alpha > 0)
+    to_rec2020 = np.linalg.inv(encodings.to_rec709(encodings.REC2020).astype(np.float64))
+    codes = form.colours.encode((rgb * 2.0**exposure) @ to_rec2020.T)
+    return np.concatenate([codes, alpha], axis=-1).astype(np.float32)
+
+
 @functools.cache
 def _srgb_to_bt709() -> np.ndarray:
     """BT.709's code, float32, of each of sRGB's 65536: the same light on the display."""
@@ -206,12 +242,15 @@ def _srgb_to_bt709() -> np.ndarray:
     return encodings.encode_bt709(light).astype(np.float32)
 
 
-def _picture(codes: np.ndarray, layout: str) -> av.VideoFrame:
+def _picture(codes: np.ndarray, layout: str, colours: Colours) -> av.VideoFrame:
     """Return a frame in the layout of the encoder, with its colours declared."""
+    codes = codes.copy()
+    codes[..., :3] = np.rint(codes[..., :3] * SCALER_WHITE)
     given = av.VideoFrame.from_ndarray(codes, format="rgba64le" if codes.shape[-1] == 4 else "rgb48le")
+    # The codes mean already what they are to mean: without this, the scaler would convert them.
+    given.color_trc, given.color_primaries = colours.transfer, colours.primaries
     return given.reformat(
         format=layout, interpolation=EXACT,
         src_color_range=ColorRange.JPEG, dst_color_range=ColorRange.MPEG,
-        dst_colorspace=Colorspace.ITU709, dst_color_trc=ColorTrc.BT709,
-        dst_color_primaries=ColorPrimaries.BT709,
+        dst_colorspace=colours.matrix, dst_color_trc=colours.transfer, dst_color_primaries=colours.primaries,
     )  # fmt: skip

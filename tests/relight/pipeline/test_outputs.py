@@ -8,10 +8,11 @@ import pytest
 
 import relight
 from relight import Output
+from relight.media.movies import Form
 from relight.pipeline.outputs import check_alpha, check_outputs, has_frames, held_frames
 from relight.pipeline.sinks import open_sinks
 
-DELIVERY = SimpleNamespace(rate=24)  # what a movie asks of it before its frames are made
+DELIVERY = SimpleNamespace(rate=24, form=Form())  # what a movie asks of it before its frames are made
 
 
 @pytest.fixture(autouse=True)
