@@ -204,6 +204,19 @@ Diameter = Annotated[
 Temperature = Annotated[
     float | None, About("Colour temperature in kelvin: 3200 is tungsten, 5600 a flash.", unit="kelvin")
 ]
+Tint = Annotated[
+    float,
+    Interval(ge=-0.05, le=0.05),
+    About("Distance of the colour from a black body's (Duv): 0.01 is greener, -0.01 more magenta."),
+]
+LampName = Annotated[
+    str | None,
+    About("A lamp by name: candle, household, tungsten, hmi, flash, led, fluorescent, sodium..."),
+]
+Gels = Annotated[
+    str | None,
+    About("Gels before the lamp, by LEE's or Rosco's numbers: L201, R3202, or several, L201+L216."),
+]
 Locus = Annotated[
     Literal["planckian", "daylight"],
     About("The colours of temperatures: a black body's, or those of daylight."),

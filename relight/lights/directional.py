@@ -38,6 +38,15 @@ class DirectionalLight(DistantLight):
     locus
         The colours of temperatures: "planckian", a black body, in [1000, 40000] K (lamps, candles, the sun);
         or "daylight", CIE daylight, in [4000, 25000] K, where 6504 K is white (D65).
+    tint
+        Distance of the colour from a black body's in CIE 1960 (Duv), in [-0.05, 0.05]: positive is greener,
+        negative more magenta. It needs a temperature or a source.
+    source
+        A lamp by name, in place of a temperature: "tungsten", "hmi", "led"..., see
+        `relight.media.lamp_colours.LAMPS`.
+    gel
+        Gels before the lamp, by LEE's or Rosco's numbers: "L201", or "L201+L216". They take light away.
+        Extra `gels`.
     angle
         Angular diameter in degrees, in [0, 180]: 0 is a hard light, the sun has 0.53, softboxes have tens.
     name
@@ -72,6 +81,9 @@ class DirectionalLight(DistantLight):
         exposure: quantities.Exposure = 0.0,
         temperature: quantities.Temperature = None,
         locus: quantities.Locus = "planckian",
+        tint: quantities.Tint = 0.0,
+        source: quantities.LampName = None,
+        gel: quantities.Gels = None,
         name: quantities.Name = None,
     ) -> None:
         if direction is None:
@@ -88,6 +100,9 @@ class DirectionalLight(DistantLight):
             exposure=exposure,
             temperature=temperature,
             locus=locus,
+            tint=tint,
+            source=source,
+            gel=gel,
             name=name,
         )
 

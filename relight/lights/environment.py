@@ -56,7 +56,7 @@ class EnvironmentLight(DistantLight):
         Of the file, where it does not state it, or states what is wrong; see `relight.read`.
     rotation
         Degrees about the vertical axis, in the sense of azimuth: from the camera toward image right.
-    intensity, colour, exposure, temperature, locus, name
+    intensity, colour, exposure, temperature, locus, tint, source, gel, name
         See `relight.DirectionalLight`. At intensity 1, a surface that faces a sky of radiance 1 all around
         has the value of its albedo.
 

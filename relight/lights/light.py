@@ -5,6 +5,7 @@ Torch is imported where rays are computed: texts of lights are checked without i
 
 from __future__ import annotations
 
+import dataclasses
 from collections.abc import Iterator
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Annotated, Any, ClassVar, NamedTuple, Self
@@ -15,6 +16,7 @@ from annotated_types import Interval
 from relight import quantities
 from relight.arguments import Checked, Parameter, checked, parameters, read_settings
 from relight.media import colour as colours
+from relight.media.lamp_colours import known_gels, known_lamp, lamp_colour
 
 if TYPE_CHECKING:
     import torch
@@ -49,6 +51,9 @@ class Light(Checked):
     exposure: quantities.Exposure = 0.0
     temperature: quantities.Temperature = None
     locus: quantities.Locus = "planckian"
+    tint: quantities.Tint = 0.0
+    source: quantities.LampName = None
+    gel: quantities.Gels = None
     name: quantities.Name = None
 
     is_near: ClassVar[bool] = False  # whether its rays differ from point to point
@@ -60,6 +65,18 @@ class Light(Checked):
             low, high = colours.LOCI[self.locus]
             allowed = Annotated[quantities.Temperature, Interval(ge=low, le=high)]
             checked("temperature", self.temperature, allowed)
+        for name, known in (("source", known_lamp), ("gel", known_gels)):
+            if (given := getattr(self, name)) is not None:
+                try:
+                    object.__setattr__(
+                        self, name, known(given)
+                    )  # as frozen dataclasses initialise themselves
+                except ValueError as error:
+                    raise ValueError(f"{name}: {error}") from error
+        if self.source is not None and self.temperature is not None:
+            raise ValueError("source: has a temperature of its own; expected one of source and temperature")
+        if self.tint and self.source is None and self.temperature is None:
+            raise ValueError("tint: expected a temperature or a source, whose colour it moves")
 
     @classmethod
     def parameters(cls) -> dict[str, Parameter]:
@@ -70,11 +87,23 @@ class Light(Checked):
 
     @property
     def power(self) -> np.ndarray:
-        """Linear RGB (3,): colour × temperature's tint × intensity × 2**exposure."""
-        tint = (1.0,) * 3
-        if self.temperature is not None:
-            tint = colours.temperature(self.temperature, self.locus)
-        return np.array(self.colour) * tint * self.intensity * 2.0**self.exposure
+        """Linear RGB (3,): colour × the lamp's colour behind its gels × intensity × 2**exposure."""
+        lamp = (1.0,) * 3
+        if self.tint or self.source is not None or self.gel is not None:
+            lamp = lamp_colour(self.source, self.temperature, self.locus, self.tint, self.gel)
+        elif self.temperature is not None:
+            lamp = colours.temperature(self.temperature, self.locus)
+        return np.array(self.colour) * lamp * self.intensity * 2.0**self.exposure
+
+    @property
+    def plain(self) -> Self:
+        """The same light for programs that know neither lamps nor gels: its colour contains them."""
+        if not self.tint and self.source is None and self.gel is None:
+            return self
+        lit = dataclasses.replace(self, intensity=1.0, exposure=0.0).power
+        return dataclasses.replace(
+            self, colour=tuple(lit.tolist()), temperature=None, tint=0.0, source=None, gel=None
+        )
 
     def rays(self, positions: torch.Tensor) -> Iterator[Rays]:
         """Yield the rays from surface points (3, ...), metres, to one part of the light after the other."""

@@ -133,7 +133,7 @@ class PointLight(NearLight):
         UsdLux's scale of the profile's angles from the axis, above -1: 0 leaves them, 1 doubles them.
     intensity
         At least 0. At 1, a white surface that faces the lamp has the value 1 at one metre, 1/4 at two.
-    colour, exposure, temperature, locus, name
+    colour, exposure, temperature, locus, tint, source, gel, name
         See `relight.DirectionalLight`.
 
     Raises
@@ -261,7 +261,7 @@ class RectLight(NearLight):
     intensity
         At least 0. At 1, a small light gives the value 1 to a white surface that faces it at one metre. From
         far away, a large light is as bright as a small one.
-    colour, exposure, temperature, locus, name
+    colour, exposure, temperature, locus, tint, source, gel, name
         See `relight.DirectionalLight`.
 
     Raises

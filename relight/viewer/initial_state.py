@@ -105,7 +105,8 @@ def parameters_of(light: HandleLight, name: str | None = None) -> dict[str, Any]
 
 
 def _shared(light: Light) -> dict[str, Any]:
-    return {key: getattr(light, key) for key in Light.parameters() if key != "name"}
+    plain = light.plain  # the page's program knows neither lamps nor gels
+    return {key: getattr(plain, key) for key in ("intensity", "colour", "exposure", "temperature", "locus")}
 
 
 def _environment(light: EnvironmentLight, name: str) -> dict[str, Any]:

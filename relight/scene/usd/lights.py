@@ -50,7 +50,7 @@ def add_lights(
         while word in taken:
             word += "_"
         taken.add(word)
-        moments = _moments(light, frames)
+        moments = [(time, still.plain) for time, still in _moments(light, frames)]
         if frames is None and isinstance(light, MovingLight) and light.orbit is not None:
             warnings.warn(
                 f"{name}: orbit: written for frames {moments[0][0]:g} to {moments[-1][0]:g}; then it stops",
