@@ -35,6 +35,7 @@ if TYPE_CHECKING:  # for editors and type checkers, which don't follow `__getatt
     from relight.pipeline.track import write_track
     from relight.rendering import apply, render
     from relight.scene.lights import read_lights, write_lights
+    from relight.scene.plot import write_plot
     from relight.subject import Subject
     from relight.viewer.write_view import write_view
 
@@ -75,6 +76,7 @@ _EXPORTS = {
     "write_lights": "relight.scene.lights",
     "write_mask": "relight.media.images",
     "write_olat": "relight.pipeline.olat",
+    "write_plot": "relight.scene.plot",
     "write_track": "relight.pipeline.track",
     "write_view": "relight.viewer.write_view",
 }
@@ -116,6 +118,7 @@ __all__ = [  # literal, for type checkers
     "write_lights",
     "write_mask",
     "write_olat",
+    "write_plot",
     "write_track",
     "write_view",
 ]

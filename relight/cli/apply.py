@@ -98,7 +98,7 @@ def apply(
         problems = render(
             source, lighting, output, compute=compute, frames=frames, resume=resume, progress=report
         )
-    further = [path for path in (output.save_matte, output.report) if path is not None]
+    further = [path for path in (output.save_matte, output.report, output.plot) if path is not None]
     report_failures(problems, [*output.paths, *further])
 
 

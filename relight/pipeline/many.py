@@ -96,7 +96,7 @@ def _is_target_folder(path: Path) -> bool:
 
 
 def _further_outputs(output: Output) -> dict[str, Path]:
-    fields = {name: getattr(output, name) for name in ("save_matte", "save_lights", "report")}
+    fields = {name: getattr(output, name) for name in ("save_matte", "save_lights", "report", "plot")}
     return {name: path for name, path in fields.items() if path is not None}
 
 

@@ -487,6 +487,13 @@ class Output(Options):
         OptionalPath,
         About("Also write the matte, as a grey PNG, TIFF or OpenEXR file or sequence.", path=True),
     ] = NO_PATH
+    plot: Annotated[
+        OptionalPath,
+        About(
+            "Also draw a lighting plot, .svg: person, camera and lights from above and from the side.",
+            path=True,
+        ),
+    ] = NO_PATH
     save_lights: Annotated[
         OptionalPath,
         About("Also write all lights: YAML or JSON, USD, or glTF.", path=True),

@@ -50,10 +50,14 @@ def check_outputs(output: Output, sources: Iterable[object], sidecar: Path | Non
         files.check_writable(output.save_lights, SUFFIXES)
     if output.report is not None:
         files.check_writable(output.report, (".json",))
+    if output.plot is not None:
+        files.check_writable(output.plot, (".svg",))
     sources = list(sources)
     written: list[Path] = []
     further = [
-        path for path in (output.save_matte, output.save_lights, output.report, sidecar) if path is not None
+        path
+        for path in (output.save_matte, output.save_lights, output.report, output.plot, sidecar)
+        if path is not None
     ]
     for path in (*output.paths, *further):
         check_not_read([path], sources)

@@ -185,6 +185,8 @@ class Relighting(Job[Problems]):
             self._sinks.finish(numbers, self._hashes, problems, report)
             if self._report is not None:
                 self._report.finish(numbers, problems)
+            if self._output.plot is not None:
+                shot.write_plot(self._output.plot, self._start)
         if self._output.save_lights is not None:
             shot.write_lights(self._output.save_lights, self._start)
         return problems

@@ -38,6 +38,7 @@ from relight.quantities import ENVIRONMENT, NONE, PLATE
 from relight.rendering import BACKGROUND_LAYER
 from relight.scene.camera_view import CameraView
 from relight.scene.lights import write_lights
+from relight.scene.plot import plot_of
 from relight.subject import PHOTOGRAPH, Subject, weights
 from relight.version import __version__
 from shadow import inputs as checks
@@ -657,6 +658,15 @@ class Shot:
             )
         ]  # fmt: skip
         self.preset_lights = []
+
+    def write_plot(self, path: Path, number: int) -> None:
+        """Draw the lighting plot of a frame; of the first with a person if it shows none."""
+        person = self.person(number)
+        if person.is_empty:
+            number = next((each for each in self.numbers if not self.person(each).is_empty), number)
+            person = self.person(number)
+        title = Path(self.source.plate).name if is_path(self.source.plate) else "Lighting plot"
+        plot_of(path, self.exposed_lights(number), person.camera, title)
 
     def write_lights(self, path: Path, start: int) -> None:
         """Write the lights file; with a matched plate it has the light of the background's frame `start`."""
