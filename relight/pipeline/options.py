@@ -237,9 +237,10 @@ class Lighting(Options):
         AddedLights,
         About(
             "A light, as in the examples. Also direction=x/y/z, exposure (stops), temperature "
-            "(kelvin), locus (planckian, daylight), angle (degrees; soft shadows), orbit (frames of one "
-            "turn). Near lights: position=x/y/z (metres), radius; or toward=x/y/z, width, height; cone "
-            "(degrees), softness; profile (.ies, .ldt). Repeatable.",
+            "(kelvin), locus (planckian, daylight), tint (Duv), source (tungsten, hmi, led...), gel (L201), "
+            "angle (degrees; soft shadows), orbit (frames of one turn). Near lights: position=x/y/z "
+            "(metres), radius; or toward=x/y/z, width, height; cone (degrees), softness; profile (.ies, "
+            ".ldt), angle_scale. Repeatable.",
             repeatable=True,
         ),
     ] = ()
