@@ -3,7 +3,7 @@ network (ResB 7) at 512 x 384.
 
 The photograph is scaled to the size of a frame of HD (1080 rows) and to 12 megapixels (4000 rows or columns).
 Times are processor time, the quickest of several calls, in float32; ratios are taken within one run. A good
-ratio is at most 4 for HD and 5 for 12 megapixels. Needs `relight fetch person` and `relight fetch silhouette`.
+ratio is at most 4 for HD and 5 for 12 megapixels. Needs both networks of `relight fetch`.
 
     OMP_NUM_THREADS=1 python benchmarks/cutout.py [photograph]
 """
