@@ -13,7 +13,7 @@ import torch
 import torch.nn.functional as F
 
 from relight import quantities
-from relight.analysis import storage, temporal
+from relight.analysis import joints, storage, temporal
 from relight.analysis.camera import Camera
 from relight.analysis.exposure import gain_to_keep
 from relight.analysis.gloss import checked_gloss
@@ -32,6 +32,7 @@ from relight.lights import presets
 from relight.lights.environment import FIELD_OF_VIEW
 from relight.lights.light import Light
 from relight.lights.moving import MovingLight
+from relight.lights.near import NearLight
 from relight.lights.rig import Lights, as_lights, by_name, check_free, checked_amount, scaled
 from shadow import inputs
 from shadow.framing import Extension
@@ -382,8 +383,25 @@ class Subject:
     def _rig(self, lights: Lights | Iterable[Light | MovingLight]) -> list[Light]:
         """Return lights as a list, those of a preset's name as bright as the photograph."""
         if not isinstance(lights, str):
-            return as_lights(lights)
+            return [self._placed(light) for light in as_lights(lights)]
         return scaled(presets.named(lights, "lights"), self.preset_gain(lights))
+
+    def _placed(self, light: Light) -> Light:
+        """Return a light that follows a part of the person as it stands by them; nobody stands in the middle.
+
+        Raises ValueError if that part is not seen.
+        """
+        if not isinstance(light, NearLight) or light.at is None:
+            return light
+        return light.standing_at((0, 0, 0)) if self.is_empty else joints.placed(light, self.joints)
+
+    @cached_property
+    def joints(self) -> dict[str, tuple[float, ...]]:
+        """{"head", "hips", "left-hand", "right-hand": (x, y, z)}: where these are that are seen, in metres.
+
+        Left is the person's left. Without the networks of `relight fetch person` none is seen.
+        """
+        return {} if self.is_empty else joints.find(self._record.maps)
 
     def _photograph(self, share: float) -> torch.Tensor:
         """Return a share of the person as photographed, as pixels (P, 4)."""

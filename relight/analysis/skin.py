@@ -46,13 +46,22 @@ def find(image: torch.Tensor, known: torch.Tensor) -> Skin | None:
 
     `known`: (h, w), where it shows the person. None: the network has not been fetched, or sees nobody.
     """
+    points = joints(image, known)
+    return None if points is None else _skin(points / STEP, known)
+
+
+def joints(image: torch.Tensor, known: torch.Tensor) -> np.ndarray | None:
+    """Return the joints (33, 2) as (x, y) on a canvas; those that are not seen are not finite.
+
+    The arguments, and None, are as in `find`.
+    """
     network = _network()
     if network is None or not known.any():
         return None
     # Half the rows of a canvas are about those that the network sees.
     small = F.avg_pool2d(torch.where(known, image.clamp(0, 1), torch.tensor(0.5)), HALF)
     points = _landmarks(network, small, known[::HALF, ::HALF])
-    return None if points is None else _skin(points * (HALF / STEP), known)
+    return None if points is None else points * HALF
 
 
 def is_available() -> bool:

@@ -130,7 +130,7 @@ def kind_of(settings: Iterable[str]) -> type[Light]:
     spot = keys & {"cone", "softness", "radius", "profile"}
     if keys & {"width", "height"} or ("toward" in keys and not spot):
         return RectLight
-    return PointLight if spot or "position" in keys else DirectionalLight
+    return PointLight if spot or keys & {"position", "at"} else DirectionalLight
 
 
 def parse(text: str, kind: type[Light] | None = None) -> Light | MovingLight:

@@ -10,8 +10,8 @@ from __future__ import annotations
 
 import math
 from collections.abc import Iterator
-from dataclasses import KW_ONLY, dataclass
-from typing import TYPE_CHECKING, Annotated, Any, ClassVar
+from dataclasses import KW_ONLY, dataclass, replace
+from typing import TYPE_CHECKING, Annotated, Any, ClassVar, Literal, Self
 
 import numpy as np
 from annotated_types import Interval
@@ -44,6 +44,11 @@ if TYPE_CHECKING:
     ProfileSource = Converted[AnyPath | PhotometricProfile | None, PhotometricProfile | None]
 else:
     ProfileSource = Annotated[object, About("A lamp's profile: an .ies or .ldt file.")]
+Anchor = Annotated[
+    Literal["head", "hips", "left-hand", "right-hand"] | None,
+    About("The part of the person that the light follows: position and toward are measured from there."),
+]
+Point = tuple[float, ...]
 FlatCone = Annotated[float, Interval(ge=MIN_CONE, le=HALF_CONE), _CONE]
 
 
@@ -55,6 +60,7 @@ class NearLight(Light):
     _: KW_ONLY
     cone: Cone = FULL_CONE
     softness: quantities.Softness = 0.0
+    at: Anchor = None
 
     is_near: ClassVar[bool] = True
 
@@ -62,9 +68,26 @@ class NearLight(Light):
         if math.dist(self.position, toward) < quantities.MIN_METRES:
             raise ValueError("toward: is at position, where the light stands; expected a point that it faces")
 
+    def standing_at(self, point: Point) -> Self:
+        """Return the light of one frame, where the part of the person that it follows is at a point (3,)."""
+        there: dict[str, Any] = {}
+        for name in ("position", "toward"):
+            if (own := getattr(self, name, None)) is not None:
+                there[name] = tuple(np.add(own, point).tolist())
+        return replace(self, at=None, **there)
+
+    def check_placed(self) -> None:
+        """Raise ValueError for a light that follows a part of a person, where nobody says where that is."""
+        if self.at is not None:
+            raise ValueError(
+                f"{self.name or 'a light'}: at={self.at} is for pictures and shots; expected a position from "
+                "the subject's middle"
+            )
+
     @property
     def points(self) -> np.ndarray:
         """(K, 3) metres: points that shine, or the centre of a sphere."""
+        self.check_placed()
         return np.array([self.position])
 
     def parts(self) -> Parts:
@@ -118,6 +141,9 @@ class PointLight(NearLight):
     ----------
     position
         (x, y, z) in metres from the subject's middle, along the axes of the camera.
+    at
+        "head", "hips", "left-hand" or "right-hand": the light follows that part of the person, and `position`
+        and `toward` are measured from there. Left is the person's left.
     radius
         Radius in metres, in [0, 1e6], of a uniformly bright sphere. A larger sphere is softer, not brighter.
     toward
@@ -229,6 +255,7 @@ class PointLight(NearLight):
         import torch
         import torch.nn.functional as F
 
+        self.check_placed()
         axis, squared = _toward(self.position, positions)
         if self.radius == 0:
             yield Rays(axis, 1 / squared)
@@ -254,6 +281,8 @@ class RectLight(NearLight):
         (x, y, z) of its centre, in metres from the subject's middle, along the axes of the camera.
     toward
         (x, y, z) in metres of a point that it faces.
+    at
+        See `relight.PointLight`.
     width, height
         Metres, in [0.0001, 1e6]. The width is horizontal (to image right, if it faces straight up or down).
     cone, softness
@@ -307,6 +336,7 @@ class RectLight(NearLight):
     @property
     def points(self) -> np.ndarray:
         """Points (SAMPLE_COUNT, 3) of a golden-ratio lattice, uniform along both sides of the rectangle."""
+        self.check_placed()
         right, up = self.sides
         u, v = _lattice().T - 0.5
         return np.array(self.position) + self.width * u[:, None] * right + self.height * v[:, None] * up
@@ -329,6 +359,7 @@ class RectLight(NearLight):
 
         from relight.lights.spherical_rectangle import SphericalRectangle
 
+        self.check_placed()
         axes = torch.from_numpy(np.stack([*self.sides, self.axis]))
         centre = torch.tensor(self.position, dtype=torch.float64).view(3, *[1] * (positions.ndim - 1))
         x, y, z = torch.einsum("lc,c...->l...", axes, centre - positions.double())

@@ -48,7 +48,9 @@ def scaled(lights: Iterable[Any], factor: float) -> list[Any]:
     if factor == 1:
         return list(lights)
     return [
-        light.scaled(factor) if hasattr(light, "at") else replace(light, intensity=light.intensity * factor)
+        light.scaled(factor)
+        if isinstance(light, MovingLight)
+        else replace(light, intensity=light.intensity * factor)
         for light in lights
     ]
 
@@ -66,7 +68,7 @@ def as_lights(lights: Lights | Iterable[Light | MovingLight]) -> list[Light]:
     """Return lights as a list, see `as_rig`; raises TypeError for moving ones."""
     several = as_rig(lights)
     for light in several:
-        if hasattr(light, "at"):
+        if isinstance(light, MovingLight):
             raise TypeError(
                 f"lights: {light.name or 'a light'} moves; give the light of one frame, light.at(frame)"
             )

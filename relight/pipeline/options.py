@@ -240,7 +240,7 @@ class Lighting(Options):
             "(kelvin), locus (planckian, daylight), tint (Duv), source (tungsten, hmi, led...), gel (L201), "
             "angle (degrees; soft shadows), orbit (frames of one turn). Near lights: position=x/y/z "
             "(metres), radius; or toward=x/y/z, width, height; cone (degrees), softness; profile (.ies, "
-            ".ldt), angle_scale. Repeatable.",
+            ".ldt), angle_scale; at=head, hips, left-hand or right-hand, which they follow. Repeatable.",
             repeatable=True,
         ),
     ] = ()

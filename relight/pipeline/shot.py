@@ -2,17 +2,17 @@
 
 import math
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
-from contextlib import contextmanager
+from contextlib import contextmanager, suppress
 from dataclasses import replace
 from fractions import Fraction
 from functools import cached_property
 from pathlib import Path
-from typing import Any, Self
+from typing import Any, Self, TypeGuard
 
 import numpy as np
 import torch
 
-from relight.analysis import skin
+from relight.analysis import joints, skin
 from relight.compositing.composite import Background
 from relight.light_estimation import FILL, Matching, PlateLight, lights_on
 from relight.light_estimation import PLATE as PLATE_LIGHT
@@ -20,6 +20,7 @@ from relight.light_painting import paint_lights, read_strokes, strokes_of
 from relight.lights.environment import EnvironmentLight, environments
 from relight.lights.light import Light
 from relight.lights.moving import MovingLight, lights_at
+from relight.lights.near import NearLight, Point
 from relight.lights.rig import by_name, check_free, scaled
 from relight.matting.people.track import Track
 from relight.media.content_hash import FileRecord, content_hash
@@ -44,6 +45,12 @@ from relight.version import __version__
 from shadow import inputs as checks
 from shadow.files import is_path
 from shadow.networks.precision import in_use, using
+
+FOLLOWED = 2  # frames to each side over which the place of a light that follows the person is smoothed
+
+
+def _follows(light: Light) -> TypeGuard[NearLight]:
+    return isinstance(light, NearLight) and light.at is not None
 
 
 class Shot:
@@ -342,7 +349,37 @@ class Shot:
 
     def exposed_lights(self, number: int) -> list[Light]:
         """Return the lights of a frame, those of a preset as bright as the person was photographed."""
-        return lights_at(self.all_lights(self.preset_gain), number)
+        lights = lights_at(self.all_lights(self.preset_gain), number)
+        return [self._placed(light, number) if _follows(light) else light for light in lights]
+
+    def _placed(self, light: NearLight, number: int) -> NearLight:
+        """Return a light that follows a part of the person as it stands in a frame, smoothed over time.
+
+        Raises ValueError if that part is seen in none of the frames around.
+        """
+        if self.subject_is_empty(number):
+            return light.standing_at((0, 0, 0))
+        number = self._source_frame(number)
+        seen: dict[int, Point] = {}
+        for each in self._followed_in(number):
+            with suppress(OSError, ValueError):  # that frame is reported when it is its turn
+                person = self._persons.analysed(each)
+                if light.at in person.joints:
+                    seen[each] = person.joints[light.at]
+        if not seen:
+            return joints.placed(light, {}, where="" if self.is_still else f"frame {number}: ")
+        weights = [FOLLOWED + 1 - abs(each - number) for each in seen]
+        return light.standing_at(tuple(np.average(list(seen.values()), axis=0, weights=weights).tolist()))
+
+    def _followed_in(self, number: int) -> list[int]:
+        """Return the frames from which the place of a light that follows the person is found."""
+        # Those that are analysed for the temporal filter; all may be read of an analysis cache.
+        around = self.numbers if self._frames.cache else self._persons.around(number)
+        return [each for each in around if abs(each - number) <= FOLLOWED]
+
+    def subject_is_empty(self, number: int) -> bool:
+        """Return whether a frame shows no person. Raises as `person` does."""
+        return self._persons.analysed(self._source_frame(number)).is_empty
 
     def all_lights(self, preset_gain: float = 1.0) -> list[Light | MovingLight]:
         """Return the lights of all frames, without that of the background.
@@ -433,6 +470,8 @@ class Shot:
         `as_read`: whether to hash files as they were read, if they were, or as they are now.
         """
         around = self._analysed_frames(self._source_frame(number))
+        if any(map(_follows, self.lights(number))):
+            around = sorted({*around, *self._followed_in(self._source_frame(number))})
         places = [number]
         if self._frames.placement.size == BACKGROUND and self._backgrounds.numbers:
             places.append(self._backgrounds.numbers[0])
@@ -587,6 +626,9 @@ class Shot:
         if self.has_background:
             check_free(named, BACKGROUND_LAYER)
         self.matching.check_names(named)
+        for light in named.values():
+            if _follows(light):
+                joints.check_available(light)
         if self.lighting.fill:
             check_free(named, FILL)
         option = "fill" if self.lighting.fill else "match_plate" if self.matching.plate else None

@@ -83,6 +83,8 @@ def checked_lights(lights: Lights) -> dict[str, Light]:
                 "lights: the viewer shows DirectionalLight, PointLight and EnvironmentLight, "
                 f"got {type(light).__name__}"
             )
+        if isinstance(light, PointLight):
+            light.check_placed()
         if light.cone_axis is not None:
             raise ValueError(
                 "lights: the viewer shows lamps that shine all around; a light has a cone or a profile"

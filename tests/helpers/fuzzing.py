@@ -149,7 +149,7 @@ def lights_file(random: Random, folder: Path) -> None:
         require_named(path, error)
         raise
     for light in lights:
-        _check_light(light.at(random.choice([1, 7, 50])) if hasattr(light, "at") else light)
+        _check_light(light.at(random.choice([1, 7, 50])) if hasattr(light, "orbit") else light)
     again = folder / f"again{random.choice(['.yaml', '.json'])}"
     relight.write_lights(again, lights)
     back = relight.read_lights(again)

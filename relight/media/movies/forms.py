@@ -34,14 +34,15 @@ class Encoder:
 
 
 # The same frames give the same file, on any machine: one number of threads, and of x264 no macroblock tree,
-# whose AVX-512 routines read memory that nobody has written.
+# whose AVX-512 routines read memory that nobody has written. With B-frames the only packet of a movie of one
+# frame is refused at times by the writer of .mp4, as it has no time to be decoded at.
 ENCODERS: dict[Codec, Encoder] = {
     "h264": Encoder(
         "libx264", "yuv420p", {"crf": "16", "preset": "medium", "threads": "4", "mbtree": "0"}
     ),
     "hevc": Encoder(
         "libx265", "yuv420p10le",
-        {"crf": "16", "preset": "medium", "x265-params": "pools=4:frame-threads=1:log-level=error"},
+        {"crf": "16", "preset": "medium", "x265-params": "pools=4:frame-threads=1:bframes=0:log-level=error"},
         tag="hvc1",
     ),
     "prores": Encoder(

@@ -78,6 +78,7 @@ def place_nodes(entries: list[dict[str, Any]], lights: list[Light]) -> list[dict
         if isinstance(light, DirectionalLight):
             node["rotation"] = _facing(np.array(light.direction))
         elif isinstance(light, NearLight):
+            light.check_placed()
             node["translation"] = list(map(float, light.position))
             node["rotation"] = _facing(-light.axis)
         nodes.append(node)

@@ -179,6 +179,7 @@ def _near_frame(prim: Any, light: NearLight, time: Any) -> np.ndarray:
         shaping = UsdLux.ShapingAPI.Apply(prim)
         shaping.CreateShapingConeAngleAttr().Set(light.cone, time)
         shaping.CreateShapingConeSoftnessAttr().Set(light.softness, time)
+    light.check_placed()
     return _frame(-light.axis, np.array(light.position))
 
 

@@ -358,7 +358,7 @@ def test_lights_come_back_as_they_were(tmp_path, suffix):
     assert [light.name for light in after] == [light.name or "light2" for light in before]
     for one, other in zip(before, after, strict=True):
         for frame in (1, 4, 7.5):
-            a, b = (light.at(frame) if hasattr(light, "at") else light for light in (one, other))
+            a, b = (light.at(frame) if hasattr(light, "orbit") else light for light in (one, other))
             assert type(a) is type(b)
             np.testing.assert_allclose(a.power, b.power, rtol=1e-6)
             for field in set(a.__dataclass_fields__) & {"direction", "position", "width", "angle", "radius"}:
