@@ -18,6 +18,7 @@ from relight.matting.people.region import Circle
 from relight.matting.people.track import REACH, KeptTrack, Track
 from relight.media import optical_flow
 from relight.media.option_texts import split_file_and_settings
+from relight.media.scenes import is_cut, reduced
 from shadow.files import AnyPath
 
 WARM_UP_FRAMES = 5  # that a recurrent network sees before the first one that is asked for
@@ -190,7 +191,9 @@ class SequenceMatting:
         seen, found = self._found[number]
         total, weights = found.copy(), np.ones_like(found)
         for n in near[1:]:
-            if n in self._found and self._found[n][0].shape == seen.shape and self._shows_the_same(n, number):
+            if n not in self._found or is_cut(reduced(seen), reduced(self._found[n][0])):
+                continue
+            if self._found[n][0].shape == seen.shape and self._shows_the_same(n, number):
                 weight, theirs = _moved(seen, *self._found[n])
                 total, weights = total + weight * theirs, weights + weight
         return total / weights

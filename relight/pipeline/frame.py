@@ -27,13 +27,14 @@ from relight.matting.numba_cache import ensure_numba_cache
 from relight.matting.people.track import Track
 from relight.matting.sequence import MattingOptions, SequenceMatting
 from relight.media import images, movies, optical_flow
+from relight.media import scenes as scene_cuts
 from relight.media.content_hash import FileRecord, content_hash
 from relight.media.images.arrays import as_array
 from relight.media.pixel_aspect import is_square, square_pixels
 from relight.pipeline import preview, reference
 from relight.pipeline.cache import AnalysisCache, is_cache
 from relight.pipeline.option_fields import BACKGROUND, Report
-from relight.pipeline.options import Source
+from relight.pipeline.options import MAX_TEMPORAL_RADIUS, Source
 from relight.pipeline.readers import (
     Reader,
     ReadLog,
@@ -50,6 +51,7 @@ if TYPE_CHECKING:
     from relight.scene.camera_view import CameraView
 
 NETWORK_SUFFIXES = (".onnx", ".pt")
+SCENE_ROWS = 256  # rows and columns that are enough to see a cut
 MAX_PICTURE_PIXELS = 2**28  # 4 GiB as RGBA floats
 
 
@@ -134,6 +136,7 @@ class FrameReader:
         self._mattes = matte_reader(source.mask)
         self._backgrounds, self._log = backgrounds, log
         self._opaque: dict[int, bool] = {}  # {frame number: whether its plate is}
+        self._scenes: dict[int, np.ndarray] = {}  # of the frames that were read last
         self._check_reference()
 
     def _check_reference(self) -> None:
@@ -368,6 +371,8 @@ class FrameReader:
         plate, matte = self._log.read(self.plates, number), self._log.read(self._mattes, number)
         matte = self._squared_as_plate(matte, plate, number)
         self._check_size(matte, plate, number)
+        if not self.is_still:
+            self._keep_scene(number, plate)
         if self._matting is not None and not self._must_matte:
             self._opaque[number] = refine.is_opaque(plate)
         if self._matting is not None and (self._must_matte or self._opaque[number]):
@@ -394,6 +399,19 @@ class FrameReader:
         matte = None if matte is None else self.placement(matte, size)
         placed = FrameInputs(self.placement(plate, size), matte, normals, depth)
         return _halved(placed) if self._is_preview else placed
+
+    def is_cut(self, before: int, after: int) -> bool:
+        """Return whether a cut is between two frames that were read, and follow each other."""
+        scenes = self._scenes.get(before), self._scenes.get(after)
+        return scenes[0] is not None and scenes[1] is not None and scene_cuts.is_cut(scenes[0], scenes[1])
+
+    def _keep_scene(self, number: int, plate: np.ndarray) -> None:
+        """Keep a small copy of a plate; of those before it, only what a window of frames needs."""
+        opaque = np.asarray(plate)[..., :3]
+        small = opaque[:: max(1, opaque.shape[0] // SCENE_ROWS), :: max(1, opaque.shape[1] // SCENE_ROWS)]
+        self._scenes[number] = scene_cuts.reduced(refine.encoded_srgb(small))
+        while len(self._scenes) > 4 * MAX_TEMPORAL_RADIUS:
+            del self._scenes[next(iter(self._scenes))]
 
     def _check_size(self, matte: Any, plate: np.ndarray, number: int) -> None:
         """Raise ValueError for a matte (h, w) of another size than its plate."""

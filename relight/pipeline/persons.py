@@ -3,6 +3,7 @@
 import warnings
 from collections.abc import Callable, Sequence
 from functools import cached_property
+from itertools import pairwise
 from typing import TypeGuard
 
 import torch
@@ -22,11 +23,18 @@ class Persons:
 
     `numbers`: the frames that there are. `analyse` returns the person of one frame; its OSError or ValueError
     is raised again for that frame alone. `radius`: number of frames before and after, with which a frame is
-    filtered; 0 leaves all as they are.
+    filtered; 0 leaves all as they are. `is_cut` says of two frames that were analysed whether a cut is
+    between them, across which nothing is averaged.
     """
 
-    def __init__(self, numbers: Sequence[int], analyse: Callable[[int], Subject], radius: int) -> None:
-        self._numbers, self._analyse, self._radius = numbers, analyse, radius
+    def __init__(
+        self,
+        numbers: Sequence[int],
+        analyse: Callable[[int], Subject],
+        radius: int,
+        is_cut: Callable[[int, int], bool] = lambda before, after: False,
+    ) -> None:
+        self._numbers, self._analyse, self._radius, self._is_cut = numbers, analyse, radius, is_cut
         self._analysed: dict[int, Subject | Exception] = {}
 
     def around(self, number: int) -> list[int]:
@@ -40,13 +48,18 @@ class Persons:
         self._analysed = {n: result for n, result in self._analysed.items() if n in around}
         results = {n: self._result(n) for n in around}
         person = self.analysed(number)
-        neighbours = [each for n, each in results.items() if n != number and _shows_somebody(each)]
+        used = self.neighbours(number)
+        neighbours = [each for n, each in results.items() if n in used and _shows_somebody(each)]
         return person.temporally_filtered(neighbours) if neighbours else person
 
     def neighbours(self, number: int) -> list[int]:
         """Return the frames with which a frame was filtered, just after `at` returned it."""
-        found = {n: self._analysed.get(n) for n in self.around(number) if n != number}
-        return [n for n, person in found.items() if _shows_somebody(person)]
+        around = self.around(number)
+        cuts = [after for before, after in pairwise(around) if self._is_cut(before, after)]
+        first = max((cut for cut in cuts if cut <= number), default=number - self._radius)
+        last = min((cut - 1 for cut in cuts if cut > number), default=number + self._radius)
+        others = (n for n in around if n != number and first <= n <= last)
+        return [n for n in others if _shows_somebody(self._analysed.get(n))]
 
     def analysed(self, number: int) -> Subject:
         """Return the person of a frame, not filtered. Raises as `analyse` does."""

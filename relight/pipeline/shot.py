@@ -138,7 +138,8 @@ class Shot:
         """The persons, analysed or read from an analysis cache."""
         if self._frames.cache is not None:
             return Persons(self.numbers, self._frames.cache.read, radius=0)
-        return Persons(self.numbers, self._analyser, self._frames.temporal_radius)
+        frames = self._frames
+        return Persons(self.numbers, self._analyser, frames.temporal_radius, frames.is_cut)
 
     @cached_property
     def _other_backgrounds(self) -> Any:

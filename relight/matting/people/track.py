@@ -19,9 +19,10 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from relight.matting.people.choice import CERTAIN, index_of, reduced_size
+from relight.matting.people.choice import CERTAIN, index_of
 from relight.matting.people.region import Circle, DetectedPerson, planes, sampled
 from relight.media.resampling import resize
+from relight.media.scenes import is_cut, reduced
 from shadow import files
 
 SUFFIX = ".json"
@@ -30,8 +31,6 @@ REACH = 0.5  # distance of circles, see `Circle.distance`, that somebody moves i
 LONGEST_REACH = 2.0  # distance from where they were at most, however long ago that was
 SAME_CLOTHES = 0.12  # RMS difference of encoded colours up to which somebody far away may be the same
 OTHER_CLOTHES = 0.18  # from which somebody near by is another one
-SCENE_SIDE = 24  # pixels, of the copies on which two frames are compared
-OTHER_SCENE = 0.2  # mean difference of encoded colours between frames of two scenes
 RECENT = 4  # frames of which is kept who is in them: one is cut out soon after they were followed to it
 COLOURS_SIDE = 64  # pixels, of the copy from which the colours are taken
 
@@ -58,7 +57,7 @@ class Seen:
         """Look at a frame (H, W, 3), encoded in [0, 1]."""
         picture = planes(encoded)
         size = encoded.shape[0], encoded.shape[1]
-        scene = resize(encoded, reduced_size(size, SCENE_SIDE / max(size)), "triangle")
+        scene = reduced(encoded)
         colours = [
             clothes(sampled(picture, p.circle.square(COLOURS_SIDE), COLOURS_SIDE)[0], p.mask) for p in people
         ]
@@ -144,7 +143,7 @@ class Track:
         for number in reversed(self._numbers[:position]):
             seen = self._seen(number, last.circle)
             found[number] = None
-            if seen is None or _is_cut(before, seen.scene):
+            if seen is None or is_cut(before, seen.scene):
                 break
             before = seen.scene
             if (there := _followed(seen, last, there_at - number)) is not None:
@@ -164,7 +163,7 @@ class Track:
             return None
         if (point := self._corrections.get(number)) is not None:
             return seen.place(index_of(seen.people, point, seen.size))
-        if before is None or (scene is not None and _is_cut(scene, seen.scene)):
+        if before is None or (scene is not None and is_cut(scene, seen.scene)):
             place = seen.place(0)  # the largest, as in the first frame
             return place if place.certainty >= CERTAIN else None
         assert last is not None
@@ -263,11 +262,6 @@ def _followed(seen: Seen, last: Place, frames: int) -> Place | None:
         or ((distance <= 2 * reach or place.certainty >= CERTAIN) and change <= SAME_CLOTHES)
     ]
     return places[min(possible)[1]] if possible else None
-
-
-def _is_cut(before: np.ndarray, after: np.ndarray) -> bool:
-    """Return whether two frames that follow each other are of two scenes."""
-    return before.shape != after.shape or float(np.abs(before - after).mean()) > OTHER_SCENE
 
 
 def clothes(canvas: np.ndarray, mask: np.ndarray) -> np.ndarray:

@@ -1,5 +1,6 @@
-"""What a shot answers to footage that is not as it should be; movies' containers are tested with the media."""
+"""What a shot answers to footage that is not as it should be; containers are tested with the media."""
 
+import json
 import warnings
 
 import numpy as np
@@ -78,7 +79,20 @@ def test_nothing_is_averaged_across_a_cut(fetched, tmp_path):
     shot = Shot(write_frames(tmp_path, [first, first, other]))
     alone = Shot(write_frames(tmp_path / "alone", [other]))
     cut = matte_of(shot, 3)
-    np.testing.assert_allclose(cut, matte_of(alone, 1), atol=0.02)
+    np.testing.assert_array_equal(cut, matte_of(alone, 1))
+
+
+def test_maps_are_not_averaged_across_a_cut(stub, tmp_path):
+    for number in range(1, 7):
+        image = somebody()
+        image[..., :3] += 0.02 if number < 4 else 0.9
+        image[..., 3] = 1
+        relight.write(tmp_path / f"p.{number}.exr", image)
+    matte = somebody()[..., 3]
+    stub.render(tmp_path / "p.%d.exr", STILL, tmp_path / "r.%d.exr", mask=matte, report=tmp_path / "r.json")
+    frames = json.loads((tmp_path / "r.json").read_text())["frames"]
+    found = [frames[str(number)]["neighbours"] for number in range(1, 7)]
+    assert found == [[2, 3], [1, 3], [1, 2], [5, 6], [4, 6], [4, 5]]
 
 
 def test_a_frame_of_another_size_is_made_alone(stub, tmp_path):
