@@ -33,6 +33,8 @@ from typing import (
 
 from annotated_types import Interval
 
+from shadow.errors import refuse_gradient
+
 if TYPE_CHECKING:
     from pydantic import TypeAdapter
 
@@ -206,6 +208,8 @@ def checked(name: str, value: Any, kind: object) -> Any:
     """
     from pydantic import ValidationError
 
+    for each in (value, *(value if isinstance(value, list | tuple) else ())):
+        refuse_gradient(name, each)
     if getattr(value, "ndim", None) == 0 and isinstance(value.item(), int | float):  # of NumPy or torch
         value = value.item()
     try:

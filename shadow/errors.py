@@ -7,3 +7,12 @@ class RelightError(Exception):
 
 class EmptyMatteError(RelightError, ValueError):
     """A matte, a mask or a photograph shows no person: no coverage is above one half."""
+
+
+def refuse_gradient(name: str, value: object) -> None:
+    """Raise ValueError for a tensor that requires a gradient: none flows from what is computed here."""
+    if getattr(value, "requires_grad", False):
+        raise ValueError(
+            f"{name}: requires a gradient, which is not computed here; give {name}.detach(), "
+            "or use differences"
+        )

@@ -8,7 +8,7 @@ import numpy as np
 import torch
 from numpy.typing import ArrayLike
 
-from shadow.errors import EmptyMatteError
+from shadow.errors import EmptyMatteError, refuse_gradient
 
 Array = ArrayLike | torch.Tensor
 PACKAGES = ("relight", "shading", "shadow", "torch")  # a warning shows the line that called these
@@ -17,8 +17,9 @@ LARGEST_VALUE = 1e15  # its square, summed over a picture, still fits in float32
 
 
 def _tensor(name: str, value: Array, expected: str) -> torch.Tensor:
+    refuse_gradient(name, value)
     if isinstance(value, torch.Tensor):
-        tensor = value.detach()
+        tensor = value
     else:
         try:
             array = np.ascontiguousarray(value)
@@ -88,10 +89,6 @@ def faint(highest: torch.Tensor | float) -> str:
 def directions(name: str, value: Array) -> torch.Tensor:
     """Return light directions (D, 3) of any length but zero as unit float32 vectors."""
     expected = "light directions of shape (D, 3)"
-    if getattr(value, "requires_grad", False):
-        raise ValueError(
-            f"{name}: require a gradient, which is not computed here; give {name}.detach() or use differences"
-        )
     tensor = _tensor(name, value, expected)
     if tensor.ndim != 2 or tensor.shape[-1] != 3 or len(tensor) == 0:
         raise ValueError(f"{name}: expected {expected}, got shape {tuple(tensor.shape)}")

@@ -185,6 +185,14 @@ def test_directions_that_require_a_gradient_are_refused_in_words(figure, ask):
     directions = torch.tensor([[0.0, 0.6, 0.8]], requires_grad=True)
     analysis, subject = shading.analyse(*figure), relight.Subject(*figure)
     for asked in (analysis, subject):
-        with pytest.raises(ValueError, match=r"directions: require a gradient, which is not computed here"):
+        with pytest.raises(ValueError, match=r"directions: requires a gradient, which is not computed here"):
             getattr(asked, ask)(directions)
         assert getattr(asked, ask)(directions.detach()).max() > 0
+    for wrong, name in (
+        (lambda value: relight.DirectionalLight(azimuth=-40, intensity=value), "intensity"),
+        (lambda value: relight.PointLight((0, 0, value)), "position"),
+        (lambda value: subject.relit([], amount=value), "amount"),
+        (lambda value: relight.EnvironmentLight(value.expand(8, 16, 3)), "image"),
+    ):
+        with pytest.raises(ValueError, match=f"{name}: requires a gradient"):
+            wrong(torch.tensor(0.5, requires_grad=True))

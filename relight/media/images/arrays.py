@@ -10,6 +10,7 @@ import numpy as np
 from relight.arguments import shown
 from relight.media import colour
 from relight.media.encodings import Encoding
+from shadow.errors import refuse_gradient
 from shadow.files import is_path
 
 if TYPE_CHECKING:
@@ -60,16 +61,18 @@ def without_empty_alpha(name: str, plate: np.ndarray) -> np.ndarray:
 
 
 def as_array(name: str, value: "inputs.Array") -> np.ndarray:
-    """Whatever a caller hands over as a NumPy array in this machine's byte order; tensors without gradient.
+    """Return whatever a caller hands over as a NumPy array in this machine's byte order.
 
-    Raises TypeError if it is no array, such as a ragged list; `name` is what the error calls it.
+    Raises TypeError if it is no array, such as a ragged list, ValueError for a tensor that requires a
+    gradient; `name` is what the error calls it.
     """
     if is_path(value):
         raise TypeError(
             f"{name}: expected an array, got the path {shown(os.fspath(value))}; read it with relight.read"
         )
-    if hasattr(value, "detach"):  # a tensor, without importing torch to ask
-        tensor: Any = value.detach().cpu()
+    refuse_gradient(name, value)
+    if hasattr(value, "cpu"):  # a tensor, without importing torch to ask
+        tensor: Any = value.cpu()
         value = tensor.float() if str(tensor.dtype) == "torch.bfloat16" else tensor  # NumPy has no such type
     try:
         array = np.asarray(value)

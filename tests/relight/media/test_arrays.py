@@ -27,10 +27,14 @@ def test_big_endian_arrays_are_the_same(dtype):
 
 
 @pytest.mark.parametrize("dtype", [torch.float32, torch.float64, torch.float16])
-def test_tensors_may_require_gradients(dtype):
-    tensor = torch.tensor(PREMULTIPLIED, dtype=dtype, requires_grad=True)
-    np.testing.assert_array_equal(scene_linear("image", tensor), tensor.detach().numpy().astype(np.float32))
-    np.testing.assert_array_equal(coverage("mask", tensor[..., 3]), tensor[..., 3].detach().numpy())
+def test_tensors_are_arrays_unless_they_require_a_gradient(dtype):
+    tensor = torch.tensor(PREMULTIPLIED, dtype=dtype)
+    np.testing.assert_array_equal(scene_linear("image", tensor), tensor.numpy().astype(np.float32))
+    np.testing.assert_array_equal(coverage("mask", tensor[..., 3]), tensor[..., 3].numpy())
+    tensor.requires_grad_()
+    for convert, name, value in ((scene_linear, "image", tensor), (coverage, "mask", tensor[..., 3])):
+        with pytest.raises(ValueError, match=rf"{name}: requires a gradient, .* give {name}\.detach\(\)"):
+            convert(name, value)
 
 
 def test_what_is_no_array_is_named():
@@ -44,8 +48,8 @@ def test_bfloat16_tensors_are_floats():
 
 
 @pytest.mark.parametrize("dtype", [torch.bfloat16, torch.float16, torch.float64])
-def test_mattes_may_be_tensors_of_any_float_with_gradients(dtype):
-    tensor = torch.tensor([[0.25, 1.0]], dtype=dtype, requires_grad=True)
+def test_mattes_may_be_tensors_of_any_float(dtype):
+    tensor = torch.tensor([[0.25, 1.0]], dtype=dtype)
     found = person_mask("mask", tensor, (1, 2))
     assert (found.dtype, found.tolist()) == (torch.float32, [[0.25, 1.0]])
 
