@@ -28,7 +28,7 @@ from shadow.files import AnyPath, is_path
 from shadow.torch_settings import isolated
 
 BACKGROUND_LAYER = "background"
-PASSES = ("albedo", "N", "Z", "P", "visibility", "shading", "gloss")
+PASSES = ("albedo", "N", "Z", "P", "visibility", "shading", "gloss", "confidence")
 EXR_TYPES = ("half", "float")
 
 Layers = dict[str, np.ndarray]
@@ -186,7 +186,7 @@ def render(
     floor, gloss, amount, device
         See `relight.apply`.
     passes
-        Any of "albedo", "N", "Z", "P", "visibility", "shading", "gloss", see `passes_of`.
+        Any of "albedo", "N", "Z", "P", "visibility", "shading", "gloss", "confidence", see `passes_of`.
     exr_type
         "half" or "float", the file's type: the picture is the sum of groups rounded to it.
 
@@ -391,6 +391,8 @@ def passes_of(subject: Subject, lights: Lights, names: Iterable[str]) -> Layers:
     - "shading": `shading_<light>` (H, W, 3) for each light, the picture of a white person.
     - "gloss": `gloss_<light>` (H, W, 3) for each light, what a gloss of 1 adds, whatever the picture's own:
       the light group is `(albedo × shading_<light> + gloss × gloss_<light>) × alpha`.
+    - "confidence": `confidence_<light>` (H, W) for each light, the probability that its visibility is right,
+      and `confidence`, that of all directions, see `Subject.confidence`.
 
     Raises ValueError for another name.
     """
@@ -407,6 +409,9 @@ def passes_of(subject: Subject, lights: Lights, names: Iterable[str]) -> Layers:
         layers |= {f"shading_{name}": subject.lighting(light) for name, light in named.items()}
     if "gloss" in names:
         layers |= {f"gloss_{name}": subject.reflection(light) for name, light in named.items()}
+    if "confidence" in names:
+        layers["confidence"] = subject.confidence()
+        layers |= {f"confidence_{name}": subject.confidence(light) for name, light in named.items()}
     return layers
 
 

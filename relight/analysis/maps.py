@@ -9,7 +9,7 @@ import torch
 import torch.nn.functional as F
 from scipy.ndimage import distance_transform_edt
 
-from relight.analysis import highlights
+from relight.analysis import confidence, highlights
 from relight.analysis.depth import WorldGeometry
 from relight.analysis.light_field import LightField, LightMaps
 from relight.analysis.old_light import OldLight
@@ -104,8 +104,18 @@ class AnalysisMaps(NamedTuple):
 
     def unshadowed(self, light: Light) -> torch.Tensor:
         """Return the share (1, h, w) of a light that the person does not block, see `Subject.unshadowed`."""
+        return self._mean(self.visibility, light)
+
+    def confidence(self, light: Light | None = None) -> torch.Tensor:
+        """Return the confidence (1, h, w) in a light's visibility, or in that of all directions."""
+        if light is None:
+            return confidence.overall(self.field)[None]
+        return 1 - self._mean(confidence.Doubt(self.visibility), light)
+
+    def _mean(self, maps: LightMaps, light: Light) -> torch.Tensor:
+        """Return the mean (1, h, w) of maps over a light's directions, weighted by the light from there."""
         if light.is_near:
-            lit, whole = near_sum(self.visibility, light.rays(self.geometry.positions))
+            lit, whole = near_sum(maps, light.rays(self.geometry.positions))
             return (lit / whole.clamp_min(1e-30))[None]
         if not light.power.any():  # it is out: its visibility is that of the light when it is on
             light = replace(light, intensity=1, colour=(1, 1, 1), exposure=0)
@@ -116,7 +126,7 @@ class AnalysisMaps(NamedTuple):
             weights = np.ones_like(weights)
         shares = torch.from_numpy(np.float32(weights / weights.sum()))[:, None]
         total = torch.zeros(self.known.numel(), 1)
-        add_parallel(total, self.visibility, directions, shares)
+        add_parallel(total, maps, directions, shares)
         return total.T.unflatten(1, self.known.shape)
 
     def _positions_for(self, light: Light) -> torch.Tensor:

@@ -36,7 +36,7 @@ Report = Callable[[int, int, str], None]  # frames done, frames in all, what is 
 # What a run does of a shot whose frames are made in chunks: all of it; the frames of a chunk, no movie and no
 # script; or movies and scripts, from the frames that the chunks have made.
 Phase = Literal["all", "frames", "finalize"]
-Pass = Literal["albedo", "N", "Z", "P", "visibility", "shading", "gloss"]
+Pass = Literal["albedo", "N", "Z", "P", "visibility", "shading", "gloss", "confidence"]
 
 
 def _is_array(value: object) -> bool:

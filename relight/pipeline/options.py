@@ -451,7 +451,10 @@ class Output(Options):
     ] = required()
     passes: Annotated[
         Passes,
-        About("Further layers of the .exr: albedo, N, Z, P, visibility, shading, gloss; as albedo,N."),
+        About(
+            "Further layers of the .exr: albedo, N, Z, P, visibility, shading, gloss, confidence; as "
+            "albedo,N."
+        ),
     ] = NO_PASSES
     exr_type: Annotated[
         Literal["half", "float"],

@@ -17,6 +17,7 @@ from shadow import files
 
 SUFFIX = ".json"
 VERSION = 1
+UNSURE = 0.88  # mean confidence below that of the light stage's bodies, 0.91 to 0.93
 SIDE = 128  # pixels, the longer side of the copies whose colours are compared
 JUMP = 0.5  # share by which the area changes where somebody in somewhat other colours is another one
 
@@ -28,7 +29,8 @@ class ShotReport:
     given. area: share of the picture that the person covers. area_jump: its change since the last frame with
     a person, 0.5 for half as much again. neighbours: the frames with which the maps were averaged; null for
     an analysis that was kept. likely_other_person: whether colours, or colours and area, are rather those of
-    somebody else than in the last frame. error: why there is no frame.
+    somebody else than in the last frame. confidence: the probability, mean over the person, that shadows are
+    right, see `Subject.confidence`; unsure: whether it is below 0.88. error: why there is no frame.
     """
 
     def __init__(self, path: Path, resume: bool) -> None:
@@ -54,9 +56,12 @@ class ShotReport:
     ) -> None:
         """Add a frame, and write the report."""
         area, colours = _area_and_colours(person)
+        sure = None if person.is_empty else round(person.mean_confidence, 3)
         self._entries[number] = {
             "certainty": None if certainty is None else round(certainty, 3),
             "area": round(area, 5),
+            "confidence": sure,
+            "unsure": sure is not None and sure < UNSURE,
             "neighbours": neighbours,
             "colours": None if colours is None else colours.astype(float).round(3).tolist(),
             "made_from": made,

@@ -74,6 +74,7 @@ class FlatSubject:
     """Stands in for Subject: as bright as the image times the lights' intensities."""
 
     is_empty = False
+    mean_confidence = 0.8
 
     def __init__(self, image, mask=None, normals=None, device=None, **room):
         alpha = image[..., 3] if mask is None else mask

@@ -42,6 +42,7 @@ def test_it_says_of_each_frame_what_is_unusual(stub, shot, tmp_path):
     assert [frames[n]["likely_other_person"] for n in "123456"] == [False, False, False, False, True, False]
     assert frames["3"]["neighbours"] == [1, 2, 5]
     assert frames["1"]["certainty"] is None  # the matte was given
+    assert (frames["1"]["confidence"], frames["1"]["unsure"]) == (0.8, True)
     assert frames["4"]["area"] == 0
 
 
