@@ -30,6 +30,7 @@ from shadow.torch_settings import isolated
 BACKGROUND_LAYER = "background"
 PASSES = ("albedo", "N", "Z", "P", "visibility", "shading", "gloss", "confidence")
 EXR_TYPES = ("half", "float")
+MAX_BACKGROUND_FACTOR = 8.0  # of a background that is lit as the person is
 
 Layers = dict[str, np.ndarray]
 
@@ -134,6 +135,16 @@ def relit_over(
         return picture
     shadow = None if floor is None else partial_shadow(subject.shadows(lights, floor)[1], amount)
     return over(picture, background, shadow)
+
+
+def background_factor(person: Subject, relit: np.ndarray, share: float) -> np.ndarray:
+    """Return the factor (3,) of a background that a share of the person's light reaches, on average.
+
+    `relit`: (H, W, 4), the picture. The light is that of the picture over the photograph.
+    """
+    after, before = (each[..., :3].sum(axis=(0, 1)) for each in (relit, person.relit([], amount=0)))
+    whole = np.divide(after, before, out=np.ones(3, np.float32), where=before > 0)
+    return 1 + np.float32(share) * (whole.clip(0, MAX_BACKGROUND_FACTOR) - 1)
 
 
 def partial_shadow(shadow: np.ndarray, amount: float) -> np.ndarray:

@@ -598,6 +598,8 @@ class Subject:
         gloss: quantities.Gloss = 0.0,
         amount: quantities.Amount = 1.0,
         fill: quantities.Amount = 0.0,
+        background_blur: quantities.Blur = 0.0,
+        background_light: quantities.Amount = 0.0,
     ) -> Any:
         """Show the person on a page with lights that can be dragged: an HTML file, or a notebook widget.
 
@@ -621,6 +623,8 @@ class Subject:
         fill
             Share of the background's light, in [0, 1], that fills the shadows of the others, as
             `relight.Lighting(fill="background", fill_amount=fill)` does; none by default.
+        background_blur, background_light
+            Those of `relight.Lighting`, with which the page begins.
 
         Returns
         -------
@@ -646,6 +650,7 @@ class Subject:
         about = scene.scene_of(
             self.size, first, background, title=title, command=command or scene.COMMAND,
             background_name=background_name, gloss=gloss, amount=amount, fill=fill,
+            blur=background_blur, background_light=background_light,
             field_of_view=self.camera.field_of_view,
         )  # fmt: skip
         for light in first or []:

@@ -28,6 +28,8 @@ VIEWER_NAMES = (
     "Engine", "SHADERS", "Viewer", "checkedLight", "environmentText", "fillOf", "fitting", "floorText", "h",
     "iconButton", "keyDown", "keyUp", "lightTexts", "panned", "power", "preferredSurround", "readImage",
     "samples", "short", "surround", "toCommand", "wheeled", "zoomed", "backdropOf", "lampsOfRows", "mapOf",
+    "blurOf", "fewer",
+    "reducedPack", "strided", "stridedRoom",
 )  # fmt: skip
 
 
@@ -303,7 +305,10 @@ class Server:
         """Return the lights and background that a page asks for; put their files beside the photograph."""
         if not isinstance(given, dict):
             raise Refused("look: expected an object", 400)
-        names = ("lights", "environment", "background", "floor", "exposure", "gloss", "amount")
+        names = (
+            "lights", "environment", "background", "floor", "exposure", "gloss", "amount", "fill", "blur",
+            "backgroundLight",
+        )  # fmt: skip
         look = {key: given.get(key) for key in names}
         if look["environment"]:
             name = self.session.lend(str(look["environment"]["file"]), photograph)

@@ -20,6 +20,7 @@ from relight.app import compiling, drawing
 from relight.app.drawing import MODEL, REDUCED
 from relight.app.pictures import png, reduced_size, resized
 from relight.compositing.composite import backdrop
+from relight.compositing.defocus import defocused
 from relight.compositing.floor import Floor
 from relight.errors import EmptyMatteError
 from relight.light_estimation import PlateLight
@@ -38,7 +39,7 @@ from relight.media.images.write_image import encoded
 from relight.media.sequences import Still
 from relight.pipeline.options import Lighting, Output, Source
 from relight.quantities import NONE
-from relight.rendering import partial_shadow
+from relight.rendering import background_factor, partial_shadow
 from relight.subject import Subject
 from relight.viewer.initial_state import fill_lamps, scene_of
 from relight.viewer.packing import pack
@@ -285,7 +286,10 @@ def still(name: str, mask: str | None, look: Mapping[str, Any], report: Report) 
         shadow = None
         if lighting.floor is not None:
             shadow = partial_shadow(subject.shadows(lights, lighting.floor)[1], lighting.amount)
-        back = backdrop(behind, subject.size, shadow)
+        back = defocused(backdrop(behind, subject.size), lighting.background_blur)
+        back = back if shadow is None else back * shadow
+        if lighting.background_light:
+            back = back * background_factor(subject, picture, lighting.background_light)
         if back.max() > 1:  # light of a scene has one curve with the person
             picture, back = images.composited(picture, back), None
     return {"png": png(encoded(picture, back, exposure=_exposure(look)))}
@@ -393,6 +397,8 @@ def _lighting(look: Mapping[str, Any]) -> Lighting:
         amount=float(1 if look.get("amount") is None else look["amount"]),
         fill="background" if fill else None,
         fill_amount=fill,
+        background_blur=float(look.get("blur") or 0),
+        background_light=float(look.get("backgroundLight") or 0),
     )
 
 

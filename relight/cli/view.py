@@ -18,6 +18,8 @@ from relight.pipeline.options import Compute, Lighting, Source
         "light",
         "environment",
         "background",
+        "background_blur",
+        "background_light",
         "fill",
         "fill_amount",
         "gloss",

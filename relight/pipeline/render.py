@@ -3,8 +3,6 @@
 import warnings
 from typing import get_args
 
-import numpy as np
-
 from relight.arguments import checks_arguments
 from relight.compositing.composite import backdrop
 from relight.compositing.defocus import defocused
@@ -28,11 +26,9 @@ from relight.pipeline.run import Job, Problems, check_any_made, run
 from relight.pipeline.shot import Shot
 from relight.pipeline.shot_report import ShotReport
 from relight.pipeline.sinks import FileSink, MovieSink, file_of, open_sinks
-from relight.rendering import metadata_of, render_layers
+from relight.rendering import background_factor, metadata_of, render_layers
 from relight.subject import Subject
 from shadow.torch_settings import isolated
-
-MAX_BACKGROUND_FACTOR = 8.0  # of a background that is lit as the person is
 
 
 @isolated
@@ -276,13 +272,3 @@ class Relighting(Job[Problems]):
             matte = squeeze_pixels(matte, self._delivery.pixel_aspect).clip(0, 1)
             metadata = {**metadata, "PixelAspectRatio": self._delivery.pixel_aspect}
         images.write_mask(path, matte, metadata=metadata)
-
-
-def background_factor(person: Subject, relit: np.ndarray, share: float) -> np.ndarray:
-    """Return the factor (3,) of a background that a share of the person's light reaches, on average.
-
-    `relit`: (H, W, 4), the picture. The light is that of the picture over the photograph.
-    """
-    after, before = (each[..., :3].sum(axis=(0, 1)) for each in (relit, person.relit([], amount=0)))
-    whole = np.divide(after, before, out=np.ones(3, np.float32), where=before > 0)
-    return 1 + np.float32(share) * (whole.clip(0, MAX_BACKGROUND_FACTOR) - 1)

@@ -13,6 +13,7 @@ from relight.lights.environment import EnvironmentLight
 from relight.lights.light import Light
 from relight.lights.near import PointLight
 from relight.media.colour import KNEE, LOCI, LUMINANCE
+from relight.rendering import MAX_BACKGROUND_FACTOR
 from relight.viewer.packing import CAST_RANK, RESIDUAL_RANK
 
 MAX_LIGHTS = 8  # directional and point lights, beside one environment
@@ -55,6 +56,7 @@ def of_the_shaders() -> str:
         "UNKNOWN": upsampling.UNKNOWN_WEIGHT,
         "BRIGHTEST": upsampling.GUIDE_MAX,
         "KNEE": KNEE,
+        "MAX_BACKGROUND_FACTOR": MAX_BACKGROUND_FACTOR,
     }
     # Of the vec4 that hold the components of the cast shadow's logit and of the residual.
     counts = {"CAST": CAST_RANK // 4, "RESIDUAL": RESIDUAL_RANK // 4}

@@ -40,6 +40,8 @@ def scene_of(
     gloss: float = 0.0,
     amount: float = 1.0,
     fill: float = 0.0,
+    blur: float = 0.0,
+    background_light: float = 0.0,
     field_of_view: float = FIELD_OF_VIEW,
 ) -> dict[str, Any]:
     """Describe a scene as the page's program reads it, ready for JSON.
@@ -48,7 +50,8 @@ def scene_of(
     soft key light unless given. `background`: see `relight.over`; `background_name`: its file, or
     `environment`, as `--background` takes it. `command`: the words that relight the photograph on the command
     line, without its lights. `gloss`, `amount`: see `relight.Subject.relit`. `fill`: share of the light of
-    the background, which fills shadows, see `relight.Lighting`; `field_of_view`: the picture's, vertical.
+    the background, which fills shadows; `blur` and `background_light`: of the background, see
+    `relight.Lighting`; `field_of_view`: the picture's, vertical.
 
     Raises ValueError for too many lights, two of one name, a gloss, an amount or a fill outside [0, 1], or a
     fill without a background that is an image; TypeError for lights of another kind, or that move.
@@ -68,6 +71,8 @@ def scene_of(
         "gloss": checked_gloss(gloss),
         "amount": checked_amount(amount),
         "fill": fill,
+        "blur": blur,
+        "backgroundLight": background_light,
         "tints": {locus: _tints(locus) for locus in LOCI},
         **behind,
     }

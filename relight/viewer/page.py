@@ -22,8 +22,8 @@ SUFFIXES = (".html", ".htm")
 # The program's files, each after those that it imports from.
 MODULES = (
     "pack", "lights", "room", "gl", "engine", "colour", "environment", "opened", "dom", "sliders", "ball",
-    "state", "png", "zoom", "stage", "plan", "inspector", "sheet", "surround", "controls", "actions", "keys",
-    "viewer", "entry",
+    "state", "draft", "png", "zoom", "stage", "plan", "inspector", "sheet", "surround", "controls", "actions",
+    "keys", "viewer", "entry",
 )  # fmt: skip
 
 

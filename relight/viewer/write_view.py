@@ -119,6 +119,8 @@ class Viewing(Job[Path]):
             gloss=lighting.effective_gloss,
             amount=lighting.amount,
             fill=lighting.fill_amount * lighting.intensity if lighting.fill else 0.0,
+            background_blur=lighting.background_blur,
+            background_light=lighting.background_light,
         )
         return self._path
 

@@ -57,6 +57,7 @@ class Application {
   }
 
   async begin() {
+    history.replaceState({ step: "drop" }, "");
     this.show("drop");
     await this.trying(async () => {
       this.about = await askJson("session");
@@ -89,6 +90,7 @@ class Application {
   }
 
   listen() {
+    addEventListener("popstate", (event) => event.state?.step && this.go(event.state.step));
     addEventListener("unhandledrejection", (event) => this.fail(event.reason));
     addEventListener("error", (event) => this.fail(event.error));
     const { root } = this;
@@ -258,6 +260,7 @@ class Application {
 
   show(step) {
     this.step = step;
+    if (history.state?.step !== step) history.pushState({ step }, ""); // the browser's Back goes a step back
     this.hush();
     if (step !== "light") this.parts.light.viewer?.stop(); // an orbit does not go on out of sight
     for (const [name, part] of Object.entries(this.parts)) part.element.hidden = name !== step;

@@ -3,6 +3,7 @@
 import {
   Viewer,
   backdropOf,
+  blurOf,
   checkedLight,
   environmentText,
   fillOf,
@@ -26,6 +27,7 @@ export class Light {
     this.app = app;
     this.rig = null; // what several photographs share: { state, maps, pictures }, and its { photograph, past, future }
     this.stale = false; // what is shown is of an analysis before the last
+    this.toldStill = false; // the notice that the server draws comes once
     this.place = h("div", { class: "place" });
     this.presets = h("div", { class: "presets", role: "group", "aria-label": "Presets" });
     this.presets.addEventListener("keydown", (event) => keyDown(this.viewer, event)); // as on the picture
@@ -93,8 +95,12 @@ export class Light {
     this.restoreRig(photograph);
     this.photograph = photograph;
     this.stale = false;
-    if (this.still)
+    const { rig } = this;
+    if (rig?.photograph && rig.photograph !== photograph)
+      this.app.tell(`In the light of ${rig.photograph.name}.`, false, ["Start afresh", () => this.startAfresh()]);
+    if (this.still && !this.toldStill)
       this.app.tell("This browser has no WebGL 2: the server makes each picture, which takes a moment.", true);
+    this.toldStill = this.still;
     this.showPresets();
   }
 
@@ -167,6 +173,24 @@ export class Light {
     viewer.refresh();
   }
 
+  /** The light that a first photograph begins with, in place of the one before it. */
+  startAfresh() {
+    const { viewer } = this;
+    const [first] = presetsOf(this.app.about.presets);
+    this.app.hush();
+    viewer.change((state) =>
+      Object.assign(state, this.withPreset(state, first), {
+        background: viewer.original && "original",
+        environment: null,
+        exposure: 0,
+        amount: 1,
+        fill: 0,
+        blur: 0,
+        backgroundLight: 0,
+      }),
+    );
+  }
+
   /** What the server makes the picture of: as the copied command says it. */
   look({ state, environment, backdrop } = this.viewer) {
     const settings = environment && environmentText(state);
@@ -185,6 +209,8 @@ export class Light {
       gloss: short(state.gloss),
       amount: short(state.amount),
       fill: short(fillOf(state, backdrop)),
+      blur: short(blurOf(state)),
+      backgroundLight: short(background ? state.backgroundLight : 0),
     };
   }
 

@@ -197,6 +197,8 @@ function toPython(look, photograph, viewer, output, behind) {
     ...(!background && viewer.original ? ['        background="none",'] : []),
     ...(look.floor ? [`        floor=relight.Floor(${look.floor}),`] : []),
     ...(Number(look.fill) ? ['        fill="background",', `        fill_amount=${look.fill},`] : []),
+    ...(Number(look.blur) ? [`        background_blur=${look.blur},`] : []),
+    ...(Number(look.backgroundLight) ? [`        background_light=${look.backgroundLight},`] : []),
     ...(Number(look.gloss) ? [`        gloss=${look.gloss},`] : []),
     ...(Number(look.amount) < 1 ? [`        amount=${look.amount},`] : []),
     "    ),",

@@ -67,12 +67,19 @@ export class Controls {
     this.rows = Array.from({ length: LIGHTS }, (_, index) => this.lightRow(index));
     this.add = iconButton("add", "Add a light", actions.add, "A");
     this.empty = h("p", { class: "hint" }, "No light: the person stands in the dark.");
+    const share = { min: 0, max: 1, step: 0.01 };
+    this.amount = bound(this.viewer, "Strength", "amount", (state) => state, { ...share, neutral: 1 });
+    this.amount.title = "Of the new light: 0 is the photograph";
+    this.fill = bound(this.viewer, "Fill", "fill", (state) => state, share);
+    this.fill.title = "Light of the background in the shadows";
     return h(
       "section",
       { "aria-label": "Lights" },
       h("h2", {}, "Lights", this.add),
       h("ul", { class: "lights" }, ...this.rows.map(({ element }) => element)),
       this.empty,
+      this.amount,
+      this.fill,
     );
   }
 
@@ -182,12 +189,18 @@ export class Controls {
     const open = this.fileButton("Open…", this.viewer.host ? "" : "image/*,.hdr", (file) =>
       this.viewer.openBackground(file),
     );
+    const own = (state) => state;
+    this.blur = bound(this.viewer, "Blur", "blur", own, { min: 0, max: 0.1, high: 0.2, step: 0.001, digits: 3 });
+    this.blur.title = "Out of focus: the radius as a share of the picture's height";
+    this.backgroundLight = bound(this.viewer, "Relit", "backgroundLight", own, { min: 0, max: 1, step: 0.01 });
+    this.backgroundLight.title = "The new light reaches the background too: it darkens and tints";
     return h(
       "section",
       { "aria-label": "Background" },
       h("h2", {}, "Background", open),
       h("div", { class: "row" }, this.backgroundKind, this.backgroundColour),
-      (this.fill = bound(this.viewer, "Fill", "fill", (state) => state, { min: 0, max: 1, step: 0.01 })),
+      this.blur,
+      this.backgroundLight,
       ...(this.viewer.host ? this.floor() : []),
     );
   }
@@ -234,7 +247,6 @@ export class Controls {
     );
     this.exposure = bound(this.viewer, "Exposure", "exposure", (state) => state, STOPS);
     this.gloss = bound(this.viewer, "Gloss", "gloss", (state) => state, { min: 0, max: 1, step: 0.01 });
-    this.amount = bound(this.viewer, "Amount", "amount", (state) => state, { min: 0, max: 1, step: 0.01 });
     this.surround = choice(`surround${this.id}`, "Surround", SURROUNDS, (name) => this.viewer.setSurround(name));
     return h(
       "section",
@@ -243,7 +255,6 @@ export class Controls {
       this.look,
       this.exposure,
       this.gloss,
-      this.amount,
       h("div", { class: "row" }, h("span", { class: "label" }, "Surround"), this.surround),
     );
   }
@@ -252,13 +263,27 @@ export class Controls {
     const { actions } = this.viewer;
     const button = (label, key, action) =>
       h("button", { type: "button", title: key ? `${label} (${key})` : label, onclick: action }, label);
+    const copy = (what, key, action) =>
+      h(
+        "button",
+        {
+          type: "button",
+          class: "copy",
+          title: `Copy ${what} (${key})`,
+          "aria-label": `Copy ${what}`,
+          onclick: action,
+        },
+        h("span", { class: "verb" }, "Copy "),
+        what,
+      );
     this.outSection = h(
       "section",
       { class: "out", "aria-label": "Copy and save" },
-      button("Copy lights", "C", actions.copyLights),
-      button("Copy command", "Shift C", actions.copyCommand),
-      ...(this.viewer.host ? [] : [button("Copy link", "L", actions.copyLink)]),
-      button("Copy picture", "Ctrl C", actions.copyPicture),
+      h("span", { class: "label", "aria-hidden": "true" }, "Copy"),
+      copy("lights", "C", actions.copyLights),
+      copy("command", "Shift C", actions.copyCommand),
+      ...(this.viewer.host ? [] : [copy("link", "L", actions.copyLink)]),
+      copy("picture", "Ctrl C", actions.copyPicture),
       ...(this.viewer.host ? [button("Save files…", "", this.viewer.host.finish)] : []),
       button("Save PNG", "Ctrl S", actions.save),
     );
@@ -314,6 +339,10 @@ export class Controls {
     if (kind === "colour") this.backgroundColour.value = toHex(state.background);
     this.fill.hidden = typeof state.background !== "string" || !viewer.backdrop?.light;
     this.fill.refresh(state);
+    this.blur.hidden = typeof state.background !== "string";
+    this.blur.refresh(state);
+    this.backgroundLight.hidden = kind === "none";
+    this.backgroundLight.refresh(state);
     if (this.floorSwitch) {
       this.floorSwitch.checked = Boolean(state.floor);
       this.floorSwitch.disabled = kind === "none";

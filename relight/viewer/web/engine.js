@@ -66,6 +66,7 @@ export class Engine {
     this.table = null; // of the components' weights, once there is a lamp
     this.background = null;
     this.shadow = null;
+    this.before = null; // the sum of the photograph's colours, once it is asked for
     this.makeTextures();
     this.block = gl.createBuffer();
     gl.bindBuffer(gl.UNIFORM_BUFFER, this.block);
@@ -330,8 +331,9 @@ export class Engine {
   }
 
   /** What shaders/backdrop.glsl shows behind the person. */
-  behind(background) {
+  behind(background, blur = 0) {
     return {
+      blur,
       background: this.background,
       shadow: this.shadow,
       shadowed: { whole: Number(Boolean(this.floorShadow)) },
@@ -344,24 +346,26 @@ export class Engine {
   }
 
   /** Shows a look on the page's canvas; `part`: from and to, shares of the width. */
-  show(look, { exposure, background, part = [0, 1] }) {
+  show(look, { part = [0, 1], ...settings }) {
     const { gl, size } = this;
     const left = Math.round(part[0] * size[0]);
     const right = Math.round(part[1] * size[0]);
     gl.enable(gl.SCISSOR_TEST);
-    this.encode(look, exposure, background, null, [left, 0, Math.max(right - left, 0), size[1]]);
+    this.encode(look, settings, null, [left, 0, Math.max(right - left, 0), size[1]]);
     gl.disable(gl.SCISSOR_TEST);
   }
 
-  encode(look, exposure, background, destination, scissor = null) {
+  /**
+   * `backgroundLight`: share of the picture's new light that reaches the background; `blur`: of the background, its
+   * radius as a share of the picture's height. The photograph has neither.
+   */
+  encode(look, settings, destination, scissor = null) {
+    const { exposure, background, backgroundLight = 0, blur = 0 } = settings;
+    const share = look === "picture" && background !== null ? backgroundLight : 0;
+    if (share) this.before ??= this.sumOfPhotograph();
     const data = look === "visibility" || look === "normals";
     this.gl.disable(this.gl.SCISSOR_TEST);
-    this.compose(look, null);
-    let source = this.picture;
-    for (const next of this.reductions) {
-      this.draw("reduce", next, { source });
-      source = next;
-    }
+    const source = this.reduced(look);
     if (scissor) {
       this.gl.enable(this.gl.SCISSOR_TEST);
       this.gl.scissor(...scissor);
@@ -372,8 +376,29 @@ export class Engine {
       gain: data || look === "albedo" ? 1 : 2 ** exposure,
       data: { whole: Number(data) },
       rows: destination ? 0 : this.size[1],
-      ...this.behind(data || look === "albedo" ? null : background),
+      before: this.before ?? [1, 1, 1],
+      backgroundLight: share,
+      ...this.behind(data || look === "albedo" ? null : background, look === "photograph" ? 0 : blur),
     });
+  }
+
+  /** Composes a look; returns one pixel with its brightest value and the sum of its colours. */
+  reduced(look) {
+    this.compose(look, null);
+    let source = this.picture;
+    for (const next of this.reductions) {
+      this.draw("reduce", next, { source, first: { whole: Number(source === this.picture) } });
+      source = next;
+    }
+    return source;
+  }
+
+  sumOfPhotograph() {
+    const pixel = new Float32Array(4);
+    const { framebuffer } = this.reduced("photograph");
+    this.gl.bindFramebuffer(this.gl.FRAMEBUFFER, framebuffer);
+    this.gl.readPixels(0, 0, 1, 1, this.gl.RGBA, this.gl.FLOAT, pixel);
+    return [...pixel.subarray(1)];
   }
 
   /** The picture as {width, height, data}: linear premultiplied RGBA, Float32Array, top row first. */
@@ -385,8 +410,8 @@ export class Engine {
   }
 
   /** What is shown, as {width, height, data}: encoded RGBA bytes with straight alpha, top row first. */
-  readShown(look, { exposure, background }) {
-    this.encode(look, exposure, background, this.shown);
+  readShown(look, settings) {
+    this.encode(look, settings, this.shown);
     const data = new Uint8Array(this.size[0] * this.size[1] * 4);
     this.readPixels(this.shown, this.gl.UNSIGNED_BYTE, data);
     return { width: this.size[0], height: this.size[1], data };
@@ -396,6 +421,13 @@ export class Engine {
     const { gl } = this;
     gl.bindFramebuffer(gl.FRAMEBUFFER, framebuffer);
     gl.readPixels(0, 0, ...size, gl.RGBA, type, data);
+  }
+
+  /** Waits until all is drawn: reading a pixel does. */
+  finish() {
+    const { gl } = this;
+    gl.bindFramebuffer(gl.FRAMEBUFFER, null);
+    gl.readPixels(0, 0, 1, 1, gl.RGBA, gl.UNSIGNED_BYTE, new Uint8Array(4));
   }
 
   /** Gives the GPU's memory back; nothing can be drawn after it. */

@@ -38,6 +38,7 @@ export class Stage {
   constructor(viewer) {
     this.viewer = viewer;
     this.canvas = h("canvas", { class: "picture" });
+    this.canvases = [this.canvas];
     this.rings = h("div", { class: "rings", "aria-hidden": "true" }, h("i"), h("i"));
     this.handles = Array.from({ length: LIGHTS }, (_, index) => this.handle(index));
     this.divider = this.wipeDivider();
@@ -78,6 +79,16 @@ export class Stage {
     const canvas = h("canvas", { class: "picture" });
     this.canvas.replaceWith(canvas);
     this.canvas = canvas;
+    this.canvases = [canvas];
+    return canvas;
+  }
+
+  /** A canvas over the picture's, in its place and of its size on the page; hidden at first. */
+  overlay() {
+    const canvas = h("canvas", { class: "picture", hidden: true, "aria-hidden": "true" });
+    this.canvas.after(canvas);
+    this.canvases.push(canvas);
+    this.see(this.view);
     return canvas;
   }
 
@@ -177,12 +188,8 @@ export class Stage {
     const { left, top } = this.view;
     this.scale = view.scale; // CSS pixels a pixel of the picture
     this.frame = { left, top, width, height };
-    Object.assign(this.canvas.style, {
-      left: `${left}px`,
-      top: `${top}px`,
-      width: `${width}px`,
-      height: `${height}px`,
-    });
+    const place = { left: `${left}px`, top: `${top}px`, width: `${width}px`, height: `${height}px` };
+    for (const canvas of this.canvases) Object.assign(canvas.style, place);
     this.tools.classList.toggle("zoomed", isZoomed);
     this.fitButton.disabled = !isZoomed;
     this.update(this.viewer.state);
@@ -218,7 +225,7 @@ export class Stage {
       if (grabbed >= 0) viewer.select(grabbed);
       this.task = "press"; // a click; it aims once the hand moves
     } else return;
-    if (event.target.focus && event.target !== this.canvas) event.target.focus({ preventScroll: true });
+    if (event.target.focus && !this.canvases.includes(event.target)) event.target.focus({ preventScroll: true });
     else this.element.focus({ preventScroll: true });
     event.preventDefault();
     if (this.task === "turn" || this.task === "pan") this.beginTurn();

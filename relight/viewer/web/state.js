@@ -76,6 +76,8 @@ export function initial(scene) {
     exposure: 0,
     gloss: scene.gloss ?? 0, // strength of the reflection at grazing angles, from 0 to 1
     amount: scene.amount ?? 1, // of the lights, from 0 to 1: the rest is the photograph's own
+    blur: scene.blur ?? 0, // of the background: its radius as a share of the picture's height
+    backgroundLight: scene.backgroundLight ?? 0, // share of the new light that reaches the background
     fill: scene.fill ?? 0, // share of the background's light that fills shadows, where the page knows it
   };
 }
@@ -120,7 +122,7 @@ export function toFragment(state, files = {}) {
   set("exposure", state.exposure ? short(state.exposure) : "");
   set("gloss", state.gloss ? short(state.gloss) : "");
   set("amount", state.amount === 1 ? "" : short(state.amount));
-  set("fill", state.fill ? short(state.fill) : "");
+  for (const key of ["fill", "blur", "backgroundLight"]) set(key, state[key] ? short(state[key]) : "");
   return query.toString();
 }
 
@@ -142,7 +144,7 @@ export function fromFragment(fragment, base, { maps = [], pictures = [] } = {}, 
         if (light) light[key] = true;
       }
     }
-    Object.assign(state, { background: null, gloss: 0, amount: 1, fill: 0 });
+    Object.assign(state, { background: null, gloss: 0, amount: 1, fill: 0, blur: 0, backgroundLight: 0 });
   }
   state.selected = Math.min(
     Math.max(numberOf("selected", query.get("selected") ?? "1") - 1, 0),
@@ -178,7 +180,7 @@ export function fromFragment(fragment, base, { maps = [], pictures = [] } = {}, 
     state.wipe = { look: checkedLook(look), at: Math.min(Math.max(numberOf("wipe", at), 0), 1) };
   }
   state.exposure = checkedExposure(numberOf("exposure", query.get("exposure") ?? 0));
-  for (const key of ["gloss", "amount", "fill"]) {
+  for (const key of ["gloss", "amount", "fill", "blur", "backgroundLight"]) {
     if (query.has(key)) state[key] = checkedShare(key, numberOf(key, query.get(key)));
   }
   return state;
@@ -300,6 +302,8 @@ export function toCommand(state, environment, scene, backdrop, output = "relit.p
   const floor = floorText(state);
   if (floor) words.push("--floor", floor);
   if (fillOf(state, backdrop)) words.push("--fill", "background", "--fill-amount", short(state.fill));
+  if (blurOf(state)) words.push("--background-blur", short(state.blur));
+  if (state.background && state.backgroundLight) words.push("--background-light", short(state.backgroundLight));
   if (state.gloss) words.push("--gloss", short(state.gloss));
   if (state.amount !== 1) words.push("--amount", short(state.amount));
   if (state.exposure) words.push("--exposure", short(state.exposure));
@@ -310,6 +314,9 @@ export function toCommand(state, environment, scene, backdrop, output = "relit.p
 /** The share of the background's light that fills; 0 where none is behind the person whose light is known. */
 export const fillOf = ({ background, fill }, backdrop) =>
   typeof background === "string" && backdrop?.light ? fill : 0;
+
+/** The blur of the background; a colour has none. */
+export const blurOf = ({ background, blur }) => (typeof background === "string" ? blur : 0);
 
 /** The floor as the command takes it; null where no background shows its shadow. */
 export const floorText = ({ floor, background }) => (floor && background ? `horizon=${short(floor.horizon)}` : null);

@@ -3,6 +3,7 @@
 import { actionsOf } from "./actions.js";
 import { Controls } from "./controls.js";
 import { h } from "./dom.js";
+import { Draft } from "./draft.js";
 import { Engine, LIGHTS } from "./engine.js";
 import { Refused, lampsOf, readImage, turned } from "./environment.js";
 import { Unsupported } from "./gl.js";
@@ -26,6 +27,8 @@ import { preferredSurround, surround } from "./surround.js";
 
 const ORBIT = 8000; // milliseconds a turn
 const STEPS = 200; // that can be undone
+const SLOW = 200; // milliseconds of a frame, beyond which a drag needs a draft; two such frames decide
+const REST = 300; // milliseconds without a change, after which a draft gives way to the picture
 const GREY = [0.0116, 0.0129, 0.0161]; // of a background that becomes a colour
 
 export class Viewer {
@@ -66,6 +69,8 @@ export class Viewer {
     this.maps = [null]; // { path, lamps, strength }
     this.pictures = [null]; // { name, width, height, rgb }
     this.listeners = new Set();
+    this.timed = []; // milliseconds of the first frames
+    this.draft = null; // draws the picture smaller, where those were slow
     this.room = new Room(pack);
     this.state = initial(scene);
   }
@@ -166,6 +171,7 @@ export class Viewer {
 
   endGesture() {
     this.gesture = null;
+    if (this.draft?.shown) this.drawSoon();
   }
 
   select(index) {
@@ -296,7 +302,8 @@ export class Viewer {
       this.frame = null;
       const active = /** @type {HTMLButtonElement} */ (document.activeElement);
       const focused = this.root.contains(active) && active;
-      this.redraw();
+      if (this.draft?.engine.lost === false) this.drawDraft();
+      else this.drawTimed();
       this.controls.update(this.state);
       this.stage.update(this.state);
       this.checkLamps();
@@ -306,12 +313,49 @@ export class Viewer {
     });
   }
 
+  /** Draws, and takes the time of the first frames; after two slow ones drags are drawn smaller. */
+  drawTimed() {
+    const measured = this.host && this.timed.length < 3 && this.engine instanceof Engine && !this.engine.lost;
+    const began = performance.now();
+    this.redraw();
+    if (!measured) return;
+    this.engine.finish();
+    this.timed.push(performance.now() - began);
+    if (this.timed.length === 3 && this.timed.slice(1).every((time) => time > SLOW)) this.openDraft();
+  }
+
+  async openDraft() {
+    this.draft = await Draft.of(this);
+    this.say("This browser draws slowly: while you drag, the picture is coarser.");
+  }
+
+  /** Draws the picture smaller, and as it is once nothing has changed for a while. */
+  drawDraft() {
+    this.draft.draw(this);
+    this.showDraft(true);
+    clearTimeout(this.resting);
+    if (this.gesture === null && this.playing === null) this.resting = setTimeout(() => this.redraw(), REST);
+  }
+
+  showDraft(shown) {
+    this.draft.shown = shown;
+    this.draft.engine.canvas.hidden = !shown;
+  }
+
   redraw() {
     const { engine, state } = this;
     if (engine.lost) return;
+    if (this.draft) this.showDraft(false);
     if (engine.backdrop !== this.backdrop) engine.setBackground(this.backdrop);
     engine.setLights(this.layersOf(state), state.gloss, state.amount);
-    const settings = { exposure: state.exposure, background: this.shownBackground() };
+    this.showOn(engine);
+  }
+
+  /** Shows the state's look with an engine that has its lights. */
+  showOn(engine) {
+    const { state } = this;
+    const { exposure, backgroundLight, blur } = state;
+    const settings = { exposure, backgroundLight, blur, background: this.shownBackground() };
     if (this.held) engine.show("photograph", settings);
     else if (state.wipe) {
       engine.show(state.look, { ...settings, part: [0, state.wipe.at] });

@@ -11,9 +11,12 @@ from helpers import ROOT, browsing, shipped
 from scipy.ndimage import binary_erosion
 
 import relight
+from relight.compositing.composite import backdrop
+from relight.compositing.defocus import defocused
 from relight.lights.plate import whole_field_of_view
 from relight.media.colour import encode
 from relight.pipeline.options import Lighting
+from relight.rendering import background_factor
 from relight.viewer.initial_state import parameters_of, scene_of
 from relight.viewer.packing import pack
 from relight.viewer.page import module, style
@@ -223,6 +226,39 @@ def test_the_background_fills_shadows_as_python_s(browser, viewed, tmp_path, wit
     browsing.settled(page)
     assert page.get_by_label("Fill, exactly").is_hidden()
     assert "--fill" not in page.evaluate("relight.command()")
+    assert not page.complaints
+    page.context.close()
+
+
+@pytest.mark.slow
+def test_the_background_is_out_of_focus_and_relit_as_python_has_it(browser, viewed, tmp_path):
+    wall = (
+        np.random.default_rng(0).uniform(0.05, 0.5, (30, 20, 3)).astype(np.float32).repeat(8, 0).repeat(8, 1)
+    )
+    key = relight.DirectionalLight(azimuth=-70, intensity=0.6, colour=(1, 0.6, 0.3), name="key")
+    file = viewed.view(
+        tmp_path / "page.html", key, background=wall, background_blur=0.05, background_light=0.8
+    )
+    page = browsing.opened(browser, browsing.policed(file))
+    height, width, data = page.evaluate(
+        """() => {
+            const { viewer } = relight;
+            viewer.redraw();
+            const { exposure, blur, backgroundLight } = viewer.state;
+            const settings = { exposure, blur, backgroundLight, background: viewer.shownBackground() };
+            const { width, height, data } = viewer.engine.readShown("picture", settings);
+            return [height, width, Array.from(data)];
+        }"""
+    )
+    shown = np.reshape(np.array(data, np.float32), (height, width, 4))[..., :3] / 255
+    factor = background_factor(viewed, viewed.relit(key), 0.8)
+    back = defocused(backdrop(wall, viewed.size), 0.05)
+    away = viewed.matte == 0
+    difference = np.abs(shown - encode(np.clip(back * factor, 0, 1), white=1))[away]
+    assert difference.mean() < 0.01
+    assert np.abs(encode(back, white=1)[away] - shown[away]).mean() > 0.03
+    assert "--background-blur 0.05 --background-light 0.8" in page.evaluate("relight.command()")
+    assert {"blur=0.05", "backgroundLight=0.8"} <= set(page.evaluate("relight.link()").split("&"))
     assert not page.complaints
     page.context.close()
 
