@@ -13,7 +13,7 @@ from relight import quantities
 from relight.analysis.gloss import checked_gloss
 from relight.analysis.infer import AnalysisInputs, check_inputs, infer
 from relight.arguments import checks_arguments, shown
-from relight.compositing.composite import Background, backdrop, over
+from relight.compositing.composite import MAX_BACKGROUND_FACTOR, Background, backdrop, over
 from relight.compositing.defocus import defocused
 from relight.compositing.floor import Floor, GivenFloor
 from relight.lights.environment import FIELD_OF_VIEW, EnvironmentLight, environments
@@ -30,7 +30,6 @@ from shadow.torch_settings import isolated
 BACKGROUND_LAYER = "background"
 PASSES = ("albedo", "N", "Z", "P", "visibility", "shading", "gloss", "confidence")
 EXR_TYPES = ("half", "float")
-MAX_BACKGROUND_FACTOR = 8.0  # of a background that is lit as the person is
 
 Layers = dict[str, np.ndarray]
 

@@ -38,7 +38,10 @@ def view(
 ) -> None:
     """Write an interactive page for relighting: one HTML file that needs no server and no network."""
     from relight.pipeline.early_checks import check_early
+    from relight.viewer import SUFFIXES
+    from shadow.files import check_writable
 
+    check_writable(output, SUFFIXES)
     check_early(source, lighting)
     from relight.viewer.write_view import write_view
 

@@ -10,6 +10,7 @@ from relight.media.images import scene_linear
 from relight.media.images.arrays import as_array
 from shadow.torch_settings import isolated
 
+MAX_BACKGROUND_FACTOR = 8.0  # of a background that is lit as the person is
 Background = ArrayLike | EnvironmentLight  # an image, a linear (r, g, b), or a map as a camera sees it
 
 

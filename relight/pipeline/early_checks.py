@@ -30,12 +30,12 @@ def check_early(
     """
     if output is not None:
         check_outputs(output, _read_paths(source, lighting))
-    for path in _read_paths(source, lighting):
-        check_there(path)
     if lighting is not None:
         lights: Any = lighting.light
         for text in lights:
             parse(text)
+    for path in _read_paths(source, lighting):
+        check_there(path)
     if lighting is not None and output is not None:
         lighting.check_any()
 

@@ -7,13 +7,13 @@ from relight import quantities
 from relight.analysis import gloss, upsampling
 from relight.analysis.storage import HALF_MAX
 from relight.arguments import limits, members
+from relight.compositing.composite import MAX_BACKGROUND_FACTOR
 from relight.lights import near
 from relight.lights.directional import SOFT_SAMPLE_COUNT, DirectionalLight
 from relight.lights.environment import EnvironmentLight
 from relight.lights.light import Light
 from relight.lights.near import PointLight
 from relight.media.colour import KNEE, LOCI, LUMINANCE
-from relight.rendering import MAX_BACKGROUND_FACTOR
 from relight.viewer.packing import CAST_RANK, RESIDUAL_RANK
 
 MAX_LIGHTS = 8  # directional and point lights, beside one environment

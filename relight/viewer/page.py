@@ -13,11 +13,9 @@ from typing import Any
 import numpy as np
 
 from relight.analysis.record import AnalysisRecord
-from relight.viewer import constants
+from relight.viewer import SUFFIXES, constants
 from relight.viewer.packing import pack
 from shadow.files import AnyPath, check_writable, replacing
-
-SUFFIXES = (".html", ".htm")
 
 # The program's files, each after those that it imports from.
 MODULES = (

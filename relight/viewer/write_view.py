@@ -13,8 +13,8 @@ from relight.pipeline.option_fields import Report
 from relight.pipeline.options import Compute, GivenLighting, GivenSource
 from relight.pipeline.run import Job, Problems, run
 from relight.pipeline.shot import Shot
+from relight.viewer import SUFFIXES
 from relight.viewer.initial_state import COMMAND, DEFAULT_LIGHT, checked_lights
-from relight.viewer.page import SUFFIXES
 from shadow import files
 from shadow.torch_settings import isolated
 
