@@ -120,7 +120,7 @@ def load(
     classes that are accepted. `package`: "shadow" or "shading".
 
     Raises ValueError if the name is unknown, the file is damaged, or the network is of another kind;
-    FileNotFoundError if `name` is a path at which there is no file.
+    FileNotFoundError if `name` is a path at which there is no file, or if the package runs from an archive.
     """
     kinds = tuple(networks.items())
     if not isinstance(name, str | os.PathLike):
@@ -128,6 +128,10 @@ def load(
     if str(name).endswith(".safetensors"):
         return _shared(Path(name).resolve(strict=True), None, kinds, device)
     folder = resources.files(package) / "weights"
+    if not Path(str(folder)).is_dir():
+        raise FileNotFoundError(
+            f"weights: {folder} is within an archive; install the package, which unpacks it"
+        )
     index = json.loads((folder / "index.json").read_text())
     if str(name) not in index:
         shown = reprlib.repr(str(name))

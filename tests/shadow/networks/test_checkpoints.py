@@ -1,4 +1,5 @@
 import json
+import zipfile
 
 import pytest
 import torch
@@ -147,3 +148,13 @@ def test_odd_files_are_refused_in_one_line(tmp_path, tensors, metadata, message)
         with pytest.raises(ValueError, match=f"^weights: {path} {message}.*$") as caught:
             load(path)
         assert len(str(caught.value)) < 600
+
+
+def test_a_package_in_an_archive_is_told_to_be_installed(tmp_path, monkeypatch):
+    archive = tmp_path / "wheel.zip"
+    with zipfile.ZipFile(archive, "w") as file:
+        file.writestr("zipped/__init__.py", "")
+        file.writestr("zipped/weights/index.json", "{}")
+    monkeypatch.syspath_prepend(archive)
+    with pytest.raises(FileNotFoundError, match="within an archive; install the package to"):
+        checkpoints.load("field", {}, package="zipped")
