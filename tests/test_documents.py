@@ -52,11 +52,11 @@ def reader(desk, tmp_path, monkeypatch):
     return tmp_path
 
 
-def read(document, folder, slow):
+def read(document, folder):
     """Do what a document says, in its order; snippets of Python go on where those before them ended."""
     names = {"__name__": "reader"}
     for block in blocks(document):
-        if block.needs is not None or (block.slow and not slow):
+        if block.needs is not None:
             continue
         if block.language == "yaml":
             (folder / "read.yaml").write_text(block.text)
@@ -79,15 +79,7 @@ def named(path):
 @pytest.mark.slow
 @pytest.mark.parametrize("document", DOCUMENTS, ids=named)
 def test_what_a_document_says_works(document, reader):
-    read(document, reader, slow=False)
-
-
-@pytest.mark.slow
-@pytest.mark.parametrize(
-    "document", [path for path in DOCUMENTS if any(block.slow for block in blocks(path))], ids=named
-)
-def test_what_takes_longer_works_too(document, reader):
-    read(document, reader, slow=True)
+    read(document, reader)
 
 
 @pytest.mark.slow
@@ -113,7 +105,7 @@ def test_every_block_is_tried_or_says_what_it_needs():
 def test_a_command_that_fails_is_noticed(reader):
     (reader / "wrong.md").write_text("```sh\nrelight apply photo.png --light azimuth=-40 -o relit.png\n```\n")
     with pytest.raises(AssertionError, match=r"relight apply photo\.png"):  # it has no matte
-        read(reader / "wrong.md", reader, slow=False)
+        read(reader / "wrong.md", reader)
 
 
 def test_the_readme_command_relights_the_bundled_person(reader):

@@ -2,7 +2,6 @@
 
 A fenced block may have a comment before it:
 
-    <!-- slow -->                          it is run by `pytest -m slow`
     <!-- smaller: --steps 2 --size 128 --> it is run with these values in place of its own
     <!-- needs: your own checkpoint -->    it is not run: nobody can ship what it needs
 """
@@ -43,10 +42,6 @@ class Block:
         """What a comment says after `kind:`, or "" if it says no more; None without one."""
         found = [text.removeprefix(kind).lstrip(": ") for text in self.comments if text.startswith(kind)]
         return found[0] if found else None
-
-    @property
-    def slow(self):
-        return self.comment("slow") is not None
 
     @property
     def needs(self):
