@@ -62,6 +62,7 @@ class Server:
             Route(f"{one}/pack", refusing(self.pack)),
             Route(f"{one}/scene", refusing(self.scene)),
             Route(f"{one}/still", refusing(partial(self.lit, "still")), methods=["POST"]),
+            Route(f"{one}/paint", refusing(self.paint), methods=["POST"]),
             Route(f"{one}/floor", refusing(partial(self.lit, "floor_shadow")), methods=["POST"]),
             Route(f"{one}/save", refusing(self.save), methods=["POST"]),
             Route(f"{one}/files/{{name}}", refusing(self.download)),
@@ -262,6 +263,15 @@ class Server:
         look = self._look(await json_of(request), photograph)
         arguments = {"name": photograph.name, "mask": photograph.mask, "look": look}
         return await picture(request, self.worker.run(task, photograph.folder, arguments, brief=True))
+
+    async def paint(self, request: Request) -> Response:
+        """Answer with the lights that strokes on the person ask for."""
+        photograph, asked = self._analysed(request), await json_of(request)
+        look = self._look(asked.get("look") or {}, photograph)
+        arguments = {
+            "name": photograph.name, "mask": photograph.mask, "look": look, "strokes": asked.get("strokes"),
+        }  # fmt: skip
+        return JSONResponse(await self.worker.run("paint", photograph.folder, arguments, brief=True))
 
     # --- files
 

@@ -16,7 +16,7 @@ from typing import Any
 import numpy as np
 import torch
 
-from relight.app import compiling, drawing
+from relight.app import compiling, drawing, painting
 from relight.app.drawing import MODEL, REDUCED
 from relight.app.pictures import png, reduced_size, resized
 from relight.compositing.composite import backdrop
@@ -302,6 +302,16 @@ def floor_shadow(name: str, mask: str | None, look: Mapping[str, Any], report: R
         raise ValueError("floor: expected one")
     lights = as_lights(lighting.rig().lights)
     return {"png": png(encode(subject.shadows(lights, lighting.floor)[1], white=1))}
+
+
+def paint(
+    name: str, mask: str | None, look: Mapping[str, Any], strokes: Any, report: Report
+) -> dict[str, Any]:
+    """Return the lights that strokes on the person ask for, see `relight.app.painting`."""
+    subject, lighting = _subject(name, mask, report), _lighting(look)
+    lights, gloss = as_lights(lighting.rig().lights), lighting.effective_gloss
+    began = json.dumps([look.get("lights"), look.get("environment"), gloss])
+    return painting.painted(began, subject, lights, strokes, gloss)
 
 
 def _subject(name: str, mask: str | None, report: Report) -> Subject:

@@ -32,7 +32,7 @@ VALUES: list[Any] = [
 
 OF_ONE = (
     *("", "/outline", "/model", "/matte", "/analyse", "/still", "/save", "/back", "/files/x", "/preview"),
-    *("/scene", "/pack", "/person"),
+    *("/paint", "/scene", "/pack", "/person"),
 )  # fmt: skip
 OTHERS = (
     *("photographs", "root", "environments", "backgrounds", "models", "session", "web/page.css"),
@@ -49,7 +49,7 @@ class InProcess:
         if task in UNASKED:
             raise worker.Refused("is not asked here")
         before, place, given = os.getcwd(), tasks, dict(arguments)
-        if task in ("still", "save"):  # no picture is made, but its light is read
+        if task in ("still", "save", "paint"):  # no picture is made, but its light is read
             place, task, given = _Looks, "lighting", {"look": given["look"]}
         try:
             kind, value = worker._answer(place, task, str(folder), given, _Wire())

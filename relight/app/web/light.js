@@ -16,6 +16,7 @@ import {
   mapOf,
   short,
 } from "../viewer.js";
+import { Brush } from "./brush.js";
 import { FloorShadow } from "./floor.js";
 import { presetsOf, withPreset } from "./presets.js";
 import { ask, askJson } from "./requests.js";
@@ -32,7 +33,9 @@ export class Light {
     this.presets = h("div", { class: "presets", role: "group", "aria-label": "Presets" });
     this.presets.addEventListener("keydown", (event) => keyDown(this.viewer, event)); // as on the picture
     this.presets.addEventListener("keyup", (event) => keyUp(this.viewer, event));
-    this.element = h("section", { class: "light", "aria-label": "Light" }, this.place, this.presets);
+    this.brush = new Brush(app, (viewer) => this.look(viewer));
+    const parts = [this.place, this.brush.element, this.presets];
+    this.element = h("section", { class: "light", "aria-label": "Light" }, ...parts);
   }
 
   /** The photograph is analysed again: what is shown of it is old. */
@@ -93,6 +96,7 @@ export class Light {
         (error) => this.app.fail(error),
       );
     this.restoreRig(photograph);
+    this.brush.attach(this.viewer, photograph);
     this.photograph = photograph;
     this.stale = false;
     const { rig } = this;
