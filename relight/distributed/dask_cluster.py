@@ -7,11 +7,13 @@ from collections.abc import Iterator
 from concurrent.futures import CancelledError, Executor, ThreadPoolExecutor
 from contextlib import contextmanager
 from dataclasses import replace
+from pathlib import Path
 from typing import Any, cast
 
 from relight.arguments import checks_arguments
+from relight.distributed.shared_source import shared_source
 from relight.media import movies
-from relight.media.sequences import FrameRange, GivenFrames
+from relight.media.sequences import FrameRange, FrameSequence, GivenFrames
 from relight.pipeline.option_fields import Options, Report
 from relight.pipeline.options import (
     Compute,
@@ -80,6 +82,10 @@ def render_distributed(
 
     Notes
     -----
+    Where the person is found, they are followed through the shot first, and `relit.track.json` beside the
+    first output says where they are; a run with `resume` takes that file. Pictures are those of one process
+    with `Source(track=)` of it.
+
     A worker that dies loses at most the frame that it was making: the missing frames of its chunk go to other
     workers, one by one. A frame that fails three times is given up. This process writes movies and scripts at
     the end.
@@ -101,14 +107,15 @@ def render_distributed(
         shot.check_outputs(output)
         precision, _ = shot.computed_in
         numbers = shot.frames_for(output, frames)
-    source = shot.stated_source
+    stated = shot.stated_source
     compute = replace(compute, precision=cast(Any, precision or compute.precision))
     lighting = lighting.with_lights(shot.every_light)
     report = progress or (lambda done, total, what: None)
     # With no frames to make, this refuses what can be refused.
     in_chunks = replace(output, report=None)
-    render_shot(source, lighting, in_chunks, compute=compute, frames=FrameRange(), phase="frames")
+    render_shot(stated, lighting, in_chunks, compute=compute, frames=FrameRange(), phase="frames")
     output, in_chunks = (replace(each, save_lights=None) for each in (output, in_chunks))
+    source = shared_source(shot, _track_beside(output.paths[0]), report, keep=resume)
     with _client(scheduler, workers) as client:
         run = _Run(client, (source, lighting, in_chunks, compute), resume)
         problems = run.make(numbers.chunks(chunk or _chunk(len(numbers), client)), report)
@@ -122,6 +129,12 @@ def render_distributed(
         first = f"frame {numbers[0]}: {problems[numbers[0]]}"
         raise ValueError(f"none of {len(numbers)} frames could be made; {first}")
     return dict(sorted(problems.items()))
+
+
+def _track_beside(path: Path) -> Path:
+    """Return the file beside an output that says where the person of the shot is in each frame."""
+    sequence = FrameSequence.of(path)
+    return path.with_suffix(".track.json") if sequence is None else sequence.beside(".track.json")
 
 
 @contextmanager

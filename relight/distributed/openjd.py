@@ -19,7 +19,7 @@ import yaml
 
 from relight import quantities
 from relight.arguments import checks_arguments
-from relight.errors import MissingNetworksError
+from relight.distributed.shared_source import shared_source
 from relight.media import movies
 from relight.media.sequences import FrameRange, FrameSequence, GivenFrames
 from relight.pipeline.option_fields import BACKGROUND, Options, file_options, to_json
@@ -118,27 +118,9 @@ def write_job(
         lighting = lighting.with_lights(lights_path)
     job, plate = _Job(path, numbers, chunk, compute), shot.source.plate
     cache = Path(str(plate) if shot.is_analysed else analysis or _analysis_beside(path, plate))
-    _add_steps(job, shot, _stated(shot, path), lighting, output, cache)
+    source = shared_source(shot, path.with_name(f"{path.stem}.track.json"))
+    _add_steps(job, shot, source, lighting, output, cache)
     job.write()
-
-
-def _stated(shot: Shot, path: Path) -> Source:
-    """Return the source with the camera's field of view and a file of the person who is followed.
-
-    All machines then take the same ones. The file is written beside the job.
-    """
-    source = shot.stated_source
-    if shot.is_analysed:
-        return source
-    try:
-        track = shot.track() if source.track is None else None
-    except (ImportError, MissingNetworksError) as error:
-        warnings.warn(f"{error}. Each machine follows the person by itself.", stacklevel=3)
-        return source
-    if track is not None:
-        track.write(kept := path.with_name(f"{path.stem}.track.json"))
-        source = replace(source, track=kept)
-    return replace(source, reference=shot.likely_reference)
 
 
 def _add_steps(
