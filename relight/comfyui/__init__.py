@@ -7,6 +7,7 @@ ComfyUI folder; see docs/comfyui.md.
 from pathlib import Path
 
 from relight.comfyui.analyse import Analyse
+from relight.comfyui.clean_plate import CleanPlate
 from relight.comfyui.lights import Environment, Lamp, LightNode, Preset
 from relight.comfyui.match import Match
 from relight.comfyui.render import Orbit, Passes, Render
@@ -19,6 +20,7 @@ NODES = {
     "Lamp": Lamp,
     "Environment": Environment,
     "Preset": Preset,
+    "Clean Plate": CleanPlate,
     "Render": Render,
     "Passes": Passes,
     "Match": Match,

@@ -12,6 +12,7 @@ from PIL import Image
 import relight
 from relight.comfyui import NODE_CLASS_MAPPINGS, NODE_DISPLAY_NAME_MAPPINGS, host, tensors
 from relight.comfyui.analyse import Analyse
+from relight.comfyui.clean_plate import CleanPlate
 from relight.comfyui.lights import Environment, Lamp, LightNode, Preset
 from relight.comfyui.match import Match
 from relight.comfyui.render import Orbit, Passes, Render, orbiting
@@ -103,6 +104,19 @@ def test_the_light_of_the_background_fills_the_shadows_of_render(batch, referenc
             Render().render(batch, KEY, **wrong)
         with pytest.raises(ValueError, match=said):
             Render().check_lazy_status(lights=KEY, **wrong)
+
+
+def test_the_clean_plate_is_the_library_s_and_keeps_what_is_far_from_the_person(picture, batch):
+    image, mask = picture
+    (found,) = CleanPlate().clean(batch, image)
+    plate = tensors.light("image", image[0].numpy())[..., :3]
+    torch.testing.assert_close(found, tensors.to_image([batch[0].clean_plate(plate)]))
+    far = mask[0] > 0.999  # of Load Image: one minus the alpha
+    changed = (found[0] - image[0]).abs().amax(dim=-1) > 0.01
+    assert changed[~far].float().mean() > 0.5
+    assert changed[far].float().mean() < 0.1
+    with pytest.raises(ValueError, match="expected one picture or the same number"):
+        CleanPlate().clean([*batch, *batch], image.expand(3, -1, -1, -1))
 
 
 def test_an_orbit_and_files_are_filled_as_render_is(batch, tmp_path):
