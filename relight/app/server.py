@@ -17,12 +17,22 @@ from starlette.responses import FileResponse, HTMLResponse, JSONResponse, Respon
 from starlette.routing import Route
 
 from relight.app.answers import Report, json_of, picture, refusing, streamed
-from relight.app.session import LISTED, MASK_SUFFIX, MODELS, PICTURES, Photograph, Session
+from relight.app.session import (
+    LISTED,
+    MASK_SUFFIX,
+    MODELS,
+    MOVIE_OUTPUTS,
+    MOVIES,
+    PHOTOGRAPHED,
+    PICTURES,
+    Photograph,
+    Session,
+)
 from relight.app.worker import Refused, Worker
 from relight.lights import presets
 from relight.viewer.page import module, style
 
-OUTPUTS = (".png", ".jpg", ".tif", ".exr", ".html", ".glb")
+OUTPUTS = (".png", ".jpg", ".tif", ".exr", ".html", ".glb", *MOVIE_OUTPUTS)
 KINDS = {".js": "text/javascript", ".css": "text/css", ".html": "text/html", ".png": "image/png"}
 VIEWER_NAMES = (
     "Engine", "SHADERS", "Viewer", "checkedLight", "environmentText", "fillOf", "fitting", "floorText", "h",
@@ -107,7 +117,7 @@ class Server:
                 ],
                 "models": _models(),
                 "presets": presets.document(),
-                "suffixes": PICTURES,
+                "suffixes": PHOTOGRAPHED,
                 "outputs": [suffix for suffix in OUTPUTS if suffix != ".glb" or find_spec("trimesh")],
                 **_finder(),
             }
@@ -132,6 +142,11 @@ class Server:
         try:
             if chunks is not None:
                 await self.session.receive(chunks, photograph.folder / photograph.name)
+            if Path(photograph.name).suffix.lower() in MOVIES:
+                clip = await self.worker.run(
+                    "read_clip", photograph.folder, {"name": photograph.name}, brief=True
+                )
+                photograph.movie, photograph.name = photograph.name, clip["still"]
             photograph.about = await self.worker.run(
                 "read", photograph.folder, {"name": photograph.name}, brief=True
             )
@@ -280,6 +295,8 @@ class Server:
         suffix = str(asked.get("suffix"))
         if suffix not in OUTPUTS:
             raise Refused(f"suffix: expected one of {', '.join(OUTPUTS)}")
+        if suffix in MOVIE_OUTPUTS and photograph.movie is None:
+            raise Refused(f"suffix: {suffix} is of movies, and this is a photograph")
         look = self._look(asked.get("look") or {}, photograph)
         passes = [str(name) for name in asked.get("passes") or []] if suffix == ".exr" else []
         output = photograph.output(suffix)

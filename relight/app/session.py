@@ -13,6 +13,7 @@ from typing import Any
 
 from relight.app.worker import Refused
 from relight.media.images.read_image import READ as PICTURES
+from relight.media.movies.read_movie import READ as MOVIES
 
 UPLOAD_BYTES = 1 << 30  # of a file, at most
 SESSION_BYTES = 16 << 30  # of all files of a session
@@ -20,6 +21,8 @@ PHOTOGRAPHS = 100  # at once
 LISTED = 500  # files of the root folder that the page lists
 NAME_BYTES = 120  # of UTF-8: file systems allow 255, and outputs are named after the photograph
 MODELS = (".onnx",)
+PHOTOGRAPHED = (*PICTURES, *MOVIES)  # what shows a person
+MOVIE_OUTPUTS = (".mp4", ".mov")
 MASK_SUFFIX = "-matte.png"  # after a photograph's name without its own suffix
 
 
@@ -35,6 +38,7 @@ class Photograph:
     mask: str | None = None
     drawn: dict[str, Any] | None = None  # the drawing that the matte is of
     scene: dict[str, Any] | None = None  # what the viewer begins with, once the photograph is analysed
+    movie: str | None = None  # the name of the movie of which it is a frame
     outputs: set[str] = field(default_factory=set)  # names of files that can be downloaded
 
     @property
@@ -49,8 +53,9 @@ class Photograph:
         )
 
     def output(self, suffix: str) -> str:
-        """Return the name of the relit picture's file."""
-        return f"{self.stem}-relit{suffix}"
+        """Return the name of the relit picture's file, or of the movie's."""
+        whole = self.movie is not None and suffix in MOVIE_OUTPUTS
+        return f"{Path(self.movie or '').stem if whole else self.stem}-relit{suffix}"
 
     def to_json(self) -> dict[str, Any]:
         """Return what the page shows of the photograph, in types of JSON."""
@@ -58,6 +63,7 @@ class Photograph:
             "id": self.id,
             "name": self.name,
             "mask": self.mask,
+            "movie": self.movie,
             "drawn": self.drawn,
             "analysed": self.scene is not None,
             **{key: self.about.get(key) for key in ("width", "height", "cut_out", "preview", "notes")},
@@ -92,7 +98,7 @@ class Session:
         """Make room for a photograph's file; raises Refused for another kind of file, or one too many."""
         if len(self.photographs) >= PHOTOGRAPHS:
             raise Refused(f"{PHOTOGRAPHS} photographs are open, the most that fit: remove some first.", 409)
-        photograph = Photograph(secrets.token_hex(8), checked_name(name, PICTURES), self.folder)
+        photograph = Photograph(secrets.token_hex(8), checked_name(name, PHOTOGRAPHED), self.folder)
         photograph.folder = self.folder / "photographs" / photograph.id
         photograph.folder.mkdir(parents=True)
         self.photographs[photograph.id] = photograph
@@ -169,7 +175,7 @@ class Session:
         for folder, folders, names in os.walk(self.root):
             folders[:] = sorted(name for name in folders if not name.startswith("."))
             for name in sorted(names):
-                if Path(name).suffix.lower() in PICTURES and not name.startswith("."):
+                if Path(name).suffix.lower() in PHOTOGRAPHED and not name.startswith("."):
                     yield str((Path(folder) / name).relative_to(self.root))
 
     def copy_from_root(self, relative: str) -> Photograph:
@@ -227,7 +233,8 @@ def checked_name(name: str, suffixes: tuple[str, ...]) -> str:
     stem, suffix = Path(last).stem, Path(last).suffix
     if suffix.lower() not in suffixes:
         kinds = "JPEG, PNG, HEIC, raw, EXR or TIFF" if ".jpg" in suffixes else " or ".join(suffixes)
-        raise Refused(f"{last or 'This file'}: expected a {kinds} file.", 415)
+        kinds = f"{kinds} file, or a movie" if ".mp4" in suffixes else f"{kinds} file"
+        raise Refused(f"{last or 'This file'}: expected a {kinds}.", 415)
     stem = stem.lstrip("-.").encode()[: NAME_BYTES - len(suffix)].decode(errors="ignore") or "photograph"
     # A number sign or a percent sign would make the name a frame of a sequence.
     return re.sub(r"#|%(?=\d*d)", "_", stem) + suffix

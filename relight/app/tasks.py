@@ -16,7 +16,7 @@ from typing import Any
 import numpy as np
 import torch
 
-from relight.app import compiling, drawing, painting
+from relight.app import clip, compiling, drawing, painting
 from relight.app.drawing import MODEL, REDUCED
 from relight.app.pictures import png, reduced_size, resized
 from relight.compositing.composite import backdrop
@@ -109,6 +109,11 @@ def read(name: str, report: Report) -> dict[str, Any]:
     # It may be the background as well.
     Path(preview).write_bytes(compressed(encoded(reduced), kind, quality=95, subsampling=0))
     return {"width": width, "height": height, "cut_out": cut_out, "preview": preview}
+
+
+def read_clip(name: str, report: Report) -> dict[str, Any]:
+    """Take the first frame with a person out of a movie, see `clip.read`."""
+    return clip.read(name)
 
 
 def outline_of(drawn: Mapping[str, Any], report: Report) -> dict[str, Any]:
@@ -340,6 +345,10 @@ def save(
         """Return what reports a step once the one before it is done."""
         return lambda done, total, _: report(what, share) if done == total else None
 
+    if (movie := clip.name()) is not None and Path(output).suffix in clip.SUFFIXES:
+        written = Output((Path(output),), exposure=_exposure(look))
+        clip.save(movie, _person_of_clip(), _lighting(look), written, report)
+        return {"file": output}
     if mask is not None:
         full_matte(name, mask, report)
     source, lighting = Source(name, mask=mask, feather=_feather(mask)), _lighting(look)
@@ -417,13 +426,20 @@ def _exposure(look: Mapping[str, Any]) -> float:
 
 
 def _command(name: str, mask: str | None) -> list[str]:
-    """Return the words of the command that relights a photograph, without its lights."""
+    """Return the words of the command that relights a photograph, or its movie, without its lights."""
+    if (movie := clip.name()) is not None:
+        return ["relight", "apply", movie, "--person", "{}/{}".format(*_person_of_clip())]
     feather = _feather(mask)
     return [
         *("relight", "apply", name),
         *(["--mask", mask] if mask else []),
         *(["--feather", f"{feather:g}"] if feather else []),
     ]
+
+
+def _person_of_clip() -> tuple[int, int]:
+    """Return a point on the person whose matte is accepted, in pixels of the movie's frames."""
+    return clip.person(np.load(MATTE), int(Path(SIDE).read_text()))
 
 
 def _feather(mask: str | None) -> float:

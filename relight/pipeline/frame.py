@@ -24,7 +24,7 @@ from relight.lights.environment import FIELD_OF_VIEW
 from relight.matting import chroma_key, refine
 from relight.matting.networks import AUTO
 from relight.matting.numba_cache import ensure_numba_cache
-from relight.matting.people.track import Track
+from relight.matting.people.track import KeptTrack, Track
 from relight.matting.sequence import MattingOptions, SequenceMatting
 from relight.media import images, movies, optical_flow
 from relight.media import scenes as scene_cuts
@@ -138,6 +138,8 @@ class FrameReader:
         self._opaque: dict[int, bool] = {}  # {frame number: whether its plate is}
         self._scenes: dict[int, np.ndarray] = {}  # of the frames that were read last
         self._check_reference()
+        if source.track is not None:
+            KeptTrack(Path(source.track))  # raises for another file now, and not at the first frame
 
     def _check_reference(self) -> None:
         """Raise ValueError for a reference frame that is not there."""

@@ -9,8 +9,11 @@ const FORMATS = [
   [".tif", "TIFF", "The picture in 16 bits, for retouching"],
   [".exr", "OpenEXR", "For compositing: scene-linear, with a layer for each light"],
   [".html", "Page", "One file in which anyone can drag the lights"],
+  [".mp4", "Movie", "The whole clip in this light, H.264, to look at"],
+  [".mov", "ProRes movie", "The whole clip in this light, for further work"],
   [".glb", "3D model", "The person as a mesh, for 3D programs"],
 ];
+const MOVIES = [".mp4", ".mov"];
 const PASSES = [
   ["albedo", "Albedo"],
   ["N", "Normals"],
@@ -46,7 +49,7 @@ export class Save {
         h(
           "p",
           { class: "hint" },
-          "The command and the lines of Python make the same picture, pixel for pixel. Both need the photograph, and its matte beside it.",
+          "The command and the lines of Python make the same picture, pixel for pixel. Both need the photograph and its matte beside it, or the movie.",
         ),
         this.saveMatte,
         this.renamed,
@@ -115,10 +118,14 @@ export class Save {
       ? this.rows[".jpg"].about
       : "Needs a background: choose a colour or a picture in the light step";
     for (const [suffix, { element }] of Object.entries(this.rows))
-      element.hidden = !this.app.about.outputs.includes(suffix);
+      element.hidden = !this.app.about.outputs.includes(suffix) || (MOVIES.includes(suffix) && !chosen.movie);
+    this.rows[".mp4"].button.disabled = !look.background;
+    this.rows[".mp4"].detail.textContent = look.background
+      ? this.rows[".mp4"].about
+      : "Needs a background: an .mp4 has no transparency";
     this.saveMatte.hidden = !chosen.mask;
     if (chosen.mask) this.saveMatte.href = `photographs/${chosen.id}/files/${encodeURIComponent(chosen.mask)}`;
-    const output = `${stemOf(chosen.name)}-relit.png`;
+    const output = chosen.movie ? `${stemOf(chosen.movie)}-relit.mp4` : `${stemOf(chosen.name)}-relit.png`;
     const behind = backgroundName(viewer, chosen);
     this.renamed.hidden = !behind || behind === viewer.backdrop.name;
     this.renamed.textContent = `They name the background ${behind}: ${viewer.backdrop?.name} is the name of another file.`;
@@ -182,12 +189,16 @@ function toPython(look, photograph, viewer, output, behind) {
   const environment = look.environment && text(`${viewer.environment.path},${look.environment.settings}`);
   const { background } = look;
   const { command } = viewer.scene;
-  const feather = command.includes("--feather") && command[command.indexOf("--feather") + 1];
+  const after = (word) => command.includes(word) && command[command.indexOf(word) + 1];
+  const feather = after("--feather");
+  const source = photograph.movie
+    ? `${text(photograph.movie)}, person=(${after("--person").replace("/", ", ")})`
+    : `${text(photograph.name)}${photograph.mask ? `, mask=${text(photograph.mask)}` : ""}${feather ? `, feather=${feather}` : ""}`;
   return [
     "import relight",
     "",
     "relight.render_shot(",
-    `    relight.Source(${text(photograph.name)}${photograph.mask ? `, mask=${text(photograph.mask)}` : ""}${feather ? `, feather=${feather}` : ""}),`,
+    `    relight.Source(${source}),`,
     "    relight.Lighting(",
     ...(lights.length ? ["        light=[", ...lights.map((line) => `    ${line}`), "        ],"] : []),
     ...(environment ? [`        environment=[${environment}],`] : []),

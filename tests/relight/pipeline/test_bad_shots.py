@@ -103,3 +103,11 @@ def test_a_frame_of_another_size_is_made_alone(stub, tmp_path):
         relight.write(tmp_path / f"p.{number}.exr", image)
     assert stub.render(tmp_path / "p.%d.exr", STILL, tmp_path / "r.%d.exr") == {}
     assert relight.read(tmp_path / "r.2.exr").shape[:2] == (HEIGHT * 2, WIDTH * 2)
+
+
+def test_a_file_that_is_no_track_is_refused_before_a_frame_is_read(stub, tmp_path):
+    source = write_frames(tmp_path, [np.zeros((16, 16, 3), np.float32)])
+    (tmp_path / "t.json").write_text("{}")
+    with pytest.raises(ValueError, match=r"t\.json: expected a track, as `relight track` writes it"):
+        stub.render(source, STILL, tmp_path / "r.%d.exr", track=tmp_path / "t.json")
+    assert not list(tmp_path.glob("r.*"))

@@ -1,0 +1,95 @@
+"""A shot that is killed in any phase, and run again, ends bit by bit as if nobody had killed it."""
+
+import json
+import os
+import subprocess
+import sys
+
+import numpy as np
+import pytest
+from helpers import ROOT
+from helpers.finders import discs
+from helpers.killing import differences
+
+import relight
+
+FRAMES = 5
+ENVIRONMENT = os.environ | {"PYTHONPATH": str(ROOT / "tests"), "OMP_NUM_THREADS": "1"}
+# Follows a person, analyses the shot, relights it from plates and from the analysis; prints each step.
+PROGRAM = """
+import sys, tempfile
+from pathlib import Path
+import relight
+from helpers.finders import small_finder
+from helpers.damage import small_canvas
+from relight.matting.people import finder
+
+def report(done, total, step):
+    print(step, done, flush=True)
+
+folder, plates = map(Path, sys.argv[1:])
+key = relight.DirectionalLight(azimuth=-40, name="key")
+with tempfile.TemporaryDirectory() as networks, small_canvas():
+    small = small_finder(Path(networks))
+    finder.load = lambda: small
+    relight.write_track(plates, folder / "t.json", progress=report)
+    source = relight.Source(plates, track=folder / "t.json")
+    relight.analyse_shot(source, folder / "s.relight", progress=report)
+    output = relight.Output([folder / "r.mp4", folder / "r.%d.png"], report=folder / "r.json")
+    relight.render_shot(source, key, output, resume=True, progress=report)
+    relight.render_shot(folder / "s.relight", key, folder / "c.%d.exr", resume=True, progress=report)
+"""
+PHASES = (
+    *("Following the person 3", "Analysing 1", "Analysing 4", "Relighting 2", "Relighting 5"),
+    "Encoding r.mp4 2",
+)
+
+
+def start(folder, plates):
+    return subprocess.Popen(
+        [sys.executable, "-c", PROGRAM, str(folder), str(plates)],
+        cwd=ROOT, env=ENVIRONMENT, stdout=subprocess.PIPE, text=True,
+    )  # fmt: skip
+
+
+def finish(folder, plates):
+    with start(folder, plates) as process:
+        process.communicate(timeout=600)
+    assert process.returncode == 0
+
+
+@pytest.fixture(scope="module")
+def shot(tmp_path_factory):
+    """Plates of a disc that walks, and the folder of a run that nobody interrupted."""
+    pytest.importorskip("openvino")
+    top = tmp_path_factory.mktemp("shot")
+    for number in range(1, FRAMES + 1):
+        picture, _ = discs((160, 160), (50 + 4 * number, 70, 16))
+        noisy = picture + np.random.default_rng(number).normal(0, 0.01, picture.shape)
+        relight.write(top / f"p.{number}.png", np.round(noisy.clip(0, 1) * 255).astype(np.uint8))
+    whole = top / "whole"
+    whole.mkdir()
+    finish(whole, top / "p.%d.png")
+    return top / "p.%d.png", whole
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("phase", PHASES)
+def test_killed_in_a_phase_and_run_again(shot, tmp_path, phase):
+    plates, whole = shot
+    with start(tmp_path, plates) as process:
+        assert any(line.strip() == phase for line in process.stdout)
+        process.kill()
+    finish(tmp_path, plates)
+    pictures = ("*.mp4", "*.png", "*.exr")
+    for pattern in pictures:
+        assert len(list(tmp_path.glob(pattern))) == len(list(whole.glob(pattern))) > 0
+    for name in ("t.json", "r.json"):
+        assert json.loads((tmp_path / name).read_text()) == json.loads((whole / name).read_text())
+        for folder in (tmp_path, whole):
+            (folder / name).rename(folder.parent / f"{folder.name}-{name}")
+    try:
+        assert [each for each in differences(tmp_path, whole) if ".safetensors" not in each] == []
+    finally:
+        for name in ("t.json", "r.json"):
+            (whole.parent / f"{whole.name}-{name}").rename(whole / name)
