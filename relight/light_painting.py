@@ -12,7 +12,7 @@ from relight.analysis.gloss import checked_gloss
 from relight.analysis.light_solver import LightSolver
 from relight.arguments import checked, checked_number, checks_arguments, shown
 from relight.lights.light import Light
-from relight.lights.rig import FewLights, Lights, as_lights
+from relight.lights.rig import FewLights, Lights
 from relight.media import images
 from relight.media.colour import encode, luminance
 from relight.subject import Subject
@@ -141,10 +141,7 @@ class LightPainter:
             raise TypeError(f"subject: expected a relight.Subject, got {type(subject).__name__}")
         if subject.is_empty:
             raise ValueError("subject: shows no person; expected one on whom light can be painted")
-        if isinstance(lights, str):
-            current = subject.preset(lights)
-        else:
-            current = [] if lights is None else as_lights(lights)
+        current = [] if lights is None else subject.placed(lights)
         self._size, self._grid = subject.size, subject.light_grid(checked_gloss(gloss))
         self._solver = LightSolver(self._grid, current)
         self._before, present = self._solver.picture, subject.relit(current, gloss)

@@ -386,6 +386,10 @@ class Subject:
             return [self._placed(light) for light in as_lights(lights)]
         return scaled(presets.named(lights, "lights"), self.preset_gain(lights))
 
+    def placed(self, lights: Lights) -> list[Light]:
+        """Return lights as a list, as they are on this person: a preset exposed, followers in place."""
+        return self._rig(lights)
+
     def _placed(self, light: Light) -> Light:
         """Return a light that follows a part of the person as it stands by them; nobody stands in the middle.
 

@@ -87,7 +87,7 @@ def write_plot(
     Raises
     ------
     TypeError, ValueError
-        Not lights, or another suffix.
+        Not lights, lights that follow a part of the person, or another suffix.
     OSError
         The file cannot be written.
 
@@ -126,6 +126,7 @@ def _rows(lights: Iterable[tuple[str, Light]]) -> list[_Row]:
         if isinstance(light, DirectionalLight):
             place = np.array(light.direction)
         elif isinstance(light, NearLight):
+            light.check_placed()
             place, near = np.array(light.position), True
             toward = place + light.axis if light.cone_axis is not None else toward
             power *= _irradiance(light)

@@ -153,6 +153,9 @@ def test_moving_lights_and_unchanged_pictures_are_refused(viewed):
     sun = relight.MovingLight(azimuth={1: -90, 100: 60}, name="sun")
     with pytest.raises(TypeError, match="sun moves"):
         relight.paint_lights(viewed, [(side(viewed.size), 2)], sun)
+    follower = relight.PointLight((0, 0.5, 1), at="head")  # without its networks no head is seen
+    with pytest.raises((ValueError, relight.errors.RelightError), match="head"):
+        relight.paint_lights(viewed, [(side(viewed.size), 2)], follower)
     with pytest.raises(ValueError, match="differs nowhere"):
         relight.paint_lights(viewed, viewed.relit(KEY), KEY)
     with pytest.raises(ValueError, match="count: expected a whole number from 1 to 32"):

@@ -107,7 +107,7 @@ def test_lighting_times_albedo_is_the_picture(subject):
         ({"lights": []}, "lights: expected at least one"),
         (
             {"passes": ["depth"]},
-            "passes: expected any of albedo, N, Z, P, visibility, shading, gloss, got 'depth'",
+            "passes: expected any of albedo, N, Z, P, visibility, shading, gloss, confidence, got 'depth'",
         ),
         ({"lights": LIGHTS[:1] * 2}, "lights: expected different names, got key, key"),
     ],

@@ -59,6 +59,8 @@ def test_names_are_text_and_nothing_else(tmp_path):
     words = words_of(relight.write_plot(tmp_path / "plot.svg", lights, title="a <b> & c"))
     assert "<script>&\"'" in words
     assert "a <b> & c" in words
+    with pytest.raises(ValueError, match="at=head is for pictures and shots"):
+        relight.write_plot(tmp_path / "plot.svg", relight.PointLight((0, 0, 1), at="head"))
     with pytest.raises(ValueError, match=r"plot.png"):
         relight.write_plot(tmp_path / "plot.png", lights)
     assert words_of(relight.write_plot(tmp_path / "none.svg", []))[0] == "Lighting plot"
