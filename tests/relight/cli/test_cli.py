@@ -179,7 +179,7 @@ def test_lights_come_from_a_file_and_go_to_one(tmp_path, photo):
         ({"-o": "out.nk"}, "out.nk: a Nuke script needs an .exr to read"),
         (
             {"--passes": "N,depth"},
-            "one of albedo, N, Z, P, visibility, shading, gloss, got 'depth'",
+            "one of albedo, N, Z, P, visibility, shading, gloss, confidence, got 'depth'",
         ),
     ],
 )
