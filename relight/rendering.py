@@ -127,12 +127,17 @@ def relit_over(
     floor: Floor | None = None,
     gloss: float = 0.0,
     amount: float = 1.0,
+    blur: float = 0.0,
+    background_light: float = 0.0,
 ) -> np.ndarray:
-    """Relight an analysed person over a background; see `apply`."""
+    """Relight an analysed person over a background; see `apply`, and `relight.Lighting` for the last two."""
     picture = subject.relit(lights, gloss, amount)
     if background is None:
         return picture
     shadow = None if floor is None else partial_shadow(subject.shadows(lights, floor)[1], amount)
+    if blur or background_light:
+        background = defocused(backdrop(background, subject.size), blur)
+        background = background * background_factor(subject, picture, background_light)
     return over(picture, background, shadow)
 
 

@@ -46,6 +46,12 @@ Exposure = Annotated[quantities.Exposure, Interval(ge=-16.0, le=16.0), widgets.S
 Amount = Annotated[quantities.Amount, widgets.Step(0.05)]
 Gloss = Annotated[quantities.Gloss, widgets.Step(0.05)]
 Fill = Annotated[quantities.Amount, widgets.Step(0.05), About(FILL_SHARE)]
+Blur = Annotated[quantities.Blur, widgets.Step(0.005)]
+BackgroundLight = Annotated[
+    quantities.Amount,
+    widgets.Step(0.05),
+    About("Share of the new light that reaches the background too: it darkens and tints with it."),
+]
 
 
 class CheckedNode(widgets.Node):
@@ -91,6 +97,8 @@ class Render(CheckedNode):
         gloss: Gloss = 0.0,
         amount: Amount = 1.0,
         fill: Fill = 0.0,
+        background_blur: Blur = 0.0,
+        background_light: BackgroundLight = 0.0,
     ) -> tuple[torch.Tensor, torch.Tensor, torch.Tensor]:
         """Relight each frame; see `relight.apply`."""
         by_name(lights)  # two lights of one name are refused before the work
@@ -100,7 +108,8 @@ class Render(CheckedNode):
         for number in host.progress(range(count), count):
             person = subject[number]
             shining = backdrop.with_fill(lights, person, number)
-            frames.append(backdrop.behind(person, shining, number, gloss, amount))
+            look = gloss, amount, background_blur, background_light
+            frames.append(backdrop.behind(person, shining, number, *look))
             masks.append(person.matte)
             lighting.append(person.lighting(shining))
         return (
@@ -238,9 +247,13 @@ class Backdrop:
         number: int,
         gloss: float = 0.0,
         amount: float = 1.0,
+        blur: float = 0.0,
+        background_light: float = 0.0,
     ) -> np.ndarray:
         """Return the person in the lights over it, (H, W, 3) linear; without one (H, W, 4), premultiplied."""
-        return relit_over(person, lights, self.picture(number), self.floor, gloss, amount)
+        return relit_over(
+            person, lights, self.picture(number), self.floor, gloss, amount, blur, background_light
+        )
 
 
 def orbiting(light: Light, frames: float) -> Callable[[float], Light]:

@@ -212,3 +212,37 @@ def test_messages_cover_no_hint_and_go_away(page):
         browsing.settled(page)
         assert page.evaluate(COVERED) == [], step
     browsing.wait(page, "relightApp.message.hidden", 15)
+
+
+def test_the_browser_s_back_goes_a_step_back(page):
+    page.evaluate("relightApp.go('save')")
+    at_step(page, "save")
+    page.go_back()
+    at_step(page, "light")
+
+
+def test_a_drag_on_a_slow_machine_is_drawn_coarser_and_the_picture_follows(page):
+    page.evaluate(f"{VIEWER}.openDraft()")
+    browsing.wait(page, f"Boolean({VIEWER}.draft)")
+    page.evaluate(f"{VIEWER}.change((state) => (state.lights[0].azimuth += 20), 'drag')")
+    browsing.settled(page)
+    assert page.evaluate(f"{VIEWER}.draft.shown")
+    coarse = page.evaluate(f"{VIEWER}.draft.engine.size")
+    assert max(coarse) <= 400
+    page.evaluate(f"{VIEWER}.endGesture()")
+    browsing.wait(page, f"!{VIEWER}.draft.shown")
+    # both show the same light
+    means = page.evaluate(
+        f"""() => {{
+            const {{ draft, engine, state }} = {VIEWER};
+            draft.draw({VIEWER});
+            return [draft.engine, engine].map((one) => {{
+                const {{ data }} = one.readShown("light", {{ exposure: 0, background: null }});
+                const sums = [0, 0];
+                data.forEach((value, at) => (sums[Number(at % 4 === 3)] += value));
+                return sums[0] / sums[1] / 3;
+            }});
+        }}"""
+    )
+    assert means[0] == pytest.approx(means[1], rel=0.05)
+    page.evaluate(f"({VIEWER}.showDraft(false), ({VIEWER}.draft = null))")

@@ -119,6 +119,17 @@ def test_the_clean_plate_is_the_library_s_and_keeps_what_is_far_from_the_person(
         CleanPlate().clean([*batch, *batch], image.expand(3, -1, -1, -1))
 
 
+def test_the_background_of_render_is_blurred_and_relit_as_a_shot_s(batch, reference):
+    behind = torch.rand(1, 40, 40, 3, generator=torch.Generator().manual_seed(0)) * 0.5
+    plain, blurred, relit = (
+        Render().render(batch, KEY, background=behind, **look)[0][0]
+        for look in ({}, {"background_blur": 0.1}, {"background_light": 1.0})
+    )
+    corner = np.s_[:8, :8]
+    assert blurred[corner].std(dim=(0, 1)).max() < 0.5 * plain[corner].std(dim=(0, 1)).min()
+    assert (relit[corner].mean() - plain[corner].mean()).abs() > 0.02
+
+
 def test_an_orbit_and_files_are_filled_as_render_is(batch, tmp_path):
     behind = torch.full((1, 20, 30, 3), 0.6)
     rendered = Render().render(batch, KEY, background=behind, fill=0.5)[0]
