@@ -3,9 +3,9 @@
 import { Engine } from "./engine.js";
 
 const EVERY = 4; // of the directions of a soft light, one in so many is drawn in a small picture
-const EVERY_OF_DRAFT = 8; // the same while one drags
+const EVERY_OF_DRAFT = 16; // the same while one drags
 const STRIDE = 2; // of the networks' canvas, one pixel in so many across and down
-const DRAFT_SIDE = 400; // pixels of the longer side
+const DRAFT_SIDE = 320; // pixels of the longer side
 
 /** A picture of the whole state at a lower resolution, on a canvas that lies over the stage's. */
 export class Draft {

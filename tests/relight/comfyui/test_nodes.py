@@ -127,7 +127,7 @@ def test_the_background_of_render_is_blurred_and_relit_as_a_shot_s(batch, refere
     )
     corner = np.s_[:8, :8]
     assert blurred[corner].std(dim=(0, 1)).max() < 0.5 * plain[corner].std(dim=(0, 1)).min()
-    assert (relit[corner].mean() - plain[corner].mean()).abs() > 0.02
+    assert relit[..., 2][corner].mean() < 0.95 * plain[..., 2][corner].mean()  # the key is yellow
 
 
 def test_an_orbit_and_files_are_filled_as_render_is(batch, tmp_path):
