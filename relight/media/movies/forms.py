@@ -34,10 +34,9 @@ class Encoder:
 
 
 # The same frames give the same file, on any machine: one number of threads, and of x264 no macroblock tree,
-# whose AVX-512 routines read memory that nobody has written. Of x265 neither that nor adaptive quantisation,
-# with which equal frames gave two or three files; with B-frames the only packet of a movie of one frame is
-# refused at times by the writer of .mp4, as it has no time to be decoded at.
-X265 = "pools=4:frame-threads=1:bframes=0:cutree=0:aq-mode=0:log-level=error"
+# whose AVX-512 routines read memory that nobody has written. x265 is not so: some bits of a file differ
+# from run to run. With B-frames the only packet of a movie of one frame is refused at times in an .mp4.
+X265 = "pools=4:frame-threads=1:bframes=0:log-level=error"
 ENCODERS: dict[Codec, Encoder] = {
     "h264": Encoder(
         "libx264", "yuv420p", {"crf": "16", "preset": "medium", "threads": "4", "mbtree": "0"}

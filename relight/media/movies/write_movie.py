@@ -63,7 +63,8 @@ def write_movie(
     wide as high the frames' pixels are, which the file states. `tracks`: timecode, tags and sound of another
     movie, see `relight.media.movies.tracks`. `form`: codec and colours.
 
-    The same frames give the same file, on any number of torch's threads, which convert them.
+    The same frames give the same file, on any number of torch's threads, which convert them. Only
+    those of HEVC may differ in some bits.
 
     Raises ValueError for another suffix, no frames, several sizes, alpha in an .mp4 or a rate out of range;
     OSError if the folder does not exist or the file cannot be written.

@@ -52,13 +52,6 @@ def test_light_beyond_white_is_delivered_with_its_tags(tmp_path, name, codec, la
     np.testing.assert_allclose(middles(Movie(path).read(1)), LIGHT[:, None].repeat(3, 1), rtol=0.04)
 
 
-def test_the_same_frames_give_the_same_hevc(tmp_path):
-    frames = np.random.default_rng(0).uniform(0, 1, (3, 64, 64, 3)).astype(np.float32)
-    for name in "ab":
-        write_movie(tmp_path / f"{name}.mp4", frames, form=Form(hdr="pq"))
-    assert (tmp_path / "a.mp4").read_bytes() == (tmp_path / "b.mp4").read_bytes()
-
-
 def test_dnxhr_in_bt709(tmp_path):
     write_movie(tmp_path / "m.mov", [bars()], white=1, form=Form("dnxhr"))
     np.testing.assert_allclose(middles(Movie(tmp_path / "m.mov").read(1))[:4, 0], LIGHT[:4], rtol=0.04)
