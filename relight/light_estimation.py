@@ -179,7 +179,7 @@ class Matching:
 
     def __post_init__(self) -> None:
         if self.reference is None and self.mask is not None:
-            raise ValueError("match_mask: expected a reference as well (--match FILE), whose matte it is")
+            raise ValueError("match_mask: expected a reference as well (match=FILE), whose matte it is")
         for path in (self.reference, self.mask):
             if is_path(path) and (movies.is_movie(path) or FrameSequence.of(path) is not None):
                 raise ValueError(f"match: expected one picture's file, got {path}")
@@ -234,7 +234,7 @@ class Matching:
                 return SequenceMatting(there, lambda number: reference, None).matte(0)
             if alone:
                 raise ValueError(
-                    "the reference has no matte; expected one with alpha, or its matte (--match-mask FILE)"
+                    "the reference has no matte; expected one with alpha, or its matte (match_mask=FILE)"
                 )
             plate_coverage(pixels, mask)
         except ValueError as error:
@@ -261,7 +261,7 @@ class PlateLight:
         """Raise ValueError, by the option's name, unless the background, or its first frame, is opaque."""
         first = self._backgrounds.read((self._backgrounds.numbers or [0])[0])
         if np.ndim(first) != 3:
-            raise ValueError(f"{option}: expected a background that is an image (--background FILE)")
+            raise ValueError(f"{option}: expected a background that is an image (background=FILE)")
         opaque(first)
 
     def frames_for(self, number: int) -> list[int]:

@@ -79,7 +79,9 @@ def serve(root: str | Path | None, port: int, opened: Callable[[str], None]) -> 
         listening.bind((HOST, port))
     except OSError as error:
         listening.close()
-        raise OSError(f"port {port}: cannot be used ({error.strerror}); choose another by --port") from error
+        raise OSError(
+            f"port {port}: cannot be used ({error.strerror}); choose another (port=NUMBER)"
+        ) from error
     port = listening.getsockname()[1]
     token, session, worker = secrets.token_urlsafe(24), Session(folder), Worker()
     config = uvicorn.Config(

@@ -3,8 +3,10 @@
 Heavy modules are imported inside the commands, so that `relight --help` answers at once.
 """
 
+import re
 import sys
 import unicodedata
+from collections.abc import Set
 from typing import NoReturn
 
 OBEYED = ("Cc", "Cs", "Zl", "Zp")  # categories of Unicode: controls, halves of characters, line breaks
@@ -24,6 +26,31 @@ def printable(text: str) -> str:
         else character
         for character in text
     )
+
+
+def in_options(message: str, known: Set[str]) -> str:
+    """Return an error's message with the command's options for the library's arguments, of which `known` are.
+
+    >>> known = {"mask", "allow_external", "preset", "light"}
+    >>> in_options("give the matte (mask=FILE)", known), in_options("allow it (allow_external=True)", known)
+    ('give the matte (--mask FILE)', 'allow it (--allow-external)')
+    >>> in_options("expected one (preset or light)", known)
+    'expected one (--preset or --light)'
+    """
+
+    def option(match: re.Match[str]) -> str:
+        if match[1] not in known:
+            return match[0]
+        value = match[2] or ""
+        return f"--{match[1].replace('_', '-')}{'' if value == '=True' else value.replace('=', ' ', 1)}"
+
+    def inside(match: re.Match[str]) -> str:
+        words = re.split(", | or | and ", match[1])
+        if len(words) > 1 and known >= {*words}:
+            return re.sub(r"([a-z_]+)()", option, match[0])
+        return re.sub(r"([a-z_]+)(=[^\s,)]+)", option, match[0])
+
+    return re.sub(r"\(([^()]*)\)", inside, message)
 
 
 def end_interrupted() -> NoReturn:

@@ -7,7 +7,7 @@ from typing import Annotated, Any
 
 import typer
 
-from relight.cli import end_interrupted, printable
+from relight.cli import end_interrupted, in_options, printable
 from relight.cli.analyse import analyse
 from relight.cli.app import app as app_command
 from relight.cli.apply import apply
@@ -43,7 +43,7 @@ class _OneLineErrors(PlainGroup):
 
     def invoke(self, ctx: Any) -> Any:
         before = warnings.formatwarning
-        warnings.formatwarning = _one_line
+        warnings.formatwarning = self._one_line
         try:
             return super().invoke(ctx)
         except (ImportError, OSError, TypeError, ValueError) as error:
@@ -52,7 +52,7 @@ class _OneLineErrors(PlainGroup):
                 from shadow.installing import install_command  # with torch, which --help does without
 
                 message = f"needs {error.name}; install it with: {install_command(extra)}"
-            typer.echo(printable(f"relight: {message}"), err=True)
+            typer.echo(printable(f"relight: {in_options(message, self._options)}"), err=True)
             raise typer.Exit(2) from error
         except MemoryError as error:
             typer.echo(f"relight: not enough memory: {error}", err=True)
@@ -62,6 +62,17 @@ class _OneLineErrors(PlainGroup):
         finally:
             warnings.formatwarning = before
 
+    @property
+    def _options(self) -> set[str]:
+        """Return the names of all options of all commands, as the library has them."""
+        commands = [self.commands[name] for name in self.commands]
+        return {each.name or "" for command in commands for each in command.params}
+
+    def _one_line(self, message: Warning | str, *place: Any, **line: Any) -> str:
+        """Return a warning without the place in the source, which tells a user nothing."""
+        said = in_options(" ".join(str(message).split()), self._options)
+        return printable(f"relight: warning: {said}\n")
+
 
 def _hint(word: str) -> str | None:
     """Return what to type instead of a word that is no command; None where that is not known."""
@@ -70,11 +81,6 @@ def _hint(word: str) -> str | None:
     if Path(word).suffix or os.path.exists(word):
         return f"to relight a picture: relight apply {word} --preset golden-hour -o out.jpg; or: relight app"
     return None
-
-
-def _one_line(message: Warning | str, *place: Any, **line: Any) -> str:
-    """Return a warning without the place in the source, which tells a user nothing."""
-    return printable(f"relight: warning: {' '.join(str(message).split())}\n")
 
 
 app = typer.Typer(cls=_OneLineErrors, no_args_is_help=True, pretty_exceptions_enable=False)

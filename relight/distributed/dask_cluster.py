@@ -224,7 +224,7 @@ class _Run:
         return {address: about["nthreads"] for address, about in workers.items()}
 
     def _gone(self) -> ConnectionError:
-        why = "the scheduler went away; the frames that are there stay (--resume)"
+        why = "the scheduler went away; the frames that are there stay (resume=True)"
         return ConnectionError(f"{self._scheduler}: {why}")
 
 
@@ -282,9 +282,7 @@ def _client(scheduler: str | None, workers: int | None) -> Iterator[Any]:
 def _check_address(scheduler: str | None) -> None:
     """Raise ValueError for an address without content."""
     if scheduler is not None and not scheduler.strip():
-        raise ValueError(
-            f"scheduler: expected an address, such as tcp://farm:8786 (--dask), got {scheduler!r}"
-        )
+        raise ValueError(f"scheduler: expected an address, such as tcp://farm:8786, got {scheduler!r}")
 
 
 async def _ask(scheduler: str) -> None:

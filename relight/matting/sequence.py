@@ -53,7 +53,7 @@ class MattingOptions:
         if model is None and refine is None:
             if person is not None:
                 raise ValueError(
-                    "person: expected a matting model as well (--matte), whose people it is among"
+                    "person: expected a matting model as well (matte=MODEL), whose people it is among"
                 )
             return None
         path, words = split_file_and_settings(str(model or ""))

@@ -242,7 +242,7 @@ class AnalysisCache:
             self._warn(
                 "precision",
                 f"{path.name} was analysed in {provenance['precision']}, {first.name} in "
-                f"{other['precision']}; give all machines the same --precision",
+                f"{other['precision']}; give all machines the same precision",
             )
         return provenance
 

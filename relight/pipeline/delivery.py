@@ -65,8 +65,7 @@ class Delivery:
         timecode = first.timecode
         if timecode is not None and not suits_rate(timecode, self.rate):
             warnings.warn(
-                f"{path}: has no timecode, as {timecode} is none at {float(self.rate):g} frames a second "
-                "(--rate)",
+                f"{path}: has no timecode, as {timecode} is none at {float(self.rate):g} frames a second",
                 stacklevel=2,
             )
             timecode = None

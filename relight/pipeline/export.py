@@ -157,5 +157,5 @@ class Exporting(Job[Path]):
         if missing := sorted(set(numbers) - set(shot.numbers)):
             raise ValueError(f"frames: {FrameRange(missing)} are not there")
         if len(numbers) > 1 and holds_one:
-            raise ValueError(f"{self._path}: holds one frame; choose it (--frames 7), or write USD")
+            raise ValueError(f"{self._path}: holds one frame; choose it (frames=7), or write USD")
         return numbers

@@ -186,7 +186,7 @@ class FrameReader:
         if options is None:
             return None
         if self.source.key is not None or (options.model is not None and self.source.mask is not None):
-            raise ValueError("matte: expected one of mask, key and matte (--mask, --key, --matte)")
+            raise ValueError("matte: expected one of mask, key and matte")
         return SequenceMatting(options, lambda n: self._log.read(self.plates, n), self._shown(self.plates))
 
     def track(self, corrections: Mapping[int, tuple[int, int]] | None = None) -> Track | None:
@@ -383,8 +383,8 @@ class FrameReader:
             plate, matte = chroma_key.key(plate, self.source.key, mask=matte), None
         elif matte is None and np.shape(plate)[2:] == (3,):
             raise ValueError(
-                "mask: the image has no alpha channel, so give the person's matte (--mask FILE), "
-                "have it made (--matte auto, or a model), or key the person from a screen (--key green)"
+                "mask: the image has no alpha channel, so give the person's matte (mask=FILE), "
+                "have it made (matte=auto, or a model), or key the person from a screen (key=green)"
             )
         behind = None
         if self.placement.size == BACKGROUND:  # a still lies in all frames as in the background's first

@@ -382,7 +382,9 @@ class Lighting(Options):
         if isinstance(given, tuple):
             for name, value in scene.items():
                 if value:
-                    raise ValueError(f"{name}: expected a USD stage or a glTF scene (--lights), which has it")
+                    raise ValueError(
+                        f"{name}: expected a USD stage or a glTF scene (lights=FILE), which has it"
+                    )
         rig = Rig([*given]) if isinstance(given, tuple) else read_rig(given, **scene)
         texts = cast("Iterable[str | Light | MovingLight]", self.light)
         added = [parse(each) if isinstance(each, str) else each for each in texts]
@@ -417,8 +419,8 @@ class Lighting(Options):
         """Raise ValueError if there are no lights, not even matched ones."""
         if not self.has_lights:
             raise ValueError(
-                "lights: expected at least one (--preset, --light, --environment, --lights, --match, "
-                "--match-plate or --paint)"
+                "lights: expected at least one (preset, light, environment, lights, match, "
+                "match_plate or paint)"
             )
 
     @property

@@ -90,8 +90,8 @@ def check_form(output: Output, size: Sequence[int], source: object) -> None:
         return
     if (name := source.hdr_name()) is not None:
         warnings.warn(
-            f"{source.path}: {name} is converted to BT.709; --hdr {name.lower()} keeps it in movies, and an "
-            ".exr keeps all light",
+            f"{source.path}: {name} is converted to BT.709, unless it is kept in movies "
+            f"(hdr={name.lower()}); an .exr keeps all light",
             stacklevel=2,
         )
 
@@ -110,7 +110,7 @@ def check_alpha(output: Output, *, transparent: bool) -> None:
         if transparent and opaque:
             instead = ", or write a .mov" if path.suffix.lower() == ".mp4" else ""
             kind = path.suffix if output.codec is None or not movie else output.codec
-            raise ValueError(f"{path}: {kind} holds no alpha; give a background (--background){instead}")
+            raise ValueError(f"{path}: {kind} holds no alpha; give a background (background=FILE){instead}")
 
 
 def check_display(output: Output, *, moving: bool) -> dict[str, Any]:

@@ -121,7 +121,7 @@ def normals_reader(normals: "Normals | None", axes: str | None) -> Reader:
     """Return the reader of normals along `axes`: images, sequences, arrays and networks."""
     if normals is None:
         if axes not in (None, CAMERA):
-            raise ValueError("axes: expected normals as well (--normals FILE), whose axes they are")
+            raise ValueError("axes: expected normals as well (normals=FILE), whose axes they are")
         return Still(None)
     axes = axes or CAMERA
     if not is_path(normals):

@@ -132,7 +132,7 @@ class Relighting(Job[Problems]):
         output = self._output
         shot.lighting.check_any()
         if output.report is not None and self._phase == "frames":
-            raise ValueError("report: is of all frames; give it to --phase finalize")
+            raise ValueError("report: is of all frames; give it to the last phase (phase=finalize)")
         if shot.is_preview:
             check_preview(output.paths)
         shot.check_outputs(output)

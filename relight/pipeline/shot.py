@@ -325,7 +325,7 @@ class Shot:
         number = self._source_frame(number)
         person = self._persons.at(number) if filtered else self._persons.analysed(number)
         if person.is_empty:
-            raise ValueError(f"frame {number}: shows no person; choose another (--frame)")
+            raise ValueError(f"frame {number}: shows no person; choose another (frame=NUMBER)")
         return person
 
     def plate_metadata(self, number: int) -> PlateMetadata:
@@ -587,11 +587,11 @@ class Shot:
         if frames is None and self._span is not None:
             raise ValueError(
                 f"{name}: expected {outputs.FRAME_NUMBER}, as the source has frames; or choose one frame "
-                f"(--frames {self._span[0]})"
+                f"(frames={self._span[0]})"
             )
         if frames is None and moving:
             raise ValueError(
-                f"lights: {moving[0].name or 'a light'} moves; choose one frame (--frames 7), or write "
+                f"lights: {moving[0].name or 'a light'} moves; choose one frame (frames=7), or write "
                 f"frames: expected {outputs.FRAME_NUMBER}"
             )
         numbers = FrameRange((0,)) if frames is None else self.frame_range(frames)
@@ -635,9 +635,7 @@ class Shot:
         option = "fill" if self.lighting.fill else "match_plate" if self.matching.plate else None
         if option is not None:
             if self.lighting.background is None and (why := self._why_without_plate()):
-                raise ValueError(
-                    f"{option}: expected a background that is an image (--background FILE): {why}"
-                )
+                raise ValueError(f"{option}: expected a background that is an image (background=FILE): {why}")
             self._plate_light.check(option)
 
     def check_background(self) -> None:

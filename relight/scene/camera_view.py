@@ -47,7 +47,7 @@ def choose_camera(path: Path, cameras: Sequence[tuple[str, Camera]], name: str |
     listed = ", ".join(each for each, _ in cameras[:20]) or "none"
     if name is None:
         if len(cameras) > 1:
-            raise ValueError(f"{path}: has several cameras; expected one of {listed} (--camera)")
+            raise ValueError(f"{path}: has several cameras; expected one of {listed} (camera=NAME)")
         return cameras[0][1] if cameras else None
     for each, camera in cameras:
         if each == name:

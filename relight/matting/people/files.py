@@ -84,8 +84,8 @@ def fetched() -> tuple[Path, Path]:
         except (FileNotFoundError, NotADirectoryError) as error:
             raise MissingNetworksError(
                 f"matte: the networks that find the person are missing: {COMMAND} brings them ({ABOUT}), "
-                "once; or give the person's matte (--mask FILE), name a matting model (--matte MODEL), or "
-                "key the person from a screen (--key green)"
+                "once; or give the person's matte (mask=FILE), name a matting model (matte=MODEL), or "
+                "key the person from a screen (key=green)"
             ) from error
         if hashlib.sha256(contents).hexdigest() != sha256:
             raise DamagedFileError(f"{path}: is damaged; {COMMAND} brings it again")

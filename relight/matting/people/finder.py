@@ -56,12 +56,12 @@ ALIKE = 1.0  # distance of circles up to which they may be of one person in two 
 UNSCALED = np.ones(2)
 
 NOBODY = (
-    "matte: found no person in the photograph: give a mask (--mask), draw an outline (relight app), or name "
-    "a matting model (--matte)"
+    "matte: found no person in the photograph: give a mask (mask=FILE), draw an outline in the application, "
+    "or name a matting model (matte=MODEL)"
 )
 UNCERTAIN = (
-    "matte: it is uncertain whether what was found is a person: look at the matte (--save-matte), turn a "
-    "picture that is not upright, or say who is meant (--person X/Y)"
+    "matte: it is uncertain whether what was found is a person: look at the matte, turn a picture that is "
+    "not upright, or say who is meant (person=X/Y)"
 )
 LOG = logging.getLogger("relight")
 

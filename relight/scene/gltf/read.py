@@ -64,7 +64,9 @@ def read_rig(
         if seen is not None and any(
             _entry(path, tree, node).get("type") != "directional" for node in _lit(nodes)
         ):
-            raise ValueError(f"{path}: glTF has no focus distance; say where the subject is (--subject-at)")
+            raise ValueError(
+                f"{path}: glTF has no focus distance; say where the subject is (subject_at=X/Y/Z)"
+            )
         origin = np.zeros(3)
     lights: list[Light | MovingLight] = [_light(path, tree, node, view, origin) for node in _lit(nodes)]
     lights = _with_different_names(lights)

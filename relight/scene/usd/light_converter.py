@@ -299,7 +299,7 @@ class LightConverter:
             if os.path.isabs(asset.path):
                 raise ValueError(
                     f"{where}has the absolute path {asset.path}; expected one relative to the stage, or "
-                    "allow external files (--allow-external)"
+                    "allow external files (allow_external=True)"
                 )
             check_inside(self.path, asset.resolvedPath, f"{prim.GetPath()}: its {what}")
         return Path(asset.resolvedPath)

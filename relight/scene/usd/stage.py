@@ -116,7 +116,7 @@ def check_inside(path: AnyPath, found: str, what: str) -> None:
     if folder not in real.parents:
         raise ValueError(
             f"{path}: {what} lies outside the stage's folder, {found}; move it there, or allow external "
-            "files (--allow-external)"
+            "files (allow_external=True)"
         )
 
 
@@ -139,7 +139,7 @@ def _check_layers(path: Path, layer: Any, folder: Path, allow_external: bool) ->
             if not allow_external and os.path.isabs(asset):
                 raise ValueError(
                     f"{path}: has the absolute path {asset}; expected one relative to the stage, or allow "
-                    "external files (--allow-external)"
+                    "external files (allow_external=True)"
                 )
             resolved = layer.ComputeAbsolutePath(asset)
             if not allow_external:

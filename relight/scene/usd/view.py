@@ -83,7 +83,7 @@ class StageView:
             if self.mark is None and distance <= 0:
                 raise ValueError(
                     f"{self.path}: {self.camera.GetPath()} has no focus distance; say where the subject is "
-                    "(--subject-at)"
+                    "(subject_at=X/Y/Z)"
                 )
             origin = world[:3, 3] - axes[2] * distance
         if isinstance(self.mark, np.ndarray):

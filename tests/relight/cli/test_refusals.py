@@ -8,6 +8,7 @@ from typer.testing import CliRunner
 
 import relight
 from relight.cli.commands import app
+from relight.errors import MissingNetworksError
 from relight.pipeline import render
 
 STILL = ["apply", "photo.png", "--mask", "mask.png", "-o", "a.exr"]
@@ -121,3 +122,17 @@ def test_a_resumed_shot_makes_the_mattes_that_are_missing():
     assert result.exit_code == 0, result.output
     assert {name: Path(name).read_bytes() for name in kept} == kept
     np.testing.assert_allclose(relight.read_mask("m.2.png"), relight.read("p.0002.png")[..., 3], atol=1 / 255)
+
+
+def test_errors_name_arguments_in_python_and_options_in_the_command(tmp_path):
+    """What follows an argument's name in brackets is written as whoever reads it would type it."""
+    photograph = tmp_path / "p.png"
+    relight.write(photograph, np.full((32, 24, 3), 0.2, np.float32))
+    with pytest.raises(
+        MissingNetworksError, match=r"person's matte \(mask=FILE\), name a matting model \(matte=MODEL\)"
+    ):
+        relight.render_shot(photograph, relight.DirectionalLight(azimuth=-40), tmp_path / "o.png")
+    refused = CliRunner().invoke(
+        app, ["apply", str(photograph), "--preset", "rim", "-o", str(tmp_path / "o.png")]
+    )
+    assert "(--mask FILE), name a matting model (--matte MODEL)" in " ".join(refused.output.split())

@@ -167,7 +167,9 @@ def test_the_plate_is_named_where_pictures_keep_it(shot, outputs, further, backg
 def test_an_output_without_alpha_beside_an_exr_is_refused_at_once(shot):
     result = run("job", *shot, *LIGHTS, "-o", "r.%04d.exr", "-o", "r.mp4", "-o", "job.json")
     assert result.exit_code == 2
-    assert "r.mp4: .mp4 holds no alpha; give a background (--background)" in " ".join(result.output.split())
+    assert "r.mp4: .mp4 holds no alpha; give a background (--background FILE)" in " ".join(
+        result.output.split()
+    )
 
 
 def test_frames_are_those_of_a_moving_background(shot):

@@ -92,7 +92,7 @@ def test_what_lights_and_a_background_need_of_each_other(plate):
 
 def test_a_photograph_without_a_matte_is_named(plate):
     with pytest.raises(
-        MissingNetworksError, match=r"\(--mask FILE\), name a matting model \(--matte MODEL\), or key"
+        MissingNetworksError, match=r"\(mask=FILE\), name a matting model \(matte=MODEL\), or key"
     ):
         Shot(Source(plate[..., :3])).frame(0)
     person = Shot(Source(plate[..., :3], mask=plate[..., 3])).frame(0)

@@ -197,7 +197,11 @@ def test_the_plate_is_refused_where_there_is_none(stub, tmp_path, settings, why)
 @pytest.mark.parametrize(
     ("output", "options", "message"),
     [
-        ("r.mp4", {}, r"r\.mp4: \.mp4 holds no alpha; give a background \(--background\), or write a \.mov"),
+        (
+            "r.mp4",
+            {},
+            r"r\.mp4: \.mp4 holds no alpha; give a background \(background=FILE\), or write a \.mov",
+        ),
         ("r.mov", {"white": 0.5}, "white: expected a number of at least 1"),
         ("r.mov", {"view": "none such"}, "view: expected one of"),
     ],
