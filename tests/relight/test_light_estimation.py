@@ -1,4 +1,5 @@
 import importlib
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -175,6 +176,7 @@ def test_what_cannot_be_matched_is_refused(command, folder, tmp_path, monkeypatc
     monkeypatch.chdir(folder)
     monkeypatch.setattr("relight.analysis.infer.Analysis", None)  # no network runs
     relight.write_mask("empty.png", np.zeros(relight.read("photo.png").shape[:2]))
+    Path("walk.mov").touch()
     if "--match-plate" not in arguments and "--match" not in arguments:
         arguments = [*arguments, "--light", "azimuth=30"]
     frames = ["--frames", "1-2"] if command == "video" else []

@@ -378,6 +378,7 @@ def test_video_relights_a_cache_and_refuses_another_mask(desk):
     from typer.testing import CliRunner
 
     words = ["--light", "azimuth=-40", "-o", "r.%04d.exr"]
+    (desk / "m.png").touch()
     with contextlib.chdir(desk):
         run = CliRunner().invoke(app, ["video", "shot.relight", *words])
         refused = CliRunner().invoke(app, ["video", "shot.relight", "--mask", "m.png", *words])
