@@ -28,6 +28,7 @@ NEEDS = {
     "a model of your own": 1,
     "a CUDA GPU": 3,
     "a Dask cluster": 2,
+    "the networks that find people": 1,
     "a network connection": 9,
     "Windows": 1,
     "the program openjd, of openjd-cli": 1,

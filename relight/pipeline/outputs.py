@@ -2,7 +2,7 @@
 
 import re
 import warnings
-from collections.abc import Iterable, Sequence
+from collections.abc import Callable, Iterable, Sequence
 from pathlib import Path
 from typing import Any
 
@@ -71,15 +71,16 @@ def form_of(output: Output) -> movies.Form:
     return movies.Form(output.codec, output.hdr)
 
 
-def check_form(output: Output, size: Sequence[int], source: object) -> None:
-    """Check the form of the movies, for pictures of a `size` (H, W), and what becomes of HLG and PQ.
+def check_form(output: Output, size: Callable[[], Sequence[int]], source: object) -> None:
+    """Check the form of the movies, and what becomes of HLG and PQ.
 
-    `source`: the reader of the plates. Raises ValueError for a form that cannot be. Warns of light that is
+    `size`: returns the size (H, W) of the pictures; it is asked for movies alone, since a picture is read for
+    it. `source`: the reader of the plates. Raises ValueError for a form that cannot be. Warns of light that is
     converted to BT.709.
     """
     shown = [path for path in output.paths if movies.is_movie(path)]
     for path in shown:
-        form_of(output).check_size(path, size)
+        form_of(output).check_size(path, size())
     if (output.codec or output.hdr) and not shown:
         option = "codec" if output.codec else "hdr"
         raise ValueError(f"{option}: is that of movies; expected one, .mp4 or .mov, among the outputs")

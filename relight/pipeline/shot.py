@@ -610,8 +610,11 @@ class Shot:
 
     def check_form(self, output: Output) -> None:
         """Check codec and colours of movies before anything is analysed, see `outputs.check_form`."""
-        size, plates = self._frames.picture_size(), self._frames.plates
-        outputs.check_form(output, [length // 2 for length in size] if self.is_preview else size, plates)
+
+        def size() -> list[int]:
+            return [length // 2 if self.is_preview else length for length in self._frames.picture_size()]
+
+        outputs.check_form(output, size, self._frames.plates)
 
     def check_not_read(self, paths: Iterable[Path]) -> None:
         """Raise ValueError if one of these paths, which are to be written, is read."""

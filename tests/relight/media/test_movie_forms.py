@@ -74,7 +74,9 @@ def test_a_clip_in_hlg_keeps_its_background_in_hlg(clip, stub, tmp_path):
 
 def test_conversion_to_bt709_is_said(clip, stub, tmp_path):
     source, matte = clip
-    with pytest.warns(UserWarning, match=r"clip\.mov: HLG is converted to BT\.709; --hdr hlg keeps it"):
+    with pytest.warns(
+        UserWarning, match=r"clip\.mov: HLG is converted to BT\.709, unless it is kept in movies \(hdr=hlg\)"
+    ):
         stub.render(source, STILL, tmp_path / "r.mp4", mask=matte)
     assert Movie(tmp_path / "r.mp4").hdr_name() is None
 

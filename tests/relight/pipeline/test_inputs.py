@@ -107,7 +107,10 @@ def test_a_matte_of_another_size_is_named_with_both_sizes(tmp_path, plate):
         Shot(Source(plate, mask=tmp_path / "small.png")).frame(0)
 
 
-def test_each_plate_of_a_shot_with_alpha_is_read_once(tmp_path, plate, monkeypatch):
+def test_each_plate_of_a_shot_with_alpha_is_read_once_beside_the_look_for_the_reference(
+    tmp_path, plate, monkeypatch
+):
+    """The first plate tells whether there is alpha, and is looked at."""
     for number in (1, 2):
         relight.write(tmp_path / f"p.{number}.exr", plate)
     paths, read = [], images.read
@@ -115,7 +118,7 @@ def test_each_plate_of_a_shot_with_alpha_is_read_once(tmp_path, plate, monkeypat
     key = relight.DirectionalLight(name="key")
     source, relit = tmp_path / "p.%d.exr", tmp_path / "r.%d.exr"
     assert standins.FlatShots().render(source, key, relit, temporal_filter=False) == {}
-    assert paths == [tmp_path / "p.1.exr", tmp_path / "p.2.exr"]
+    assert paths == [tmp_path / "p.1.exr"] * 3 + [tmp_path / "p.2.exr"]
 
 
 @pytest.mark.parametrize("name", ["p.exr", "p.%02d.exr"])

@@ -76,7 +76,7 @@ def test_it_is_there_after_each_frame(stub, shot, tmp_path):
 
 
 def test_a_chunk_has_none_and_the_last_step_writes_it(stub, shot, tmp_path):
-    with pytest.raises(ValueError, match="report: is of all frames; give it to --phase finalize"):
+    with pytest.raises(ValueError, match="report: is of all frames; give it to the last phase"):
         report_of(stub, shot, tmp_path, phase="frames")
     stub.render(shot, STILL, tmp_path / "r.%d.exr", phase="frames")
     assert report_of(stub, shot, tmp_path, phase="finalize")["3"]["area_jump"] == 1

@@ -156,5 +156,5 @@ def test_a_package_in_an_archive_is_told_to_be_installed(tmp_path, monkeypatch):
         file.writestr("zipped/__init__.py", "")
         file.writestr("zipped/weights/index.json", "{}")
     monkeypatch.syspath_prepend(archive)
-    with pytest.raises(FileNotFoundError, match="within an archive; install the package to"):
+    with pytest.raises(FileNotFoundError, match="within an archive; install the package"):
         checkpoints.load("field", {}, package="zipped")

@@ -478,7 +478,7 @@ def test_files_from_outside_need_leave(tmp_path):
         (KEY, f"subLayers = [@{tmp_path / 'key.usda'}@]"),
     ):
         path = stage(inner, body, head)
-        check_refused("--allow-external", path)
+        check_refused("allow_external=True", path)
         assert read_lights(path, allow_external=True)
 
 
