@@ -74,8 +74,8 @@ def form_of(output: Output) -> movies.Form:
 def check_form(output: Output, size: Callable[[], Sequence[int]], source: object) -> None:
     """Check the form of the movies, and what becomes of HLG and PQ.
 
-    `size`: returns the size (H, W) of the pictures; it is asked for movies alone, since a picture is read for
-    it. `source`: the reader of the plates. Raises ValueError for a form that cannot be. Warns of light that is
+    `size`: returns the size (H, W) of the pictures; it is called for movies alone, since it reads a picture.
+    `source`: the reader of the plates. Raises ValueError for a form that cannot be. Warns of light that is
     converted to BT.709.
     """
     shown = [path for path in output.paths if movies.is_movie(path)]
