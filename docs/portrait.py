@@ -1,4 +1,4 @@
-"""A real portrait in new lights, docs/portrait.png (README.md).
+"""A real portrait in new lights, docs/portrait.png (README.md), and what goes wrong, docs/limits.png.
 
 python docs/portrait.py [folder]
 
@@ -41,5 +41,26 @@ def portrait(path):
     save(figure, path)
 
 
+def limits(path):
+    """Lav Varshney's photograph of a cameraman, whole and right, and two pictures with faults."""
+    photograph, face = np.stack([data.camera()] * 3, axis=-1), data.astronaut()
+    subject = relight.Subject(photograph)
+    plate = subject.clean_plate(photograph)
+    above = relight.DirectionalLight(elevation=75, intensity=2.5)
+    dark = relight.over(relight.Subject(face, height=0.9).relit(above), STUDIO)
+    pictures = {
+        "photograph (CC0)": photograph,
+        "--preset rembrandt": shown(relight.over(subject.relit("rembrandt"), plate)),
+        "--preset golden-hour": shown(relight.over(subject.relit("golden-hour"), plate)),
+        "light from above": np.asarray(shown(dark))[:220, 110:330],
+    }
+    figure = Figure(figsize=(11, 2.95), layout="constrained", dpi=100)
+    for axis, (title, picture) in zip(figure.subplots(1, 4), pictures.items(), strict=True):
+        panel(axis, np.asarray(picture), title)
+    save(figure, path)
+
+
 if __name__ == "__main__":
-    portrait((Path(sys.argv[1]) if len(sys.argv) > 1 else Path(__file__).parent) / "portrait.png")
+    folder = Path(sys.argv[1]) if len(sys.argv) > 1 else Path(__file__).parent
+    portrait(folder / "portrait.png")
+    limits(folder / "limits.png")
