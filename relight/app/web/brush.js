@@ -16,7 +16,7 @@ export class Brush {
     this.look = look;
     this.strokes = [];
     this.sign = 1;
-    this.canvas = h("canvas", { class: "brush", hidden: true, "aria-hidden": "true" });
+    this.canvas = h("canvas", { class: "strokes", hidden: true, "aria-hidden": "true" });
     const on = (name, listener) => this.canvas.addEventListener(name, listener);
     on("pointerdown", (event) => this.down(event));
     on("pointermove", (event) => this.move(event));
@@ -35,14 +35,14 @@ export class Brush {
     this.said = h("output", {});
     this.tools = h(
       "span",
-      { class: "brush-tools", hidden: true },
+      { class: "painting-tools", hidden: true },
       ...this.signs,
       this.size,
       this.undone,
       this.done,
       this.said,
     );
-    this.element = h("div", { class: "brush-bar", role: "group", "aria-label": "Brush" }, this.toggle, this.tools);
+    this.element = h("div", { class: "painting", role: "group", "aria-label": "Brush" }, this.toggle, this.tools);
     this.latest = new Latest(
       PAUSE,
       (text) => this.solve(text),

@@ -68,7 +68,7 @@ def test_the_brush_moves_the_handles_and_can_be_undone(browser):
         browsing.wait(page, LIT, 240)
         begun = page.evaluate(f"{VIEWER}.state.lights")
         page.get_by_role("button", name="Paint the light").click()
-        box = page.locator("canvas.brush").bounding_box()
+        box = page.locator("canvas.strokes").bounding_box()
         x, y = box["x"] + 0.47 * box["width"], box["y"] + 0.35 * box["height"]
         for _ in range(2):
             page.mouse.move(x, y)
@@ -85,6 +85,6 @@ def test_the_brush_moves_the_handles_and_can_be_undone(browser):
         assert page.evaluate(f"{VIEWER}.state.lights") == begun
         assert page.evaluate(f"{BRUSH}.strokes.length") == 0
         page.get_by_role("button", name="Done").click()
-        assert page.locator("canvas.brush").is_hidden()
+        assert page.locator("canvas.strokes").is_hidden()
         assert not [line for line in page.complaints if "willReadFrequently" not in line]
         page.context.close()
