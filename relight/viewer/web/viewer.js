@@ -326,7 +326,7 @@ export class Viewer {
 
   async openDraft() {
     this.draft = await Draft.of(this);
-    this.say("This browser draws slowly: while you drag, the picture is coarser.");
+    if (!this.stage.message.textContent) this.say("This browser draws slowly: while you drag, the picture is coarser.");
   }
 
   /** Draws the picture smaller, and as it is once nothing has changed for a while. */
