@@ -44,7 +44,11 @@ export class Drop {
             "Try the example",
           ),
         ),
-        h("p", { class: "small" }, "JPEG, PNG, HEIC, raw, EXR or TIFF, up to 100 megapixels, or a movie: its first frame with a person is lit. Pasting works too."),
+        h(
+          "p",
+          { class: "small" },
+          "JPEG, PNG, HEIC, raw, EXR or TIFF, up to 100 megapixels, or a movie: its first frame with a person is lit. Pasting works too.",
+        ),
         this.input,
         this.finder.element,
         this.silhouette.element,
