@@ -7,7 +7,7 @@ import signal
 import socket
 import sys
 import threading
-from collections.abc import AsyncIterator, Callable
+from collections.abc import AsyncIterator, Callable, Generator
 from pathlib import Path
 from types import FrameType
 
@@ -52,6 +52,11 @@ class _Server(uvicorn.Server):
             os._exit(128 + sig)
         super().handle_exit(sig, frame)
 
+    @contextlib.contextmanager
+    def capture_signals(self) -> Generator[None, None, None]:
+        """Do nothing: `serve` captures them before there is an event loop, which an exception would break."""
+        yield
+
 
 def _end_by_exceptions() -> None:
     """Let SIGTERM, which uvicorn handles once it runs, end the program as an exception, so that files go."""
@@ -94,10 +99,9 @@ def serve(root: str | Path | None, port: int, opened: Callable[[str], None]) -> 
         signal.signal(hangup, lambda number, frame: setattr(server, "should_exit", True))
     try:
         listening.listen()  # so that requests wait until the server has started
-        opened(f"http://{HOST}:{port}/{token}/")
-        server.run(sockets=[listening])
-    except KeyboardInterrupt:
-        raise KeyboardInterrupt from None  # without the traces of what asyncio was cancelling meanwhile
+        with uvicorn.Server.capture_signals(server):
+            opened(f"http://{HOST}:{port}/{token}/")
+            server.run(sockets=[listening])
     finally:
         session.close()
         listening.close()
