@@ -136,7 +136,7 @@ def relit_over(
         return picture
     shadow = None if floor is None else partial_shadow(subject.shadows(lights, floor)[1], amount)
     if blur or background_light:
-        background = defocused(backdrop(background, subject.size), blur)
+        background = backdrop(background, subject.size, blur=blur)
         background = background * background_factor(subject, picture, background_light)
     return over(picture, background, shadow)
 

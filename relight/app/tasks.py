@@ -20,7 +20,6 @@ from relight.app import clip, compiling, drawing, painting
 from relight.app.drawing import MODEL, REDUCED
 from relight.app.pictures import png, reduced_size, resized
 from relight.compositing.composite import backdrop
-from relight.compositing.defocus import defocused
 from relight.compositing.floor import Floor
 from relight.errors import EmptyMatteError
 from relight.light_estimation import PlateLight
@@ -291,8 +290,7 @@ def still(name: str, mask: str | None, look: Mapping[str, Any], report: Report) 
         shadow = None
         if lighting.floor is not None:
             shadow = partial_shadow(subject.shadows(lights, lighting.floor)[1], lighting.amount)
-        back = defocused(backdrop(behind, subject.size), lighting.background_blur)
-        back = back if shadow is None else back * shadow
+        back = backdrop(behind, subject.size, shadow, lighting.background_blur)
         if lighting.background_light:
             back = back * background_factor(subject, picture, lighting.background_light)
         if back.max() > 1:  # light of a scene has one curve with the person

@@ -4,6 +4,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from relight.arguments import checks_arguments
+from relight.compositing.defocus import defocused
 from relight.compositing.placement import cover
 from relight.lights.environment import EnvironmentLight
 from relight.media.images import scene_linear
@@ -66,8 +67,13 @@ def behind(front: np.ndarray, background: Background, shadow: np.ndarray | None 
     return (1 - front[..., 3:]) * backdrop(background, front.shape[:2], shadow)
 
 
-def backdrop(background: Background, size: tuple[int, ...], shadow: np.ndarray | None = None) -> np.ndarray:
-    """Return a background as a frame of `size` (H, W) shows it, (H, W, 3) linear light; see `over`."""
+def backdrop(
+    background: Background, size: tuple[int, ...], shadow: np.ndarray | None = None, blur: float = 0.0
+) -> np.ndarray:
+    """Return a background as a frame of `size` (H, W) shows it, (H, W, 3) linear light; see `over`.
+
+    `blur`: a share of the height, see `defocused`; a shadow that falls on the background stays sharp.
+    """
     if isinstance(background, EnvironmentLight):
         back = background.view((size[0], size[1]))
     elif (colour := as_array("background", background)).ndim == 1:
@@ -80,4 +86,5 @@ def backdrop(background: Background, size: tuple[int, ...], shadow: np.ndarray |
         back = np.broadcast_to(back, (size[0], size[1], 3))
     else:
         back = cover(scene_linear("background", background)[..., :3], size)
+    back = defocused(back, blur)
     return back if shadow is None else back * shadow

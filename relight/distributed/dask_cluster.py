@@ -12,7 +12,6 @@ from typing import Any, cast
 
 from relight.arguments import checks_arguments
 from relight.distributed.shared_source import shared_source
-from relight.media import movies
 from relight.media.sequences import FrameRange, FrameSequence, GivenFrames
 from relight.pipeline.option_fields import Options, Report
 from relight.pipeline.options import (
@@ -26,7 +25,6 @@ from relight.pipeline.options import (
 )
 from relight.pipeline.render import render_shot
 from relight.pipeline.shot import Shot
-from relight.scene import nuke
 from relight.subject import weights
 from relight.version import __version__
 from shadow.installing import install_command
@@ -119,8 +117,7 @@ def render_distributed(
     with _client(scheduler, workers) as client:
         run = _Run(client, (source, lighting, in_chunks, compute), resume)
         problems = run.make(numbers.chunks(chunk or _chunk(len(numbers), client)), report)
-    finishes = any(movies.is_movie(path) or nuke.is_script(path) for path in output.paths)
-    if finishes or output.report is not None:
+    if output.needs_all_frames:
         missing = render_shot(
             source, lighting, output, compute=compute, frames=numbers, phase="finalize", progress=report
         )

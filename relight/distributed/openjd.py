@@ -20,12 +20,10 @@ import yaml
 from relight import quantities
 from relight.arguments import checks_arguments
 from relight.distributed.shared_source import shared_source
-from relight.media import movies
 from relight.media.sequences import FrameRange, FrameSequence, GivenFrames
 from relight.pipeline.option_fields import BACKGROUND, Options, file_options, to_json
 from relight.pipeline.options import Compute, GivenLighting, GivenOutput, Lighting, Output, Source
 from relight.pipeline.shot import Shot
-from relight.scene import nuke
 from relight.scene.lights import SUFFIXES as LIGHTS_SUFFIXES
 from relight.scene.lights import write_lights
 from shadow import files
@@ -138,12 +136,11 @@ def _add_steps(
     words = ["apply", analysis, *job.files(lighting)]
     for number, path in enumerate(output.paths):
         words += ["-o", job.path(f"Output{number or ''}", path, "OUT")]
-    reported, output = output.report, replace(output, report=None)
+    finishes, reported, output = output.needs_all_frames, output.report, replace(output, report=None)
     words += [*job.files(output, "paths"), *threads]
     options: dict[str, Options] = {"lighting": lighting, "output": output, "compute": compute}
     job.step("Light", [*words, "--phase", "frames", "--resume"], options)
-    finishes = any(movies.is_movie(path) or nuke.is_script(path) for path in output.paths)
-    if finishes or reported is not None:
+    if finishes:
         words += [] if reported is None else ["--report", job.path("Report", reported, "OUT")]
         words += ["--phase", "finalize", "--frames", "{{Param.Frames}}"]
         job.step("Finish", words, options, chunked=False)

@@ -14,6 +14,7 @@ import numpy as np
 
 from relight.arguments import meant, shown, unknown
 from relight.media.colour import colour_science, luminance, temperature
+from shadow.installing import install_command
 
 MOST_GELS = 8
 WARM = 4500.0  # kelvin below which illuminant A is nearer to a lamp than D65
@@ -175,7 +176,7 @@ def _filters() -> dict[str, Any]:
         from lighting_filters import LightingFilters
     except ModuleNotFoundError as error:
         raise ModuleNotFoundError(
-            "gels need lighting_filters: pip install 'relight[gels]'", name="lighting_filters"
+            f"gels need lighting_filters; install it with: {install_command('gels')}", name="lighting_filters"
         ) from error
     return {
         number: film

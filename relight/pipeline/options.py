@@ -532,6 +532,15 @@ class Output(Options):
         ),
     ] = None
 
+    @property
+    def needs_all_frames(self) -> bool:
+        """Whether there is a file that can only be written once all frames are there."""
+        from relight.media import movies  # which loads longer than `--help` may take
+        from relight.scene import nuke
+
+        whole = any(movies.is_movie(path) or nuke.is_script(path) for path in self.paths)
+        return whole or self.report is not None or self.plot is not None
+
 
 @dataclass(frozen=True)
 class Compute(Options):

@@ -5,7 +5,6 @@ from typing import get_args
 
 from relight.arguments import checks_arguments
 from relight.compositing.composite import backdrop
-from relight.compositing.defocus import defocused
 from relight.media import images
 from relight.media.content_hash import HASH_ATTRIBUTE, content_hash
 from relight.media.pixel_aspect import squeeze_pixels
@@ -249,12 +248,9 @@ class Relighting(Job[Problems]):
         )  # fmt: skip
         kept = self._delivery.keeps_plate
         behind = shot.behind(number, person, kept)
-        back = None if behind is None else backdrop(behind, size)
-        keeps_codes = shot.keeps_codes(kept) and not lighting.background_blur
-        if back is not None and lighting.background_blur:
-            back = defocused(back, lighting.background_blur)
-        if back is not None and rendering.shadow is not None:
-            back = back * rendering.shadow
+        blur = lighting.background_blur
+        back = None if behind is None else backdrop(behind, size, rendering.shadow, blur)
+        keeps_codes = shot.keeps_codes(kept) and not blur
         if back is not None and lighting.background_light:
             factor = background_factor(person, rendering.cut_out, lighting.background_light)
             back, keeps_codes = back * factor, False

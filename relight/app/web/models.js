@@ -74,7 +74,7 @@ export class ModelSheet {
             { class: "small" },
             "Or rembg downloads one of these from the internet, once. Size and licence are those of the model:",
           )
-        : h("p", { class: "small" }, "Install rembg (pip install 'relight[matte]') to download a model here."),
+        : h("p", { class: "small" }, "Install the extra matte of relight to download a model here."),
       h(
         "ul",
         { class: "files" },

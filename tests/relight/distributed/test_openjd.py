@@ -56,6 +56,22 @@ def options(template, step):
     return json.loads(embedded["data"])
 
 
+@pytest.mark.parametrize(
+    ("words", "steps"),
+    [
+        ([], ["Light"]),
+        (["--plot", "plot.svg"], ["Light", "Finish"]),
+        (["--report", "shot.json"], ["Light", "Finish"]),
+    ],
+)
+def test_what_is_of_all_frames_is_written_by_a_last_step(shot, words, steps):
+    assert run("job", *shot, *LIGHTS, "-o", "lit.%04d.exr", "-o", "job.json", *words).exit_code == 0
+    template = json.loads(Path("job.json").read_text())
+    assert [step["name"] for step in template["steps"]][1:] == steps
+    for word in words[:1]:
+        assert word in command(template, len(steps))
+
+
 def test_the_template_is_valid_and_says_all_of_the_shot(shot):
     template = written(
         *shot, *LIGHTS, "--frames", "1-5", "--chunk-size", 2, "--passes", "N", "--height", "1.6"
