@@ -6,12 +6,13 @@ Inputs and invariants are those of tests/helpers/fuzzing.py. Each input is made 
 on one thread. Unless one kind is asked for, the kinds take turns, and one input in 13 goes to the networks;
 with --cheap, none goes to them or to a browser. A child process tries the inputs, with no more than 8 GiB of
 memory. It writes each one to the journal before and after the try, so that the journal names the seed of a
-crash in native code or of a hang. An interrupted run is resumed. Several processes can share a range through
---first.
+crash in native code or of a hang: a minute of processor time, or ten minutes on the clock. An interrupted run
+is resumed. Several processes can share a range through --first.
 """
 
 import argparse
 import collections
+import contextlib
 import os
 import subprocess
 import sys
@@ -22,6 +23,7 @@ from pathlib import Path
 from random import Random
 
 import checkout  # noqa: F401 (puts the helpers on the path)
+import psutil
 
 CHEAP = (
     *("light text", "lights file", "damaged image", "ICC bytes", "Exif bytes", "container tags") * 2,
@@ -33,7 +35,8 @@ NETWORKS = 13  # one input in so many goes to the networks
 REQUESTS = 20  # one input in so many is a few requests to the app
 CRATES = 17  # one input in so many is a USD stage of binary layers
 MOVIES = 11  # one input in so many is a movie
-HANG = 60  # seconds without a word
+HANG = 60  # seconds of processor time without a word: on a busy machine, many on the clock
+WAIT = 600  # seconds on the clock without a word, of what waits and does nothing
 MEMORY = 8 << 30  # bytes of address space, libraries included
 STARTED = "started"
 
@@ -116,14 +119,29 @@ def watch(inputs, journal):
 
 def _wait(process, journal):
     """The exit status of a child, or "hang": it is killed when the journal stands still."""
+    written = spent = None
     while True:
         try:
             return process.wait(timeout=5)
         except subprocess.TimeoutExpired:
-            if journal.exists() and time.time() - journal.stat().st_mtime > HANG:
+            if written != (written := journal.stat().st_mtime):
+                spent = _processor_time(process.pid)
+            if _processor_time(process.pid) - spent > HANG or time.time() - written > WAIT:
                 process.kill()
                 process.wait()
                 return "hang"
+
+
+def _processor_time(pid):
+    """The seconds for which a process and its children have computed."""
+    total = 0
+    with contextlib.suppress(psutil.NoSuchProcess):  # one that has just ended
+        parent = psutil.Process(pid)
+        total = parent.cpu_times().children_user + parent.cpu_times().children_system
+        for each in (parent, *parent.children(recursive=True)):
+            times = each.cpu_times()
+            total += times.user + times.system
+    return total
 
 
 def report(found):

@@ -17,6 +17,7 @@ from relight.matting.people.finder import FoundPerson
 from relight.matting.people.region import Circle
 from relight.matting.people.track import REACH, KeptTrack, Track
 from relight.media import optical_flow
+from relight.media.optical_flow import Motion
 from relight.media.option_texts import split_file_and_settings
 from relight.media.scenes import is_cut, reduced
 from shadow.files import AnyPath
@@ -61,6 +62,33 @@ class MattingOptions:
         return cls(path or None, dict(map(_option, words)), person, kept, refine, is_rough)
 
 
+@dataclass(frozen=True)
+class _InferredFrame:
+    """A frame (H, W, 3), encoded in [0, 1], and the matte (H, W) that the network infers from it alone."""
+
+    seen: np.ndarray
+    matte: np.ndarray
+
+    @functools.cached_property
+    def scene(self) -> np.ndarray:
+        """A copy on which scenes are compared."""
+        return reduced(self.seen)
+
+    @functools.cached_property
+    def small(self) -> torch.Tensor:
+        """A copy (3, h, w) in which the motion is found."""
+        size = self.seen.shape[:2]
+        shrink = max(1.0, max(size) / MOTION_SIDE)
+        return F.interpolate(
+            self.planes[None], [max(1, round(length / shrink)) for length in size], mode="area"
+        )[0]
+
+    @property
+    def planes(self) -> torch.Tensor:
+        """The frame as planes (3, H, W)."""
+        return torch.from_numpy(np.moveaxis(self.seen, 2, 0))
+
+
 class SequenceMatting:
     """Infers or refines the mattes of a shot.
 
@@ -73,7 +101,8 @@ class SequenceMatting:
         self._options, self._read, self._numbers = options, read, numbers
         if options.model != networks.AUTO:  # which is loaded for the first frame without a matte of its own
             _ = self._model
-        self._found: dict[int, tuple[np.ndarray, np.ndarray]] = {}
+        self._found: dict[int, _InferredFrame] = {}
+        self._motions: dict[tuple[int, int], Motion] = {}  # between small copies of two frames
 
     @functools.cached_property
     def _model(self) -> networks.MattingModel | None:
@@ -181,6 +210,7 @@ class SequenceMatting:
         assert self._model is not None
         near = [number, *([] if self._model.recurrent else self.frames_for(number))]
         self._found = {n: found for n, found in self._found.items() if abs(n - number) <= 2}
+        self._motions = {pair: way for pair, way in self._motions.items() if number in pair}
         for n in near:
             if n not in self._found:
                 try:
@@ -188,15 +218,23 @@ class SequenceMatting:
                 except (OSError, ValueError):  # that frame is reported when it is its turn
                     if n == number:
                         raise
-        seen, found = self._found[number]
-        total, weights = found.copy(), np.ones_like(found)
+        found = self._found[number]
+        total, weights = found.matte.copy(), np.ones_like(found.matte)
         for n in near[1:]:
-            if n not in self._found or is_cut(reduced(seen), reduced(self._found[n][0])):
+            other = self._found.get(n)
+            if other is None or is_cut(found.scene, other.scene) or other.seen.shape != found.seen.shape:
                 continue
-            if self._found[n][0].shape == seen.shape and self._shows_the_same(n, number):
-                weight, theirs = _moved(seen, *self._found[n])
+            if self._shows_the_same(n, number):
+                weight, theirs = _moved(found, other, self._motion(number, n))
                 total, weights = total + weight * theirs, weights + weight
         return total / weights
+
+    def _motion(self, number: int, other: int) -> Motion:
+        """Return the motion from a frame to one beside it; that back is kept for the other's turn."""
+        if (number, other) not in self._motions:
+            pair = optical_flow.both_motions(self._found[number].small, self._found[other].small)
+            self._motions[number, other], self._motions[other, number] = pair
+        return self._motions[number, other]
 
     def _shows_the_same(self, number: int, other: int) -> bool:
         """Return whether two neighbouring frames show the same person at about the same place, or nobody."""
@@ -207,8 +245,7 @@ class SequenceMatting:
             return here is there
         return here.distance(there) <= REACH
 
-    def _inferred(self, number: int) -> tuple[np.ndarray, np.ndarray]:
-        """Return a frame, sRGB-encoded, and the matte that the network infers from it alone."""
+    def _inferred(self, number: int) -> _InferredFrame:
         assert self._model is not None
         if self._model.recurrent and number - 1 not in self._found:
             self._model.reset()
@@ -219,27 +256,21 @@ class SequenceMatting:
         if self._track is None or not isinstance(self._model, FoundPerson):
             matte = self._model(seen)
         elif (circle := self._track.at(number)) is None:
-            return seen, np.zeros(seen.shape[:2], np.float32)
+            return _InferredFrame(seen, np.zeros(seen.shape[:2], np.float32))
         else:
             people = self._track.seen(number).people if isinstance(self._track, Track) else None
             matte = self._model.matte(seen, circle, people)
-        return seen, networks.reject_full_matte(matte, self._options.model or "")
+        return _InferredFrame(seen, networks.reject_full_matte(matte, self._options.model or ""))
 
 
-def _moved(seen: np.ndarray, other: np.ndarray, matte: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+def _moved(frame: _InferredFrame, other: _InferredFrame, motion: Motion) -> tuple[np.ndarray, np.ndarray]:
     """Return the weight (H, W) of another frame in this one, and its matte (H, W), moved along the motion.
 
-    Both frames are (H, W, 3), encoded in [0, 1].
+    `motion` is that between their small copies.
     """
-    here, there = (torch.from_numpy(np.moveaxis(image, 2, 0)) for image in (seen, other))
-    size = seen.shape[:2]
-    shrink = max(1.0, max(size) / MOTION_SIDE)
-    small = [max(1, round(length / shrink)) for length in size]
-    way = optical_flow.motion(
-        *(F.interpolate(image[None], small, mode="area")[0] for image in (here, there))
-    ).resized(size)
-    *moved, theirs = way.moved(torch.cat([there, torch.from_numpy(matte)[None]]))
-    squared = ((torch.stack(moved) - here) ** 2).mean(dim=0)
+    way = motion.resized(frame.seen.shape[:2])
+    *moved, theirs = way.moved(torch.cat([other.planes, torch.from_numpy(other.matte)[None]]))
+    squared = ((torch.stack(moved) - frame.planes) ** 2).mean(dim=0)
     weight = way.certainty[0] * torch.exp(-squared / (2 * COLOUR_SIGMA**2))
     return weight.numpy(), theirs.numpy()
 

@@ -66,8 +66,18 @@ def motion(first: torch.Tensor, second: torch.Tensor) -> Motion:
     Certainty falls where the motion to the second picture and back misses the pixel that it began at: there
     one of the pictures shows what the other hides.
     """
+    return both_motions(first, second)[0]
+
+
+def both_motions(first: torch.Tensor, second: torch.Tensor) -> tuple[Motion, Motion]:
+    """Return the motions from the first picture to the second and back, see `motion`."""
     there, back = _flow(first, second), _flow(second, first)
-    positions = _centres(first.shape[1:]) + there
+    return _checked(there, back), _checked(back, there)
+
+
+def _checked(there: torch.Tensor, back: torch.Tensor) -> Motion:
+    """Return the motion of a flow (2, h, w), less certain where the flow back does not return."""
+    positions = _centres(there.shape[1:]) + there
     missed = there + Motion(positions, torch.empty(0)).moved(back)
     certainty = torch.exp(-(missed**2).sum(dim=0, keepdim=True) / (2 * RETURN_SIGMA**2))
     return Motion(positions, certainty)

@@ -11,6 +11,7 @@ import relight
 from relight import Source
 from relight.analysis.foreground import Foreground
 from relight.cli.commands import app
+from relight.media import optical_flow
 from relight.media.sequences import Still
 from relight.pipeline.frame import FrameReader
 from relight.pipeline.readers import ReadLog
@@ -74,6 +75,20 @@ def test_the_matte_of_somebody_who_moves_is_steady_too(tmp_path, model):
     assert change[0] < 0.6 * change[1]
     flicker = found[2].mean() / filtered[2].mean()  # of the brightness, which is no error of the texture
     assert np.abs(flicker * filtered[2] - found[2]).mean() < 0.02
+
+
+def test_the_flow_of_a_pair_of_frames_is_computed_once_and_a_frame_entered_alone_is_the_same(
+    tmp_path, model, monkeypatch
+):
+    for number in range(1, 6):
+        relight.write(tmp_path / f"p.{number}.exr", frame(4 + 3 * number))
+    alone = inputs_of(tmp_path / "p.%d.exr", f"{model},{OPTIONS}").frame(3).matte
+    flow, flows = optical_flow._flow, []
+    monkeypatch.setattr(optical_flow, "_flow", lambda *pair: flows.append(pair) or flow(*pair))
+    shot = inputs_of(tmp_path / "p.%d.exr", f"{model},{OPTIONS}")
+    mattes = [shot.frame(number).matte for number in range(1, 6)]
+    assert len(flows) == 2 * 4  # there and back
+    np.testing.assert_array_equal(mattes[2], alone)
 
 
 def test_no_old_background_is_left_at_soft_edges(model):
