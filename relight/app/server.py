@@ -74,6 +74,8 @@ class Server:
             Route(f"{one}/still", refusing(partial(self.lit, "still")), methods=["POST"]),
             Route(f"{one}/paint", refusing(self.paint), methods=["POST"]),
             Route(f"{one}/floor", refusing(partial(self.lit, "floor_shadow")), methods=["POST"]),
+            Route(f"{one}/confidence", refusing(self.confidence), methods=["POST"]),
+            Route(f"{one}/plot", refusing(self.plot), methods=["POST"]),
             Route(f"{one}/save", refusing(self.save), methods=["POST"]),
             Route(f"{one}/files/{{name}}", refusing(self.download)),
             Route("/environments", refusing(partial(self.surroundings, "environment")), methods=["POST"]),
@@ -287,6 +289,20 @@ class Server:
             "name": photograph.name, "mask": photograph.mask, "look": look, "strokes": asked.get("strokes"),
         }  # fmt: skip
         return JSONResponse(await self.worker.run("paint", photograph.folder, arguments, brief=True))
+
+    async def confidence(self, request: Request) -> Response:
+        """Answer with a grey PNG: how sure the shadows of a light are, or those of all directions."""
+        photograph, asked = self._analysed(request), await json_of(request)
+        arguments = {"name": photograph.name, "mask": photograph.mask, "light": asked.get("light")}
+        return await picture(request, self.worker.run("confidence", photograph.folder, arguments, brief=True))
+
+    async def plot(self, request: Request) -> Response:
+        """Answer with the lighting plot of the lights that the page asks for, an SVG."""
+        photograph = self._analysed(request)
+        look = self._look(await json_of(request), photograph)
+        arguments = {"name": photograph.name, "mask": photograph.mask, "look": look}
+        answer = await self.worker.run("plot", photograph.folder, arguments, brief=True)
+        return _file_answer(photograph.folder / answer["file"])
 
     # --- files
 

@@ -39,6 +39,7 @@ from relight.media.sequences import Still
 from relight.pipeline.options import Lighting, Output, Source
 from relight.quantities import NONE
 from relight.rendering import background_factor, partial_shadow
+from relight.scene.plot import plot_of
 from relight.subject import Subject
 from relight.viewer.initial_state import fill_lamps, scene_of
 from relight.viewer.packing import pack
@@ -50,6 +51,7 @@ BACKGROUND_SIDE = 2048  # pixels, the longer side of a background on the page, a
 KEPT = 2  # subjects that are kept in memory, for stills
 KEPT_PIXELS = 4_000_000  # of a photograph that was saved, whose subject is kept for the next file, at most
 ORIGINAL = "original"  # as a background: the photograph itself
+PLOT = "plot.svg"  # beside the previews
 MATTE, PACK = "matte.npy", "pack.bin"
 LOADED, EDGE = "loaded.npy", "edge.json"  # a matte from a file, in full; what is done to the accepted matte
 SIDE = "side.txt"  # the photograph's longer side, in pixels
@@ -315,6 +317,18 @@ def paint(
     lights, gloss = as_lights(lighting.rig().lights), lighting.effective_gloss
     began = json.dumps([look.get("lights"), look.get("environment"), gloss])
     return painting.painted(began, subject, lights, strokes, gloss)
+
+
+def confidence(name: str, mask: str | None, light: str | None, report: Report) -> dict[str, Any]:
+    """Return how sure the shadows of a light are, or those of all directions, as a grey PNG."""
+    of = None if light is None else as_lights(_lighting({"lights": [light]}).rig().lights)[0]
+    return {"png": png(_subject(name, mask, report).confidence(of))}
+
+
+def plot(name: str, mask: str | None, look: Mapping[str, Any], report: Report) -> dict[str, Any]:
+    """Draw the lighting plot of the lights, as `relight apply --plot` does."""
+    subject, lights = _subject(name, mask, report), as_lights(_lighting(look).rig().lights)
+    return {"file": str(plot_of(Path(PREVIEWS, PLOT), lights, subject.camera, name))}
 
 
 def _subject(name: str, mask: str | None, report: Report) -> Subject:

@@ -32,7 +32,7 @@ VALUES: list[Any] = [
 
 OF_ONE = (
     *("", "/outline", "/model", "/matte", "/analyse", "/still", "/save", "/back", "/files/x", "/preview"),
-    *("/paint", "/scene", "/pack", "/person"),
+    *("/paint", "/confidence", "/plot", "/scene", "/pack", "/person"),
 )  # fmt: skip
 OTHERS = (
     *("photographs", "root", "environments", "backgrounds", "models", "session", "web/page.css"),
@@ -49,8 +49,10 @@ class InProcess:
         if task in UNASKED:
             raise worker.Refused("is not asked here")
         before, place, given = os.getcwd(), tasks, dict(arguments)
-        if task in ("still", "save", "paint"):  # no picture is made, but its light is read
+        if task in ("still", "save", "paint", "plot"):  # no picture is made, but its light is read
             place, task, given = _Looks, "lighting", {"look": given["look"]}
+        elif task == "confidence":
+            place, task, given = _Looks, "lighting", {"look": {"lights": [given["light"]]}}
         try:
             kind, value = worker._answer(place, task, str(folder), given, _Wire())
         finally:
@@ -68,7 +70,7 @@ class _Looks:
         """Read the lights, the background and the exposure of a look."""
         lighting, _ = tasks._lighting(look), tasks._exposure(look)
         lighting.rig()
-        return {"png": b"", "output": ""}
+        return {"png": b"", "output": "", "file": ""}
 
 
 class _Wire:

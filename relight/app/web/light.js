@@ -17,7 +17,9 @@ import {
   short,
 } from "../viewer.js";
 import { Brush } from "./brush.js";
+import { Confidence } from "./confidence.js";
 import { FloorShadow } from "./floor.js";
+import { Plot } from "./plot.js";
 import { presetsOf, withPreset } from "./presets.js";
 import { ask, askJson } from "./requests.js";
 import { StillEngine } from "./still.js";
@@ -34,7 +36,11 @@ export class Light {
     this.presets.addEventListener("keydown", (event) => keyDown(this.viewer, event)); // as on the picture
     this.presets.addEventListener("keyup", (event) => keyUp(this.viewer, event));
     this.brush = new Brush(app, (viewer) => this.look(viewer));
-    const parts = [this.place, this.brush.element, this.presets];
+    this.confidence = new Confidence((error) => app.fail(error));
+    this.plot = new Plot(app, () => this.look());
+    const aids = h("div", { class: "aids" });
+    aids.append(this.brush.element, this.confidence.element, this.plot.element);
+    const parts = [this.place, aids, this.presets];
     this.element = h("section", { class: "light", "aria-label": "Light" }, ...parts);
   }
 
@@ -96,6 +102,7 @@ export class Light {
         (error) => this.app.fail(error),
       );
     this.restoreRig(photograph);
+    this.confidence.attach(this.viewer, photograph);
     this.brush.attach(this.viewer, photograph);
     this.photograph = photograph;
     this.stale = false;
