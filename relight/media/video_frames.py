@@ -143,6 +143,14 @@ def read_orientation(frame: av.VideoFrame) -> int:
     return ORIENTATIONS[signs]
 
 
+def has_mastering_metadata(frame: av.VideoFrame) -> bool:
+    """Return whether a frame has the metadata of HDR10: the mastering display, or light levels."""
+    return any(
+        frame.side_data.get(kind) is not None  # type: ignore[call-overload]
+        for kind in (Type.MASTERING_DISPLAY_METADATA, Type.CONTENT_LIGHT_LEVEL)
+    )
+
+
 def _is_full_range(frame: av.VideoFrame, codec: str) -> bool:
     """Return whether black is code 0 and white the highest code."""
     name = frame.format.name

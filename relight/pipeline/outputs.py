@@ -72,11 +72,11 @@ def form_of(output: Output) -> movies.Form:
 
 
 def check_form(output: Output, size: Callable[[], Sequence[int]], source: object) -> None:
-    """Check the form of the movies, and what becomes of HLG and PQ.
+    """Check the form of the movies, and what becomes of HLG, PQ and the metadata of HDR10.
 
     `size`: returns the size (H, W) of the pictures; it is called for movies alone, since it reads a picture.
     `source`: the reader of the plates. Raises ValueError for a form that cannot be. Warns of light that is
-    converted to BT.709.
+    converted to BT.709, and of metadata that describes the old light.
     """
     shown = [path for path in output.paths if movies.is_movie(path)]
     for path in shown:
@@ -87,7 +87,15 @@ def check_form(output: Output, size: Callable[[], Sequence[int]], source: object
     if output.hdr is not None and (output.view is not None or output.white is not None):
         option = "view" if output.view is not None else "white"
         raise ValueError(f"{option}: expected none with hdr, whose light is not compressed")
-    if not isinstance(source, movies.Movie) or output.hdr is not None or not shows_backgrounds(output):
+    if not isinstance(source, movies.Movie):
+        return
+    if output.hdr is not None and source.has_mastering_metadata():
+        warnings.warn(
+            f"{source.path}: its HDR10 metadata (mastering display, light levels) is not passed on, as it is "
+            "that of the old light; have it measured again where the movie is mastered",
+            stacklevel=2,
+        )
+    if output.hdr is not None or not shows_backgrounds(output):
         return
     if (name := source.hdr_name()) is not None:
         warnings.warn(

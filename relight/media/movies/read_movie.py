@@ -26,7 +26,7 @@ from relight.media.movies.streams import (
 )
 from relight.media.pixel_aspect import SIDEWAYS, SQUARED, is_square, square_pixels, upright
 from relight.media.regular_file import naming
-from relight.media.video_frames import read_codes, read_orientation
+from relight.media.video_frames import has_mastering_metadata, read_codes, read_orientation
 from shadow.files import AnyPath
 
 RATE = 24  # frames a second, where nothing states another
@@ -154,6 +154,12 @@ class Movie:
         self._codes(self.numbers[0])
         assert self._frame is not None
         return HDR_NAMES.get(int(self._frame.color_trc))
+
+    def has_mastering_metadata(self) -> bool:
+        """Return whether the first frame has the metadata of HDR10. Raises as `read`."""
+        self._codes(self.numbers[0])
+        assert self._frame is not None
+        return has_mastering_metadata(self._frame)
 
     def upright_aspect(self) -> float:
         """Return how many times as wide as high the pixels are once a frame stands upright.

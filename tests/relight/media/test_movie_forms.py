@@ -81,6 +81,37 @@ def test_conversion_to_bt709_is_said(clip, stub, tmp_path):
     assert Movie(tmp_path / "r.mp4").hdr_name() is None
 
 
+def hdr10(path):
+    """Write a grey movie in PQ, with the metadata of HDR10: the mastering display and light levels."""
+    display = "G(13250,34500)B(7500,3000)R(34000,16000)WP(15635,16450)L(10000000,1)"
+    with av.open(str(path), "w") as file:
+        stream = file.add_stream("libx265", 24)
+        stream.width, stream.height, stream.pix_fmt = 260, 120, "yuv420p10le"
+        context = stream.codec_context
+        context.color_primaries, context.colorspace, context.color_trc = *BT2020, ColorTrc.SMPTE2084
+        context.options = {"x265-params": f"log-level=none:master-display={display}:max-cll=1000,400:hdr10=1"}
+        frame = av.VideoFrame.from_ndarray(np.full((120, 260, 3), 30000, np.uint16), format="rgb48le")
+        for packet in [*stream.encode(frame.reformat(format="yuv420p10le")), *stream.encode()]:
+            file.mux(packet)
+
+
+@pytest.mark.parametrize("suffix", [".mp4", ".mov", ".mkv"])
+def test_the_metadata_of_hdr10_is_said_to_be_lost(clip, stub, tmp_path, suffix):
+    source, (_, matte) = tmp_path / f"pq{suffix}", clip
+    hdr10(source)
+    assert Movie(source).hdr_name() == "PQ"
+    with pytest.warns(UserWarning, match=rf"pq\{suffix}: its HDR10 metadata .* is not passed on") as said:
+        stub.render(source, STILL, tmp_path / "r.mp4", mask=matte, hdr="pq")
+    assert len(said) == 1
+    assert not Movie(tmp_path / "r.mp4").has_mastering_metadata()
+
+
+def test_a_movie_without_that_metadata_has_no_warning_of_it(clip, stub, tmp_path, recwarn):
+    source, matte = clip
+    stub.render(source, STILL, tmp_path / "r.mp4", mask=matte, hdr="hlg")
+    assert not [each for each in recwarn if "HDR10" in str(each.message)]
+
+
 def test_resume_makes_frames_of_another_form_again(clip, stub, tmp_path):
     source, matte = clip
     for hdr in ("hlg", "pq"):
