@@ -1,22 +1,26 @@
 """Measure whether the memory of a process grows with the frames of a shot.
 
-    OMP_NUM_THREADS=1 python benchmarks/memory.py [FRAMES] [--found]
+    OMP_NUM_THREADS=1 python benchmarks/memory.py [FRAMES] [--found] [--rows 128]
 
 The bundled person drifts over a grey wall in frames of 320 x 240, is filtered in time and relit by one
-light, to PNG. Prints the resident memory of the process after frames 10, 20, 40... and after the last one.
-`--found`: without a matte, so that the person is found, followed and cut out as well (the networks of
+light, to PNG. Prints the resident memory of the process after frames 10, 50, 100, 200, 400... and after the
+last one. `--rows`: of the networks' canvas, as what is kept of a frame does not depend on the time that they
+take. `--found`: without a matte, so that the person is found, followed and cut out as well (the networks of
 `relight fetch`). FRAMES: 300 unless given, a second each, or three.
 
-A good result: the last figure is that of frame 40 but for some MiB.
+A good result: the last figure is that of frame 50 but for some MiB.
 """
 
 import argparse
 import tempfile
 from pathlib import Path
 
+import checkout  # noqa: F401 (puts the helpers on the path)
 import numpy as np
+from helpers.damage import small_canvas
 
 import relight
+from shadow import analysis
 
 PERSON = Path(__file__).parents[1] / "examples" / "person.png"
 SIZE = (240, 320)
@@ -50,12 +54,13 @@ def main():
     )
     parser.add_argument("frames", type=int, nargs="?", default=300)
     parser.add_argument("--found", action="store_true")
+    parser.add_argument("--rows", type=int, default=analysis.load().size, help="a multiple of 128")
     given = parser.parse_args()
-    with tempfile.TemporaryDirectory() as top:
+    with tempfile.TemporaryDirectory() as top, small_canvas(given.rows):
         folder = Path(top)
         write_shot(folder, given.frames)
         source = relight.Source(folder / "p.%d.png", mask=None if given.found else folder / "m.%d.png")
-        shown = {10 * 2**power for power in range(10)} | {given.frames}
+        shown = {10, *(50 * 2**power for power in range(10)), given.frames}
 
         def report(done, total, step):
             if step == "Relighting" and done in shown:
