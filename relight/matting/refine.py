@@ -201,7 +201,7 @@ def upsampled(seen: np.ndarray, alpha: np.ndarray, fine: np.ndarray) -> np.ndarr
     slope = np.linalg.solve(spread + epsilon * np.eye(3, dtype=np.float32), along[..., None])[..., 0]
     model = np.concatenate([mean(slope), mean(level - (slope * centre).sum(-1))[..., None]], axis=-1)
     model = resize(model.astype(np.float32), fine.shape[:2], "triangle")
-    return ((model[..., :3] * fine).sum(-1) + model[..., 3]).clip(0, 1)
+    return (np.einsum("hwc,hwc->hw", model[..., :3], fine) + model[..., 3]).clip(0, 1)
 
 
 def distance_inside(region: np.ndarray) -> np.ndarray:

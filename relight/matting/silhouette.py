@@ -29,6 +29,7 @@ from shadow.networks import precision
 
 SIDE = 1024  # pixels of the network's square input
 MARGIN = 0.25  # of the longer side of the mask's box: how far the crop reaches beyond it, and grows
+WHOLE = 0.75  # of the picture's area, from which a crop is the picture: it could only grow a little
 CROPS = 3  # that the network sees, at most, until nothing that is kept reaches the crop's border
 CONNECTED = 0.15  # coverage from which pixels that touch are one part
 DISPUTED = 0.05  # of the person, that one network shows and the other one does not: from there more views
@@ -96,8 +97,7 @@ def person_matte(
     top, left, bottom, right = choice.box()
     step = round(MARGIN * max(bottom - top, right - left))
     grow = np.array([-step, -step, step, step])
-    limits = np.array([0, 0, 0, 0]), np.array(encoded.shape[:2] * 2)
-    box = np.clip((top, left, bottom, right) + grow, *limits)
+    box = _within((top, left, bottom, right) + grow, encoded.shape)
     for number in range(CROPS):
         crop = encoded[box[0] : box[2], box[1] : box[3]]
         seen, shrink = _copy(crop)
@@ -109,12 +109,19 @@ def person_matte(
         if number == 0 and disputed > DISPUTED and with_more_views is not None:
             choice = with_more_views(choice)
             alpha, _ = _theirs(found, seen, *choice.masks(*place, seen.shape[:2]), choice.landmarks(*place))
-        wider = np.clip(box + grow * _touched(alpha), *limits)
+        wider = _within(box + grow * _touched(alpha), encoded.shape)
         if number == CROPS - 1 or (wider == box).all():
             break
         box = wider
     matte[box[0] : box[2], box[1] : box[3]] = _at_full_size(alpha, seen, crop)
     return matte
+
+
+def _within(box: np.ndarray, shape: tuple[int, ...]) -> np.ndarray:
+    """Return what a picture (H, W, ...) has of a box (top, left, bottom, right); all if it is most."""
+    whole = np.array([0, 0, *shape[:2]])
+    box = np.clip(box, [0, 0, 0, 0], [*shape[:2], *shape[:2]])
+    return whole if np.prod(box[2:] - box[:2]) > WHOLE * np.prod(shape[:2]) else box
 
 
 def rough_matte(encoded: np.ndarray, choice: Choice) -> np.ndarray:

@@ -180,6 +180,17 @@ def test_the_crop_grows_until_nothing_reaches_its_border():
     assert len(looks) > 1
 
 
+def test_who_fills_most_of_a_picture_is_looked_for_in_all_of_it_at_once():
+    size = (240, 220)
+    body, pole = ellipse((110, 120), (40, 105), size), np.zeros(size, bool)
+    pole[118:123, 110:215] = True
+    picture, network, looks = network_of(body | pole)
+    person = somebody(110, 120, (40, 105), hand=(148, 120))
+    found = silhouette.person_matte(picture, Choice((person,), 0, size), network)
+    np.testing.assert_array_equal(found > 0.5, body | pole)
+    assert looks == [(*size, 3)]
+
+
 def test_a_crop_that_would_have_to_grow_further_is_still_in_its_place():
     size = (60, 1200)
     body = ellipse((10, 30), (10, 22), size)

@@ -1,11 +1,24 @@
-"""Filling what is unknown of an image."""
+"""Resampling, and filling what is unknown of an image."""
 
 import numpy as np
 import OpenImageIO as oiio
 import pytest
 
 from relight.media.buffers import to_array, to_buffer
-from relight.media.resampling import fill_unknown
+from relight.media.resampling import fill_unknown, resize
+
+
+@pytest.mark.parametrize("size", [(17, 90), (128, 96), (3, 1), (40, 31)])
+@pytest.mark.parametrize("channels", [(), (1,), (5,)])
+def test_the_triangle_filter_agrees_with_openimageios(size, channels):
+    image = np.random.default_rng(1).uniform(-1, 2, (40, 30, *channels)).astype(np.float32)
+    region = oiio.ROI(0, size[1], 0, size[0], 0, 1, 0, int(np.prod(channels)))
+    pixels = to_buffer(image.reshape(40, 30, -1))
+    expected = to_array(oiio.ImageBufAlgo.resize(pixels, "triangle", roi=region))
+    resized = resize(image, size, "triangle")
+    assert resized.dtype == np.float32
+    assert resized.shape == (*size, *channels)
+    np.testing.assert_allclose(resized, expected.reshape(resized.shape), atol=2e-5)
 
 
 @pytest.mark.parametrize("size", [(63, 47), (64, 48), (1, 9), (130, 129)])
