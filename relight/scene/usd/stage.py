@@ -41,21 +41,19 @@ def open_stage(path: AnyPath, *, allow_external: bool = False) -> Any:
     layers that include themselves and other errors of composition.
     """
     usd()
-    from pxr import Sdf, Tf, Usd
+    from pxr import Tf, Usd
 
     path = check_regular_file(path)
     _check_binary(path)
     try:
-        layer = Sdf.Layer.FindOrOpen(str(path.resolve()))
-        if layer is not None:
-            layer.Reload()  # somebody may have opened it before it changed
+        layer = _opened(str(path.resolve()))
     except Tf.ErrorException as error:
         raise ValueError(f"{path}: is not a USD stage: {first_line(error)}") from error
     if layer is None:
         raise ValueError(f"{path}: is not a USD stage")
     folder = path.resolve().parent
-    _check_layers(path, layer, folder, allow_external)
     try:
+        _check_layers(path, layer, folder, allow_external)
         stage = Usd.Stage.Open(layer)
     except Tf.ErrorException as error:
         raise ValueError(f"{path}: cannot be composed: {first_line(error)}") from error
@@ -63,6 +61,16 @@ def open_stage(path: AnyPath, *, allow_external: bool = False) -> Any:
     if errors:
         raise ValueError(f"{path}: cannot be composed: {first_line(errors[0])}")
     return stage
+
+
+def _opened(file: str) -> Any:
+    """Return the layer of a file, None for no USD file; raises Tf.ErrorException if it cannot be read."""
+    from pxr import Sdf
+
+    layer = Sdf.Layer.FindOrOpen(file)
+    if layer is not None:
+        layer.Reload()  # somebody may have opened it before it changed
+    return layer
 
 
 def _check_binary(path: Path, asset: str | None = None) -> None:
@@ -122,7 +130,6 @@ def check_inside(path: AnyPath, found: str, what: str) -> None:
 
 def _check_layers(path: Path, layer: Any, folder: Path, allow_external: bool) -> None:
     """Follow what a layer draws in; errors for missing and external files, and for layers in a circle."""
-    from pxr import Sdf
 
     done: set[str] = set()
 
@@ -145,7 +152,7 @@ def _check_layers(path: Path, layer: Any, folder: Path, allow_external: bool) ->
             if not allow_external:
                 check_inside(path, resolved, asset)
             _check_binary(path, resolved)
-            below = Sdf.Layer.FindOrOpen(resolved)
+            below = _opened(resolved)
             if below is None:
                 raise FileNotFoundError(f"{path}: draws in {asset}, which is missing or no USD file")
             follow(below, (*above, layer.identifier))

@@ -66,6 +66,27 @@ def test_a_stage_that_takes_too_much_memory_is_refused_within_bounds(tmp_path, m
         read_lights(tmp_path / "set.usdc", subject_at=(0, 0, 0))
 
 
+@pytest.mark.parametrize("name", ["set.usdc", "set.usda"])
+def test_what_usd_raises_after_another_process_could_read_the_file_is_one_line(tmp_path, monkeypatch, name):
+    """USD reads memory beyond a damaged layer, so that two processes do not see the same."""
+    monkeypatch.setattr(scene_stage, "_problem", lambda path, version: "")
+    (tmp_path / "set.usda").write_text("#usda 1.0\n(\n    subLayers = [@./set.usdc@]\n)\n")
+    whole = crate(tmp_path / "whole.usdc")
+    (tmp_path / "set.usdc").write_bytes(whole[: len(whole) // 2])
+    with pytest.raises(ValueError, match=rf"^{tmp_path / name}: [^\n]*$"):
+        read_lights(tmp_path / name, subject_at=(0, 0, 0))
+
+
+def test_a_layer_that_is_drawn_in_is_read_again_after_it_changed(tmp_path):
+    lamp = '#usda 1.0\ndef SphereLight "{}"\n{{\n}}\n'
+    (tmp_path / "set.usda").write_text("#usda 1.0\n(\n    subLayers = [@./lamps.usda@]\n)\n")
+    (tmp_path / "lamps.usda").write_text(lamp.format("key"))
+    held = Sdf.Layer.FindOrOpen(str(tmp_path / "lamps.usda"))  # as by another stage that is open
+    (tmp_path / "lamps.usda").write_text(lamp.format("other"))
+    assert [light.name for light in read_lights(tmp_path / "set.usda", subject_at=(0, 0, 0))] == ["other"]
+    assert held.GetPrimAtPath("/other")
+
+
 @pytest.mark.parametrize("suffix", ["usda", "usdc", "usdz"])
 def test_a_full_disk_is_an_error_of_the_file(tmp_path, suffix):
     """By a limit of the size of files, in a process of its own."""
