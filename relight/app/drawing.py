@@ -3,6 +3,7 @@
 import functools
 import json
 import os
+import re
 from collections.abc import Mapping
 from typing import Any
 
@@ -14,12 +15,18 @@ from relight.matting.refine import encoded_srgb
 REDUCED, MODEL = "reduced.npy", "model.npy"  # the copy, and the matte that a network found on it
 FILE = "file"  # in place of a model: the matte is that of a file
 FOUND, SOLVED = "found", "solved"  # other kinds of edges than that of a file, see `edge_kind`
+PERSON = re.compile(r"person-\d{1,3}|everyone")  # a matte of who was found, which has a file of its own
 EDGE_SIDE = 0.05  # of the picture's longer side, that an edge may be shifted or blurred by, at most
 
 
 def reduced() -> np.ndarray:
     """Return the reduced copy of the photograph in the working folder."""
     return np.load(REDUCED).astype(np.float32)
+
+
+def matte_file(model: Any) -> str:
+    """Return the file of the matte that a drawing begins with; `model` is the drawing's."""
+    return f"{model}.npy" if isinstance(model, str) and PERSON.fullmatch(model) else MODEL
 
 
 def forget() -> None:
@@ -96,7 +103,7 @@ def _meant(drawn: Mapping[str, Any], picture: np.ndarray) -> np.ndarray:
     holes = [places(points) for points in drawn.get("holes") or []]
     rough = None
     if drawn.get("model"):
-        rough = np.load(MODEL).astype(np.float32)
+        rough = np.load(matte_file(drawn["model"])).astype(np.float32)
     elif picture.shape[-1] == 4:
         rough = picture[..., 3]
     if rough is not None and not is_drawn(drawn):

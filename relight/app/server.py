@@ -32,7 +32,7 @@ from relight.app.worker import Refused, Worker
 from relight.lights import presets
 from relight.viewer.page import module, style
 
-OUTPUTS = (".png", ".jpg", ".tif", ".exr", ".html", ".glb", *MOVIE_OUTPUTS)
+OUTPUTS = (".png", ".jpg", ".webp", ".tif", ".exr", ".html", ".glb", *MOVIE_OUTPUTS)
 KINDS = {".js": "text/javascript", ".css": "text/css", ".html": "text/html", ".png": "image/png"}
 VIEWER_NAMES = (
     "Engine", "SHADERS", "Viewer", "checkedLight", "environmentText", "fillOf", "fitting", "floorText", "h",
@@ -65,6 +65,7 @@ class Server:
             Route(f"{one}/preview", refusing(self.preview)),
             Route(f"{one}/back", refusing(self.bring_back), methods=["POST"]),
             Route(f"{one}/person", refusing(self.person), methods=["POST"]),
+            Route(f"{one}/turn", refusing(self.turn), methods=["POST"]),
             Route(f"{one}/outline", refusing(self.outline), methods=["POST"]),
             Route(f"{one}/model", refusing(self.model), methods=["POST"]),
             Route(f"{one}/matte", refusing(self.matte), methods=["POST"]),
@@ -208,8 +209,35 @@ class Server:
         return await self._other(request, MODELS, opened)
 
     async def person(self, request: Request) -> Response:
-        folder = self._of(request).folder
-        return streamed(lambda report: self.worker.run("find_person", folder, {}, report))
+        """Find the people, and take one of them, or everybody."""
+        photograph = self._of(request)
+        person = (await json_of(request)).get("person", 1)
+        if person != "everyone" and (isinstance(person, bool) or not isinstance(person, int)):
+            raise Refused('person: expected a number, or "everyone"', 400)
+
+        async def work(report: Report) -> dict[str, Any]:
+            answer = await self.worker.run("find_person", photograph.folder, {"person": person}, report)
+            photograph.people = answer["people"]
+            return answer
+
+        return streamed(work)
+
+    async def turn(self, request: Request) -> Response:
+        """Turn a photograph by quarters, clockwise; it begins again without an outline."""
+        photograph = self._of(request)
+        turns = (await json_of(request)).get("turns", 1)
+        if isinstance(turns, bool) or turns not in (1, 2, 3):
+            raise Refused("turns: expected 1, 2 or 3", 400)
+        if photograph.movie is not None:
+            raise Refused("A movie cannot be turned here.")
+        source, turns = photograph.source or photograph.name, (photograph.turns + turns) % 4
+        arguments = {"name": source, "turns": turns}
+        name = (await self.worker.run("turn", photograph.folder, arguments, brief=True))["name"]
+        about = await self.worker.run("read", photograph.folder, {"name": name}, brief=True)
+        photograph.source, photograph.name, photograph.turns, photograph.about = source, name, turns, about
+        photograph.mask = photograph.drawn = photograph.scene = None
+        photograph.people, photograph.outputs = [], {name} if turns else set()
+        return JSONResponse(photograph.to_json())
 
     async def fetch(self, task: str, request: Request) -> Response:
         async def work(report: Report) -> dict[str, Any]:
@@ -316,11 +344,12 @@ class Server:
         look = self._look(asked.get("look") or {}, photograph)
         passes = [str(name) for name in asked.get("passes") or []] if suffix == ".exr" else []
         output = photograph.output(suffix)
+        form = {key: asked[key] for key in ("quality", "longest_side") if asked.get(key) is not None}
 
         async def work(report: Report) -> dict[str, Any]:
             arguments = {
                 "name": photograph.name, "mask": photograph.mask, "look": look, "output": output,
-                "passes": passes,
+                "passes": passes, "form": form,
             }  # fmt: skip
             answer = await self.worker.run("save", photograph.folder, arguments, report)
             photograph.outputs.add(output)

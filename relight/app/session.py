@@ -39,6 +39,9 @@ class Photograph:
     drawn: dict[str, Any] | None = None  # the drawing that the matte is of
     scene: dict[str, Any] | None = None  # what the viewer begins with, once the photograph is analysed
     movie: str | None = None  # the name of the movie of which it is a frame
+    source: str = ""  # the name of its file before it was turned, if it was
+    turns: int = 0  # by quarters, clockwise
+    people: list[dict[str, Any]] = field(default_factory=list)  # who was found, see `relight.app.people`
     outputs: set[str] = field(default_factory=set)  # names of files that can be downloaded
 
     @property
@@ -64,6 +67,8 @@ class Photograph:
             "name": self.name,
             "mask": self.mask,
             "movie": self.movie,
+            "turns": self.turns,
+            "people": self.people,
             "drawn": self.drawn,
             "analysed": self.scene is not None,
             **{key: self.about.get(key) for key in ("width", "height", "cut_out", "preview", "notes")},

@@ -6,17 +6,19 @@ Pictures are made by the code of `relight apply`, pages by that of `relight view
 
 import base64
 import json
+import re
 import warnings
 from collections import OrderedDict
 from collections.abc import Callable, Mapping, Sequence
 from functools import partial
 from pathlib import Path
+from types import MappingProxyType
 from typing import Any
 
 import numpy as np
 import torch
 
-from relight.app import clip, compiling, drawing, painting
+from relight.app import clip, compiling, drawing, painting, people, turning
 from relight.app.drawing import MODEL, REDUCED
 from relight.app.pictures import png, reduced_size, resized
 from relight.compositing.composite import backdrop
@@ -29,7 +31,6 @@ from relight.lights.rig import as_lights, scaled
 from relight.matting import networks, outline, refine, silhouette, silhouette_files
 from relight.matting.people import files as person_files
 from relight.matting.people import finder
-from relight.matting.refine import encoded_srgb
 from relight.matting.sequence import MattingOptions
 from relight.media import images
 from relight.media.colour import encode
@@ -148,16 +149,39 @@ def _megabytes(report: Report) -> Callable[[int, int, str], None]:
     return told
 
 
-def find_person(report: Report) -> dict[str, Any]:
-    """Find the person, and keep their matte as that of a model, which the outline may correct."""
+def find_person(person: int | str, report: Report) -> dict[str, Any]:
+    """Find the people, and keep the matte of one of them, which an outline may correct.
+
+    `person`: their number, the largest is 1; or "everyone". Returns who is there, the matte's name, and what
+    is odd about it, see `relight.app.people`.
+    """
     report("Finding the person")
     if silhouette.load() is None:
         compiling.wait(report)
-    found = finder.FoundPerson()(encoded_srgb(drawing.reduced()[..., :3]))
-    if found.max() <= 0.5:
+    found = people.found()
+    if not found.people and found.turns:
+        return {"people": [], "model": None, "oddity": "turned", "turns": found.turns}
+    everyone = person == people.EVERYONE
+    if not everyone and not 1 <= int(person) <= max(1, len(found.people)):
+        raise ValueError(f"person: expected 1 to {len(found.people)}, got {person}")
+    with warnings.catch_warnings():
+        warnings.filterwarnings("ignore", re.escape(finder.UNCERTAIN))  # `oddity` says so
+        matte = finder.FoundPerson().matte(found.picture, "all" if everyone else person, found.people)
+    if matte.max() <= 0.5:
         raise EmptyMatteError("No person was found: draw a line around them.")
-    _keep_matte(found)
-    return {}
+    model = people.EVERYONE if everyone else f"person-{person}"
+    _keep_matte(matte, drawing.matte_file(model))
+    about = {"oddity": found.oddity(person, matte), "turns": found.turns}
+    return {"people": found.outlines(), "model": model, **about}
+
+
+def turn(name: str, turns: int, report: Report) -> dict[str, Any]:
+    """Turn a photograph clockwise by quarter turns, 0 to 3; what was found in it is forgotten."""
+    found = [path for path in Path().glob("*.npy") if drawing.PERSON.fullmatch(path.stem)]
+    for path in (*map(Path, (MODEL, MATTE, EDGE, LOADED)), *found):
+        path.unlink(missing_ok=True)
+    drawing.forget()
+    return {"name": turning.turned(name, turns) if turns else name}
 
 
 def matte_by_model(model: str, report: Report) -> dict[str, Any]:
@@ -196,9 +220,9 @@ def _save_array(name: str, array: np.ndarray) -> None:
         np.save(file, array.astype(np.float16))
 
 
-def _keep_matte(found: np.ndarray) -> None:
+def _keep_matte(found: np.ndarray, name: str = MODEL) -> None:
     """Keep the matte that a network found; an outline may start from it."""
-    _save_array(MODEL, found)
+    _save_array(name, found)
     drawing.forget()
 
 
@@ -347,9 +371,18 @@ def _subject(name: str, mask: str | None, report: Report) -> Subject:
 
 
 def save(
-    name: str, mask: str | None, look: Mapping[str, Any], output: str, passes: Sequence[str], report: Report
+    name: str,
+    mask: str | None,
+    look: Mapping[str, Any],
+    output: str,
+    passes: Sequence[str],
+    report: Report,
+    form: Mapping[str, Any] = MappingProxyType({}),
 ) -> dict[str, Any]:
-    """Write a picture at full resolution, the page, or the mesh."""
+    """Write a picture, the page, or the mesh.
+
+    `form`: "quality" and "longest_side", as `Output` has them; a picture has full resolution otherwise.
+    """
     from relight.pipeline.export import export_person
     from relight.viewer.write_view import write_view
 
@@ -374,9 +407,8 @@ def save(
     elif suffix == ".glb":
         export_person(output, source, lighting, progress=then("Making the mesh", ANALYSED))
     else:
-        _save_picture(
-            source, lighting, Output((Path(output),), passes=tuple(passes), exposure=_exposure(look)), report
-        )
+        written = Output((Path(output),), passes=tuple(passes), exposure=_exposure(look), **form)
+        _save_picture(source, lighting, written, report)
     return {"file": output}
 
 

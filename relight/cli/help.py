@@ -17,8 +17,8 @@ SHOT: Panels = {  # of all commands that read a photograph or a shot
     "Lights": "lights match_plate fill fill_amount match match_mask paint paint_count gloss camera "
     "subject_at allow_external",
     "Background and floor": "background_blur background_light floor background_colour_space",
-    "Output": "behind triangles texture passes exposure white view save_matte save_lights report plot "
-    "exr_type output_colour_space autocrop colour_space alpha open_",
+    "Output": "behind triangles texture passes exposure white view quality longest_side save_matte "
+    "save_lights report plot exr_type output_colour_space autocrop colour_space alpha open_",
     "Video": "frames frame rate codec hdr temporal_filter temporal_radius preview phase",
     "Machine": "device precision threads workers dask chunk_size analysis options_file",
 }

@@ -489,6 +489,20 @@ class Output(Options):
             "Default: 4 for sequences and movies, the brightest pixel for a still.",
         ),
     ] = None
+    quality: Annotated[
+        int | None,
+        Interval(ge=1, le=100),
+        About("Quality of .jpg and .webp files, 1 to 100. Default: 98."),
+    ] = None
+    longest_side: Annotated[
+        int | None,
+        Interval(ge=16, le=65536),
+        About(
+            "Reduce pictures in display formats to this many pixels along their longer side; movies, .exr "
+            "and .hdr keep their size.",
+            unit="pixels",
+        ),
+    ] = None
     save_matte: Annotated[
         OptionalPath,
         About("Also write the matte, as a grey PNG, TIFF or OpenEXR file or sequence.", path=True),

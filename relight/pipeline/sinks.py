@@ -11,6 +11,7 @@ import numpy as np
 from relight.media import images, movies
 from relight.media.content_hash import HASH_ATTRIBUTE, content_hash
 from relight.media.pixel_aspect import squeeze_pixels
+from relight.media.resampling import resize
 from relight.media.sequences import FrameRange, FrameSequence
 from relight.pipeline.delivery import Delivery
 from relight.pipeline.option_fields import Phase, Report
@@ -93,7 +94,10 @@ def open_sinks(
             movie_sinks.append(MovieSink(path, resume or phase != "all", display, delivery))
             frames.append(movie_sinks[-1])
         else:
-            frames.append(FileSink(file_of(path), resume or phase == "finalize", display, exr, delivery))
+            kept = resume or phase == "finalize"
+            frames.append(
+                FileSink(file_of(path), kept, display, exr, delivery, output.quality, output.longest_side)
+            )
     exrs = [path for path in output.paths if is_exr(path)]
     scripts = []
     for path in (path for path in output.paths if nuke.is_script(path)):
@@ -112,6 +116,8 @@ class FileSink:
     display: dict[str, Any]
     exr: dict[str, Any]
     delivery: Delivery
+    quality: int | None = None
+    longest_side: int | None = None  # pixels, of display formats
 
     def has(self, number: int, made: str) -> bool:
         """Return whether the frame exists, and was made from exactly these inputs."""
@@ -133,13 +139,30 @@ class FileSink:
             images.write(path, picture, layers=layers, metadata=metadata, **self.exr)
         else:
             picture, background = frame.shown()
-            images.write(path, picture, background=background, metadata=metadata, **self.display)
+            images.write(
+                path,
+                self._reduced(path, picture),
+                background=None if background is None else self._reduced(path, background),
+                metadata=metadata,
+                quality=self.quality,
+                **self.display,
+            )
+
+    def _reduced(self, path: Path, picture: np.ndarray) -> np.ndarray:
+        """Return a picture (H, W, C) in the size in which a display format has it."""
+        longest = max(picture.shape[:2])
+        if self.longest_side is None or longest <= self.longest_side or path.suffix.lower() == ".hdr":
+            return picture
+        shrink = self.longest_side / longest
+        rows, columns = (max(1, round(side * shrink)) for side in picture.shape[:2])
+        return resize(picture, (rows, columns), "triangle")
 
     def _hash(self, path: Path, made: str) -> str:
         if is_exr(path):
             space = [self.exr["colour_space"]] if self.exr.get("colour_space") else []
             return content_hash(made, self.exr["depth"], *space)  # cropped or not, it is the same picture
-        return content_hash(made, self.display)
+        form = {"quality": self.quality, "longest side": self.longest_side}
+        return content_hash(made, self.display, *([form] if any(form.values()) else []))
 
 
 @dataclass

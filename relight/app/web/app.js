@@ -4,8 +4,9 @@ import { h, iconButton, preferredSurround, surround } from "../viewer.js";
 import { Drop } from "./drop.js";
 import { Light } from "./light.js";
 import { OutlineStep } from "./outline.js";
+import { remarkOf } from "./people.js";
 import { keepForReload, keptForReload } from "./reload.js";
-import { Refused, ask, askJson, follow } from "./requests.js";
+import { Refused, ask, askJson, follow, previewOf } from "./requests.js";
 import { Save } from "./save.js";
 
 const STEPS = [
@@ -189,12 +190,20 @@ class Application {
 
   /** Finds the person and opens the light; where that fails, the outline is drawn. */
   async findPerson(photograph, said = []) {
-    let reason = null;
+    let [reason, act] = ["", null];
     await this.busy(async (say, signal) => {
       say("Finding the person");
       try {
-        const { notes } = await follow(`photographs/${photograph.id}/person`, {}, say, signal);
-        await this.analyse(this.parts.outline.foundByModel(photograph), [...said, ...notes]);
+        const found = await follow(`photographs/${photograph.id}/person`, { person: 1 }, say, signal);
+        photograph.people = found.people;
+        const remark = remarkOf(found, this);
+        if (!found.model) ({ text: reason, act } = remark);
+        else
+          await this.analyse(
+            this.parts.outline.foundByModel(photograph, found.model),
+            [...said, ...found.notes],
+            remark,
+          );
       } catch (error) {
         if (!(error instanceof Refused) && error?.name !== "AbortError") throw error;
         reason = error instanceof Refused ? error.message : "Cancelled.";
@@ -202,7 +211,19 @@ class Application {
     });
     if (!reason || this.chosen !== photograph) return;
     await this.go("outline");
-    this.tell([...said, reason].join(" "), true);
+    this.tell([...said, reason].join(" "), true, act);
+  }
+
+  /** Turns the photograph clockwise, by quarters, and begins with it again. */
+  async turn(turns = 1) {
+    const { chosen } = this;
+    await this.busy(async (say) => {
+      say("Turning the photograph");
+      Object.assign(chosen, await askJson(`photographs/${chosen.id}/turn`, { body: JSON.stringify({ turns }) }));
+      this.parts.outline.forget(chosen);
+      this.parts.light.forget(chosen);
+      await this.choose(chosen);
+    });
   }
 
   /** Brings the networks that find people, when it has been asked for; whether they are there now. */
@@ -228,9 +249,9 @@ class Application {
 
   /**
    * Accepts an outline, `drawn`, or the photograph's own: the light opens when the person is analysed. `said`: what
-   * was warned of before.
+   * was warned of before; `remark`: what is odd, and a button, see `remarkOf`.
    */
-  async analyse(drawn, said = []) {
+  async analyse(drawn, said = [], remark = null) {
     const { chosen } = this;
     await this.busy(async (say, signal) => {
       say("Analysing the person");
@@ -238,7 +259,8 @@ class Application {
       Object.assign(chosen, photograph);
       this.parts.light.forget(chosen);
       await this.go("light");
-      if (said.length + notes.length) this.tell([...said, ...notes].join(" "));
+      const all = [...said, ...notes, ...(remark ? [remark.text] : [])];
+      if (all.length) this.tellMore(all.join(" "), remark?.act);
     });
   }
 
@@ -290,7 +312,7 @@ class Application {
               "aria-pressed": String(photograph === this.chosen),
               onclick: () => this.choose(photograph),
             },
-            h("img", { src: `photographs/${photograph.id}/preview`, alt: "" }),
+            h("img", { src: previewOf(photograph), alt: "" }),
           ),
           iconButton("delete", `Remove ${photograph.name}`, () => this.remove(photograph)),
         ),
@@ -362,17 +384,28 @@ class Application {
     }
   }
 
-  /** Says something for a while, where it covers no hint; `kept`: for longer. `act`: [label, what a button does]. */
-  tell(text, kept = false, act = null) {
+  /**
+   * Says something for a while, where it covers no hint; `kept`: for longer. `acts`: [label, what a button does], or
+   * null.
+   */
+  tell(text, kept = false, ...acts) {
     clearTimeout(this.telling);
     const button = ([label, onclick]) => h("button", { type: "button", class: "quiet", onclick }, label);
+    this.said = [text, ...acts.filter(Boolean)];
     this.message.replaceChildren(
       h("span", {}, text),
-      ...[act, ["Close", () => this.hush()]].filter(Boolean).map(button),
+      ...[...this.said.slice(1), ["Close", () => this.hush()]].map(button),
     );
     (this.parts[this.step].noticePlace?.() ?? this.main).append(this.message);
     this.message.hidden = false;
     this.telling = setTimeout(() => this.hush(), TOLD[Number(kept)]);
+  }
+
+  /** Says something beside what is being said; with a button it stays until it is closed, or the step changes. */
+  tellMore(text, act) {
+    const [before, ...acts] = this.message.hidden ? [] : this.said;
+    this.tell([before, text].filter(Boolean).join(" "), true, ...acts, act);
+    if (act) clearTimeout(this.telling);
   }
 
   hush() {

@@ -5,7 +5,8 @@
 import { h, iconButton, wheeled } from "../viewer.js";
 import { ModelSheet } from "./models.js";
 import { Paper, veilOf } from "./paper.js";
-import { ask, askJson, notesOf, post } from "./requests.js";
+import { People } from "./people.js";
+import { ask, askJson, follow, notesOf, post, previewOf } from "./requests.js";
 
 const CLOSE = 14; // CSS pixels from a line's first corner, within which it closes
 const DOUBLE_CLICK = 500; // milliseconds between its clicks, at most
@@ -40,6 +41,16 @@ export class OutlineStep {
         name,
         h("button", { type: "button", class: "tool", title, onclick: () => this.use(name) }, label),
       ]),
+    );
+    this.people = new People(
+      (person) => this.take(person),
+      () => this.use("people"),
+    );
+    this.buttons.people = this.people.tool;
+    this.turnButton = h(
+      "button",
+      { type: "button", class: "tool", title: "Turn the photograph by 90° (R)", onclick: () => this.app.turn() },
+      "Turn",
     );
     this.size = h("input", { type: "range", min: 1, max: 100, value: 30, "aria-label": "Brush size" });
     this.size.addEventListener("input", () => this.draw());
@@ -81,7 +92,8 @@ export class OutlineStep {
       h(
         "div",
         { class: "tools" },
-        h("div", { class: "group", role: "group", "aria-label": "Tool" }, ...Object.values(this.buttons)),
+        h("div", { class: "group", role: "group", "aria-label": "Tool" }, ...TOOLS.map(([name]) => this.buttons[name])),
+        this.people.element,
         h("label", { class: "brush" }, h("span", {}, "Brush"), this.size),
         h("div", { class: "edge", role: "group", "aria-label": "Edge" }, this.shift.element, this.feather.element),
         this.greyButton,
@@ -90,9 +102,14 @@ export class OutlineStep {
           "div",
           { class: "group zooms" },
           h("button", { type: "button", class: "tool", "aria-label": "Zoom out", onclick: () => this.zoom(0.7) }, "−"),
-          h("button", { type: "button", class: "tool", onclick: () => this.fit() }, "Fit"),
+          h(
+            "button",
+            { type: "button", class: "tool", title: "Show all of the photograph (0)", onclick: () => this.fit() },
+            "Show all",
+          ),
           h("button", { type: "button", class: "tool", "aria-label": "Zoom in", onclick: () => this.zoom(1.4) }, "+"),
         ),
+        this.turnButton,
         this.finder,
         h(
           "button",
@@ -163,12 +180,12 @@ export class OutlineStep {
 
   async open() {
     const { chosen } = this.app;
-    if (this.photograph !== chosen) {
+    if (this.photograph !== chosen || !this.image) {
       this.photograph = chosen;
       this.paper.image = this.matte = this.greys = null;
       this.corners = [];
       const picture = new Image();
-      picture.src = `photographs/${chosen.id}/preview`;
+      picture.src = previewOf(chosen);
       await picture.decode();
       if (this.photograph !== chosen) return; // another one has been chosen meanwhile
       this.paper.image = picture;
@@ -177,15 +194,27 @@ export class OutlineStep {
       // another tab may have drawn one that was analysed
       this.drawings.set(chosen.id, { now: { ...NOTHING, ...chosen.drawn }, past: [], future: [] });
     this.finder.hidden = !this.app.about.finder;
-    this.use(this.drawing.lasso || chosen.cut_out || this.drawing.model ? "person" : "lasso");
+    this.turnButton.hidden = Boolean(chosen.movie);
+    this.people.show(chosen.people);
+    if (this.people.several && !this.drawing.strokes.length) this.use("people");
+    else this.use(this.drawing.lasso || chosen.cut_out || this.drawing.model ? "person" : "lasso");
     this.fit();
     if (!this.matte && (this.drawn || chosen.cut_out)) await this.solve();
   }
 
-  /** Begins with the matte that the server has found of a photograph: the drawing that means it. */
-  foundByModel(photograph) {
+  /** The photograph has been turned: what was drawn on it is of no use. */
+  forget(photograph) {
+    this.drawings.delete(photograph.id);
+    if (this.photograph !== photograph) return;
+    clearTimeout(this.waiting);
+    this.solving?.abort();
+    this.paper.image = null;
+  }
+
+  /** Begins with a matte that the server has found of a photograph: the drawing that means it. */
+  foundByModel(photograph, model) {
     const kept = this.drawings.get(photograph.id);
-    const now = { ...NOTHING, model: true };
+    const now = { ...NOTHING, model };
     this.drawings.set(photograph.id, { now, past: kept ? [...kept.past, kept.now] : [], future: [] });
     if (this.photograph === photograph) this.matte = null;
     return now;
@@ -322,6 +351,17 @@ export class OutlineStep {
     await app.findPerson(photograph);
   }
 
+  /** Begins with the matte of another person, or of everybody. */
+  async take(person) {
+    const { photograph } = this;
+    await this.app.busy(async (say, signal) => {
+      say("Finding the person");
+      const { model, notes } = await follow(`photographs/${photograph.id}/person`, { person }, say, signal);
+      this.change({ ...NOTHING, model });
+      if (notes.length) this.app.tell(notes.join(" "));
+    });
+  }
+
   async find(model) {
     const { photograph } = this;
     await this.app.busy(async (say, signal) => {
@@ -406,7 +446,8 @@ export class OutlineStep {
     if (!line || event.type === "pointercancel") return this.draw();
     const again = line.length === 1 && event.timeStamp - this.closedAt < DOUBLE_CLICK;
     if (again) return this.draw(); // the second click of a double click that closed the line
-    if (!this.lines) this.stroke(line);
+    if (this.tool === "people") this.people.choose(line.at(-1));
+    else if (!this.lines) this.stroke(line);
     else if (this.freehand) {
       this.corners.push(...line);
       this.close();
@@ -467,13 +508,16 @@ export class OutlineStep {
       this.pen = this.paper.spot([across + right * far, down + low * far]);
     } else if (event.target === this.canvas && event.key === "Enter") {
       const place = this.paper.share(this.pen ?? this.paper.spot([0.5, 0.5]));
-      this.lines ? this.corner(place) : this.stroke([place]);
+      if (this.tool === "people") this.people.choose(place);
+      else this.lines ? this.corner(place) : this.stroke([place]);
     } else if (event.key === "c") this.close();
     else if (event.key === "Backspace" || event.key === "Escape") this.corners.length && this.undo();
     else if (event.key === "+" || event.key === "=") this.zoom(1.4);
     else if (event.key === "-") this.zoom(0.7);
     else if (event.key === "0") this.fit();
     else if (event.key === "m" || event.key === "M") this.showGrey(!this.grey);
+    else if (event.key === "r" || event.key === "R") this.turnButton.hidden || this.app.turn();
+    else if (event.key === "5") this.people.several && this.use("people");
     else if (/^[1-4]$/.test(event.key)) this.use(TOOLS[event.key - 1][0]);
     else return;
     event.preventDefault();
@@ -493,14 +537,15 @@ export class OutlineStep {
     const { paper } = this;
     if (!this.image || !paper.view || this.element.hidden) return;
     const busy = Boolean(this.solving);
-    const brushes = !this.lines;
+    const brushes = this.tool === "person" || this.tool === "background";
     paper.begin(this.matte, this.grey && this.matte ? this.greys : null);
     if (!this.matte && this.drawing.lasso) paper.trace(this.drawing.lasso, true);
     if (this.line && brushes) paper.brush(this.line, this.tool === "person", this.radius);
     if (busy)
       for (const { points, person, radius } of this.drawing.strokes.slice(-1))
         paper.brush(points, person, radius * paper.width);
-    if (!brushes) paper.trace([...this.corners, ...(this.line ?? [])], false, this.corners);
+    if (!this.grey) this.people.paint(paper, this.tool === "people" && this.pen && paper.share(this.pen));
+    if (this.lines) paper.trace([...this.corners, ...(this.line ?? [])], false, this.corners);
     if (this.pen) paper.pen(this.pen, brushes ? this.radius : null);
     this.say(busy);
   }
@@ -523,13 +568,15 @@ export class OutlineStep {
         : ["the person", "Paint with Person or Background where the edge is wrong."];
     const text = busy
       ? "Finding the edge…"
-      : this.corners.length
-        ? `Continue around ${around}. Click the first corner, or press C, to close the line.`
-        : this.matte && this.grey
-          ? `White is the person, black is left out. ${next}`
-          : this.matte
-            ? `The dimmed part is left out. ${next}`
-            : "Draw a line around the person. It need not be exact.";
+      : this.tool === "people"
+        ? "Click the person whom the light is for, or choose Everyone."
+        : this.corners.length
+          ? `Continue around ${around}. Click the first corner, or press C, to close the line.`
+          : this.matte && this.grey
+            ? `White is the person, black is left out. ${next}`
+            : this.matte
+              ? `The dimmed part is left out. ${next}`
+              : "Draw a line around the person. It need not be exact.";
     if (this.hint.textContent !== text) this.hint.textContent = text;
   }
 }

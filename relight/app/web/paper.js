@@ -94,6 +94,15 @@ export class Paper {
     }
   }
 
+  /** Paints a light line around somebody; a strong one where they are marked. */
+  contour(places, marked) {
+    const { context } = this;
+    context.beginPath();
+    for (const place of places) context.lineTo(...this.spot(place));
+    context.closePath();
+    this.ink(marked ? 4 : 2.4, marked ? 2 : 1, marked ? LINE : "#fff");
+  }
+
   /** Paints a brush's stroke; `radius` in CSS pixels. */
   brush(places, person, radius) {
     const { context } = this;

@@ -51,3 +51,6 @@ export async function follow(path, value, onprogress, signal) {
     if (done) throw new Refused(GONE);
   }
 }
+
+/** The address of a photograph's reduced copy; another one when it has been turned. */
+export const previewOf = ({ id, turns }) => `photographs/${id}/preview?turns=${turns}`;

@@ -6,6 +6,7 @@ import { follow } from "./requests.js";
 const FORMATS = [
   [".png", "PNG", "The picture, transparent where there is no background"],
   [".jpg", "JPEG", "The picture over its background, to send"],
+  [".webp", "WebP", "A small file for the web, transparent where there is no background"],
   [".tif", "TIFF", "The picture in 16 bits, for retouching"],
   [".exr", "OpenEXR", "For compositing: scene-linear, with a layer for each light"],
   [".html", "Page", "One file in which anyone can drag the lights"],
@@ -14,6 +15,10 @@ const FORMATS = [
   [".glb", "3D model", "The person as a mesh, for 3D programs"],
 ];
 const MOVIES = [".mp4", ".mov"];
+const SIZED = [".png", ".jpg", ".webp", ".tif"]; // pictures that can be reduced
+const LOSSY = [".jpg", ".webp"];
+const SIDES = [4096, 2048, 1080]; // pixels
+const QUALITY = 98; // of the files unless it is chosen
 const PASSES = [
   ["albedo", "Albedo"],
   ["N", "Normals"],
@@ -30,8 +35,18 @@ export class Save {
       const box = h("input", { type: "checkbox", value: name });
       return { box, element: h("label", {}, box, label) };
     });
+    this.format = ".png"; // that the command and the lines of Python write
+    this.side = h(
+      "select",
+      { "aria-label": "Size of pictures", class: "field" },
+      h("option", { value: "" }, "Full resolution"),
+      ...SIDES.map((side) => h("option", { value: side }, `${side} pixels`)),
+    );
+    this.side.addEventListener("change", () => this.refresh());
+    this.qualities = Object.fromEntries(LOSSY.map((suffix) => [suffix, this.quality()]));
     this.rows = Object.fromEntries(FORMATS.map((format) => [format[0], this.row(...format)]));
     this.saveMatte = h("a", { class: "secondary", download: "" }, "Save the matte");
+    this.saveTurned = h("a", { class: "secondary", download: "" }, "Save the turned photograph");
     this.renamed = h("p", { class: "hint" });
     this.command = this.code("Command line");
     this.python = this.code("Python");
@@ -43,7 +58,7 @@ export class Save {
         "div",
         { class: "options" },
         h("h2", {}, "Save files"),
-        h("p", { class: "hint" }, "Files have the photograph's full resolution."),
+        h("label", { class: "hint side" }, "Longer side of pictures", this.side),
         h("ul", { class: "formats" }, ...Object.values(this.rows).map(({ element }) => element)),
         h("h2", {}, "Make it again"),
         h(
@@ -51,6 +66,7 @@ export class Save {
           { class: "hint" },
           "The command and the lines of Python make the same picture, pixel for pixel. Both need the photograph and its matte beside it, or the movie.",
         ),
+        this.saveTurned,
         this.saveMatte,
         this.renamed,
         this.command.element,
@@ -75,12 +91,32 @@ export class Save {
             ),
           ]
         : [];
+    if (LOSSY.includes(suffix)) extra.push(h("label", { class: "quality hint" }, "Quality", this.qualities[suffix]));
     const detail = h("span", { class: "hint" }, about);
     return {
       button,
       detail,
       about,
       element: h("li", { "data-suffix": suffix }, h("div", {}, h("b", {}, name), detail, ...extra), button),
+    };
+  }
+
+  /** A field for the quality of files that lose something. */
+  quality() {
+    const field = h("input", { type: "number", min: 1, max: 100, value: QUALITY });
+    field.addEventListener("change", () => {
+      field.value = Math.min(100, Math.max(1, Math.round(Number(field.value)) || QUALITY));
+      this.refresh();
+    });
+    return field;
+  }
+
+  /** What a format's files are like, as `relight.Output` has it: what is not as it is unless it is chosen. */
+  form(suffix) {
+    const quality = LOSSY.includes(suffix) ? Number(this.qualities[suffix].value) : QUALITY;
+    return {
+      ...(quality !== QUALITY && { quality }),
+      ...(SIZED.includes(suffix) && this.side.value && { longest_side: Number(this.side.value) }),
     };
   }
 
@@ -109,9 +145,14 @@ export class Save {
   }
 
   open() {
+    this.snapshot(this.app.parts.light.viewer);
+    this.format = ".png";
+    this.refresh();
+  }
+
+  refresh() {
     const { chosen, parts } = this.app;
     const { viewer } = parts.light;
-    this.snapshot(viewer);
     const look = parts.light.look();
     this.rows[".jpg"].button.disabled = !look.background;
     this.rows[".jpg"].detail.textContent = look.background
@@ -123,18 +164,23 @@ export class Save {
     this.rows[".mp4"].detail.textContent = look.background
       ? this.rows[".mp4"].about
       : "Needs a background: an .mp4 has no transparency";
+    const fileOf = (name) => `photographs/${chosen.id}/files/${encodeURIComponent(name)}`;
     this.saveMatte.hidden = !chosen.mask;
-    if (chosen.mask) this.saveMatte.href = `photographs/${chosen.id}/files/${encodeURIComponent(chosen.mask)}`;
-    const output = chosen.movie ? `${stemOf(chosen.movie)}-relit.mp4` : `${stemOf(chosen.name)}-relit.png`;
+    if (chosen.mask) this.saveMatte.href = fileOf(chosen.mask);
+    this.saveTurned.hidden = !chosen.turns;
+    if (chosen.turns) this.saveTurned.href = fileOf(chosen.name);
+    const output = chosen.movie ? `${stemOf(chosen.movie)}-relit.mp4` : `${stemOf(chosen.name)}-relit${this.format}`;
+    const form = chosen.movie ? {} : this.form(this.format);
     const behind = backgroundName(viewer, chosen);
     this.renamed.hidden = !behind || behind === viewer.backdrop.name;
     this.renamed.textContent = `They name the background ${behind}: ${viewer.backdrop?.name} is the name of another file.`;
     const backdrop = viewer.backdrop && { ...viewer.backdrop, name: behind };
-    const command = toCommand(viewer.state, viewer.environment, viewer.scene, backdrop, output);
+    const options = Object.entries(form).map(([key, value]) => ` --${key.replace("_", "-")} ${value}`);
+    const command = toCommand(viewer.state, viewer.environment, viewer.scene, backdrop, output) + options.join("");
     // A browser would break lines within "--light".
     const words = command.split(/(?<= )/).map((word) => (word.startsWith("-") ? h("span", {}, word) : word));
     this.command.text.replaceChildren(...words);
-    this.python.text.textContent = toPython(look, chosen, viewer, output, behind);
+    this.python.text.textContent = toPython(look, chosen, viewer, output, behind, form);
   }
 
   /** The picture as the light step shows it. */
@@ -158,12 +204,16 @@ export class Save {
       const passes = this.passes.filter(({ box }) => box.checked).map(({ box }) => box.value);
       const { file, notes } = await follow(
         `photographs/${chosen.id}/save`,
-        { suffix, passes, look: parts.light.look() },
+        { suffix, passes, look: parts.light.look(), ...this.form(suffix) },
         say,
         signal,
       );
       const link = h("a", { href: `photographs/${chosen.id}/files/${encodeURIComponent(file)}`, download: file });
       link.click();
+      if (SIZED.includes(suffix) && this.app.step === "save") {
+        this.format = suffix; // the command makes the file that was saved
+        this.refresh();
+      }
       this.app.tell([`Saved ${file}.`, ...notes].join(" "));
     });
   }
@@ -183,7 +233,7 @@ function backgroundName({ state, backdrop }, photograph) {
 }
 
 /** Lines of Python that make the same picture. */
-function toPython(look, photograph, viewer, output, behind) {
+function toPython(look, photograph, viewer, output, behind, form) {
   const text = (value) => JSON.stringify(value);
   const lights = look.lights.map((light) => `        ${text(light)},`);
   const environment = look.environment && text(`${viewer.environment.path},${look.environment.settings}`);
@@ -194,6 +244,8 @@ function toPython(look, photograph, viewer, output, behind) {
   const source = photograph.movie
     ? `${text(photograph.movie)}, person=(${after("--person").replace("/", ", ")})`
     : `${text(photograph.name)}${photograph.mask ? `, mask=${text(photograph.mask)}` : ""}${feather ? `, feather=${feather}` : ""}`;
+  const written = { ...(Number(look.exposure) && { exposure: look.exposure }), ...form };
+  const options = Object.entries(written).map(([key, value]) => `, ${key}=${value}`);
   return [
     "import relight",
     "",
@@ -213,7 +265,7 @@ function toPython(look, photograph, viewer, output, behind) {
     ...(Number(look.gloss) ? [`        gloss=${look.gloss},`] : []),
     ...(Number(look.amount) < 1 ? [`        amount=${look.amount},`] : []),
     "    ),",
-    `    ${Number(look.exposure) ? `relight.Output(${text(output)}, exposure=${look.exposure})` : text(output)},`,
+    `    ${options.length ? `relight.Output(${text(output)}${options.join("")})` : text(output)},`,
     ")",
   ].join("\n");
 }

@@ -2,7 +2,7 @@
 // It stands in for the viewer's Engine, so that handles, panel, keys and presets work as they do with it.
 
 import { Latest } from "./latest.js";
-import { post } from "./requests.js";
+import { post, previewOf } from "./requests.js";
 
 const PAUSE = 80; // milliseconds after a change before a picture is asked for
 
@@ -29,7 +29,7 @@ export class StillEngine {
     this.backdrop = null;
     this.picture = null; // the last one that came
     this.original = new Image();
-    this.original.src = `photographs/${photograph.id}/preview`;
+    this.original.src = previewOf(photograph);
     this.original.decode().then(() => this.viewer.drawSoon(), fail);
   }
 

@@ -192,6 +192,30 @@ class PersonFinder:
         """
         return self._people(Copies.of(encoded), thorough, near)
 
+    def turns_to_upright(self, encoded: np.ndarray, found: Sequence[DetectedPerson]) -> int:
+        """Return by how many quarter turns, clockwise, somebody in a photograph comes to stand upright.
+
+        It is 0 if somebody does so already. `found`: who was found in it, (H, W, 3), encoded in [0, 1]. On
+        its side, and upside down, the networks see either nobody or parts that resemble somebody.
+        """
+        if found and found[0].certainty >= CERTAIN:
+            copies = Copies.of(encoded)
+            seen = self._detector(copies.reduced, SHARES[0], SCORES[1])[:MOST]
+            circles = [Circle.of(hips * copies.scale, rim * copies.scale) for hips, rim in seen]
+            if any(found[0].circle.distance(circle) < ALIKE for circle in circles):
+                return 0
+        areas = [found[0].area if found and found[0].certainty >= CERTAIN else 0.0]
+        for turns in (1, 2, 3):
+            copies = Copies.of(np.ascontiguousarray(np.rot90(encoded, -turns)))
+            upright = [
+                person.area
+                for hips, rim in self._detector(copies.reduced, SHARES[0], SCORES[0])[:1]
+                for person in self._person(copies.reduced, Circle.of(hips, rim), copies.scale)
+                if person.certainty >= CERTAIN
+            ]
+            areas.append(max(upright, default=0.0))
+        return int(np.argmax(areas))
+
     def _people(self, copies: Copies, thorough: bool, near: Circle | None) -> list[DetectedPerson]:
         found: list[DetectedPerson] = []
         for score, share in itertools.product(SCORES, SHARES):

@@ -21,8 +21,9 @@ from relight.media.images.containers.headers import PRIMARY_CHROMATICITIES, WHIT
 from relight.media.images.containers.tiff_fields import Field
 from shadow import files
 
-JPEG_LARGEST = 65500  # pixels a side, of libjpeg
-JPEG_QUALITY = 98  # of 100: differences that the eye does not find
+LARGEST = {".jpg": 65500, ".jpeg": 65500, ".webp": 16383}  # pixels a side, of libjpeg and libwebp
+QUALITY = 98  # of 100, of JPEG and WebP: differences that the eye does not find
+LOSSY = {".jpg": "JPEG", ".jpeg": "JPEG", ".webp": "WEBP"}  # formats that Pillow writes
 EXIF = "Exif:"  # before names in the metadata of OpenImageIO
 OF_EXPOSURE = ("ExposureTime", "FNumber")  # which OpenImageIO names without Exif
 SENSITIVITY = f"{EXIF}PhotographicSensitivity"
@@ -31,8 +32,11 @@ DENOMINATOR = 1_000_000  # of a fraction of Exif, at most
 RENAMED = {"PhotographicSensitivity": "ISOSpeedRatings"}  # Pillow has the tag's older name
 
 
-def save(path: Path, pixels: np.ndarray, spec: oiio.ImageSpec) -> None:
-    """Write pixels (H, W, C) to a file, not OpenEXR, that is whole or not there."""
+def save(path: Path, pixels: np.ndarray, spec: oiio.ImageSpec, quality: int = QUALITY) -> None:
+    """Write pixels (H, W, C) to a file, not OpenEXR, that is whole or not there.
+
+    `quality`: of JPEG and WebP, 1 to 100.
+    """
     is_tiff = path.suffix.lower() in (".tif", ".tiff")
     if is_tiff and _is_srgb(spec):
         profile = _srgb_profile()
@@ -42,8 +46,8 @@ def save(path: Path, pixels: np.ndarray, spec: oiio.ImageSpec) -> None:
     if spec.get_int_attribute(SENSITIVITY) > LARGEST_SENSITIVITY:
         spec.attribute(SENSITIVITY, LARGEST_SENSITIVITY)
     with files.replacing(path) as beside:
-        if path.suffix.lower() in (".jpeg", ".jpg"):
-            beside.write_bytes(_jpeg(pixels, spec))
+        if kind := LOSSY.get(path.suffix.lower()):
+            beside.write_bytes(_lossy(pixels, spec, kind, quality))
             return
         file = oiio.ImageOutput.create(str(path))  # by its suffix
         if file is None:
@@ -89,8 +93,8 @@ def _complete_tiff(path: Path, spec: oiio.ImageSpec) -> None:
         tiff_fields.add_fields(path, fields, exif)
 
 
-def _jpeg(pixels: np.ndarray, spec: oiio.ImageSpec) -> bytes:
-    """Return a JPEG file of encoded pixels (H, W, 1|3) in [0, 1].
+def _lossy(pixels: np.ndarray, spec: oiio.ImageSpec, kind: str, quality: int) -> bytes:
+    """Return a file, "JPEG" or "WEBP", of encoded pixels (H, W, 1|3|4) in [0, 1].
 
     By Pillow, in memory: OpenImageIO's writer ends the process when the disk is full.
     """
@@ -107,13 +111,13 @@ def _jpeg(pixels: np.ndarray, spec: oiio.ImageSpec) -> bytes:
             if tag is not None and value is not None:
                 exif.get_ifd(ExifTags.IFD.Exif)[tag] = value
     profile = _srgb_profile() if _is_srgb(spec) else None
-    return compressed(
-        pixels, "JPEG", quality=JPEG_QUALITY, exif=exif, icc_profile=profile, xmp=xmp.packet(spec)
-    )
+    options = {"exif": exif, "icc_profile": profile, "xmp": xmp.packet(spec)}
+    given = {key: value for key, value in options.items() if value} if kind == "WEBP" else options
+    return compressed(pixels, kind, quality=quality, **given)
 
 
 def compressed(pixels: np.ndarray, kind: str, **options: Any) -> bytes:
-    """Return a file, "PNG" or "JPEG", of encoded pixels in [0, 1], as 8 bits; `options` are Pillow's."""
+    """Return a file, "PNG", "JPEG" or "WEBP", of encoded pixels in [0, 1], 8 bits; `options`: of Pillow."""
     file = io.BytesIO()
     Image.fromarray(np.rint(pixels * 255).astype(np.uint8)).save(file, kind, **options)
     return file.getvalue()

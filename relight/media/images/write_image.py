@@ -14,7 +14,7 @@ from relight.media import colour, content_hash
 from relight.media.encodings import Transfer
 from relight.media.images.arrays import as_array, scene_linear
 from relight.media.images.containers.exr import save_exr
-from relight.media.images.encode import JPEG_LARGEST, save
+from relight.media.images.encode import LARGEST, QUALITY, save
 from relight.media.images.metadata import TypedValue
 from relight.version import __version__
 from shadow import files
@@ -35,6 +35,7 @@ DEPTHS = {  # what each format is written as: the first is the default
     ".png": ("uint8", "uint16"),
     ".tif": ("uint16", "uint8", "float"),
     ".tiff": ("uint16", "uint8", "float"),
+    ".webp": ("uint8",),
 }
 OPAQUE_SUFFIXES = (".hdr", ".jpeg", ".jpg")  # of formats without alpha
 HALF_MAX = 65504.0
@@ -67,11 +68,12 @@ def write(
     exposure: float = 0.0,
     white: float | None = None,
     colour_space: str | None = None,
+    quality: int | None = None,
 ) -> None:
     """Write an image. The file appears when it is complete; after an error, the old file is unchanged.
 
-    The suffix is the format: .exr, .hdr, .jpg, .png, .tif. The image is (H, W, 3|4), integers sRGB with
-    straight alpha, floats linear Rec.709 premultiplied. Floats are written scene-linear and premultiplied.
+    The suffix is the format: .exr, .hdr, .jpg, .png, .tif, .webp. The image is (H, W, 3|4), integers sRGB
+    with straight alpha, floats linear Rec.709 premultiplied. Floats are written scene-linear, premultiplied.
     Integers are encoded for a display, with straight alpha: without a `view` as sRGB, in which values up to 1
     are exact and brighter highlights are compressed; `view`, `exposure`, `white`: see
     `relight.media.colour.encode`.
@@ -81,7 +83,7 @@ def write(
       layer "Z" (H, W) is the depth: the channel Z, which is always float32. A warning names a layer so dim
       that half floats lose more than 1 % of its light.
     - `depth`: "uint8", "uint16", "half" or "float", if the format has it. The default is half for .exr, uint8
-      for .png and .jpg, uint16 for .tif, float for .hdr.
+      for .png, .jpg and .webp, uint16 for .tif, float for .hdr.
     - `autocrop`: whether an .exr stores only the box of its pixels that are not zero, its data window.
       `read`, and programs that honour the display window, show the whole picture; others show the box only.
     - `metadata`: {name: text, number or tuple of numbers} for the file's header.
@@ -92,6 +94,7 @@ def write(
     - `colour_space`: a linear colour space for an .exr or a .tif of floats, such as "ACEScg", "ACES2065-1" or
       "Rec.2020". The image and its layers are converted to it, except normals, positions and single values.
       The file states its chromaticities. The default is linear Rec.709.
+    - `quality`: of a .jpg or .webp, 1 to 100; 98 by default. Other formats lose nothing, whatever it is.
 
     Raises TypeError or ValueError for a wrong shape, dtype, suffix or depth, NaN or infinite values, values
     that half cannot hold, alpha that is not 1 in a format without alpha, and layers in a format other than
@@ -117,8 +120,8 @@ def write(
         if pixels[..., 3].min() < 1:
             raise ValueError(f"{path}: {path.suffix} holds no alpha; put the image over a background first")
         pixels = pixels[..., :3]
-    if suffix in (".jpeg", ".jpg") and max(pixels.shape[:2]) > JPEG_LARGEST:
-        raise ValueError(f"{path}: {path.suffix} holds at most {JPEG_LARGEST} pixels a side")
+    if max(pixels.shape[:2]) > LARGEST.get(suffix, max(pixels.shape[:2])):
+        raise ValueError(f"{path}: {path.suffix} holds at most {LARGEST[suffix]} pixels a side")
     if depth.startswith("uint"):
         pixels = encoded(pixels, back, view=view, exposure=exposure, white=white)
     names = list("RGBA"[: pixels.shape[-1]])
@@ -139,7 +142,7 @@ def write(
         spec.x, spec.y, (spec.height, spec.width) = columns.start, rows.start, pixels[rows, columns].shape[:2]
     spec = _header(suffix, spec, depth, names, view, metadata, colour_space or colour.LINEAR)
     if suffix != ".exr":
-        return save(path, pixels, spec)
+        return save(path, pixels, spec, QUALITY if quality is None else quality)
     stacks = {name: stack[rows, columns] for name, stack in stacks.items()}
     for name, stack in stacks.items():
         _check_stack(path, name, stack, depth)

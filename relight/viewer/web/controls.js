@@ -2,7 +2,7 @@
 
 import { paintBall } from "./ball.js";
 import { chroma, fromHex, toHex } from "./colour.js";
-import { choice, h, iconButton } from "./dom.js";
+import { choice, h, iconButton, more } from "./dom.js";
 import { LIGHTS } from "./engine.js";
 import { Inspector } from "./inspector.js";
 import { power } from "./lights.js";
@@ -19,6 +19,8 @@ export const LOOK_NAMES = {
   albedo: "Albedo",
   photograph: "Photo",
 };
+
+const FIRST_LOOKS = ["picture", "light", "photograph"]; // the others are seldom wanted by photographers
 
 let serial = 0; // radio buttons of two pages in one notebook are apart
 
@@ -232,8 +234,14 @@ export class Controls {
 
   view() {
     const options = this.viewer.engine.looks.map((look) => [look, LOOK_NAMES[look]]);
-    this.look = choice(`look${this.id}`, "Look", options, (look) => this.change((state) => (state.look = look)));
-    this.look.classList.add("looks");
+    const looks = (label, isShown) => {
+      const shown = options.filter(([look]) => isShown(FIRST_LOOKS.includes(look)));
+      const found = choice(`look${this.id}`, label, shown, (look) => this.change((state) => (state.look = look)));
+      found.classList.add("looks");
+      return found;
+    };
+    this.looks = [looks("Look", (isFirst) => isFirst), looks("Further looks", (isFirst) => !isFirst)];
+    const further = this.looks[1].childElementCount ? [more("looks", this.looks[1])] : [];
     this.wipe = h(
       "select",
       { "aria-label": "Wipe to" },
@@ -252,10 +260,11 @@ export class Controls {
       "section",
       { "aria-label": "View" },
       h("h2", {}, "View", this.wipe),
-      this.look,
+      this.looks[0],
       this.exposure,
       this.gloss,
       h("div", { class: "row" }, h("span", { class: "label" }, "Surround"), this.surround),
+      ...further,
     );
   }
 
@@ -349,7 +358,7 @@ export class Controls {
       this.horizon.hidden = !state.floor || kind === "none";
       this.horizon.refresh(state);
     }
-    this.look.set(state.look);
+    for (const look of this.looks) look.set(state.look);
     this.wipe.value = state.wipe?.look ?? "";
     this.exposure.refresh(state);
     this.gloss.refresh(state);

@@ -52,3 +52,7 @@ export function choice(name, label, options, onchange) {
   group.set = (value) => inputs.forEach((input) => (input.checked = input.value === value));
   return group;
 }
+
+/** What most people need not see, behind a line that opens it. */
+export const more = (label, ...children) =>
+  h("details", { class: "more" }, h("summary", { "aria-label": `More: ${label}` }, "More"), ...children);

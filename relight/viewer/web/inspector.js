@@ -2,7 +2,7 @@
 
 import { paintBall } from "./ball.js";
 import { chroma, fromHex, toHex } from "./colour.js";
-import { choice, h } from "./dom.js";
+import { choice, h, more } from "./dom.js";
 import { LOCI, angles, irradiance, isNear, power } from "./lights.js";
 import { Plan } from "./plan.js";
 import { STOPS, bound } from "./sliders.js";
@@ -44,6 +44,7 @@ export class Inspector {
       slide("Azimuth", "azimuth", distant, { min: -180, max: 180, step: 0.5, unit: "°", digits: 1 }),
       slide("Elevation", "elevation", distant, { min: -90, max: 90, step: 0.5, unit: "°", digits: 1 }),
     ];
+    this.angles = more("angles of the light", ...this.aims);
     this.places = ["Right", "Up", "To camera"].map((label, axis) =>
       slide(label, axis, (state) => near(state)?.position, { ...metres, min: -reach, max: reach }),
     );
@@ -85,7 +86,7 @@ export class Inspector {
     this.element = h(
       "section",
       { class: "inspector", "aria-label": "The selected light" },
-      h("div", { class: "aim" }, this.ball, h("div", { class: "aims" }, this.distance, ...this.aims)),
+      h("div", { class: "aim" }, this.ball, h("div", { class: "aims" }, this.distance)),
       this.plan.element,
       ...this.places,
       this.exposure,
@@ -94,6 +95,7 @@ export class Inspector {
       this.radius,
       this.kelvin,
       this.colour(),
+      this.angles,
     );
   }
 
@@ -146,7 +148,7 @@ export class Inspector {
     if (!light) return;
     const lamp = isNear(light);
     this.distance.set(lamp ? "near" : "far");
-    for (const control of [...this.aims, this.softness]) control.hidden = lamp;
+    for (const control of [this.angles, this.softness]) control.hidden = lamp;
     for (const control of [...this.places, this.radius, this.meter]) control.hidden = !lamp;
     for (const control of [...this.aims, ...this.places, this.exposure, this.softness, this.radius, this.kelvin])
       control.refresh(state);

@@ -132,7 +132,7 @@ export class Stage {
       before.addEventListener(name, hold(false));
     const button = (label, text, onclick) =>
       h("button", { type: "button", "aria-label": label, title: label, onclick }, text);
-    this.fitButton = button("Show all of the picture (0)", "Fit", () => this.fit());
+    this.fitButton = button("Show all of the picture (0)", "Show all", () => this.fit());
     return h(
       "div",
       { class: "view-tools" },

@@ -1,5 +1,6 @@
 """The application in a browser, as a person uses it: drop, outline, light, save."""
 
+import io
 import os
 import shlex
 import signal
@@ -192,6 +193,43 @@ def test_one_drop_opens_the_light_and_one_click_saves(browser, finding, tmp_path
     assert "No person was found" in notice(page)
     refused = [line for line in page.complaints if "status of 422" in line]
     assert page.complaints == refused
+    page.context.close()
+
+
+def test_one_of_several_people_is_chosen_by_a_click_and_a_key_turns_the_picture(browser, finding, tmp_path):
+    picture, (_, second) = discs((300, 400), (110, 150, 45), (300, 170, 28))
+    Image.fromarray(np.round(255 * picture).astype(np.uint8)).save(tmp_path / "two.png")
+    page = visited(browser, finding)
+    dropped(page, tmp_path / "two.png")
+    at_step(page, "light")
+    browsing.wait(page, LIT, 120)
+    assert "2 people were found, and the largest is lit." in notice(page)
+    page.get_by_role("button", name="Choose", exact=True).first.click()
+    at_step(page, "outline")
+    browsing.wait(page, OUTLINED, 120)
+    outline = "relightApp.parts.outline"
+    assert page.evaluate(f"{outline}.tool") == "people"
+    click = f"""() => {{ const at = {outline}.canvas.getBoundingClientRect();
+        const [x, y] = {outline}.paper.spot([300 / 400, 170 / 300]); return [at.left + x, at.top + y]; }}"""
+    page.mouse.click(*page.evaluate(click))
+    browsing.wait(page, f"{outline}.drawing.model === 'person-2' && !{outline}.solving", 120)
+    page.get_by_role("button", name="Everyone").click()
+    browsing.wait(
+        page, f"{outline}.drawing.model === 'everyone' && !{outline}.solving && !relightApp.aborting", 120
+    )
+    page.keyboard.press("Control+z")
+    browsing.wait(page, f"{outline}.drawing.model === 'person-2'")
+    page.get_by_role("button", name="Use this outline").click()
+    at_step(page, "light")
+    address = page.evaluate("`photographs/${relightApp.chosen.id}/files/${relightApp.chosen.mask}`")
+    matte = Image.open(io.BytesIO(page.request.get(f"{finding}{address}").body()))
+    assert np.asarray(matte)[second].mean() > 200
+    page.evaluate("relightApp.go('outline')")
+    at_step(page, "outline")
+    page.keyboard.press("r")
+    at_step(page, "light")
+    assert page.evaluate("[relightApp.chosen.width, relightApp.chosen.name]") == [300, "two-turned.png"]
+    assert not page.complaints
     page.context.close()
 
 
