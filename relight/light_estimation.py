@@ -18,7 +18,7 @@ from relight.lights.plate import few_rows, opaque, whole_field_of_view
 from relight.lights.rig import FewLights
 from relight.matting.sequence import MattingOptions, SequenceMatting
 from relight.media import images, movies
-from relight.media.sequences import FrameSequence, SequenceReader, Still
+from relight.media.sequences import FrameSequence, Reader
 from relight.subject import Subject
 from shadow import inputs
 from shadow.files import is_path
@@ -249,7 +249,7 @@ class PlateLight:
     flicker.
     """
 
-    def __init__(self, backgrounds: Still | SequenceReader | movies.Movie, field_of_view: float) -> None:
+    def __init__(self, backgrounds: Reader, field_of_view: float) -> None:
         """Take the picture's vertical field of view in degrees; the background covers the picture."""
         if isinstance(backgrounds, movies.Movie):  # a second reader: going back starts a movie over
             backgrounds = movies.Movie(backgrounds.path, colour_space=backgrounds.colour_space)

@@ -179,7 +179,13 @@ def test_the_folders_of_people_import_one_way(folder):
 
 PIPELINE = ROOT / "relight" / "pipeline"
 # What the folders above the pipeline may know of it: a shot, its options, and the public functions.
-OFFERED = {"shot", "run", "options", "option_fields", "render", "analyse", "track", "olat", "export"}
+OFFERED = {"shot", "frame_numbers", "run", "options", "option_fields"} | {
+    "render",
+    "analyse",
+    "track",
+    "olat",
+    "export",
+}
 COMMANDS_ALONE = {"early_checks", "many"}  # what a command line refuses early; runs over many pictures
 MAKERS = {"FrameReader", "FrameAnalyser", "ReadLog", "Persons", "using"}
 

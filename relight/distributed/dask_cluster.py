@@ -13,6 +13,7 @@ from typing import Any, cast
 from relight.arguments import checks_arguments
 from relight.distributed.shared_source import shared_source
 from relight.media.sequences import FrameRange, FrameSequence, GivenFrames
+from relight.pipeline.frame_numbers import frames_for
 from relight.pipeline.option_fields import Options, Report
 from relight.pipeline.options import (
     Compute,
@@ -104,7 +105,7 @@ def render_distributed(
     with Shot.open(source, lighting, compute) as shot:
         shot.check_outputs(output)
         precision, _ = shot.computed_in
-        numbers = shot.frames_for(output, frames)
+        numbers = frames_for(shot, output, frames)
     stated = shot.stated_source
     compute = replace(compute, precision=cast(Any, precision or compute.precision))
     lighting = lighting.with_lights(shot.every_light)
@@ -174,7 +175,7 @@ class _Run:
                 running.add(future)
             future = next(running)
             frames = jobs.pop(future)
-            failed = self._failures(future, frames)
+            failed = self.failures(future, frames)
             again = [FrameRange([number]) for number in failed if self._failed[number] < MAX_FAILURES]
             problems |= {
                 number: why for number, why in failed.items() if self._failed[number] == MAX_FAILURES
@@ -191,9 +192,11 @@ class _Run:
         preference = {"workers": others, "allow_other_workers": True} if avoid and others else {}
         resume = self._resume or bool(avoid)
         made_with = (__version__, *weights())
-        return self._client.submit(_make, self._options, frames, resume, made_with, pure=False, **preference)
+        return self._client.submit(
+            make_frames, self._options, frames, resume, made_with, pure=False, **preference
+        )
 
-    def _failures(self, future: Any, frames: FrameRange) -> dict[int, str]:
+    def failures(self, future: Any, frames: FrameRange) -> dict[int, str]:
         """Return {frame number: error} of a finished chunk."""
         from distributed import KilledWorker
         from distributed.comm import CommClosedError
@@ -225,7 +228,7 @@ class _Run:
         return ConnectionError(f"{self._scheduler}: {why}")
 
 
-def _make(
+def make_frames(
     options: tuple[Any, ...], frames: FrameRange, resume: bool, made_with: tuple[str, ...]
 ) -> tuple[str, dict[int, str]]:
     """Make the frames of a chunk, on a worker; return its address, and what is wrong with frames."""

@@ -21,6 +21,7 @@ from relight import quantities
 from relight.arguments import checks_arguments
 from relight.distributed.shared_source import shared_source
 from relight.media.sequences import FrameRange, FrameSequence, GivenFrames
+from relight.pipeline.frame_numbers import frames_for
 from relight.pipeline.option_fields import BACKGROUND, Options, file_options, to_json
 from relight.pipeline.options import Compute, GivenLighting, GivenOutput, Lighting, Output, Source
 from relight.pipeline.shot import Shot
@@ -107,7 +108,7 @@ def write_job(
     shot.check_outputs(output, lights_path)
     lighting = shot.lighting_of_analysed(output)
     shot.check_not_read([path] if given else [path, lights_path])
-    numbers = shot.frames_for(output, frames)
+    numbers = frames_for(shot, output, frames)
     missing = [] if shot.is_still else sorted(set(numbers).difference(shot.numbers))
     if missing:
         warnings.warn(f"{shot.source.plate}: frames {FrameRange(missing)} are not there yet", stacklevel=2)

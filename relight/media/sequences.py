@@ -8,11 +8,11 @@ import itertools
 import os
 import re
 import warnings
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass
 from fractions import Fraction
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Any, Self, TypeAlias
+from typing import TYPE_CHECKING, Annotated, Any, Protocol, Self, TypeAlias
 
 import numpy as np
 
@@ -186,13 +186,34 @@ class FrameSequence:
                 yield int(match[1]), path.name
 
 
+class Reader(Protocol):
+    """What reads the frames of an argument: a still, a sequence, a movie, or an analysis cache."""
+
+    @property
+    def numbers(self) -> Sequence[int] | None:
+        """The numbers of the frames, in order; None for one picture for all of them."""
+
+    @property
+    def rate(self) -> Fraction | float | None:
+        """Frames a second, if they are stated."""
+
+    def read(self, number: int) -> Any:
+        """Return a frame: a picture, or whatever else the argument holds."""
+
+    def file(self, number: int) -> Path | None:
+        """Return the file of a frame, or None."""
+
+    def content_hash(self, number: int) -> str:
+        """Return a hash of a frame."""
+
+
 class Still:
     """One picture for all frames."""
 
     numbers: None = None
     rate: None = None
 
-    def __init__(self, picture: Any, hashed: Any = None, record: FileRecord | None = None) -> None:
+    def __init__(self, picture: object, hashed: object = None, record: FileRecord | None = None) -> None:
         """Take the picture, the value that is hashed in its place, and the record of its file."""
         self.picture, self.record = picture, record
         self._hashed = picture if hashed is None else hashed

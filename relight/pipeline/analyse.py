@@ -2,13 +2,13 @@
 
 import warnings
 from pathlib import Path
-from typing import Any
 
 from relight import quantities
 from relight.arguments import checks_arguments
 from relight.media.content_hash import content_hash
 from relight.media.sequences import FrameRange, GivenFrames
 from relight.pipeline.cache import SUFFIX, check_kind, frame_file, is_cache, is_made_from
+from relight.pipeline.frame_numbers import frame_range
 from relight.pipeline.option_fields import Report
 from relight.pipeline.options import Compute, GivenSource, Source
 from relight.pipeline.plate_metadata import VERSION, relative_path
@@ -91,7 +91,7 @@ class Analysing(Job[Problems]):
         """Refuse frames of a still, and folders of another kind or that cannot be made."""
         if frames is not None and shot.is_still:
             raise ValueError("frames: a still has none")
-        numbers = shot.frame_range(frames or (shot.numbers[0], shot.numbers[-1]))
+        numbers = frame_range(shot, frames or (shot.numbers[0], shot.numbers[-1]))
         check_kind(self._folder, shot.is_still)
         self._folder.mkdir(parents=True, exist_ok=True)
         return numbers
@@ -99,7 +99,7 @@ class Analysing(Job[Problems]):
     def prepare(self, shot: Shot, numbers: FrameRange, report: Report) -> None:
         """Collect what the files of all frames state."""
         precision, threads = shot.computed_in
-        self._provenance: dict[str, Any] = {
+        self._provenance: dict[str, object] = {
             "options": content_hash(shot.options_hash, __version__),
             "version": __version__,
             "rate": None if shot.rate is None else str(shot.rate),

@@ -10,6 +10,7 @@ from relight.lights.light import Light
 from relight.lights.moving import MovingLight
 from relight.media.movies import RATE
 from relight.media.sequences import FrameRange, GivenFrames
+from relight.pipeline.frame_numbers import frame_range
 from relight.pipeline.option_fields import Report
 from relight.pipeline.options import Compute, GivenLighting, GivenSource
 from relight.pipeline.run import Job, Problems, run
@@ -153,7 +154,7 @@ class Exporting(Job[Path]):
         holds_one = self._path.suffix.lower() == ".glb"
         if frames is None:
             return FrameRange(shot.numbers[:1] if holds_one else shot.numbers)
-        numbers = shot.frame_range(frames)
+        numbers = frame_range(shot, frames)
         if missing := sorted(set(numbers) - set(shot.numbers)):
             raise ValueError(f"frames: {FrameRange(missing)} are not there")
         if len(numbers) > 1 and holds_one:

@@ -121,7 +121,7 @@ class FrameReader:
         camera: "CameraView | None" = None,
         is_preview: bool = False,
     ) -> None:
-        self.source, self._is_preview = source, is_preview
+        self.source, self.is_preview = source, is_preview
         self.matting_options = MattingOptions.parse(
             source.matte, source.person, source.refine_matte, source.track, is_rough=is_preview
         )
@@ -132,7 +132,7 @@ class FrameReader:
         self._degrees = None if degrees is None else checked_number("field_of_view", degrees, 1e-3, 170)
         self.height = None if source.height is None else checked_number("height", source.height, 0.01, 100)
         self._normals, self._depths = normals_reader(source.normals, source.axes), depth_reader(source.depth)
-        self.plates: Any = self.cache or person_reader(source.plate, source.colour_space, source.alpha)
+        self.plates: Reader = self.cache or person_reader(source.plate, source.colour_space, source.alpha)
         self._mattes = matte_reader(source.mask)
         self._backgrounds, self._log = backgrounds, log
         self._opaque: dict[int, bool] = {}  # {frame number: whether its plate is}
@@ -229,7 +229,7 @@ class FrameReader:
         return options.model != AUTO or options.person is not None or options.refine is not None
 
     @property
-    def readers(self) -> tuple[Any, ...]:
+    def readers(self) -> tuple[Reader, ...]:
         """What a person is read with."""
         return self.plates, self._mattes, self._normals, self._depths
 
@@ -242,7 +242,7 @@ class FrameReader:
         axes = self.source.axes if self.source.normals is not None else None
         alpha = [] if self.source.alpha is None else [self.source.alpha]
         feather = [self.source.feather] if self.source.feather else []
-        kind = ["preview"] if self._is_preview else []
+        kind = ["preview"] if self.is_preview else []
         return content_hash(
             self.source.key, options, model, self.source.colour_space, axes, self.field_of_view, self.height,
             self.placement, self.temporal_radius, *alpha, *feather, *network, *kind,
@@ -273,9 +273,13 @@ class FrameReader:
         """The frames that there are; (0,) for a still."""
         return next((shown for reader in self.readers if (shown := self._shown(reader))), (0,))
 
+    def source_frame(self, number: int) -> int:
+        """Return the frame whose person is shown at a number: 0 for a still."""
+        return 0 if self.is_still else number
+
     def _shown(self, reader: Reader) -> Sequence[int] | None:
         """Return the numbers of a reader's frames that the shot has; None for a still."""
-        return reader.numbers and reader.numbers[:: preview.EVERY if self._is_preview else 1]
+        return reader.numbers and reader.numbers[:: preview.EVERY if self.is_preview else 1]
 
     @functools.cached_property
     def pixel_aspect(self) -> float:
@@ -356,7 +360,7 @@ class FrameReader:
                 paths += [Path(network)] if Path(network).is_file() else []
         return [self._log.record(path) for path in sorted({p for p in paths if p})]
 
-    def _pairs(self, around: Iterable[int]) -> list[tuple[Any, int]]:
+    def _pairs(self, around: Iterable[int]) -> list[tuple[Reader, int]]:
         """Return the (reader, frame number) pairs from which the persons of frames are made."""
         wanted = list(around)
         pairs = [(reader, n) for n in wanted for reader in self.readers]
@@ -400,7 +404,7 @@ class FrameReader:
             normals = self.placement(normals, size)
         matte = None if matte is None else self.placement(matte, size)
         placed = FrameInputs(self.placement(plate, size), matte, normals, depth)
-        return _halved(placed) if self._is_preview else placed
+        return _halved(placed) if self.is_preview else placed
 
     def is_cut(self, before: int, after: int) -> bool:
         """Return whether a cut is between two frames that were read, and follow each other."""
@@ -426,7 +430,7 @@ class FrameReader:
             f"got {found}"
         )
 
-    def _squared_as_plate(self, values: Any, plate: np.ndarray, number: int) -> Any:
+    def _squared_as_plate(self, values: object, plate: np.ndarray, number: int) -> Any:
         """Resample a matte, normals or depth like its plate with non-square pixels.
 
         It is resampled as the plate was, if it then has the plate's size.

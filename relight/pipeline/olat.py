@@ -2,7 +2,6 @@
 
 from collections.abc import Iterable, Sequence
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 
@@ -12,6 +11,7 @@ from relight.lights.files import write_lights
 from relight.media.content_hash import content_hash
 from relight.media.sequences import FrameRange, FrameSequence, GivenFrames
 from relight.pipeline.delivery import Delivery
+from relight.pipeline.frame_numbers import shown_frame
 from relight.pipeline.option_fields import Report
 from relight.pipeline.options import Compute, GivenSource, Output
 from relight.pipeline.outputs import is_exr
@@ -112,7 +112,7 @@ class SeparateLights(Job[list[Path]]):
     def check(self, shot: Shot, frames: GivenFrames | None) -> FrameRange:
         """Refuse outputs that are read, and a frame that is not there; return the numbers of the lights."""
         shot.check_outputs(Output(self._paths, save_lights=self._lights_file))
-        self._frame = shot.shown_frame(frames)
+        self._frame = shown_frame(shot, frames)
         return FrameRange.of((1, len(self._lights)))
 
     def prepare(self, shot: Shot, numbers: FrameRange, report: Report) -> None:
@@ -146,7 +146,7 @@ class SeparateLights(Job[list[Path]]):
         write_lights(self._lights_file, self._lights)
         return [*map(self._files.path, written), self._lights_file, *self._scripts]
 
-    def _groups(self) -> dict[str, Any]:
+    def _groups(self) -> dict[str, tuple[FrameSequence | SingleFile, str | None]]:
         """Return the file and the layer of each light, for a script."""
         names = [f"{light.name}" for light in self._lights]
         if isinstance(self._files, FrameSequence):

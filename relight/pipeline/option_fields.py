@@ -251,7 +251,7 @@ class Options(Checked):
     def _set(self, name: str, value: object) -> None:
         object.__setattr__(self, name, value)  # as frozen dataclasses initialise themselves
 
-    def given(self) -> dict[str, Any]:
+    def given(self) -> dict[str, object]:
         """{field: value} of the fields that do not have their default."""
         return {
             each.name: getattr(self, each.name)
@@ -297,7 +297,7 @@ def _absolute(value: object) -> Any:
 AnyOptions = TypeVar("AnyOptions", bound=Options)
 
 
-def to_json(options: Options) -> dict[str, Any]:
+def to_json(options: Options) -> dict[str, object]:
     """Convert options to JSON types: {field: value} of all values that are not the default.
 
     Raises TypeError, naming the field, for what is in memory alone: arrays and functions.

@@ -415,6 +415,20 @@ class Lighting(Options):
             return presets.gloss(self.preset)
         return self.gloss or 0.0
 
+    @property
+    def has_background(self) -> bool:
+        """Whether anything behind the person was asked for."""
+        return self.background is not None and not self.background_is(quantities.NONE)
+
+    def background_is(self, word: str) -> bool:
+        """Return whether the background is a word: "environment", "plate" or "none"."""
+        return isinstance(self.background, str) and self.background == word
+
+    @property
+    def uses_plate_light(self) -> bool:
+        """Whether the background lights the person."""
+        return self.match_plate or self.fill is not None
+
     def check_any(self) -> None:
         """Raise ValueError if there are no lights, not even matched ones."""
         if not self.has_lights:

@@ -122,7 +122,7 @@ def check_alpha(output: Output, *, transparent: bool) -> None:
             raise ValueError(f"{path}: {kind} holds no alpha; give a background (background=FILE){instead}")
 
 
-def check_display(output: Output, *, moving: bool) -> dict[str, Any]:
+def check_display(output: Output, *, moving: bool) -> dict[str, object]:
     """Return how light becomes what displays show, as `images.write` takes it; ValueError out of range."""
     # All frames of a sequence share one white, so that they do not pump.
     white = movies.WHITE if output.white is None and moving else output.white

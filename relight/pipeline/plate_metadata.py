@@ -29,7 +29,7 @@ class PlateMetadata:
     begin: Fraction = Fraction(0)  # when the frame is shown, in seconds of that movie
     end: Fraction = Fraction(0)
 
-    def to_json(self, folder: Path) -> dict[str, Any]:
+    def to_json(self, folder: Path) -> dict[str, object]:
         """Return what JSON holds of this, for a file in `folder`; `from_json` is the inverse.
 
         Values that are longer than `LONGEST` characters, and arrays of bytes, are left out.

@@ -9,7 +9,7 @@ import numpy as np
 
 from relight.media import images, movies
 from relight.media.content_hash import FileRecord
-from relight.media.sequences import FrameSequence, SequenceReader, Still
+from relight.media.sequences import FrameSequence, Reader, SequenceReader, Still
 from shadow import normals as normals_module
 from shadow.directions import CAMERA
 from shadow.files import is_path
@@ -17,7 +17,6 @@ from shadow.files import is_path
 if TYPE_CHECKING:
     from relight.pipeline.options import Normals, Picture
 
-Reader = Still | SequenceReader | movies.Movie
 NETWORKS = ("", ".pt", ".onnx", ".safetensors")  # suffixes of what `shadow.normals.load` takes
 
 
@@ -44,12 +43,13 @@ class ReadLog:
         """Return the record of a file as it was read last; as it is now if it was not read."""
         return self._records.get(path) or FileRecord.of(path)
 
-    def content_hash(self, reader: Any, number: int, as_read: bool) -> str:
+    def content_hash(self, reader: Reader, number: int, as_read: bool) -> str:
         """Return a hash of a picture: as it was read, if it was, or as its file is now."""
-        record = self._records.get(reader.file(number)) if as_read else None
-        if record is None or reader.numbers is None or record.sha256 is None:
-            return reader.content_hash(number)
-        return reader.content_hash(number, record.sha256)
+        path = reader.file(number)
+        record = self._records.get(path) if as_read and path is not None else None
+        if isinstance(reader, SequenceReader | movies.Movie) and record is not None and record.sha256:
+            return reader.content_hash(number, record.sha256)
+        return reader.content_hash(number)
 
 
 def reader_of(value: object, read: Callable, read_movie: Callable) -> Reader:

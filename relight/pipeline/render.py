@@ -11,6 +11,7 @@ from relight.media.pixel_aspect import squeeze_pixels
 from relight.media.sequences import FrameRange, GivenFrames
 from relight.pipeline import outputs
 from relight.pipeline.delivery import Delivery
+from relight.pipeline.frame_numbers import frames_for, start
 from relight.pipeline.option_fields import Phase, Report
 from relight.pipeline.options import (
     Compute,
@@ -136,14 +137,14 @@ class Relighting(Job[Problems]):
             check_preview(output.paths)
         shot.check_outputs(output)
         self.collects_errors = outputs.has_frames(output)
-        numbers = shot.frames_for(output, frames)
+        numbers = frames_for(shot, output, frames)
         self._display = outputs.check_display(output, moving=self.collects_errors)
-        self._start = shot.start(numbers)
+        self._start = start(shot, numbers)
         shot.check_lights(self._start)
         shot.check_background()
         shot.check_form(output)
         self._keeps_plate = outputs.shows_backgrounds(output) and shot.keeps_plate
-        outputs.check_alpha(output, transparent=not (shot.has_background or self._keeps_plate))
+        outputs.check_alpha(output, transparent=not (shot.lighting.has_background or self._keeps_plate))
         return numbers
 
     def prepare(self, shot: Shot, numbers: FrameRange, report: Report) -> None:

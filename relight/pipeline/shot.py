@@ -1,6 +1,5 @@
 """A shot on disk with its lights: a still, a sequence, a movie or an analysis cache, opened once."""
 
-import math
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from contextlib import contextmanager, suppress
 from dataclasses import replace
@@ -14,28 +13,26 @@ import torch
 
 from relight.analysis import joints, skin
 from relight.compositing.composite import Background
-from relight.light_estimation import FILL, Matching, PlateLight, lights_on
+from relight.light_estimation import FILL, Matching, lights_on
 from relight.light_estimation import PLATE as PLATE_LIGHT
 from relight.light_painting import paint_lights, read_strokes, strokes_of
-from relight.lights.environment import EnvironmentLight, environments
+from relight.lights.environment import EnvironmentLight
 from relight.lights.light import Light
 from relight.lights.moving import MovingLight, lights_at
 from relight.lights.near import NearLight, Point
 from relight.lights.rig import by_name, check_free, scaled
 from relight.matting.people.track import Track
 from relight.media.content_hash import FileRecord, content_hash
-from relight.media.sequences import FrameRange, GivenFrames
-from relight.media.timecode import TEXT as TIMECODE
-from relight.media.timecode import frames_of, suits_rate
 from relight.pipeline import outputs, preview
+from relight.pipeline.backgrounds import Backgrounds, background_reader
 from relight.pipeline.cache import check_not_analysed, is_cache
 from relight.pipeline.frame import FrameInputs, FrameReader
-from relight.pipeline.option_fields import BACKGROUND, Report
+from relight.pipeline.option_fields import Picture, Report
 from relight.pipeline.options import Compute, GivenLighting, GivenSource, Lighting, Output, Source
 from relight.pipeline.persons import FrameAnalyser, Persons
 from relight.pipeline.plate_metadata import PlateMetadata, PlateMetadataReader
-from relight.pipeline.readers import ReadLog, holds_display_light, person_reader, plate_reader
-from relight.quantities import ENVIRONMENT, NONE, PLATE
+from relight.pipeline.readers import Reader, ReadLog
+from relight.quantities import ENVIRONMENT, PLATE
 from relight.rendering import BACKGROUND_LAYER
 from relight.scene.camera_view import CameraView
 from relight.scene.lights import write_lights
@@ -125,7 +122,7 @@ class Shot:
     def _frames(self) -> FrameReader:
         """What reads the persons."""
         return FrameReader(
-            self.source, self._other_backgrounds, self._log, self._camera_view, self.is_preview
+            self.source, self._background_reader, self._log, self._camera_view, self.is_preview
         )
 
     @cached_property
@@ -142,51 +139,19 @@ class Shot:
         return Persons(self.numbers, self._analyser, frames.temporal_radius, frames.is_cut)
 
     @cached_property
-    def _other_backgrounds(self) -> Any:
-        """What reads the backgrounds that are other pictures than the plate."""
-        background: Any = self.lighting.background
-        words = ENVIRONMENT, PLATE, NONE
-        given = None if isinstance(background, str) and background in words else background
-        return plate_reader(given, self.lighting.background_colour_space)
+    def _background_reader(self) -> Reader:
+        """What reads the backgrounds that are other pictures than the plate; frames may have their size."""
+        return background_reader(self.lighting)
 
     @cached_property
-    def _own_plates(self) -> Any:
-        """What reads the plates as backgrounds: another reader, as a movie is read in order."""
-        plates, source = self._frames.plates, self.source
-        if plates.numbers is None:
-            return plates
-        return person_reader(source.plate, source.colour_space, source.alpha)
+    def _backgrounds(self) -> Backgrounds:
+        return Backgrounds(self.lighting, self._frames, self._background_reader, self._log)
 
     @property
-    def _backgrounds(self) -> Any:
-        return self._own_plates if self._background_is(PLATE) else self._other_backgrounds
-
-    def _background_is(self, word: str) -> bool:
-        return isinstance(self.lighting.background, str) and self.lighting.background == word
-
-    @cached_property
-    def _plate_light(self) -> PlateLight:
-        """The light of the background; of the plate itself where that stays behind the person."""
-        return PlateLight(self._lighting_plates, self._frames.field_of_view)
-
-    @property
-    def _lighting_plates(self) -> Any:
-        """What reads the backgrounds whose light reaches the person."""
-        return self._own_plates if self.lighting.background is None else self._backgrounds
-
-    @property
-    def _balance(self) -> tuple[Any, ...]:
+    def _balance(self) -> tuple[object, ...]:
         """How strong the lights are beside each other and the photograph."""
         lighting = self.lighting
         return lighting.preset, lighting.fill, lighting.fill_amount, lighting.amount, lighting.intensity
-
-    @property
-    def _uses_plate_light(self) -> bool:
-        return self.matching.plate or self.lighting.fill is not None
-
-    @property
-    def _sees_lights(self) -> bool:
-        return self._background_is(ENVIRONMENT)
 
     # What is so of all frames
 
@@ -223,43 +188,23 @@ class Shot:
         return self._frames.pixel_aspect
 
     @property
-    def has_background(self) -> bool:
-        """Whether anything behind the person was asked for."""
-        return self.lighting.background is not None and not self._background_is(NONE)
-
-    @cached_property
     def keeps_plate(self) -> bool:
         """Whether outputs for a display show the plate behind the person, though no background was given.
 
         A source without alpha keeps its background. One that is placed elsewhere needs another, a screen is
         keyed so that it goes, and an analysis cache holds no plates. Reads the first plate.
         """
-        return self.lighting.background is None and self._why_without_plate() is None
-
-    def _why_without_plate(self) -> str | None:
-        """Return why the plate cannot be the background; None if it can."""
-        if self.is_analysed:
-            return f"{self.source.plate} holds no photograph; name its file"
-        if {"size", "placement", "scale", "offset"} & set(self.source.given()):
-            return "the photograph is placed in another frame"
-        if self.source.key is not None and not self._background_is(PLATE):
-            return "the screen is keyed"
-        return None if self._frames.is_opaque else "the source has alpha, so nothing is behind the person"
+        return self._backgrounds.keeps_plate
 
     def keeps_codes(self, keeps_plate: bool) -> bool:
         """Return whether the background's code values are those of a display, and are passed on as they are.
 
         `keeps_plate`: whether it is the plate because there is no other.
         """
-        if keeps_plate or self._background_is(PLATE):
-            return holds_display_light(self._own_plates, self.source.colour_space)
-        background: Any = self.lighting.background
-        if isinstance(background, tuple):
-            return max(background) <= 1
-        return holds_display_light(self._other_backgrounds, self.lighting.background_colour_space)
+        return self._backgrounds.keeps_codes(keeps_plate)
 
     @property
-    def files(self) -> tuple[Any, ...]:
+    def files(self) -> tuple[object, ...]:
         """What is read: paths, and lights whose images are files. Those in memory are among them."""
         source, lighting = self.source, self.lighting
         return (
@@ -282,7 +227,7 @@ class Shot:
         """Return the names of a frame's light groups, including that of the background."""
         matched = [PLATE_LIGHT] if self.matching.plate else [FILL] if self.lighting.fill else []
         own = [PHOTOGRAPH] if self.lighting.amount < 1 else []
-        behind = [BACKGROUND_LAYER] if self.has_background else []
+        behind = [BACKGROUND_LAYER] if self.lighting.has_background else []
         return [*own, *by_name(self.lights(number)), *matched, *behind]
 
     @property
@@ -307,22 +252,22 @@ class Shot:
 
     def person(self, number: int) -> Subject:
         """Return the person of a frame, filtered in time. Raises the errors of reading and of Subject."""
-        return self._persons.at(self._source_frame(number))
+        return self._persons.at(self._frames.source_frame(number))
 
     def certainty(self, number: int) -> float | None:
         """Return how certain it is that the person is in a frame, 0 to 1; None where nobody is followed."""
-        return None if self._frames.cache else self._frames.certainty(self._source_frame(number))
+        return None if self._frames.cache else self._frames.certainty(self._frames.source_frame(number))
 
     def neighbours(self, number: int) -> list[int] | None:
         """Return the frames with which the person of a frame was filtered, just after `person` returned them.
 
         None for a person of an analysis cache.
         """
-        return None if self._frames.cache else self._persons.neighbours(self._source_frame(number))
+        return None if self._frames.cache else self._persons.neighbours(self._frames.source_frame(number))
 
     def subject(self, number: int, *, filtered: bool = True) -> Subject:
         """Return the person of a frame; raises ValueError if the frame shows no person."""
-        number = self._source_frame(number)
+        number = self._frames.source_frame(number)
         person = self._persons.at(number) if filtered else self._persons.analysed(number)
         if person.is_empty:
             raise ValueError(f"frame {number}: shows no person; choose another (frame=NUMBER)")
@@ -339,9 +284,9 @@ class Shot:
 
     def size(self, number: int) -> tuple[int, int]:
         """Return the size (H, W) of a frame's picture, in pixels, without analysing it."""
-        person = self._persons.if_analysed(self._source_frame(number))
+        person = self._persons.if_analysed(self._frames.source_frame(number))
         if person is None and self._frames.cache is None:
-            return self._analyser.size(self._source_frame(number))
+            return self._analyser.size(self._frames.source_frame(number))
         return (person or self.person(number)).size
 
     def lights(self, number: int) -> list[Light]:
@@ -360,7 +305,7 @@ class Shot:
         """
         if self.subject_is_empty(number):
             return light.standing_at((0, 0, 0))
-        number = self._source_frame(number)
+        number = self._frames.source_frame(number)
         seen: dict[int, Point] = {}
         for each in self._followed_in(number):
             with suppress(OSError, ValueError):  # that frame is reported when it is its turn
@@ -380,7 +325,7 @@ class Shot:
 
     def subject_is_empty(self, number: int) -> bool:
         """Return whether a frame shows no person. Raises as `person` does."""
-        return self._persons.analysed(self._source_frame(number)).is_empty
+        return self._persons.analysed(self._frames.source_frame(number)).is_empty
 
     def all_lights(self, preset_gain: float = 1.0) -> list[Light | MovingLight]:
         """Return the lights of all frames, without that of the background.
@@ -418,70 +363,33 @@ class Shot:
 
     def background(self, number: int, size: tuple[int, int]) -> Background | None:
         """Return the background of a frame whose picture has a `size` (H, W)."""
-        field_of_view = self._frames.field_of_view
-        if self._sees_lights:
-            skies = environments(self.lights(number))
-            return np.sum([sky.view(size, field_of_view) for sky in skies], axis=0)
-        background: Any = self._log.read(self._backgrounds, number)
-        background = background.at(number) if isinstance(background, MovingLight) else background
-        if self.is_preview:
-            background = preview.halved(background)
-        return (
-            background.view(size, field_of_view) if isinstance(background, EnvironmentLight) else background
-        )
+        return self._backgrounds.seen(number, size, self.lights(number))
 
     def behind(self, number: int, person: Subject, keeps_plate: bool = False) -> Background | None:
         """Return what is behind the person of a frame: the plate without them, if that is their background.
 
         `keeps_plate`: it is the plate because there is no other, see the property.
         """
-        size = person.size
-        if keeps_plate:
-            plate = self._log.read(self._own_plates, number)
-            return person.clean_plate(preview.halved(plate) if self.is_preview else plate)
-        background: Any = self.background(number, size)
-        if isinstance(background, np.ndarray) and self._is_plate(background, number, size):
-            return person.clean_plate(background)
-        return background
-
-    def _is_plate(self, background: np.ndarray, number: int, size: tuple[int, int]) -> bool:
-        """Return whether a background is the plate on which the person of a frame was found."""
-        if self._background_is(PLATE):
-            return True
-        if background.shape[:2] != size:
-            return False
-        file, number = self._backgrounds.file(number), self._source_frame(number)
-        if file is not None:
-            return file.resolve() in self._frames.plate_files(number)
-        plate = None if self._frames.cache else self._log.read(self._frames.plates, number)
-        return isinstance(plate, np.ndarray) and np.array_equal(plate, background)
+        return self._backgrounds.behind(number, person, self.lights(number), keeps_plate)
 
     def background_lights(self, number: int, size: tuple[int, ...]) -> list[EnvironmentLight]:
         """Return the light of a frame's background, for a `size` (H, W), if the plate is matched."""
-        if not self._uses_plate_light:
-            return []
-        light, lighting = self._plate_light.at(number, size), self.lighting
-        if lighting.fill:
-            light = replace(light, name=FILL, intensity=light.intensity * lighting.fill_amount)
-        return scaled([light], lighting.intensity)
+        return self._backgrounds.lights(number, size)
 
     def content_hash(self, number: int, as_read: bool = False) -> str:
         """Return a hash of all from which a frame is made, options of the output apart.
 
         `as_read`: whether to hash files as they were read, if they were, or as they are now.
         """
-        around = self._analysed_frames(self._source_frame(number))
+        around = self._analysed_frames(self._frames.source_frame(number))
         if any(map(_follows, self.lights(number))):
-            around = sorted({*around, *self._followed_in(self._source_frame(number))})
-        places = [number]
-        if self._frames.placement.size == BACKGROUND and self._backgrounds.numbers:
-            places.append(self._backgrounds.numbers[0])
-        lighting = self._plate_light.frames_for(number) if self._uses_plate_light else []
+            around = sorted({*around, *self._followed_in(self._frames.source_frame(number))})
+        seen, shining = self._backgrounds.hashes(number, as_read)
+        lighting = self.lighting
         return content_hash(
             self._frames.person_hash(around, as_read), self._world[0],
-            [self._log.content_hash(self._backgrounds, n, as_read) for n in places],
-            [self._log.content_hash(self._lighting_plates, n, as_read) for n in lighting],
-            self.lighting.background_colour_space, self.has_background, self._sees_lights,
+            seen, shining, lighting.background_colour_space,
+            lighting.has_background, lighting.background_is(ENVIRONMENT),
             self.matching.plate, [*by_name(self.lights(number)).items()], *self._balance,
             __version__, *weights(), self.computed_in,
             self.skin_is_known,
@@ -513,91 +421,14 @@ class Shot:
         """See `FrameAnalyser.world`; the frames of an analysis cache have their places already."""
         return (None, None) if self._frames.cache is not None else self._analyser.world
 
-    def _source_frame(self, number: int) -> int:
-        return 0 if self.is_still else number
-
     # Checks and preparation, before the first frame
 
-    def frames_for(self, output: Output, frames: GivenFrames | None) -> FrameRange:
-        """Return the numbers of the frames to make, in order; 0 for a single file.
-
-        Raises ValueError if neither `frames` nor source nor lights say which, or the output cannot hold them.
-        """
-        moving = [light for light in self.every_light if isinstance(light, MovingLight)]
-        if not outputs.has_frames(output):
-            return self._single_frame(output, frames, moving)
-        frames = self._span if frames is None else frames
-        spans = [light.span for light in moving if light.span]
-        if frames is None and spans:
-            frames = math.floor(min(first for first, _ in spans)), math.ceil(max(last for _, last in spans))
-        if frames is None:
-            raise ValueError(
-                "frames: expected (first, last), as neither source nor lights say how many; "
-                f"{output.paths[0]} is a movie, or has a frame number in its name"
-            )
-        numbers = self.frame_range(frames)
-        return preview.shown(numbers, (self._span or numbers)[0]) if self.is_preview else numbers
-
-    def frame_range(self, frames: GivenFrames) -> FrameRange:
-        """Return the numbers of frames, which a text may give as timecodes of the source.
-
-        Raises ValueError for timecodes that the source does not have, and as `FrameRange.of` does.
-        """
-        if isinstance(frames, str):
-            frames = TIMECODE.sub(lambda match: str(self._number_at(match[0])), frames)
-        return FrameRange.of(frames)
-
-    def _number_at(self, timecode: str) -> int:
-        """Return the number of the frame at a timecode."""
-        first, last = (self.plate_metadata(self.numbers[n]).timecode for n in (0, -1))
-        if first is None or self.rate is None:
-            raise ValueError(f"frames: expected numbers, as {self.source.plate} states no timecode")
-        start, wanted = frames_of(first, self.rate), frames_of(timecode, self.rate)
-        number = self.numbers[0] + (wanted or 0) - (start or 0)
-        if not suits_rate(timecode, self.rate) or number not in self.numbers:
-            raise ValueError(f"frames: expected timecodes of the source, {first} to {last}, got {timecode}")
-        return number
-
-    def start(self, numbers: FrameRange) -> int:
-        """Return the first of these frames; if there are none, the first of the sources."""
-        return numbers[0] if numbers else (self._span or (0,))[0]
-
-    def shown_frame(self, frame: object) -> int:
-        """Return the frame to show: the given or the first one. Raises ValueError if it does not exist."""
-        if frame is None:
-            return self.numbers[0]
-        if self.is_still:
-            raise ValueError("frame: a still has none")
-        if not isinstance(frame, int) or frame not in self.numbers:
-            first, last = self.numbers[0], self.numbers[-1]
-            raise ValueError(f"frame: expected a frame of the source, {first} to {last}, got {frame}")
-        return frame
-
     @cached_property
-    def _span(self) -> tuple[int, int] | None:
+    def span(self) -> tuple[int, int] | None:
         """The first and the last frame of the sources; the person's take precedence over the background's."""
-        for reader in (*self._frames.readers, self._backgrounds):
-            if reader.numbers:
-                return reader.numbers[0], reader.numbers[-1]
-        return None
-
-    def _single_frame(self, output: Output, frames: Any, moving: list[MovingLight]) -> FrameRange:
-        """Return the one frame of an output of single files."""
-        name = output.paths[0]
-        if frames is None and self._span is not None:
-            raise ValueError(
-                f"{name}: expected {outputs.FRAME_NUMBER}, as the source has frames; or choose one frame "
-                f"(frames={self._span[0]})"
-            )
-        if frames is None and moving:
-            raise ValueError(
-                f"lights: {moving[0].name or 'a light'} moves; choose one frame (frames=7), or write "
-                f"frames: expected {outputs.FRAME_NUMBER}"
-            )
-        numbers = FrameRange((0,)) if frames is None else self.frame_range(frames)
-        if len(numbers) > 1:
-            raise ValueError(f"{name}: expected {outputs.FRAME_NUMBER}, for {len(numbers)} frames")
-        return numbers
+        numbers = next((each.numbers for each in self._frames.readers if each.numbers), None)
+        numbers = numbers or self._backgrounds.numbers
+        return (numbers[0], numbers[-1]) if numbers else None
 
     def check_outputs(self, output: Output, *further: Path) -> None:
         """Refuse outputs that cannot be written, or that this shot or `further` reads."""
@@ -625,27 +456,16 @@ class Shot:
         named = by_name(self.lights(number))
         if self.lighting.amount < 1:
             check_free(named, PHOTOGRAPH)
-        if self._sees_lights and not environments(named.values()):
-            raise ValueError("background: 'environment' expected an environment among the lights")
-        if self.has_background:
-            check_free(named, BACKGROUND_LAYER)
+        self._backgrounds.check_names(named)
         self.matching.check_names(named)
         for light in named.values():
             if _follows(light):
                 joints.check_available(light)
-        if self.lighting.fill:
-            check_free(named, FILL)
-        option = "fill" if self.lighting.fill else "match_plate" if self.matching.plate else None
-        if option is not None:
-            if self.lighting.background is None and (why := self._why_without_plate()):
-                raise ValueError(f"{option}: expected a background that is an image (background=FILE): {why}")
-            self._plate_light.check(option)
+        self._backgrounds.check_light(named)
 
     def check_background(self) -> None:
         """Raise ValueError if the plate is to be the background, and there is none."""
-        why = self._why_without_plate() if self._background_is(PLATE) else None
-        if why is not None:
-            raise ValueError(f"background: the photograph cannot stay behind the person, as {why}")
+        self._backgrounds.check()
 
     def lighting_of_analysed(self, output: Output) -> Lighting:
         """Return the lighting for frames relit from their analysis: it names a plate that is behind them.
@@ -655,11 +475,11 @@ class Shot:
         """
         self.check_background()
         shown = outputs.shows_backgrounds(output) and not any(map(outputs.is_exr, output.paths))
-        is_plate = self._background_is(PLATE) or (shown and self.keeps_plate)
+        is_plate = self.lighting.background_is(PLATE) or (shown and self.keeps_plate)
         if is_plate and is_path(self.source.plate):
             plate, space = Path(self.source.plate), self.source.colour_space
             return replace(self.lighting, background=plate, background_colour_space=space)
-        outputs.check_alpha(output, transparent=not self.has_background)
+        outputs.check_alpha(output, transparent=not self.lighting.has_background)
         return self.lighting
 
     def check_floor(self, number: int) -> None:
@@ -686,7 +506,7 @@ class Shot:
             self._paint(self.lighting.paint)
         self._frames.compile_matting(report)
 
-    def _paint(self, picture: Any) -> None:
+    def _paint(self, picture: Picture) -> None:
         """Let the lights that a picture of strokes asks for take the place of all others.
 
         The strokes are on the first frame with a person. Raises as `paint_lights` does.

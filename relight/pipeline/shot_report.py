@@ -86,7 +86,7 @@ class ShotReport:
             beside.write_text(json.dumps({"report": VERSION, "frames": frames}, indent=1), encoding="utf-8")
 
 
-def _compared(entry: dict[str, Any] | None, last: dict[str, Any] | None) -> dict[str, Any]:
+def _compared(entry: dict[str, Any] | None, last: dict[str, Any] | None) -> dict[str, object]:
     """Return what a frame and the last one with a person say together."""
     if entry is None or last is None:
         return {"area_jump": None, "likely_other_person": False}

@@ -9,6 +9,7 @@ from relight import quantities
 from relight.arguments import checks_arguments
 from relight.lights.light import Light
 from relight.media.sequences import FrameRange, GivenFrames
+from relight.pipeline.frame_numbers import shown_frame
 from relight.pipeline.option_fields import Report
 from relight.pipeline.options import Compute, GivenLighting, GivenSource
 from relight.pipeline.run import Job, Problems, run
@@ -91,7 +92,7 @@ class Viewing(Job[Path]):
     def check(self, shot: Shot, frames: GivenFrames | None) -> FrameRange:
         """Refuse lights that the page cannot show, and a frame or a background that is not there."""
         self._lights(shot)
-        number = shot.shown_frame(frames)
+        number = shown_frame(shot, frames)
         shot.check_lights(number)
         shot.check_background()
         return FrameRange((number,))

@@ -10,6 +10,7 @@ from relight import Lighting, Output, Source
 from relight.errors import MissingNetworksError
 from relight.media import images
 from relight.pipeline.frame import Placement
+from relight.pipeline.frame_numbers import frames_for
 from relight.pipeline.shot import Shot
 
 
@@ -31,7 +32,7 @@ def test_a_still_takes_the_size_of_a_background_that_moves(tmp_path, plate):
     prepared = Shot(Source(plate, size="background"), Lighting(background=backgrounds(tmp_path)))
     assert prepared.is_still
     assert prepared.numbers == (0,)
-    assert list(prepared.frames_for(Output("r.%d.exr"), None)) == [5, 6]
+    assert list(frames_for(prepared, Output("r.%d.exr"), None)) == [5, 6]
     assert prepared.frame(0).plate.shape == (30, 50, 4)
     first, second = (prepared.background(number, (30, 50)) for number in (5, 6))
     assert first.mean() < second.mean()

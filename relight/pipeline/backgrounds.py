@@ -1,0 +1,183 @@
+"""What is behind the person of a shot, and its light: a picture, the plate, an environment, or nothing."""
+
+from collections.abc import Iterable, Sequence
+from dataclasses import replace
+from functools import cached_property
+
+import numpy as np
+
+from relight.compositing.composite import Background
+from relight.light_estimation import FILL, PlateLight
+from relight.lights.environment import EnvironmentLight, environments
+from relight.lights.light import Light
+from relight.lights.moving import MovingLight
+from relight.lights.rig import check_free, scaled
+from relight.pipeline import preview
+from relight.pipeline.frame import FrameReader
+from relight.pipeline.option_fields import BACKGROUND
+from relight.pipeline.options import Lighting
+from relight.pipeline.readers import Reader, ReadLog, holds_display_light, person_reader, plate_reader
+from relight.quantities import ENVIRONMENT, NONE, PLATE
+from relight.rendering import BACKGROUND_LAYER
+from relight.subject import Subject
+
+
+def background_reader(lighting: Lighting) -> Reader:
+    """Return the reader of backgrounds other than the plate; it reads None if there are none."""
+    background = lighting.background
+    is_word = isinstance(background, str) and background in (ENVIRONMENT, PLATE, NONE)
+    return plate_reader(None if is_word else background, lighting.background_colour_space)
+
+
+class Backgrounds:
+    """The backgrounds of a shot's frames, and the light of those that light the person.
+
+    `frames` reads the persons, `others` the backgrounds that are other pictures than the plate, through the
+    same log.
+    """
+
+    def __init__(self, lighting: Lighting, frames: FrameReader, others: Reader, log: ReadLog) -> None:
+        self._lighting, self._frames, self._others, self._log = lighting, frames, others, log
+
+    @cached_property
+    def _plates(self) -> Reader:
+        """What reads the plates as backgrounds: another reader, as a movie is read in order."""
+        plates, source = self._frames.plates, self._frames.source
+        if plates.numbers is None:
+            return plates
+        return person_reader(source.plate, source.colour_space, source.alpha)
+
+    @property
+    def _reader(self) -> Reader:
+        return self._plates if self._lighting.background_is(PLATE) else self._others
+
+    @property
+    def _light_reader(self) -> Reader:
+        """What reads the backgrounds whose light reaches the person; the plate if none is given."""
+        return self._plates if self._lighting.background is None else self._reader
+
+    @cached_property
+    def _plate_light(self) -> PlateLight:
+        return PlateLight(self._light_reader, self._frames.field_of_view)
+
+    # What is so of all frames
+
+    @property
+    def numbers(self) -> Sequence[int] | None:
+        """The frames of the backgrounds; None for a still."""
+        return self._reader.numbers
+
+    @cached_property
+    def keeps_plate(self) -> bool:
+        """See `Shot.keeps_plate`."""
+        return self._lighting.background is None and self._why_without_plate() is None
+
+    def keeps_codes(self, keeps_plate: bool) -> bool:
+        """See `Shot.keeps_codes`."""
+        lighting = self._lighting
+        if keeps_plate or lighting.background_is(PLATE):
+            return holds_display_light(self._plates, self._frames.source.colour_space)
+        if isinstance(lighting.background, tuple):
+            return max(lighting.background) <= 1
+        return holds_display_light(self._others, lighting.background_colour_space)
+
+    def _why_without_plate(self) -> str | None:
+        """Return why the plate cannot be the background; None if it can."""
+        source = self._frames.source
+        if self._frames.cache is not None:
+            return f"{source.plate} holds no photograph; name its file"
+        if {"size", "placement", "scale", "offset"} & set(source.given()):
+            return "the photograph is placed in another frame"
+        if source.key is not None and not self._lighting.background_is(PLATE):
+            return "the screen is keyed"
+        return None if self._frames.is_opaque else "the source has alpha, so nothing is behind the person"
+
+    # One frame
+
+    def behind(
+        self, number: int, person: Subject, lights: Iterable[Light], keeps_plate: bool
+    ) -> Background | None:
+        """See `Shot.behind`. `lights`: of the frame, among them the environments that a camera sees."""
+        if keeps_plate:
+            plate = self._log.read(self._plates, number)
+            return person.clean_plate(preview.halved(plate) if self._frames.is_preview else plate)
+        background = self.seen(number, person.size, lights)
+        if isinstance(background, np.ndarray) and self._is_plate(background, number, person.size):
+            return person.clean_plate(background)
+        return background
+
+    def seen(self, number: int, size: tuple[int, int], lights: Iterable[Light]) -> Background | None:
+        """Return the background of a frame whose picture has a `size` (H, W)."""
+        field_of_view = self._frames.field_of_view
+        if self._lighting.background_is(ENVIRONMENT):
+            skies = environments(lights)
+            return np.sum([sky.view(size, field_of_view) for sky in skies], axis=0)
+        background = self._log.read(self._reader, number)
+        background = background.at(number) if isinstance(background, MovingLight) else background
+        if self._frames.is_preview:
+            background = preview.halved(background)
+        return (
+            background.view(size, field_of_view) if isinstance(background, EnvironmentLight) else background
+        )
+
+    def _is_plate(self, background: np.ndarray, number: int, size: tuple[int, int]) -> bool:
+        """Return whether a background is the plate on which the person of a frame was found."""
+        if self._lighting.background_is(PLATE):
+            return True
+        if background.shape[:2] != size:
+            return False
+        file, number = self._reader.file(number), self._frames.source_frame(number)
+        if file is not None:
+            return file.resolve() in self._frames.plate_files(number)
+        plate = None if self._frames.cache else self._log.read(self._frames.plates, number)
+        return isinstance(plate, np.ndarray) and np.array_equal(plate, background)
+
+    def lights(self, number: int, size: tuple[int, ...]) -> list[EnvironmentLight]:
+        """Return the light of a frame's background, for a `size` (H, W); none unless it lights the person."""
+        lighting = self._lighting
+        if not lighting.uses_plate_light:
+            return []
+        light = self._plate_light.at(number, size)
+        if lighting.fill:
+            light = replace(light, name=FILL, intensity=light.intensity * lighting.fill_amount)
+        return scaled([light], lighting.intensity)
+
+    def hashes(self, number: int, as_read: bool) -> tuple[list[str], list[str]]:
+        """Return hashes of what is seen behind a frame, and of what lights it.
+
+        `as_read`: see `Shot.content_hash`.
+        """
+        seen = [number]
+        if self._frames.placement.size == BACKGROUND and self._reader.numbers:
+            seen.append(self._reader.numbers[0])
+        shining = self._plate_light.frames_for(number) if self._lighting.uses_plate_light else []
+        return (
+            [self._log.content_hash(self._reader, n, as_read) for n in seen],
+            [self._log.content_hash(self._light_reader, n, as_read) for n in shining],
+        )
+
+    # Checks
+
+    def check(self) -> None:
+        """Raise ValueError if the plate is to be the background, and there is none."""
+        why = self._why_without_plate() if self._lighting.background_is(PLATE) else None
+        if why is not None:
+            raise ValueError(f"background: the photograph cannot stay behind the person, as {why}")
+
+    def check_names(self, named: dict[str, Light]) -> None:
+        """Raise ValueError if lights have the name of the background's layer, or it lacks an environment."""
+        if self._lighting.background_is(ENVIRONMENT) and not environments(named.values()):
+            raise ValueError("background: 'environment' expected an environment among the lights")
+        if self._lighting.has_background:
+            check_free(named, BACKGROUND_LAYER)
+
+    def check_light(self, named: dict[str, Light]) -> None:
+        """Raise ValueError if a background that lights the person is no image, or a light has its name."""
+        lighting = self._lighting
+        if lighting.fill:
+            check_free(named, FILL)
+        option = "fill" if lighting.fill else "match_plate" if lighting.match_plate else None
+        if option is not None:
+            if lighting.background is None and (why := self._why_without_plate()):
+                raise ValueError(f"{option}: expected a background that is an image (background=FILE): {why}")
+            self._plate_light.check(option)
