@@ -162,7 +162,7 @@ class Checked:
 
 
 @functools.cache
-def _fields(kind: Callable[..., Any]) -> dict[str, Any]:
+def _fields(kind: Callable[..., Any]) -> dict[str, object]:
     hints = get_type_hints(kind, include_extras=True)
     return {each.name: hints[each.name] for each in dataclasses.fields(kind)}  # type: ignore[arg-type]
 
@@ -175,7 +175,7 @@ def checks_arguments(function: Callable[Parameters, Result]) -> Callable[Paramet
     signature = inspect.signature(function)
 
     @functools.cache
-    def kinds() -> dict[str, Any]:  # at the first call: annotations may name what is imported later
+    def kinds() -> dict[str, object]:  # at the first call: annotations may name what is imported later
         declared = parameters(function).items()
         return {name: each.kind for name, each in declared if _is_plain(each.kind)}
 

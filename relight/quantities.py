@@ -107,7 +107,7 @@ def file_name(value: object) -> Any:
     return value
 
 
-def _model(value: Any) -> Any:
+def _model(value: object) -> Any:
     if hasattr(value, "shape"):
         raise TypeError(f"expected the name of a model, got {shown(value)}; give the matte itself as mask")
     return file_name(value)

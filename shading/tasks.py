@@ -85,7 +85,7 @@ def _edges(blocks: torch.Tensor) -> list[torch.Tensor]:
     return [blocks[:, :, a] - blocks[:, :, b] for a, b in ((top, bottom), (left, right))]
 
 
-def _albedo_error(
+def albedo_error(
     estimate: torch.Tensor, truth: torch.Tensor, inside: torch.Tensor, light: torch.Tensor
 ) -> torch.Tensor:
     """Return the L1 error of the aligned encoded albedo and of its differences between neighbours.
@@ -130,7 +130,7 @@ def shading_loss(network: nn.Module, batch: Batch) -> torch.Tensor:
     reproduction = ((_aligned(estimated, photographed, inside) - photographed) * inside).abs().sum()
     return (
         SHADING_WEIGHT * _shading_error(estimate, shading, inside)
-        + _albedo_error(maps.albedo, _encoded(albedo), inside, light)
+        + albedo_error(maps.albedo, _encoded(albedo), inside, light)
         + PHOTOGRAPH_WEIGHT * reproduction / (3 * inside.sum()).clamp_min(1)
     )
 

@@ -6,7 +6,7 @@ import stat
 from collections.abc import Collection, Iterator
 from contextlib import contextmanager
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 if TYPE_CHECKING:
     from typing_extensions import TypeIs
@@ -15,7 +15,7 @@ AnyPath = str | os.PathLike[str]
 PROBE_BYTES = 16384  # written after a file to prove that the disk is not full: more than a library's buffer
 
 
-def is_path(value: Any) -> "TypeIs[AnyPath]":
+def is_path(value: object) -> "TypeIs[AnyPath]":
     """Return whether a value is the path of a file, and no picture or parameters."""
     return isinstance(value, str | os.PathLike)
 
@@ -37,7 +37,7 @@ def replacing(path: AnyPath) -> Iterator[Path]:
     target = Path(os.path.realpath(path))
     mode = _mode(path, target)
     beside = target.with_name(f".{secrets.token_hex(8)}{path.suffix}")  # short, where a long name is legal
-    unnamed = _unnamed(target.parent)
+    unnamed = unnamed_file(target.parent)
     written = beside if unnamed is None else Path(f"/proc/self/fd/{unnamed}")
     try:
         yield written
@@ -128,7 +128,7 @@ def _about(path: Path, error: Exception, temporary: tuple[str, ...]) -> OSError 
     return renamed
 
 
-def _unnamed(folder: Path) -> int | None:
+def unnamed_file(folder: Path) -> int | None:
     """Return the descriptor of a new file without a name, or None if the system does not support these."""
     try:
         return os.open(folder, os.O_TMPFILE | os.O_RDWR, 0o666)

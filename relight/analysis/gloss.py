@@ -20,7 +20,7 @@ The view is orthographic: V is (0, 0, 1) at each pixel. p then depends on the li
 know no camera compute the same.
 """
 
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 import torch
 
@@ -85,7 +85,7 @@ def outline(viewed: torch.Tensor) -> torch.Tensor:
     return DEPTH / (seen + DEPTH) * (1 - seen) ** 5
 
 
-def checked_gloss(gloss: Any) -> float:
+def checked_gloss(gloss: object) -> float:
     """Return the strength of the gloss; raises TypeError or ValueError unless it is a number in [0, 1].
 
     >>> checked_gloss(0.5)

@@ -49,7 +49,7 @@ class AnalysisMaps(NamedTuple):
         known, light = analysis.framed.mask.cpu() > 0.5, None
         if albedo is None:
             albedo = analysis.canvas_albedo.cpu()
-            light = _photographed_light(analysis.framed.rgb.cpu(), albedo, known)
+            light = photographed_light(analysis.framed.rgb.cpu(), albedo, known)
         normals, field = analysis.canvas_normals.cpu(), LightField.of(analysis, geometry.framing)
         return cls(geometry.framing, known, image, normals, field, albedo, light, geometry)
 
@@ -202,7 +202,7 @@ def near_sum(maps: LightMaps, rays: Iterable[Rays]) -> tuple[torch.Tensor, torch
     return lit, whole
 
 
-def _photographed_light(framed: torch.Tensor, albedo: torch.Tensor, known: torch.Tensor) -> torch.Tensor:
+def photographed_light(framed: torch.Tensor, albedo: torch.Tensor, known: torch.Tensor) -> torch.Tensor:
     """Return the light in which the person was photographed, on the canvas (3, h, w): image over albedo.
 
     It is grey, as the network's gain is: least squares of image = light · albedo over the colours of 3 x 3

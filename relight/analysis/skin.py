@@ -6,7 +6,8 @@ once or twice. Where it has not been fetched, no skin is known.
 
 import functools
 import importlib.util
-from typing import Any, NamedTuple
+from collections.abc import Callable, Mapping
+from typing import NamedTuple
 
 import numpy as np
 import torch
@@ -31,6 +32,9 @@ BODY = 0.7  # certainty of skin outside the head
 TURNED = 0.1  # distance of the left eye to the right of the right one, below which the face is turned away
 EYE, LIPS = 0.38, (0.7, 0.3)  # half an eye's width; of the mouth's width, half its own width and its height
 
+# A network of a picture (1, 3, h, w): its outputs by name, the landmarks and their presence first.
+Landmarks = Callable[[np.ndarray], Mapping[object, np.ndarray]]
+
 
 class Skin(NamedTuple):
     """Where on the canvas, (h, w): `face`, bool; in [0, 1], without eyes and mouth, `places`, where skin may
@@ -41,21 +45,22 @@ class Skin(NamedTuple):
     sure: torch.Tensor
 
 
-def find(image: torch.Tensor, known: torch.Tensor) -> Skin | None:
+def find(image: torch.Tensor, known: torch.Tensor, network: Landmarks | None = None) -> Skin | None:
     """Return where skin may be on a canvas image (3, h, w), encoded in about [0, 1].
 
-    `known`: (h, w), where it shows the person. None: the network has not been fetched, or sees nobody.
+    `known`: (h, w), where it shows the person. `network`: of landmarks, the fetched one by default. None: it
+    has not been fetched, or sees nobody.
     """
-    points = joints(image, known)
+    points = joints(image, known, network)
     return None if points is None else _skin(points / STEP, known)
 
 
-def joints(image: torch.Tensor, known: torch.Tensor) -> np.ndarray | None:
+def joints(image: torch.Tensor, known: torch.Tensor, network: Landmarks | None = None) -> np.ndarray | None:
     """Return the joints (33, 2) as (x, y) on a canvas; those that are not seen are not finite.
 
     The arguments, and None, are as in `find`.
     """
-    network = _network()
+    network = network or _network()
     if network is None or not known.any():
         return None
     # Half the rows of a canvas are about those that the network sees.
@@ -73,7 +78,7 @@ def is_available() -> bool:
 
 
 @functools.cache
-def _network() -> Any:
+def _network() -> Landmarks | None:
     """Return the landmark network; None where it has not been fetched, or OpenVINO is missing."""
     if not is_available():
         return None
@@ -83,7 +88,7 @@ def _network() -> Any:
         return None
 
 
-def _landmarks(network: Any, image: torch.Tensor, known: torch.Tensor) -> np.ndarray | None:
+def _landmarks(network: Landmarks, image: torch.Tensor, known: torch.Tensor) -> np.ndarray | None:
     """Return the joints (33, 2) as (x, y) on an image (3, h, w); those that are not seen are not finite."""
     ys, xs = (values.numpy() for values in known.nonzero(as_tuple=True))
     top, height, width = ys.min(), np.ptp(ys), np.ptp(xs)

@@ -182,10 +182,10 @@ def _plate_arrays(record: AnalysisRecord) -> dict[str, np.ndarray]:
     arrays = {
         "inside": np.packbits(person.alpha.numpy() > 0),
         "coverage": _half(person.coverage).clip(np.finfo(np.float16).smallest_subnormal),
-        "colour": _shortened(record.colour.T * unit),
+        "colour": shortened(record.colour.T * unit),
     }
     if record.provided_albedo is not None:
-        arrays["provided_albedo"] = _shortened(record.provided_albedo.T)
+        arrays["provided_albedo"] = shortened(record.provided_albedo.T)
     own = person.matte.flatten()[person.pixels]
     if not torch.equal(own, person.coverage):  # noise and specks are left out of the matte
         arrays["matte"] = _half(own)
@@ -321,8 +321,8 @@ def _restored(header: dict[str, Any], arrays: dict[str, np.ndarray]) -> Analysis
     framing = Framing(tuple(header["centre"]), header["scale"], tuple(arrays["within"].shape), box)
     on_plate = framing.shifted(left, top, size)
     camera = Camera(**{name: _tuple(value) for name, value in header["camera"].items()})
-    albedo = _lengthened(arrays["provided_albedo"]).T if "provided_albedo" in arrays else None
-    colour = _lengthened(arrays["colour"]).T / _unit(exposure)
+    albedo = lengthened(arrays["provided_albedo"]).T if "provided_albedo" in arrays else None
+    colour = lengthened(arrays["colour"]).T / _unit(exposure)
     maps = _restored_maps(tensors, on_plate, camera, exposure)
     old_light = OldLight(**{name: _tuple(value) for name, value in header["old_light"].items()})
     face = maps.field.silhouette.scatter(tensors["face"])[0] > 0 if "face" in tensors else None
@@ -377,7 +377,7 @@ def _half(values: torch.Tensor) -> np.ndarray:
     return values.clamp(-HALF_MAX, HALF_MAX).half().numpy()
 
 
-def _shortened(values: torch.Tensor) -> np.ndarray:
+def shortened(values: torch.Tensor) -> np.ndarray:
     """Return values (C, P) >= 0 as half floats; for a large person as the first bits of these, in uint16."""
     halves = _half(values)
     if halves.shape[-1] <= SHORTENING_PIXELS:
@@ -387,7 +387,7 @@ def _shortened(values: torch.Tensor) -> np.ndarray:
     return np.minimum(bits, halves.dtype.type(HALF_MAX).view(np.uint16)) >> SHORTENED_BITS
 
 
-def _lengthened(array: np.ndarray) -> torch.Tensor:
+def lengthened(array: np.ndarray) -> torch.Tensor:
     """Return the values that `_shortened` was given, to its precision."""
     halves = (array << SHORTENED_BITS).view(np.float16) if array.dtype == np.uint16 else array
     return torch.from_numpy(halves).float()

@@ -7,7 +7,6 @@ accepted says who is followed.
 import json
 from collections.abc import Callable
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 from scipy.ndimage import distance_transform_edt
@@ -27,7 +26,7 @@ LEAST = 20  # frames that are looked at, of a short movie too
 Report = Callable[..., None]  # (what is done, the share of the task that is done, if that is known)
 
 
-def read(name: str) -> dict[str, Any]:
+def read(name: str) -> dict[str, object]:
     """Write the first frame with a person as a PNG, and keep of which movie and frame it is.
 
     Without the networks that find people, and where nobody is found, it is the first frame.

@@ -23,7 +23,9 @@ KEPT = 2  # painters, of the light with which painting began
 _painters: OrderedDict[str, tuple[Subject, LightPainter]] = OrderedDict()
 
 
-def painted(began: str, subject: Subject, lights: list[Light], strokes: Any, gloss: float) -> dict[str, Any]:
+def painted(
+    began: str, subject: Subject, lights: list[Light], strokes: Any, gloss: float
+) -> dict[str, object]:
     """Return the lights that strokes ask for, as the page has them, and how near they came.
 
     `began` tells the light with which painting began from others. `strokes`: mappings of `points`, shares of

@@ -203,7 +203,7 @@ class Server:
             self.session.remove_file(identity)
 
     async def add_model(self, request: Request) -> Response:
-        async def opened(identity: str, path: Path) -> dict[str, Any]:
+        async def opened(identity: str, path: Path) -> dict[str, object]:
             return {"file": identity, "name": path.name}
 
         return await self._other(request, MODELS, opened)
@@ -240,7 +240,7 @@ class Server:
         return JSONResponse(photograph.to_json())
 
     async def fetch(self, task: str, request: Request) -> Response:
-        async def work(report: Report) -> dict[str, Any]:
+        async def work(report: Report) -> dict[str, object]:
             return {**await self.worker.run(task, self.session.folder, {}, report), **_finder()}
 
         return streamed(work)
@@ -255,7 +255,7 @@ class Server:
         if not uses_own and not drawn:
             raise Refused("The photograph has no outline yet: draw a line around the person.")
 
-        async def work(report: Report) -> dict[str, Any]:
+        async def work(report: Report) -> dict[str, object]:
             arguments = {"name": photograph.name, "mask": mask, "drawn": drawn}
             answer = await self.worker.run("analyse", photograph.folder, arguments, report)
             photograph.mask, photograph.drawn, photograph.scene = mask, drawn, answer["scene"]
@@ -283,7 +283,7 @@ class Server:
         identity = request.path_params["id"]
         return JSONResponse(await self._opened(task, identity, self.session.file(identity)))
 
-    async def _opened(self, task: str, identity: str, path: Path) -> dict[str, Any]:
+    async def _opened(self, task: str, identity: str, path: Path) -> dict[str, object]:
         answer = await self.worker.run(task, path.parent, {"name": path.name}, brief=True)
         return {"file": identity} | answer
 
@@ -346,7 +346,7 @@ class Server:
         output = photograph.output(suffix)
         form = {key: asked[key] for key in ("quality", "longest_side") if asked.get(key) is not None}
 
-        async def work(report: Report) -> dict[str, Any]:
+        async def work(report: Report) -> dict[str, object]:
             arguments = {
                 "name": photograph.name, "mask": photograph.mask, "look": look, "output": output,
                 "passes": passes, "form": form,
@@ -373,7 +373,7 @@ class Server:
             raise Refused("The person has not been analysed yet.", 409)
         return photograph
 
-    def _look(self, given: Any, photograph: Photograph) -> dict[str, Any]:
+    def _look(self, given: Any, photograph: Photograph) -> dict[str, object]:
         """Return the lights and background that a page asks for; put their files beside the photograph."""
         if not isinstance(given, dict):
             raise Refused("look: expected an object", 400)

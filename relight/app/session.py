@@ -60,7 +60,7 @@ class Photograph:
         whole = self.movie is not None and suffix in MOVIE_OUTPUTS
         return f"{Path(self.movie or '').stem if whole else self.stem}-relit{suffix}"
 
-    def to_json(self) -> dict[str, Any]:
+    def to_json(self) -> dict[str, object]:
         """Return what the page shows of the photograph, in types of JSON."""
         return {
             "id": self.id,

@@ -60,7 +60,7 @@ READ, ANALYSED, RELIT = 0.3, 0.5, 0.9  # shares of the time to save 24 megapixel
 Report = Callable[..., None]  # (what is done, the share of the task that is done, if that is known)
 
 _subjects: OrderedDict[str, Subject] = OrderedDict()
-_saved: dict[tuple[Any, ...], Subject] = {}  # at full size, of the files that were saved last
+kept_subjects: dict[tuple[Any, ...], Subject] = {}  # at full size, of the files that were saved last
 
 
 def load_networks() -> None:
@@ -95,7 +95,7 @@ PREPARATIONS: tuple[Callable[[], object], ...] = (  # the worker runs them while
 )
 
 
-def read(name: str, report: Report) -> dict[str, Any]:
+def read(name: str, report: Report) -> dict[str, object]:
     """Read a photograph; write the copy that the page shows, and the one that outlines are solved on."""
     pixels = images.read(name)
     height, width = pixels.shape[:2]
@@ -113,25 +113,25 @@ def read(name: str, report: Report) -> dict[str, Any]:
     return {"width": width, "height": height, "cut_out": cut_out, "preview": preview}
 
 
-def read_clip(name: str, report: Report) -> dict[str, Any]:
+def read_clip(name: str, report: Report) -> dict[str, object]:
     """Take the first frame with a person out of a movie, see `clip.read`."""
     return clip.read(name)
 
 
-def outline_of(drawn: Mapping[str, Any], report: Report) -> dict[str, Any]:
+def outline_of(drawn: Mapping[str, Any], report: Report) -> dict[str, object]:
     """Return the matte of a drawn outline, as a grey PNG of the preview's size."""
     if drawing.is_drawn(drawn):
         compiling.wait(report)
     return {"png": png(drawing.shifted(drawing.solved(drawn), *drawing.edge_of(drawn)))}
 
 
-def fetch_person(report: Report) -> dict[str, Any]:
+def fetch_person(report: Report) -> dict[str, object]:
     """Bring the networks that find people."""
     person_files.fetch(progress=_megabytes(report))
     return {}
 
 
-def fetch_silhouette(report: Report) -> dict[str, Any]:
+def fetch_silhouette(report: Report) -> dict[str, object]:
     """Bring the network that cuts people out."""
     silhouette_files.fetch(progress=_megabytes(report))
     return {}
@@ -149,7 +149,7 @@ def _megabytes(report: Report) -> Callable[[int, int, str], None]:
     return told
 
 
-def find_person(person: int | str, report: Report) -> dict[str, Any]:
+def find_person(person: int | str, report: Report) -> dict[str, object]:
     """Find the people, and keep the matte of one of them, which an outline may correct.
 
     `person`: their number, the largest is 1; or "everyone". Returns who is there, the matte's name, and what
@@ -184,7 +184,7 @@ def turn(name: str, turns: int, report: Report) -> dict[str, Any]:
     return {"name": turning.turned(name, turns) if turns else name}
 
 
-def matte_by_model(model: str, report: Report) -> dict[str, Any]:
+def matte_by_model(model: str, report: Report) -> dict[str, object]:
     """Return the matte that a network finds, as a grey PNG; the outline may correct it.
 
     `model` is as `relight apply --matte` takes it.
@@ -200,7 +200,7 @@ def matte_by_model(model: str, report: Report) -> dict[str, Any]:
     return {"png": png(matte)}
 
 
-def load_matte(name: str, report: Report) -> dict[str, Any]:
+def load_matte(name: str, report: Report) -> dict[str, object]:
     """Take a matte from a file, of the photograph's proportions, as that of a model."""
     loaded, size = images.read_mask(name), drawing.reduced().shape[:2]
     if abs(loaded.shape[1] / loaded.shape[0] / (size[1] / size[0]) - 1) > 0.01:
@@ -226,7 +226,9 @@ def _keep_matte(found: np.ndarray, name: str = MODEL) -> None:
     drawing.forget()
 
 
-def analyse(name: str, mask: str | None, drawn: Mapping[str, Any] | None, report: Report) -> dict[str, Any]:
+def analyse(
+    name: str, mask: str | None, drawn: Mapping[str, Any] | None, report: Report
+) -> dict[str, object]:
     """Refine an outline, analyse the person, and write what the page shows, all on the reduced copy.
 
     The matte's file, `mask`, is written at full resolution when it is needed: see `full_matte`.
@@ -253,7 +255,7 @@ def analyse(name: str, mask: str | None, drawn: Mapping[str, Any] | None, report
         _save_array(MATTE, unshifted)
         Path(EDGE).write_text(json.dumps({"shift": shift, "feather": feather, "kind": edge}))
         Path(mask).unlink(missing_ok=True)
-    scene = scene_of(subject.size, title=name, command=_command(name, mask))
+    scene: dict[str, object] = {**scene_of(subject.size, title=name, command=command_of(name, mask))}
     if reduced.shape[-1] == 3:
         plate = compressed(encoded(subject.clean_plate(reduced)), "JPEG", quality=95, subsampling=0)
         lamps = fill_lamps(reduced, reduced.shape[:2], FIELD_OF_VIEW)
@@ -264,7 +266,7 @@ def analyse(name: str, mask: str | None, drawn: Mapping[str, Any] | None, report
     return {"scene": scene}
 
 
-def full_matte(name: str, mask: str, report: Report) -> dict[str, Any]:
+def full_matte(name: str, mask: str, report: Report) -> dict[str, object]:
     """Write the accepted matte at the photograph's own size and detail, unless that has been done."""
     if not Path(mask).exists():
         edge, pixels = json.loads(Path(EDGE).read_text()), images.read(name)
@@ -281,24 +283,25 @@ def full_matte(name: str, mask: str, report: Report) -> dict[str, Any]:
     return {"file": mask}
 
 
-def environment(name: str, report: Report) -> dict[str, Any]:
+def environment(name: str, report: Report) -> dict[str, object]:
     """Return an environment map as the page's program takes it."""
     light = EnvironmentLight(name)
     entry = scene_of((1, 1), light)["environment"]
+    assert entry is not None
     return {"path": name, "lamps": entry["lamps"]}
 
 
-def background(name: str, report: Report) -> dict[str, Any]:
+def background(name: str, report: Report) -> dict[str, object]:
     """Return a background as the page shows it, behind photographs of any shape: a JPEG, in base64."""
     pixels = images.read(name)[..., :3]
     height, width = pixels.shape[:2]
     size = reduced_size(height, width, BACKGROUND_SIDE)
-    return scene_of(size, background=pixels, background_name=name)["backdrop"]
+    return {**(scene_of(size, background=pixels, background_name=name)["backdrop"] or {})}
 
 
-def still(name: str, mask: str | None, look: Mapping[str, Any], report: Report) -> dict[str, Any]:
+def still(name: str, mask: str | None, look: Mapping[str, Any], report: Report) -> dict[str, object]:
     """Relight the reduced copy and return a PNG, for browsers that cannot render it themselves."""
-    subject, lighting = _subject(name, mask, report), _lighting(look)
+    subject, lighting = _subject(name, mask, report), lighting_of(look)
     lights = as_lights(lighting.rig().lights)
     behind: Any = lighting.background
     if isinstance(behind, str) and behind != NONE:
@@ -321,12 +324,12 @@ def still(name: str, mask: str | None, look: Mapping[str, Any], report: Report) 
             back = back * background_factor(subject, picture, lighting.background_light)
         if back.max() > 1:  # light of a scene has one curve with the person
             picture, back = images.composited(picture, back), None
-    return {"png": png(encoded(picture, back, exposure=_exposure(look)))}
+    return {"png": png(encoded(picture, back, exposure=exposure_of(look)))}
 
 
-def floor_shadow(name: str, mask: str | None, look: Mapping[str, Any], report: Report) -> dict[str, Any]:
+def floor_shadow(name: str, mask: str | None, look: Mapping[str, Any], report: Report) -> dict[str, object]:
     """Return the factors by which the person's shadow on the floor dims the background: an encoded PNG."""
-    subject, lighting = _subject(name, mask, report), _lighting(look)
+    subject, lighting = _subject(name, mask, report), lighting_of(look)
     if lighting.floor is None:
         raise ValueError("floor: expected one")
     lights = as_lights(lighting.rig().lights)
@@ -335,9 +338,9 @@ def floor_shadow(name: str, mask: str | None, look: Mapping[str, Any], report: R
 
 def paint(
     name: str, mask: str | None, look: Mapping[str, Any], strokes: Any, report: Report
-) -> dict[str, Any]:
+) -> dict[str, object]:
     """Return the lights that strokes on the person ask for, see `relight.app.painting`."""
-    subject, lighting = _subject(name, mask, report), _lighting(look)
+    subject, lighting = _subject(name, mask, report), lighting_of(look)
     lights, gloss = as_lights(lighting.rig().lights), lighting.effective_gloss
     began = json.dumps([look.get("lights"), look.get("environment"), gloss])
     return painting.painted(began, subject, lights, strokes, gloss)
@@ -378,7 +381,7 @@ def save(
     passes: Sequence[str],
     report: Report,
     form: Mapping[str, Any] = MappingProxyType({}),
-) -> dict[str, Any]:
+) -> dict[str, object]:
     """Write a picture, the page, or the mesh.
 
     `form`: "quality" and "longest_side", as `Output` has them; a picture has full resolution otherwise.
@@ -391,19 +394,19 @@ def save(
         return lambda done, total, _: report(what, share) if done == total else None
 
     if (movie := clip.name()) is not None and Path(output).suffix in clip.SUFFIXES:
-        written = Output((Path(output),), exposure=_exposure(look))
-        clip.save(movie, _person_of_clip(), _lighting(look), written, report)
+        written = Output((Path(output),), exposure=exposure_of(look))
+        clip.save(movie, _person_of_clip(), lighting_of(look), written, report)
         return {"file": output}
     if mask is not None:
         full_matte(name, mask, report)
-    source, lighting = Source(name, mask=mask, feather=_feather(mask)), _lighting(look)
+    source, lighting = Source(name, mask=mask, feather=_feather(mask)), lighting_of(look)
     suffix = Path(output).suffix
     report("Analysing the person", READ)
     if suffix == ".html":
         if lighting.floor is not None:
             warnings.warn("The page does not show the shadow on the floor.", stacklevel=2)
         told = then("Writing the page", RELIT)
-        write_view(output, source, lighting, command=_command(name, mask), progress=told)
+        write_view(output, source, lighting, command=command_of(name, mask), progress=told)
     elif suffix == ".glb":
         export_person(output, source, lighting, progress=then("Making the mesh", ANALYSED))
     else:
@@ -430,16 +433,16 @@ def _analysing(source: Source) -> Callable[..., Subject]:
     key = (source.feather, *((path, path.stat().st_mtime_ns) for path in files))
 
     def analyse(*given: Any, **options: Any) -> Subject:
-        subject = _saved[key] if key in _saved else Subject(*given, **options)
-        _saved.clear()
+        subject = kept_subjects[key] if key in kept_subjects else Subject(*given, **options)
+        kept_subjects.clear()
         if subject.size[0] * subject.size[1] <= KEPT_PIXELS:
-            _saved[key] = subject
+            kept_subjects[key] = subject
         return subject
 
     return analyse
 
 
-def _lighting(look: Mapping[str, Any]) -> Lighting:
+def lighting_of(look: Mapping[str, Any]) -> Lighting:
     """Return the options of `relight apply` that the settings of the page stand for."""
     light, environment = tuple(map(str, look.get("lights") or ())), look.get("environment")
     behind: Any = look.get("background") or NONE
@@ -465,11 +468,11 @@ def _lighting(look: Mapping[str, Any]) -> Lighting:
     )
 
 
-def _exposure(look: Mapping[str, Any]) -> float:
+def exposure_of(look: Mapping[str, Any]) -> float:
     return float(look.get("exposure") or 0)
 
 
-def _command(name: str, mask: str | None) -> list[str]:
+def command_of(name: str, mask: str | None) -> list[str]:
     """Return the words of the command that relights a photograph, or its movie, without its lights."""
     if (movie := clip.name()) is not None:
         return ["relight", "apply", movie, "--person", "{}/{}".format(*_person_of_clip())]

@@ -9,6 +9,7 @@ import re
 import traceback
 import warnings
 from collections.abc import Callable, Mapping
+from multiprocessing.connection import Connection
 from pathlib import Path
 from typing import Any
 
@@ -67,8 +68,8 @@ class Worker:
         self,
         task: str,
         folder: Path,
-        arguments: Mapping[str, Any],
-        report: Callable[[dict[str, Any]], None] = lambda said: None,
+        arguments: Mapping[str, object],
+        report: Callable[[dict[str, object]], None] = lambda said: None,
         *,
         brief: bool = False,
     ) -> Any:
@@ -109,13 +110,13 @@ class Worker:
                 self.start()
 
 
-def _asked(connection: Any, task: tuple[str, str, dict[str, Any]]) -> Any:
+def _asked(connection: Connection, task: tuple[str, str, dict[str, object]]) -> Any:
     """Send a task, and return the first answer."""
     connection.send(task)
     return connection.recv()
 
 
-def _serve(connection: Any) -> None:
+def _serve(connection: Connection) -> None:
     """Run the tasks that arrive, until the server is gone; this is what the process does.
 
     Until the first ones arrive, and between them, it loads what they will need.
@@ -136,12 +137,12 @@ def _serve(connection: Any) -> None:
             task, folder, arguments = connection.recv()
         except EOFError:
             return
-        connection.send(_answer(tasks, task, folder, arguments, connection))
+        connection.send(answer_to(tasks, task, folder, arguments, connection))
 
 
-def _answer(
-    tasks: Any, task: str, folder: str, arguments: dict[str, Any], connection: Any
-) -> tuple[str, Any]:
+def answer_to(
+    tasks: object, task: str, folder: str, arguments: dict[str, object], connection: Connection
+) -> tuple[str, object]:
     """Run a task and return its answer: ("done", its value) or ("refused", a sentence)."""
 
     def report(what: str, share: float | None = None) -> None:
@@ -152,10 +153,12 @@ def _answer(
         with warnings.catch_warnings(record=True) as said:
             warnings.simplefilter("always", UserWarning)
             value = getattr(tasks, task)(**arguments, report=report)
-        notes = [_sentence(str(one.message), folder) for one in said if issubclass(one.category, UserWarning)]
+        notes = [
+            as_sentence(str(one.message), folder) for one in said if issubclass(one.category, UserWarning)
+        ]
         return "done", {**value, "notes": list(dict.fromkeys(notes))}
     except EXPECTED as error:
-        return "refused", _sentence(str(error), folder)
+        return "refused", as_sentence(str(error), folder)
     except MemoryError:
         return "refused", STOPPED
     except Exception:
@@ -163,7 +166,7 @@ def _answer(
         return "refused", DEFECT
 
 
-def _sentence(text: str, folder: str) -> str:
+def as_sentence(text: str, folder: str) -> str:
     """Return a message in one line, without the paths of this machine."""
     for path in (folder, os.path.realpath(folder)):
         text = text.replace(f"{path}{os.sep}", "").replace(path, "the session's folder")

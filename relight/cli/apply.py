@@ -102,7 +102,7 @@ def apply(
     report_failures(problems, [*output.paths, *further])
 
 
-def _apply_to_many(listed: "list[OneOfMany]", render: Callable[..., Any], **options: Any) -> None:
+def _apply_to_many(listed: "list[OneOfMany]", render: Callable[..., object], **options: object) -> None:
     """Relight pictures one by one, and print what was written and what failed; exit code 1 if any did."""
     from relight.pipeline.many import render_many
 

@@ -68,7 +68,7 @@ class _OneLineErrors(PlainGroup):
         commands = [self.commands[name] for name in self.commands]
         return {each.name or "" for command in commands for each in command.params}
 
-    def _one_line(self, message: Warning | str, *place: Any, **line: Any) -> str:
+    def _one_line(self, message: Warning | str, *place: object, **line: object) -> str:
         """Return a warning without the place in the source, which tells a user nothing."""
         said = in_options(" ".join(str(message).split()), self._options)
         return printable(f"relight: warning: {said}\n")

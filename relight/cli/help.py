@@ -116,7 +116,7 @@ def plain(parameters: list[Any]) -> list[Any]:
     return parameters
 
 
-def described(command: Callable[..., Any]) -> str:
+def described(command: Callable[..., object]) -> str:
     """Return the help of a command: its docstring, then its examples."""
     words = [inspect.getdoc(command) or "", EXAMPLES.get(command.__name__, "")]
     return "\n\n".join(filter(None, words))

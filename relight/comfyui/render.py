@@ -2,7 +2,7 @@
 
 from collections.abc import Callable, Iterable
 from itertools import chain
-from typing import Annotated, Any
+from typing import Annotated
 
 import numpy as np
 import torch
@@ -65,7 +65,7 @@ class CheckedNode(widgets.Node):
         background: torch.Tensor | None = None,
         floor: str = "",
         fill: float = 0.0,
-        **others: Any,
+        **others: object,
     ) -> list[str]:
         """Return the inputs that ComfyUI has still to compute; ValueError for those that do not fit."""
         by_name((*lights, *still_lights))  # two lights of one name

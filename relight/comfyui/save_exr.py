@@ -1,7 +1,7 @@
 """The node that saves OpenEXR files: scene-linear, with light groups and passes."""
 
 from pathlib import Path
-from typing import Annotated, Any
+from typing import Annotated
 
 from annotated_types import Interval
 
@@ -44,7 +44,7 @@ class SaveEXR(CheckedNode):
         gloss: Gloss = 0.0,
         amount: Amount = 1.0,
         fill: Fill = 0.0,
-    ) -> dict[str, Any]:
+    ) -> dict[str, object]:
         """Write a file for each frame, as `relight apply` does."""
         names = check_names(filter(None, (name.strip() for name in passes.split(","))))
         backdrop = Backdrop(background, floor, fill)

@@ -58,7 +58,7 @@ class Viewer(widgets.Node):
                 "behind #. Empty: the lights that come in."
             ),
         ] = "",
-    ) -> dict[str, Any]:
+    ) -> dict[str, object]:
         """Write the page to ComfyUI's temporary folder, and return the lights that it holds."""
         begun = (DEFAULT_LIGHT,) if lights is None else tuple(lights)
         page = self._written(subject, begun, background)

@@ -7,7 +7,7 @@ from typing import Annotated, Any, NamedTuple
 from relight.arguments import About, about, limits, members, parameters
 from relight.comfyui.tensors import BACKGROUND, PERSON
 
-Input = tuple[Any, dict[str, Any]]
+Input = tuple[Any, dict[str, object]]
 
 MASK_SHOWS = (
     "What is white in the mask. 'person' for segmentation and background removal nodes. 'background' for the "
@@ -63,7 +63,7 @@ def _input(kind: Any, default: Any) -> Input:
     for each in said:
         if isinstance(each, Socket):
             return each.kind, {"tooltip": each.tooltip} | ({"lazy": True} if each.lazy else {})
-    shown: dict[str, Any] = {"default": default, "tooltip": (about(kind) or About()).help}
+    shown: dict[str, object] = {"default": default, "tooltip": (about(kind) or About()).help}
     for each in said:
         if isinstance(each, Choice):
             return list(each.options), shown

@@ -2,7 +2,6 @@
 
 import math
 from dataclasses import dataclass
-from typing import Any
 
 import numpy as np
 
@@ -116,7 +115,7 @@ class DirectionalLight(DistantLight):
         """Degrees in [-90, 90], up from the horizon."""
         return float(to_spherical(self.direction)[1])
 
-    def settings(self) -> dict[str, Any]:
+    def settings(self) -> dict[str, object]:
         """Return {parameter: value} of the constructor, without those that have their defaults.
 
         The direction is given as azimuth and elevation, rounded to 1e-4 degrees.

@@ -3,7 +3,7 @@
 import itertools
 from collections.abc import Iterable
 from dataclasses import replace
-from typing import Annotated, Any
+from typing import Annotated, Any, TypeVar, cast
 
 from annotated_types import Interval
 
@@ -12,6 +12,7 @@ from relight.lights import presets
 from relight.lights.light import Light
 from relight.lights.moving import MovingLight
 
+AnyLight = TypeVar("AnyLight", bound=Light | MovingLight)
 Lights = Light | Iterable[Light] | str  # what functions accept
 MOST_SOLVED = 32  # lights that are solved for together
 FewLights = Annotated[
@@ -19,7 +20,7 @@ FewLights = Annotated[
 ]
 
 
-def as_rig(lights: Any, expected: str = "lights") -> list[Any]:
+def as_rig(lights: object, expected: str = "lights") -> list[Any]:
     """Return one light, several, or those of a preset's name, as a list; they may move.
 
     Raises ValueError for a name that no preset has, and TypeError for anything else; `expected` is what its
@@ -29,7 +30,7 @@ def as_rig(lights: Any, expected: str = "lights") -> list[Any]:
         return presets.named(lights, "lights")
     alone = hasattr(lights, "rays") or hasattr(lights, "at")  # a light, of whatever class
     try:
-        several: list[Any] = [lights] if alone else list(lights)
+        several = [lights] if alone else list(cast(Iterable[object], lights))
     except TypeError as error:
         raise TypeError(f"lights: expected {expected}, got {type(lights).__name__}") from error
     for light in several:
@@ -38,7 +39,7 @@ def as_rig(lights: Any, expected: str = "lights") -> list[Any]:
     return several
 
 
-def scaled(lights: Iterable[Any], factor: float) -> list[Any]:
+def scaled(lights: Iterable[AnyLight], factor: float) -> list[AnyLight]:
     """Return lights of `factor` times their intensity; they may move.
 
     >>> import relight
@@ -48,14 +49,14 @@ def scaled(lights: Iterable[Any], factor: float) -> list[Any]:
     if factor == 1:
         return list(lights)
     return [
-        light.scaled(factor)
+        cast(AnyLight, light.scaled(factor))
         if isinstance(light, MovingLight)
         else replace(light, intensity=light.intensity * factor)
         for light in lights
     ]
 
 
-def checked_amount(amount: Any, name: str = "amount") -> float:
+def checked_amount(amount: object, name: str = "amount") -> float:
     """Return a share of new light; raises TypeError or ValueError unless it is a number in [0, 1].
 
     >>> checked_amount(0.5)

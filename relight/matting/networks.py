@@ -20,7 +20,7 @@ from relight.arguments import checks_arguments
 from relight.errors import EmptyMatteError
 from relight.matting import cutout_network, silhouette_files
 from relight.matting.people.finder import NOBODY, FoundPerson
-from relight.matting.refine import encoded_srgb, opaque_photograph, select_person
+from relight.matting.refine import PersonChoice, encoded_srgb, opaque_photograph, select_person
 from shadow.files import AnyPath, is_path
 from shadow.installing import install_command
 from shadow.networks.onnx import MAX_SIDE, OnnxFile, Preprocessing, checked_maps
@@ -88,7 +88,9 @@ class MattingModel(Protocol):
 
 @isolated
 @checks_arguments
-def matte(image: ArrayLike, model: quantities.File, *, person: Any = None, **options: Any) -> np.ndarray:
+def matte(
+    image: ArrayLike, model: quantities.File, *, person: PersonChoice = None, **options: Any
+) -> np.ndarray:
     """Infer the matte of the person in a photograph.
 
     Parameters
@@ -142,7 +144,7 @@ def matte(image: ArrayLike, model: quantities.File, *, person: Any = None, **opt
 def load(
     model: AnyPath,
     *,
-    person: Any = None,
+    person: PersonChoice = None,
     family: str | None = None,
     size: int | None = None,
     mean: Iterable[float] | None = None,

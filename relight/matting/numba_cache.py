@@ -10,15 +10,19 @@ import os
 import shutil
 import sys
 import tempfile
+from collections.abc import Iterable
 from importlib.util import find_spec
 from pathlib import Path
 
 VARIABLE = "NUMBA_CACHE_DIR"
 
 
-def ensure_numba_cache() -> None:
-    """Give Numba a folder for PyMatting's compiled code, unless it has one. Changes the environment then."""
-    if os.environ.get(VARIABLE) or any(map(_can_be_written, _usual())):
+def ensure_numba_cache(usual: Iterable[Path] | None = None) -> None:
+    """Give Numba a folder for PyMatting's compiled code, unless it has one. Changes the environment then.
+
+    `usual`: the folders that Numba tries by itself, if they are others than `usual_folders`.
+    """
+    if os.environ.get(VARIABLE) or any(map(_can_be_written, usual_folders() if usual is None else usual)):
         return
     folder = tempfile.mkdtemp(prefix="relight-numba-")  # nobody else may put code there
     atexit.register(shutil.rmtree, folder, ignore_errors=True)
@@ -27,7 +31,7 @@ def ensure_numba_cache() -> None:
         sys.modules["numba"].config.CACHE_DIR = folder
 
 
-def _usual() -> list[Path]:
+def usual_folders() -> list[Path]:
     """Return the folders that Numba tries: beside the source, and below the home of the user."""
     found = find_spec("pymatting")
     beside = [] if found is None else [Path(each) for each in found.submodule_search_locations or ()]

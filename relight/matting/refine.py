@@ -1,9 +1,9 @@
 """Work on mattes: select one of several people, solve the edge, bring it to the photograph's size."""
 
 import warnings
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from importlib import import_module
-from typing import Any
+from typing import Any, TypeAlias
 
 import numpy as np
 import torch
@@ -59,12 +59,16 @@ def encoded_srgb(pixels: np.ndarray) -> np.ndarray:
     return colour.encode(pixels.clip(0, 1)).clip(0, 1).astype(np.float32)
 
 
-def is_everybody(person: Any) -> bool:
+# Which of several people: 1 for the largest, 2..., (x, y), (x, y, radius), or "all"; None is 1.
+PersonChoice: TypeAlias = int | str | Sequence[float] | np.ndarray | None
+
+
+def is_everybody(person: object) -> bool:
     """Return whether all people are meant, and not one of them, which may be an array."""
     return isinstance(person, str) and person == ALL
 
 
-def select_person(found: np.ndarray, person: Any = None) -> np.ndarray:
+def select_person(found: np.ndarray, person: PersonChoice = None) -> np.ndarray:
     """Return the matte (H, W) of one of several people, see `relight.matte`.
 
     People are regions above 0.5 that do not touch. Each takes the soft edge and small parts nearest to it.
@@ -80,7 +84,7 @@ def select_person(found: np.ndarray, person: Any = None) -> np.ndarray:
     owner = np.where(np.isin(regions, people), regions, 0)
     nearest = distance_transform_edt(owner == 0, return_distances=False, return_indices=True)
     owner = owner[tuple(nearest)]
-    if np.ndim(person) == 1:
+    if isinstance(person, Sequence | np.ndarray) and not isinstance(person, str) and np.ndim(person) == 1:
         x, y, *_ = (int(value) for value in person)
         if not (0 <= x < found.shape[1] and 0 <= y < found.shape[0]):
             raise ValueError(f"person: expected a point in the picture, got {x}/{y}")

@@ -16,6 +16,7 @@ from relight.matting.people.choice import as_circle
 from relight.matting.people.finder import FoundPerson
 from relight.matting.people.region import Circle
 from relight.matting.people.track import REACH, KeptTrack, Track
+from relight.matting.refine import PersonChoice
 from relight.media import optical_flow
 from relight.media.optical_flow import Motion
 from relight.media.option_texts import split_file_and_settings
@@ -33,7 +34,7 @@ class MattingOptions:
 
     model: AnyPath | None = None  # see `relight.matte`; None where a rough mask is refined
     options: dict[str, Any] = field(default_factory=dict)  # of `relight.matting.networks.load`
-    person: Any = None  # which of several people, see `relight.matte`
+    person: PersonChoice = None  # which of several people, see `relight.matte`
     track: Path | None = None  # a file that says where the person is in each frame, see `KeptTrack`
     refine: int | None = None  # pixels of the band along the edge that closed-form matting solves again
     is_rough: bool = False  # whether the mask of a person who is found does, without what cuts them out
@@ -42,7 +43,7 @@ class MattingOptions:
     def parse(
         cls,
         model: AnyPath | None,
-        person: Any = None,
+        person: PersonChoice = None,
         refine: int | None = None,
         track: AnyPath | None = None,
         is_rough: bool = False,
@@ -275,7 +276,7 @@ def _moved(frame: _InferredFrame, other: _InferredFrame, motion: Motion) -> tupl
     return weight.numpy(), theirs.numpy()
 
 
-def _option(text: str) -> tuple[str, Any]:
+def _option(text: str) -> tuple[str, object]:
     """Parse `mean=0.5/0.5/0.5` as a name and a value."""
     name, _, value = text.partition("=")
     read: dict[str, Callable[[str], Any]] = {

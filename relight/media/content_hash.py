@@ -20,7 +20,7 @@ CONTENTS_ATTRIBUTE = "relight:holds"
 HASH_ATTRIBUTE = "Exif:ImageUniqueID"  # EXIF 2.32, section 4.6.6 G: 128 bits as 32 hexadecimal digits
 
 
-def content_hash(*parts: Any) -> str:
+def content_hash(*parts: object) -> str:
     """Return the first 32 hexadecimal digits of the SHA-256 of `parts`.
 
     A part is None, a number, a text, an array, or a sequence, mapping or dataclass of these. A path is hashed
@@ -38,7 +38,7 @@ def describe_contents(spec: Any) -> str:
     return f"{size}: {', '.join(sorted(spec.channelnames))}"
 
 
-def _feed(sha: Any, part: Any) -> None:
+def _feed(sha: Any, part: object) -> None:
     """Hash a part: its kind and its length first, so that no two lists of parts read the same."""
     part = part.value if isinstance(part, enum.Enum) else part
     if isinstance(part, Path):

@@ -1,7 +1,5 @@
 """How pixels lie: not upright, or not square, as those of anamorphic lenses and of standard definition."""
 
-from typing import Any
-
 import numpy as np
 import OpenImageIO as oiio
 
@@ -66,7 +64,7 @@ def _resampled(pixels: np.ndarray, size: tuple[int, int], mode: str) -> np.ndarr
     return resampled.permute(1, 2, 0).reshape(*size, *pixels.shape[2:]).numpy()
 
 
-def upright(pixels: np.ndarray, orientation: Any) -> np.ndarray:
+def upright(pixels: np.ndarray, orientation: object) -> np.ndarray:
     """Return pixels (H, W, C) turned as their Exif orientation asks; unknown orientations turn nothing."""
     if not isinstance(orientation, int) or orientation not in TURNED:
         return pixels

@@ -4,7 +4,6 @@ One rule for the tags of movies, the headers of pictures and what a cache keeps 
 """
 
 import re
-from typing import Any
 
 # Words of a tag's name, in any container's spelling: `location-eng`, `Exif:BodySerialNumber`, `©xyz`
 PRIVATE_NAME = re.compile(
@@ -19,7 +18,7 @@ FOLDER = re.compile(
 )
 
 
-def is_private(name: str, value: Any = None) -> bool:
+def is_private(name: str, value: object = None) -> bool:
     """Return whether a tag of this name and value stays out of what is made from its file.
 
     >>> is_private("com.apple.quicktime.location.ISO6709"), is_private("Exif:BodySerialNumber")

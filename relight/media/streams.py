@@ -4,7 +4,7 @@ import tempfile
 from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, BinaryIO
+from typing import TYPE_CHECKING, BinaryIO
 
 if TYPE_CHECKING:
     from typing_extensions import TypeIs
@@ -13,7 +13,7 @@ NAME = "stream"  # what errors call it
 STARTS = {b"\x76\x2f\x31\x01": ".exr", b"#?": ".hdr"}  # formats that OpenImageIO tells by the suffix too
 
 
-def is_stream(value: Any) -> "TypeIs[BinaryIO]":
+def is_stream(value: object) -> "TypeIs[BinaryIO]":
     """Return whether a value is a file object that is read or written."""
     return hasattr(value, "read") or hasattr(value, "write")
 

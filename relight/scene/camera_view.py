@@ -83,5 +83,5 @@ def of_gltf(path: Path, camera: Any) -> CameraView | None:
     return CameraView(width, tangent)
 
 
-def _is_positive(value: Any) -> TypeGuard[float]:
+def _is_positive(value: object) -> TypeGuard[float]:
     return isinstance(value, int | float) and not isinstance(value, bool) and 0 < value < math.inf

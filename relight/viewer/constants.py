@@ -1,7 +1,6 @@
 """Constants of Python that the page's program and its shaders use, in their languages."""
 
 from collections.abc import Mapping
-from typing import Any
 
 from relight import quantities
 from relight.analysis import gloss, upsampling
@@ -20,7 +19,7 @@ MAX_LIGHTS = 8  # directional and point lights, beside one environment
 MAX_INTENSITY = 1e6  # of a light on the page
 
 
-def of_the_program() -> dict[str, Any]:
+def of_the_program() -> dict[str, object]:
     """Return {name: value} for JSON: defaults and ranges of lights' parameters, and other constants."""
     kinds = (DirectionalLight, PointLight, EnvironmentLight)
     ranges = {}

@@ -3,7 +3,7 @@
 import base64
 import functools
 from collections.abc import Sequence
-from typing import Any
+from typing import TypedDict
 
 import numpy as np
 
@@ -25,6 +25,46 @@ from relight.viewer.constants import MAX_LIGHTS
 
 DEFAULT_LIGHT = DirectionalLight(azimuth=-40, elevation=30, angle=10, name="key")
 TINT_COUNT = 100  # colours of each locus, in equal steps of mired
+
+
+class Backdrop(TypedDict):
+    """A picture behind the person: its name, a JPEG in base64, and its light, see `fill_lamps`."""
+
+    name: str | None
+    data: str
+    lamps: list[list[float]] | None
+
+
+class SkyState(TypedDict):
+    """An environment: the name of its file, its parameters, and its lamps, see `fill_lamps`."""
+
+    path: str
+    settings: dict[str, object]
+    lamps: list[list[float]]
+
+
+class Behind(TypedDict):
+    """What is behind the person: nothing, a linear colour, or "picture", which is the backdrop."""
+
+    background: str | list[float] | None
+    backdrop: Backdrop | None
+
+
+class SceneState(Behind):
+    """A scene as the page's program reads it."""
+
+    title: str
+    command: list[str]
+    lights: list[dict[str, object]]
+    environment: SkyState | None
+    gloss: float
+    amount: float
+    fill: float
+    blur: float
+    backgroundLight: float
+    tints: dict[str, dict[str, object]]
+
+
 HandleLight = DirectionalLight | PointLight  # lights that have a handle on the page
 COMMAND = ("relight", "apply", "photo.png")  # unless the caller names the file
 
@@ -43,7 +83,7 @@ def scene_of(
     blur: float = 0.0,
     background_light: float = 0.0,
     field_of_view: float = FIELD_OF_VIEW,
-) -> dict[str, Any]:
+) -> SceneState:
     """Describe a scene as the page's program reads it, ready for JSON.
 
     `size`: (H, W) of the picture. `lights`: up to eight directional lights and lamps, and one environment; a
@@ -61,7 +101,7 @@ def scene_of(
     lamps = {name: light for name, light in named.items() if isinstance(light, HandleLight)}
     behind = _backdrop(background, size, background_name, field_of_view)
     fill = checked_number("fill", fill, 0, 1)
-    if fill and not (behind["backdrop"] or {}).get("lamps"):
+    if fill and not (behind["backdrop"] and behind["backdrop"]["lamps"]):
         raise ValueError("fill: expected a background that is an image, whose light it is")
     return {
         "title": title,
@@ -102,7 +142,7 @@ def checked_lights(lights: Lights) -> dict[str, Light]:
     return named
 
 
-def parameters_of(light: HandleLight, name: str | None = None) -> dict[str, Any]:
+def parameters_of(light: HandleLight, name: str | None = None) -> dict[str, object]:
     """Return a light as the page's program has it."""
     shared = {"name": name or light.name or "", **_shared(light)}
     if isinstance(light, PointLight):
@@ -111,12 +151,12 @@ def parameters_of(light: HandleLight, name: str | None = None) -> dict[str, Any]
     return shared | angles | {"angle": light.angle}
 
 
-def _shared(light: Light) -> dict[str, Any]:
+def _shared(light: Light) -> dict[str, object]:
     plain = light.plain  # the page's program knows neither lamps nor gels
     return {key: getattr(plain, key) for key in ("intensity", "colour", "exposure", "temperature", "locus")}
 
 
-def _environment(light: EnvironmentLight, name: str) -> dict[str, Any]:
+def _environment(light: EnvironmentLight, name: str) -> SkyState:
     return {
         "path": "environment.exr" if light.image.path is None else light.image.path.name,
         "settings": {"name": name, "rotation": light.rotation, **_shared(light)},
@@ -140,7 +180,7 @@ def _rows(light: EnvironmentLight) -> list[list[float]]:
 
 
 @functools.cache
-def _tints(locus: str) -> dict[str, Any]:
+def _tints(locus: str) -> dict[str, object]:
     """Return the colours of temperatures, from hot to cold, between which the page interpolates."""
     coldest, hottest = LOCI[locus]
     mireds = np.linspace(1e6 / hottest, 1e6 / coldest, TINT_COUNT)
@@ -150,7 +190,7 @@ def _tints(locus: str) -> dict[str, Any]:
 
 def _backdrop(
     background: Background | None, size: tuple[int, int], name: str | None, field_of_view: float
-) -> dict[str, Any]:
+) -> Behind:
     """Describe the background: a colour, or a picture of the plate's size, encoded for a display."""
     lamps = None
     if background is None:
@@ -170,5 +210,5 @@ def _backdrop(
         image = scene_linear("background", background)[..., :3]
         pixels, lamps = cover(image, size), fill_lamps(image, size, field_of_view)
     data = compressed(encode(pixels.clip(0, 1), white=1), "JPEG", quality=92, optimize=True)
-    picture = {"name": name, "data": base64.b64encode(data).decode(), "lamps": lamps}
+    picture = Backdrop(name=name, data=base64.b64encode(data).decode(), lamps=lamps)
     return {"background": "picture", "backdrop": picture}

@@ -15,7 +15,6 @@ import struct
 import warnings
 import zlib
 from collections.abc import Callable
-from typing import Any
 
 import numpy as np
 import torch
@@ -96,7 +95,7 @@ def pack(record: AnalysisRecord, matte: np.ndarray, albedo: np.ndarray, *, compr
     return b"".join([struct.pack("<I", len(text)), text, stream, *files])
 
 
-def _camera(geometry: WorldGeometry) -> dict[str, Any]:
+def _camera(geometry: WorldGeometry) -> dict[str, object]:
     """Describe how canvas pixels and depth become positions, see `relight.analysis.camera`."""
     camera, framing = geometry.camera, geometry.framing
     rows, columns = camera.size

@@ -5,15 +5,14 @@ import functools
 import html
 import json
 import re
-from collections.abc import Mapping
 from importlib.resources import files
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 
 from relight.analysis.record import AnalysisRecord
 from relight.viewer import SUFFIXES, constants
+from relight.viewer.initial_state import SceneState
 from relight.viewer.packing import pack
 from shadow.files import AnyPath, check_writable, replacing
 
@@ -26,7 +25,7 @@ MODULES = (
 
 
 def write_page(
-    path: AnyPath, scene: Mapping[str, Any], record: AnalysisRecord, matte: np.ndarray, albedo: np.ndarray
+    path: AnyPath, scene: SceneState, record: AnalysisRecord, matte: np.ndarray, albedo: np.ndarray
 ) -> Path:
     """Write a person's page, .html or .htm, whole or not at all.
 
@@ -41,7 +40,7 @@ def write_page(
     return target
 
 
-def page(scene: Mapping[str, Any], packed: bytes) -> str:
+def page(scene: SceneState, packed: bytes) -> str:
     """Return the page as text, from what `relight.viewer.initial_state` and `relight.viewer.packing` make."""
     return _text("page.html").format(
         title=html.escape(scene["title"]),

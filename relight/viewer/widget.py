@@ -24,7 +24,7 @@ from relight.viewer.initial_state import HandleLight, parameters_of
 from relight.viewer.page import module, style
 
 
-def _to_browser(lights: list[HandleLight], widget: Any) -> list[dict[str, Any]]:
+def _to_browser(lights: list[HandleLight], widget: Any) -> list[dict[str, object]]:
     return [parameters_of(light) for light in lights]
 
 

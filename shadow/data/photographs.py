@@ -261,7 +261,7 @@ def sample(
         record.shares,
         record.visibility[:, chosen],
     ]
-    rows, columns = _window(record, matrix, size)
+    rows, columns = window_of(record, matrix, size)
     matrix = torch.cat([matrix[:, :2], matrix @ torch.tensor([[columns.start], [rows.start], [1.0]])], dim=1)
     window = rows.stop - rows.start, columns.stop - columns.start
     planes = affine_sample(record.image(np.concatenate(values, axis=1)), matrix, window)
@@ -294,7 +294,7 @@ def sample(
     )
 
 
-def _window(record: Record, matrix: torch.Tensor, size: tuple[int, int]) -> tuple[slice, slice]:
+def window_of(record: Record, matrix: torch.Tensor, size: tuple[int, int]) -> tuple[slice, slice]:
     """Return the rows and columns of the canvas that a cropped record reaches, and a margin.
 
     The rest of the canvas is empty, and half of it usually is. The edges are multiples of BLOCK.

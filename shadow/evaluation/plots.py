@@ -2,13 +2,17 @@
 
 from collections.abc import Mapping
 from pathlib import Path
-from typing import Any
+from types import ModuleType
+from typing import TYPE_CHECKING
 
 import numpy as np
 import torch
 
 from shadow.files import replacing
 from shadow.installing import install_command
+
+if TYPE_CHECKING:
+    from matplotlib.figure import Figure
 
 
 def heat(values: torch.Tensor) -> torch.Tensor:
@@ -42,6 +46,13 @@ def hemispheres(path: Path, directions: np.ndarray, panels: Mapping[str, np.ndar
 def curves(
     path: Path, x: np.ndarray, series: Mapping[str, tuple[np.ndarray, np.ndarray]], x_label: str, y_label: str
 ) -> None:
+    """Draw a figure of curves, see `figure_of_curves`, as a PNG."""
+    _write(path, figure_of_curves(x, series, x_label, y_label))
+
+
+def figure_of_curves(
+    x: np.ndarray, series: Mapping[str, tuple[np.ndarray, np.ndarray]], x_label: str, y_label: str
+) -> "Figure":
     """Draw {name: (mean, standard deviation)}, each (N,), over ascending x (N,) on a logarithmic axis.
 
     As in Figure 4, each line has a band of one standard deviation on either side.
@@ -56,10 +67,10 @@ def curves(
     axes.set(xscale="log", xlabel=x_label, ylabel=y_label, xlim=(x[0], x[-1]))
     axes.grid(alpha=0.4)
     axes.legend()
-    _write(path, figure)
+    return figure
 
 
-def _matplotlib() -> Any:
+def _matplotlib() -> ModuleType:
     try:
         import matplotlib
     except ImportError as error:
@@ -67,7 +78,7 @@ def _matplotlib() -> Any:
     return matplotlib
 
 
-def _figure(width: float, height: float) -> Any:
+def _figure(width: float, height: float) -> "Figure":
     """Return a new figure of a size in inches that needs no display."""
     _matplotlib()
     from matplotlib.figure import Figure
@@ -75,6 +86,6 @@ def _figure(width: float, height: float) -> Any:
     return Figure(figsize=(width, height), layout="constrained")
 
 
-def _write(path: Path, figure: Any) -> None:
+def _write(path: Path, figure: "Figure") -> None:
     with replacing(path) as beside:
         figure.savefig(beside, format="png", dpi=100)

@@ -122,7 +122,7 @@ def _check(name: str, network: nn.Module, model: str | Path) -> None:
         raise ValueError(f"model: {model} is not a network for the row {name!r}")
 
 
-def _plain(score: Score | None) -> dict[str, Any] | None:
+def _plain(score: Score | None) -> dict[str, object] | None:
     """Convert a Score for JSON; None stays None."""
     return None if score is None else {"rmse": score.rmse, "psnr": score.psnr, "dice": score.dice}
 

@@ -3,7 +3,6 @@
 from collections.abc import Mapping
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 import torch
@@ -157,7 +156,7 @@ class Preprocessing:
         return maps[:, top : top + height, left : left + width].permute(1, 2, 0).contiguous().numpy()
 
 
-def checked_maps(path: Path, name: str, answer: Any, channels: int) -> np.ndarray:
+def checked_maps(path: Path, name: str, answer: object, channels: int) -> np.ndarray:
     """Return an output as (channels, h, w); raises ValueError for another shape, NaN or infinite values."""
     maps = np.asarray(answer)
     while maps.ndim > 3 and maps.shape[0] == 1:

@@ -172,7 +172,7 @@ def _prepare(
     return batch
 
 
-def _gradient(
+def gradient(
     task: Task, model: Any, batch: Batch, recipe: Recipe, device: torch.device, auxiliary: _Auxiliary
 ) -> torch.Tensor:
     """Add the gradient of the mini-batch's mean loss to the parameters, and return the loss.
@@ -269,7 +269,7 @@ def fit(
         for batch in loader:
             # The step seeds the loss's random choices, so that a resumed run equals an uninterrupted one.
             torch.manual_seed(seed + 104729 * state.step)
-            losses.append(_gradient(task, model, batch, recipe, device, auxiliary))
+            losses.append(gradient(task, model, batch, recipe, device, auxiliary))
             state.update()
             now = time.monotonic()
             state.seconds, tick = agreed(state.seconds + now - tick, device, world), now

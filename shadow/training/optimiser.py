@@ -6,7 +6,7 @@ from typing import TYPE_CHECKING, Any
 import torch
 from torch import nn
 
-from shadow.networks.precision import native_bfloat16
+from shadow.networks.precision import in_use
 
 if TYPE_CHECKING:
     from shadow.training.recipes import Recipe
@@ -50,7 +50,7 @@ class Optimiser:
         ]
         if self.views:
             # torch's Muon always orthogonalises in bfloat16.
-            if native_bfloat16(self.views[0].device):
+            if in_use(self.views[0].device) == "bfloat16":
                 self.parts.append(
                     torch.optim.Muon(self.views, weight_decay=decay, adjust_lr_fn="match_rms_adamw")
                 )
@@ -69,7 +69,7 @@ class Optimiser:
         for weight in self.weights:
             weight.grad = None
 
-    def state_dict(self) -> dict[str, Any]:
+    def state_dict(self) -> dict[str, object]:
         return {"parts": [part.state_dict() for part in self.parts]}
 
     def load_state_dict(self, state: dict[str, Any]) -> None:

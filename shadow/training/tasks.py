@@ -81,14 +81,14 @@ def _field_error(
     maps: FieldMaps, log_lit: torch.Tensor, targets: Targets, inside: torch.Tensor, height: int, angles: float
 ) -> torch.Tensor:
     """Return the sum of the errors of a field's maps and logarithmic visibility (B, D, 4, P)."""
-    error = _normals_error(maps.normals, targets.normals, inside, angles)
+    error = normals_error(maps.normals, targets.normals, inside, angles)
     error = error + _entropy(log_lit, targets.visibility, inside)
     if not maps.depth.shape[1] or not targets.depth.shape[1]:
         return error
-    return error + _depth_error(maps.depth, targets.depth, targets.depth_known, height)
+    return error + depth_error(maps.depth, targets.depth, targets.depth_known, height)
 
 
-def _depth_error(
+def depth_error(
     estimate: torch.Tensor, truth: torch.Tensor, inside: torch.Tensor, height: int
 ) -> torch.Tensor:
     """Return the error of the depths (B, 1, 4, P) of blocks, plus the error of their slopes.
@@ -119,7 +119,7 @@ def _depth_error(
     return DEPTH_WEIGHT * _masked_mean((scaled - truth).abs(), inside) + SLOPE_WEIGHT * bent
 
 
-def _normals_error(
+def normals_error(
     estimate: torch.Tensor, truth: torch.Tensor, inside: torch.Tensor, angles: float = 0.0
 ) -> torch.Tensor:
     """Return the distance between unit vectors, blended with their angle by the fraction `angles`.

@@ -313,7 +313,7 @@ def _solved(
             known = _trimap(distance)
             odds = colour_log_odds(seen, known, distance)
         for _ in range(WIDENINGS):
-            wider, distance = _widened(known, distance, odds)
+            wider, distance = widened(known, distance, odds)
             if (new := wider != known).any():
                 odds = np.where(new, colour_log_odds(seen, wider, distance, new), odds)
             known = wider
@@ -329,7 +329,7 @@ def _shift(odds: np.ndarray, distance: np.ndarray, unknown: np.ndarray) -> float
     return float(max(shifts, key=lambda shift: (np.where(places > shift, cast, -cast).sum(), -abs(shift))))
 
 
-def _widened(known: np.ndarray, distance: np.ndarray, odds: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+def widened(known: np.ndarray, distance: np.ndarray, odds: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     """Return a sharp mask's trimap and its distances, the band wider where colours contradict its rims.
 
     A dilated mask closes narrow gaps, and an eroded one loses fingers, to more than the tolerance.

@@ -2,13 +2,12 @@
 
 from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import Any
 
 import numpy as np
 from scipy.ndimage import distance_transform_edt
 
 from relight.matting.people.region import Circle, DetectedPerson
-from relight.matting.refine import is_everybody
+from relight.matting.refine import PersonChoice, is_everybody
 
 SAME_PERSON = 0.6  # the same, of two masks
 COMPARED_SIDE = 256  # pixels, the longer side of the copy on which masks are compared
@@ -24,7 +23,9 @@ class Choice:
     size: tuple[int, int]
 
     @classmethod
-    def of(cls, people: Sequence[DetectedPerson], person: Any, size: tuple[int, int]) -> "Choice":
+    def of(
+        cls, people: Sequence[DetectedPerson], person: PersonChoice | Circle, size: tuple[int, int]
+    ) -> "Choice":
         """Return the choice that `person` means; `relight.matting.people.finder.find` says what it may be."""
         return cls(tuple(people), None if is_everybody(person) else index_of(people, person, size), size)
 
@@ -71,7 +72,7 @@ class Choice:
         return top, left, min(bottom, self.size[0]), min(right, self.size[1])
 
 
-def as_circle(person: Any) -> Any:
+def as_circle(person: PersonChoice | Circle) -> PersonChoice | Circle:
     """Return the circle that (x, y, radius) means, and anything else unchanged."""
     if not isinstance(person, tuple | list) or len(person) != 3:
         return person
@@ -81,11 +82,11 @@ def as_circle(person: Any) -> Any:
     return Circle(np.array([x, y]), radius, np.array([0.0, -1.0]))
 
 
-def index_of(found: Sequence[DetectedPerson], person: Any, size: tuple[int, int]) -> int:
+def index_of(found: Sequence[DetectedPerson], person: PersonChoice | Circle, size: tuple[int, int]) -> int:
     """Return which person is meant."""
     if isinstance(person, Circle):
         return int(np.argmin([each.circle.distance(person) for each in found]))
-    if np.ndim(person) == 1 and not isinstance(person, str) and len(person) == 2:
+    if isinstance(person, Sequence | np.ndarray) and not isinstance(person, str) and np.shape(person) == (2,):
         x, y = (int(value) for value in person)
         if not (0 <= x < size[1] and 0 <= y < size[0]):
             raise ValueError(f"person: expected a point in the picture, got {x}/{y}")

@@ -16,7 +16,6 @@ import logging
 import warnings
 from collections.abc import Sequence
 from dataclasses import replace
-from typing import Any
 
 import numpy as np
 import torch
@@ -32,7 +31,7 @@ from relight.matting.people.choice import CERTAIN, Choice, as_circle, distinct
 from relight.matting.people.detector import SHARES, Detector
 from relight.matting.people.region import LANDMARK_SIDE, Circle, Copies, DetectedPerson, View, joined, sampled
 from relight.matting.people.track import Seen
-from relight.matting.refine import encoded_srgb, opaque_photograph
+from relight.matting.refine import PersonChoice, encoded_srgb, opaque_photograph
 from shadow.files import AnyPath
 
 HIPS, RIM = 33, 34  # rows of the landmarks: the middle of the hips, and the circle's upper end
@@ -66,7 +65,7 @@ UNCERTAIN = (
 LOG = logging.getLogger("relight")
 
 
-def find(image: ArrayLike, person: Any = None) -> np.ndarray:
+def find(image: ArrayLike, person: PersonChoice | Circle = None) -> np.ndarray:
     """Find the person in a photograph: their mask (H, W) in [0, 1], soft and coarse.
 
     `relight.matting.outline.refine` refines its edge. The image is (H, W, 3|4), opaque: integers are
@@ -106,7 +105,10 @@ class FoundPerson:
     selects = True
 
     def __init__(
-        self, person: Any = None, network: silhouette.Silhouette | None = None, is_rough: bool = False
+        self,
+        person: PersonChoice | Circle = None,
+        network: silhouette.Silhouette | None = None,
+        is_rough: bool = False,
     ) -> None:
         self._finder, self._person, self._is_rough = load(), as_circle(person), is_rough
         self._network = None if is_rough else network or silhouette.load()
@@ -116,7 +118,10 @@ class FoundPerson:
         return self.matte(encoded, self._person)
 
     def matte(
-        self, encoded: np.ndarray, person: Any, people: Sequence[DetectedPerson] | None = None
+        self,
+        encoded: np.ndarray,
+        person: PersonChoice | Circle,
+        people: Sequence[DetectedPerson] | None = None,
     ) -> np.ndarray:
         """Return the matte of a photograph as a call does, of another person.
 
@@ -154,12 +159,15 @@ class PersonFinder:
     def __init__(self, detector: AnyPath, landmarks: AnyPath) -> None:
         self._detector, self._landmarks = Detector(compiled(str(detector))), compiled(str(landmarks))
 
-    def mask(self, encoded: np.ndarray, person: Any = None) -> np.ndarray:
+    def mask(self, encoded: np.ndarray, person: PersonChoice | Circle = None) -> np.ndarray:
         """Return the mask (H, W) of a person in a photograph (H, W, 3), sRGB-encoded; see `find`."""
         return self.with_more_views(encoded, self.choose(encoded, person)).mask()
 
     def choose(
-        self, encoded: np.ndarray, person: Any = None, people: Sequence[DetectedPerson] | None = None
+        self,
+        encoded: np.ndarray,
+        person: PersonChoice | Circle = None,
+        people: Sequence[DetectedPerson] | None = None,
     ) -> Choice:
         """Return who is meant in a photograph (H, W, 3), sRGB-encoded; see `find`.
 
@@ -175,7 +183,8 @@ class PersonFinder:
         choice = Choice.of(found, person, size)
         if choice.index is None:
             return choice
-        at = None if isinstance(person, Circle) or np.ndim(person) != 1 else np.array(person, float)
+        is_point = not isinstance(person, int | str | Circle | None)
+        at = np.array(person, float) if is_point else None
         first = found[choice.index]
         found[choice.index] = neighbours.alone(
             copies.for_circle(first.circle), first, self._detector, self._person, at

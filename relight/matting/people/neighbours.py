@@ -87,7 +87,7 @@ def alone(
     if not others or own not in certain:
         return person
     rival = np.max([masks[index] for index in others], axis=0)
-    mask = _second_look_beside(rival, person.mask, masks[own], shares[own][middle])
+    mask = second_look_beside(rival, person.mask, masks[own], shares[own][middle])
     ours, *theirs = (person_border.bones(certain[index], size)[middle] for index in (own, *others))
     seen_here = scene.permute(1, 2, 0).numpy()[middle]
     border = person_border.within(seen_here, mask, rival, ours, np.any(theirs, axis=0))
@@ -114,7 +114,7 @@ def _shares(bodies: Sequence[Circle], size: tuple[int, int]) -> list[np.ndarray]
     ]
 
 
-def _second_look_beside(
+def second_look_beside(
     rival: np.ndarray, first: np.ndarray, second: np.ndarray, share: np.ndarray
 ) -> np.ndarray:
     """Return a person's mask of two looks, the second one with the neighbours painted over: (h, w) in [0, 1].

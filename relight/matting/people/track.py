@@ -21,6 +21,7 @@ import numpy as np
 
 from relight.matting.people.choice import CERTAIN, index_of
 from relight.matting.people.region import Circle, DetectedPerson, planes, sampled
+from relight.matting.refine import PersonChoice
 from relight.media.resampling import resize
 from relight.media.scenes import is_cut, reduced
 from shadow import files
@@ -82,7 +83,7 @@ class Track:
         self,
         look: Callable[[int, Circle | None], Seen],
         numbers: Sequence[int],
-        person: Any = None,
+        person: PersonChoice | Circle = None,
         corrections: Mapping[int, tuple[int, int]] | None = None,
     ) -> None:
         self._look, self._numbers, self._person = look, numbers, person

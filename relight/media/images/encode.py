@@ -123,7 +123,7 @@ def compressed(pixels: np.ndarray, kind: str, **options: Any) -> bytes:
     return file.getvalue()
 
 
-def _exif_value(value: Any) -> Any:
+def _exif_value(value: object) -> Any:
     """Return a value of OpenImageIO as Pillow writes it: real numbers are fractions. None for other types."""
     if isinstance(value, tuple) and all(isinstance(number, float) for number in value):
         return tuple(map(_rational, value))

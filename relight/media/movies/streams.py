@@ -10,6 +10,7 @@ import av
 from av.container import InputContainer
 from av.format import Flags
 from av.stream import Disposition
+from av.video.stream import VideoStream
 
 from relight.media.images.containers.pages import check_size
 from relight.media.pixel_aspect import growth
@@ -34,7 +35,7 @@ def opened(path: AnyPath, **options: str) -> InputContainer:
     return av.open(str(check_regular_file(path)), options=options, metadata_errors="replace")
 
 
-def video_stream(container: InputContainer, path: AnyPath) -> Any:
+def video_stream(container: InputContainer, path: AnyPath) -> VideoStream:
     """Return the first stream of moving pictures. ValueError for a codec that cannot be decoded.
 
     Cover art and thumbnails are streams of pictures, too, in any place among the others.
@@ -51,12 +52,12 @@ def video_stream(container: InputContainer, path: AnyPath) -> Any:
     return streams[0]
 
 
-def pixel_aspect(stream: Any) -> Fraction:
+def pixel_aspect(stream: VideoStream) -> Fraction:
     """Return how many times as wide as high a movie's pixels are, by the container before the codec."""
     return Fraction(stream.sample_aspect_ratio or 1) or Fraction(1)
 
 
-def decoder_name(path: Path, stream: Any) -> str:
+def decoder_name(path: Path, stream: VideoStream) -> str:
     """Return the name of the decoder that gives a stream's alpha, or else its usual one."""
     name = stream.codec_context.name
     tags = {key.lower(): value for key, value in stream.metadata.items()}
@@ -69,7 +70,7 @@ def decoder_name(path: Path, stream: Any) -> str:
     return ALPHA_DECODERS[name]
 
 
-def check_dolby_vision(container: Any, stream: Any, path: AnyPath) -> None:
+def check_dolby_vision(container: InputContainer, stream: VideoStream, path: AnyPath) -> None:
     """Raise ValueError for Dolby Vision whose pictures are in a colour space of its own.
 
     That is profile 5, and others that say compatibility 0; the rest is PQ, HLG or BT.709 beside it.
@@ -96,7 +97,7 @@ def _described(container: Any) -> str:
         av.logging.set_level(level)
 
 
-def clean_aperture(container: Any, stream: Any, path: AnyPath) -> tuple[slice, slice]:
+def clean_aperture(container: InputContainer, stream: VideoStream, path: AnyPath) -> tuple[slice, slice]:
     """Return the rows and columns that a container shows: QuickTime's `clap`, Matroska's PixelCrop.
 
     Raises ValueError where nothing is left.
@@ -111,7 +112,7 @@ def clean_aperture(container: Any, stream: Any, path: AnyPath) -> tuple[slice, s
     return rows, columns
 
 
-def demuxed(container: InputContainer, stream: Any) -> Iterator[tuple[av.Packet, bool]]:
+def demuxed(container: InputContainer, stream: VideoStream) -> Iterator[tuple[av.Packet, bool]]:
     """Yield a stream's packets, and whether the times of the file start again with this one.
 
     In transport and program streams that were joined, times start again with each part. Here they go on: a

@@ -10,6 +10,7 @@ from typing import Any, Self
 
 import av
 from av.container import OutputContainer
+from av.stream import Stream
 
 from relight.media.movies.streams import opened
 from relight.media.privacy import is_private
@@ -121,7 +122,7 @@ def _needed(before: list[av.Packet], start: Fraction) -> list[av.Packet]:
     return before[-(straddles + is_compressed) :] if straddles or is_compressed else []
 
 
-def _holds(file: OutputContainer, stream: Any) -> bool:
+def _holds(file: OutputContainer, stream: Stream) -> bool:
     """Return whether a container takes a stream: a file of it alone is begun in memory."""
     if stream.codec_context is None or stream.codec_context.codec.canonical_name not in file.supported_codecs:
         return False

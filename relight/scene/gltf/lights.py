@@ -5,7 +5,6 @@ import math
 import struct
 import warnings
 from collections.abc import Callable, Iterable
-from typing import Any
 
 import numpy as np
 
@@ -42,9 +41,9 @@ def write_lights(path: AnyPath, lights: Iterable[Light | MovingLight]) -> None:
         written.write_bytes(text)
 
 
-def punctual_lights(lights: Iterable[Light | MovingLight]) -> tuple[list[dict[str, Any]], list[Light]]:
+def punctual_lights(lights: Iterable[Light | MovingLight]) -> tuple[list[dict[str, object]], list[Light]]:
     """Return glTF's description of each light that it can express, and those lights; warn of the others."""
-    entries: list[dict[str, Any]] = []
+    entries: list[dict[str, object]] = []
     ours: list[Light] = []
     for number, given in enumerate(lights, 1):
         light = given
@@ -70,11 +69,11 @@ def punctual_lights(lights: Iterable[Light | MovingLight]) -> tuple[list[dict[st
     return entries, ours
 
 
-def place_nodes(entries: list[dict[str, Any]], lights: list[Light]) -> list[dict[str, Any]]:
+def place_nodes(entries: list[dict[str, object]], lights: list[Light]) -> list[dict[str, object]]:
     """Return a node for each light, which shines along its own -z."""
     nodes = []
     for index, (entry, light) in enumerate(zip(entries, lights, strict=True)):
-        node: dict[str, Any] = {"name": entry["name"], "extensions": {EXTENSION: {"light": index}}}
+        node: dict[str, object] = {"name": entry["name"], "extensions": {EXTENSION: {"light": index}}}
         if isinstance(light, DirectionalLight):
             node["rotation"] = _facing(np.array(light.direction))
         elif isinstance(light, NearLight):
@@ -85,19 +84,19 @@ def place_nodes(entries: list[dict[str, Any]], lights: list[Light]) -> list[dict
     return nodes
 
 
-def _directional(light: DirectionalLight, name: str) -> dict[str, Any]:
+def _directional(light: DirectionalLight, name: str) -> dict[str, object]:
     """Return what is said of a directional light alone."""
     if light.angle:
         warnings.warn(f"{name}: glTF's lights have no size; it is written as a hard one", stacklevel=4)
     return {"type": "directional"}
 
 
-def _spot(light: RectLight, name: str) -> dict[str, Any]:
+def _spot(light: RectLight, name: str) -> dict[str, object]:
     warnings.warn(f"{name}: glTF has no rectangles; it is written as a spot of 180 degrees", stacklevel=4)
     return {"type": "spot", "spot": {"innerConeAngle": 0.0, "outerConeAngle": math.pi / 2}}
 
 
-def _point(light: PointLight, name: str) -> dict[str, Any]:
+def _point(light: PointLight, name: str) -> dict[str, object]:
     """Return what is said of a point or a spotlight, whose cone glTF has not wider than a hemisphere."""
     if light.radius:
         warnings.warn(f"{name}: glTF's lights have no size; it is written as a point", stacklevel=4)
@@ -113,7 +112,7 @@ def _point(light: PointLight, name: str) -> dict[str, Any]:
     return {"type": "spot", "spot": {"innerConeAngle": outer * (1 - light.softness), "outerConeAngle": outer}}
 
 
-KINDS: dict[type, Callable[..., dict[str, Any]]] = {
+KINDS: dict[type, Callable[..., dict[str, object]]] = {
     DirectionalLight: _directional,
     PointLight: _point,
     RectLight: _spot,

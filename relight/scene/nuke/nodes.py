@@ -4,7 +4,6 @@ import re
 from collections.abc import Iterable
 from fractions import Fraction
 from pathlib import Path
-from typing import Any
 
 
 def root(
@@ -50,7 +49,7 @@ def span(frames: tuple[int, int] | None) -> dict[str, int]:
     return {"first": first, "last": last, "origfirst": first, "origlast": last}
 
 
-def node(kind: str, **knobs: Any) -> str:
+def node(kind: str, **knobs: object) -> str:
     """Write a node of a class with its knobs; the values are words as Tcl reads them."""
     return "\n".join([f"{kind} {{", *(f" {knob} {value}" for knob, value in knobs.items()), "}"])
 

@@ -62,7 +62,7 @@ def write(
         beside.write_text("\n".join(parts) + "\n", encoding="utf-8")
 
 
-def checked_lights(lights: Iterable[Any] | Any | None) -> list[DirectionalLight]:
+def checked_lights(lights: Iterable[object] | Any | None) -> list[DirectionalLight]:
     """Return the lights that the knobs begin with, a key light unless given.
 
     Raises TypeError for what is no light, ValueError for more than four or lights other than

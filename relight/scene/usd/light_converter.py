@@ -1,12 +1,14 @@
 """One UsdLux light at one time, as the settings of one of ours."""
 
+from __future__ import annotations
+
 import math
 import os
 import tempfile
 import warnings
 from collections.abc import Callable
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
@@ -21,6 +23,9 @@ from relight.scene import blender, units
 from relight.scene.usd.stage import check_inside
 from relight.scene.usd.view import StageView, rotation
 
+if TYPE_CHECKING:
+    from pxr import Sdf, Usd
+
 TRANSFORM_TOLERANCE = 1e-5  # between the entries of axes that count as equal
 ROLL = 1.0  # degrees that a rectangle may lean before a warning says so
 Numbers = dict[str, Any]  # settings of a light
@@ -34,14 +39,14 @@ class LightConverter:
         self.view, self.path, self.external = view, view.path, external
         self.said: set[str] = set()
 
-    def cannot(self, prim: Any, reason: str) -> None:
+    def cannot(self, prim: Usd.Prim, reason: str) -> None:
         """Warn, once, about what our lights cannot represent."""
         message = f"{self.path}: {prim.GetPath()}: {reason}"
         if message not in self.said:
             self.said.add(message)
             warnings.warn(message, stacklevel=2)
 
-    def kind(self, prim: Any) -> Callable[[Any, float], Found] | None:
+    def kind(self, prim: Usd.Prim) -> Callable[[Usd.Prim, float], Found] | None:
         """Return the function that converts such a light; None, with a warning, if there is none."""
         from pxr import UsdLux
 
@@ -59,7 +64,7 @@ class LightConverter:
         self.cannot(prim, f"there is no light like {kind} here; it is left out")
         return None
 
-    def check_extras(self, prim: Any) -> None:
+    def check_extras(self, prim: Usd.Prim) -> None:
         """Warn about features of a light that our lights do not have."""
         from pxr import UsdLux
 
@@ -86,7 +91,7 @@ class LightConverter:
         if space and space not in ("lin_rec709_scene", "lin_rec709", "linear", "raw", "identity"):
             self.cannot(prim, f"its colour is taken for linear Rec.709, not {space}")
 
-    def _common(self, prim: Any, time: float, power: float) -> Numbers:
+    def _common(self, prim: Usd.Prim, time: float, power: float) -> Numbers:
         """Return the parameters that all lights have. `power`: that of our light of intensity 1."""
         from pxr import UsdGeom, UsdLux
 
@@ -107,12 +112,12 @@ class LightConverter:
             raise ValueError(f"{self.path}: {prim.GetPath()}: has a negative intensity")
         return settings
 
-    def _normalize(self, prim: Any, time: float) -> bool:
+    def _normalize(self, prim: Usd.Prim, time: float) -> bool:
         from pxr import UsdLux
 
         return bool(UsdLux.LightAPI(prim).GetNormalizeAttr().Get(time))
 
-    def _distant(self, prim: Any, time: float) -> Found:
+    def _distant(self, prim: Usd.Prim, time: float) -> Found:
         from pxr import UsdLux
 
         light = UsdLux.DistantLight(prim)
@@ -130,7 +135,7 @@ class LightConverter:
             "angle": min(max(angle, 0.0), 180.0),
         }
 
-    def _sphere(self, prim: Any, time: float) -> Found:
+    def _sphere(self, prim: Usd.Prim, time: float) -> Found:
         from pxr import UsdLux
 
         light = UsdLux.SphereLight(prim)
@@ -148,7 +153,7 @@ class LightConverter:
         settings |= self._cone(prim, time, matrix)
         return PointLight, settings | self._profile(prim, time, matrix, settings["intensity"])
 
-    def _profile(self, prim: Any, time: float, matrix: np.ndarray, intensity: float) -> Numbers:
+    def _profile(self, prim: Usd.Prim, time: float, matrix: np.ndarray, intensity: float) -> Numbers:
         """Return the profile of a light's shaping, with its intensity in the brightest direction."""
         from pxr import Ar, UsdLux
 
@@ -171,12 +176,12 @@ class LightConverter:
             "toward": self._a_metre_ahead(matrix, time),
         }
 
-    def _a_metre_ahead(self, matrix: np.ndarray, time: float) -> Any:
+    def _a_metre_ahead(self, matrix: np.ndarray, time: float) -> tuple[float, ...]:
         """Return the point a metre along the axis of a light with a transform (4, 4)."""
         point = matrix[:3, 3] - rotation(matrix)[:, 2] / self.view.scale
         return self.view.at(time).position(point)
 
-    def _rect(self, prim: Any, time: float) -> Found:
+    def _rect(self, prim: Usd.Prim, time: float) -> Found:
         from pxr import UsdLux
 
         light = UsdLux.RectLight(prim)
@@ -184,14 +189,14 @@ class LightConverter:
             prim, time, float(light.GetWidthAttr().Get(time)), float(light.GetHeightAttr().Get(time))
         )
 
-    def _disk(self, prim: Any, time: float) -> Found:
+    def _disk(self, prim: Usd.Prim, time: float) -> Found:
         """Convert a disk light to a square of the same area."""
         from pxr import UsdLux
 
         side = math.sqrt(math.pi) * float(UsdLux.DiskLight(prim).GetRadiusAttr().Get(time))
         return self._flat(prim, time, side, side, turns=True)
 
-    def _flat(self, prim: Any, time: float, width: float, height: float, turns: bool = False) -> Found:
+    def _flat(self, prim: Usd.Prim, time: float, width: float, height: float, turns: bool = False) -> Found:
         """Convert a light that shines from a rectangle. `turns`: whether it is symmetric about its axis."""
         matrix, view = self.view.matrix(prim, time), self.view.at(time)
         right, up = (matrix[:3, axis] for axis in (0, 1))
@@ -215,7 +220,9 @@ class LightConverter:
         }
         return RectLight, settings | self._cone(prim, time, matrix)
 
-    def _levelled(self, prim: Any, right: np.ndarray, axis: np.ndarray, sides: list[float]) -> list[float]:
+    def _levelled(
+        self, prim: Usd.Prim, right: np.ndarray, axis: np.ndarray, sides: list[float]
+    ) -> list[float]:
         """Return the sides of a rectangle of horizontal width, as ours have; warns if it was tilted."""
         level = np.cross(axis, (0.0, 1.0, 0.0))
         length = np.linalg.norm(level)
@@ -226,7 +233,7 @@ class LightConverter:
             self.cannot(prim, f"leans by {roll:.0f} degrees; it is taken to stand level")
         return sides if roll < 45 else sides[::-1]
 
-    def _cone(self, prim: Any, time: float, matrix: np.ndarray) -> Numbers:
+    def _cone(self, prim: Usd.Prim, time: float, matrix: np.ndarray) -> Numbers:
         """Return the cone of a light's shaping; empty if it has none."""
         from pxr import UsdLux
 
@@ -246,7 +253,7 @@ class LightConverter:
             settings["toward"] = self._a_metre_ahead(matrix, time)
         return settings
 
-    def _dome(self, prim: Any, time: float) -> Found:
+    def _dome(self, prim: Usd.Prim, time: float) -> Found:
         from pxr import UsdLux
 
         light = UsdLux.DomeLight_1(prim) if prim.IsA(UsdLux.DomeLight_1) else UsdLux.DomeLight(prim)
@@ -277,7 +284,7 @@ class LightConverter:
             return EnvironmentLight, settings | {"image": image, "rotation": turn}
         return EnvironmentLight, settings | {"image": _turned(EnvironmentLight(image).image, axes)}
 
-    def _texture(self, prim: Any, asset: Any) -> Path | np.ndarray:
+    def _texture(self, prim: Usd.Prim, asset: Sdf.AssetPath) -> Path | np.ndarray:
         """Return the texture of a dome: its file, or the content of a package."""
         from pxr import Ar
 
@@ -290,7 +297,7 @@ class LightConverter:
             file.write_bytes(bytes(packed.GetBuffer()))
             return images.read(file)
 
-    def _checked_asset(self, prim: Any, asset: Any, what: str) -> Path:
+    def _checked_asset(self, prim: Usd.Prim, asset: Sdf.AssetPath, what: str) -> Path:
         """Return the path of a light's file; refuse one that is missing, or outside the stage's folder."""
         where = f"{self.path}: {prim.GetPath()}: "
         if not asset.resolvedPath:

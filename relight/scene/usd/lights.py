@@ -1,11 +1,13 @@
 """Our lights as UsdLux prims of a stage."""
 
+from __future__ import annotations
+
 import math
 import shutil
 import warnings
 from collections.abc import Callable, Iterable
 from pathlib import Path
-from typing import Any, NamedTuple
+from typing import TYPE_CHECKING, NamedTuple, TypeAlias
 
 import numpy as np
 
@@ -17,6 +19,10 @@ from relight.lights.near import NearLight, PointLight, RectLight
 from relight.media import images
 from relight.scene import units
 
+if TYPE_CHECKING:
+    from pxr import Usd
+
+Time: TypeAlias = "Usd.TimeCode | float"
 HOTTEST = 10_000.0  # kelvin, of UsdLux
 
 
@@ -28,7 +34,7 @@ class Place(NamedTuple):
 
 
 def add_lights(
-    stage: Any,
+    stage: Usd.Stage,
     parent: str,
     lights: Iterable[Light | MovingLight],
     place: Place,
@@ -50,24 +56,24 @@ def add_lights(
         while word in taken:
             word += "_"
         taken.add(word)
-        moments = [(time, still.plain) for time, still in _moments(light, frames)]
+        times = [(time, still.plain) for time, still in moments(light, frames)]
         if frames is None and isinstance(light, MovingLight) and light.orbit is not None:
             warnings.warn(
-                f"{name}: orbit: written for frames {moments[0][0]:g} to {moments[-1][0]:g}; then it stops",
+                f"{name}: orbit: written for frames {times[0][0]:g} to {times[-1][0]:g}; then it stops",
                 stacklevel=2,
             )
-        schema, _ = _kind(moments[0][1])
+        schema, _ = _kind(times[0][1])
         prim = getattr(UsdLux, schema).Define(stage, f"{parent}/{word}").GetPrim()
         prim.SetDisplayName(name)
-        stills = [still for _, still in moments]
+        stills = [still for _, still in times]
         kelvins = all(map(_has_usd_temperature, stills))
         if all(isinstance(still, PointLight) and still.radius == 0 for still in stills):
             UsdLux.SphereLight(prim).CreateTreatAsPointAttr(True)
-        for time, still in moments:
+        for time, still in times:
             _write(prim, still, time, place, kelvins)
 
 
-def _moments(light: Light | MovingLight, frames: tuple[int, int] | None) -> list[tuple[Any, Light]]:
+def moments(light: Light | MovingLight, frames: tuple[int, int] | None) -> list[tuple[Time, Light]]:
     """Return pairs (time, light): the default time of a still light, every frame of a moving one."""
     from pxr import Usd
 
@@ -89,7 +95,7 @@ def _has_usd_temperature(light: Light) -> bool:
     return kelvin is not None and light.locus == "planckian" and kelvin <= HOTTEST
 
 
-def _kind(light: Light) -> "Kind":
+def _kind(light: Light) -> Kind:
     """Return the schema of a light and its writer."""
     for light_type, kind in KINDS.items():
         if isinstance(light, light_type):
@@ -97,7 +103,7 @@ def _kind(light: Light) -> "Kind":
     raise TypeError(f"lights: expected lights, e.g. DirectionalLight, got {type(light).__name__}")
 
 
-def _write(prim: Any, light: Light, time: Any, place: Place, kelvins: bool) -> None:
+def _write(prim: Usd.Prim, light: Light, time: Time, place: Place, kelvins: bool) -> None:
     """Set what UsdLux has for a light at one time, its temperature as kelvins or in its colour."""
     from pxr import Gf, UsdGeom, UsdLux
 
@@ -120,7 +126,9 @@ def _write(prim: Any, light: Light, time: Any, place: Place, kelvins: bool) -> N
     operation.Set(Gf.Matrix4d(*matrix.T.ravel().tolist()), time)
 
 
-def _write_distant(prim: Any, light: DirectionalLight, time: Any, place: Place) -> tuple[float, np.ndarray]:
+def _write_distant(
+    prim: Usd.Prim, light: DirectionalLight, time: Time, place: Place
+) -> tuple[float, np.ndarray]:
     """Set what only a distant light has; return the scale of its intensity and its transform (4, 4)."""
     from pxr import UsdLux
 
@@ -129,7 +137,7 @@ def _write_distant(prim: Any, light: DirectionalLight, time: Any, place: Place) 
     return units.DISTANT, _frame(np.array(light.direction), np.zeros(3))
 
 
-def _write_sphere(prim: Any, light: PointLight, time: Any, place: Place) -> tuple[float, np.ndarray]:
+def _write_sphere(prim: Usd.Prim, light: PointLight, time: Time, place: Place) -> tuple[float, np.ndarray]:
     from pxr import Sdf, UsdLux
 
     UsdLux.SphereLight(prim).CreateRadiusAttr().Set(light.radius, time)
@@ -143,7 +151,7 @@ def _write_sphere(prim: Any, light: PointLight, time: Any, place: Place) -> tupl
     return units.SPHERE / light.profile.peak, _near_frame(prim, light, time)
 
 
-def _beside(prim: Any, path: Path | None, place: Place) -> str:
+def _beside(prim: Usd.Prim, path: Path | None, place: Place) -> str:
     """Return the name, relative to the stage, of a file that is in its folder or copied there."""
     if path is None:
         raise ValueError("profile: is in no file; write it to one and make the light of that")
@@ -155,7 +163,7 @@ def _beside(prim: Any, path: Path | None, place: Place) -> str:
     return name
 
 
-def _write_rect(prim: Any, light: RectLight, time: Any, place: Place) -> tuple[float, np.ndarray]:
+def _write_rect(prim: Usd.Prim, light: RectLight, time: Time, place: Place) -> tuple[float, np.ndarray]:
     from pxr import UsdLux
 
     rect = UsdLux.RectLight(prim)
@@ -164,13 +172,15 @@ def _write_rect(prim: Any, light: RectLight, time: Any, place: Place) -> tuple[f
     return units.RECT, _near_frame(prim, light, time)
 
 
-def _write_dome(prim: Any, light: EnvironmentLight, time: Any, place: Place) -> tuple[float, np.ndarray]:
+def _write_dome(
+    prim: Usd.Prim, light: EnvironmentLight, time: Time, place: Place
+) -> tuple[float, np.ndarray]:
     _texture(prim, light, place)
     turn = math.radians(light.rotation)
     return 1.0, _frame(np.array([math.sin(turn), 0.0, math.cos(turn)]), np.zeros(3))
 
 
-def _near_frame(prim: Any, light: NearLight, time: Any) -> np.ndarray:
+def _near_frame(prim: Usd.Prim, light: NearLight, time: Time) -> np.ndarray:
     """Set what all near lights have, and return the transform (4, 4)."""
     from pxr import UsdLux
 
@@ -202,7 +212,7 @@ def _frame(z: np.ndarray, place: np.ndarray) -> np.ndarray:
     return matrix
 
 
-def _texture(prim: Any, light: EnvironmentLight, place: Place) -> None:
+def _texture(prim: Usd.Prim, light: EnvironmentLight, place: Place) -> None:
     """Name the map of an environment, which is put beside the stage unless it is there already."""
     from pxr import Sdf, UsdLux
 

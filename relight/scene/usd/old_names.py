@@ -1,6 +1,8 @@
 """Lights written before USD 21.02, whose attributes had no namespace: `intensity`, not `inputs:intensity`."""
 
-from typing import Any
+from __future__ import annotations
+
+from typing import TYPE_CHECKING
 
 # The inputs of UsdLux's lights, their shaping and their shadows, as they were called.
 ATTRIBUTES = (
@@ -11,8 +13,11 @@ ATTRIBUTES = (
     "texture:file", "texture:format", "width",
 )  # fmt: skip
 
+if TYPE_CHECKING:
+    from pxr import Usd
 
-def honour(prim: Any) -> None:
+
+def honour(prim: Usd.Prim) -> None:
     """Give a light the values of its old attributes, where it has none of today's.
 
     They go to the stage's session layer, so that no file changes.

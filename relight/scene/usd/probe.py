@@ -7,8 +7,13 @@ if all of it could be read here. It imports nothing but USD, so that it starts a
     python probe.py FILE BYTES SECONDS
 """
 
+from __future__ import annotations
+
 import sys
-from typing import Any, NoReturn
+from typing import TYPE_CHECKING, NoReturn
+
+if TYPE_CHECKING:
+    from pxr import Sdf
 
 STARTED = "started"  # printed once USD is loaded: what ends the program from then on is in the file
 REFUSED = 2  # exit status for errors that USD raises; what it says follows on the standard output
@@ -53,7 +58,7 @@ def _refuse(problem: str) -> NoReturn:
     sys.exit(REFUSED)
 
 
-def _reads(layer: Any, done: set[str]) -> bool:
+def _reads(layer: Sdf.Layer, done: set[str]) -> bool:
     """Read every field of a layer and of those it draws in; return whether they hold what they list."""
     from pxr import Sdf
 

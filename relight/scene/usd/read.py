@@ -1,10 +1,12 @@
 """Lights of a USD stage as ours: UsdLux, brought into the camera's frame."""
 
+from __future__ import annotations
+
 import dataclasses
 import math
 from collections.abc import Iterable
 from pathlib import Path
-from typing import Any, NamedTuple
+from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
 
@@ -17,6 +19,9 @@ from relight.scene.usd.light_converter import Found, LightConverter, Numbers
 from relight.scene.usd.stage import first_line, open_stage
 from relight.scene.usd.view import StageView
 from shadow.files import AnyPath
+
+if TYPE_CHECKING:
+    from pxr import Usd
 
 MOST_FRAMES = 10_000
 ORIENTATION = ("image", "rotation")  # of an environment: one that is not upright turns its image
@@ -98,7 +103,7 @@ class _Reader:
             return None
         return CameraView(seen.horizontalAperture / lens, seen.verticalAperture / lens, self.view.fit())
 
-    def _is_light(self, prim: Any) -> bool:
+    def _is_light(self, prim: Usd.Prim) -> bool:
         from pxr import UsdGeom, UsdLux
 
         if prim.IsA(UsdLux.PortalLight):
@@ -114,7 +119,7 @@ class _Reader:
             above = above.GetParent()
         return True
 
-    def _light(self, prim: Any) -> Light | MovingLight | None:
+    def _light(self, prim: Usd.Prim) -> Light | MovingLight | None:
         """Convert one light, still or moving; None if it is hidden, or we have no such light."""
         kind = self.convert.kind(prim)
         if kind is None:
@@ -143,7 +148,7 @@ class _Reader:
         except (TypeError, ValueError) as error:
             raise ValueError(f"{self.path}: {prim.GetPath()}: {error}") from error
 
-    def _frames(self, prim: Any) -> list[float]:
+    def _frames(self, prim: Usd.Prim) -> list[float]:
         """Return the times at which a light is sampled: one, or every whole frame of a moving light."""
         from pxr import UsdGeom
 
@@ -172,7 +177,7 @@ class _Reader:
             )
         return sorted(times | set(map(float, range(first, last + 1))))
 
-    def _named(self, lights: list[tuple[Any, Light | MovingLight]]) -> list[Light | MovingLight]:
+    def _named(self, lights: list[tuple[Usd.Prim, Light | MovingLight]]) -> list[Light | MovingLight]:
         """Return the lights with names: their display names, or those of their prims."""
         taken: set[str] = set()
         named = []

@@ -1,5 +1,7 @@
 """USD stages, opened with care: what they draw in is inside their own folder, and composes without errors."""
 
+from __future__ import annotations
+
 import functools
 import os
 import re
@@ -7,12 +9,16 @@ import subprocess
 import sys
 import tempfile
 from pathlib import Path
-from typing import Any
+from types import ModuleType
+from typing import TYPE_CHECKING
 
 from relight.media.regular_file import check_regular_file
 from relight.scene.usd import probe
 from shadow.files import AnyPath, file_version
 from shadow.installing import install_command
+
+if TYPE_CHECKING:
+    from pxr import Sdf, Usd
 
 SUFFIXES = (".usda", ".usdc", ".usdz", ".usd")
 MOST_LAYERS = 10_000
@@ -24,7 +30,7 @@ BEYOND = "is damaged: USD ends, or takes too much memory or time, while it reads
 SECONDS, BYTES_PER_SECOND, WALL = 20, 10 << 20, 6
 
 
-def usd() -> Any:
+def usd() -> ModuleType:
     """Return the package `pxr`; ModuleNotFoundError with advice where it is missing."""
     try:
         import pxr
@@ -33,7 +39,7 @@ def usd() -> Any:
     return pxr
 
 
-def open_stage(path: AnyPath, *, allow_external: bool = False) -> Any:
+def open_stage(path: AnyPath, *, allow_external: bool = False) -> Usd.Stage:
     """Open a USD stage: .usda, .usdc, .usdz or .usd.
 
     `allow_external` lets the stage draw in files from outside its own folder. Raises FileNotFoundError if the
@@ -128,12 +134,12 @@ def check_inside(path: AnyPath, found: str, what: str) -> None:
         )
 
 
-def _check_layers(path: Path, layer: Any, folder: Path, allow_external: bool) -> None:
+def _check_layers(path: Path, layer: Sdf.Layer, folder: Path, allow_external: bool) -> None:
     """Follow what a layer draws in; errors for missing and external files, and for layers in a circle."""
 
     done: set[str] = set()
 
-    def follow(layer: Any, above: tuple[str, ...]) -> None:
+    def follow(layer: Sdf.Layer, above: tuple[str, ...]) -> None:
         if layer.identifier in above:
             raise ValueError(f"{path}: includes itself, by way of {layer.GetDisplayName()}")
         if layer.identifier in done:
@@ -160,14 +166,14 @@ def _check_layers(path: Path, layer: Any, folder: Path, allow_external: bool) ->
     follow(layer, ())
 
 
-def _check_specs(path: Path, layer: Any) -> None:
+def _check_specs(path: Path, layer: Sdf.Layer) -> None:
     """Raise ValueError if a layer lists prims or properties that it does not hold.
 
     USD ends the process where it composes such a layer, which a damaged .usdc can be.
     """
     from pxr import Sdf
 
-    listed: list[Any] = []
+    listed: list[Sdf.Spec] = []
     layer.Traverse(Sdf.Path.absoluteRootPath, listed.append)
     # Targets of relationships and connections are listed too, and are no objects of their own.
     specs = [each for each in listed if each.IsPrimPath() or each.IsPrimPropertyPath()]
@@ -175,7 +181,7 @@ def _check_specs(path: Path, layer: Any) -> None:
         raise ValueError(f"{path}: is damaged: {layer.GetDisplayName()} lists what it does not hold")
 
 
-def first_line(error: Any) -> str:
+def first_line(error: object) -> str:
     """Return the first line of USD's message, without the place in USD's own source."""
     try:
         said = " ".join(str(error).split())

@@ -1,13 +1,18 @@
 """How a USD stage stands before the plate's camera: transforms, the camera, the subject's place."""
 
+from __future__ import annotations
+
 from collections.abc import Iterable
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING
 
 import numpy as np
 
 from relight.scene.camera_view import EXPAND, choose_camera, subject_point
+
+if TYPE_CHECKING:
+    from pxr import Usd
 
 
 @dataclass(frozen=True)
@@ -29,7 +34,7 @@ class StageView:
     """A stage, its units, and the camera's frame in it at any time."""
 
     def __init__(
-        self, path: Path, stage: Any, camera: str | None, subject_at: str | Iterable[float] | None
+        self, path: Path, stage: Usd.Stage, camera: str | None, subject_at: str | Iterable[float] | None
     ) -> None:
         from pxr import UsdGeom
 
@@ -37,16 +42,16 @@ class StageView:
         self.scale = float(UsdGeom.GetStageMetersPerUnit(stage))
         self.z_up = UsdGeom.GetStageUpAxis(stage) == UsdGeom.Tokens.z
         cameras = [(str(prim.GetPath()), prim) for prim in self.prims() if prim.IsA(UsdGeom.Camera)]
-        self.camera: Any = choose_camera(path, cameras, camera)
+        self.camera: Usd.Prim = choose_camera(path, cameras, camera)
         self.mark = self._mark(subject_at)
 
-    def prims(self) -> Iterable[Any]:
+    def prims(self) -> Iterable[Usd.Prim]:
         """Yield the prims of the stage, those of instances included."""
         from pxr import Usd
 
         return self.stage.Traverse(Usd.TraverseInstanceProxies(Usd.PrimDefaultPredicate))
 
-    def _mark(self, subject_at: str | Iterable[float] | None) -> Any:
+    def _mark(self, subject_at: str | Iterable[float] | None) -> Usd.Prim:
         """Return the subject's position: a prim, a point (3,) of the stage, or None."""
         from pxr import Sdf
 
@@ -92,7 +97,7 @@ class StageView:
             origin = self.matrix(self.mark, time)[:3, 3]
         return CameraFrame(axes, origin, self.scale)
 
-    def matrix(self, prim: Any, time: float) -> np.ndarray:
+    def matrix(self, prim: Usd.Prim, time: float) -> np.ndarray:
         """Return the transform (4, 4) of a prim to the world, for column vectors."""
         from pxr import UsdGeom
 

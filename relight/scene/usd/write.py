@@ -1,11 +1,13 @@
 """USD stages: a person with camera and lights, or lights alone."""
 
+from __future__ import annotations
+
 import shutil
 import tempfile
 from collections.abc import Callable, Iterable, Iterator
 from contextlib import contextmanager
 from pathlib import Path
-from typing import Any, NamedTuple
+from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
 
@@ -16,6 +18,9 @@ from relight.scene.mesh import CUTOFF
 from relight.scene.usd.lights import Place, add_lights
 from relight.scene.usd.stage import SUFFIXES, first_line, usd
 from shadow.files import AnyPath, check_writable, replacing
+
+if TYPE_CHECKING:
+    from pxr import Usd, UsdShade
 
 APERTURE = 0.36  # of the camera that is written, horizontal: 36 mm in tenths of the stage's metre
 
@@ -41,7 +46,7 @@ def sequence(path: Path, rate: float) -> Iterator[Callable[[int, Asset], None]]:
     """
     with _stage(path) as writing:
         stage = writing.stage
-        prims: dict[int, Any] = {}
+        prims: dict[int, Usd.Prim] = {}
         first: list[Asset] = []
 
         def add(number: int, asset: Asset) -> None:
@@ -63,7 +68,7 @@ def sequence(path: Path, rate: float) -> Iterator[Callable[[int, Asset], None]]:
         stage.SetFramesPerSecond(rate)
 
 
-def _show_in_turn(prims: dict[int, Any]) -> None:
+def _show_in_turn(prims: dict[int, Usd.Prim]) -> None:
     """Make each prim visible at its own frame alone."""
     numbers = sorted(prims)
     for number, prim in prims.items():
@@ -74,7 +79,7 @@ def _show_in_turn(prims: dict[int, Any]) -> None:
         visibility.Set("inherited", number)
 
 
-def _lights(writing: "_Writing", asset: Asset, frames: tuple[int, int] | None = None) -> None:
+def _lights(writing: _Writing, asset: Asset, frames: tuple[int, int] | None = None) -> None:
     """Add the lights of an asset, if it has any; `frames` are the first and the last of a sequence."""
     if asset.lights:
         from pxr import UsdGeom
@@ -94,8 +99,8 @@ def write_lights(path: AnyPath, lights: Iterable[Light | MovingLight]) -> None:
 class _Writing(NamedTuple):
     """A stage that is being written."""
 
-    stage: Any
-    root: Any  # the prim /World
+    stage: Usd.Stage
+    root: Usd.Prim  # the prim /World
     place: Place
 
     def beside(self, name: str, content: bytes) -> str:
@@ -117,7 +122,7 @@ def _stage(target: Path) -> Iterator[_Writing]:
     ):
         folder = Path(temporary)
         path = folder / f"{target.stem}{'.usdc' if packed else target.suffix}"
-        stage: Any = Usd.Stage.CreateNew(str(path))
+        stage: Usd.Stage = Usd.Stage.CreateNew(str(path))
         UsdGeom.SetStageUpAxis(stage, UsdGeom.Tokens.y)
         UsdGeom.SetStageMetersPerUnit(stage, 1.0)
         root = UsdGeom.Xform.Define(stage, "/World")
@@ -160,13 +165,13 @@ def _word(asset: Asset) -> str:
     return "photograph" if asset.unlit else "albedo"
 
 
-def _lift(root: Any, metres: float) -> None:
+def _lift(root: Usd.Prim, metres: float) -> None:
     from pxr import Gf
 
     root.AddTranslateOp().Set(Gf.Vec3d(0, metres, 0))
 
 
-def _span(stage: Any) -> None:
+def _span(stage: Usd.Stage) -> None:
     """Set the first and the last frame of the stage, if anything in it moves."""
     times = {
         time
@@ -179,7 +184,7 @@ def _span(stage: Any) -> None:
         stage.SetEndTimeCode(max(times))
 
 
-def _person(stage: Any, asset: Asset, texture: str, path: str) -> Any:
+def _person(stage: Usd.Stage, asset: Asset, texture: str, path: str) -> Usd.Prim:
     """Add a person below a path; the prim there."""
     from pxr import Gf, Sdf, UsdGeom, UsdShade, Vt
 
@@ -205,7 +210,7 @@ def _person(stage: Any, asset: Asset, texture: str, path: str) -> Any:
     return person
 
 
-def _material(stage: Any, path: str, texture: str, unlit: bool, gloss: float) -> Any:
+def _material(stage: Usd.Stage, path: str, texture: str, unlit: bool, gloss: float) -> UsdShade.Material:
     """Return a matte or an emissive surface in the colour of the texture, cut out by the texture's alpha.
 
     UsdPreviewSurface has no strength of what it reflects at grazing angles: gloss is there whole, or spread
@@ -241,7 +246,7 @@ def _material(stage: Any, path: str, texture: str, unlit: bool, gloss: float) ->
     return material
 
 
-def _camera(stage: Any, asset: Asset) -> None:
+def _camera(stage: Usd.Stage, asset: Asset) -> None:
     """Add the plate's camera, level and looking along -z."""
     from pxr import Gf, UsdGeom
 

@@ -6,7 +6,7 @@ twice as long. OpenImageIO still makes the header, since it knows the names of a
 
 from collections.abc import Iterator, Sequence
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 import numpy as np
 import OpenEXR
@@ -56,7 +56,7 @@ def _arrays(
         yield from zip(names, values.unbind(dim=-1), strict=True)
 
 
-def _header(path: Path, spec: oiio.ImageSpec) -> dict[str, Any]:
+def _header(path: Path, spec: oiio.ImageSpec) -> dict[str, object]:
     """Return the header, in OpenEXR's types, that OpenImageIO writes for `spec` in a file of one pixel."""
     small = oiio.ImageSpec(spec)
     small.x = small.y = small.full_x = small.full_y = 0

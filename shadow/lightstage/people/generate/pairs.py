@@ -25,7 +25,7 @@ def pair(seed: int, split: str) -> Figure:
     yaw, offset = arrange(_Couple(shapes, stances), rng)
     name = f"pair-{split}-{seed:06d}"
     first, second = (shape.dress(pose, rng, split, name) for shape, pose in zip(shapes, stances, strict=True))
-    return _together(first, second, rotation((0, 1, 0), yaw), offset, name)
+    return together(first, second, rotation((0, 1, 0), yaw), offset, name)
 
 
 class _Couple:
@@ -100,7 +100,7 @@ def _behind(two: _Couple, rng: np.random.Generator) -> tuple[float, np.ndarray]:
     return yaw, offset
 
 
-def _together(first: Figure, second: Figure, turned: np.ndarray, offset: np.ndarray, name: str) -> Figure:
+def together(first: Figure, second: Figure, turned: np.ndarray, offset: np.ndarray, name: str) -> Figure:
     """Join both into one figure, with the second rotated and moved."""
     vertices = np.concatenate([first.vertices, second.vertices @ turned.T + offset]) - offset / 2
     return Figure(
