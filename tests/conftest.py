@@ -1,7 +1,10 @@
 """What several tests begin with; and no test is skipped in silence."""
 
 import contextlib
+import errno
+import importlib
 import os
+import sys
 
 import numpy as np
 import pytest
@@ -39,6 +42,53 @@ def here(tmp_path):
     """A folder of the test's own, in which it works."""
     with contextlib.chdir(tmp_path):
         yield tmp_path
+
+
+@pytest.fixture
+def missing(monkeypatch):
+    """Lets packages be as if they were not installed."""
+    return lambda *packages: [monkeypatch.setitem(sys.modules, name, None) for name in packages]
+
+
+@pytest.fixture
+def full_disk(monkeypatch):
+    """A context in which no file can be flushed to the disk, once a condition holds."""
+    flush = os.fsync
+
+    @contextlib.contextmanager
+    def full(begun=lambda: True):
+        def refuse(descriptor):
+            if begun():
+                raise OSError(errno.ENOSPC, os.strerror(errno.ENOSPC))
+            flush(descriptor)
+
+        with monkeypatch.context() as disk:
+            disk.setattr(os, "fsync", refuse)
+            yield
+
+    return full
+
+
+@pytest.fixture
+def benchmark_module(monkeypatch):
+    """Imports a program of benchmarks/ by its name."""
+    monkeypatch.syspath_prepend(ROOT / "benchmarks")
+    return importlib.import_module
+
+
+@pytest.fixture(scope="session")
+def finder(tmp_path_factory):
+    """Finds people who are red discs."""
+    pytest.importorskip("openvino")
+    from helpers.finders import small_finder
+
+    return small_finder(tmp_path_factory.mktemp("networks"))
+
+
+@pytest.fixture
+def fetched(finder, monkeypatch):
+    """The networks that find people are there: they find red discs."""
+    monkeypatch.setattr("relight.matting.people.finder.load", lambda: finder)
 
 
 @pytest.fixture

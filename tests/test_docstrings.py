@@ -1,5 +1,6 @@
 """The examples in the docstrings of all public names run as they stand."""
 
+import contextlib
 import doctest
 import inspect
 from importlib import import_module
@@ -39,22 +40,23 @@ def folder(tmp_path_factory):
 
 
 @pytest.mark.slow
+@pytest.mark.usefixtures("small_canvas")
 @pytest.mark.parametrize(
     ("package", "name"), NAMES, ids=[f"{package.__name__}.{name}" for package, name in NAMES]
 )
-def test_the_example_runs(package, name, folder, monkeypatch):
+def test_the_example_runs(package, name, folder):
     found = getattr(package, name)
-    monkeypatch.chdir(folder)
     names = {"relight": relight, "shadow": shadow, "shading": shading, "np": np}
     (test,) = FINDER.find(found, name, globs=names, module=inspect.getmodule(found))
     assert test.examples, f"{package.__name__}.{name} has no example"
-    results = doctest.DocTestRunner(optionflags=RUNNER_OPTIONS).run(test)
+    with contextlib.chdir(folder):
+        results = doctest.DocTestRunner(optionflags=RUNNER_OPTIONS).run(test)
     assert not results.failed
 
 
 @pytest.mark.parametrize("name", MODULES)
-def test_the_examples_of_a_module_run(name, monkeypatch):
-    monkeypatch.chdir(documents.ROOT)
-    results = doctest.testmod(import_module(name), optionflags=RUNNER_OPTIONS)
+def test_the_examples_of_a_module_run(name):
+    with contextlib.chdir(documents.ROOT):
+        results = doctest.testmod(import_module(name), optionflags=RUNNER_OPTIONS)
     assert results.attempted
     assert not results.failed

@@ -44,13 +44,12 @@ def desk(tmp_path_factory):
 
 
 @pytest.fixture
-def reader(desk, tmp_path, monkeypatch):
+def reader(desk, here, small_canvas, monkeypatch):
     """A folder with what the documents name, as the working folder."""
     for path in desk.iterdir():
-        (tmp_path / path.name).symlink_to(path.resolve())
-    monkeypatch.chdir(tmp_path)
+        (here / path.name).symlink_to(path.resolve())
     monkeypatch.setenv("PYTHONPATH", str(ROOT))
-    return tmp_path
+    return here
 
 
 def read(document, folder):

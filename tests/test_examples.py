@@ -1,9 +1,13 @@
 """What the examples promise, run as a reader would run them."""
 
+import contextlib
+import io
 import os
 import re
+import runpy
 import subprocess
 import sys
+from unittest import mock
 
 import numpy as np
 import pytest
@@ -12,11 +16,14 @@ from helpers import ROOT
 import relight
 from relight.media.movies import Movie
 
+pytestmark = pytest.mark.usefixtures("small_canvas")
 
-def run(*command, cwd=ROOT):
+
+def apart(*command):
+    """Run an example as a reader does, in a process of its own, with the networks as they are."""
     done = subprocess.run(
         [sys.executable, *command],
-        cwd=cwd,
+        cwd=ROOT,
         env={**os.environ, "PYTHONPATH": str(ROOT)},
         capture_output=True,
         text=True,
@@ -24,14 +31,23 @@ def run(*command, cwd=ROOT):
     )
     assert done.returncode == 0, done.stderr
     assert "leaked" not in done.stderr
-    return done.stdout
 
 
-@pytest.mark.parametrize("example", ["simple.py", pytest.param("layers.py", marks=pytest.mark.slow)])
-def test_examples_run(example, tmp_path):
+def run(example, *arguments):
+    """Run an example in this process, with the networks on a small canvas; return what it prints."""
+    words = [str(example), *map(str, arguments)]
+    with mock.patch.object(sys, "argv", words), contextlib.redirect_stdout(io.StringIO()) as said:
+        runpy.run_path(words[0], run_name="__main__")
+    return said.getvalue()
+
+
+@pytest.mark.parametrize(
+    ("example", "how"), [("simple.py", apart), pytest.param("layers.py", run, marks=pytest.mark.slow)]
+)
+def test_examples_run(example, how, tmp_path):
     person = relight.read(ROOT / "examples" / "person.png")
     relight.write(tmp_path / "small.png", np.ascontiguousarray(person[::3, ::3]))
-    run(ROOT / "examples" / example, tmp_path / "small.png", tmp_path / "out")
+    how(ROOT / "examples" / example, tmp_path / "small.png", tmp_path / "out")
     names = {path.suffix for path in (tmp_path / "out").iterdir()}
     assert names == {".exr", ".png"}
 

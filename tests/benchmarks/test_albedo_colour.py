@@ -10,11 +10,8 @@ from shadow.data.records import Records
 
 
 @pytest.fixture
-def benchmark(monkeypatch):
-    monkeypatch.syspath_prepend(ROOT / "benchmarks")
-    import albedo_colour
-
-    return albedo_colour
+def benchmark(benchmark_module):
+    return benchmark_module("albedo_colour")
 
 
 def scored(benchmark, record, name, old_light=None):

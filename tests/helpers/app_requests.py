@@ -54,7 +54,7 @@ class InProcess:
         elif task == "confidence":
             place, task, given = _Looks, "lighting", {"look": {"lights": [given["light"]]}}
         try:
-            kind, value = worker._answer(place, task, str(folder), given, _Wire())
+            kind, value = worker.answer_to(place, task, str(folder), given, _Wire())
         finally:
             os.chdir(before)
         if kind == "done":
@@ -68,7 +68,7 @@ class _Looks:
     @staticmethod
     def lighting(look: Any, report: Any) -> dict[str, Any]:
         """Read the lights, the background and the exposure of a look."""
-        lighting, _ = tasks._lighting(look), tasks._exposure(look)
+        lighting, _ = tasks.lighting_of(look), tasks.exposure_of(look)
         lighting.rig()
         return {"png": b"", "output": "", "file": ""}
 

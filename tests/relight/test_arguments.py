@@ -20,9 +20,8 @@ from relight.arguments import About, Converts, checked, checks_arguments, descri
 CALLS = 150  # benchmarks/fuzz_arguments.py makes thousands
 
 
-def test_calls_with_a_wrong_argument_are_answered_or_refused_in_one_line_that_names_it(tmp_path, monkeypatch):
-    monkeypatch.chdir(tmp_path)
-    calls = Calls(tmp_path)
+def test_calls_with_a_wrong_argument_are_answered_or_refused_in_one_line_that_names_it(here):
+    calls = Calls(here)
     wrong = [problem for seed in range(CALLS) if (problem := calls.attempt(Random(seed)))]
     assert not wrong
 

@@ -1,4 +1,3 @@
-import importlib
 from pathlib import Path
 
 import numpy as np
@@ -249,10 +248,9 @@ def test_what_is_cut_off_the_background_lights_too():
 
 
 @pytest.mark.slow
-def test_found_light_is_nearer_the_truth_than_grey_light(monkeypatch):
+def test_found_light_is_nearer_the_truth_than_grey_light(benchmark_module):
     """Two bodies of benchmarks/matching.py."""
-    monkeypatch.syspath_prepend(PERSON.parents[1] / "benchmarks")
-    measure = importlib.import_module("matching").measure
+    measure = benchmark_module("matching").measure
     of_plate, of_reference = (np.array(list(table.values())) for table in measure([8, 9]).values())
     assert of_plate[:, 3].mean() < 0.93 * of_plate[:, 4].mean()
     assert of_reference[:, 3].mean() < 0.93 * of_reference[:, 4].mean()

@@ -60,7 +60,7 @@ def test_a_shadow_left_in_the_albedo_does_not_pull_at_its_brightness(monkeypatch
     estimate = torch.cat([0.5 * truth[..., :10], truth[..., 10:]], dim=-1)
     brightness = torch.tensor(1.3, requires_grad=True)
     light = torch.ones_like(truth)
-    tasks._albedo_error(brightness * estimate, truth, torch.ones(1, 1, 4, 50), light).backward()
+    tasks.albedo_error(brightness * estimate, truth, torch.ones(1, 1, 4, 50), light).backward()
     assert brightness.grad.abs() < 1e-6
 
 
@@ -70,7 +70,7 @@ def test_an_error_in_shadow_counts_more_than_one_in_light():
     in_shadow, in_light = truth.clone(), truth.clone()
     in_shadow[..., :10] *= 0.9
     in_light[..., 40:] *= 0.9
-    errors = [tasks._albedo_error(x, truth, torch.ones(1, 1, 4, 50), light) for x in (in_shadow, in_light)]
+    errors = [tasks.albedo_error(x, truth, torch.ones(1, 1, 4, 50), light) for x in (in_shadow, in_light)]
     assert errors[0] > 1.5 * errors[1]
 
 

@@ -18,8 +18,9 @@ from relight import subject as subject_module
 from relight.errors import DamagedFileError
 from shading.diffuse import ShadingField
 from shadow import analysis, inputs
-from shadow.networks import checkpoints, precision
+from shadow.networks import checkpoints
 from shadow.networks.field import VisibilityField
+from shadow.networks.precision import using
 
 pytestmark = pytest.mark.usefixtures("small_canvas")
 
@@ -201,12 +202,12 @@ def test_a_subject_tells_what_it_is(person):
     )
 
 
-def test_bfloat16_is_around_the_networks_alone(person, monkeypatch):
+def test_bfloat16_is_around_the_networks_alone(person):
     rgb, mask = person
     found = []
-    for native in (True, False):
-        monkeypatch.setattr(precision, "native_bfloat16", lambda device, native=native: native)
-        found.append(shading.analyse(rgb, mask))
+    for precision in ("bfloat16", "float32"):
+        with using(precision):
+            found.append(shading.analyse(rgb, mask))
     half, full = found
     inside = mask > 0.5
     cosine = (half.normals * full.normals).sum(axis=-1)[inside].clip(-1, 1)

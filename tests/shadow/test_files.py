@@ -18,7 +18,7 @@ from shadow.files import replacing
 
 
 def without_unnamed_files(monkeypatch):
-    monkeypatch.setattr(files, "_unnamed", lambda folder: None)
+    monkeypatch.setattr(files, "unnamed_file", lambda folder: None)
 
 
 @pytest.fixture(params=[True, False], ids=["unnamed", "named"])

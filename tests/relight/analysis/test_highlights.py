@@ -100,11 +100,10 @@ class Standing:
 
 
 @pytest.mark.parametrize("presence", [0.1, 0.9])
-def test_a_face_is_where_the_landmarks_are(monkeypatch, presence):
-    monkeypatch.setattr(skin, "_network", lambda: Standing(presence))
+def test_a_face_is_where_the_landmarks_are(presence):
     known = torch.zeros(SIZE, dtype=torch.bool)
     known[8:120, 20:76] = True
-    found = skin.find(torch.full((3, *SIZE), 0.5), known)
+    found = skin.find(torch.full((3, *SIZE), 0.5), known, Standing(presence))
     if presence < 0.5:
         assert found is None
         return
@@ -115,10 +114,9 @@ def test_a_face_is_where_the_landmarks_are(monkeypatch, presence):
     assert found.places[~known].max() == 0
 
 
-def test_a_face_that_is_turned_away_is_not_where_its_landmarks_are(monkeypatch):
-    monkeypatch.setattr(skin, "_network", lambda: Standing(0.9, turned=True))
+def test_a_face_that_is_turned_away_is_not_where_its_landmarks_are():
     known = torch.zeros(SIZE, dtype=torch.bool)
     known[8:120, 20:76] = True
-    found = skin.find(torch.full((3, *SIZE), 0.5), known)
+    found = skin.find(torch.full((3, *SIZE), 0.5), known, Standing(0.9, turned=True))
     assert not found.face.any()
     assert found.places.max() == 0

@@ -214,7 +214,7 @@ def test_arrays_are_compressed_without_loss():
 def test_negative_zero_is_zero_when_it_is_shortened(monkeypatch):
     monkeypatch.setattr(storage, "SHORTENING_PIXELS", 2)
     values = torch.tensor([[-0.0, 0.0, 0.5]])
-    np.testing.assert_allclose(storage._lengthened(storage._shortened(values)), [[0, 0, 0.5]], rtol=0.02)
+    np.testing.assert_allclose(storage.lengthened(storage.shortened(values)), [[0, 0, 0.5]], rtol=0.02)
 
 
 def test_pipes_and_devices_are_refused(tmp_path):

@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 from helpers import browsing
-from helpers.finders import discs, small_finder
+from helpers.finders import discs
 
 pytest.importorskip("starlette")
 pytest.importorskip("openvino")
@@ -12,27 +12,19 @@ import relight
 from relight.app import clip, tasks
 from relight.app.session import Session
 from relight.matting.people import files as person_files
-from relight.matting.people import finder
 from relight.media.movies import Movie, write_movie
 
 LOOK = {"lights": ["key:azimuth=-40"], "background": "original"}
 EMPTY = np.full((160, 160, 3), 0.1, np.float32)
 
 
-@pytest.fixture(scope="module")
-def small(tmp_path_factory):
-    return small_finder(tmp_path_factory.mktemp("networks"))
-
-
 @pytest.fixture
-def folder(tmp_path, monkeypatch, small):
+def folder(here, monkeypatch, fetched):
     """A movie, 24 frames a second, of which the frames from the eighth on show somebody at (60, 70)."""
     monkeypatch.setattr(person_files, "are_fetched", lambda: True)
-    monkeypatch.setattr(finder, "load", lambda: small)
-    monkeypatch.chdir(tmp_path)
     somebody = discs((160, 160), (60, 70, 14))[0] ** 2.2
     write_movie("walk.mp4", [EMPTY] * 7 + [somebody.astype(np.float32)] * 3, white=1)
-    return tmp_path
+    return here
 
 
 def silent(what, share=None):
@@ -58,7 +50,7 @@ def test_the_command_follows_whoever_was_outlined(folder):
     matte[20:50, 25:36] = 1  # of a reduced copy
     np.save(tasks.MATTE, matte)
     (folder / tasks.SIDE).write_text("160")
-    command = tasks._command("walk-frame8.png", "walk-frame8-matte.png")
+    command = tasks.command_of("walk-frame8.png", "walk-frame8-matte.png")
     assert command[:4] == ["relight", "apply", "walk.mp4", "--person"]
     x, y = map(int, command[4].split("/"))
     assert 55 <= x <= 67

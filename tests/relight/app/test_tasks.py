@@ -29,13 +29,12 @@ def codes(png):
 
 
 @pytest.fixture
-def folder(tmp_path, monkeypatch):
+def folder(here, tmp_path, monkeypatch):
     """A photograph of 200 x 160 pixels in the working folder, whose reduced copy is half as large."""
     plate, matte = clothed()
     behind = np.random.default_rng(1).uniform(0.1, 0.3, (200, 160, 1)) * (0.4, 0.6, 1)
     pixels = plate * matte[..., None] + behind * (1 - matte[..., None])
     Image.fromarray(np.round(255 * pixels ** (1 / 2.2)).astype(np.uint8)).save(tmp_path / "me.png")
-    monkeypatch.chdir(tmp_path)
     monkeypatch.setattr(tasks, "PREVIEW_SIDE", 100)
     tasks.read("me.png", silent)
     lasso = polygon(matte, 0) / (160, 200)  # shares of width and height
@@ -243,7 +242,7 @@ def test_files_of_one_photograph_are_analysed_once_and_again_when_the_matte_chan
     tasks.save("me.png", "me-matte.png", LOOK, "me-relit.png", [], silent)
     assert len(analysed) == 2
     monkeypatch.setattr(tasks, "KEPT_PIXELS", 1)
-    tasks._saved.clear()
+    tasks.kept_subjects.clear()
     for _ in range(2):
         tasks.save("me.png", "me-matte.png", LOOK, "me-relit.png", [], silent)
     assert len(analysed) == 4

@@ -239,9 +239,8 @@ def test_apply_writes_layers_and_a_nuke_script(tmp_path, photo):
     ],
 )
 def test_what_can_be_refused_is_refused_before_any_work(
-    tmp_path, photo, monkeypatch, command, options, message
+    here, tmp_path, photo, monkeypatch, command, options, message
 ):
-    monkeypatch.chdir(tmp_path)
     (tmp_path / "x").mkdir()
     monkeypatch.setattr("shadow.networks.checkpoints.load", None)
     before = {path: path.read_bytes() for path in tmp_path.glob("*.*")}

@@ -17,15 +17,14 @@ COMMANDS = ("apply", "view", "analyse", "export", "olat", "job", "app", "stage",
 GROUPED = {"apply": SHOT, "stage": STAGE, "train": TRAIN}
 
 
-def shown(command, monkeypatch, width=100):
-    monkeypatch.setenv("COLUMNS", str(width))
-    return CliRunner().invoke(app, [*command.split(), "--help"]).output
+def shown(command, width=100):
+    return CliRunner(env={"COLUMNS": str(width)}).invoke(app, [*command.split(), "--help"]).output
 
 
 @pytest.mark.parametrize("width", LEAST)
 @pytest.mark.parametrize("command", COMMANDS)
-def test_no_column_is_narrow_and_no_text_is_cut(command, width, monkeypatch):
-    text = shown(command, monkeypatch, width)
+def test_no_column_is_narrow_and_no_text_is_cut(command, width):
+    text = shown(command, width)
     continued = [
         len(line) - len(line[1:].lstrip()) - 1 for line in text.splitlines() if re.match(r"│ {10,}\S", line)
     ]
@@ -34,14 +33,14 @@ def test_no_column_is_narrow_and_no_text_is_cut(command, width, monkeypatch):
 
 
 @pytest.mark.parametrize("command", GROUPED)
-def test_options_stand_in_groups(command, monkeypatch):
-    text = shown(command, monkeypatch)
+def test_options_stand_in_groups(command):
+    text = shown(command)
     titles = re.findall(r"╭─ ([\w ]+?) ─", text)
     assert titles == ["Arguments", *GROUPED[command]]  # all options are in a group
 
 
-def test_the_overview_is_one_screen_with_the_commands_of_users_first(monkeypatch):
-    text = shown("", monkeypatch)
+def test_the_overview_is_one_screen_with_the_commands_of_users_first():
+    text = shown("")
     assert len(text.splitlines()) <= 45
     commands = re.findall(r"^│ (\w+) ", text, re.MULTILINE)
     assert commands[:4] == ["apply", "app", "view", "presets"]
@@ -49,25 +48,25 @@ def test_the_overview_is_one_screen_with_the_commands_of_users_first(monkeypatch
 
 
 @pytest.mark.parametrize("command", ["", *COMMANDS])
-def test_flags_have_no_type(command, monkeypatch):
-    assert "bool" not in shown(command, monkeypatch)
+def test_flags_have_no_type(command):
+    assert "bool" not in shown(command)
 
 
-def test_ten_options_stand_first(monkeypatch):
-    text = shown("apply", monkeypatch)
+def test_ten_options_stand_first():
+    text = shown("apply")
     first = text[text.index("What most people need") : text.index("╭─ Person")]
     assert len(re.findall(r"^│ [* ]? *--", first, re.MULTILINE)) == 10
 
 
-def test_what_stands_in_brackets_is_shown(monkeypatch):
+def test_what_stands_in_brackets_is_shown():
     """Brackets are markup, which would swallow it."""
-    text = " ".join(shown("train", monkeypatch).replace("│", " ").split())
+    text = " ".join(shown("train").replace("│", " ").split())
     assert "(field: 20; per-light: 4; paper: 1)" in text
 
 
 @pytest.mark.parametrize("command", EXAMPLES)
-def test_three_examples_at_the_beginning_are_understood(command, monkeypatch):
-    text = shown(command, monkeypatch)
+def test_three_examples_at_the_beginning_are_understood(command):
+    text = shown(command)
     assert text[: text.index("╭")].count(f"relight {command}") >= 2
     examples = EXAMPLES[command].split("\n\n")
     assert len(examples) == 3
@@ -80,12 +79,12 @@ def test_three_examples_at_the_beginning_are_understood(command, monkeypatch):
         found.make_context(found.name, rest)
 
 
-def test_the_shortest_command_stands_in_the_help(monkeypatch):
-    assert "--preset golden-hour -o out.jpg" in shown("apply", monkeypatch)
+def test_the_shortest_command_stands_in_the_help():
+    assert "--preset golden-hour -o out.jpg" in shown("apply")
 
 
-def test_the_help_of_apply_names_every_parameter_of_its_lights(monkeypatch):
+def test_the_help_of_apply_names_every_parameter_of_its_lights():
     """It is no table of theirs: that would import torch, and take seconds."""
-    words = set(re.findall(r"\w+", shown("apply", monkeypatch, 300)))
+    words = set(re.findall(r"\w+", shown("apply", 300)))
     for light in (relight.DirectionalLight, relight.PointLight, relight.RectLight):
         assert parameters(light).keys() - {"name"} <= words, light

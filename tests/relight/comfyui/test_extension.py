@@ -8,7 +8,7 @@ import pytest
 from helpers import ROOT, browsing
 
 import relight
-from relight.comfyui import WEB_DIRECTORY, host
+from relight.comfyui import WEB_DIRECTORY
 from relight.comfyui.lights import LightNode
 from relight.comfyui.subjects import SubjectBatch
 from relight.comfyui.viewer import Viewer
@@ -88,8 +88,7 @@ def served(browser, temp):
 
 
 @pytest.mark.slow
-def test_the_light_that_is_dragged_in_the_node_feeds_the_workflow(browser, batch, tmp_path, monkeypatch):
-    monkeypatch.setattr(host, "folder", lambda kind: tmp_path)
+def test_the_light_that_is_dragged_in_the_node_feeds_the_workflow(browser, batch, tmp_path, comfyui):
     lights = LightNode().add(-50.0, 20.0, intensity=2.0, softness=10.0, name="key")[0]
     node = Viewer()
     shown = node.show(batch, lights=lights)["ui"]
@@ -133,8 +132,7 @@ def test_the_light_that_is_dragged_in_the_node_feeds_the_workflow(browser, batch
 
 
 @pytest.mark.slow
-def test_a_workflow_that_was_saved_shows_what_was_held(browser, batch, tmp_path, monkeypatch):
-    monkeypatch.setattr(host, "folder", lambda kind: tmp_path)
+def test_a_workflow_that_was_saved_shows_what_was_held(browser, batch, tmp_path, comfyui):
     held = "light=key%3Aazimuth%3D70%2Celevation%3D5"
     shown = Viewer().show(batch, held=held)["ui"]
     page = served(browser, tmp_path)

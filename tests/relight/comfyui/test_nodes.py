@@ -52,7 +52,7 @@ def reference(picture):
 
 @pytest.fixture
 def comfyui(monkeypatch, tmp_path):
-    """ComfyUI's folders."""
+    """ComfyUI's folders, which are three."""
     for kind in ("input", "output", "temp"):
         (tmp_path / kind).mkdir()
     monkeypatch.setattr(host, "folder", lambda kind: tmp_path / kind)

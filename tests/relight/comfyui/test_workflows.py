@@ -9,17 +9,14 @@ from helpers import ROOT
 from helpers.comfyui import WORKFLOWS, codes_of, load_image, run
 
 import relight
-from relight.comfyui import host, tensors
+from relight.comfyui import tensors
 from relight.media.colour import encode
 
 EXAMPLES = ROOT / "examples"
 BLUE = tensors.light("blue", np.float32([[[0xBC, 0xD4, 0xFF]]]) / 255)[0, 0].tolist()  # #bcd4ff
 
 
-@pytest.fixture(autouse=True)
-def comfyui(monkeypatch, tmp_path):
-    monkeypatch.setattr(host, "folder", lambda kind: tmp_path)
-    return tmp_path
+pytestmark = pytest.mark.usefixtures("comfyui")
 
 
 def cropped(x, y, width, height):

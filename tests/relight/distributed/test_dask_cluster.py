@@ -154,7 +154,7 @@ def test_a_scheduler_that_went_away_is_named_also_when_the_client_has_given_up()
     client.scheduler = None
     cancelled.cancel()
     with pytest.raises(ConnectionError, match=f"{address}: the scheduler went away"):
-        run._failures(cancelled, FrameRange([1, 2]))
+        run.failures(cancelled, FrameRange([1, 2]))
 
 
 @pytest.mark.slow
@@ -197,14 +197,14 @@ def test_a_worker_of_another_version_or_other_weights_names_itself(number, monke
     expected = [relight.__version__, *weights()]
     expected[number] = "another"
     monkeypatch.setattr("distributed.get_worker", lambda: SimpleNamespace(address="tcp://w:1"))
-    address, failed = cluster._make((), FrameRange([3, 4]), False, tuple(expected))
+    address, failed = cluster.make_frames((), FrameRange([3, 4]), False, tuple(expected))
     assert address == "tcp://w:1"
     assert list(failed) == [3, 4]
     kind = ("version of relight", "weights")[number]
     assert failed[3].startswith(f"tcp://w:1: has another {kind}, expected ('")
 
 
-def test_invalid_arguments_and_a_silent_scheduler_are_refused(plates, tmp_path, monkeypatch):
+def test_invalid_arguments_and_a_silent_scheduler_are_refused(plates, tmp_path, monkeypatch, missing):
     one = tmp_path / "r.%02d.exr"
     monkeypatch.setattr(cluster, "CONNECT_TIMEOUT", 1)
     for arguments, message in [
@@ -218,7 +218,7 @@ def test_invalid_arguments_and_a_silent_scheduler_are_refused(plates, tmp_path, 
             shots.distribute(plates, STILL, one, **arguments)
     with pytest.raises(ConnectionError, match=r"tcp://127\.0\.0\.1:9: no Dask scheduler answers there"):
         shots.distribute(plates, STILL, one, scheduler="tcp://127.0.0.1:9")
-    monkeypatch.setitem(sys.modules, "distributed", None)
+    missing("distributed")
     with pytest.raises(ImportError, match=r"pip install '.*\[farm\]'"):
         shots.distribute(plates, STILL, one, workers=1)
 

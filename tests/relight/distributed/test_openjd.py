@@ -1,5 +1,6 @@
 """A job for a farm: what the template says, and the same frames from it as from one process."""
 
+import contextlib
 import json
 import os
 import subprocess
@@ -270,17 +271,17 @@ def test_a_job_lights_by_a_preset_or_a_scene_as_the_commands_do(shot, lights, le
 @pytest.mark.parametrize(
     "name", ["shot{{v2}}.json", "a\nb.json", "x{{{y}}}.yaml", "z\x1b\x9c.json", "}}.json"]
 )
-def test_any_name_makes_a_job_that_is_valid(tmp_path, monkeypatch, name):
+def test_any_name_makes_a_job_that_is_valid(tmp_path, name):
     folder = tmp_path / "a{{x}}"
     folder.mkdir()
-    monkeypatch.chdir(folder)
-    pixels = np.zeros((48, 40, 4), np.float32)
-    pixels[6:46, 10:30] = 0.4, 0.3, 0.2, 1
-    relight.write("p.exr", pixels)
-    relight.write("b.exr", pixels[..., :3], layers={"wall": pixels[..., :3] + 0.1})
-    lighting = relight.Lighting(relight.DirectionalLight(azimuth=3, name="key"), background="b.exr:wall")
-    relight.write_job(name, "p.exr", lighting, "o.exr")
-    template = yaml.safe_load(Path(name).read_text())
+    with contextlib.chdir(folder):
+        pixels = np.zeros((48, 40, 4), np.float32)
+        pixels[6:46, 10:30] = 0.4, 0.3, 0.2, 1
+        relight.write("p.exr", pixels)
+        relight.write("b.exr", pixels[..., :3], layers={"wall": pixels[..., :3] + 0.1})
+        lighting = relight.Lighting(relight.DirectionalLight(azimuth=3, name="key"), background="b.exr:wall")
+        relight.write_job(name, "p.exr", lighting, "o.exr")
+        template = yaml.safe_load(Path(name).read_text())
     decode_job_template(template=template, supported_extensions=["TASK_CHUNKING"])
     data = template["steps"][-1]["script"]["embeddedFiles"][0]["data"]
     assert "{{" not in data

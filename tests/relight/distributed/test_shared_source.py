@@ -4,19 +4,15 @@ import json
 
 import numpy as np
 import pytest
-from helpers.finders import discs, small_finder
+from helpers.finders import discs
 
 import relight
 from relight.distributed.shared_source import FOLLOWING, shared_source
-from relight.matting.people import finder as people_finder
 from relight.pipeline.shot import Shot
 
 
 @pytest.fixture
-def shot(tmp_path, monkeypatch):
-    pytest.importorskip("openvino")
-    finder = small_finder(tmp_path)
-    monkeypatch.setattr(people_finder, "load", lambda: finder)
+def shot(tmp_path, fetched):
     for number, x in enumerate((50, 55, 60), start=1):
         codes = np.round(discs((160, 160), (x, 60, 14))[0] * 255).astype(np.uint8)
         relight.write(tmp_path / f"p.{number}.png", codes)

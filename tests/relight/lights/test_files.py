@@ -208,15 +208,11 @@ def test_an_environment_is_looked_for_beside_the_lights_file(tmp_path, here):
             relight.read_lights(tmp_path / "l.yaml")
 
 
-def test_a_failing_write_keeps_the_old_file(tmp_path, monkeypatch):
+def test_a_failing_write_keeps_the_old_file(tmp_path, full_disk):
     path = tmp_path / "l.json"
     relight.write_lights(path, LIGHTS[:1])
 
-    def full_disk(descriptor):
-        raise OSError("no space left on device")
-
-    monkeypatch.setattr(os, "fsync", full_disk)
-    with pytest.raises(OSError, match="no space left"):
+    with full_disk(), pytest.raises(OSError, match="No space left"):
         relight.write_lights(path, LIGHTS)
     assert os.listdir(tmp_path) == ["l.json"]
     assert relight.read_lights(path) == LIGHTS[:1]

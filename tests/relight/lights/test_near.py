@@ -1,9 +1,7 @@
-import importlib
-
 import numpy as np
 import pytest
 import torch
-from helpers import ROOT, damage, shots
+from helpers import damage, shots
 from helpers.standins import ball, image_of
 from typer.testing import CliRunner
 
@@ -225,11 +223,9 @@ def test_the_frames_of_a_shot_share_one_room(small_canvas, tmp_path):
 
 
 @pytest.mark.slow
-def test_truth_is_nearer_to_a_near_light_than_to_a_distant_one(monkeypatch):
+def test_truth_is_nearer_to_a_near_light_than_to_a_distant_one(benchmark_module):
     """`benchmarks/near.py --truth`, on two bodies."""
-    monkeypatch.syspath_prepend(ROOT / "benchmarks")
-    benchmark = importlib.import_module("near")
-    scores = benchmark.truth(2)
+    scores = benchmark_module("near").truth(2)
     for what in ("visibility", "shading"):
         assert scores[f"{what}, near"].mean() < 0.96 * scores[f"{what}, directional"].mean()
     assert scores["depth"].mean() < 0.6 * scores["no depth"].mean()

@@ -23,16 +23,6 @@ from relight.pipeline.shot import Shot
 KEY = relight.DirectionalLight(azimuth=-40, elevation=30)
 
 
-@pytest.fixture(scope="module")
-def finder(tmp_path_factory):
-    return small_finder(tmp_path_factory.mktemp("networks"))
-
-
-@pytest.fixture
-def fetched(finder, monkeypatch):
-    monkeypatch.setattr(person, "load", lambda: finder)
-
-
 def photograph(*people, size=(160, 160)):
     """A photograph of red discs, uint8, and where they are."""
     picture, where = discs(size, *people)

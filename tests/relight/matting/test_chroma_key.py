@@ -1,5 +1,3 @@
-import sys
-
 import numpy as np
 import pytest
 import torch
@@ -165,8 +163,8 @@ def test_key_refuses_images_without_the_screen_and_invalid_arguments(image, argu
         relight.key(image, **arguments)
 
 
-def test_without_pymatting_it_says_what_to_install(monkeypatch):
-    monkeypatch.setitem(sys.modules, "pymatting.foreground.estimate_foreground_ml", None)
+def test_without_pymatting_it_says_what_to_install(missing):
+    missing("pymatting.foreground.estimate_foreground_ml")
     with pytest.raises(ImportError, match=r"key: needs PyMatting; install it with: .*\[key\]'"):
         relight.key(np.full((40, 40, 3), GREEN))
 

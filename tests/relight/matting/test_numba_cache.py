@@ -13,20 +13,19 @@ from relight.matting import numba_cache
 def closed(monkeypatch, tmp_path):
     """No folder that Numba tries can be written, and the environment is put back."""
     monkeypatch.delenv("NUMBA_CACHE_DIR", raising=False)
-    monkeypatch.setattr(numba_cache, "_usual", lambda: [Path("/proc/none"), tmp_path / "file" / "numba"])
     (tmp_path / "file").write_text("no folder")
     if "numba" in sys.modules:
         monkeypatch.setattr(sys.modules["numba"].config, "CACHE_DIR", "")
-    yield
+    yield [Path("/proc/none"), tmp_path / "file" / "numba"]
     os.environ.pop("NUMBA_CACHE_DIR", None)
 
 
 def test_a_temporary_folder_of_this_user_alone_is_made_once(closed):
-    numba_cache.ensure_numba_cache()
+    numba_cache.ensure_numba_cache(closed)
     folder = Path(os.environ["NUMBA_CACHE_DIR"])
     assert folder.is_dir()
     assert folder.stat().st_mode & 0o077 == 0
-    numba_cache.ensure_numba_cache()
+    numba_cache.ensure_numba_cache(closed)
     assert os.environ["NUMBA_CACHE_DIR"] == str(folder)
 
 

@@ -4,13 +4,12 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from helpers.finders import discs, small_finder
+from helpers.finders import discs
 from helpers.onnx_models import channel
 
 from relight import Source
 from relight.matting import networks, outline, silhouette
 from relight.matting.outline import Outline, Stroke
-from relight.matting.people import finder as person
 from relight.matting.people.choice import Choice
 from relight.matting.people.region import ROOM, Circle, DetectedPerson
 from relight.pipeline.shot import Shot
@@ -247,9 +246,7 @@ def test_strokes_change_a_right_matte_only_where_they_are():
     np.testing.assert_array_equal(found[:250], soft[:250])
 
 
-def test_another_network_cuts_out_who_is_found(tmp_path, monkeypatch):
-    finder = small_finder(tmp_path)
-    monkeypatch.setattr(person, "load", lambda: finder)
+def test_another_network_cuts_out_who_is_found(tmp_path, fetched):
     picture, (where,) = discs((160, 160), (90, 70, 14))
     file = channel(tmp_path / "red.onnx", 0)
     how = {"mean": (0, 0, 0), "std": (1, 1, 1), "size": 64}

@@ -63,6 +63,19 @@ def test_a_given_white_fixes_the_curve_over_a_sequence():
     assert colour.encode(grey([4.0]), white=4)[0, 0, 0] == pytest.approx(1)
 
 
+@pytest.fixture
+def ocio(monkeypatch):
+    """Names a configuration of OpenColorIO, or none, as a user's environment does."""
+
+    def name(configuration):
+        if configuration is None:
+            monkeypatch.delenv("OCIO", raising=False)
+        else:
+            monkeypatch.setenv("OCIO", str(configuration))
+
+    return name
+
+
 def test_exposure_is_in_stops():
     light = grey([0.02, 0.1, 0.4])
     np.testing.assert_allclose(colour.encode(light, exposure=1), colour.encode(light * 2), atol=1e-6)
@@ -71,8 +84,8 @@ def test_exposure_is_in_stops():
     )
 
 
-def test_views_of_the_built_in_configuration(monkeypatch):
-    monkeypatch.delenv("OCIO", raising=False)
+def test_views_of_the_built_in_configuration(ocio):
+    ocio(None)
     light = grey([0.0, 0.18, 1.0, 16.0])
     plain = colour.encode(light, view="Un-tone-mapped")[0, :, 0]
     np.testing.assert_allclose(plain, [0, srgb(0.18), 1, 1], atol=1e-4)
@@ -99,13 +112,13 @@ colorspaces:
 """  # noqa: E501
 
 
-def test_the_studios_own_configuration(tmp_path, monkeypatch):
+def test_the_studios_own_configuration(tmp_path, ocio):
     (tmp_path / "config.ocio").write_text(CONFIGURATION)
-    monkeypatch.setenv("OCIO", str(tmp_path / "config.ocio"))
+    ocio(tmp_path / "config.ocio")
     np.testing.assert_allclose(colour.encode(grey([0.25]), view="neg"), 0.75, atol=1e-4)
     np.testing.assert_allclose(colour.decode(grey([0.25]), "Camera"), 0.5, atol=1e-4)
     np.testing.assert_allclose(colour.decode(grey([0.25]), "ACEScg"), 0.25, atol=1e-4)  # the built-in one's
-    monkeypatch.setenv("OCIO", str(tmp_path / "gone.ocio"))
+    ocio(tmp_path / "gone.ocio")
     assert colour.decode(grey([1]), "sRGB")[0, 0, 0] == 1
     with pytest.raises(ValueError, match=r"OCIO: cannot read the configuration '.*gone\.ocio'"):
         colour.encode(grey([0.25]), view="aces")
@@ -132,17 +145,17 @@ colorspaces:
 @pytest.mark.parametrize("version", [1, 2])
 @pytest.mark.parametrize("given", ["film", "Film"])
 def test_a_configuration_without_the_role_of_exchange_is_named_with_what_it_lacks(
-    tmp_path, monkeypatch, version, given
+    tmp_path, ocio, version, given
 ):
     path = tmp_path / "config.ocio"
     path.write_text(VERSION_1.replace("version: 1", f"version: {version}"))
-    monkeypatch.setenv("OCIO", str(path))
+    ocio(path)
     with pytest.raises(ValueError, match=r"colour_space: 'film' is of the configuration") as error:
         colour.decode(grey([0.25]), given)
     assert f"{path}, which has no role aces_interchange" in str(error.value)
     path = tmp_path / "with.ocio"
     path.write_text(VERSION_1.replace("roles:", "roles:\n  aces_interchange: linear"))
-    monkeypatch.setenv("OCIO", str(path))
+    ocio(path)
     np.testing.assert_allclose(colour.decode(grey([0.25]), given), 0.25**1.5, atol=1e-4)
 
 
@@ -160,18 +173,18 @@ def test_a_configuration_without_the_role_of_exchange_is_named_with_what_it_lack
         ("D-Log D-Gamut", lambda code: (10 ** (3.89616 * code - 2.27752) - 0.0108) / 0.9892),
     ],
 )
-def test_camera_logs_need_no_configuration(monkeypatch, space, formula):
-    monkeypatch.delenv("OCIO", raising=False)
+def test_camera_logs_need_no_configuration(ocio, space, formula):
+    ocio(None)
     codes = np.array([0.3, 0.45, 0.7])
     np.testing.assert_allclose(colour.decode(grey(codes), space)[0, :, 1], formula(codes), rtol=1e-4)
 
 
-def test_opencolorios_studio_configuration_by_its_name(monkeypatch):
-    monkeypatch.setenv("OCIO", "ocio://studio-config-latest")
+def test_opencolorios_studio_configuration_by_its_name(ocio):
+    ocio("ocio://studio-config-latest")
     light = grey([0.0, 0.18, 1.0])
     shown = colour.encode(light, view="aces")
     assert colour.find_view("aces")[0] == "ocio://studio-config-latest"
-    monkeypatch.delenv("OCIO")
+    ocio(None)
     np.testing.assert_allclose(shown, colour.encode(light, view="aces"), atol=2e-3)  # the same transform
     with pytest.raises(ValueError, match=r"unknown 'LogC4', expected a whole name: ARRI LogC4$"):
         colour.decode(light, "LogC4")

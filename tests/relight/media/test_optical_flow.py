@@ -1,7 +1,5 @@
 """Motion between pictures: where content went, how sure that is; the caller's OpenCV is left as it was."""
 
-import sys
-
 import numpy as np
 import pytest
 import torch
@@ -75,9 +73,9 @@ def test_the_number_of_threads_changes_no_result_and_stays_the_callers():
     assert torch.equal(*found)
 
 
-def test_without_opencv_the_extra_is_named(monkeypatch):
+def test_without_opencv_the_extra_is_named(missing):
     optical_flow.opencv.cache_clear()
-    monkeypatch.setitem(sys.modules, "cv2", None)
+    missing("cv2")
     with pytest.raises(ImportError, match=r"needs OpenCV: python -m pip install .*\[video\]"):
         motion(texture(), texture())
     optical_flow.opencv.cache_clear()

@@ -1,7 +1,6 @@
 """Photographs as phones and cameras write them, each file made here."""
 
 import struct
-import sys
 
 import numpy as np
 import pytest
@@ -170,9 +169,9 @@ def test_raw_is_linear_and_upright(tmp_path, orientation, shape):
 
 
 @pytest.mark.parametrize(("name", "package"), [("a.heic", "pillow_heif"), ("a.dng", "rawpy")])
-def test_without_the_extra_one_line_names_it(tmp_path, monkeypatch, name, package):
+def test_without_the_extra_one_line_names_it(tmp_path, missing, name, package):
     (tmp_path / name).write_bytes(b"x")
-    monkeypatch.setitem(sys.modules, package, None)
+    missing(package)
     with pytest.raises(ImportError, match=r"needs .*; install it with: python -m pip install '.*\[phone\]'"):
         relight.read(tmp_path / name)
 

@@ -5,25 +5,13 @@ import warnings
 
 import numpy as np
 import pytest
-from helpers.finders import discs, small_finder
+from helpers.finders import discs
 from helpers.rising import STILL
 from helpers.standins import HEIGHT, WIDTH, somebody
 
 import relight
-from relight.matting.people import finder as people_finder
 from relight.media.movies import Movie, write_movie
 from relight.pipeline.shot import Shot
-
-
-@pytest.fixture(scope="module")
-def finder(tmp_path_factory):
-    pytest.importorskip("openvino")
-    return small_finder(tmp_path_factory.mktemp("networks"))
-
-
-@pytest.fixture
-def fetched(finder, monkeypatch):
-    monkeypatch.setattr(people_finder, "load", lambda: finder)
 
 
 def write_frames(folder, pictures):

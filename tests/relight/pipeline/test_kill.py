@@ -64,7 +64,6 @@ with small_canvas():
     relight.Subject(plate, matte).export(sys.argv[1])
 """
 ENVIRONMENT = os.environ | {"PYTHONPATH": str(ROOT / "tests")}
-ENDED_BY = ["SIGKILL", "SIGTERM"]
 
 
 @pytest.mark.parametrize(("name", "files"), [("r.%02d.exr", 2), ("r.mp4", 4)])
@@ -92,10 +91,9 @@ def end_at_the_close(program, output, last, ended_by):
 
 
 @pytest.mark.skipif(sys.platform != "linux", reason="has no files without a name")
-@pytest.mark.parametrize("ended_by", ENDED_BY)
 @pytest.mark.parametrize(
-    ("name", "last", "kept"),
-    [("r.%02d.exr", "r.10.exr", 9), ("r.mp4", "r.mp4", 10)],
+    ("name", "last", "kept", "ended_by"),
+    [("r.%02d.exr", "r.10.exr", 9, "SIGKILL"), ("r.mp4", "r.mp4", 10, "SIGTERM")],
 )
 def test_ended_as_the_last_file_closes_and_resumed(tmp_path, name, last, kept, ended_by):
     whole, folder = tmp_path / "whole", tmp_path / "ended"
@@ -110,10 +108,12 @@ def test_ended_as_the_last_file_closes_and_resumed(tmp_path, name, last, kept, e
 
 
 @pytest.mark.skipif(sys.platform != "linux", reason="has no files without a name")
-@pytest.mark.parametrize("ended_by", ENDED_BY)
 @pytest.mark.parametrize(
-    ("program", "name", "last"),
-    [(ANALYSE, "s.relight", "still.safetensors"), (EXPORT, "person.glb", "person.glb")],
+    ("program", "name", "last", "ended_by"),
+    [
+        (ANALYSE, "s.relight", "still.safetensors", "SIGTERM"),
+        (EXPORT, "person.glb", "person.glb", "SIGKILL"),
+    ],
     ids=["analyse", "export"],
 )
 def test_ended_as_an_analysis_or_a_mesh_closes(tmp_path, program, name, last, ended_by):

@@ -1,5 +1,4 @@
 import gc
-import sys
 import tracemalloc
 
 import numpy as np
@@ -31,10 +30,10 @@ def test_a_moving_light_on_a_still(stub, tmp_path):
 
 
 @pytest.mark.parametrize("installed", [False, True])
-def test_a_picture_with_alpha_needs_no_pymatting(stub, tmp_path, monkeypatch, installed):
+def test_a_picture_with_alpha_needs_no_pymatting(stub, tmp_path, monkeypatch, missing, installed):
     """A core installation has no PyMatting; where there is one, it is not compiled for nothing."""
     if not installed:
-        monkeypatch.setitem(sys.modules, "pymatting", None)
+        missing("pymatting")
     monkeypatch.setenv("NUMBA_CACHE_DIR", str(tmp_path / "empty"))  # as if it had never been compiled
     said = []
     stub.render(somebody(), STILL, tmp_path / "out.png", progress=lambda *step: said.append(step[2]))

@@ -1,7 +1,5 @@
 """Shots that are interrupted, broken or asked for again: what is kept, made again, and reported."""
 
-import errno
-import os
 import warnings
 
 import numpy as np
@@ -249,21 +247,13 @@ def test_frames_of_another_precision_or_other_threads_are_made_anew(stub, plates
             stub.render(plates, STILL, path, precision=precision, threads=threads, resume=True)
 
 
-def test_a_full_disk_keeps_what_is_finished(stub, plates, tmp_path, monkeypatch):
-    flush = os.fsync
-
-    def full(descriptor):
-        if len(list(tmp_path.glob("r.*.exr"))) >= 3:
-            raise OSError(errno.ENOSPC, os.strerror(errno.ENOSPC))
-        flush(descriptor)
-
-    monkeypatch.setattr(os, "fsync", full)
-    problems = stub.render(plates, STILL, tmp_path / "r.%04d.exr")
+def test_a_full_disk_keeps_what_is_finished(stub, plates, tmp_path, full_disk):
+    with full_disk(lambda: len(list(tmp_path.glob("r.*.exr"))) >= 3):
+        problems = stub.render(plates, STILL, tmp_path / "r.%04d.exr")
     assert list(problems) == [104, 105]
     assert "No space left on device" in problems[104]
     there = {path: path.stat().st_ino for path in tmp_path.glob("r.*")}
     assert len(there) == 3
-    monkeypatch.setattr(os, "fsync", flush)
     assert stub.render(plates, STILL, tmp_path / "r.%04d.exr", resume=True) == {}
     assert all(path.stat().st_ino == inode for path, inode in there.items())
     assert len(list(tmp_path.glob("r.*.exr"))) == 5

@@ -76,7 +76,7 @@ def test_the_window_in_which_a_photograph_is_made_holds_all_of_the_subject(monke
     ]
     found = draw()
     whole_canvas = lambda _record, _matrix, size: tuple(slice(0, length) for length in size)  # noqa: E731
-    monkeypatch.setattr(photographs, "_window", whole_canvas)
+    monkeypatch.setattr(photographs, "window_of", whole_canvas)
     for ours, whole in zip(found, draw(), strict=True):
         assert ours.keys() == whole.keys()
         for key in ours:

@@ -1,4 +1,3 @@
-import sys
 from importlib.metadata import PackageNotFoundError, version
 
 import numpy as np
@@ -35,13 +34,10 @@ def test_a_light_from_the_upper_right_is_drawn_there(tmp_path):
     np.testing.assert_allclose([x, y], lights[wanted, :2], atol=0.05)
 
 
-def test_curves_hold_their_values(tmp_path, monkeypatch):
-    drawn = []
-    monkeypatch.setattr(plots, "_write", lambda path, figure: drawn.append(figure))
+def test_curves_hold_their_values():
     x = np.array([0.01, 0.1, 1])
     series = {"up": (np.array([0.6, 0.7, 0.9]), np.full(3, 0.02)), "low": (np.full(3, 0.55), np.zeros(3))}
-    plots.curves(tmp_path / "c.png", x, series, "intensity", "Dice")
-    (axes,) = drawn[0].axes
+    (axes,) = plots.figure_of_curves(x, series, "intensity", "Dice").axes
     assert (axes.get_xscale(), axes.get_xlabel(), axes.get_ylabel()) == ("log", "intensity", "Dice")
     for line, (name, (mean, _)) in zip(axes.lines, series.items(), strict=True):
         assert line.get_label() == name
@@ -57,8 +53,8 @@ def test_heat_is_bright_where_values_are_high():
     assert brightness[0] < brightness[1] < brightness[2] == brightness[3]
 
 
-def test_without_matplotlib_the_extra_is_named(monkeypatch, tmp_path):
-    monkeypatch.setitem(sys.modules, "matplotlib", None)
+def test_without_matplotlib_the_extra_is_named(missing, tmp_path):
+    missing("matplotlib")
     with pytest.raises(ImportError, match=r"install it with: python -m pip install '.*\[train\]'"):
         plots.curves(tmp_path / "c.png", np.ones(2), {}, "x", "y")
     assert not list(tmp_path.iterdir())

@@ -51,5 +51,5 @@ def test_the_loss_of_normals_by_angle():
     truth = torch.tensor([0.0, 0, 1]).view(1, 3, 1, 1)
     far = torch.tensor([1.0, 0, 0]).view(1, 3, 1, 1)
     inside = torch.ones(1, 1, 1, 1)
-    assert tasks._normals_error(far, truth, inside) == pytest.approx(2**0.5, abs=1e-3)
-    assert tasks._normals_error(far, truth, inside, 1.0) == pytest.approx(torch.pi / 2, abs=1e-3)
+    assert tasks.normals_error(far, truth, inside) == pytest.approx(2**0.5, abs=1e-3)
+    assert tasks.normals_error(far, truth, inside, 1.0) == pytest.approx(torch.pi / 2, abs=1e-3)

@@ -17,9 +17,10 @@ from shadow import normals, visibility
 from shadow.data import photographs, records
 from shadow.directions import from_spherical
 from shadow.evaluation import depth
-from shadow.networks import checkpoints, precision
+from shadow.networks import checkpoints
 from shadow.networks.backbone import Backbone, encode_image, take_blocks
 from shadow.networks.field import VisibilityField
+from shadow.networks.precision import using
 from shadow.networks.unet import PerLight
 from shadow.training import loop, optimiser, tasks
 from shadow.training.loop import fit
@@ -138,7 +139,7 @@ def test_a_mini_batch_is_its_photographs_however_many_are_taken_at_a_time(photog
 
     task, recipe = replace(SHADOW, loss=loss), Recipe(steps=1, batch=5, bfloat16=False)
     cpu = torch.device("cpu")
-    total = loop._gradient(task, network, batch, recipe, cpu, loop._Auxiliary(None, None))
+    total = loop.gradient(task, network, batch, recipe, cpu, loop._Auxiliary(None, None))
     assert seen == [sorted(widths)[start : start + photographs] for start in range(0, 5, photographs)]
     whole = network(encode_image(batch["rgb"], matte)).square().mean()
     torch.testing.assert_close(total, whole.detach())
@@ -181,7 +182,7 @@ def test_the_loss_of_depth_falls_and_sees_neither_offset_nor_scale(folder):
     blocks = tasks.random_blocks(sample["mask"][None])
     truth, mask = (take_blocks(sample[key][None], blocks) for key in ("depth", "mask"))
     inside = mask > 0.5
-    error = lambda estimate: float(tasks._depth_error(estimate, truth, inside, 128))  # noqa: E731
+    error = lambda estimate: float(tasks.depth_error(estimate, truth, inside, 128))  # noqa: E731
     noise = 0.05 * torch.randn(truth.shape, generator=torch.Generator().manual_seed(0))
     assert error(truth) < error(1.5 * truth) < 0.2 * error(0 * truth)
     assert error(truth + 3) == pytest.approx(error(truth), abs=1e-5)
@@ -191,7 +192,7 @@ def test_the_loss_of_depth_falls_and_sees_neither_offset_nor_scale(folder):
     estimate = torch.zeros_like(truth, requires_grad=True)
     losses = []
     for _ in range(40):
-        loss = tasks._depth_error(estimate, truth, inside, 128)
+        loss = tasks.depth_error(estimate, truth, inside, 128)
         losses.append(loss.item())
         (gradient,) = torch.autograd.grad(loss, estimate)
         estimate = (estimate - 20 * gradient).detach().requires_grad_()
@@ -235,7 +236,7 @@ def test_checkpoints_follow_the_clock_and_not_the_log(folder, tmp_path, monkeypa
     monkeypatch.setattr(loop.time, "monotonic", lambda: next(clock))
     saved = []
     monkeypatch.setattr(loop.State, "save", lambda state, facts: saved.append(state.step))
-    monkeypatch.setattr(loop, "_gradient", lambda *given: torch.zeros(()))
+    monkeypatch.setattr(loop, "gradient", lambda *given: torch.zeros(()))
     monkeypatch.setattr(loop.State, "update", lambda state: setattr(state, "step", state.step + 1))
     run(SHADOW, folder, tmp_path, 5, checkpoint_minutes=5)
     assert saved == [3, 5]
@@ -349,13 +350,12 @@ def test_outputs_added_to_a_head_start_at_zero(tmp_path):
 
 def test_where_bfloat16_is_slow_training_runs_in_float32(folder, tmp_path, monkeypatch):
     seen = []
-    monkeypatch.setattr(precision, "native_bfloat16", lambda device: False)
-    monkeypatch.setattr(optimiser, "native_bfloat16", lambda device: False)
     convolve = torch.nn.Conv2d.forward
     monkeypatch.setattr(
         torch.nn.Conv2d, "forward", lambda self, x: seen.append(convolve(self, x).dtype) or convolve(self, x)
     )
-    run(replace(SHADOW, config=TINY), folder, tmp_path / "float", 2)
+    with using("float32"):
+        run(replace(SHADOW, config=TINY), folder, tmp_path / "float", 2)
     assert set(seen) == {torch.float32}
 
 

@@ -6,7 +6,7 @@ import pytest
 import torch
 from torch import nn
 
-from shadow.training import optimiser
+from shadow.networks.precision import using
 from shadow.training.optimiser import Optimiser, orthogonalise
 from shadow.training.recipes import Recipe
 
@@ -39,21 +39,20 @@ def test_a_convolution_steps_alike_along_all_its_singular_vectors():
     assert step.square().mean().sqrt() == pytest.approx(rms, rel=0.3)
 
 
-def test_without_native_bfloat16_the_step_is_the_same_in_float32(monkeypatch):
+def test_without_native_bfloat16_the_step_is_the_same_in_float32():
     """Orthogonalised in 8 bits a step is off by a hundredth or so of its size."""
     ours, theirs = network(), network()
-    monkeypatch.setattr(optimiser, "native_bfloat16", lambda device: False)
     recipe = replace(RECIPE, weight_decay=0.1)
-    descend(ours, Optimiser(ours, recipe), steps=3)
-    monkeypatch.setattr(optimiser, "native_bfloat16", lambda device: True)
-    descend(theirs, Optimiser(theirs, recipe), steps=3)
+    for layers, precision in ((ours, "float32"), (theirs, "bfloat16")):
+        with using(precision):
+            descend(layers, Optimiser(layers, recipe), steps=3)
     for index in (0, 2):
         before = network()[index].weight.detach()
         step, other = (layers[index].weight.detach() - before for layers in (ours, theirs))
         assert 0 < (step - other).norm() / other.norm() < 0.03
 
 
-def test_a_run_without_native_bfloat16_is_float32_throughout(monkeypatch):
+def test_a_run_without_native_bfloat16_is_float32_throughout():
     matrix = torch.randn(40, 96, generator=torch.Generator().manual_seed(0))
     sizes = torch.linalg.svdvals(orthogonalise(matrix))
     assert orthogonalise(matrix).dtype == torch.float32
@@ -61,10 +60,10 @@ def test_a_run_without_native_bfloat16_is_float32_throughout(monkeypatch):
     torch.testing.assert_close(orthogonalise(matrix.T), orthogonalise(matrix).T)
 
 
-def test_matrices_step_as_torchs_muon_and_the_rest_as_its_adamw(monkeypatch):
-    monkeypatch.setattr(optimiser, "native_bfloat16", lambda device: True)
+def test_matrices_step_as_torchs_muon_and_the_rest_as_its_adamw():
     ours, theirs = network(), network()
-    descend(ours, Optimiser(ours, RECIPE))
+    with using("bfloat16"):
+        descend(ours, Optimiser(ours, RECIPE))
     muon = torch.optim.Muon([theirs[2].weight], lr=1e-2, weight_decay=0, adjust_lr_fn="match_rms_adamw")
     rest = [theirs[0].bias, *theirs[1].parameters(), theirs[2].bias, *theirs[3].parameters()]
     adam = torch.optim.AdamW(rest, lr=1e-2, betas=RECIPE.betas, weight_decay=0)
@@ -100,14 +99,14 @@ def test_its_state_goes_on_where_it_was():
         torch.testing.assert_close(a, b, rtol=0, atol=0)
 
 
-def test_its_state_goes_on_on_another_processor(monkeypatch):
+def test_its_state_goes_on_on_another_processor():
     layers = network()
-    monkeypatch.setattr(optimiser, "native_bfloat16", lambda device: False)
-    descend(layers, first := Optimiser(layers, RECIPE))
-    monkeypatch.setattr(optimiser, "native_bfloat16", lambda device: True)
-    second = Optimiser(layers, RECIPE)
-    second.load_state_dict(first.state_dict())
-    descend(layers, second, seed=2)
+    with using("float32"):
+        descend(layers, first := Optimiser(layers, RECIPE))
+    with using("bfloat16"):
+        second = Optimiser(layers, RECIPE)
+        second.load_state_dict(first.state_dict())
+        descend(layers, second, seed=2)
     assert all(torch.isfinite(parameter).all() for parameter in layers.parameters())
 
 

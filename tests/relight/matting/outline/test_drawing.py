@@ -6,7 +6,7 @@ from helpers import ROOT
 from helpers.drawn import overlap, photographed, polygon
 from scipy import ndimage
 
-from relight.matting.outline.drawing import Outline, Stroke, _widened, outlined, refine, shift_edge
+from relight.matting.outline.drawing import Outline, Stroke, outlined, refine, shift_edge, widened
 from relight.matting.refine import BACKGROUND, PERSON, UNKNOWN, smooth_where_alike
 from shadow.data.records import Records
 
@@ -75,7 +75,7 @@ def test_the_band_of_a_sharp_mask_goes_on_where_colours_contradict_its_rim():
     distance = np.where(np.arange(40) >= 35, np.inf * np.sign(distance), distance)  # a stroke
     known = np.where(distance >= 1, PERSON, np.where(distance <= -1, BACKGROUND, UNKNOWN))
     votes = np.where((known == UNKNOWN) & (np.arange(40) < 20), -6, 6 * np.sign(distance))
-    wider, near = _widened(known, distance, votes)
+    wider, near = widened(known, distance, votes)
     assert (wider[18:21, 5:15] == UNKNOWN).all()  # beyond the rim, into the person
     assert (near[18:21, 5:15] < 0.3).all()
     np.testing.assert_array_equal(wider[:15], known[:15])  # no farther than the tolerance

@@ -5,7 +5,7 @@ import pytest
 
 from relight.matting.people import border as person_border
 from relight.matting.people.finder import PersonFinder
-from relight.matting.people.neighbours import _second_look_beside
+from relight.matting.people.neighbours import second_look_beside
 from relight.matting.people.region import Circle, DetectedPerson, sampled
 
 SIZE, RADIUS = (240, 240), 90.0
@@ -82,7 +82,7 @@ def test_a_second_look_counts_far_from_others_only_where_the_first_one_took_them
     second_look = person.copy()
     second_look[160:] = 0.0  # it has lost the legs
     first_look = np.maximum(person, other) if first_look_takes_both else person
-    mask = _second_look_beside(other, first_look, second_look, share)
+    mask = second_look_beside(other, first_look, second_look, share)
     assert mask[50:150, 90:125].min() > 0.9
     assert mask[170:215, 90:130].mean() == pytest.approx(legs, abs=0.01)
     bones = np.zeros((2, 256, 256), bool)

@@ -9,7 +9,7 @@ import pytest
 
 import relight
 from relight.scene.lights import read_lights, read_rig, write_lights
-from relight.scene.usd.lights import _moments
+from relight.scene.usd.lights import moments
 
 pytest.importorskip("pxr")
 
@@ -498,9 +498,9 @@ def test_a_package_with_absolute_paths_is_refused(tmp_path):
 
 def test_an_orbit_is_sampled_over_the_frames_of_a_sequence():
     light = relight.MovingLight(relight.DirectionalLight, orbit=48, azimuth=-40)
-    moments = _moments(light, (1001, 1010))
-    assert [time for time, _ in moments] == list(range(1001, 1011))
-    assert moments[-1][1] == light.at(1010)
+    found = moments(light, (1001, 1010))
+    assert [time for time, _ in found] == list(range(1001, 1011))
+    assert found[-1][1] == light.at(1010)
 
 
 OLD = """

@@ -18,16 +18,16 @@ from shadow.lightstage.people.generate import pairs
 
 @pytest.fixture(scope="module")
 def parts():
-    """The two of a pair as `_together` gets them, and what it makes of them."""
+    """The two of a pair as `together` gets them, and what it makes of them."""
     kept = {}
-    joined = pairs._together
+    joined = pairs.together
 
     def spy(first, second, rotation, offset, name):
         kept.update(people=(first, second), figure=joined(first, second, rotation, offset, name))
         return kept["figure"]
 
     with pytest.MonkeyPatch.context() as patch:
-        patch.setattr(pairs, "_together", spy)
+        patch.setattr(pairs, "together", spy)
         pairs.pair(1, "training")
     return kept
 
@@ -69,7 +69,7 @@ def test_the_second_is_turned_and_moved_with_its_normals_and_colours():
         return Figure(corners, faces, np.tile(np.float32([0, 0, 1]), (4, 1)), paint, "wall")
 
     offset = np.array([2.0, 0, 0])
-    both = pairs._together(wall(0.2), wall(0.6), rotation((0, 1, 0), 90), offset, "walls")
+    both = pairs.together(wall(0.2), wall(0.6), rotation((0, 1, 0), 90), offset, "walls")
     np.testing.assert_allclose(both.vertices[:4].mean(axis=0), [-1, 0.25, 0], atol=1e-6)
     np.testing.assert_allclose(both.vertices[4:].mean(axis=0), [1, 0.25, 0], atol=1e-6)
     np.testing.assert_allclose(both.normals[4:], np.tile([1, 0, 0], (4, 1)), atol=1e-6)
