@@ -348,13 +348,13 @@ def paint(
 
 def confidence(name: str, mask: str | None, light: str | None, report: Report) -> dict[str, Any]:
     """Return how sure the shadows of a light are, or those of all directions, as a grey PNG."""
-    of = None if light is None else as_lights(_lighting({"lights": [light]}).rig().lights)[0]
+    of = None if light is None else as_lights(lighting_of({"lights": [light]}).rig().lights)[0]
     return {"png": png(_subject(name, mask, report).confidence(of))}
 
 
 def plot(name: str, mask: str | None, look: Mapping[str, Any], report: Report) -> dict[str, Any]:
     """Draw the lighting plot of the lights, as `relight apply --plot` does."""
-    subject, lights = _subject(name, mask, report), as_lights(_lighting(look).rig().lights)
+    subject, lights = _subject(name, mask, report), as_lights(lighting_of(look).rig().lights)
     return {"file": str(plot_of(Path(PREVIEWS, PLOT), lights, subject.camera, name))}
 
 
