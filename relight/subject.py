@@ -236,7 +236,7 @@ class Subject:
     def __reduce__(self) -> tuple[Any, ...]:
         """Pickle what `save` writes: a few megabytes, with the precision of that file."""
         packed = storage.pack_record(self._record, {"weights": list(weights())})
-        return _unpickled, (type(self), packed)
+        return unpickled, (type(self), packed)
 
     def __copy__(self) -> Self:
         """Return a subject of the same arrays, which are never changed."""
@@ -895,7 +895,7 @@ class Subject:
         return self._upsample(self._extend(maps))
 
 
-def _unpickled(kind: type[Subject], packed: bytes) -> Subject:
+def unpickled(kind: type[Subject], packed: bytes) -> Subject:
     """Return a subject that was pickled; raises as `Subject.load`."""
     return kind.from_record(storage.unpack_record(packed))
 

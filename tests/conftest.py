@@ -76,6 +76,12 @@ def benchmark_module(monkeypatch):
     return importlib.import_module
 
 
+@pytest.fixture
+def no_networks(monkeypatch):
+    """Whoever loads a network fails."""
+    monkeypatch.setattr("shadow.networks.checkpoints.load", None)
+
+
 @pytest.fixture(scope="session")
 def finder(tmp_path_factory):
     """Finds people who are red discs."""

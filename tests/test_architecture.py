@@ -231,3 +231,34 @@ def test_fetching_networks_and_files_of_options_load_no_torch():
     program += "from relight.matting import silhouette_files\nfrom relight.matting.people import files\n"
     program += "assert 'analyse' in dir(shadow); assert 'torch' not in sys.modules; shadow.analyse\n"
     subprocess.run([sys.executable, "-c", program], cwd=ROOT, check=True)
+
+
+OURS = {"relight", "shading", "shadow"}
+OF_NAMED_TUPLES = {"_asdict", "_fields", "_replace"}
+
+
+def private_names(path):
+    """The private names of our modules and classes that a test imports, calls or replaces."""
+    tree, known = ast.parse(path.read_text()), set()
+    for node in ast.walk(tree):
+        if isinstance(node, ast.ImportFrom) and (node.module or "").split(".")[0] in OURS:
+            known |= {alias.asname or alias.name for alias in node.names}
+            yield from (alias.name for alias in node.names if is_private(alias.name))
+    for node in ast.walk(tree):
+        if isinstance(node, ast.Attribute) and is_private(node.attr):
+            if getattr(node.value, "id", None) in known:
+                yield ast.unparse(node)
+        elif isinstance(node, ast.Call) and getattr(node.func, "attr", "") in {"setattr", "object"}:
+            replaced = ".".join(ast.unparse(each).strip("'\"") for each in node.args[:2])
+            first, *rest = replaced.split(".")
+            if first in known | OURS and any(map(is_private, rest)):
+                yield replaced
+
+
+def is_private(name):
+    return name.startswith("_") and not name.startswith("__") and name not in OF_NAMED_TUPLES
+
+
+def test_tests_know_no_private_names():
+    for path in (ROOT / "tests").rglob("*.py"):
+        assert not list(private_names(path)), path

@@ -377,10 +377,13 @@ def _half(values: torch.Tensor) -> np.ndarray:
     return values.clamp(-HALF_MAX, HALF_MAX).half().numpy()
 
 
-def shortened(values: torch.Tensor) -> np.ndarray:
-    """Return values (C, P) >= 0 as half floats; for a large person as the first bits of these, in uint16."""
+def shortened(values: torch.Tensor, most: int | None = None) -> np.ndarray:
+    """Return values (C, P) >= 0 as half floats; for a large person as the first bits of these, in uint16.
+
+    `most`: pixels of which all bits are kept, SHORTENING_PIXELS unless given.
+    """
     halves = _half(values)
-    if halves.shape[-1] <= SHORTENING_PIXELS:
+    if halves.shape[-1] <= (SHORTENING_PIXELS if most is None else most):
         return halves
     halves = halves + np.float16(0)  # the bits of -0.0 are those of a large number
     bits = halves.view(np.uint16) + np.uint16(1 << SHORTENED_BITS - 1)
@@ -388,6 +391,6 @@ def shortened(values: torch.Tensor) -> np.ndarray:
 
 
 def lengthened(array: np.ndarray) -> torch.Tensor:
-    """Return the values that `_shortened` was given, to its precision."""
+    """Return the values that `shortened` was given, to its precision."""
     halves = (array << SHORTENED_BITS).view(np.float16) if array.dtype == np.uint16 else array
     return torch.from_numpy(halves).float()

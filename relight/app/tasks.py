@@ -59,7 +59,7 @@ SIDE = "side.txt"  # the photograph's longer side, in pixels
 READ, ANALYSED, RELIT = 0.3, 0.5, 0.9  # shares of the time to save 24 megapixels that have passed, roughly
 Report = Callable[..., None]  # (what is done, the share of the task that is done, if that is known)
 
-_subjects: OrderedDict[str, Subject] = OrderedDict()
+subjects: OrderedDict[str, Subject] = OrderedDict()
 kept_subjects: dict[tuple[Any, ...], Subject] = {}  # at full size, of the files that were saved last
 
 
@@ -262,7 +262,7 @@ def analyse(
         original = {"name": name, "data": base64.b64encode(plate).decode(), "lamps": lamps}
         scene |= {"opaque": True, "original": original}
     scene["presetGains"] = {preset: round(subject.preset_gain(preset), 4) for preset in presets.document()}
-    _keep(name, subject)
+    keep(name, subject)
     return {"scene": scene}
 
 
@@ -360,7 +360,7 @@ def plot(name: str, mask: str | None, look: Mapping[str, Any], report: Report) -
 
 def _subject(name: str, mask: str | None, report: Report) -> Subject:
     """Return the subject of the reduced copy, which is analysed again unless it is kept."""
-    subject = _subjects.get(_key(name))
+    subject = subjects.get(_key(name))
     if subject is None:
         report("Analysing the person")
         matte, feather, reduced = None, 0.0, drawing.reduced()
@@ -369,7 +369,7 @@ def _subject(name: str, mask: str | None, report: Report) -> Subject:
             matte = drawing.shifted(np.load(MATTE).astype(np.float32), edge["shift"])
             feather = edge["feather"] * max(reduced.shape)
         subject = Subject(reduced, matte, feather=feather)
-        _keep(name, subject)
+        keep(name, subject)
     return subject
 
 
@@ -500,9 +500,9 @@ def _key(name: str) -> str:
     return str(Path(name).resolve())
 
 
-def _keep(name: str, subject: Subject) -> None:
+def keep(name: str, subject: Subject) -> None:
     """Keep a photograph's subject for stills, and forget the oldest ones."""
-    _subjects[_key(name)] = subject
-    _subjects.move_to_end(_key(name))
-    while len(_subjects) > KEPT:
-        _subjects.popitem(last=False)
+    subjects[_key(name)] = subject
+    subjects.move_to_end(_key(name))
+    while len(subjects) > KEPT:
+        subjects.popitem(last=False)

@@ -71,7 +71,7 @@ def motion(first: torch.Tensor, second: torch.Tensor) -> Motion:
 
 def both_motions(first: torch.Tensor, second: torch.Tensor) -> tuple[Motion, Motion]:
     """Return the motions from the first picture to the second and back, see `motion`."""
-    there, back = _flow(first, second), _flow(second, first)
+    there, back = dense_flow(first, second), dense_flow(second, first)
     return _checked(there, back), _checked(back, there)
 
 
@@ -83,7 +83,7 @@ def _checked(there: torch.Tensor, back: torch.Tensor) -> Motion:
     return Motion(positions, certainty)
 
 
-def _flow(first: torch.Tensor, second: torch.Tensor) -> torch.Tensor:
+def dense_flow(first: torch.Tensor, second: torch.Tensor) -> torch.Tensor:
     """Return the flow (2, h, w) in pixels, on one thread: the result depends on their number."""
     cv2 = opencv()
     grey = [

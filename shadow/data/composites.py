@@ -60,7 +60,7 @@ class Composites(Dataset):
         """Compose a random picture of the person of a file."""
         side = self.side
         behind = self.backdrops.draw(rng, side)
-        frame = Frame(*_frame(rng, cutouts.read(path), side))
+        frame = Frame(*framed(rng, cutouts.read(path), side))
         person, hands = frame.placed(rng, frame.person)
         for _ in range(rng.poisson(1.5) if rng.random() < CLUTTER else 0):
             x, y = rng.uniform(0, side, 2)
@@ -171,7 +171,7 @@ class Frame(NamedTuple):
         return picture[:, rows][:, :, columns]
 
 
-def _frame(rng: np.random.Generator, person: Cutout, side: int) -> tuple[int, int, int, int, int, Cutout]:
+def framed(rng: np.random.Generator, person: Cutout, side: int) -> tuple[int, int, int, int, int, Cutout]:
     beyond = (rng.random(4) < 0.15) | np.array(person.frame)
     top, bottom, left, right = (beyond * rng.uniform(0, 0.22, 4) * side).astype(int).tolist()
     return side, top, side - bottom, left, side - right, person

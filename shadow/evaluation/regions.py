@@ -61,7 +61,7 @@ def evaluate(
             angles.setdefault(name, []).append(
                 float(metrics.angular_error(normals, drawn["normals"], region))
             )
-            counts[name] = counts.get(name, np.zeros(4)) + _count_cast(drawn, maps, region)
+            counts[name] = counts.get(name, np.zeros(4)) + count_cast(drawn, maps, region)
     if not angles:
         raise ValueError("records: expected some with regions, found none; render bodies again")
     return {
@@ -75,7 +75,7 @@ def evaluate(
     }
 
 
-def _count_cast(drawn: Sample, maps: Visibility, place: torch.Tensor) -> np.ndarray:
+def count_cast(drawn: Sample, maps: Visibility, place: torch.Tensor) -> np.ndarray:
     """Count cast shadows over the pixels `place` (h, w) that face a frontal light, summed over the lights.
 
     Returns the number of pixels with found cast shadow, cast shadow, false shadow, and light.

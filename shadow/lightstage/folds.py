@@ -39,7 +39,7 @@ def add_folds(figure: Figure, rng: np.random.Generator) -> Figure:
     many faces. Shading normals follow the surface; colours and normal map stay in place.
     """
     share = _smooth_mask(figure, _cloth_mask(figure))
-    fine, share = _subdivide(figure, share)
+    fine, share = subdivide(figure, share)
     point = _weld(fine.vertices)
     normals = _average_welded(fine.normals, point)
     height = share * _ridge_heights(fine.vertices, rng)
@@ -123,7 +123,7 @@ def _smooth_mask(figure: Figure, cloth: np.ndarray) -> np.ndarray:
     return share[point]
 
 
-def _subdivide(figure: Figure, share: np.ndarray) -> tuple[Figure, np.ndarray]:
+def subdivide(figure: Figure, share: np.ndarray) -> tuple[Figure, np.ndarray]:
     """Divide each face of the figure into four; also interpolates the vertex values `share` (V,)."""
     ends, side, _ = unique_edges(figure.faces)
     first, second, third = side.T + len(figure.vertices)

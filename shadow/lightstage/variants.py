@@ -45,7 +45,7 @@ def vary(figure: Figure, rng: np.random.Generator) -> Figure:
     with another contrast.
     """
     stretch = np.exp(rng.normal(0, STOUTNESS, 3)) * [1, 0, 1] + [0, 1, 0]
-    bent, jacobian = _waves(figure.vertices * stretch, rng)
+    bent, jacobian = wave_heights(figure.vertices * stretch, rng)
     # Normals transform by the inverse transpose of the Jacobian.
     normals = np.linalg.solve(jacobian.transpose(0, 2, 1), (figure.normals / stretch)[..., None])[..., 0]
     tangents = figure.tangents
@@ -61,7 +61,7 @@ def vary(figure: Figure, rng: np.random.Generator) -> Figure:
     )
 
 
-def _waves(points: np.ndarray, rng: np.random.Generator) -> tuple[np.ndarray, np.ndarray]:
+def wave_heights(points: np.ndarray, rng: np.random.Generator) -> tuple[np.ndarray, np.ndarray]:
     """Displace points (V, 3) by WAVES random sine waves; also returns the Jacobian (V, 3, 3) of the warp."""
     moved, jacobian = points.copy(), np.tile(np.eye(3), (len(points), 1, 1))
     for _ in range(WAVES):

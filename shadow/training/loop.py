@@ -116,7 +116,7 @@ class State:
             torch.save({**saved, **clock, "average": self.average}, beside)
 
 
-class _Auxiliary(NamedTuple):
+class Auxiliary(NamedTuple):
     """Trained networks whose output is an input of a task, or None."""
 
     normals: Callable | None  # maps a batch to its normals; None uses those of the field
@@ -124,9 +124,9 @@ class _Auxiliary(NamedTuple):
     teacher: VisibilityField | None = None  # whose mean of two passes a field learns to give in one
 
 
-def _auxiliary(
+def auxiliary_networks(
     task: Task, recipe: Recipe, estimator: str | Path | None, visibility: str | Path, device: torch.device
-) -> _Auxiliary:
+) -> Auxiliary:
     """Load the networks that the task needs. `estimator` is that of `fit`, or None if the task needs none."""
     surface = field = teacher = None
     if task.needs_visibility or recipe.distil:
@@ -137,7 +137,7 @@ def _auxiliary(
         surface = lambda batch: batch["normals"]  # noqa: E731
     elif estimator is not None and (source := normals.load(estimator, device=device)) is not field:
         surface = partial(_estimated, source)
-    return _Auxiliary(surface, field, teacher)
+    return Auxiliary(surface, field, teacher)
 
 
 def _estimated(source: Any, batch: Batch) -> torch.Tensor:
@@ -149,9 +149,7 @@ def _estimated(source: Any, batch: Batch) -> torch.Tensor:
         return torch.stack([source.normals(rgb, mask) for rgb, mask in views])
 
 
-def _prepare(
-    batch: Batch, device: torch.device, auxiliary: _Auxiliary, recipe: Recipe | None = None
-) -> Batch:
+def prepare(batch: Batch, device: torch.device, auxiliary: Auxiliary, recipe: Recipe | None = None) -> Batch:
     """Move the batch to the device and add the networks' inputs. `recipe` is None for scores."""
     batch = {key: value.to(device, non_blocking=True).float() for key, value in batch.items()}
     batch["image"] = encode_image(batch["rgb"], batch["matte"]).contiguous(memory_format=torch.channels_last)
@@ -173,7 +171,7 @@ def _prepare(
 
 
 def gradient(
-    task: Task, model: Any, batch: Batch, recipe: Recipe, device: torch.device, auxiliary: _Auxiliary
+    task: Task, model: Any, batch: Batch, recipe: Recipe, device: torch.device, auxiliary: Auxiliary
 ) -> torch.Tensor:
     """Add the gradient of the mini-batch's mean loss to the parameters, and return the loss.
 
@@ -194,7 +192,7 @@ def gradient(
         # Processes exchange their gradients only with the last group.
         with model.no_sync() if distributed and number < len(parts) else nullcontext():
             with autocast(device, recipe.bfloat16):
-                prepared = _prepare(dict(zip(batch, part, strict=True)), device, auxiliary, recipe)
+                prepared = prepare(dict(zip(batch, part, strict=True)), device, auxiliary, recipe)
                 loss = task.loss(model, prepared) * (len(part[0]) / count)
             loss.backward()
         total += loss.detach()
@@ -249,7 +247,7 @@ def fit(
     out.mkdir(parents=True, exist_ok=True)
     state = State(task, recipe, out, device, init)
     model = nn.parallel.DistributedDataParallel(state.network) if world > 1 else state.network
-    auxiliary = _auxiliary(task, recipe, estimator, visibility, device)
+    auxiliary = auxiliary_networks(task, recipe, estimator, visibility, device)
     facts = _facts(task, recipe, init, estimator, visibility, device)
     # Each process draws its own photographs. The stride keeps the seeds of different runs apart.
     seed, done = recipe.seed + 7919 * rank, state.step
@@ -341,7 +339,7 @@ def agreed(seconds: float, device: torch.device, world: int) -> float:
 
 @torch.no_grad()
 def _validate(
-    state: State, records: Records, size: tuple[int, int], auxiliary: _Auxiliary
+    state: State, records: Records, size: tuple[int, int], auxiliary: Auxiliary
 ) -> dict[str, float]:
     """Return mean scores on fixed photographs, and draw the first four into the run's folder."""
     task, network, device = state.task, state.averaged(), state.device
@@ -349,12 +347,12 @@ def _validate(
     photographs = Photographs(records, 1, size, task.lights, 0, count, augment=False)
     first = next(iter(DataLoader(photographs, 4)))  # not under autocast, which would round the photographs
     with autocast(device):
-        first = _prepare(first, device, auxiliary)
+        first = prepare(first, device, auxiliary)
         pictures.write_grid(state.out / f"samples-{state.step:06d}.png", task.show(network, first))
     scores = []
     for each in DataLoader(photographs, 1):
         with autocast(device):
-            scores.append(task.score(network, _prepare(each, device, auxiliary)))
+            scores.append(task.score(network, prepare(each, device, auxiliary)))
     # A record without depth has no score of depth.
     keys = dict.fromkeys(key for score in scores for key in score)
     return {key: round(float(np.mean([score[key] for score in scores if key in score])), 5) for key in keys}

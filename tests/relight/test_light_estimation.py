@@ -1,3 +1,4 @@
+import contextlib
 from pathlib import Path
 
 import numpy as np
@@ -145,6 +146,13 @@ def test_match_takes_a_reference_with_its_mask(folder):
     np.testing.assert_allclose([light.power for light in found[1:]], [light.power for light in expected])
 
 
+@pytest.fixture
+def desk(folder):
+    """The folder as the working folder."""
+    with contextlib.chdir(folder):
+        yield folder
+
+
 @pytest.mark.parametrize(
     ("arguments", "message"),
     [
@@ -171,9 +179,7 @@ def test_match_takes_a_reference_with_its_mask(folder):
     ],
 )
 @pytest.mark.parametrize("command", ["apply", "video"])
-def test_what_cannot_be_matched_is_refused(command, folder, tmp_path, monkeypatch, arguments, message):
-    monkeypatch.chdir(folder)
-    monkeypatch.setattr("relight.analysis.infer.Analysis", None)  # no network runs
+def test_what_cannot_be_matched_is_refused(command, desk, no_networks, tmp_path, arguments, message):
     relight.write_mask("empty.png", np.zeros(relight.read("photo.png").shape[:2]))
     Path("walk.mov").touch()
     if "--match-plate" not in arguments and "--match" not in arguments:

@@ -192,7 +192,7 @@ class _Stored:
         self.given = given
 
     def __reduce__(self):
-        return subject_module._unpickled, self.given
+        return subject_module.unpickled, self.given
 
 
 def test_a_subject_tells_what_it_is(person):

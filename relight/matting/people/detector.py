@@ -19,7 +19,7 @@ class Detector:
     """The detector: `network` is what OpenVINO compiled of its file."""
 
     def __init__(self, network: Callable[[np.ndarray], Any]) -> None:
-        self._network, self._anchors = network, _anchors()
+        self._network, self.anchor_centres = network, anchor_centres()
 
     def __call__(
         self, picture: torch.Tensor, share: float, least: float
@@ -28,7 +28,7 @@ class Detector:
 
         `least` is the least score.
         """
-        return self.look(picture, _parts(picture.shape[2], picture.shape[1], share), least)
+        return self.look(picture, picture_parts(picture.shape[2], picture.shape[1], share), least)
 
     def look(
         self,
@@ -49,7 +49,7 @@ class Detector:
             score = expit(odds[0, :, 0].clip(-100, 100))
             kept = score > least
             values = answers[0][kept].reshape(-1, 6, 2) / DETECTOR_SIDE  # a centre, a size, four points
-            values[:, [0, 2, 3, 4, 5]] += self._anchors[kept][:, None]
+            values[:, [0, 2, 3, 4, 5]] += self.anchor_centres[kept][:, None]
             corner = np.array([left, top])
             scores.append(score[kept])
             boxes.append(np.stack([values[:, 0] * side + corner, values[:, 1] * side], axis=1))
@@ -63,7 +63,7 @@ class Detector:
         return found
 
 
-def _parts(width: int, height: int, share: float) -> Iterator[tuple[float, float, float]]:
+def picture_parts(width: int, height: int, share: float) -> Iterator[tuple[float, float, float]]:
     """Yield the squares (left, top, side) in pixels that cover a picture, half overlapping.
 
     A square that is larger than the picture has room below it, where a body that the frame cuts goes on.
@@ -86,7 +86,7 @@ def _starts(length: float, side: float) -> Sequence[float]:
     ]
 
 
-def _anchors() -> np.ndarray:
+def anchor_centres() -> np.ndarray:
     """Return the centres (2254, 2) of the detector's anchors, as fractions of its input."""
     centres = []
     for stride in STRIDES:

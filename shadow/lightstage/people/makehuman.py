@@ -115,11 +115,11 @@ class Look:
             if not (folder / needed).is_dir():
                 raise ValueError(f"makehuman: expected the folder {needed} of MakeHuman's assets in {folder}")
         sex = "female" if woman else "male"
-        skin = _choose(rng, split, [p.stem for p in folder.glob(f"textures/*skinned_{sex}_diffuse*")])
+        skin = choose(rng, split, [p.stem for p in folder.glob(f"textures/*skinned_{sex}_diffuse*")])
         colour = hair_colour(rng)
         hair = suit = shoes = None
         if rng.random() < 0.6:
-            name = _choose(rng, split, HAIR[sex])
+            name = choose(rng, split, HAIR[sex])
             hair = _cards(folder, "hair", name, f"{name}_diffuse.png"), _strands(folder, name, colour)
         if rng.random() < 0.35:
             suits = sorted(path.name for path in folder.glob(f"clothes/{sex}_*suit*"))
@@ -133,7 +133,7 @@ class Look:
         return cls(_skin(folder, skin, rng), (brows, dark), (lashes, dark), hair, suit, shoes)
 
 
-def _choose(rng: np.random.Generator, split: str, names: list[str] | tuple[str, ...]) -> str:
+def choose(rng: np.random.Generator, split: str, names: list[str] | tuple[str, ...]) -> str:
     """Draw a name that is not reserved for another split; those of the own split first."""
     own = [name for name in sorted(names) if name in RESERVED.get(split, ())]
     others = {name for other, taken in RESERVED.items() if other != split for name in taken}

@@ -24,13 +24,12 @@ def silent(what, share=None):
 
 
 @pytest.fixture
-def kept(viewed, tmp_path, monkeypatch):
+def kept(viewed, here):
     """A photograph in the working folder that has been analysed."""
-    monkeypatch.chdir(tmp_path)
-    (tmp_path / tasks.PREVIEWS).mkdir()
-    tasks._keep("me.png", viewed)
+    (here / tasks.PREVIEWS).mkdir()
+    tasks.keep("me.png", viewed)
     yield viewed
-    tasks._subjects.clear()
+    tasks.subjects.clear()
 
 
 @pytest.mark.parametrize("azimuth", [None, -60])

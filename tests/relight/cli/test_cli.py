@@ -239,10 +239,9 @@ def test_apply_writes_layers_and_a_nuke_script(tmp_path, photo):
     ],
 )
 def test_what_can_be_refused_is_refused_before_any_work(
-    here, tmp_path, photo, monkeypatch, command, options, message
+    here, tmp_path, photo, no_networks, command, options, message
 ):
     (tmp_path / "x").mkdir()
-    monkeypatch.setattr("shadow.networks.checkpoints.load", None)
     before = {path: path.read_bytes() for path in tmp_path.glob("*.*")}
     lights = [] if command == "olat" else ["--light", "azimuth=10"]
     result = run(command, *photo, *lights, *options)

@@ -88,8 +88,7 @@ def run(*arguments):
         (["video", "p.%04d.png", *LAMP, "-o", "q.%d.png"], "q.%d.png: is read as well"),
     ],
 )
-def test_a_refused_command_prints_one_line_and_changes_no_file(tmp_path, monkeypatch, arguments, message):
-    monkeypatch.setattr("shadow.networks.checkpoints.load", None)
+def test_a_refused_command_prints_one_line_and_changes_no_file(tmp_path, no_networks, arguments, message):
     before = {path: path.read_bytes() for path in tmp_path.rglob("*") if path.is_file()}
     result = run(*arguments)
     assert result.exit_code == 2, result.output

@@ -79,10 +79,12 @@ def test_nearly_opaque_alpha_is_no_matte(fetched):
     assert overlap(given.alpha.numpy(), where) > 0.9
 
 
-def test_nobody_and_no_networks_are_said(fetched, monkeypatch):
+def test_nobody_is_said(fetched):
     with pytest.raises(EmptyMatteError, match="found no person in the photograph: give a mask"):
         check_inputs(photograph()[0])
-    monkeypatch.undo()
+
+
+def test_missing_networks_are_said():
     person.load.cache_clear()
     with pytest.raises(MissingNetworksError, match="relight fetch person brings them"):
         check_inputs(photograph((90, 70, 14))[0])

@@ -83,8 +83,8 @@ def test_the_flow_of_a_pair_of_frames_is_computed_once_and_a_frame_entered_alone
     for number in range(1, 6):
         relight.write(tmp_path / f"p.{number}.exr", frame(4 + 3 * number))
     alone = inputs_of(tmp_path / "p.%d.exr", f"{model},{OPTIONS}").frame(3).matte
-    flow, flows = optical_flow._flow, []
-    monkeypatch.setattr(optical_flow, "_flow", lambda *pair: flows.append(pair) or flow(*pair))
+    flow, flows = optical_flow.dense_flow, []
+    monkeypatch.setattr(optical_flow, "dense_flow", lambda *pair: flows.append(pair) or flow(*pair))
     shot = inputs_of(tmp_path / "p.%d.exr", f"{model},{OPTIONS}")
     mattes = [shot.frame(number).matte for number in range(1, 6)]
     assert len(flows) == 2 * 4  # there and back

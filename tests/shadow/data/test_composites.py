@@ -53,7 +53,7 @@ def test_a_person_whom_the_frame_cuts_is_cut_there():
     half = composites.Cutout(half.colour[:32], half.alpha[:32], [])
     for seed in range(5):
         rng = np.random.default_rng(seed)
-        frame = composites._frame(rng, half, SIDE)
+        frame = composites.framed(rng, half, SIDE)
         layer, _ = composites.Frame(*frame).placed(rng, half)
         valid = composites.Frame(*frame).valid()[0]
         last = int(torch.nonzero(valid.any(dim=1)).max())

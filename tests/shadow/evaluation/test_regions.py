@@ -65,11 +65,11 @@ def test_shadow_counts_on_a_region_alone(ball, tmp_path):
     drawn = sample(cut, np.random.default_rng(0), (256, 192), augment=False)
     face = drawn["regions"][0] > 0.5
     truth = lambda lights: drawn["visibility"][drawn["directions"][:, 2] > 1e-6]  # noqa: E731
-    found, shadow, false, lit = regions._count_cast(drawn, truth, face & (drawn["mask"][0] > 0.5))
+    found, shadow, false, lit = regions.count_cast(drawn, truth, face & (drawn["mask"][0] > 0.5))
     assert found == shadow > 0
     assert lit < 0.05 * shadow
     none = lambda lights: 1 + 0 * truth(lights)  # noqa: E731
-    assert regions._count_cast(drawn, none, face)[0] == false == 0
+    assert regions.count_cast(drawn, none, face)[0] == false == 0
 
 
 def test_scores_of_the_shipped_field(figure, ball, tmp_path):

@@ -69,7 +69,7 @@ def test_normals_are_those_of_the_folds_and_colours_stay(person, folded):
     mesh = trimesh.Trimesh(folded.vertices, folded.faces, process=False)
     truth = vertex_normals(mesh.vertices, mesh.faces)
     angle = np.degrees(np.arccos(np.clip((folded.normals * truth).sum(axis=1), -1, 1)))
-    flat = folds._subdivide(person, np.zeros(len(person.vertices)))[0]
+    flat = folds.subdivide(person, np.zeros(len(person.vertices)))[0]
     before = np.degrees(np.arccos(np.clip((flat.normals * truth).sum(axis=1), -1, 1)))
     assert before.mean() > 3
     assert angle.mean() < 1
@@ -83,7 +83,7 @@ def test_textures_follow_their_faces(person):
     asked = replace(
         person, albedo=lambda face, bary: np.einsum("nk,nkc->nc", bary, person.vertices[person.faces[face]])
     )
-    fine = folds._subdivide(asked, np.zeros(len(person.vertices)))[0]
+    fine = folds.subdivide(asked, np.zeros(len(person.vertices)))[0]
     rng = np.random.default_rng(0)
     face, barycentric = rng.integers(len(fine.faces), size=500), rng.dirichlet([1, 1, 1], 500)
     place = np.einsum("nk,nkc->nc", barycentric, fine.vertices[fine.faces[face]])

@@ -76,8 +76,8 @@ def test_distillation_learns_the_mean_of_two_passes(folder, tmp_path):
         [photographs.sample(sphere(), np.random.default_rng(i), (128, 96), 20) for i in range(2)]
     )
     cpu, recipe = torch.device("cpu"), Recipe(steps=1, size=128, distil=1.0)
-    auxiliary = loop._auxiliary(SHADOW, recipe, None, teacher, cpu)
-    prepared = loop._prepare(batch, cpu, auxiliary, recipe)
+    auxiliary = loop.auxiliary_networks(SHADOW, recipe, None, teacher, cpu)
+    prepared = loop.prepare(batch, cpu, auxiliary, recipe)
     mean = VisibilityField(size=128, **TINY)  # faces the camera, as the mean does
     with torch.no_grad():
         mean.backbone.head.bias[-8:-4] = 0.5
@@ -139,7 +139,7 @@ def test_a_mini_batch_is_its_photographs_however_many_are_taken_at_a_time(photog
 
     task, recipe = replace(SHADOW, loss=loss), Recipe(steps=1, batch=5, bfloat16=False)
     cpu = torch.device("cpu")
-    total = loop.gradient(task, network, batch, recipe, cpu, loop._Auxiliary(None, None))
+    total = loop.gradient(task, network, batch, recipe, cpu, loop.Auxiliary(None, None))
     assert seen == [sorted(widths)[start : start + photographs] for start in range(0, 5, photographs)]
     whole = network(encode_image(batch["rgb"], matte)).square().mean()
     torch.testing.assert_close(total, whole.detach())

@@ -65,7 +65,7 @@ def hold(wardrobe: Wardrobe, rng: np.random.Generator, side: str, thing: str, cl
     if side == "both":
         return _between_hands(wardrobe, size, cloth)
     grip = Grip.of(wardrobe, side)
-    body = _Body(wardrobe, side)
+    body = Surroundings(wardrobe, side)
     if thing in ("bag", "case"):
         return _hang(wardrobe, grip, body, size, cloth, rng)
     # Direction in the plane of the palm, in degrees: 0 is toward the thumb, 90 toward the finger tips.
@@ -87,7 +87,7 @@ def hold(wardrobe: Wardrobe, rng: np.random.Generator, side: str, thing: str, cl
     return False
 
 
-class _Body:
+class Surroundings:
     """The clothed trunk, legs and other arm, with which a held object must not collide."""
 
     def __init__(self, wardrobe: Wardrobe, side: str) -> None:
@@ -122,7 +122,12 @@ def _add(wardrobe: Wardrobe, points: np.ndarray, local: np.ndarray, cloth: Fabri
 
 
 def _hang(
-    wardrobe: Wardrobe, grip: Grip, body: _Body, size: np.ndarray, cloth: Fabric, rng: np.random.Generator
+    wardrobe: Wardrobe,
+    grip: Grip,
+    body: Surroundings,
+    size: np.ndarray,
+    cloth: Fabric,
+    rng: np.random.Generator,
 ) -> bool:
     """Hang a bag or a case by its handles from a fist, beside the leg."""
     fist = grip.at + 0.02 * grip.palm + 0.01 * grip.along
@@ -163,7 +168,7 @@ def _between_hands(wardrobe: Wardrobe, size: np.ndarray, cloth: Fabric) -> bool:
     aside = normalize(across)
     forward = normalize(np.cross(aside, [0, 1.0, 0]))
     axes = np.stack([aside, np.cross(forward, aside), forward])
-    body, solid = _Body(wardrobe, "both"), _solid(size)
+    body, solid = Surroundings(wardrobe, "both"), _solid(size)
     for ahead in (0.0, 0.04, 0.08, 0.12):
         points = solid @ axes + (left.at + right.at) / 2 + forward * ahead
         if body.depth(points) < MAX_PENETRATION:

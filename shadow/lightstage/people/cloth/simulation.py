@@ -119,7 +119,7 @@ class Simulator:
 
         Returns its posed vertices (V, 3).
         """
-        self.digest = _digest(cut, self.digest, self.person)
+        self.digest = digest_of(cut, self.digest, self.person)
         draped = GarmentSimulation(self, cut, list(self.layers), self.digest)
         last = MOVING + SETTLING
         self.layers.append(
@@ -320,7 +320,7 @@ def _rotate_offsets(offset: np.ndarray, before: np.ndarray, after: np.ndarray) -
     return np.where(sound[:, None], turned / np.maximum(stretch, 0.1)[:, None], offset)
 
 
-def _digest(cut: Cut, under: str, person: Person) -> str:
+def digest_of(cut: Cut, under: str, person: Person) -> str:
     """Return the digest of all that determines the shape of a garment."""
     state = hashlib.sha256(f"{VERSION} {under}".encode())
     state.update(np.ascontiguousarray(person.transforms).tobytes())

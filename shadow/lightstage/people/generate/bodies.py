@@ -274,7 +274,7 @@ def assemble(parts: list[MeshPart], person: Person, name: str, split: str) -> Fi
             colour[mine] = worn[k](u[mine], v[mine], points[mine])
         return colour
 
-    normal_map, tangent = _normal_map(parts)
+    normal_map, tangent = joined_normal_map(parts)
     return Figure(
         vertices.astype(np.float32),
         faces.astype(np.int32),
@@ -288,7 +288,7 @@ def assemble(parts: list[MeshPart], person: Person, name: str, split: str) -> Fi
     )
 
 
-def _normal_map(parts: list[MeshPart]) -> tuple[NormalMap | None, np.ndarray | None]:
+def joined_normal_map(parts: list[MeshPart]) -> tuple[NormalMap | None, np.ndarray | None]:
     """Return the normal map of all parts, and the tangents (F, 3, 4); None if no part has one."""
     if all(part.normal_map is None for part in parts):
         return None, None

@@ -11,8 +11,8 @@ def draw(skeleton: Skeleton, rng: np.random.Generator) -> Pose:
     """Draw a random pose, about a quarter of them lively."""
     pose = Pose(skeleton, rng)
     lively = rng.random() < 0.22
-    calm = [_stand] * 3 + [_contrapposto] * 3 + [_walk] * 2 + [_wide, _sit]
-    legs = [_sit, _kneel, _run, _lunge, _lift, _wide, _walk] if lively else calm
+    calm = [_stand] * 3 + [_contrapposto] * 3 + [_walk] * 2 + [_wide, seated_legs]
+    legs = [seated_legs, _kneel, _run, _lunge, _lift, _wide, _walk] if lively else calm
     legs[rng.choice(len(legs))](pose)
     _torso(pose, lively)
     for side in "LR":
@@ -39,7 +39,7 @@ def stand(skeleton: Skeleton, rng: np.random.Generator) -> Pose:
     (_stand if rng.random() < 0.5 else _contrapposto)(pose)
     _torso(pose, lively=False)
     for side in "LR":
-        _down(pose, side)
+        arms_down(pose, side)
         pose.fingers(side, 22, 1)
     return pose
 
@@ -114,7 +114,7 @@ def _wide(pose: Pose) -> None:
         pose.leg(side, bend, bend * 1.8, out + pose.jitter(3), 15 + pose.jitter(6))
 
 
-def _sit(pose: Pose) -> None:
+def seated_legs(pose: Pose) -> None:
     pose.seated = True
     pose.pelvis(-4 + pose.jitter(5), pose.jitter(12), pose.jitter(2))
     out = pose.rng.uniform(2, 20)
@@ -142,7 +142,7 @@ def _near(pose: Pose, side: str, joint: str, x: Range, y: Range, z: Range) -> np
     return pose.skeleton.head(joint) + np.array([SIDES[side], 1, 1]) * offset
 
 
-def _down(pose: Pose, side: str) -> None:
+def arms_down(pose: Pose, side: str) -> None:
     bend = abs(pose.jitter(12)) + 6
     swing = pose.jitter(12)
     upper = rotation((1, 0, 0), -swing) @ np.array([0.16 + 0.06 * pose.rng.random(), -1, 0.0])
@@ -168,12 +168,12 @@ def _akimbo(pose: Pose, side: str) -> None:
     pose.fingers(side, *[(70, 0), (30, 2)][pose.rng.integers(2)])
 
 
-def _pocket(pose: Pose, side: str) -> None:
+def hand_in_pocket(pose: Pose, side: str) -> None:
     """Mark a hand that `pockets.put_in` puts into a pocket, once the hip is posed."""
     if pose.seated:
         _held_in_front(pose, side)
         return
-    _down(pose, side)
+    arms_down(pose, side)
     pose.pocketed.append(side)
 
 
@@ -247,7 +247,7 @@ def _crossed(pose: Pose) -> None:
         pose.fingers(str(side), 25, 0)
 
 
-def _hugging(pose: Pose, side: str) -> None:
+def hugging(pose: Pose, side: str) -> None:
     """Hold something flat in front of the chest, with the forearm across it."""
     target = _near(pose, side, "spine02", (-0.04, 0.08), (-0.2, -0.04), (0.22, 0.3))
     pose.hand_to(side, target, (1.0, -1.0, -0.2), pose.jitter(15))
@@ -255,7 +255,7 @@ def _hugging(pose: Pose, side: str) -> None:
     pose.held[side] = str(pose.rng.choice(["binder", "folder", "book", "tablet"]))
 
 
-def _reading(pose: Pose, side: str) -> None:
+def reading(pose: Pose, side: str) -> None:
     """Hold something to look at in front of the belly."""
     target = _near(pose, side, "spine04", (0.0, 0.12), (0.08, 0.28), (0.28, 0.4))
     pose.hand_to(side, target, (0.8, -1.0, -0.3), -35 + pose.jitter(25))
@@ -273,14 +273,14 @@ def _at_ear(pose: Pose, side: str) -> None:
 
 def _carrying(pose: Pose, side: str) -> None:
     """Let the arm hang, with something in the hand."""
-    _down(pose, side)
+    arms_down(pose, side)
     pose.held[side] = str(
         pose.rng.choice(["bag", "case", "binder", "folder", "stick"], p=[0.35, 0.2, 0.15, 0.15, 0.15])
     )
     pose.fingers(side, 68 if pose.held[side] in ("bag", "case", "stick") else 30, 0)
 
 
-def _lifting(pose: Pose) -> None:
+def lifting(pose: Pose) -> None:
     """Hold a crate with both hands at its sides."""
     belly = pose.skeleton.head("spine04")
     half, height, ahead = (
@@ -295,13 +295,13 @@ def _lifting(pose: Pose) -> None:
     pose.held["both"] = "crate"
 
 
-_BOTH = (_crossed, _lifting)  # of both arms
+_BOTH = (_crossed, lifting)  # of both arms
 # How often each is drawn: (calm, lively). Those of one arm take its side as well.
 _ARMS: dict[Callable[..., None], tuple[float, float]] = {
-    _down: (5, 1),
+    arms_down: (5, 1),
     _swung: (2, 2),
     _akimbo: (2, 1),
-    _pocket: (2.5, 0),
+    hand_in_pocket: (2.5, 0),
     _across: (1.5, 1),
     _held_in_front: (2, 1),
     _to_face: (1.2, 1),
@@ -312,9 +312,9 @@ _ARMS: dict[Callable[..., None], tuple[float, float]] = {
     _behind_back: (0.4, 0.2),
     _sideways: (0.2, 1.5),
     _crossed: (1.2, 0.3),
-    _lifting: (0.5, 0.3),
-    _hugging: (0.9, 0.3),
-    _reading: (1.0, 0.5),
+    lifting: (0.5, 0.3),
+    hugging: (0.9, 0.3),
+    reading: (1.0, 0.5),
     _at_ear: (0.4, 0.3),
     _carrying: (0.9, 0.5),
 }

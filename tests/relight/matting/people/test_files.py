@@ -145,9 +145,8 @@ def test_a_user_without_a_home_is_told(monkeypatch):
 
 @pytest.mark.skipif(sys.platform in ("win32", "darwin"), reason="folders of Linux")
 def test_the_cache_is_the_users(tmp_path, monkeypatch):
-    monkeypatch.delenv("RELIGHT_CACHE", raising=False)
-    monkeypatch.setenv("XDG_CACHE_HOME", str(tmp_path))
-    assert person_files.folder() == tmp_path / "relight" / "person"
-    monkeypatch.setenv("XDG_CACHE_HOME", "relative, which is to be ignored")
-    monkeypatch.setenv("HOME", str(tmp_path))
-    assert person_files.folder() == tmp_path / ".cache" / "relight" / "person"
+    relative = {"XDG_CACHE_HOME": "relative, which is to be ignored", "HOME": str(tmp_path)}
+    for variables, folder in (({"XDG_CACHE_HOME": str(tmp_path)}, tmp_path), (relative, tmp_path / ".cache")):
+        for name, value in {"RELIGHT_CACHE": "", **variables}.items():
+            monkeypatch.setenv(name, value)
+        assert person_files.folder() == folder / "relight" / "person"

@@ -155,15 +155,15 @@ def test_looks_are_joined_in_place_and_by_weight():
 
 
 def test_anchors_are_those_of_the_detector():
-    anchors = person_detector._anchors()
+    anchors = person_detector.anchor_centres()
     assert anchors.shape == (2254, 2)
     np.testing.assert_allclose(anchors[[0, 1, 2, -1]], np.array([[4, 4], [4, 4], [12, 4], [208, 208]]) / 224)
 
 
 def test_the_parts_cover_the_picture_to_its_rim():
-    assert [*person_detector._parts(100, 60, 1.0)] == [(0.0, -20.0, 100.0)]
-    assert [*person_detector._parts(100, 60, 1.4)] == [(-20.0, 0.0, 140.0)]
-    parts = [*person_detector._parts(100, 60, 0.5)]
+    assert [*person_detector.picture_parts(100, 60, 1.0)] == [(0.0, -20.0, 100.0)]
+    assert [*person_detector.picture_parts(100, 60, 1.4)] == [(-20.0, 0.0, 140.0)]
+    parts = [*person_detector.picture_parts(100, 60, 0.5)]
     assert {(left, top) for left, top, _ in parts} == {(left, top) for left in (0, 25, 50) for top in (0, 10)}
 
 

@@ -142,7 +142,7 @@ def test_clothes_hide_the_body_and_keep_their_normal_map(assets, person):
         person, bodies.Wardrobe(person, np.random.default_rng(0)), np.random.default_rng(0), chosen
     )
     assert len(skin.faces) < 0.2 * len(whole.faces)
-    normal_map, tangents = bodies._normal_map([skin, wardrobe.parts[0]])
+    normal_map, tangents = bodies.joined_normal_map([skin, wardrobe.parts[0]])
     cloth = np.array([len(skin.faces)])
     tilted, flat = (normal_map(face, np.full((1, 3), 1 / 3))[0] for face in (cloth, np.array([0])))
     assert tilted[0] > 0.3
@@ -157,7 +157,7 @@ def test_the_splits_share_no_skin(assets):
         for seed in range(30):
             rng = np.random.default_rng(seed)
             skins = [path.stem for path in assets.glob("textures/*skinned_male_diffuse*")]
-            drawn.add(makehuman._choose(rng, split, skins))
+            drawn.add(makehuman.choose(rng, split, skins))
     assert not names["training"] & names["validation"]
     assert names["validation"] == {"middleage_lightskinned_male_diffuse2"}
 

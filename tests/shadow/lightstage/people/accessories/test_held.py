@@ -29,7 +29,7 @@ def wardrobe(gesture, seated=False, seed=0):
     shape = bodies.Shape.draw(rng)
     pose = poses.stand(shape.skeleton, rng)
     if seated:
-        poses._sit(pose)
+        poses.seated_legs(pose)
     gesture(pose)
     person = shape.posed(pose)
     made = Wardrobe(person, rng)
@@ -44,19 +44,19 @@ def closed(part):
 
 @pytest.mark.parametrize("thing", ["binder", "folder", "book", "phone", "stick"])
 def test_a_thing_lies_in_the_hand_and_not_in_the_body(thing):
-    made, rng = wardrobe(lambda pose: poses._reading(pose, "L"))
+    made, rng = wardrobe(lambda pose: poses.reading(pose, "L"))
     assert held.hold(made, rng, "L", thing, GREY)
     part = made.parts[-1]
     assert closed(part)
     at = held.Grip.of(made, "L").at
     assert np.linalg.norm(part.vertices - at, axis=1).min() < 0.06
-    assert held._Body(made, "L").depth(part.vertices) < held.MAX_PENETRATION
+    assert held.Surroundings(made, "L").depth(part.vertices) < held.MAX_PENETRATION
 
 
 def test_binders_are_held_at_many_angles_to_the_body():
     angles = []
     for seed in range(8):
-        made, rng = wardrobe(lambda pose: poses._hugging(pose, "R"), seed=seed)
+        made, rng = wardrobe(lambda pose: poses.hugging(pose, "R"), seed=seed)
         if held.hold(made, rng, "R", "binder", GREY):
             points = made.parts[-1].vertices
             across = np.linalg.svd(points - points.mean(axis=0), full_matrices=False)[2][2]
@@ -66,12 +66,12 @@ def test_binders_are_held_at_many_angles_to_the_body():
 
 
 def test_a_bag_hangs_from_the_fist_and_a_crate_is_between_the_hands():
-    made, rng = wardrobe(lambda pose: poses._down(pose, "R"))
+    made, rng = wardrobe(lambda pose: poses.arms_down(pose, "R"))
     assert held.hold(made, rng, "R", "bag", GREY)
     bag = made.parts[1]
     assert closed(bag)
     assert bag.vertices[:, 1].max() < held.Grip.of(made, "R").at[1]
-    made, rng = wardrobe(poses._lifting)
+    made, rng = wardrobe(poses.lifting)
     assert held.hold(made, rng, "both", "crate", GREY)
     left, right = (held.Grip.of(made, side).at for side in "LR")
     assert right[0] < made.parts[-1].vertices[:, 0].mean() < left[0]

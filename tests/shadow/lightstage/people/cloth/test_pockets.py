@@ -26,7 +26,7 @@ def pocketed():
     rng = np.random.default_rng(3)
     shape = bodies.Shape.draw(rng)
     pose = poses.stand(shape.skeleton, rng)
-    poses._pocket(pose, "L")
+    poses.hand_in_pocket(pose, "L")
     return shape.posed(pose)
 
 
@@ -76,6 +76,6 @@ def test_a_body_without_pockets_has_no_bulge():
 def test_nobody_who_sits_has_a_hand_in_a_pocket():
     rng = np.random.default_rng(3)
     pose = poses.stand(bodies.Shape.draw(rng).skeleton, rng)
-    poses._sit(pose)
-    poses._pocket(pose, "L")
+    poses.seated_legs(pose)
+    poses.hand_in_pocket(pose, "L")
     assert not pose.pocketed

@@ -110,12 +110,12 @@ def test_a_truncated_file_is_simulated_again_to_the_same_folds(undressed, worn, 
 
 def test_digest_covers_every_column_of_a_cut(person, worn):
     _, cut, _, _ = worn
-    digest = simulation._digest(cut, "", person)
+    digest = simulation.digest_of(cut, "", person)
     for name in ("rest", "held", "longer", "hinge", "anchored"):
         column = getattr(cut, name).copy()
         column[0] = 1 - column[0]
-        assert simulation._digest(replace(cut, **{name: column}), "", person) != digest
-    assert simulation._digest(replace(cut, friction=0.1), "", person) != digest
+        assert simulation.digest_of(replace(cut, **{name: column}), "", person) != digest
+    assert simulation.digest_of(replace(cut, friction=0.1), "", person) != digest
 
 
 # The nearest points of a surface ---------------------------------------------------------------------------
