@@ -410,7 +410,7 @@ def save(
     elif suffix == ".glb":
         export_person(output, source, lighting, progress=then("Making the mesh", ANALYSED))
     else:
-        written = Output((Path(output),), passes=tuple(passes), exposure=_exposure(look), **form)
+        written = Output((Path(output),), passes=tuple(passes), exposure=exposure_of(look), **form)
         _save_picture(source, lighting, written, report)
     return {"file": output}
 

@@ -69,7 +69,7 @@ def open_stage(path: AnyPath, *, allow_external: bool = False) -> Usd.Stage:
     return stage
 
 
-def _opened(file: str) -> Any:
+def _opened(file: str) -> Sdf.Layer | None:
     """Return the layer of a file, None for no USD file; raises Tf.ErrorException if it cannot be read."""
     from pxr import Sdf
 
@@ -90,13 +90,13 @@ def _check_binary(path: Path, asset: str | None = None) -> None:
             is_text = opened.read(len(TEXT)) == TEXT
     except OSError:
         return  # which is reported where the stage draws it in
-    problem = "" if is_text else _problem(file.resolve(), file_version(file))
+    problem = "" if is_text else layer_problem(file.resolve(), file_version(file))
     if problem:
         raise ValueError(f"{path}: {problem}" if asset is None else f"{path}: draws in {asset}: {problem}")
 
 
 @functools.lru_cache(maxsize=64)
-def _problem(path: Path, version: tuple[int, ...]) -> str:
+def layer_problem(path: Path, version: tuple[int, ...]) -> str:
     """Return what is wrong with a USD file, by a process of its own that reads it; "" for nothing.
 
     `version` tells the cache when the file has been written again. Where no such process starts, as in some

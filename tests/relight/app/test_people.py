@@ -2,12 +2,11 @@
 
 import numpy as np
 import pytest
-from helpers.finders import discs, small_finder
+from helpers.finders import discs
 from PIL import ExifTags, Image
 
 import relight
 from relight.app import people, tasks
-from relight.matting.people import finder
 from relight.matting.people.region import Circle, DetectedPerson
 from relight.media import images
 
@@ -18,15 +17,9 @@ def silent(what, share=None):
     """Take a report of progress."""
 
 
-@pytest.fixture(scope="module")
-def small(tmp_path_factory):
-    return small_finder(tmp_path_factory.mktemp("networks"))
-
-
 @pytest.fixture
-def two(here, small, monkeypatch):
+def two(here, fetched):
     """A photograph of two people, a large and a small disc, in the working folder; where both are."""
-    monkeypatch.setattr(finder, "load", lambda: small)
     picture, where = discs((300, 400), (110, 150, 45), (300, 170, 28))
     Image.fromarray(np.round(255 * picture).astype(np.uint8)).save("two.png")
     tasks.read("two.png", silent)
@@ -70,22 +63,22 @@ def test_what_is_odd_is_told():
     assert of(person, turns=2).oddity(1, matte) == "turned"
 
 
-def test_a_picture_that_is_not_upright_says_how_to_turn_it(small, monkeypatch):
+def test_a_picture_that_is_not_upright_says_how_to_turn_it(finder, monkeypatch):
     picture, _ = discs((300, 200), (100, 150, 50))
-    assert small.turns_to_upright(picture, small.people(picture)) == 0
-    monkeypatch.setattr(small, "_detector", lambda seen, share, score: [(np.zeros(2), np.ones(2))])
+    assert finder.turns_to_upright(picture, finder.people(picture)) == 0
+    monkeypatch.setattr(finder, "_detector", lambda seen, share, score: [(np.zeros(2), np.ones(2))])
 
     def upright_if_wide_and_first(picture, around, scale):
         marked = float(picture[0, :100, :100].mean()) > 0.9  # the bright corner is at the top left
         circle = Circle(np.array([50.0, 50.0]), 40.0, np.array([0.0, -1.0]))
         return [DetectedPerson(circle, np.ones((256, 256)), 1.0 if marked else 0.2)]
 
-    monkeypatch.setattr(small, "_person", upright_if_wide_and_first)
+    monkeypatch.setattr(finder, "_person", upright_if_wide_and_first)
     for turns in (1, 2, 3):
         marked = np.zeros((300, 200, 3), np.float32)
         marked[:150, :150] = 1
         turned = np.ascontiguousarray(np.rot90(marked, turns))  # clockwise turns bring it back
-        assert small.turns_to_upright(turned, []) == turns
+        assert finder.turns_to_upright(turned, []) == turns
 
 
 @pytest.mark.parametrize("turns", [1, 2, 3])

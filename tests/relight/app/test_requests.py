@@ -221,21 +221,27 @@ def test_pixels_that_a_header_does_not_tell_are_limited_as_well(tmp_path, here, 
         relight.media.images.limit_pixels(None)
 
 
+@pytest.fixture
+def at_home(monkeypatch):
+    """Gives the user a home."""
+    return lambda folder: monkeypatch.setenv("HOME", folder)
+
+
 @pytest.mark.parametrize("home", ["/", "//", "", ".", None])
-def test_a_home_that_is_none_is_no_reason_to_fail(home, monkeypatch):
+def test_a_home_that_is_none_is_no_reason_to_fail(home, at_home, monkeypatch):
     def at():
         raise RuntimeError("Could not determine home directory.")
 
     if home is None:
         monkeypatch.setattr(worker.Path, "home", at)
     else:
-        monkeypatch.setenv("HOME", home)
+        at_home(home)
     assert worker.as_sentence("colour: expected 1/0.9/0.8.", "/tmp/x") == "colour: expected 1/0.9/0.8."
 
 
 @pytest.mark.parametrize("home", ["/home/ada", "/home/ada/", "/h"])
-def test_sentences_have_no_home_and_no_other_folder_is_one(home, monkeypatch):
-    monkeypatch.setenv("HOME", home)
+def test_sentences_have_no_home_and_no_other_folder_is_one(home, at_home):
+    at_home(home)
     place = home.rstrip("/")
     said = worker.as_sentence(f"{place}/a.png: see {place}vance/b.png and half{place}", "/tmp/x")
     assert said == f"~/a.png: see {place}vance/b.png and half{place}"

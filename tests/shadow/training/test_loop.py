@@ -106,9 +106,20 @@ def test_a_stacked_and_compiled_run_learns_what_a_plain_one_does(tmp_path, monke
     assert not torch._dynamo.utils.counters["graph_break"]
 
 
-def test_a_run_with_a_duration_follows_the_clock(folder, tmp_path, monkeypatch):
-    clock, rates = itertools.count(step=10), []
-    monkeypatch.setattr(loop.time, "monotonic", lambda: float(next(clock)))
+@pytest.fixture
+def clock(monkeypatch):
+    """Lets every look at the clock take so many seconds."""
+
+    def advance(seconds):
+        times = itertools.count(step=seconds)
+        monkeypatch.setattr(loop.time, "monotonic", lambda: next(times))
+
+    return advance
+
+
+def test_a_run_with_a_duration_follows_the_clock(folder, tmp_path, clock, monkeypatch):
+    clock(10.0)
+    rates = []
     step = optimiser.Optimiser.step
     monkeypatch.setattr(
         optimiser.Optimiser, "step", lambda self, rate: rates.append(rate) or step(self, rate)
@@ -230,10 +241,9 @@ def test_blocks_of_the_empty_canvas_are_zero_as_in_the_whole_maps():
     assert found.any()
 
 
-def test_checkpoints_follow_the_clock_and_not_the_log(folder, tmp_path, monkeypatch):
+def test_checkpoints_follow_the_clock_and_not_the_log(folder, tmp_path, clock, monkeypatch):
     """Steps of two minutes each: of five, the third and the last are due."""
-    clock = itertools.count(step=120.0)
-    monkeypatch.setattr(loop.time, "monotonic", lambda: next(clock))
+    clock(120.0)
     saved = []
     monkeypatch.setattr(loop.State, "save", lambda state, facts: saved.append(state.step))
     monkeypatch.setattr(loop, "gradient", lambda *given: torch.zeros(()))

@@ -69,7 +69,7 @@ def test_a_stage_that_takes_too_much_memory_is_refused_within_bounds(tmp_path, m
 @pytest.mark.parametrize("name", ["set.usdc", "set.usda"])
 def test_what_usd_raises_after_another_process_could_read_the_file_is_one_line(tmp_path, monkeypatch, name):
     """USD reads memory beyond a damaged layer, so that two processes do not see the same."""
-    monkeypatch.setattr(scene_stage, "_problem", lambda path, version: "")
+    monkeypatch.setattr(scene_stage, "layer_problem", lambda path, version: "")
     (tmp_path / "set.usda").write_text("#usda 1.0\n(\n    subLayers = [@./set.usdc@]\n)\n")
     whole = crate(tmp_path / "whole.usdc")
     (tmp_path / "set.usdc").write_bytes(whole[: len(whole) // 2])
