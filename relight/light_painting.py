@@ -55,6 +55,11 @@ class _Stroke(NamedTuple):
     mask: torch.Tensor  # (H, W) in [0, 1]
     factor: float | np.ndarray  # of the light: a number, or (H, W)
 
+    @property
+    def varies(self) -> bool:
+        """Whether the factor differs from place to place."""
+        return isinstance(self.factor, np.ndarray)
+
 
 @isolated
 @checks_arguments
@@ -133,16 +138,20 @@ def paint_lights(
 class LightPainter:
     """Solves for the lights of strokes on one person, again and again while one paints.
 
-    Raises as `paint_lights` does.
+    The masks of strokes have `size` (H, W), the subject's, or a `reduced` one at which they are quicker to
+    draw. Raises as `paint_lights` does.
     """
 
-    def __init__(self, subject: Subject, lights: Lights | None = None, *, gloss: float = 0.0) -> None:
+    def __init__(
+        self, subject: Subject, lights: Lights | None = None, *, gloss: float = 0.0, reduced: bool = False
+    ) -> None:
         if not isinstance(subject, Subject):
             raise TypeError(f"subject: expected a relight.Subject, got {type(subject).__name__}")
         if subject.is_empty:
             raise ValueError("subject: shows no person; expected one on whom light can be painted")
         current = [] if lights is None else subject.placed(lights)
-        self._size, self._grid = subject.size, subject.light_grid(checked_gloss(gloss))
+        self._grid = subject.light_grid(checked_gloss(gloss))
+        self.size = self._grid.drawing_size if reduced else subject.size
         self._solver = LightSolver(self._grid, current)
         self._before, present = self._solver.picture, subject.relit(current, gloss)
         if lights is None:
@@ -159,8 +168,8 @@ class LightPainter:
             coverages, asked = [covered], [_change(self._before, wanted, covered)]
         else:
             given = [self._checked(number, stroke) for number, stroke in enumerate(_several(strokes), 1)]
-            coverages = [self._coverage(number, stroke) for number, stroke in enumerate(given, 1)]
-            factors = [self._factors(stroke) for stroke in given]
+            coverages = self._coverages(given)
+            factors = self._factors(given, coverages)
             _check_agree(coverages, factors)
             wanted, covered = self._of_strokes(coverages, factors)
             asked = [_mean(each, cover) for each, cover in zip(factors, coverages, strict=True)]
@@ -181,7 +190,7 @@ class LightPainter:
                 f"strokes: stroke {number}: expected a pair (mask, factor), got {shown(stroke)}"
             ) from None
         mask = self._mask(number, mask)
-        if isinstance(factor, np.ndarray) and factor.shape == self._size:
+        if isinstance(factor, np.ndarray) and factor.shape == self.size:
             usable = np.isfinite(factor).all() and factor.min() >= 0 and factor.max() <= MOST_FACTOR
             if not usable:
                 raise ValueError(f"strokes: stroke {number}: expected factors from 0 to {MOST_FACTOR:g}")
@@ -193,26 +202,30 @@ class LightPainter:
     def _mask(self, number: int, mask: Any) -> torch.Tensor:
         name = f"strokes: the mask of stroke {number}"
         covered = images.coverage(name, mask)
-        if covered.shape != self._size:
-            raise ValueError(f"{name}: expected the subject's size {self._size}, got {covered.shape}")
+        if covered.shape != self.size:
+            raise ValueError(f"{name}: expected the subject's size {self.size}, got {covered.shape}")
         return torch.from_numpy(np.float32(covered))
 
-    def _coverage(self, number: int, stroke: _Stroke) -> np.ndarray:
-        """Return the share (N,) of each point's cell that a stroke covers."""
-        if not stroke.mask.any():
-            raise ValueError(f"strokes: stroke {number} is empty; expected a mask with something painted")
-        covered = self._grid.coverage(stroke.mask).double().numpy()
-        if covered.max() < 0.05:
-            raise ValueError(f"strokes: stroke {number} is outside the person; expected strokes on them")
-        return covered.clip(0, 1)
+    def _coverages(self, strokes: Sequence[_Stroke]) -> list[np.ndarray]:
+        """Return the share (N,) of each point's cell that each stroke covers."""
+        covered = self._grid.coverage(torch.stack([each.mask for each in strokes])).double().numpy()
+        for number, (stroke, cover) in enumerate(zip(strokes, covered, strict=True), 1):
+            if not stroke.mask.any():
+                raise ValueError(f"strokes: stroke {number} is empty; expected a mask with something painted")
+            if cover.max() < 0.05:
+                raise ValueError(f"strokes: stroke {number} is outside the person; expected strokes on them")
+        return list(covered.clip(0, 1))
 
-    def _factors(self, stroke: _Stroke) -> np.ndarray:
-        """Return the factor (N,) that a stroke asks for at each point, where it covers it."""
-        if not isinstance(stroke.factor, np.ndarray):
-            return np.full(len(self._grid), float(stroke.factor))
-        weighted = self._grid.coverage(stroke.mask * torch.from_numpy(np.float32(stroke.factor)))
-        covered = self._grid.coverage(stroke.mask)
-        return np.where(covered > 1e-3, weighted / covered.clamp_min(1e-3), 1.0).astype(float)
+    def _factors(self, strokes: Sequence[_Stroke], coverages: Sequence[np.ndarray]) -> list[np.ndarray]:
+        """Return the factors (N,) that each stroke asks for at the points, where it covers them."""
+        maps = [each.mask * torch.from_numpy(np.float32(each.factor)) for each in strokes if each.varies]
+        weighted = iter(self._grid.coverage(torch.stack(maps)).double().numpy() if maps else [])
+        return [
+            np.where(cover > 1e-3, next(weighted) / cover.clip(1e-3), 1.0)
+            if each.varies
+            else np.full(len(self._grid), float(each.factor))
+            for each, cover in zip(strokes, coverages, strict=True)
+        ]
 
     def _of_strokes(
         self, coverages: Sequence[np.ndarray], factors: Sequence[np.ndarray]

@@ -150,16 +150,20 @@ class Shading(NamedTuple):
     silhouette: Pixels
     anchors: torch.Tensor  # (K, 3)
 
-    @torch.no_grad()
     def __call__(self, directions: torch.Tensor, seen: torch.Tensor | None = None) -> torch.Tensor:
         """Return shading (D, h, w) in [0, 1], zero outside the subject, for unit directions (D, 3).
 
         It is base + w(L)·residual, as in `ShadingField.shading`, minus RESIDUAL_BIAS. `seen` (D, h, w) is the
         visibility of these directions, if it is already known.
         """
+        return self.silhouette.scatter(self.at_pixels(directions, seen))
+
+    @torch.no_grad()
+    def at_pixels(self, directions: torch.Tensor, seen: torch.Tensor | None = None) -> torch.Tensor:
+        """Return shading (D, N) of the subject's pixels, see `__call__`."""
         residual = anchor_weights(directions, self.anchors) @ self.residual
         base = (directions @ self.normals).clamp_min_(0).mul_(self._seen(directions, seen))
-        return self.silhouette.scatter(_sum(base, residual))
+        return _sum(base, residual)
 
     @torch.no_grad()
     def per_pixel(self, directions: torch.Tensor) -> torch.Tensor:

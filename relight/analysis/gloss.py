@@ -41,10 +41,13 @@ class Gloss(NamedTuple):
 
     def __call__(self, directions: torch.Tensor) -> torch.Tensor:
         """Return maps (D, h, w), at least 0 and at most 0.7, for unit directions (D, 3)."""
+        return self.visibility.silhouette.scatter(self.at_pixels(directions))
+
+    def at_pixels(self, directions: torch.Tensor) -> torch.Tensor:
+        """Return the gloss (D, N) of the person's pixels, for unit directions (D, 3)."""
         normals = self.visibility.maps.normals
         values = reflectance(directions @ normals, normals[2], directions[:, 2:])
-        values = values.mul_(self.visibility.cast(directions)).mul_(self.rim)
-        return self.visibility.silhouette.scatter(values)
+        return values.mul_(self.visibility.cast(directions)).mul_(self.rim)
 
     def per_pixel(self, directions: torch.Tensor) -> torch.Tensor:
         """Return the map (h, w) in which each pixel has its own unit direction (3, h, w)."""

@@ -6,15 +6,16 @@ the powers (Tibshirani 1996) keeps few of these; neighbours are merged. Their di
 refined by Gauss and Newton's method, in which the powers follow at each step (Golub and Pereyra 1973).
 """
 
-from collections.abc import Sequence
-from dataclasses import dataclass, field, replace
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, replace
 from functools import cached_property
 
 import numpy as np
+import torch
 
 from relight.analysis.light_field import ANCHORS
 from relight.analysis.light_grid import LightGrid
-from relight.lights.directional import DirectionalLight
+from relight.lights.directional import DirectionalLight, frame_of
 from relight.lights.light import Light
 
 DARK = 0.1  # of the mean, added to a value before the square root that its error is relative to
@@ -52,15 +53,10 @@ class _Source:
         """What tells its picture from others."""
         return (*self.direction.tolist(), self.angle, id(self.light) if self.light else 0)
 
-    def pictures(self, grid: LightGrid) -> np.ndarray:
-        """Return the picture (3, N) of a power of 1, or of the light as it is."""
-        if self.light is not None:
-            return grid.picture(self.light).double().numpy()
-        return grid.picture(_directional(self.direction, self.angle)).double().numpy()
-
-
-def _directional(direction: np.ndarray, angle: float) -> DirectionalLight:
-    return DirectionalLight(direction.tolist(), angle=angle)
+    @cached_property
+    def tangents(self) -> np.ndarray:
+        """Two unit vectors (2, 3) at right angles to the direction."""
+        return frame_of(self.direction)[:2]
 
 
 class LightSolver:
@@ -74,6 +70,18 @@ class LightSolver:
         self._anchors = grid.pictures(ANCHORS).double().numpy()
         own = [grid.picture(light).double().numpy() for light in self._current]
         self._own = np.stack(own) if own else np.zeros((0, *self._anchors.shape[1:]))
+
+    def _pictures(self, sources: Sequence[_Source]) -> np.ndarray:
+        """Return the pictures (S, 3, N) of a power of 1 of sources, or of the lights as they are."""
+        there = [self._current.index(each.light) for each in sources if each.light is not None]
+        free = [each for each in sources if each.light is None]
+        pictures = np.empty((len(sources), *self._anchors.shape[1:]))
+        is_free = np.array([each.light is None for each in sources])
+        pictures[~is_free] = self._own[there]
+        if free:
+            discs = [each.direction for each in free], [each.angle for each in free]
+            pictures[is_free] = self._grid.pictures_of_discs(*discs).double().numpy()
+        return pictures
 
     @property
     def picture(self) -> np.ndarray:
@@ -96,7 +104,7 @@ class LightSolver:
         present, wanted = (np.concatenate([p, p @ regions.T], axis=1) for p in (self.picture, wanted))
         scale = np.maximum(present, wanted)
         scale = np.sqrt(weights / (scale + DARK * scale.mean() + 1e-12))
-        problem = _Problem(self._grid, wanted * scale, scale, regions)
+        problem = _Problem(self._pictures, wanted * scale, scale, regions)
         unchanged = ((present - wanted) * scale) ** 2
         useless = USELESS * float(unchanged.sum()) + NEGLIGIBLE * float((problem.wanted**2).sum())
         sources = problem.pruned(problem.refined(self._candidates(problem, count)), count, useless)
@@ -156,21 +164,24 @@ class LightSolver:
         return [each for each in lights if each.intensity > 0]
 
 
-@dataclass(frozen=True)
 class _Problem:
-    """Least squares of pictures at the points of a grid."""
+    """Least squares of pictures at the points of a grid.
 
-    grid: LightGrid
-    wanted: np.ndarray  # (3, N + R) times `scale`
-    scale: np.ndarray  # (3, N + R)
-    regions: np.ndarray  # (R, N), each of sum 1
-    _seen: dict[Key, np.ndarray] = field(default_factory=dict)
-    _products: dict[tuple[Key, Key], np.ndarray] = field(default_factory=dict)
-    _worths: dict[Key, np.ndarray] = field(default_factory=dict)
+    `wanted` (3, N + R): the picture times `scale` (3, N + R). `regions` (R, N), each of sum 1. `pictures`
+    makes those of sources; each is made once.
+    """
 
-    def with_means(self, pictures: np.ndarray) -> np.ndarray:
-        """Return values (..., N) at the points, and their means in the regions behind them (..., N + R)."""
-        return np.concatenate([pictures, pictures @ self.regions.T], axis=-1)
+    def __init__(
+        self,
+        pictures: Callable[[Sequence[_Source]], np.ndarray],
+        wanted: np.ndarray,
+        scale: np.ndarray,
+        regions: np.ndarray,
+    ) -> None:
+        self.wanted, self._scale, self._regions, self._make = wanted, scale, regions, pictures
+        self._numbers: dict[Key, int] = {}
+        self._seen: list[np.ndarray] = []  # pictures (3, N + R) times the scale
+        self._solutions: dict[tuple[int, ...], tuple[np.ndarray, float]] = {}
 
     def sparse_powers(self, pictures: np.ndarray, prices: np.ndarray) -> np.ndarray:
         """Return powers (D, 3) >= 0 of lights with pictures (D, 3, N), each colour for itself.
@@ -180,10 +191,9 @@ class _Problem:
         from scipy.linalg import solve_triangular
         from scipy.optimize import nnls  # the import takes a tenth of a second, and few calls need it
 
-        powers = []
-        for colour in range(3):
-            columns = self.with_means(pictures[:, colour]) * self.scale[colour]
-            gram, worth = columns @ columns.T, columns @ self.wanted[colour]
+        powers, columns = [], self._scaled(pictures)
+        worths = np.einsum("cdn,cn->cd", columns, self.wanted)
+        for gram, worth in zip(_products(columns), worths, strict=True):
             gram += RIDGE * max(np.trace(gram) / len(gram), 1e-30) * np.eye(len(gram))
             root = np.linalg.cholesky(gram)
             priced = worth - prices * worth.max()
@@ -196,43 +206,55 @@ class _Problem:
         kept = sum(each.light is not None for each in sources)
         return found[:kept], found[kept:].reshape(-1, 3)
 
-    def _picture(self, source: _Source) -> np.ndarray:
-        """Return what a power of 1 of a source adds to the picture (3, N + R) times `scale`."""
-        key = source.key
-        if key not in self._seen:
-            self._seen[key] = self.with_means(source.pictures(self.grid)) * self.scale
-        return self._seen[key]
+    def _scaled(self, pictures: np.ndarray) -> np.ndarray:
+        """Return pictures (D, 3, N) with their means in the regions, times the scale: (3, D, N + R)."""
+        points = len(self._scale[0]) - len(self._regions)
+        scaled = np.empty((3, len(pictures), self._scale.shape[1]))
+        np.multiply(pictures.transpose(1, 0, 2), self._scale[:, None, :points], out=scaled[..., :points])
+        means = np.einsum("dcn,rn->cdr", pictures, self._regions)
+        np.multiply(means, self._scale[:, None, points:], out=scaled[..., points:])
+        return scaled
 
-    def _product(self, one: _Source, other: _Source) -> np.ndarray:
-        """Return the sums (3,) of the products of two sources' pictures, of each colour."""
-        key = (one.key, other.key)
-        if key not in self._products:
-            product = (self._picture(one) * self._picture(other)).sum(axis=1)
-            self._products[key] = self._products[key[::-1]] = product
-        return self._products[key]
-
-    def _worth(self, source: _Source) -> np.ndarray:
-        """Return the sums (3,) of the products of a source's picture and the wanted one."""
-        if source.key not in self._worths:
-            self._worths[source.key] = (self._picture(source) * self.wanted).sum(axis=1)
-        return self._worths[source.key]
+    def _numbered(self, sources: Sequence[_Source]) -> list[int]:
+        """Return the numbers of sources' pictures; those that are new are made together."""
+        new = {each.key: each for each in sources if each.key not in self._numbers}
+        if new:
+            self._numbers |= {key: len(self._numbers) + place for place, key in enumerate(new)}
+            self._seen += list(self._scaled(self._make(list(new.values()))).transpose(1, 0, 2))
+        return [self._numbers[each.key] for each in sources]
 
     def _solved(self, sources: Sequence[_Source]) -> tuple[np.ndarray, float]:
         """Return the factors and powers (K + 3 M,), and the sum of squares that is left."""
+        numbers = tuple(self._numbered(sources))
+        if numbers not in self._solutions:
+            self._solutions[numbers] = self._solve(sources, numbers)
+        return self._solutions[numbers]
+
+    def _solve(self, sources: Sequence[_Source], numbers: Sequence[int]) -> tuple[np.ndarray, float]:
         from scipy.linalg import solve_triangular
         from scipy.optimize import nnls
 
         squared = float((self.wanted**2).sum())
         if not sources:
             return np.zeros(0), squared
-        owners, colours = _unknowns(sources)
-        products = np.array([[self._product(a, b) for b in sources] for a in sources])[owners][:, owners]
-        gram = np.einsum("uc,vc,uvc->uv", colours, colours, products)
-        worth = (colours * np.array([self._worth(each) for each in sources])[owners]).sum(axis=1)
+        places, colours = _unknowns(sources)
+        gram, worth = self._normal_equations(numbers, places, colours)
         damped = gram + 1e-9 * max(np.trace(gram), 1e-30) * np.eye(len(gram))
         root = np.linalg.cholesky(damped)
         found = nnls(root.T, solve_triangular(root, worth, lower=True))[0]
         return found, squared - float(found @ (2 * worth - gram @ found))
+
+    def _normal_equations(
+        self, numbers: Sequence[int], places: np.ndarray, colours: np.ndarray
+    ) -> tuple[np.ndarray, np.ndarray]:
+        """Return the matrix (U, U) and the right side (U,) of least squares.
+
+        An unknown is a factor of one of the pictures, at `places` (U,) of `numbers`, in `colours` (U, 3).
+        """
+        pictures = np.stack([self._seen[number] for number in numbers], axis=1)
+        products = _products(pictures)[:, places[:, None], places]
+        worths = np.einsum("csn,cn->cs", pictures, self.wanted)[:, places]
+        return np.einsum("uc,vc,cuv->uv", colours, colours, products), np.einsum("uc,cu->u", colours, worths)
 
     def error(self, sources: Sequence[_Source]) -> float:
         """Return the sum of squares that is left."""
@@ -259,10 +281,9 @@ class _Problem:
             sources = self._moved(sources)
             for number, source in enumerate(sources):
                 if source.light is None:
-                    tried = [
-                        [*sources[:number], replace(source, angle=angle), *sources[number + 1 :]]
-                        for angle in sorted({*ANGLES, source.angle})
-                    ]
+                    discs = [replace(source, angle=angle) for angle in sorted({*ANGLES, source.angle})]
+                    self._numbered(discs)
+                    tried = [[*sources[:number], disc, *sources[number + 1 :]] for disc in discs]
                     sources = min(tried, key=self.error)
             before, error = error, self.error(sources)
             if error > WORTHWHILE * before:
@@ -286,29 +307,26 @@ class _Problem:
 
     def _shifts(self, sources: Sequence[_Source]) -> list[np.ndarray]:
         """Return how far each light moves along its two tangents, radians (2,)."""
-        kept = sum(each.light is not None for each in sources)
-        (powers, _), step = self._solved(sources), np.radians(STEP)
-        columns: list[np.ndarray] = []
-        owners: list[int] = []
-        for number, source in enumerate(sources):
-            if source.light is not None:
-                continue
-            power = powers[kept + 3 * len(owners) : kept + 3 * len(owners) + 3]
-            for along in np.eye(2) * step:
-                change = self._picture(_turned(source, along)) - self._picture(source)
-                columns.append((power[:, None] * change).ravel() / step)
-            owners.append(number)
+        from scipy.linalg import block_diag
+
+        free = [place for place, each in enumerate(sources) if each.light is None]
+        steps = [_turned(sources[place], along) for place in free for along in np.eye(2) * np.radians(STEP)]
+        (powers, _), numbers = self._solved(sources), self._numbered([*sources, *steps])
         places, colours = _unknowns(sources)
-        pictures = np.array([self._picture(each) for each in sources])[places]
-        own = (colours[:, :, None] * pictures).reshape(len(places), -1)
-        every = np.concatenate([np.array(columns), own])
-        gram = every @ every.T
+        power = powers[len(powers) - 3 * len(free) :].reshape(-1, 3) / np.radians(STEP)
+        # A derivative is a difference of pictures, so its products follow from theirs.
+        rows = np.r_[len(sources) + np.arange(len(steps)), np.repeat(free, 2), places]
+        slopes = np.repeat(power, 2, axis=0)
+        gram, worth = self._normal_equations(numbers, rows, np.concatenate([slopes, -slopes, colours]))
+        turns = np.tile(np.eye(len(slopes)), 2)
+        joined = block_diag(turns, np.eye(len(places)))
+        gram, worth = joined @ gram @ joined.T, joined @ worth
+        left = worth - gram[:, len(slopes) :] @ powers
         gram += DAMPED * np.trace(gram) / len(gram) * np.eye(len(gram))
-        solved = np.linalg.solve(gram, every @ (self.wanted.ravel() - powers @ own))
+        solved = np.linalg.solve(gram, left)
         shifts = [np.zeros(2) for _ in sources]
-        for place, number in enumerate(owners):
-            turn = solved[2 * place : 2 * place + 2]
-            shifts[number] = turn * min(1.0, np.radians(LONGEST) / max(float(np.hypot(*turn)), 1e-12))
+        for place, turn in zip(free, solved[: len(slopes)].reshape(-1, 2), strict=True):
+            shifts[place] = turn * min(1.0, np.radians(LONGEST) / max(float(np.hypot(*turn)), 1e-12))
         return shifts
 
 
@@ -334,9 +352,7 @@ def _turned(source: _Source, shift: np.ndarray) -> _Source:
     """Return a source turned along its two tangents, radians (2,)."""
     if source.light is not None or not shift.any():
         return source
-    axis = source.direction
-    aside = _unit(np.cross(axis, np.eye(3)[np.abs(axis).argmin()]))
-    return replace(source, direction=_unit(axis + shift[0] * aside + shift[1] * np.cross(axis, aside)))
+    return replace(source, direction=_unit(source.direction + shift @ source.tangents))
 
 
 def _clusters(directions: np.ndarray, energy: np.ndarray, count: int) -> list[tuple[np.ndarray, float]]:
@@ -373,6 +389,12 @@ def _names(free: Sequence[_Source], gone: Sequence[Light], taken: set[str | None
             names[int(place)] = named[light].name or ""
     fresh = (name for k in range(1, len(free) + len(taken) + 2) if (name := f"paint{k}") not in taken)
     return [names.get(place) or next(fresh) for place in range(len(free))]
+
+
+def _products(pictures: np.ndarray) -> np.ndarray:
+    """Return the products (3, A, A) of pictures (3, A, N) with each other, of each colour."""
+    columns = torch.from_numpy(pictures)
+    return (columns @ columns.mT).numpy()
 
 
 def _apart(one: np.ndarray, other: np.ndarray) -> float:

@@ -32,10 +32,10 @@ def painted(
     the picture's width and height, `radius`, a share of its height, and `brighter`. Raises TypeError or
     ValueError for other strokes, and as `paint_lights` does.
     """
-    pairs = _pairs(strokes, subject.size)
     person, painter = _painters.pop(began, (None, None))
     if painter is None or person is not subject:
-        painter = LightPainter(subject, lights, gloss=gloss)
+        painter = LightPainter(subject, lights, gloss=gloss, reduced=True)
+    pairs = _pairs(strokes, painter.size)
     _painters[began] = subject, painter
     while len(_painters) > KEPT:
         _painters.popitem(last=False)
@@ -61,9 +61,9 @@ def _pairs(strokes: Any, size: tuple[int, int]) -> list[tuple[np.ndarray, np.nda
             raise ValueError("strokes: expected points, a radius and brighter")
         mask = _drawn(stroke["points"], checked_number("radius", stroke.get("radius"), 0.001, 1), size)
         stops += np.where(mask, STOPS if stroke.get("brighter") is True else -STOPS, 0)
-    stops = stops.clip(-MOST_STOPS, MOST_STOPS)
+    factors = 2.0 ** stops.clip(-MOST_STOPS, MOST_STOPS)
     masks = [(stops > 0).astype(np.float32), (stops < 0).astype(np.float32)]
-    pairs = [(mask, 2.0**stops) for mask in masks if mask.any()]
+    pairs = [(mask, factors) for mask in masks if mask.any()]
     if not pairs:
         raise ValueError("strokes: cancel each other; expected light that is brighter or darker somewhere")
     return pairs

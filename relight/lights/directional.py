@@ -130,12 +130,16 @@ class DirectionalLight(DistantLight):
         K is 1 for a hard light and 32 for a soft one. An unblocked surface that faces a soft light gets the
         same irradiance as from the hard light, as with UsdLux's `normalize`.
         """
-        axis = np.array(self.direction)
-        directions = axis[None] if self.angle == 0 else _cap(axis, self.angle / 2)
-        return directions.astype(np.float32), np.full(directions.shape, 1 / (directions @ axis).sum())
+        return disc_samples(np.array(self.direction), self.angle)
 
     def sample_radii(self, count: int) -> np.ndarray:
         return np.full(count, math.radians(self.angle / 2) / math.sqrt(count))
+
+
+def disc_samples(axis: np.ndarray, angle: float) -> tuple[np.ndarray, np.ndarray]:
+    """Return the samples of a light along a unit axis, of an angular diameter in degrees: `unit_samples`."""
+    directions = axis[None] if angle == 0 else _cap(axis, angle / 2)
+    return directions.astype(np.float32), np.full(directions.shape, 1 / (directions @ axis).sum())
 
 
 def _cap(axis: np.ndarray, radius: float) -> np.ndarray:
@@ -148,7 +152,13 @@ def _cap(axis: np.ndarray, radius: float) -> np.ndarray:
     along = 1 - (1 - math.cos(math.radians(radius))) * (step + 0.5) / SOFT_SAMPLE_COUNT
     angle = math.pi * (3 - math.sqrt(5)) * step
     across = np.sqrt(1 - along**2)
-    aside = np.cross(axis, np.eye(3)[np.abs(axis).argmin()])
-    aside /= np.linalg.norm(aside)
-    frame = np.stack([aside, np.cross(axis, aside), axis])
-    return np.stack([across * np.cos(angle), across * np.sin(angle), along], axis=-1) @ frame
+    return np.stack([across * np.cos(angle), across * np.sin(angle), along], axis=-1) @ frame_of(axis)
+
+
+def frame_of(axis: np.ndarray) -> np.ndarray:
+    """Return three unit vectors at right angles, as rows (3, 3): two tangents, and the unit axis (3,)."""
+    x, y, z = axis
+    cross = np.array([[0, -z, y], [z, 0, -x], [-y, x, 0]])  # times a vector: the axis' cross product with it
+    aside = cross[:, np.abs(axis).argmin()]
+    aside = aside / np.linalg.norm(aside)
+    return np.stack([aside, cross @ aside, axis])

@@ -7,6 +7,7 @@ from helpers.damage import small_canvas
 from typer.testing import CliRunner
 
 import relight
+from relight.analysis import light_grid
 from relight.cli.commands import app
 from relight.light_painting import LightPainter, read_strokes
 from relight.media.colour import luminance
@@ -73,6 +74,19 @@ def test_strokes_brighten_and_darken_what_they_cover(viewed):
     assert under(after, right) / under(before, right) == pytest.approx(0.75, rel=0.2)
     layers = viewed.layers(lights)
     np.testing.assert_allclose(sum(layer[..., :3] for layer in layers.values()), after[..., :3], atol=1e-5)
+
+
+def test_strokes_may_be_drawn_on_smaller_masks(viewed, monkeypatch):
+    monkeypatch.setattr(light_grid, "CELL_PIXELS", 4)
+    whole, small = LightPainter(viewed, KEY), LightPainter(viewed, KEY, reduced=True)
+    assert small.size[0] < 0.6 * whole.size[0]
+    first, second = (
+        painter.solve([(side(painter.size), 1.5), (side(painter.size, left=False), 0.75)]).strokes
+        for painter in (whole, small)
+    )
+    np.testing.assert_allclose(second, first, rtol=0.02)
+    with pytest.raises(ValueError, match="expected the subject's size"):
+        whole.solve([(side(small.size), 2)])
 
 
 def test_what_is_to_stay_as_it_is_keeps_the_lights(viewed):
