@@ -73,6 +73,8 @@ class Server:
             Route(f"{one}/pack", refusing(self.pack)),
             Route(f"{one}/scene", refusing(self.scene)),
             Route(f"{one}/still", refusing(partial(self.lit, "still")), methods=["POST"]),
+            Route(f"{one}/match", refusing(self.match), methods=["POST"]),
+            Route(f"{one}/presets/{{preset}}", refusing(self.preset_picture)),
             Route(f"{one}/paint", refusing(self.paint), methods=["POST"]),
             Route(f"{one}/floor", refusing(partial(self.lit, "floor_shadow")), methods=["POST"]),
             Route(f"{one}/confidence", refusing(self.confidence), methods=["POST"]),
@@ -85,6 +87,7 @@ class Server:
             Route("/backgrounds/{id}", refusing(partial(self.surroundings_again, "background"))),
             Route("/person", refusing(partial(self.fetch, "fetch_person")), methods=["POST"]),
             Route("/silhouette", refusing(partial(self.fetch, "fetch_silhouette")), methods=["POST"]),
+            Route("/references", refusing(self.add_reference), methods=["POST"]),
             Route("/models", refusing(self.add_model), methods=["POST"]),
         ]
 
@@ -208,6 +211,12 @@ class Server:
 
         return await self._other(request, MODELS, opened)
 
+    async def add_reference(self, request: Request) -> Response:
+        async def opened(identity: str, path: Path) -> dict[str, Any]:
+            return {"file": identity}
+
+        return await self._other(request, PICTURES, opened)
+
     async def person(self, request: Request) -> Response:
         """Find the people, and take one of them, or everybody."""
         photograph = self._of(request)
@@ -308,6 +317,21 @@ class Server:
         look = self._look(await json_of(request), photograph)
         arguments = {"name": photograph.name, "mask": photograph.mask, "look": look}
         return await picture(request, self.worker.run(task, photograph.folder, arguments, brief=True))
+
+    async def match(self, request: Request) -> Response:
+        """Find the lights of the background, or of another photograph."""
+        photograph, asked = self._analysed(request), await json_of(request)
+        look, file = self._look(asked.get("look") or {}, photograph), asked.get("file")
+        reference = None if file is None else self.session.lend(str(file), photograph)
+        arguments = {"name": photograph.name, "mask": photograph.mask, "look": look, "reference": reference}
+        return streamed(lambda report: self.worker.run("match", photograph.folder, arguments, report))
+
+    async def preset_picture(self, request: Request) -> Response:
+        """Answer with the person in the light of a preset, for browsers that cannot draw it themselves."""
+        photograph, preset = self._analysed(request), request.path_params["preset"]
+        arguments = {"name": photograph.name, "mask": photograph.mask, "preset": preset}
+        work = self.worker.run("preset_picture", photograph.folder, arguments, brief=True)
+        return await picture(request, work)
 
     async def paint(self, request: Request) -> Response:
         """Answer with the lights that strokes on the person ask for."""

@@ -1,6 +1,8 @@
-"""The server of `relight app`, on this machine's loopback address alone."""
+"""The server of `relight app`, on this machine's loopback address unless another one is chosen."""
 
 import contextlib
+import errno
+import ipaddress
 import os
 import secrets
 import signal
@@ -15,13 +17,13 @@ import uvicorn
 from starlette.applications import Starlette
 from starlette.routing import Mount
 
-from relight.app.guard import HOST, Guard
+from relight.app.guard import ALL, HOST, Guard
 from relight.app.server import Server
 from relight.app.session import Session
 from relight.app.worker import Worker
 
 
-def application(session: Session, worker: Worker, token: str, port: int) -> Guard:
+def application(session: Session, worker: Worker, token: str, port: int, host: str = HOST) -> Guard:
     """Return the ASGI application, behind its guard."""
 
     @contextlib.asynccontextmanager
@@ -35,7 +37,7 @@ def application(session: Session, worker: Worker, token: str, port: int) -> Guar
 
     server = Server(session, worker)
     app = Starlette(routes=[Mount(f"/{token}", routes=server.routes())], lifespan=lifespan)
-    return Guard(app, token, port)
+    return Guard(app, token, port, host)
 
 
 class _Server(uvicorn.Server):
@@ -67,13 +69,47 @@ def _end_by_exceptions() -> None:
         signal.signal(signal.SIGTERM, lambda number, frame: sys.exit(128 + number))
 
 
-def serve(root: str | Path | None, port: int, opened: Callable[[str], None]) -> None:
+def address_of(host: str) -> str:
+    """Return the IPv4 address that `host` means: an address of this machine, 0.0.0.0 or localhost.
+
+    Raises ValueError for anything else.
+    """
+    if host == "localhost":
+        return HOST
+    try:
+        return str(ipaddress.IPv4Address(host))
+    except ValueError:
+        raise ValueError(
+            f"host: expected an IPv4 address of this machine, or {ALL} for all of them, got {host!r}"
+        ) from None
+
+
+def is_private(host: str) -> bool:
+    """Return whether only this machine itself can reach an address."""
+    return ipaddress.IPv4Address(host).is_loopback
+
+
+def reachable(host: str) -> str:
+    """Return the address by which other machines reach a server at `host`."""
+    if host != ALL:
+        return host
+    with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as route:
+        try:
+            route.connect(("192.0.2.1", 9))  # nothing is sent: the system tells where it would go out
+            return str(route.getsockname()[0])
+        except OSError:  # there is no network
+            return HOST
+
+
+def serve(root: str | Path | None, port: int, opened: Callable[[str], None], host: str = HOST) -> None:
     """Serve the application until it is interrupted.
 
-    `root`: the folder that the page lists pictures of; None for none. `port`: of the loopback address; 0 for
-    any that is free. `opened`: called with the address, token included, once requests can come. Raises
-    NotADirectoryError if `root` is no folder, OSError if the port is in use.
+    `root`: the folder that the page lists pictures of; None for none. `port`: of the address; 0 for any that
+    is free. `host`: the address to listen on, see `address_of`. `opened`: called with the page's address,
+    token included, once requests can come. Raises NotADirectoryError if `root` is no folder, ValueError for
+    another host, OSError if the port is in use, or the address is none of this machine's.
     """
+    host = address_of(host)
     _end_by_exceptions()
     folder = None if root is None else Path(root)
     if folder is not None and not folder.is_dir():
@@ -81,16 +117,18 @@ def serve(root: str | Path | None, port: int, opened: Callable[[str], None]) -> 
     listening = socket.socket(socket.AF_INET, socket.SOCK_STREAM)
     listening.setsockopt(socket.SOL_SOCKET, socket.SO_REUSEADDR, 1)
     try:
-        listening.bind((HOST, port))
+        listening.bind((host, port))
     except OSError as error:
         listening.close()
+        if error.errno == errno.EADDRNOTAVAIL:
+            raise OSError(f"host {host}: is no address of this machine") from error
         raise OSError(
             f"port {port}: cannot be used ({error.strerror}); choose another (port=NUMBER)"
         ) from error
     port = listening.getsockname()[1]
     token, session, worker = secrets.token_urlsafe(24), Session(folder), Worker()
     config = uvicorn.Config(
-        application(session, worker, token, port), log_level="warning", access_log=False,
+        application(session, worker, token, port, host), log_level="warning", access_log=False,
         server_header=False, limit_concurrency=200, timeout_graceful_shutdown=2,
     )  # fmt: skip
     server = _Server(config, session, worker)
@@ -100,7 +138,7 @@ def serve(root: str | Path | None, port: int, opened: Callable[[str], None]) -> 
     try:
         listening.listen()  # so that requests wait until the server has started
         with uvicorn.Server.capture_signals(server):
-            opened(f"http://{HOST}:{port}/{token}/")
+            opened(f"http://{reachable(host)}:{port}/{token}/")
             server.run(sockets=[listening])
     finally:
         session.close()

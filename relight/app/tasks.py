@@ -18,7 +18,7 @@ from typing import Any
 import numpy as np
 import torch
 
-from relight.app import clip, compiling, drawing, painting, people, turning
+from relight.app import clip, compiling, drawing, matching, painting, people, preset_pictures, turning
 from relight.app.drawing import MODEL, REDUCED
 from relight.app.pictures import png, reduced_size, resized
 from relight.compositing.composite import backdrop
@@ -356,6 +356,28 @@ def plot(name: str, mask: str | None, look: Mapping[str, Any], report: Report) -
     """Draw the lighting plot of the lights, as `relight apply --plot` does."""
     subject, lights = _subject(name, mask, report), as_lights(lighting_of(look).rig().lights)
     return {"file": str(plot_of(Path(PREVIEWS, PLOT), lights, subject.camera, name))}
+
+
+def match(
+    name: str, mask: str | None, look: Mapping[str, Any], reference: str | None, report: Report
+) -> dict[str, Any]:
+    """Return lights as those of another photograph, or of the background if `reference` is None."""
+    subject = _subject(name, mask, report)
+    report("Matching the light")
+    if reference is not None:
+        return {"lights": matching.of_photograph(subject, images.read(reference))}
+    behind = look.get("background")
+    if behind != ORIGINAL and not isinstance(behind, Mapping):
+        raise ValueError("There is no picture behind the person: open one as the background.")
+    pixels = drawing.reduced() if behind == ORIGINAL else images.read(behind["file"])
+    return {"lights": matching.of_background(subject, pixels[..., :3])}
+
+
+def preset_picture(name: str, mask: str | None, preset: str, report: Report) -> dict[str, Any]:
+    """Return a small picture of the person in the light of a preset: a PNG."""
+    subject = _subject(name, mask, report)
+    small = preset_pictures.small_of(subject, drawing.reduced())
+    return {"png": png(encoded(preset_pictures.picture(small, preset, subject.preset_gain(preset))))}
 
 
 def _subject(name: str, mask: str | None, report: Report) -> Subject:

@@ -23,7 +23,15 @@ from relight.app.server import Server
 from relight.app.session import Session
 
 # They need a network, or seconds.
-UNASKED = ("fetch_person", "fetch_silhouette", "find_person", "matte_by_model", "analyse")
+UNASKED = (
+    "fetch_person",
+    "fetch_silhouette",
+    "find_person",
+    "matte_by_model",
+    "analyse",
+    "match",
+    "preset_picture",
+)
 VALUES: list[Any] = [
     None, True, 0, -1, 1e300, float("nan"), "", "x", "a" * 3000, "\ud800", "../../etc/passwd", [], {}, [[]],
     [1, 2], [[0.1, 0.2], [0.9, 0.1], [0.5, 0.9]], {"file": 3}, {"file": "x", "settings": "rotation=3"},
@@ -33,6 +41,7 @@ VALUES: list[Any] = [
 OF_ONE = (
     *("", "/outline", "/model", "/matte", "/analyse", "/still", "/save", "/back", "/files/x", "/preview"),
     *("/paint", "/confidence", "/plot", "/scene", "/pack", "/person"),
+    *("/match", "/turn", "/presets/rim"),
 )  # fmt: skip
 OTHERS = (
     *("photographs", "root", "environments", "backgrounds", "models", "session", "web/page.css"),

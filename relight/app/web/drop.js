@@ -2,6 +2,10 @@
 
 import { h } from "../viewer.js";
 
+const WHERE = ["127.0.0.1", "localhost"].includes(location.hostname)
+  ? "Nothing leaves this computer."
+  : "Photographs go to the computer that serves this page, and no further; the connection is not encrypted.";
+
 export class Drop {
   constructor(app) {
     this.app = app;
@@ -63,7 +67,7 @@ export class Drop {
 
   refresh() {
     const { root, finder, finder_about, silhouette, silhouette_about } = this.app.about;
-    this.about.textContent = `${finder === "ready" ? "The person is found, and you drag the lights." : "Then outline the person and drag the lights."} Nothing leaves this computer.`;
+    this.about.textContent = `${finder === "ready" ? "The person is found, and you drag the lights." : "Then outline the person and drag the lights."} ${WHERE}`;
     this.finder.element.hidden = finder !== "fetch";
     this.finder.about.textContent = `People can be found for you, by ${finder_about}.`;
     this.silhouette.element.hidden = finder !== "ready" || silhouette !== "fetch";

@@ -19,11 +19,12 @@ import {
 import { Brush } from "./brush.js";
 import { Confidence } from "./confidence.js";
 import { FloorShadow } from "./floor.js";
+import { Match } from "./match.js";
 import { Plot } from "./plot.js";
 import { presetsOf, withPreset } from "./presets.js";
 import { ask, askJson } from "./requests.js";
 import { StillEngine } from "./still.js";
-import { THUMB, Thumbs } from "./thumbs.js";
+import { THUMB, Thumbs, drawThumb } from "./thumbs.js";
 
 export class Light {
   constructor(app) {
@@ -38,8 +39,9 @@ export class Light {
     this.brush = new Brush(app, (viewer) => this.look(viewer));
     this.confidence = new Confidence((error) => app.fail(error));
     this.plot = new Plot(app, () => this.look());
+    this.match = new Match(app, (viewer) => this.look(viewer));
     const aids = h("div", { class: "aids" });
-    aids.append(this.brush.element, this.confidence.element, this.plot.element);
+    aids.append(this.brush.element, this.match.element, this.confidence.element, this.plot.element);
     const parts = [this.place, aids, this.presets];
     this.element = h("section", { class: "light", "aria-label": "Light" }, ...parts);
   }
@@ -104,6 +106,7 @@ export class Light {
     this.restoreRig(photograph);
     this.confidence.attach(this.viewer, photograph);
     this.brush.attach(this.viewer, photograph);
+    this.match.attach(this.viewer, photograph);
     this.photograph = photograph;
     this.stale = false;
     const { rig } = this;
@@ -251,9 +254,19 @@ export class Light {
       return { canvas, button, preset };
     });
     this.presets.replaceChildren(...entries.map(({ button }) => button));
-    this.presets.classList.toggle("plain", this.still);
-    if (this.still) return;
-    setTimeout(() => this.app.trying(() => this.drawPresets(viewer, entries)), 60);
+    const draw = this.still ? this.askForPresets : this.drawPresets;
+    setTimeout(() => this.app.trying(() => draw.call(this, viewer, entries)), 60);
+  }
+
+  /** Has the server make the pictures of the presets, one by one, after that of the light. */
+  async askForPresets(viewer, entries) {
+    const { photograph } = this;
+    await viewer.engine.first;
+    for (const { canvas, preset } of entries) {
+      if (this.viewer !== viewer) break;
+      const response = await ask(`photographs/${photograph.id}/presets/${preset.id}`);
+      drawThumb(canvas, await createImageBitmap(await response.blob()));
+    }
   }
 
   /** Draws the person in the light of each preset, as long as they are at hand. */

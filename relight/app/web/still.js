@@ -11,6 +11,7 @@ export class StillEngine {
   constructor(viewer, photograph, look, fail) {
     this.viewer = viewer;
     this.look = look;
+    this.first = new Promise((come) => (this.come = come)); // resolves when the first picture has come
     const make = async (text) => {
       viewer.root.classList.add("waiting");
       try {
@@ -18,6 +19,7 @@ export class StillEngine {
         this.picture = await createImageBitmap(await response.blob());
         viewer.drawSoon();
       } finally {
+        this.come();
         viewer.root.classList.remove("waiting");
       }
     };

@@ -38,21 +38,7 @@ export class Thumbs {
       preset.gloss,
     );
     engine.show("picture", { exposure: 0, background: null });
-    const [width] = engine.size;
-    const fit = Math.min(canvas.width / width, canvas.height / this.tall);
-    const context = canvas.getContext("2d");
-    context.imageSmoothingQuality = "high";
-    context.drawImage(
-      engine.canvas,
-      0,
-      0,
-      width,
-      this.tall,
-      (canvas.width - width * fit) / 2,
-      canvas.height - this.tall * fit,
-      width * fit,
-      this.tall * fit,
-    );
+    drawThumb(canvas, engine.canvas, engine.size[0], this.tall);
   }
 
   /** Resolves when the graphics processor has drawn: the light in the hand then waits for one thumbnail at most. */
@@ -68,4 +54,13 @@ export class Thumbs {
   close() {
     this.engine.close();
   }
+}
+
+/** Draws the upper part of a picture of a person at the bottom of a thumbnail's canvas. */
+export function drawThumb(canvas, picture, width = picture.width, tall = picture.height) {
+  const fit = Math.min(canvas.width / width, canvas.height / tall);
+  const context = canvas.getContext("2d");
+  context.imageSmoothingQuality = "high";
+  const [across, down] = [width * fit, tall * fit];
+  context.drawImage(picture, 0, 0, width, tall, (canvas.width - across) / 2, canvas.height - down, across, down);
 }

@@ -465,6 +465,7 @@ def test_where_there_is_no_webgl2_the_server_makes_the_pictures(browser, address
         assert page.evaluate(alpha) == expected
     page.keyboard.press("n")
     assert "needs WebGL 2" in page.locator(".message").inner_text()
+    browsing.wait(page, DRAWN, 120)  # the server's pictures of the presets
     page.get_by_role("button", name="Save files…").click()
     at_step(page, "save")
     without_advice(page)

@@ -7,12 +7,11 @@ import pytest
 pytest.importorskip("starlette")
 pytest.importorskip("uvicorn")
 
+from helpers.guarded import status
+
 from relight.app.answers import while_connected
-from relight.app.guard import Guard
 from relight.app.session import PICTURES, Session, checked_name
 from relight.app.worker import Refused
-
-TOKEN = "secret-token"
 
 
 @pytest.fixture
@@ -26,30 +25,6 @@ def session(tmp_path):
     found = Session(tmp_path / "root")
     yield found
     found.close()
-
-
-def status(path="/secret-token/", **headers):
-    """The status of a GET: 200 where the guard lets it pass."""
-    sent = []
-
-    async def page(scope, receive, send):
-        await send({"type": "http.response.start", "status": 200, "headers": []})
-        await send({"type": "http.response.body", "body": b""})
-
-    async def receive():
-        return {"type": "http.request", "body": b""}
-
-    async def send(message):
-        sent.append(message)
-
-    headers = {"host": "127.0.0.1:8000"} | headers
-    scope = {
-        "type": "http", "method": "GET", "path": path, "raw_path": path.encode(), "query_string": b"",
-        "headers": [(key.encode(), value.encode()) for key, value in headers.items()],
-    }  # fmt: skip
-    asyncio.run(Guard(page, TOKEN, 8000)(scope, receive, send))
-    assert any(key == b"content-security-policy" for key, _ in sent[0]["headers"])
-    return sent[0]["status"]
 
 
 def test_requests_need_the_token_this_host_and_no_other_origin():
