@@ -6,7 +6,7 @@ import torch
 from scipy import ndimage
 
 from relight.media import optical_flow
-from relight.media.optical_flow import motion
+from relight.media.optical_flow import both_motions, motion
 
 cv2 = pytest.importorskip("cv2")
 
@@ -33,6 +33,16 @@ def test_content_is_found_where_it_went(shift):
     np.testing.assert_allclose(way.positions[middle], expected[middle], atol=0.3)
     np.testing.assert_allclose(way.moved(there)[middle], here[middle], atol=0.05)
     assert way.certainty[middle].min() > 0.8
+
+
+def test_both_motions_are_those_of_each_way():
+    here = texture()
+    there = shifted(here, 3, -2)
+    for found, expected in zip(
+        both_motions(here, there), (motion(here, there), motion(there, here)), strict=True
+    ):
+        assert torch.equal(found.positions, expected.positions)
+        assert torch.equal(found.certainty, expected.certainty)
 
 
 def test_what_the_other_picture_hides_is_uncertain():
