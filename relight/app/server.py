@@ -38,7 +38,7 @@ VIEWER_NAMES = (
     "Engine", "SHADERS", "Viewer", "checkedLight", "environmentText", "fillOf", "fitting", "floorText", "h",
     "iconButton", "keyDown", "keyUp", "lightTexts", "panned", "power", "preferredSurround", "readImage",
     "samples", "short", "surround", "toCommand", "wheeled", "zoomed", "backdropOf", "lampsOfRows", "mapOf",
-    "blurOf", "fewer",
+    "blurOf", "fewer", "placeOf", "placed", "placementOf", "unplaced",
     "reducedPack", "strided", "stridedRoom",
 )  # fmt: skip
 
@@ -367,6 +367,7 @@ class Server:
             raise Refused(f"suffix: {suffix} is of movies, and this is a photograph")
         look = self._look(asked.get("look") or {}, photograph)
         passes = [str(name) for name in asked.get("passes") or []] if suffix == ".exr" else []
+        look["plate"] = suffix == ".exr" and asked.get("plate") is True
         output = photograph.output(suffix)
         form = {key: asked[key] for key in ("quality", "longest_side") if asked.get(key) is not None}
 
@@ -403,9 +404,10 @@ class Server:
             raise Refused("look: expected an object", 400)
         names = (
             "lights", "environment", "background", "floor", "exposure", "gloss", "amount", "fill", "blur",
-            "backgroundLight",
+            "backgroundLight", "placement",
         )  # fmt: skip
         look = {key: given.get(key) for key in names}
+        look["size"] = [photograph.about.get("height"), photograph.about.get("width")]
         if look["environment"]:
             name = self.session.lend(str(look["environment"]["file"]), photograph)
             look["environment"] = f"{name},{look['environment']['settings']}"

@@ -23,6 +23,7 @@ from relight.app.drawing import MODEL, REDUCED
 from relight.app.pictures import png, reduced_size, resized
 from relight.compositing.composite import backdrop
 from relight.compositing.floor import Floor
+from relight.compositing.placement import place
 from relight.errors import EmptyMatteError
 from relight.light_estimation import PlateLight
 from relight.lights import presets
@@ -38,7 +39,7 @@ from relight.media.images.encode import compressed
 from relight.media.images.write_image import encoded
 from relight.media.sequences import Still
 from relight.pipeline.options import Lighting, Output, Source
-from relight.quantities import NONE
+from relight.quantities import NONE, PLATE
 from relight.rendering import background_factor, partial_shadow
 from relight.scene.plot import plot_of
 from relight.subject import Subject
@@ -262,6 +263,8 @@ def analyse(
         original = {"name": name, "data": base64.b64encode(plate).decode(), "lamps": lamps}
         scene |= {"opaque": True, "original": original}
     scene["presetGains"] = {preset: round(subject.preset_gain(preset), 4) for preset in presets.document()}
+    for key in [key for key in subjects if key.startswith(_key(name))]:
+        del subjects[key]  # those elsewhere in the picture too
     keep(name, subject)
     return {"scene": scene}
 
@@ -301,7 +304,7 @@ def background(name: str, report: Report) -> dict[str, object]:
 
 def still(name: str, mask: str | None, look: Mapping[str, Any], report: Report) -> dict[str, object]:
     """Relight the reduced copy and return a PNG, for browsers that cannot render it themselves."""
-    subject, lighting = _subject(name, mask, report), lighting_of(look)
+    subject, lighting = _subject(name, mask, report, look), lighting_of(look)
     lights = as_lights(lighting.rig().lights)
     behind: Any = lighting.background
     if isinstance(behind, str) and behind != NONE:
@@ -329,7 +332,7 @@ def still(name: str, mask: str | None, look: Mapping[str, Any], report: Report) 
 
 def floor_shadow(name: str, mask: str | None, look: Mapping[str, Any], report: Report) -> dict[str, object]:
     """Return the factors by which the person's shadow on the floor dims the background: an encoded PNG."""
-    subject, lighting = _subject(name, mask, report), lighting_of(look)
+    subject, lighting = _subject(name, mask, report, look), lighting_of(look)
     if lighting.floor is None:
         raise ValueError("floor: expected one")
     lights = as_lights(lighting.rig().lights)
@@ -380,9 +383,15 @@ def preset_picture(name: str, mask: str | None, preset: str, report: Report) -> 
     return {"png": png(encoded(preset_pictures.picture(small, preset, subject.preset_gain(preset))))}
 
 
-def _subject(name: str, mask: str | None, report: Report) -> Subject:
-    """Return the subject of the reduced copy, which is analysed again unless it is kept."""
-    subject = subjects.get(_key(name))
+def _subject(
+    name: str, mask: str | None, report: Report, look: Mapping[str, Any] = MappingProxyType({})
+) -> Subject:
+    """Return the subject of the reduced copy, which is analysed again unless it is kept.
+
+    `look`: places the photograph in the picture, if it is given.
+    """
+    placement = _placement(look)
+    subject = subjects.get(_key(name, placement))
     if subject is None:
         report("Analysing the person")
         matte, feather, reduced = None, 0.0, drawing.reduced()
@@ -390,9 +399,25 @@ def _subject(name: str, mask: str | None, report: Report) -> Subject:
             edge = json.loads(Path(EDGE).read_text())
             matte = drawing.shifted(np.load(MATTE).astype(np.float32), edge["shift"])
             feather = edge["feather"] * max(reduced.shape)
+        if placement:
+            size = (reduced.shape[0], reduced.shape[1])
+            shrink = max(size) / max(look["size"])
+            right, up = (round(pixels * shrink) for pixels in placement["offset"])
+            where: dict[str, Any] = {"scale": placement["scale"], "offset": (right, up)}
+            reduced = place(reduced, size, **where)
+            matte = None if matte is None else place(matte, size, **where)
         subject = Subject(reduced, matte, feather=feather)
-        keep(name, subject)
+        keep(name, subject, placement)
     return subject
+
+
+def _placement(look: Mapping[str, Any]) -> dict[str, Any]:
+    """Return `scale` and `offset` of a look, in pixels of the photograph; empty where it stays in place."""
+    given = look.get("placement")
+    if not given:
+        return {}
+    right, up = given["offset"]
+    return {"scale": float(given["scale"]), "offset": (int(right), int(up))}
 
 
 def save(
@@ -421,7 +446,8 @@ def save(
         return {"file": output}
     if mask is not None:
         full_matte(name, mask, report)
-    source, lighting = Source(name, mask=mask, feather=_feather(mask)), lighting_of(look)
+    source = Source(name, mask=mask, feather=_feather(mask), **_placement(look))
+    lighting = lighting_of(look)
     suffix = Path(output).suffix
     report("Analysing the person", READ)
     if suffix == ".html":
@@ -452,7 +478,7 @@ def _save_picture(source: Source, lighting: Lighting, output: Output, report: Re
 def _analysing(source: Source) -> Callable[..., Subject]:
     """Return what analyses a photograph, but not again for the next file of it unless it is large."""
     files = [Path(str(path)).resolve() for path in (source.plate, source.mask) if path is not None]
-    key = (source.feather, *((path, path.stat().st_mtime_ns) for path in files))
+    key = (source.feather, source.scale, source.offset, *((path, path.stat().st_mtime_ns) for path in files))
 
     def analyse(*given: Any, **options: Any) -> Subject:
         subject = kept_subjects[key] if key in kept_subjects else Subject(*given, **options)
@@ -468,8 +494,8 @@ def lighting_of(look: Mapping[str, Any]) -> Lighting:
     """Return the options of `relight apply` that the settings of the page stand for."""
     light, environment = tuple(map(str, look.get("lights") or ())), look.get("environment")
     behind: Any = look.get("background") or NONE
-    if behind == ORIGINAL:
-        behind = None
+    if behind == ORIGINAL:  # an .exr holds it only if it is asked for
+        behind = PLATE if look.get("plate") else None
     elif behind != NONE:
         behind = behind["file"] if isinstance(behind, Mapping) else tuple(map(float, behind))
     if not light and not environment:
@@ -518,13 +544,13 @@ def _feather(mask: str | None) -> float:
     return round(json.loads(Path(EDGE).read_text())["feather"] * int(Path(SIDE).read_text()), 2)
 
 
-def _key(name: str) -> str:
-    return str(Path(name).resolve())
+def _key(name: str, placement: Mapping[str, Any] = MappingProxyType({})) -> str:
+    return f"{Path(name).resolve()}{dict(placement) or ''}"
 
 
-def keep(name: str, subject: Subject) -> None:
-    """Keep a photograph's subject for stills, and forget the oldest ones."""
-    subjects[_key(name)] = subject
-    subjects.move_to_end(_key(name))
+def keep(name: str, subject: Subject, placement: Mapping[str, Any] = MappingProxyType({})) -> None:
+    """Keep a photograph's subject for stills, and forget the oldest ones; `placement`: see `Source`."""
+    subjects[_key(name, placement)] = subject
+    subjects.move_to_end(_key(name, placement))
     while len(subjects) > KEPT:
         subjects.popitem(last=False)

@@ -1,6 +1,6 @@
 // A brush of light on the picture: brighter or darker. The server solves for the lights while one paints.
 
-import { checkedLight, h } from "../viewer.js";
+import { checkedLight, h, placeOf, placed, unplaced } from "../viewer.js";
 import { Latest } from "./latest.js";
 import { Refused, post } from "./requests.js";
 
@@ -84,17 +84,21 @@ export class Brush {
     const bounds = this.canvas.getBoundingClientRect();
     const { scale, left, top } = this.viewer.stage.view;
     const [width, height] = this.viewer.engine.size;
-    return [
+    return unplaced(placeOf(this.viewer.state), [
       (event.clientX - bounds.left - left) / (scale * width),
       (event.clientY - bounds.top - top) / (scale * height),
-    ];
+    ]);
   }
 
   down(event) {
     if (event.button) return;
     event.stopPropagation();
     this.canvas.setPointerCapture(event.pointerId);
-    this.stroke = { points: [this.place(event)], radius: this.size.valueAsNumber / 100, brighter: this.sign > 0 };
+    this.stroke = {
+      points: [this.place(event)],
+      radius: this.size.valueAsNumber / 100 / placeOf(this.viewer.state).scale,
+      brighter: this.sign > 0,
+    };
     this.strokes.push(this.stroke);
     this.changed();
   }
@@ -153,13 +157,15 @@ export class Brush {
     Object.assign(this.canvas, { width: Math.round(width), height: Math.round(height) });
     const context = this.canvas.getContext("2d");
     const { scale, left, top } = this.viewer.stage.view;
+    const place = placeOf(this.viewer.state);
     const size = this.viewer.engine.size.map((side) => side * scale);
     context.lineCap = context.lineJoin = "round";
     for (const { points, radius, brighter } of this.strokes) {
       context.strokeStyle = brighter ? "rgb(255 90 60 / 25%)" : "rgb(60 120 255 / 30%)";
-      context.lineWidth = 2 * radius * size[1];
+      context.lineWidth = 2 * radius * size[1] * place.scale;
       context.beginPath();
-      for (const [x, y] of [...points, points.at(-1)]) context.lineTo(left + x * size[0], top + y * size[1]);
+      for (const [x, y] of [...points, points.at(-1)].map((point) => placed(place, point)))
+        context.lineTo(left + x * size[0], top + y * size[1]);
       context.stroke();
     }
   }

@@ -1,6 +1,6 @@
 // How sure the analysis is of its shadows, as colours over the picture; the server sends the probabilities.
 
-import { h, lightTexts } from "../viewer.js";
+import { h, lightTexts, placeOf } from "../viewer.js";
 import { Latest } from "./latest.js";
 import { post } from "./requests.js";
 
@@ -62,6 +62,8 @@ export class Confidence {
       this.latest.close();
       return;
     }
+    const { scale, right, up } = placeOf(this.viewer.state);
+    this.canvas.style.transform = `translate(${100 * right}%, ${-100 * up}%) scale(${scale})`;
     const lights = new Map(lightTexts(this.viewer.state).map((text) => [text.split(":")[0], text]));
     const names = [ALL, ...lights.keys()];
     if (names.join() !== [...this.choice.options].map((option) => option.value).join()) {

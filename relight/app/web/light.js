@@ -14,6 +14,7 @@ import {
   lampsOfRows,
   lightTexts,
   mapOf,
+  placementOf,
   short,
 } from "../viewer.js";
 import { Brush } from "./brush.js";
@@ -84,6 +85,7 @@ export class Light {
       environment: (file) => askJson(`environments?name=${encodeURIComponent(file.name)}`, { body: file }),
       background: (file) => askJson(`backgrounds?name=${encodeURIComponent(file.name)}`, { body: file }),
       original: scene.original && (await backdropOf(scene.original)), // without its person
+      places: !photograph.movie,
       save: () => this.app.parts.save.save(".png"),
       finish: () => this.app.go("save"),
       engine: (viewer) =>
@@ -94,6 +96,7 @@ export class Light {
           (error) => this.app.fail(error),
         ),
     };
+    scene.photographed = [photograph.width, photograph.height];
     this.gains = scene.presetGains ?? {}; // of the presets' lights, for this person
     this.viewer = await Viewer.open(root, scene, bytes, false, host);
     if (!this.still)
@@ -174,7 +177,10 @@ export class Light {
     const { rig, viewer } = this;
     if (rig) {
       Object.assign(viewer, { maps: rig.maps, pictures: rig.pictures });
-      viewer.change((state) => Object.assign(state, rig.state));
+      const { place } = viewer.state; // of another photograph it says nothing
+      viewer.change((state) =>
+        Object.assign(state, rig.state, !rig.photograph || rig.photograph === photograph ? null : { place }),
+      );
       if (rig.state.background === "original" && !viewer.original) viewer.setBackgroundKind("none");
     } else {
       const [first] = presetsOf(this.app.about.presets);
@@ -201,12 +207,13 @@ export class Light {
         fill: 0,
         blur: 0,
         backgroundLight: 0,
+        place: { scale: 1, right: 0, up: 0 },
       }),
     );
   }
 
   /** What the server makes the picture of: as the copied command says it. */
-  look({ state, environment, backdrop } = this.viewer) {
+  look({ state, environment, backdrop, scene } = this.viewer) {
     const settings = environment && environmentText(state);
     const { background } = state;
     return {
@@ -219,6 +226,7 @@ export class Light {
             ? backdrop && { file: backdrop.id }
             : background && background.map(short),
       floor: floorText(state),
+      placement: placementOf(state, scene.photographed),
       exposure: short(state.exposure),
       gloss: short(state.gloss),
       amount: short(state.amount),

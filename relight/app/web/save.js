@@ -35,6 +35,8 @@ export class Save {
       const box = h("input", { type: "checkbox", value: name });
       return { box, element: h("label", {}, box, label) };
     });
+    this.plate = h("input", { type: "checkbox" });
+    this.plateLabel = h("label", {}, this.plate, "The photograph's background, as it is shown");
     this.format = ".png"; // that the command and the lines of Python write
     this.side = h(
       "select",
@@ -88,6 +90,7 @@ export class Save {
               "div",
               { class: "passes", role: "group", "aria-label": "Further layers" },
               ...this.passes.map(({ element }) => element),
+              this.plateLabel,
             ),
           ]
         : [];
@@ -154,6 +157,7 @@ export class Save {
     const { chosen, parts } = this.app;
     const { viewer } = parts.light;
     const look = parts.light.look();
+    this.plateLabel.hidden = look.background !== "original";
     this.rows[".jpg"].button.disabled = !look.background;
     this.rows[".jpg"].detail.textContent = look.background
       ? this.rows[".jpg"].about
@@ -204,7 +208,7 @@ export class Save {
       const passes = this.passes.filter(({ box }) => box.checked).map(({ box }) => box.value);
       const { file, notes } = await follow(
         `photographs/${chosen.id}/save`,
-        { suffix, passes, look: parts.light.look(), ...this.form(suffix) },
+        { suffix, passes, look: parts.light.look(), plate: this.plate.checked, ...this.form(suffix) },
         say,
         signal,
       );
@@ -241,9 +245,11 @@ function toPython(look, photograph, viewer, output, behind, form) {
   const { command } = viewer.scene;
   const after = (word) => command.includes(word) && command[command.indexOf(word) + 1];
   const feather = after("--feather");
+  const { scale, offset } = look.placement ?? {};
+  const where = look.placement ? `, scale=${scale}, offset=(${offset.join(", ")})` : "";
   const source = photograph.movie
     ? `${text(photograph.movie)}, person=(${after("--person").replace("/", ", ")})`
-    : `${text(photograph.name)}${photograph.mask ? `, mask=${text(photograph.mask)}` : ""}${feather ? `, feather=${feather}` : ""}`;
+    : `${text(photograph.name)}${photograph.mask ? `, mask=${text(photograph.mask)}` : ""}${feather ? `, feather=${feather}` : ""}${where}`;
   const written = { ...(Number(look.exposure) && { exposure: look.exposure }), ...form };
   const options = Object.entries(written).map(([key, value]) => `, ${key}=${value}`);
   return [

@@ -196,6 +196,7 @@ export class Controls {
     this.blur.title = "Out of focus: the radius as a share of the picture's height";
     this.backgroundLight = bound(this.viewer, "Relit", "backgroundLight", own, { min: 0, max: 1, step: 0.01 });
     this.backgroundLight.title = "The new light reaches the background too: it darkens and tints";
+    this.places = this.viewer.host?.places ? this.placing() : [];
     return h(
       "section",
       { "aria-label": "Background" },
@@ -203,8 +204,22 @@ export class Controls {
       h("div", { class: "row" }, this.backgroundKind, this.backgroundColour),
       this.blur,
       this.backgroundLight,
+      ...this.places,
       ...(this.viewer.host ? this.floor() : []),
     );
+  }
+
+  /** Where the person stands before another background, and how large. */
+  placing() {
+    const own = (state) => state.place;
+    const shift = { min: -1, max: 1, step: 0.01 };
+    const places = [
+      bound(this.viewer, "Size", "scale", own, { min: 0.2, max: 2, low: 0.02, high: 20, step: 0.01, neutral: 1 }),
+      bound(this.viewer, "Move right", "right", own, shift),
+      bound(this.viewer, "Move up", "up", own, shift),
+    ];
+    places.forEach((control) => (control.title = "Of the person before another background than their own"));
+    return places;
   }
 
   /** The switch of the shadow on the floor, which an application's server makes, and the floor's horizon. */
@@ -352,6 +367,10 @@ export class Controls {
     this.blur.refresh(state);
     this.backgroundLight.hidden = kind === "none";
     this.backgroundLight.refresh(state);
+    for (const control of this.places) {
+      control.hidden = kind === "original";
+      control.refresh(state);
+    }
     if (this.floorSwitch) {
       this.floorSwitch.checked = Boolean(state.floor);
       this.floorSwitch.disabled = kind === "none";

@@ -38,6 +38,7 @@ export class Engine {
     this.field = field;
     this.mixes = mixes(pack);
     this.looks = LOOKS;
+    this.place = { scale: 1, right: 0, up: 0 }; // of the photograph in the picture, see state.js
     this.restore();
   }
 
@@ -323,6 +324,7 @@ export class Engine {
       albedo: this.albedo,
       photograph: this.photograph,
       box: this.box,
+      place: [this.place.scale, this.place.right * this.size[0], -this.place.up * this.size[1]],
       look: { whole: LOOKS.indexOf(look) },
       lightScale: this.scale,
       gain: this.pack.description.gain,

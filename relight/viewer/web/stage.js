@@ -10,7 +10,7 @@ import { chroma } from "./colour.js";
 import { h } from "./dom.js";
 import { LIGHTS } from "./engine.js";
 import { angles, clamp, direction, isNear, power } from "./lights.js";
-import { shining } from "./state.js";
+import { shining, placeOf, placed, unplaced } from "./state.js";
 import { fitting, panned, wheeled, zoomed } from "./zoom.js";
 
 const MARGIN = 24; // CSS pixels around the picture
@@ -152,7 +152,9 @@ export class Stage {
     const { view, sides } = this;
     this.sides = [width, height];
     this.fitted = fit;
-    this.middle = [fit.left + (box[0] + box[2] / 2) * fit.scale, fit.top + (box[1] + box[3] / 2) * fit.scale];
+    this.laidOut = placeOf(this.viewer.state);
+    const middle = placed(this.laidOut, [(box[0] + box[2] / 2) / size[0], (box[1] + box[3] / 2) / size[1]]);
+    this.middle = [fit.left + middle[0] * size[0] * fit.scale, fit.top + middle[1] * size[1] * fit.scale];
     this.radius = (0.46 * Math.min(width, height)) / FARTHEST;
     [1, FARTHEST].forEach((ring, index) => {
       const side = 2 * ring * this.radius;
@@ -279,8 +281,9 @@ export class Stage {
     const { room, state } = this.viewer;
     const { position } = state.lights[state.selected];
     if (position) {
-      const place = [(x - this.frame.left) / this.scale, (y - this.frame.top) / this.scale];
-      const moved = room.seenAt(place, position[2]);
+      const { left, top, width, height } = this.frame;
+      const at = unplaced(placeOf(state), [(x - left) / width, (y - top) / height]);
+      const moved = room.seenAt([(at[0] * width) / this.scale, (at[1] * height) / this.scale], position[2]);
       this.viewer.change((now) => (now.lights[now.selected].position = moved), "aim");
       this.element.classList.add("placing");
       return;
@@ -320,7 +323,10 @@ export class Stage {
       const [right, up] = projected(direction(light));
       return [this.middle[0] + right * this.radius, this.middle[1] - up * this.radius];
     }
-    const [x, y] = this.viewer.room.onPicture(light.position).map((value) => value * this.scale);
+    const { width, height } = this.frame;
+    const [right, down] = this.viewer.room.onPicture(light.position).map((value) => value * this.scale);
+    const share = placed(placeOf(this.viewer.state), [right / width, down / height]);
+    const [x, y] = [share[0] * width, share[1] * height];
     const { clientWidth, clientHeight } = this.element;
     return [clamp(this.frame.left + x, RIM, clientWidth - RIM), clamp(this.frame.top + y, RIM, clientHeight - RIM)];
   }
@@ -336,6 +342,10 @@ export class Stage {
 
   update(state) {
     if (!this.frame) return;
+    if (JSON.stringify(placeOf(state)) !== JSON.stringify(this.laidOut)) {
+      this.layout(); // which comes back here
+      return;
+    }
     const active = new Set(shining(state));
     this.handles.forEach((handle, index) => {
       const light = state.lights[index];

@@ -8,6 +8,7 @@ import { LIGHTS, LOOKS } from "./engine.js";
 export class Invalid extends Error {}
 
 export const { SHARED, RANGES } = PYTHON; // what all lights have; { parameter: [low, high] }, null for no limit
+const IN_PLACE = { scale: 1, right: 0, up: 0 }; // about the picture's middle; shares of its width and height
 const SWITCHES = { muted: false, solo: false };
 const LIGHT = { name: "", azimuth: 0, elevation: 0, ...SHARED, angle: 0, ...SWITCHES };
 const LAMP = { name: "", position: [0, 0, 1], ...SHARED, radius: 0, ...SWITCHES };
@@ -70,6 +71,7 @@ export function initial(scene) {
     map: 0, // which of the viewer's environment maps lights the person, and which picture is behind them
     picture: 0,
     background: scene.background ?? null, // null, [r, g, b] linear, "picture", or "original" in an application
+    place: { ...IN_PLACE }, // in an application: of the photograph, before a background that is not its own
     floor: null, // in an application { horizon: a share of the height from the top }: the person casts a shadow on it
     look: "picture",
     wipe: null, // or { look, at }: what is right of `at`, a share of the width
@@ -292,6 +294,8 @@ export const environmentText = (state) =>
 /** The `relight apply` command that makes the same picture. */
 export function toCommand(state, environment, scene, backdrop, output = "relit.png") {
   const words = [...scene.command];
+  const placement = scene.photographed && placementOf(state, scene.photographed);
+  if (placement) words.push("--scale", placement.scale, "--offset", placement.offset.join("/"));
   for (const text of lightTexts(state)) words.push("--light", text);
   const settings = environment && environmentText(state);
   if (settings) words.push("--environment", `${environment.path},${settings}`);
@@ -308,7 +312,26 @@ export function toCommand(state, environment, scene, backdrop, output = "relit.p
   if (state.amount !== 1) words.push("--amount", short(state.amount));
   if (state.exposure) words.push("--exposure", short(state.exposure));
   words.push("-o", output);
-  return words.map(quoted).join(" ");
+  return words.map((word) => quoted(String(word))).join(" ");
+}
+
+/** Where the photograph is in the picture: before its own background where it was taken. */
+export const placeOf = ({ place, background }) => (background === "original" || !place ? IN_PLACE : place);
+
+/** Where a place of the photograph comes to be in the picture; both in shares of width and height. */
+export const placed = ({ scale, right, up }, [x, y]) => [(x - 0.5) * scale + 0.5 + right, (y - 0.5) * scale + 0.5 - up];
+
+/** The place of the photograph that is at one of the picture. */
+export const unplaced = ({ scale, right, up }, [x, y]) => [
+  (x - 0.5 - right) / scale + 0.5,
+  (y - 0.5 + up) / scale + 0.5,
+];
+
+/** The placement as the command takes it: { scale, offset }, in pixels of a photograph of `size`; null for none. */
+export function placementOf(state, size) {
+  const { scale, right, up } = placeOf(state);
+  const offset = [right * size[0], up * size[1]].map(Math.round);
+  return scale === 1 && !offset.some(Boolean) ? null : { scale: short(scale), offset };
 }
 
 /** The share of the background's light that fills; 0 where none is behind the person whose light is known. */

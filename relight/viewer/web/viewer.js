@@ -20,6 +20,7 @@ import {
   fillOf,
   fromFragment,
   initial,
+  placeOf,
   shining,
   toFragment,
 } from "./state.js";
@@ -355,6 +356,7 @@ export class Viewer {
   showOn(engine) {
     const { state } = this;
     const { exposure, backgroundLight, blur } = state;
+    engine.place = placeOf(state);
     const settings = { exposure, backgroundLight, blur, background: this.shownBackground() };
     if (this.held) engine.show("photograph", settings);
     else if (state.wipe) {

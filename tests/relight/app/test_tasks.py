@@ -222,6 +222,26 @@ def test_the_light_of_the_background_fills_shadows_in_stills_and_files(folder):
 
 
 @pytest.mark.slow
+def test_an_exr_has_the_blurred_background_if_it_is_asked_for(folder):
+    path, matte, _ = folder
+    relight.media.images.write_mask(path / "me-matte.png", matte)
+    shown = {}
+    for name, look in (
+        ("cut", {"blur": 0.05}),
+        ("sharp", {"plate": True}),
+        ("blurred", {"plate": True, "blur": 0.05}),
+    ):
+        tasks.save(
+            "me.png", "me-matte.png", LOOK | {"background": "original"} | look, f"{name}.exr", [], silent
+        )
+        shown[name] = relight.read(path / f"{name}.exr")
+    assert shown["cut"][..., 3].min() == 0
+    assert shown["sharp"].shape[-1] == 3 or shown["sharp"][..., 3].min() == 1
+    sharp, blurred = (shown[name][:20, :20, 1].std() for name in ("sharp", "blurred"))
+    assert blurred < 0.3 * sharp
+
+
+@pytest.mark.slow
 def test_files_of_one_photograph_are_analysed_once_and_again_when_the_matte_changes(folder, monkeypatch):
     path, matte, _ = folder
     analysed, subject = [], tasks.Subject

@@ -10,6 +10,7 @@ uniform sampler2D plateGuide;
 uniform sampler2D albedo;
 uniform sampler2D photograph;
 uniform vec4 box;  // left, top, width and height of the person's part
+uniform vec3 place;  // the photograph's scale about the picture's middle, its shift right and down in pixels
 uniform int look;
 uniform float lightScale;
 uniform float gain;
@@ -28,11 +29,24 @@ vec3 person(ivec2 pixel) {
   return texelFetch(photograph, pixel, 0).rgb / gain;
 }
 
-void main() {
-  ivec2 pixel = ivec2(gl_FragCoord.xy - box.xy);
-  bool inside = all(greaterThanEqual(gl_FragCoord.xy, box.xy)) && all(lessThan(gl_FragCoord.xy, box.xy + box.zw));
+// A pixel of the person's part, premultiplied; nothing beyond it.
+vec4 seen(ivec2 pixel) {
+  bool inside = all(greaterThanEqual(pixel, ivec2(0))) && all(lessThan(pixel, ivec2(box.zw)));
   float coverage = inside ? texelFetch(plateGuide, pixel, 0).a : 0.0;
-  result = coverage > 0.0 ? vec4(person(pixel) * coverage, coverage) : vec4(0.0);
-  if (behind != 0) result = vec4(result.rgb + (1.0 - coverage) * backdrop(gl_FragCoord.xy), 1.0);
+  return coverage > 0.0 ? vec4(person(pixel) * coverage, coverage) : vec4(0.0);
+}
+
+vec4 interpolated(vec2 at) {
+  ivec2 corner = ivec2(floor(at));
+  vec2 part = fract(at);
+  vec4 top = mix(seen(corner), seen(corner + ivec2(1, 0)), part.x);
+  return mix(top, mix(seen(corner + ivec2(0, 1)), seen(corner + ivec2(1, 1)), part.x), part.y);
+}
+
+void main() {
+  vec2 taken = (gl_FragCoord.xy - 0.5 * size - place.yz) / place.x + 0.5 * size;
+  bool moved = place != vec3(1.0, 0.0, 0.0);
+  result = moved ? interpolated(taken - box.xy - 0.5) : seen(ivec2(floor(gl_FragCoord.xy - box.xy)));
+  if (behind != 0) result = vec4(result.rgb + (1.0 - result.a) * backdrop(gl_FragCoord.xy), 1.0);
   result = min(result, MOST);
 }
