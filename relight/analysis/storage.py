@@ -16,7 +16,7 @@ import zlib
 from collections.abc import Mapping
 from dataclasses import asdict
 from pathlib import Path
-from typing import Any
+from typing import Any, TypeAlias, TypedDict
 
 import numpy as np
 import torch
@@ -54,7 +54,36 @@ PLATE_PIXELS = 2**29  # of a plate, at most: pictures of that size are made from
 BASE_BYTES, MAX_EXPANSION = 2**28, 100  # arrays of a file may take BASE_BYTES + MAX_EXPANSION times its size
 
 
-def write_record(path: AnyPath, record: AnalysisRecord, provenance: Mapping[str, Any]) -> None:
+class SourceState(TypedDict):
+    """A file from which a frame was analysed, see `relight.media.content_hash.FileRecord`."""
+
+    path: str
+    size: int
+    modified: int
+    sha256: str
+
+
+class Provenance(TypedDict, total=False):
+    """What an analysis states of its making; a frame of a shot, all of it."""
+
+    options: str
+    version: str
+    weights: list[str]
+    rate: str | None
+    field_of_view: float
+    pixel_aspect: float
+    precision: str | None
+    threads: int | None
+    reference: int | None
+    content_hash: str
+    sources: list[SourceState]
+    plate_metadata: dict[str, object]
+
+
+Header: TypeAlias = dict[str, Any]  # of a file, in the types of JSON: any, until it is checked
+
+
+def write_record(path: AnyPath, record: AnalysisRecord, provenance: Mapping[str, object]) -> None:
     """Write a record and its provenance, which JSON must hold, to a file: whole or not at all.
 
     Raises ValueError for another suffix than `.safetensors`, OSError if the file cannot be written.
@@ -65,10 +94,10 @@ def write_record(path: AnyPath, record: AnalysisRecord, provenance: Mapping[str,
         beside.write_bytes(data)
 
 
-def pack_record(record: AnalysisRecord, provenance: Mapping[str, Any]) -> bytes:
+def pack_record(record: AnalysisRecord, provenance: Mapping[str, object]) -> bytes:
     """Return the content of the file that `write_record` writes."""
     if record.is_empty:
-        about: dict[str, Any] = {"format": FORMAT, "empty": record.foreground.size, "arrays": {}}
+        about: Header = {"format": FORMAT, "empty": record.foreground.size, "arrays": {}}
         return to_bytes({}, {"relight": json.dumps({**about, "provenance": {**provenance}})})
     arrays = _plate_arrays(record) | _canvas_arrays(record)
     person, framing = record.foreground, record.framing
@@ -93,7 +122,7 @@ def pack_record(record: AnalysisRecord, provenance: Mapping[str, Any]) -> bytes:
     return to_bytes(tensors, {"relight": json.dumps(header)})
 
 
-def read_header(path: AnyPath) -> dict[str, Any]:
+def read_header(path: AnyPath) -> Header:
     """Read the header of a file, without its arrays.
 
     Raises FileNotFoundError; DamagedFileError for a damaged file or no analysis; StaleAnalysisError for the
@@ -102,7 +131,7 @@ def read_header(path: AnyPath) -> dict[str, Any]:
     return _open(path, whole=False)[0]
 
 
-def read_record(path: AnyPath) -> tuple[AnalysisRecord, dict[str, Any]]:
+def read_record(path: AnyPath) -> tuple[AnalysisRecord, Provenance]:
     """Read a record and its provenance; raises as `read_header`."""
     header, tensors = _open(path)
     return _checked_record(str(path), header, tensors, Path(path).stat().st_size), header["provenance"]
@@ -121,9 +150,7 @@ def unpack_record(data: bytes) -> AnalysisRecord:
     return _checked_record("a pickled Subject", header, tensors, len(data))
 
 
-def _checked_record(
-    where: str, header: dict[str, Any], tensors: dict[str, np.ndarray], size: int
-) -> AnalysisRecord:
+def _checked_record(where: str, header: Header, tensors: dict[str, np.ndarray], size: int) -> AnalysisRecord:
     """Return the record of a header and tensors, which an error calls `where`; `size` is of all bytes."""
     if "empty" in header:
         _check_size(where, header["empty"])
@@ -141,7 +168,7 @@ def _checked_record(
         raise DamagedFileError(f"{where}: is damaged: {error}") from error
 
 
-def _open(path: AnyPath, whole: bool = True) -> tuple[dict[str, Any], dict[str, np.ndarray]]:
+def _open(path: AnyPath, whole: bool = True) -> tuple[Header, dict[str, np.ndarray]]:
     """Return a file's header and, if `whole`, its tensors of bytes."""
     path = check_regular_file(path)
     try:
@@ -166,7 +193,7 @@ def _open(path: AnyPath, whole: bool = True) -> tuple[dict[str, Any], dict[str, 
     return header, tensors
 
 
-def _check_size(where: str, size: Any) -> None:
+def _check_size(where: str, size: object) -> None:
     """Raise DamagedFileError for what is no size of a frame, which is written alike in all formats."""
     sides = list(size) if isinstance(size, list) else []
     if len(sides) != 2 or not all(type(side) is int and side > 0 for side in sides):
@@ -233,7 +260,7 @@ def _quantised_components(name: str, maps: torch.Tensor) -> dict[str, np.ndarray
     }
 
 
-def _check_measures(header: dict[str, Any]) -> None:
+def _check_measures(header: Header) -> None:
     """Raise ValueError for measures that no person in a picture has."""
     size, corner, box = (tuple(header[name]) for name in ("size", "corner", "box"))
     camera = header["camera"]
@@ -259,7 +286,7 @@ def _check_measures(header: dict[str, Any]) -> None:
         raise ValueError(f"expected measures above zero, got {min(positive)}")
 
 
-def _check_shapes(header: dict[str, Any], file_bytes: int) -> None:
+def _check_shapes(header: Header, file_bytes: int) -> None:
     """Raise ValueError for shapes and dtypes that do not fit each other, or are too large for the file."""
     arrays = header["arrays"]
     shapes = {name: tuple(shape) for name, (_, shape, _) in arrays.items()}
@@ -302,7 +329,7 @@ def _check_shapes(header: dict[str, Any], file_bytes: int) -> None:
         raise ValueError(f"a file of {file_bytes} bytes claims arrays of {needed}")
 
 
-def _restored(header: dict[str, Any], arrays: dict[str, np.ndarray]) -> AnalysisRecord:
+def _restored(header: Header, arrays: dict[str, np.ndarray]) -> AnalysisRecord:
     tensors = {name: torch.from_numpy(array) for name, array in arrays.items()}
     exposure = float(header["exposure"])
     rows, columns = header["box"]

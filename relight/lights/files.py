@@ -35,7 +35,7 @@ import re
 import reprlib
 from collections.abc import Hashable, Iterable
 from pathlib import Path
-from typing import Any
+from typing import Any, TypeAlias
 
 import yaml
 
@@ -90,7 +90,10 @@ def write_lights(path: AnyPath, lights: Iterable[Light | MovingLight]) -> None:
         beside.write_text(text, encoding="utf-8")
 
 
-def to_entries(lights: Iterable[Light | MovingLight]) -> list[dict[str, Any]]:
+Entry: TypeAlias = dict[str, Any]  # a light's parameters, in the types of YAML and JSON
+
+
+def to_entries(lights: Iterable[Light | MovingLight]) -> list[Entry]:
     """Return lights as the entries of a lights file, with absolute paths. Raises as `write_lights` does."""
     folder = Path.cwd()
     entries = [_entry(folder / "lights.json", light) for light in lights]
@@ -176,7 +179,7 @@ def _shown(word: Any) -> str:
     return word if fits else reprlib.repr(word)
 
 
-def _entry(path: Path, light: Light | MovingLight) -> dict[str, Any]:
+def _entry(path: Path, light: Light | MovingLight) -> Entry:
     """Return a light's mapping for the file `path`: what is not the default, its name first."""
     made = light.kind if isinstance(light, MovingLight) else type(light)
     kinds = {kind for kind, cls in TYPES.items() if issubclass(made, cls)}

@@ -10,9 +10,10 @@ from collections.abc import Callable
 from dataclasses import replace
 from fractions import Fraction
 from pathlib import Path
-from typing import Any, TypeGuard, TypeVar
+from typing import Any, TypeGuard, TypeVar, cast
 
 from relight.analysis import storage
+from relight.analysis.storage import Provenance
 from relight.errors import DamagedFileError, MissingFramesError, StaleAnalysisError
 from relight.lights.environment import FIELD_OF_VIEW
 from relight.media.content_hash import FileRecord, hash_file
@@ -89,7 +90,7 @@ class AnalysisCache:
                 f"{folder}: no analysed frames; `relight analyse` makes them. Give the plates of a shot "
                 "by their names, such as plate.%04d.exr"
             )
-        self._first: tuple[Path, dict[str, Any]] | None = None  # a frame, and its provenance
+        self._first: tuple[Path, Provenance] | None = None  # a frame, and its provenance
         self._warned: set[str] = set()
 
     @property
@@ -149,7 +150,7 @@ class AnalysisCache:
         self._warn("sound", f"{found.sound} is not the movie that was analysed; its sound is left out")
         return replace(found, sound=None)
 
-    def _is_source(self, path: Path, provenance: dict[str, Any]) -> bool:
+    def _is_source(self, path: Path, provenance: Provenance) -> bool:
         """Return whether a file is one from which a frame was analysed, by all of its bytes.
 
         Whoever made a cache may name any file of this machine, with its size and time, but not its content.
@@ -216,7 +217,7 @@ class AnalysisCache:
         self._checked(number)
         return Subject.load(self.file(number), may_be_empty=True)
 
-    def _checked(self, number: int) -> dict[str, Any]:
+    def _checked(self, number: int) -> Provenance:
         """Return the provenance of a frame if the frame can be used."""
         path = self.file(number)
         provenance = storage.read_header(path)["provenance"]
@@ -253,11 +254,12 @@ class AnalysisCache:
             warnings.warn(f"{self.folder}: {message}", stacklevel=2)
 
 
-def compare_sources(folder: Path, provenance: dict[str, Any]) -> tuple[list[Path], list[Path]]:
+def compare_sources(folder: Path, provenance: Provenance) -> tuple[list[Path], list[Path]]:
     """Return the files of a provenance that have changed, and those that do not exist."""
     changed, missing = [], []
     for source in provenance["sources"]:
-        record = FileRecord(**source | {"path": Path(os.path.normpath(folder / source["path"]))})
+        path = Path(os.path.normpath(folder / source["path"]))
+        record = FileRecord(**cast(Any, {**source, "path": path}))
         try:
             if record.differs():
                 changed.append(record.path)

@@ -7,7 +7,7 @@ import struct
 import warnings
 from collections.abc import Iterable, Iterator
 from pathlib import Path
-from typing import Any, NamedTuple
+from typing import Any, NamedTuple, TypeAlias
 
 import numpy as np
 
@@ -34,10 +34,13 @@ MAGIC, JSON_CHUNK = 0x46546C67, 0x4E4F534A
 LARGEST_JSON = 2**28  # bytes
 
 
+Tree: TypeAlias = dict[str, Any]  # a scene or a part of it, in the types of JSON: any, until it is checked
+
+
 class Node(NamedTuple):
     """A node of a scene, and where it is."""
 
-    description: dict[str, Any]
+    description: Tree
     world: np.ndarray  # (4, 4) of column vectors
     visible: bool  # as KHR_node_visibility says; its children are hidden with it
     line: tuple[int, ...]  # indices of the nodes from the root to it
@@ -88,7 +91,7 @@ def read_rig(
     return Rig(lights, seen.description.get("name"), camera_sees)
 
 
-def _tree(path: Path) -> dict[str, Any]:
+def _tree(path: Path) -> Tree:
     """Read the JSON of a .gltf or .glb."""
     content = check_regular_file(path).read_bytes()
     if path.suffix.lower() == ".glb":
@@ -132,7 +135,7 @@ def _item(path: Path, tree: Any, key: str, index: Any) -> Any:
     return items[index]
 
 
-def _nodes(path: Path, tree: dict[str, Any]) -> Iterable[Node]:
+def _nodes(path: Path, tree: Tree) -> Iterable[Node]:
     """Yield the nodes of the file's scene with their transforms to the world, parents first."""
     nodes, scenes = _items(path, tree, "nodes"), _items(path, tree, "scenes")
     try:
@@ -161,7 +164,7 @@ def _nodes(path: Path, tree: dict[str, Any]) -> Iterable[Node]:
         raise ValueError(f"{path}: is damaged: a node's transform: {error}") from error
 
 
-def _local(node: dict[str, Any]) -> np.ndarray:
+def _local(node: Tree) -> np.ndarray:
     """Return a node's own transform (4, 4)."""
     if "matrix" in node:
         return np.array(node["matrix"], float).reshape(4, 4).T
@@ -207,7 +210,7 @@ def _lit(nodes: list[Node]) -> list[Node]:
     return [n for n in nodes if n.visible and _get(n.description, "extensions", EXTENSION) is not None]
 
 
-def _warn_of_the_rest(path: Path, tree: dict[str, Any], nodes: list[Node]) -> None:
+def _warn_of_the_rest(path: Path, tree: Tree, nodes: list[Node]) -> None:
     """Warn of what the file says of its lights and camera that is not read.
 
     nodes: those of the lights and of the camera.
@@ -253,17 +256,17 @@ def _parts_of(node: Node) -> set[tuple[str, int]]:
     return own | {("nodes", index) for index in node.line}
 
 
-def _camera_of(path: Path, tree: dict[str, Any], node: Node) -> Any:
+def _camera_of(path: Path, tree: Tree, node: Node) -> Any:
     """Return the file's description of a node's camera; None without one."""
     index = node.description.get("camera")
     return None if index is None else _item(path, tree, "cameras", index)
 
 
-def _by_blender(tree: dict[str, Any]) -> bool:
+def _by_blender(tree: Tree) -> bool:
     return blender.exported_gltf(_get(tree, "asset", "generator"))
 
 
-def _entry(path: Path, tree: dict[str, Any], node: Node) -> dict[str, Any]:
+def _entry(path: Path, tree: Tree, node: Node) -> Tree:
     """Return the file's description of a node's light."""
     lights = _get(tree, "extensions", EXTENSION, "lights", default=[])
     index = _get(node.description, "extensions", EXTENSION, "light")
@@ -274,14 +277,14 @@ def _entry(path: Path, tree: dict[str, Any], node: Node) -> dict[str, Any]:
     return lights[index]
 
 
-def _light(path: Path, tree: dict[str, Any], node: Node, view: np.ndarray, origin: np.ndarray) -> Light:
+def _light(path: Path, tree: Tree, node: Node, view: np.ndarray, origin: np.ndarray) -> Light:
     """Return a node's light as a light of relight."""
     unit = units.GLTF * (blender.LUMENS_PER_WATT if _by_blender(tree) else 1)
     entry = _entry(path, tree, node)
     name = node.description.get("name") or entry.get("name")
     where = f"{path}: node {name}"
     try:
-        settings: dict[str, Any] = {
+        settings: Tree = {
             "intensity": float(entry.get("intensity", 1.0)) / unit,
             "colour": tuple(entry.get("color", (1.0, 1.0, 1.0))),
             "name": name,
