@@ -104,6 +104,13 @@ def small_canvas():
         yield
 
 
+@pytest.fixture(scope="module")
+def small_canvas_of_module():
+    """The same for all tests of a file, and what its fixtures make once."""
+    with damage.small_canvas():
+        yield
+
+
 @pytest.fixture
 def stub():
     """Shots analysed by no network."""

@@ -17,6 +17,9 @@ from shadow.torch_settings import isolated, isolated_class, own_settings
 LIGHT = relight.DirectionalLight(azimuth=-40, elevation=30)
 
 
+pytestmark = pytest.mark.usefixtures("small_canvas_of_module")
+
+
 @contextlib.contextmanager
 def default_dtype(dtype):
     torch.set_default_dtype(dtype)
@@ -47,7 +50,7 @@ STATES = {
 
 
 @pytest.fixture(scope="module")
-def figure():
+def figure(small_canvas_of_module):
     rgb = np.random.default_rng(0).uniform(0.05, 0.6, (100, 80, 3)).astype(np.float32)
     mask = np.zeros((100, 80), np.float32)
     mask[8:92, 25:55] = 1
@@ -97,10 +100,9 @@ def test_settings_of_the_caller_change_nothing_and_stay(figure, usual, name):
         np.testing.assert_allclose(one, other, atol=1e-5)
 
 
-@pytest.mark.parametrize("setting", ["set_default_dtype(torch.float64)", "set_default_device('meta')"])
-def test_packages_that_are_imported_later_are_whole(setting):
+def test_packages_that_are_imported_later_are_whole():
     program = (
-        f"import torch; torch.{setting}\n"
+        "import torch; torch.set_default_dtype(torch.float64); torch.set_default_device('meta')\n"
         "import numpy as np, shading, relight\n"
         "rgb, mask = np.full((64, 48, 3), 0.3, np.float32), np.zeros((64, 48), np.float32)\n"
         "mask[8:56, 12:36] = 1\n"

@@ -5,7 +5,6 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from helpers import ROOT
 
 import relight
 from relight.comfyui import subjects
@@ -49,9 +48,8 @@ def test_a_single_picture_and_separate_ones_are_not_filtered():
 
 
 @pytest.fixture(scope="module")
-def subject():
-    image = relight.read(ROOT / "examples" / "person.png")
-    return relight.Subject(np.ascontiguousarray(image[::4, ::4]))
+def subject(viewed):
+    return viewed
 
 
 def test_a_long_batch_is_kept_in_files_that_go_with_it(subject, monkeypatch):

@@ -81,22 +81,28 @@ def test_workers_that_are_killed_lose_nothing(plates, tmp_path):
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize(
-    "lighting",
-    [{"lights": (), "preset": "rim"}, {"lights": "scene.gltf", "subject_at": (0, 0, -3)}],
-    ids=["preset", "scene"],
-)
-def test_workers_light_by_a_preset_or_a_scene_as_one_process_does(lighting, tmp_path, here):
+def test_workers_light_by_a_preset_or_a_scene_as_one_process_does(here):
+    """One worker, with the networks, does both."""
+    from distributed import LocalCluster
+
     for number in (1, 2):
         relight.write(f"p.{number:02d}.exr", image_of(ball(60, 50, centre=(0.3 + 0.1 * number, 0.5))[0]))
     shots.write_scene(Path("scene.gltf"))
-    settings = {"frames": "1-2", "threads": 1, "precision": "float32", **lighting}
-    for folder in ("one", "many"):
-        Path(folder).mkdir()
-    assert shots.render("p.%02d.exr", outputs="one/r.%02d.exr", **settings) == {}
-    with dask.config.set({"distributed.worker.preload": []}):  # with the networks
-        assert shots.distribute("p.%02d.exr", outputs="many/r.%02d.exr", workers=1, **settings) == {}
-    assert differences(Path("many"), Path("one")) == []
+    settings = {"frames": "1-2", "threads": 1, "precision": "float32"}
+    lightings = {"preset": {"lights": (), "preset": "rim"}}
+    lightings["scene"] = {"lights": "scene.gltf", "subject_at": (0, 0, -3)}
+    with (
+        dask.config.set({"distributed.worker.preload": []}),
+        LocalCluster(n_workers=1, threads_per_worker=1, memory_limit=0, dashboard_address=None) as one,
+    ):
+        for name, lighting in lightings.items():
+            kept, made = Path(f"one-{name}"), Path(f"many-{name}")
+            kept.mkdir()
+            made.mkdir()
+            assert shots.render("p.%02d.exr", outputs=kept / "r.%02d.exr", **settings, **lighting) == {}
+            spread = {"scheduler": one.scheduler_address, **settings, **lighting}
+            assert shots.distribute("p.%02d.exr", outputs=made / "r.%02d.exr", **spread) == {}
+            assert differences(made, kept) == [], name
 
 
 @pytest.mark.slow

@@ -60,25 +60,17 @@ def run(folder, *words, **environment):
 
 
 @pytest.mark.parametrize("locale", ["C", "tr_TR.UTF-8"])
-def test_names_and_numbers_are_those_of_every_locale(figure, locale):
+def test_names_and_numbers_are_those_of_every_locale_and_standard_output_has_the_name(figure, locale):
+    """Brackets are no markup, a name is a line however long it is, and no temporary folder is needed."""
     (figure / "figure.png").rename(figure / "Işıl.png")
+    name = f"ışık [bold]{'x' * 120}.exr"
     done = run(
-        figure, "Işıl.png", "--light", "İpek:azimuth=-40.5,intensity=1.5", "-o", "ışık.exr", LC_ALL=locale
-    )
+        figure, "Işıl.png", "--light", "İpek:azimuth=-40.5,intensity=1.5", "-o", name,
+        LC_ALL=locale, TMPDIR="/nonexistent",
+    )  # fmt: skip
     assert done.returncode == 0, done.stderr
-    assert list(relight.read_layers(figure / "ışık.exr")) == ["C_İpek"]
-
-
-def test_written_files_are_named_on_standard_output(figure):
-    """Brackets are no markup, and a name is a line however long it is."""
-    name = f"photo [bold]{'x' * 120}.png"
-    assert run(figure, "figure.png", "--light", "azimuth=-40", "-o", name).stdout == f"{name}\n"
-
-
-def test_a_temporary_folder_that_cannot_be_written_is_replaced(figure):
-    done = run(figure, "figure.png", "--light", "azimuth=-40", "-o", "out.exr", TMPDIR="/nonexistent")
-    assert done.returncode == 0, done.stderr
-    assert (figure / "out.exr").exists()
+    assert done.stdout == f"{name}\n"
+    assert list(relight.read_layers(figure / name)) == ["C_İpek"]
 
 
 @pytest.mark.parametrize(

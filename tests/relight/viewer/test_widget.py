@@ -30,9 +30,8 @@ widget
 
 
 @pytest.fixture(scope="module")
-def subject():
-    image = relight.read(ROOT / "examples" / "person.png")
-    return relight.Subject(np.ascontiguousarray(image[::4, ::4]))
+def subject(viewed):
+    return viewed
 
 
 @pytest.mark.slow

@@ -10,7 +10,6 @@ from helpers.sphere import sphere
 
 pytest.importorskip("kornia")
 
-from shadow.data import photographs
 from shadow.data.batches import Stack
 from shadow.data.photographs import sample
 from shadow.data.records import Records
@@ -34,9 +33,8 @@ def bodies():
     ]
 
 
-def test_a_batch_is_its_photographs(bodies, monkeypatch):
+def test_a_batch_is_its_photographs(bodies, clean):
     """Each has its light, skin, place, rotation, depth and directions. They are clean here."""
-    monkeypatch.setattr(photographs.Flaws, "__call__", lambda _, rgb, mask: (rgb, mask))
     stack = Stack(bodies, SIZE, CPU)
     numbers = [0, 1, 2, 1]
     draws = [stack.draw(number, np.random.default_rng(seed), 12) for seed, number in enumerate(numbers)]

@@ -69,8 +69,7 @@ def test_random_styles_differ_and_keep_pictures_in_range(picture):
 
 
 @pytest.mark.parametrize("augment", [False, True])
-def test_the_window_in_which_a_photograph_is_made_holds_all_of_the_subject(monkeypatch, augment):
-    monkeypatch.setattr(photographs.Flaws, "__call__", lambda _, rgb, mask: (rgb, mask))
+def test_the_window_in_which_a_photograph_is_made_holds_all_of_the_subject(clean, monkeypatch, augment):
     draw = lambda: [  # noqa: E731
         sample(sphere(radius=0.6), np.random.default_rng(seed), (128, 96), 4, augment) for seed in range(12)
     ]

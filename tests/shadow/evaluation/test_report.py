@@ -33,9 +33,9 @@ def folder(tmp_path_factory):
 
 @pytest.fixture(autouse=True)
 def quick(monkeypatch):
-    monkeypatch.setattr(report, "LEVELS", np.array([1e-4, 1, 100]))
-    monkeypatch.setattr(report, "REPEATS", 1)
-    monkeypatch.setattr(report, "LATENTS", {"resb3": LATENTS["resb3"]})
+    few = {"LEVELS": np.array([1e-4, 1, 100]), "REPEATS": 1, "LATENTS": {"resb3": LATENTS["resb3"]}}
+    for name, value in few.items():
+        monkeypatch.setattr(report, name, value)
 
 
 def write(folder, out, models=(), **options):
