@@ -173,8 +173,9 @@ def page(kept_page):
 
 # What takes long, the longest first: a file that came last would keep one process busy while the others wait.
 LONG = (
-    "relight/app/", "relight/viewer/", "relight/comfyui/test_extension", "shadow/lightstage/", "relight/cli/",
-    "test_documents", "test_docstrings", "test_shipped", "shadow/training/", "relight/pipeline/test_cache",
+    "relight/app/", "relight/viewer/", "test_documents", "relight/distributed/",
+    "relight/comfyui/test_extension", "shadow/lightstage/", "relight/cli/", "test_types", "test_docstrings",
+    "test_shipped", "shadow/training/", "relight/pipeline/test_kill", "relight/pipeline/test_cache",
 )  # fmt: skip
 
 

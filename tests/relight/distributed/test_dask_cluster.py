@@ -81,8 +81,8 @@ def test_workers_that_are_killed_lose_nothing(plates, tmp_path):
 
 
 @pytest.mark.slow
-def test_workers_light_by_a_preset_or_a_scene_as_one_process_does(here):
-    """One worker, with the networks, does both."""
+def test_workers_light_by_a_preset_or_a_scene_as_one_process_does(small_canvas, here):
+    """One worker, with the networks on the same canvas, does both."""
     from distributed import LocalCluster
 
     for number in (1, 2):
@@ -92,7 +92,7 @@ def test_workers_light_by_a_preset_or_a_scene_as_one_process_does(here):
     lightings = {"preset": {"lights": (), "preset": "rim"}}
     lightings["scene"] = {"lights": "scene.gltf", "subject_at": (0, 0, -3)}
     with (
-        dask.config.set({"distributed.worker.preload": []}),
+        dask.config.set({"distributed.worker.preload": [PRELOAD.replace("worker.py", "small_worker.py")]}),
         LocalCluster(n_workers=1, threads_per_worker=1, memory_limit=0, dashboard_address=None) as one,
     ):
         for name, lighting in lightings.items():
