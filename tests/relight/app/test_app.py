@@ -135,7 +135,7 @@ def test_from_a_photograph_to_the_files_that_the_copied_command_makes(page, phot
     assert {"C_spot", "C_left", "C_right", "albedo"} <= set(ours)
     for name in ours:  # to the last bit of a half float, since the two processes may sum in another order
         np.testing.assert_allclose(ours[name], theirs[name], rtol=2e-3, atol=1e-6)
-    python = page.get_by_label("Python", exact=True).inner_text().replace("me-relit.png", "python.exr")
+    python = page.get_by_label("Python", exact=True).inner_text().replace("me-relit.jpg", "python.exr")
     exec(python, {})
     np.testing.assert_allclose(relight.read("python.exr"), relight.read("again.exr"), rtol=2e-3, atol=1e-6)
 
