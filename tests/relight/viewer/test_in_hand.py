@@ -139,7 +139,7 @@ def test_the_picture_can_be_copied(page):
         const png = await item.getType("image/png");
         window.copied.push((await createImageBitmap(png)).width);
     }; }""")
-    page.get_by_label("Azimuth, exactly").click()  # which selects its text
+    page.get_by_label("Softness, exactly").click()  # which selects its text
     browsing.press(page, "Tab", "Control+c")
     browsing.wait(page, "window.copied.length === 1", 20)
     assert page.evaluate("window.copied[0] === relight.viewer.pack.description.size[0]")
