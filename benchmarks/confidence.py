@@ -1,6 +1,6 @@
 """Measure whether the analysis is as sure of its shadows as it should be, on bodies that no network has seen.
 
-python benchmarks/confidence.py [bodies] [first seed]
+python benchmarks/confidence.py [bodies] [first seed] [--figure FILE.png]
 
 Body number k has the seed k; it is ray-traced with the true visibility of 96 directions, photographed in
 everyday light, and analysed. A pixel is wrong in a light if it is said to be lit and is not, or the reverse.
@@ -8,12 +8,13 @@ The first table has pixels by their stated confidence over all directions; the s
 each. The expected calibration error is the mean difference of stated and measured, weighted by the pixels.
 Below are correlations with the true error, of the confidence and of what else was tried: the slope of the
 attached shadow's edge, and the differences between the maps of the photograph and of its mirror image. A
-constant has the correlation 0, and its squared error is the variance of the true error.
+constant has the correlation 0, and its squared error is the variance of the true error. --figure draws the
+reliability diagram (Guo et al., ICML 2017), for which it needs matplotlib.
 
 Figures to compare with are in docs/conventions.md.
 """
 
-import sys
+import argparse
 
 import numpy as np
 import torch
@@ -35,13 +36,19 @@ STEP = 7  # of the pixels, one in so many is taken
 BINS = 10
 
 
-def measured(seed, network):
+def rendered(first, count):
+    """Records of rendered bodies, with their seeds."""
+    directions = olat(behind=True)
+    for seed in track(range(first, first + count), "bodies"):
+        figure = bodies.body(seed, "generalisation")
+        view = stage.views(1, figure, np.random.default_rng(seed))[0]
+        yield seed, stage.render(figure, view, SIZE, directions, bounced=True)
+
+
+def measured(seed, record, network):
     """True errors (N,) of visibility and normals, predictors {name: (N,)}; and the stated and the true
     correctness in each light (96, N)."""
-    directions = olat(behind=True)
-    figure = bodies.body(seed, "generalisation")
-    view = stage.views(1, figure, np.random.default_rng(seed))[0]
-    record = stage.render(figure, view, SIZE, directions, bounced=True)
+    directions = record.directions
     weights = lightings.everyday_lighting(np.random.default_rng(seed), directions)
     photo = record.image(photographs.light(record, weights))
     photo *= 0.2 / photo[:, torch.from_numpy(record.mask)].mean()
@@ -91,32 +98,70 @@ def degrees(one, other):
     return torch.rad2deg(torch.acos((one * other).sum(dim=0).clamp(-1, 1)))
 
 
-def table(stated, right, edges):
-    """Print stated and measured shares in bins; return the expected calibration error."""
-    print("| stated | measured | pixels |\n|---|---|---|")
-    place, error = np.clip(np.searchsorted(edges, stated, side="right") - 1, 0, len(edges) - 2), 0.0
-    for number in np.unique(place):
-        chosen = place == number
-        means = stated[chosen].mean(), right[chosen].mean()
-        error += chosen.mean() * abs(means[0] - means[1])
-        print(f"| {means[0]:.3f} | {means[1]:.3f} | {100 * chosen.mean():.0f} % |")
-    return error
+class Reliability:
+    """Stated and measured shares of right pixels, in bins between `edges`."""
+
+    def __init__(self, stated, right, edges):
+        place = np.clip(np.searchsorted(edges, stated, side="right") - 1, 0, len(edges) - 2)
+        counts = np.bincount(place, minlength=len(edges) - 1)
+        there = counts > 0
+        sums = [np.bincount(place, values, len(counts))[there] for values in (stated, right)]
+        self.stated, self.measured = (values / counts[there] for values in sums)
+        self.pixels = counts[there] / counts.sum()
+
+    @property
+    def error(self):
+        """The expected calibration error."""
+        return float(self.pixels @ np.abs(self.stated - self.measured))
+
+    def report(self):
+        print("| stated | measured | pixels |\n|---|---|---|")
+        for stated, right, pixels in zip(self.stated, self.measured, self.pixels, strict=True):
+            print(f"| {stated:.3f} | {right:.3f} | {100 * pixels:.0f} % |")
+        print(f"\nExpected calibration error {self.error:.4f}\n")
 
 
-def main(count=12, first=200):
+def draw(path, diagrams):
+    """Draw reliability diagrams {title: Reliability}, with the pixels in each bin below."""
+    from matplotlib.figure import Figure
+
+    figure = Figure(figsize=(9, 4.2), layout="constrained", dpi=100)
+    columns = figure.subplots(2, len(diagrams), height_ratios=(3, 1), sharex="col").T
+    for (curve, bars), (title, one) in zip(columns, diagrams.items(), strict=True):
+        low = min(one.stated.min(), one.measured.min()) - 0.01
+        curve.plot([low, 1], [low, 1], color="#999999", linestyle="--", label="calibrated")
+        curve.plot(one.stated, one.measured, marker="o", color="#1565c0", label="measured")
+        curve.set(title=f"{title}: error {one.error:.3f}", ylabel="measured", ylim=(low, 1.005))
+        curve.legend(frameon=False)
+        width = (1 - low) / 40
+        bars.bar(one.stated, 100 * one.pixels, width=width, color="#90a4ae")
+        bars.set(xlabel="stated confidence", ylabel="% of pixels", xlim=(low, 1.005))
+    figure.savefig(path)
+
+
+def main():
+    parser = argparse.ArgumentParser()
+    parser.add_argument("bodies", nargs="?", type=int, default=12)
+    parser.add_argument("first", nargs="?", type=int, default=200)
+    parser.add_argument("--figure")
+    chosen = parser.parse_args()
     torch.set_num_threads(1)
-    network, found = load(), []
-    for seed in track(range(int(first), int(first) + int(count)), "bodies"):
-        found.append(measured(seed, network))
+    network = load()
+    found = [measured(seed, record, network) for seed, record in rendered(chosen.first, chosen.bodies)]
     errors = {name: np.concatenate([each[0][name] for each in found]) for name in found[0][0]}
     predictors = {name: np.concatenate([each[1][name] for each in found]) for name in found[0][1]}
     sure = predictors["confidence"]
-    print("\nAll directions\n")
-    error = table(sure, 1 - errors["visibility"], np.quantile(sure, np.linspace(0, 1, BINS + 1)))
-    print(f"\nExpected calibration error {error:.4f}\n\nOne light\n")
     stated, right = (np.concatenate([each[2][k].numpy().ravel() for each in found]) for k in (0, 1))
-    error = table(stated, right, np.linspace(0.5, 1, BINS + 1))
-    print(f"\nExpected calibration error {error:.4f}\n")
+    tenths = np.quantile(sure, np.linspace(0, 1, BINS + 1))
+    diagrams = {
+        "All directions": Reliability(sure, 1 - errors["visibility"], tenths),
+        "One light": Reliability(stated, right, np.linspace(0.5, 1, BINS + 1)),
+    }
+    for title, one in diagrams.items():
+        print(f"\n{title}\n")
+        one.report()
+    if chosen.figure:
+        draw(chosen.figure, diagrams)
     left = ((1 - sure - errors["visibility"]) ** 2).mean() / errors["visibility"].var()
     print(f"Squared error of the stated error, over that of the best constant: {left:.2f}\n")
     print("| correlation with the true error of | visibility | normals |\n|---|---|---|")
@@ -126,4 +171,4 @@ def main(count=12, first=200):
 
 
 if __name__ == "__main__":
-    main(*sys.argv[1:])
+    main()

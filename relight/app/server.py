@@ -35,10 +35,10 @@ from relight.viewer.page import module, style
 OUTPUTS = (".png", ".jpg", ".webp", ".tif", ".exr", ".html", ".glb", *MOVIE_OUTPUTS)
 KINDS = {".js": "text/javascript", ".css": "text/css", ".html": "text/html", ".png": "image/png"}
 VIEWER_NAMES = (
-    "Engine", "SHADERS", "Viewer", "checkedLight", "environmentText", "fillOf", "fitting", "floorText", "h",
-    "iconButton", "keyDown", "keyUp", "lightTexts", "panned", "power", "preferredSurround", "readImage",
-    "samples", "short", "surround", "toCommand", "wheeled", "zoomed", "backdropOf", "lampsOfRows", "mapOf",
-    "blurOf", "fewer", "placeOf", "placed", "placementOf", "unplaced",
+    "Brush", "Engine", "SHADERS", "Viewer", "checkedLight", "environmentText", "fillOf", "fitting",
+    "floorText", "h", "iconButton", "keyDown", "keyUp", "lightTexts", "panned", "power", "preferredSurround",
+    "readImage", "samples", "short", "surround", "toCommand", "wheeled", "zoomed", "backdropOf",
+    "lampsOfRows", "mapOf", "blurOf", "fewer", "placeOf", "placementOf",
     "reducedPack", "strided", "stridedRoom",
 )  # fmt: skip
 

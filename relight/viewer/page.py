@@ -20,7 +20,7 @@ from shadow.files import AnyPath, check_writable, replacing
 MODULES = (
     "pack", "lights", "room", "gl", "engine", "colour", "environment", "opened", "dom", "sliders", "ball",
     "state", "draft", "png", "zoom", "stage", "plan", "inspector", "sheet", "surround", "controls", "actions",
-    "keys", "viewer", "entry",
+    "keys", "painting", "brush", "viewer", "entry",
 )  # fmt: skip
 
 

@@ -17,7 +17,7 @@ import {
   placementOf,
   short,
 } from "../viewer.js";
-import { Brush } from "./brush.js";
+import { ServerBrush } from "./brush.js";
 import { Confidence } from "./confidence.js";
 import { FloorShadow } from "./floor.js";
 import { Match } from "./match.js";
@@ -37,7 +37,10 @@ export class Light {
     this.presets = h("div", { class: "presets", role: "group", "aria-label": "Presets" });
     this.presets.addEventListener("keydown", (event) => keyDown(this.viewer, event)); // as on the picture
     this.presets.addEventListener("keyup", (event) => keyUp(this.viewer, event));
-    this.brush = new Brush(app, (viewer) => this.look(viewer));
+    this.brush = new ServerBrush(
+      (viewer) => this.look(viewer),
+      (error) => app.fail(error),
+    );
     this.confidence = new Confidence((error) => app.fail(error));
     this.plot = new Plot(app, () => this.look());
     this.match = new Match(app, (viewer) => this.look(viewer));

@@ -148,7 +148,7 @@ export class Room {
 const rounded = (value) => Number(value.toFixed(3));
 
 /** The value of a half float's sixteen bits. */
-function fromHalf(bits) {
+export function fromHalf(bits) {
   const [sign, exponent, fraction] = [bits & 0x8000 ? -1 : 1, (bits >> 10) & 31, bits & 1023];
   return sign * (exponent ? 2 ** (exponent - 15) * (1 + fraction / 1024) : 2 ** -14 * (fraction / 1024));
 }

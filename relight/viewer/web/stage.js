@@ -143,6 +143,14 @@ export class Stage {
     );
   }
 
+  /** Puts a brush on the stage: its button beside the zoom, and its tools above it. */
+  hold(brush) {
+    brush.toggle.classList.add("paint");
+    this.tools.prepend(brush.toggle);
+    this.element.append(brush.tools);
+    brush.attach(this.viewer);
+  }
+
   /** Fits the picture into the stage unless it is zoomed, and the map of directions about the person. */
   layout() {
     const { clientWidth: width, clientHeight: height } = this.element;
@@ -213,7 +221,7 @@ export class Stage {
   }
 
   down(event) {
-    if (event.target.closest(".message button, .view-tools, .notice")) return;
+    if (event.target.closest(".message button, .view-tools, .painting-tools, .notice")) return;
     const { viewer } = this;
     viewer.stop();
     this.element.classList.add("by-hand"); // the focus is where the hand is: no need to mark it

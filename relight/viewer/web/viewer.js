@@ -1,6 +1,7 @@
 // One page, or one widget in a notebook: the state, what changes it, and what shows it.
 
 import { actionsOf } from "./actions.js";
+import { PageBrush } from "./brush.js";
 import { Controls } from "./controls.js";
 import { h } from "./dom.js";
 import { Draft } from "./draft.js";
@@ -72,6 +73,7 @@ export class Viewer {
     this.listeners = new Set();
     this.timed = []; // milliseconds of the first frames
     this.draft = null; // draws the picture smaller, where those were slow
+    this.brush = null; // an application has its own
     this.room = new Room(pack);
     this.state = initial(scene);
   }
@@ -93,6 +95,7 @@ export class Viewer {
     this.listen();
     if (this.linked) this.readLink();
     this.stage.layout();
+    if (!this.host) this.stage.hold((this.brush = new PageBrush()));
     this.redraw();
     this.refresh();
     return this;
