@@ -91,8 +91,10 @@ def hdr10(path):
         context.color_primaries, context.colorspace, context.color_trc = *BT2020, ColorTrc.SMPTE2084
         context.options = {"x265-params": f"log-level=none:master-display={display}:max-cll=1000,400:hdr10=1"}
         frame = av.VideoFrame.from_ndarray(np.full((120, 260, 3), 30000, np.uint16), format="rgb48le")
-        for packet in [*stream.encode(frame.reformat(format="yuv420p10le")), *stream.encode()]:
-            file.mux(packet)
+        frame = frame.reformat(format="yuv420p10le")
+        frame.pts = 0
+        file.mux(stream.encode(frame))
+        file.mux(stream.encode())
 
 
 @pytest.mark.parametrize("suffix", [".mp4", ".mov", ".mkv"])
