@@ -175,8 +175,7 @@ def test_the_command_follows_somebody_else_and_is_corrected(fetched, tmp_path):
         assert message in " ".join(result.output.split())
 
 
-def test_a_job_without_the_networks_says_so(tmp_path, monkeypatch):
-    monkeypatch.setenv("RELIGHT_CACHE", str(tmp_path / "nothing"))
+def test_a_job_without_the_networks_says_so(tmp_path):
     person.load.cache_clear()
     for number in (1, 2):
         relight.write(tmp_path / f"p.{number}.exr", linear(photograph((90, 70, 14))[0]))
