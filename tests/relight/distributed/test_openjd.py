@@ -10,7 +10,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 import yaml
-from helpers import shots
+from helpers import ROOT, shots
 from helpers.killing import differences
 from helpers.stored import store
 from openjd.model import decode_job_template
@@ -208,18 +208,19 @@ def test_a_plate_is_read_in_the_colour_space_that_is_given(shot):
 
 
 def run_openjd(*words):
-    """Run a job, or a part of it, with this Python's `relight` on the path."""
+    """Run a job, or a part of it, with this Python's `relight` on the path, on a small canvas."""
     Path("bin").mkdir(exist_ok=True)
-    Path("bin/relight").write_text(f'#!/bin/sh\nexec {sys.executable} -m relight.cli "$@"\n')
+    Path("bin/relight").write_text(f'#!/bin/sh\nexec {sys.executable} -m helpers.small_command "$@"\n')
     Path("bin/relight").chmod(0o755)
     path = f"{Path('bin').resolve()}:{os.environ['PATH']}"
     program = [sys.executable, "-m", "openjd", "run", "job.json", *map(str, words)]
-    done = subprocess.run(program, env=os.environ | {"PATH": path}, capture_output=True, text=True)
+    environment = os.environ | {"PATH": path, "PYTHONPATH": f"{ROOT / 'tests'}{os.pathsep}{ROOT}"}
+    done = subprocess.run(program, env=environment, capture_output=True, text=True)
     assert done.returncode == 0, done.stdout + done.stderr
 
 
 @pytest.mark.slow
-def test_a_job_makes_what_one_process_makes(shot):
+def test_a_job_makes_what_one_process_makes(shot, small_canvas):
     """Whole, and task by task in another order."""
     where = [word for output in OUTPUTS for word in ("-o", f"one/{output}")]
     Path("one").mkdir()
@@ -252,7 +253,7 @@ def test_a_job_makes_what_one_process_makes(shot):
     [(["--preset", "rim"], []), (SCENE, ["--field-of-view", 30])],
     ids=["preset", "scene"],
 )
-def test_a_job_lights_by_a_preset_or_a_scene_as_the_commands_do(shot, lights, lens):
+def test_a_job_lights_by_a_preset_or_a_scene_as_the_commands_do(shot, small_canvas, lights, lens):
     shots.write_scene(Path("scene.gltf"), field_of_view=30)
     Path("one").mkdir()
     Path("farm").mkdir()
