@@ -89,7 +89,8 @@ def hdr10(path):
         stream.width, stream.height, stream.pix_fmt = 260, 120, "yuv420p10le"
         context = stream.codec_context
         context.color_primaries, context.colorspace, context.color_trc = *BT2020, ColorTrc.SMPTE2084
-        context.options = {"x265-params": f"log-level=none:master-display={display}:max-cll=1000,400:hdr10=1"}
+        stated = f"hdr10=1:master-display={display}:max-cll=1000,400"
+        context.options = {"x265-params": f"log-level=none:bframes=0:{stated}"}
         frame = av.VideoFrame.from_ndarray(np.full((120, 260, 3), 30000, np.uint16), format="rgb48le")
         frame = frame.reformat(format="yuv420p10le")
         frame.pts = 0
