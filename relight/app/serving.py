@@ -62,11 +62,20 @@ class _Server(uvicorn.Server):
 
 def _end_by_exceptions() -> None:
     """Let SIGTERM, which uvicorn handles once it runs, end the program as an exception, so that files go."""
-    if (
-        threading.current_thread() is threading.main_thread()
-        and signal.getsignal(signal.SIGTERM) is signal.SIG_DFL
-    ):
+    if _handles_signals() and signal.getsignal(signal.SIGTERM) is signal.SIG_DFL:
         signal.signal(signal.SIGTERM, lambda number, frame: sys.exit(128 + number))
+
+
+def _end_undisturbed() -> None:
+    """Ignore further signals: the program ends, and would print a trace of what they interrupt."""
+    if _handles_signals():
+        for number in (signal.SIGINT, signal.SIGTERM):
+            signal.signal(number, signal.SIG_IGN)
+
+
+def _handles_signals() -> bool:
+    """Return whether this thread is the one that may say what signals do."""
+    return threading.current_thread() is threading.main_thread()
 
 
 def address_of(host: str) -> str:
@@ -140,6 +149,9 @@ def serve(root: str | Path | None, port: int, opened: Callable[[str], None], hos
         with uvicorn.Server.capture_signals(server):
             opened(f"http://{reachable(host)}:{port}/{token}/")
             server.run(sockets=[listening])
+    except (KeyboardInterrupt, SystemExit):
+        _end_undisturbed()
+        raise
     finally:
         session.close()
         listening.close()
