@@ -18,7 +18,7 @@ from typing import Any
 import numpy as np
 import torch
 
-from relight.app import clip, compiling, drawing, matching, painting, people, preset_pictures, turning
+from relight.app import clip, drawing, matching, painting, people, preset_pictures, turning
 from relight.app.drawing import MODEL, REDUCED
 from relight.app.pictures import png, reduced_size, resized
 from relight.compositing.composite import backdrop
@@ -29,7 +29,7 @@ from relight.light_estimation import PlateLight
 from relight.lights import presets
 from relight.lights.environment import FIELD_OF_VIEW, EnvironmentLight
 from relight.lights.rig import as_lights, scaled
-from relight.matting import networks, outline, refine, silhouette, silhouette_files
+from relight.matting import networks, outline, refine, silhouette_files
 from relight.matting.people import files as person_files
 from relight.matting.people import finder
 from relight.matting.sequence import MattingOptions
@@ -74,9 +74,7 @@ def load_networks() -> None:
 
 
 def load_matting() -> None:
-    """Solve a small outline, which loads the solver's compiled code, unless it is being compiled."""
-    if compiling.is_running():
-        return
+    """Solve a small outline, which compiles the solver or loads its compiled code."""
     square = outline.Outline([(8, 8), (24, 8), (24, 24), (8, 24)])
     outline.outlined(np.random.default_rng(0).random((32, 32, 3), np.float32), square)
 
@@ -88,7 +86,6 @@ def load_finder() -> None:
 
 
 PREPARATIONS: tuple[Callable[[], object], ...] = (  # the worker runs them while nobody waits for it
-    compiling.begin,
     load_networks,
     load_finder,
     partial(scene_of, (1, 1)),  # the colours of temperatures, which every page has
@@ -121,8 +118,6 @@ def read_clip(name: str, report: Report) -> dict[str, object]:
 
 def outline_of(drawn: Mapping[str, Any], report: Report) -> dict[str, object]:
     """Return the matte of a drawn outline, as a grey PNG of the preview's size."""
-    if drawing.is_drawn(drawn):
-        compiling.wait(report)
     return {"png": png(drawing.shifted(drawing.solved(drawn), *drawing.edge_of(drawn)))}
 
 
@@ -157,8 +152,6 @@ def find_person(person: int | str, report: Report) -> dict[str, object]:
     is odd about it, see `relight.app.people`.
     """
     report("Finding the person")
-    if silhouette.load() is None:
-        compiling.wait(report)
     found = people.found()
     if not found.people and found.turns:
         return {"people": [], "model": None, "oddity": "turned", "turns": found.turns}
@@ -195,7 +188,6 @@ def matte_by_model(model: str, report: Report) -> dict[str, object]:
     matting = MattingOptions.parse(model)
     if matting is None or matting.model is None:
         raise ValueError("model: expected an ONNX file, or the name of a model")
-    compiling.wait(report)
     matte = outline.refine(reduced, networks.matte(reduced, matting.model, **matting.options))
     _keep_matte(matte)
     return {"png": png(matte)}
@@ -238,8 +230,6 @@ def analyse(
     matte, feather = None, 0.0
     if mask is not None and drawn is not None:
         edge = drawing.edge_kind(drawn)
-        if edge == drawing.SOLVED:
-            compiling.wait(report)
         report("Refining the edge")
         unshifted = drawing.solved(drawn)
         if edge == drawing.SOLVED:
@@ -273,8 +263,6 @@ def full_matte(name: str, mask: str, report: Report) -> dict[str, object]:
     """Write the accepted matte at the photograph's own size and detail, unless that has been done."""
     if not Path(mask).exists():
         edge, pixels = json.loads(Path(EDGE).read_text()), images.read(name)
-        if edge["kind"] == drawing.SOLVED:
-            compiling.wait(report)
         report("Refining the edge", 0.0)
         matte = np.load(LOADED if edge["kind"] == drawing.FILE else MATTE).astype(np.float32)
         if matte.shape != pixels.shape[:2] and edge["kind"] == drawing.FOUND:

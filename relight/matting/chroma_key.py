@@ -1,9 +1,5 @@
 """Cut a person out of a green or blue screen: key, despill, and the foreground's own colour."""
 
-import os
-from importlib.util import find_spec
-from pathlib import Path
-
 import numpy as np
 from numpy.typing import ArrayLike
 from scipy.ndimage import minimum_filter, uniform_filter
@@ -21,7 +17,6 @@ SCREEN_SHARE = 0.85  # of the screen's difference: above it a pixel shows the sc
 SOLID_COVERAGE = 0.8  # above it, away from edges, coverage is complete: spill and folds make no holes
 GRAIN_MEDIANS = 3.0  # of the screen's grain, 2 standard deviations, that count as screen; twice that is kept
 MAX_EDGE_SHARE = 1 / 40  # widest soft edge, as a share of the side of a square of the person's area
-COMPILING = "Compiling PyMatting, once on this machine: one to two minutes"
 
 
 @isolated
@@ -33,8 +28,8 @@ def key(image: ArrayLike, screen: str = "green", *, mask: ArrayLike | None = Non
     screen's channel minus the larger of the others (Vlahos 1971): that of the pixel, that of the screen,
     interpolated behind the person, and that of the person, extrapolated from opaque pixels. PyMatting
     estimates the person's own colour (Germer et al. 2020). It is compiled at its first use on a machine,
-    which takes one to two minutes, and stored in Numba's cache. Parts of the person in the screen's colour
-    become transparent too.
+    which takes some seconds, and stored in Numba's cache. Parts of the person in the screen's colour become
+    transparent too.
 
     Parameters
     ----------
@@ -104,16 +99,6 @@ def key(image: ArrayLike, screen: str = "green", *, mask: ArrayLike | None = Non
         alpha *= inside
     colour = _despill(estimate_foreground(pixels, alpha).clip(0), channel, person)
     return np.concatenate([colour * alpha[..., None], alpha[..., None]], axis=-1, dtype=np.float32)
-
-
-def is_compiled() -> bool:
-    """Return whether PyMatting has compiled itself on this machine before, by its cache."""
-    elsewhere = os.environ.get("NUMBA_CACHE_DIR")
-    if elsewhere:
-        return any(Path(elsewhere).rglob("estimate_foreground_ml*.nbi"))
-    found = find_spec("pymatting")
-    folders = [] if found is None else found.submodule_search_locations or []
-    return any(any(Path(folder).glob("foreground/__pycache__/*.nbi")) for folder in folders)
 
 
 def _difference(pixels: np.ndarray, channel: int) -> np.ndarray:

@@ -2,7 +2,7 @@
 
 Numba keeps compiled code beside the source, or below the user's home. In a container that runs as another
 user, a farm's image or a Nix store it finds neither, and raises an error. It then compiles into a temporary
-folder of this process, which takes a minute or two in each.
+folder of this process, which takes some seconds in each.
 """
 
 import atexit

@@ -1,8 +1,13 @@
 """Work on mattes: select one of several people, solve the edge, bring it to the photograph's size."""
 
+import sys
+import threading
 import warnings
 from collections.abc import Callable, Sequence
 from importlib import import_module
+from importlib.util import find_spec, module_from_spec, spec_from_file_location
+from pathlib import Path
+from types import ModuleType
 from typing import Any, TypeAlias
 
 import numpy as np
@@ -28,6 +33,8 @@ EDGE_PRIOR = 0.005  # weight of the rough matte, which is blurred: more of it ma
 EDGE_WINDOW = 9  # pixels, side of the box in which the colours on both sides of an edge are gathered
 LEAST_CONTRAST = 1e-3  # sum of squared differences of linear colours from which these tell the coverage
 MIN_PERSON_SHARE = 0.1  # of the largest connected region's area: a smaller one is no person of its own
+
+_importing = threading.Lock()
 
 
 def is_opaque(pixels: np.ndarray) -> bool:
@@ -223,7 +230,7 @@ def pymatting(name: str, extra: str = "matte") -> Callable[..., Any]:
     """Return the function of a module of PyMatting that has its name; an extra of this name installs it."""
     ensure_numba_cache()
     try:
-        function = getattr(import_module(f"pymatting.{name}"), name.split(".")[-1])
+        function = getattr(_module_of_pymatting(name), name.split(".")[-1])
     except ImportError as error:
         raise ImportError(f"{extra}: needs PyMatting; install it with: {install_command(extra)}") from error
 
@@ -234,3 +241,24 @@ def pymatting(name: str, extra: str = "matte") -> Callable[..., Any]:
         return result
 
     return called
+
+
+def _module_of_pymatting(name: str) -> ModuleType:
+    """Import a module of PyMatting alone: the package imports, and so compiles, all, for half a minute."""
+    whole = f"pymatting.{name}"
+    with _importing:
+        package = find_spec("pymatting")
+        if whole in sys.modules or package is None:
+            return import_module(whole)
+        folders = package.submodule_search_locations
+        assert folders
+        spec = spec_from_file_location(whole, Path(folders[0], *name.split(".")).with_suffix(".py"))
+        assert spec is not None
+        assert spec.loader is not None
+        module = sys.modules[whole] = module_from_spec(spec)
+        try:
+            spec.loader.exec_module(module)
+        except BaseException:
+            del sys.modules[whole]
+            raise
+        return module

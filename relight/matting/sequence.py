@@ -162,12 +162,6 @@ class SequenceMatting:
             return Path(given)
         return silhouette_files.NETWORK if silhouette_files.are_fetched() else None
 
-    @property
-    def solves_edges(self) -> bool:
-        """Whether PyMatting is needed: for a rough matte, or for the coarse mask of a person who is found."""
-        found = self._options.model == networks.AUTO and self.network is None and not self._options.is_rough
-        return found or self._options.refine is not None
-
     def frames_read(self, number: int) -> list[int]:
         """Return the other frames on which a frame's matte depends, the one that says whom to follow too."""
         looks = self._numbers is not None and self._options.model == networks.AUTO

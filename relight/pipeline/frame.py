@@ -4,13 +4,11 @@ A source is an image in memory, a file, a sequence, a movie or an analysis cache
 """
 
 import functools
-import importlib
 import os
 import warnings
 from collections.abc import Iterable, Mapping, Sequence
 from contextlib import suppress
 from dataclasses import dataclass
-from importlib.util import find_spec
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, NamedTuple
 
@@ -23,7 +21,6 @@ from relight.compositing.placement import place
 from relight.lights.environment import FIELD_OF_VIEW
 from relight.matting import chroma_key, refine
 from relight.matting.networks import AUTO
-from relight.matting.numba_cache import ensure_numba_cache
 from relight.matting.people.track import KeptTrack, Track
 from relight.matting.sequence import MattingOptions, SequenceMatting
 from relight.media import images, movies, optical_flow
@@ -33,7 +30,7 @@ from relight.media.images.arrays import as_array
 from relight.media.pixel_aspect import is_square, square_pixels
 from relight.pipeline import preview, reference
 from relight.pipeline.cache import AnalysisCache, is_cache
-from relight.pipeline.option_fields import BACKGROUND, Report
+from relight.pipeline.option_fields import BACKGROUND
 from relight.pipeline.options import MAX_TEMPORAL_RADIUS, Source
 from relight.pipeline.readers import (
     Reader,
@@ -327,19 +324,6 @@ class FrameReader:
         else:
             return None
         return reference.Look.at_matte(number, matte)
-
-    def compile_matting(self, report: Report) -> None:
-        """Let PyMatting compile itself where it will be needed, and report that: it takes a minute or two."""
-        if (
-            chroma_key.is_compiled() or find_spec("pymatting") is None
-        ):  # what needs it says that it is missing
-            return
-        matting = self._matting
-        if self.source.key is not None or (matting and matting.solves_edges and self._finds_mattes):
-            report(0, 1, chroma_key.COMPILING)
-            ensure_numba_cache()
-            importlib.import_module("pymatting")
-            report(1, 1, chroma_key.COMPILING)
 
     def person_hash(self, around: Iterable[int], as_read: bool = False) -> str:
         """Return a hash of the pictures of a person.

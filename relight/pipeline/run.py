@@ -34,7 +34,7 @@ class Job(ABC, Generic[Result]):
         """Raise for what can be refused before any work; return the numbers of the frames to make."""
 
     def prepare(self, shot: Shot, numbers: FrameRange, report: Report) -> None:
-        """Do what comes before the first frame, once the shot's lights are known and matting is compiled."""
+        """Do what comes before the first frame, once the shot's lights are known."""
 
     @abstractmethod
     def frame(self, shot: Shot, number: int) -> None:

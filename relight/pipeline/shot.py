@@ -495,7 +495,7 @@ class Shot:
             self._analyser.check(floor, number)
 
     def prepare(self, report: Report) -> None:
-        """Do the long work that comes before the first frame: fit matched lights, compile the matting."""
+        """Do the long work that comes before the first frame: fit matched and painted lights."""
         reference = self.matching.reference_person(self._frames.matting_options)
         if reference is not None:
             report(0, 1, "Matching")
@@ -504,7 +504,6 @@ class Shot:
         if self.lighting.paint is not None:
             report(0, 1, "Painting")
             self._paint(self.lighting.paint)
-        self._frames.compile_matting(report)
 
     def _paint(self, picture: Picture) -> None:
         """Let the lights that a picture of strokes asks for take the place of all others.

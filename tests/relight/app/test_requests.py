@@ -6,7 +6,6 @@ import itertools
 import os
 import re
 import struct
-import subprocess
 import sys
 import zlib
 from pathlib import Path
@@ -322,16 +321,6 @@ def test_a_closed_terminal_leaves_nothing_behind(tmp_path, signals):
     assert not [*temporary.glob("relight-app-*")]
 
 
-def test_pymatting_is_compiled_beside_the_worker(tmp_path):
-    """The process ends with the one that started it."""
-    program = "from relight.app import compiling; compiling.begin(); print(compiling.is_running())"
-    environment = {**os.environ, "NUMBA_CACHE_DIR": str(tmp_path)}
-    done = subprocess.run(
-        [sys.executable, "-c", program], capture_output=True, text=True, env=environment, timeout=120
-    )
-    assert done.stdout.strip() == "True", done.stderr
-
-
 def test_a_file_that_something_else_removed_is_a_sentence(session):
     """A program that cleans temporary folders up, or a tab that removed the photograph meanwhile."""
     photograph = session.new_photograph("a.png")
@@ -345,7 +334,7 @@ def test_a_file_that_something_else_removed_is_a_sentence(session):
 
 @pytest.mark.skipif(sys.platform == "win32", reason="has no such limit")
 @pytest.mark.parametrize("task", ["read", "outline_of", "load_matte", "analyse", "save"])
-def test_a_full_disk_is_a_sentence_in_every_step(tmp_path, small_canvas, monkeypatch, task):
+def test_a_full_disk_is_a_sentence_in_every_step(tmp_path, small_canvas, task):
     """Files can have no more than 100 bytes, which ends each write as a full disk does."""
     import resource
     import signal
@@ -370,7 +359,6 @@ def test_a_full_disk_is_a_sentence_in_every_step(tmp_path, small_canvas, monkeyp
         return worker.answer_to(tasks, name, str(tmp_path), arguments[name], Wire())
 
     before, limit = os.getcwd(), resource.getrlimit(resource.RLIMIT_FSIZE)
-    monkeypatch.setattr(tasks.compiling, "wait", lambda report: None)
     old = signal.signal(signal.SIGXFSZ, signal.SIG_IGN)
     try:
         assert ask("read")[0] == "done"

@@ -134,20 +134,17 @@ def test_a_matte_from_a_file_is_the_accepted_one_as_it_is(folder, unanalysed):
         tasks.load_matte("other.png", silent)
 
 
-def test_what_needs_no_matting_does_not_wait_for_it(folder, unanalysed, monkeypatch):
-    """On the first start ever PyMatting is compiled meanwhile: alpha and mattes from files do not wait."""
+def test_alpha_and_mattes_from_files_need_no_pymatting(folder, unanalysed, missing):
     path, matte, drawn = folder
-    waited = []
-    monkeypatch.setattr(tasks.compiling, "wait", lambda report: waited.append(True))
+    missing("pymatting.laplacian.cf_laplacian")
     tasks.analyse("me.png", None, None, silent)
     Image.fromarray(np.round(matte * 255).astype(np.uint8)).save(path / "hand.png")
     tasks.load_matte("hand.png", silent)
     tasks.outline_of({"model": "file"}, silent)
     tasks.analyse("me.png", "me-matte.png", {"model": "file"}, silent)
     tasks.full_matte("me.png", "me-matte.png", silent)
-    assert not waited
-    tasks.outline_of(drawn, silent)
-    assert waited
+    with pytest.raises(ImportError, match="needs PyMatting"):
+        tasks.outline_of(drawn, silent)
 
 
 def test_a_shifted_edge_is_that_of_the_page_and_of_the_file(folder, unanalysed):

@@ -1,11 +1,13 @@
+import os
+import subprocess
+import sys
+
 import numpy as np
 import pytest
 import torch
-from helpers import shots
 from scipy.ndimage import binary_dilation
 
 import relight
-from relight.matting import chroma_key
 
 SIZE, SUPERSAMPLED = 200, 3
 GREEN, BLUE = (0.05, 0.45, 0.08), (0.04, 0.1, 0.5)
@@ -169,19 +171,22 @@ def test_without_pymatting_it_says_what_to_install(missing):
         relight.key(np.full((40, 40, 3), GREEN))
 
 
-@pytest.mark.slow
-def test_the_first_use_on_a_machine_says_what_takes_so_long(monkeypatch, tmp_path):
-    plate = np.full((64, 48, 3), (0.05, 0.6, 0.05), np.float32)
-    plate[12:60, 14:34] = (0.5, 0.4, 0.3)
-    relight.key(plate)
-    assert chroma_key.is_compiled()
-    light = relight.DirectionalLight()
-    for compiled in (True, False):
-        monkeypatch.setattr(chroma_key, "is_compiled", lambda answer=compiled: answer)
-        for output, frames in (("o.exr", None), ("o.%d.exr", (1, 1))):
-            steps = []
-            shots.render(
-                plate, light, tmp_path / output, key="green", frames=frames,
-                progress=lambda done, total, what, steps=steps: steps.append(what),
-            )  # fmt: skip
-            assert (chroma_key.COMPILING in steps) is not compiled
+FIRST_USE = """
+import sys
+import numpy as np
+import relight
+plate = np.full((64, 48, 3), (0.05, 0.6, 0.05), np.float32)
+plate[12:60, 14:34] = (0.5, 0.4, 0.3)
+assert relight.key(plate)[30, 20, 3] == 1
+assert [each for each in sys.modules if each.startswith("pymatting")] == [
+    "pymatting.foreground.estimate_foreground_ml"
+]
+"""
+
+
+def test_the_first_use_on_a_machine_compiles_what_is_used_alone(tmp_path):
+    subprocess.run(
+        [sys.executable, "-c", FIRST_USE], check=True, env={**os.environ, "NUMBA_CACHE_DIR": str(tmp_path)}
+    )
+    compiled = {path.name.partition(".")[0] for path in tmp_path.rglob("*.nbi")}
+    assert compiled == {"estimate_foreground_ml"}
