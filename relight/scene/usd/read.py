@@ -6,6 +6,7 @@ import dataclasses
 import math
 from collections.abc import Iterable
 from pathlib import Path
+from textwrap import shorten
 from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
@@ -24,6 +25,7 @@ if TYPE_CHECKING:
     from pxr import Usd
 
 MOST_FRAMES = 10_000
+REASON = 200  # characters of what USD says of a bad value
 ORIENTATION = ("image", "rotation")  # of an environment: one that is not upright turns its image
 
 
@@ -132,7 +134,8 @@ class _Reader:
             if str(self.path) in str(error):
                 raise
             what = "holds a value of another type than the schema's"
-            raise ValueError(f"{self.path}: {prim.GetPath()}: {what}: {error}") from error
+            reason = shorten(str(error), REASON)  # a bad value may be an array of thousands
+            raise ValueError(f"{self.path}: {prim.GetPath()}: {what}: {reason}") from error
         if not any(settings["intensity"] > 0 for _, settings in samples):
             return None
         if _changes_image(samples):

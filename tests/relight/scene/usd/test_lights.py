@@ -612,6 +612,15 @@ def test_values_and_transforms_of_no_meaning_name_the_prim(tmp_path):
     check_refused("/key: has a transform that is not finite", stage(tmp_path, far))
 
 
+def test_a_large_value_of_another_type_is_not_shown_whole(tmp_path):
+    values = ", ".join(["(1, 2, 3)"] * 500)
+    with pytest.raises(ValueError, match="/key: holds a value of another type") as refused:
+        read_lights(
+            stage(tmp_path, KEY.replace("float inputs:angle = 0", f"float3[] inputs:angle = [{values}]"))
+        )
+    assert len(str(refused.value)) < 500
+
+
 @pytest.mark.parametrize(("turn", "move"), [((0, 90, 0), (0, 0, 0)), ((20, -130, 75), (300, -40, 1000))])
 @pytest.mark.parametrize("up", ["Y", "Z"])
 def test_a_turned_world_is_lit_as_before(tmp_path, turn, move, up):
