@@ -16,6 +16,7 @@ from relight.analysis.maps import add_light
 from relight.analysis.record import AnalysisRecord
 from relight.lights.directional import disc_samples
 from relight.lights.light import Light
+from relight.media.resampling import reduced_size
 from shadow import inputs
 from shadow.framing import Framing
 from shadow.networks.mirror import Pixels
@@ -119,9 +120,8 @@ class LightGrid:
     @property
     def drawing_size(self) -> tuple[int, int]:
         """Size (H, W) at which a cell is CELL_PIXELS wide, or that of the plate if it is smaller."""
-        height, width = self._record.foreground.size
         shrink = min(1.0, CELL_PIXELS * self._record.framing.scale / self._step)
-        return max(1, round(height * shrink)), max(1, round(width * shrink))
+        return reduced_size(self._record.foreground.size, shrink)
 
     def coverage(self, masks: torch.Tensor) -> torch.Tensor:
         """Return the share (S, N) of each point's cell that masks cover, of its part on the person.

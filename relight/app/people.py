@@ -13,6 +13,7 @@ from relight.matting.people import finder
 from relight.matting.people.choice import CERTAIN
 from relight.matting.people.region import DetectedPerson
 from relight.matting.refine import encoded_srgb
+from relight.media.resampling import reduced_size
 
 EVERYONE = "everyone"
 OUTLINED_SIDE = 512  # pixels, the longer side of the copy on which people are outlined
@@ -36,11 +37,11 @@ class Found:
     def outlines(self) -> list[dict[str, Any]]:
         """Return each person's number, from 1, and closed lines around them, in shares of the picture."""
         shrink = min(1.0, OUTLINED_SIDE / max(self.picture.shape[:2]))
-        size = tuple(max(1, round(side * shrink)) for side in self.picture.shape[:2])
+        size = reduced_size(self.picture.shape, shrink)
         return [
             {"number": number, "lines": lines}
             for number, person in enumerate(self.people, 1)
-            if (lines := _lines(person.within((0, 0), shrink).on((size[0], size[1])) > 0.5))
+            if (lines := _lines(person.within((0, 0), shrink).on(size) > 0.5))
         ]
 
     def oddity(self, person: int | str, matte: np.ndarray) -> str | None:

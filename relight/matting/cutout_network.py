@@ -17,7 +17,7 @@ from shadow.networks.precision import autocast
 
 OWN = "matting"  # the weights in the package
 SIDE = 512  # pixels, the longer side of what the network sees
-FILTER = "triangle"  # of OpenImageIO, for copies
+FILTER = "triangle"  # of `resize`, for copies
 
 
 def is_one(name: str) -> bool:

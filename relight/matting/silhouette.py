@@ -20,11 +20,11 @@ from scipy.ndimage import binary_dilation, distance_transform_edt, gaussian_filt
 
 from relight.matting import silhouette_files
 from relight.matting.openvino_runtime import compiled
-from relight.matting.people.choice import Choice, reduced_size
+from relight.matting.people.choice import Choice
 from relight.matting.refine import linear_coverage, upsampled
 from relight.matting.silhouette_regions import CERTAIN, reconciled
 from relight.media import colour
-from relight.media.resampling import resize
+from relight.media.resampling import reduced_size, resize
 from shadow.networks import precision
 
 SIDE = 1024  # pixels of the network's square input
@@ -40,7 +40,7 @@ LEAST = 0.3  # of what was drawn: the network sees no person there if it sees le
 MASK_SIDE, SLOPE = 256, 2.0  # pixels of a coarse mask; how much steeper its edge is in the picture
 AROUND = 8  # pixels of the copy around what a matte shows, in which the photograph's edges are looked for
 BORDER = 1.0  # standard deviation in pixels of the blur of the border between people
-FILTER = "triangle"  # of OpenImageIO, for copies
+FILTER = "triangle"  # of `resize`, for copies
 
 
 class Silhouette(Protocol):

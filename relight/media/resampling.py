@@ -29,6 +29,11 @@ def resize(image: np.ndarray, size: tuple[int, ...], filter_name: str = "blackma
     return to_array(resized).reshape(*size, *image.shape[2:])
 
 
+def reduced_size(size: tuple[int, ...], shrink: float) -> tuple[int, int]:
+    """Return the size (h, w) of a copy of a picture of `size` (H, W, ...), at least one pixel."""
+    return max(1, round(size[0] * shrink)), max(1, round(size[1] * shrink))
+
+
 def sample(image: np.ndarray, across: np.ndarray, down: np.ndarray) -> np.ndarray:
     """Interpolate an image (h, w, C) at positions (H, W) in [-1, 1] between its edges: (H, W, C) float32.
 

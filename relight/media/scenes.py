@@ -2,7 +2,7 @@
 
 import numpy as np
 
-from relight.media.resampling import resize
+from relight.media.resampling import reduced_size, resize
 
 SIDE = 24  # pixels, the longer side of the copies on which frames are compared
 OTHER_SCENE = 0.2  # mean difference of encoded colours between frames of two scenes
@@ -11,8 +11,7 @@ OTHER_SCENE = 0.2  # mean difference of encoded colours between frames of two sc
 def reduced(encoded: np.ndarray) -> np.ndarray:
     """Return a copy (h, w, 3) of a frame (H, W, 3), encoded in [0, 1], on which scenes are compared."""
     shrink = SIDE / max(encoded.shape[:2])
-    height, width = (max(1, round(length * shrink)) for length in encoded.shape[:2])
-    return resize(encoded, (height, width), "triangle")
+    return resize(encoded, reduced_size(encoded.shape, shrink), "triangle")
 
 
 def is_cut(before: np.ndarray, after: np.ndarray) -> bool:

@@ -111,3 +111,12 @@ def lasso(page, points):
 def at_step(page, step, seconds=240):
     """Wait until the page is at a step and nothing is being done."""
     wait(page, f"relightApp.step === '{step}' && !relightApp.aborting", seconds)
+
+
+def lit_example(browser, address):
+    """The application in a new window, at the light step with a person who has a matte."""
+    page = visited(browser, address)
+    chosen(page, ROOT / "examples" / "person.png")
+    at_step(page, "light")
+    wait(page, LIT, 240)
+    return page

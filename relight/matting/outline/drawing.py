@@ -52,7 +52,7 @@ UNSURE = 0.05  # a rough matte is sure within this of 0 and 1; between, colours 
 DOUBT = 0.6  # of the logarithm of its odds there: its weight, as a distance
 REACH = 6  # pixels around a hole that are solved with it
 MARGIN = 0.12  # of the outline's size, of the photograph around it that is looked at
-FILTER = "triangle"  # of OpenImageIO, for copies
+FILTER = "triangle"  # of `resize`, for copies
 
 
 @dataclass(frozen=True)

@@ -8,6 +8,7 @@ from scipy.ndimage import distance_transform_edt
 
 from relight.matting.people.region import Circle, DetectedPerson
 from relight.matting.refine import PersonChoice, is_everybody
+from relight.media.resampling import reduced_size
 
 SAME_PERSON = 0.6  # the same, of two masks
 COMPARED_SIDE = 256  # pixels, the longer side of the copy on which masks are compared
@@ -118,8 +119,3 @@ def distinct(people: Sequence[DetectedPerson], size: tuple[int, ...]) -> list[De
             kept.append(person)
             masks.append(mask)
     return kept
-
-
-def reduced_size(size: tuple[int, ...], shrink: float) -> tuple[int, int]:
-    """Return the size (h, w) of a copy of a picture of `size` (H, W)."""
-    return max(1, round(size[0] * shrink)), max(1, round(size[1] * shrink))

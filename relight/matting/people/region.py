@@ -12,7 +12,7 @@ import numpy as np
 import torch
 import torch.nn.functional as F
 
-from relight.media.resampling import resize
+from relight.media.resampling import reduced_size, resize
 from shadow.framing import affine_sample
 
 LANDMARK_SIDE = 256  # pixels of the landmark network's square input
@@ -183,7 +183,7 @@ class Copies:
     def of(cls, encoded: np.ndarray) -> "Copies":
         """Return the copies of a picture (H, W, 3)."""
         shrink = min(1.0, REDUCED_SIDE / max(encoded.shape[:2]))
-        reduced = resize(encoded, tuple(max(1, round(n * shrink)) for n in encoded.shape[:2]), "triangle")
+        reduced = resize(encoded, reduced_size(encoded.shape, shrink), "triangle")
         scale = np.array(encoded.shape[1::-1]) / reduced.shape[1::-1]
         return cls(encoded, planes(reduced), scale)
 

@@ -120,7 +120,7 @@ def write(
         if pixels[..., 3].min() < 1:
             raise ValueError(f"{path}: {path.suffix} holds no alpha; put the image over a background first")
         pixels = pixels[..., :3]
-    if max(pixels.shape[:2]) > LARGEST.get(suffix, max(pixels.shape[:2])):
+    if suffix in LARGEST and max(pixels.shape[:2]) > LARGEST[suffix]:
         raise ValueError(f"{path}: {path.suffix} holds at most {LARGEST[suffix]} pixels a side")
     if depth.startswith("uint"):
         pixels = encoded(pixels, back, view=view, exposure=exposure, white=white)

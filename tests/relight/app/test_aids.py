@@ -5,7 +5,7 @@ import io
 import numpy as np
 import pytest
 from helpers import ROOT, browsing
-from helpers.serving import LIT, at_step, chosen, served, visited
+from helpers.serving import lit_example, served
 from PIL import Image
 
 import relight
@@ -51,10 +51,7 @@ def test_the_plot_shows_the_lights_of_the_page(kept):
 @browsing.NEEDS_CHROMIUM
 def test_confidence_lies_over_the_picture_and_the_plot_is_shown_and_printed(browser):
     with served() as (address, _):
-        page = visited(browser, address)
-        chosen(page, ROOT / "examples" / "person.png")
-        at_step(page, "light")
-        browsing.wait(page, LIT, 240)
+        page = lit_example(browser, address)
         switch = page.get_by_role("button", name="Confidence")
         switch.click()
         browsing.wait(page, f"!{CONFIDENCE}.canvas.hidden")

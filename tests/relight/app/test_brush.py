@@ -2,8 +2,8 @@
 
 import numpy as np
 import pytest
-from helpers import ROOT, browsing
-from helpers.serving import LIT, at_step, chosen, served, visited
+from helpers import browsing
+from helpers.serving import lit_example, served
 
 import relight
 from relight.app.painting import painted
@@ -62,10 +62,7 @@ def test_other_strokes_are_refused_in_one_line(viewed, strokes, message):
 @browsing.NEEDS_CHROMIUM
 def test_the_brush_moves_the_handles_and_can_be_undone(browser):
     with served() as (address, _):
-        page = visited(browser, address)
-        chosen(page, ROOT / "examples" / "person.png")
-        at_step(page, "light")
-        browsing.wait(page, LIT, 240)
+        page = lit_example(browser, address)
         begun = page.evaluate(f"{VIEWER}.state.lights")
         page.get_by_role("button", name="Paint the light").click()
         box = page.locator("canvas.strokes").bounding_box()
