@@ -554,7 +554,7 @@ export class OutlineStep {
     const kept = this.drawings.get(this.photograph.id);
     this.undoButton.disabled = !kept.past.length && !this.corners.length;
     this.redoButton.disabled = !kept.future.length;
-    this.accept.disabled = !this.matte || busy;
+    this.accept.disabled = !this.matte; // while a newer one is solved it stays: disabled, it would lose a click
     this.greyButton.disabled = !this.matte;
     for (const { input, shown, name } of [this.shift, this.feather]) {
       input.disabled = !this.matte && !this.drawing[name];
