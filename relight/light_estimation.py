@@ -14,6 +14,7 @@ from relight.analysis.light_solver import LightSolver
 from relight.arguments import checks_arguments
 from relight.lights.directional import DirectionalLight
 from relight.lights.environment import EnvironmentLight
+from relight.lights.light import Light
 from relight.lights.plate import few_rows, opaque, whole_field_of_view
 from relight.lights.rig import FewLights
 from relight.matting.sequence import MattingOptions, SequenceMatting
@@ -202,13 +203,12 @@ class Matching:
             found.append(light)
         return found
 
-    def check_names(self, names: Iterable[str]) -> None:
-        """Raise ValueError if a light has the name of a light that is estimated."""
-        for name in names:
-            taken = self.plate and name == PLATE
-            if taken or (self.reference is not None and re.fullmatch(rf"{MATCH_PREFIX}\d+", name)):
+    def check_names(self, lights: Iterable[Light]) -> None:
+        """Raise ValueError if a light has the name of one that is estimated from the reference."""
+        for light in lights if self.reference is not None else ():
+            if re.fullmatch(rf"{MATCH_PREFIX}\d+", light.name or ""):
                 raise ValueError(
-                    f"lights: {name!r} is the name of a matched light; give the light another name"
+                    f"lights: {light.name!r} is the name of a matched light; give the light another name"
                 )
 
     def reference_person(

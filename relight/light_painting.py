@@ -155,7 +155,7 @@ class LightPainter:
         self._solver = LightSolver(self._grid, current)
         self._before, present = self._solver.picture, subject.relit(current, gloss)
         if lights is None:
-            present = subject.relit([], amount=0)
+            present = subject.on_plate(subject.photographed_pixels())
             self._before = self._seen(present)
         self._present = present
 

@@ -1,7 +1,7 @@
 """Render a picture of a relit person, its light groups, which sum to the picture, and its passes."""
 
 import os
-from collections.abc import Callable, Iterable
+from collections.abc import Callable, Iterable, Mapping
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -10,7 +10,6 @@ import numpy as np
 import torch
 
 from relight import quantities
-from relight.analysis.gloss import checked_gloss
 from relight.analysis.infer import AnalysisInputs, check_inputs, infer
 from relight.arguments import checks_arguments, shown
 from relight.compositing.composite import MAX_BACKGROUND_FACTOR, Background, backdrop, over
@@ -18,11 +17,11 @@ from relight.compositing.defocus import defocused
 from relight.compositing.floor import Floor, GivenFloor
 from relight.lights.environment import FIELD_OF_VIEW, EnvironmentLight, environments
 from relight.lights.light import Light
-from relight.lights.rig import Lights, as_lights, by_name, check_free, checked_amount, scaled
+from relight.lights.rig import Lights, as_lights, by_name, scaled
 from relight.media.images import Metadata, half, read, scene_linear
 from relight.media.images.arrays import as_array
 from relight.quantities import BACKGROUNDS, BLUR, ENVIRONMENT, NONE, PLATE, STRONG_BLUR, background_of
-from relight.subject import Subject
+from relight.subject import PHOTOGRAPH, Subject
 from shadow import inputs
 from shadow.files import AnyPath, is_path
 from shadow.torch_settings import isolated
@@ -109,7 +108,7 @@ def apply(
     (64, 48, 3)
     """
     named = lights if isinstance(lights, str) else None
-    lights, gloss, amount = as_lights(lights), checked_gloss(gloss), checked_amount(amount)
+    lights = as_lights(lights)
     background = _background(background, lights)
     given = check_inputs(
         image, mask, albedo, normals, depth, height=height, field_of_view=field_of_view, device=device,
@@ -136,9 +135,25 @@ def relit_over(
         return picture
     shadow = None if floor is None else partial_shadow(subject.shadows(lights, floor)[1], amount)
     if blur or background_light:
-        background = backdrop(background, subject.size, blur=blur)
-        background = background * background_factor(subject, picture, background_light)
+        background = lit_backdrop(subject, picture, background, None, blur, background_light)
     return over(picture, background, shadow)
+
+
+def lit_backdrop(
+    person: Subject,
+    relit: np.ndarray,
+    background: Background,
+    shadow: np.ndarray | None = None,
+    blur: float = 0.0,
+    background_light: float = 0.0,
+) -> np.ndarray:
+    """Return what is behind a relit person, (H, W, 3) linear, as their light and the lens leave it.
+
+    `relit`: the picture (H, W, 4). `shadow`, `blur`: see `backdrop`; `background_light`: `relight.Lighting`.
+    """
+    factor = background_factor(person, relit, background_light) if background_light else None
+    back = backdrop(background, person.size, shadow, blur)
+    return back if factor is None else back * factor
 
 
 def background_factor(person: Subject, relit: np.ndarray, share: float) -> np.ndarray:
@@ -146,7 +161,8 @@ def background_factor(person: Subject, relit: np.ndarray, share: float) -> np.nd
 
     `relit`: (H, W, 4), the picture. The light is that of the picture over the photograph.
     """
-    after, before = (each[..., :3].sum(axis=(0, 1)) for each in (relit, person.relit([], amount=0)))
+    photograph = person.on_plate(person.photographed_pixels())
+    after, before = (each[..., :3].sum(axis=(0, 1)) for each in (relit, photograph))
     whole = np.divide(after, before, out=np.ones(3, np.float32), where=before > 0)
     return 1 + np.float32(share) * (whole.clip(0, MAX_BACKGROUND_FACTOR) - 1)
 
@@ -226,11 +242,11 @@ def render(
     ['C_key', 'N', 'P']
     """
     preset = lights if isinstance(lights, str) else None
-    lights = list(by_name(lights).values())  # refuse what is wrong with them before the networks run
+    lights = as_lights(lights)
+    by_name(lights)  # refuse what is wrong with them before the networks run
     passes = check_names(passes)
     if exr_type not in EXR_TYPES:
         raise ValueError(f"exr_type: expected {' or '.join(EXR_TYPES)}, got {exr_type!r}")
-    gloss, amount = checked_gloss(gloss), checked_amount(amount)
     background = _background(background, lights)
     given = check_inputs(
         image, mask, albedo, normals, depth, height=height, field_of_view=field_of_view, device=device,
@@ -239,8 +255,8 @@ def render(
     subject = _analysed(given, floor)
     behind = _behind(subject, background, lights, given.plate)
     return render_subject(
-        subject, subject.preset(preset) if preset else lights, background=behind, passes=passes,
-        exr_type=exr_type, floor=floor, gloss=gloss, amount=amount,
+        subject, preset or lights, background=behind, passes=passes, exr_type=exr_type, floor=floor,
+        gloss=gloss, amount=amount,
     )  # fmt: skip
 
 
@@ -267,7 +283,7 @@ class Rendering:
 
 def render_layers(
     subject: Subject,
-    lights: Lights,
+    named: Mapping[str, Light],
     *,
     passes: Iterable[str] = (),
     exr_type: str = "half",
@@ -276,13 +292,18 @@ def render_layers(
     amount: float = 1.0,
     layered: bool = True,
 ) -> Rendering:
-    """Render an analysed person without a background; see `render_subject`."""
-    amount, passes = checked_amount(amount), check_names(passes)
-    lights = subject.preset(lights) if isinstance(lights, str) else as_lights(lights)
-    picture, layers = light_groups(subject, lights, exr_type, gloss, layered, amount)
-    further, shadow = passes_of(subject, scaled(lights, amount), passes), None
+    """Render an analysed person without a background, from arguments that are checked; see `render_subject`.
+
+    `named`: {name: light}, the lights as `Subject.placed` returns them. `layered`: whether to make layers.
+    Raises ValueError for no light.
+    """
+    if not named:
+        raise ValueError("lights: expected at least one")
+    shining = dict(zip(named, scaled(named.values(), amount), strict=True))
+    picture, layers = light_groups(subject, shining, exr_type, gloss, 1 - amount, layered)
+    further, shadow = passes_of(subject, shining, passes), None
     if floor is not None:
-        per_light, shadow = subject.shadows(lights, floor)
+        per_light, shadow = subject.shadows_per_light(named, floor)
         shadow = partial_shadow(shadow, amount)
         further |= {f"shadow_floor_{name}": layer for name, layer in per_light.items()}
     return Rendering(picture, layers | further if layered else {}, shadow)
@@ -320,14 +341,16 @@ def render_subject(
     Raises ValueError for no light, two lights of one name, an unknown pass, or a gloss or an amount outside
     [0, 1].
     """
-    lights = subject.preset(lights) if isinstance(lights, str) else as_lights(lights)
+    lights, passes = subject.placed(lights), check_names(passes)
     background = _background(background, lights)
+    reserved = [PHOTOGRAPH] if amount < 1 else []
+    reserved += [] if background is None else [BACKGROUND_LAYER]
     rendering = render_layers(
-        subject, lights, passes=passes, exr_type=exr_type, floor=floor, gloss=gloss, amount=amount
-    )
+        subject, by_name(lights, reserved), passes=passes, exr_type=exr_type, floor=floor, gloss=gloss,
+        amount=amount,
+    )  # fmt: skip
     if background is None:
         return rendering.cut_out, rendering.layers
-    check_free(by_name(lights), BACKGROUND_LAYER)
     back = backdrop(_seen_by(subject, background, lights), subject.size, rendering.shadow)
     picture, seen = over_backdrop(rendering.cut_out, back, exr_type)
     return picture, rendering.layers | {"C_background": seen}
@@ -365,27 +388,26 @@ def _seen_by(subject: Subject, background: Background, lights: Iterable[Light]) 
 
 def light_groups(
     subject: Subject,
-    lights: Lights,
+    named: Mapping[str, Light],
     exr_type: str = "half",
     gloss: float = 0.0,
+    photograph: float = 0.0,
     layered: bool = True,
-    amount: float = 1.0,
 ) -> tuple[np.ndarray, Layers]:
     """Render the person's picture, and the part of each light in it; see `render_subject`.
 
-    The picture is (H, W, 4), linear, premultiplied, and its groups are {"C_<light>": (H, W, 4)}, as
-    `relight.write` takes them. For half-float files the groups are rounded and the picture is their sum, so
-    that it still is after a round trip through the file. Each carries the matte as its alpha.
+    `photograph`: the share of the photograph's own light, which is a group as well. The picture is
+    (H, W, 4), linear, premultiplied, and its groups are {"C_<light>": (H, W, 4)}, as `relight.write` takes
+    them. For half-float files the groups are rounded and the picture is their sum, so that it still is after
+    a round trip through the file. Each carries the matte as its alpha.
     """
     groups: Layers = {}
     colour = coverage = torch.zeros(())
-    for name, layer in subject.pixels_per_light(lights, gloss, amount):
+    for name, layer in subject.pixels_per_light(named, gloss, photograph):
         group = torch.from_numpy(_rounded(layer.numpy(), f"C_{name}", exr_type))
         colour, coverage = colour + group[:, :3], layer[:, 3:]  # coverage does not add up
         if layered:
             groups[f"C_{name}"] = subject.on_plate(group)
-    if not len(as_lights(lights)):
-        raise ValueError("lights: expected at least one")
     return subject.on_plate(torch.cat([colour, coverage], dim=1)), groups
 
 
@@ -394,7 +416,7 @@ def _rounded(values: np.ndarray, name: str, exr_type: str) -> np.ndarray:
     return half(values, name) if exr_type == "half" and values.size else values
 
 
-def passes_of(subject: Subject, lights: Lights, names: Iterable[str]) -> Layers:
+def passes_of(subject: Subject, named: Mapping[str, Light], names: Iterable[str]) -> Layers:
     """Return passes {layer name: float32 array} of the plate's size, zero off the matte, not premultiplied.
 
     - "albedo": (H, W, 3), linear Rec.709.
@@ -409,21 +431,21 @@ def passes_of(subject: Subject, lights: Lights, names: Iterable[str]) -> Layers:
     - "confidence": `confidence_<light>` (H, W) for each light, the probability that its visibility is right,
       and `confidence`, that of all directions, see `Subject.confidence`.
 
-    Raises ValueError for another name.
+    `named`: {name: light}. `names`: of the passes, see `check_names`.
     """
-    names = check_names(names)
     layers = {"albedo": subject.albedo} if "albedo" in names else {}
     layers |= {"N": subject.normals} if "N" in names else {}
     layers |= {"P": subject.position} if "P" in names else {}
     if "Z" in names:
         layers["Z"] = np.where(subject.matte > 0, subject.distance + subject.depth, np.float32(0))
-    named = by_name(lights)
     if "visibility" in names:
         layers |= {f"visibility_{name}": subject.unshadowed(light) for name, light in named.items()}
     if "shading" in names:
-        layers |= {f"shading_{name}": subject.lighting(light) for name, light in named.items()}
+        lit = {name: subject.lit_pixels([light]) for name, light in named.items()}
+        layers |= {f"shading_{name}": subject.on_plate(pixels) for name, pixels in lit.items()}
     if "gloss" in names:
-        layers |= {f"gloss_{name}": subject.reflection(light) for name, light in named.items()}
+        reflected = {name: subject.reflected_pixels([light]) for name, light in named.items()}
+        layers |= {f"gloss_{name}": subject.on_plate(pixels) for name, pixels in reflected.items()}
     if "confidence" in names:
         layers["confidence"] = subject.confidence()
         layers |= {f"confidence_{name}": subject.confidence(light) for name, light in named.items()}

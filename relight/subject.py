@@ -3,7 +3,7 @@
 import copy
 import os
 import warnings
-from collections.abc import Callable, Iterable, Iterator
+from collections.abc import Callable, Iterable, Iterator, Mapping
 from functools import cached_property
 from pathlib import Path
 from typing import Any, Self
@@ -16,7 +16,6 @@ from relight import quantities
 from relight.analysis import joints, storage, temporal
 from relight.analysis.camera import Camera
 from relight.analysis.exposure import gain_to_keep
-from relight.analysis.gloss import checked_gloss
 from relight.analysis.infer import check_inputs, infer
 from relight.analysis.light_grid import LightGrid
 from relight.analysis.maps import AnalysisMaps, bounded
@@ -25,7 +24,7 @@ from relight.analysis.record import AnalysisRecord
 from relight.analysis.upsampling import EXTENSION_SHARE, JointBilateral, encode_guide
 from relight.arguments import checks_arguments
 from relight.compositing.clean_plate import checked_plate, clean_plate
-from relight.compositing.floor import GivenFloor
+from relight.compositing.floor import Floor, GivenFloor
 from relight.compositing.floor_shadow import FloorShadow
 from relight.errors import EmptyMatteError
 from relight.lights import presets
@@ -33,7 +32,7 @@ from relight.lights.environment import FIELD_OF_VIEW
 from relight.lights.light import Light
 from relight.lights.moving import MovingLight
 from relight.lights.near import NearLight
-from relight.lights.rig import Lights, as_lights, by_name, check_free, checked_amount, scaled
+from relight.lights.rig import Lights, as_lights, by_name, scaled
 from shadow import inputs
 from shadow.framing import Extension
 from shadow.networks.checkpoints import checksum
@@ -346,12 +345,11 @@ class Subject:
         >>> np.allclose(2 * once, twice)
         True
         """
-        lights, gloss, amount = self._rig(lights), checked_gloss(gloss), checked_amount(amount)
-        lights = scaled(lights, amount)
-        reflection = self._reflection(lights) if gloss else None
-        picture = self._picture(self._lighting(lights), reflection, gloss)
+        shining = scaled(self.placed(lights), amount)
+        reflection = self.reflected_pixels(shining) if gloss else None
+        picture = self._picture(self.lit_pixels(shining), reflection, gloss)
         if amount < 1:
-            picture[:, :3] += self._photograph(1 - amount)[:, :3]
+            picture[:, :3] += self.photographed_pixels(1 - amount)[:, :3]
         return self.on_plate(picture)
 
     @checks_arguments
@@ -375,20 +373,19 @@ class Subject:
     @checks_arguments
     def preset_gain(self, name: str) -> float:
         """Return the factor between the lights of `preset` and those of `relight.presets`."""
-        record, lights = self._record, as_lights(presets.named(name))
+        record, lights = self._record, presets.named(name)
         if self.is_empty:
             return 1.0
         return gain_to_keep(record.maps, record.exposure, record.face, lights)
 
-    def _rig(self, lights: Lights | Iterable[Light | MovingLight]) -> list[Light]:
-        """Return lights as a list, those of a preset's name as bright as the photograph."""
-        if not isinstance(lights, str):
-            return [self._placed(light) for light in as_lights(lights)]
-        return scaled(presets.named(lights, "lights"), self.preset_gain(lights))
-
     def placed(self, lights: Lights) -> list[Light]:
-        """Return lights as a list, as they are on this person: a preset exposed, followers in place."""
-        return self._rig(lights)
+        """Return lights as a list, as they are on this person: a preset exposed, followers in place.
+
+        Methods that say no more than `list[Light]` take what this returns.
+        """
+        if isinstance(lights, str):
+            return scaled(presets.named(lights, "lights"), self.preset_gain(lights))
+        return [self._placed(light) for light in as_lights(lights)]
 
     def _placed(self, light: Light) -> Light:
         """Return a light that follows a part of the person as it stands by them; nobody stands in the middle.
@@ -407,8 +404,8 @@ class Subject:
         """
         return {} if self.is_empty else joints.find(self._record.maps)
 
-    def _photograph(self, share: float) -> torch.Tensor:
-        """Return a share of the person as photographed, as pixels (P, 4)."""
+    def photographed_pixels(self, share: float = 1.0) -> torch.Tensor:
+        """Return a share of the person as photographed, as pixels (P, 4), for `on_plate`."""
         coverage = self._record.foreground.coverage[:, None]
         return torch.cat([share * self._record.colour * coverage, coverage], dim=1)
 
@@ -437,23 +434,26 @@ class Subject:
         ValueError
             Two lights have one name, or that of the photograph's layer; a gloss or an amount outside [0, 1].
         """
-        layers = self.pixels_per_light(lights, gloss, amount)
+        named = by_name(scaled(self.placed(lights), amount), [PHOTOGRAPH] if amount < 1 else [])
+        layers = self.pixels_per_light(named, gloss, 1 - amount)
         return {name: self.on_plate(pixels) for name, pixels in layers}
 
     def pixels_per_light(
-        self, lights: Lights, gloss: float = 0.0, amount: float = 1.0
+        self, named: Mapping[str, Light], gloss: float = 0.0, photograph: float = 0.0
     ) -> Iterator[tuple[str, torch.Tensor]]:
-        """Yield the layers one after the other, as the person's pixels alone: (P, 4), for `on_plate`."""
-        gloss, amount = checked_gloss(gloss), checked_amount(amount)
-        named = list(by_name(scaled(self._rig(lights), amount)).items())
-        if amount < 1:
-            check_free(dict(named), PHOTOGRAPH)
-            yield PHOTOGRAPH, self._photograph(1 - amount)
-        for start in range(0, len(named), LIGHTS_PER_BATCH):
-            batch = named[start : start + LIGHTS_PER_BATCH]
+        """Yield the layers one after the other, as the person's pixels alone: (P, 4), for `on_plate`.
+
+        `named`: {name: light}, see `placed`. `photograph`: the share of the photograph's own light.
+        """
+        if photograph > 0:
+            yield PHOTOGRAPH, self.photographed_pixels(photograph)
+        several = list(named.items())
+        for start in range(0, len(several), LIGHTS_PER_BATCH):
+            batch = several[start : start + LIGHTS_PER_BATCH]
             upsampled = self._to_plate(torch.cat([self._record.maps.lit([light]) for _, light in batch]))
             for (name, light), lighting in zip(batch, upsampled.split(3, dim=1), strict=True):
-                yield name, self._picture(lighting, self._reflection([light]) if gloss else None, gloss)
+                reflection = self.reflected_pixels([light]) if gloss else None
+                yield name, self._picture(lighting, reflection, gloss)
 
     def on_plate(self, pixels: torch.Tensor) -> np.ndarray:
         """Put the person's pixels (P, C) into a plate: (H, W, C) float32, zero outside the matte."""
@@ -465,7 +465,7 @@ class Subject:
         The colour of `relit(lights)` is `albedo × lighting(lights) × alpha`. With the albedo, a compositor
         can grade light and colour separately. Raises as `relit` does.
         """
-        return self.on_plate(_representable(self._lighting(self._rig(lights))))
+        return self.on_plate(self.lit_pixels(self.placed(lights)))
 
     def reflection(self, lights: Lights) -> np.ndarray:
         """Return what a gloss of 1 adds to the picture: (H, W, 3) float32, linear, zero outside the matte.
@@ -474,7 +474,15 @@ class Subject:
         alpha`. The surface's own colour has no part in it. `relight.analysis.gloss` states its source.
         Raises as `relit` does.
         """
-        return self.on_plate(_representable(self._reflection(self._rig(lights))))
+        return self.on_plate(self.reflected_pixels(self.placed(lights)))
+
+    def lit_pixels(self, lights: list[Light]) -> torch.Tensor:
+        """Return Σ intensity · shading as the person's pixels alone: (P, 3), for `on_plate`."""
+        return _representable(self._to_plate(self._record.maps.lit(lights)))
+
+    def reflected_pixels(self, lights: list[Light]) -> torch.Tensor:
+        """Return Σ intensity · gloss as the person's pixels alone: (P, 3), for `on_plate`."""
+        return _representable(self._to_plate(self._record.maps.reflected(lights)))
 
     def unshadowed(self, light: Light) -> np.ndarray:
         """Return the fraction of a light that the person does not block: (H, W) float32 in [0, 1].
@@ -531,13 +539,19 @@ class Subject:
         ValueError
             The person cannot stand on this floor.
         """
+        return self.shadows_per_light(by_name(self.placed(lights)), floor)
+
+    def shadows_per_light(
+        self, named: Mapping[str, Light], floor: Floor
+    ) -> tuple[dict[str, np.ndarray], np.ndarray]:
+        """Compute what `shadows` returns, for {name: light}, see `placed`."""
         if self.is_empty:
             lit = np.ones((*self.size, 3), np.float32)
-            return dict.fromkeys(by_name(self._rig(lights)), lit), lit
+            return dict.fromkeys(named, lit), lit
         maps = self._record.maps
         geometry, cut = maps.geometry, bool(self.matte[-1].max() > 0.5)
         shadow = FloorShadow.of(floor, geometry.camera, geometry.positions, maps.known, cut)
-        return shadow.shadows(by_name(self._rig(lights)))
+        return shadow.shadows(named)
 
     def clean_plate(self, image: np.ndarray) -> np.ndarray:
         """Return the photograph without the person: what a relit picture is laid over to stand in it.
@@ -650,7 +664,7 @@ class Subject:
         self._check_shown()
         from relight.viewer import packing, page
 
-        first = None if lights is None else self._rig(lights)
+        first = None if lights is None else self.placed(lights)
         about = scene.scene_of(
             self.size, first, background, title=title, command=command or scene.COMMAND,
             background_name=background_name, gloss=gloss, amount=amount, fill=fill,
@@ -732,7 +746,6 @@ class Subject:
 
         path = asset.checked(path, texture, triangles)
         self._check_shown()
-        gloss, amount = checked_gloss(gloss), checked_amount(amount)
         person_group.check_amount(path, amount)
         if is_script(path):
             return writing.write_script(path, self, person_group.checked_lights(lights), gloss, amount)
@@ -881,14 +894,6 @@ class Subject:
             picture[:, :3].addcmul_(reflection, coverage[:, None], value=gloss)
         picture[:, 3] = coverage
         return _representable(picture)
-
-    def _lighting(self, lights: Iterable[Light]) -> torch.Tensor:
-        """Return Σ intensity · shading of the person's pixels (P, 3)."""
-        return self._to_plate(self._record.maps.lit(as_lights(lights)))
-
-    def _reflection(self, lights: Iterable[Light]) -> torch.Tensor:
-        """Return Σ intensity · gloss of the person's pixels (P, 3)."""
-        return self._to_plate(self._record.maps.reflected(lights))
 
     def _to_plate(self, maps: torch.Tensor) -> torch.Tensor:
         """Upsample canvas maps (C, h, w) to the person's pixels on the plate (P, C)."""

@@ -21,7 +21,6 @@ import torch
 from relight.app import clip, drawing, matching, painting, people, preset_pictures, turning
 from relight.app.drawing import MODEL, REDUCED
 from relight.app.pictures import png, reduced_size, resized
-from relight.compositing.composite import backdrop
 from relight.compositing.floor import Floor
 from relight.compositing.placement import place
 from relight.errors import EmptyMatteError
@@ -40,7 +39,7 @@ from relight.media.images.write_image import encoded
 from relight.media.sequences import Still
 from relight.pipeline.options import Lighting, Output, Source
 from relight.quantities import NONE, PLATE
-from relight.rendering import background_factor, partial_shadow
+from relight.rendering import lit_backdrop, partial_shadow
 from relight.scene.plot import plot_of
 from relight.subject import Subject
 from relight.viewer.initial_state import fill_lamps, scene_of
@@ -310,9 +309,9 @@ def still(name: str, mask: str | None, look: Mapping[str, Any], report: Report) 
         shadow = None
         if lighting.floor is not None:
             shadow = partial_shadow(subject.shadows(lights, lighting.floor)[1], lighting.amount)
-        back = backdrop(behind, subject.size, shadow, lighting.background_blur)
-        if lighting.background_light:
-            back = back * background_factor(subject, picture, lighting.background_light)
+        back = lit_backdrop(
+            subject, picture, behind, shadow, lighting.background_blur, lighting.background_light
+        )
         if back.max() > 1:  # light of a scene has one curve with the person
             picture, back = images.composited(picture, back), None
     return {"png": png(encoded(picture, back, exposure=exposure_of(look)))}

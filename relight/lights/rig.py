@@ -1,7 +1,7 @@
 """What functions take for lights: one, several, or the name of a preset."""
 
 import itertools
-from collections.abc import Iterable
+from collections.abc import Iterable, Sequence
 from dataclasses import replace
 from typing import Annotated, Any, TypeVar, cast
 
@@ -76,25 +76,22 @@ def as_lights(lights: Lights | Iterable[Light | MovingLight]) -> list[Light]:
     return several
 
 
-def check_free(names: Iterable[str], layer: str) -> None:
-    """Raise ValueError where a light has the name of another layer of the picture."""
-    if layer in names:
-        owner = layer.replace("_", " ")
-        raise ValueError(f"lights: {layer!r} names the {owner}'s layer; give the light another name")
-
-
-def by_name(lights: Lights) -> dict[str, Light]:
+def by_name(lights: Sequence[Light], reserved: Iterable[str] = ()) -> dict[str, Light]:
     """Return {name: light}; raises ValueError if two were given one name.
 
     Lights without a name are `light1`, `light2`... by their place, or the next number that no name has.
+    `reserved`: names of the picture's other layers, which no light may have.
     """
-    several = as_lights(lights)
-    given = [light.name for light in several if light.name]
+    given = [light.name for light in lights if light.name]
     if len(set(given)) < len(given):
         raise ValueError(f"lights: expected different names, got {', '.join(given)}")
     named: dict[str, Light] = {}
-    for number, light in enumerate(several, 1):
+    for number, light in enumerate(lights, 1):
         numbers = itertools.count(number)
         free = (name for each in numbers if (name := f"light{each}") not in {*given, *named})
         named[light.name or next(free)] = light
+    for layer in reserved:
+        if layer in named:
+            owner = layer.replace("_", " ")
+            raise ValueError(f"lights: {layer!r} names the {owner}'s layer; give the light another name")
     return named

@@ -12,7 +12,7 @@ from relight.pipeline.frame_numbers import frame_range
 from relight.pipeline.option_fields import Report
 from relight.pipeline.options import Compute, GivenSource, Source
 from relight.pipeline.plate_metadata import VERSION, relative_path
-from relight.pipeline.run import Job, Problems, check_any_made, run
+from relight.pipeline.run import Job, Problems, run
 from relight.pipeline.shot import Shot
 from relight.version import __version__
 from shadow.torch_settings import isolated
@@ -78,7 +78,7 @@ def analyse_shot(
 class Analysing(Job[Problems]):
     """Writes the frames of a shot to its analysis cache, but for those that are up to date."""
 
-    step, collects_errors = "Analysing", True
+    step, made, collects_errors = "Analysing", "analysed", True
 
     def __init__(self, folder: Path) -> None:
         super().__init__()
@@ -128,7 +128,6 @@ class Analysing(Job[Problems]):
 
     def finish(self, shot: Shot, numbers: FrameRange, problems: Problems, report: Report) -> Problems:
         """Warn if frames were there, and were analysed again."""
-        check_any_made(numbers, problems, "analysed")
         if self._replaced:
             warnings.warn(
                 f"{self._folder}: {self._replaced} of {len(numbers)} frames were damaged, or made from other "

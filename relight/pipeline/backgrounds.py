@@ -11,14 +11,13 @@ from relight.light_estimation import FILL, PlateLight
 from relight.lights.environment import EnvironmentLight, environments
 from relight.lights.light import Light
 from relight.lights.moving import MovingLight
-from relight.lights.rig import check_free, scaled
+from relight.lights.rig import scaled
 from relight.pipeline import preview
 from relight.pipeline.frame import FrameReader
 from relight.pipeline.option_fields import BACKGROUND
 from relight.pipeline.options import Lighting
 from relight.pipeline.readers import Reader, ReadLog, holds_display_light, person_reader, plate_reader
 from relight.quantities import ENVIRONMENT, NONE, PLATE
-from relight.rendering import BACKGROUND_LAYER
 from relight.subject import Subject
 
 
@@ -73,7 +72,10 @@ class Backgrounds:
         return self._lighting.background is None and self._why_without_plate() is None
 
     def keeps_codes(self, keeps_plate: bool) -> bool:
-        """See `Shot.keeps_codes`."""
+        """Return whether the background's code values are those of a display, and are passed on as they are.
+
+        `keeps_plate`: whether it is the plate because there is no other.
+        """
         lighting = self._lighting
         if keeps_plate or lighting.background_is(PLATE):
             return holds_display_light(self._plates, self._frames.source.colour_space)
@@ -164,18 +166,11 @@ class Backgrounds:
         if why is not None:
             raise ValueError(f"background: the photograph cannot stay behind the person, as {why}")
 
-    def check_names(self, named: dict[str, Light]) -> None:
-        """Raise ValueError if lights have the name of the background's layer, or it lacks an environment."""
-        if self._lighting.background_is(ENVIRONMENT) and not environments(named.values()):
-            raise ValueError("background: 'environment' expected an environment among the lights")
-        if self._lighting.has_background:
-            check_free(named, BACKGROUND_LAYER)
-
-    def check_light(self, named: dict[str, Light]) -> None:
-        """Raise ValueError if a background that lights the person is no image, or a light has its name."""
+    def check_lights(self, lights: Iterable[Light]) -> None:
+        """Raise ValueError if a background of environments lacks one, or one that is to shine is no image."""
         lighting = self._lighting
-        if lighting.fill:
-            check_free(named, FILL)
+        if lighting.background_is(ENVIRONMENT) and not environments(lights):
+            raise ValueError("background: 'environment' expected an environment among the lights")
         option = "fill" if lighting.fill else "match_plate" if lighting.match_plate else None
         if option is not None:
             if lighting.background is None and (why := self._why_without_plate()):

@@ -352,7 +352,7 @@ class FrameReader:
             pairs += [(self.plates, m) for n in wanted for m in self._matting.frames_read(n)]
         return pairs
 
-    def frame(self, number: int) -> FrameInputs:
+    def read(self, number: int) -> FrameInputs:
         """Return the inputs of a frame's analysis; for a still, the same for any number.
 
         Raises as reading, `relight.key` and `relight.place` do; raises ValueError for a photograph without a

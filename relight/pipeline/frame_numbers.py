@@ -16,20 +16,47 @@ def frames_for(shot: Shot, output: Output, frames: GivenFrames | None) -> FrameR
 
     Raises ValueError if neither `frames` nor source nor lights say which, or the output cannot hold them.
     """
-    moving = [light for light in shot.every_light if isinstance(light, MovingLight)]
-    if not outputs.has_frames(output):
-        return _single_frame(shot, output, frames, moving)
-    frames = shot.span if frames is None else frames
-    spans = [light.span for light in moving if light.span]
-    if frames is None and spans:
-        frames = math.floor(min(first for first, _ in spans)), math.ceil(max(last for _, last in spans))
+    has_frames = outputs.has_frames(output)
     if frames is None:
+        frames = _frames_of_sources(shot, output) if has_frames else _frame_of_still(shot, output)
+    numbers = frame_range(shot, frames)
+    if not has_frames and len(numbers) > 1:
+        raise ValueError(f"{output.paths[0]}: expected {outputs.FRAME_NUMBER}, for {len(numbers)} frames")
+    if has_frames and shot.is_preview:
+        return preview.shown(numbers, (shot.span or numbers)[0])
+    return numbers
+
+
+def _frames_of_sources(shot: Shot, output: Output) -> tuple[int, int]:
+    """Return the first and the last frame that the sources have, or else the keyframes of the lights."""
+    if shot.span is not None:
+        return shot.span
+    spans = [light.span for light in _moving(shot) if light.span]
+    if not spans:
         raise ValueError(
             "frames: expected (first, last), as neither source nor lights say how many; "
             f"{output.paths[0]} is a movie, or has a frame number in its name"
         )
-    numbers = frame_range(shot, frames)
-    return preview.shown(numbers, (shot.span or numbers)[0]) if shot.is_preview else numbers
+    return math.floor(min(first for first, _ in spans)), math.ceil(max(last for _, last in spans))
+
+
+def _frame_of_still(shot: Shot, output: Output) -> int:
+    """Return the number of a still in still light."""
+    if shot.span is not None:
+        raise ValueError(
+            f"{output.paths[0]}: expected {outputs.FRAME_NUMBER}, as the source has frames; or choose one "
+            f"frame (frames={shot.span[0]})"
+        )
+    if moving := _moving(shot):
+        raise ValueError(
+            f"lights: {moving[0].name or 'a light'} moves; choose one frame (frames=7), or write "
+            f"frames: expected {outputs.FRAME_NUMBER}"
+        )
+    return 0
+
+
+def _moving(shot: Shot) -> list[MovingLight]:
+    return [light for light in shot.every_light if isinstance(light, MovingLight)]
 
 
 def frame_range(shot: Shot, frames: GivenFrames) -> FrameRange:
@@ -52,27 +79,6 @@ def _number_at(shot: Shot, timecode: str) -> int:
     if not suits_rate(timecode, shot.rate) or number not in shot.numbers:
         raise ValueError(f"frames: expected timecodes of the source, {first} to {last}, got {timecode}")
     return number
-
-
-def _single_frame(
-    shot: Shot, output: Output, frames: GivenFrames | None, moving: list[MovingLight]
-) -> FrameRange:
-    """Return the one frame of an output of single files."""
-    name = output.paths[0]
-    if frames is None and shot.span is not None:
-        raise ValueError(
-            f"{name}: expected {outputs.FRAME_NUMBER}, as the source has frames; or choose one frame "
-            f"(frames={shot.span[0]})"
-        )
-    if frames is None and moving:
-        raise ValueError(
-            f"lights: {moving[0].name or 'a light'} moves; choose one frame (frames=7), or write "
-            f"frames: expected {outputs.FRAME_NUMBER}"
-        )
-    numbers = FrameRange((0,)) if frames is None else frame_range(shot, frames)
-    if len(numbers) > 1:
-        raise ValueError(f"{name}: expected {outputs.FRAME_NUMBER}, for {len(numbers)} frames")
-    return numbers
 
 
 def start(shot: Shot, numbers: FrameRange) -> int:

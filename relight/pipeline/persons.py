@@ -130,14 +130,15 @@ class FrameAnalyser:
             raise ValueError(unreadable or f"reference: frame {wanted} shows no person; choose another")
         return None, None
 
-    def check(self, floor: Floor, number: int) -> None:
+    def check_standing(self, floor: Floor, number: int) -> None:
         """Raise ValueError if the person cannot stand on the floor.
 
         The still, or the frame that defines the world space, is checked.
         """
         first, _ = self.world
         if first is not None or self._frames.is_still:
-            floor.check(self._coverage(number if first is None else first))
+            coverage = self._coverage(number if first is None else first)
+            floor.check(coverage)
 
     def size(self, number: int) -> tuple[int, int]:
         """Return the size (H, W) of a frame's picture, in pixels."""
@@ -184,7 +185,7 @@ class FrameAnalyser:
     def _frame(self, number: int) -> FrameInputs:
         """Return a frame's inputs; those that were read of another frame are dropped."""
         read, self._read = self._read, None
-        return read[1] if read is not None and read[0] == number else self._frames.frame(number)
+        return read[1] if read is not None and read[0] == number else self._frames.read(number)
 
     def _frame_to_analyse(self, number: int) -> FrameInputs:
         """Return a frame's inputs, and hold them for its analysis."""

@@ -4,9 +4,8 @@ import warnings
 from typing import get_args
 
 from relight.arguments import checks_arguments
-from relight.compositing.composite import backdrop
 from relight.media import images
-from relight.media.content_hash import HASH_ATTRIBUTE, content_hash
+from relight.media.content_hash import HASH_ATTRIBUTE
 from relight.media.pixel_aspect import squeeze_pixels
 from relight.media.sequences import FrameRange, GivenFrames
 from relight.pipeline import outputs
@@ -22,11 +21,11 @@ from relight.pipeline.options import (
 )
 from relight.pipeline.preview import check_outputs as check_preview
 from relight.pipeline.rendered_frame import RenderedFrame
-from relight.pipeline.run import Job, Problems, check_any_made, run
+from relight.pipeline.run import Job, Problems, run
 from relight.pipeline.shot import Shot
 from relight.pipeline.shot_report import ShotReport
 from relight.pipeline.sinks import FileSink, MovieSink, file_of, open_sinks
-from relight.rendering import background_factor, metadata_of, render_layers
+from relight.rendering import lit_backdrop, metadata_of, render_layers
 from relight.subject import Subject
 from shadow.torch_settings import isolated
 
@@ -123,6 +122,7 @@ class Relighting(Job[Problems]):
         if phase not in get_args(Phase):
             raise ValueError(f"phase: expected one of {', '.join(get_args(Phase))}, got {phase!r}")
         self._output, self._resume, self._phase = output, resume, phase
+        self.needs_a_frame = phase != "frames"
         self._report = None if output.report is None else ShotReport(output.report, resume)
         self._mattes = None if output.save_matte is None else file_of(output.save_matte)
         self._hashes: dict[int, str] = {}  # {frame number: content hash of what it is made from}
@@ -140,21 +140,22 @@ class Relighting(Job[Problems]):
         numbers = frames_for(shot, output, frames)
         self._display = outputs.check_display(output, moving=self.collects_errors)
         self._start = start(shot, numbers)
-        shot.check_lights(self._start)
         shot.check_background()
         shot.check_form(output)
         self._keeps_plate = outputs.shows_backgrounds(output) and shot.keeps_plate
         outputs.check_alpha(output, transparent=not (shot.lighting.has_background or self._keeps_plate))
+        shot.check_lights(self._start)
         return numbers
 
     def prepare(self, shot: Shot, numbers: FrameRange, report: Report) -> None:
         """Open the outputs, and find out which frames exist already."""
+        shot.check_floor(self._start)
+        groups = shot.light_groups(self._start)
         self._delivery = Delivery(shot, self._output.rate, self._keeps_plate, outputs.form_of(self._output))
         self._sinks = open_sinks(
             self._output, self._display, moving=self.collects_errors, resume=self._resume, phase=self._phase,
-            delivery=self._delivery, groups=shot.light_groups(self._start),
+            delivery=self._delivery, groups=groups,
         )  # fmt: skip
-        shot.check_floor(self._start)
         if self._resume or self._phase == "finalize":
             for done, number in enumerate(numbers, 1):
                 self._hashes[number] = self._content_hash(shot, number)
@@ -177,10 +178,9 @@ class Relighting(Job[Problems]):
     def finish(self, shot: Shot, numbers: FrameRange, problems: Problems, report: Report) -> Problems:
         """Write movies and scripts, which need all frames, and the lights file."""
         if self._phase != "frames":
-            check_any_made(numbers, problems)
-            self._sinks.finish(numbers, self._hashes, problems, report)
+            self._sinks.assemble(numbers, self._hashes, problems, report)
             if self._report is not None:
-                self._report.finish(numbers, problems)
+                self._report.write_only(numbers, problems)
             if self._output.plot is not None:
                 shot.write_plot(self._output.plot, self._start)
         if self._output.save_lights is not None:
@@ -199,12 +199,7 @@ class Relighting(Job[Problems]):
 
     def _content_hash(self, shot: Shot, number: int, as_read: bool = False) -> str:
         """Return a hash of all from which a frame is made. `as_read`: see `Shot.content_hash`."""
-        lighting = shot.lighting
-        return content_hash(
-            shot.content_hash(number, as_read), self._output.passes, lighting.floor, lighting.effective_gloss,
-            lighting.background_light, lighting.background_blur,
-            self._delivery.keeps_plate,
-        )  # fmt: skip
+        return shot.content_hash(number, self._output.passes, self._delivery.keeps_plate, as_read=as_read)
 
     def _check_exists(self, number: int, made: str) -> None:
         """Raise ValueError if an output lacks the frame."""
@@ -240,23 +235,19 @@ class Relighting(Job[Problems]):
         self, shot: Shot, number: int, person: Subject, sinks: list[FileSink | MovieSink], made: str
     ) -> None:
         """Render the frame, and write it to some of the sinks."""
-        output, size, lighting = self._output, person.size, shot.lighting
+        output, lighting, kept = self._output, shot.lighting, self._delivery.keeps_plate
+        lights, behind, keeps_codes = shot.surroundings(number, person, kept)
+        metadata = {**self._delivery.metadata(number), **metadata_of(person, output.passes)}
         rendering = render_layers(
-            person, [*shot.exposed_lights(number), *shot.background_lights(number, size)],
-            passes=output.passes, exr_type=output.exr_type, floor=lighting.floor,
+            person, lights, passes=output.passes, exr_type=output.exr_type, floor=lighting.floor,
             gloss=lighting.effective_gloss, amount=lighting.amount,
             layered=any(map(outputs.is_exr, output.paths)),
         )  # fmt: skip
-        kept = self._delivery.keeps_plate
-        behind = shot.behind(number, person, kept)
-        blur = lighting.background_blur
-        back = None if behind is None else backdrop(behind, size, rendering.shadow, blur)
-        keeps_codes = shot.keeps_codes(kept) and not blur
-        if back is not None and lighting.background_light:
-            factor = background_factor(person, rendering.cut_out, lighting.background_light)
-            back, keeps_codes = back * factor, False
-        frame = RenderedFrame(rendering, back, kept, keeps_codes)
-        metadata = {**self._delivery.metadata(number), **metadata_of(person, output.passes)}
+        blur, reached = lighting.background_blur, lighting.background_light
+        back = None
+        if behind is not None:
+            back = lit_backdrop(person, rendering.cut_out, behind, rendering.shadow, blur, reached)
+        frame = RenderedFrame(rendering, back, kept, keeps_codes and not blur and not reached)
         for sink in sinks:
             sink.write(number, frame, made, metadata)
 

@@ -20,11 +20,14 @@ class Job(ABC, Generic[Result]):
     """What is made of the frames of a shot. `run` calls its methods, once each but for `frame`.
 
     `step`: what progress calls a frame. `collects_errors`: whether a frame that cannot be made, because of an
-    OSError or a ValueError, keeps no other from being made. `opened`: what is closed when the run ends.
+    OSError or a ValueError, keeps no other from being made. `needs_a_frame`: whether the run fails where none
+    could be made; `made`: the error's word for it. `opened`: what is closed when the run ends.
     """
 
     step: str
     collects_errors = False
+    needs_a_frame = True
+    made = "made"
 
     def __init__(self) -> None:
         self.opened = ExitStack()
@@ -67,11 +70,7 @@ def run(
                     raise
                 problems[number] = str(error)
             report(done, len(numbers), job.step)
+        if job.needs_a_frame and numbers and len(problems) == len(numbers):
+            first = f"frame {numbers[0]}: {problems[numbers[0]]}"
+            raise ValueError(f"none of {len(numbers)} frames could be {job.made}; {first}")
         return job.finish(shot, numbers, problems, report)
-
-
-def check_any_made(numbers: FrameRange, problems: Problems, verb: str = "made") -> None:
-    """Raise ValueError if there are frames, and none of them could be made."""
-    if numbers and len(problems) == len(numbers):
-        first = f"frame {numbers[0]}: {problems[numbers[0]]}"
-        raise ValueError(f"none of {len(numbers)} frames could be {verb}; {first}")

@@ -6,7 +6,7 @@ from dataclasses import replace
 from fractions import Fraction
 from functools import cached_property
 from pathlib import Path
-from typing import Any, Self, TypeGuard
+from typing import Any, NamedTuple, Self, TypeGuard
 
 import numpy as np
 import torch
@@ -16,11 +16,10 @@ from relight.compositing.composite import Background
 from relight.light_estimation import FILL, Matching, lights_on
 from relight.light_estimation import PLATE as PLATE_LIGHT
 from relight.light_painting import paint_lights, read_strokes, strokes_of
-from relight.lights.environment import EnvironmentLight
 from relight.lights.light import Light
 from relight.lights.moving import MovingLight, lights_at
 from relight.lights.near import NearLight, Point
-from relight.lights.rig import by_name, check_free, scaled
+from relight.lights.rig import by_name, scaled
 from relight.matting.people.track import Track
 from relight.media.content_hash import FileRecord, content_hash
 from relight.pipeline import outputs, preview
@@ -35,7 +34,7 @@ from relight.pipeline.readers import Reader, ReadLog
 from relight.quantities import ENVIRONMENT, PLATE
 from relight.rendering import BACKGROUND_LAYER
 from relight.scene.camera_view import CameraView
-from relight.scene.lights import write_lights
+from relight.scene.lights import write_rig
 from relight.scene.plot import plot_of
 from relight.subject import PHOTOGRAPH, Subject, weights
 from relight.version import __version__
@@ -48,6 +47,14 @@ FOLLOWED = 2  # frames to each side over which the place of a light that follows
 
 def _follows(light: Light) -> TypeGuard[NearLight]:
     return isinstance(light, NearLight) and light.at is not None
+
+
+class Surroundings(NamedTuple):
+    """What lights the person of a frame, and what is behind them."""
+
+    lights: dict[str, Light]  # {name: light} as they stand in the frame, that of the background among them
+    behind: Background | None
+    keeps_codes: bool  # whether code values of a display are behind the person, and are passed on as they are
 
 
 class Shot:
@@ -196,13 +203,6 @@ class Shot:
         """
         return self._backgrounds.keeps_plate
 
-    def keeps_codes(self, keeps_plate: bool) -> bool:
-        """Return whether the background's code values are those of a display, and are passed on as they are.
-
-        `keeps_plate`: whether it is the plate because there is no other.
-        """
-        return self._backgrounds.keeps_codes(keeps_plate)
-
     @property
     def files(self) -> tuple[object, ...]:
         """What is read: paths, and lights whose images are files. Those in memory are among them."""
@@ -223,12 +223,18 @@ class Shot:
         cached = self._frames.cache is not None
         return None if cached else in_use(self.compute.device or "cpu"), self.compute.threads
 
+    @property
+    def _own_layers(self) -> tuple[list[str], list[str]]:
+        """The names of the light groups that are no given light's: those before the lights, those after."""
+        lighting = self.lighting
+        shining = [PLATE_LIGHT] if self.matching.plate else [FILL] if lighting.fill else []
+        behind = [BACKGROUND_LAYER] if lighting.has_background else []
+        return [PHOTOGRAPH] if lighting.amount < 1 else [], [*shining, *behind]
+
     def light_groups(self, number: int) -> list[str]:
         """Return the names of a frame's light groups, including that of the background."""
-        matched = [PLATE_LIGHT] if self.matching.plate else [FILL] if self.lighting.fill else []
-        own = [PHOTOGRAPH] if self.lighting.amount < 1 else []
-        behind = [BACKGROUND_LAYER] if self.lighting.has_background else []
-        return [*own, *by_name(self.lights(number)), *matched, *behind]
+        before, after = self._own_layers
+        return [*before, *by_name(self.lights(number)), *after]
 
     @property
     def options_hash(self) -> str:
@@ -248,7 +254,7 @@ class Shot:
 
     def frame(self, number: int) -> FrameInputs:
         """Return a frame as `relight.Subject` takes it. Raises as reading and `relight.key` do."""
-        return self._frames.frame(number)
+        return self._frames.read(number)
 
     def person(self, number: int) -> Subject:
         """Return the person of a frame, filtered in time. Raises the errors of reading and of Subject."""
@@ -295,26 +301,36 @@ class Shot:
 
     def exposed_lights(self, number: int) -> list[Light]:
         """Return the lights of a frame, those of a preset as bright as the person was photographed."""
-        lights = lights_at(self.all_lights(self.preset_gain), number)
-        return [self._placed(light, number) if _follows(light) else light for light in lights]
+        lights = self.all_lights(self.preset_gain)
+        return [
+            self._placed(light, number) if _follows(light) else light for light in lights_at(lights, number)
+        ]
+
+    def surroundings(self, number: int, person: Subject, keeps_plate: bool = False) -> Surroundings:
+        """Return what lights the person of a frame, and what is behind them. `keeps_plate`: see `behind`."""
+        behind = self.behind(number, person, keeps_plate)
+        shining = self._backgrounds.lights(number, person.size)
+        lights = by_name([*self.exposed_lights(number), *shining])
+        return Surroundings(lights, behind, self._backgrounds.keeps_codes(keeps_plate))
 
     def _placed(self, light: NearLight, number: int) -> NearLight:
         """Return a light that follows a part of the person as it stands in a frame, smoothed over time.
 
         Raises ValueError if that part is seen in none of the frames around.
         """
-        if self.subject_is_empty(number):
+        source_number = self._frames.source_frame(number)
+        followed = self._followed_in(source_number)
+        if self._persons.analysed(source_number).is_empty:
             return light.standing_at((0, 0, 0))
-        number = self._frames.source_frame(number)
         seen: dict[int, Point] = {}
-        for each in self._followed_in(number):
+        for each in followed:
             with suppress(OSError, ValueError):  # that frame is reported when it is its turn
                 person = self._persons.analysed(each)
                 if light.at in person.joints:
                     seen[each] = person.joints[light.at]
         if not seen:
             return joints.placed(light, {}, where="" if self.is_still else f"frame {number}: ")
-        weights = [FOLLOWED + 1 - abs(each - number) for each in seen]
+        weights = [FOLLOWED + 1 - abs(each - source_number) for each in seen]
         return light.standing_at(tuple(np.average(list(seen.values()), axis=0, weights=weights).tolist()))
 
     def _followed_in(self, number: int) -> list[int]:
@@ -372,27 +388,24 @@ class Shot:
         """
         return self._backgrounds.behind(number, person, self.lights(number), keeps_plate)
 
-    def background_lights(self, number: int, size: tuple[int, ...]) -> list[EnvironmentLight]:
-        """Return the light of a frame's background, for a `size` (H, W), if the plate is matched."""
-        return self._backgrounds.lights(number, size)
-
-    def content_hash(self, number: int, as_read: bool = False) -> str:
-        """Return a hash of all from which a frame is made, options of the output apart.
+    def content_hash(self, number: int, *further: object, as_read: bool = False) -> str:
+        """Return a hash of all from which a frame is made; `further`: what its outputs add.
 
         `as_read`: whether to hash files as they were read, if they were, or as they are now.
         """
+        lights, lighting = self.lights(number), self.lighting
         around = self._analysed_frames(self._frames.source_frame(number))
-        if any(map(_follows, self.lights(number))):
+        if any(map(_follows, lights)):
             around = sorted({*around, *self._followed_in(self._frames.source_frame(number))})
         seen, shining = self._backgrounds.hashes(number, as_read)
-        lighting = self.lighting
         return content_hash(
             self._frames.person_hash(around, as_read), self._world[0],
             seen, shining, lighting.background_colour_space,
             lighting.has_background, lighting.background_is(ENVIRONMENT),
-            self.matching.plate, [*by_name(self.lights(number)).items()], *self._balance,
+            lighting.background_light, lighting.background_blur,
+            self.matching.plate, lights, *self._balance, lighting.floor, lighting.effective_gloss,
             __version__, *weights(), self.computed_in,
-            self.skin_is_known,
+            self.skin_is_known, *further,
         )  # fmt: skip
 
     def person_hash(self, number: int, as_read: bool = False) -> str:
@@ -453,15 +466,13 @@ class Shot:
 
     def check_lights(self, number: int) -> None:
         """Raise ValueError if a frame's lights do not go with the background, or have names of layers."""
-        named = by_name(self.lights(number))
-        if self.lighting.amount < 1:
-            check_free(named, PHOTOGRAPH)
-        self._backgrounds.check_names(named)
-        self.matching.check_names(named)
-        for light in named.values():
+        lights, (before, after) = self.lights(number), self._own_layers
+        self._backgrounds.check_lights(lights)
+        self.matching.check_names(lights)
+        for light in lights:
             if _follows(light):
                 joints.check_available(light)
-        self._backgrounds.check_light(named)
+        by_name(lights, [*before, *after])
 
     def check_background(self) -> None:
         """Raise ValueError if the plate is to be the background, and there is none."""
@@ -492,7 +503,7 @@ class Shot:
                 "floor: feet are those of a still; for a moving person expected height or horizon"
             )
         if self._frames.cache is None:
-            self._analyser.check(floor, number)
+            self._analyser.check_standing(floor, number)
 
     def prepare(self, report: Report) -> None:
         """Do the long work that comes before the first frame: fit matched and painted lights."""
@@ -529,11 +540,13 @@ class Shot:
             number = next((each for each in self.numbers if not self.person(each).is_empty), number)
             person = self.person(number)
         title = Path(self.source.plate).name if is_path(self.source.plate) else "Lighting plot"
-        plot_of(path, self.exposed_lights(number), person.camera, title)
+        lights = self.exposed_lights(number)
+        plot_of(path, lights, person.camera, title)
 
     def write_lights(self, path: Path, start: int) -> None:
         """Write the lights file; with a matched plate it has the light of the background's frame `start`."""
-        size = self.size(start) if self.matching.plate else (1, 1)
-        matched = self.background_lights(start, size) if self.matching.plate else []
-        lights = [*self.all_lights(self.preset_gain), *matched]
-        write_lights(path, self.matching.with_sidecar(path, lights))
+        lights = self.all_lights(self.preset_gain)
+        if self.matching.plate:
+            lights += self._backgrounds.lights(start, self.size(start))
+        lights = self.matching.with_sidecar(path, lights)
+        write_rig(path, lights)

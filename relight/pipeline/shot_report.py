@@ -68,7 +68,7 @@ class ShotReport:
         }
         self.write()
 
-    def finish(self, numbers: FrameRange, problems: Mapping[int, str]) -> None:
+    def write_only(self, numbers: FrameRange, problems: Mapping[int, str]) -> None:
         """Write the report of these frames alone."""
         entries = {number: self._entries.get(number, {}) for number in numbers}
         self._entries = entries | {number: {"error": problem} for number, problem in problems.items()}
@@ -102,7 +102,7 @@ def _area_and_colours(person: Subject) -> tuple[float, np.ndarray | None]:
     """Return the share of the picture that a person covers, and their colours, see `clothes`."""
     if person.is_empty:
         return 0.0, None
-    picture = person.relit([], amount=0)
+    picture = person.on_plate(person.photographed_pixels())
     shrink = min(1.0, SIDE / max(picture.shape[:2]))
     height, width = (max(1, round(length * shrink)) for length in picture.shape[:2])
     small = resize(picture, (height, width), "box")

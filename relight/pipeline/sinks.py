@@ -37,10 +37,10 @@ class Sinks:
         for movie in self.movies:
             movie.begin(made)
 
-    def finish(self, numbers: FrameRange, made: Made, problems: dict, report: Report) -> None:
+    def assemble(self, numbers: FrameRange, made: Made, problems: dict, report: Report) -> None:
         """Write movies and scripts, since all frames are there."""
         for movie in self.movies:
-            movie.finish(numbers, made, problems, report)
+            movie.assemble(numbers, made, problems, report)
         for script in self.scripts:
             script.write(numbers)
 
@@ -228,7 +228,8 @@ class MovieSink:
         codes = movies.frame_codes(self.path, picture, background, **self.display, form=self.delivery.form)
         images.write_codes(self.frames.path(number), codes, {HASH_ATTRIBUTE: self._frame_hash(made)})
 
-    def finish(self, numbers: FrameRange, made: Made, problems: dict, report: Report) -> None:
+    def assemble(self, numbers: FrameRange, made: Made, problems: dict, report: Report) -> None:
+        """Encode the movie from the files of its frames."""
         if self.complete:
             return
         others = [n for n in numbers if n not in problems and not self.has(n, made[n])]

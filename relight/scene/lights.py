@@ -119,8 +119,12 @@ def write_lights(path: quantities.File, lights: Iterable[Light | MovingLight]) -
     --------
     >>> relight.write_lights("mine.yaml", [relight.DirectionalLight(azimuth=-40, name="key")])
     """
-    lights = as_rig(lights)
-    suffix = Path(path).suffix.lower()
+    write_rig(Path(path), as_rig(lights))
+
+
+def write_rig(path: Path, lights: list[Light | MovingLight]) -> None:
+    """Write lights, all of them checked, as `write_lights` does."""
+    suffix = path.suffix.lower()
     if suffix in stage.SUFFIXES:
         from relight.scene.usd import write as usd
 

@@ -6,7 +6,6 @@ that their rays are parallel have no distance; they stand on a circle, and arrow
 """
 
 import math
-from collections.abc import Iterable
 from pathlib import Path
 from typing import NamedTuple
 from xml.etree import ElementTree as xml
@@ -15,12 +14,12 @@ import numpy as np
 
 from relight import quantities
 from relight.analysis.camera import DEFAULT_HEIGHT, Camera
-from relight.arguments import checked, checks_arguments
+from relight.arguments import checks_arguments
 from relight.lights.directional import DirectionalLight
 from relight.lights.environment import FIELD_OF_VIEW, EnvironmentLight
 from relight.lights.light import Light
 from relight.lights.near import NearLight, RectLight
-from relight.lights.rig import Lights, by_name
+from relight.lights.rig import Lights, as_lights, by_name
 from relight.media.colour import encode, luminance
 from shadow.files import check_writable, replacing
 
@@ -56,7 +55,7 @@ def write_plot(
     path: quantities.File,
     lights: Lights,
     *,
-    distance: float | None = None,
+    distance: quantities.Side | None = None,
     height: quantities.Height = DEFAULT_HEIGHT,
     field_of_view: quantities.FieldOfView = FIELD_OF_VIEW,
     title: str = "Lighting plot",
@@ -98,29 +97,28 @@ def write_plot(
     >>> relight.write_plot("plot.svg", lights).name
     'plot.svg'
     """
-    path = Path(path)
-    check_writable(path, SUFFIXES)
+    path = check_writable(path, SUFFIXES)
     if distance is None:
         distance = height / 2 / math.tan(math.radians(field_of_view) / 2)
-    distance = checked("distance", distance, quantities.Side)
-    rows = _rows(by_name(lights).items())
+    return _draw(path, _Plot(as_lights(lights), distance, height, field_of_view, title))
+
+
+def plot_of(path: Path, lights: list[Light], camera: Camera, title: str) -> Path:
+    """Draw the plot of lights, all of them checked, around the person whom a plate's camera sees."""
+    top = 2 * (camera.bottom - camera.middle[1])  # pixels, for the middle is that of the matte
+    height = max(0.01, top * camera.distance / camera.focal)
+    return _draw(path, _Plot(lights, camera.distance, height, camera.field_of_view, title))
+
+
+def _draw(path: Path, plot: "_Plot") -> Path:
     with replacing(path) as beside:
-        beside.write_bytes(_Plot(rows, distance, height, field_of_view, title).document())
+        beside.write_bytes(plot.document())
     return path
 
 
-def plot_of(path: Path, lights: Iterable[Light], camera: Camera, title: str) -> Path:
-    """Draw the plot of lights around the person whom a plate's camera sees."""
-    top = 2 * (camera.bottom - camera.middle[1])  # pixels, for the middle is that of the matte
-    return write_plot(
-        path, list(lights), distance=camera.distance, height=max(0.01, top * camera.distance / camera.focal),
-        field_of_view=camera.field_of_view, title=title,
-    )  # fmt: skip
-
-
-def _rows(lights: Iterable[tuple[str, Light]]) -> list[_Row]:
+def _rows(lights: list[Light]) -> list[_Row]:
     rows = []
-    for number, (name, light) in enumerate(lights, 1):
+    for number, (name, light) in enumerate(by_name(lights).items(), 1):
         place, toward, near = None, np.zeros(3), False
         power = float(luminance(light.power))
         if isinstance(light, DirectionalLight):
@@ -147,10 +145,10 @@ class _Plot:
     """The drawing."""
 
     def __init__(
-        self, rows: list[_Row], distance: float, height: float, field_of_view: float, title: str
+        self, lights: list[Light], distance: float, height: float, field_of_view: float, title: str
     ) -> None:
-        self.rows, self.distance, self.height, self.angle = rows, distance, height, field_of_view
-        self.title = title
+        self.rows = rows = _rows(lights)
+        self.distance, self.height, self.angle, self.title = distance, height, field_of_view, title
         far = [float(np.abs(row.place).max()) for row in rows if row.near and row.place is not None]
         self.extent = 1.12 * max(LEAST_EXTENT, distance, height / 2, *far)
         named = [row for row in rows if row.name == "key"]

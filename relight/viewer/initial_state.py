@@ -16,7 +16,7 @@ from relight.lights.environment import FIELD_OF_VIEW, EnvironmentLight, environm
 from relight.lights.light import Light
 from relight.lights.near import PointLight
 from relight.lights.plate import few_rows, whole_field_of_view
-from relight.lights.rig import Lights, by_name, checked_amount
+from relight.lights.rig import Lights, as_lights, by_name, checked_amount
 from relight.media.colour import LOCI, encode, temperature
 from relight.media.images import scene_linear
 from relight.media.images.arrays import as_array
@@ -120,7 +120,7 @@ def scene_of(
 
 def checked_lights(lights: Lights) -> dict[str, Light]:
     """Return lights by name; raise ValueError or TypeError where the page cannot show them."""
-    named = by_name(lights)
+    named = by_name(as_lights(lights))
     skies = environments(named.values())
     for light in named.values():
         if not isinstance(light, DirectionalLight | PointLight | EnvironmentLight):

@@ -10,7 +10,6 @@ import relight
 from helpers import shots
 from relight.analysis.infer import check_inputs, infer
 from relight.analysis.old_light import OldLight
-from relight.lights.rig import by_name
 from relight.media.images import scene_linear
 from shading import diffuse
 from shadow.networks import checkpoints
@@ -84,20 +83,21 @@ class FlatSubject:
         self.old_light = room.get("old_light") or OldLight(saturation=float(image.mean()))
         self.filtered_by = []  # numbers of neighbours
 
-    def relit(self, light, amount=1):
-        if amount == 0:
-            return self.image
+    def relit(self, light):
         return self.image * np.float32([light.intensity] * 3 + [1])
 
-    def pixels_per_light(self, lights, gloss=0.0, amount=1.0):
-        for name, light in by_name(lights).items():
+    def photographed_pixels(self):
+        return torch.from_numpy(self.image).flatten(0, 1)
+
+    def pixels_per_light(self, named, gloss=0.0, photograph=0.0):
+        for name, light in named.items():
             yield name, torch.from_numpy(self.relit(light)).flatten(0, 1)
 
     def on_plate(self, pixels):
         return pixels.numpy().reshape(*self.size, -1)
 
-    def lighting(self, lights):
-        return self.albedo
+    def lit_pixels(self, lights):
+        return torch.from_numpy(self.albedo).flatten(0, 1)
 
     def unshadowed(self, light):
         return self.image[..., 3]

@@ -78,9 +78,9 @@ def test_mattes_and_backgrounds_move_too(stub, plates, tmp_path):
 
 
 def test_the_frame_that_defines_the_world_is_read_once(stub, plates, tmp_path, monkeypatch):
-    read, frame = [], FrameReader.frame
+    read, frame = [], FrameReader.read
     monkeypatch.setattr(
-        FrameReader, "frame", lambda inputs, number: read.append(number) or frame(inputs, number)
+        FrameReader, "read", lambda inputs, number: read.append(number) or frame(inputs, number)
     )
     lamp = relight.PointLight((0, 0, 2))
     stub.render(plates, lamp, tmp_path / "r.%04d.exr", frames=(101, 103), temporal_filter=False)
