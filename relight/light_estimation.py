@@ -204,11 +204,12 @@ class Matching:
         return found
 
     def check_names(self, lights: Iterable[Light]) -> None:
-        """Raise ValueError if a light has the name of one that is estimated from the reference."""
-        for light in lights if self.reference is not None else ():
-            if re.fullmatch(rf"{MATCH_PREFIX}\d+", light.name or ""):
+        """Raise ValueError if a light has the name of a light that is estimated."""
+        for name in (light.name for light in lights if light.name is not None):
+            taken = self.plate and name == PLATE
+            if taken or (self.reference is not None and re.fullmatch(rf"{MATCH_PREFIX}\d+", name)):
                 raise ValueError(
-                    f"lights: {light.name!r} is the name of a matched light; give the light another name"
+                    f"lights: {name!r} is the name of a matched light; give the light another name"
                 )
 
     def reference_person(

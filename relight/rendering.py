@@ -1,7 +1,7 @@
 """Render a picture of a relit person, its light groups, which sum to the picture, and its passes."""
 
 import os
-from collections.abc import Callable, Iterable, Mapping
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -283,7 +283,7 @@ class Rendering:
 
 def render_layers(
     subject: Subject,
-    named: Mapping[str, Light],
+    lights: list[Light],
     *,
     passes: Iterable[str] = (),
     exr_type: str = "half",
@@ -291,15 +291,17 @@ def render_layers(
     gloss: float = 0.0,
     amount: float = 1.0,
     layered: bool = True,
+    reserved: Sequence[str] = (),
 ) -> Rendering:
     """Render an analysed person without a background, from arguments that are checked; see `render_subject`.
 
-    `named`: {name: light}, the lights as `Subject.placed` returns them. `layered`: whether to make layers.
-    Raises ValueError for no light.
+    `lights`: as `Subject.placed` returns them. `layered`: whether to make layers. `reserved`: names of layers
+    that others add. Raises ValueError for no light, or names that are taken.
     """
-    if not named:
+    if not lights:
         raise ValueError("lights: expected at least one")
-    shining = dict(zip(named, scaled(named.values(), amount), strict=True))
+    named = by_name(lights, [*reserved, PHOTOGRAPH] if amount < 1 else reserved)
+    shining = dict(zip(named, scaled(lights, amount), strict=True))
     picture, layers = light_groups(subject, shining, exr_type, gloss, 1 - amount, layered)
     further, shadow = passes_of(subject, shining, passes), None
     if floor is not None:
@@ -343,11 +345,9 @@ def render_subject(
     """
     lights, passes = subject.placed(lights), check_names(passes)
     background = _background(background, lights)
-    reserved = [PHOTOGRAPH] if amount < 1 else []
-    reserved += [] if background is None else [BACKGROUND_LAYER]
     rendering = render_layers(
-        subject, by_name(lights, reserved), passes=passes, exr_type=exr_type, floor=floor, gloss=gloss,
-        amount=amount,
+        subject, lights, passes=passes, exr_type=exr_type, floor=floor, gloss=gloss, amount=amount,
+        reserved=[] if background is None else [BACKGROUND_LAYER],
     )  # fmt: skip
     if background is None:
         return rendering.cut_out, rendering.layers

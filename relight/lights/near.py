@@ -85,6 +85,13 @@ class NearLight(Light):
             )
 
     @property
+    def middle_irradiance(self) -> float:
+        """Irradiance of a surface at the subject's middle that faces the light, for a power of 1."""
+        import torch
+
+        return sum(float(rays.irradiance.sum()) for rays in self.rays(torch.zeros(3, 1)))
+
+    @property
     def points(self) -> np.ndarray:
         """(K, 3) metres: points that shine, or the centre of a sphere."""
         self.check_placed()

@@ -149,13 +149,13 @@ class Relighting(Job[Problems]):
 
     def prepare(self, shot: Shot, numbers: FrameRange, report: Report) -> None:
         """Open the outputs, and find out which frames exist already."""
-        shot.check_floor(self._start)
         groups = shot.light_groups(self._start)
         self._delivery = Delivery(shot, self._output.rate, self._keeps_plate, outputs.form_of(self._output))
         self._sinks = open_sinks(
             self._output, self._display, moving=self.collects_errors, resume=self._resume, phase=self._phase,
             delivery=self._delivery, groups=groups,
         )  # fmt: skip
+        shot.check_floor(self._start)
         if self._resume or self._phase == "finalize":
             for done, number in enumerate(numbers, 1):
                 self._hashes[number] = self._content_hash(shot, number)
@@ -199,7 +199,7 @@ class Relighting(Job[Problems]):
 
     def _content_hash(self, shot: Shot, number: int, as_read: bool = False) -> str:
         """Return a hash of all from which a frame is made. `as_read`: see `Shot.content_hash`."""
-        return shot.content_hash(number, self._output.passes, self._delivery.keeps_plate, as_read=as_read)
+        return shot.content_hash(number, self._output.passes, self._keeps_plate, as_read=as_read)
 
     def _check_exists(self, number: int, made: str) -> None:
         """Raise ValueError if an output lacks the frame."""

@@ -52,7 +52,7 @@ def _follows(light: Light) -> TypeGuard[NearLight]:
 class Surroundings(NamedTuple):
     """What lights the person of a frame, and what is behind them."""
 
-    lights: dict[str, Light]  # {name: light} as they stand in the frame, that of the background among them
+    lights: list[Light]  # as they stand in the frame, that of the background among them
     behind: Background | None
     keeps_codes: bool  # whether code values of a display are behind the person, and are passed on as they are
 
@@ -309,9 +309,9 @@ class Shot:
     def surroundings(self, number: int, person: Subject, keeps_plate: bool = False) -> Surroundings:
         """Return what lights the person of a frame, and what is behind them. `keeps_plate`: see `behind`."""
         behind = self.behind(number, person, keeps_plate)
+        keeps_codes = self._backgrounds.keeps_codes(keeps_plate)
         shining = self._backgrounds.lights(number, person.size)
-        lights = by_name([*self.exposed_lights(number), *shining])
-        return Surroundings(lights, behind, self._backgrounds.keeps_codes(keeps_plate))
+        return Surroundings([*self.exposed_lights(number), *shining], behind, keeps_codes)
 
     def _placed(self, light: NearLight, number: int) -> NearLight:
         """Return a light that follows a part of the person as it stands in a frame, smoothed over time.
@@ -338,10 +338,6 @@ class Shot:
         # Those that are analysed for the temporal filter; all may be read of an analysis cache.
         around = self.numbers if self._frames.cache else self._persons.around(number)
         return [each for each in around if abs(each - number) <= FOLLOWED]
-
-    def subject_is_empty(self, number: int) -> bool:
-        """Return whether a frame shows no person. Raises as `person` does."""
-        return self._persons.analysed(self._frames.source_frame(number)).is_empty
 
     def all_lights(self, preset_gain: float = 1.0) -> list[Light | MovingLight]:
         """Return the lights of all frames, without that of the background.

@@ -40,7 +40,7 @@ class Sinks:
     def assemble(self, numbers: FrameRange, made: Made, problems: dict, report: Report) -> None:
         """Write movies and scripts, since all frames are there."""
         for movie in self.movies:
-            movie.assemble(numbers, made, problems, report)
+            movie.encode(numbers, made, problems, report)
         for script in self.scripts:
             script.write(numbers)
 
@@ -228,8 +228,8 @@ class MovieSink:
         codes = movies.frame_codes(self.path, picture, background, **self.display, form=self.delivery.form)
         images.write_codes(self.frames.path(number), codes, {HASH_ATTRIBUTE: self._frame_hash(made)})
 
-    def assemble(self, numbers: FrameRange, made: Made, problems: dict, report: Report) -> None:
-        """Encode the movie from the files of its frames."""
+    def encode(self, numbers: FrameRange, made: Made, problems: dict, report: Report) -> None:
+        """Write the movie from the files of its frames."""
         if self.complete:
             return
         others = [n for n in numbers if n not in problems and not self.has(n, made[n])]

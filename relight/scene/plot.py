@@ -127,18 +127,11 @@ def _rows(lights: list[Light]) -> list[_Row]:
             light.check_placed()
             place, near = np.array(light.position), True
             toward = place + light.axis if light.cone_axis is not None else toward
-            power *= _irradiance(light)
+            power *= light.middle_irradiance
         elif isinstance(light, EnvironmentLight):
             power = float(luminance(light.samples()[1].sum(axis=0, dtype=float)) / 4)
         rows.append(_Row(number, name, light, place, toward, near, power))
     return rows
-
-
-def _irradiance(light: Light) -> float:
-    """Return the irradiance of a surface at the person's middle that faces a near light of power 1."""
-    import torch
-
-    return sum(float(rays.irradiance.sum()) for rays in light.rays(torch.zeros(3, 1)))
 
 
 class _Plot:

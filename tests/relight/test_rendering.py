@@ -8,7 +8,6 @@ from helpers.damage import small_canvas
 
 import relight
 from relight.errors import EmptyMatteError
-from relight.lights.rig import by_name
 from relight.rendering import metadata_of, render, render_layers, render_subject
 
 HEIGHT, WIDTH = 120, 90
@@ -134,7 +133,7 @@ def test_a_light_so_dim_that_half_floats_lose_it_is_warned_of(subject):
 
 
 def test_a_picture_is_the_same_without_its_layers(subject):
-    whole, alone = (render_layers(subject, by_name(LIGHTS), layered=layered) for layered in (True, False))
+    whole, alone = (render_layers(subject, LIGHTS, layered=layered) for layered in (True, False))
     assert alone.layers == {}
     np.testing.assert_array_equal(alone.cut_out, whole.cut_out)
 
