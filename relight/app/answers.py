@@ -4,23 +4,25 @@ import asyncio
 import contextlib
 import json
 import math
-from collections.abc import AsyncIterator, Awaitable, Callable, Coroutine
-from typing import Any
+from collections.abc import AsyncIterator, Awaitable, Callable
+from typing import TypeVar
 from urllib.parse import quote
 
 from starlette.requests import ClientDisconnect, Request
 from starlette.responses import JSONResponse, Response, StreamingResponse
 
+from relight.app.messages import Answer, Object, Progress
 from relight.app.worker import EXPECTED, Refused
 
 BODY_BYTES = 4 << 20  # of a request that is no file
 DEPTH = 32  # levels of a request's JSON
 CONNECTION_CHECK = 0.25  # seconds between two checks whether the page is still connected
 
-Report = Callable[[dict[str, Any]], None]  # what is done of a task, and how much of it
+Report = Callable[[Progress], None]
+Result = TypeVar("Result")
 
 
-async def json_of(request: Request) -> dict[str, Any]:
+async def json_of(request: Request) -> Object:
     """Return a request's JSON object; raise Refused for anything else, or more than `BODY_BYTES`."""
     body = b""
     async for chunk in request.stream():
@@ -37,7 +39,7 @@ async def json_of(request: Request) -> dict[str, Any]:
     return parsed
 
 
-def _check_plain(value: Any, depth: int) -> None:
+def _check_plain(value: object, depth: int) -> None:
     """Raise ValueError for what Python's JSON takes and a browser's does not, and for too many levels.
 
     That is NaN, infinity, and halves of characters; what is kept of a request is sent back as JSON.
@@ -70,7 +72,7 @@ def refusing(endpoint: Callable[[Request], Awaitable[Response]]) -> Callable[[Re
     return answer
 
 
-async def while_connected(request: Request, work: Coroutine[Any, Any, Any]) -> Any:
+async def while_connected(request: Request, work: Awaitable[Result]) -> Result:
     """Return what the work returns; cancel it when the page goes away, and raise Refused.
 
     The body of the request has been read.
@@ -88,21 +90,21 @@ async def while_connected(request: Request, work: Coroutine[Any, Any, Any]) -> A
             await job
 
 
-async def picture(request: Request, work: Coroutine[Any, Any, Any]) -> Response:
+async def picture(request: Request, work: Awaitable[Answer]) -> Response:
     """Answer with the PNG of a task, and its warnings as a header, unless the page goes away."""
     answer = await while_connected(request, work)
     notes = {"X-Notes": quote(json.dumps(answer["notes"]))}
     return Response(answer["png"], media_type="image/png", headers=notes)
 
 
-def streamed(work: Callable[[Report], Awaitable[dict[str, Any]]]) -> Response:
+def streamed(work: Callable[[Report], Awaitable[dict[str, object]]]) -> Response:
     """Answer in lines of JSON: first the progress of the work, at last its result.
 
     The work is cancelled when the page goes away.
     """
 
     async def lines() -> AsyncIterator[str]:
-        said: asyncio.Queue[dict[str, Any] | None] = asyncio.Queue()
+        said: asyncio.Queue[Progress | None] = asyncio.Queue()
         job = asyncio.ensure_future(work(said.put_nowait))
         job.add_done_callback(lambda _: said.put_nowait(None))
         try:

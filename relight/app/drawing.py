@@ -4,11 +4,10 @@ import functools
 import json
 import os
 import re
-from collections.abc import Mapping
-from typing import Any
 
 import numpy as np
 
+from relight.app.messages import Drawing, Points
 from relight.matting import outline, silhouette
 from relight.matting.refine import encoded_srgb
 
@@ -24,7 +23,7 @@ def reduced() -> np.ndarray:
     return np.load(REDUCED).astype(np.float32)
 
 
-def matte_file(model: Any) -> str:
+def matte_file(model: object) -> str:
     """Return the file of the matte that a drawing begins with; `model` is the drawing's."""
     return f"{model}.npy" if isinstance(model, str) and PERSON.fullmatch(model) else MODEL
 
@@ -35,7 +34,7 @@ def forget() -> None:
     _found_within.cache_clear()
 
 
-def solved(drawn: Mapping[str, Any]) -> np.ndarray:
+def solved(drawn: Drawing) -> np.ndarray:
     """Return the matte of the reduced copy that was drawn; an outline that is accepted is not solved again.
 
     Positions are fractions of width and height.
@@ -44,9 +43,9 @@ def solved(drawn: Mapping[str, Any]) -> np.ndarray:
     return _solve(os.getcwd(), json.dumps(lines, sort_keys=True))
 
 
-def edge_of(drawn: Mapping[str, Any]) -> tuple[float, float]:
+def edge_of(drawn: Drawing) -> tuple[float, float]:
     """Return by how much the edge is to be shifted and blurred, as shares of the picture's longer side."""
-    shift, feather = (float(drawn.get(key) or 0) for key in ("shift", "feather"))
+    shift, feather = float(drawn.get("shift") or 0), float(drawn.get("feather") or 0)
     if not (abs(shift) <= EDGE_SIDE and 0 <= feather <= EDGE_SIDE):
         raise ValueError(f"edge: expected shares of up to {EDGE_SIDE}, got {shift} and {feather}")
     return shift, feather
@@ -61,12 +60,12 @@ def shifted(matte: np.ndarray, shift: float, feather: float = 0.0) -> np.ndarray
     return outline.shift_edge(matte, shift * side, feather * side)
 
 
-def is_drawn(drawn: Mapping[str, Any]) -> bool:
+def is_drawn(drawn: Drawing) -> bool:
     """Return whether a drawing has lines or strokes, and is not a matte as it was found or loaded."""
     return any(drawn.get(key) for key in ("lasso", "strokes", "holes"))
 
 
-def edge_kind(drawn: Mapping[str, Any]) -> str:
+def edge_kind(drawn: Drawing) -> str:
     """Return where the edge of a drawing's matte comes from: a file, a network, or lines that are solved."""
     if drawn.get("model") == FILE and not is_drawn(drawn):
         return FILE
@@ -86,12 +85,12 @@ def _solve(folder: str, drawing: str) -> np.ndarray:
         raise ValueError("drawn: expected an outline as the page draws it") from error
 
 
-def _meant(drawn: Mapping[str, Any], picture: np.ndarray) -> np.ndarray:
+def _meant(drawn: Drawing, picture: np.ndarray) -> np.ndarray:
     """Return the matte (h, w) that a drawing means on the reduced copy."""
     height, width = picture.shape[:2]
     scale = np.array([width, height], float)
 
-    def places(points: Any) -> np.ndarray:
+    def places(points: Points) -> np.ndarray:
         relative = np.reshape(np.asarray(points, float), (-1, 2))
         return relative.clip(-4, 5) * scale
 

@@ -4,10 +4,9 @@ A site whose name is made to point to this machine gets no answer, and neither d
 """
 
 import hmac
-from typing import Any
 
 from starlette.responses import Response
-from starlette.types import ASGIApp, Receive, Scope, Send
+from starlette.types import ASGIApp, Message, Receive, Scope, Send
 
 HOST = "127.0.0.1"
 ALL = "0.0.0.0"  # all addresses of this machine
@@ -63,7 +62,7 @@ class Guard:
 def _with_headers(send: Send) -> Send:
     """Return a `send` that adds `HEADERS` to each response."""
 
-    async def sending(message: Any) -> None:
+    async def sending(message: Message) -> None:
         if message["type"] == "http.response.start":
             extra = [(key.lower().encode(), value.encode()) for key, value in HEADERS.items()]
             message = {**message, "headers": [*message["headers"], *extra]}

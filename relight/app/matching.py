@@ -1,7 +1,7 @@
 """The light of a background, or of another photograph, as a few lights that a page shows."""
 
+from collections.abc import Sequence
 from dataclasses import replace
-from typing import Any
 
 import numpy as np
 
@@ -20,12 +20,12 @@ COUNT = 4  # lights at most: as many as one can hold
 REFERENCE_SIDE = 1024  # pixels, the longer side of the other photograph, at most
 
 
-def of_background(subject: Subject, pixels: np.ndarray) -> list[dict[str, Any]]:
+def of_background(subject: Subject, pixels: np.ndarray) -> list[dict[str, object]]:
     """Return the lights of the place that a background (H, W, 3) shows."""
     return _few(subject, [PlateLight(Still(pixels), FIELD_OF_VIEW).at(0, subject.size)])
 
 
-def of_photograph(subject: Subject, pixels: np.ndarray) -> list[dict[str, Any]]:
+def of_photograph(subject: Subject, pixels: np.ndarray) -> list[dict[str, object]]:
     """Return the lights of another photograph (H, W, 3|4), whose person is found unless it has alpha.
 
     Raises EmptyMatteError if nobody is found.
@@ -40,8 +40,7 @@ def of_photograph(subject: Subject, pixels: np.ndarray) -> list[dict[str, Any]]:
     return _few(subject, match(subject, reference, mask=mask))
 
 
-def _few(subject: Subject, lights: list[Any]) -> list[dict[str, Any]]:
+def _few(subject: Subject, lights: Sequence[Light]) -> list[dict[str, object]]:
     """Return at most `COUNT` lights that light a person most like these, with the page's parameters."""
-    wanted: list[Light] = lights
-    found = fit_lights(subject.relit(wanted), subject, count=COUNT)
+    found = fit_lights(subject.relit(lights), subject, count=COUNT)
     return [parameters_of(replace(light, name=f"match{number}")) for number, light in enumerate(found, 1)]

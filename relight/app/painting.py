@@ -2,7 +2,6 @@
 
 from collections import OrderedDict
 from collections.abc import Iterable, Mapping
-from typing import Any
 
 import numpy as np
 from PIL import Image, ImageDraw
@@ -24,7 +23,7 @@ _painters: OrderedDict[str, tuple[Subject, LightPainter]] = OrderedDict()
 
 
 def painted(
-    began: str, subject: Subject, lights: list[Light], strokes: Any, gloss: float
+    began: str, subject: Subject, lights: list[Light], strokes: object, gloss: float
 ) -> dict[str, object]:
     """Return the lights that strokes ask for, as the page has them, and how near they came.
 
@@ -51,7 +50,7 @@ def painted(
     }
 
 
-def _pairs(strokes: Any, size: tuple[int, int]) -> list[tuple[np.ndarray, np.ndarray]]:
+def _pairs(strokes: object, size: tuple[int, int]) -> list[tuple[np.ndarray, np.ndarray]]:
     """Return masks and factors: of what is brighter, and of what is darker."""
     if not isinstance(strokes, list) or not 1 <= len(strokes) <= MOST_STROKES:
         raise ValueError(f"strokes: expected a list of 1 to {MOST_STROKES}")
@@ -69,7 +68,7 @@ def _pairs(strokes: Any, size: tuple[int, int]) -> list[tuple[np.ndarray, np.nda
     return pairs
 
 
-def _drawn(points: Iterable[Any], radius: float, size: tuple[int, int]) -> np.ndarray:
+def _drawn(points: Iterable[Iterable[float]], radius: float, size: tuple[int, int]) -> np.ndarray:
     """Return where a stroke is (H, W), bool."""
     height, width = size
     places = [

@@ -3,12 +3,12 @@
 import functools
 import os
 from dataclasses import dataclass
-from typing import Any
 
 import cv2
 import numpy as np
 
 from relight.app import drawing
+from relight.app.messages import PersonOutline, Points
 from relight.matting.people import finder
 from relight.matting.people.choice import CERTAIN
 from relight.matting.people.region import DetectedPerson
@@ -34,7 +34,7 @@ class Found:
     people: list[DetectedPerson]
     turns: int
 
-    def outlines(self) -> list[dict[str, Any]]:
+    def outlines(self) -> list[PersonOutline]:
         """Return each person's number, from 1, and closed lines around them, in shares of the picture."""
         shrink = min(1.0, OUTLINED_SIDE / max(self.picture.shape[:2]))
         size = reduced_size(self.picture.shape, shrink)
@@ -69,7 +69,7 @@ def _found(folder: str, written: int) -> Found:
     return Found(picture, people, network.turns_to_upright(picture, people))
 
 
-def _lines(mask: np.ndarray) -> list[list[list[float]]]:
+def _lines(mask: np.ndarray) -> list[Points]:
     """Return the outer contours of a mask (h, w), as places in shares of width and height."""
     contours, _ = cv2.findContours(mask.astype(np.uint8), cv2.RETR_EXTERNAL, cv2.CHAIN_APPROX_NONE)
     scale = np.array(mask.shape[::-1], float)

@@ -3,13 +3,13 @@
 import asyncio
 import contextlib
 import os
-from collections.abc import Awaitable, Callable
+from collections.abc import AsyncIterable, Awaitable, Callable
 from functools import partial
 from importlib.resources import files
 from importlib.util import find_spec
 from itertools import islice
 from pathlib import Path
-from typing import Any
+from typing import cast
 from urllib.parse import quote, unquote_to_bytes
 
 from starlette.requests import Request
@@ -17,6 +17,7 @@ from starlette.responses import FileResponse, HTMLResponse, JSONResponse, Respon
 from starlette.routing import Route
 
 from relight.app.answers import Report, json_of, picture, refusing, streamed
+from relight.app.messages import Drawing, Look
 from relight.app.session import (
     LISTED,
     MASK_SUFFIX,
@@ -143,7 +144,7 @@ class Server:
         path.write_bytes(files("relight.app").joinpath("web", "example.png").read_bytes())
         return await self._added(photograph)
 
-    async def _added(self, photograph: Photograph, chunks: Any = None) -> Response:
+    async def _added(self, photograph: Photograph, chunks: AsyncIterable[bytes] | None = None) -> Response:
         """Read a new photograph; where that fails, nothing of it stays."""
         try:
             if chunks is not None:
@@ -212,7 +213,7 @@ class Server:
         return await self._other(request, MODELS, opened)
 
     async def add_reference(self, request: Request) -> Response:
-        async def opened(identity: str, path: Path) -> dict[str, Any]:
+        async def opened(identity: str, path: Path) -> dict[str, object]:
             return {"file": identity}
 
         return await self._other(request, PICTURES, opened)
@@ -224,7 +225,7 @@ class Server:
         if person != "everyone" and (isinstance(person, bool) or not isinstance(person, int)):
             raise Refused('person: expected a number, or "everyone"', 400)
 
-        async def work(report: Report) -> dict[str, Any]:
+        async def work(report: Report) -> dict[str, object]:
             answer = await self.worker.run("find_person", photograph.folder, {"person": person}, report)
             photograph.people = answer["people"]
             return answer
@@ -256,7 +257,7 @@ class Server:
 
     async def analyse(self, request: Request) -> Response:
         photograph, asked = self._of(request), await json_of(request)
-        drawn = asked.get("drawn")
+        drawn: Drawing | None = asked.get("drawn")
         if drawn is not None and not isinstance(drawn, dict):
             raise Refused("drawn: expected an object", 400)
         uses_own = photograph.about["cut_out"] and not drawn
@@ -294,13 +295,13 @@ class Server:
 
     async def _opened(self, task: str, identity: str, path: Path) -> dict[str, object]:
         answer = await self.worker.run(task, path.parent, {"name": path.name}, brief=True)
-        return {"file": identity} | answer
+        return {"file": identity, **answer}
 
     async def _other(
         self,
         request: Request,
         suffixes: tuple[str, ...],
-        opened: Callable[[str, Path], Awaitable[dict[str, Any]]],
+        opened: Callable[[str, Path], Awaitable[dict[str, object]]],
     ) -> Response:
         """Take another file and open it; where that fails, nothing of it stays."""
         identity, path = self.session.new_file(request.query_params.get("name", ""), suffixes)
@@ -398,7 +399,7 @@ class Server:
             raise Refused("The person has not been analysed yet.", 409)
         return photograph
 
-    def _look(self, given: Any, photograph: Photograph) -> dict[str, object]:
+    def _look(self, given: object, photograph: Photograph) -> Look:
         """Return the lights and background that a page asks for; put their files beside the photograph."""
         if not isinstance(given, dict):
             raise Refused("look: expected an object", 400)
@@ -406,13 +407,12 @@ class Server:
             "lights", "environment", "background", "floor", "exposure", "gloss", "amount", "fill", "blur",
             "backgroundLight", "placement",
         )  # fmt: skip
-        look = {key: given.get(key) for key in names}
-        look["size"] = [photograph.about.get("height"), photograph.about.get("width")]
-        if look["environment"]:
-            name = self.session.lend(str(look["environment"]["file"]), photograph)
-            look["environment"] = f"{name},{look['environment']['settings']}"
-        if isinstance(look["background"], dict):
-            look["background"] = {"file": self.session.lend(str(look["background"]["file"]), photograph)}
+        look = cast(Look, {key: given.get(key) for key in names})
+        look["size"] = [photograph.about["height"], photograph.about["width"]]
+        if sky := given.get("environment"):
+            look["environment"] = f"{self.session.lend(str(sky['file']), photograph)},{sky['settings']}"
+        if isinstance(behind := given.get("background"), dict):
+            look["background"] = {"file": self.session.lend(str(behind["file"]), photograph)}
         return look
 
 

@@ -6,11 +6,11 @@ import re
 import secrets
 import shutil
 import tempfile
-from collections.abc import AsyncIterable, Iterator
+from collections.abc import AsyncIterable, Iterator, Mapping
 from dataclasses import dataclass, field
 from pathlib import Path
-from typing import Any
 
+from relight.app.messages import Answer, Drawing, PersonOutline
 from relight.app.worker import Refused
 from relight.media.images.read_image import READ as PICTURES
 from relight.media.movies.read_movie import READ as MOVIES
@@ -33,15 +33,15 @@ class Photograph:
     id: str  # its name in addresses: random
     name: str  # of its file, as commands have it
     folder: Path  # holds its file and what is made of it
-    about: dict[str, Any] = field(default_factory=dict)  # what `relight.app.tasks.read` found
+    about: Answer = field(default_factory=dict)  # what `relight.app.tasks.read` found
     # The name of its matte's file; None if the photograph has alpha, or no outline is accepted yet.
     mask: str | None = None
-    drawn: dict[str, Any] | None = None  # the drawing that the matte is of
-    scene: dict[str, Any] | None = None  # what the viewer begins with, once the photograph is analysed
+    drawn: Drawing | None = None  # the drawing that the matte is of
+    scene: Mapping[str, object] | None = None  # what the viewer begins with, once the photograph is analysed
     movie: str | None = None  # the name of the movie of which it is a frame
     source: str = ""  # the name of its file before it was turned, if it was
     turns: int = 0  # by quarters, clockwise
-    people: list[dict[str, Any]] = field(default_factory=list)  # who was found, see `relight.app.people`
+    people: list[PersonOutline] = field(default_factory=list)  # who was found, see `relight.app.people`
     outputs: set[str] = field(default_factory=set)  # names of files that can be downloaded
 
     @property

@@ -12,14 +12,14 @@ from collections import OrderedDict
 from collections.abc import Callable, Mapping, Sequence
 from functools import partial
 from pathlib import Path
-from types import MappingProxyType
-from typing import Any
+from typing import ParamSpec
 
 import numpy as np
 import torch
 
 from relight.app import clip, drawing, matching, painting, people, preset_pictures, turning
 from relight.app.drawing import MODEL, REDUCED
+from relight.app.messages import AS_IT_IS, IN_PLACE, NO_LOOK, Drawing, Form, Look, Place
 from relight.app.pictures import png, reduced_size, resized
 from relight.compositing.floor import Floor
 from relight.compositing.placement import place
@@ -57,10 +57,11 @@ MATTE, PACK = "matte.npy", "pack.bin"
 LOADED, EDGE = "loaded.npy", "edge.json"  # a matte from a file, in full; what is done to the accepted matte
 SIDE = "side.txt"  # the photograph's longer side, in pixels
 READ, ANALYSED, RELIT = 0.3, 0.5, 0.9  # shares of the time to save 24 megapixels that have passed, roughly
+Arguments = ParamSpec("Arguments")
 Report = Callable[..., None]  # (what is done, the share of the task that is done, if that is known)
 
 subjects: OrderedDict[str, Subject] = OrderedDict()
-kept_subjects: dict[tuple[Any, ...], Subject] = {}  # at full size, of the files that were saved last
+kept_subjects: dict[tuple[object, ...], Subject] = {}  # at full size, of the files that were saved last
 
 
 def load_networks() -> None:
@@ -115,7 +116,7 @@ def read_clip(name: str, report: Report) -> dict[str, object]:
     return clip.read(name)
 
 
-def outline_of(drawn: Mapping[str, Any], report: Report) -> dict[str, object]:
+def outline_of(drawn: Drawing, report: Report) -> dict[str, object]:
     """Return the matte of a drawn outline, as a grey PNG of the preview's size."""
     return {"png": png(drawing.shifted(drawing.solved(drawn), *drawing.edge_of(drawn)))}
 
@@ -168,7 +169,7 @@ def find_person(person: int | str, report: Report) -> dict[str, object]:
     return {"people": found.outlines(), "model": model, **about}
 
 
-def turn(name: str, turns: int, report: Report) -> dict[str, Any]:
+def turn(name: str, turns: int, report: Report) -> dict[str, object]:
     """Turn a photograph clockwise by quarter turns, 0 to 3; what was found in it is forgotten."""
     found = [path for path in Path().glob("*.npy") if drawing.PERSON.fullmatch(path.stem)]
     for path in (*map(Path, (MODEL, MATTE, EDGE, LOADED)), *found):
@@ -218,9 +219,7 @@ def _keep_matte(found: np.ndarray, name: str = MODEL) -> None:
     drawing.forget()
 
 
-def analyse(
-    name: str, mask: str | None, drawn: Mapping[str, Any] | None, report: Report
-) -> dict[str, object]:
+def analyse(name: str, mask: str | None, drawn: Drawing | None, report: Report) -> dict[str, object]:
     """Refine an outline, analyse the person, and write what the page shows, all on the reduced copy.
 
     The matte's file, `mask`, is written at full resolution when it is needed: see `full_matte`.
@@ -289,11 +288,11 @@ def background(name: str, report: Report) -> dict[str, object]:
     return {**(scene_of(size, background=pixels, background_name=name)["backdrop"] or {})}
 
 
-def still(name: str, mask: str | None, look: Mapping[str, Any], report: Report) -> dict[str, object]:
+def still(name: str, mask: str | None, look: Look, report: Report) -> dict[str, object]:
     """Relight the reduced copy and return a PNG, for browsers that cannot render it themselves."""
     subject, lighting = _subject(name, mask, report, look), lighting_of(look)
     lights = as_lights(lighting.rig().lights)
-    behind: Any = lighting.background
+    behind = lighting.background
     if isinstance(behind, str) and behind != NONE:
         behind = images.read(behind)
     if lighting.fill:
@@ -305,7 +304,7 @@ def still(name: str, mask: str | None, look: Mapping[str, Any], report: Report) 
     if behind is None:
         behind = subject.clean_plate(drawing.reduced())
     back = None
-    if not isinstance(behind, str):
+    if isinstance(behind, np.ndarray | tuple):
         shadow = None
         if lighting.floor is not None:
             shadow = partial_shadow(subject.shadows(lights, lighting.floor)[1], lighting.amount)
@@ -317,7 +316,7 @@ def still(name: str, mask: str | None, look: Mapping[str, Any], report: Report) 
     return {"png": png(encoded(picture, back, exposure=exposure_of(look)))}
 
 
-def floor_shadow(name: str, mask: str | None, look: Mapping[str, Any], report: Report) -> dict[str, object]:
+def floor_shadow(name: str, mask: str | None, look: Look, report: Report) -> dict[str, object]:
     """Return the factors by which the person's shadow on the floor dims the background: an encoded PNG."""
     subject, lighting = _subject(name, mask, report, look), lighting_of(look)
     if lighting.floor is None:
@@ -326,9 +325,7 @@ def floor_shadow(name: str, mask: str | None, look: Mapping[str, Any], report: R
     return {"png": png(encode(subject.shadows(lights, lighting.floor)[1], white=1))}
 
 
-def paint(
-    name: str, mask: str | None, look: Mapping[str, Any], strokes: Any, report: Report
-) -> dict[str, object]:
+def paint(name: str, mask: str | None, look: Look, strokes: object, report: Report) -> dict[str, object]:
     """Return the lights that strokes on the person ask for, see `relight.app.painting`."""
     subject, lighting = _subject(name, mask, report), lighting_of(look)
     lights, gloss = as_lights(lighting.rig().lights), lighting.effective_gloss
@@ -336,43 +333,44 @@ def paint(
     return painting.painted(began, subject, lights, strokes, gloss)
 
 
-def confidence(name: str, mask: str | None, light: str | None, report: Report) -> dict[str, Any]:
+def confidence(name: str, mask: str | None, light: str | None, report: Report) -> dict[str, object]:
     """Return how sure the shadows of a light are, or those of all directions, as a grey PNG."""
     of = None if light is None else as_lights(lighting_of({"lights": [light]}).rig().lights)[0]
     return {"png": png(_subject(name, mask, report).confidence(of))}
 
 
-def plot(name: str, mask: str | None, look: Mapping[str, Any], report: Report) -> dict[str, Any]:
+def plot(name: str, mask: str | None, look: Look, report: Report) -> dict[str, object]:
     """Draw the lighting plot of the lights, as `relight apply --plot` does."""
     subject, lights = _subject(name, mask, report), as_lights(lighting_of(look).rig().lights)
     return {"file": str(plot_of(Path(PREVIEWS, PLOT), lights, subject.camera, name))}
 
 
 def match(
-    name: str, mask: str | None, look: Mapping[str, Any], reference: str | None, report: Report
-) -> dict[str, Any]:
+    name: str, mask: str | None, look: Look, reference: str | None, report: Report
+) -> dict[str, object]:
     """Return lights as those of another photograph, or of the background if `reference` is None."""
     subject = _subject(name, mask, report)
     report("Matching the light")
     if reference is not None:
         return {"lights": matching.of_photograph(subject, images.read(reference))}
     behind = look.get("background")
-    if behind != ORIGINAL and not isinstance(behind, Mapping):
+    if behind == ORIGINAL:
+        pixels = drawing.reduced()
+    elif isinstance(behind, Mapping):
+        pixels = images.read(behind["file"])
+    else:
         raise ValueError("There is no picture behind the person: open one as the background.")
-    pixels = drawing.reduced() if behind == ORIGINAL else images.read(behind["file"])
     return {"lights": matching.of_background(subject, pixels[..., :3])}
 
 
-def preset_picture(name: str, mask: str | None, preset: str, report: Report) -> dict[str, Any]:
+def preset_picture(name: str, mask: str | None, preset: str, report: Report) -> dict[str, object]:
     """Return a small picture of the person in the light of a preset: a PNG."""
     subject = _subject(name, mask, report)
     small = preset_pictures.small_of(subject, drawing.reduced())
     return {"png": png(encoded(preset_pictures.picture(small, preset, subject.preset_gain(preset))))}
 
 
-def _subject(
-    name: str, mask: str | None, report: Report, look: Mapping[str, Any] = MappingProxyType({})
-) -> Subject:
+def _subject(name: str, mask: str | None, report: Report, look: Look = NO_LOOK) -> Subject:
     """Return the subject of the reduced copy, which is analysed again unless it is kept.
 
     `look`: places the photograph in the picture, if it is given.
@@ -390,7 +388,7 @@ def _subject(
             size = (reduced.shape[0], reduced.shape[1])
             shrink = max(size) / max(look["size"])
             right, up = (round(pixels * shrink) for pixels in placement["offset"])
-            where: dict[str, Any] = {"scale": placement["scale"], "offset": (right, up)}
+            where: Place = {"scale": placement["scale"], "offset": (right, up)}
             reduced = place(reduced, size, **where)
             matte = None if matte is None else place(matte, size, **where)
         subject = Subject(reduced, matte, feather=feather)
@@ -398,7 +396,7 @@ def _subject(
     return subject
 
 
-def _placement(look: Mapping[str, Any]) -> dict[str, Any]:
+def _placement(look: Look) -> Place:
     """Return `scale` and `offset` of a look, in pixels of the photograph; empty where it stays in place."""
     given = look.get("placement")
     if not given:
@@ -410,11 +408,11 @@ def _placement(look: Mapping[str, Any]) -> dict[str, Any]:
 def save(
     name: str,
     mask: str | None,
-    look: Mapping[str, Any],
+    look: Look,
     output: str,
     passes: Sequence[str],
     report: Report,
-    form: Mapping[str, Any] = MappingProxyType({}),
+    form: Form = AS_IT_IS,
 ) -> dict[str, object]:
     """Write a picture, the page, or the mesh.
 
@@ -456,19 +454,19 @@ def _save_picture(source: Source, lighting: Lighting, output: Output, report: Re
     from relight.pipeline.run import run
     from relight.pipeline.shot import Shot
 
-    with Shot.open(source, lighting, analyse=_analysing(source)) as shot:
+    with Shot.open(source, lighting, analyse=_analysing(source, Subject)) as shot:
         shot.person(0)
         report("Relighting", ANALYSED)
         run(Relighting(output), shot, progress=lambda done, total, what: report(what, RELIT))
 
 
-def _analysing(source: Source) -> Callable[..., Subject]:
+def _analysing(source: Source, make: Callable[Arguments, Subject]) -> Callable[Arguments, Subject]:
     """Return what analyses a photograph, but not again for the next file of it unless it is large."""
     files = [Path(str(path)).resolve() for path in (source.plate, source.mask) if path is not None]
     key = (source.feather, source.scale, source.offset, *((path, path.stat().st_mtime_ns) for path in files))
 
-    def analyse(*given: Any, **options: Any) -> Subject:
-        subject = kept_subjects[key] if key in kept_subjects else Subject(*given, **options)
+    def analyse(*given: Arguments.args, **options: Arguments.kwargs) -> Subject:
+        subject = kept_subjects[key] if key in kept_subjects else make(*given, **options)
         kept_subjects.clear()
         if subject.size[0] * subject.size[1] <= KEPT_PIXELS:
             kept_subjects[key] = subject
@@ -477,25 +475,21 @@ def _analysing(source: Source) -> Callable[..., Subject]:
     return analyse
 
 
-def lighting_of(look: Mapping[str, Any]) -> Lighting:
+def lighting_of(look: Look) -> Lighting:
     """Return the options of `relight apply` that the settings of the page stand for."""
     light, environment = tuple(map(str, look.get("lights") or ())), look.get("environment")
-    behind: Any = look.get("background") or NONE
-    if behind == ORIGINAL:  # an .exr holds it only if it is asked for
-        behind = PLATE if look.get("plate") else None
-    elif behind != NONE:
-        behind = behind["file"] if isinstance(behind, Mapping) else tuple(map(float, behind))
     if not light and not environment:
         raise ValueError("There is no light: add one, or an environment.")
     gloss, fill = float(look.get("gloss") or 0), float(look.get("fill") or 0)
+    amount = look.get("amount")
     floor = Floor.parse(str(look["floor"])) if look.get("floor") else None
     return Lighting(
         light=light,
         environment=(environment,) if environment else (),
-        background=behind,
+        background=_background_of(look),
         gloss=gloss,
         floor=floor,
-        amount=float(1 if look.get("amount") is None else look["amount"]),
+        amount=float(1 if amount is None else amount),
         fill="background" if fill else None,
         fill_amount=fill,
         background_blur=float(look.get("blur") or 0),
@@ -503,7 +497,17 @@ def lighting_of(look: Mapping[str, Any]) -> Lighting:
     )
 
 
-def exposure_of(look: Mapping[str, Any]) -> float:
+def _background_of(look: Look) -> str | tuple[float, ...] | None:
+    """Return the background that the page shows, as `relight.Lighting` takes it."""
+    given = look.get("background") or NONE
+    if given == ORIGINAL:  # an .exr holds it only if it is asked for
+        return PLATE if look.get("plate") else None
+    if given == NONE:
+        return NONE
+    return given["file"] if isinstance(given, Mapping) else tuple(map(float, given))
+
+
+def exposure_of(look: Look) -> float:
     return float(look.get("exposure") or 0)
 
 
@@ -531,11 +535,11 @@ def _feather(mask: str | None) -> float:
     return round(json.loads(Path(EDGE).read_text())["feather"] * int(Path(SIDE).read_text()), 2)
 
 
-def _key(name: str, placement: Mapping[str, Any] = MappingProxyType({})) -> str:
+def _key(name: str, placement: Place = IN_PLACE) -> str:
     return f"{Path(name).resolve()}{dict(placement) or ''}"
 
 
-def keep(name: str, subject: Subject, placement: Mapping[str, Any] = MappingProxyType({})) -> None:
+def keep(name: str, subject: Subject, placement: Place = IN_PLACE) -> None:
     """Keep a photograph's subject for stills, and forget the oldest ones; `placement`: see `Source`."""
     subjects[_key(name, placement)] = subject
     subjects.move_to_end(_key(name, placement))

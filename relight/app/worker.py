@@ -10,8 +10,10 @@ import traceback
 import warnings
 from collections.abc import Callable, Mapping
 from multiprocessing.connection import Connection
+from multiprocessing.process import BaseProcess
 from pathlib import Path
-from typing import Any
+
+from relight.app.messages import Answer, Progress, Said
 
 EXPECTED = (ImportError, OSError, TypeError, ValueError)  # what bad input raises; anything else is a defect
 STOPPED = "The computation ended unexpectedly; there may be too little memory. Try a smaller photograph."
@@ -39,8 +41,8 @@ class Worker:
     """
 
     def __init__(self) -> None:
-        self._process: Any = None
-        self._connection: Any = None
+        self._process: BaseProcess | None = None
+        self._connection: Connection  # to the process that was started last
         self._turn = asyncio.Lock()
 
     def start(self) -> None:
@@ -69,10 +71,10 @@ class Worker:
         task: str,
         folder: Path,
         arguments: Mapping[str, object],
-        report: Callable[[dict[str, object]], None] = lambda said: None,
+        report: Callable[[Progress], None] = lambda said: None,
         *,
         brief: bool = False,
-    ) -> Any:
+    ) -> Answer:
         """Run a task in `folder` when those before it are done; return what it returns.
 
         `report` gets {"what": what is done, "share": of the task that is done, or None}.
@@ -83,12 +85,14 @@ class Worker:
             self.start()
             try:
                 # A thread waits: a pipe takes large arguments only as fast as the process reads them.
-                ask = functools.partial(_asked, self._connection, (task, str(folder), dict(arguments)))
+                ask: Callable[[], Said] = functools.partial(
+                    _asked, self._connection, (task, str(folder), dict(arguments))
+                )
                 while True:
                     answer = asyncio.ensure_future(asyncio.to_thread(ask))
                     ask = self._connection.recv
                     try:
-                        kind, value = await asyncio.shield(answer)
+                        said = await asyncio.shield(answer)
                     except asyncio.CancelledError:
                         if not brief:
                             self.stop()
@@ -97,12 +101,12 @@ class Worker:
                         with contextlib.suppress(Exception):
                             await answer
                         raise
-                    if kind == "progress":
-                        report(value)
-                    elif kind == "done":
-                        return value
+                    if said[0] == "progress":
+                        report(said[1])
+                    elif said[0] == "done":
+                        return said[1]
                     else:
-                        raise Refused(value)
+                        raise Refused(said[1])
             except (EOFError, OSError) as error:
                 self.stop()
                 raise Refused(STOPPED) from error
@@ -110,7 +114,7 @@ class Worker:
                 self.start()
 
 
-def _asked(connection: Connection, task: tuple[str, str, dict[str, object]]) -> Any:
+def _asked(connection: Connection, task: tuple[str, str, dict[str, object]]) -> Said:
     """Send a task, and return the first answer."""
     connection.send(task)
     return connection.recv()
