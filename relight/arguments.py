@@ -24,8 +24,10 @@ from typing import (
     NamedTuple,
     ParamSpec,
     Self,
+    TypeAlias,
     TypeVar,
     Union,
+    cast,
     get_args,
     get_origin,
     get_type_hints,
@@ -36,10 +38,12 @@ from annotated_types import Interval
 from shadow.errors import refuse_gradient
 
 if TYPE_CHECKING:
-    from pydantic import TypeAdapter
+    from pydantic import GetCoreSchemaHandler, TypeAdapter
+    from pydantic_core import CoreSchema, ErrorDetails
 
 Parameters = ParamSpec("Parameters")
 Result = TypeVar("Result")
+Annotation: TypeAlias = Any  # a class, a union, `Annotated`...: what `typing` takes apart
 Given = TypeVar("Given", contravariant=True)  # what a constructor takes
 Held = TypeVar("Held", covariant=True)  # what the object has
 
@@ -66,8 +70,8 @@ class About:
     _: dataclasses.KW_ONLY
     unit: str = ""
     expected: str = ""
-    parse: Callable[[str], Any] | None = None
-    check: Callable[[Any], Any] | None = None
+    parse: Callable[[str], object] | None = None
+    check: Callable[[Any], object] | None = None
     words: tuple[tuple[str, float], ...] = ()
     path: bool = False
     flags: tuple[str, ...] = ()
@@ -77,7 +81,7 @@ class About:
     def __repr__(self) -> str:
         return f"About({self.help!r})"
 
-    def __get_pydantic_core_schema__(self, source: Any, handler: Callable[[Any], Any]) -> Any:
+    def __get_pydantic_core_schema__(self, source: object, handler: "GetCoreSchemaHandler") -> "CoreSchema":
         from pydantic_core import core_schema
 
         schema = handler(source)
@@ -87,15 +91,15 @@ class About:
             schema = core_schema.no_info_before_validator_function(self._parsed, schema)
         return schema
 
-    def _parsed(self, value: object) -> Any:
+    def _parsed(self, value: object) -> object:
         return self.parse(value) if self.parse is not None and isinstance(value, str) else value
 
 
 class Converts:
     """In an annotation: lists, arrays and other iterables become the tuple that it names."""
 
-    def __get_pydantic_core_schema__(self, source: Any, handler: Callable[[Any], Any]) -> Any:
-        return handler(source) | {"strict": False}
+    def __get_pydantic_core_schema__(self, source: object, handler: "GetCoreSchemaHandler") -> "CoreSchema":
+        return {**handler(source), "strict": False}
 
 
 class Converted(Generic[Given, Held]):
@@ -116,6 +120,11 @@ def required() -> Any:
     return dataclasses.field()
 
 
+def default(value: Result) -> Converted[object, Result]:
+    """Return the default of a `Converted` field, for which mypy takes it; in fact it is the value."""
+    return cast("Converted[object, Result]", value)
+
+
 class Parameter(NamedTuple):
     """A parameter of a function or a class: its annotation, and its default or `inspect.Parameter.empty`."""
 
@@ -127,13 +136,13 @@ class Parameter(NamedTuple):
         return self.default is inspect.Parameter.empty
 
 
-def parameters(function: Callable[..., Any]) -> dict[str, Parameter]:
+def parameters(function: Callable[..., object]) -> dict[str, Parameter]:
     """Return the parameters of a function, or of a class's constructor, by name."""
     return _parameters(function)
 
 
 @functools.cache
-def _parameters(function: Callable[..., Any]) -> dict[str, Parameter]:
+def _parameters(function: Callable[..., object]) -> dict[str, Parameter]:
     made = function.__init__ if isinstance(function, type) else function  # type: ignore[misc]
     hints = get_type_hints(made, include_extras=True)
     taken = list(inspect.signature(made).parameters.values())[isinstance(function, type) :]  # without self
@@ -148,7 +157,7 @@ def _parameters(function: Callable[..., Any]) -> dict[str, Parameter]:
 class Checked:
     """A dataclass whose arguments are what its annotations say."""
 
-    def __new__(cls, *_: Any, **named: Any) -> Self:
+    def __new__(cls, *_: object, **named: object) -> Self:
         for name in named:
             if name not in parameters(cls):
                 raise TypeError(f"{unknown(name, parameters(cls))} ({cls.__name__})")
@@ -156,13 +165,13 @@ class Checked:
 
     def __post_init__(self) -> None:
         """Check and convert all fields; TypeError or ValueError with the field's name."""
-        made: Callable[..., Any] = type(self)
+        made: Callable[..., object] = type(self)
         for name, kind in _fields(made).items():
             object.__setattr__(self, name, checked(name, getattr(self, name), kind))
 
 
 @functools.cache
-def _fields(kind: Callable[..., Any]) -> dict[str, object]:
+def _fields(kind: Callable[..., object]) -> dict[str, object]:
     hints = get_type_hints(kind, include_extras=True)
     return {each.name: hints[each.name] for each in dataclasses.fields(kind)}  # type: ignore[arg-type]
 
@@ -226,14 +235,16 @@ def checked_number(name: str, value: object, low: float = -math.inf, high: float
 
 
 @functools.cache
-def _adapter(kind: Any) -> "TypeAdapter[Any]":
+def _adapter(kind: Annotation) -> "TypeAdapter[object]":
     from pydantic import ConfigDict, TypeAdapter
 
     rules = ConfigDict(strict=True, allow_inf_nan=False, arbitrary_types_allowed=True)
     return TypeAdapter(kind, config=rules)
 
 
-def _refused(name: str, value: object, kind: object, problems: list[Any]) -> TypeError | ValueError:
+def _refused(
+    name: str, value: object, kind: object, problems: "list[ErrorDetails]"
+) -> TypeError | ValueError:
     """Return the error of a value that pydantic refuses, in our words."""
     raised = [each["ctx"]["error"] for each in problems if each["type"] == "value_error"]
     if raised:
@@ -252,7 +263,7 @@ def _refused(name: str, value: object, kind: object, problems: list[Any]) -> Typ
     return (TypeError if is_type else ValueError)(message + (f"; did you mean {near}?" if near else ""))
 
 
-def _choices(kind: Any) -> list[Any]:
+def _choices(kind: Annotation) -> list[object]:
     """Return the words among which an annotation lets one choose, also for each value of a tuple."""
     if get_origin(kind) is Literal:
         return list(get_args(kind))
@@ -260,7 +271,7 @@ def _choices(kind: Any) -> list[Any]:
     return [word for each in parts for word in _choices(each)]
 
 
-def members(kind: Any, said: tuple[object, ...] = ()) -> Iterator[tuple[object, tuple[object, ...]]]:
+def members(kind: Annotation, said: tuple[object, ...] = ()) -> Iterator[tuple[object, tuple[object, ...]]]:
     """Yield the types of a union, or the only one, each with what annotations say of it, outermost first."""
     if get_origin(kind) is Annotated:
         yield from members(kind.__origin__, (*said, *reversed(kind.__metadata__)))
@@ -294,7 +305,7 @@ def limits(kind: object) -> tuple[float, float]:
     )
 
 
-def described(kind: Any, finite: bool = False, unit: str = "", within: str = "") -> str:
+def described(kind: Annotation, finite: bool = False, unit: str = "", within: str = "") -> str:
     """Return what an annotation expects, in words."""
     if get_origin(kind) is Annotated:
         own = [each for each in reversed(kind.__metadata__) if isinstance(each, About)]
@@ -365,7 +376,7 @@ def meant(word: object, known: Iterable[object]) -> str | None:
     return plain[near[0]] if near else None
 
 
-def read(name: str, text: str, kind: object) -> Any:
+def read(name: str, text: str, kind: object) -> object:
     """Return what `checked` takes of a text: `2`, `5600K`, `1/0.9/0.8`, `key`; ValueError if it is no number.
 
     >>> read("position", "-1/0.5/2", tuple[float, float, float])

@@ -5,7 +5,7 @@ import warnings
 from collections.abc import Iterable
 from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import Any
+from typing import cast
 
 import numpy as np
 
@@ -15,6 +15,7 @@ from relight.arguments import checks_arguments
 from relight.lights.directional import DirectionalLight
 from relight.lights.environment import EnvironmentLight
 from relight.lights.light import Light
+from relight.lights.moving import MovingLight
 from relight.lights.plate import few_rows, opaque, whole_field_of_view
 from relight.lights.rig import FewLights
 from relight.matting.sequence import MattingOptions, SequenceMatting
@@ -22,7 +23,7 @@ from relight.media import images, movies
 from relight.media.sequences import FrameSequence, Reader
 from relight.subject import Subject
 from shadow import inputs
-from shadow.files import is_path
+from shadow.files import AnyPath, is_path
 from shadow.torch_settings import isolated
 
 PLATE = "plate"  # the name of the background's light
@@ -80,7 +81,8 @@ def _few(subject: Subject, image: inputs.Array, count: int) -> list[DirectionalL
     """Return at most `count` lights, see `fit_lights`."""
     grid = subject.light_grid()
     wanted = grid.photographed(image).double().numpy()
-    lights: Any = LightSolver(grid, []).solve(wanted, np.ones(len(grid)), count)
+    solved = LightSolver(grid, []).solve(wanted, np.ones(len(grid)), count)
+    lights = cast(list[DirectionalLight], solved)  # for none were there
     lights.sort(key=lambda light: -light.power.sum())
     return [replace(light, name=f"fit{number}") for number, light in enumerate(lights, 1)]
 
@@ -175,8 +177,10 @@ class Matching:
 
     # Whether the background lights the person, by a light named "plate", see `EnvironmentLight.from_plate`.
     plate: bool = False
-    reference: Any = None  # image or file of another person, whose lights are estimated, see `relight.match`
-    mask: Any = None  # that person's matte, as a mask or a file
+    reference: inputs.Array | AnyPath | None = (
+        None  # image or file of another person, whose lights are estimated, see `relight.match`
+    )
+    mask: inputs.Array | AnyPath | None = None  # that person's matte, as a mask or a file
 
     def __post_init__(self) -> None:
         if self.reference is None and self.mask is not None:
@@ -192,12 +196,12 @@ class Matching:
         """
         return path.with_name(f"{path.stem}.{PLATE}.exr") if path is not None and self.plate else None
 
-    def with_sidecar(self, path: Path, lights: Iterable[Any]) -> list[Any]:
+    def with_sidecar(self, path: Path, lights: Iterable[Light | MovingLight]) -> list[Light | MovingLight]:
         """Return the lights for a lights file, after writing the background's light to an image beside it."""
         sidecar = self.sidecar_path(path)
-        found = []
+        found: list[Light | MovingLight] = []
         for light in lights:
-            if sidecar is not None and light.name == PLATE:
+            if sidecar is not None and isinstance(light, EnvironmentLight) and light.name == PLATE:
                 images.write(sidecar, light.image.pixels)
                 light = EnvironmentLight(sidecar, name=PLATE)
             found.append(light)
@@ -214,7 +218,7 @@ class Matching:
 
     def reference_person(
         self, matting: MattingOptions | None = None
-    ) -> tuple[np.ndarray, np.ndarray | None] | None:
+    ) -> tuple[inputs.Array, inputs.Array | None] | None:
         """Read and check the reference and its matte; None without a reference.
 
         The matte of a reference that has none is inferred as that of the source, by `matting`. ValueError:

@@ -1,8 +1,8 @@
 """Paint the light: strokes on the person, brighter or darker, become lights."""
 
 import warnings
-from collections.abc import Sequence
-from typing import Any, NamedTuple
+from collections.abc import Iterable, Sequence
+from typing import TYPE_CHECKING, NamedTuple, TypeAlias
 
 import numpy as np
 import torch
@@ -19,6 +19,9 @@ from relight.subject import Subject
 from shadow import inputs
 from shadow.torch_settings import isolated
 
+if TYPE_CHECKING:
+    from typing_extensions import TypeIs
+
 COUNT = 4  # lights at most
 MOST_FACTOR = 1000.0
 KEPT = 0.05  # weight of all that is not painted, beside 1 for the mean under each stroke
@@ -30,6 +33,11 @@ NEAR = 0.15  # stops by which a stroke may be missed without a word
 STOPS = 1.0  # of pure red, up, and of pure blue, down, in a picture of strokes
 GREY = 128 / 255  # the code that leaves the light as it is, in a grey picture
 UNCHANGED = 0.02  # share by which a picture of the wanted light differs where nothing was painted
+
+
+Factor: TypeAlias = float | np.ndarray  # of the light: a number, or (H, W)
+Stroke: TypeAlias = tuple[inputs.Array, Factor]  # its mask, and the factor that it asks for
+Strokes: TypeAlias = Iterable[Stroke] | inputs.Array  # or a picture of the wanted light
 
 
 class StrokeResult(NamedTuple):
@@ -53,7 +61,7 @@ class Painted(NamedTuple):
 
 class _Stroke(NamedTuple):
     mask: torch.Tensor  # (H, W) in [0, 1]
-    factor: float | np.ndarray  # of the light: a number, or (H, W)
+    factor: Factor
 
     @property
     def varies(self) -> bool:
@@ -65,7 +73,7 @@ class _Stroke(NamedTuple):
 @checks_arguments
 def paint_lights(
     subject: Subject,
-    strokes: Any,
+    strokes: Strokes,
     lights: Lights | None = None,
     *,
     count: FewLights = COUNT,
@@ -159,11 +167,10 @@ class LightPainter:
             self._before = self._seen(present)
         self._present = present
 
-    def solve(self, strokes: Any, count: int = COUNT) -> Painted:
+    def solve(self, strokes: Strokes, count: int = COUNT) -> Painted:
         """Return the lights of strokes, and what became of each stroke; see `paint_lights`."""
         count = checked("count", count, FewLights)
-        is_picture = getattr(strokes, "ndim", None) == 3
-        if is_picture:
+        if is_picture := _is_picture(strokes):
             wanted, covered = self._of_picture(strokes)
             coverages, asked = [covered], [_change(self._before, wanted, covered)]
         else:
@@ -182,24 +189,24 @@ class LightPainter:
         reached = [_change(self._before, after, cover) for cover in coverages]
         return Painted(lights, [StrokeResult(*pair) for pair in zip(asked, reached, strict=True)])
 
-    def _checked(self, number: int, stroke: Any) -> _Stroke:
+    def _checked(self, number: int, stroke: Stroke) -> _Stroke:
         try:
             mask, factor = stroke
         except (TypeError, ValueError):
             raise TypeError(
                 f"strokes: stroke {number}: expected a pair (mask, factor), got {shown(stroke)}"
             ) from None
-        mask = self._mask(number, mask)
+        covered = self._mask(number, mask)
         if isinstance(factor, np.ndarray) and factor.shape == self.size:
             usable = np.isfinite(factor).all() and factor.min() >= 0 and factor.max() <= MOST_FACTOR
             if not usable:
                 raise ValueError(f"strokes: stroke {number}: expected factors from 0 to {MOST_FACTOR:g}")
-            return _Stroke(mask, factor)
+            return _Stroke(covered, factor)
         return _Stroke(
-            mask, checked_number(f"strokes: the factor of stroke {number}", factor, 0, MOST_FACTOR)
+            covered, checked_number(f"strokes: the factor of stroke {number}", factor, 0, MOST_FACTOR)
         )
 
-    def _mask(self, number: int, mask: Any) -> torch.Tensor:
+    def _mask(self, number: int, mask: inputs.Array) -> torch.Tensor:
         name = f"strokes: the mask of stroke {number}"
         covered = images.coverage(name, mask)
         if covered.shape != self.size:
@@ -255,7 +262,11 @@ class LightPainter:
         return np.where(covered, wanted, self._before), covered.astype(float)
 
 
-def _several(strokes: Any) -> list[Any]:
+def _is_picture(strokes: object) -> "TypeIs[inputs.Array]":
+    return getattr(strokes, "ndim", None) == 3
+
+
+def _several(strokes: Iterable[Stroke]) -> list[Stroke]:
     try:
         several = list(strokes)
     except TypeError:
@@ -292,7 +303,7 @@ def _change(before: np.ndarray, after: np.ndarray, covered: np.ndarray) -> float
     return float(then / max(there, 1e-9))
 
 
-def read_strokes(path: quantities.File) -> list[tuple[np.ndarray, Any]]:
+def read_strokes(path: quantities.File) -> list[tuple[np.ndarray, Factor]]:
     """Read a picture of strokes, as pairs for `paint_lights`.
 
     In a coloured picture red asks for up to twice the light, blue for as little as half, and green for the
@@ -308,7 +319,7 @@ def read_strokes(path: quantities.File) -> list[tuple[np.ndarray, Any]]:
         raise ValueError(f"{path}: {error}") from error
 
 
-def strokes_of(picture: inputs.Array, is_light: bool | None = None) -> list[tuple[np.ndarray, Any]]:
+def strokes_of(picture: inputs.Array, is_light: bool | None = None) -> list[tuple[np.ndarray, Factor]]:
     """Return the strokes of a picture (H, W, 3|4), see `read_strokes`.
 
     `is_light`: whether the values of a grey one are factors; those of floats are by default.
@@ -324,7 +335,7 @@ def strokes_of(picture: inputs.Array, is_light: bool | None = None) -> list[tupl
         grey = colour[..., 1]
         factor = grey if is_light else encode(grey[..., None].repeat(3, 2), white=1.0)[..., 1] / GREY
         mask = (np.abs(factor - 1) > 0.02) * alpha
-        found: list[tuple[np.ndarray, Any]] = [(mask, factor)]
+        found: list[tuple[np.ndarray, Factor]] = [(mask, factor)]
     else:
         red, green, blue = np.moveaxis(encode(np.ascontiguousarray(colour), white=1.0).clip(0, 1), -1, 0)
         up, down = np.clip(red - np.maximum(green, blue), 0, 1), np.clip(blue - np.maximum(red, green), 0, 1)

@@ -29,8 +29,7 @@ ELEVATIONS = (
 ENVIRONMENT, PLATE, BLUR, NONE = BACKGROUNDS = "environment", "plate", "blur", "none"
 STRONG_BLUR = 0.02  # share of the picture's height, where only a blur is asked for
 Triple = tuple[float, float, float]
-WHITE: Any = (1.0, 1.0, 1.0)  # the default of a colour
-NOWHERE: Any = None  # that of an `OptionalPosition`
+WHITE: Triple = (1.0, 1.0, 1.0)
 
 
 def background_of(text: str) -> tuple[float, ...] | str:
@@ -98,7 +97,7 @@ def _unit_vector(vector: Triple) -> Triple:
     return x / length, y / length, z / length
 
 
-def file_name(value: object) -> Any:
+def file_name(value: object) -> "File":
     """Return what names a file unchanged; TypeError or ValueError otherwise."""
     if not isinstance(value, str | os.PathLike):
         raise TypeError(f"expected the name of a file, got {shown(value)}")
@@ -107,17 +106,17 @@ def file_name(value: object) -> Any:
     return value
 
 
-def _model(value: object) -> Any:
+def _model(value: object) -> "File":
     if hasattr(value, "shape"):
         raise TypeError(f"expected the name of a model, got {shown(value)}; give the matte itself as mask")
     return file_name(value)
 
 
-def _file_or_stream(value: object) -> Any:
+def _file_or_stream(value: object) -> object:
     return value if hasattr(value, "read") or hasattr(value, "write") else file_name(value)
 
 
-def _entries(value: object) -> Any:
+def _entries(value: object) -> object:
     if not isinstance(value, Mapping) or not all(isinstance(name, str) for name in value):
         raise TypeError(f"expected {{name: value}}, got {shown(value)}")
     return value
@@ -134,11 +133,11 @@ def _layer_name(name: str) -> str:
 
 
 if TYPE_CHECKING:
-    # What a constructor takes is Iterable[float], which mypy would take for what an inherited field has.
-    Colour = Converted[Any, Triple]
-    Direction = Converted[Any, Triple]
-    Position = Converted[Any, Triple]
-    OptionalPosition = Converted[Any, Triple | None]
+    Given: TypeAlias = Any  # it is Iterable[float], which mypy would take for what an inherited field has
+    Colour = Converted[Given, Triple]
+    Direction = Converted[Given, Triple]
+    Position = Converted[Given, Triple]
+    OptionalPosition = Converted[Given, Triple | None]
     GivenColour = Iterable[float] | str
     GivenDirection = Iterable[float]
     File: TypeAlias = str | os.PathLike[str]

@@ -4,7 +4,6 @@ import os
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 import torch
@@ -365,12 +364,11 @@ def _behind(
     if isinstance(background, str) and background in (PLATE, BLUR):
         clean = subject.clean_plate(plate)
         return defocused(clean, STRONG_BLUR) if background == BLUR else clean
-    image: Any = background
     if (
-        not isinstance(image, EnvironmentLight | str)
-        and as_array("background", image).shape[:2] == plate.shape[:2]
+        not isinstance(background, EnvironmentLight | str)
+        and as_array("background", background).shape[:2] == plate.shape[:2]
     ):
-        given = scene_linear("background", image)
+        given = scene_linear("background", background)
         return subject.clean_plate(given) if np.array_equal(given[..., :3], plate[..., :3]) else given
     return _seen_by(subject, background, lights)
 

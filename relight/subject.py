@@ -6,7 +6,7 @@ import warnings
 from collections.abc import Callable, Iterable, Iterator, Mapping
 from functools import cached_property
 from pathlib import Path
-from typing import Any, Self
+from typing import TYPE_CHECKING, Any, Self
 
 import numpy as np
 import torch
@@ -24,6 +24,7 @@ from relight.analysis.record import AnalysisRecord
 from relight.analysis.upsampling import EXTENSION_SHARE, JointBilateral, encode_guide
 from relight.arguments import checks_arguments
 from relight.compositing.clean_plate import checked_plate, clean_plate
+from relight.compositing.composite import Background
 from relight.compositing.floor import Floor, GivenFloor
 from relight.compositing.floor_shadow import FloorShadow
 from relight.errors import EmptyMatteError
@@ -37,6 +38,9 @@ from shadow import inputs
 from shadow.framing import Extension
 from shadow.networks.checkpoints import checksum
 from shadow.torch_settings import isolated_class
+
+if TYPE_CHECKING:
+    from relight.scene.asset import Asset
 
 PHOTOGRAPH = "photograph"  # name of the layer of the photograph's own light
 LIGHTS_PER_BATCH = 2  # whose maps are upsampled together: more are no faster and take more memory
@@ -232,7 +236,7 @@ class Subject:
         """
         storage.write_record(path, self._record, {"weights": list(weights()), **(provenance or {})})
 
-    def __reduce__(self) -> tuple[Any, ...]:
+    def __reduce__(self) -> tuple[object, ...]:
         """Pickle what `save` writes: a few megabytes, with the precision of that file."""
         packed = storage.pack_record(self._record, {"weights": list(weights())})
         return unpickled, (type(self), packed)
@@ -243,7 +247,7 @@ class Subject:
         other.__dict__.update(self.__dict__)
         return other
 
-    def __deepcopy__(self, memo: dict[int, Any]) -> Self:
+    def __deepcopy__(self, memo: dict[int, object]) -> Self:
         return copy.copy(self)
 
     def __repr__(self) -> str:
@@ -274,7 +278,7 @@ class Subject:
             light = self._to_plate(maps.light).clamp_min(1e-30)  # zero beyond the reach of the extension
             self._albedo = bounded(self._record.colour / light, dim=1)
 
-    def temporally_filtered(self, neighbours: Iterable[Any]) -> "Subject":
+    def temporally_filtered(self, neighbours: Iterable["Subject"]) -> "Subject":
         """Return the same person without the flicker of the networks' errors, for sequences.
 
         The maps of neighbouring frames are moved along the optical flow. Where they agree, the maps become
@@ -609,7 +613,7 @@ class Subject:
         path: quantities.File | None = None,
         lights: Lights | None = None,
         *,
-        background: Any = None,
+        background: Background | None = None,
         title: str = "relight",
         command: quantities.Words | None = None,
         background_name: str | None = None,
@@ -758,7 +762,7 @@ class Subject:
         triangles: int = 120_000,
         texture: str = "albedo",
         gloss: float = 0.0,
-    ) -> Any:
+    ) -> "Asset":
         """Return the mesh, camera and lights that `export` writes; the arguments are the same."""
         self._check_shown()
         from relight.scene.asset import of_subject
@@ -873,7 +877,9 @@ class Subject:
         if self.is_empty:
             raise EmptyMatteError("the picture shows no person; choose another")
 
-    def _maps_on_plate(self, maps: Callable[[torch.Tensor], torch.Tensor], directions: Any) -> np.ndarray:
+    def _maps_on_plate(
+        self, maps: Callable[[torch.Tensor], torch.Tensor], directions: inputs.Array
+    ) -> np.ndarray:
         """Return the maps (D, H, W) of light directions (D, 3)."""
         upsampled = self._to_plate(maps(inputs.directions("directions", directions)))
         return np.ascontiguousarray(self.on_plate(upsampled).transpose(2, 0, 1))

@@ -2,7 +2,7 @@
 
 from collections.abc import Callable
 from functools import partial
-from typing import TYPE_CHECKING, Annotated, Any
+from typing import TYPE_CHECKING, Annotated
 
 import typer
 
@@ -86,7 +86,7 @@ def apply(
         raise ValueError("--phase: expected no --dask and no --workers, which make all frames")
     if preview and (phase != "all" or distributed):
         raise ValueError("--preview: expected no --phase, --dask and --workers: it is made in one run")
-    render: Any = partial(render_shot, phase=phase, preview=preview)
+    render: Callable[..., dict[int, str]] = partial(render_shot, phase=phase, preview=preview)
     if distributed:
         from relight.distributed.dask_cluster import render_distributed
 
@@ -102,7 +102,9 @@ def apply(
     report_failures(problems, [*output.paths, *further])
 
 
-def _apply_to_many(listed: "list[OneOfMany]", render: Callable[..., object], **options: object) -> None:
+def _apply_to_many(
+    listed: "list[OneOfMany]", render: Callable[..., dict[int, str]], **options: object
+) -> None:
     """Relight pictures one by one, and print what was written and what failed; exit code 1 if any did."""
     from relight.pipeline.many import render_many
 

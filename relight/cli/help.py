@@ -141,6 +141,6 @@ def grouped(parameters: Iterable[inspect.Parameter], panels: Panels) -> list[ins
     return sorted(parameters, key=place)
 
 
-def _described(parameter: inspect.Parameter) -> Any:
+def _described(parameter: inspect.Parameter) -> object:
     """Return typer's description of a parameter; None for a parameter without one."""
     return next(iter(getattr(parameter.annotation, "__metadata__", ())), None)

@@ -13,7 +13,7 @@ from typing import Annotated, Any, Literal, NamedTuple, cast, get_args, get_orig
 import typer
 from rich.console import Console
 
-from relight.arguments import About, about, members, parameters, read, shown
+from relight.arguments import About, Annotation, about, members, parameters, read, shown
 from relight.cli import INTERRUPTED, printable
 from relight.cli.help import SHOT, Panels, grouped
 from relight.pipeline.option_fields import Options, from_json
@@ -25,7 +25,7 @@ WIDEST = 17  # characters of the words to choose from, or their column would be 
 class _Console(Console):
     """A terminal that obeys nothing that stands in a name."""
 
-    def print(self, *objects: Any, **options: Any) -> None:
+    def print(self, *objects: object, **options: Any) -> None:
         super().print(*(printable(each) if isinstance(each, str) else each for each in objects), **options)
 
 
@@ -62,11 +62,7 @@ def with_options(panels: Panels = SHOT, **subsets: tuple[str, ...]) -> Callable[
     def decorate(command: Callable) -> Callable:
         hints, own = get_type_hints(command, include_extras=True), inspect.signature(command)
         groups = {
-            name: [
-                each
-                for each in options_of(cast(Callable[..., Any], kind))
-                if each.name in subsets.get(name, (each.name,))
-            ]
+            name: [each for each in options_of(kind) if each.name in subsets.get(name, (each.name,))]
             for name, kind in GROUPS.items()
             if hints.get(name) is kind
         }
@@ -83,7 +79,7 @@ def with_options(panels: Panels = SHOT, **subsets: tuple[str, ...]) -> Callable[
             taken.append(inspect.Parameter("context", keyword, annotation=typer.Context))
 
         @wraps(command)
-        def run(**arguments: Any) -> Any:
+        def run(**arguments: Any) -> object:
             context = arguments["context"]
             stored = _stored(arguments.get("options_file"))
             for name, chosen in groups.items():
@@ -102,7 +98,7 @@ def with_options(panels: Panels = SHOT, **subsets: tuple[str, ...]) -> Callable[
 def given_words(context: typer.Context, options: type[Options]) -> list[str]:
     """Return the words of a command line that set the fields of an option class, apart from its argument."""
     words = []
-    for each in options_of(cast(Callable[..., Any], options)):
+    for each in options_of(cast(Callable[..., object], options)):
         if not each.is_argument and is_given(context, each.name):
             value = context.params[each.name]
             name = each.flags[0]
@@ -125,11 +121,11 @@ def progress_bars(interrupted: str = "") -> Iterator[Callable[[int, int | None, 
 
     A total of None is not known. `interrupted`: what Ctrl C prints, where the run can be continued.
     """
-    from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeRemainingColumn
+    from rich.progress import BarColumn, MofNCompleteColumn, Progress, TaskID, TextColumn, TimeRemainingColumn
 
     columns = (TextColumn("{task.description}"), BarColumn(), MofNCompleteColumn(), TimeRemainingColumn())
     progress = Progress(*columns, console=console)
-    tasks: dict[str, Any] = {}
+    tasks: dict[str, TaskID] = {}
 
     def report(done: int, total: int | None, what: str) -> None:
         progress.start()
@@ -180,7 +176,7 @@ class Option(NamedTuple):
         return self.kind_without_range is bool
 
     @property
-    def kind_without_range(self) -> Any:
+    def kind_without_range(self) -> Annotation:
         return next(kind for kind, _ in members(self.kind))
 
     @property
@@ -209,26 +205,26 @@ class Option(NamedTuple):
         if self.is_argument:
             argument = typer.Argument(help=about.help, metavar=about.metavar)
             return inspect.Parameter(self.name, keyword, annotation=Annotated[str, argument])
-        text: Any = bool if self.is_flag else list[str] if about.repeatable else str
+        text: Annotation = bool if self.is_flag else list[str] if about.repeatable else str
         flags = ("/".join(self.flags),) if self.is_flag and not about.flags else self.flags
         option = typer.Option(*flags, help=about.help, metavar=self.metavar)
         if self.default is inspect.Parameter.empty:
-            needed: Any = Annotated[text, option]
+            needed: Annotation = Annotated[text, option]
             return inspect.Parameter(self.name, keyword, annotation=needed)
         default: object = None
         if isinstance(self.default, bool | int | float | str):
             default = self.default if self.is_flag else f"{self.default}"
-        taken: Any = text if default is not None else text | None
+        taken: Annotation = text if default is not None else text | None
         annotation = Annotated[taken, option]
         return inspect.Parameter(self.name, keyword, default=default, annotation=annotation)
 
-    def value(self, given: object) -> Any:
+    def value(self, given: object) -> object:
         """Return what the option class takes of what the command line gives."""
         return read(self.name, given, self.kind) if isinstance(given, str) else given
 
 
 @cache
-def options_of(kind: Callable[..., Any]) -> tuple[Option, ...]:
+def options_of(kind: Callable[..., object]) -> tuple[Option, ...]:
     """Return the options of a class."""
     return tuple(
         Option(name, each.kind, each.default, about(each.kind) or About())
@@ -239,19 +235,19 @@ def options_of(kind: Callable[..., Any]) -> tuple[Option, ...]:
 def _build(
     kind: type[Options],
     chosen: Iterable[Option],
-    values: Mapping[str, Any],
+    values: Mapping[str, object],
     context: typer.Context,
-    stored: Mapping[str, Any],
+    stored: Mapping[str, object],
 ) -> Options:
     """Build an object of an option class from the command line, then stored options, then defaults."""
-    known: dict[str, Any] = dict(stored)
+    known = dict(stored)
     for each in chosen:
         if each.default is inspect.Parameter.empty or is_given(context, each.name):
             known[each.name] = each.value(values[each.name])
     return from_json(kind, known)
 
 
-def _stored(path: Path | None) -> dict[str, Any]:
+def _stored(path: Path | None) -> dict[str, dict[str, object]]:
     """Read the groups of options in a JSON file."""
     if path is None:
         return {}

@@ -1,8 +1,9 @@
 """The nodes that make lights. Each adds one to those that come in, so that they chain."""
 
 from pathlib import Path
-from typing import Annotated, Any
+from typing import Annotated
 
+import numpy as np
 import torch
 from annotated_types import Interval, Le
 
@@ -14,7 +15,7 @@ from relight.comfyui.tensors import light, pictures
 from relight.lights import presets
 from relight.lights.directional import DirectionalLight
 from relight.lights.environment import EnvironmentLight
-from relight.lights.light import Light
+from relight.lights.light import Light, Settings
 from relight.lights.near import PointLight
 from relight.lights.rig import scaled
 from relight.media.colour import LOCI
@@ -128,7 +129,7 @@ class Environment(LightsNode):
     OUTPUT_TOOLTIPS = ("The lights that came in, and the environment.",)
 
     @classmethod
-    def IS_CHANGED(cls, path: str = "", **inputs: Any) -> tuple[float, int] | None:
+    def IS_CHANGED(cls, path: str = "", **inputs: object) -> tuple[float, int] | None:
         """Return what tells ComfyUI that the file has changed."""
         file = _file(path)
         return (file.stat().st_mtime, file.stat().st_size) if path and file.is_file() else None
@@ -159,7 +160,7 @@ class Environment(LightsNode):
         """Add a `relight.EnvironmentLight` to the lights."""
         if (image is None) == (not path):
             raise ValueError("environment: expected a path or an image, one of the two")
-        source: Any = _file(path)
+        source: Path | np.ndarray = _file(path)
         if image is not None:
             maps = pictures("image", image)
             if len(maps) > 1:
@@ -208,7 +209,7 @@ def _file(path: str) -> Path:
     return host.folder("input") / path
 
 
-def _shared(intensity: float, colour: str, temperature: float, name: str) -> dict[str, Any]:
+def _shared(intensity: float, colour: str, temperature: float, name: str) -> Settings:
     """Return the settings that all lights have."""
     return {
         "intensity": intensity,

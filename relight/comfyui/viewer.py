@@ -2,7 +2,7 @@
 
 import secrets
 from pathlib import Path
-from typing import Annotated, Any
+from typing import Annotated
 from urllib.parse import parse_qs
 
 import torch
@@ -33,7 +33,7 @@ class Viewer(widgets.Node):
     FUNCTION = "show"
 
     def __init__(self) -> None:
-        self._shown: tuple[Any, ...] = ()  # what the page was made of
+        self._shown: tuple[object, ...] = ()  # what the page was made of
         self._page = Path()
 
     def show(

@@ -2,12 +2,12 @@
 
 from collections.abc import Sequence
 from inspect import Parameter, signature
-from typing import Annotated, Any, NamedTuple
+from typing import Annotated, NamedTuple
 
 from relight.arguments import About, about, limits, members, parameters
 from relight.comfyui.tensors import BACKGROUND, PERSON
 
-Input = tuple[Any, dict[str, object]]
+Input = tuple[str | list[str], dict[str, object]]
 
 MASK_SHOWS = (
     "What is white in the mask. 'person' for segmentation and background removal nodes. 'background' for the "
@@ -57,7 +57,7 @@ class Step(NamedTuple):
     size: float
 
 
-def _input(kind: Any, default: Any) -> Input:
+def _input(kind: object, default: object) -> Input:
     """Describe an input to ComfyUI."""
     type_, said = next(members(kind))
     for each in said:

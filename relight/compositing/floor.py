@@ -3,7 +3,7 @@
 import math
 import warnings
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Annotated, Any, NamedTuple, Protocol, Self, TypeAlias
+from typing import TYPE_CHECKING, Annotated, NamedTuple, Protocol, Self, TypeAlias
 
 import torch
 from annotated_types import Gt, Interval, Le
@@ -184,7 +184,7 @@ class Floor(Checked):
         return torch.tensor([0.0, math.cos(tilt), math.sin(tilt)])
 
 
-def _given(value: Any) -> Any:
+def _given(value: object) -> Floor:
     if not isinstance(value, Floor):
         raise TypeError(f"expected a relight.Floor, got {shown(value)}")
     return value

@@ -8,13 +8,13 @@ from concurrent.futures import CancelledError, Executor, ThreadPoolExecutor
 from contextlib import contextmanager
 from dataclasses import replace
 from pathlib import Path
-from typing import Any, cast
+from typing import TYPE_CHECKING, Literal, TypeAlias, cast
 
 from relight.arguments import checks_arguments
 from relight.distributed.shared_source import shared_source
 from relight.media.sequences import FrameRange, FrameSequence, GivenFrames
 from relight.pipeline.frame_numbers import frames_for
-from relight.pipeline.option_fields import Options, Report
+from relight.pipeline.option_fields import Report
 from relight.pipeline.options import (
     Compute,
     GivenLighting,
@@ -30,6 +30,10 @@ from relight.subject import weights
 from relight.version import __version__
 from shadow.installing import install_command
 
+if TYPE_CHECKING:
+    from distributed import Client, Future
+
+ShotOptions: TypeAlias = tuple[Source, Lighting, Output, Compute]
 MAX_CHUNK_FRAMES = 10  # each chunk also analyses the two frames before it and the two after it
 MAX_FAILURES = 3  # of a frame, alone or with a reason, before it is given up
 CONNECT_TIMEOUT = 30  # seconds for a scheduler to answer
@@ -107,7 +111,8 @@ def render_distributed(
         precision, _ = shot.computed_in
         numbers = frames_for(shot, output, frames)
     stated = shot.stated_source
-    compute = replace(compute, precision=cast(Any, precision or compute.precision))
+    chosen = cast(Literal["bfloat16", "float32"] | None, precision or compute.precision)
+    compute = replace(compute, precision=chosen)
     lighting = lighting.with_lights(shot.every_light)
     report = progress or (lambda done, total, what: None)
     # With no frames to make, this refuses what can be refused.
@@ -150,7 +155,7 @@ def executor(scheduler: str) -> Iterator[Executor]:
 class _Run:
     """The chunks of a shot on the workers of a cluster."""
 
-    def __init__(self, client: Any, options: tuple[Options, ...], resume: bool) -> None:
+    def __init__(self, client: "Client", options: ShotOptions, resume: bool) -> None:
         """Take the options of the shot (source, lighting, output, compute), which are sent to each worker."""
         self._client, self._options, self._resume = client, options, resume
         self._scheduler = client.scheduler.addr  # a client that has given up no longer knows
@@ -166,7 +171,7 @@ class _Run:
 
         waiting, total = chunks[::-1], sum(map(len, chunks))
         problems: dict[int, str] = {}
-        jobs: dict[Any, FrameRange] = {}
+        jobs: dict[Future, FrameRange] = {}
         made, running = 0, as_completed()
         while waiting or jobs:
             while waiting and len(jobs) < max(1, sum(self._workers().values())):
@@ -185,7 +190,7 @@ class _Run:
             report(made, total, "Relighting")
         return problems
 
-    def _submit(self, frames: FrameRange) -> Any:
+    def _submit(self, frames: FrameRange) -> "Future":
         """Submit a chunk to a worker; after a failure, to another worker if there is one."""
         avoid = self._avoid[frames[0]]
         others = [address for address in self._workers() if address not in avoid]
@@ -196,7 +201,7 @@ class _Run:
             make_frames, self._options, frames, resume, made_with, pure=False, **preference
         )
 
-    def failures(self, future: Any, frames: FrameRange) -> dict[int, str]:
+    def failures(self, future: "Future", frames: FrameRange) -> dict[int, str]:
         """Return {frame number: error} of a finished chunk."""
         from distributed import KilledWorker
         from distributed.comm import CommClosedError
@@ -229,7 +234,7 @@ class _Run:
 
 
 def make_frames(
-    options: tuple[Any, ...], frames: FrameRange, resume: bool, made_with: tuple[str, ...]
+    options: ShotOptions, frames: FrameRange, resume: bool, made_with: tuple[str, ...]
 ) -> tuple[str, dict[int, str]]:
     """Make the frames of a chunk, on a worker; return its address, and what is wrong with frames."""
     from distributed import get_worker
@@ -239,15 +244,17 @@ def make_frames(
         if (here := (__version__, *weights())) != made_with:
             differs = "version of relight" if here[0] != made_with[0] else "weights"
             raise ValueError(f"has another {differs}, expected {made_with}, got {here}")
-        *shot, compute = options
-        problems = render_shot(*shot, compute=compute, frames=frames, phase="frames", resume=resume)
+        source, lighting, output, compute = options
+        problems = render_shot(
+            source, lighting, output, compute=compute, frames=frames, phase="frames", resume=resume
+        )
         return address, problems
     except (ImportError, MemoryError, OSError, RuntimeError, TypeError, ValueError) as error:
         return address, dict.fromkeys(frames, f"{address}: {error}")
 
 
 @contextmanager
-def _client(scheduler: str | None, workers: int | None) -> Iterator[Any]:
+def _client(scheduler: str | None, workers: int | None) -> "Iterator[Client]":
     """Return a client of a cluster, and start a local cluster if no address is given."""
     import dask
     from distributed import Client, LocalCluster
@@ -300,7 +307,7 @@ async def _ask(scheduler: str) -> None:
         await remote.close_rpc()
 
 
-def _chunk(frames: int, client: Any) -> int:
+def _chunk(frames: int, client: "Client") -> int:
     """Return the number of frames in a task: at least one, and few enough for four tasks for each worker."""
     workers = sum(about["nthreads"] for about in client.scheduler_info(n_workers=-1)["workers"].values())
     return max(1, min(MAX_CHUNK_FRAMES, frames // (4 * max(1, workers))))

@@ -12,7 +12,6 @@ import warnings
 from collections.abc import Iterator
 from dataclasses import replace
 from pathlib import Path
-from typing import Any
 
 import torch
 import yaml
@@ -153,7 +152,7 @@ class _Job:
     def __init__(self, path: Path, frames: FrameRange, chunk: int, compute: Compute) -> None:
         self._path, self._folder = path, Path(os.path.abspath(path.parent))
         self._contiguous = ":" not in str(frames)
-        self.parameters: list[dict[str, Any]] = [
+        self.parameters: list[dict[str, object]] = [
             {"name": "Frames", "type": "STRING", "default": str(frames)},
             {"name": "ChunkSize", "type": "INT", "minValue": 1, "default": chunk},
             {
@@ -165,7 +164,7 @@ class _Job:
                 "default": compute.threads or torch.get_num_threads(),
             },
         ]  # fmt: skip
-        self.steps: list[dict[str, Any]] = []
+        self.steps: list[dict[str, object]] = []
 
     def path(self, name: str, path: Path, flow: str, kind: str = "FILE") -> str:
         """Add a parameter for a path, and return the text by which a command refers to it.
@@ -195,7 +194,7 @@ class _Job:
 
     def step(self, name: str, words: list[str], options: dict[str, Options], chunked: bool = True) -> None:
         """Add a step that runs `relight` with these words and options, for chunks of frames or once."""
-        space: dict[str, Any] = {}
+        space: dict[str, object] = {}
         if chunked:
             words = [*words, "--frames", "{{Task.Param.Frames}}"]
             # Frames side by side share the analysis of those around them. With gaps none are.
@@ -203,7 +202,7 @@ class _Job:
             chunks = {"defaultTaskCount": "{{Param.ChunkSize}}", "rangeConstraint": side_by_side}
             numbers = {"name": "Frames", "type": "CHUNK[INT]", "range": "{{Param.Frames}}", "chunks": chunks}
             space = {"parameterSpace": {"taskParameterDefinitions": [numbers]}}
-        embedded: dict[str, Any] = {}
+        embedded: dict[str, object] = {}
         document = {group: stored for group, each in options.items() if (stored := _without_files(each))}
         if document:
             data = _without_expressions(json.dumps(document, indent=1))
@@ -247,16 +246,16 @@ def _analysis_beside(path: Path, plate: object) -> Path:
     return path.with_name(f"{stem}.relight")
 
 
-def _without_files(options: Options) -> dict[str, Any]:
+def _without_files(options: Options) -> dict[str, object]:
     """Return options as JSON without files that are parameters of the job; other paths become absolute."""
     apart = {"plate", "paths", *_files_in(options)}
     return {name: value for name, value in to_json(options.absolute()).items() if name not in apart}
 
 
-def _files_in(options: Options) -> dict[str, Any]:
+def _files_in(options: Options) -> dict[str, files.AnyPath]:
     """Return the options whose values are files or sequences, not colours or names of networks."""
 
-    def is_file(value: Any) -> bool:
+    def is_file(value: object) -> bool:
         if isinstance(options, Output):
             return isinstance(value, Path)
         return files.is_path(value) and (os.path.isfile(value) or FrameSequence.of(value) is not None)

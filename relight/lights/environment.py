@@ -19,7 +19,7 @@ from numpy.typing import ArrayLike
 from relight import quantities
 from relight.arguments import Converted, checked, checked_number, read_settings, required
 from relight.lights import plate
-from relight.lights.light import DistantLight
+from relight.lights.light import DistantLight, Settings
 from relight.media import cubemap, images, photo_sphere
 from relight.media.content_hash import content_hash
 from relight.media.option_texts import split_file_and_settings
@@ -140,7 +140,7 @@ class EnvironmentLight(DistantLight):
         pixels = plate.opaque(background)
         return cls(plate.surroundings(pixels, field_of_view, highlights), **settings)
 
-    def settings(self) -> dict[str, Any]:
+    def settings(self) -> Settings:
         """Return {parameter: value} of the constructor, without those that have their defaults.
 
         Raises ValueError if the map is an array, which has no file.
@@ -337,7 +337,7 @@ def _cells(pixels: np.ndarray) -> np.ndarray:
     return cells
 
 
-def environments(lights: Iterable[Any]) -> list[EnvironmentLight]:
+def environments(lights: Iterable[object]) -> list[EnvironmentLight]:
     """Return the environments among lights."""
     return [light for light in lights if isinstance(light, EnvironmentLight)]
 

@@ -35,7 +35,7 @@ import re
 import reprlib
 from collections.abc import Hashable, Iterable
 from pathlib import Path
-from typing import Any, TypeAlias
+from typing import Any, TypeAlias, TypeVar
 
 import yaml
 
@@ -55,6 +55,8 @@ TYPES: dict[str, type[Light]] = {
     "point": PointLight,
     "rect": RectLight,
 }
+Key = TypeVar("Key")
+Value = TypeVar("Value")
 SUFFIXES = (".yaml", ".yml", ".json")
 MOST_LIGHTS = 1000  # of a file: each is a layer of a picture, and takes its memory
 MAX_KEYS = 1000  # of a mapping, merged ones included
@@ -102,7 +104,7 @@ def to_entries(lights: Iterable[Light | MovingLight]) -> list[Entry]:
     ]
 
 
-def from_entries(entries: Iterable[Any]) -> list[Light | MovingLight]:
+def from_entries(entries: Iterable[object]) -> list[Light | MovingLight]:
     """Return the lights of entries that `to_entries` returned. Raises as `read_lights` does."""
     return [_light("lights", number, entry) for number, entry in enumerate(entries, 1)]
 
@@ -114,7 +116,7 @@ def _lights_path(path: AnyPath) -> Path:
     return path
 
 
-def _entries(path: AnyPath) -> list[Any]:
+def _entries(path: AnyPath) -> list[object]:
     """Read the lights of a file as mappings, whose keys and values are still unchecked."""
     path = check_regular_file(_lights_path(path))
     try:
@@ -141,7 +143,7 @@ def _entries(path: AnyPath) -> list[Any]:
     return document["lights"]
 
 
-def _light(path: AnyPath, number: int, entry: Any) -> Light | MovingLight:
+def _light(path: AnyPath, number: int, entry: object) -> Light | MovingLight:
     """Make a light of its mapping in a file."""
     where = f"{path}: light {number}"
     if not isinstance(entry, dict):
@@ -173,10 +175,11 @@ def _light(path: AnyPath, number: int, entry: Any) -> Light | MovingLight:
         raise ValueError(f"{where}: {problem}") from error
 
 
-def _shown(word: Any) -> str:
+def _shown(word: object) -> str:
     """Return a name or key of a file for an error; shortened and quoted where it would break the line."""
-    fits = isinstance(word, str) and word.isprintable() and len(word) <= quantities.MAX_NAME_BYTES
-    return word if fits else reprlib.repr(word)
+    if isinstance(word, str) and word.isprintable() and len(word) <= quantities.MAX_NAME_BYTES:
+        return word
+    return reprlib.repr(word)
 
 
 def _entry(path: Path, light: Light | MovingLight) -> Entry:
@@ -194,7 +197,7 @@ def _entry(path: Path, light: Light | MovingLight) -> Entry:
     return entry | {key: _plain(value) for key, value in settings.items()}
 
 
-def _plain(value: Any) -> Any:
+def _plain(value: object) -> object:
     """Return a value as a person would write it: 40 instead of 40.0."""
     if isinstance(value, tuple):
         return tuple(map(_plain, value))
@@ -203,9 +206,9 @@ def _plain(value: Any) -> Any:
     return int(value) if isinstance(value, float) and value.is_integer() else value
 
 
-def _unique(pairs: list[tuple[Any, Any]]) -> dict[Any, Any]:
+def _unique(pairs: Iterable[tuple[Key, Value]]) -> dict[Key, Value]:
     """Return a JSON object as a dictionary; raises ValueError for a repeated key."""
-    members: dict[Any, Any] = {}
+    members: dict[Key, Value] = {}
     for key, value in pairs:
         if key in members:
             raise ValueError(f"{reprlib.repr(key)} is there twice")
@@ -241,7 +244,7 @@ class _Loader(yaml.SafeLoader):
 class _Dumper(yaml.SafeDumper):
     """YAML with vectors on one line."""
 
-    def ignore_aliases(self, data: Any) -> bool:
+    def ignore_aliases(self, data: object) -> bool:
         return True
 
 

@@ -8,18 +8,21 @@ from __future__ import annotations
 import dataclasses
 from collections.abc import Iterator
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Annotated, Any, ClassVar, NamedTuple, Self
+from typing import TYPE_CHECKING, Annotated, Any, ClassVar, NamedTuple, Self, TypeAlias
 
 import numpy as np
 from annotated_types import Interval
 
 from relight import quantities
-from relight.arguments import Checked, Parameter, checked, parameters, read_settings
+from relight.arguments import Checked, Parameter, checked, default, parameters, read_settings
 from relight.media import colour as colours
 from relight.media.lamp_colours import known_gels, known_lamp, lamp_colour
 
 if TYPE_CHECKING:
     import torch
+
+
+Settings: TypeAlias = dict[str, Any]  # {parameter: value} of a light's constructor
 
 
 class Rays(NamedTuple):
@@ -47,7 +50,7 @@ class Light(Checked):
     """
 
     intensity: quantities.Intensity = 1.0
-    colour: quantities.Colour = quantities.WHITE
+    colour: quantities.Colour = default(quantities.WHITE)
     exposure: quantities.Exposure = 0.0
     temperature: quantities.Temperature = None
     locus: quantities.Locus = "planckian"
@@ -137,7 +140,7 @@ class Light(Checked):
         """Return the share (...) of the light, in [0, 1], that leaves into unit directions (3, ...)."""
         return directions.new_ones(directions.shape[1:])
 
-    def settings(self) -> dict[str, Any]:
+    def settings(self) -> Settings:
         """Return {parameter: value} of the constructor, without those that have their defaults."""
         values = {key: (getattr(self, key), each.default) for key, each in self.parameters().items()}
         return {key: value for key, (value, default) in values.items() if value != default}

@@ -7,13 +7,13 @@ import re
 import reprlib
 from collections.abc import Iterable, Mapping
 from dataclasses import dataclass
-from typing import Any
+from typing import Any, TypeGuard
 
 import numpy as np
 
 from relight.arguments import shown
 from relight.lights.directional import DirectionalLight
-from relight.lights.light import Light
+from relight.lights.light import Light, Settings
 from relight.lights.near import PointLight, RectLight
 
 Keyframes = dict[float, float | tuple[float, ...]]  # {frame: value}, in the order of frames
@@ -56,7 +56,7 @@ class MovingLight:
     kind: type[Light]
     orbit: float | None
     moves: dict[str, Keyframes]  # {parameter: {frame: value}}, in the order of frames
-    rests: dict[str, Any]  # {parameter: value}
+    rests: Settings  # {parameter: value}
 
     def __init__(
         self, kind: type[Light] = DirectionalLight, *, orbit: float | None = None, **settings: Any
@@ -104,14 +104,14 @@ class MovingLight:
         """Return the light of `factor` times its intensity."""
         before: Any = self.moves.get("intensity", self.rests.get("intensity", 1.0))
         if isinstance(before, dict):
-            intensity: Any = {frame: value * factor for frame, value in before.items()}
+            intensity = {frame: value * factor for frame, value in before.items()}
         else:
             intensity = before * factor
         return MovingLight(
             self.kind, orbit=self.orbit, **(self.rests | self.moves | {"intensity": intensity})
         )
 
-    def settings(self) -> dict[str, Any]:
+    def settings(self) -> Settings:
         """Return {parameter: value or keyframes} of the constructor, without defaults."""
         rests = self.at(1).settings()
         direction = ("azimuth", "elevation") if "direction" in self.moves else ()
@@ -153,7 +153,7 @@ def _turned(vector: Iterable[float], degrees: float) -> tuple[float, ...]:
     return x * cosine + z * sine, y, z * cosine - x * sine
 
 
-def _is_number(value: Any) -> bool:
+def _is_number(value: object) -> TypeGuard[float]:
     if not isinstance(value, int | float) or isinstance(value, bool):
         return False
     try:
@@ -162,7 +162,7 @@ def _is_number(value: Any) -> bool:
         return False
 
 
-def _keyframes(key: str, keyframes: Mapping[Any, Any]) -> Keyframes:
+def _keyframes(key: str, keyframes: Mapping[float | str, object]) -> Keyframes:
     """Check {frame: value} and return it in order of frames, which JSON has as text."""
     if not keyframes:
         raise ValueError(f"{key}: expected keyframes, got none")
@@ -174,10 +174,12 @@ def _keyframes(key: str, keyframes: Mapping[Any, Any]) -> Keyframes:
             number = math.nan
         if not math.isfinite(number) or isinstance(frame, bool):
             raise ValueError(f"{key}: expected the number of a frame, got {reprlib.repr(frame)}")
-        vector = isinstance(value, list | tuple) and len(value) == 3 and all(map(_is_number, value))
-        if not (vector or _is_number(value)):
+        if isinstance(value, list | tuple) and len(value) == 3 and all(map(_is_number, value)):
+            checked[number] = tuple(map(float, value))
+        elif _is_number(value):
+            checked[number] = float(value)
+        else:
             raise TypeError(f"{key}: expected numbers at frame {number:g}, got {reprlib.repr(value)}")
-        checked[number] = tuple(map(float, value)) if vector else float(value)
     if len({type(value) for value in checked.values()}) > 1:
         raise ValueError(f"{key}: expected numbers or vectors at all frames, got both")
     return dict(sorted(checked.items()))

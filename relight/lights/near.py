@@ -11,14 +11,14 @@ from __future__ import annotations
 import math
 from collections.abc import Iterator
 from dataclasses import KW_ONLY, dataclass, replace
-from typing import TYPE_CHECKING, Annotated, Any, ClassVar, Literal, Self
+from typing import TYPE_CHECKING, Annotated, ClassVar, Literal, Self
 
 import numpy as np
 from annotated_types import Interval
 
 from relight import quantities
-from relight.arguments import About, Converted, required
-from relight.lights.light import Light, Parts, Rays
+from relight.arguments import About, Converted, default, required
+from relight.lights.light import Light, Parts, Rays, Settings
 from relight.media.photometry import PhotometricProfile, read_profile
 
 if TYPE_CHECKING:
@@ -39,7 +39,6 @@ AngleScale = Annotated[
     Interval(gt=-1, le=100),
     About("UsdLux's scale of a profile's angles: 0 leaves them, 1 doubles them."),
 ]
-NO_PROFILE: Any = None  # the default of a profile
 if TYPE_CHECKING:
     ProfileSource = Converted[AnyPath | PhotometricProfile | None, PhotometricProfile | None]
 else:
@@ -70,7 +69,7 @@ class NearLight(Light):
 
     def standing_at(self, point: Point) -> Self:
         """Return the light of one frame, where the part of the person that it follows is at a point (3,)."""
-        there: dict[str, Any] = {}
+        there: Settings = {}
         for name in ("position", "toward"):
             if (own := getattr(self, name, None)) is not None:
                 there[name] = tuple(np.add(own, point).tolist())
@@ -187,8 +186,8 @@ class PointLight(NearLight):
 
     _: KW_ONLY
     radius: quantities.Radius = 0.0
-    toward: quantities.OptionalPosition = quantities.NOWHERE
-    profile: ProfileSource = NO_PROFILE
+    toward: quantities.OptionalPosition = default(None)
+    profile: ProfileSource = default(None)
     angle_scale: AngleScale = 0.0
 
     def __post_init__(self) -> None:
@@ -203,7 +202,7 @@ class PointLight(NearLight):
             shape = "cone" if self.has_cone else "profile"
             raise ValueError(f"toward: is missing; expected a point that the {shape} faces")
 
-    def settings(self) -> dict[str, Any]:
+    def settings(self) -> Settings:
         """Return {parameter: value} of the constructor, without those that have their defaults."""
         settings = super().settings()
         if self.profile is not None:
@@ -401,7 +400,7 @@ def _disc(centre: np.ndarray, radius: float) -> np.ndarray:
     return centre + across @ np.stack([aside, np.cross(along, aside)])
 
 
-def _read_profile(source: Any) -> PhotometricProfile:
+def _read_profile(source: object) -> PhotometricProfile:
     """Return the profile of a file; raises as `read_profile`, and TypeError for what is no name of one."""
     try:
         return read_profile(quantities.file_name(source))
@@ -420,7 +419,7 @@ def _dot(axis: np.ndarray, directions: torch.Tensor) -> torch.Tensor:
     return torch.einsum("c,c...->...", torch.from_numpy(axis).to(directions), directions)
 
 
-def _toward(point: Any, positions: torch.Tensor) -> tuple[torch.Tensor, torch.Tensor]:
+def _toward(point: Point, positions: torch.Tensor) -> tuple[torch.Tensor, torch.Tensor]:
     """Return unit directions (3, ...) from positions (3, ...) to a point (3,), and the squared distances."""
     import torch
 

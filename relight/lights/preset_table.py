@@ -2,15 +2,24 @@
 
 import functools
 from importlib.resources import files
-from typing import Any
+from typing import Any, NotRequired, TypedDict
 
 import yaml
 
 from relight.arguments import meant, shown
 
 
+class Preset(TypedDict):
+    """A lighting preset: what people read of it, the entries of a lights file, and its gloss."""
+
+    title: str
+    about: str
+    lights: list[dict[str, Any]]
+    gloss: NotRequired[float]
+
+
 @functools.cache
-def document() -> dict[str, Any]:
+def document() -> dict[str, Preset]:
     """Return the file: {name: {"title", "about": words, "lights": entries of a lights file, "gloss"}}."""
     return yaml.safe_load(files("relight").joinpath("presets.yaml").read_text(encoding="utf-8"))
 

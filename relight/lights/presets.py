@@ -1,13 +1,13 @@
 """Lighting that photographers know by name: `relight/presets.yaml`, the same everywhere."""
 
 import math
-from typing import Any
+from typing import cast
 
 from relight import quantities
 from relight.arguments import checked, checks_arguments, shown
-from relight.lights.files import from_entries
+from relight.lights.files import Entry, from_entries
 from relight.lights.light import Light
-from relight.lights.preset_table import document, known
+from relight.lights.preset_table import Preset, document, known
 
 HEIGHT = 1.75  # metres of the person for whom the file is written
 
@@ -40,13 +40,14 @@ def presets(height: quantities.Height = HEIGHT) -> dict[str, list[Light]]:
     return {name: named(name, height=height) for name in document()}
 
 
-def named(name: str, argument: str = "preset", height: float = HEIGHT) -> list[Any]:
+def named(name: str, argument: str = "preset", height: float = HEIGHT) -> list[Light]:
     """Return the lights of a preset, which is given as an `argument`, for a person of a height in metres.
 
     Raises ValueError for another name, and as `presets` does.
     """
     scale = checked("height", height, quantities.Height) / HEIGHT
-    return from_entries([_scaled(entry, scale) for entry in _known(name, argument)["lights"]])
+    lights = from_entries([_scaled(entry, scale) for entry in _known(name, argument)["lights"]])
+    return cast("list[Light]", lights)  # none of the file's moves
 
 
 def gloss(name: str) -> float:
@@ -54,7 +55,7 @@ def gloss(name: str) -> float:
     return float(_known(name, "preset").get("gloss", 0))
 
 
-def _known(name: str, argument: str) -> dict[str, Any]:
+def _known(name: str, argument: str) -> Preset:
     """Return what the file says of a preset. Raises as `named` does."""
     if not isinstance(name, str):
         raise TypeError(f"{argument}: expected the name of a preset, got {shown(name)}")
@@ -64,7 +65,7 @@ def _known(name: str, argument: str) -> dict[str, Any]:
         raise ValueError(f"{argument}: {error}") from None
 
 
-def _scaled(entry: dict[str, Any], scale: float) -> dict[str, Any]:
+def _scaled(entry: Entry, scale: float) -> Entry:
     """Return an entry for a person `scale` times as high: as bright, for light falls off with distance."""
     if "position" not in entry or scale == 1:
         return entry

@@ -3,7 +3,7 @@
 import itertools
 from collections.abc import Iterable, Sequence
 from dataclasses import replace
-from typing import Annotated, Any, TypeVar, cast
+from typing import Annotated, TypeVar, cast
 
 from annotated_types import Interval
 
@@ -20,14 +20,14 @@ FewLights = Annotated[
 ]
 
 
-def as_rig(lights: object, expected: str = "lights") -> list[Any]:
+def as_rig(lights: object, expected: str = "lights") -> list[Light | MovingLight]:
     """Return one light, several, or those of a preset's name, as a list; they may move.
 
     Raises ValueError for a name that no preset has, and TypeError for anything else; `expected` is what its
     message asks for.
     """
     if isinstance(lights, str):
-        return presets.named(lights, "lights")
+        return [*presets.named(lights, "lights")]
     alone = hasattr(lights, "rays") or hasattr(lights, "at")  # a light, of whatever class
     try:
         several = [lights] if alone else list(cast(Iterable[object], lights))
@@ -36,7 +36,7 @@ def as_rig(lights: object, expected: str = "lights") -> list[Any]:
     for light in several:
         if not hasattr(light, "rays") and not hasattr(light, "at"):
             raise TypeError(f"lights: expected lights, e.g. DirectionalLight, got {type(light).__name__}")
-    return several
+    return cast(list[Light | MovingLight], several)
 
 
 def scaled(lights: Iterable[AnyLight], factor: float) -> list[AnyLight]:
@@ -67,13 +67,14 @@ def checked_amount(amount: object, name: str = "amount") -> float:
 
 def as_lights(lights: Lights | Iterable[Light | MovingLight]) -> list[Light]:
     """Return lights as a list, see `as_rig`; raises TypeError for moving ones."""
-    several = as_rig(lights)
-    for light in several:
+    still: list[Light] = []
+    for light in as_rig(lights):
         if isinstance(light, MovingLight):
             raise TypeError(
                 f"lights: {light.name or 'a light'} moves; give the light of one frame, light.at(frame)"
             )
-    return several
+        still.append(light)
+    return still
 
 
 def by_name(lights: Sequence[Light], reserved: Iterable[str] = ()) -> dict[str, Light]:

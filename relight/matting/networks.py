@@ -9,7 +9,7 @@ import warnings
 from collections.abc import Iterable
 from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import Any, Protocol
+from typing import Any, Protocol, TypedDict, Unpack
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -26,8 +26,30 @@ from shadow.installing import install_command
 from shadow.networks.onnx import MAX_SIDE, OnnxFile, Preprocessing, checked_maps
 from shadow.torch_settings import isolated
 
+
+class ModelOptions(TypedDict, total=False):
+    """How a network's input is prepared and its output read, see `load`."""
+
+    family: str | None
+    size: int | None
+    mean: Iterable[float] | None
+    std: Iterable[float] | None
+    order: str | None
+    fit: str | None
+    output: int | None
+    sigmoid: bool | None
+    silhouette: str | None
+
+
+class Normalisation(TypedDict):
+    """Of red, green and blue: the input is (value - mean) / std."""
+
+    mean: tuple[float, ...]
+    std: tuple[float, ...]
+
+
 AUTO = "auto"  # the model that finds the person
-IMAGENET: dict[str, Any] = {"mean": (0.485, 0.456, 0.406), "std": (0.229, 0.224, 0.225)}
+IMAGENET: Normalisation = {"mean": (0.485, 0.456, 0.406), "std": (0.229, 0.224, 0.225)}
 STATES = ("r1i", "r2i", "r3i", "r4i")
 MIN_CODE_PEAK = 32  # a matte in codes of 8 bits reaches this where anybody is, and logits do not
 RVM_INFERENCE_SIDE = 512  # pixels of the longer side at which RVM looks at the whole picture, for full bodies
@@ -89,7 +111,7 @@ class MattingModel(Protocol):
 @isolated
 @checks_arguments
 def matte(
-    image: ArrayLike, model: quantities.File, *, person: PersonChoice = None, **options: Any
+    image: ArrayLike, model: quantities.File, *, person: PersonChoice = None, **options: Unpack[ModelOptions]
 ) -> np.ndarray:
     """Infer the matte of the person in a photograph.
 
@@ -171,10 +193,10 @@ def load(
             f"matte: expected 'auto', an .onnx file or the name of a model, got {type(model).__name__}; "
             "give the matte itself as mask"
         )
-    given: dict[str, Any] = {"size": size, "order": order, "fit": fit}
+    given: dict[str, object] = {"size": size, "order": order, "fit": fit}
     given |= {"mean": None if mean is None else tuple(mean), "std": None if std is None else tuple(std)}
     preparation: dict[str, Any] = {name: value for name, value in given.items() if value is not None}
-    options: dict[str, Any] = {"output": output, "sigmoid": sigmoid}
+    options: dict[str, object] = {"output": output, "sigmoid": sigmoid}
     reading: dict[str, Any] = {name: value for name, value in options.items() if value is not None}
     if model == AUTO:
         if silhouette is not None and cutout_network.is_one(silhouette):

@@ -2,18 +2,31 @@
 
 import functools
 import sys
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterable, Iterator
 from contextlib import contextmanager
 from types import ModuleType
-from typing import Any
+from typing import Protocol, TypeAlias
+
+import numpy as np
 
 from shadow.installing import install_command
 
 HINTS = {"float32": "f32", "bfloat16": "bf16"}  # OpenVINO's names of precisions
 
 
+class Answers(Protocol):
+    """Arrays, in the order of a network's outputs."""
+
+    def __getitem__(self, output: int, /) -> np.ndarray: ...
+
+    def values(self) -> Iterable[np.ndarray]: ...
+
+
+Network: TypeAlias = Callable[[np.ndarray], Answers]
+
+
 @functools.lru_cache(maxsize=8)
-def compiled(path: str, precision: str = "float32", threads: int = 1) -> Callable[..., Any]:
+def compiled(path: str, precision: str = "float32", threads: int = 1) -> Network:
     """Return the network of a file in a format of OpenVINO's, compiled for the processor.
 
     One thread and float32 let machines of one kind agree to the bit. Raises ImportError without OpenVINO.

@@ -8,7 +8,7 @@ from importlib import import_module
 from importlib.util import find_spec, module_from_spec, spec_from_file_location
 from pathlib import Path
 from types import ModuleType
-from typing import Any, TypeAlias
+from typing import TypeAlias
 
 import numpy as np
 import torch
@@ -226,7 +226,7 @@ def distance_inside(region: np.ndarray) -> np.ndarray:
     return np.where(region, inner - 0.5, 0.5 - outer)
 
 
-def pymatting(name: str, extra: str = "matte") -> Callable[..., Any]:
+def pymatting(name: str, extra: str = "matte") -> Callable[..., np.ndarray]:
     """Return the function of a module of PyMatting that has its name; an extra of this name installs it."""
     ensure_numba_cache()
     try:
@@ -234,7 +234,7 @@ def pymatting(name: str, extra: str = "matte") -> Callable[..., Any]:
     except ImportError as error:
         raise ImportError(f"{extra}: needs PyMatting; install it with: {install_command(extra)}") from error
 
-    def called(*values: Any, **options: Any) -> Any:
+    def called(*values: object, **options: object) -> np.ndarray:
         threads = torch.get_num_threads()
         result = function(*values, **options)
         torch.set_num_threads(threads)  # numba has set the process' to the number of processors

@@ -2,10 +2,10 @@
 
 import contextlib
 import functools
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
-from typing import Any, Self
+from typing import Self, cast
 
 import numpy as np
 import torch
@@ -21,6 +21,7 @@ from relight.media import optical_flow
 from relight.media.optical_flow import Motion
 from relight.media.option_texts import split_file_and_settings
 from relight.media.scenes import is_cut, reduced
+from relight.media.sequences import Held
 from shadow.files import AnyPath
 
 WARM_UP_FRAMES = 5  # that a recurrent network sees before the first one that is asked for
@@ -33,7 +34,7 @@ class MattingOptions:
     """How a matte is inferred or refined."""
 
     model: AnyPath | None = None  # see `relight.matte`; None where a rough mask is refined
-    options: dict[str, Any] = field(default_factory=dict)  # of `relight.matting.networks.load`
+    options: networks.ModelOptions = field(default_factory=networks.ModelOptions)
     person: PersonChoice = None  # which of several people, see `relight.matte`
     track: Path | None = None  # a file that says where the person is in each frame, see `KeptTrack`
     refine: int | None = None  # pixels of the band along the edge that closed-form matting solves again
@@ -60,7 +61,8 @@ class MattingOptions:
             return None
         path, words = split_file_and_settings(str(model or ""))
         kept = None if track is None else Path(track)
-        return cls(path or None, dict(map(_option, words)), person, kept, refine, is_rough)
+        options = cast(networks.ModelOptions, dict(map(_option, words)))
+        return cls(path or None, options, person, kept, refine, is_rough)
 
 
 @dataclass(frozen=True)
@@ -97,7 +99,9 @@ class SequenceMatting:
     those before and after it, moved along the optical flow, where the frames' colours agree.
     """
 
-    def __init__(self, options: MattingOptions, read: Callable[[int], Any], numbers: Any) -> None:
+    def __init__(
+        self, options: MattingOptions, read: Callable[[int], Held], numbers: Sequence[int] | None
+    ) -> None:
         """Take the function that reads a frame, and the numbers of the frames; None for a still."""
         self._options, self._read, self._numbers = options, read, numbers
         if options.model != networks.AUTO:  # which is loaded for the first frame without a matte of its own
@@ -164,9 +168,8 @@ class SequenceMatting:
 
     def frames_read(self, number: int) -> list[int]:
         """Return the other frames on which a frame's matte depends, the one that says whom to follow too."""
-        looks = self._numbers is not None and self._options.model == networks.AUTO
-        stated = self._options.track is not None
-        return [*self.frames_for(number), *(self._numbers[:1] if looks and not stated else ())]
+        looks = self._options.model == networks.AUTO and self._options.track is None
+        return [*self.frames_for(number), *((self._numbers or ())[:1] if looks else ())]
 
     def frames_for(self, number: int) -> list[int]:
         """Return the neighbours of a frame on which its matte depends."""
@@ -273,7 +276,7 @@ def _moved(frame: _InferredFrame, other: _InferredFrame, motion: Motion) -> tupl
 def _option(text: str) -> tuple[str, object]:
     """Parse `mean=0.5/0.5/0.5` as a name and a value."""
     name, _, value = text.partition("=")
-    read: dict[str, Callable[[str], Any]] = {
+    read: dict[str, Callable[[str], object]] = {
         "family": str,
         "fit": str,
         "order": str,

@@ -3,7 +3,7 @@
 import math
 import mmap
 import sys
-from typing import Any
+from typing import Protocol
 
 import numpy as np
 import OpenImageIO as oiio
@@ -25,7 +25,13 @@ def to_array(buffer: oiio.ImageBuf, dtype: str = "float") -> np.ndarray:
     return pixels
 
 
-def problem(source: Any) -> str:
+class Failing(Protocol):
+    """What of OpenImageIO remembers an error."""
+
+    def geterror(self) -> str: ...
+
+
+def problem(source: Failing) -> str:
     """OpenImageIO's account of an error, without what failed as a consequence."""
     try:
         return source.geterror().strip().partition("\n")[0]

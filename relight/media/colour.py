@@ -12,6 +12,7 @@ import functools
 import math
 import os
 from collections.abc import Callable
+from typing import TypedDict
 
 import numpy as np
 import OpenImageIO as oiio
@@ -225,6 +226,14 @@ def _by_rows(function: Callable[[np.ndarray], np.ndarray], *images: np.ndarray) 
         part = [image[row : row + ROWS] for image in images]
         result[row : row + ROWS] = function(part[0] if len(part) == 1 else np.concatenate(part, axis=-1))
     return result
+
+
+class Display(TypedDict, total=False):
+    """How light becomes what displays show, as `encode` takes it."""
+
+    view: str | None
+    exposure: float
+    white: float | None
 
 
 def encode(

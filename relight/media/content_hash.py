@@ -11,9 +11,12 @@ import numbers
 import stat
 from collections.abc import Mapping
 from pathlib import Path
-from typing import Any, NamedTuple, Self
+from typing import TYPE_CHECKING, NamedTuple, Self
 
 import numpy as np
+
+if TYPE_CHECKING:
+    import OpenImageIO as oiio
 
 # Size and channels of an OpenEXR file: a program that changes them keeps HASH_ATTRIBUTE.
 CONTENTS_ATTRIBUTE = "relight:holds"
@@ -32,13 +35,13 @@ def content_hash(*parts: object) -> str:
     return sha.hexdigest()[:32]
 
 
-def describe_contents(spec: Any) -> str:
+def describe_contents(spec: "oiio.ImageSpec") -> str:
     """Describe the size and the channels of an OpenImageIO ImageSpec."""
     size = f"{spec.width} x {spec.height} of {spec.full_width} x {spec.full_height}"
     return f"{size}: {', '.join(sorted(spec.channelnames))}"
 
 
-def _feed(sha: Any, part: object) -> None:
+def _feed(sha: "hashlib._Hash", part: object) -> None:
     """Hash a part: its kind and its length first, so that no two lists of parts read the same."""
     part = part.value if isinstance(part, enum.Enum) else part
     if isinstance(part, Path):

@@ -13,13 +13,13 @@ import sys
 import warnings
 from collections.abc import Callable
 from dataclasses import dataclass
-from typing import Any
+from types import ModuleType
 
 import numpy as np
 
 from shadow.srgb import decode_srgb
 
-Transfer = Callable[[np.ndarray], Any]  # code values, 1 at white, to linear light
+Transfer = Callable[[np.ndarray], np.ndarray]  # code values, 1 at white, to linear light
 Chromaticities = tuple[float, ...]  # x and y of red, green, blue and white
 Neutral = tuple[float, float]  # x and y of what is to be seen as white
 
@@ -57,7 +57,7 @@ UNSPECIFIED = 2
 
 
 @functools.cache
-def colour_science() -> Any:
+def colour_science() -> ModuleType:
     """Import colour-science."""
     with warnings.catch_warnings():
         warnings.simplefilter("ignore")  # it warns that Matplotlib is not installed

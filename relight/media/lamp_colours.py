@@ -8,13 +8,17 @@ channel. A diffusion without colour has its transmission alone. They come from t
 """
 
 import functools
-from typing import Any, NamedTuple
+from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
 
 from relight.arguments import meant, shown, unknown
 from relight.media.colour import colour_science, luminance, temperature
 from shadow.installing import install_command
+
+if TYPE_CHECKING:
+    from colour import SpectralDistribution
+    from lighting_filters.typedef import LightingFilter
 
 MOST_GELS = 8
 WARM = 4500.0  # kelvin below which illuminant A is nearer to a lamp than D65
@@ -110,7 +114,7 @@ def _tinted(rgb: np.ndarray, tint: float) -> np.ndarray:
     return moved / luminance(moved)
 
 
-def _spectrum(name: str | None, kelvin: float | None, locus: str) -> Any:
+def _spectrum(name: str | None, kelvin: float | None, locus: str) -> "SpectralDistribution":
     """Return the spectrum of a lamp by name or temperature; of D65 without either."""
     colour = colour_science()
     if name is not None:
@@ -122,7 +126,7 @@ def _spectrum(name: str | None, kelvin: float | None, locus: str) -> Any:
     return colour.sd_blackbody(kelvin)
 
 
-def _light(spectrum: Any, luminances: float | None = None) -> np.ndarray:
+def _light(spectrum: "SpectralDistribution", luminances: float | None = None) -> np.ndarray:
     """Return the linear Rec.709 colour of a spectrum, of luminance 1, or over `luminances`."""
     colour = colour_science()
     shape = colour.SpectralShape(360, 780, 1)
@@ -156,7 +160,7 @@ def _kelvin(name: str | None, kelvin: float | None) -> float:
     return float(colour.uv_to_CCT(colour.UCS_to_uv(colour.XYZ_to_UCS(tristimulus)), method="Ohno 2013")[0])
 
 
-def _factors(film: Any, kelvin: float) -> np.ndarray:
+def _factors(film: "LightingFilter", kelvin: float) -> np.ndarray:
     """Return the factor of each channel by a gel without a spectrum."""
     colour = colour_science()
     if film.src_a is None and film.src_d65 is None:
@@ -170,7 +174,7 @@ def _factors(film: Any, kelvin: float) -> np.ndarray:
 
 
 @functools.cache
-def _filters() -> dict[str, Any]:
+def _filters() -> dict[str, "LightingFilter"]:
     """Return the gels of LEE and Rosco of which the transmission is published."""
     try:
         from lighting_filters import LightingFilters

@@ -8,7 +8,7 @@ import functools
 import importlib.util
 from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import Any
+from types import ModuleType
 
 import numpy as np
 import torch
@@ -25,7 +25,7 @@ def is_installed() -> bool:
 
 
 @functools.cache
-def opencv() -> Any:
+def opencv() -> ModuleType:
     """Return the module `cv2`. Raises ImportError with the command that installs it."""
     try:
         import cv2

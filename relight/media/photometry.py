@@ -21,7 +21,7 @@ import hashlib
 import math
 import re
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, NamedTuple
+from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
 
@@ -158,7 +158,7 @@ def read_profile(path: AnyPath) -> PhotometricProfile:
 
 
 @functools.lru_cache(maxsize=32)
-def _read(path: Path, state: Any) -> PhotometricProfile:
+def _read(path: Path, state: tuple[int, ...]) -> PhotometricProfile:
     """Read a file; `state` identifies this version of it for the cache."""
     with naming(path):
         if path.suffix.lower() not in SUFFIXES:

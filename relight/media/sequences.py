@@ -23,6 +23,7 @@ from relight.media.images.layers import split_layer
 from relight.media.timecode import TEXT as TIMECODE
 from shadow.files import AnyPath
 
+Held: TypeAlias = Any  # by an argument, for a frame: a picture, or whatever else it may be
 TOKEN = re.compile(r"%0?(?P<printf>\d*)d|(?P<hashes>#+)")
 SPAN = re.compile(
     r"(-?[0-9]{1,20})(?:-(-?[0-9]{1,20})(?:[x:]([0-9]{1,20}))?)?"
@@ -82,7 +83,7 @@ class FrameRange(tuple[int, ...]):
         return [FrameRange(self[start : start + count]) for start in range(0, len(self), count)]
 
 
-def _frames(value: Any) -> Any:
+def _frames(value: "GivenFrames") -> object:
     try:
         # Which frames timecodes are, only the shot knows.
         FrameRange.of(TIMECODE.sub("0", value) if isinstance(value, str) else value)
@@ -197,7 +198,7 @@ class Reader(Protocol):
     def rate(self) -> Fraction | float | None:
         """Frames a second, if they are stated."""
 
-    def read(self, number: int) -> Any:
+    def read(self, number: int) -> Held:
         """Return a frame: a picture, or whatever else the argument holds."""
 
     def file(self, number: int) -> Path | None:
@@ -218,7 +219,7 @@ class Still:
         self.picture, self.record = picture, record
         self._hashed = picture if hashed is None else hashed
 
-    def read(self, number: int) -> Any:
+    def read(self, number: int) -> Held:
         return self.picture
 
     def file(self, number: int) -> Path | None:

@@ -6,11 +6,11 @@ so that each conversion is calibrated with a black and a white frame of the same
 
 import functools
 from collections.abc import Iterator
-from typing import Any
 
 import av
 import numpy as np
 from av.sidedata.sidedata import Type
+from av.video.format import VideoFormatComponent
 from av.video.reformatter import ColorRange, Colorspace, Interpolation
 
 # Matrix coefficients of ITU-T H.273, table 4, that FFmpeg's scaler undoes. 0 is RGB; 2 and 3 say nothing.
@@ -130,7 +130,7 @@ def read_orientation(frame: av.VideoFrame) -> int:
 
     ValueError for a matrix that turns by another angle than quarters of a circle, or shears.
     """
-    data: Any = frame.side_data.get(Type.DISPLAYMATRIX)  # type: ignore[call-overload]
+    data = frame.side_data.get(Type.DISPLAYMATRIX)  # type: ignore[call-overload]
     if data is None:
         return 1
     a, b, _, c, d = (float(value) for value in np.frombuffer(data, np.int32)[:5])
@@ -160,7 +160,7 @@ def _is_full_range(frame: av.VideoFrame, codec: str) -> bool:
     return grey and frame.color_range != ColorRange.MPEG and codec not in LIMITED
 
 
-def _convert(frame: av.VideoFrame, alpha: bool, matrix: Any, full: bool) -> np.ndarray:
+def _convert(frame: av.VideoFrame, alpha: bool, matrix: Colorspace, full: bool) -> np.ndarray:
     """Return a frame as FFmpeg's scaler converts it: (H, W, 3|4) uint16."""
     return frame.reformat(
         format="rgba64le" if alpha else "rgb48le", interpolation=EXACT, src_colorspace=matrix,
@@ -169,7 +169,7 @@ def _convert(frame: av.VideoFrame, alpha: bool, matrix: Any, full: bool) -> np.n
 
 
 @functools.lru_cache(maxsize=64)
-def _calibration(name: str, alpha: bool, matrix: Any, full: bool) -> tuple[np.ndarray, np.ndarray]:
+def _calibration(name: str, alpha: bool, matrix: Colorspace, full: bool) -> tuple[np.ndarray, np.ndarray]:
     """Return what the scaler makes of black and of white in a layout: (3|4,) float32 each.
 
     Alpha is 0 with black and 1 with white.
@@ -181,7 +181,7 @@ def _calibration(name: str, alpha: bool, matrix: Any, full: bool) -> tuple[np.nd
     return ends[0], ends[1]
 
 
-def _filled(name: str, white: bool, full: bool, matrix: Any) -> av.VideoFrame:
+def _filled(name: str, white: bool, full: bool, matrix: Colorspace) -> av.VideoFrame:
     """Return a frame of black or white in a layout."""
     frame = av.VideoFrame(PATCH, PATCH, name)
     components = list(frame.format.components)
@@ -202,7 +202,9 @@ def _filled(name: str, white: bool, full: bool, matrix: Any) -> av.VideoFrame:
     return frame
 
 
-def _codes(components: list, white: bool, full: bool, is_rgb: bool) -> Iterator[tuple[Any, int]]:
+def _codes(
+    components: list[VideoFormatComponent], white: bool, full: bool, is_rgb: bool
+) -> Iterator[tuple[VideoFormatComponent, int]]:
     """Yield each component with its code value of black or white (ITU-R BT.601, BT.709, BT.2100)."""
     for component in components:
         highest, shift = 2**component.bits - 1, max(component.bits - 8, 0)

@@ -164,7 +164,7 @@ class AnalysisCache:
         except (LookupError, OSError, TypeError) as error:
             raise DamagedFileError(f"{self.folder}: is damaged: its sources are none: {error}") from error
 
-    def _positive(self, name: str, kind: Callable[[Any], Number]) -> Number | None:
+    def _positive(self, name: str, kind: Callable[[float | str], Number]) -> Number | None:
         """Return a number of the provenance of the first readable frame; None where it states none.
 
         Raises DamagedFileError for anything that is no positive number.

@@ -5,8 +5,8 @@ A run checks all of it again, and the rest, where it belongs.
 
 import os
 import re
-from collections.abc import Iterator
-from typing import Any
+from collections.abc import Iterable, Iterator
+from typing import cast
 
 from relight.arguments import meant
 from relight.lights.moving import parse
@@ -31,8 +31,7 @@ def check_early(
     if output is not None:
         check_outputs(output, _read_paths(source, lighting))
     if lighting is not None:
-        lights: Any = lighting.light
-        for text in lights:
+        for text in cast("Iterable[str]", lighting.light):
             parse(text)
     for path in _read_paths(source, lighting):
         check_there(path)

@@ -117,9 +117,9 @@ class Exporting(Job[Path]):
             knobs, chosen = self._knobs(self._lights), writing.spread(numbers)
             people = {number: shot.person(number) for number in chosen}
             several = writing.script_sequence(path, people, numbers, knobs, rate, self._gloss, self._amount)
+            self._add = self.opened.enter_context(several)
         else:
-            several = writing.stage_sequence(path, self._asset, rate)
-        self._add = self.opened.enter_context(several)
+            self._add = self.opened.enter_context(writing.stage_sequence(path, self._asset, rate))
 
     def frame(self, shot: Shot, number: int) -> None:
         """Write one frame of several; the only one is written at the end."""

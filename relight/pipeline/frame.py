@@ -10,7 +10,7 @@ from collections.abc import Iterable, Mapping, Sequence
 from contextlib import suppress
 from dataclasses import dataclass
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, NamedTuple
+from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
 from scipy.ndimage import distance_transform_edt
@@ -28,6 +28,7 @@ from relight.media import scenes as scene_cuts
 from relight.media.content_hash import FileRecord, content_hash
 from relight.media.images.arrays import as_array
 from relight.media.pixel_aspect import is_square, square_pixels
+from relight.media.sequences import Held
 from relight.pipeline import preview, reference
 from relight.pipeline.cache import AnalysisCache, is_cache
 from relight.pipeline.option_fields import BACKGROUND
@@ -70,7 +71,7 @@ class Placement:
         place(np.zeros((1, 1), np.float32), size, mode="centre", offset=self.offset)  # refuses bad values
         place(np.zeros((1, 1), np.float32), (1, 1), mode=self.mode, scale=self.scale)
 
-    def size_of(self, photograph: tuple[int, ...], background: Any) -> tuple[int, ...] | None:
+    def size_of(self, photograph: tuple[int, ...], background: Held) -> tuple[int, ...] | None:
         """Return the size (H, W) of the picture in which a photograph (H, W) is placed.
 
         None if it is not placed.
@@ -403,7 +404,7 @@ class FrameReader:
         while len(self._scenes) > 4 * MAX_TEMPORAL_RADIUS:
             del self._scenes[next(iter(self._scenes))]
 
-    def _check_size(self, matte: Any, plate: np.ndarray, number: int) -> None:
+    def _check_size(self, matte: np.ndarray, plate: np.ndarray, number: int) -> None:
         """Raise ValueError for a matte (h, w) of another size than its plate."""
         if np.ndim(matte) != 2 or np.shape(matte) == np.shape(plate)[:2]:
             return
@@ -414,7 +415,7 @@ class FrameReader:
             f"got {found}"
         )
 
-    def _squared_as_plate(self, values: object, plate: np.ndarray, number: int) -> Any:
+    def _squared_as_plate(self, values: object, plate: np.ndarray, number: int) -> Held:
         """Resample a matte, normals or depth like its plate with non-square pixels.
 
         It is resampled as the plate was, if it then has the plate's size.
@@ -451,7 +452,7 @@ def _halved(frame: FrameInputs) -> FrameInputs:
     return FrameInputs(preview.halved(plate), preview.halved(matte), normals, depth)
 
 
-def _shows_person(plate: np.ndarray, matte: Any) -> np.ndarray:
+def _shows_person(plate: np.ndarray, matte: np.ndarray | None) -> np.ndarray:
     """Return where the matte, or else the plate's alpha, shows the person: (H, W) bool."""
     alpha = as_array("mask", plate[..., 3] if matte is None else matte)
     most = np.iinfo(alpha.dtype).max if np.issubdtype(alpha.dtype, np.integer) else 1

@@ -63,7 +63,7 @@ def many(source: Source, further: Iterable[str], output: Output) -> list[OneOfMa
 
 
 def render_many(
-    listed: Iterable[OneOfMany], render: Callable[..., Any], progress: Report, **options: Any
+    listed: Iterable[OneOfMany], render: Callable[..., dict[int, str]], progress: Report, **options: object
 ) -> dict[str, str]:
     """Render pictures one by one with a function such as `render_shot`; return {picture: error}.
 

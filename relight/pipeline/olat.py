@@ -8,6 +8,7 @@ import numpy as np
 from relight.arguments import checks_arguments
 from relight.lights.directional import DirectionalLight
 from relight.lights.files import write_lights
+from relight.media.colour import Display
 from relight.media.content_hash import content_hash
 from relight.media.sequences import FrameRange, FrameSequence, GivenFrames
 from relight.pipeline.delivery import Delivery
@@ -18,7 +19,7 @@ from relight.pipeline.outputs import is_exr
 from relight.pipeline.rendered_frame import cut_out
 from relight.pipeline.run import Job, Problems, run
 from relight.pipeline.shot import Shot
-from relight.pipeline.sinks import FileSink, ScriptSink, SingleFile, file_of
+from relight.pipeline.sinks import ExrForm, FileSink, ScriptSink, SingleFile, file_of
 from relight.rendering import Layers
 from relight.scene import nuke
 from shadow import directions
@@ -117,8 +118,8 @@ class SeparateLights(Job[list[Path]]):
 
     def prepare(self, shot: Shot, numbers: FrameRange, report: Report) -> None:
         """Analyse the person."""
-        self._delivery, exr = Delivery(shot), {"depth": "half", "autocrop": False}
-        self._sink = FileSink(self._files, resume=False, display={}, exr=exr, delivery=self._delivery)
+        self._delivery, exr = Delivery(shot), ExrForm(depth="half", autocrop=False)
+        self._sink = FileSink(self._files, resume=False, display=Display(), exr=exr, delivery=self._delivery)
         self._subject, self._plate = shot.subject(self._frame), self._delivery.metadata(self._frame)
         self._made = shot.content_hash(self._frame, as_read=True)
 

@@ -11,7 +11,7 @@ import re
 from collections.abc import Callable, Iterable, Mapping
 from dataclasses import fields
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Any, Literal, Self, TypeAlias, TypeVar, cast
+from typing import TYPE_CHECKING, Annotated, ClassVar, Literal, Self, TypeAlias, TypeGuard, TypeVar
 
 from annotated_types import Ge
 
@@ -28,8 +28,6 @@ if TYPE_CHECKING:
     from relight.lights.moving import MovingLight
 
 BACKGROUND = "background"  # as a size: the background's own
-NO_PATH: Any = None  # the default of an `OptionalPath`
-NO_PASSES: Any = ()  # that of `Passes`
 
 Report = Callable[[int, int, str], None]  # frames done, frames in all, what is done
 
@@ -39,7 +37,7 @@ Phase = Literal["all", "frames", "finalize"]
 Pass = Literal["albedo", "N", "Z", "P", "visibility", "shading", "gloss", "confidence"]
 
 
-def _is_array(value: object) -> bool:
+def _is_array(value: object) -> TypeGuard[np.ndarray]:
     return hasattr(value, "shape") and hasattr(value, "dtype")
 
 
@@ -61,7 +59,7 @@ def _paths(value: object) -> tuple[Path, ...]:
     return tuple(map(_path, several))
 
 
-def _plate(value: Any) -> Any:
+def _plate(value: object) -> object:
     if _is_array(value):
         if len(value.shape) not in (2, 3) or 0 in value.shape or "object" in str(value.dtype):
             raise _wrong("a picture (H, W, 3|4), a matte (H, W), or the name of a file", value)
@@ -71,17 +69,17 @@ def _plate(value: Any) -> Any:
     return file_name(value)
 
 
-def _photograph(value: Any) -> Any:
+def _photograph(value: object) -> object:
     if _is_array(value) and (len(value.shape) != 3 or value.shape[-1] not in (3, 4)):
         raise ValueError(f"expected a picture (H, W, 3|4), got {shown(value)}")
     return _plate(value)
 
 
-def _normals(value: object) -> Any:
+def _normals(value: object) -> object:
     return value if callable(value) else _plate(value)
 
 
-def _lights(value: object) -> Any:
+def _lights(value: object) -> object:
     """Return lights as a tuple, also of entries as JSON has them; the path of a lights file unchanged."""
     if isinstance(value, str | os.PathLike):
         return file_name(value)
@@ -100,24 +98,26 @@ def _lights(value: object) -> Any:
     return several
 
 
-def _added_lights(value: Any) -> Any:
+def _added_lights(value: object) -> tuple[object, ...]:
     """Return lights, and texts of lights, as a tuple."""
-    alone = isinstance(value, str) or _is_light(value) or not isinstance(value, Iterable)
-    several = (value,) if alone else tuple(value)
+    if isinstance(value, str) or _is_light(value) or not isinstance(value, Iterable):
+        value = (value,)
+    several = tuple(value)
     for each in several:
         if not isinstance(each, str) and not _is_light(each):
             raise _wrong("lights or their texts", each)
     return several
 
 
-def _background(value: object) -> Any:
+def _background(value: object) -> object:
     if isinstance(value, list | tuple):
         numbers = [each for each in value if isinstance(each, int | float) and not isinstance(each, bool)]
         if len(numbers) != 3 or len(value) != 3:
             raise ValueError(f"expected an image or three finite numbers, got {shown(value)}")
         return tuple(value)
     if isinstance(value, str):
-        return background_of(file_name(value))
+        file_name(value)
+        return background_of(value)
     return value if _is_light(value) else _plate(value)
 
 
@@ -190,15 +190,15 @@ def _words(text: str) -> tuple[str, ...]:
 if TYPE_CHECKING:
     Picture: TypeAlias = np.ndarray | torch.Tensor | File  # in memory, a file, a sequence or a movie
     Photograph: TypeAlias = Picture
-    Normals: TypeAlias = np.ndarray | Callable[..., Any] | File
+    Normals: TypeAlias = np.ndarray | Callable[..., object] | File
     AnyLights: TypeAlias = Light | MovingLight | Iterable[Light | MovingLight] | File
     AddedLights: TypeAlias = str | Light | MovingLight | Iterable[str | Light | MovingLight]
     Texts: TypeAlias = str | Iterable[str]
     BackgroundSource: TypeAlias = np.ndarray | tuple[float, ...] | EnvironmentLight | MovingLight | File
     AnyFloor: TypeAlias = Floor
-    Paths: TypeAlias = Converted[Any, tuple[Path, ...]]
-    OptionalPath: TypeAlias = Converted[Any, Path | None]
-    Passes: TypeAlias = Converted[Any, tuple[Pass, ...]]
+    Paths: TypeAlias = Converted[File | Iterable[File], tuple[Path, ...]]
+    OptionalPath: TypeAlias = Converted[File | None, Path | None]
+    Passes: TypeAlias = Converted[Iterable[str], tuple[Pass, ...]]
     Size: TypeAlias = tuple[int, int] | str
     Person: TypeAlias = int | tuple[int, ...] | str
     Offset: TypeAlias = tuple[int, int]
@@ -236,7 +236,10 @@ else:
 
 
 class Options(Checked):
-    """What the four kinds of options have in common."""
+    """What the four kinds of options have in common, which are dataclasses."""
+
+    if TYPE_CHECKING:
+        __dataclass_fields__: ClassVar[dict[str, dataclasses.Field[object]]]
 
     @classmethod
     def of(cls, given: object) -> Self:
@@ -255,7 +258,7 @@ class Options(Checked):
         """{field: value} of the fields that do not have their default."""
         return {
             each.name: getattr(self, each.name)
-            for each in fields(cast(Any, self))
+            for each in fields(self)
             if not _is_default(getattr(self, each.name), each.default)
         }
 
@@ -263,11 +266,11 @@ class Options(Checked):
         """Return the same options with absolute paths, which are valid in another working directory."""
         changed = {
             each.name: _absolute(getattr(self, each.name))
-            for each in fields(cast(Any, self))
+            for each in fields(self)
             if each.name in file_options(type(self))
             and not _is_default(getattr(self, each.name), each.default)
         }
-        return dataclasses.replace(cast(Any, self), **changed)
+        return dataclasses.replace(self, **changed)
 
 
 def _is_default(value: object, default: object) -> bool:
@@ -277,7 +280,7 @@ def _is_default(value: object, default: object) -> bool:
     return type(value) is type(default) and not hasattr(value, "shape") and value == default
 
 
-def _absolute(value: object) -> Any:
+def _absolute(value: object) -> object:
     """Return a path made absolute; other values, such as a colour or the name of a model, are unchanged."""
     if isinstance(value, tuple) and value and all(isinstance(each, Path) for each in value):
         return tuple(each.absolute() for each in value)
@@ -310,9 +313,9 @@ def to_json(options: Options) -> dict[str, object]:
     return {name: _plain(name, value) for name, value in options.given().items()}
 
 
-def from_json(kind: type[AnyOptions], document: Mapping[str, Any]) -> AnyOptions:
+def from_json(kind: type[AnyOptions], document: Mapping[str, object]) -> AnyOptions:
     """Convert the result of `to_json` to options. Raises ValueError for unknown fields."""
-    known = [each.name for each in fields(cast(Any, kind))]
+    known = [each.name for each in fields(kind)]
     for name in document:
         if name not in known:
             raise ValueError(unknown(name, known))
@@ -324,7 +327,7 @@ def file_options(kind: type[Options]) -> list[str]:
     return [name for name, each in parameters(kind).items() if (said := about(each.kind)) and said.path]
 
 
-def _plain(name: str, value: object) -> Any:
+def _plain(name: str, value: object) -> object:
     """Convert a value to JSON types."""
     if name == "lights" and isinstance(value, tuple):
         from relight.lights.files import to_entries

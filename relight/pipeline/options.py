@@ -16,10 +16,8 @@ from typing import TYPE_CHECKING, Annotated, Any, Literal, TypeAlias, cast
 from annotated_types import Ge, Gt, Interval
 
 from relight import quantities
-from relight.arguments import About, required
+from relight.arguments import About, default, required
 from relight.pipeline.option_fields import (
-    NO_PASSES,
-    NO_PATH,
     AddedLights,
     AnyFloor,
     AnyLights,
@@ -471,7 +469,7 @@ class Output(Options):
             "Further layers of the .exr: albedo, N, Z, P, visibility, shading, gloss, confidence; as "
             "albedo,N."
         ),
-    ] = NO_PASSES
+    ] = default(())
     exr_type: Annotated[
         Literal["half", "float"],
         About("Type of the .exr channels; float for lights that are too dim for half."),
@@ -520,18 +518,18 @@ class Output(Options):
     save_matte: Annotated[
         OptionalPath,
         About("Also write the matte, as a grey PNG, TIFF or OpenEXR file or sequence.", path=True),
-    ] = NO_PATH
+    ] = default(None)
     plot: Annotated[
         OptionalPath,
         About(
             "Also draw a lighting plot, .svg: person, camera and lights from above and from the side.",
             path=True,
         ),
-    ] = NO_PATH
+    ] = default(None)
     save_lights: Annotated[
         OptionalPath,
         About("Also write all lights: YAML or JSON, USD, or glTF.", path=True),
-    ] = NO_PATH
+    ] = default(None)
     codec: Annotated[
         Literal["h264", "hevc", "prores", "dnxhr"] | None,
         About(
@@ -550,7 +548,7 @@ class Output(Options):
             "frames that were averaged, a likely change of person.",
             path=True,
         ),
-    ] = NO_PATH
+    ] = default(None)
     rate: Annotated[
         float | None,
         Interval(ge=0.01, le=1000),

@@ -4,14 +4,13 @@ import re
 import warnings
 from collections.abc import Callable, Iterable, Sequence
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 
 from relight.lights.environment import Panorama
 from relight.lights.moving import FILES, MovingLight
 from relight.media import images, movies
-from relight.media.colour import encode, linear_space
+from relight.media.colour import Display, encode, linear_space
 from relight.media.photometry import PhotometricProfile
 from relight.media.sequences import TOKEN, FrameSequence
 from relight.pipeline.options import Output
@@ -122,11 +121,11 @@ def check_alpha(output: Output, *, transparent: bool) -> None:
             raise ValueError(f"{path}: {kind} holds no alpha; give a background (background=FILE){instead}")
 
 
-def check_display(output: Output, *, moving: bool) -> dict[str, object]:
+def check_display(output: Output, *, moving: bool) -> Display:
     """Return how light becomes what displays show, as `images.write` takes it; ValueError out of range."""
     # All frames of a sequence share one white, so that they do not pump.
     white = movies.WHITE if output.white is None and moving else output.white
-    display: dict[str, Any] = {"view": output.view, "exposure": output.exposure, "white": white}
+    display: Display = {"view": output.view, "exposure": output.exposure, "white": white}
     encode(np.zeros((1, 1, 3), np.float32), **display)
     if output.output_colour_space is not None:
         linear_space(output.output_colour_space)

@@ -122,13 +122,13 @@ class PlateMetadataReader:
         return read_tags(self._plates.path)
 
 
-def _is_kept(value: Any) -> bool:
+def _is_kept(value: object) -> bool:
     """Return whether JSON holds a header's value, and it is small."""
     values = value if isinstance(value, tuple) else (value,)
     return all(isinstance(each, str | int | float) for each in values) and len(str(value)) <= LONGEST
 
 
-def _typed(kind: Any, value: Any) -> images.TypedValue:
+def _typed(kind: object, value: object) -> images.TypedValue:
     """Return a header's value of the type and value that JSON holds."""
     values = value if isinstance(value, list) else [value]
     if not isinstance(kind, str) or not all(map(_is_writable, values)):
@@ -136,7 +136,7 @@ def _typed(kind: Any, value: Any) -> images.TypedValue:
     return images.TypedValue(kind, tuple(value) if isinstance(value, list) else value)
 
 
-def _is_writable(value: Any) -> bool:
+def _is_writable(value: object) -> bool:
     """Return whether a header can hold a value: text of UTF-8, or a number of 32 bits."""
     if isinstance(value, str):
         return value.isprintable() or value.encode(errors="replace").decode() == value

@@ -3,12 +3,11 @@
 from collections.abc import Sequence
 from dataclasses import replace
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 
 from relight.media.resampling import resize
-from relight.media.sequences import FrameRange
+from relight.media.sequences import FrameRange, Held
 from relight.pipeline.options import Lighting, Source
 
 EVERY = 4  # frames, of which one is shown
@@ -32,7 +31,7 @@ def lighting_of(lighting: Lighting) -> Lighting:
     return replace(lighting, floor=replace(floor, feet=(left, top, right, bottom)))
 
 
-def halved(image: Any, nearest: bool = False) -> Any:
+def halved(image: object, nearest: bool = False) -> Held:
     """Return an image (H, W, C) or (H, W) at half the size; what is no image is unchanged.
 
     `nearest`: whether values of two pixels are not to be mixed, as normals are not.

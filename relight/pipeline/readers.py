@@ -3,13 +3,13 @@
 import os
 from collections.abc import Callable
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 import numpy as np
 
 from relight.media import images, movies
 from relight.media.content_hash import FileRecord
-from relight.media.sequences import FrameSequence, Reader, SequenceReader, Still
+from relight.media.sequences import FrameSequence, Held, Reader, SequenceReader, Still
 from shadow import normals as normals_module
 from shadow.directions import CAMERA
 from shadow.files import is_path
@@ -26,7 +26,7 @@ class ReadLog:
     def __init__(self) -> None:
         self._records: dict[Path, FileRecord] = {}
 
-    def read(self, reader: Reader, number: int) -> Any:
+    def read(self, reader: Reader, number: int) -> Held:
         """Read a picture. Raises ValueError if its file has changed since an earlier read."""
         path = reader.file(number)
         record = getattr(reader, "record", None)

@@ -6,12 +6,13 @@ from dataclasses import replace
 from fractions import Fraction
 from functools import cached_property
 from pathlib import Path
-from typing import Any, NamedTuple, Self, TypeGuard
+from typing import NamedTuple, Self, TypeGuard
 
 import numpy as np
 import torch
 
 from relight.analysis import joints, skin
+from relight.analysis.camera import Camera
 from relight.compositing.composite import Background
 from relight.light_estimation import FILL, Matching, lights_on
 from relight.light_estimation import PLATE as PLATE_LIGHT
@@ -19,7 +20,7 @@ from relight.light_painting import paint_lights, read_strokes, strokes_of
 from relight.lights.light import Light
 from relight.lights.moving import MovingLight, lights_at
 from relight.lights.near import NearLight, Point
-from relight.lights.rig import by_name, scaled
+from relight.lights.rig import as_lights, by_name, scaled
 from relight.matting.people.track import Track
 from relight.media.content_hash import FileRecord, content_hash
 from relight.pipeline import outputs, preview
@@ -426,7 +427,7 @@ class Shot:
         return around if first is None or first in around else [*around, first]
 
     @property
-    def _world(self) -> tuple[int | None, Any]:
+    def _world(self) -> tuple[int | None, Camera | None]:
         """See `FrameAnalyser.world`; the frames of an analysis cache have their places already."""
         return (None, None) if self._frames.cache is not None else self._analyser.world
 
@@ -518,12 +519,12 @@ class Shot:
         The strokes are on the first frame with a person. Raises as `paint_lights` does.
         """
         strokes = read_strokes(picture) if is_path(picture) else strokes_of(picture)
-        present: Any = [*scaled(self.preset_lights, self.preset_gain), *self.every_light]
+        present = [*scaled(self.preset_lights, self.preset_gain), *self.every_light]
         number = next((each for each in self.numbers if not self._persons.at(each).is_empty), self.numbers[0])
         lighting = self.lighting
         self.every_light = [
             *paint_lights(
-                self.subject(number), strokes, present or None, count=lighting.paint_count,
+                self.subject(number), strokes, as_lights(present) or None, count=lighting.paint_count,
                 gloss=lighting.effective_gloss,
             )
         ]  # fmt: skip

@@ -4,7 +4,7 @@ import json
 import math
 from collections.abc import Mapping
 from pathlib import Path
-from typing import Any
+from typing import TypedDict, cast
 
 import numpy as np
 
@@ -22,6 +22,19 @@ SIDE = 128  # pixels, the longer side of the copies whose colours are compared
 JUMP = 0.5  # share by which the area changes where somebody in somewhat other colours is another one
 
 
+class Entry(TypedDict, total=False):
+    """What is kept of a frame, see `ShotReport`; `colours`: those of the person, see `clothes`."""
+
+    certainty: float | None
+    area: float
+    confidence: float | None
+    unsure: bool
+    neighbours: list[int] | None
+    colours: list[list[float]] | None
+    made_from: str
+    error: str
+
+
 class ShotReport:
     """The report of a shot, written after every frame, so that an interruption loses none.
 
@@ -36,14 +49,14 @@ class ShotReport:
     def __init__(self, path: Path, resume: bool) -> None:
         """`resume`: whether the entries of an earlier run that have the same hash are kept."""
         self._path = path
-        self._entries: dict[int, dict[str, Any]] = self._read() if resume else {}
+        self._entries: dict[int, Entry] = self._read() if resume else {}
 
-    def _read(self) -> dict[int, dict[str, Any]]:
+    def _read(self) -> dict[int, Entry]:
         try:
             content = json.loads(self._path.read_text(encoding="utf-8"))
             if content["report"] != VERSION:
                 return {}
-            return {int(number): dict(entry) for number, entry in content["frames"].items()}
+            return {int(number): cast(Entry, dict(entry)) for number, entry in content["frames"].items()}
         except (OSError, KeyError, TypeError, AttributeError, RecursionError, ValueError):
             return {}  # another file, or none: it is written again
 
@@ -76,8 +89,8 @@ class ShotReport:
 
     def write(self) -> None:
         """Write all entries, and what follows from each and the one before it."""
-        frames: dict[str, dict[str, Any]] = {}
-        last: dict[str, Any] | None = None
+        frames: dict[str, Mapping[str, object]] = {}
+        last: Entry | None = None
         for number, entry in sorted(self._entries.items()):
             shown = entry if entry.get("area") else None
             frames[str(number)] = {**entry, **(_compared(shown, last) if "area" in entry else {})}
@@ -86,7 +99,7 @@ class ShotReport:
             beside.write_text(json.dumps({"report": VERSION, "frames": frames}, indent=1), encoding="utf-8")
 
 
-def _compared(entry: dict[str, Any] | None, last: dict[str, Any] | None) -> dict[str, object]:
+def _compared(entry: Entry | None, last: Entry | None) -> dict[str, object]:
     """Return what a frame and the last one with a person say together."""
     if entry is None or last is None:
         return {"area_jump": None, "likely_other_person": False}

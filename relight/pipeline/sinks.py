@@ -4,11 +4,12 @@ import contextlib
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
+from typing import TypedDict
 
 import numpy as np
 
 from relight.media import images, movies
+from relight.media.colour import Display
 from relight.media.content_hash import HASH_ATTRIBUTE, content_hash
 from relight.media.pixel_aspect import squeeze_pixels
 from relight.media.resampling import resize
@@ -58,6 +59,14 @@ class SingleFile:
         return str(self.file)
 
 
+class ExrForm(TypedDict, total=False):
+    """How an OpenEXR file is written, as `images.write` takes it."""
+
+    depth: str
+    autocrop: bool
+    colour_space: str | None
+
+
 def file_of(path: Path) -> FrameSequence | SingleFile:
     """Return the sequence, or the single file, that a path names."""
     return FrameSequence.of(path) or SingleFile(path)
@@ -65,7 +74,7 @@ def file_of(path: Path) -> FrameSequence | SingleFile:
 
 def open_sinks(
     output: Output,
-    display: dict[str, Any],
+    display: Display,
     *,
     moving: bool,
     resume: bool,
@@ -80,7 +89,7 @@ def open_sinks(
     keep of the source. `groups`: the light groups that a script mixes. Raises ValueError for layers that a
     script cannot tell apart.
     """
-    exr = {
+    exr: ExrForm = {
         "depth": output.exr_type,
         "autocrop": output.autocrop,
         "colour_space": output.output_colour_space,
@@ -113,8 +122,8 @@ class FileSink:
 
     path: FrameSequence | SingleFile
     resume: bool
-    display: dict[str, Any]
-    exr: dict[str, Any]
+    display: Display
+    exr: ExrForm
     delivery: Delivery
     quality: int | None = None
     longest_side: int | None = None  # pixels, of display formats
@@ -200,7 +209,7 @@ class MovieSink:
     Until it is complete, the code values of its frames are files in a folder beside it.
     """
 
-    def __init__(self, path: Path, resume: bool, display: dict[str, Any], delivery: Delivery) -> None:
+    def __init__(self, path: Path, resume: bool, display: Display, delivery: Delivery) -> None:
         self.path, self.resume, self.display, self.delivery = path, resume, display, delivery
         self.frames = held_frames(path)
         self.complete = False

@@ -2,7 +2,7 @@
 
 from collections.abc import Iterable
 from pathlib import Path
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
 
@@ -17,6 +17,7 @@ from relight.media.resampling import fill_unknown
 from relight.scene import mesh
 from relight.scene.mesh import Mesh, PersonSurface
 from relight.scene.nuke.light_groups import is_script
+from relight.scene.person import Person
 from shadow import files
 from shadow.files import AnyPath
 
@@ -69,7 +70,7 @@ def companion(path: Path, content: str, frame: str | None = None) -> Path:
 
 
 def of_subject(
-    subject: Any,
+    subject: Person,
     lights: Iterable[Light | MovingLight] | Light | MovingLight | None,
     triangles: int,
     texture: str,

@@ -3,7 +3,7 @@
 import math
 from collections.abc import Iterable, Sequence
 from pathlib import Path
-from typing import Any, NamedTuple, TypeGuard, TypeVar
+from typing import NamedTuple, TypeGuard, TypeVar
 
 import numpy as np
 
@@ -64,7 +64,7 @@ def subject_point(subject_at: Iterable[float]) -> np.ndarray:
     return point
 
 
-def of_gltf(path: Path, camera: Any) -> CameraView | None:
+def of_gltf(path: Path, camera: object) -> CameraView | None:
     """Return what a camera of a glTF scene sees; None for an orthographic one.
 
     Raises ValueError, which names the file, for angles and aspects that are none.

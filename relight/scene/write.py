@@ -3,7 +3,7 @@
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from pathlib import Path
-from typing import Any
+from typing import TypeVar
 
 import numpy as np
 
@@ -13,6 +13,7 @@ from relight.scene.asset import Asset, companion
 from relight.scene.gltf import write as gltf
 from relight.scene.nuke import person_group
 from relight.scene.nuke.layers import NAMES, Basis, layers_of
+from relight.scene.person import Person
 from relight.scene.usd import write as usd
 from shadow.files import AnyPath
 
@@ -36,11 +37,14 @@ def write(path: AnyPath, asset: Asset) -> Path:
     return path
 
 
-Add = Callable[[int, Any], None]  # writes a frame: its number, and the `relight.Subject`, which may be empty
+AnyPerson = TypeVar("AnyPerson", bound=Person)
+Add = Callable[[int, Person], None]  # writes a frame of that number
 
 
 @contextmanager
-def stage_sequence(path: Path, asset: Callable[[Any], Asset], rate: float) -> Iterator[Add]:
+def stage_sequence(
+    path: Path, asset: Callable[[AnyPerson], Asset], rate: float
+) -> Iterator[Callable[[int, AnyPerson], None]]:
     """Write a person who moves, frame by frame: .usda, .usdc or .usdz, complete once it is closed.
 
     `asset`: makes what is written of a subject. Frames that show nobody are left out.
@@ -51,7 +55,7 @@ def stage_sequence(path: Path, asset: Callable[[Any], Asset], rate: float) -> It
 
 def write_script(
     path: AnyPath,
-    subject: Any,
+    subject: Person,
     lights: Sequence[DirectionalLight],
     gloss: float = 0.0,
     amount: float = 1.0,
@@ -73,7 +77,7 @@ def spread(numbers: Sequence[int]) -> Sequence[int]:
 @contextmanager
 def script_sequence(
     path: Path,
-    chosen: Mapping[int, Any],
+    chosen: Mapping[int, Person],
     numbers: Sequence[int],
     lights: Sequence[DirectionalLight],
     rate: float,
@@ -93,7 +97,7 @@ def script_sequence(
         raise ValueError(f"frames: expected some that show the person; frames {looked} do not")
     basis, size = Basis.of(shown), shown[0].size
 
-    def add(number: int, subject: Any) -> None:
+    def add(number: int, subject: Person) -> None:
         if not subject.is_empty and subject.size != size:
             raise ValueError(f"frame {number}: has size {subject.size}, the first has {size}")
         _write_layers(companion(path, LAYERS, FRAME % number), subject, basis, size)
@@ -105,7 +109,7 @@ def script_sequence(
     )  # fmt: skip
 
 
-def _write_layers(path: Path, subject: Any, basis: Basis, size: tuple[int, int] = (0, 0)) -> None:
+def _write_layers(path: Path, subject: Person, basis: Basis, size: tuple[int, int] = (0, 0)) -> None:
     """Write the layers of a person, or zeros of a size where there is none."""
     if subject.is_empty:
         picture = np.zeros((*size, 4), np.float32)

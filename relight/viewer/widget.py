@@ -18,17 +18,17 @@ except ModuleNotFoundError as error:
 from relight.lights.directional import DirectionalLight
 from relight.lights.light import Light
 from relight.lights.near import PointLight
-from relight.lights.rig import as_rig
+from relight.lights.rig import as_lights
 from relight.viewer.constants import MAX_LIGHTS
 from relight.viewer.initial_state import HandleLight, parameters_of
 from relight.viewer.page import module, style
 
 
-def _to_browser(lights: list[HandleLight], widget: Any) -> list[dict[str, object]]:
+def _to_browser(lights: list[HandleLight], widget: object) -> list[dict[str, object]]:
     return [parameters_of(light) for light in lights]
 
 
-def _from_browser(lights: list[dict[str, Any]], widget: Any) -> list[HandleLight]:
+def _from_browser(lights: list[dict[str, Any]], widget: object) -> list[HandleLight]:
     kinds = [PointLight if "position" in light else DirectionalLight for light in lights]
     return [
         kind(**{**light, "name": light["name"] or None}) for kind, light in zip(kinds, lights, strict=True)
@@ -70,4 +70,4 @@ class Viewer(anywidget.AnyWidget):
 
     def snapshot(self, further: Light | Iterable[Light] = ()) -> np.ndarray:
         """Relight the person by the widget's lights and gloss and by `further` lights, see `Subject`."""
-        return self._relit([*self.lights, *as_rig(further)], self.gloss, self.amount)
+        return self._relit([*self.lights, *as_lights(further)], self.gloss, self.amount)

@@ -3,11 +3,11 @@
 import re
 from collections.abc import Iterable
 from pathlib import Path
-from typing import Any
 
 from relight import quantities
 from relight.arguments import checks_arguments
 from relight.lights.light import Light
+from relight.lights.rig import as_lights
 from relight.media.sequences import FrameRange, GivenFrames
 from relight.pipeline.frame_numbers import shown_frame
 from relight.pipeline.option_fields import Report
@@ -127,5 +127,5 @@ class Viewing(Job[Path]):
 
     def _lights(self, shot: Shot, preset_gain: float = 1.0) -> list[Light]:
         """Return the initial lights; raises for those that the page cannot show."""
-        lights: Any = shot.all_lights(preset_gain) if shot.lighting.has_lights else DEFAULT_LIGHT
+        lights = as_lights(shot.all_lights(preset_gain)) if shot.lighting.has_lights else DEFAULT_LIGHT
         return list(checked_lights(lights).values())

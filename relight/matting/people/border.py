@@ -5,7 +5,7 @@ masks a random walk, which seldom crosses edges, reaches the person's bones or t
 "Random Walks for Image Segmentation", 2006).
 """
 
-from typing import Any
+from typing import TYPE_CHECKING
 
 import numpy as np
 import torch
@@ -16,6 +16,9 @@ from torch.nn import functional as F
 
 from relight.matting.people.region import DetectedPerson
 from relight.media.resampling import resize
+
+if TYPE_CHECKING:
+    from scipy.sparse import spmatrix
 
 BONES = (
     *((7, 8), (11, 12), (23, 24), (11, 23), (12, 24)),  # ears, shoulders, hips, and both sides
@@ -69,7 +72,7 @@ def within(
     return expit(SHARPNESS * (resize(person, seen.shape[:2], "triangle") - 0.5))
 
 
-def _laplacian(colours: np.ndarray, region: np.ndarray) -> Any:
+def _laplacian(colours: np.ndarray, region: np.ndarray) -> "spmatrix":
     """Return the sparse Laplacian of walks from pixel to pixel of a region (h, w) of a picture (h, w, 3)."""
     from scipy.sparse import coo_matrix, csgraph
 

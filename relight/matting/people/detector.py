@@ -1,12 +1,12 @@
 """MediaPipe's pose detector: where people are in a picture, and in parts of it for small people."""
 
-from collections.abc import Callable, Iterable, Iterator, Sequence
-from typing import Any
+from collections.abc import Iterable, Iterator, Sequence
 
 import numpy as np
 import torch
 from scipy.special import expit
 
+from relight.matting.openvino_runtime import Network
 from relight.matting.people.region import sampled
 
 DETECTOR_SIDE = 224  # pixels of the network's square input
@@ -18,7 +18,7 @@ SHARES = (1.0, 1.4, 0.5, 0.25)  # sides of the parts that the detector sees, of 
 class Detector:
     """The detector: `network` is what OpenVINO compiled of its file."""
 
-    def __init__(self, network: Callable[[np.ndarray], Any]) -> None:
+    def __init__(self, network: Network) -> None:
         self._network, self.anchor_centres = network, anchor_centres()
 
     def __call__(

@@ -10,12 +10,12 @@ The place in a frame depends on all frames before it. The machines of a farm the
 
 import json
 import math
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from contextlib import suppress
 from dataclasses import dataclass
 from itertools import pairwise
 from pathlib import Path
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
 
@@ -234,7 +234,7 @@ class KeptTrack:
         return self._certainties[number]
 
 
-def _circle(values: Any) -> Circle | None:
+def _circle(values: Iterable[float] | None) -> Circle | None:
     if values is None:
         return None
     x, y, radius, _ = map(float, values)

@@ -3,7 +3,7 @@
 import os
 import warnings
 from collections.abc import Sequence
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 import numpy as np
 
@@ -72,7 +72,7 @@ def as_array(name: str, value: "inputs.Array") -> np.ndarray:
         )
     refuse_gradient(name, value)
     if hasattr(value, "cpu"):  # a tensor, without importing torch to ask
-        tensor: Any = value.cpu()
+        tensor = value.cpu()
         value = tensor.float() if str(tensor.dtype) == "torch.bfloat16" else tensor  # NumPy has no such type
     try:
         array = np.asarray(value)

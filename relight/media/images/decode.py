@@ -11,7 +11,7 @@ import OpenImageIO as oiio
 from PIL import JpegImagePlugin
 
 from relight.media import colour
-from relight.media.buffers import problem
+from relight.media.buffers import Failing, problem
 from relight.media.encodings import AP0, REC709, Encoding, decode_bt709, decode_linear, decode_srgb
 from relight.media.icc import Profile
 from relight.media.images.containers import headers, isobmff, pages, phone
@@ -158,7 +158,7 @@ def _opened(file: Path) -> oiio.ImageInput:
     return opened
 
 
-def _reason(source: object) -> str:
+def _reason(source: Failing) -> str:
     """Return OpenImageIO's words, or what to do where it cannot read chroma of half the size."""
     reason = problem(source)
     if "could not find a format reader" in reason:

@@ -7,7 +7,6 @@ import struct
 from collections.abc import Sequence
 from fractions import Fraction
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 import OpenImageIO as oiio
@@ -116,14 +115,14 @@ def _lossy(pixels: np.ndarray, spec: oiio.ImageSpec, kind: str, quality: int) ->
     return compressed(pixels, kind, quality=quality, **given)
 
 
-def compressed(pixels: np.ndarray, kind: str, **options: Any) -> bytes:
+def compressed(pixels: np.ndarray, kind: str, **options: object) -> bytes:
     """Return a file, "PNG", "JPEG" or "WEBP", of encoded pixels in [0, 1], 8 bits; `options`: of Pillow."""
     file = io.BytesIO()
     Image.fromarray(np.rint(pixels * 255).astype(np.uint8)).save(file, kind, **options)
     return file.getvalue()
 
 
-def _exif_value(value: object) -> Any:
+def _exif_value(value: object) -> object:
     """Return a value of OpenImageIO as Pillow writes it: real numbers are fractions. None for other types."""
     if isinstance(value, tuple) and all(isinstance(number, float) for number in value):
         return tuple(map(_rational, value))

@@ -69,10 +69,11 @@ def read_metadata(path: AnyPath) -> dict[str, TypedValue]:
         return {}
 
 
-def _typed(kind: str, value: Any) -> TypedValue:
+def _typed(kind: str, value: object) -> TypedValue:
     """Return a value with its type; OpenImageIO makes an array of one of a TIFF's sensitivity."""
-    is_one = kind.endswith("[1]") and isinstance(value, tuple) and len(value) == 1
-    return TypedValue(kind.removesuffix("[1]"), value[0]) if is_one else TypedValue(kind, value)
+    if kind.endswith("[1]") and isinstance(value, tuple) and len(value) == 1:
+        return TypedValue(kind.removesuffix("[1]"), value[0])
+    return TypedValue(kind, value)
 
 
 def read_frame_rate(path: AnyPath) -> Fraction | None:

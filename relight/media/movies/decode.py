@@ -3,10 +3,10 @@
 import itertools
 from collections.abc import Iterator
 from fractions import Fraction
-from typing import Any
 
 import av
 from av.container import InputContainer
+from av.video.stream import VideoStream
 
 from relight.media.movies.streams import demuxed
 
@@ -16,11 +16,15 @@ CODECS_STATING_FIELDS = ("dnxhd", "dvvideo", "h264", "hevc", "mpeg2video", "mpeg
 ADAM7 = ("apng", "png")  # what FFmpeg calls interlaced in their frames is the order of pixels in the file
 
 
-def decode(container: InputContainer, stream: Any, codec: str, *, stop: bool) -> Iterator[av.VideoFrame]:
+def decode(
+    container: InputContainer, stream: VideoStream, codec: str, *, stop: bool
+) -> Iterator[av.VideoFrame]:
     """Yield a stream's frames. Frames that cannot be decoded are left out, or are the end if `stop`."""
     context = stream.codec_context
     if codec != context.name:
-        context = av.CodecContext.create(codec, "r")
+        created = av.CodecContext.create(codec, "r")
+        assert isinstance(created, av.VideoCodecContext)
+        context = created
         context.extradata = stream.codec_context.extradata
         for name in ("color_primaries", "color_trc", "colorspace", "color_range"):
             setattr(context, name, getattr(stream.codec_context, name))
@@ -32,7 +36,7 @@ def decode(container: InputContainer, stream: Any, codec: str, *, stop: bool) ->
                 return
 
 
-def deinterlaced(frames: Iterator[av.VideoFrame], stream: Any) -> Iterator[av.VideoFrame]:
+def deinterlaced(frames: Iterator[av.VideoFrame], stream: VideoStream) -> Iterator[av.VideoFrame]:
     """Yield a frame for each; in frames of two fields, rows of one field are filled in (BWDIF)."""
     context = stream.codec_context
     order = 0 if context.name in CODECS_STATING_FIELDS else int(context.field_order)
@@ -72,13 +76,14 @@ def _field_graph(frame: av.VideoFrame, order: int) -> av.filter.Graph:
     return graph
 
 
-def _pulled(graph: av.filter.Graph, time_base: Fraction) -> Iterator[av.VideoFrame]:
+def _pulled(graph: av.filter.Graph, time_base: Fraction | None) -> Iterator[av.VideoFrame]:
     """Yield what a graph has ready, its times in units of `time_base`: the filter counts in fields."""
     while True:
         try:
-            frame: Any = graph.pull()
+            frame = graph.pull()
+            assert isinstance(frame, av.VideoFrame)
         except (av.error.BlockingIOError, av.error.EOFError):
             return
-        if frame.pts is not None and frame.time_base:
+        if frame.pts is not None and frame.time_base and time_base:
             frame.pts, frame.time_base = round(frame.pts * frame.time_base / time_base), time_base
         yield frame

@@ -3,7 +3,7 @@
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
-from typing import Any, Literal
+from typing import Literal
 
 import numpy as np
 from av.video.reformatter import ColorPrimaries, Colorspace, ColorTrc
@@ -61,7 +61,7 @@ class Colours:
     primaries: ColorPrimaries = ColorPrimaries.BT709
     transfer: ColorTrc = ColorTrc.BT709
     matrix: Colorspace = Colorspace.ITU709
-    encode: Callable[[np.ndarray], Any] = field(default=encodings.encode_bt709)
+    encode: Callable[[np.ndarray], np.ndarray] = field(default=encodings.encode_bt709)
 
 
 SDR = Colours()

@@ -4,7 +4,7 @@ import re
 from collections.abc import Iterator
 from fractions import Fraction
 from pathlib import Path
-from typing import Any
+from typing import Any, cast
 
 import av
 from av.container import InputContainer
@@ -118,8 +118,7 @@ def demuxed(container: InputContainer, stream: VideoStream) -> Iterator[tuple[av
     In transport and program streams that were joined, times start again with each part. Here they go on: a
     later part begins where the one before it ends.
     """
-    flags: Any = container.format.flags
-    joinable = bool(flags & Flags.ts_discont.value)
+    joinable = bool(container.format.flags & cast(int, Flags.ts_discont.value))
     shift, step = 0, 0
     last: int | None = None
     for packet in container.demux(stream):

@@ -6,9 +6,10 @@ from collections.abc import Iterator
 from dataclasses import dataclass, field
 from fractions import Fraction
 from pathlib import Path
-from typing import Any, Self
+from typing import Self
 
 import av
+from av.audio.stream import AudioStream
 from av.container import OutputContainer
 from av.stream import Stream
 
@@ -60,7 +61,7 @@ class SoundCopier:
         """Add a stream for each of the source's. Warns of sound that the container cannot hold."""
         self._file, self._tracks = file, tracks
         self._source = None if tracks.sound is None else opened(tracks.sound)
-        self._streams: dict[int, Any] = {}
+        self._streams: dict[int, AudioStream] = {}
         for stream in () if self._source is None else self._source.streams.audio:
             if _holds(file, stream):
                 self._streams[stream.index] = file.add_stream_from_template(stream)

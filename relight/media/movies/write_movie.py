@@ -12,7 +12,7 @@ from collections.abc import Callable, Iterable, Iterator
 from concurrent.futures import ThreadPoolExecutor
 from fractions import Fraction
 from pathlib import Path
-from typing import Any, cast
+from typing import TypeVar, cast
 
 import av
 import numpy as np
@@ -22,6 +22,7 @@ from av.video.stream import VideoStream
 from numpy.typing import ArrayLike
 
 from relight.media import colour, encodings
+from relight.media.colour import Display
 from relight.media.images import scene_linear
 from relight.media.images.write_image import composited, encoded
 from relight.media.movies.forms import BY_SUFFIX, ENCODERS, Colours, Form
@@ -35,6 +36,8 @@ from shadow.files import AnyPath
 WRITTEN = (".mov", ".mp4")
 SLOWEST, FASTEST = 0.01, 1000  # frames a second
 SCALER_WHITE = 65280 / 65535  # FFmpeg's scaler takes 255 * 256 of 16 bits for the white of limited range
+Item = TypeVar("Item")
+Result = TypeVar("Result")
 AHEAD = 4  # frames that are converted, on as many threads at most, while one is encoded
 WHITE = 4.0  # light that a movie shows as white, the same at all frames: two stops above a white surface
 
@@ -126,7 +129,7 @@ def write_codes(
             raise OSError(f"{path}: cannot be written: {error}") from error
 
 
-def _ahead(function: Callable[[Any], Any], items: Iterable[Any]) -> Iterator[Any]:
+def _ahead(function: Callable[[Item], Result], items: Iterable[Item]) -> Iterator[Result]:
     """Yield a function of each item, in order; the next few are computed in threads meanwhile."""
     import torch
 
@@ -188,7 +191,7 @@ def frame_codes(
     *,
     view: str | None = None,
     exposure: float = 0.0,
-    white: float = WHITE,
+    white: float | None = WHITE,
     form: Form = BY_SUFFIX,
 ) -> np.ndarray:
     """Encode a frame as the movie `path` holds it: (H, W, 3|4) uint16, BT.709's code values, alpha straight.
@@ -206,7 +209,7 @@ def frame_codes(
             kind = path.suffix if form.codec is None else form.codec
             raise ValueError(f"{path}: {kind} holds no alpha; give a background, or write a .mov")
         pixels = pixels[..., :3]
-    display: dict[str, Any] = {"view": view, "exposure": exposure, "white": white}
+    display: Display = {"view": view, "exposure": exposure, "white": white}
     if form.hdr is not None:
         codes = _hdr_codes(pixels, background, view, exposure, form)
     elif view is None:

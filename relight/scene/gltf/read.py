@@ -110,7 +110,7 @@ def _tree(path: Path) -> Tree:
     return tree
 
 
-def _get(tree: Any, *keys: str, default: Any = None) -> Any:
+def _get(tree: object, *keys: str, default: object = None) -> Any:
     """Return a value in nested objects, or `default`."""
     for key in keys:
         if not isinstance(tree, dict) or key not in tree:
@@ -119,7 +119,7 @@ def _get(tree: Any, *keys: str, default: Any = None) -> Any:
     return tree
 
 
-def _items(path: Path, tree: Any, *keys: str) -> list[Any]:
+def _items(path: Path, tree: object, *keys: str) -> list[Any]:
     """Return a list in nested objects, empty where there is none."""
     found = _get(tree, *keys, default=[])
     if not isinstance(found, list):
@@ -127,7 +127,7 @@ def _items(path: Path, tree: Any, *keys: str) -> list[Any]:
     return found
 
 
-def _item(path: Path, tree: Any, key: str, index: Any) -> Any:
+def _item(path: Path, tree: object, key: str, index: object) -> Any:
     """Return what a file's list has at an index."""
     items = _items(path, tree, key)
     if not isinstance(index, int) or not 0 <= index < len(items):
@@ -239,7 +239,7 @@ def _warn_of_the_rest(path: Path, tree: Tree, nodes: list[Node]) -> None:
         warnings.warn(f"{path}: its camera is orthographic; the picture is seen in perspective", stacklevel=3)
 
 
-def _targets(channel: Any) -> Iterator[tuple[str, int]]:
+def _targets(channel: object) -> Iterator[tuple[str, int]]:
     """Yield what a channel of an animation moves: ("nodes" or "lights" or "cameras", its number)."""
     node = _get(channel, "target", "node")
     if isinstance(node, int):
@@ -256,7 +256,7 @@ def _parts_of(node: Node) -> set[tuple[str, int]]:
     return own | {("nodes", index) for index in node.line}
 
 
-def _camera_of(path: Path, tree: Tree, node: Node) -> Any:
+def _camera_of(path: Path, tree: Tree, node: Node) -> object:
     """Return the file's description of a node's camera; None without one."""
     index = node.description.get("camera")
     return None if index is None else _item(path, tree, "cameras", index)

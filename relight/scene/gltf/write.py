@@ -4,11 +4,10 @@ import io
 import math
 from functools import partial
 from pathlib import Path
-from typing import Any
 
 from relight.scene.asset import ROUGHNESS, Asset
 from relight.scene.gltf.lights import place_nodes, punctual_lights
-from relight.scene.gltf.read import EXTENSION
+from relight.scene.gltf.read import EXTENSION, Tree
 from relight.scene.mesh import CUTOFF
 from shadow.files import replacing
 from shadow.installing import install_command
@@ -43,13 +42,13 @@ def write(path: Path, asset: Asset) -> None:
         written.write_bytes(content)
 
 
-def _complete(tree: dict[str, Any], asset: Asset) -> None:
+def _complete(tree: Tree, asset: Asset) -> None:
     """Add what trimesh does not write: the ground, the camera, the lights, what the material reflects."""
     nodes = tree["nodes"]
     (root,) = tree["scenes"][tree["scene"]]["nodes"]
     nodes[root] |= {"name": "World", "translation": [0.0, -asset.ground, 0.0]}
     nodes[root].pop("matrix", None)
-    added: list[dict[str, Any]] = []
+    added: list[Tree] = []
     if "mesh" in nodes[root]:  # trimesh has a single mesh at the root
         added.append({"name": "Person", "mesh": nodes[root].pop("mesh")})
     height, width = asset.camera.size
@@ -80,7 +79,7 @@ def _complete(tree: dict[str, Any], asset: Asset) -> None:
         material.setdefault("extensions", {})[name] = settings
 
 
-def _specular(gloss: float) -> tuple[str, dict[str, Any]]:
+def _specular(gloss: float) -> tuple[str, Tree]:
     """Return the extension that makes F0 zero and F90 `gloss`.
 
     Without it, a renderer adds the reflection of plastic. KHR_materials_sheen is no alternative: its fibres

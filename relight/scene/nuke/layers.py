@@ -5,7 +5,7 @@ components are the layers, three to a layer, upsampled to the plate.
 """
 
 from collections.abc import Iterable
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
 import torch
@@ -13,6 +13,7 @@ import torch
 from relight.analysis.components import covariance, projected, strongest
 from relight.analysis.gloss import outline
 from relight.analysis.light_field import ANCHORS
+from relight.scene.person import Person
 
 CAST_LAYERS, RESIDUAL_LAYERS = 6, 3  # of three components each
 LAYERS = (
@@ -34,7 +35,7 @@ class Basis(NamedTuple):
     residual: torch.Tensor  # (K, 9) orthonormal columns
 
     @classmethod
-    def of(cls, subjects: Iterable[Any]) -> "Basis":
+    def of(cls, subjects: Iterable[Person]) -> "Basis":
         """Find the strongest components of one person or of several frames, `relight.Subject`s."""
         cast = residual = torch.zeros(())
         for subject in subjects:
@@ -49,7 +50,7 @@ class Basis(NamedTuple):
         return [*self.anchors.flatten().tolist(), *mix.flatten().tolist()]
 
 
-def layers_of(subject: Any, basis: Basis) -> tuple[np.ndarray, dict[str, np.ndarray]]:
+def layers_of(subject: Person, basis: Basis) -> tuple[np.ndarray, dict[str, np.ndarray]]:
     """Return a person's picture and its layers, in the basis of the person or of their shot.
 
     The picture (H, W, 4) is the albedo, linear Rec.709, premultiplied by the matte, and the matte. The layers

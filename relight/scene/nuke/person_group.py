@@ -7,10 +7,9 @@ light's three directions, and an Expression makes the shading of them, as `shadi
 
 import inspect
 import math
-from collections.abc import Iterable, Sequence
+from collections.abc import Sequence
 from fractions import Fraction
 from pathlib import Path
-from typing import Any
 
 from relight.analysis.gloss import BEND, DEPTH, FORWARD, MIN_COSINE
 from relight.lights.directional import DirectionalLight
@@ -62,7 +61,7 @@ def write(
         beside.write_text("\n".join(parts) + "\n", encoding="utf-8")
 
 
-def checked_lights(lights: Iterable[object] | Any | None) -> list[DirectionalLight]:
+def checked_lights(lights: object) -> list[DirectionalLight]:
     """Return the lights that the knobs begin with, a key light unless given.
 
     Raises TypeError for what is no light, ValueError for more than four or lights other than

@@ -8,13 +8,13 @@ import tempfile
 import warnings
 from collections.abc import Callable
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 import numpy as np
 
 from relight.lights.directional import DirectionalLight
 from relight.lights.environment import EnvironmentLight, Panorama
-from relight.lights.light import Light
+from relight.lights.light import Light, Settings
 from relight.lights.near import FULL_CONE, HALF_CONE, MIN_CONE, PointLight, RectLight
 from relight.media import images
 from relight.media.cubemap import latlong_directions
@@ -28,8 +28,7 @@ if TYPE_CHECKING:
 
 TRANSFORM_TOLERANCE = 1e-5  # between the entries of axes that count as equal
 ROLL = 1.0  # degrees that a rectangle may lean before a warning says so
-Numbers = dict[str, Any]  # settings of a light
-Found = tuple[type[Light], Numbers]
+Found = tuple[type[Light], Settings]
 
 
 class LightConverter:
@@ -91,7 +90,7 @@ class LightConverter:
         if space and space not in ("lin_rec709_scene", "lin_rec709", "linear", "raw", "identity"):
             self.cannot(prim, f"its colour is taken for linear Rec.709, not {space}")
 
-    def _common(self, prim: Usd.Prim, time: float, power: float) -> Numbers:
+    def _common(self, prim: Usd.Prim, time: float, power: float) -> Settings:
         """Return the parameters that all lights have. `power`: that of our light of intensity 1."""
         from pxr import UsdGeom, UsdLux
 
@@ -99,7 +98,7 @@ class LightConverter:
         visible = UsdGeom.Imageable(prim).ComputeVisibility(time) != UsdGeom.Tokens.invisible
         diffuse = light.GetDiffuseAttr().Get(time)
         strength = light.GetIntensityAttr().Get(time) * (1.0 if diffuse is None else diffuse)
-        settings: Numbers = {
+        settings: Settings = {
             "intensity": float(strength) * power * visible,
             "exposure": float(light.GetExposureAttr().Get(time)),
             "colour": tuple(map(float, light.GetColorAttr().Get(time))),
@@ -153,7 +152,7 @@ class LightConverter:
         settings |= self._cone(prim, time, matrix)
         return PointLight, settings | self._profile(prim, time, matrix, settings["intensity"])
 
-    def _profile(self, prim: Usd.Prim, time: float, matrix: np.ndarray, intensity: float) -> Numbers:
+    def _profile(self, prim: Usd.Prim, time: float, matrix: np.ndarray, intensity: float) -> Settings:
         """Return the profile of a light's shaping, with its intensity in the brightest direction."""
         from pxr import Ar, UsdLux
 
@@ -233,7 +232,7 @@ class LightConverter:
             self.cannot(prim, f"leans by {roll:.0f} degrees; it is taken to stand level")
         return sides if roll < 45 else sides[::-1]
 
-    def _cone(self, prim: Usd.Prim, time: float, matrix: np.ndarray) -> Numbers:
+    def _cone(self, prim: Usd.Prim, time: float, matrix: np.ndarray) -> Settings:
         """Return the cone of a light's shaping; empty if it has none."""
         from pxr import UsdLux
 
@@ -245,7 +244,7 @@ class LightConverter:
         if softness > 1:
             self.cannot(prim, f"a cone's softness of {softness:g} is taken for 1")
         round_ = prim.IsA(UsdLux.SphereLight)
-        settings: Numbers = {
+        settings: Settings = {
             "cone": min(max(float(angle), MIN_CONE), FULL_CONE if round_ else HALF_CONE),
             "softness": min(max(softness, 0.0), 1.0),
         }

@@ -7,16 +7,16 @@ import math
 from collections.abc import Iterable
 from pathlib import Path
 from textwrap import shorten
-from typing import TYPE_CHECKING, Any, NamedTuple
+from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
 
 from relight.lights.files import MOST_LIGHTS
-from relight.lights.light import Light
+from relight.lights.light import Light, Settings
 from relight.lights.moving import FILES, MovingLight
 from relight.scene.camera_view import CameraView
 from relight.scene.usd import old_names
-from relight.scene.usd.light_converter import Found, LightConverter, Numbers
+from relight.scene.usd.light_converter import Found, LightConverter
 from relight.scene.usd.stage import first_line, open_stage
 from relight.scene.usd.view import StageView
 from shadow.files import AnyPath
@@ -214,8 +214,10 @@ def _tilts(found: list[Found]) -> bool:
 
 
 def _has_one_image(found: list[Found]) -> bool:
-    images: list[Any] = [settings.get("image") for _, settings in found]
-    return all(each is images[0] or np.array_equal(np.asarray(each), images[0]) for each in images)
+    images = [settings.get("image") for _, settings in found]
+    return all(
+        each is images[0] or np.array_equal(np.asarray(each), np.asarray(images[0])) for each in images
+    )
 
 
 def _untilted(found: list[Found]) -> list[Found]:
@@ -235,10 +237,10 @@ def _assembled(found: list[Found], frames: list[float]) -> Light | MovingLight:
     every = [settings for _, settings in found]
     if any(settings.keys() != first.keys() for settings in every):
         raise ValueError("has a temperature in some frames only; expected one in all of them, or in none")
-    moving: Numbers = {}
-    rests: Numbers = {}
+    moving: Settings = {}
+    rests: Settings = {}
     for key in first:
-        values: Any = [settings[key] for settings in every]
+        values = [settings[key] for settings in every]
         if key == "rotation":
             values = np.rad2deg(np.unwrap(np.deg2rad(values))).tolist()
         if key in FILES or all(np.allclose(value, values[0], rtol=1e-7, atol=1e-9) for value in values):

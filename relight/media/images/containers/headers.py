@@ -5,9 +5,9 @@ import struct
 import warnings
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any, BinaryIO
+from typing import BinaryIO
 
-from PIL import ExifTags, Image, JpegImagePlugin, TiffImagePlugin, WebPImagePlugin
+from PIL import ExifTags, Image, ImageFile, JpegImagePlugin, TiffImagePlugin, WebPImagePlugin
 
 from relight.media.colour import SRGB
 from relight.media.encodings import (
@@ -27,7 +27,10 @@ VERSION_INFO = 1057  # resource of a Photoshop file
 PNG_SIGNATURE = b"\x89PNG\r\n\x1a\n"
 LARGEST_CHUNK = 1 << 20  # bytes: what states a PNG's colour is small, but for its profile
 EXPONENTS = 0.1, 10.0  # of transfer functions that are believed
-PARSERS: dict[str, Any] = {"jpeg": JpegImagePlugin.JpegImageFile, "webp": WebPImagePlugin.WebPImageFile}
+PARSERS: dict[str, type[ImageFile.ImageFile]] = {
+    "jpeg": JpegImagePlugin.JpegImageFile,
+    "webp": WebPImagePlugin.WebPImageFile,
+}
 ADOBE = 2  # of Exif's ColorSpace: in no standard, but written by cameras
 WHITE_POINT, PRIMARY_CHROMATICITIES = 0x13E, 0x13F  # of TIFF, and of Exif
 BITFIELDS = 3, 6  # of a BMP's compression: masks say which bits are red, green, blue and alpha
