@@ -96,6 +96,7 @@ def infer_lighting(
     analysis = analyse(rgb, mask, normals=normals, model=model)
     albedo, framed = analysis.albedo, analysis.framed
     directions = torch.from_numpy(olat(behind=True)).to(framed.rgb.device)
+    assert analysis.canvas_albedo is not None
     weights = solve_lighting(
         framed.rgb, analysis.canvas_albedo, analysis.canvas_shading(directions), framed.mask
     )

@@ -2,13 +2,12 @@
 
 import os
 from functools import cached_property
-from typing import Any
 
 import torch
 
 from shading import diffuse
 from shadow import analysis, inputs
-from shadow.analysis import Array, Normals
+from shadow.analysis import Array, Normals, VisibilityNetwork
 from shadow.framing import Framed
 from shadow.matte_cleanup import clean_matte
 from shadow.normals import on_canvas, resolve
@@ -41,8 +40,8 @@ class Analysis(analysis.Analysis):
     def __init__(
         self,
         framed: Framed,
-        field: Any,
-        network: Any,
+        field: VisibilityNetwork,
+        network: diffuse.ShadingNetwork,
         normals: torch.Tensor | None = None,
         like: inputs.Array | None = None,
     ) -> None:

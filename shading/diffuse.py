@@ -10,20 +10,21 @@ lights in one forward, `PerLightShading` is the paper's. Both predict linear val
 
 import os
 from collections.abc import Callable
-from typing import Any, NamedTuple
+from typing import Any, NamedTuple, TypeAlias, Unpack
 
 import torch
 from torch import nn
 
 from shadow.directions import olat
 from shadow.networks import checkpoints
-from shadow.networks.backbone import ENCODING, Backbone, encode_image, take_blocks
+from shadow.networks.backbone import ENCODING, Backbone, BackboneForm, encode_image, take_blocks
 from shadow.networks.field import Visibility, anchor_weights, interpolate_anchors
 from shadow.networks.mirror import Pixels, Silhouette
 from shadow.networks.precision import autocast, with_cast_weights
-from shadow.networks.unet import LIGHTS_AT_ONCE, UNet, per_light
+from shadow.networks.unet import LIGHTS_AT_ONCE, UNet, UNetForm, per_light
 
-Visible = Callable[[torch.Tensor], torch.Tensor]  # unit directions (D, 3) to visibility (D, h, w)
+# From unit directions (D, 3) to visibility (D, h, w).
+Visible = Visibility | Callable[[torch.Tensor], torch.Tensor]
 
 # Subtracted from positive residuals at inference. Where the network is unsure whether a pixel is lit, it
 # predicts a small positive residual, which veils deep shadows (on 16 validation views, SSIM is 0.741 with
@@ -57,7 +58,7 @@ class Diffuse(NamedTuple):
 
     # From unit directions (D, 3) to (D, h, w) in [0, 1], zero outside the mask. The visibility (D, h, w) of
     # these directions is an optional second argument.
-    shading: Any
+    shading: "Shading | Callable[..., torch.Tensor]"
     albedo: torch.Tensor | None  # (3, h, w) linear in [0, 1]; None from a network that infers no albedo
 
 
@@ -77,7 +78,7 @@ class ShadingField(nn.Module):
         size: int = 256,  # canvas height that the network was trained for
         normals: bool = True,  # these two are in weights files: whether it has the inputs of Table 6
         visibility: str | None = "inferred",
-        **backbone: Any,
+        **backbone: Unpack[BackboneForm],
     ) -> None:
         super().__init__()
         if not normals or visibility != "inferred":
@@ -200,7 +201,7 @@ class PerLightShading(nn.Module):
         latent: str = "resb7",
         normals: bool = True,  # whether they are an input and part of the base (Table 6)
         visibility: str | None = "inferred",  # likewise; or "baseline", sign(N·L); or None (Table 6)
-        **unet: Any,
+        **unet: Unpack[UNetForm],
     ) -> None:
         super().__init__()
         if visibility not in ("inferred", "baseline", None):
@@ -251,7 +252,10 @@ class PerLightShading(nn.Module):
         return Diffuse(shading, None)
 
 
+ShadingNetwork: TypeAlias = ShadingField | PerLightShading
+NETWORKS: dict[str, type[ShadingNetwork]] = {"shading": ShadingField, "shading-per-light": PerLightShading}
+
+
 def load(name: str | os.PathLike = "shading", device: torch.device | str = "cpu") -> Any:
     """Load the shipped shading network, or one trained by `relight train shading` (a .safetensors path)."""
-    networks = {"shading": ShadingField, "shading-per-light": PerLightShading}
-    return checkpoints.load(name, networks, package="shading", device=device)
+    return checkpoints.load(name, NETWORKS, package="shading", device=device)

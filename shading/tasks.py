@@ -2,16 +2,16 @@
 
 import functools
 from collections.abc import Callable, Iterator
-from typing import Any
 
 import torch
 import torch.nn.functional as F
 from torch import nn
 
-from shading.diffuse import Diffuse, PerLightShading, ShadingField, Visible, base
+from shading.diffuse import Diffuse, PerLightShading, ShadingField, ShadingNetwork, Visible, base
 from shadow.evaluation import metrics, pictures
 from shadow.networks.backbone import ENCODING, take_blocks
-from shadow.training.recipes import Task
+from shadow.training.minibatches import Batch
+from shadow.training.recipes import Task, unwrapped
 from shadow.training.tasks import random_blocks
 
 # Shading error at which the loss changes from quadratic to linear. The minimum of a linear loss is the
@@ -22,7 +22,6 @@ ABSOLUTE_WEIGHT = 0.2  # of the error of the albedo's overall colour and brightn
 PHOTOGRAPH_WEIGHT = 0.5  # of the error of the photograph that albedo and shading reproduce
 SHADOW_WEIGHT = 3.0  # added to the weight of the albedo's error where no light falls, less toward the mean
 
-Batch = dict[str, Any]
 Take = Callable[[torch.Tensor], torch.Tensor]  # selects pixels of maps (..., H, W)
 
 
@@ -111,7 +110,7 @@ def shading_loss(network: nn.Module, batch: Batch) -> torch.Tensor:
     The error of the photograph keeps shading and albedo consistent: what is shadow in one must not be paint
     in the other.
     """
-    model: Any = getattr(network, "module", network)
+    model = unwrapped(network)
     with torch.no_grad():
         anchors = model.anchors.expand(len(batch["rgb"]), -1, -1)
         guides = _inferred(batch, anchors, lambda image: image[..., ::2, ::2])
@@ -135,7 +134,7 @@ def shading_loss(network: nn.Module, batch: Batch) -> torch.Tensor:
     )
 
 
-def _diffuse(network: Any, batch: Batch) -> Iterator[tuple[Diffuse, Visible]]:
+def _diffuse(network: ShadingNetwork, batch: Batch) -> Iterator[tuple[Diffuse, Visible]]:
     """Yield, for each photograph of the batch, its Diffuse and the visibility as a function of directions."""
     for i in range(len(batch["rgb"])):
         rgb, matte, surface = batch["rgb"][i], batch["matte"][i, 0], batch["estimated_normals"][i]
@@ -143,7 +142,7 @@ def _diffuse(network: Any, batch: Batch) -> Iterator[tuple[Diffuse, Visible]]:
         yield network.analyse(rgb, matte, surface, visibility), visibility
 
 
-def _shading_score(network: nn.Module, batch: Batch) -> dict[str, float]:
+def _shading_score(network: ShadingNetwork, batch: Batch) -> dict[str, float]:
     """Return the scores of a batch.
 
     They are the RMSE of the shading and of the base image, and the L1 error of the encoded albedo and of the
@@ -170,7 +169,7 @@ def _shading_score(network: nn.Module, batch: Batch) -> dict[str, float]:
     return scores
 
 
-def _shading_show(network: nn.Module, batch: Batch) -> Iterator[list[torch.Tensor]]:
+def _shading_show(network: ShadingNetwork, batch: Batch) -> Iterator[list[torch.Tensor]]:
     truth = true_shading(batch)
     for i, (each, _) in enumerate(_diffuse(network, batch)):
         seen = batch["mask"][i] > 0.5

@@ -3,7 +3,7 @@
 import os
 from collections.abc import Callable
 from functools import cached_property
-from typing import Any
+from typing import Any, TypeAlias
 
 import numpy as np
 import torch
@@ -13,13 +13,15 @@ from shadow import inputs
 from shadow.framing import Framed
 from shadow.matte_cleanup import clean_matte
 from shadow.networks import checkpoints
-from shadow.networks.field import VisibilityField
+from shadow.networks.field import Visibility, VisibilityField
 from shadow.networks.unet import LATENTS, PerLight
 from shadow.normals import on_canvas, resolve
 from shadow.torch_settings import isolated, isolated_class
 
-NETWORKS = {"field": VisibilityField} | dict.fromkeys(LATENTS, PerLight)
+VisibilityNetwork: TypeAlias = VisibilityField | PerLight
+NETWORKS: dict[str, type[VisibilityNetwork]] = {"field": VisibilityField, **dict.fromkeys(LATENTS, PerLight)}
 
+Visible: TypeAlias = Visibility | Callable[[torch.Tensor], torch.Tensor]  # of unit directions (D, 3)
 Array = np.ndarray | torch.Tensor
 Normals = Array | Callable | str | os.PathLike  # what `shadow.normals.load` takes
 
@@ -59,7 +61,7 @@ class Analysis:
     def __init__(
         self,
         framed: Framed,
-        network: Any,
+        network: VisibilityNetwork,
         normals: torch.Tensor | None,
         like: inputs.Array | None = None,
         passes: int | None = None,
@@ -70,11 +72,15 @@ class Analysis:
         NumPy arrays.
         """
         self.framed = framed
-        self._like: Any = like
+        self._like = like
         given = framed.rgb, framed.mask, normals
-        self.canvas_normals, self.canvas_visibility = (
-            network.analyse(*given) if passes is None else network.analyse(*given, passes=passes)
-        )
+        if isinstance(network, VisibilityField) and passes is not None:
+            inferred: tuple[torch.Tensor | None, Visible] = network.analyse(*given, passes=passes)
+        else:
+            inferred = network.analyse(*given)
+        surface, self.canvas_visibility = inferred
+        assert surface is not None  # a per-light network is given normals
+        self.canvas_normals = surface
         self.canvas_depth: torch.Tensor | None = getattr(self.canvas_visibility, "depth", None)
 
     @cached_property

@@ -161,7 +161,7 @@ def photograph(
     return pixels.to(place), coverage.to(place)
 
 
-def like(result: torch.Tensor, original: Array) -> np.ndarray | torch.Tensor:
+def like(result: torch.Tensor, original: object) -> np.ndarray | torch.Tensor:
     """Return `result` in the type of `original`: a NumPy array, or a tensor on its device."""
     return result.to(original.device) if isinstance(original, torch.Tensor) else result.cpu().numpy()
 

@@ -1,7 +1,7 @@
 """Surface normals of the photographed person in the camera frame, from the field or from another source."""
 
 from pathlib import Path
-from typing import Any
+from typing import Any, Protocol, TypeGuard, cast
 
 import numpy as np
 import torch
@@ -19,10 +19,16 @@ from shadow.networks.foreign import OnnxNormals
 from shadow.torch_settings import isolated
 
 
+class NormalsSource(Protocol):
+    """What infers normals: a network, or what a user provides in its place."""
+
+    def normals(self, rgb: torch.Tensor, mask: torch.Tensor) -> torch.Tensor: ...
+
+
 class ProvidedNormals:
     """Normals that the user provides: an array, or a function of the image."""
 
-    def __init__(self, values: Any, axes: str = CAMERA, origin: checkpoints.Origin | None = None) -> None:
+    def __init__(self, values: object, axes: str = CAMERA, origin: checkpoints.Origin | None = None) -> None:
         self.values, self.matrix, self.origin = values, torch.from_numpy(from_axes(axes)), origin
 
     def normals(self, rgb: torch.Tensor, mask: torch.Tensor) -> torch.Tensor:
@@ -30,7 +36,7 @@ class ProvidedNormals:
         values = self.values
         if callable(values):
             values = values(rgb.permute(1, 2, 0).contiguous().cpu().numpy(), mask.cpu().numpy())
-        given = inputs.normals("normals", values, mask.shape).to(mask.device)
+        given = inputs.normals("normals", cast(inputs.Array, values), mask.shape).to(mask.device)
         vectors = torch.einsum("ij,jhw->ihw", self.matrix.to(mask.device), given) * (mask > 0)
         if vectors[2].sum() < 0:
             raise ValueError("normals: point away from the camera; give their axes, such as +x-y-z")
@@ -38,7 +44,7 @@ class ProvidedNormals:
 
 
 def load(
-    source: Any = "field",
+    source: object = "field",
     *,
     axes: str = CAMERA,
     order: str | None = None,
@@ -69,18 +75,18 @@ def load(
     Raises FileNotFoundError, and ValueError for no such weights, a damaged file, another kind of network,
     unknown axes, or axes given for a network whose convention is known.
     """
-    a_file, loaded = is_path(source), _infers_normals(source)
-    if not a_file and not loaded:
-        name = getattr(source, "__name__", "a function") if callable(source) else "another program"
-        return ProvidedNormals(source, axes, checkpoints.Origin(name, None, {}))
-    if a_file and Path(source).suffix.lower() == ".onnx":
+    if not is_path(source):
+        if not _infers_normals(source):
+            name = getattr(source, "__name__", "a function") if callable(source) else "another program"
+            return ProvidedNormals(source, axes, checkpoints.Origin(name, None, {}))
+    elif Path(source).suffix.lower() == ".onnx":
         return OnnxNormals(source, axes=axes, order=order)
     if order is not None:
         raise ValueError("order: applies to .onnx files only; leave it out")
     if axes != CAMERA:
-        known = source if a_file else type(source).__name__
+        known = source if is_path(source) else type(source).__name__
         raise ValueError(f"axes: those of {known} are known; leave axes out, got {axes!r}")
-    if loaded:
+    if not is_path(source):
         return source
     if Path(source).suffix in ("", ".safetensors"):
         return checkpoints.load(source, {"field": VisibilityField}, package="shadow", device=device)
@@ -92,11 +98,11 @@ def load(
     )
 
 
-def _infers_normals(source: Any) -> bool:
+def _infers_normals(source: object) -> TypeGuard[NormalsSource]:
     return callable(getattr(source, "normals", None))
 
 
-def on_plate(source: Any, rgb: torch.Tensor, mask: torch.Tensor) -> torch.Tensor:
+def on_plate(source: NormalsSource, rgb: torch.Tensor, mask: torch.Tensor) -> torch.Tensor:
     """Return unit normals (3, H, W), zero outside the mask, of a photograph (3, H, W) and its matte (H, W).
 
     The photograph is linear. `source` is what `load` returns. A field sees the person on its canvas. A
@@ -113,7 +119,7 @@ def on_plate(source: Any, rgb: torch.Tensor, mask: torch.Tensor) -> torch.Tensor
 
 
 def resolve(
-    given: Any, rgb: Any, mask: torch.Tensor, network: nn.Module, *more: nn.Module
+    given: object, rgb: Any, mask: torch.Tensor, network: nn.Module, *more: nn.Module
 ) -> torch.Tensor | None:
     """Return the normals that the networks are given, (3, H, W) on the plate, or None for the field's own.
 
@@ -133,7 +139,7 @@ def resolve(
     return None if same else on_plate(source, rgb, mask)
 
 
-def _warn_if_unfamiliar(network: nn.Module, source: Any) -> None:
+def _warn_if_unfamiliar(network: nn.Module, source: object) -> None:
     """Warn if a network was trained with normals from another source."""
     used, own = getattr(source, "origin", None), getattr(network, "origin", None)
     if used is None or own is None or own.recipe.get("normals") is None:
@@ -159,7 +165,7 @@ def on_canvas(given: torch.Tensor | None, framing: Framing) -> torch.Tensor | No
 
 @isolated
 def infer_normals(
-    rgb: np.ndarray | torch.Tensor, mask: np.ndarray | torch.Tensor, *, model: Any = "field"
+    rgb: np.ndarray | torch.Tensor, mask: np.ndarray | torch.Tensor, *, model: object = "field"
 ) -> np.ndarray | torch.Tensor:
     """Infer surface normals of the person in an image.
 

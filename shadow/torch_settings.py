@@ -12,7 +12,7 @@ import inspect
 import threading
 from collections.abc import Callable, Iterator
 from contextlib import ExitStack, contextmanager
-from typing import Any, ParamSpec, TypeVar
+from typing import ParamSpec, TypeVar
 
 import torch
 
@@ -86,10 +86,11 @@ def isolated_class(kind: Class) -> Class:
     for name, member in list(vars(kind).items()):
         if name.startswith("_") and name != "__init__":
             continue
-        wrapped: Any = None
+        wrapped: object = None
         if isinstance(member, functools.cached_property):
-            wrapped = functools.cached_property(isolated(member.func))
-            wrapped.__set_name__(kind, name)
+            cached = functools.cached_property(isolated(member.func))
+            cached.__set_name__(kind, name)
+            wrapped = cached
         elif isinstance(member, property) and member.fget is not None:
             wrapped = property(isolated(member.fget), member.fset, member.fdel, member.__doc__)
         elif isinstance(member, classmethod):

@@ -1,7 +1,6 @@
 """Lossless compression of arrays for the analysis cache: differences, byte planes and Zstandard (Blosc)."""
 
 import math
-from typing import Any
 
 import numpy as np
 from numpy.typing import DTypeLike
@@ -21,7 +20,7 @@ def compress(array: np.ndarray) -> np.ndarray:
     if values.dtype == np.uint8:
         values = np.diff(values, axis=-1, prepend=np.uint8(0))  # modulo 256
     elif values.dtype == np.uint16:
-        steps: Any = np.diff(values.view(np.int16), axis=-1, prepend=np.int16(0))  # modulo 65536
+        steps: np.ndarray = np.diff(values.view(np.int16), axis=-1, prepend=np.int16(0))  # modulo 65536
         values = (steps << 1) ^ (steps >> 15)
     codec = blosc.Blosc("zstd", LEVEL, blosc.Blosc.SHUFFLE)
     before, blosc.use_threads = blosc.use_threads, False  # several threads store their blocks in any order

@@ -6,15 +6,18 @@ that is held forward does not move the median.
 """
 
 import math
+from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import Any
+from typing import TypeVar
 
+import numpy as np
 import torch
 
 from relight.arguments import checked_number
 from relight.lights.environment import FIELD_OF_VIEW
 from shadow.framing import Framing, bounding_box
 
+Place = TypeVar("Place", float, torch.Tensor)
 DEFAULT_HEIGHT = 1.75  # metres of person that the matte shows, unless the caller gives a height
 
 
@@ -74,7 +77,7 @@ class Camera:
         across, down = self._slopes(*self.middle)
         return -across * self.distance, down * self.distance, self.distance
 
-    def positions(self, x: Any, y: Any, depth: Any) -> torch.Tensor:
+    def positions(self, x: torch.Tensor, y: torch.Tensor, depth: torch.Tensor) -> torch.Tensor:
         """Return where a surface is, (3, ...) in metres from the subject's middle.
 
         x, y: (...) tensors, pixels of the plate, whose centres are at halves. depth: (...) metres from the
@@ -87,7 +90,7 @@ class Camera:
             [across * away - middle[0] * self.distance, middle[1] * self.distance - down * away, -depth]
         )
 
-    def on_plate(self, position: Any) -> tuple[float, float]:
+    def on_plate(self, position: Sequence[float] | np.ndarray) -> tuple[float, float]:
         """Return where (x, y), in pixels, the plate shows a position (3,) in front of the camera.
 
         Raises ValueError for a position at the camera or behind it.
@@ -104,7 +107,7 @@ class Camera:
         across, down = self._slopes(x, y)
         return torch.stack([across, -down, -torch.ones_like(across)])
 
-    def _slopes(self, x: Any, y: Any) -> tuple[Any, Any]:
+    def _slopes(self, x: Place, y: Place) -> tuple[Place, Place]:
         return (x - self.size[1] / 2) / self.focal, (y - self.size[0] / 2) / self.focal
 
 

@@ -10,7 +10,6 @@ import warnings
 from collections.abc import Callable
 from dataclasses import dataclass
 from functools import cached_property
-from typing import Any
 
 import numpy as np
 import torch
@@ -18,6 +17,7 @@ import torch
 from relight.analysis.camera import DEFAULT_HEIGHT, Camera, canvas_grid
 from relight.analysis.normal_integration import integrate
 from relight.media.images.arrays import as_array
+from shadow import inputs
 from shadow.analysis import Analysis
 from shadow.framing import Framing, bounding_box
 
@@ -162,7 +162,7 @@ def centred(depth: torch.Tensor, known: torch.Tensor) -> torch.Tensor:
     return torch.where(known, depth - depth[known].median(), 0.0)
 
 
-def checked_depth(depth: Any, matte: torch.Tensor) -> torch.Tensor:
+def checked_depth(depth: inputs.Array, matte: torch.Tensor) -> torch.Tensor:
     """Return the caller's depth as (1, H, W): float32 metres, or int32 for a picture of relative depth.
 
     The matte (H, W) shows where the person is. Elsewhere renderers write infinity or a large number, which is

@@ -3,7 +3,7 @@
 import functools
 import itertools
 import math
-from typing import Any, Self
+from typing import Self
 
 import numpy as np
 import torch
@@ -114,7 +114,7 @@ def linear_plate(image: inputs.Array) -> np.ndarray:
     return pixels
 
 
-def plate_coverage(plate: np.ndarray, mask: Any = None) -> torch.Tensor:
+def plate_coverage(plate: np.ndarray, mask: inputs.Array | None = None) -> torch.Tensor:
     """Return the coverage (H, W) in [0, 1] of a linear plate: the mask if there is one, else its alpha.
 
     The mask is (H, W), floats or bools in [0, 1], or uint8 or uint16 over the full range. Raises TypeError or
@@ -132,7 +132,7 @@ def plate_coverage(plate: np.ndarray, mask: Any = None) -> torch.Tensor:
     return person_mask("image's alpha", plate[..., 3], plate.shape[:2])
 
 
-def person_matte(image: inputs.Array, mask: Any = None) -> torch.Tensor:
+def person_matte(image: inputs.Array, mask: inputs.Array | None = None) -> torch.Tensor:
     """Return the matte (H, W) that the analysis works with: without noise and specks."""
     coverage = plate_coverage(linear_plate(image), mask)
     return clean_matte(coverage)

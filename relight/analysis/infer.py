@@ -3,7 +3,6 @@
 import os
 from collections.abc import Callable
 from dataclasses import dataclass
-from typing import Any
 
 import numpy as np
 import torch
@@ -30,7 +29,9 @@ from relight.matting import networks
 from relight.matting.networks import AUTO
 from relight.matting.refine import is_opaque
 from shading import Analysis, diffuse
+from shading.diffuse import ShadingNetwork
 from shadow import analysis, inputs
+from shadow.analysis import VisibilityNetwork
 from shadow.files import AnyPath, is_path
 from shadow.framing import Framed
 from shadow.matte_cleanup import clean_matte
@@ -63,7 +64,7 @@ def check_inputs(
     mask: inputs.Array | None = None,
     albedo: inputs.Array | None = None,
     normals: np.ndarray | Callable | str | os.PathLike | None = None,
-    depth: np.ndarray | str | os.PathLike | None = None,
+    depth: np.ndarray | AnyPath | None = None,
     height: float | None = None,
     field_of_view: float = FIELD_OF_VIEW,
     camera: Camera | None = None,
@@ -109,7 +110,9 @@ def check_inputs(
     )
 
 
-def infer(given: AnalysisInputs, field: Any = None, shader: Any = None) -> AnalysisRecord:
+def infer(
+    given: AnalysisInputs, field: VisibilityNetwork | None = None, shader: ShadingNetwork | None = None
+) -> AnalysisRecord:
     """Analyse a person: run each network once.
 
     `field` and `shader`: the networks of visibility and of shading, on the device of the inputs; those of

@@ -1,7 +1,7 @@
 """Visibility and shading of a person as functions of the light's direction: arrays, and no network."""
 
 import copy
-from typing import Any, NamedTuple, Protocol, Self
+from typing import NamedTuple, Protocol, Self, cast
 
 import torch
 import torch.nn.functional as F
@@ -41,7 +41,8 @@ class LightField(NamedTuple):
     @classmethod
     def of(cls, analysis: Analysis, framing: Framing) -> Self:
         """Take the arrays of an analysis on any device, whose canvas has a framing on the whole plate."""
-        visibility, shading = analysis.canvas_visibility, analysis.canvas_shading
+        visibility = cast(Visibility, analysis.canvas_visibility)  # of a field, and the shading too
+        shading = cast(Shading, analysis.canvas_shading)
         silhouette, maps = copy.copy(visibility.silhouette), visibility.maps
         silhouette.pixels = silhouette.pixels.cpu()
         normals = maps.normals.cpu()
@@ -63,8 +64,7 @@ class LightField(NamedTuple):
     @property
     def shading(self) -> Shading:
         """Diffuse shading as a function of the light's direction, linear in [0, 1]."""
-        visibility: Any = self.visibility  # mypy takes a NamedTuple's call for that of tuple
-        return Shading(self.residual, self.normals, visibility, self.silhouette, ANCHORS)
+        return Shading(self.residual, self.normals, self.visibility, self.silhouette, ANCHORS)
 
     @property
     def gloss(self) -> Gloss:

@@ -5,7 +5,7 @@ to the cell's middle. What a light does there is what it does in a picture: noth
 """
 
 from collections.abc import Sequence
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
 import torch
@@ -28,7 +28,7 @@ CELL_PIXELS = 8  # a side, that are enough to draw strokes
 class _Drawing(NamedTuple):
     """What masks of one size are multiplied with, and where the canvas is on them."""
 
-    box: Any  # slices of the masks
+    box: tuple[slice, slice]  # slices of the masks
     matte: torch.Tensor  # there
     framing: Framing  # of the canvas on the box
     inside: torch.Tensor  # (N,) share of the matte in the points' cells

@@ -48,6 +48,7 @@ class AnalysisMaps(NamedTuple):
         """
         known, light = analysis.framed.mask.cpu() > 0.5, None
         if albedo is None:
+            assert analysis.canvas_albedo is not None
             albedo = analysis.canvas_albedo.cpu()
             light = photographed_light(analysis.framed.rgb.cpu(), albedo, known)
         normals, field = analysis.canvas_normals.cpu(), LightField.of(analysis, geometry.framing)

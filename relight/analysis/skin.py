@@ -6,7 +6,6 @@ once or twice. Where it has not been fetched, no skin is known.
 
 import functools
 import importlib.util
-from collections.abc import Callable, Mapping
 from typing import NamedTuple
 
 import numpy as np
@@ -14,7 +13,7 @@ import torch
 import torch.nn.functional as F
 
 from relight.errors import DamagedFileError, MissingNetworksError
-from relight.matting.openvino_runtime import compiled
+from relight.matting.openvino_runtime import Network, compiled
 from relight.matting.people import files as person_files
 from relight.matting.people.region import LANDMARK_SIDE, Circle, sampled
 
@@ -32,8 +31,8 @@ BODY = 0.7  # certainty of skin outside the head
 TURNED = 0.1  # distance of the left eye to the right of the right one, below which the face is turned away
 EYE, LIPS = 0.38, (0.7, 0.3)  # half an eye's width; of the mouth's width, half its own width and its height
 
-# A network of a picture (1, 3, h, w): its outputs by name, the landmarks and their presence first.
-Landmarks = Callable[[np.ndarray], Mapping[object, np.ndarray]]
+# Of a picture (1, 3, h, w): its outputs are the landmarks, their presence, and others.
+Landmarks = Network
 
 
 class Skin(NamedTuple):

@@ -390,7 +390,7 @@ def _restored_maps(
     )
 
 
-def _tuple(value: Any) -> Any:
+def _tuple(value: object) -> Any:
     """Return JSON's lists as tuples."""
     return tuple(value) if isinstance(value, list) else value
 

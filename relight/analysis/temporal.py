@@ -11,7 +11,6 @@ The weights do not depend on the lights of the relit picture, which stays linear
 
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
-from typing import Any
 
 import torch
 import torch.nn.functional as F
@@ -49,12 +48,13 @@ def temporally_filtered(
     weights += [_weight(maps, probed, *pair, shading_sigma) for pair in zip(neighbours, motions, strict=True)]
     total = torch.stack(weights).sum(dim=0)
     frames = [maps, *neighbours]
+    lights = [frame.light for frame in frames if frame.light is not None]  # of all, or of none
     mean = _AlignedMean((None, *motions), tuple(weight / total for weight in weights))
     return maps._replace(
         normals=F.normalize(mean(frame.normals for frame in frames), dim=0),
         field=mean.field([frame.field for frame in frames]),
         albedo=mean(frame.albedo for frame in frames),
-        light=None if maps.light is None else mean(frame.light for frame in frames),
+        light=mean(lights) if lights else None,
         geometry=WorldGeometry(maps.geometry.camera, maps.framing, _MeanDepth(mean, frames)),
     )
 
@@ -66,7 +66,7 @@ class _AlignedMean:
     motions: tuple[Motion | None, ...]  # from this canvas to each frame's; None for its own
     weights: tuple[torch.Tensor, ...]  # (1, h, w), which sum to one
 
-    def __call__(self, maps: Iterable[Any]) -> torch.Tensor:
+    def __call__(self, maps: Iterable[torch.Tensor]) -> torch.Tensor:
         frames = zip(maps, self.motions, self.weights, strict=True)
         moved = [weight * (own if way is None else way.moved(own)) for own, way, weight in frames]
         return torch.stack(moved).sum(dim=0)

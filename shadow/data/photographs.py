@@ -1,6 +1,6 @@
 """Random photographs of records, with a new random lighting each time (Section 3, "Data Generation")."""
 
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
 import torch
@@ -88,7 +88,8 @@ class Camera(NamedTuple):
     behind: np.ndarray | None  # (3,) linear background at the matte's edge, or the image's own
     shot: float  # noise of a value of 1
     read: float  # noise of a value of 0
-    noise: Any  # standard normal values of the picture's shape; None: drawn where the picture is made
+    # Standard normal values of the picture's shape; None: drawn where the picture is made.
+    noise: np.ndarray | None
     blurred: bool  # as a camera's noise is by demosaicing and compression
 
     @classmethod
@@ -218,11 +219,9 @@ def draw_scene(
     lighting: np.ndarray | None = None,
 ) -> Scene:
     """Draw the light and the place on the canvas of a photograph; the arguments are those of `sample`."""
-    weights: Any = lighting
-    if weights is None:
-        draw = everyday_lighting if augment else random_lighting
-        weights = draw(rng, record.directions)
-    chosen, shining = rng.permutation(len(record.directions)), weights.any(axis=1)
+    draw = everyday_lighting if augment else random_lighting
+    weights = draw(rng, record.directions) if lighting is None else lighting
+    chosen, shining = rng.permutation(len(record.directions)), np.any(weights, axis=1)
     if lights is not None and shining.sum() <= lights:
         chosen = chosen[np.argsort(~shining[chosen], kind="stable")]
     chosen = np.sort(chosen[:lights])

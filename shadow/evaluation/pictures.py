@@ -2,7 +2,6 @@
 
 from collections.abc import Iterable
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 import OpenImageIO as oiio
@@ -29,7 +28,8 @@ def write_grid(path: str | Path, rows: Iterable[Iterable[torch.Tensor]]) -> None
     """Write rows of equally large (3, H, W) pictures in [0, 1] as one 8-bit PNG."""
     grid = torch.cat([torch.cat(list(row), dim=2) for row in rows], dim=1)
     pixels = np.ascontiguousarray((grid.clamp(0, 1) * 255).round().byte().permute(1, 2, 0).cpu().numpy())
-    output: Any = oiio.ImageOutput.create("png")  # None only if OpenImageIO was built without PNG
+    output = oiio.ImageOutput.create("png")
+    assert output is not None  # OpenImageIO is built with PNG
     spec = oiio.ImageSpec(pixels.shape[1], pixels.shape[0], 3, "uint8")
     with replacing(path) as beside:
         if not (output.open(str(beside), spec) and output.write_image(pixels) and output.close()):

@@ -12,6 +12,7 @@ import torch
 from torch import nn
 
 from shadow import visibility
+from shadow.analysis import VisibilityNetwork
 from shadow.data.records import Records
 from shadow.evaluation import plots, scores
 from shadow.evaluation.scores import ESTIMATED, TRUE, Score, ScoredView
@@ -19,6 +20,7 @@ from shadow.files import replacing
 from shadow.framing import canvas_size
 from shadow.networks import checkpoints
 from shadow.networks.unet import LATENTS, PerLight
+from shadow.normals import NormalsSource
 from shadow.training.loop import TRUE_NORMALS
 
 LEVELS = 10 ** np.arange(-6, 2.1, 0.5)  # intensities of Figure 4, from a black 8-bit image to a white one
@@ -127,7 +129,7 @@ def _plain(score: Score | None) -> dict[str, object] | None:
     return None if score is None else {"rmse": score.rmse, "psnr": score.psnr, "dice": score.dice}
 
 
-def _row(variant: str, score: Score | None, paper: Score | None = None, **cells: Any) -> Row:
+def _row(variant: str, score: Score | None, paper: Score | None = None, **cells: object) -> Row:
     return {"variant": variant, **cells, "measured": _plain(score), "paper": _plain(paper)}
 
 
@@ -149,10 +151,12 @@ def _table_3(scored: dict[str, Score]) -> list[Row]:
     ]
 
 
-def _table_4(scored: dict[str, Score], networks: dict[str, nn.Module], view: ScoredView) -> list[Row]:
+def _table_4(
+    scored: dict[str, Score], networks: Mapping[str, VisibilityNetwork], view: ScoredView
+) -> list[Row]:
     """Measure time and size of each latent, trained or not, and of ours, without pre- and postprocessing."""
     placement: Any = {"device": view.rgb.device, "memory_format": torch.channels_last}
-    candidates: dict[str, Any] = {
+    candidates: dict[str, VisibilityNetwork] = {
         name: networks.get(name) or PerLight(latent=name).eval().to(**placement) for name in LATENTS
     }
     rows = []
@@ -170,7 +174,12 @@ def _table_4(scored: dict[str, Score], networks: dict[str, nn.Module], view: Sco
 
 
 def _table_5(
-    records: Records, folder: str | Path, network: nn.Module, surface: Any, seed: int, limit: int | None
+    records: Records,
+    folder: str | Path,
+    network: VisibilityNetwork,
+    surface: NormalsSource,
+    seed: int,
+    limit: int | None,
 ) -> list[Row]:
     pairs = scores.against_soft_maps(records, folder, network, surface, seed=seed, limit=limit)
     return [
@@ -185,7 +194,14 @@ def _figure_2(path: Path, tally: scores.Tally) -> Row:
     return {"lights": lights.tolist(), "mean": mean.tolist(), "deviation": deviation.tolist()}
 
 
-def _figure_4(path: Path, records: Records, network: Any, surface: Any, seed: int, limit: int | None) -> Row:
+def _figure_4(
+    path: Path,
+    records: Records,
+    network: VisibilityNetwork,
+    surface: NormalsSource,
+    seed: int,
+    limit: int | None,
+) -> Row:
     views = min(limit or len(records), LEVELS_VIEWS, len(records))
     tallies = scores.intensity_sweep(records, network, surface, LEVELS, seed=seed, limit=views)
     names, columns = ("ours", ESTIMATED), zip(*tallies, strict=True)
@@ -195,7 +211,7 @@ def _figure_4(path: Path, records: Records, network: Any, surface: Any, seed: in
     return {"views": views, "levels": LEVELS.tolist(), "dice": dice}
 
 
-def _milliseconds(network: Any, view: ScoredView, lights: torch.Tensor) -> float:
+def _milliseconds(network: VisibilityNetwork, view: ScoredView, lights: torch.Tensor) -> float:
     times = []
     for _ in range(1 + REPEATS):  # the first call allocates memory and is not counted
         start = time.perf_counter()
@@ -204,7 +220,7 @@ def _milliseconds(network: Any, view: ScoredView, lights: torch.Tensor) -> float
     return median(times[1:])
 
 
-def _cells(score: dict[str, Any] | None, psnr: bool = False, none: str = "–") -> list[str]:
+def _cells(score: Row | None, psnr: bool = False, none: str = "–") -> list[str]:
     """Format the cells of a score, or of a missing one."""
     if score is None:
         return [none, *["–"] * (1 + psnr)]

@@ -1,6 +1,6 @@
 """Score visibility networks and their normals on records, as in Sections 4.1 to 4.3."""
 
-from collections.abc import Callable, Iterable, Iterator
+from collections.abc import Callable, Iterable, Iterator, Mapping
 from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Any
@@ -11,6 +11,7 @@ import torch
 from rich.progress import track
 
 from shadow import normals, visibility
+from shadow.analysis import VisibilityNetwork
 from shadow.data.lightings import KINDS, everyday_lighting
 from shadow.data.photographs import Sample, photograph, sample
 from shadow.data.records import Record, Records
@@ -18,6 +19,7 @@ from shadow.evaluation import metrics
 from shadow.framing import canvas_size
 from shadow.networks.backbone import ENCODING, EXPOSURE
 from shadow.networks.field import VisibilityField
+from shadow.normals import NormalsSource
 
 FRONTAL = 1e-6  # least z of a frontal light: the paper's 64 lights have z > 0
 TRUE, ESTIMATED = "sign(N·L), true normals", "sign(N·L), estimated normals"
@@ -66,16 +68,19 @@ class ScoredView:
         truth = (drawn["mask"][0], drawn["normals"], drawn["albedo"], drawn["directions"][frontal], lit)
         return cls(*(tensor.to(device) for tensor in (rgb, drawn["rgb"], *truth)))
 
-    def given(self, surface: Any, network: Any) -> torch.Tensor | None:
+    def given(self, surface: NormalsSource, network: VisibilityNetwork) -> torch.Tensor | None:
         """Infer the normals (3, h, w) that a visibility network is given, by the network `surface`.
 
         Returns None if `surface` is that network itself, which infers normals together with its maps.
         """
         return None if surface is network else surface.normals(self.rgb, self.mask)
 
-    def binary(self, network: Any, given: torch.Tensor | None) -> tuple[torch.Tensor, torch.Tensor]:
+    def binary(
+        self, network: VisibilityNetwork, given: torch.Tensor | None
+    ) -> tuple[torch.Tensor, torch.Tensor]:
         """Return normals (3, h, w), given or the network's own, and the network's maps (D, h, w) bool."""
         surface, visibility = network.analyse(self.rgb, self.mask, given)
+        assert surface is not None  # a per-light network is given normals
         return surface, visibility(self.lights) > 0.5
 
     def sign(self, surface: torch.Tensor) -> torch.Tensor:
@@ -111,8 +116,8 @@ class Tally:
 
 def compare(
     records: Records,
-    networks: dict[str, Any],
-    surface: Any,
+    networks: Mapping[str, VisibilityNetwork],
+    surface: NormalsSource,
     *,
     seed: int = 0,
     limit: int | None = None,
@@ -134,8 +139,9 @@ def compare(
         if light is not None:
             rng = np.random.default_rng((seed, index, KINDS.index(light)))
             lighting = everyday_lighting(rng, record.directions, light)
-        views: dict[int, tuple[ScoredView, Any]] = {}  # of each size of canvas
+        views: dict[int, tuple[ScoredView, torch.Tensor]] = {}  # of each size of canvas
         for name, network in networks.items():
+            given: torch.Tensor | None
             if network.size in views:
                 view, given = views[network.size]
             else:
@@ -179,7 +185,7 @@ def best_device() -> torch.device:
     return torch.device("cuda" if torch.cuda.is_available() else "cpu")
 
 
-def normals_of(network: Any, model: str | Path | None = None) -> Any:
+def normals_of(network: VisibilityNetwork, model: str | Path | None = None) -> Any:
     """Return the network whose normals a visibility network is given.
 
     It is `model`, a name or path for `shadow.normals.load`, if that is given. Otherwise it is the network
@@ -232,8 +238,8 @@ def table(header: Iterable[str], rows: Iterable[Iterable[str]]) -> str:
 
 def intensity_sweep(
     records: Records,
-    network: Any,
-    surface: Any,
+    network: VisibilityNetwork,
+    surface: NormalsSource,
     levels: np.ndarray,
     *,
     seed: int = 0,
@@ -260,8 +266,8 @@ def intensity_sweep(
 def against_soft_maps(
     records: Records,
     folder: str | Path,
-    network: Any,
-    surface: Any,
+    network: VisibilityNetwork,
+    surface: NormalsSource,
     *,
     seed: int = 0,
     limit: int | None = None,

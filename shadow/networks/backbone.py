@@ -2,6 +2,7 @@
 
 import itertools
 from collections.abc import Sequence
+from typing import TypedDict
 
 import torch
 import torch.nn.functional as F
@@ -50,6 +51,14 @@ class ResidualBlock(nn.Module):
     def forward(self, x: torch.Tensor) -> torch.Tensor:
         h = self.conv1(F.silu(self.norm1(x)))
         return x + self.conv2(F.silu(self.norm2(h)))
+
+
+class BackboneForm(TypedDict, total=False):
+    """The arguments of `Backbone` that networks leave to their callers."""
+
+    widths: Sequence[int]
+    encoder: Sequence[int]
+    decoder: Sequence[int]
 
 
 class Backbone(nn.Module):

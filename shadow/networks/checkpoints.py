@@ -15,7 +15,7 @@ import threading
 from collections.abc import Mapping
 from importlib import resources
 from pathlib import Path
-from typing import Any, NamedTuple
+from typing import Any, NamedTuple, TypeVar
 
 import torch
 from safetensors import SafetensorError, safe_open
@@ -26,6 +26,7 @@ from shadow.files import file_version, replacing
 from shadow.framing import canvas_size
 from shadow.networks.precision import freeze
 
+Network = TypeVar("Network", bound=nn.Module)
 _LOADING = threading.Lock()
 SCALE = ".scale"  # suffix of the key of an int8 tensor's scales
 
@@ -108,11 +109,11 @@ def _load(
 
 def load(
     name: str | os.PathLike,
-    networks: Mapping[str, type[nn.Module]],
+    networks: Mapping[str, type[Network]],
     *,
     package: str,
     device: torch.device | str = "cpu",
-) -> Any:
+) -> Network:
     """Load the network `name` for inference on `device`.
 
     The network is shared between all callers on that device, who must not change it. `name`: a name in

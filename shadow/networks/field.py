@@ -10,15 +10,15 @@ network all surfaces face the camera at the same depth, and nothing casts a shad
 """
 
 from collections.abc import Callable
-from typing import Any, NamedTuple
+from typing import NamedTuple, Unpack
 
 import torch
 import torch.nn.functional as F
 from torch import nn
 
 from shadow.directions import olat
-from shadow.networks.backbone import Backbone, encode_image
-from shadow.networks.mirror import FLIPPED, MIRROR, Silhouette, mirrored_blocks, with_mirror
+from shadow.networks.backbone import Backbone, BackboneForm, encode_image
+from shadow.networks.mirror import FLIPPED, MIRROR, Pixels, Silhouette, mirrored_blocks, with_mirror
 from shadow.networks.precision import autocast, with_cast_weights
 
 PASSES = 2  # of the network over a photograph: over it and its mirror image, whose maps are averaged
@@ -83,7 +83,7 @@ class VisibilityField(nn.Module):
 
     anchors: torch.Tensor  # (K, 3)
 
-    def __init__(self, size: int = 256, depth: bool = False, **backbone: Any) -> None:
+    def __init__(self, size: int = 256, depth: bool = False, **backbone: Unpack[BackboneForm]) -> None:
         super().__init__()
         self.size = size  # canvas height that the network was trained for
         self.depth = depth  # whether it infers depth
@@ -181,7 +181,7 @@ class Visibility(NamedTuple):
     """The visibility of one subject for any light: dot products with its maps, without a network."""
 
     maps: FieldMaps  # (C, N) of the subject's pixels
-    silhouette: Any  # Silhouette, or Pixels where no network follows
+    silhouette: Pixels  # a Silhouette where a network follows
     anchors: torch.Tensor  # (K, 3)
 
     def __call__(self, directions: torch.Tensor) -> torch.Tensor:
@@ -229,6 +229,7 @@ class Visibility(NamedTuple):
         """
         height, width = (length // 2 for length in self.silhouette.shape)
         maps = directions.new_zeros(height * width, len(directions))
+        assert isinstance(self.silhouette, Silhouette)
         chosen, index = self.silhouette.at_half_resolution()
         maps.index_copy_(0, index, self.at_pixels(directions, chosen).T)
         return maps.unflatten(0, (height, width)).permute(2, 0, 1)[None]

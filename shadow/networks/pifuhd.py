@@ -13,7 +13,6 @@ import pickle
 import re
 import zipfile
 from pathlib import Path
-from typing import Any
 
 import torch
 import torch.nn.functional as F
@@ -134,7 +133,7 @@ def _load(path: Path, version: tuple[int, ...], device: torch.device) -> FrontNo
     return network.eval().requires_grad_(False).to(device)
 
 
-def _read(path: Path) -> Any:
+def _read(path: Path) -> object:
     """Read the checkpoint, with tensors on the CPU."""
     try:
         with torch.serialization.safe_globals([argparse.Namespace]):
@@ -147,7 +146,7 @@ def _read(path: Path) -> Any:
         raise ValueError(f"normals: {path} is not a PyTorch checkpoint, or is truncated") from error
 
 
-def _generator(path: Path, checkpoint: Any) -> dict[str, torch.Tensor]:
+def _generator(path: Path, checkpoint: object) -> dict[str, torch.Tensor]:
     """Return the parameters of the front-normal generator, as float32 copies."""
     checkpoint = checkpoint if isinstance(checkpoint, dict) else {}
     parameters = checkpoint.get("model_state_dict", checkpoint.get("state_dict"))  # the second is ICON's

@@ -6,7 +6,7 @@ mirrors the encoder, all four parameter counts of Table 4 are met.
 """
 
 from collections.abc import Callable
-from typing import Any
+from typing import TypedDict, Unpack
 
 import torch
 import torch.nn.functional as F
@@ -63,6 +63,12 @@ def _residuals(kernel: int) -> Callable[[int], nn.Module]:
 
 
 LATENTS = {"resb3": _residuals(3), "resb7": _residuals(7), "resb11": _residuals(11), "attention": Attention}
+
+
+class UNetForm(TypedDict, total=False):
+    """The arguments of `UNet` that networks leave to their callers."""
+
+    widths: tuple[int, ...]
 
 
 class UNet(nn.Module):
@@ -129,14 +135,18 @@ def per_light(image: torch.Tensor, normals: torch.Tensor | None, directions: tor
 class PerLight(nn.Module):
     """The paper's visibility network (Section 3), from colour, normals and a light direction to a map."""
 
-    def __init__(self, size: int = 256, latent: str = "resb7", normals: bool = True, **unet: Any) -> None:
+    def __init__(
+        self, size: int = 256, latent: str = "resb7", normals: bool = True, **unet: Unpack[UNetForm]
+    ) -> None:
         super().__init__()
         self.size = size  # canvas height that the network was trained for
         self.latent = latent
         self.normals = normals  # False: colour and direction only, the ablation "w/o Nor." of Table 3
         self.unet = UNet(9 if normals else 6, 1, latent, **unet)
 
-    def forward(self, image: torch.Tensor, normals: Any, directions: torch.Tensor) -> torch.Tensor:
+    def forward(
+        self, image: torch.Tensor, normals: torch.Tensor | None, directions: torch.Tensor
+    ) -> torch.Tensor:
         """Infer maps (B, D, H, W) in [-1, 1], the range of tanh, where -1 is shadow and 1 is light.
 
         image: encoded image and mask (B, 4, H, W). normals: (B, 3, H, W) or None. directions: (B, D, 3) unit.

@@ -9,7 +9,7 @@ import math
 import os
 import textwrap
 import time
-from collections.abc import Callable, Iterable
+from collections.abc import Callable, Iterable, Mapping
 from contextlib import nullcontext
 from dataclasses import asdict
 from functools import partial
@@ -53,10 +53,10 @@ class State:
         torch.manual_seed(recipe.seed)
         self.task, self.recipe, self.out, self.device = task, recipe, out, device
         self.config = {"size": recipe.size, **task.config}
-        network: Any = task.network(**self.config)  # torch's annotations of `to` know no memory format
+        network = task.network(**self.config)
         if init:
             load_start(network, init, task.kind)
-        self.network = network.to(device, memory_format=torch.channels_last)
+        self.network = _laid_out(network, device)
         self.optimiser = Optimiser(self.network, recipe)
         self.average = {key: value.detach().clone() for key, value in network.state_dict().items()}
         self.step, self.seconds = 0, 0.0
@@ -99,12 +99,11 @@ class State:
 
     def averaged(self) -> nn.Module:
         """Return the network with the averaged parameters, which are scored and saved."""
-        network: Any = self.task.network(**self.config)
-        network = network.to(self.device, memory_format=torch.channels_last)
+        network = _laid_out(self.task.network(**self.config), self.device)
         network.load_state_dict(self.average)
         return network.eval()
 
-    def save(self, facts: dict[str, Any]) -> None:
+    def save(self, facts: Mapping[str, object]) -> None:
         """Write the checkpoint, and the averaged weights with the recipe and `facts`."""
         # The weights come first: where writing stops between the two, the same command makes both again.
         recipe = {**asdict(self.recipe), "hours": round(self.seconds / 3600, 3), **facts}
@@ -114,6 +113,12 @@ class State:
         clock = {"step": self.step, "seconds": self.seconds}
         with replacing(self.checkpoint) as beside:
             torch.save({**saved, **clock, "average": self.average}, beside)
+
+
+def _laid_out(network: nn.Module, device: torch.device) -> nn.Module:
+    """Return a network on a device, its convolutions in channels-last memory."""
+    layout: Any = {"memory_format": torch.channels_last}  # which torch's annotations of `to` do not know
+    return network.to(device, **layout)
 
 
 class Auxiliary(NamedTuple):
@@ -140,7 +145,7 @@ def auxiliary_networks(
     return Auxiliary(surface, field, teacher)
 
 
-def _estimated(source: Any, batch: Batch) -> torch.Tensor:
+def _estimated(source: normals.NormalsSource, batch: Batch) -> torch.Tensor:
     """Infer normals (B, 3, H, W) of the batch: together with a visibility field, otherwise one by one."""
     if isinstance(source, VisibilityField):
         return source(batch["image"]).normals
@@ -171,7 +176,7 @@ def prepare(batch: Batch, device: torch.device, auxiliary: Auxiliary, recipe: Re
 
 
 def gradient(
-    task: Task, model: Any, batch: Batch, recipe: Recipe, device: torch.device, auxiliary: Auxiliary
+    task: Task, model: nn.Module, batch: Batch, recipe: Recipe, device: torch.device, auxiliary: Auxiliary
 ) -> torch.Tensor:
     """Add the gradient of the mini-batch's mean loss to the parameters, and return the loss.
 
@@ -186,11 +191,11 @@ def gradient(
         narrow_first = (batch["matte"] > 0).any(dim=2).sum(dim=(1, 2)).argsort(stable=True)
         batch = {key: value[narrow_first] for key, value in batch.items()}
     parts = list(zip(*(value.split(share) for value in batch.values()), strict=True))
-    distributed = isinstance(model, nn.parallel.DistributedDataParallel)
+    alone = model.no_sync if isinstance(model, nn.parallel.DistributedDataParallel) else nullcontext
     total = torch.zeros((), device=device)
     for number, part in enumerate(parts, 1):
         # Processes exchange their gradients only with the last group.
-        with model.no_sync() if distributed and number < len(parts) else nullcontext():
+        with alone() if number < len(parts) else nullcontext():
             with autocast(device, recipe.bfloat16):
                 prepared = prepare(dict(zip(batch, part, strict=True)), device, auxiliary, recipe)
                 loss = task.loss(model, prepared) * (len(part[0]) / count)
@@ -306,7 +311,7 @@ def _facts(
     estimator: str | Path | None,
     visibility: str | Path,
     device: torch.device,
-) -> dict[str, Any]:
+) -> Mapping[str, object]:
     """Return the entries of the recipe that name the networks from which and with which it was trained."""
     facts = {"init": Path(init).stem} if init else {}
     if estimator is not None:

@@ -9,7 +9,7 @@ import json
 import math
 import time
 from pathlib import Path
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 import torch
 import torch.distributed as dist
@@ -109,7 +109,7 @@ def fit(
     device, rank, world = place()
     out.mkdir(parents=True, exist_ok=True)
     state = State(TASK, recipe, out, device, init)
-    model: Any = nn.parallel.DistributedDataParallel(state.network) if world > 1 else state.network
+    model: nn.Module = nn.parallel.DistributedDataParallel(state.network) if world > 1 else state.network
     seed, rest = recipe.seed + 7919 * rank, (recipe.steps - state.step) * recipe.batch
     backdrops = Backdrops(sources.backdrops)
     source = Composites(sources.cutouts, backdrops, seed, recipe.size, state.step * recipe.batch, rest)
@@ -147,7 +147,7 @@ def fit(
     return out / "matting.safetensors"
 
 
-def _gradient(model: Any, batch: Composite, recipe: Recipe) -> torch.Tensor:
+def _gradient(model: nn.Module, batch: Composite, recipe: Recipe) -> torch.Tensor:
     """Add the gradient of a mini-batch's loss to the parameters, and return the loss."""
     device = batch.rgb.device
     with autocast(device, recipe.bfloat16):

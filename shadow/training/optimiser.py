@@ -1,7 +1,7 @@
 """The optimiser of the training loop: Adam, as in Section 3, or Muon, which needs fewer photographs."""
 
 from collections.abc import Iterable
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 import torch
 from torch import nn
@@ -69,10 +69,10 @@ class Optimiser:
         for weight in self.weights:
             weight.grad = None
 
-    def state_dict(self) -> dict[str, object]:
+    def state_dict(self) -> dict[str, list[dict[str, object]]]:
         return {"parts": [part.state_dict() for part in self.parts]}
 
-    def load_state_dict(self, state: dict[str, Any]) -> None:
+    def load_state_dict(self, state: dict[str, list[dict[str, object]]]) -> None:
         for part, saved in zip(self.parts, state["parts"], strict=True):
             # The options of a group belong to the optimiser of this processor, see `FloatMuon`.
             own = part.state_dict()["param_groups"]

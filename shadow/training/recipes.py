@@ -30,6 +30,11 @@ class Task:
     needs_visibility: bool = False  # needs batch["visibility_network"], a trained field, and its maps
 
 
+def unwrapped(network: nn.Module) -> Any:
+    """Return the network itself of one that runs on several processes, of the class that the task names."""
+    return getattr(network, "module", network)
+
+
 @dataclass(frozen=True)
 class Recipe:
     """All settings that determine the result, apart from the records and the machine."""

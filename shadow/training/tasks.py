@@ -1,20 +1,20 @@
 """Losses, scores and pictures of the visibility field and of the paper's per-light network."""
 
 import functools
-from collections.abc import Iterator
-from typing import Any, NamedTuple
+from collections.abc import Iterable, Iterator
+from typing import NamedTuple
 
 import torch
 import torch.nn.functional as F
 from torch import nn
 
+from shadow.analysis import VisibilityNetwork
 from shadow.evaluation import metrics, pictures
 from shadow.networks.backbone import take_blocks
 from shadow.networks.field import FieldMaps, VisibilityField
 from shadow.networks.unet import PerLight
-from shadow.training.recipes import Task
-
-Batch = dict[str, Any]
+from shadow.training.minibatches import Batch
+from shadow.training.recipes import Task, unwrapped
 
 BLOCKS = 1024  # blocks of 2 x 2 pixels of each photograph that the losses use
 DEPTH_WEIGHT, SLOPE_WEIGHT = 2.0, 0.1  # of the errors of depth, in heights, and of its slopes, in radians
@@ -46,7 +46,7 @@ def field_loss(network: nn.Module, batch: Batch) -> torch.Tensor:
     If the batch has a `teacher`, a trained field, the fraction `distil` of the loss compares with the mean of
     its maps of the photograph and of the mirror image instead of the truth (knowledge distillation, HVD15).
     """
-    field: Any = getattr(network, "module", network)
+    field = unwrapped(network)
     blocks = random_blocks(batch["attention"])
     take = functools.partial(take_blocks, blocks=blocks)
     maps = network(batch["image"], blocks)
@@ -146,7 +146,9 @@ def per_light_loss(network: nn.Module, batch: Batch) -> torch.Tensor:
     return _masked_mean((maps - (2 * batch["visibility"] - 1)).abs(), batch["mask"] > 0.5)
 
 
-def _analysed(network: Any, batch: Batch) -> tuple[torch.Tensor | None, torch.Tensor, torch.Tensor | None]:
+def _analysed(
+    network: VisibilityNetwork, batch: Batch
+) -> tuple[torch.Tensor | None, torch.Tensor, torch.Tensor | None]:
     """Infer normals (B, 3, H, W), visibility (B, D, H, W) and depth (B, H, W) of the batch.
 
     Normals are None if the network neither infers nor takes any. Depth is None if the network infers none.
@@ -154,14 +156,18 @@ def _analysed(network: Any, batch: Batch) -> tuple[torch.Tensor | None, torch.Te
     given = batch.get("estimated_normals", [None] * len(batch["rgb"]))
     views = zip(batch["rgb"], batch["matte"][:, 0], given, batch["directions"], strict=True)
     analyses = [(network.analyse(rgb, mask, surface), lights) for rgb, mask, surface, lights in views]
-    surfaces: list[Any] = [surface for (surface, _), _ in analyses]
+    surfaces = [surface for (surface, _), _ in analyses]
     maps = torch.stack([visibility(lights) for (_, visibility), lights in analyses])
-    depths: list[Any] = [getattr(visibility, "depth", None) for (_, visibility), _ in analyses]
-    surface, depth = (None if each[0] is None else torch.stack(each) for each in (surfaces, depths))
-    return surface, maps, depth
+    depths = [getattr(visibility, "depth", None) for (_, visibility), _ in analyses]
+    return _stacked(surfaces), maps, _stacked(depths)
 
 
-def _score(network: nn.Module, batch: Batch) -> dict[str, float]:
+def _stacked(maps: Iterable[torch.Tensor | None]) -> torch.Tensor | None:
+    known = [each for each in maps if each is not None]  # all of them or none
+    return torch.stack(known) if known else None
+
+
+def _score(network: VisibilityNetwork, batch: Batch) -> dict[str, float]:
     """Return the scores of a batch.
 
     They are RMSE and Dice of binary maps and of sign(N·L) from the same normals, and errors of normals and
@@ -183,7 +189,7 @@ def _score(network: nn.Module, batch: Batch) -> dict[str, float]:
     return scores
 
 
-def _show(network: nn.Module, batch: Batch) -> Iterator[list[torch.Tensor]]:
+def _show(network: VisibilityNetwork, batch: Batch) -> Iterator[list[torch.Tensor]]:
     surface, maps, _ = _analysed(network, batch)
     for i in range(len(maps)):
         seen = batch["mask"][i] > 0.5

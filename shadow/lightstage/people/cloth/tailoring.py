@@ -4,8 +4,6 @@ A part is a second layer of the garment's own mesh: it is cut by a scalar over t
 from the posed one. So it follows every fold.
 """
 
-from typing import Any
-
 import numpy as np
 
 from shadow.lightstage.figure import normalize, vertex_normals
@@ -14,6 +12,7 @@ from shadow.lightstage.people.body.anatomy import ARMS, LEGS, Person
 from shadow.lightstage.people.cloth.fabric import Fabric, MeshPart
 from shadow.lightstage.people.cloth.patterns import Fit, front_gap
 
+Box = tuple[tuple[float, float], tuple[float, float], int, tuple[int, ...]]
 Garment = tuple[np.ndarray, np.ndarray, np.ndarray]  # posed vertices, faces, unposed vertices
 
 
@@ -94,7 +93,7 @@ def pockets(person: Person, garment: Garment, kind: str, fabric: Fabric) -> list
     head = person.skeleton.head
     chest, hip = head("spine02")[1] + 0.06, head("upperleg01.L")[1]
     # Centre and half the size, (x, y) in metres; front (1) or back (-1); sides.
-    boxes: dict[str, list[Any]] = {
+    boxes: dict[str, list[Box]] = {
         "chest": [((0.085, chest), (0.055, 0.06), 1, (1,))],
         "hips": [
             ((0.105, hip + 0.05), (0.07, 0.075), 1, (-1, 1)),
