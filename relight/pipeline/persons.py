@@ -137,8 +137,7 @@ class FrameAnalyser:
         """
         first, _ = self.world
         if first is not None or self._frames.is_still:
-            coverage = self._coverage(number if first is None else first)
-            floor.check(coverage)
+            floor.check(self._coverage(number if first is None else first))
 
     def size(self, number: int) -> tuple[int, int]:
         """Return the size (H, W) of a frame's picture, in pixels."""

@@ -302,10 +302,8 @@ class Shot:
 
     def exposed_lights(self, number: int) -> list[Light]:
         """Return the lights of a frame, those of a preset as bright as the person was photographed."""
-        lights = self.all_lights(self.preset_gain)
-        return [
-            self._placed(light, number) if _follows(light) else light for light in lights_at(lights, number)
-        ]
+        lights = lights_at(self.all_lights(self.preset_gain), number)
+        return [self._placed(light, number) if _follows(light) else light for light in lights]
 
     def surroundings(self, number: int, person: Subject, keeps_plate: bool = False) -> Surroundings:
         """Return what lights the person of a frame, and what is behind them. `keeps_plate`: see `behind`."""
@@ -320,11 +318,10 @@ class Shot:
         Raises ValueError if that part is seen in none of the frames around.
         """
         source_number = self._frames.source_frame(number)
-        followed = self._followed_in(source_number)
         if self._persons.analysed(source_number).is_empty:
             return light.standing_at((0, 0, 0))
         seen: dict[int, Point] = {}
-        for each in followed:
+        for each in self._followed_in(source_number):
             with suppress(OSError, ValueError):  # that frame is reported when it is its turn
                 person = self._persons.analysed(each)
                 if light.at in person.joints:
@@ -537,13 +534,11 @@ class Shot:
             number = next((each for each in self.numbers if not self.person(each).is_empty), number)
             person = self.person(number)
         title = Path(self.source.plate).name if is_path(self.source.plate) else "Lighting plot"
-        lights = self.exposed_lights(number)
-        plot_of(path, lights, person.camera, title)
+        plot_of(path, self.exposed_lights(number), person.camera, title)
 
     def write_lights(self, path: Path, start: int) -> None:
         """Write the lights file; with a matched plate it has the light of the background's frame `start`."""
         lights = self.all_lights(self.preset_gain)
         if self.matching.plate:
             lights += self._backgrounds.lights(start, self.size(start))
-        lights = self.matching.with_sidecar(path, lights)
-        write_rig(path, lights)
+        write_rig(path, self.matching.with_sidecar(path, lights))
