@@ -10,6 +10,7 @@ from relight.cli.help import TRAIN
 from relight.cli.options import console, with_options
 
 if TYPE_CHECKING:
+    from shadow.data.composites import PoseMask
     from shadow.training.recipes import Task
 
 
@@ -112,6 +113,13 @@ def train(
     backdrops: Annotated[
         Path | None, typer.Option(help="Folder of photographs (JPEG) that are behind the cutouts of matting.")
     ] = None,
+    pose_masks: Annotated[
+        bool,
+        typer.Option(
+            "--pose-masks",
+            help="Use the masks of the pose network of `relight fetch person` for most pictures of matting.",
+        ),
+    ] = False,
     seed: Annotated[int, typer.Option(help="Seed of photographs and weights.")] = 0,
     init: Annotated[
         Path | None,
@@ -147,6 +155,8 @@ def train(
 
     if (network == "matting") != (backdrops is not None):
         raise ValueError("--backdrops: expected with `train matting`, and only there")
+    if pose_masks and backdrops is None:
+        raise ValueError("--pose-masks: expected only with `train matting`")
     task = _task(network, model, not no_normals, visibility, not no_depth)
     for name, times, without in (("borders", borders, 1), ("faces", faces, 1), ("distil", distil, 0)):
         if times not in (None, without) and model != "field":
@@ -166,8 +176,9 @@ def train(
         scored = None if validation is None else matting.Sources(validation, backdrops)
         sources = matting.Sources(records, backdrops)
         path = matting.fit(
-            recipe, sources, out, validation=scored, init=init, workers=1 if workers is None else workers,
-            checkpoint_minutes=minutes,
+            recipe, sources, out, validation=scored, init=init,
+            pose_mask=_pose_mask() if pose_masks else None,
+            workers=1 if workers is None else workers, checkpoint_minutes=minutes,
         )  # fmt: skip
         console.print(f"{path}")
         return
@@ -177,6 +188,13 @@ def train(
         checkpoint_minutes=minutes,
     )  # fmt: skip
     console.print(f"{path}")
+
+
+def _pose_mask() -> "PoseMask":
+    from relight.matting.people import files, pose_mask
+
+    files.fetched()  # before the processes that compose pictures
+    return pose_mask.mask_around
 
 
 def _task(network: Network, model: Model, with_normals: bool, visibility: str, with_depth: bool) -> "Task":

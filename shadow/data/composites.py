@@ -2,10 +2,12 @@
 
 Everything is composed in linear light, in the square around a person in which the matting network works. Some
 pictures show other people before or behind the person, things that the person holds, or the person's shadow
-on the wall or the floor. The camera adds blur, noise and compression.
+on the wall or the floor. The camera adds blur, noise and compression. Some of the rough masks are those of a
+pose network, if there is one; the others are made as wrong as they may be.
 """
 
 import io
+from collections.abc import Callable
 from pathlib import Path
 from typing import NamedTuple
 
@@ -23,7 +25,11 @@ from shadow.framing import affine_sample
 from shadow.srgb import encode_srgb
 
 GROUP, HOLDING, SHADOW, CLUTTER = 0.35, 0.35, 0.4, 0.4  # shares of the pictures with each
+POSED = 0.6  # share of the rough masks that are a pose network's
 EXTENT = 0.5, 1.4  # of the person, of the picture's side; a picture is a part of a larger one from 1 on
+
+
+PoseMask = Callable[[torch.Tensor, torch.Tensor], torch.Tensor | None]
 
 
 class Composite(NamedTuple):
@@ -37,15 +43,27 @@ class Composite(NamedTuple):
 
 
 class Composites(Dataset):
-    """Pictures from number `start` on, of the cutouts in folders before backdrops."""
+    """Pictures from number `start` on, of the cutouts in folders before backdrops.
+
+    `pose_mask` sees a picture and the matte of whom it should look for, and returns their mask (S, S), or
+    None where it does not see them.
+    """
 
     def __init__(
-        self, folders: list[Path], backdrops: Backdrops, seed: int, side: int, start: int, count: int
+        self,
+        folders: list[Path],
+        backdrops: Backdrops,
+        seed: int,
+        side: int,
+        start: int,
+        count: int,
+        pose_mask: PoseMask | None = None,
     ) -> None:
         self.paths = sorted(path for folder in folders for path in folder.glob("[!.]*.png"))
         if not self.paths:
             raise FileNotFoundError(f"cutouts: none (.png) in {', '.join(map(str, folders))}")
         self.backdrops, self.seed, self.side, self.start, self.count = backdrops, seed, side, start, count
+        self.pose_mask = pose_mask
 
     def __len__(self) -> int:
         return self.count
@@ -85,6 +103,9 @@ class Composites(Dataset):
         neighbours = others[3] if before is None else torch.maximum(others[3], before[3])
         mask = rough_mask(bare, rng, neighbours if neighbours.any() else None)
         rgb = frame.filled(_camera(rng, picture))
+        if self.pose_mask is not None and rng.random() < POSED:
+            posed = self.pose_mask(rgb, bare)
+            mask = mask if posed is None else posed
         valid = frame.valid()
         contrast = (person[:3] / person[3:].clamp_min(1e-2) - behind).abs().mean(dim=0, keepdim=True)
         return Composite(rgb, mask[None] * valid, person[3:].clamp(0, 1), contrast.clamp(0, 1), valid)

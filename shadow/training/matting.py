@@ -18,7 +18,7 @@ from torch import nn
 from torch.utils.data import DataLoader
 
 from shadow.data.backdrops import Backdrops
-from shadow.data.composites import Composite, Composites
+from shadow.data.composites import Composite, Composites, PoseMask
 from shadow.evaluation import pictures
 from shadow.networks import checkpoints
 from shadow.networks.matting import Mattes, MattingNetwork
@@ -38,7 +38,7 @@ def loss(network: nn.Module, batch: Composite) -> torch.Tensor:
     alpha, valid = batch.alpha, batch.valid
     matte = found.fine.sigmoid()
     reach = 2 * (alpha.shape[-1] // 64) + 1
-    edge = F.max_pool2d(alpha, reach, 1, reach // 2) + F.max_pool2d(-alpha, reach, 1, reach // 2)
+    edge = _largest_near(alpha, reach) + _largest_near(-alpha, reach)
     weight = valid * (1 + EDGE * torch.maximum(edge, (batch.mask - alpha).abs()))
     error = _mean((matte - alpha).abs(), weight)
     error = error + 0.5 * _mean(
@@ -55,6 +55,11 @@ def loss(network: nn.Module, batch: Composite) -> torch.Tensor:
     small, inside = F.adaptive_avg_pool2d(alpha, size), F.adaptive_avg_pool2d(valid, size)
     entropy = F.binary_cross_entropy_with_logits(found.coarse, small, reduction="none")
     return error + COARSE * _mean(entropy, inside)
+
+
+def _largest_near(values: torch.Tensor, reach: int) -> torch.Tensor:
+    along = F.max_pool2d(values, (1, reach), 1, (0, reach // 2))
+    return F.max_pool2d(along, (reach, 1), 1, (reach // 2, 0))
 
 
 def _mean(values: torch.Tensor, weight: torch.Tensor) -> torch.Tensor:
@@ -96,15 +101,16 @@ def fit(
     *,
     validation: Sources | None = None,
     init: Path | None = None,
+    pose_mask: PoseMask | None = None,
     workers: int = 1,
     checkpoint_minutes: float = 5.0,
 ) -> Path:
     """Train the network, or resume from `out`/checkpoint.pt if it exists; return the path of the weights.
 
     `recipe.size`: side of the pictures, a multiple of 128; a run may be resumed with another. `validation`:
-    what the scored pictures are composed of. `init`: weights to start from. `workers`: processes that compose
-    pictures, for each training process. The files in `out` are those of `shadow.training.loop.fit`. Raises
-    FileNotFoundError or ValueError as that does.
+    what the scored pictures are composed of. `init`: weights to start from. `pose_mask`: see `Composites`.
+    `workers`: processes that compose pictures, for each training process. The files in `out` are those of
+    `shadow.training.loop.fit`. Raises FileNotFoundError or ValueError as that does.
     """
     device, rank, world = place()
     out.mkdir(parents=True, exist_ok=True)
@@ -112,11 +118,13 @@ def fit(
     model: nn.Module = nn.parallel.DistributedDataParallel(state.network) if world > 1 else state.network
     seed, rest = recipe.seed + 7919 * rank, (recipe.steps - state.step) * recipe.batch
     backdrops = Backdrops(sources.backdrops)
-    source = Composites(sources.cutouts, backdrops, seed, recipe.size, state.step * recipe.batch, rest)
+    start = state.step * recipe.batch
+    source = Composites(sources.cutouts, backdrops, seed, recipe.size, start, rest, pose_mask)
     loader = DataLoader(source, recipe.batch, num_workers=workers, worker_init_fn=_one_thread)
     scored = None
     if validation is not None and rank == 0:
-        scored = Composites(validation.cutouts, Backdrops(validation.backdrops), 1, recipe.size, 0, SCORED)
+        behind = Backdrops(validation.backdrops)
+        scored = Composites(validation.cutouts, behind, 1, recipe.size, 0, SCORED, pose_mask)
     saved_at = tick = time.monotonic()
     losses: list[torch.Tensor] = []
     for batch in loader:

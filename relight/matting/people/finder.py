@@ -201,6 +201,10 @@ class PersonFinder:
         """
         return self._people(Copies.of(encoded), thorough, near)
 
+    def look(self, picture: torch.Tensor, around: Circle) -> list[DetectedPerson]:
+        """Return who is in a circle of a picture (3, H, W), sRGB-encoded in [0, 1]; nobody or one."""
+        return self._person(picture, around)
+
     def turns_to_upright(self, encoded: np.ndarray, found: Sequence[DetectedPerson]) -> int:
         """Return by how many quarter turns, clockwise, somebody in a photograph comes to stand upright.
 

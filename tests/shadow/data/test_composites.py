@@ -48,6 +48,22 @@ def test_rough_masks_are_wrong_but_of_the_same_person(pictures):
     assert 0.6 < np.mean(overlaps) < 0.97
 
 
+def test_most_rough_masks_are_those_of_a_pose_network_that_sees_somebody(sources, pictures):
+    people, behind = sources
+
+    def mask(rgb, matte):
+        return None if rgb.mean() < 0.3 else matte.round() / 2
+
+    posed = Composites([people], Backdrops(behind), 0, SIDE, 0, 40, pose_mask=mask)
+    number = 0
+    for made, other in zip((posed[index] for index in range(40)), pictures, strict=True):
+        torch.testing.assert_close(made.rgb, other.rgb)
+        torch.testing.assert_close(made.alpha, other.alpha)
+        number += float(made.mask.max()) == 0.5
+        assert float(made.mask.max()) == 0.5 or torch.equal(made.mask, other.mask)
+    assert 8 < number < 36
+
+
 def test_a_person_whom_the_frame_cuts_is_cut_there():
     half = disc(radius=24)
     half = composites.Cutout(half.colour[:32], half.alpha[:32], [])
