@@ -8,13 +8,14 @@ import pytest
 from helpers.clothed import clothed
 from helpers.drawn import overlap, polygon
 from helpers.onnx_models import channel
+from helpers.packages import NEEDS_PYMATTING
 from PIL import Image
 
 import relight
 from relight.app import tasks
 from relight.matting import outline
 
-pytest.importorskip("pymatting")
+pytestmark = NEEDS_PYMATTING
 
 LOOK = {"lights": ["key:azimuth=-40,elevation=30"], "background": [0.1, 0.1, 0.1]}
 

@@ -5,10 +5,8 @@ import warnings
 
 import numpy as np
 import pytest
-
-pytest.importorskip("pymatting")
-
 from helpers.finders import discs, small_finder
+from helpers.packages import NEEDS_PYMATTING
 from typer.testing import CliRunner
 
 import relight
@@ -20,6 +18,7 @@ from relight.media import colour
 from relight.pipeline.options import Source
 from relight.pipeline.shot import Shot
 
+pytestmark = NEEDS_PYMATTING
 KEY = relight.DirectionalLight(azimuth=-40, elevation=30)
 
 

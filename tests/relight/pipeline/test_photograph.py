@@ -6,17 +6,18 @@ import importlib.util
 import numpy as np
 import pytest
 from helpers import ROOT
+from helpers.packages import NEEDS_PYMATTING
 from PIL import Image
 from typer.testing import CliRunner
 
 pytest.importorskip("onnxruntime")
-pytest.importorskip("pymatting")
 onnx = pytest.importorskip("onnx")
 
 import relight
 from relight.cli.commands import app
 from relight.media import colour
 
+pytestmark = NEEDS_PYMATTING
 TURNED = Image.Exif()
 TURNED[0x112] = 6  # the camera was turned: the picture's top is on the right
 
