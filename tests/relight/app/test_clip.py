@@ -20,10 +20,10 @@ EMPTY = np.full((160, 160, 3), 0.1, np.float32)
 
 @pytest.fixture
 def folder(here, monkeypatch, fetched):
-    """A movie, 24 frames a second, of which the frames from the eighth on show somebody at (60, 70)."""
+    """A movie, 24 frames a second, of which the frames from the third on show somebody at (60, 70)."""
     monkeypatch.setattr(person_files, "are_fetched", lambda: True)
     somebody = discs((160, 160), (60, 70, 14))[0] ** 2.2
-    write_movie("walk.mp4", [EMPTY] * 7 + [somebody.astype(np.float32)] * 3, white=1)
+    write_movie("walk.mp4", [EMPTY] * 2 + [somebody.astype(np.float32)] * 3, white=1)
     return here
 
 
@@ -33,7 +33,7 @@ def silent(what, share=None):
 
 def test_the_first_frame_with_a_person_is_the_photograph(folder):
     found = tasks.read_clip("walk.mp4", silent)
-    assert found == {"still": "walk-frame8.png", "frame": 8}
+    assert found == {"still": "walk-frame3.png", "frame": 3}
     still = relight.read(folder / found["still"])
     np.testing.assert_allclose(still, Movie("walk.mp4").read(found["frame"]), atol=0.01)
     assert clip.name() == "walk.mp4"
@@ -50,7 +50,7 @@ def test_the_command_follows_whoever_was_outlined(folder):
     matte[20:50, 25:36] = 1  # of a reduced copy
     np.save(tasks.MATTE, matte)
     (folder / tasks.SIDE).write_text("160")
-    command = tasks.command_of("walk-frame8.png", "walk-frame8-matte.png")
+    command = tasks.command_of("walk-frame3.png", "walk-frame3-matte.png")
     assert command[:4] == ["relight", "apply", "walk.mp4", "--person"]
     x, y = map(int, command[4].split("/"))
     assert 55 <= x <= 67
@@ -72,7 +72,7 @@ def test_the_whole_movie_is_saved_and_tells_how_far_it_is(folder, monkeypatch):
         said.append((what, share))
 
     monkeypatch.setattr("relight.pipeline.render.render_shot", render_shot)
-    answer = tasks.save("walk-frame8.png", "m.png", LOOK, "walk-relit.mp4", [], report)
+    answer = tasks.save("walk-frame3.png", "m.png", LOOK, "walk-relit.mp4", [], report)
     assert answer == {"file": "walk-relit.mp4"}
     (plate, person, light, written), *others = asked
     assert not others
