@@ -32,10 +32,6 @@ def folder(tmp_path_factory):
     """The files that the examples name, small."""
     folder = tmp_path_factory.mktemp("examples")
     documents.lay_out(folder)
-    (folder / "examples").unlink()
-    (folder / "examples").mkdir()
-    person = np.ascontiguousarray(relight.read(documents.ROOT / "examples" / "person.png")[::6, ::6])
-    relight.write(folder / "examples" / "person.png", person)
     return folder
 
 
@@ -54,6 +50,7 @@ def test_the_example_runs(package, name, folder):
     assert not results.failed
 
 
+@pytest.mark.usefixtures("small_canvas")
 @pytest.mark.parametrize("name", MODULES)
 def test_the_examples_of_a_module_run(name):
     with contextlib.chdir(documents.ROOT):

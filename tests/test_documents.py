@@ -85,7 +85,7 @@ def test_what_a_document_says_works(document, reader):
 @pytest.mark.slow
 def test_the_figures_are_drawn_anew(reader):
     pytest.importorskip("matplotlib")
-    documents.run(["python", "docs/figures.py", str(reader)], reader)
+    documents.run(["python", str(ROOT / "docs" / "figures.py"), str(reader)], reader)
     for name in ("axes.png", "way.png"):
         kept = relight.read(ROOT / "docs" / name)
         drawn = relight.read(reader / name)
@@ -109,6 +109,8 @@ def test_a_command_that_fails_is_noticed(reader):
 
 
 def test_the_readme_command_relights_the_bundled_person(reader):
+    (reader / "examples").unlink()
+    (reader / "examples").symlink_to(ROOT / "examples")  # in its own size
     command = next(block for block in blocks(ROOT / "README.md") if "relight apply" in block.text)
     (words,) = command.commands()
     documents.run(words, reader, apart=True)
@@ -118,6 +120,7 @@ def test_the_readme_command_relights_the_bundled_person(reader):
     total = sum(layer[..., :3] for layer in layers.values())
     np.testing.assert_allclose(total, picture[..., :3], atol=3e-3)
     assert relight.read(reader / "relit.png").shape == picture.shape
+    assert picture.shape[:2] == relight.read(ROOT / "examples" / "person.png").shape[:2]
 
 
 def test_the_readme_snippet_writes_both_lights(reader):

@@ -92,9 +92,14 @@ def run(words, folder, apart=False):
 
 def lay_out(folder):
     """The files that the documents name, small."""
-    for name in ("examples", "benchmarks", "docs"):
+    for name in ("benchmarks", "docs"):
         (folder / name).symlink_to(ROOT / name)
+    (folder / "examples").mkdir()
+    for path in (ROOT / "examples").iterdir():
+        (folder / "examples" / path.name).symlink_to(path)
     person = np.ascontiguousarray(relight.read(ROOT / "examples" / "person.png")[::6, ::6])
+    (folder / "examples" / "person.png").unlink()
+    relight.write(folder / "examples" / "person.png", person)
     rows, columns = person.shape[:2]
     matte = person[..., 3]
     shades = np.linspace(0.05, 0.5, 96 * 160 * 3, dtype=np.float32).reshape(96, 160, 3)

@@ -1,5 +1,6 @@
 """The help of a command can be read: options in groups, wide columns, examples at the end."""
 
+import functools
 import re
 import shlex
 
@@ -17,6 +18,7 @@ COMMANDS = ("apply", "view", "analyse", "export", "olat", "job", "app", "stage",
 GROUPED = {"apply": SHOT, "stage": STAGE, "train": TRAIN}
 
 
+@functools.cache
 def shown(command, width=100):
     return CliRunner(env={"COLUMNS": str(width)}).invoke(app, [*command.split(), "--help"]).output
 

@@ -217,6 +217,7 @@ def test_directions_drawn_for_each_view_are_trained_on_and_scored(mesh_file, tmp
     assert all(np.isfinite(score.rmse).all() for score in found.values())
 
 
+@pytest.mark.slow
 def test_views_of_a_body_may_differ_in_its_fabrics():
     """The same cloth hangs the same way in another colour; skin and hair stay as they are."""
     figure = bodies.body(3, "training")
