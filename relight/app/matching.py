@@ -5,13 +5,14 @@ from dataclasses import replace
 
 import numpy as np
 
-from relight.app.pictures import reduced_size, resized
+from relight.app.pictures import resized
 from relight.errors import EmptyMatteError
 from relight.light_estimation import PlateLight, fit_lights, match
 from relight.lights.environment import FIELD_OF_VIEW
 from relight.lights.light import Light
 from relight.matting.people import finder
 from relight.matting.refine import encoded_srgb
+from relight.media.resampling import size_within
 from relight.media.sequences import Still
 from relight.subject import Subject
 from relight.viewer.initial_state import parameters_of
@@ -30,7 +31,7 @@ def of_photograph(subject: Subject, pixels: np.ndarray) -> list[dict[str, object
 
     Raises EmptyMatteError if nobody is found.
     """
-    reference = resized(pixels, reduced_size(pixels.shape[0], pixels.shape[1], REFERENCE_SIDE))
+    reference = resized(pixels, size_within(pixels.shape, REFERENCE_SIDE))
     mask = None
     if reference.shape[-1] == 3 or reference[..., 3].min() >= 1:
         reference = np.ascontiguousarray(reference[..., :3])

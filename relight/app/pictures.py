@@ -3,15 +3,9 @@
 import numpy as np
 import torch
 
-from relight.media import resampling
 from relight.media.images.encode import compressed
 
 PIXELS = 100_000_000  # of a photograph, at most
-
-
-def reduced_size(height: int, width: int, side: int) -> tuple[int, int]:
-    """Return the size (H, W) of a picture whose longer side is reduced to `side` pixels, if it is longer."""
-    return resampling.reduced_size((height, width), min(1.0, side / max(height, width)))
 
 
 def resized(image: np.ndarray, size: tuple[int, int]) -> np.ndarray:

@@ -2,9 +2,10 @@
 
 import numpy as np
 
-from relight.app.pictures import reduced_size, resized
+from relight.app.pictures import resized
 from relight.lights import presets
 from relight.lights.rig import scaled
+from relight.media.resampling import size_within
 from relight.subject import Subject
 
 SIDE = 320  # pixels, the longer side of the part of the photograph that is analysed again
@@ -19,7 +20,7 @@ def small_of(subject: Subject, photograph: np.ndarray) -> Subject:
         rows, columns = (np.flatnonzero((subject.matte > 0.05).any(axis=1 - axis)) for axis in (0, 1))
         part = np.s_[rows[0] : rows[-1] + 1, columns[0] : columns[-1] + 1]
         plate, matte = photograph[part][..., :3], subject.matte[part][..., None]
-        size = reduced_size(matte.shape[0], matte.shape[1], SIDE)
+        size = size_within(matte.shape, SIDE)
         small = Subject(
             resized(np.ascontiguousarray(plate), size), resized(matte.copy(), size)[..., 0].clip(0, 1)
         )

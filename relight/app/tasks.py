@@ -20,7 +20,7 @@ import torch
 from relight.app import clip, drawing, matching, painting, people, preset_pictures, turning
 from relight.app.drawing import MODEL, REDUCED
 from relight.app.messages import AS_IT_IS, IN_PLACE, NO_LOOK, Drawing, Form, Look, Place
-from relight.app.pictures import png, reduced_size, resized
+from relight.app.pictures import png, resized
 from relight.compositing.floor import Floor
 from relight.compositing.placement import place
 from relight.errors import EmptyMatteError
@@ -36,6 +36,7 @@ from relight.media import images
 from relight.media.colour import encode
 from relight.media.images.encode import compressed
 from relight.media.images.write_image import encoded
+from relight.media.resampling import size_within
 from relight.media.sequences import Still
 from relight.pipeline.options import Lighting, Output, Source
 from relight.quantities import NONE, PLATE
@@ -100,7 +101,7 @@ def read(name: str, report: Report) -> dict[str, object]:
     if min(height, width) < 16:
         raise ValueError(f"{name}: expected 16 pixels a side or more, got {width} x {height}")
     cut_out = pixels.shape[-1] == 4 and float(pixels[..., 3].min()) < 1
-    size = reduced_size(height, width, PREVIEW_SIDE)
+    size = size_within(pixels.shape, PREVIEW_SIDE)
     reduced = resized(pixels if cut_out else np.ascontiguousarray(pixels[..., :3]), size)
     _save_array(REDUCED, reduced)
     Path(SIDE).write_text(str(max(height, width)))
@@ -283,8 +284,7 @@ def environment(name: str, report: Report) -> dict[str, object]:
 def background(name: str, report: Report) -> dict[str, object]:
     """Return a background as the page shows it, behind photographs of any shape: a JPEG, in base64."""
     pixels = images.read(name)[..., :3]
-    height, width = pixels.shape[:2]
-    size = reduced_size(height, width, BACKGROUND_SIDE)
+    size = size_within(pixels.shape, BACKGROUND_SIDE)
     return {**(scene_of(size, background=pixels, background_name=name)["backdrop"] or {})}
 
 

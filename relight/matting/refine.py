@@ -127,12 +127,7 @@ def smooth_where_alike(seen: np.ndarray, alpha: np.ndarray) -> np.ndarray:
     """
     size = round(3 * SMOOTH) + 1  # a box about as wide as the Gaussian
     codes = encoded_srgb(seen)
-    share, every, person = (
-        uniform_filter(values, (size, size, 0))
-        for values in (alpha[..., None], codes, codes * alpha[..., None])
-    )
-    inner = person / np.maximum(share, 1e-3)
-    outer = (every - person) / np.maximum(1 - share, 1e-3)
+    inner, outer = _colours_beside(alpha, codes, size)
     contrast = np.sqrt(np.square(inner - outer).mean(axis=-1))
     darker = np.minimum(inner.mean(axis=-1), outer.mean(axis=-1)).clip(0)
     alike = np.exp(-np.square(contrast / (darker + 0.05) / ALIKE))
@@ -142,6 +137,15 @@ def smooth_where_alike(seen: np.ndarray, alpha: np.ndarray) -> np.ndarray:
     return np.asarray(alpha + alike * (smooth - alpha), np.float32)
 
 
+def _colours_beside(alpha: np.ndarray, codes: np.ndarray, window: int) -> tuple[np.ndarray, np.ndarray]:
+    """Return the mean colours (h, w, 3) of the person and of the background in a window around each pixel."""
+    share, every, person = (
+        uniform_filter(values, (window, window, 0))
+        for values in (alpha[..., None], codes, codes * alpha[..., None])
+    )
+    return person / np.maximum(share, 1e-3), (every - person) / np.maximum(1 - share, 1e-3)
+
+
 def linear_coverage(alpha: np.ndarray, encoded: np.ndarray) -> np.ndarray:
     """Return the coverage (h, w) for mixing in linear light, of a matte that suits encoded colours.
 
@@ -149,12 +153,7 @@ def linear_coverage(alpha: np.ndarray, encoded: np.ndarray) -> np.ndarray:
     than the mean of both codes, and a network takes it for more. `encoded`: the photograph (h, w, 3), sRGB in
     [0, 1]. The colours of both sides are means near by; where they are alike, the matte stays.
     """
-    share, every, person = (
-        uniform_filter(values, (EDGE_WINDOW, EDGE_WINDOW, 0))
-        for values in (alpha[..., None], encoded, encoded * alpha[..., None])
-    )
-    inner = (person / np.maximum(share, 1e-3)).clip(0, 1)
-    outer = ((every - person) / np.maximum(1 - share, 1e-3)).clip(0, 1)
+    inner, outer = (each.clip(0, 1) for each in _colours_beside(alpha, encoded, EDGE_WINDOW))
     person, wall, mixed = (
         colour.decode(codes, "sRGB") for codes in (inner, outer, outer + (inner - outer) * alpha[..., None])
     )

@@ -20,6 +20,7 @@ from relight.matting.refine import PersonChoice
 from relight.media import optical_flow
 from relight.media.optical_flow import Motion
 from relight.media.option_texts import split_file_and_settings
+from relight.media.resampling import size_within
 from relight.media.scenes import is_cut, reduced
 from relight.media.sequences import Held
 from shadow.files import AnyPath
@@ -80,11 +81,8 @@ class _InferredFrame:
     @functools.cached_property
     def small(self) -> torch.Tensor:
         """A copy (3, h, w) in which the motion is found."""
-        size = self.seen.shape[:2]
-        shrink = max(1.0, max(size) / MOTION_SIDE)
-        return F.interpolate(
-            self.planes[None], [max(1, round(length / shrink)) for length in size], mode="area"
-        )[0]
+        size = size_within(self.seen.shape, MOTION_SIDE)
+        return F.interpolate(self.planes[None], size, mode="area")[0]
 
     @property
     def planes(self) -> torch.Tensor:

@@ -24,7 +24,7 @@ from relight.matting.people.choice import Choice
 from relight.matting.refine import linear_coverage, upsampled
 from relight.matting.silhouette_regions import CERTAIN, reconciled
 from relight.media import colour
-from relight.media.resampling import reduced_size, resize
+from relight.media.resampling import reduced_size, resize, size_within
 from shadow.networks import precision
 
 SIDE = 1024  # pixels of the network's square input
@@ -217,7 +217,7 @@ def _theirs(
 
 def _with_edges_of(seen: np.ndarray, mask: np.ndarray) -> np.ndarray:
     """Return a coarse mask (h, w) whose edge follows that of a picture (h, w, 3)."""
-    size = reduced_size(mask.shape, min(1.0, MASK_SIDE / max(mask.shape)))
+    size = size_within(mask.shape, MASK_SIDE)
     small = resize(np.dstack([seen, mask]).astype(np.float32), size, FILTER)
     return (0.5 + SLOPE * (upsampled(small[..., :3], small[..., 3], seen) - 0.5)).clip(0, 1)
 

@@ -34,6 +34,11 @@ def reduced_size(size: tuple[int, ...], shrink: float) -> tuple[int, int]:
     return max(1, round(size[0] * shrink)), max(1, round(size[1] * shrink))
 
 
+def size_within(size: tuple[int, ...], side: float) -> tuple[int, int]:
+    """Return the size (h, w) of a copy of a picture of `size` (H, W, ...): at most `side` pixels a side."""
+    return reduced_size(size, min(1.0, side / max(size[:2])))
+
+
 def sample(image: np.ndarray, across: np.ndarray, down: np.ndarray) -> np.ndarray:
     """Interpolate an image (h, w, C) at positions (H, W) in [-1, 1] between its edges: (H, W, C) float32.
 

@@ -29,22 +29,25 @@ def as_file(stream: BinaryIO) -> Iterator[Path]:
         raise TypeError(f"path: expected a stream of bytes, got one of {type(content).__name__}")
     content = bytes(content)
     suffix = next((suffix for start, suffix in STARTS.items() if content.startswith(start)), "")
-    with tempfile.TemporaryDirectory(prefix="relight-") as folder:
-        path = Path(folder) / f"{NAME}{suffix}"
+    with _named(suffix) as path:
         path.write_bytes(content)
-        try:
-            yield path
-        except ValueError as error:
-            raise type(error)(str(error).replace(str(path), NAME)) from error
+        yield path
 
 
 @contextmanager
 def to_stream(stream: BinaryIO, suffix: str) -> Iterator[Path]:
     """Give a file of a suffix to write, whose content goes to a stream when the block ends."""
+    with _named(suffix) as path:
+        yield path
+        stream.write(path.read_bytes())
+
+
+@contextmanager
+def _named(suffix: str) -> Iterator[Path]:
+    """Give the path of a temporary file, which ValueErrors of the block call by `NAME`."""
     with tempfile.TemporaryDirectory(prefix="relight-") as folder:
         path = Path(folder) / f"{NAME}{suffix}"
         try:
             yield path
         except ValueError as error:
             raise type(error)(str(error).replace(str(path), NAME)) from error
-        stream.write(path.read_bytes())

@@ -264,12 +264,8 @@ class Options(Checked):
 
     def absolute(self) -> Self:
         """Return the same options with absolute paths, which are valid in another working directory."""
-        changed = {
-            each.name: _absolute(getattr(self, each.name))
-            for each in fields(self)
-            if each.name in file_options(type(self))
-            and not _is_default(getattr(self, each.name), each.default)
-        }
+        files = file_options(type(self))
+        changed = {name: _absolute(value) for name, value in self.given().items() if name in files}
         return dataclasses.replace(self, **changed)
 
 

@@ -12,7 +12,7 @@ import numpy as np
 import torch
 import torch.nn.functional as F
 
-from relight.media.resampling import reduced_size, resize
+from relight.media.resampling import resize, size_within
 from shadow.framing import affine_sample
 
 LANDMARK_SIDE = 256  # pixels of the landmark network's square input
@@ -182,8 +182,7 @@ class Copies:
     @classmethod
     def of(cls, encoded: np.ndarray) -> "Copies":
         """Return the copies of a picture (H, W, 3)."""
-        shrink = min(1.0, REDUCED_SIDE / max(encoded.shape[:2]))
-        reduced = resize(encoded, reduced_size(encoded.shape, shrink), "triangle")
+        reduced = resize(encoded, size_within(encoded.shape, REDUCED_SIDE), "triangle")
         scale = np.array(encoded.shape[1::-1]) / reduced.shape[1::-1]
         return cls(encoded, planes(reduced), scale)
 
